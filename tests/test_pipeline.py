@@ -247,6 +247,8 @@ def test_skip_knows_every_check_of_a_report(good: Good) -> None:
         "slicer",
         "level",
         "tone",
+        "colours",
+        "lamp_colours",
     }
     assert set(checks_of(good.folder)) - own == set(CHECKS) - sometimes
 

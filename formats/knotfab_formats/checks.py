@@ -29,4 +29,5 @@ PRINTER = ("build_volume", *PRINTING, *PLATES)
 SHADOWS = (
     *("shadow", "shadow_exact", "outline", "wrong_outline", "recognisable"),
     *("half_light", "intrusion", "tone"),  # of a lamp that has a size, of a mount, of greys
+    *("colours", "lamp_colours"),  # of several lamps on one screen
 )

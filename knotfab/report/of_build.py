@@ -145,6 +145,7 @@ def report_of(
             "printer": scene.printer.name,
             "printer_title": title_of("printer", scene.printer.name),
         },
+        colours=verdict.get("colours"),
         settings={
             "accuracy": scene.accuracy.name,
             "seed": made.settings.seed,

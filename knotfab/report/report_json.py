@@ -43,6 +43,7 @@ def assemble(
     knots: Sequence[Record],
     print_: Record,
     settings: Record,
+    colours: Record | None = None,
     notes: Sequence[str] = (),
 ) -> dict[str, Any]:
     """The report as plain data: finite numbers, None for what could not be measured.
@@ -79,6 +80,8 @@ def assemble(
         "verdict": worst_verdict(views),
         **parts,
     }
+    if colours is not None:  # that several lamps mix on one screen
+        report["colours"] = colours
     if notes:
         report["notes"] = notes
     content = plain(report)

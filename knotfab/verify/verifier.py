@@ -36,6 +36,7 @@ VERDICT_KEYS = (
     "notes",
     "checks",
     "views",
+    "colours",
     "picture",
 )  # for readers
 LIMIT_S = 1800.0  # of one part, from when its verdict is waited for

@@ -9,7 +9,17 @@ from typing import Any
 
 import numpy as np
 
-from .case import Broken, Place, change_scene, make_part, places_of, with_picture, with_scene
+from .case import (
+    LAMPS,
+    Broken,
+    Place,
+    change_scene,
+    make_part,
+    places_of,
+    with_lamps,
+    with_picture,
+    with_scene,
+)
 from .curves import Array, bulge, circle, torus_knot
 from .files import Part
 from .parts import Body, ball, join, tube
@@ -27,6 +37,7 @@ def broken_shadow() -> Iterator[Broken]:
     yield from _of_mounts()
     yield from _of_pictures()
     yield from _of_scene()
+    yield from _of_lamps()
 
 
 def _make_lopsided() -> Part:
@@ -113,6 +124,25 @@ def _of_scene() -> Iterator[Broken]:
     yield Broken("a pose 10 mm to the side", lambda: _turn_pose(0.0, 10.0), "shadow")
     yield Broken("one of two tubes missing", _one_of_two, "shadow")
     yield Broken("one of two tubes missing, to whoever looks", _one_of_two, "recognisable")
+
+
+def _of_lamps() -> Iterator[Broken]:
+    colours = {"red": LAMPS["blue"][0], "blue": LAMPS["red"][0]}
+    swapped = {name: {"lamp_colour": colour} for name, colour in colours.items()}
+    yield Broken("two lamps with each other's colour", partial(_lit, swapped), "lamp_colours")
+    yield Broken(
+        "a lamp out of its place", partial(_lit, {"blue": {"light_up_mm": 80.0}}), "colours"
+    )
+    far = {"green": {"light_right_mm": 900.0}}
+    yield Broken("no shadow of one lamp on the screen", partial(_lit, far), "colours")
+
+
+def _lit(otherwise: Mapping[str, Mapping[str, Any]]) -> Part:
+    """Two rings under three lamps, some of which are other lamps than the pictures are of."""
+    part = with_lamps(make_part([circle(34.0), circle(20.0)]))
+    assert part.scene is not None
+    views = [{**view, **otherwise.get(view["name"], {})} for view in part.scene["views"]]
+    return replace(part, scene={**part.scene, "views": views})
 
 
 def _apply(change: Callable[[Part], Part]) -> Part:

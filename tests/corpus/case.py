@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import copy
+import io
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from PIL import Image
 
 from .curves import Array
 from .files import DEFAULT_VIEW, Mask, Part, shadow
@@ -113,6 +115,43 @@ def with_picture(part: Part, body: Body) -> Part:
     pixels = (PIXELS, max(1, round(PIXELS * high / wide)))
     picture: Mask = shadow(body, view, pixels, np.array(part.scene["pose"]["matrix"]))
     return replace(part, pictures={view["picture"]: picture})
+
+
+LAMPS = {
+    "red": ([1.0, 0.0, 0.0], -60.0, 0.0),
+    "green": ([0.0, 1.0, 0.0], 0.0, 50.0),
+    "blue": ([0.0, 0.0, 1.0], 60.0, 0.0),
+}
+"""Name of a lamp: its colour, and how far beside and above the axis it stands, mm."""
+
+
+def with_lamps(
+    part: Part, lamps: Mapping[str, tuple[list[float], float, float]] = LAMPS, **tables: Any
+) -> Part:
+    """The part before one screen, which lamps of several colours light, with all pictures of their shadows.
+
+    `tables` are as those of `with_scene`.
+    """
+    whole = with_scene(part, **tables)
+    assert whole.scene is not None and whole.body is not None
+    scene = copy.deepcopy(dict(whole.scene))
+    (view,) = scene["views"]
+    pose, pictures, raw = np.array(scene["pose"]["matrix"]), {}, dict(whole.raw)
+    scene["views"], mixed = [], np.zeros((PIXELS, PIXELS, 3))
+    for name, (colour, right, up) in lamps.items():
+        own = {**view, "name": name, "picture": f"picture-{name}.png", "ink": "dark"}
+        own |= {"light_right_mm": right, "light_up_mm": up, "lamp_colour": colour}
+        own |= {"wall": scene["views"][0]["name"]} if scene["views"] else {}
+        scene["views"].append(own)
+        mask = shadow(whole.body, own, (PIXELS, PIXELS), pose)
+        pictures[own["picture"]] = mask
+        mixed += np.where(mask[..., None], 0.0, colour)
+    scene["lamps"] = {"mode": "mix", "screen": "ends", "picture": "picture-colours.png"}
+    scene["lamps"] |= tables.get("lamps", {})
+    buffer = io.BytesIO()
+    Image.fromarray(np.rint(255 * mixed).clip(0, 255).astype(np.uint8)).save(buffer, format="PNG")
+    raw["picture-colours.png"] = buffer.getvalue()
+    return replace(whole, scene=scene, pictures=pictures, raw=raw)
 
 
 def change_scene(part: Part, table: str, **values: Any) -> Part:

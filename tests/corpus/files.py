@@ -31,6 +31,7 @@ DEFAULT_VIEW = {
     "wall_tilt_deg": 0.0,
     "azimuth_deg": 0.0,
 }
+UP = np.array([0.0, 1.0, 0.0])
 OVERSAMPLED = 4  # a pixel's side in samples when a shadow is drawn
 
 
@@ -166,9 +167,10 @@ def shadow(body: Body, view: Mapping[str, Any], pixels: tuple[int, int], pose: A
     azimuth, tilt = np.radians(view["azimuth_deg"]), np.radians(view["wall_tilt_deg"])
     axis = np.array([np.sin(azimuth), 0.0, np.cos(azimuth)])
     right = np.array([np.cos(azimuth), 0.0, -np.sin(azimuth)])
-    up = np.cos(tilt) * np.array([0.0, 1.0, 0.0]) + np.sin(tilt) * axis
+    up = np.cos(tilt) * UP + np.sin(tilt) * axis
     light, wall = view["light_distance_mm"] * axis, -view["wall_distance_mm"] * axis
-    points = body.vertices @ pose[:3, :3].T + pose[:3, 3]
+    lamp = view.get("light_right_mm", 0.0) * right + view.get("light_up_mm", 0.0) * UP
+    points, light = body.vertices @ pose[:3, :3].T + pose[:3, 3], light + lamp
     ray = points - light
     normal = np.cross(right, up)
     onto = light + ray * ((wall - light) @ normal / (ray @ normal))[:, None] - wall

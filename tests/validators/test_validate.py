@@ -229,6 +229,8 @@ OF_SHADOWS = [
     "half_light",
     "intrusion",
     "tone",
+    "colours",
+    "lamp_colours",
 ]
 
 
@@ -237,7 +239,7 @@ def test_the_shadow_is_measured_where_any_check_of_it_is_asked(
     right: Path, monkeypatch: pytest.MonkeyPatch, asked: str | None
 ) -> None:
     """And where none is, each is said to be left out."""
-    measured = [skip_check("measured", "")], []
+    measured = [skip_check("measured", "")], [], None
     monkeypatch.setitem(validate.__globals__, "verify_shadows", lambda *_: measured)
     skip = [name for name in OF_SHADOWS if name != asked]
     found = [(c.name, c.detail) for c in run(right, skip=skip, only="shadows").checks]

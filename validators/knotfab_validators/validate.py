@@ -97,12 +97,13 @@ def validate(
     apart = processes > 1 and only is None and mesh is not None and setting is not None
     shadows: list[Check] = []
     views: list[dict[str, Any]] = []
+    colours: dict[str, Any] | None = None
     with (
         Baton(len(groups)) as baton,
         _measure_apart(partial(measure, baton) if apart and may_fork() else None) as copy,
     ):
         if only != "geometry":
-            shadows, views = _check_shadows(
+            shadows, views, colours = _check_shadows(
                 mesh, curves, setting, scene, skip, pictures_dir, seconds
             )
         found, spent = measure(baton)
@@ -131,6 +132,7 @@ def validate(
         conclusion=conclude(checks, printed, curves),
         size_mm=None if printed is None else size_of(printed),
         notes=tuple(notes),
+        colours=colours,
     )
 
 
@@ -166,8 +168,8 @@ def _check_shadows(
     skip: Collection[str],
     pictures_dir: FilePath | None,
     seconds: dict[str, float],
-) -> tuple[list[Check], list[dict[str, Any]]]:
-    """The checks of the shadows and what is told of each view, or why there are none."""
+) -> tuple[list[Check], list[dict[str, Any]], dict[str, Any] | None]:
+    """The checks of the shadows, what is told of each view and of colours, or why there are none."""
     nameless = [v.name for v in setting.views if not v.picture] if setting is not None else []
     if mesh is None or setting is None or scene is None:
         why = f"not given {'the part' if mesh is None else 'the scene'}"
@@ -178,7 +180,7 @@ def _check_shadows(
     else:
         folder = Path(scene).parent
         return verify_shadows(mesh, curves, setting, folder, skip, pictures_dir, seconds)
-    return skip_shadow_checks(why, required=False), []
+    return skip_shadow_checks(why, required=False), [], None
 
 
 def _shrink(

@@ -20,7 +20,7 @@ class Verdict:
     failed, 3 when one could not run on this machine. `views` has the keys of the report's views;
     `seconds` says what each stage cost; `picture` is the file in which the failures were drawn;
     `conclusion` one line for a person, `size_mm` the part's extents, `notes` what its reader passed over
-    or asks.
+    or asks. `colours` has the report's keys of what several lamps mix on one screen; None where none do.
     """
 
     status: str
@@ -32,6 +32,7 @@ class Verdict:
     conclusion: str = ""
     size_mm: tuple[float, float, float] | None = None
     notes: tuple[str, ...] = ()
+    colours: dict[str, Any] | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Its fields but exit code and seconds, of values that JSON knows (no infinities)."""
@@ -43,6 +44,7 @@ class Verdict:
             "picture": self.picture,
             "checks": [_plain(asdict(check)) for check in self.checks],
             "views": [_plain(view) for view in self.views],
+            "colours": _plain(self.colours),
         }
 
 

@@ -23,7 +23,7 @@ from knotfab_validators.files.colours import (
     not_reached,
 )
 
-__all__ = ["PictureError", "Reading", "read_greys", "read_silhouette"]
+__all__ = ["PictureError", "Reading", "read_colours", "read_greys", "read_silhouette"]
 
 FOUR = ndimage.generate_binary_structure(2, 1)  # joined along a side
 EIGHT = ndimage.generate_binary_structure(2, 2)  # or at a corner
@@ -107,6 +107,24 @@ def read_greys(path: str | PathLike[str], reading: Reading | None = None) -> Arr
     if high - low < 1:
         return np.zeros(bright.shape)
     return np.asarray(((high - bright) / (high - low)).clip(0, 1))
+
+
+def read_colours(path: Path, size: tuple[int, int], drawn: tuple[int, int]) -> NDArray[np.uint8]:
+    """A picture in sRGB (H, W, 3), on white where it is transparent, resampled to `size`, width and height.
+
+    Args:
+        drawn: width and height of the masks that it was taken apart into; it must be as large.
+
+    Raises:
+        PictureError: as `read_silhouette`, or its size is another one.
+    """
+    with _opened(path, Reading()) as image:
+        if image.size != drawn:
+            raise PictureError(f"{path}: its size is {image.size}, that of the masks is {drawn}")
+        rgba = image.convert("RGBA")
+        whole = Image.new("RGBA", rgba.size, (255, 255, 255, 255))
+        whole.alpha_composite(rgba)
+        return np.asarray(whole.convert("RGB").resize(size, Image.Resampling.BOX))
 
 
 @contextmanager

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import tomllib
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path, PurePath
 from typing import Any
 
@@ -12,6 +12,7 @@ import numpy as np
 
 from knotfab_validators.files.bad_file import BadFile, read_bytes, short
 from knotfab_validators.files.bent import Bend, read_bend
+from knotfab_validators.files.lamps import Lamps, Room, read_lamps, read_room, share_walls
 from knotfab_validators.files.picture import Reading
 from knotfab_validators.files.region import read_region_mesh
 from knotfab_validators.files.table import Table, Vector
@@ -45,10 +46,6 @@ MOST_LEDS = 100  # across or up
 MOST_IN_ARRAY = 400  # for each is a shadow to render
 SWITCH = ("auto", "on", "off")
 INKS = ("auto", "dark", "light", "alpha", "flood")
-OF_WALL = (  # keys of a view that lie with its wall
-    *("azimuth_deg", "elevation_deg", "wall_distance_mm", "wall_tilt_deg", "wall_radius_mm"),
-    *("frame_up_mm", "frame_width_mm", "frame_height_mm"),
-)
 QUOTED_KEY = re.compile(r"[\"']\s*\.")
 
 
@@ -152,19 +149,10 @@ class View:
     azimuth_deg: float
     elevation_deg: float
     frame_up_mm: float
-    light_right_mm: float = 0.0  # the light beside the view's axis
+    light_right_mm: float = 0.0  # of the lamp, beside the view's axis, and above it
     light_up_mm: float = 0.0
-    lamp_colour: Vector = (1.0, 1.0, 1.0)  # red, green, blue in 0 to 1, linear light
-    wall: str = ""  # the view whose wall and frame this light shines on; "": its own
-
-
-@dataclass(frozen=True)
-class Lamps:
-    """What several lights show on the wall that they share; `picture` is in colours."""
-
-    mode: str = "mix"
-    screen: str = "ends"
-    picture: str = ""
+    wall: str = ""  # the name of the view whose wall this one shares
+    lamp_colour: Vector = (1.0, 1.0, 1.0)  # linear red, green and blue
 
 
 @dataclass(frozen=True)
@@ -232,12 +220,13 @@ class Scene:
     plates: tuple[tuple[str, tuple[Pose, ...]], ...] = ()
     effects: Effects = Effects()
     placing: Placing = Placing()
-    lamps: Lamps = Lamps()
+    lamps: Lamps | None = None  # where several light one wall
+    room: Room = field(default_factory=Room)
 
     @property
     def screen_ends(self) -> bool:
-        """Whether shadows beside the frame fall on no screen: several lights share one that ends there."""
-        return self.lamps.screen == "ends" and any(view.wall for view in self.views)
+        """Whether shadows beside the frame fall on no screen."""
+        return self.lamps is not None and self.lamps.screen == "ends"
 
 
 def read_scene(path: Path) -> Scene:
@@ -284,11 +273,10 @@ def parse_scene(
     effects = Table(data.get("effects", {}), f"{name}: [effects]")
     placing = Table(data.get("placing", {}), f"{name}: [placing]")
     search = Table(data.get("search", {}), f"{name}: [search]")
-    lamps = Table(data.get("lamps", {}), f"{name}: [lamps]")
     views = data.get("views", [{}])
     if not isinstance(views, list) or not views:
         raise BadFile(f"{name}: [[views]] must name at least one view")
-    views = _share_walls(views, name)
+    views = share_walls(views, name)
     shrinkage = material.number("shrinkage_percent", 0.0, least=0, most=20)
     return Scene(
         piece=Piece(
@@ -336,32 +324,9 @@ def parse_scene(
             turn_deg=placing.number("turn_deg", 1.0, least=0, most=10),
             tilt_deg=placing.number("tilt_deg", 0.0, least=0, most=10),
         ),
-        lamps=Lamps(
-            mode=lamps.word("mode", "mix", ("mix", "switch")),
-            screen=lamps.word("screen", "ends", ("ends", "open")),
-            picture=lamps.word("picture", ""),
-        ),
+        lamps=read_lamps(data, name),
+        room=read_room(data, name),
     )
-
-
-def _share_walls(views: list[Any], name: str) -> list[Any]:
-    """The views' tables, in which those that shine on another's wall have its keys of wall and frame."""
-    walls: dict[str, dict[str, Any]] = {}
-    found = []
-    for number, view in enumerate(views):
-        wall = view.get("wall", "") if isinstance(view, dict) else ""
-        if wall == "":
-            if isinstance(view, dict):
-                walls[str(view.get("name", "front"))] = view
-            found.append(view)
-            continue
-        if not isinstance(wall, str) or wall not in walls:
-            raise BadFile(f"{name}: view {number} wall names no earlier view: {short(wall)}")
-        theirs = {key: walls[wall][key] for key in OF_WALL if key in walls[wall]}
-        if any(view[key] != theirs.get(key) for key in OF_WALL if key in view):
-            raise BadFile(f"{name}: view {number} has another wall or frame than {short(wall)}")
-        found.append({**view, **theirs})
-    return found
 
 
 def _whole_of(value: object) -> int | None:
@@ -487,17 +452,19 @@ def _view(data: Any, where: str) -> View:
         frame_up_mm=table.number("frame_up_mm", 0.0),
         light_right_mm=table.number("light_right_mm", 0.0),
         light_up_mm=table.number("light_up_mm", 0.0),
-        lamp_colour=_lamp_colour(table),
         wall=table.word("wall", ""),
+        lamp_colour=_lamp_colour(table),
     )
 
 
 def _lamp_colour(table: Table) -> Vector:
-    """Shares of red, green and blue."""
-    colour = table.fixed_vector("lamp_colour", (1.0, 1.0, 1.0))
-    if min(colour) < 0 or max(colour) > 1:
-        raise BadFile(f"{table.where} lamp_colour must be three numbers from 0 to 1")
-    return colour
+    """Linear red, green and blue; white where the view names none."""
+    if "lamp_colour" not in table.data:
+        return 1.0, 1.0, 1.0
+    red, green, blue = table.numbers("lamp_colour", 3, least=0, most=1)
+    if red == green == blue == 0:
+        raise BadFile(f"{table.where} lamp_colour is black, which lights nothing")
+    return red, green, blue
 
 
 def _wall_radius(table: Table) -> float | str:

@@ -40,6 +40,19 @@ class WorkingFrame:
     def padded_height(self) -> int:
         return self.height + 2 * self.pad_y
 
+    @property
+    def window(self) -> tuple[slice, slice]:
+        """The frame's rows and columns of the padded image."""
+        rows = slice(self.pad_y, self.pad_y + self.height)
+        return rows, slice(self.pad_x, self.pad_x + self.width)
+
+    @property
+    def mask(self) -> Mask:
+        """The frame on the padded image."""
+        inside = np.zeros((self.padded_height, self.padded_width), dtype=bool)
+        inside[self.window] = True
+        return inside
+
 
 def working_frame(width: int, height: int, longer: int = LONGER_SIDE) -> WorkingFrame:
     """The working frame of a picture of `width` x `height` pixels: `longer` on its longer side."""

@@ -133,22 +133,30 @@ def _cross(a: Array, b: Array) -> Array:
 
 
 def measure_layers(
-    mesh: Mesh, geometry: ViewGeometry, layer_mm: float, target: Mask, smooth: Mask, shift_px: float
+    mesh: Mesh,
+    geometry: ViewGeometry,
+    layer_mm: float,
+    target: Mask,
+    smooth: Mask,
+    shift_px: float,
+    within: Mask | None = None,
 ) -> dict[str, Any]:
     """What the steps of a printed part do to its shadow, on the pixels of `target` (H, W).
 
     Args:
         shift_px: of `layer_shift_px`.
+        within: (H, W) where shadow counts, of a wall that ends; None: everywhere.
 
     Returns:
         "layer_mm"; "shift_px", that half a layer shifts a shadow, at most; "iou" of the slices' shadow and
         the picture, "iou_smooth" of that of the mesh itself, `smooth` (H, W); "samples": slices.
     """
     layers = int(np.ceil(np.ptp(mesh.vertices[:, 2]) / layer_mm))
+    shadow = layered_mask(mesh, geometry, layer_mm)
     return {
         "layer_mm": layer_mm,
         "shift_px": shift_px,
-        "iou": overlap(layered_mask(mesh, geometry, layer_mm), target).iou,
+        "iou": overlap(shadow if within is None else shadow & within, target).iou,
         "iou_smooth": overlap(smooth, target).iou,
         "samples": layers,
     }

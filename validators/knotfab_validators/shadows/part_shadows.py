@@ -20,6 +20,12 @@ from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh, move_points
 from knotfab_validators.shadows.bending_rule import judge_bending
 from knotfab_validators.shadows.cast import ShadowCaster
+from knotfab_validators.shadows.colours import (
+    LampShadow,
+    check_colours,
+    measure_colours,
+    write_colours,
+)
 from knotfab_validators.shadows.compare import depth_ratio, overlap
 from knotfab_validators.shadows.frame import padded_mask, working_frame
 from knotfab_validators.shadows.lamp import SceneLamp, lamp_size
@@ -56,8 +62,8 @@ def verify_shadows(
     skip: Collection[str],
     pictures_dir: str | PathLike[str] | None,
     seconds: dict[str, float],
-) -> tuple[list[Check], list[dict[str, Any]]]:
-    """The checks of a part's shadows, and the report's record of each view.
+) -> tuple[list[Check], list[dict[str, Any]], dict[str, Any] | None]:
+    """The checks of a part's shadows, the report's record of each view, and that of colours that lamps mix.
 
     Args:
         folder: where the scene's pictures lie. skip: with `SKIP_RENDER` the exact polygons decide
@@ -84,6 +90,10 @@ def verify_shadows(
     drawn: dict[str, float] = {}  # IoU with the picture as it is drawn: strokes widened, bent
     tones: dict[str, Tone] = {}
     half_lit: dict[str, float] = {}  # likewise, of where half of the lamp is hidden
+    ends = scene.screen_ends
+    mixed: list[LampShadow] = []
+    colours: dict[str, Any] | None = None
+    coloured: list[Check] = []
     try:
         for view in scene.views:
             with time_stage(seconds, f"view {view.name}"):
@@ -92,6 +102,8 @@ def verify_shadows(
                     target = read_silhouette(folder / f"picture-{view.name}-lines.png")
                 else:
                     target = read_silhouette(folder / view.picture, view.reading)
+                if mixed and target.shape != (mixed[0].geometry.height, mixed[0].geometry.width):
+                    raise ValueError(f"{view.picture}: pictures of lamps on one wall have one size")
                 size = target.shape[1], target.shape[0]
                 geometry, wall = receive(view_geometry(view, *size), scene.effects)
                 wide = None
@@ -114,8 +126,10 @@ def verify_shadows(
                     renderer=renderer,
                     caster=caster,
                     drawn=wide,
+                    ends=ends,
                 )
             verified[view.name] = found
+            screen = found.frame.mask if ends else None
             if toned and found.tube_px is not None and radius is not None:
                 with time_stage(seconds, "tone"):
                     darkness = read_greys(folder / view.picture, view.reading)
@@ -156,12 +170,18 @@ def verify_shadows(
                         found.frame,
                         view,
                         scene.effects.tolerance_px,
+                        screen,
                     )
             points = np.concatenate(polygons) if polygons is not None else vertices
             ratio, left = depth_ratio(points, geometry), scene.material.shrinks_to
             views.append(_report(view, found, geometry, pose, ratio, left))
             if wall is not None:
                 views[-1]["wall"] = wall
+            if scene.lamps is not None:
+                views[-1]["lamp_colour"] = list(view.lamp_colour)
+                hidden = found.shadow if soft is None else soft.soft
+                tube_mm = None if found.tube_px is None else found.tube_px * fine.pixel_mm
+                mixed.append(LampShadow(view, geometry, hidden, found.target, tube_mm))
             if view.name in drawn:
                 views[-1]["iou_drawn"] = drawn[view.name]
             if bent is not None:
@@ -178,7 +198,9 @@ def verify_shadows(
                 with time_stage(seconds, "misplacement"):
                     coarse = working_frame(target.shape[1], target.shape[0], MISPLACED_PX)
                     within = None
-                    if scene.mount.kind == "stand":  # which throws its own shadow below the frame
+                    if (
+                        scene.mount.kind == "stand" or ends
+                    ):  # it throws its own shadow below the frame
                         within = padded_mask(np.ones_like(target), coarse)
                     views[-1]["misplacement"] = {
                         "parting_px": parting,
@@ -204,7 +226,7 @@ def verify_shadows(
                 if shows_layers(scene.effects, shift):
                     with time_stage(seconds, "layers"):
                         views[-1]["layers"] = measure_layers(
-                            mesh, own, layer, wanted, found.exact, shift
+                            mesh, own, layer, wanted, found.exact, shift, screen
                         )
             if pictures_dir is not None:
                 with time_stage(seconds, "pictures"):
@@ -215,6 +237,13 @@ def verify_shadows(
                     write_compare(
                         into / f"compare-{view.name}.png", wanted, found.shadow, found.frame
                     )
+        if scene.lamps is not None and scene.lamps.mode == "mix":
+            with time_stage(seconds, "colours"):
+                told = measure_colours(mixed, scene, folder, found.frame, caster, points)
+                coloured = check_colours(told.told, scene.accuracy.iou_floor)
+                colours = told.told
+                if pictures_dir is not None:
+                    write_colours(Path(pictures_dir), told)
     finally:
         if renderer is not None:
             renderer.close()
@@ -238,7 +267,7 @@ def verify_shadows(
     if in_greys:
         known = skip_check(known.name, "drawn in greys: tone_error says how well")
         checks.append(check_tone(tones))
-    return [*checks, known], views
+    return [*checks, *coloured, known], views, colours
 
 
 def _blur_px(

@@ -93,6 +93,7 @@ def measure_penumbra(
     frame: WorkingFrame,
     lamp: SceneLamp,
     tolerance_px: float,
+    within: Mask | None = None,
 ) -> Penumbra:
     """Average the shadows of points of the lamp, which faces the piece.
 
@@ -100,6 +101,7 @@ def measure_penumbra(
         renderer: of the mesh whose `vertices` (n, 3) these are, scene coordinates (mm).
         geometry: the view on the pixels of `target` (H, W), the padded `frame`.
         sharp: (H, W) the shadow that the lamp's middle throws.
+        within: (H, W) where shadow counts, of a wall that ends; None: everywhere.
     """
     widest = blur_px(vertices, geometry, lamp_size(lamp))
     points = lamp_points(lamp, widest, tolerance_px)
@@ -108,6 +110,8 @@ def measure_penumbra(
         light = geometry.light + right * geometry.right + up * geometry.up
         # what is lost on coarser pixels of a round wall is lost to either side, and averages out
         hidden += renderer.render(replace(geometry, light=light), finer=1)
+    if within is not None:
+        hidden *= within
     soft = (hidden / len(points)).astype(np.float32)
     size = frame.width * frame.height
     error = float(np.abs(soft - target).sum(dtype=np.float64)) / size

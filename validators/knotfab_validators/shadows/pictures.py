@@ -30,10 +30,7 @@ def write_shadow(path: Path, shadow: Mask | NDArray[np.float32], frame: WorkingF
     Args:
         shadow: (H, W), on the padded working frame; a soft one from 0 to 1.
     """
-    inside = shadow[
-        frame.pad_y : frame.pad_y + frame.height, frame.pad_x : frame.pad_x + frame.width
-    ]
-    grey = np.rint(255.0 * (1.0 - inside)).astype(np.uint8)
+    grey = np.rint(255.0 * (1.0 - shadow[frame.window])).astype(np.uint8)
     Image.fromarray(grey).save(path)
 
 
@@ -44,7 +41,7 @@ def write_compare(path: Path, target: Mask, shadow: Mask, frame: WorkingFrame) -
     """
     base = np.empty((*target.shape, 3), dtype=np.uint8)
     base[:] = PAPER
-    base[frame.pad_y : frame.pad_y + frame.height, frame.pad_x : frame.pad_x + frame.width] = FRAME
+    base[frame.window] = FRAME
     panels = [_ink(base, target, INK), _ink(base, shadow, INK)]
     difference = _ink(base, target & shadow, SHARED)
     difference = _ink(difference, shadow & ~target, SPILL)

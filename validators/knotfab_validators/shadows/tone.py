@@ -50,10 +50,7 @@ def measure_tone(
     from PIL import Image
     from scipy import ndimage
 
-    inside = (
-        slice(frame.pad_y, frame.pad_y + frame.height),
-        slice(frame.pad_x, frame.pad_x + frame.width),
-    )
+    inside = frame.window
     size = (frame.width, frame.height)
     filtered = Image.fromarray(darkness.astype(np.float32)).resize(size, Image.Resampling.BOX)
     wanted = np.zeros(shadow.shape)

@@ -82,6 +82,7 @@ def verify_view(
     caster: ShadowCaster | None = None,
     longer: int = 1024,
     drawn: Mask | None = None,
+    ends: bool = False,
 ) -> VerifiedView:
     """Measure the shadow of a mesh in one view, all in scene coordinates (mm).
 
@@ -98,6 +99,7 @@ def verify_view(
         longer: pixels on the longer side of the frame.
         drawn: (H, W), the silhouette with its strokes as wide as they are drawn, by which the shadow is
             judged; `target` where left out.
+        ends: whether the wall ends at the picture's frame: what falls beside it is no shadow.
 
     Raises:
         ShadowError: the part reaches the light.
@@ -108,8 +110,12 @@ def verify_view(
     wide = wanted if drawn is None else padded_mask(drawn, frame)
     caster = caster or ShadowCaster(vertices, faces)
     lines = caster.lines(fine)
-    exact, polygon = shadow_mask(lines, fine), shadow_polygon(lines, fine)
+    whole_exact, polygon = shadow_mask(lines, fine), shadow_polygon(lines, fine)
     rendered = renderer.render(fine) if renderer is not None else None
+    stray = None if rendered is None else count_stray(rendered, whole_exact, polygon)
+    screen = frame.mask if ends else np.ones_like(whole_exact)
+    exact = whole_exact & screen
+    rendered = None if rendered is None else rendered & screen
     whole = overlap(exact if rendered is None else rendered, wanted)
     result = VerifiedView(
         frame=frame,
@@ -121,7 +127,7 @@ def verify_view(
         judged=whole if drawn is None else overlap(exact if rendered is None else rendered, wide),
         drawn=wide,
         exact_iou=overlap(exact, wanted).iou,
-        stray_px=None if rendered is None else count_stray(rendered, exact, polygon),
+        stray_px=stray,
         tube=None if mounted else whole,
         outline=None,
         outline_px=None,
@@ -139,10 +145,10 @@ def verify_view(
         if stand:
             on_tube = tube_vertices(vertices, faces, polygons, radius)
             own = fine.project(vertices[on_tube])[0]
-        error = outline_error(field, shapely.get_coordinates(polygon), exact, own)
+        error = outline_error(field, shapely.get_coordinates(polygon), whole_exact, own)
         shadow = result.shadow
         if stand:
-            kept, of_tube = shadow & (_in_frame(frame) | field.mask), shadow & field.mask
+            kept, of_tube = shadow & (frame.mask | field.mask), shadow & field.mask
             result = replace(
                 result,
                 framed=overlap(kept, wanted),
@@ -155,7 +161,7 @@ def verify_view(
         middle = float(np.median(fine.project(np.concatenate(polygons))[1]))
         result = replace(
             result,
-            tube=overlap(field.mask, wanted) if mounted else whole,
+            tube=overlap(field.mask & screen, wanted) if mounted else whole,
             outline=error,
             outline_px=error.largest_mm / fine.pixel_mm,
             outline_vertex=_casting(vertices, fine, error.where),
@@ -167,15 +173,7 @@ def verify_view(
 
 def _share_of_frame(mask: Mask, frame: WorkingFrame) -> float:
     """What share of the picture's frame a mask (H, W) on the padded frame covers."""
-    return float(mask[_in_frame(frame)].mean())
-
-
-def _in_frame(frame: WorkingFrame) -> Mask:
-    """The picture's frame on the padded one."""
-    inside = np.zeros((frame.padded_height, frame.padded_width), dtype=bool)
-    rows = slice(frame.pad_y, frame.pad_y + frame.height)
-    inside[rows, frame.pad_x : frame.pad_x + frame.width] = True
-    return inside
+    return float(mask[frame.mask].mean())
 
 
 def _legibility(

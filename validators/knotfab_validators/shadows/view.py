@@ -205,12 +205,11 @@ def _lift(points: Array, matrix: Array) -> Array:
 def view_geometry(view: SceneView, width: int, height: int) -> ViewGeometry:
     """The view in scene coordinates, for a picture of `width` x `height` pixels.
 
-    The light stands at `light_distance_mm` from the scene's origin in the direction of the
-    azimuth, raised by the elevation, and beside that axis by `light_right_mm` and `light_up_mm`; the
-    receiver's centre lies opposite, `wall_distance_mm` behind
-    the origin; a positive tilt leans its top edge towards the light. The frame's middle lies
-    `frame_up_mm` above that centre, on the receiver. Where one side of the frame is left open the
-    picture's proportions decide it, where both are, the longer one has `FRAME_MM`.
+    The light stands at `light_distance_mm` from the scene's origin in the direction of the azimuth, raised
+    by the elevation, and `light_right_mm` and `light_up_mm` beside that axis; the receiver's centre lies
+    opposite, `wall_distance_mm` behind the origin; a positive tilt leans its top edge towards the light.
+    The frame's middle lies `frame_up_mm` above that centre, on the receiver. Where one side of the frame
+    is left open the picture's proportions decide it, where both are, the longer one has `FRAME_MM`.
 
     Raises:
         ValueError: the receiver is a cylinder that is narrower than the frame, or does not hold the light.
@@ -222,8 +221,8 @@ def view_geometry(view: SceneView, width: int, height: int) -> ViewGeometry:
     du = right * wide / width
     dv = -upwards * high / height
     centre = view.frame_up_mm * upwards - view.wall_distance_mm * axis
-    light, cylinder = view.light_distance_mm * axis, None
-    light = light + view.light_right_mm * right + view.light_up_mm * up
+    light = view.light_distance_mm * axis + view.light_right_mm * right + view.light_up_mm * up
+    cylinder = None
     if not isinstance(view.wall_radius_mm, str):
         cylinder = Cylinder(-view.wall_distance_mm * axis, upwards, view.wall_radius_mm)
         cylinder.require(light, np.cross(right, upwards), wide)

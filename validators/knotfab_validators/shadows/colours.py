@@ -1,0 +1,317 @@
+"""The picture in colours that several lamps throw on one screen: how much of it has the right colour."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from knotfab_validators.arrays import Array, Ints, Mask
+from knotfab_validators.check import Check, at_least, at_most, skip_check
+from knotfab_validators.files.picture import read_colours
+from knotfab_validators.files.scene import Scene, View
+from knotfab_validators.shadows.cast import ShadowCaster
+from knotfab_validators.shadows.colour_light import Bytes, Light, colour_error, light_of, to_srgb
+from knotfab_validators.shadows.distance import depth_in
+from knotfab_validators.shadows.frame import WorkingFrame, padded_mask, working_frame
+from knotfab_validators.shadows.renderer import Renderer
+from knotfab_validators.shadows.view import ViewGeometry
+
+__all__ = ["Colours", "LampShadow", "check_colours", "measure_colours", "write_colours"]
+
+OUTLINE_PX = (
+    2.0  # of a frame of 1024: a pixel no farther from a border of colours is along an outline
+)
+ALIKE = 1.0  # ΔE of colours that nobody tells apart
+MOVED_MM = 2.0  # a lamp that a person has put down with care
+MOVED_PX = 512
+STEP = 5  # of each channel, by which colours of a picture are counted; 255 is one of the steps
+EVERY = 8  # pixels, at which the light is looked at where no lamp is hidden
+GAP_PX, PANEL_PX = 16, 512
+WRONG = (214, 94, 50)
+
+
+@dataclass(frozen=True)
+class LampShadow:
+    """One lamp's verified shadow on the padded working frame.
+
+    `hidden` (H, W) is the share of the lamp that is hidden at each pixel, `mask` (H, W) its picture, where it
+    is to be hidden. `geometry` is its view on the picture's own pixels. `tube_mm` is half the width of a
+    strand's shadow; None where the knots are not known.
+    """
+
+    view: View
+    geometry: ViewGeometry
+    hidden: Mask | NDArray[np.float32]
+    mask: Mask
+    tube_mm: float | None
+
+
+@dataclass(frozen=True)
+class Colours:
+    """What was measured: `told` has the report's keys, the pictures are of the frame, (H, W, 3), sRGB."""
+
+    told: dict[str, Any]
+    shown: Bytes
+    wanted: Bytes
+    picture: Bytes | None
+    wrong: Mask
+
+
+def measure_colours(
+    lamps: Sequence[LampShadow],
+    scene: Scene,
+    folder: Path,
+    frame: WorkingFrame,
+    caster: ShadowCaster,
+    points: Array,
+) -> Colours:
+    """Mix the light of all lamps, and hold what is seen against the masks' colours and the picture.
+
+    Args:
+        folder: where the picture in colours lies. frame: of the lamps' masks. caster: of the part, scene.
+        points: (k, 3) mm, its centre lines.
+    """
+    assert scene.lamps is not None
+    names = [lamp.view.name for lamp in lamps]
+    hidden = np.stack([lamp.hidden[frame.window] for lamp in lamps]).astype(np.float64)
+    masks = np.stack([lamp.mask[frame.window] for lamp in lamps])
+    codes = _codes(masks)
+    light = _light(lamps, scene, frame)
+    shown = to_srgb(light.mix(1 - hidden))
+    table = to_srgb(replace(light, other=0 * light.other).flat(np.arange(2 ** len(lamps))))
+    wanted = table[codes]
+    seen = _seen_codes(hidden, light)
+    right = _alike(table)[seen, codes]
+    border = np.zeros(codes.shape, dtype=bool)
+    for axis in (0, 1):
+        near = np.diff(codes, axis=axis) != 0
+        border |= np.pad(near, [(0, 1) if k == axis else (0, 0) for k in (0, 1)])
+        border |= np.pad(near, [(1, 0) if k == axis else (0, 0) for k in (0, 1)])
+    along = depth_in(~border) <= OUTLINE_PX if border.any() else border
+    drawn = (codes > 0) | (seen > 0)
+    error = colour_error(shown.reshape(-1, 3), wanted.reshape(-1, 3)).reshape(codes.shape)
+    told: dict[str, Any] = {
+        "lamps": [_tell_lamp(lamp, frame) for lamp in lamps],
+        "share": float(right.mean()),
+        "share_inside": _mean(right, ~along),
+        "share_along": _mean(right, along),
+        "along": float(along.mean()),
+        "share_drawn": _mean(right, drawn),
+        "delta_e": float(error.mean()),
+        "delta_e_inside": _mean(error, ~along),
+        "delta_e_along": _mean(error, along),
+        "delta_e_lit": float(_lit_error(light).mean()),
+        "ambient": scene.room.ambient,
+        "misregistration": _misregistration(lamps, caster, points, frame),
+    }
+    picture = None
+    if scene.lamps.picture:
+        first = lamps[0].geometry
+        picture = read_colours(
+            folder / scene.lamps.picture, (frame.width, frame.height), (first.width, first.height)
+        )
+        off = colour_error(shown.reshape(-1, 3), picture.reshape(-1, 3))
+        told["picture"] = {
+            "file": scene.lamps.picture,
+            "delta_e": float(off.mean()),
+            **_judge_masks(codes, picture, table, names),
+        }
+    return Colours(told, shown, wanted, picture, ~right)
+
+
+def check_colours(told: Mapping[str, Any], iou_floor: float | None) -> list[Check]:
+    """`colours`: of what is drawn or dark, the share in the right one of the colours that the lamps can mix.
+
+    Lamps of which each has the IoU that is asked may miss so much each; nothing is asked where no floor is.
+    `lamp_colours`: the masks are nearer to the picture with each lamp's own colour than with two swapped.
+    """
+    count = len(told["lamps"])
+    floor = None if iou_floor is None else max(1 - count * (1 - iou_floor), 0.0)
+    detail = (
+        f"share in the right one of the mixed colours, of what is drawn or dark under any of {count} lamps; "
+        f"of the whole picture {told['share']:.4f}"
+    )
+    found = [
+        at_least("colours", told["share_drawn"], floor, "", detail, required=floor is not None)
+    ]
+    judged = told.get("picture")
+    if judged is None:
+        return [*found, skip_check("lamp_colours", "the scene names no picture in colours")]
+    detail = (
+        "mean ΔE of picture and masks with the lamps' colours; as little with two of them swapped"
+    )
+    if judged["swapped"]:
+        detail += f" ({' and '.join(judged['swapped'])})"
+    least = judged["swapped_delta_e"]
+    return [*found, at_most("lamp_colours", judged["masks_delta_e"], least, "ΔE", detail)]
+
+
+def write_colours(folder: Path, colours: Colours) -> None:
+    """Write colours.png, what is seen on the screen, and compare-colours.png.
+
+    In that picture, masks, what is seen, and what of it is wrong stand side by side.
+    """
+    Image.fromarray(colours.shown).save(folder / "colours.png")
+    wrong = np.rint(0.35 * colours.shown + 0.65 * 255).astype(np.uint8)
+    wrong[colours.wrong] = WRONG
+    shown = [colours.picture, colours.wanted, colours.shown, wrong]
+    panels = [Image.fromarray(panel) for panel in shown if panel is not None]
+    scale = min(1.0, PANEL_PX / max(panels[0].size))
+    width, height = (max(1, round(side * scale)) for side in panels[0].size)
+    across = len(panels) * (width + GAP_PX) + GAP_PX
+    sheet = Image.new("RGB", (across, height + 2 * GAP_PX), (128, 128, 128))
+    for number, panel in enumerate(panels):
+        small = panel.resize((width, height), Image.Resampling.BOX)
+        sheet.paste(small, (GAP_PX + number * (width + GAP_PX), GAP_PX))
+    sheet.save(folder / "compare-colours.png")
+
+
+def _light(lamps: Sequence[LampShadow], scene: Scene, frame: WorkingFrame) -> Light:
+    """The lamps' light on the pixels of the frame, without its padding."""
+    inside = WorkingFrame(frame.width, frame.height, 0, 0)
+    views = [
+        (lamp.view, np.array(lamp.view.lamp_colour), lamp.geometry.resample(inside))
+        for lamp in lamps
+    ]
+    return light_of(list(views), scene.room, (frame.height, frame.width))
+
+
+def _codes(hidden: Mask) -> Ints:
+    """(H, W) of n masks (n, H, W) the sum of 2^k of those that hold."""
+    return np.asarray(np.tensordot(2 ** np.arange(len(hidden)), hidden.astype(np.int64), axes=1))
+
+
+def _seen_codes(hidden: Array, light: Light) -> Ints:
+    """(H, W) the set of hidden lamps whose colour is nearest to what is seen, in CIELAB.
+
+    Under the same light: in the middle of a penumbra the colour decides, not the share of the lamp.
+    """
+    codes = _codes(hidden >= 0.5)
+    soft = np.asarray(((hidden > 0) & (hidden < 1)).any(axis=0))
+    if not soft.any():
+        return codes
+    shares = 1 - hidden[:, soft]
+    seen = light.mix_at(shares, soft)
+    least, best = np.full(len(seen), np.inf), np.zeros(len(seen), dtype=np.int64)
+    for code in range(2 ** len(hidden)):
+        lit = np.repeat([[1.0 - (code >> k & 1)] for k in range(len(hidden))], len(seen), axis=1)
+        away = colour_error(to_srgb(seen), to_srgb(light.mix_at(lit, soft)))
+        nearer = away < least
+        least[nearer], best[nearer] = away[nearer], code
+    codes[soft] = best
+    return codes
+
+
+def _alike(table: Bytes) -> Mask:
+    """(m, m) of colours (m, 3) in sRGB, which of them nobody tells apart."""
+    count = len(table)
+    one, other = np.repeat(table, count, axis=0), np.tile(table, (count, 1))
+    return np.asarray(colour_error(one, other).reshape(count, count) < ALIKE)
+
+
+def _mean(values: Array | Mask, where: Mask) -> float:
+    """The mean of some of them; 1 of no marks at all, and 0 of no errors."""
+    if not where.any():
+        return 1.0 if values.dtype == bool else 0.0
+    return float(values[where].mean())
+
+
+def _lit_error(light: Light) -> Array:
+    """(n,) ΔE from white, at places all over the screen, where no lamp is hidden: the light is uneven."""
+    some = replace(light, falloff=light.falloff[:, ::EVERY, ::EVERY])
+    lit = to_srgb(some.mix(np.ones_like(some.falloff))).reshape(-1, 3)
+    return colour_error(lit, np.full_like(lit, 255))
+
+
+def _tell_lamp(lamp: LampShadow, frame: WorkingFrame) -> dict[str, Any]:
+    """A lamp's colour, and what of its shadow is stray, and what is missing, in shares of the frame."""
+    dark, size = lamp.hidden >= 0.5, frame.width * frame.height
+    stray, inside = dark & ~lamp.mask, np.count_nonzero((dark & ~lamp.mask)[frame.window])
+    return {
+        "name": lamp.view.name,
+        "colour": list(lamp.view.lamp_colour),
+        "light": lamp.geometry.light.tolist(),
+        "spill": inside / size,
+        "spill_beside": (np.count_nonzero(stray) - inside) / size,
+        "missing": np.count_nonzero(lamp.mask & ~dark) / size,
+    }
+
+
+def _judge_masks(codes: Ints, picture: Bytes, table: Bytes, names: Sequence[str]) -> dict[str, Any]:
+    """How the masks take the picture apart: what of it no shadow can mend.
+
+    `masks_share` is the share of pixels where the masks ask for the mixed colour that is nearest to the
+    picture's; `masks_delta_e` is the mean ΔE of both. `swapped_delta_e` is the least mean ΔE with the colours
+    of two lamps swapped (`swapped`), which must not be nearer.
+    """
+    binned = np.rint(picture / STEP).astype(np.int64) * STEP
+    packed = ((codes * 256 + binned[..., 0]) * 256 + binned[..., 1]) * 256 + binned[..., 2]
+    pairs, counts = np.unique(packed, return_counts=True)
+    colours = (pairs[:, None] >> np.array([16, 8, 0]) & 255).astype(np.uint8)
+    asked = pairs >> 24
+    # (pairs, codes): how far each mixed colour is from each colour of the picture
+    away = np.stack(
+        [colour_error(colours, np.broadcast_to(c, colours.shape)) for c in table], axis=1
+    )
+    every = np.arange(len(pairs))
+    nearest = away[every, asked] <= away.min(axis=1) + ALIKE
+    found: dict[str, Any] = {
+        "masks_share": float(np.average(nearest, weights=counts)),
+        "masks_delta_e": float(np.average(away[every, asked], weights=counts)),
+        "swapped": [],
+        "swapped_delta_e": None,
+    }
+    for one, other in combinations(range(len(names)), 2):
+        a, b = asked >> one & 1, asked >> other & 1
+        turned = asked + (b - a) * 2**one + (a - b) * 2**other
+        error = float(np.average(away[every, turned], weights=counts))
+        if found["swapped_delta_e"] is None or error < found["swapped_delta_e"]:
+            found |= {"swapped": [names[one], names[other]], "swapped_delta_e": error}
+    return found
+
+
+def _misregistration(
+    lamps: Sequence[LampShadow], renderer: Renderer, points: Array, frame: WorkingFrame
+) -> dict[str, Any]:
+    """What it costs that lamps stand beside their places.
+
+    `lamp_mm` is how far one lamp may be off, in the worst direction, until its shadow is off by half a
+    strand's width anywhere; None where the knots are not known. `share` is the share of right colours once
+    every lamp is moved by `moved_mm`, each to the side, up or down, as by itself costs most; `unmoved` that
+    of none moved, on the same coarser pixels, under points of light both.
+    """
+    coarse = working_frame(frame.width, frame.height, MOVED_PX)
+    codes = _codes(np.stack([_on(lamp.mask, frame, coarse) for lamp in lamps]))
+    allowed, still, worst = [], [], []
+    for lamp in lamps:
+        seen = lamp.geometry.resample(coarse)
+        here = lamp.geometry.project(points)[0]
+        mask = _on(lamp.mask, frame, coarse)
+        still.append(renderer.render(seen)[coarse.window])
+        moved = []
+        for way in (seen.right, -seen.right, seen.up, -seen.up):
+            off = replace(lamp.geometry, light=lamp.geometry.light + way).project(points)[0] - here
+            if lamp.tube_mm is not None:
+                per_mm = float(np.linalg.norm(off, axis=1).max()) * lamp.geometry.pixel_mm
+                allowed.append(lamp.tube_mm / max(per_mm, 1e-9))
+            away = replace(seen, light=seen.light + MOVED_MM * way)
+            moved.append(renderer.render(away)[coarse.window])
+        worst.append(max(moved, key=lambda shadow: np.count_nonzero(shadow != mask)))
+    return {
+        "lamp_mm": min(allowed) if allowed else None,
+        "moved_mm": MOVED_MM,
+        "share": float((_codes(np.stack(worst)) == codes).mean()),
+        "unmoved": float((_codes(np.stack(still)) == codes).mean()),
+    }
+
+
+def _on(mask: Mask, frame: WorkingFrame, coarse: WorkingFrame) -> Mask:
+    """The frame's part of a mask on coarser pixels, without padding."""
+    return padded_mask(mask[frame.window], coarse)[coarse.window]
