@@ -76,17 +76,22 @@ def expected(path: Path) -> str:
 def call_command(path: Path, seconds: float) -> tuple[int | None, str]:
     """The exit code of the command for a file (None: out of time), and its last line."""
     kind = kind_of(path)
-    call = ["preview", "--json", "--", str(path)]
-    if kind != "picture":
-        call = ["validate", "--failures", str(Path(tempfile.gettempdir()) / "failures.png")]
-        call += ["--knots", str(path)] if kind == "knots" else ["--", str(path)]
-    command = [sys.executable, "-m", "knotfab", *call]
-    try:
-        done = subprocess.run(
-            command, capture_output=True, text=True, errors="replace", timeout=seconds, check=False
-        )
-    except subprocess.TimeoutExpired:
-        return None, ""
+    picked = ["--knots", str(path)] if kind == "knots" else ["--", str(path)]
+    with tempfile.TemporaryDirectory() as place:
+        drawn = str(Path(place) / "drawn.png")
+        call = ["preview", "--json", "--out"] if kind == "picture" else ["validate", "--failures"]
+        command = [sys.executable, "-m", "knotfab", *call, drawn, *picked]
+        try:
+            done = subprocess.run(
+                command,
+                capture_output=True,
+                text=True,
+                errors="replace",
+                timeout=seconds,
+                check=False,
+            )
+        except subprocess.TimeoutExpired:
+            return None, ""
     lines = (done.stderr if done.returncode not in (0, 1) else done.stdout).strip().splitlines()
     return done.returncode, (
         lines[-1] if done.returncode not in (0, 1) else lines[0]

@@ -9,20 +9,19 @@ import numpy as np
 from knotfab_validators.arrays import Array
 from knotfab_validators.knots.alexander import colouring_number
 from knotfab_validators.knots.invariants import UNKNOT, Disagreement, Invariants, invariants
-from knotfab_validators.knots.planar_diagram import PlanarDiagram
+from knotfab_validators.knots.parabolic import PRIMES, cusp_counts
+from knotfab_validators.knots.planar_diagram import PlanarDiagram, closed_braid, simplify
 from knotfab_validators.knots.projection import diagram_of
 from knotfab_validators.knots.reduction import Budget, reduce_polygons
+from knotfab_validators.knots.rerouting import reroute, summands
 from knotfab_validators.knots.table import MOST_CROSSINGS as MOST_IN_TABLE
-from knotfab_validators.knots.table import Knot, candidates
+from knotfab_validators.knots.table import Factor, Knot, braid_of, candidates, known_knot
 
 __all__ = ["PROVED_UNKNOT", "Identity", "identify"]
 
 
 MOST_CROSSINGS = 60  # for the invariants
 MOST_SEEN = 800  # for a determinant modulo a prime
-SHAKES = 30  # rounds of random isotopies, where invariants alone cannot prove an unknot
-SOME_SHAKES = 6  # where a simpler diagram may prove more
-MOST_SHAKEN = 150  # vertices
 
 
 @dataclass(frozen=True)
@@ -32,8 +31,8 @@ class Identity:
     `knots` are those of the table that it may be, and `complete` says that it is one of them: one
     alone where that is `proved`; `reason` says by what. `invariants` are None where too many
     crossings are left, or where `trouble` says that two ways to one number disagree; `colouring` is
-    ±Δ(-1) modulo 2^31 - 1, which may be had even then. `places` (m, 3) are vertices that the
-    reduction leaves.
+    ±Δ(-1) modulo 2^31 - 1, which may be had even then. `ruled_out` are knots with these invariants
+    that other representations tell from it. `places` (m, 3) are vertices that the reduction leaves.
     """
 
     knots: tuple[Knot, ...]
@@ -44,6 +43,7 @@ class Identity:
     places: Array
     complete: bool = False
     trouble: str = ""
+    ruled_out: tuple[Knot, ...] = ()
 
     @property
     def proved(self) -> bool:
@@ -63,22 +63,13 @@ def identify(polygon: Array, budget: Budget | None = None) -> Identity:
         return PROVED_UNKNOT
     places = rest.polygons[0]
     diagram = diagram_of([places], most=MOST_SEEN)
+    if diagram is not None:
+        diagram = reroute(diagram, enough=MOST_IN_TABLE)
     if diagram is None or len(diagram.crossings) > MOST_CROSSINGS:
         return _give_up(diagram, places)
-    if len(diagram.crossings) > MOST_IN_TABLE and len(places) <= MOST_SHAKEN:
-        shaken = reduce_polygons([places], seed=2, shakes=SOME_SHAKES)
-        if not shaken.vertices:
-            return PROVED_UNKNOT
-        other = diagram_of(shaken.polygons, most=MOST_SEEN)
-        if other is not None and len(other.crossings) < len(diagram.crossings):
-            diagram = other
-    found = _identify_diagram(diagram, places)
-    if found.invariants == UNKNOT and found.proved:
-        return found
-    may_be_unknot = found.invariants is not None and found.invariants.fits(UNKNOT)
-    if not may_be_unknot or len(places) > MOST_SHAKEN:
-        return found
-    return found if reduce_polygons([places], seed=3, shakes=SHAKES).vertices else PROVED_UNKNOT
+    if not diagram.crossings:
+        return PROVED_UNKNOT
+    return _identify_diagram(diagram, places)
 
 
 def _give_up(diagram: PlanarDiagram | None, places: Array) -> Identity:
@@ -98,18 +89,56 @@ def _identify_diagram(diagram: PlanarDiagram, places: Array) -> Identity:
         return Identity((), "", None, count, None, places, trouble=trouble)
     knots = candidates(found)
     reason = _why_proved(found)
+    ruled_out: tuple[Knot, ...] = ()
     complete = bool(reason)
     if not reason and count <= MOST_IN_TABLE:
         # every knot with a diagram of so few crossings is in the table, or a sum of knots in it
         complete = True
         knots = tuple(knot for knot in knots if knot.crossings <= count)
         reason = f"a diagram of {count} crossings, and no other knot of so few has its invariants"
+    if not reason and (whole := _sum_of_parts(diagram, places)) is not None:
+        complete, knots = True, tuple(knot for knot in knots if knot.factors == whole.factors)
+        reason = f"a diagram of {count} crossings that falls into the summands, each proved"
+    if len(knots) > 1 and not _why_proved(found):
+        knots, ruled_out = _compare_representations(diagram, knots)
+        if complete and len(knots) == 1:
+            reason += ", nor its representations in PSL(2, p)"
     if complete and not knots:
         trouble = f"a diagram of {count} crossings has invariants that no knot of so few has"
         return Identity((), "", None, count, None, places, trouble=trouble)
     knots = knots[:1] if _why_proved(found) else knots
     reason = reason if len(knots) == 1 else ""
-    return Identity(knots, reason, found, count, found.determinant, places, complete)
+    return Identity(
+        knots, reason, found, count, found.determinant, places, complete, ruled_out=ruled_out
+    )
+
+
+def _sum_of_parts(diagram: PlanarDiagram, places: Array) -> Knot | None:
+    """The sum of its diagram's summands where each of these is proved; None where it shows none."""
+    parts = summands(diagram)
+    if len(parts) < 2:
+        return None
+    factors: list[Factor] = []
+    for part in parts:
+        found = _identify_diagram(part, places)
+        if not found.proved:
+            return None
+        factors += found.knots[0].factors
+    return known_knot(tuple(sorted(factors)))
+
+
+def _compare_representations(
+    diagram: PlanarDiagram, knots: tuple[Knot, ...]
+) -> tuple[tuple[Knot, ...], tuple[Knot, ...]]:
+    """Which of some knots with equal invariants it may be, and which it is not (see parabolic.py)."""
+    kept = list(knots)
+    for prime in PRIMES:
+        own = cusp_counts(diagram, prime)
+        if own is None or len(kept) == 1:
+            break
+        of_each = [cusp_counts(simplify(closed_braid(braid_of(knot))), prime) for knot in kept]
+        kept = [knot for knot, other in zip(kept, of_each, strict=True) if other in (None, own)]
+    return tuple(kept), tuple(knot for knot in knots if knot not in kept)
 
 
 def _why_proved(found: Invariants) -> str:

@@ -288,7 +288,11 @@ def _judge(promise: Promise, found: Identity) -> Verdict:
             return "refuted"
         return "proved" if found.proved else "consistent"
     if found.invariants is not None:
-        fits = any(knot.invariants.fits(found.invariants) for knot in promise.meant)
+        known_not = {knot.name for knot in found.ruled_out}
+        fits = any(
+            knot.invariants.fits(found.invariants) and knot.name not in known_not
+            for knot in promise.meant
+        )
         return "consistent" if fits else "refuted"
     if found.colouring is not None:
         allowed = {colouring_remainder(knot.invariants.determinant) for knot in promise.meant}

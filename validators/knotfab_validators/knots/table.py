@@ -16,6 +16,7 @@ __all__ = [
     "MOST_CROSSINGS",
     "Factor",
     "Knot",
+    "braid_of",
     "braid_word",
     "candidates",
     "known_knot",
@@ -128,6 +129,17 @@ def prime_names() -> tuple[str, ...]:
 def braid_word(name: str) -> tuple[int, ...]:
     """A braid whose closure is the right-handed knot of that name (see planar_diagram.closed_braid)."""
     return tuple(_table()["knots"][name]["braid"])
+
+
+def braid_of(knot: Knot) -> tuple[int, ...]:
+    """A braid whose closure is a knot of the table or a sum of such."""
+    word: list[int] = []
+    strands = 0
+    for factor in knot.factors:
+        letters = [(factor.hand or 1) * letter for letter in braid_word(factor.name)]
+        word += [letter + (strands if letter > 0 else -strands) for letter in letters]
+        strands += max(map(abs, letters))
+    return tuple(word)
 
 
 def is_amphichiral(name: str) -> bool:
