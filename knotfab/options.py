@@ -269,6 +269,9 @@ class BuildOptions(PictureOptions):
     drilled holes), stand (a base below all pictures), hang (an eyelet for a thread), none, or auto (default:
     wall for several loose pieces that are printed, else none). Wall, stand and hang imply --print."""
 
+    bender: Annotated[str | None, Parameter(group=_PRINT)] = None
+    """What bends a wire: lra (default, a table of length, rotation, angle), grbl, or a template's file."""
+
     accuracy: Annotated[
         Literal["sketch", "draft", "standard", "fine"] | None, Parameter(group=_SEARCH)
     ] = None

@@ -28,6 +28,7 @@ from knotfab.scene.catalogue import resolve
 from knotfab.scene.require import require_several, require_start, require_tube, require_walls
 from knotfab.sequence.frames import count_knots, name_sequence, read_frames
 from knotfab.sequence.require import require_sequence
+from knotfab.wire.bender import require_bender
 from knotfab_formats.scene import Scene
 from knotfab_formats.search import search_settings
 
@@ -202,6 +203,11 @@ def _read_call(
             open_ = open_ or not scene.search.get("free_azimuths_deg")
             scene = place_directions(scene, search_settings(scene.accuracy.name, scene.search))[0]
     require_tube(resolve(scene))
+    if resolve(scene).material.process == "wire":
+        require_bender(scene)
+    elif options.bender is not None:
+        remedy = "Leave it out, or add --material steel-wire-2mm."
+        raise InputError(f"--bender {options.bender}", "there is no wire to bend", remedy)
     require_start(scene)
     require_walls(scene)
     with progress.stage("picture"):

@@ -310,6 +310,9 @@ def _piece_keys(options: BuildOptions) -> dict[str, Any]:
         keys["bend"] = _share(options.bend)
     if options.mirror is not None:
         keys["mirror"] = options.mirror
+    if options.bender is not None:
+        named = re.fullmatch("[a-z]+", options.bender)
+        keys["bender"] = options.bender if named else str(at_home(options.bender).absolute())
     if options.knot is not None:
         keys["knot"] = options.knot
     return keys

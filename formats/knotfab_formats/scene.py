@@ -132,6 +132,8 @@ class Piece(_Table):
     # of several pictures: the most that a point of one may move, as a share of its height
     bend: Annotated[float, Strict(), Field(gt=0, le=MOST_BEND)] | Literal["auto", "off"] = "auto"
     mirror: Literal["auto", "off"] = "off"  # auto: pictures, none of text, may be mirrored as well
+    # of wire: what bends it, by the name of a template or by a file (docs/wire.md)
+    bender: Annotated[str, Strict(), Field(min_length=1)] = "lra"
     knot: StrictStr = "unknot"  # tied into the longest curve; checked by knotfab_formats.knot_names
 
 

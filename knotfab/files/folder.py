@@ -26,7 +26,7 @@ _OF_WRITING = (*_FULL, errno.EFBIG, errno.EROFS)  # whatever file a library was 
 _OWN = re.compile(
     r"part(-\d+)?\.(stl|3mf|glb|png|step|gcode)|part-colours(-\d+)?\.3mf|slicer\.ini|plate(-\d+)+\.(3mf|gcode)"
     r"|knots(-\d+)?\.json|scene-\d+\.toml|sequence\.gif|zoetrope\.(stl|3mf)|coupon\.3mf"
-    r"|region\.stl|start\.json|bends(-\d+)*\.csv|(bending-templates|drill-template)-\w+(-\d+)?\.pdf"
+    r"|region\.stl|start\.json|bends(-[\w-]+)?\.\w+|(bending-templates|drill-template)-\w+(-\d+)?\.pdf"
     r"|setup(-\d+)?\.(pdf|svg)"
     r"|centre-lines(-\d+)?\.(svg|dxf|step)|shadow-[^./]+\.svg"
     r"|(shadow|compare|soft|drawn|subject)-[^./]+\.png|picture-[^./]+\.\w+"

@@ -14,6 +14,7 @@ from knotfab.base.errors import InputError
 from knotfab.drawing.pages import PAPERS
 from knotfab.knots import Knots
 from knotfab.wire.arcs import Wire
+from knotfab.wire.bender import file_of_bender, fill_template
 from knotfab.wire.bends import BendList, list_bends
 from knotfab.wire.csv_file import read_bends, write_bends
 from knotfab.wire.fit import FitLimits, fit_wires
@@ -95,7 +96,8 @@ def write_bending_plan(
     """Write bends.csv and the templates of a piece of wire, and measure what the files give.
 
     One knot's plan is `bends.csv`; several are `bends-1.csv`, `bends-2.csv`, … in the order of the
-    knots. The templates are `bending-templates-a4.pdf` and `bending-templates-letter.pdf`.
+    knots; each is written once more for the scene's bender (`fill_template`). The templates are
+    `bending-templates-a4.pdf` and `bending-templates-letter.pdf`.
 
     Args:
         folder: where the files go. knots: in scene coordinates. scene: with its views' frames
@@ -167,6 +169,11 @@ def write_bending_plan(
         write_bends(folder / name, row, header)
     # from here on only what the files say
     plans = [read_bends(folder / name) for name in names]
+    bender = scene.piece.bender
+    told = [file_of_bender(bender, name) for name in names]
+    for name, plan, own in zip(names, plans, told, strict=True):
+        text = fill_template(bender, plan.bends, name, material)
+        (folder / own).write_text(text, encoding="utf-8", newline="")
     verdict = judge.of(plans, names, best[2])
     lines = [replay(p) for p in plans]
     drawings = [
@@ -190,7 +197,7 @@ def write_bending_plan(
     frames = [measure_frame(s.mask, s.view, material) for s in shadows]
     frame = min(frames, key=lambda f: f.most_iou)
     return WirePlan(
-        files=(*names, *pages),
+        files=(*names, *told, *pages),
         knots=verdict.knots,
         length_mm=length,
         mass_g=_weigh(length, material),

@@ -22,7 +22,7 @@ from knotfab.wire.judge import Judge, WireKnot, cast_shadows, check_type, check_
 from knotfab.wire.plan import WirePlan, write_bending_plan
 from knotfab.wire.replay import Deviation, Sensitivity
 from knotfab.wire.template_pdf import WireDrawing, write_templates
-from knotfab_formats.scene import ResolvedAccuracy, ResolvedScene, ResolvedView, Switches
+from knotfab_formats.scene import Piece, ResolvedAccuracy, ResolvedScene, ResolvedView, Switches
 from knotfab_validators.shadows.tube_field import tube_field
 from knotfab_validators.shadows.view import view_geometry
 
@@ -40,7 +40,7 @@ def ring_scene(folder: Path, count: int) -> tuple[Knots, ResolvedScene, Path]:
         wall_distance_mm=10.0, picture="p.png",
     )  # fmt: skip
     scene = ResolvedScene.model_construct(
-        material=STEEL, views=(view,), accuracy=ResolvedAccuracy(iou_floor=0.62)
+        piece=Piece(), material=STEEL, views=(view,), accuracy=ResolvedAccuracy(iou_floor=0.62)
     )
     shifts = 60.0 * (np.arange(count) - (count - 1) / 2)
     knots = Knots(tuple(Knot(ring + [s, 0, 0]) for s in shifts), 1.0)
@@ -60,6 +60,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, WirePlan]:
 def test_the_plan_of_two_rings(made: tuple[Path, WirePlan]) -> None:
     folder, plan = made
     assert plan.files[:2] == ("bends-1.csv", "bends-2.csv")
+    assert plan.files[2:4] == ("bends-1-lra.csv", "bends-2-lra.csv")
     assert all((folder / name).is_file() for name in plan.files)
     assert plan.status == "pass"
     for knot in plan.knots:
@@ -106,7 +107,7 @@ def two_view_scene(folder: Path) -> tuple[Knots, ResolvedScene, list[Path]]:
         pictures.append(folder / f"{view.name}.png")
         Image.fromarray(np.where(shadow, 0, 255).astype(np.uint8)).save(pictures[-1])
     scene = ResolvedScene.model_construct(
-        material=STEEL, views=views, accuracy=ResolvedAccuracy(iou_floor=0.8)
+        piece=Piece(), material=STEEL, views=views, accuracy=ResolvedAccuracy(iou_floor=0.8)
     )
     return knots, scene, pictures
 
