@@ -10,7 +10,7 @@ DONE := $(VENV)/.installed
 TORCH_INDEX ?=
 TORCH := -q -c constraints.txt --no-deps $(if $(TORCH_INDEX),--index-url $(TORCH_INDEX)) torch==2.13.0
 
-.PHONY: demo test test-quick wheel-test lint accuracy-table outside-suites feature-table mount-table effects-table grace-table several-table bending-table tied-knots paper-table paper-ablations renderer-table validator-table verdict-table mutations frontier budgets scaling hard-cases worst-cases batch-throughput system slicer browser viewer studio-table pictures typed-pages clean
+.PHONY: demo test test-quick wheel-test lint accuracy-table outside-suites feature-table mount-table effects-table traced-colours grace-table several-table bending-table tied-knots paper-table paper-ablations renderer-table validator-table verdict-table mutations frontier budgets scaling hard-cases worst-cases batch-throughput system slicer browser viewer studio-table pictures typed-pages clean
 
 $(DONE): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
@@ -107,6 +107,10 @@ effects-table: system $(DONE)
 	$(BIN)/python -m benchmarks.effects_table
 	$(BIN)/python -m benchmarks.threshold_table
 	$(BIN)/python -m benchmarks.lamp_table
+
+# a build under several lamps, DIR, against paths that Mitsuba 3 traces through the same scene (about 1 min)
+traced-colours: $(DONE)
+	$(BIN)/python -m benchmarks.traced_colours $(DIR)
 
 # what grace costs the pictures, and how it looks (about 8 min)
 grace-table: $(DONE)
