@@ -98,6 +98,7 @@ knotfab build cat.png --time-budget 1.5min
 knotfab build logo.svg --depth flat --tube-radius 2
 knotfab build text:Hello --font "DejaVu Serif" --knots 1
 knotfab build heart.png teapot.png         one part, two pictures
+knotfab build parrot.png --lamps rgb       in colours, by the shadows of three lamps
 knotfab build --sequence walk/ --print     one part for each frame
 knotfab build --scene out/scene.toml       the same part again
 ```
@@ -207,6 +208,9 @@ class PictureOptions:
     tone: Annotated[Literal["lines", "off"] | None, Parameter(group=_PICTURE)] = None
     """lines: draw the picture's greys, with strands closer together where it is darker; off (default): draw
     its silhouette."""
+    lamps: Annotated[str | None, Parameter(group=_PICTURE)] = None
+    """Several lamps before one screen: rgb, or names such as warm+white, mix one picture's colours; switch:
+    each lamp shows its own picture, one at a time."""
     font: Annotated[str | None, Parameter(group=_PICTURE)] = None
     """The font of text:…: a family's name, such as "DejaVu Serif", or a font file."""
 

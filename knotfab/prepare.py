@@ -6,7 +6,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from knotfab.base.errors import InputError
 from knotfab.base.progress import Progress
@@ -14,6 +14,7 @@ from knotfab.design.budget import require_budget
 from knotfab.design.frames import (
     frame_view,
     framed_alike,
+    name_views,
     size_frames,
     size_longer,
     spread_views,
@@ -21,15 +22,23 @@ from knotfab.design.frames import (
 )
 from knotfab.design.walls import flatten_targets
 from knotfab.options import ALL_OUT, BuildOptions
-from knotfab.picture.read import TEXT_PREFIX, Target, plain_name, read_targets
+from knotfab.picture.read import (
+    TEXT_PREFIX,
+    Target,
+    name_picture,
+    plain_name,
+    read_bytes,
+    read_targets,
+)
 from knotfab.read_options import read_also, read_scene, read_seconds, read_skips
 from knotfab.request import Request
 from knotfab.scene.catalogue import resolve
+from knotfab.scene.lamps import COLOURS_FILE, require_lamps, with_lamps
 from knotfab.scene.require import require_several, require_start, require_tube, require_walls
 from knotfab.sequence.frames import count_knots, name_sequence, read_frames
 from knotfab.sequence.require import require_sequence
 from knotfab.wire.bender import require_bender
-from knotfab_formats.scene import Scene
+from knotfab_formats.scene import Reading, Scene
 from knotfab_formats.search import search_settings
 
 if TYPE_CHECKING:
@@ -190,6 +199,8 @@ def _read_call(
     open_ = False
     lines: tuple[str, ...] = ()
     agreed: Agreement | None = None
+    if options.lamps is not None or scene.share_wall:
+        return _read_lamps(scene, sources, pictures, options, base, progress)
     if options.sequence:
         require_sequence(scene)
     elif len(sources) > len(scene.views) == 1:
@@ -250,6 +261,64 @@ def _read_call(
     return _Call(scene, sources, base, targets, name, lines, agreed)
 
 
+def _read_lamps(
+    scene: Scene,
+    sources: tuple[str, ...],
+    pictures: Sequence[str],
+    options: BuildOptions,
+    base: Path | None,
+    progress: Progress,
+) -> _Call:
+    """As `_read_call`, of lamps before one screen: one picture in colours is taken apart into their masks."""
+    from knotfab.design.lamps import place_lamps
+    from knotfab.picture.lamps import on_one_canvas, read_masks
+
+    if options.sequence:
+        raise InputError("--lamps", "frames have one lamp", "Leave --sequence out.")
+    if options.lamps is not None:
+        scene = with_lamps(scene, options.lamps, name_views(sources))
+    lines: tuple[str, ...] = ()
+    mixing = scene.lamps.mode == "mix"
+    if mixing and len(sources) == 1 < len(scene.views):
+        with progress.stage("picture"):
+            targets, parted = read_masks(sources[0], scene, base)
+        read = targets
+        lines = parted.lines
+        name = plain_name(name_picture(sources[0]), "picture")
+        update: dict[str, Any] = {"lamps": scene.lamps.model_copy(update={"picture": COLOURS_FILE})}
+    else:
+        with progress.stage("picture"):
+            targets = read_targets(sources, scene.views, base=base, font=options.font)
+        if mixing and scene.lamps.picture:
+            colours = read_bytes((base or Path()) / scene.lamps.picture, scene.lamps.picture)
+            targets = (replace(targets[0], colours_png=colours), *targets[1:])
+        titles = [v.title if not pictures else "" for v in scene.views]
+        targets = tuple(
+            replace(t, name=plain_name(title, t.name))
+            for t, title in zip(targets, titles, strict=True)
+        )
+        name = plain_name("-".join(dict.fromkeys(t.name for t in targets)), "picture")
+        update, read = {}, targets
+        targets = on_one_canvas(targets)
+    # masks must register with one another
+    update |= {"piece": scene.piece.model_copy(update={"bend": "off"})}
+    if update.get("lamps") or targets is not read:  # what is drawn is what the new files hold
+        masks = {**Reading().model_dump(), "ink": "dark"}
+        update["views"] = tuple(v.model_copy(update=masks) for v in scene.views)
+    scene = scene.model_copy(update=update)
+    require_several(scene)
+    require_tube(resolve(scene))
+    require_start(scene)
+    if options.size is not None:
+        scene = size_longer(scene, targets[0], options.size)
+    widened, targets = widen_targets(resolve(scene), targets)
+    scene = scene.model_copy(update={"views": widened.views})
+    with progress.stage("agree"):
+        scene, told = place_lamps(scene, targets)
+    require_lamps(scene, "the scene's lamps")
+    return _Call(scene, sources, base, targets, name, (*lines, *told))
+
+
 def _survey(call: _Call, options: BuildOptions, choose: bool = True) -> Survey:
     """Look at a call's pictures, as those of a piece that is printed if the call says so.
 
@@ -289,6 +358,8 @@ def _sources(pictures: Sequence[str], scene: Scene, path: Path | None) -> tuple[
                 name, "it is a scene, not a picture", f"Give it by its name: --scene {name}"
             )
     named = tuple(pictures) or tuple(view.picture for view in scene.views)
+    if not any(named) and scene.lamps.picture:
+        return (scene.lamps.picture,)
     if all(named):
         return named
     raise InputError(

@@ -18,6 +18,7 @@ from knotfab.limits.feasibility import Feasibility
 from knotfab.render.picture import ViewImage, image_at
 from knotfab.scene.camera import view_axes
 from knotfab_formats.scene import ResolvedRegion, ResolvedView, Switch
+from knotfab_formats.search import Precision, Renderer
 
 __all__ = [
     "CertificateLog",
@@ -46,10 +47,19 @@ class TargetView:
     )
     left: MultiPolygon | None = None  # what the other views' pictures leave of it; None: all
     lines: tuple[Array, ...] = ()  # its centre lines in that plane, where they are what is drawn
+    ends: bool = False  # whether the screen ends at the frame, beside which no shadow counts
 
-    def image_at(self, radius: float, pixels: int, device: str = "cpu") -> ViewImage:
+    def image_at(
+        self,
+        radius: float,
+        pixels: int,
+        device: str = "cpu",
+        precision: Precision = "single",
+        renderer: Renderer = "ray",
+    ) -> ViewImage:
         """The picture with `pixels` on the longer side; `radius` of the tube in mm."""
-        return image_at(self.view, self.mask, radius, pixels, device)
+        given = (radius, pixels, device, precision, renderer)
+        return image_at(self.view, self.mask, *given, ends=self.ends)
 
     @cached_property
     def axes(self) -> Array:
@@ -73,6 +83,9 @@ class Problem:
         None  # of one view: extent of the centre lines along its axis; None: flat
     )
     depth_open: bool = False  # whether less of it will do where the scene calls for that
+    # of lamps before one screen: the depth of the pieces that each draws its mask with, where the others
+    # throw these beside the screen; None: views share what is drawn
+    apart_mm: float | None = None
     overhang_deg: float | None = (
         None  # steepest that prints without supports; None: they cost nothing
     )

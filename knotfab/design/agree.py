@@ -85,6 +85,8 @@ def agree(scene: Scene, targets: Sequence[Target], *, azimuths_open: bool = Fals
             f"half a turn is all that they have, and more than {_MOST_VIEWS} leave each other nothing",
             "Give fewer, or add --sequence for one part each",
         )
+    if scene.share_wall:
+        return Agreement(scene, targets)  # masks of one picture must register with one another
     if any(v.wall_radius_mm != "flat" for v in scene.views):
         return Agreement(scene, targets)  # a bent picture lies on a flat wall
     if any(v.bend_points or v.mirrored for v in scene.views):

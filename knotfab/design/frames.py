@@ -23,6 +23,7 @@ from knotfab_formats.scene import ResolvedView, Scene, View
 __all__ = [
     "frame_view",
     "framed_alike",
+    "name_views",
     "size_frames",
     "size_longer",
     "spread_views",
@@ -51,14 +52,7 @@ def spread_views(scene: Scene, pictures: Sequence[str]) -> Scene:
 
     Half a turn is shared out, for a silhouette from behind is its own mirror image.
     """
-    first, names = scene.views[0], list[str]()
-    for picture in pictures:
-        plain, number = name_picture(picture), 1
-        name = plain
-        while name.casefold() in map(str.casefold, names):  # as disks have it that take A for a
-            number += 1
-            name = f"{plain}-{number}"
-        names.append(name)
+    first, names = scene.views[0], name_views(pictures)
     turn = 180.0 / len(names)
     views = tuple(
         first.model_copy(
@@ -67,6 +61,19 @@ def spread_views(scene: Scene, pictures: Sequence[str]) -> Scene:
         for n, name in enumerate(names)
     )
     return scene.model_copy(update={"views": views})
+
+
+def name_views(pictures: Sequence[str]) -> list[str]:
+    """A view's name for each picture, no two alike."""
+    names = list[str]()
+    for picture in pictures:
+        plain, number = name_picture(picture), 1
+        name = plain
+        while name.casefold() in map(str.casefold, names):  # as disks have it that take A for a
+            number += 1
+            name = f"{plain}-{number}"
+        names.append(name)
+    return names
 
 
 @dataclass(frozen=True)
@@ -92,8 +99,11 @@ def framed_alike(scene: Scene, targets: Sequence[Target]) -> Scene:
     """The scene with frames in which all level silhouettes are equally high, and as high up.
 
     Views with a frame of their own are left as they are. A raised view, which sees no height, gets
-    the width of the first level silhouette. No frame is longer than 180 mm on a side.
+    the width of the first level silhouette. No frame is longer than 180 mm on a side. Views that share a
+    wall share its frame.
     """
+    if scene.share_wall:
+        return scene
     extents = [_extent(t.mask) for t in targets]
     free = [v.frame_width_mm is None and v.frame_height_mm is None for v in scene.views]
     level = [n for n, v in enumerate(scene.views) if abs(v.elevation_deg) < _LEVEL_DEG]

@@ -70,6 +70,7 @@ def hull_bounds(
     reach_mm: float,
     rays_px: int = _RAYS_PX,
     steps: int = _STEPS,
+    ends: bool = False,
 ) -> tuple[HullBound, ...]:
     """The bound of each view, in their order.
 
@@ -78,6 +79,7 @@ def hull_bounds(
         masks: silhouettes (H, W).
         reach_mm: half the length of ray that is followed, about the point nearest to the origin.
         rays_px: longer side of the grid of rays. steps: samples of a ray.
+        ends: whether what another view sees beside its frame spills nowhere: its screen ends there.
 
     The other masks are widened by half a sample's distance, and a pixel of the coarse grid counts where
     its middle is drawn, so that sampling takes nothing from the bound.
@@ -96,6 +98,7 @@ def hull_bounds(
             reach_mm,
             rays_px,
             steps,
+            ends,
         )
         for n, (camera, mask) in enumerate(zip(cameras, masks, strict=True))
     )
@@ -115,6 +118,7 @@ def _bound(
     reach_mm: float,
     rays_px: int,
     steps: int,
+    ends: bool,
 ) -> HullBound:
     rows, columns = mask.shape
     every = max(1.0, max(rows, columns) / rays_px)
@@ -135,6 +139,7 @@ def _bound(
         np.array([c.projection for c, _ in others]).reshape(-1, 3, 4),
         np.array([w.shape for _, w in others], dtype=np.int64).reshape(-1, 2),
         np.concatenate([w.ravel() for _, w in others]) if others else np.zeros(0, dtype=np.bool_),
+        ends,
     )
     covered[at[met, 0], at[met, 1]] = True
     iou = float(covered.sum() / max(1, wanted.sum()))
@@ -143,12 +148,19 @@ def _bound(
 
 @compiled
 def follow_rays(
-    begin: Array, ray: Array, along: Array, projections: Array, shapes: Indices, masks: Mask
+    begin: Array,
+    ray: Array,
+    along: Array,
+    projections: Array,
+    shapes: Indices,
+    masks: Mask,
+    ends: bool = False,
 ) -> tuple[Mask, Array, Array]:
     """Which of the rays `begin + along * ray` (n, 3) meet a point within all masks, and these points' box.
 
     Args:
         projections: (m, 3, 4) of the masks' cameras. shapes: (m, 2). masks: all of them, one after the other.
+        ends: whether beside a mask counts as within it.
     """
     met = np.zeros(len(ray), dtype=np.bool_)
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
@@ -169,14 +181,11 @@ def follow_rays(
                 u = np.rint((p[0, 0] * x + p[0, 1] * y + p[0, 2] * z + p[0, 3]) / w)
                 v = np.rint((p[1, 0] * x + p[1, 1] * y + p[1, 2] * z + p[1, 3]) / w)
                 rows, columns = shapes[k]
-                if (
-                    u < 0
-                    or v < 0
-                    or u >= columns
-                    or v >= rows
-                    or not masks[first + int(v) * columns + int(u)]
-                ):
-                    inside = False
+                if u < 0 or v < 0 or u >= columns or v >= rows:
+                    inside = ends
+                else:
+                    inside = masks[first + int(v) * columns + int(u)]
+                if not inside:
                     break
                 first += rows * columns
             if inside:

@@ -18,6 +18,7 @@ from knotfab.design.agree import agree, reach_of
 from knotfab.design.contradictions import contradictions
 from knotfab.design.frames import frame_view, framed_alike
 from knotfab.design.hull import HullBound, hull_bounds
+from knotfab.design.lamps import depth_apart
 from knotfab.design.region import depth_extent, resolve_region
 from knotfab.design.walls import flatten_targets
 from knotfab.effects.base import World
@@ -35,6 +36,8 @@ from knotfab.start.start import make_template
 from knotfab_formats.scene import Region, ResolvedRegion, ResolvedView, Scene
 
 __all__ = ["Question", "ask", "silhouette_polygon"]
+
+_ROOM = 0.03  # of the frame, that a tube before lamps of its own may reach beyond its mask's hull
 
 
 @dataclass(frozen=True, repr=False)
@@ -120,12 +123,20 @@ def ask(scene: Scene, targets: Sequence[Target], progress: Progress | None = Non
     scene, views = resolve(scene), _frame_views(scene, targets)
     targets = flatten_targets(scene, views, targets)
     seen = [
-        TargetView(v, t.mask, _trace(v, t), lines=_strokes(v, t))
+        TargetView(v, t.mask, _trace(v, t), lines=_strokes(v, t), ends=scene.screen_ends)
         for v, t in zip(views, targets, strict=True)
     ]
     thinnest = scene.printer.min_tube_radius_mm
     bounds: tuple[HullBound, ...] = ()
-    if several:
+    apart = None
+    room = thinnest
+    if scene.share_wall:
+        masks = [t.mask for t in targets]
+        apart = depth_apart(views, masks) if scene.screen_ends else None
+        reach = reach_of(views) if apart is None else 0.5 * apart
+        bounds = hull_bounds(cameras_of(views, targets), masks, reach, ends=scene.screen_ends)
+        room = thinnest if apart is None else _ROOM * views[0].longer_mm
+    elif several:
         cameras = cameras_of(views, targets)
         bounds = agreed.bounds or hull_bounds(cameras, [t.mask for t in targets], reach_of(views))
         for line in contradictions(views, bounds):
@@ -140,11 +151,12 @@ def ask(scene: Scene, targets: Sequence[Target], progress: Progress | None = Non
         scene.piece.clearance_mm,
         None if isinstance(bend, str) else bend,
         scene.material.max_length_mm,
-        resolve_region(scene.region, views, bounds, thinnest),
+        resolve_region(scene.region, views, bounds, room),
+        apart_mm=apart,
         overhang_deg=_overhang_deg(scene),
         knot=scene.piece.knot,
         # a third picture leaves the others little room; two are drawn best as equals
-        goals=goals_of([b.iou for b in bounds]) if len(views) > 2 else None,
+        goals=goals_of([b.iou for b in bounds]) if len(views) > 2 and apart is None else None,
         switches=scene.effects.model_dump(),
         world=World.of(scene),
     )

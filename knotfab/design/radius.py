@@ -16,9 +16,9 @@ from knotfab.design.question import Question
 from knotfab.geometry.sampling import arc_lengths
 from knotfab.knots import Knot, Knots
 from knotfab.picture.silhouette import trace_polygon
-from knotfab.problem import Report, Start, Watch
+from knotfab.problem import Report, Start, TargetView, Watch
 from knotfab.scene.require import require_radius
-from knotfab.start.filling import Template, as_bent, simple_curves, template_iou
+from knotfab.start.filling import Template, as_bent, fill, simple_curves, template_iou
 from knotfab.start.start import make_start, make_template
 from knotfab_formats.search import SearchSettings
 
@@ -29,6 +29,7 @@ _POOR = 0.72  # IoU of the best start for several views below which a thinner tu
 _THINNER = 0.75  # how much thinner, against the thinnest so far
 _WORKERS = 2  # radii side by side; their outcome does not depend on it
 _LONGER = 1.4  # times its template: a knot of some depth; a knight, a bicycle: 1.42 to 1.46
+_USUAL_MAGNIFICATION = 1.2  # of a scene's defaults
 _FEW = 4  # depth profiles, where only a place for a knot is looked for
 _KEPT: dict[str, _Trials] = {}  # of the last question: a build asks again what its preview asked
 
@@ -71,6 +72,11 @@ class _Trials:
     def one_view(self) -> bool:
         return len(self.question.problem.views) == 1
 
+    @property
+    def filled(self) -> bool:
+        """Whether each picture is filled as if it were the only one."""
+        return self.one_view or self.question.problem.apart_mm is not None
+
     def score(self, radius: float) -> float:
         """What a tube of this radius can draw, in the view that it draws worst; -inf: nothing."""
         if radius not in self.scores:
@@ -78,8 +84,10 @@ class _Trials:
         return self.scores[radius]
 
     def _score(self, radius: float) -> float:
-        if not self.one_view:
+        if not self.filled:
             return self.question.opening(radius)
+        if not self.one_view:
+            return min(self._fill(radius, view) for view in self.question.problem.views)
         polygon = self.question.problem.polygons[0]
         template = self.templates[radius] = make_template(
             self.question.problem.views[0], radius, self.knots
@@ -91,6 +99,14 @@ class _Trials:
         bend = self.question.problem.limits(radius).bend_radius
         flat = self.question.scene.piece.depth == "flat"
         return template_iou(as_bent(template, bend, flat), polygon)
+
+    def _fill(self, radius: float, view: TargetView) -> float:
+        """What the filling of one of several masks draws."""
+        template = fill(view.polygon, radius)
+        if not simple_curves(list(template.curves)):
+            return -np.inf
+        bend = self.question.problem.limits(radius).bend_radius
+        return template_iou(as_bent(template, bend, False), view.polygon)
 
     def vertices(self, radius: float) -> int:
         """About how many the knots of this radius will have, by its template."""
@@ -108,7 +124,7 @@ class _Trials:
         filling = self.settings.network_start == "filling"
         settings = self.settings
         if not filling:
-            few = {"depth_candidates": _FEW} if self.one_view else {}
+            few = {"depth_candidates": _FEW} if self.filled else {}
             settings = settings.model_copy(update={"network_start": "filling", **few})
         template = self.templates.get(radius)
         try:
@@ -118,7 +134,7 @@ class _Trials:
             return 0.0
         if filling:
             self.starts[radius] = start
-        return 1.0 if self.one_view else min(start.ious)
+        return 1.0 if self.filled else min(start.ious)
 
 
 def choose_radius(
@@ -151,10 +167,13 @@ def choose_radius(
     views = question.views
     trials = _recall(question, settings, knots)
     trials.watch = watch
-    span = range_of(len(views))
+    span = range_of(1 if trials.filled else len(views))
     give = max(span.give, settings.radius_give)
     thinnest = question.scene.printer.min_tube_radius_mm
-    radii, thin = usual_radii(views, thinnest, settings.radius_candidates, settings.radius_from)
+    least, alike = settings.radius_from, views
+    if trials.filled and not trials.one_view:  # as thick on the screen as a single view's
+        least, alike = least * _USUAL_MAGNIFICATION / views[0].magnification, views[:1]
+    radii, thin = usual_radii(alike, thinnest, settings.radius_candidates, least)
     if question.problem.views[0].lines:  # strokes are as wide as one tube
         radii, thin = [line_radius(views[0])], []
         require_radius(
@@ -174,9 +193,9 @@ def choose_radius(
     if report is not None:
         report(0.2, None)
     found: dict[float, float] = {}
-    if trials.one_view:
+    if trials.filled:
         _require_picture(question, scores)
-        if budget is not None and "radius_give" not in question.scene.search:
+        if budget is not None and trials.one_view and "radius_give" not in question.scene.search:
             give = budget.thicker(give, lambda less: trials.vertices(_thickest(scores, less)))
         well = max(scores.values()) - give
         # the largest that draws it well, then what draws it less and less well: a knot needs a place too
@@ -203,7 +222,7 @@ def choose_radius(
     if top == 0 and trials.failures:
         raise next(iter(trials.failures.values()))
     chosen = _thickest(found, give)
-    drawn = {} if trials.one_view else found
+    drawn = {} if trials.filled else found
     return RadiusChoice(
         chosen,
         tuple(RadiusTrial(r, scores[r], drawn.get(r, float("nan"))) for r in sorted(scores)),

@@ -116,6 +116,8 @@ def _write_scene(
 ) -> None:
     for view, target in zip(scene.views, targets, strict=True):
         folder.write(view.picture, target.png_bytes)
+        if target.colours_png and scene.lamps.picture:
+            folder.write(scene.lamps.picture, target.colours_png)
         if target.subject_png:
             folder.write(view.subject_picture, target.subject_png)
         if view.tone == "lines":

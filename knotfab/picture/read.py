@@ -38,6 +38,7 @@ __all__ = [
     "name_picture",
     "plain_name",
     "read_bytes",
+    "read_image",
     "read_target",
     "read_targets",
 ]
@@ -72,6 +73,7 @@ class Target(InNotebook):
     `notes` say, a sentence each, what of the file is left out or guessed; `ink` is the kind of ink that was.
     `shrunk`: so many px of the picture, across, are one of the masks, of a glance at a large picture.
     `subject_png`: where a subject was cut out, its mask in the picture's size, white where it is, as a PNG.
+    `colours_png`: the picture in colours that the first lamp's mask was taken from, in its size, as a PNG.
     """
 
     name: str
@@ -93,6 +95,7 @@ class Target(InNotebook):
     notes: tuple[str, ...] = ()
     ink: str | None = None
     subject_png: bytes | None = None
+    colours_png: bytes | None = None
 
     def to_picture(self, at: tuple[float, float]) -> tuple[float, float]:
         """The px of the picture, whose centres are whole numbers, at one of the masks."""
@@ -216,15 +219,7 @@ def read_target(
             drawn, what, name_picture(source), "", reading, glance, base or Path()
         )
         return replace(target, is_text=True)
-    path = at_home(source)
-    if base is not None:
-        path = base / path
-    if re.match(r"(?i:https?|ftp):/", str(source)):
-        raise InputError(
-            what, "it is an address on the web", "Download the picture, and name the file."
-        )
-    missing = _MISSING if base is None else "Lay it beside the scene that names it."
-    data = read_bytes(path, what, missing=missing)
+    data, path = _read_file(source, base)
     suffix = path.suffix.lower()
     name = name_picture(str(path))
     if not raster.looks_like_raster(data) and (suffix in _DRAWN or looks_like_svg(data)):
@@ -232,6 +227,36 @@ def read_target(
         target = _take_target(png, what, name, "", reading, glance, path.parent)
         return replace(target, notes=notes + target.notes)
     return _take_target(data, what, name, suffix, reading, glance, path.parent)
+
+
+def _read_file(source: str | Path, base: Path | None) -> tuple[bytes, Path]:
+    """What a picture's file holds, and where it lies; arguments as `read_target` takes them."""
+    what, path = shown(source), at_home(source)
+    if base is not None:
+        path = base / path
+    if re.match(r"(?i:https?|ftp):/", str(source)):
+        raise InputError(
+            what, "it is an address on the web", "Download the picture, and name the file."
+        )
+    missing = _MISSING if base is None else "Lay it beside the scene that names it."
+    return read_bytes(path, what, missing=missing), path
+
+
+def read_image(source: str | Path, *, base: Path | None = None) -> Image.Image:
+    """A picture in its colours; arguments as `read_target` takes them.
+
+    Raises:
+        InputError: it cannot be read.
+    """
+    what = shown(source)
+    if isinstance(source, str) and source.startswith(TEXT_PREFIX):
+        data = text.render_text(source.removeprefix(TEXT_PREFIX))
+    else:
+        data, path = _read_file(source, base)
+        drawn = path.suffix.lower() in _DRAWN or looks_like_svg(data)
+        if not raster.looks_like_raster(data) and drawn:
+            data, _ = render_svg(data, what)
+    return raster.to_plain(raster.decode(data, what)[0])
 
 
 def read_targets(

@@ -114,25 +114,29 @@ def image_at(
     device: str = "cpu",
     precision: Precision = "single",
     renderer: Renderer = "ray",
+    ends: bool = False,
 ) -> ViewImage:
-    """The picture of a view with `pixels` on the longer side; `radius` of the tube in mm."""
-    frame, target, pixel_mm = _picture_at(view, mask, pixels, precision)
+    """The picture of a view with `pixels` on the longer side; `radius` of the tube in mm.
+
+    With `ends` the screen ends at the frame: what is seen beside it is not in the picture.
+    """
+    frame, target, pixel_mm = _picture_at(view, mask, pixels, precision, ends)
     sheet = Sheet(frame.width, frame.height, pixel_mm, view.wall_tilt_deg)
     radius_px = radius * view.magnification / pixel_mm
     return ViewImage(frame, target, sheet, radius_px, device, renderer)
 
 
 def _picture_at(
-    view: ResolvedView, mask: Mask, pixels: int, precision: Precision
+    view: ResolvedView, mask: Mask, pixels: int, precision: Precision, ends: bool
 ) -> tuple[Frame, NDArray[np.floating[Any]], float]:
-    """(frame, target, pixel in mm) with square pixels, `pixels` on the longer side, and a margin.
+    """(frame, target, pixel in mm) with square pixels, `pixels` on the longer side; a margin without `ends`.
 
     The target is the exact share of each pixel that the mask covers. Pixels need not fit the frame's
     sides a whole number of times: the margin takes up the rest.
     """
     width_mm, height_mm = view.frame_mm
     pixel = view.longer_mm / pixels
-    margin = max(6, pixels // 16)
+    margin = 0 if ends else max(6, pixels // 16)
     width, height = (max(1, round(side / pixel)) + 2 * margin for side in (width_mm, height_mm))
     frame = frame_at(view, Sheet(width, height, pixel), precision)
     rows, columns = mask.shape
@@ -154,15 +158,22 @@ def frame_at(view: ResolvedView, sheet: Sheet, precision: Precision = "single") 
 
 
 def grid_at(
-    view: ResolvedView, mask: Mask, cell_mm: float, margin: float, more: int = 0
+    view: ResolvedView,
+    mask: Mask,
+    cell_mm: float,
+    margin: float,
+    more: int = 0,
+    beside: bool = False,
 ) -> tuple[Mask, Camera]:
     """The mask looked up on about square cells, and the camera whose pixels they are.
 
     Args:
-        margin: of the frame on each side, all outside the mask, and `more` cells beyond.
+        margin: of the frame on each side, and `more` cells beyond: all outside the mask, or inside it
+            where `beside` is true.
     """
     width_mm, height_mm = view.frame_mm
     w, h = max(8, round(width_mm / cell_mm)), max(8, round(height_mm / cell_mm))
     pad_u, pad_v = int(margin * w) + more, int(margin * h) + more
-    wanted = np.pad(sample_mask(mask, w, h), ((pad_v, pad_v), (pad_u, pad_u)))
+    around = ((pad_v, pad_v), (pad_u, pad_u))
+    wanted = np.pad(sample_mask(mask, w, h), around, constant_values=beside)
     return wanted, camera_of(view, w, h).padded(pad_u, pad_v)

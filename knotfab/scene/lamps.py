@@ -9,8 +9,25 @@ from math import hypot
 from knotfab.base.errors import InputError
 from knotfab_formats.scene import OF_WALL, Scene, View
 
-__all__ = ["require_lamps", "share_walls"]
+__all__ = ["COLOURS_FILE", "SWITCH", "lamps_named", "require_lamps", "share_walls", "with_lamps"]
 
+# linear light of lamps that are sold, in red, green and blue of sRGB; each as bright as the others where lit
+_COLOURS: dict[str, tuple[float, float, float]] = {
+    "red": (1.0, 0.0, 0.0),
+    "green": (0.0, 1.0, 0.0),
+    "blue": (0.0, 0.0, 1.0),
+    "cyan": (0.0, 1.0, 1.0),
+    "magenta": (1.0, 0.0, 1.0),
+    "yellow": (1.0, 1.0, 0.0),
+    "amber": (1.0, 0.5, 0.0),
+    "white": (1.0, 1.0, 1.0),
+    "warm": (1.0, 0.57, 0.22),  # about 2700 K beside daylight
+    "cold": (0.75, 0.87, 1.0),  # about 8000 K
+}
+_SETS = {"rgb": "red+green+blue"}
+COLOURS_FILE = "picture-colours.png"  # beside the scene: the picture that masks were taken from
+SWITCH = "switch"  # the word for lamps that are lit one after the other
+MOST_LAMPS = 5  # that mix 32 colours
 _APART_MM = 1.0  # two lamps that stand nearer to each other throw one shadow
 _ALIKE = 0.05  # of a colour's length: two lamps of colours nearer to each other mix nothing
 
@@ -97,3 +114,69 @@ def _apart_mm(one: View, other: View) -> float:
     """How far two lamps stand from each other."""
     keys = ("light_right_mm", "light_up_mm", "light_distance_mm")
     return hypot(*(getattr(one, key) - getattr(other, key) for key in keys))
+
+
+def lamps_named(text: str) -> dict[str, tuple[float, float, float]]:
+    """The lamps of `--lamps`, each by its name with its colour: rgb, or names with + between them.
+
+    Raises:
+        InputError: there is no such lamp, or fewer than two.
+    """
+    plain = text.strip().lower()
+    names = [name.strip() for name in _SETS.get(plain, plain).split("+")]
+    for name in names:
+        if name not in _COLOURS:
+            raise InputError(
+                f"--lamps {text}",
+                f"{name!r} is no lamp",
+                f"Use rgb, {SWITCH}, or some of {', '.join(_COLOURS)} with + between them; a scene may give "
+                "any lamp_colour.",
+            )
+        if names.count(name) > 1:
+            raise InputError(
+                f"--lamps {text}", f"it names {name} twice", "Give each lamp a colour of its own."
+            )
+    if not 2 <= len(names) <= MOST_LAMPS:
+        raise InputError(
+            f"--lamps {text}",
+            f"it takes two lamps at least and {MOST_LAMPS} at most, and this is {len(names)}",
+            "Write rgb, or names with + between them, such as warm+white.",
+        )
+    return {name: _COLOURS[name] for name in names}
+
+
+def with_lamps(scene: Scene, text: str, names: Sequence[str] = ()) -> Scene:
+    """The scene with a view for each lamp of `--lamps`, all before the wall of its first view.
+
+    Args:
+        names: of the pictures of lamps that are switched, one each.
+
+    Raises:
+        InputError: as for `lamps_named`; lamps that are switched without a picture each.
+    """
+    first, mode = scene.views[0], "mix"
+    if text.strip().lower() == SWITCH:
+        if len(names) < 2:
+            raise InputError(
+                f"--lamps {SWITCH}",
+                f"each lamp shows a picture of its own, and {len(names) or 'none'} is given",
+                "Give two pictures or more, or mix colours (--lamps rgb).",
+            )
+        mode = SWITCH
+        lamps = {name: (1.0, 1.0, 1.0) for name in names}
+    else:
+        lamps = lamps_named(text)
+    wall = next(iter(lamps))
+    views = tuple(
+        first.model_copy(
+            update={
+                "name": name,
+                "picture": "",
+                "lamp_colour": colour,
+                "wall": "" if name == wall else wall,
+            }
+        )
+        for name, colour in lamps.items()
+    )
+    table = scene.lamps.model_copy(update={"mode": mode, "picture": "", "places": "auto"})
+    return scene.model_copy(update={"views": views, "lamps": table})

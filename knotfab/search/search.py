@@ -67,7 +67,7 @@ def search(
     Returns:
         The result says itself whether it is feasible, or which limit is violated, by how much and where.
     """
-    plan = plan or plan_of(settings, len(problem.views))
+    plan = plan or plan_of(settings, 1 if problem.apart_mm is not None else len(problem.views))
     state = begin(problem, start, radius, settings, terms, pose, plan.keep_vertices, log, device)
     state.watch = watch
     if pose is not None:

@@ -42,7 +42,7 @@ class Spill(Term):
         """The term of one view; the tube's radius in mm."""
         view = target.view
         cell = view.longer_mm / _CELLS
-        wanted, camera = grid_at(view, target.mask, cell, _MARGIN)
+        wanted, camera = grid_at(view, target.mask, cell, _MARGIN, beside=target.ends)
         far = distance_transform_edt(~wanted) * (cell / view.magnification / radius)
         return cls(camera.projection, far, radius)
 

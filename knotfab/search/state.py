@@ -20,7 +20,7 @@ from knotfab.limits.base import Guard, Limits
 from knotfab.limits.feasibility import Feasibility, measure_feasibility
 from knotfab.limits.guards import guard_limits
 from knotfab.problem import CertificateLog, Problem, Start, ViewNumbers, Watch
-from knotfab.render.picture import ViewImage, image_at
+from knotfab.render.picture import ViewImage
 from knotfab.search.balance import Balance
 from knotfab.search.flow import Between, flow
 from knotfab.search.grace import Grace
@@ -102,7 +102,7 @@ class SearchState:
     def _images(self, pixels: int) -> tuple[ViewImage, ...]:
         asked = self.settings
         given = (self.radius, pixels, self.device, asked.precision, asked.renderer)
-        return tuple(image_at(v.view, v.mask, *given) for v in self.problem.views)
+        return tuple(v.image_at(*given) for v in self.problem.views)
 
     def objective(self, phase: Phase, loose: NDArray[np.bool_] | None = None) -> Objective:
         """The objective of a phase on the polylines as they are; `loose` (N,): the vertices that may move."""

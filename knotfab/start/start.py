@@ -12,6 +12,7 @@ from knotfab.limits.region import tube_outside
 from knotfab.problem import Problem, Start, TargetView
 from knotfab.start.circle import start_at_circles
 from knotfab.start.filling import Template, fill
+from knotfab.start.lamps import start_by_lamp
 from knotfab.start.lift import lift_template
 from knotfab.start.strokes import follow_strokes
 from knotfab.start.tie import KnotRoom, tie
@@ -47,6 +48,8 @@ def make_start(
         template = make_template(problem.views[0], spacing * radius, knots)
     if settings.network_start == "circle":
         start = start_at_circles(problem, radius, settings, template)
+    elif problem.apart_mm is not None:
+        start = start_by_lamp(problem, radius, settings, knots, spacing)
     elif template is not None:
         start = tie_knot(
             problem, lift_template(problem, template, radius, settings, parted), radius

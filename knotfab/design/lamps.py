@@ -1,0 +1,236 @@
+"""Places for several lamps before one screen, so that each draws its own mask and throws nothing astray.
+
+Two lamps that stand d apart, H before the wall, throw shadows of a point h before it that are k·d apart, with
+k = h / (H - h). Where the screen ends at the picture's frame, a piece whose other shadows all miss the screen
+draws one mask and nothing else. So the lamps stand as far apart as that asks for, and no farther: in a row,
+a column, or two rows. Of all k the least is taken for which lamps keep the bounds and the pieces fit the
+printer: a lamp out of place by 1 mm moves its picture by k mm.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import permutations
+
+import numpy as np
+
+from knotfab.base.arrays import Array, Mask
+from knotfab.design.candidates import DEPTH_RATIO
+from knotfab.design.frames import frame_view
+from knotfab.picture.read import Target
+from knotfab.scene.catalogue import resolve
+from knotfab_formats.scene import ResolvedView, Scene
+
+__all__ = ["depth_apart", "place_lamps"]
+
+_WHOLE_MM = 600.0  # from the wall to the lamps, where nobody says
+_STEPS = tuple(np.round(np.arange(0.30, 1.51, 0.02), 2).tolist())  # of k
+_SPARE_MM = 3.0  # on the wall, between a stray shadow and the screen
+_BESIDE_BED_MM = 12.0  # of a printer's bed, that pieces leave free
+_NEAR = (
+    "no places within the bounds keep each lamp's other shadows off the screen: what stands in the middle "
+    "draws several masks, and is lost where they contradict each other"
+)
+_OPEN = "the wall goes on beside the picture, so each shadow of what is drawn must fall on a mask"
+_MOST_DEPTH = 0.2  # of the way from the middle of the piece to wall or lamp, to either side
+
+
+@dataclass(frozen=True)
+class _Places:
+    """Lamps beside the axis, mm (n, 2), right and up; and the pieces' box across, mm."""
+
+    beside: Array
+    across: tuple[float, float]
+
+
+def place_lamps(scene: Scene, targets: Sequence[Target]) -> tuple[Scene, tuple[str, ...]]:
+    """The scene with places for lamps and piece before the screen, and what a person is told of them.
+
+    A distance that somebody gave is kept. Where no place within the bounds keeps stray shadows off the
+    screen, the lamps stand as far apart as the bounds let them, and a line says so.
+    """
+    if not scene.share_wall or scene.lamps.places == "fixed":
+        return scene, ()
+    found = _find_apart(scene, targets) if scene.lamps.screen == "ends" else None
+    lines: tuple[str, ...] = ()
+    if found is None:
+        bounds = np.array([scene.lamps.max_right_mm, scene.lamps.max_up_mm])
+        wall, light = next(_distances(scene))
+        beside = _farthest(len(scene.views), bounds)
+        lines = (_OPEN if scene.lamps.screen == "open" else _NEAR,)
+    else:
+        wall, light, beside = found
+    placed = tuple(
+        v.model_copy(
+            update={
+                **_lengths(wall, light),
+                "light_right_mm": float(x),
+                "light_up_mm": float(y),
+            }
+        )
+        for v, (x, y) in zip(scene.views, beside, strict=True)
+    )
+    where = ", ".join(
+        f"{v.name} {_beside(v.light_right_mm, 'right', 'left')}{_beside(v.light_up_mm, 'up', 'down')}".strip()
+        for v in placed
+    )
+    told = f"lamps {wall + light:g} mm before the screen: {where}; the piece {wall:g} mm before it"
+    table = scene.lamps.model_copy(update={"places": "fixed"})
+    return scene.model_copy(update={"views": placed, "lamps": table}), (told, *lines)
+
+
+def _find_apart(scene: Scene, targets: Sequence[Target]) -> tuple[float, float, Array] | None:
+    """Distances of wall and lamps, mm, and lamps (n, 2) beside the axis, mm, at which pieces stand apart.
+
+    The first that fit the printer; if none do, the first within the bounds; None: there are none.
+    """
+    views = [frame_view(v, t) for v, t in zip(scene.views, targets, strict=True)]
+    boxes = np.array([_box(t.mask, v) for t, v in zip(targets, views, strict=True)])
+    frame, first = np.array(views[0].frame_mm), views[0]
+    narrow, wide = (s - _BESIDE_BED_MM for s in sorted(resolve(scene).printer.build_volume_mm)[1:])
+    bounds = 2.0 * np.array([scene.lamps.max_right_mm, scene.lamps.max_up_mm])
+    large: tuple[float, float, Array] | None = None
+    for wall, light in _distances(scene):
+        depth = depth_of_lamps(boxes, first.model_copy(update=_lengths(wall, light)))
+        found = [
+            p
+            for p in _arrangements(boxes, frame, depth, wall, light)
+            if (np.ptp(p.beside, axis=0) <= bounds).all()
+        ]
+        found.sort(key=lambda p: float(np.hypot(*p.beside.T).max()))
+        if found and large is None:
+            large = wall, light, found[0].beside
+        for places in found:
+            if max(places.across) <= wide and min(places.across) <= narrow:
+                return wall, light, places.beside
+    return large
+
+
+def depth_apart(views: Sequence[ResolvedView], masks: Sequence[Mask]) -> float | None:
+    """How deep, mm, pieces may be that draw one mask each and throw no other shadow on a screen that ends.
+
+    None where lamps stand too near to each other for that.
+    """
+    boxes = np.array([_box(m, v) for m, v in zip(masks, views, strict=True)])
+    depth = depth_of_lamps(boxes, views[0])
+    half = 0.5 * np.array(views[0].frame_mm)
+    for i, one in enumerate(views):
+        for j, other in enumerate(views):
+            if i == j:
+                continue
+            away = np.array(
+                [
+                    one.light_right_mm - other.light_right_mm,
+                    one.light_up_mm - other.light_up_mm,
+                ]
+            )
+            if one.light_distance_mm != other.light_distance_mm:
+                return None
+            k = (one.wall_distance_mm - 0.5 * depth) / (one.light_distance_mm + 0.5 * depth)
+            low, high = boxes[i, 0] + k * away, boxes[i, 1] + k * away
+            if not ((low > half) | (high < -half)).any():
+                return None
+    return depth
+
+
+def depth_of_lamps(boxes: Array, view: ResolvedView) -> float:
+    """Extent along the axis, mm, of the pieces that draw masks with these boxes (n, 2, 2), mm on the wall."""
+    across = float((boxes[:, 1] - boxes[:, 0]).max()) / view.magnification
+    most = 2.0 * _MOST_DEPTH * min(view.wall_distance_mm, view.light_distance_mm)
+    return math.floor(10 * min(DEPTH_RATIO * across, most)) / 10
+
+
+def _lengths(wall: float, light: float) -> dict[str, float]:
+    return {"wall_distance_mm": wall, "light_distance_mm": light}
+
+
+def _beside(far: float, one: str, other: str) -> str:
+    """So far to one side or the other; nothing on the axis."""
+    return f"{abs(far):g} mm {one if far > 0 else other} " if far else ""
+
+
+def _distances(scene: Scene) -> Iterator[tuple[float, float]]:
+    """From the piece to wall and lamps, mm: the given ones, or first those with the piece near the wall."""
+    view = scene.views[0]
+    given = {"wall_distance_mm", "light_distance_mm"} & view.model_fields_set
+    for k in _STEPS:
+        if len(given) == 2:
+            yield view.wall_distance_mm, view.light_distance_mm
+            return
+        if "wall_distance_mm" in given:
+            yield view.wall_distance_mm, float(round(view.wall_distance_mm / k))
+        elif "light_distance_mm" in given:
+            yield float(round(view.light_distance_mm * k)), view.light_distance_mm
+        else:
+            wall = float(round(_WHOLE_MM * k / (1 + k)))
+            yield wall, _WHOLE_MM - wall
+
+
+def _box(mask: Mask, view: ResolvedView) -> Array:
+    """(2, 2) least and most right and up of a mask, mm on the wall from the frame's middle."""
+    rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
+    height, width = mask.shape
+    w, h = view.frame_mm
+    x = np.array([columns[0], columns[-1] + 1]) / width - 0.5
+    y = 0.5 - np.array([rows[-1] + 1, rows[0]]) / height
+    return np.array([[w * x[0], h * y[0]], [w * x[1], h * y[1]]])
+
+
+def _arrangements(
+    boxes: Array, frame: Array, depth: float, wall: float, light: float
+) -> Iterator[_Places]:
+    """The closest places in rows and columns at which no stray shadow meets the screen."""
+    count = len(boxes)
+    for rows in range(1, count + 1):
+        for order in permutations(range(count)):
+            yield _in_rows(boxes, frame, depth, (wall, light), order, rows)
+
+
+def _in_rows(
+    boxes: Array,
+    frame: Array,
+    depth: float,
+    distances: tuple[float, float],
+    order: Sequence[int],
+    rows: int,
+) -> _Places:
+    """Lamps in so many rows, from below and from the left, each as near to the others as may be.
+
+    Args:
+        distances: of wall and lamps from the middle of the piece, mm.
+    """
+    wall, light = distances
+    k = (wall - 0.5 * depth) / (light + 0.5 * depth)
+    groups = [list(g) for g in np.array_split(order, rows)]
+    beside = np.zeros((len(boxes), 2))
+    top, below = 0.0, list[int]()
+    for group in groups:
+        if below:
+            top += max(_apart(boxes, frame, i, j, 1) for i in below for j in group) / k
+        right = 0.0
+        for n, lamp in enumerate(group):
+            if n:
+                right = max(beside[i, 0] + _apart(boxes, frame, i, lamp, 0) / k for i in group[:n])
+            beside[lamp] = math.ceil(right), math.ceil(top)
+        beside[group, 0] -= math.floor(0.5 * beside[group[-1], 0])
+        below = group
+    beside[:, 1] -= math.floor(0.5 * beside[:, 1].max())
+    ats = [(wall + way * depth) / (wall + light) for way in (-0.5, 0.5)]
+    low = np.min([boxes[:, 0] * (1 - at) + beside * at for at in ats], axis=(0, 1))
+    high = np.max([boxes[:, 1] * (1 - at) + beside * at for at in ats], axis=(0, 1))
+    across, up = (high - low).tolist()
+    return _Places(beside, (across, up))
+
+
+def _apart(boxes: Array, frame: Array, one: int, other: int, axis: int) -> float:
+    """How far, on the wall, shadows of lamp `one`, on the low side, and `other` must part."""
+    half = 0.5 * frame[axis]
+    return float(max(half + boxes[one, 1, axis], half - boxes[other, 0, axis])) + _SPARE_MM
+
+
+def _farthest(count: int, bounds: Array) -> Array:
+    """(n, 2) lamps on an ellipse within the bounds, one on top."""
+    angle = np.pi / 2 + 2 * np.pi * np.arange(count) / count
+    return np.round(np.column_stack([np.cos(angle), np.sin(angle)]) * bounds, 1)

@@ -1,0 +1,316 @@
+"""A picture in colours taken apart into one mask a lamp: where each lamp must be hidden.
+
+Lamps that light one white screen mix there: with n lamps 2^n colours, by which of them are hidden. Each pixel
+gets the mixture nearest to it in OKLab (Ottosson 2020), in which hue and chroma weigh more than lightness:
+a dark green is drawn green, not black. What lies between two flat colours as their mixture (antialiasing,
+JPEG's blur) belongs to the nearer one of them, so that no seam of a third colour runs between the two.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+from scipy.ndimage import distance_transform_edt, label, maximum_filter, minimum_filter
+
+from knotfab.base.arrays import Array, Mask
+from knotfab.base.errors import InputError, shown
+from knotfab.picture.data_uri import encode_image
+from knotfab.picture.read import Target, name_picture, read_image
+from knotfab.picture.silhouette import resample_mask
+from knotfab_formats.scene import Scene
+
+__all__ = ["Separation", "mixtures_of", "on_one_canvas", "read_masks", "separate", "to_oklab"]
+
+_LIGHTNESS = 0.5  # its weight beside those of the two axes of hue and chroma
+_GREY = 0.04  # of chroma: a picture with less everywhere is grey (a pure red has 0.26)
+_COLOURED = 0.002  # of the picture's pixels, that must have more
+_SAME = 0.06  # in OKLab: two mixtures that are nearer to each other look alike
+_FLAT = 0.05  # in sRGB: what differs less from its neighbours lies in a flat colour
+_BESIDE = 0.10  # in sRGB: so far may antialiasing lie from the line between two colours
+_REACH_PX = (2, 3, 4)  # how far from a pixel the two colours are that it may lie between
+_SPECK = (
+    0.008  # of the longer side: the side of a square, below which a spot goes to what is about it
+)
+_TOLD = (
+    0.15,
+    0.01,
+)  # what is lost is told of colours so far off in OKLab, on so much of the picture
+_LARGEST_PX = 2048  # of masks; a larger picture is shrunk for them
+
+_TO_LMS = np.array(
+    [
+        [0.4122214708, 0.5363325363, 0.0514459929],
+        [0.2119034982, 0.6806995451, 0.1073969566],
+        [0.0883024619, 0.2817188376, 0.6299787005],
+    ]
+)
+_TO_LAB = np.array(
+    [
+        [0.2104542553, 0.7936177850, -0.0040720468],
+        [1.9779984951, -2.4285922050, 0.4505937099],
+        [0.0259040371, 0.7827717662, -0.8086757660],
+    ]
+)
+
+Labels = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Separation:
+    """Masks (n, H, W), True where a lamp is hidden, and `seen` (H, W, 3), sRGB from 0 to 1, what that shows.
+
+    `shares` are those of the picture that each mixture takes, by the lamps that are hidden there; `error` is
+    the mean distance from the picture in OKLab, and `lines` tell what is lost.
+    """
+
+    masks: Mask
+    seen: Array
+    shares: dict[tuple[int, ...], float]
+    error: float
+    lines: tuple[str, ...]
+    png: bytes  # the picture in the masks' size
+
+    def seen_png(self) -> bytes:
+        """What is seen, as a PNG."""
+        return encode_image(Image.fromarray(np.rint(255 * self.seen).astype(np.uint8)))
+
+
+def to_linear(srgb: Array) -> Array:
+    """Linear light of sRGB from 0 to 1 (IEC 61966-2-1)."""
+    return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
+
+
+def to_srgb(linear: Array) -> Array:
+    """The inverse of `to_linear`."""
+    return np.where(
+        linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 1e-9) ** (1 / 2.4) - 0.055
+    )
+
+
+def to_oklab(srgb: Array) -> Array:
+    """OKLab (..., 3): lightness, and two axes of hue and chroma."""
+    return np.asarray(np.cbrt(to_linear(srgb) @ _TO_LMS.T) @ _TO_LAB.T)
+
+
+def mixtures_of(colours: Array, ambient: float = 0.0) -> Array:
+    """(2^n, 3) sRGB of what n lamps of these colours (n, 3, linear) show; bit k of a row: lamp k is hidden.
+
+    The screen is white where all are lit; `ambient` is white light beside theirs, as a share of it.
+    """
+    lit = ~((np.arange(2 ** len(colours))[:, None] >> np.arange(len(colours))) & 1).astype(bool)
+    white = colours.sum(axis=0)
+    shown = (lit @ colours + ambient * white) / ((1 + ambient) * np.maximum(white, 1e-9))
+    return np.asarray(to_srgb(np.clip(shown, 0.0, 1.0)))
+
+
+def separate(
+    image: Image.Image,
+    names: Sequence[str],
+    colours: Array,
+    what: str,
+    ambient: float = 0.0,
+    most: int = 0,
+) -> Separation:
+    """The masks of lamps of these linear colours (n, 3) for a picture, which an error names as `what`.
+
+    Args:
+        most: no more mixtures than that are used, those that take most of the picture; 0: all.
+
+    Raises:
+        InputError: the picture is grey, or a lamp is hidden nowhere.
+    """
+    image = _flatten(image)
+    srgb = np.asarray(image, dtype=np.float64) / 255
+    lab = to_oklab(srgb)
+    if (np.hypot(lab[..., 1], lab[..., 2]) > _GREY).mean() < _COLOURED:
+        raise InputError(
+            what,
+            "it is grey: lamps of several colours have nothing to mix for it",
+            "Build it without --lamps, or give a picture in colours.",
+        )
+    shown = mixtures_of(colours, ambient)
+    palette = to_oklab(shown)
+    labels: Labels = _nearest(lab, palette, np.arange(len(palette), dtype=np.int64))
+    labels = _without_seams(srgb, labels)
+    if most:
+        counts = np.bincount(labels.ravel(), minlength=len(palette))
+        kept = np.sort(np.argsort(-counts, kind="stable")[: max(most, 2)]).astype(np.int64)
+        labels = _without_seams(srgb, _nearest(lab, palette, kept))
+    labels = _without_specks(labels, (_SPECK * max(labels.shape)) ** 2)
+    masks = np.stack([(labels >> k & 1).astype(bool) for k in range(len(colours))])
+    for name, mask in zip(names, masks, strict=True):
+        if not mask.any():
+            raise InputError(
+                what,
+                f"none of its colours hides the lamp {name!r}",
+                f"Leave {name} out, or give a picture in which a colour without {name} stands.",
+            )
+    seen = shown[labels]
+    off = np.linalg.norm(lab - palette[labels], axis=-1)
+    taken = np.bincount(labels.ravel(), minlength=len(palette)) / labels.size
+    shares = {_bits(k, len(colours)): float(c) for k, c in enumerate(taken) if c > 0}
+    return Separation(
+        masks, seen, shares, float(off.mean()), _tell(srgb, off, seen), encode_image(image)
+    )
+
+
+def read_masks(
+    source: str, scene: Scene, base: Path | None = None
+) -> tuple[tuple[Target, ...], Separation]:
+    """The masks of a scene's lamps, in their order, for the picture in colours at `source`.
+
+    Args:
+        base: as `read_target` takes it.
+
+    Raises:
+        InputError: the picture cannot be read, or lamps cannot show it.
+    """
+    names = [view.name for view in scene.views]
+    colours = np.array([view.lamp_colour for view in scene.views])
+    found = separate(
+        read_image(source, base=base),
+        names,
+        colours,
+        shown(source),
+        scene.room.ambient,
+        scene.lamps.colours,
+    )
+    plain = name_picture(source)
+    targets = list[Target]()
+    for name, mask in zip(names, found.masks, strict=True):
+        height, width = mask.shape
+        drawn = encode_image(Image.fromarray(~mask))
+        rule = f"where the lamp {name} must be hidden for the nearest mixture of colours"
+        colours_png = found.png if not targets else None
+        targets.append(
+            Target(
+                f"{plain}-{name}", mask, drawn, width, height, rule=rule, colours_png=colours_png
+            )
+        )
+    return tuple(targets), found
+
+
+def on_one_canvas(targets: tuple[Target, ...]) -> tuple[Target, ...]:
+    """Pictures that lamps show one after the other, each in the middle of one canvas for all."""
+    if len({target.mask.shape for target in targets}) == 1:
+        return targets
+    # all as high as the first, and as wide as the widest then
+    height = targets[0].height
+    widths = [round(t.width * height / t.height) for t in targets]
+    found = []
+    for target, width in zip(targets, widths, strict=True):
+        aside = 0.5 * (max(widths) - width) * target.height / height
+        box = (-aside, 0.0, target.width + aside, float(target.height))
+        mask = resample_mask(target.mask, max(widths), height, box) >= 0.5
+        drawn = encode_image(Image.fromarray(~mask))
+        rule = f"{target.rule}; on a canvas of {mask.shape[1]} x {height} px that all share"
+        found.append(Target(target.name, mask, drawn, mask.shape[1], height, rule=rule))
+    return tuple(found)
+
+
+def _flatten(image: Image.Image) -> Image.Image:
+    """The picture on white paper, in RGB, of at most `_LARGEST_PX` on its longer side."""
+    image = image.convert("RGBA")
+    paper = Image.new("RGBA", image.size, "white")
+    paper.alpha_composite(image)
+    flat = paper.convert("RGB")
+    flat.thumbnail((_LARGEST_PX, _LARGEST_PX), Image.Resampling.LANCZOS)
+    return flat
+
+
+def _bits(label_: int, count: int) -> tuple[int, ...]:
+    return tuple(k for k in range(count) if label_ >> k & 1)
+
+
+def _nearest(lab: Array, palette: Array, kept: Labels) -> Labels:
+    """(H, W) which row of the palette each pixel is nearest to, of those in `kept`; alike ones are one."""
+    weight = np.array([_LIGHTNESS, 1.0, 1.0])
+    apart = [
+        k
+        for n, k in enumerate(kept.tolist())
+        if all(np.linalg.norm(palette[k] - palette[j]) > _SAME for j in kept[:n])
+    ]
+    best = np.full(lab.shape[:2], np.inf)
+    found = np.zeros(lab.shape[:2], dtype=np.int64)
+    for k in apart:
+        away = (((lab - palette[k]) * weight) ** 2).sum(axis=-1)
+        nearer = away < best
+        best[nearer], found[nearer] = away[nearer], k
+    return found
+
+
+def _without_seams(srgb: Array, labels: Labels) -> Labels:
+    """The labels, where a pixel that lies between two flat colours beside it has that of the nearer one."""
+    spread = np.max(
+        [maximum_filter(c, 3) - minimum_filter(c, 3) for c in np.moveaxis(srgb, -1, 0)], axis=0
+    )
+    rows, columns = np.nonzero(spread > _FLAT)
+    found = labels.copy()
+    height, width = labels.shape
+    for reach in _REACH_PX:
+        best, name = np.full(len(rows), np.inf), np.zeros(len(rows), dtype=np.int64)
+        for down, right in ((0, 1), (1, 0), (1, 1), (1, -1)):
+            (a, b), (c, d) = (
+                (
+                    np.clip(rows + sign * reach * down, 0, height - 1),
+                    np.clip(columns + sign * reach * right, 0, width - 1),
+                )
+                for sign in (1, -1)
+            )
+            one, here = srgb[a, b], srgb[rows, columns]
+            way = srgb[c, d] - one
+            along = ((here - one) * way).sum(-1) / np.maximum((way * way).sum(-1), 1e-9)
+            beside = np.linalg.norm(here - one - along[:, None] * way, axis=-1)
+            between = (labels[a, b] != labels[c, d]) & (along > 0) & (along < 1)
+            between &= (beside < _BESIDE) & (beside < best)
+            best[between] = beside[between]
+            nearer = np.where(along < 0.5, labels[a, b], labels[c, d])
+            name[between] = nearer[between]
+        settled = np.isfinite(best)
+        found[rows[settled], columns[settled]] = name[settled]
+        rows, columns = rows[~settled], columns[~settled]
+    return found
+
+
+def _without_specks(labels: Labels, least_px: float) -> Labels:
+    """The labels with spots of fewer pixels given to what lies about them."""
+    small = np.zeros(labels.shape, dtype=bool)
+    for k in np.unique(labels):
+        parts, count = label(labels == k)
+        sizes = np.bincount(parts.ravel(), minlength=count + 1)
+        sizes[0] = labels.size
+        small |= (sizes < least_px)[parts]
+    if not small.any() or small.all():
+        return labels
+    rows, columns = distance_transform_edt(small, return_distances=False, return_indices=True)
+    return np.asarray(labels[rows, columns])
+
+
+def _tell(srgb: Array, off: Array, seen: Array) -> tuple[str, ...]:
+    """Which colours of the picture cannot be mixed, and what is seen in their place, the largest first."""
+    far = off > _TOLD[0]
+    if far.mean() < _TOLD[1]:
+        return ()
+    steps = np.rint(srgb * 7).astype(np.int64)  # colours that are alike are one
+    keys = (steps[..., 0] * 8 + steps[..., 1]) * 8 + steps[..., 2]
+    names, counts = np.unique(keys[far], return_counts=True)
+    told = []
+    for key in names[np.argsort(-counts, kind="stable")][:4]:
+        at = far & (keys == key)
+        if at.mean() < 0.5 * _TOLD[1]:
+            break
+        told.append(f"{_hex(srgb[at])} as {_hex(seen[at])} ({100 * at.mean():.0f} %)")
+    rest = "" if not told else ": " + ", ".join(told)
+    return (
+        f"{100 * far.mean():.0f} % of the picture has colours that these lamps cannot mix{rest}",
+    )
+
+
+def _hex(pixels: Array) -> str:
+    """The middle one of some colours (n, 3), as #rrggbb."""
+    return "#{:02x}{:02x}{:02x}".format(*np.rint(255 * np.median(pixels, axis=0)).astype(int))
