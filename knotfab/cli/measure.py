@@ -98,6 +98,8 @@ def compare(
     click: Flag = False,
     view: str | None = None,
     out: Place = Path("knotfab-compare.png"),
+    fix: Flag = False,
+    build: Flag = False,
     json: Flag = False,
 ) -> int:
     """Compare a photograph of the real shadow with the picture, and say which way to move the lamp.
@@ -117,6 +119,11 @@ def compare(
         Name of the view; the first by default.
     out
         The PNG that shows where shadow and picture differ.
+    fix
+        Also write FOLDER/fixed.toml, the scene with the lamp where it stands, and say what moving the lamp
+        alone would bring, and what a new part would.
+    build
+        Build that new part too, into FOLDER-fixed.
     json
         Print the figures as JSON.
     """
@@ -134,8 +141,20 @@ def compare(
         return 0
     found = compare_photo(photo, folder, corners, view)
     write_comparison(found, out)
-    print_comparison(found, out, json)
-    return 0
+    plan = None
+    if fix or build:
+        from knotfab.compare.fix import plan_fix
+
+        plan = plan_fix(found, folder, view)
+    print_comparison(found, out, json, plan)
+    if plan is None or not build:
+        return 0
+    from knotfab.cli.make import build as build_part
+    from knotfab.options import BuildOptions
+
+    place = folder.resolve()
+    options = BuildOptions(scene=plan.scene, out=place.with_name(f"{place.name}-fixed"), quiet=json)
+    return build_part(options=options)
 
 
 def tradeoff(

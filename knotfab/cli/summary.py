@@ -11,6 +11,7 @@ from knotfab.verify.checks import mark_of
 
 if TYPE_CHECKING:
     from knotfab.compare.compare import Comparison
+    from knotfab.compare.fix import Fix
     from knotfab.doctor import Finding
     from knotfab.preview.readings import TriedReading
     from knotfab.preview.survey import Survey
@@ -139,14 +140,16 @@ def _graceful(knots: list[dict[str, Any]]) -> str:
     return f", curvature × radius {mean:.2f} (90% below {most:.2f}), {turns:.0f} turns"
 
 
-def print_comparison(found: Comparison, picture: Path, json: bool) -> None:
+def print_comparison(found: Comparison, picture: Path, json: bool, plan: Fix | None = None) -> None:
     """How like the picture the photographed shadow is, where not, and what to do, or all of it as JSON."""
     import json as codec
 
     from knotfab.compare.compare import advise
+    from knotfab.compare.fix import tell_fix
 
     if json:
-        print(codec.dumps({**found.to_dict(), "picture": str(picture)}))
+        fix = {} if plan is None else {"fix": plan.to_dict()}
+        print(codec.dumps({**found.to_dict(), "picture": str(picture), **fix}))
         return
     print(
         f"{tell_share(found.iou)} alike: {found.missing:.1%} of the picture is missing, "
@@ -154,6 +157,8 @@ def print_comparison(found: Comparison, picture: Path, json: bool) -> None:
     )
     if advice := advise(found):
         print(f"  {advice}")
+    for line in () if plan is None else tell_fix(plan, found):
+        print(f"  {line}")
     print(f"  {picture} shows where they differ: blue is missing, red is spilled.")
 
 

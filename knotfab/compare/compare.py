@@ -33,7 +33,7 @@ from knotfab.scene.camera import Camera, camera_of
 from knotfab.scene.load import load_scene
 from knotfab_formats.scene import ResolvedView, Scene
 
-__all__ = ["Comparison", "advise", "compare_photo", "read_photo", "write_comparison"]
+__all__ = ["Comparison", "advise", "compare_photo", "open_view", "read_photo", "write_comparison"]
 
 _LONGER_PX = 640
 _MARGIN = 0.15  # of the frame on each side, so that spill counts
@@ -106,21 +106,9 @@ def compare_photo(
     Raises:
         InputError: a file cannot be read, the frame is not found, or nothing in it is in shadow.
     """
-    scene, view, suffix = _read_view(folder, view_name)
-    if view.wall_radius_mm != "flat":
-        raise InputError(
-            f"view {view.name}",
-            "its wall is round, and a photograph is straightened as one of a flat wall",
-            "Compare a view whose wall is flat (--view NAME)",
-        )
+    scene, view, _, (camera, wanted, pad), knots = open_view(folder, view_name)
     image = read_photo(photo)
-    if view.tone == "lines":
-        target = read_target(view.lines_picture, base=folder)
-    else:
-        target = read_target(view.picture, view, base=folder)
-    longer = max(target.width, target.height)
-    width, height = (max(1, round(s * _LONGER_PX / longer)) for s in (target.width, target.height))
-    pad = _margin_px(scene, view, width)
+    width, height = camera.width - 2 * pad[0], camera.height - 2 * pad[1]
     grey = image @ (0.299, 0.587, 0.114)
     marks = None
     if corners is not None:
@@ -130,10 +118,6 @@ def compare_photo(
         at = through(homography(cards, marks), _corners_of(view))
     else:
         at = _corners_of_plate(image, scene, view, str(photo))
-    asked = sample_mask(target.asked, width, height)
-    wanted = np.pad(asked, ((pad[1], pad[1]), (pad[0], pad[0])))
-    camera = camera_of(view, width, height).padded(*pad)
-    knots = _read_knots(folder / f"knots{suffix}.json", scene)
 
     def look(at: Array) -> tuple[Mask, float]:
         """The shadow in the frame of these corners, and its IoU with the picture."""
@@ -163,6 +147,38 @@ def compare_photo(
         _tell(at),
         _find_orders(at, _best_iou(iou, lamp), look_roughly),
     )
+
+
+def open_view(
+    folder: Path, name: str | None
+) -> tuple[Scene, ResolvedView, str, tuple[Camera, Mask, tuple[int, int]], Knots | None]:
+    """What a build wrote of a view: scene, view, the suffix of its files, its picture, and its knots.
+
+    The picture is that of a camera with a margin about the frame, of so many px to a side, as a photograph
+    is looked at.
+
+    Raises:
+        InputError: there is no such view, a file cannot be read, or the wall is round.
+    """
+    scene, view, suffix = _read_view(folder, name)
+    if view.wall_radius_mm != "flat":
+        raise InputError(
+            f"view {view.name}",
+            "its wall is round, and a photograph is straightened as one of a flat wall",
+            "Compare a view whose wall is flat (--view NAME)",
+        )
+    if view.tone == "lines":
+        target = read_target(view.lines_picture, base=folder)
+    else:
+        target = read_target(view.picture, view, base=folder)
+    longer = max(target.width, target.height)
+    width, height = (max(1, round(s * _LONGER_PX / longer)) for s in (target.width, target.height))
+    pad = _margin_px(scene, view, width)
+    asked = sample_mask(target.asked, width, height)
+    wanted = np.pad(asked, ((pad[1], pad[1]), (pad[0], pad[0])))
+    camera = camera_of(view, width, height).padded(*pad)
+    knots = _read_knots(folder / f"knots{suffix}.json", scene)
+    return scene, view, suffix, (camera, wanted, pad), knots
 
 
 def _best_iou(iou: float, lamp: LampFit | None) -> float:

@@ -21,17 +21,18 @@ from scipy import ndimage
 
 from knotfab.base.arrays import Array, Mask
 from knotfab.base.errors import InputError
-from knotfab.compare.compare import advise, compare_photo
-from knotfab.compare.lamp import find_lamp
+from knotfab.compare.compare import Comparison, advise, compare_photo
+from knotfab.compare.fix import Fix, plan_fix, tell_fix
+from knotfab.compare.lamp import LampFit, find_lamp
 from knotfab.compare.marks import find_marks
 from knotfab.compare.rectify import homography, through
 from knotfab.drawing.pages import PAPERS
-from knotfab.knots import Knot, Knots
+from knotfab.knots import Knot, Knots, read_knots
 from knotfab.mount.marks import card_middles, draw_marks_page
 from knotfab.part.write import make_pose
 from knotfab.scene.camera import Camera, camera_of
 from knotfab.scene.load import dump_scene, load_scene
-from knotfab_formats.scene import Mount, ResolvedView, Scene
+from knotfab_formats.scene import Accuracy, Mount, ResolvedView, Scene
 
 VIEW = ResolvedView(
     name="front", picture="picture-front.png", frame_width_mm=160.0, frame_height_mm=120.0
@@ -57,18 +58,18 @@ def shaded(moved: tuple[float, float, float]) -> Array:
     return np.asarray(ndimage.gaussian_filter(dark.astype(float), 0.8))
 
 
-def darkened(camera: Camera, eye: Array) -> Mask:
+def darkened(camera: Camera, eye: Array, knots: Knots = KNOTS) -> Mask:
     """(H, W) whether the ray from the lamp to each pixel meets a tube: point by point, finely sampled."""
     v, u = np.mgrid[: camera.height, : camera.width]
     rays = camera.corner + u[..., None] * camera.du + v[..., None] * camera.dv - eye
     rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
     dark = np.zeros(u.shape, dtype=bool)
-    for knot in KNOTS.knots:
+    for knot in knots.knots:
         ahead = np.roll(knot.points, -1, axis=0)
         for share in (0.0, 0.5):
             for point in knot.points + share * (ahead - knot.points) - eye:
                 off = np.linalg.norm(point - rays * (rays @ point)[..., None], axis=-1)
-                dark |= off < KNOTS.radius_mm
+                dark |= off < knots.radius_mm
     return dark
 
 
@@ -155,6 +156,53 @@ def test_a_lamp_beside_its_place_is_found(
     assert np.allclose(fitted[:2], moved[:2], atol=1.5)
     assert fitted[2] == pytest.approx(moved[2], abs=12)
     assert all(f" mm {way}" in advise(found) for way in advice)
+
+
+@pytest.mark.build
+def test_a_part_is_built_for_the_lamp_as_it_stands(folder: Path, tmp_path: Path) -> None:
+    """What is foretold of it is what its own shadow brings, thrown by the lamp that stood there."""
+    moved, place = (-12.0, -10.0, 150.0), shutil.copytree(folder, tmp_path / "ring")
+    scene = load_scene(place / "scene.toml")
+    keys = {"mount": Mount(kind="none"), "accuracy": Accuracy(name="sketch")}
+    (place / "scene.toml").write_text(dump_scene(scene.model_copy(update=keys)))
+    photo = photograph(tmp_path / "photo.png", moved)
+    out = ("--out", tmp_path / "out.png", "--build", "--json")
+    done = knotfab("compare", photo, place, "--corners", *words(), *out)
+    assert done.code == 0, done.err
+    told = json.loads(done.out)
+    fix, view = told["fix"], load_scene(place / "fixed.toml").views[0]
+    assert Path(fix["scene"]) == place / "fixed.toml"
+    assert view.light_distance_mm == pytest.approx(VIEW.light_distance_mm + moved[2], abs=20)
+    assert fix["right_mm"] == pytest.approx(moved[0], abs=2)
+    assert fix["up_mm"] == pytest.approx(moved[1], abs=2)
+    assert told["iou"] < 0.9 < 0.95 < min(fix["moved_iou"], fix["new_iou"])
+    built = tmp_path / "ring-fixed"
+    pose = load_scene(built / "scene.toml").pose
+    assert pose is not None
+    knots = read_knots(built / "knots.json").moved(np.array(pose.matrix))
+    lamp = {"light_distance_mm": VIEW.light_distance_mm + moved[2]}  # it hangs before the lamp
+    camera = camera_of(VIEW.model_copy(update=lamp), 160, 120)
+    wanted = shaded((0.0, 0.0, 0.0))[30:-30, 30:-30] > 0.5
+    thrown = darkened(camera, camera.eye, knots)
+    iou = (thrown & wanted).sum() / (thrown | wanted).sum()
+    assert iou > 0.93 and iou > told["iou"] + 0.08
+    foretold = Fix(Path(fix.pop("scene")), **fix)
+    said = " ".join(tell_fix(foretold, Comparison(told["iou"], 0.1, 0.1, None, b"")))
+    assert "Moving the lamp alone would bring 97." in said and "12 mm left and 10 mm down" in said
+
+
+def test_a_scene_is_fixed_only_where_the_lamp_is_known(
+    folder: Path, unknown: Path, tmp_path: Path
+) -> None:
+    found = Comparison(0.8, 0.1, 0.1, None, b"")
+    with pytest.raises(
+        InputError, match=r"--fix: .*does not tell where the lamp stood.*knots\.json"
+    ):
+        plan_fix(found, unknown)
+    strange = LampFit(0.0, 0.0, 0.0, 0.1, 0.2)
+    with pytest.raises(InputError, match="does not look like that piece's shadow"):
+        plan_fix(Comparison(0.1, 0.5, 0.5, strange, b""), folder)
+    assert not (folder / "fixed.toml").exists() and not (unknown / "fixed.toml").exists()
 
 
 def begun(at: int) -> list[str]:
