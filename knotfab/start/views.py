@@ -8,7 +8,7 @@ from itertools import product
 
 import numpy as np
 
-from knotfab.base.arrays import Array
+from knotfab.base.arrays import Array, Indices
 from knotfab.base.errors import SceneError
 from knotfab.geometry.polylines import polylines_of
 from knotfab.problem import Problem, Start, TargetView
@@ -24,8 +24,11 @@ __all__ = ["start_between_views", "start_facing", "start_ious"]
 _SEEN_PX = 160
 _REACH = 1.2  # how far from the middle strands may go, against how far silhouettes reach
 _TURNS = (0.0, 45.0)  # degrees of the lattices that are tried, from where its edges face no view
+_BRIEF = 5  # times fewer moves, where lattices are compared
 _SHIFTS = ((0.0, 0.0, 0.0), (0.5, 0.5, 0.5))  # of a pitch
-_SPILL = 0.5  # tube radii that a ball of the tube may stand out of a silhouette
+# tube radii that a ball of the tube may stand out of a silhouette: what it draws outside counts against
+# its edge, and strokes hardly wider than the tube get strands that go there and back
+_SPILL = 1.0
 _GROWN = (
     "grown from disjoint unit squares on a lattice, each move over an empty square: an isotopy, and so an "
     "unlink of unknots; its corners rounded within half an edge, where no other strand is"
@@ -39,7 +42,7 @@ def start_between_views(
     knots: int | None = None,
     spacing: float = 1.0,
 ) -> Start:
-    """The start that grows in the visual hull, on the lattice that draws best the picture it draws worst.
+    """The start that grows in the visual hull, on the lattice whose curves draw best the worst picture.
 
     Args:
         radius: of the tube, mm.
@@ -53,12 +56,19 @@ def start_between_views(
     pitch = 1.001 * max(limits.separation, 2.0 * spacing * radius)
     sights, worth = sights_of(problem.views, radius)
     reach = _REACH * max(float(np.abs(p.bounds).max()) for p in problem.polygons)
+    how = Growth(seed=settings.seed)
+    brief = replace(how, moves=how.moves // _BRIEF)
+
+    def grow(lattice: Lattice, seeds: list[Indices], how: Growth) -> Start:
+        curves = grow_curves(lattice, worth, edge_worth(lattice, worth), seeds, how)
+        start = Start(tuple(_round_corners(lattice.nodes[c]) for c in curves), _GROWN, facing=None)
+        return replace(start, ious=start_ious(problem, start, radius))
+
     best: tuple[float, Lattice] | None = None
     for axes, shift in _lattices(problem.views):
         lattice = lattice_in(sights, axes, shift, pitch, reach, limits, _SPILL)
-        seen = np.zeros(len(worth))
-        seen[lattice.drawn_by(np.unique(lattice.squares(lattice.open)))] = 1.0
-        drawn = float(np.add.reduceat(seen * worth, [s.first for s in sights]).min())
+        seeds = seed_squares(lattice, worth, None)
+        drawn = min(grow(lattice, seeds, brief).ious) if seeds else 0.0
         if best is None or drawn > best[0]:
             best = drawn, lattice
     assert best is not None
@@ -76,10 +86,7 @@ def start_between_views(
             f"what the pictures leave has room for {len(seeds)} of a tube {2 * radius:g} mm thick",
             "Ask for fewer, or give a smaller radius (--tube-radius)",
         )
-    unit = edge_worth(lattice, worth)
-    curves = grow_curves(lattice, worth, unit, seeds, Growth(seed=settings.seed))
-    start = Start(tuple(_round_corners(lattice.nodes[c]) for c in curves), _GROWN, facing=None)
-    return replace(start, ious=start_ious(problem, start, radius))
+    return grow(lattice, seeds, how)
 
 
 def start_facing(problem: Problem, radius: float, settings: SearchSettings) -> Start:

@@ -133,9 +133,16 @@ def test_the_tube_along_a_line_is_no_thinner_than_asked(
     assert asked <= again < asked + 2e-3
 
 
-@pytest.mark.parametrize(("start", "thinner"), [(0.6, True), (0.9, False)])
-def test_where_several_views_have_but_a_poor_start_a_thinner_tube_is_tried(
-    start: float, thinner: bool, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ("starts", "tried", "taken"),
+    [
+        ([0.9], 1, 0),
+        ([0.6, 0.8, 0.9], 3, 2),
+        ([0.6, 0.795, 0.8], 3, 1),  # as thin as can be printed, and hardly better
+    ],
+)
+def test_thinner_tubes_are_tried_until_the_start_of_several_views_will_do(
+    starts: list[float], tried: int, taken: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     disc = MultiPolygon([Point(0, 0).buffer(40.0)])
     asked = Question(resolve(Scene()), ask_views([disc] * 3, 0.0, 60.0, 120.0))
@@ -143,9 +150,22 @@ def test_where_several_views_have_but_a_poor_start_a_thinner_tube_is_tried(
 
     def begin(_: _Trials, radius: float) -> float:
         begun.append(radius)
-        return start if len(begun) == 1 else 0.8
+        return starts[len(begun) - 1]
 
     monkeypatch.setattr(_Trials, "begin", begin)
     choice = choose_radius(asked, DRAFT)
-    assert len(begun) == 1 + thinner and choice.radius_mm == begun[-1] == min(begun)
-    assert [trial.radius_mm for trial in choice.trials] == sorted(begun)
+    assert len(begun) == tried and begun == sorted(begun, reverse=True)
+    assert choice.radius_mm == begun[taken] and begun[-1] >= asked.scene.printer.min_tube_radius_mm
+
+
+def test_where_the_usual_tube_is_too_thick_for_several_pictures_no_thinner_one_is_taken_than_will_do(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    disc = MultiPolygon([Point(0, 0).buffer(40.0)])
+    asked = Question(resolve(Scene()), ask_views([disc] * 2, 0.0, 90.0))
+    monkeypatch.setattr(_Trials, "score", lambda _, radius: 1.0 if radius < 1.3 else 0.5)
+    monkeypatch.setattr(_Trials, "begin", lambda _, radius: 1.0 - 0.1 * radius)
+    tried = choose_radius(asked, DRAFT)
+    begun = [t.radius_mm for t in tried.trials if not np.isnan(t.trial_iou)]
+    thin = [t.radius_mm for t in tried.trials if t.template_iou == 1.0]
+    assert len(begun) == 1 < len(thin) and tried.radius_mm == begun[0] == max(thin)
