@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from knotfab.base.arrays import Array
+from knotfab.base.errors import InputError
+from knotfab.picture.fonts import find_font, supply_fonts
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,6 +27,7 @@ __all__ = [
     "Drawing",
     "Paper",
     "Tile",
+    "choose_fonts",
     "draw_facts",
     "draw_foot",
     "draw_ruler",
@@ -104,9 +108,40 @@ def write_pages(path: Path, title: str, pages: Iterable[Figure]) -> int:
     count = 0
     with rc_context(settings), PdfPages(path, metadata=about) as pdf:
         for page in pages:
+            choose_fonts(page)
             pdf.savefig(page)
             count += 1
     return count
+
+
+def choose_fonts(page: Figure) -> None:
+    """Give each text of a page the fonts that have its letters; letters that none has are told by number."""
+    from matplotlib.font_manager import FontProperties, fontManager
+    from matplotlib.text import Text
+
+    for text in page.findobj(Text):
+        assert isinstance(text, Text)
+        families, lacking = ["DejaVu Sans"], ""
+        for letter in dict.fromkeys(text.get_text()):
+            if letter.isspace():
+                continue
+            try:
+                path = find_font(letter, supply_fonts(None), "the page")
+            except InputError:
+                lacking += letter
+            else:
+                fontManager.addfont(path)
+                families.append(FontProperties(fname=path).get_name())
+        text.set_fontfamily(list(dict.fromkeys(families)))
+        if lacking:
+            run = re.compile(f"[{re.escape(lacking)}]+")
+            text.set_text(run.sub(_name_letters, text.get_text()))
+
+
+def _name_letters(found: re.Match[str]) -> str:
+    """What stands for letters that no font of this machine has."""
+    more = " …" if len(found[0]) > 1 else ""
+    return f"[no font here for U+{ord(found[0][0]):04X}{more}]"
 
 
 def make_page(paper: Paper) -> tuple[Figure, Axes]:

@@ -18,7 +18,7 @@ from knotfab.drawing.dimensions import (
     length,
     project_outlines,
 )
-from knotfab.drawing.pages import PAPERS, Box, make_page, write_pages
+from knotfab.drawing.pages import PAPERS, Box, choose_fonts, make_page, write_pages
 from knotfab.mount.marks import draw_marks_page
 from knotfab.mount.mount import Mounted
 from knotfab.mount.placement import Placement, placement_of
@@ -107,6 +107,7 @@ def write_setup(
     write_pages(folder / names[0], "Setting up", [*pages, sheets.marks])
     settings: Any = {"svg.hashsalt": "knotfab", "path.simplify": False}
     about = {"Date": None, "Creator": "knotfab", "Title": "Setting up"}
+    choose_fonts(pages[0])
     with rc_context(settings):
         pages[0].savefig(folder / names[1], metadata=about)
     return names

@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from knotfab.base.errors import InputError
-from knotfab.files.folder import REJECTED
+from knotfab.files.moves import REJECTED, mend
 from knotfab.files.whole import write_whole
 from knotfab.studio.pictures import StudioPicture
 
@@ -89,6 +89,8 @@ class Builds:
         self.folder = folder / BUILDS
         self._starts, self._records = folder / _STARTS, folder / _RECORDS
         self.records: dict[str, Record] = {}
+        for held in _children(self.folder):
+            mend(held)
         for path in sorted(self._records.glob("[!.]*.json")):
             with contextlib.suppress(OSError, ValueError):
                 self.records[path.stem] = Record.model_validate_json(path.read_bytes())
@@ -115,6 +117,7 @@ class Builds:
 
     def end(self, name: str, phase: str, sentence: str) -> None:
         """Write down how it ended; of one that left neither a result nor knots nothing stays."""
+        mend(self.folder / name)
         record = self.records.get(name)
         if record is None:
             return

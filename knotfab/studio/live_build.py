@@ -83,7 +83,7 @@ class LiveBuild:
     ) -> None:
         self._tell = tell
         self._ended = threading.Event()
-        call = ["build", *arguments, f"--out={folder}", "--quiet", "--events=-"]
+        call = ["build", f"--out={folder}", "--quiet", "--events=-", *arguments]
         self._child = spare.take(call)
         threading.Thread(target=self._wait, daemon=True).start()
 

@@ -255,9 +255,9 @@ class Studio(Broadcast):
             kind=self.kind,
             settings=dict(self.settings.values),
         )
-        arguments = [*self._sources(), *list_arguments(self._options())]
-        if go_on:
-            arguments.append(f"--start={start}")
+        further = [f"--start={start}"] if go_on else []
+        # what comes after "--" is no option, whatever it is called
+        arguments = [*list_arguments(self._options()), *further, "--", *self._sources()]
         name = self.builds.begin(folder_after(self.chosen, self.kind), record)
         loop = asyncio.get_running_loop()
         out = self.builds.folder / name

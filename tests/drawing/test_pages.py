@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -67,3 +68,14 @@ def test_pages_are_of_the_papers_size_and_the_same_bytes_again(
     lines = np.concatenate([segments(text) for text in page_contents(tmp_path / "a")])
     long = np.linalg.norm(lines[:, 2:] - lines[:, :2], axis=1)
     assert (np.abs(long - 100) < 1e-3).any()  # the ruler
+
+
+def test_letters_come_from_a_font_that_has_them_or_are_told_by_number(tmp_path: Path) -> None:
+    page = draw_facts(
+        PAPERS["a4"], "пёс ♞", ["\U0010fffd\U0010fffe, ℵ and a"], "page 1 of 1", "drill"
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # matplotlib warns of letters that it draws as boxes
+        assert write_pages(tmp_path / "a.pdf", "title", [page]) == 1
+    title, fact = (text.get_text() for text in page.axes[0].texts[:2])
+    assert (title, fact) == ("пёс ♞", "[no font here for U+10FFFD …], ℵ and a")

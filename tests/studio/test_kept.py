@@ -231,6 +231,18 @@ def test_a_build_that_ran_when_the_studio_was_killed(tmp_path: Path) -> None:
     assert found == {"cat": "done", "cat 2": "stopped"}  # nothing is left of the third
 
 
+def test_moves_that_a_killed_build_left_are_finished_before_anything_is_listed(
+    tmp_path: Path,
+) -> None:
+    hidden = tmp_path / "builds" / "cat" / ".knotfab-killed"
+    (hidden / "old").mkdir(parents=True)
+    (hidden / "report.json").write_text('{"verdict": {"word": "good"}}')
+    (hidden / "moves.json").write_text(json.dumps([["report.json", "report.json"]]))
+    (listed,) = Builds(tmp_path).listed()
+    assert listed["phase"] == "done" and listed["result"]["verdict"] == "good"
+    assert not hidden.exists()
+
+
 def test_names_are_told_apart_as_disks_do() -> None:
     assert number("Cat", ["cat", "CAT 2"], " ") == "Cat 3" and number("dog", ["cat"], "-") == "dog"
 
