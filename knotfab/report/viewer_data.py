@@ -34,6 +34,7 @@ VIEW_KEYS = (
     "name", "kind", "frame_width_mm", "frame_height_mm", "light_distance_mm", "light_shape",
     "light_diameter_mm", "light_width_mm", "light_height_mm", "light_leds",
     "wall_distance_mm", "wall_tilt_deg", "azimuth_deg", "elevation_deg", "frame_up_mm",
+    "light_right_mm", "light_up_mm", "lamp_colour",
 )  # fmt: skip
 
 
@@ -88,6 +89,9 @@ def viewer_data(
         ],
         "wall_mounted": scene.mount.kind == "wall",
     }
+    if any(view.wall for view in scene.views):
+        lamps = scene.lamps
+        data["lamps"] = {"mode": lamps.mode, "screen": lamps.screen, "ambient": scene.room.ambient}
     if scene.mount.kind != "none":
         data["meshes"] = [_pack_mesh(mesh) for mesh in _mount_of(placed, bodies, matrix)]
     if scene.piece.printed and bodies:

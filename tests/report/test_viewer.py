@@ -18,6 +18,7 @@ from shown_pieces import (
     VIEWS,
     bodies_of,
     geometry_at,
+    lit_scene,
     post,
     scene_of,
     validated_shadow,
@@ -47,6 +48,13 @@ READ = """(args) => {
   const [moved, longer, soft] = args;
   viewer.setLamp(moved);
   const { width, height, data } = viewer.readShadow(longer, soft);
+  let text = "";
+  for (const value of data) text += String.fromCharCode(value);
+  return [width, height, btoa(text)];
+}"""
+
+READ_MIXED = """([longer]) => {
+  const { width, height, data } = viewer.readMixed(longer);
   let text = "";
   for (const value of data) text += String.fromCharCode(value);
   return [width, height, btoa(text)];
@@ -139,6 +147,52 @@ def test_the_iou_is_that_of_picture_and_shadow(bench: Any) -> None:
     assert bench.evaluate("viewer.iou()") > 0.97
     bench.evaluate("viewer.setLamp({height: 60})")
     assert bench.evaluate("viewer.iou()") < 0.6
+
+
+def test_lamps_mix_their_colours_and_are_switched_and_moved(bench: Any) -> None:
+    """What is seen on the wall's own pixels, and the share of the picture that has its right colour."""
+    scene, knots = lit_scene(), wavy_knots()
+    bodies = bodies_of(knots)
+    asked = [validated_shadow(bodies, geometry_at(view, 600)) for view in scene.views]
+    masks = [mask[120:-120, 150:-150] for mask in asked]
+    data = viewer_data(scene, knots, [], masks)
+    bench.evaluate("(data) => viewer.setScene(data)", data)
+    bench.wait_for_function("viewer.right() !== null")
+    assert bench.evaluate("viewer.right()") > 0.98
+    seen = mixed(bench)
+    hidden = np.stack(
+        [mask[::20, ::20] for mask in masks], axis=2
+    )  # the lamp's own channel is dark there
+    rows = np.arange(0, masks[0].shape[0], 20)
+    columns = np.arange(0, masks[0].shape[1], 20)
+    there = seen[
+        np.ix_(
+            _at(rows, masks[0].shape[0], len(seen)), _at(columns, masks[0].shape[1], seen.shape[1])
+        )
+    ]
+    assert ((there > 127) != hidden).mean() > 0.98
+    assert 0.02 < hidden.mean() < 0.5 and len(np.unique(hidden.reshape(-1, 3), axis=0)) >= 5
+    bench.evaluate("viewer.setLit([false, true, false])")
+    assert mixed(bench).reshape(-1, 3).max(axis=0).tolist() == [0, 255, 0]
+    bench.evaluate("viewer.setLit([false, false, false])")
+    assert mixed(bench).max() == 0
+    bench.evaluate("viewer.setLit([true, true, true]); viewer.setLamp({side: -50})")
+    assert bench.evaluate("viewer.right()") < 0.95
+    bench.evaluate(
+        "(data) => viewer.setScene(data)", viewer_data(lit_scene("switch"), knots, [], masks)
+    )
+    bench.wait_for_function("viewer.iou() !== null")
+    assert bench.evaluate("viewer.iou()") > 0.97 and bench.evaluate("viewer.right()") is None
+
+
+def mixed(bench: Any) -> np.ndarray:
+    """(H, W, 3) 0 to 255, linear, what all lamps throw together into the frame."""
+    width, height, text = bench.evaluate(READ_MIXED, [300])
+    return np.frombuffer(base64.b64decode(text), dtype=np.uint8).reshape(height, width, 3)
+
+
+def _at(places: np.ndarray, pixels: int, wanted: int) -> np.ndarray:
+    return np.floor((places + 0.5) / pixels * wanted).astype(int)
 
 
 def test_tubes_are_replaced_while_one_looks(bench: Any) -> None:

@@ -83,3 +83,19 @@ def scene_of(views: list[ResolvedView], mount: str = "wall", matrix: Array | Non
             "pose": {"matrix": (np.eye(4) if matrix is None else matrix).tolist()},
         }
     )
+
+
+LAMPS = {"red": ((1.0, 0.0, 0.0), -70.0, 0.0), "green": ((0.0, 1.0, 0.0), 10.0, 60.0)}
+LAMPS |= {"blue": ((0.0, 0.0, 1.0), 70.0, -10.0)}
+"""Name of a lamp: its colour, and how far beside and above the axis it stands, mm."""
+
+
+def lit_scene(mode: str = "mix") -> Any:
+    """A scene of three lamps on one screen."""
+    views = [
+        view_of(name=name, lamp_colour=colour, light_right_mm=right, light_up_mm=up)
+        for name, (colour, right, up) in LAMPS.items()
+    ]
+    views = [views[0], *(view.model_copy(update={"wall": views[0].name}) for view in views[1:])]
+    scene = scene_of(views, "none")
+    return scene.model_copy(update={"lamps": scene.lamps.model_copy(update={"mode": mode})})

@@ -20,8 +20,8 @@ export function setupOf(view) {
   const distance = view.light_distance_mm;
   return {
     distance: Number.isFinite(distance) && distance > 0 ? distance : Infinity,
-    height: 0,
-    side: 0,
+    height: view.light_up_mm ?? 0,
+    side: view.light_right_mm ?? 0,
     diameter: lampSize(view),
     tilt: view.wall_tilt_deg ?? 0,
     turn: 0,

@@ -88,8 +88,9 @@ export function buildPanel(root, stage) {
     slider(`${what} distance`, [0, 1, 0.001], () => shareOf(stage.lamp.distance, scene),
       (share) => stage.setLamp({ distance: distanceAt(share, scene) }),
       () => (Number.isFinite(stage.lamp.distance) ? mm(stage.lamp.distance) : eye ? "far away" : "the sun"));
-    slider(`${what} height`, [-reach, reach, 1], get("height"), set("height"), () => signed(stage.lamp.height, " mm"));
-    slider(`${what} aside`, [-reach, reach, 1], get("side"), set("side"), () => signed(stage.lamp.side, " mm"));
+    const about = (value) => [Math.round(value ?? 0) - reach, Math.round(value ?? 0) + reach, stage.mixes ? 0.5 : 1];
+    slider(`${what} height`, about(view.light_up_mm), get("height"), set("height"), () => signed(stage.lamp.height, " mm"));
+    slider(`${what} aside`, about(view.light_right_mm), get("side"), set("side"), () => signed(stage.lamp.side, " mm"));
     if (eye) return;
     slider("Lamp size", [0, 120, 1], get("diameter"), set("diameter"), () => mm(stage.lamp.diameter));
     slider("Wall tilt", [-45, 45, 0.5], get("tilt"), set("tilt"),
@@ -107,17 +108,31 @@ export function buildPanel(root, stage) {
     groups = [];
     const { data } = stage;
     const shadow = stage.view.kind !== "eye";
-    const places = data.views.length > 1
+    const several = data.views.length > 1 && !stage.mixes;
+    const places = several
       ? data.views.map((view, k) => [view.name, () => choose(k), () => stage.mode === "wall" && stage.index === k])
       : [["In the light", () => stage.setMode("wall"), () => stage.mode === "wall"]];
     if (data.print) places.push(["As printed", () => stage.setMode("print"), () => stage.mode === "print"]);
     if (places.length > 1) groups.push(group("What is shown", places));
-    else bar.append(make("span"));
+    else if (!stage.mixes) bar.append(make("span"));
+    if (stage.mixes)
+      groups.push(group("Lamps, on and off", data.views.map((view, k) => [
+        view.name, () => stage.setLit(stage.lit.map((on, n) => on !== (n === k))), () => stage.lit[k],
+      ])));
     groups.push(group("Seen from", [
       ["Beside", () => stage.look.reset(), null],
       [shadow ? "Lamp" : "Eye", () => stage.look.fromLamp(), null],
       ["Afar", () => stage.look.fromSide(), null],
     ]));
+    if (stage.mixes) {
+      const which = make("select", { ariaLabel: "The lamp that is moved by hand" },
+        ...data.views.map((view, k) => make("option", { value: k, textContent: `Move ${view.name}`, selected: k === stage.index })));
+      which.addEventListener("change", () => {
+        choose(Number(which.value));
+        refresh();
+      });
+      foot.append(which);
+    }
     const box = make("input", { type: "checkbox", checked: stage.compare });
     box.addEventListener("change", () => {
       stage.setCompare(box.checked);
@@ -136,7 +151,8 @@ export function buildPanel(root, stage) {
       stage.resetLamp();
       refresh();
     });
-    foot.append(make("label", {}, box, "Compare with the picture"), key, told, reset);
+    if (!stage.mixes) foot.append(make("label", {}, box, "Compare with the picture"));
+    foot.append(key, told, reset);
     foot.key = key;
     buildTime();
     buildSliders();
@@ -144,7 +160,8 @@ export function buildPanel(root, stage) {
 
   function choose(k) {
     stage.mode = "wall";
-    stage.setView(k);
+    if (stage.mixes) stage.pick(k);
+    else stage.setView(k);
     buildSliders();
   }
 
@@ -197,8 +214,11 @@ export function buildPanel(root, stage) {
     if (measuring) return;
     measuring = setTimeout(() => {
       measuring = 0;
-      const iou = stage.mode === "wall" ? stage.iou() : null;
+      const lit = stage.mode === "wall";
+      const [iou, right] = [lit && !stage.mixes ? stage.iou() : null, lit ? stage.right() : null];
       told.replaceChildren();
+      if (right !== null)
+        told.append("With all lamps on, ", make("b", { textContent: `${(100 * right).toFixed(1)} %` }), " of the picture has its right colour.");
       if (iou !== null)
         told.append("The shadow and the picture share ", make("b", { textContent: `${Math.round(100 * iou)} %` }), " of what either covers.");
     }, 120);
@@ -213,7 +233,7 @@ export function buildPanel(root, stage) {
     for (const show of sliders) show();
     lower.hidden = foot.hidden = !lit;
     for (const box of groups.slice(-1)) for (const button of box.buttons.slice(1)) button.hidden = !lit;
-    foot.key.hidden = !stage.compare;
+    foot.key.hidden = !stage.compare || stage.mixes;
     const { view, data } = stage;
     stage.renderer.domElement.setAttribute("aria-label", lit
       ? `The part in 3D, ${view.kind === "eye" ? "seen by the eye" : "with its lamp and the shadow on the wall"}${data.views.length > 1 ? `: ${view.name}` : ""}`

@@ -32,6 +32,11 @@ const adding = {
   fragmentShader: `precision highp float; in vec2 at; uniform sampler2D map; uniform float share; out vec4 sum;
     void main() { sum = vec4(share * texture(map, at).r); }`,
 };
+const lighting = {
+  ...adding,
+  fragmentShader: `precision highp float; in vec2 at; uniform sampler2D map; uniform vec3 tint; out vec4 sum;
+    void main() { sum = vec4(tint * (1.0 - texture(map, at).r), 1.0); }`,
+};
 
 export class Shadow {
   constructor(renderer) {
@@ -44,13 +49,14 @@ export class Shadow {
     this.scene = new Scene();
     this.eye = new OrthographicCamera(-1, 1, 1, -1, 0, 1);
     this.sum = { map: { value: null }, share: { value: 1 } };
-    this.quad = new Mesh(
-      new PlaneGeometry(2, 2),
-      new RawShaderMaterial({
-        ...adding, glslVersion: GLSL3, uniforms: this.sum, depthTest: false, depthWrite: false,
-        transparent: true, blending: AdditiveBlending, premultipliedAlpha: true,
-      }),
-    );
+    this.light = { map: { value: null }, tint: { value: new Color() } };
+    const added = (shaders, uniforms) => new RawShaderMaterial({
+      ...shaders, glslVersion: GLSL3, uniforms, depthTest: false, depthWrite: false,
+      transparent: true, blending: AdditiveBlending, premultipliedAlpha: true,
+    });
+    this.summing = added(adding, this.sum);
+    this.lighting = added(lighting, this.light);
+    this.quad = new Mesh(new PlaneGeometry(2, 2), this.summing);
     this.quad.frustumCulled = false;
     this.adding = new Scene();
     this.adding.add(this.quad);
@@ -90,13 +96,8 @@ export class Shadow {
     const points = exact ? [[0, 0]] : lamp.length ? lamp : Array(HARD).fill([0, 0]);
     const samples = points.length;
     const { renderer } = this;
-    const before = { target: renderer.getRenderTarget(), auto: renderer.autoClear, color: new Color() };
-    renderer.getClearColor(before.color);
-    const alpha = renderer.getClearAlpha();
-    renderer.setClearColor(0x000000, 0);
-    renderer.autoClear = false;
-    renderer.setRenderTarget(out);
-    renderer.clear();
+    const putBack = this._begin(out);
+    this.quad.material = this.summing;
     for (let i = 0; i < samples; i++) {
       const jitter = exact ? [0, 0] : [((i * 0.618034) % 1) - 0.5, (i + 0.5) / samples - 0.5];
       const shift = new Vector3()
@@ -113,27 +114,63 @@ export class Shadow {
       this.sum.map.value = once.texture;
       renderer.render(this.adding, this.eye);
     }
-    renderer.setRenderTarget(before.target);
-    renderer.autoClear = before.auto;
-    renderer.setClearColor(before.color, alpha);
+    putBack();
     return out;
   }
 
-  /* {width, height, data}: its darkness 0 … 255, rows from the top. */
-  read(target) {
+  /* Draw into a target, which is cleared to a colour; what is returned puts all back as it was. */
+  _begin(target, colour = new Color(0, 0, 0), clear = true) {
+    const { renderer } = this;
+    const [before, auto, color, alpha] =
+      [renderer.getRenderTarget(), renderer.autoClear, renderer.getClearColor(new Color()), renderer.getClearAlpha()];
+    renderer.setClearColor(colour, 0);
+    renderer.autoClear = false;
+    renderer.setRenderTarget(target);
+    if (clear) renderer.clear();
+    renderer.setClearColor(0x000000, 0);
+    return () => {
+      renderer.setRenderTarget(before);
+      renderer.autoClear = auto;
+      renderer.setClearColor(color, alpha);
+    };
+  }
+
+  /* What lamps throw together, in linear colours: a render target.
+
+     `lamps`: [{camera, points, tint}], the tint [r, g, b] in shares of white; `ambient`: that of all other light. */
+  mix(lamps, ambient, options) {
+    let out = null;
+    lamps.forEach(({ camera, points, tint }, k) => {
+      const one = this.render(camera, points, options);
+      out = this._target("mixed", one.width, one.height, LinearFilter);
+      const putBack = this._begin(out, new Color().setRGB(...ambient), k === 0);
+      this.light.map.value = one.texture;
+      this.light.tint.value.setRGB(...tint);
+      this.quad.material = this.lighting;
+      this.renderer.render(this.adding, this.eye);
+      putBack();
+    });
+    return out;
+  }
+
+  /* {width, height, data}: its first channels, 0 … 255, pixel by pixel, rows from the top: of a shadow its darkness. */
+  read(target, channels = 1) {
     const { width, height } = target;
     const rgba = new Uint8Array(4 * width * height);
     this.renderer.readRenderTargetPixels(target, 0, 0, width, height, rgba);
-    const data = new Uint8Array(width * height);
+    const data = new Uint8Array(channels * width * height);
     for (let y = 0; y < height; y++)
-      for (let x = 0; x < width; x++) data[y * width + x] = rgba[4 * ((height - 1 - y) * width + x)];
+      for (let x = 0; x < width; x++)
+        for (let c = 0; c < channels; c++)
+          data[(y * width + x) * channels + c] = rgba[4 * ((height - 1 - y) * width + x) + c];
     return { width, height, data };
   }
 
   dispose() {
-    for (const name of ["once", "soft", "small"]) this[name]?.dispose();
+    for (const name of ["once", "soft", "small", "mixed"]) this[name]?.dispose();
     this.material.dispose();
-    this.quad.material.dispose();
+    this.summing.dispose();
+    this.lighting.dispose();
     this.quad.geometry.dispose();
   }
 }

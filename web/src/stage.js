@@ -25,6 +25,7 @@ import {
 import { cameraOf, padded, setupOf } from "./camera.js";
 import { lampBodies, lampPoints } from "./lamp.js";
 import { Look } from "./look.js";
+import { mixtureOf, shareRight } from "./mixing.js";
 import { Picture } from "./picture.js";
 import { bedOf, supportsOf } from "./print.js";
 import { Shadow } from "./shadow.js";
@@ -91,13 +92,12 @@ export class Stage {
     this.wall.frustumCulled = false;
     this.inset = new Mesh(this.wallGeometry, this.wall.material);
     this.flat.add(this.inset);
-    this.bulb = new Group();
-    this.bulb.matrixAutoUpdate = false;
+    this.bulbs = new Group(); // one for each lamp that is shown
     this.bulbMaterial = new MeshBasicMaterial();
     this.rays = new LineSegments(new BufferGeometry(), new LineBasicMaterial({ transparent: true, opacity: 0.35 }));
     this.rays.frustumCulled = false;
     this.setting = new Group();
-    this.setting.add(this.wall, this.bulb, this.rays);
+    this.setting.add(this.wall, this.bulbs, this.rays);
     this.bed = new Group();
     this.scene.add(this.part, this.setting, this.bed, this.sky, this.sun, this.fill);
   }
@@ -107,6 +107,7 @@ export class Stage {
     this.frames = data.history ?? [];
     this.frame = null; // of the history; null: the part itself
     this.setups = data.views.map(setupOf);
+    this.lit = data.views.map(() => true); // of lamps that mix
     this.pictures?.forEach((picture) => picture.dispose());
     this.pictures = new Map();
     if (!this.renderer) return;
@@ -167,10 +168,27 @@ export class Stage {
     return this.setups[this.index];
   }
 
+  /* Whether several lamps light one screen, all at once. */
+  get mixes() {
+    return this.data.lamps?.mode === "mix" && this.data.views.length > 1;
+  }
+
+  /* Which lamps are switched on, where several mix. */
+  setLit(lit) {
+    this.lit = this.data.views.map((_, k) => Boolean(lit[k]));
+    this._changed();
+  }
+
   setView(index) {
     this.index = index;
     if (!this.renderer) return;
     this.look.reset(false);
+    this._changed();
+  }
+
+  /* Another lamp is moved by hand; who looks stays where they are. */
+  pick(index) {
+    this.index = index;
     this._changed();
   }
 
@@ -195,8 +213,8 @@ export class Stage {
     this._changed();
   }
 
-  cameraNow() {
-    return cameraOf(this.view, this.lamp);
+  cameraNow(index = this.index) {
+    return cameraOf(this.data.views[index], this.setups[index]);
   }
 
   /* Where the piece was moved by hand: turned about its middle, or tilted with the wall that holds it. */
@@ -233,7 +251,11 @@ export class Stage {
 
   /* The picture that the shadow is to be: the view's, or that of a frame of a sequence. */
   get picture() {
-    const source = (this.frame !== null && this.frames[this.frame].picture) || this.view.picture;
+    return this.pictureOf(this.view);
+  }
+
+  pictureOf(view) {
+    const source = (this.frame !== null && this.frames[this.frame].picture) || view.picture;
     if (!source) return null;
     if (!this.pictures.has(source)) this.pictures.set(source, new Picture(source, () => this._changed()));
     return this.pictures.get(source);
@@ -243,6 +265,30 @@ export class Stage {
     this._cast();
     const options = { share: 0.25, longer: Math.round(1.5 * longer), move: this.moved(), exact: !soft, into: "small" };
     return this.shadow.read(this.shadow.render(this.cameraNow(), this._points(), options));
+  }
+
+  /* What all lamps that are on throw together. */
+  _mix(options) {
+    const { tints, other } = mixtureOf(this.data.views, this.lit, this.data.lamps.ambient ?? 0);
+    const lamps = tints.map((tint, k) => ({ camera: this.cameraNow(k), points: this._points(k), tint }));
+    return this.shadow.mix(lamps, other, options);
+  }
+
+  readMixed(longer = 1024) {
+    if (!this.renderer || !this.mixes) return null;
+    this._cast();
+    return this.shadow.read(this._mix({ share: 0, longer, move: this.moved() }), 3);
+  }
+
+  /* The share of the frame in which all lamps are hidden that are to be, and no others; null until that is known. */
+  right(longer = IOU_PX) {
+    if (!this.renderer || !this.mixes) return null;
+    const pictures = this.data.views.map((view) => this.pictureOf(view));
+    if (!pictures.every((picture) => picture?.ready)) return null;
+    this._cast();
+    const options = { share: 0, longer, move: this.moved(), exact: true, into: "small" };
+    const shadows = this.data.views.map((_, k) => this.shadow.read(this.shadow.render(this.cameraNow(k), [], options)));
+    return shareRight(pictures, shadows);
   }
 
   iou(longer = IOU_PX) {
@@ -299,10 +345,7 @@ export class Stage {
     this.wall.matrixWorldNeedsUpdate = true;
     this.wall.visible = !printing;
     const scale = Math.max(this.view.frame_width_mm, this.view.frame_height_mm);
-    this.bulb.visible = camera.lamp !== null && !this.look.atLamp;
     this._light(0.036 * scale);
-    this.bulb.matrix.makeBasis(camera.right, camera.up, camera.back).setPosition(camera.at);
-    this.bulb.matrixWorldNeedsUpdate = true;
     this.rays.visible = !this.look.atLamp;
     const ends = [];
     for (const [s, t] of [[0, 0], [1, 0], [1, 1], [0, 1]]) {
@@ -316,21 +359,34 @@ export class Stage {
     this.fill.position.copy(this.camera.position).normalize();
   }
 
-  /* The lamp's bodies, made anew where it is another one. */
+  /* The bodies of the lamps that are shown, each made anew where it is another one. */
   _light(least) {
-    const { view } = this;
-    const lit = [this.lamp.diameter, least, view.light_shape, view.light_width_mm, view.light_height_mm, view.light_leds].join();
-    if (this.bulb.userData.lit === lit) return;
-    for (const body of this.bulb.children) body.traverse((mesh) => (mesh.geometry?.dispose(), mesh.dispose?.()));
-    this.bulb.clear();
-    this.bulb.add(lampBodies(view, this.lamp.diameter, least, this.bulbMaterial));
-    this.bulb.userData.lit = lit;
+    const { views } = this.data;
+    while (this.bulbs.children.length < views.length)
+      this.bulbs.add(Object.assign(new Group(), { matrixAutoUpdate: false }));
+    this.bulbs.children.forEach((bulb, k) => {
+      const [view, setup] = [views[k], this.setups[k]];
+      bulb.visible = Boolean(view) && (this.mixes ? this.lit[k] : k === this.index) && !this.look.atLamp;
+      if (!bulb.visible) return;
+      const camera = this.cameraNow(k);
+      bulb.visible = camera.lamp !== null;
+      bulb.matrix.makeBasis(camera.right, camera.up, camera.back).setPosition(camera.at);
+      bulb.matrixWorldNeedsUpdate = true;
+      const lit = [setup.diameter, least, view.light_shape, view.light_width_mm, view.light_height_mm, view.light_leds, this.mixes && view.lamp_colour].join();
+      if (bulb.userData.lit === lit) return;
+      for (const body of bulb.children) body.traverse((mesh) => (mesh.geometry?.dispose(), mesh.dispose?.()));
+      bulb.clear();
+      const paint = this.mixes ? new MeshBasicMaterial({ color: new Color().setRGB(...view.lamp_colour) }) : this.bulbMaterial;
+      bulb.add(lampBodies(view, setup.diameter, least, paint));
+      bulb.userData.lit = lit;
+    });
   }
 
   /* Points of the lamp, as large as it was set by hand; none of an eye. */
-  _points() {
-    const { diameter } = this.lamp;
-    return this.view.kind === "eye" || !(diameter > 0) ? [] : lampPoints(this.view, diameter);
+  _points(index = this.index) {
+    const { diameter } = this.setups[index];
+    const view = this.data.views[index];
+    return view.kind === "eye" || !(diameter > 0) ? [] : lampPoints(view, diameter);
   }
 
   _draw() {
@@ -345,12 +401,15 @@ export class Stage {
       const eye = this.view.kind === "eye";
       const fine = Math.round(1.6 * Math.max(width, height) * renderer.getPixelRatio());
       const options = { share: WIDE, longer: Math.min(SHADOW_PX, fine), move: this.moved() };
-      const target = this.shadow.render(camera, this._points(), options);
       const u = this.wall.material.uniforms;
+      u.colour.value = this.mixes ? 1 : 0;
+      u.card.value = this.data.lamps?.screen === "ends" ? 1 : 0;
+      if (this.mixes) u.mixed.value = this._mix(options).texture;
+      const target = this.shadow.render(camera, this._points(), options);
       const { picture } = this;
       u.shadow.value = target.texture;
       u.picture.value = picture?.texture ?? null;
-      u.compare.value = this.compare && picture?.ready ? 1 : 0;
+      u.compare.value = this.compare && !this.mixes && picture?.ready ? 1 : 0;
       u.desk.value = this.onDesk ? 1 : 0;
       u.eye.value = eye ? 1 : 0;
       u.grown.value = 1 + 2 * WIDE;

@@ -7,6 +7,10 @@
      viewer.setScene(data)                              replace everything: views, meshes, print, history
      viewer.setView(index)                              which view's lamp and wall are shown
      viewer.setLamp({distance, height, side, diameter, tilt, turn})   mm and degrees; what is not named stays
+     viewer.setLit([true, false, …])                    which lamps are on, where several mix on one screen
+     viewer.right()                                     the share of the frame in its right colour then; null elsewhere
+     viewer.readMixed(longer = 1024)                    {width, height, data}: red, green and blue, 0…255 in linear
+                                                        light, rows from the top, of the frame; null elsewhere
      viewer.readShadow(longer = 1024, soft = false)     {width, height, data}: 0…255, rows from the top, the frame
                                                         padded by a quarter on each side, `longer` px unpadded;
                                                         of a point, or `soft`: averaged over the lamp
@@ -25,8 +29,9 @@
                  light_distance_mm (Infinity or null: the sun), light_shape ("disc", "ball", "rectangle", "leds"),
                  light_diameter_mm, light_width_mm, light_height_mm, light_leds [columns, rows],
                  wall_distance_mm, wall_tilt_deg,
-                 azimuth_deg, elevation_deg, frame_up_mm;
+                 azimuth_deg, elevation_deg, frame_up_mm, light_right_mm, light_up_mm, lamp_colour [r, g, b], linear;
                  picture: data URI of its silhouette, dark on light or on nothing}]
+     lamps?    {mode: "mix" | "switch", screen: "ends" | "open", ambient?}: all views share one screen
      meshes?   what else casts shadow, such as a mount: {positions: packed or [[x, y, z], …],
                  faces: base64 of uint32 (m, 3) or [[i, j, k], …]}
      wall_mounted?  true: the piece is fixed to the wall, and tilts with it
@@ -62,6 +67,12 @@ export function mount(element, data, options = {}) {
       stage.setLamp(changes);
       panel?.refresh();
     },
+    setLit(lit) {
+      stage.setLit(lit);
+      panel?.refresh();
+    },
+    right: () => stage.right(),
+    readMixed: (longer) => stage.readMixed(longer),
     readShadow: (longer, soft) => stage.readShadow(longer, soft),
     iou: () => stage.iou(),
     dispose() {
