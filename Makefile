@@ -10,7 +10,7 @@ DONE := $(VENV)/.installed
 TORCH_INDEX ?=
 TORCH := -q -c constraints.txt --no-deps $(if $(TORCH_INDEX),--index-url $(TORCH_INDEX)) torch==2.13.0
 
-.PHONY: demo test test-quick wheel-test lint accuracy-table outside-suites feature-table mount-table effects-table traced-colours grace-table several-table bending-table tied-knots paper-table paper-ablations renderer-table validator-table verdict-table mutations frontier budgets scaling hard-cases worst-cases batch-throughput system slicer browser viewer studio-table pictures typed-pages clean
+.PHONY: demo test test-quick wheel-test lint accuracy-table outside-suites feature-table mount-table effects-table traced-colours grace-table several-table lamps-table bending-table tied-knots paper-table paper-ablations renderer-table validator-table verdict-table mutations frontier budgets scaling hard-cases worst-cases batch-throughput system slicer browser viewer studio-table pictures typed-pages clean
 
 $(DONE): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
@@ -96,6 +96,10 @@ bending-table: $(DONE)
 # named and drawn sets of two to four pictures in one part (about 15 min; an interrupted run goes on where it was)
 several-table: system $(DONE)
 	$(BIN)/python -m benchmarks.several_table --out out/several
+
+# six pictures in colours by three lamps: right colours, masks, time (about 10 min; goes on where it was)
+lamps-table: system $(DONE)
+	$(BIN)/python -m benchmarks.coloured_lamps --out out/lamps
 
 # what mounts on a wall and on a stand cost the same pictures (about 30 min)
 mount-table: system slicer $(DONE)

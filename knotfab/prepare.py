@@ -33,7 +33,7 @@ from knotfab.picture.read import (
 from knotfab.read_options import read_also, read_scene, read_seconds, read_skips
 from knotfab.request import Request
 from knotfab.scene.catalogue import resolve
-from knotfab.scene.lamps import COLOURS_FILE, require_lamps, with_lamps
+from knotfab.scene.lamps import COLOURS_FILE, require_lamps, with_lamps, with_small_lamps
 from knotfab.scene.require import require_several, require_start, require_tube, require_walls
 from knotfab.sequence.frames import count_knots, name_sequence, read_frames
 from knotfab.sequence.require import require_sequence
@@ -43,6 +43,7 @@ from knotfab_formats.search import search_settings
 
 if TYPE_CHECKING:
     from knotfab.design.agree import Agreement
+    from knotfab.picture.lamps import Separation
     from knotfab.preview.readings import TriedReading
     from knotfab.preview.survey import Survey
 
@@ -185,6 +186,8 @@ class _Call:
     name: str
     lines: tuple[str, ...] = ()  # what else a person is told
     agreed: Agreement | None = None  # of several pictures
+    parted: Separation | None = None  # of one in colours, for lamps
+    told: tuple[str, ...] = ()  # of lamps, what a preview tells as well
 
 
 def _read_call(
@@ -270,20 +273,19 @@ def _read_lamps(
     progress: Progress,
 ) -> _Call:
     """As `_read_call`, of lamps before one screen: one picture in colours is taken apart into their masks."""
-    from knotfab.design.lamps import place_lamps
+    from knotfab.design.lamps import LAMPS_FRAME_MM, place_lamps
     from knotfab.picture.lamps import on_one_canvas, read_masks
 
     if options.sequence:
         raise InputError("--lamps", "frames have one lamp", "Leave --sequence out.")
     if options.lamps is not None:
         scene = with_lamps(scene, options.lamps, name_views(sources))
-    lines: tuple[str, ...] = ()
+    parted: Separation | None = None
     mixing = scene.lamps.mode == "mix"
     if mixing and len(sources) == 1 < len(scene.views):
         with progress.stage("picture"):
             targets, parted = read_masks(sources[0], scene, base)
         read = targets
-        lines = parted.lines
         name = plain_name(name_picture(sources[0]), "picture")
         update: dict[str, Any] = {"lamps": scene.lamps.model_copy(update={"picture": COLOURS_FILE})}
     else:
@@ -309,14 +311,17 @@ def _read_lamps(
     require_several(scene)
     require_tube(resolve(scene))
     require_start(scene)
-    if options.size is not None:
-        scene = size_longer(scene, targets[0], options.size)
+    scene = with_small_lamps(scene)
+    first = scene.views[0]
+    if options.size is not None or (first.frame_width_mm or first.frame_height_mm) is None:
+        scene = size_longer(scene, targets[0], options.size or LAMPS_FRAME_MM)
     widened, targets = widen_targets(resolve(scene), targets)
     scene = scene.model_copy(update={"views": widened.views})
     with progress.stage("agree"):
         scene, told = place_lamps(scene, targets)
     require_lamps(scene, "the scene's lamps")
-    return _Call(scene, sources, base, targets, name, (*lines, *told))
+    told = (*(() if parted is None else parted.lines), *told)
+    return _Call(scene, sources, base, targets, name, parted=parted, told=told)
 
 
 def _survey(call: _Call, options: BuildOptions, choose: bool = True) -> Survey:
@@ -330,6 +335,8 @@ def _survey(call: _Call, options: BuildOptions, choose: bool = True) -> Survey:
     piece = call.scene.piece.model_copy(update=printed)
     scene = call.scene.model_copy(update={"piece": piece})
     found = survey(scene, call.targets, options.sequence, choose)
+    if call.told:
+        return replace(found, agreed=call.told, parted=call.parted)
     if call.agreed is None:
         return found
     return replace(found, bounds=call.agreed.bounds, agreed=call.agreed.lines)

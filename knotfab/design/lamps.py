@@ -12,20 +12,24 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import permutations
+from itertools import permutations, product
 
 import numpy as np
 
 from knotfab.base.arrays import Array, Mask
 from knotfab.design.candidates import DEPTH_RATIO
 from knotfab.design.frames import frame_view
+from knotfab.design.hull import hull_bounds
 from knotfab.picture.read import Target
+from knotfab.scene.camera import cameras_of
 from knotfab.scene.catalogue import resolve
 from knotfab_formats.scene import ResolvedView, Scene
 
-__all__ = ["depth_apart", "place_lamps"]
+__all__ = ["LAMPS_FRAME_MM", "depth_apart", "place_lamps"]
 
-_WHOLE_MM = 600.0  # from the wall to the lamps, where nobody says
+# the picture's longer side, where nobody says: so the pieces of three lamps fit most printers side by side
+LAMPS_FRAME_MM = 120.0
+_WHOLE_MM = 800.0  # from the wall to the lamps, where nobody says
 _STEPS = tuple(np.round(np.arange(0.30, 1.51, 0.02), 2).tolist())  # of k
 _SPARE_MM = 3.0  # on the wall, between a stray shadow and the screen
 _BESIDE_BED_MM = 12.0  # of a printer's bed, that pieces leave free
@@ -34,6 +38,10 @@ _NEAR = (
     "draws several masks, and is lost where they contradict each other"
 )
 _OPEN = "the wall goes on beside the picture, so each shadow of what is drawn must fall on a mask"
+_COARSE = 10  # every so many of the distances are tried by the hull
+_SHARES = (1.0, 0.6, 0.3)  # of the bounds, between which lamps are tried
+_RAYS_PX, _RAY_STEPS = 48, 96
+_BETTER = 0.002  # of a bound: what narrower places have to bring
 _MOST_DEPTH = 0.2  # of the way from the middle of the piece to wall or lamp, to either side
 
 
@@ -56,12 +64,9 @@ def place_lamps(scene: Scene, targets: Sequence[Target]) -> tuple[Scene, tuple[s
     found = _find_apart(scene, targets) if scene.lamps.screen == "ends" else None
     lines: tuple[str, ...] = ()
     if found is None:
-        bounds = np.array([scene.lamps.max_right_mm, scene.lamps.max_up_mm])
-        wall, light = next(_distances(scene))
-        beside = _farthest(len(scene.views), bounds)
+        found = _find_by_hull(scene, targets)
         lines = (_OPEN if scene.lamps.screen == "open" else _NEAR,)
-    else:
-        wall, light, beside = found
+    wall, light, beside = found
     placed = tuple(
         v.model_copy(
             update={
@@ -106,6 +111,46 @@ def _find_apart(scene: Scene, targets: Sequence[Target]) -> tuple[float, float, 
             if max(places.across) <= wide and min(places.across) <= narrow:
                 return wall, light, places.beside
     return large
+
+
+def _find_by_hull(scene: Scene, targets: Sequence[Target]) -> tuple[float, float, Array]:
+    """As `_find_apart`, of what draws several masks: places whose visual hull draws the worst mask best.
+
+    Rows, columns and polygons are tried, as wide as the bounds and narrower, and every order of the lamps.
+    """
+    masks = [target.mask for target in targets]
+    bounds = np.array([scene.lamps.max_right_mm, scene.lamps.max_up_mm])
+    count, ends = len(targets), scene.lamps.screen == "ends"
+    best: tuple[float, float, float, Array] | None = None
+    for (wall, light), share, order in product(
+        list(_distances(scene))[::_COARSE], _SHARES, permutations(range(count))
+    ):
+        for layout in _layouts(count):
+            beside = np.round(share * bounds * layout[list(order)], 1)
+            views = [
+                frame_view(v, t).model_copy(
+                    update={**_lengths(wall, light), "light_right_mm": x, "light_up_mm": y}
+                )
+                for v, t, (x, y) in zip(scene.views, targets, beside.tolist(), strict=True)
+            ]
+            cameras = cameras_of(views, targets)
+            reach = min(0.9 * wall, 0.5 * light)
+            found = hull_bounds(cameras, masks, reach, _RAYS_PX, _RAY_STEPS, ends=ends)
+            worst = min(b.iou for b in found)
+            if best is None or worst > best[0] + _BETTER:
+                best = worst, wall, light, beside
+    assert best is not None
+    return best[1:]
+
+
+def _layouts(count: int) -> Iterator[Array]:
+    """(n, 2) lamps within the unit square about the axis: in a row, in a column, on a circle from its top."""
+    along = np.linspace(-1.0, 1.0, count)
+    yield np.column_stack([along, np.zeros(count)])
+    yield np.column_stack([np.zeros(count), along])
+    angle = np.pi / 2 + 2 * np.pi * np.arange(count) / count
+    if count > 2:
+        yield np.column_stack([np.cos(angle), np.sin(angle)])
 
 
 def depth_apart(views: Sequence[ResolvedView], masks: Sequence[Mask]) -> float | None:
@@ -228,9 +273,3 @@ def _apart(boxes: Array, frame: Array, one: int, other: int, axis: int) -> float
     """How far, on the wall, shadows of lamp `one`, on the low side, and `other` must part."""
     half = 0.5 * frame[axis]
     return float(max(half + boxes[one, 1, axis], half - boxes[other, 0, axis])) + _SPARE_MM
-
-
-def _farthest(count: int, bounds: Array) -> Array:
-    """(n, 2) lamps on an ellipse within the bounds, one on top."""
-    angle = np.pi / 2 + 2 * np.pi * np.arange(count) / count
-    return np.round(np.column_stack([np.cos(angle), np.sin(angle)]) * bounds, 1)

@@ -1,9 +1,9 @@
 """A picture in colours taken apart into one mask a lamp: where each lamp must be hidden.
 
 Lamps that light one white screen mix there: with n lamps 2^n colours, by which of them are hidden. Each pixel
-gets the mixture nearest to it in OKLab (Ottosson 2020), in which hue and chroma weigh more than lightness:
-a dark green is drawn green, not black. What lies between two flat colours as their mixture (antialiasing,
-JPEG's blur) belongs to the nearer one of them, so that no seam of a third colour runs between the two.
+gets the mixture nearest to it in OKLab (Ottosson 2020), hue before lightness and chroma: a dark green is
+drawn green, not black. What lies between two flat colours as their mixture (antialiasing, JPEG's blur)
+belongs to the nearer one of them, so that no seam of a third colour runs between the two.
 """
 
 from __future__ import annotations
@@ -26,7 +26,8 @@ from knotfab_formats.scene import Scene
 
 __all__ = ["Separation", "mixtures_of", "on_one_canvas", "read_masks", "separate", "to_oklab"]
 
-_LIGHTNESS = 0.5  # its weight beside those of the two axes of hue and chroma
+_LIGHTNESS, _CHROMA = 0.5, 0.35  # their weights beside hue's, of a colour that is strong
+_STRONG = 0.1  # chroma from which on it is
 _GREY = 0.04  # of chroma: a picture with less everywhere is grey (a pure red has 0.26)
 _COLOURED = 0.002  # of the picture's pixels, that must have more
 _SAME = 0.06  # in OKLab: two mixtures that are nearer to each other look alike
@@ -229,7 +230,6 @@ def _bits(label_: int, count: int) -> tuple[int, ...]:
 
 def _nearest(lab: Array, palette: Array, kept: Labels) -> Labels:
     """(H, W) which row of the palette each pixel is nearest to, of those in `kept`; alike ones are one."""
-    weight = np.array([_LIGHTNESS, 1.0, 1.0])
     apart = [
         k
         for n, k in enumerate(kept.tolist())
@@ -238,10 +238,25 @@ def _nearest(lab: Array, palette: Array, kept: Labels) -> Labels:
     best = np.full(lab.shape[:2], np.inf)
     found = np.zeros(lab.shape[:2], dtype=np.int64)
     for k in apart:
-        away = (((lab - palette[k]) * weight) ** 2).sum(axis=-1)
+        away = _distance(lab, palette[k])
         nearer = away < best
         best[nearer], found[nearer] = away[nearer], k
     return found
+
+
+def _distance(lab: Array, mixture: Array) -> Array:
+    """(H, W) how unlike a mixture (3,) the pixels' colours (H, W, 3) look, squared; both in OKLab.
+
+    Hue counts in full, lightness and chroma less, for lamps mix only strong colours. But what has little
+    chroma of its own is to get none: a grey must not turn blue because it is as dark.
+    """
+    chroma, strong = np.hypot(lab[..., 1], lab[..., 2]), float(np.hypot(*mixture[1:]))
+    light = _LIGHTNESS * (lab[..., 0] - mixture[0])
+    weight = 1.0 - (1.0 - _CHROMA) * np.minimum(chroma / _STRONG, 1.0)
+    fuller = weight * (chroma - strong)
+    along = lab[..., 1] * mixture[1] + lab[..., 2] * mixture[2]
+    hue = 2.0 * np.maximum(chroma * strong - along, 0.0)
+    return np.asarray(light**2 + fuller**2 + hue)
 
 
 def _without_seams(srgb: Array, labels: Labels) -> Labels:
@@ -305,10 +320,10 @@ def _tell(srgb: Array, off: Array, seen: Array) -> tuple[str, ...]:
         if at.mean() < 0.5 * _TOLD[1]:
             break
         told.append(f"{_hex(srgb[at])} as {_hex(seen[at])} ({100 * at.mean():.0f} %)")
-    rest = "" if not told else ": " + ", ".join(told)
-    return (
-        f"{100 * far.mean():.0f} % of the picture has colours that these lamps cannot mix{rest}",
-    )
+    if not told:  # outlines alone, which are blurred
+        return ()
+    share = f"{100 * far.mean():.0f} % of the picture has colours that these lamps cannot mix"
+    return (f"{share}: {', '.join(told)}",)
 
 
 def _hex(pixels: Array) -> str:

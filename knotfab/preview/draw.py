@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -26,6 +27,7 @@ _GAP = 12
 _FINER = 3  # drawn so many times as large and brought down
 _PAPER, _INK, _FRAME = (250, 248, 244), (60, 58, 56), (214, 208, 198)
 _FAINT, _RED = (196, 190, 182), (212, 30, 30)
+_SEEN_AS = "the colours that will be seen"
 _SEEN = 9.0  # px: a smaller loss gets a ring about it
 
 
@@ -67,8 +69,15 @@ def draw_panels(found: Survey, side_px: int = 2 * _PANEL) -> list[Panel]:
 
 def _rows(found: Survey, side_px: int = _PANEL) -> list[list[Panel]]:
     """The panels of each picture: it, what of it agrees with the others, and what tubes lose of that."""
+    colours = []
+    if (parted := found.parted) is not None:
+        came = Image.open(io.BytesIO(parted.png))
+        seen = Image.open(io.BytesIO(parted.seen_png()))
+        colours = [
+            [_picture_panel("as it came", came, side_px), _picture_panel(_SEEN_AS, seen, side_px)]
+        ]
     bounds = found.bounds or (None,) * len(found.views)
-    return [
+    return colours + [
         (_agreement(seen.target, bound, side_px) if bound else [_panel(seen, None, side_px)])
         + [_panel(seen, radius, side_px) for radius in seen.losses]
         for seen, bound in zip(found.views, bounds, strict=True)
@@ -90,7 +99,12 @@ def _mask_panel(caption: str, mask: Mask, side_px: int, lost: Mask | None = None
     colours = np.where(mask[..., None], _INK, _PAPER)
     if lost is not None:
         colours = np.where(lost[..., None], _RED, colours)
-    picture = Image.fromarray(colours.astype(np.uint8))
+    return _picture_panel(caption, Image.fromarray(colours.astype(np.uint8)), side_px)
+
+
+def _picture_panel(caption: str, picture: Image.Image, side_px: int) -> Panel:
+    """A picture with a frame."""
+    picture = picture.convert("RGB")
     picture = picture.resize(fit_size(*picture.size, side_px), Image.Resampling.LANCZOS)
     ends = (0, 0, picture.width - 1, picture.height - 1)
     ImageDraw.Draw(picture).rectangle(ends, outline=_FRAME)

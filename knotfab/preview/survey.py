@@ -18,6 +18,7 @@ from knotfab.design.hull import HullBound
 from knotfab.design.question import Question, ask
 from knotfab.design.radius import choose_radius
 from knotfab.knots import read_start
+from knotfab.picture.lamps import Separation
 from knotfab.picture.masks import holes_of, pieces_of
 from knotfab.picture.opening import Loss, find_losses, open_by
 from knotfab.picture.read import Target
@@ -103,6 +104,7 @@ class Survey:
     refusal: SceneError | None = None
     bounds: tuple[HullBound, ...] = ()  # of several pictures: what they leave of each other
     agreed: tuple[str, ...] = ()  # what was done so that they agree, a sentence each
+    parted: Separation | None = None  # of a picture in colours, which lamps are to mix
 
 
 def survey(

@@ -9,7 +9,15 @@ from math import hypot
 from knotfab.base.errors import InputError
 from knotfab_formats.scene import OF_WALL, Scene, View
 
-__all__ = ["COLOURS_FILE", "SWITCH", "lamps_named", "require_lamps", "share_walls", "with_lamps"]
+__all__ = [
+    "COLOURS_FILE",
+    "SWITCH",
+    "lamps_named",
+    "require_lamps",
+    "share_walls",
+    "with_lamps",
+    "with_small_lamps",
+]
 
 # linear light of lamps that are sold, in red, green and blue of sRGB; each as bright as the others where lit
 _COLOURS: dict[str, tuple[float, float, float]] = {
@@ -28,6 +36,7 @@ _SETS = {"rgb": "red+green+blue"}
 COLOURS_FILE = "picture-colours.png"  # beside the scene: the picture that masks were taken from
 SWITCH = "switch"  # the word for lamps that are lit one after the other
 MOST_LAMPS = 5  # that mix 32 colours
+_LED_MM = 3.0
 _APART_MM = 1.0  # two lamps that stand nearer to each other throw one shadow
 _ALIKE = 0.05  # of a colour's length: two lamps of colours nearer to each other mix nothing
 
@@ -180,3 +189,12 @@ def with_lamps(scene: Scene, text: str, names: Sequence[str] = ()) -> Scene:
     )
     table = scene.lamps.model_copy(update={"mode": mode, "picture": "", "places": "auto"})
     return scene.model_copy(update={"views": views, "lamps": table})
+
+
+def with_small_lamps(scene: Scene) -> Scene:
+    """The scene with lamps as small as LEDs, where nobody says their size: colours need sharp edges."""
+    if any("light_diameter_mm" in view.model_fields_set for view in scene.views):
+        return scene
+    small = {"light_diameter_mm": _LED_MM}
+    views = tuple(view.model_copy(update=small) for view in scene.views)
+    return scene.model_copy(update={"views": views})

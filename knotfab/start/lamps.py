@@ -6,6 +6,7 @@ before the wall moves by the lamp's own shift times h / H, the lamp being H befo
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -14,6 +15,7 @@ from shapely import MultiPolygon
 
 from knotfab.base.arrays import Array
 from knotfab.effects.base import Decision
+from knotfab.geometry.sampling import arc_lengths
 from knotfab.problem import Problem, Start, TargetView
 from knotfab.scene.camera import light_of
 from knotfab.start.filling import Template, fill
@@ -31,6 +33,7 @@ def start_by_lamp(
     settings: SearchSettings,
     knots: int | None = None,
     spacing: float = 1.0,
+    tie: Callable[[Problem, Start, float], Start] | None = None,
 ) -> Start:
     """Each lamp's own filling at its depths, sheared to where that lamp sees it as its mask.
 
@@ -38,6 +41,7 @@ def start_by_lamp(
         radius: of the tube, mm.
         knots: None for one curve a piece of each mask; a number to bridge pieces until so many are left.
         spacing: as for `make_start`.
+        tie: ties the problem's knot into the longest curve of a start of one view.
 
     Raises:
         SceneError: a filling's curves cross each other.
@@ -46,19 +50,22 @@ def start_by_lamp(
     templates = [fill(target.polygon, spacing * radius) for target in straight]
     for n, count in _bridged(templates, knots).items():
         templates[n] = fill(straight[n].polygon, spacing * radius, count)
+    longest = [max(arc_lengths(c)[-1] for c in template.curves) for template in templates]
+    tied = longest.index(max(longest))
     curves, types, effects, why = list[Array](), list[str](), dict[str, Decision](), ""
-    for target, template, sheared in zip(straight, templates, problem.views, strict=True):
+    for n, (target, template) in enumerate(zip(straight, templates, strict=True)):
         alone = replace(
             problem,
             views=(target,),
             depth_mm=problem.apart_mm,
             apart_mm=None,
             goals=None,
-            knot="unknot",
         )
         start = lift_template(alone, template, radius, settings)
+        if tie is not None and n == tied:
+            start = tie(alone, start, radius)
         view, out = target.view, target.axes[2]
-        shift = light_of(sheared.view) - light_of(view)
+        shift = light_of(problem.views[n].view) - light_of(view)
         whole = view.wall_distance_mm + view.light_distance_mm
         for curve in start.curves:
             before = (curve @ out + view.wall_distance_mm) / whole

@@ -44,13 +44,22 @@ _FAR = 10.0  # tube radii outside, of what stands out of the region
 class Sight:
     """One view as the lattice is drawn in it: cells from `first` on, `depth` (H, W) mm inside the silhouette.
 
-    `projection` (3, 4) leads to cells, `near` is how many cells a mm is where w = 1.
+    `projection` (3, 4) leads to cells, `near` is how many cells a mm is where w = 1. Of a screen that ends at
+    the frame all that is seen beside it counts as inside, and `drawn` (H, W) are the cells of the picture.
     """
 
     depth: Array
     projection: Array
     near: float
     first: int
+    drawn: Flags | None = None
+
+    def draws(self, points: Array) -> Flags:
+        """Whether each of points (n, 3) is seen on the picture; all are where no screen ends."""
+        if self.drawn is None:
+            return np.ones(len(points), dtype=bool)
+        seen, _ = self.look(points)
+        return np.asarray(self._at(self.drawn.astype(float), seen) > 0.5)
 
     def look(self, points: Array) -> tuple[Array, Array]:
         """Where points (n, 3) are seen, in cells (n, 2), and the cells that a mm is there (n,)."""
@@ -134,10 +143,14 @@ def sights_of(views: Sequence[TargetView], radius: float) -> tuple[list[Sight], 
     for target in views:
         cell = _CELL * radius * target.view.magnification
         wanted, camera = grid_at(target.view, target.mask, cell, _MARGIN, more=8)
-        depth = distance_transform_edt(wanted) - distance_transform_edt(~wanted)
+        given = (target.view, target.mask, cell, _MARGIN)
+        allowed = grid_at(*given, more=8, beside=True)[0] if target.ends else wanted
+        depth = distance_transform_edt(allowed) - distance_transform_edt(~allowed)
         near = 1.0 / float(np.linalg.norm(camera.du))
-        found.append(Sight(depth - 0.5 * np.sign(depth), camera.projection, near, first))
-        worth.append(np.where(wanted, 1.0, -1.0).ravel() / max(1, wanted.sum()))
+        drawn = wanted if target.ends else None
+        found.append(Sight(depth - 0.5 * np.sign(depth), camera.projection, near, first, drawn))
+        cost = np.where(allowed, 0.0, -1.0)
+        worth.append(np.where(wanted, 1.0, cost).ravel() / max(1, wanted.sum()))
         first += wanted.size
     return found, np.concatenate(worth)
 
@@ -181,10 +194,14 @@ def lattice_in(
     """
 
     def measure(points: Array) -> Array:
-        """How far inside each silhouette points are seen, in tube radii (views, n); far out of the region."""
+        """How far inside each silhouette points are seen, in tube radii (views, n).
+
+        It is far outside of what leaves the region, and of what draws nothing before screens that end.
+        """
         room = np.stack([s.room(points) for s in sights]) / limits.radius
         outside = tube_outside(points, points, limits.region, limits.radius)[1][: len(points)]
-        return np.asarray(np.where(outside > 0, -_FAR, room))
+        draws = np.any([s.draws(points) for s in sights], axis=0)
+        return np.asarray(np.where((outside > 0) | ~draws, -_FAR, room))
 
     least = 1.0 - spill
     half = int(reach / pitch)

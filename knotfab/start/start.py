@@ -49,7 +49,7 @@ def make_start(
     if settings.network_start == "circle":
         start = start_at_circles(problem, radius, settings, template)
     elif problem.apart_mm is not None:
-        start = start_by_lamp(problem, radius, settings, knots, spacing)
+        start = start_by_lamp(problem, radius, settings, knots, spacing, tie_knot)
     elif template is not None:
         start = tie_knot(
             problem, lift_template(problem, template, radius, settings, parted), radius

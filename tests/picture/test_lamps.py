@@ -76,6 +76,8 @@ def test_outlines_stay_though_they_lie_between_colours() -> None:
 def test_dark_colours_keep_their_hue_and_greys_stay_grey() -> None:
     shares = parted(flags("#008000", "#800000", "#0000a0"))
     assert {(0, 2), (1, 2), (0, 1)} <= set(shares) and (0, 1, 2) not in shares
+    soft = parted(flags("#3cb371", "#ff7f50", "#4169e1"))
+    assert {(0, 2), (1, 2), (0, 1)} <= set(soft)
     light = parted(flags("#c8c8c8", "#ff0000", "#0000ff", "#00ff00"))
     assert set(light) == {(), (1, 2), (0, 1), (0, 2)}
 

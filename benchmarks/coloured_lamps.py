@@ -1,0 +1,116 @@
+"""Six pictures in colours by three lamps: what each build reached, and what its colours are on the screen.
+
+`python -m benchmarks.coloured_lamps --out DIR`: builds the pictures of `examples.lamps.draw` with the
+command's own options, and some of the project's pictures alone, whose median time is the unit of the others'.
+Prints a line a picture: the share of pixels in the right colour (also inside alone, and what the masks
+themselves have right of the picture), each mask's IoU, the verdict, lamps moved by 2 mm, lamps of 5 mm, and
+the time. What is built already is not built again; all are drawn into DIR/lamps.png: as they came, as seen,
+and what is wrong.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from benchmarks.measurement import build_apart, make_folder, read_report, run_study
+from benchmarks.several_table import build_set
+from examples.lamps.draw import PICTURES
+from knotfab.base.disk import read_text
+
+_ALONE = ("heart", "cat", "knight")
+_WIDE_MM = 5.0
+_ROW = 1100  # px
+
+
+def build_picture(name: str, folder: Path, lamps: str = "rgb") -> dict[str, Any]:
+    """Build a picture into `folder`/NAME, where that is not done yet: code, seconds, report, where it is."""
+    out, kept = folder / name, folder / f"{name}.json"
+    if not kept.is_file():
+        file = folder / "pictures" / f"{name}.png"
+        file.parent.mkdir(exist_ok=True)
+        PICTURES[name]().save(file)
+        options = ("--lamps", lamps, "--skip", "slicer")
+        built = build_apart(str(file), out, *options, printing=False)
+        kept.write_text(json.dumps({"code": built.code, "cpu_s": built.cpu_s, "said": built.said}))
+    found = json.loads(kept.read_text())
+    there = out if found["code"] == 0 else out / "rejected"
+    return {**found, "report": read_report(out), "folder": there}
+
+
+def share_under(built: dict[str, Any], lamp_mm: float) -> float:
+    """The share of pixels in the right colour under lamps of another size, verified anew."""
+    moved = built["folder"] / "other-lamps"
+    moved.mkdir(exist_ok=True)
+    for file in built["folder"].iterdir():
+        if file.suffix in (".stl", ".png", ".json") and file.is_file():
+            shutil.copy(file, moved)
+    scene = read_text(built["folder"] / "scene.toml", "scene.toml", "scene file")
+    lines = [
+        f"light_diameter_mm = {lamp_mm}" if line.startswith("light_diameter_mm") else line
+        for line in scene.splitlines()
+    ]
+    (moved / "scene.toml").write_text("\n".join(lines))
+    command = [sys.executable, "-m", "knotfab_validators", str(moved / "part.stl"), "--json"]
+    command += ["--knots", str(moved / "knots.json"), "--scene", str(moved / "scene.toml")]
+    told = json.loads(subprocess.run(command, capture_output=True, text=True, check=False).stdout)
+    shutil.rmtree(moved)
+    return float(told["colours"]["share"])
+
+
+def print_picture(name: str, built: dict[str, Any], unit_s: float) -> None:
+    """Print a line for a picture."""
+    report = built["report"]
+    if not report or "colours" not in report:
+        print(f"{name:16} code {built['code']}  {built['said'][-300:]}", flush=True)
+        return
+    colours = report["colours"]
+    ious = " ".join(f"{view['name']} {view['iou']:.4f}" for view in report["views"])
+    moved = colours["misregistration"]
+    print(
+        f"{name:16} code {built['code']} {report['verdict']['word']:9} right {colours['share']:.4f} "
+        f"(inside {colours['share_inside']:.4f}, masks' own {colours['picture']['masks_share']:.4f}, "
+        f"{_WIDE_MM:g} mm lamps {share_under(built, _WIDE_MM):.4f}, "
+        f"moved {moved['moved_mm']:g} mm {moved['share']:.4f})  IoU {ious}  dE {colours['delta_e']:.1f}  "
+        f"{len(report['knots'])} knots of {report['settings']['tube_radius_mm']:.2f} mm  "
+        f"{built['cpu_s']:.0f} CPU s ({built['cpu_s'] / unit_s:.1f}x)",
+        flush=True,
+    )
+
+
+def draw_sheet(built: list[dict[str, Any]], path: Path) -> None:
+    """All pictures under each other: as it came, as its masks have it, as seen, and what is wrong."""
+    files = [one["folder"] / "compare-colours.png" for one in built]
+    rows = [Image.open(file).convert("RGB") for file in files if file.is_file()]
+    rows = [row.resize((_ROW, round(row.height * _ROW / row.width))) for row in rows]
+    if not rows:
+        return
+    sheet = Image.new("RGB", (_ROW, sum(row.height for row in rows)), "white")
+    top = 0
+    for row in rows:
+        sheet.paste(row, (0, top))
+        top += row.height
+    sheet.save(path, optimize=True)
+
+
+def main(*, out: Path | None = None, only: str = "") -> None:
+    """Build, print the table and draw the sheet."""
+    folder = make_folder(out, "lamps")
+    unit_s = float(np.median([build_set(name, folder)["cpu_s"] for name in _ALONE]))
+    print(f"one picture takes {unit_s:.1f} CPU s (median)", flush=True)
+    found = []
+    for name in [only] if only else PICTURES:
+        found.append(build_picture(name, folder))
+        print_picture(name, found[-1], unit_s)
+    draw_sheet(found, folder / "lamps.png")
+
+
+if __name__ == "__main__":
+    run_study(main)
