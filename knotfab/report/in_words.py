@@ -9,7 +9,7 @@ from knotfab.knots import count_in_words
 from knotfab.report.of_effects import tell_move
 from knotfab.verify.checks import list_unmet
 
-__all__ = ["conclude", "last_line", "tell_piece", "tell_share", "tell_views"]
+__all__ = ["conclude", "last_line", "tell_colours", "tell_piece", "tell_share", "tell_views"]
 
 
 def conclude(report: Mapping[str, Any], verbose: bool = False) -> list[str]:
@@ -26,7 +26,8 @@ def conclude(report: Mapping[str, Any], verbose: bool = False) -> list[str]:
     lost = [loss["sentence"] for loss in verdict.get("lost", ())]
     step = [report["next_step"]["sentence"]] if "next_step" in report else []
     reasons = [r for r in verdict["reasons"] if not any(one.startswith(r) for one in lost)]
-    said = [*unmet, *reasons, *tell_views(report, verbose), tell_piece(report)]
+    seen = [*tell_views(report, verbose), *tell_colours(report)[: None if verbose else 1]]
+    said = [*unmet, *reasons, *seen, tell_piece(report)]
     return [*said, *lost, *report.get("notes", []), *step]
 
 
@@ -55,6 +56,38 @@ def tell_views(report: Mapping[str, Any], verbose: bool = False) -> list[str]:
         name = f"{view['name']}: " if len(views) > 1 else ""
         lines.append(name + said + (f"; IoU {view[key]:.4f}" if verbose else ""))
     return lines
+
+
+def tell_colours(report: Mapping[str, Any]) -> list[str]:
+    """What is seen of a picture in colours that several lamps mix, in sentences; none where none do."""
+    found = report.get("colours")
+    if found is None:
+        return []
+    count, moved, picture = len(found["lamps"]), found["misregistration"], found.get("picture")
+    said = [
+        f"{tell_share(found['share'])} of the picture has the right one of the {2**count} colours that "
+        f"{count} lamps mix: {tell_share(found['share_inside'])} of it inside its areas, "
+        f"{tell_share(found['share_along'])} along their outlines"
+    ]
+    off = f"what is seen is ΔE {found['delta_e']:.1f} from these colours on average"
+    if picture is not None:
+        off += (
+            f", and {picture['delta_e']:.1f} from the picture as it came, of which lamps can mix "
+        )
+        off += f"{tell_share(picture['masks_share'])} as it is taken apart"
+    said.append(f"{off} (2 is seen side by side, 10 at a glance)")
+    if moved["lamp_mm"] is not None:
+        said.append(
+            f"a lamp may stand {moved['lamp_mm']:.0f} mm beside its place until a strand's shadow is half of "
+            f"its width off; with every lamp {moved['moved_mm']:.0f} mm off, {tell_share(moved['share'])} of "
+            f"the picture has its right colour ({tell_share(moved['unmoved'])} with none)"
+        )
+    beside = [lamp["name"] for lamp in found["lamps"] if lamp["spill_beside"] > 0]
+    if beside:
+        said.append(
+            f"on an open wall the light of {', '.join(beside)} shows shadows beside the picture"
+        )
+    return said
 
 
 def tell_share(share: float) -> str:

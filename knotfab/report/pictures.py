@@ -21,7 +21,13 @@ def find_pictures(folder: Path) -> list[Picture]:
         found.append(
             Picture(path, "moving", "the verified shadows of all frames, one after the other")
         )
-    for path in sorted(folder.glob("compare-*.png")):
+    colours = folder / "compare-colours.png"
+    if colours.is_file():
+        caption = "the picture, the colours that the lamps can mix of it, what is seen, and where it is wrong"
+        found.append(Picture(colours, "colours", caption))
+        for path in sorted(folder.glob("shadow-*.png")):
+            found.append(Picture(path, "alone", "", path.stem.removeprefix("shadow-")))
+    for path in sorted(set(folder.glob("compare-*.png")) - {colours}):
         caption = "target, shadow of the written file, and where they differ"
         found.append(Picture(path, "compare", caption, path.stem.removeprefix("compare-")))
     for path in sorted(folder.glob("bent-*.png")):

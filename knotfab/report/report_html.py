@@ -16,6 +16,7 @@ from PIL import Image
 
 from knotfab.base.errors import spelled
 from knotfab.picture.data_uri import data_uri, hash_script, image_uri
+from knotfab.report.in_words import tell_colours
 from knotfab.verify.checks import list_unmet, mark_of, tally_checks
 
 __all__ = [
@@ -67,7 +68,7 @@ def _verdicts(report: Mapping[str, Any]) -> dict[str, tuple[str, str]]:
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture to embed. `role` places it: "compare" and "shadow" with the view named `view`,
+    """A picture to embed. `role` places it: "compare", "alone" and "shadow" with the view named `view`,
     "part" with the views of the part from several sides, "turn" before these, "moving" at the top."""
 
     path: Path
@@ -105,6 +106,8 @@ def load_template() -> Template:
         "percent": _percent,
         "duration": _duration,
         "share": _share,
+        "glow": _glow,
+        "colours": tell_colours,
         "flat": _flat,
         "mark": mark_of,
         "tally": tally_checks,
@@ -201,6 +204,12 @@ def _share(value: object) -> str:
     if not isinstance(value, float | int) or not isfinite(value):
         return "–"
     return "100\u00a0%" if value == 1 else f"{min(100 * value, 99.9):.1f}\u00a0%"
+
+
+def _glow(colour: Sequence[float]) -> str:
+    """A lamp's linear red, green and blue as CSS has it."""
+    most = max(*colour, 1e-9)
+    return f"rgb({' '.join(str(round(255 * (c / most) ** (1 / 2.2))) for c in colour)})"
 
 
 def _percent(value: object) -> float:
