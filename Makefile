@@ -10,7 +10,7 @@ DONE := $(VENV)/.installed
 TORCH_INDEX ?=
 TORCH := -q -c constraints.txt --no-deps $(if $(TORCH_INDEX),--index-url $(TORCH_INDEX)) torch==2.13.0
 
-.PHONY: demo test test-quick wheel-test lint accuracy-table outside-suites feature-table mount-table effects-table traced-colours grace-table several-table lamps-table bending-table tied-knots paper-table paper-ablations renderer-table validator-table verdict-table mutations frontier budgets scaling hard-cases worst-cases batch-throughput system slicer browser viewer studio-table pictures typed-pages clean
+.PHONY: demo test test-quick wheel-test docs gallery lint accuracy-table outside-suites feature-table mount-table effects-table traced-colours grace-table several-table lamps-table bending-table tied-knots paper-table paper-ablations renderer-table validator-table verdict-table mutations frontier budgets scaling hard-cases worst-cases batch-throughput system slicer browser viewer studio-table pictures typed-pages clean
 
 $(DONE): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
@@ -66,6 +66,15 @@ test: system slicer browser $(DONE) lint
 test-quick: $(DONE)
 	$(PYTEST) -m "not build and not slow"
 
+# the pages of docs/ as a site that can be searched, in out/site; a broken link or a page outside the menu ends it
+docs: $(DONE)
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build -q
+	@echo "Open out/site/index.html"
+
+# ten pieces worth hanging, and their page (about 20 min; an interrupted run goes on where it was)
+gallery: system slicer $(DONE)
+	$(BIN)/python -m examples.gallery out/gallery docs
+
 # a wheel built here, in a fresh environment outside the checkout, builds a glyph with a mount (a few minutes)
 wheel-test: system
 	@set -e; place=$$(mktemp -d); trap 'rm -rf "$$place"' EXIT; unset PYTHONPATH; \
@@ -73,6 +82,8 @@ wheel-test: system
 	$$pip wheel -q --no-deps -w "$$place" .; \
 	$$pip install $(TORCH); \
 	$$pip install -q -c constraints.txt "$$place"/knotfab-*.whl; $$pip check; \
+	du -sm "$$place"/venv/lib/python3*/site-packages | sed 's/\t.*/ MB installed, the largest:/'; \
+	du -sm "$$place"/venv/lib/python3*/site-packages/* | sort -rn | head -12; \
 	cd "$$place"; venv/bin/knotfab build text:A --print --mount wall --accuracy draft --out built; \
 	venv/bin/knotfab validate built; ls built
 

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from knotfab.request import Outcome
     from knotfab_formats.scene import ResolvedScene, Scene
 
-__version__ = "0.1.0"
+__version__ = "1.0.0"
 
 _MODULES = {
     "knotfab.api": (

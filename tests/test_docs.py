@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import json
+import os
 import re
+import subprocess
+import sys
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -62,3 +66,17 @@ def test_every_page_is_reached_from_readme() -> None:
 def test_no_target_is_taken_for_a_file() -> None:
     found = re.search(r"^\.PHONY:(.*)$", MAKEFILE, re.M)
     assert found and set(found.group(1).split()) == TARGETS
+
+
+@pytest.mark.slow
+def test_the_pages_are_a_site_in_which_each_is_found(tmp_path: Path) -> None:
+    """Built strictly: a broken link, a heading that is gone or a page outside the menu ends it."""
+    pytest.importorskip("mkdocs", reason="the extra docs is not installed")
+    call = [sys.executable, "-m", "mkdocs", "build", "-q", "-d", str(tmp_path / "site")]
+    quiet = {**os.environ, "NO_MKDOCS_2_WARNING": "1"}
+    subprocess.run(call, cwd=ROOT, env=quiet, check=True)
+    index = json.loads((tmp_path / "site" / "search" / "search_index.json").read_text("utf-8"))
+    found = {entry["location"].partition("#")[0] for entry in index["docs"]}
+    assert {page.stem for page in (ROOT / "docs").glob("*.md")} == {Path(p).stem for p in found}
+    html = (tmp_path / "site" / "index.html").read_text("utf-8")
+    assert not re.findall(r'(?:src|href)="https?://(?!squidfunk)', html)  # nothing is fetched

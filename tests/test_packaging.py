@@ -61,6 +61,7 @@ def test_the_wheel_says_what_it_is(wheel: zipfile.ZipFile) -> None:
     meta = message_from_string(wheel.read(f"{told}/METADATA").decode())
     assert set(meta.get_all("Provides-Extra", [])) == {
         "dask",
+        "docs",
         "photo",
         "mcp",
         "studio",

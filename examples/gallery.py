@@ -1,0 +1,132 @@
+"""Ten pieces worth hanging: each built, drawn from its light and four sides, with its hours and grams.
+
+`python -m examples.gallery WORK docs` builds what WORK does not hold yet, and writes docs/gallery.md with its
+pictures, docs/gallery/NAME.webp.
+"""
+
+from __future__ import annotations
+
+import json
+import shlex
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from PIL import Image, ImageOps
+
+import knotfab
+from benchmarks.measurement import run_study
+from examples.pictures import pictures
+from knotfab.report.in_words import tell_share
+
+HEIGHT, WIDTH = 360, 1400  # px of a row of panels; of the page's pictures
+PAPER = (250, 248, 244)
+
+
+@dataclass(frozen=True)
+class Piece:
+    """What is built: pictures of `examples.pictures` or `text:…`, options as the command line has them."""
+
+    name: str
+    title: str
+    sources: tuple[str, ...]
+    options: str
+
+
+PIECES = (
+    Piece("floral-heart", "Floral heart, on the wall", ("text:❦",), "--mount wall"),
+    Piece("cat", "A cat on the wall", ("cat",), "--mount wall"),
+    Piece("tree", "A bare tree, on the wall", ("tree",), "--mount wall --size 240"),
+    Piece("bird", "A bird that hangs from a thread", ("bird",), "--mount hang"),
+    Piece("flower", "A flower of open petals", ("text:❀",), "--mount wall"),
+    Piece("anchor", "An anchor on a desk", ("anchor",), "--mount stand"),
+    Piece("yin-yang", "Yin and yang", ("text:☯",), "--mount wall"),
+    Piece("trefoil-heart", "A trefoil, a heart", ("heart",), "--knot trefoil --mount stand"),
+    Piece("king-and-knight", "King and knight, at right angles", ("text:♚", "knight"), "--mount stand"),
+    Piece("heart-teapot-cat", "Three shadows of one thread", ("heart", "teapot", "cat"), "--mount stand"),
+)  # fmt: skip
+
+
+def main(work: Path, docs: Path, /, *, only: str = "") -> None:
+    """Build the pieces that `work` does not hold, or those whose names `only` lists, and write the page."""
+    drawn = work / "pictures"
+    drawn.mkdir(parents=True, exist_ok=True)
+    for name, picture in pictures().items():
+        picture.save(drawn / f"{name}.png")
+    for piece in PIECES:
+        out = work / piece.name
+        asked = piece.name in only.split(",") if only else True
+        if asked and (only or not (out / "report.json").is_file()):
+            print(piece.name, flush=True)
+            _build(piece, drawn, out)
+    (docs / "gallery").mkdir(exist_ok=True)
+    (docs / "gallery.md").write_text("".join(_page(work, docs / "gallery")), encoding="utf-8")
+
+
+def _files(piece: Piece, folder: Path) -> list[str]:
+    return [s if s.startswith("text:") else str(folder / f"{s}.png") for s in piece.sources]
+
+
+def _build(piece: Piece, drawn: Path, out: Path) -> None:
+    words = shlex.split(piece.options)
+    given = {k.removeprefix("--").replace("-", "_"): v for k, v in zip(words[::2], words[1::2])}  # noqa: B905
+    if "size" in given:
+        given["size"] = float(given["size"])  # type: ignore[assignment]
+    outcome = knotfab.build(_files(piece, drawn), out, **given)
+    if outcome.exit_code:
+        print(f"  exit code {outcome.exit_code}: see {outcome.folder}", flush=True)
+
+
+def _page(work: Path, pictures_to: Path) -> Iterable[str]:
+    yield (
+        "# Ten pieces worth hanging\n\n"
+        "`make gallery` builds them and draws this page: shadows of the written files, then the piece from\n"
+        "its lights and about the vertical. Hours and grams are PrusaSlicer's, with supports, for the\n"
+        "default printer (Prusa MK4, PLA). Glyphs are those of DejaVu Sans; the other pictures are drawn by\n"
+        "`examples/pictures.py`, which writes them as files: `python examples/pictures.py FOLDER`.\n"
+    )
+    for piece in PIECES:
+        folder = work / piece.name
+        if not (folder / "report.json").is_file():
+            continue
+        report = json.loads((folder / "report.json").read_text("utf-8"))
+        name = f"{piece.name}.webp"
+        _draw(folder, report).save(pictures_to / name, quality=80, method=6)
+        call = " ".join(s if s.startswith("text:") else f"{s}.png" for s in piece.sources)
+        alt = f"{piece.title}: its shadow, and the piece from four sides"
+        yield f"\n## {piece.title}\n\n![{alt}](gallery/{name})\n\n"
+        yield f"`knotfab build {call} {piece.options}`: {_facts(report)}.\n"
+
+
+def _facts(report: dict[str, Any]) -> str:
+    made, views = report["print"], report["views"]
+    alike = " and ".join(tell_share(view.get("iou_frame") or view["iou"]) for view in views)
+    size = " × ".join(f"{s:.0f}" for s in made["bounding_box_mm"])
+    knots = len(report["knots"])
+    told = [f"{alike} alike", f"{size} mm", f"{knots} knot{'s' * (knots > 1)}"]
+    if made.get("time_s"):
+        told.append(f"{made['time_s'] / 3600:.1f} h, {made['filament_g']:.0f} g")
+    return ", ".join(told)
+
+
+def _draw(folder: Path, report: dict[str, Any]) -> Image.Image:
+    """The shadows as their lamps throw them, then the part from several sides, in a row."""
+    row = []
+    for view in report["views"]:
+        soft = folder / f"soft-{view['name']}.png"
+        path = soft if soft.is_file() else folder / f"shadow-{view['name']}.png"
+        shadow = ImageOps.pad(Image.open(path).convert("RGB"), (HEIGHT, HEIGHT), color=PAPER)
+        row.append(shadow)
+    part = Image.open(folder / "part.png").convert("RGB")
+    row.append(part.resize((round(part.width * HEIGHT / part.height), HEIGHT)))
+    sheet = Image.new("RGB", (sum(p.width for p in row), HEIGHT), PAPER)
+    left = 0
+    for one in row:
+        sheet.paste(one, (left, 0))
+        left += one.width
+    return sheet.resize((WIDTH, round(HEIGHT * WIDTH / sheet.width)), Image.Resampling.LANCZOS)
+
+
+if __name__ == "__main__":
+    run_study(main)
