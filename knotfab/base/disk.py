@@ -5,7 +5,10 @@ from __future__ import annotations
 import contextlib
 import importlib
 import os
+import shutil
 import stat
+import tempfile
+import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -22,11 +25,13 @@ __all__ = [
     "read_file",
     "read_text",
     "require_within",
+    "temporary_folder",
 ]
 
 _fcntl: Any = (
     importlib.import_module("fcntl") if os.name == "posix" else None
 )  # Windows has no such locks
+_ORPHAN_S = 60.0  # a younger folder may be one that its process has not held yet
 MOST_TEXT = 64 * 2**20  # bytes of a file of settings or knots
 _walls: tuple[
     Path, ...
@@ -180,4 +185,33 @@ def locked(folder: Path) -> Iterator[None]:
         yield
     finally:
         if handle is not None:
+            os.close(handle)
+
+
+@contextlib.contextmanager
+def temporary_folder(prefix: str, place: Path | None = None) -> Iterator[Path]:
+    """A folder for this process alone, which goes with the block; those that killed ones left go first.
+
+    Args:
+        prefix: of the folder's name, and of theirs. place: where it is; the machine's by default.
+    """
+    place = Path(tempfile.gettempdir()) if place is None else place
+    for left in place.glob(f"{prefix}*"):
+        with contextlib.suppress(OSError):  # another's who still lives, or nobody's to change
+            _remove_orphan(left)
+    made = tempfile.TemporaryDirectory(prefix=prefix, dir=place, ignore_cleanup_errors=True)
+    with made as own, locked(Path(own)):
+        yield Path(own)
+
+
+def _remove_orphan(folder: Path) -> None:
+    """Remove a folder that no process holds."""
+    found = folder.lstat()
+    if not stat.S_ISDIR(found.st_mode) or time.time() - found.st_mtime < _ORPHAN_S:
+        return
+    handle = hold(folder)
+    if handle is not None:
+        try:
+            shutil.rmtree(folder)
+        finally:
             os.close(handle)

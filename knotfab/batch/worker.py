@@ -8,7 +8,6 @@ import json
 import os
 import subprocess
 import sys
-import tempfile
 import threading
 import time
 import zipfile
@@ -16,7 +15,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import IO, Any
 
-from knotfab.base.disk import at_home
+from knotfab.base.disk import at_home, temporary_folder
 from knotfab.base.errors import spelled
 from knotfab.base.pool import ONE_THREAD, Crash, Pool, Workers, may_fork
 from knotfab.batch.tasks import Task, content_of
@@ -195,8 +194,7 @@ def build_parcel(parcel: bytes, pool: Pool) -> tuple[Record, bytes]:
     On a machine that shares the disk the folder is written where it belongs, from the files' own paths where
     they hold the same there, and nothing is packed.
     """
-    with tempfile.TemporaryDirectory(prefix="knotfab-") as place:
-        here = Path(place)
+    with temporary_folder("knotfab-parcel-") as here:
         with zipfile.ZipFile(io.BytesIO(parcel)) as whole:
             whole.extractall(here)
         told = json.loads((here / "task.json").read_text("utf-8"))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import shlex
 import shutil
-import tempfile
 import threading
 import time
 from collections.abc import Callable
@@ -14,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from knotfab.base.disk import temporary_folder
 from knotfab.base.pool import Pool
 from knotfab.files.threemf import read_shells
 from knotfab.geometry.meshes import box_of
@@ -57,7 +57,7 @@ class SlicerQueue:
         program: str | None = None,
         jobs: int = 1,
     ) -> None:
-        self._work = Path(tempfile.gettempdir()) if work is None else work
+        self._work = work
         self._timeout_s, self._program = timeout_s, program
         self.done = 0.0  # of the file that is sliced, 0 to 1
         self._pool = Pool(jobs)
@@ -95,7 +95,7 @@ class SlicerQueue:
 def slice_part(
     part_3mf: Path,
     scene: Scene,
-    work: Path,
+    work: Path | None = None,
     timeout_s: float = TIMEOUT_S,
     program: str | None = None,
     stop: threading.Event | None = None,
@@ -110,7 +110,7 @@ def slice_part(
     Args:
         part_3mf: as `write_3mf` wrote it, beside the `slicer.ini` of `write_profile`.
         scene: resolved; its printer is what the G-code must keep to.
-        work: an existing folder for temporary files, all of which are removed again.
+        work: an existing folder for temporary files, all removed again; the machine's by default.
         timeout_s: over both runs of the program.
         program: of PrusaSlicer; the one on the path by default.
         stop: ends the program when it is set. hear: told what it says while it slices.
@@ -125,10 +125,10 @@ def slice_part(
         return NotSliced("process", reason)
     if program is None:
         return NotSliced("missing", "PrusaSlicer is not installed", REMEDY)
-    with tempfile.TemporaryDirectory(prefix="slicer-", dir=work, ignore_cleanup_errors=True) as own:
+    with temporary_folder("knotfab-slicer-", work) as own:
         for path in (part_3mf, part_3mf.with_name(PROFILE)):
-            shutil.copyfile(path, Path(own) / path.name)
-        job = _Job(program, Path(own), part_3mf.name, scene, timeout_s, stop, hear)
+            shutil.copyfile(path, own / path.name)
+        job = _Job(program, own, part_3mf.name, scene, timeout_s, stop, hear)
         result = job.run()
         if kept_png and isinstance(result, Sliced):
             copy_with_pictures(job.written, part_3mf.with_name(job.written.name), kept_png)

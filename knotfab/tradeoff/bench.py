@@ -7,7 +7,6 @@ import os
 import pickle
 import statistics
 import sys
-import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
@@ -16,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from knotfab.base import errors
+from knotfab.base.disk import temporary_folder
 from knotfab.base.errors import InputError, MachineError
 from knotfab.base.pool import ONE_THREAD, Crash, Workers
 from knotfab.tradeoff.front import Measured, merge_turns
@@ -193,8 +193,8 @@ def run_all(studies: Sequence[Study], jobs: int = 1) -> Runner:
         first = next(requests, None)
         if first is None:
             return
-        with tempfile.TemporaryDirectory(prefix="knotfab-") as place:
-            file = Path(place) / "studies"
+        with temporary_folder("knotfab-studies-") as place:
+            file = place / "studies"
             file.write_bytes(pickle.dumps(list(studies)))
             command = [sys.executable, "-P", "-m", "knotfab.tradeoff.worker", str(file)]
             with Workers(command, jobs, env={**os.environ, **ONE_THREAD}) as workers:

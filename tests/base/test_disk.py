@@ -4,12 +4,20 @@ from __future__ import annotations
 
 import os
 import pwd
+import time
 from pathlib import Path
 
 import pytest
 from command import knotfab
 
-from knotfab.base.disk import at_home, hold, own_folder, read_file, read_text
+from knotfab.base.disk import (
+    at_home,
+    hold,
+    own_folder,
+    read_file,
+    read_text,
+    temporary_folder,
+)
 from knotfab.base.errors import InputError
 
 
@@ -77,3 +85,26 @@ def test_a_folder_is_held_by_one(tmp_path: Path) -> None:
     second = hold(tmp_path)
     assert second is not None
     os.close(second)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="there are no such locks")
+def test_folders_that_killed_processes_left_go_and_those_of_living_ones_stay(
+    tmp_path: Path,
+) -> None:
+    old = time.time() - 3600
+    killed, alive, young, other = (tmp_path / n for n in ("tool-a", "tool-b", "tool-c", "else"))
+    for folder in (killed, alive, young, other):
+        folder.mkdir()
+        (folder / "file").write_text("")
+        if folder != young:
+            os.utime(folder, (old, old))
+    (tmp_path / "tool-link").symlink_to(other)
+    held = hold(alive)
+    with temporary_folder("tool-", tmp_path) as own:
+        assert own.parent == tmp_path and own.is_dir()
+        assert not killed.exists() and alive.exists() and young.exists() and other.exists()
+        os.utime(own, (old, old))
+        with temporary_folder("tool-", tmp_path):
+            assert own.is_dir()
+    assert not own.exists()
+    os.close(held or 0)
