@@ -69,7 +69,7 @@ test-quick: $(DONE)
 # the pages of docs/ as a site that can be searched, in out/site; a broken link or a page outside the menu ends it
 docs: $(DONE)
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build -q
-	@echo "Open out/site/index.html"
+	@echo "$(BIN)/python -m http.server -d out/site shows it at http://localhost:8000"
 
 # ten pieces worth hanging, and their page (about 20 min; an interrupted run goes on where it was)
 gallery: system slicer $(DONE)
