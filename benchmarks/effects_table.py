@@ -236,11 +236,11 @@ def print_traced(folder: Path, px: int, samples: int) -> None:
     """IoU at half light and brightness of a built part, ours and Mitsuba's."""
     setting, mesh = read_scene(folder / "scene.toml"), read_mesh(folder / "part.stl")
     view = setting.views[0]
-    picture = read_silhouette(folder / view.picture, view.reading)
+    picture = read_silhouette(folder / view.picture, view)
     frame = working_frame(picture.shape[1], picture.shape[0], px)
     seen = view_geometry(view, picture.shape[1], picture.shape[0]).resample(frame)
     target = padded_mask(picture, frame)
-    vertices = move_points(mesh.vertices, np.asarray(setting.pose))
+    vertices = move_points(mesh.vertices, np.asarray(setting.pose.matrix))
     print("lamp, mm  points  IoU ours  Mitsuba   RMS  error ours  Mitsuba")
     with SilhouetteRenderer(vertices, mesh.faces) as renderer:
         sharp = renderer.render(seen)
@@ -269,9 +269,9 @@ def print_round(folder: Path, radii: Sequence[float], px: int = 160) -> None:
 
     setting, mesh = read_scene(folder / "scene.toml"), read_mesh(folder / "part.stl")
     view = setting.views[0]
-    picture = read_silhouette(folder / view.picture, view.reading)
+    picture = read_silhouette(folder / view.picture, view)
     frame = working_frame(picture.shape[1], picture.shape[0], px)
-    vertices = move_points(mesh.vertices, np.asarray(setting.pose))
+    vertices = move_points(mesh.vertices, np.asarray(setting.pose.matrix))
     solid = pyvista.PolyData.from_regular_faces(vertices, mesh.faces)  # type: ignore[arg-type]
     print("wall's radius, mm  pixels  dark  rendering off  polygons off  flat wall off")
     with SilhouetteRenderer(vertices, mesh.faces) as renderer:

@@ -20,9 +20,10 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from benchmarks.measurement import run_study
+from knotfab_formats.scene import View
 from knotfab_validators.files.mesh import read_mesh
 from knotfab_validators.files.picture import read_silhouette
-from knotfab_validators.files.scene import Scene, View, read_scene
+from knotfab_validators.files.scene import Scene, read_scene
 from knotfab_validators.geometry.mesh import Mesh, move_points
 from knotfab_validators.shadows.cast import ShadowCaster
 from knotfab_validators.shadows.colour_light import Light, colour_error, light_of, to_srgb
@@ -185,9 +186,9 @@ def main(
     if not use_mitsuba():
         return 3
     scene, mesh = read_scene(folder / "scene.toml"), read_mesh(folder / "part.stl")
-    pose = np.eye(4) if scene.pose is None else np.asarray(scene.pose)
+    pose = np.eye(4) if scene.pose is None else np.asarray(scene.pose.matrix)
     vertices = move_points(scene.material.shrinks_to * mesh.vertices, pose)
-    masks = [read_silhouette(folder / view.picture, view.reading) for view in scene.views]
+    masks = [read_silhouette(folder / view.picture, view) for view in scene.views]
     height, width = masks[0].shape
     frame = working_frame(width, height, px)
     inside = WorkingFrame(frame.width, frame.height, 0, 0)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from knotfab.base.errors import InputError
 from knotfab.base.progress import Event, Progress
 from knotfab.picture.read import Target, read_target
-from knotfab_formats.scene import Reading, Scene
+from knotfab_formats.scene import Reading, Scene, View
 
 if TYPE_CHECKING:
     from knotfab.design.design import Design
@@ -110,16 +110,15 @@ def read_picture(source: Source, *, font: str | None = None, **reading: Any) -> 
     Raises:
         InputError: it cannot be read, or holds no silhouette; or a key is wrong.
     """
-    from pydantic import ValidationError
-
-    from knotfab_formats.explain import explain
-
     try:
-        how = Reading(**reading)
-    except ValidationError as error:
-        found = explain(error, {"views": [reading]}, "read_picture", ("views", 0))
-        why = found.why.replace("[[views]] number 1 ", "")
-        raise InputError(found.what, why, found.remedy) from error
+        for key in reading.keys() & (View.model_fields.keys() - Reading.model_fields.keys()):
+            raise InputError(
+                "read_picture", f"{key} does not say how a picture is read", "Leave it out."
+            )
+        how = Scene.model_validate({"views": [reading]}, context="read_picture").views[0]
+    except InputError as error:
+        why = error.why.replace("[[views]] number 1 ", "")
+        raise InputError(error.what, why, error.remedy) from error
     with TemporaryDirectory() as folder:
         return read_target(_file_of(source, Path(folder) / "picture.png"), how, font=font)
 

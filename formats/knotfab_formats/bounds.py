@@ -22,6 +22,7 @@ __all__ = [
     "Extent",
     "LampDistance",
     "Length",
+    "Matrix",
     "Modulus",
     "Number",
     "Pixels",
@@ -76,6 +77,7 @@ Pixels = Annotated[float, Strict(), Field(gt=0, le=1024)]
 Vector = tuple[Coordinate, Coordinate, Coordinate]
 Extent = tuple[Length, Length, Length]
 Row = tuple[Coordinate, Coordinate, Coordinate, Coordinate]
+Matrix = tuple[Row, Row, Row, Row]
 Count = Annotated[int, Strict(), Field(ge=1, le=1000)]
 Whole = Annotated[int, Strict(), Field(ge=0, le=_MOST_WHOLE)]
 Side = Annotated[int, Strict(), Field(ge=1, le=_MOST_WHOLE)]

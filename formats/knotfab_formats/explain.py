@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import difflib
 import re
-import tomllib
 from collections.abc import Mapping
 from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
 
 from knotfab_formats.errors import InputError
-from knotfab_formats.scene import Scene
 
-__all__ = ["explain", "parse_toml"]
+__all__ = ["explain"]
 
 # Millimetres or degrees in one of each unit that people write instead.
 _LENGTHS = {"mm": 1.0, "cm": 10.0, "dm": 100.0, "m": 1000.0, "um": 0.001, "in": 25.4, "inch": 25.4}
@@ -24,41 +22,24 @@ _NAMES = {"mm": "millimetres", "deg": "degrees"}
 
 
 def explain(
-    error: ValidationError, raw: Mapping[str, Any], what: str, inside: tuple[int | str, ...] = ()
+    error: ValidationError, raw: Mapping[str, Any], what: str, scene: type[BaseModel]
 ) -> InputError:
     """The most telling of the errors that validation found.
 
     Args:
-        error: from `Scene.model_validate(raw)`, or of the part of it that lies at `inside`.
-        raw: what the TOML file held.
+        error: from the validation of `raw`, what a TOML file held, by the model `scene`.
         what: how the message names the file.
     """
-    found: list[Any] = [{**one, "loc": (*inside, *one["loc"])} for one in error.errors()]
+    found: list[Any] = error.errors(include_url=False, include_input=False)
     # An unknown key often explains the rest, so it comes first.
     first = next((e for e in found if e["type"] == "extra_forbidden"), found[0])
     path = _path(first["loc"], raw)
     if first["type"] == "extra_forbidden":
-        return _unknown_key(path, raw, what)
+        return _unknown_key(path, raw, what, scene)
+    if not path:
+        return InputError(what, f"it lacks {first['loc'][0]}", "Add it.")
     same = [e for e in found if _path(e["loc"], raw) == path]
     return _wrong_value(path, same, raw, what)
-
-
-def parse_toml(text: str, what: str) -> dict[str, Any]:
-    """What a TOML text holds; a byte order mark before it is passed over.
-
-    Raises:
-        InputError: it is none; with the number of the line.
-    """
-    try:
-        return tomllib.loads(text.removeprefix("\ufeff"))
-    except tomllib.TOMLDecodeError as error:
-        last = f"at line {text.rstrip().count(chr(10)) + 1}, the last"
-        reason = str(error).replace("at end of document", last)
-        raise InputError(what, f"it is not valid TOML: {reason}", "Correct that line.") from error
-    except RecursionError as error:
-        raise InputError(what, "its lists are nested too deep", "Correct it.") from error
-    except ValueError as error:
-        raise InputError(what, "a whole number in it is too long", "Correct it.") from error
 
 
 def _path(loc: tuple[int | str, ...], raw: Any) -> tuple[int | str, ...]:
@@ -66,7 +47,7 @@ def _path(loc: tuple[int | str, ...], raw: Any) -> tuple[int | str, ...]:
     path: list[int | str] = []
     for step in loc:
         is_key = isinstance(raw, dict) and step in raw
-        is_place = isinstance(raw, list) and isinstance(step, int) and step < len(raw)
+        is_place = isinstance(raw, list | tuple) and isinstance(step, int) and step < len(raw)
         if not (is_key or is_place):
             break
         path.append(step)
@@ -89,18 +70,18 @@ def _name_table(path: tuple[int | str, ...]) -> str:
     return f"[{path[0]}]"
 
 
-def _list_tables() -> dict[str, type[BaseModel]]:
+def _list_tables(scene: type[BaseModel]) -> dict[str, type[BaseModel]]:
     """Each table's name and its model."""
     tables: dict[str, type[BaseModel]] = {}
-    for name, field in Scene.model_fields.items():
+    for name, field in scene.model_fields.items():
         for part in (field.annotation, *get_args(field.annotation)):
             if isinstance(part, type) and issubclass(part, BaseModel):
                 tables[name] = part
     return tables
 
 
-def _key_names(table: str | None) -> list[str]:
-    model = Scene if table is None else _list_tables().get(table)
+def _key_names(table: str | None, scene: type[BaseModel]) -> list[str]:
+    model = scene if table is None else _list_tables(scene).get(table)
     if model is None:
         return []
     return [field.alias or name for name, field in model.model_fields.items()]
@@ -113,9 +94,11 @@ def _convert(number: float, unit: str, target: str) -> float | None:
     return None if factor is None else float(f"{number * factor:.12g}")
 
 
-def _unknown_key(path: tuple[int | str, ...], raw: Mapping[str, Any], what: str) -> InputError:
+def _unknown_key(
+    path: tuple[int | str, ...], raw: Mapping[str, Any], what: str, scene: type[BaseModel]
+) -> InputError:
     key, table = str(path[-1]), path[:-1]
-    valid = _key_names(str(table[0]) if table else None)
+    valid = _key_names(str(table[0]) if table else None, scene)
     stem, _, suffix = key.rpartition("_")
     value = _look_up(path, raw)
     number = value if isinstance(value, int | float) and not isinstance(value, bool) else None
@@ -130,7 +113,7 @@ def _unknown_key(path: tuple[int | str, ...], raw: Mapping[str, Any], what: str)
     alike = key.replace("lamp", "light")
     close = [alike] if alike in valid else difflib.get_close_matches(key, valid, n=1, cutoff=0.5)
     close = [v for v in valid if v in (f"{key}_mm", f"{key}_deg")] or close
-    homes = [name for name in _list_tables() if key in _key_names(name)]
+    homes = [name for name in _list_tables(scene) if key in _key_names(name, scene)]
     if homes and (not table or homes != [table[0]]):
         home = "[[views]]" if homes[0] == "views" else f"[{homes[0]}]"
         remedy = f"It belongs in {home}."
@@ -201,7 +184,10 @@ def _wrong_value(
 
 
 def _show(value: Any) -> str:
-    text = f'"{value}"' if isinstance(value, str) else str(value)
+    try:
+        text = f'"{value}"' if isinstance(value, str) else str(value)
+    except ValueError:
+        return "a whole number of thousands of digits"
     if isinstance(value, bool):
         text = text.lower()
     return text if len(text) <= 60 else text[:57] + "..."

@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import re
 from math import cos, hypot, pi
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal, Self, TypeVar
 
 from pydantic import (
     AfterValidator,
     BaseModel,
     ConfigDict,
     Field,
+    ModelWrapValidatorHandler,
     Strict,
     StrictInt,
     StrictStr,
+    ValidationError,
+    ValidationInfo,
     field_validator,
+    model_validator,
 )
 from pydantic_core import PydanticCustomError
 
@@ -26,11 +30,11 @@ from knotfab_formats.bounds import (
     Extent,
     LampDistance,
     Length,
+    Matrix,
     Modulus,
     Number,
     Pixels,
     Ratio,
-    Row,
     Shift,
     Side,
     Spread,
@@ -41,6 +45,7 @@ from knotfab_formats.bounds import (
     WallRadius,
     Whole,
 )
+from knotfab_formats.search import SearchSettings, search_settings
 
 __all__ = [
     "LIGHT_SHARE",
@@ -72,6 +77,7 @@ __all__ = [
     "Switch",
     "Switches",
     "View",
+    "known",
 ]
 
 
@@ -115,6 +121,14 @@ def _one_line(text: str) -> str:
 Line = Annotated[str, Strict(), Field(max_length=200), AfterValidator(_one_line)]
 Color = Annotated[str, Strict(), Field(pattern=r"^#[0-9a-fA-F]{6}$")]
 Switch = Literal["auto", "on", "off"]
+
+
+T = TypeVar("T")
+
+
+def known(value: T | Literal["auto", "none"]) -> T | None:
+    """A value that the scene settles; None where it leaves it open, or has none."""
+    return None if isinstance(value, str) else value
 
 
 class _Table(BaseModel):
@@ -171,6 +185,11 @@ class Material(_Table):
     shrinkage_percent: Annotated[float, Strict(), Field(ge=0, lt=20)] = 0.0
     color: Color = "#d9d4c7"
 
+    @property
+    def shrinks_to(self) -> float:
+        """The share of every length that is left of what is printed."""
+        return 1 - self.shrinkage_percent / 100
+
 
 class Printer(_Table):
     """What prints it, and how; named printers are data files."""
@@ -187,6 +206,11 @@ class Printer(_Table):
     max_overhang_deg: Annotated[float, Strict(), Field(ge=0, le=90)] = 45.0
     max_bridge_mm: Spread = 10.0
     max_support_cm3: Volume | Literal["auto"] = "auto"
+
+    def stated(self, key: str) -> Any:
+        """A figure; None where it is open, since the scene only names another printer than the usual one."""
+        given = key in self.model_fields_set or self.name == type(self).model_fields["name"].default
+        return known(getattr(self, key)) if given else None
 
 
 class Reading(_Table):
@@ -255,6 +279,13 @@ class View(Reading):
         if leds[0] * leds[1] > MOST_LEDS:
             raise PydanticCustomError("leds", f"an array of at most {MOST_LEDS} LEDs")
         return leds
+
+    @field_validator("lamp_colour")
+    @classmethod
+    def _lit(cls, colour: tuple[float, float, float]) -> tuple[float, float, float]:
+        if not any(colour):
+            raise PydanticCustomError("colour", "a colour that gives light")
+        return colour
 
     @field_validator("bend_points")
     @classmethod
@@ -399,7 +430,7 @@ class Plate(_Table):
     """
 
     file: str = ""
-    matrices: Annotated[tuple[tuple[Row, Row, Row, Row], ...], Field(min_length=1)]
+    matrices: Annotated[tuple[Matrix, ...], Field(min_length=1)]
 
 
 class Pose(_Table):
@@ -408,12 +439,25 @@ class Pose(_Table):
     A rigid motion; where the material shrinks, a similarity that shrinks by as much.
     """
 
-    matrix: tuple[Row, Row, Row, Row]
+    matrix: Matrix
     plates: tuple[Plate, ...] = ()
 
 
 class Scene(_Table):
     """One scene. `search` is checked by `knotfab_formats.search`."""
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _in_words(
+        cls, raw: Any, read: ModelWrapValidatorHandler[Self], about: ValidationInfo
+    ) -> Self:
+        """What is wrong with a scene, in one sentence; the validation's context is the name of the file."""
+        try:
+            return read(raw)
+        except ValidationError as error:
+            from knotfab_formats.explain import explain
+
+            raise explain(error, raw, about.context or "the scene", cls) from error
 
     schema_: Annotated[Literal[1], Field(alias="schema")] = 1
     piece: Piece = Piece()
@@ -431,6 +475,15 @@ class Scene(_Table):
     about: About = About()
     search: dict[str, Annotated[bool, Strict()] | StrictInt | Number | StrictStr] = {}
     pose: Pose | None = None
+
+    @property
+    def settings(self) -> SearchSettings:
+        """Every setting of the search: the accuracy's preset with the scene's own keys over it.
+
+        Raises:
+            InputError: for a key that is none, or a value out of its bounds.
+        """
+        return search_settings(self.accuracy.name, self.search)
 
     @property
     def share_wall(self) -> bool:

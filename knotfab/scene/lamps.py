@@ -1,4 +1,4 @@
-"""Several lamps before one wall: what their views share, and what cannot be."""
+"""Several lamps before one wall: what cannot be."""
 
 from __future__ import annotations
 
@@ -7,14 +7,13 @@ from itertools import combinations
 from math import hypot
 
 from knotfab.base.errors import InputError
-from knotfab_formats.scene import OF_WALL, Scene, View
+from knotfab_formats.scene import Scene, View
 
 __all__ = [
     "COLOURS_FILE",
     "SWITCH",
     "lamps_named",
     "require_lamps",
-    "share_walls",
     "with_lamps",
     "with_small_lamps",
 ]
@@ -41,59 +40,14 @@ _APART_MM = 1.0  # two lamps that stand nearer to each other throw one shadow
 _ALIKE = 0.05  # of a colour's length: two lamps of colours nearer to each other mix nothing
 
 
-def share_walls(views: Sequence[View], what: str) -> tuple[View, ...]:
-    """The views, in which each that shines on another's wall has the keys of that wall and frame.
-
-    Raises:
-        InputError: the wall is none of an earlier view, or the view says otherwise of it.
-    """
-    walls: dict[str, View] = {}
-    found = []
-    for view in views:
-        if not view.wall:
-            walls[view.name] = view
-            found.append(view)
-            continue
-        theirs = walls.get(view.wall)
-        if theirs is None:
-            raise InputError(
-                what,
-                f"view {view.name!r} has wall = {view.wall!r}, no earlier view with a wall of its own",
-                f"Known: {', '.join(walls) or 'none'}.",
-            )
-        shared = {key: getattr(theirs, key) for key in OF_WALL}
-        for key in sorted(set(OF_WALL) & view.model_fields_set):
-            if getattr(view, key) != shared[key]:
-                raise InputError(
-                    what,
-                    f"view {view.name!r} shines on the wall of {view.wall!r}, but has another {key}",
-                    f"Leave {key} out: it is that wall's.",
-                )
-        found.append(view.model_copy(update=shared))
-    return tuple(found)
-
-
 def require_lamps(scene: Scene, what: str) -> None:
     """Refuse lamps before one wall that show nothing together, once their places are fixed.
 
     Raises:
-        InputError: an eye, or a wall that belongs to some of the views only; lamps of one colour twice, or
-            without any; lamps at one place.
+        InputError: lamps of one colour twice, or at one place.
     """
     if not scene.share_wall:
         return
-    first = scene.views[0].name
-    for view in scene.views:
-        if view.kind == "eye":
-            raise InputError(
-                what, f"view {view.name!r} is an eye, which lights no wall", "Leave it out."
-            )
-        if view.name != first and view.wall != first:
-            raise InputError(
-                what,
-                f"view {view.name!r} has a wall of its own, and others share one",
-                f"Give every view but the first wall = {first!r}, or none.",
-            )
     for one, other in combinations(scene.views, 2):
         if scene.lamps.mode == "mix" and _alike(one, other):
             raise InputError(
@@ -107,9 +61,6 @@ def require_lamps(scene: Scene, what: str) -> None:
                 f"the lamps {one.name!r} and {other.name!r} stand at one place, where they throw one shadow",
                 'Move one (light_right_mm, light_up_mm), or let places = "auto" find some.',
             )
-    for view in scene.views:
-        if scene.lamps.mode == "mix" and not any(view.lamp_colour):
-            raise InputError(what, f"the lamp {view.name!r} gives no light", "Give it a colour.")
 
 
 def _alike(one: View, other: View) -> bool:

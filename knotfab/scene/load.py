@@ -6,14 +6,12 @@ import math
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
-
 from knotfab.base.disk import at_home, read_text, require_within
 from knotfab.base.errors import InputError
 from knotfab.scene.camera import view_axes
-from knotfab.scene.lamps import require_lamps, share_walls
-from knotfab_formats.explain import explain, parse_toml
+from knotfab.scene.lamps import require_lamps
 from knotfab_formats.knot_names import parse_knot_name
+from knotfab_formats.read import parse_toml, scene_of
 from knotfab_formats.scene import Scene, View
 
 __all__ = ["check_scene", "dump_scene", "load_scene", "parse_scene"]
@@ -61,13 +59,7 @@ def parse_scene(text: str, what: str = "scene.toml") -> Scene:
         InputError: not TOML, an unknown key, a wrong type, unit or bound, or lengths that
             contradict each other.
     """
-    raw = parse_toml(text, what)
-    try:
-        scene = Scene.model_validate(raw)
-    except ValidationError as error:
-        raise explain(error, raw, what) from error
-    if scene.share_wall:
-        scene = scene.model_copy(update={"views": share_walls(scene.views, what)})
+    scene = scene_of(parse_toml(text, what), what, Scene)
     check_scene(scene, what)
     return scene
 

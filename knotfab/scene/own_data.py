@@ -11,11 +11,10 @@ from pathlib import Path
 from typing import Any, Literal
 
 from platformdirs import user_config_path
-from pydantic import ValidationError
 
 from knotfab.base.disk import at_home, own_folder, read_text
 from knotfab.base.errors import InputError
-from knotfab_formats.explain import explain, parse_toml
+from knotfab_formats.read import parse_toml
 from knotfab_formats.scene import Material, Printer, Scene
 
 __all__ = [
@@ -145,11 +144,10 @@ def load_file(kind: Kind, path: Path) -> Printer | Material:
             what, f"it gives a name, but a {kind} is named after its file", "Leave name out."
         )
     try:
-        checked = getattr(Scene.model_validate({kind: table}), kind)
-    except ValidationError as error:
-        found = explain(error, {kind: table}, what)
-        why = found.why.replace(f"[{kind}] has", f"a {kind} has").replace(f"[{kind}] ", "")
-        raise InputError(what, why, found.remedy) from error
+        checked = getattr(Scene.model_validate({kind: table}, context=what), kind)
+    except InputError as error:
+        why = error.why.replace(f"[{kind}] has", f"a {kind} has").replace(f"[{kind}] ", "")
+        raise InputError(what, why, error.remedy) from error
     model = MODELS[kind]
     lacking = [k for k in model.model_fields if k not in table and k not in USUAL | {"name"}]
     if lacking:

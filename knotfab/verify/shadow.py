@@ -44,10 +44,16 @@ def render_shadow(part: Path, scene: Path, out: Path, view_name: str | None = No
             )
         require_within(scene.parent / named[0].picture)
         height, width = read_silhouette(scene.parent / named[0].picture).shape
-        pose = np.eye(4) if setting.pose is None else np.asarray(setting.pose, dtype=np.float64)
+        pose = (
+            np.eye(4) if setting.pose is None else np.asarray(setting.pose.matrix, dtype=np.float64)
+        )
         vertices = setting.material.shrinks_to * mesh.vertices @ pose[:3, :3].T + pose[:3, 3]
         frame = working_frame(width, height)
-        whole, _ = receive(view_geometry(named[0], width, height), setting.effects)
+        whole, _ = receive(
+            view_geometry(named[0], width, height),
+            setting.effects,
+            setting.settings.tolerance_px,
+        )
         geometry = whole.resample(frame)
         with SilhouetteRenderer(vertices, mesh.faces) as renderer:
             seen = renderer.render(geometry)

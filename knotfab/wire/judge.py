@@ -119,20 +119,16 @@ def cast_shadows(
 
     from knotfab.design.frames import widen
     from knotfab.picture.read import read_target
-    from knotfab_formats.search import search_settings
-    from knotfab_validators.files.scene import Effects
     from knotfab_validators.shadows.frame import padded_mask, working_frame
     from knotfab_validators.shadows.view import view_geometry
     from knotfab_validators.shadows.wall import receive
 
-    tolerance = search_settings(scene.accuracy.name, scene.search).tolerance_px
-    effects = Effects(wall=scene.effects.wall, tolerance_px=tolerance)
-    found = []
+    tolerance, found = scene.settings.tolerance_px, []
     for view, picture in zip(scene.views, pictures, strict=True):
         mask = widen(view, read_target(picture, view)).judged
         height, width = mask.shape
         frame = working_frame(width, height)
-        whole, _ = receive(view_geometry(view, width, height), effects)
+        whole, _ = receive(view_geometry(view, width, height), scene.effects, tolerance)
         geometry = whole.resample(frame)
         shadow = _cast_shadow([k.points for k in knots.knots], knots.radius_mm, geometry)
         inside = distance_transform_edt(shadow) * geometry.pixel_mm

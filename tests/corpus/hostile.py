@@ -115,18 +115,18 @@ def _obj(face: str) -> bytes:
 
 
 _IMPOSSIBLE = (  # a word of the refusal, and the scene
-    ("[piece] must be a table", "piece = 3"),
+    ("piece is 3, but must be a table", "piece = 3"),
     ("tube_radius_mm", "[piece]\ntube_radius_mm = -1"),
     ("tube_radius_mm", "[piece]\ntube_radius_mm = '2 mm'"),
     ("clearance_mm", "[piece]\nclearance_mm = -1.0"),
     ("clearance_mm", "[piece]\nclearance_mm = nan"),
     ("clearance_mm", "[piece]\nclearance_mm = true"),
-    ("kind must be one of box", "[region]\nkind = 'cone'"),
-    ("three numbers", "[region]\nsize_mm = [1, 2]"),
+    ('kind is "cone", but must be "box"', "[region]\nkind = 'cone'"),
+    ("a list of as many numbers", "[region]\nsize_mm = [1, 2]"),
     ("size_mm", "[region]\nsize_mm = [1, 2, 0]"),
-    ("three numbers", "[printer]\nbuild_volume_mm = 'auto'"),
+    ("a list of as many numbers", "[printer]\nbuild_volume_mm = 'auto'"),
     ("light_distance_mm", "[[views]]\nlight_distance_mm = 0"),
-    ("4 rows", "[pose]\nmatrix = 'none'"),
+    ("a list of as many numbers", "[pose]\nmatrix = 'none'"),
     ("rigid", "[pose]\nmatrix = [[2,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]"),
     ("rigid", "[pose]\nmatrix = [[1,1,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]"),
 )
@@ -163,10 +163,14 @@ def _make_by_hand() -> Iterator[Hostile]:
     yield Hostile("none-text.stl", b"solid x\nendsolid x\n", "no triangles")
     yield Hostile("page.stl", b"<!DOCTYPE html><html><body>404</body></html>" * 9, "not an STL")
     yield Hostile("picture.stl", b"\x89PNG\r\n\x1a\n" + bytes(200), "not an STL")
-    yield Hostile("words.stl", cube_text().replace(b"20.0", b"twenty", 1), "three numbers")
+    yield Hostile(
+        "words.stl", cube_text().replace(b"20.0", b"twenty", 1), "a list of as many numbers"
+    )
     between = cube_text().replace(b"endfacet", b"endfacet\nnonsense", 1)
     yield Hostile("between.stl", between, "after line")
-    yield Hostile("python.stl", cube_text().replace(b"20.0", b"2_0.0", 1), "three numbers")
+    yield Hostile(
+        "python.stl", cube_text().replace(b"20.0", b"2_0.0", 1), "a list of as many numbers"
+    )
     yield Hostile("open.stl", cube_text()[:-20], "cut off")
     yield Hostile("zero.obj", _obj("f 0 1 2"), "line 22")
     yield Hostile("after.obj", _obj("f 1 2 9"), "line 22 names vertex 9")
@@ -179,7 +183,9 @@ def _make_by_hand() -> Iterator[Hostile]:
     yield Hostile("curve.obj", _obj("curv 0 1 1 2 3"), "curved surface")
     yield Hostile("prose.obj", _obj("and so on"), "line 22 begins with and")
     yield Hostile("python.obj", _obj("f 1 2 0_3"), "no index")
-    yield Hostile("python-v.obj", cube_obj().replace(b"v 20.0", b"v 2_0.0", 1), "three numbers")
+    yield Hostile(
+        "python-v.obj", cube_obj().replace(b"v 20.0", b"v 2_0.0", 1), "a list of as many numbers"
+    )
     yield Hostile("slashes.obj", _obj("f 1/1/1/1 2 3"), "no index")
     yield Hostile("wide.obj", _obj("f" + " 1" * 20_000), "20000 corners")
     yield Hostile("next.obj", _obj("f 1 \\\n 2 3\nf 1 2 99"), "line 24 names vertex 99")
@@ -307,10 +313,10 @@ def _make_by_hand() -> Iterator[Hostile]:
     yield Hostile("none.json", b'{"schema": 1, "knots": []}', "at least one")
     yield Hostile("pole.json", _knots("[[0,0,0],[0,0,0]]", closed="5"), "points")
     yield Hostile("text.toml", b"schema = 1\n[piece", "TOML")
-    yield Hostile("digits.toml", _scene(f"[piece]\ntube_radius_mm = {'9' * 5000}"), "TOML")
+    yield Hostile("digits.toml", _scene(f"[piece]\ntube_radius_mm = {'9' * 5000}"), "too long")
     yield Hostile("big.toml", _scene(f"[piece]\ntube_radius_mm = {'9' * 400}"), "tube_radius_mm")
     yield Hostile("nan.toml", _scene("[piece]\ntube_radius_mm = nan"), "tube_radius_mm")
-    yield Hostile("deep.toml", b"a = " + b"[" * 100_000, "TOML")
+    yield Hostile("deep.toml", b"a = " + b"[" * 100_000, "nested too deep")
     yield Hostile("pose.toml", _scene("[pose]\nmatrix = [[1,0,0,0],[0,1,0,0],[0,0,1,0]]"), "matrix")
     yield Hostile("mirror.toml", _scene(
         "[pose]\nmatrix = [[-1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]"), "rigid")  # fmt: skip

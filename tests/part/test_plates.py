@@ -21,9 +21,10 @@ from knotfab.part.connector import DEEPER_MM, KERF_MM, CutPiece, cut_body
 from knotfab.part.cut import CLEARANCE_MM, Cut, Line, find_cuts
 from knotfab.part.plates import APART_MM, Plates, Printable, lay_on_plates
 from knotfab.part.pose import PrintPose, choose_pose
+from knotfab_formats.scene import Printer
 from knotfab_validators.files.bad_file import BadFile
 from knotfab_validators.files.plates import Plate, read_plates
-from knotfab_validators.files.scene import Printer, parse_scene
+from knotfab_validators.files.scene import parse_scene
 from knotfab_validators.geometry.mesh import Mesh as Surface
 from knotfab_validators.geometry.mesh import merge_equal
 from knotfab_validators.printing.plates import VOLUME_SHARE, check_plates, check_plates_printable
@@ -265,7 +266,7 @@ def test_plates_that_make_up_the_part_pass(
     apart, volume = found[2].measured, found[3].measured
     assert isinstance(apart, float) and apart < 0.03
     assert isinstance(volume, float) and 0 < volume < 0.01
-    printer = Printer("own", ROOM, 0.4)
+    printer = Printer(name="own", build_volume_mm=ROOM, nozzle_mm=0.4)
     printed = check_plates_printable(plates, printer, found, {})
     assert {c.name: c.status for c in printed}["feature"] == "pass"
 
@@ -326,7 +327,9 @@ def test_a_plate_too_large_or_with_a_hole_fails(
     holed = replace(plates[0], mesh=Surface(mesh.vertices, mesh.faces[1:]))
     found = check_plates(part, [holed, *plates[1:]], ROOM)
     assert {c.name: c.status for c in found}["plate_mesh"] == "fail"
-    skipped = check_plates_printable([holed, *plates[1:]], Printer("own", ROOM, 0.4), found, {})
+    skipped = check_plates_printable(
+        [holed, *plates[1:]], Printer(name="own", build_volume_mm=ROOM, nozzle_mm=0.4), found, {}
+    )
     assert all(c.status == "skipped" for c in skipped)
 
 

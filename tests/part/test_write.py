@@ -106,7 +106,7 @@ def test_knots_without_a_part_are_as_large_as_their_pose_shrinks_them(
         write_unbuilt(folder, made, [target])
         folder.commit()
     pose = read_scene(tmp_path / "out" / "scene.toml").pose  # rigid, less what shrinks
-    assert pose is not None and np.array(pose) == pytest.approx(np.eye(4))
+    assert pose is not None and np.array(pose.matrix) == pytest.approx(np.eye(4))
     told = json.loads((tmp_path / "out" / "knots.json").read_text())
     left = 1 - percent / 100
     assert left * np.array(told["knots"][0]["points"]) == pytest.approx(own.points)

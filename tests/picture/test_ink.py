@@ -16,7 +16,6 @@ from knotfab.base.errors import InputError
 from knotfab.picture.masks import drop_specks, holes_of, keep_largest, pieces_of
 from knotfab.picture.read import Target, read_target
 from knotfab_formats.scene import Reading
-from knotfab_validators.files.picture import Reading as ValidatorsReading
 from knotfab_validators.files.picture import read_silhouette
 
 SIDE = 120
@@ -50,7 +49,7 @@ def read(folder: Path, image: Image.Image, **keys: Any) -> Target:
     target = read_target(folder / "picture.png", Reading(**keys))
     keys.pop("smooth_px", None)
     guessed = {} if target.ink is None else {"ink": target.ink}
-    other = ValidatorsReading(**{**keys, **guessed, "crop_px": target.crop_px})
+    other = Reading(**{**keys, **guessed, "crop_px": target.crop_px or "none"})
     np.testing.assert_array_equal(read_silhouette(folder / "picture.png", other), target.asked)
     return target
 

@@ -26,7 +26,6 @@ from knotfab.read_options import read_scene
 from knotfab.scene.load import load_scene
 from knotfab_formats.scene import Reading, View
 from knotfab_validators.files.picture import PictureError, read_silhouette
-from knotfab_validators.files.picture import Reading as ValidatorsReading
 from knotfab_validators.files.scene import read_scene as read_built
 
 # a rectangle, discs that belong, discs that do not, and the outline by hand
@@ -153,7 +152,7 @@ def test_a_build_goes_by_the_mask_and_so_do_the_validators(tmp_path: Path) -> No
     found = read_target(view.picture, view, base=folder)
     assert not found.mask[:10, :10].any() and (found.mask[10:] == first.mask[10:]).all()
     (seen,) = read_built(scene).views
-    np.testing.assert_array_equal(read_silhouette(folder / seen.picture, seen.reading), found.mask)
+    np.testing.assert_array_equal(read_silhouette(folder / seen.picture, seen), found.mask)
     # strokes on the command line cut anew
     anew = read_scene(BuildOptions(scene=scene, keep=("5,5,3",)))[0].views[0]
     assert (anew.subject_mask, anew.keep_px, anew.drop_px) == ("", ((5, 5, 3),), ((80, 70, 9),))
@@ -168,7 +167,7 @@ def test_a_mask_of_another_size_is_refused_by_both(tmp_path: Path) -> None:
     ):
         read_target(path, Reading(subject_mask="mask.png"))
     with pytest.raises(PictureError, match="size"):
-        read_silhouette(path, ValidatorsReading(subject_mask="mask.png"))
+        read_silhouette(path, Reading(subject_mask="mask.png"))
     (tmp_path / "mask.png").write_text("no picture")
     with pytest.raises(InputError, match="cannot be read as a picture"):
         read_target(path, Reading(subject_mask="mask.png"))

@@ -34,7 +34,7 @@ def test_a_resolved_printer_reads_the_same_on_both_sides(name: str) -> None:
 def test_both_sides_have_the_same_defaults() -> None:
     ours, theirs = Printer(), read({}).printer
     assert all(getattr(ours, key) == getattr(theirs, key) for key in SHARED)
-    assert ours.max_support_cm3 == "auto" and theirs.max_support_cm3 is None
+    assert ours.max_support_cm3 == theirs.max_support_cm3 == "auto"
 
 
 def test_figures_are_plausible() -> None:
@@ -49,10 +49,10 @@ def test_figures_are_plausible() -> None:
 
 def test_a_printer_that_is_only_named_leaves_its_size_open() -> None:
     other = read({"printer": {"name": "form-3"}}).printer
-    assert other.nozzle_mm is None and other.build_volume_mm is None
-    assert read({"printer": {"name": "form-3", "nozzle_mm": 0.1}}).printer.nozzle_mm == 0.1
-    assert read({"printer": {"max_support_cm3": 12}}).printer.max_support_cm3 == 12.0
-    assert read({"printer": {"max_support_cm3": "auto"}}).printer.max_support_cm3 is None
+    assert other.stated("nozzle_mm") is None and other.stated("build_volume_mm") is None
+    named = read({"printer": {"name": "form-3", "nozzle_mm": 0.1}}).printer
+    assert named.stated("nozzle_mm") == 0.1 and named.stated("build_volume_mm") is None
+    assert read({}).printer.stated("nozzle_mm") == 0.4
 
 
 @pytest.mark.parametrize(

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from solids import prism
 
+from knotfab_formats.scene import Printer
 from knotfab_validators.check import Check
-from knotfab_validators.files.scene import Printer
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.printing.printability import printability_checks
 
-PRINTER = Printer("test", None, nozzle_mm=0.4)
-BARE = replace(PRINTER, supports=False)  # prints without supports
+PRINTER = Printer(name="test", nozzle_mm=0.4)
+BARE = PRINTER.model_copy(update={"supports": False})  # prints without supports
 
 
 def run(mesh: Mesh, printer: Printer | None = PRINTER, stands: bool = False) -> dict[str, Check]:

@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 from validator_parts import PlainView
 
-from knotfab_validators import Check, names, validate
+from knotfab_formats import checks as names
+from knotfab_formats.scene import Printer, Region
+from knotfab_validators import Check, validate
 from knotfab_validators.files.plates import Plate
-from knotfab_validators.files.scene import Printer, Region, parse_scene
+from knotfab_validators.files.scene import parse_scene
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.mesh.surface_checks import check_mesh
@@ -53,7 +55,7 @@ LENGTH = 96 * 60.0 * float(np.sin(np.pi / 96))
 # a regular polygon's, but for the rounding of its corners, which is above the tolerance
 BEND = _number(check_bend(CURVES, None))
 assert abs(BEND / (30.0 * np.cos(np.pi / 96)) - 1) < 1e-9
-NO_SUPPORTS = Printer("any", None, nozzle_mm=0.4, supports=False)
+NO_SUPPORTS = Printer(name="any", nozzle_mm=0.4, supports=False)
 LAYER = NO_SUPPORTS.layer_height_mm
 GAP = 0.08  # of the nozzle: a gap of 0.9 nozzles must be seen
 
@@ -75,9 +77,7 @@ def _mesh(body: Body) -> Mesh:
 
 
 def _shrunk_box(beyond: float) -> Check:
-    return check_region(
-        Region("box", (0.0, 0.0, 0.0), (66.0 - 2 * beyond, 70.0, 9.0)), None, CURVES
-    )
+    return check_region(Region(size_mm=(66.0 - 2 * beyond, 70.0, 9.0)), None, CURVES)
 
 
 def _smaller_printer(beyond: float) -> Check:
@@ -181,7 +181,7 @@ EXACT: dict[str, Callable[[float], Check]] = {
     "support off the bed": lambda f: _print_check(
         "support_volume",
         _ledge(LAYER + 1e-3 * f),
-        replace(NO_SUPPORTS, supports=True, max_support_cm3=0.0),
+        NO_SUPPORTS.model_copy(update={"supports": True, "max_support_cm3": 0.0}),
     ),
     "floating": lambda f: _print_check("floating", box((2, 2, LAYER + 1e-3 * f), (9, 9, 9))),
     "standing in the air": lambda f: _print_check(
@@ -213,11 +213,11 @@ def test_a_body_without_a_volume_is_turned_neither_way() -> None:
         (
             "support_volume",
             arch(9.0),
-            lambda x: replace(NO_SUPPORTS, supports=True, max_support_cm3=x),
+            lambda x: NO_SUPPORTS.model_copy(update={"supports": True, "max_support_cm3": x}),
             0.99,
         ),
-        ("bridge", arch(9.0), lambda x: replace(NO_SUPPORTS, max_bridge_mm=x), 0.99),
-        ("feature", slab(0.9), lambda x: replace(NO_SUPPORTS, nozzle_mm=x), 1.01),
+        ("bridge", arch(9.0), lambda x: NO_SUPPORTS.model_copy(update={"max_bridge_mm": x}), 0.99),
+        ("feature", slab(0.9), lambda x: NO_SUPPORTS.model_copy(update={"nozzle_mm": x}), 1.01),
     ],
 )
 def test_a_printers_limit_may_be_met_exactly(

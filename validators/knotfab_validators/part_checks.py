@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Literal, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 
@@ -14,7 +14,6 @@ from knotfab_validators.arrays import Array
 from knotfab_validators.check import Check, at_least, skip_check
 from knotfab_validators.clock import time_stage
 from knotfab_validators.files.plates import Plate
-from knotfab_validators.files.scene import Mount, Scene
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.knots.knot_types import knot_checks
@@ -29,6 +28,11 @@ from knotfab_validators.tube.mount_members import check_mount
 from knotfab_validators.tube.region import check_build_volume, check_region
 from knotfab_validators.tube.thickness import check_bend, check_length, check_thickness, thickness
 from knotfab_validators.tube.tube_fit import check_tube, measure_proud
+
+if TYPE_CHECKING:
+    from knotfab_formats.bounds import Matrix
+    from knotfab_formats.scene import Mount
+    from knotfab_validators.files.scene import Scene
 
 __all__ = ["GROUPS", "Group", "part_checks"]
 
@@ -95,12 +99,12 @@ def _check_surface(
         checks += [skip_check(name, "not given the scene") for name in ("region", "build_volume")]
     else:
         with time_stage(seconds, "region"):
-            checks.append(check_region(scene.region, scene.pose, curves, mesh))
+            checks.append(check_region(scene.region, _pose(scene), curves, mesh, scene.surface))
             if not plates:
                 checks.append(_check_build_volume(printed, scene))
     if printed is not None and scene is not None and plates:
         with time_stage(seconds, "plates"):
-            checks += check_plates(printed, plates, scene.printer.build_volume_mm)
+            checks += check_plates(printed, plates, scene.printer.stated("build_volume_mm"))
         return checks + (left or check_plates_printable(plates, scene.printer, checks, seconds))
     return checks + (left or _check_printability(printed, curves, scene, checks, seconds))
 
@@ -164,7 +168,7 @@ def _check_tube(
     """Whether the surface is the tube of the curves."""
     if mesh is None:
         return skip_check("tube", "not given the part")
-    asked = scene.piece.tube_radius_mm if scene is not None else None
+    asked = _radius(scene)
     with time_stage(seconds, "tube"):
         return check_tube(mesh, curves, mounted=_is_mounted(scene), asked_mm=asked)
 
@@ -198,6 +202,16 @@ def _check_gap(
     return gap if found is None else replace(gap, required=False)
 
 
+def _radius(scene: Scene | None) -> float | None:
+    """The tube's radius that the scene asks for, mm."""
+    radius = "auto" if scene is None else scene.piece.tube_radius_mm
+    return None if isinstance(radius, str) else radius
+
+
+def _pose(scene: Scene) -> Matrix | None:
+    return None if scene.pose is None else scene.pose.matrix
+
+
 def _is_mounted(scene: Scene | None) -> bool:
     return scene is not None and scene.mount.kind != "none"
 
@@ -229,9 +243,9 @@ def _predict_topology(
 
 
 def _check_level(mesh: Mesh, scene: Scene) -> Check:
-    if scene.mount.thread_mm is None or scene.pose is None:
+    if isinstance(scene.mount.thread_mm, str) or scene.pose is None:
         return skip_check("level", "the scene does not say where the thread is", required=True)
-    pose = np.array(scene.pose, dtype=np.float64)
+    pose = np.array(scene.pose.matrix, dtype=np.float64)
     place = np.array([*scene.mount.thread_mm, 1.0])
     thread: Array = np.linalg.solve(pose, place)[:3].astype(np.float64)
     up = pose[1, :3] / np.linalg.norm(pose[1, :3])  # the scene's y in the part's coordinates
@@ -246,7 +260,7 @@ def _check_knots(
     with time_stage(seconds, "thickness"):
         checks = _check_curves(curves, scene)
     with time_stage(seconds, "knot type"):
-        kinds = knot_checks(curves, scene.piece.knot if scene is not None else None)
+        kinds = knot_checks(curves, scene.promised if scene is not None else None)
     # a part is built of unlinked unknots; curves alone are asked for their thickness
     return checks + [kind if mesh is not None else replace(kind, required=False) for kind in kinds]
 
@@ -254,7 +268,7 @@ def _check_knots(
 def _check_build_volume(mesh: Mesh | None, scene: Scene) -> Check:
     if mesh is None:
         return skip_check("build_volume", "not given the part")
-    room = scene.printer.build_volume_mm
+    room = scene.printer.stated("build_volume_mm")
     if room is None:
         why = "the scene names a printer without its build_volume_mm"
         return skip_check("build_volume", why)
@@ -289,15 +303,13 @@ def _turn_upright(scene: Scene | None) -> Array | None:
     """The turn (3, 3) that puts a stand upright (the scene's y up); None where it is printed so."""
     if scene is None or scene.pose is None:
         return None
-    turn = Y_UP @ np.array(scene.pose, dtype=np.float64)[:3, :3]
+    turn = Y_UP @ np.array(scene.pose.matrix, dtype=np.float64)[:3, :3]
     return None if np.allclose(turn[2], [0.0, 0.0, 1.0], atol=1e-9) else turn
 
 
 def _check_curves(curves: Curves, scene: Scene | None) -> list[Check]:
     """Thickness, bend and length."""
-    radius = curves.radius_mm
-    if radius is None and scene is not None:
-        radius = scene.piece.tube_radius_mm
+    radius = _radius(scene) if curves.radius_mm is None else curves.radius_mm
     clearance = scene.piece.clearance_mm if scene is not None else 0.0
     required = None if radius is None else radius + clearance / 2
     if required is None:
@@ -308,9 +320,8 @@ def _check_curves(curves: Curves, scene: Scene | None) -> list[Check]:
         checks = [check_thickness(curves, required)]
     if scene is None:
         return checks + [skip_check(name, "not given the scene") for name in ("bend", "length")]
-    bend = scene.material.min_bend_radius_mm
-    if bend is None:
-        bend = required
+    own = scene.material.min_bend_radius_mm
+    bend = required if isinstance(own, str) else own
     if bend is None:
         checks.append(skip_check("bend", "neither a bend radius nor the tube's radius is given"))
     else:

@@ -8,7 +8,7 @@ from dataclasses import replace
 from functools import partial
 from os import PathLike
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 from knotfab_formats.checks import FILES, PRINTER, SHADOWS
 from knotfab_validators.check import Check, rescale, skip_check
@@ -19,7 +19,6 @@ from knotfab_validators.files.bad_file import BadFile
 from knotfab_validators.files.knots import read_knots
 from knotfab_validators.files.mesh import read_mesh
 from knotfab_validators.files.plates import read_plates
-from knotfab_validators.files.scene import Scene, read_scene
 from knotfab_validators.forked import Baton, Forked, may_fork
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh
@@ -28,6 +27,9 @@ from knotfab_validators.part_checks import GROUPS, Group, part_checks
 from knotfab_validators.shadows.part_shadows import verify_shadows
 from knotfab_validators.shadows.shadow_checks import skip_shadow_checks
 from knotfab_validators.verdict import Verdict, verdict_of
+
+if TYPE_CHECKING:
+    from knotfab_validators.files.scene import Scene
 
 __all__ = ["Half", "Verdict", "validate"]
 
@@ -75,10 +77,10 @@ def validate(
         notes: list[str] = []
         mesh = read_mesh(Path(part), unit, notes) if part is not None else None
         curves = read_knots(Path(knots)) if knots is not None else None
-        setting = read_scene(Path(scene)) if scene is not None else None
+        setting = _read_scene(Path(scene)) if scene is not None else None
         laid = read_plates(Path(scene).parent, setting) if scene and setting and mesh else []
     printed, lines, left, asked = mesh, curves, 1.0, skip
-    if setting is not None and setting.piece.printed is False:
+    if setting is not None and setting.unprinted:
         skip = {*skip, *PRINTER}
     if setting is not None and setting.material.shrinkage_percent > 0:
         left = setting.material.shrinks_to
@@ -158,6 +160,13 @@ def _check_beside(
         return skip_check(name, "left out on request")
     with time_stage(seconds, "3mf"):
         return check_same_3mf(mesh, Path(part))
+
+
+def _read_scene(path: Path) -> Scene:
+    """The scene of a file; what reads it is loaded for it alone."""
+    from knotfab_validators.files.scene import read_scene
+
+    return read_scene(path)
 
 
 def _check_shadows(

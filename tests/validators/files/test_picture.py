@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from knotfab_validators.files.picture import PictureError, Reading, read_silhouette
+from knotfab_formats.scene import Reading
+from knotfab_validators.files.picture import PictureError, read_silhouette
 
 SHAPE = np.zeros((40, 60), dtype=bool)
 SHAPE[8:30, 10:50] = True

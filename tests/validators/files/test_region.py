@@ -28,9 +28,11 @@ def test_a_scene_reads_its_mesh_and_says_what_is_wrong_with_it(tmp_path: Path) -
     with pytest.raises(BadFile, match=r"room\.stl: cannot be read"):
         read_scene(scene)
     write(mesh)
-    found = read_scene(scene).region
-    assert found.kind == "mesh" and found.surface is not None
-    assert check_region(found, None, KNOT).measured == pytest.approx(0.0, abs=1e-9)
+    found = read_scene(scene)
+    assert found.region.kind == "mesh" and found.surface is not None
+    assert check_region(found.region, None, KNOT, None, found.surface).measured == pytest.approx(
+        0.0, abs=1e-9
+    )
     write(Mesh(mesh.vertices, mesh.faces[1:]))
     with pytest.raises(BadFile, match=r"\[region\] file: room\.stl is not a closed surface"):
         read_scene(scene)

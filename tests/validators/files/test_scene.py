@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import tomllib
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -23,13 +22,11 @@ def read_documented() -> dict[str, object]:
 
 def test_an_empty_scene_has_the_documented_defaults() -> None:
     said, empty = parse_scene(read_documented()), parse_scene({})
-    assert said.piece.knot == "unknot" and empty.piece.knot is None  # which promises nothing
-    assert (
-        replace(empty.piece, knot="unknot", printed=False) == said.piece
-        and empty.region == said.region
-    )
+    assert said.promised == "unknot" and empty.promised is None
+    assert said.unprinted and not empty.unprinted
+    assert empty.piece == said.piece and empty.region == said.region
     assert empty.material == said.material and empty.printer == said.printer
-    assert empty.accuracy == said.accuracy
+    assert empty.iou_floor == said.iou_floor and empty.outline_px == said.outline_px
     assert empty.pose is None and said.pose is not None
     (view,), (plain,) = said.views, empty.views
     assert view.light_distance_mm == plain.light_distance_mm == 500
@@ -52,7 +49,7 @@ def test_values_are_read(tmp_path: Path) -> None:
     assert scene.region.size_mm == (50, 50, 50) and scene.material.min_bend_radius_mm == 4
     assert scene.printer.build_volume_mm == (100, 90, 80)
     assert [v.name for v in scene.views] == ["a", "b"] and scene.views[0].azimuth_deg == 90
-    assert scene.pose is not None and scene.pose[1] == (-1, 0, 0, 6)
+    assert scene.pose is not None and scene.pose.matrix[1] == (-1, 0, 0, 6)
 
 
 def test_auto_is_left_open() -> None:
@@ -64,8 +61,7 @@ def test_auto_is_left_open() -> None:
             "accuracy": {"iou_floor": "auto"},
         }
     )
-    assert scene.piece.tube_radius_mm is None and scene.region.size_mm is None
-    assert scene.material.min_bend_radius_mm is None and scene.accuracy.iou_floor is None
+    assert scene.iou_floor is None and scene.region.size_mm == "auto"
 
 
 def test_a_view_that_shines_on_anothers_wall_has_that_wall() -> None:

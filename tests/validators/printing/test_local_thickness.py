@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from solids import blocks, box, move, prism, together
 from validator_parts import circle, tube
 
-from knotfab_validators.files.scene import Printer
+from knotfab_formats.scene import Printer
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.printing.printability import printability_checks
 

@@ -7,7 +7,7 @@ from printed_solids import BARE, PRINTER, run
 from solids import box, bridge, move, quarter, table, together
 
 from knotfab_formats.checks import PRINTING
-from knotfab_validators.files.scene import Printer
+from knotfab_formats.scene import Printer
 from knotfab_validators.printing.printability import printability_checks
 
 
@@ -24,7 +24,7 @@ def test_no_printer_measures_against_nothing() -> None:
     assert tuple(found) == PRINTING
     assert all(c.status == "pass" and not c.required for c in found.values())
     assert all("no printer was named" in c.detail for n, c in found.items() if n != "standing")
-    assert run(box((0, 0, 0), (10, 10, 0.2)), Printer("other", None))["feature"].limit is None
+    assert run(box((0, 0, 0), (10, 10, 0.2)), Printer(name="other"))["feature"].limit is None
 
 
 def test_what_cannot_be_measured_is_skipped_with_the_reason() -> None:
@@ -43,7 +43,7 @@ def test_the_time_of_each_group_is_told() -> None:
     assert set(seconds) == {"feature", "gap", "overhang", "bridges", "standing"}
 
 
-POWDER = Printer("powder", None, nozzle_mm=0.5, process="powder", min_wall_mm=1.0, min_gap_mm=0.6)
+POWDER = Printer(name="powder", nozzle_mm=0.5, process="powder", min_wall_mm=1.0, min_gap_mm=0.6)
 
 
 def test_in_powder_nothing_overhangs_but_walls_and_gaps_count() -> None:

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from PIL import Image
 from validator_parts import PlainView, circle, tube
 
+from knotfab_formats.scene import Room, View
 from knotfab_validators.files.bad_file import BadFile
-from knotfab_validators.files.lamps import Room
-from knotfab_validators.files.scene import View, parse_scene
+from knotfab_validators.files.scene import parse_scene
 from knotfab_validators.shadows.cast import ShadowCaster
 from knotfab_validators.shadows.colour_light import (
     Light,
@@ -126,8 +126,8 @@ def test_a_lamp_beside_the_axis_leaves_wall_and_frame_where_they_are() -> None:
     [
         ([{"name": "red"}, {"name": "blue", "wall": "green"}], "green"),
         ([{"name": "red"}, {"name": "blue", "wall": "red", "azimuth_deg": 9.0}], "azimuth_deg"),
-        ([{"name": "a"}, {"name": "b", "wall": "a"}, {"name": "c"}], "does not share"),
-        ([{"name": "a", "lamp_colour": [0, 0, 0]}], "black"),
+        ([{"name": "a"}, {"name": "b", "wall": "a"}, {"name": "c"}], "has a wall of its own"),
+        ([{"name": "a", "lamp_colour": [0, 0, 0]}], "lamp_colour"),
         ([{"name": "a", "lamp_colour": [2, 0, 0]}], "lamp_colour"),
     ],
 )

@@ -12,8 +12,9 @@ from region_meshes import box_mesh
 from small_views import needs_rendering
 from validator_parts import Array, PlainView, circle, tangle, tube
 
+from knotfab_formats.scene import Switches
 from knotfab_validators.files.bad_file import BadFile
-from knotfab_validators.files.scene import Effects, parse_scene
+from knotfab_validators.files.scene import parse_scene
 from knotfab_validators.shadows.cast import ShadowCaster
 from knotfab_validators.shadows.compare import turn_view
 from knotfab_validators.shadows.exact_shadow import (
@@ -140,10 +141,10 @@ def test_it_is_looked_at_where_it_matters() -> None:
     far, near = (find_wall(geometry(radius)) for radius in (1e6, 400.0))
     assert far is not None and near is not None
     assert far["off_px"] < 0.05 and near["off_px"] > 5
-    for seen, effects in ((geometry(1e6), Effects()), (geometry(400.0), Effects(wall="off"))):
+    for seen, effects in ((geometry(1e6), Switches()), (geometry(400.0), Switches(wall="off"))):
         received, wall = receive(seen, effects)
         assert received.cylinder is None and wall is None
-    for seen, effects in ((geometry(400.0), Effects()), (geometry(1e6), Effects(wall="on"))):
+    for seen, effects in ((geometry(400.0), Switches()), (geometry(1e6), Switches(wall="on"))):
         received, wall = receive(seen, effects)
         assert received is seen and wall == find_wall(seen)
     scene = parse_scene({"views": [{"wall_radius_mm": -200.0}], "effects": {"wall": "off"}})

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from region_meshes import CURVE, box_mesh
 from validator_parts import PlainView, tube
 
-from knotfab_validators.files.scene import Effects
+from knotfab_formats.scene import Switches
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.shadows.exact_shadow import shadow_lines, shadow_mask
 from knotfab_validators.shadows.layers import (
@@ -85,5 +85,7 @@ def test_matter_behind_the_wall_throws_no_shadow() -> None:
 
 
 def test_it_is_looked_at_where_the_scene_calls_for_it() -> None:
-    assert shows_layers(Effects(), 0.51) and not shows_layers(Effects(), 0.49)
-    assert shows_layers(Effects(layers="on"), 0.0) and not shows_layers(Effects(layers="off"), 9.0)
+    assert shows_layers(Switches(), 0.51) and not shows_layers(Switches(), 0.49)
+    assert shows_layers(Switches(layers="on"), 0.0) and not shows_layers(
+        Switches(layers="off"), 9.0
+    )

@@ -9,8 +9,9 @@ import pytest
 from region_meshes import box_mesh
 from small_views import PIXELS, geometry, needs_rendering
 
+from knotfab_formats.scene import Placing, Switches
 from knotfab_validators.files.bad_file import BadFile
-from knotfab_validators.files.scene import Effects, Placing, parse_scene
+from knotfab_validators.files.scene import parse_scene
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.shadows.misplacement import (
     fit_likeness,
@@ -43,7 +44,7 @@ def test_a_flat_piece_merely_moves_and_a_deep_one_parts() -> None:
     left = fit_likeness(deep, seen, up).left_mm
     assert 0.4 * spread < left <= 0.55 * spread
     assert parting_px(deep, middle, seen, lamp) >= left / seen.pixel_mm
-    assert parting_px(deep, middle, seen, Placing(0.0, 0.0)) == 0.0
+    assert parting_px(deep, middle, seen, Placing(lamp_mm=0.0, turn_deg=0.0)) == 0.0
 
 
 def test_a_likeness_is_the_one_that_was_made() -> None:
@@ -91,7 +92,13 @@ def test_what_nobody_misplaces_is_not_moved() -> None:
     with SilhouetteRenderer(part.vertices, part.faces) as renderer:
         target = renderer.render(seen)
         found = measure_misplacement(
-            renderer, part.vertices, np.zeros(3), seen, target, Placing(0.0, 0.0), turns=False
+            renderer,
+            part.vertices,
+            np.zeros(3),
+            seen,
+            target,
+            Placing(lamp_mm=0.0, turn_deg=0.0),
+            turns=False,
         )
         framed = np.zeros_like(target)
         framed[:, : PIXELS // 2] = True  # where one of both plates shows
@@ -104,10 +111,10 @@ def test_what_nobody_misplaces_is_not_moved() -> None:
 
 
 def test_it_is_measured_where_the_scene_calls_for_it() -> None:
-    assert moves_apart(Effects(), 1.1) and not moves_apart(Effects(), 0.9)
-    assert moves_apart(Effects(misplacement="on"), 0.0)
-    assert not moves_apart(Effects(misplacement="off"), 99.0)
-    assert parse_scene({"placing": {"lamp_mm": 2.0}}).placing == Placing(2.0, 1.0)
+    assert moves_apart(Switches(), 1.1) and not moves_apart(Switches(), 0.9)
+    assert moves_apart(Switches(misplacement="on"), 0.0)
+    assert not moves_apart(Switches(misplacement="off"), 99.0)
+    assert parse_scene({"placing": {"lamp_mm": 2.0}}).placing == Placing(lamp_mm=2.0, turn_deg=1.0)
     for keys in ({"lamp_mm": -1.0}, {"turn_deg": 11.0}):
         with pytest.raises(BadFile, match=next(iter(keys))):
             parse_scene({"placing": keys})

@@ -11,8 +11,9 @@ from region_meshes import box_mesh
 from small_views import PIXELS, geometry, needs_rendering
 from validator_parts import PlainView
 
+from knotfab_formats.scene import Switches
 from knotfab_validators.files.bad_file import BadFile
-from knotfab_validators.files.scene import Effects, parse_scene
+from knotfab_validators.files.scene import parse_scene
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.shadows.frame import WorkingFrame
 from knotfab_validators.shadows.lamp import RINGS, lamp_points, lamp_size
@@ -141,7 +142,7 @@ def test_a_lamp_is_averaged_over_where_the_scene_calls_for_it() -> None:
     assert blur_px(vertices, seen, 20.0) > 1.0 > blur_px(vertices, seen, 0.4) > 0
 
     def averages(lamp: Lamp, word: str = "auto", tolerance: float = 0.25) -> bool:
-        return averages_lamp(Effects(word, tolerance), vertices, seen, lamp)
+        return averages_lamp(Switches(penumbra=word), vertices, seen, lamp, tolerance)
 
     assert averages(wide) and not averages(narrow)
     assert averages(narrow, "on") and not averages(wide, "off")

@@ -10,7 +10,8 @@ from PIL import Image
 
 from knotfab.picture.greys import read_darkness
 from knotfab.picture.read import read_target
-from knotfab_validators.files.picture import Reading, read_greys
+from knotfab_formats.scene import Reading
+from knotfab_validators.files.picture import read_greys
 from knotfab_validators.shadows.frame import padded_mask, working_frame
 from knotfab_validators.shadows.tone import check_tone, measure_tone
 

@@ -7,7 +7,7 @@ import pytest
 from region_meshes import CURVE, KNOT
 from validator_parts import tube
 
-from knotfab_validators.files.scene import Region
+from knotfab_formats.scene import Region
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.tube.region import check_build_volume, check_region, measure_excess
@@ -28,7 +28,7 @@ from knotfab_validators.tube.region import check_build_volume, check_region, mea
     ],
 )
 def test_the_excess_is_exact(kind: str, size: tuple[float, float, float], excess: float) -> None:
-    check = check_region(Region(kind, (0.0, 0.0, 0.0), size), None, KNOT)
+    check = check_region(Region(kind=kind, size_mm=size), None, KNOT)
     assert check.detail.startswith(f"how far the tube sticks out of the {kind}")
     assert check.measured == pytest.approx(excess, abs=1e-9)
     assert check.status == ("fail" if excess > 0 else "pass")
@@ -37,7 +37,7 @@ def test_the_excess_is_exact(kind: str, size: tuple[float, float, float], excess
 
 def test_the_middle_counts_and_so_does_the_pose() -> None:
     moved = Curves((CURVE[:, [2, 0, 1]] + [5.0, 6.0, 7.0],), ("unknot",), (True,), 3.0)
-    region = Region("box", (10.0, 20.0, 30.0), (87.0, 87.0, 7.0))
+    region = Region(center_mm=(10.0, 20.0, 30.0), size_mm=(87.0, 87.0, 7.0))
     pose = ((0.0, 1, 0, 10 - 6.0), (0, 0, 1, 20 - 7.0), (1, 0, 0, 30 - 5.0), (0, 0, 0, 1.0))
     assert check_region(region, pose, moved).measured == pytest.approx(-0.5)
     assert check_region(region, None, moved).status == "fail"
@@ -49,14 +49,14 @@ def test_the_middle_counts_and_so_does_the_pose() -> None:
 def test_a_mesh_is_measured_where_no_radius_is_known() -> None:
     mesh = Mesh(*tube(CURVE, 3.0, 64))
     bare = Curves((CURVE,), ("unknot",), (True,), None)
-    region = Region("box", (0.0, 0.0, 0.0), (85.0, 87.0, 7.0))
+    region = Region(size_mm=(85.0, 87.0, 7.0))
     assert check_region(region, None, bare, mesh).measured == pytest.approx(0.5, abs=1e-2)
     assert check_region(region, None, None, mesh).status == "fail"
     assert check_region(region, None, bare).status == "skipped"
 
 
 def test_an_open_size_cannot_be_checked() -> None:
-    region = Region("box", (0.0, 0.0, 0.0), None)
+    region = Region()
     assert check_region(region, None, KNOT).status == "skipped"
     with pytest.raises(ValueError, match="left open"):
         measure_excess(CURVE, region)
@@ -66,7 +66,7 @@ def test_the_detail_names_the_place_that_sticks_out() -> None:
     points = CURVE.copy()
     points[7] = [12.0, 34.0, 56.0]
     check = check_region(
-        Region("box", (0.0, 0.0, 0.0), (100.0, 100.0, 100.0)),
+        Region(size_mm=(100.0, 100.0, 100.0)),
         None,
         Curves((points,), ("unknot",), (True,), 3.0),
     )
@@ -114,6 +114,8 @@ def test_a_region_may_be_turned_as_a_view_is(kind: str) -> None:
     axes = np.stack([right, np.cross(ahead, right), ahead])
     points, middle = 60 * rng.normal(size=(50, 3)), (5.0, -3.0, 8.0)
     size = (90.0, 70.0, 40.0)
-    plain = measure_excess(points, Region(kind, (0.0, 0.0, 0.0), size), 2.0)
-    turned = Region(kind, middle, size, None, azimuth, elevation)
+    plain = measure_excess(points, Region(kind=kind, size_mm=size), 2.0)
+    turned = Region(
+        kind=kind, center_mm=middle, size_mm=size, azimuth_deg=azimuth, elevation_deg=elevation
+    )
     assert measure_excess(points @ axes + middle, turned, 2.0) == pytest.approx(plain, abs=1e-9)

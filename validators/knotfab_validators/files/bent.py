@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy import ndimage
 
 from knotfab_validators.arrays import Array, Mask
-from knotfab_validators.files.bad_file import BadFile, short
 
-__all__ = ["Bend", "Bent", "bend_silhouette", "read_bend"]
+if TYPE_CHECKING:
+    from knotfab_formats.scene import View
+
+__all__ = ["Bend", "Bent", "bend_of", "bend_silhouette"]
 
 ROWS, COLUMNS = 15, 11  # of control points, the outermost one step outside of the frame
 UNIT = 1e-4  # of the picture's height
-PAIR = re.compile(r"(-?\d{1,4}),(-?\d{1,4})")
 
 
 @dataclass(frozen=True)
@@ -49,26 +49,13 @@ class Bent:
         return {**found, "mirrored": True} if self.mirrored else found
 
 
-def read_bend(data: dict[str, Any], where: str) -> Bend | None:
-    """The keys `mirrored` and `bend_points` of a view's table; None where the picture stays as it is.
-
-    Raises:
-        BadFile: they are not what a build writes.
-    """
-    mirrored, rows = data.get("mirrored", False), data.get("bend_points", [])
-    if not isinstance(mirrored, bool):
-        raise BadFile(f"{where} mirrored must be true or false, got {short(mirrored)}")
-    if not isinstance(rows, list) or not all(isinstance(row, str) for row in rows):
-        raise BadFile(f"{where} bend_points must be a list of texts, got {short(rows)}")
-    if not rows:
-        return Bend(True, None) if mirrored else None
-    pairs = [[PAIR.fullmatch(pair) for pair in row.split(" ")] for row in rows]
-    if len(pairs) != ROWS or any(len(row) != COLUMNS or None in row for row in pairs):
-        raise BadFile(
-            f"{where} bend_points must be {ROWS} rows of {COLUMNS} pairs of whole numbers"
-        )
-    points = [[[int(pair[k]) for pair in row if pair] for row in pairs] for k in (1, 2)]
-    return Bend(mirrored, UNIT * np.array(points, dtype=np.float64))
+def bend_of(view: View) -> Bend | None:
+    """What a view does to its picture; None where the picture stays as it is."""
+    if not view.bend_points:
+        return Bend(True, None) if view.mirrored else None
+    pairs = [[pair.split(",") for pair in row.split(" ")] for row in view.bend_points]
+    points = np.moveaxis(np.array(pairs, dtype=np.float64), -1, 0)
+    return Bend(bool(view.mirrored), UNIT * points)
 
 
 def bend_silhouette(mask: Mask, bend: Bend) -> Bent:

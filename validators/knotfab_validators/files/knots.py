@@ -10,11 +10,9 @@ import numpy as np
 
 from knotfab_validators.arrays import Array
 from knotfab_validators.files.bad_file import MOST_MM, BadFile, read_bytes, short
+from knotfab_validators.geometry.curves import Curves, Member, edges_of
 
 __all__ = ["parse_knots", "read_knots"]
-
-from knotfab_validators.files.table import Table
-from knotfab_validators.geometry.curves import Curves, Member, edges_of
 
 UNIT = 1e-6  # of a unit vector's length
 MOST_BYTES = 24_000_000  # 400,000 points; Python holds `[],` in thirty times its bytes
@@ -119,23 +117,30 @@ def _type(knot: Any, where: str) -> str:
 
 
 def _members(data: Any, where: str) -> tuple[Member, ...]:
-    """The mount's members, each a table of `from`, `to`, `radius_mm` (two) and perhaps `foot`."""
+    """The mount's members, as `knotfab_formats.knots` declares them."""
     if not isinstance(data, list) or len(data) > MOST_MEMBERS:
         raise BadFile(f"{where} must be a list of at most {MOST_MEMBERS}")
+    if not data:
+        return ()
+    from pydantic import ValidationError
+
+    from knotfab_formats.knots import Member as Said
+
     found = []
     for number, one in enumerate(data):
-        table = Table(one, f"{where}: number {number}")
-        radii, foot = table.numbers("radius_mm", 2, above=0, most=MOST_MM), None
-        if "foot" in table.data:
-            foot = np.array(table.numbers("foot", 3))
-            if abs(float(np.linalg.norm(foot)) - 1) > UNIT:
-                raise BadFile(f"{table.where} foot must be a vector of length 1")
-        start, end = (
-            np.array(table.numbers(k, 3, least=-MOST_MM, most=MOST_MM)) for k in ("from", "to")
-        )
+        try:
+            said = Said.model_validate(one)
+        except ValidationError as error:
+            first = error.errors(include_url=False, include_input=False)[0]
+            key = " ".join(str(step) for step in first["loc"])
+            raise BadFile(f"{where}: number {number} {key}: {first['msg'].lower()}") from error
+        start, end = np.array(said.start), np.array(said.end)
+        foot = None if said.foot is None else np.array(said.foot)
+        if foot is not None and abs(float(np.linalg.norm(foot)) - 1) > UNIT:
+            raise BadFile(f"{where}: number {number} foot must be a vector of length 1")
         if not np.linalg.norm(end - start) > 0:
-            raise BadFile(f"{table.where} begins where it ends")
-        found.append(Member(start, end, (radii[0], radii[1]), foot))
+            raise BadFile(f"{where}: number {number} begins where it ends")
+        found.append(Member(start, end, said.radius_mm, foot))
     return tuple(found)
 
 

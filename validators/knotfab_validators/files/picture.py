@@ -5,10 +5,9 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +22,10 @@ from knotfab_validators.files.colours import (
     not_reached,
 )
 
-__all__ = ["PictureError", "Reading", "read_colours", "read_greys", "read_silhouette"]
+if TYPE_CHECKING:
+    from knotfab_formats.scene import Reading
+
+__all__ = ["PictureError", "read_colours", "read_greys", "read_silhouette"]
 
 FOUR = ndimage.generate_binary_structure(2, 1)  # joined along a side
 EIGHT = ndimage.generate_binary_structure(2, 2)  # or at a corner
@@ -35,23 +37,14 @@ ENDS = 0.01  # of the pixels are darker than black, or lighter than white
 BRIGHTNESS = np.array([299, 587, 114])  # of red, green and blue, ITU-R BT.601
 
 
-@dataclass(frozen=True)
-class Reading:
-    """How a picture becomes a silhouette: the keys of a scene's view, as docs/silhouette.md explains them."""
-
-    ink: str = "auto"  # "auto", "dark", "light", "alpha", "flood" or "#rrggbb"
-    threshold: float = 0.5
-    invert: bool = False
-    crop_px: tuple[int, int, int, int] | None = None  # left, top, width, height
-    keep_largest: int = 0
-    speck_px: int = 0
-    subject_mask: str = (
-        ""  # a file beside the picture, white where the subject is that was cut out of it
-    )
-
-
 class PictureError(ValueError):
     """The picture cannot be read; the message says which one and why."""
+
+
+def _plain() -> Reading:
+    from knotfab_formats.scene import Reading
+
+    return Reading()
 
 
 def read_silhouette(path: str | PathLike[str], reading: Reading | None = None) -> Mask:
@@ -66,7 +59,7 @@ def read_silhouette(path: str | PathLike[str], reading: Reading | None = None) -
     Raises:
         PictureError: the file is missing, is no picture, is damaged, or is smaller than its crop.
     """
-    reading = reading or Reading()
+    reading = reading or _plain()
     if reading.subject_mask:
         mask = _read_subject(Path(path), reading)
     else:
@@ -91,7 +84,7 @@ def read_greys(path: str | PathLike[str], reading: Reading | None = None) -> Arr
     Raises:
         PictureError: as `read_silhouette`.
     """
-    reading = reading or Reading()
+    reading = reading or _plain()
     with _opened(Path(path), reading) as image:
         if image.mode in ("I", "F") or image.mode.startswith("I;"):
             bright = np.asarray(image).astype(np.float64) / 257
@@ -118,7 +111,7 @@ def read_colours(path: Path, size: tuple[int, int], drawn: tuple[int, int]) -> N
     Raises:
         PictureError: as `read_silhouette`, or its size is another one.
     """
-    with _opened(path, Reading()) as image:
+    with _opened(path, _plain()) as image:
         if image.size != drawn:
             raise PictureError(f"{path}: its size is {image.size}, that of the masks is {drawn}")
         rgba = image.convert("RGBA")
@@ -151,7 +144,10 @@ def _opened(picture: Path, reading: Reading) -> Iterator[Image.Image]:
 
 def _read_subject(picture: Path, reading: Reading) -> Mask:
     """What was cut out of a picture, as its mask beside it says, cropped as the picture is."""
-    path, whole = picture.parent / reading.subject_mask, replace(reading, crop_px=None)
+    path, whole = (
+        picture.parent / reading.subject_mask,
+        reading.model_copy(update={"crop_px": "none"}),
+    )
     with _opened(path, whole) as mask, _opened(picture, whole) as image:
         if mask.size != image.size:
             raise PictureError(
@@ -161,7 +157,7 @@ def _read_subject(picture: Path, reading: Reading) -> Mask:
 
 
 def _cut(image: Image.Image, reading: Reading, picture: Path) -> Image.Image:
-    if reading.crop_px is None:
+    if isinstance(reading.crop_px, str):
         return image
     left, top, width, height = reading.crop_px
     if left + width > image.width or top + height > image.height:

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from knotfab_validators.arrays import Array, Ints
 from knotfab_validators.files.mesh import read_mesh
-from knotfab_validators.files.scene import Scene
 from knotfab_validators.geometry.mesh import Mesh, number_bodies
+
+if TYPE_CHECKING:
+    from knotfab_validators.files.scene import Scene
 
 __all__ = ["Plate", "read_plates"]
 
@@ -53,7 +56,8 @@ def read_plates(folder: Path, scene: Scene) -> list[Plate]:
         BadFile: a plate cannot be read.
     """
     found = []
-    for name, motions in scene.plates:
-        mesh = read_mesh(folder / name)
-        found.append(Plate(name, mesh, number_bodies(mesh)[0], np.array(motions, dtype=np.float64)))
+    for plate in scene.pose.plates if scene.pose is not None else ():
+        mesh = read_mesh(folder / plate.file)
+        to_part = np.array(plate.matrices, dtype=np.float64)
+        found.append(Plate(plate.file, mesh, number_bodies(mesh)[0], to_part))
     return found

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,7 +12,6 @@ from knotfab_formats.checks import PRINTING
 from knotfab_validators.arrays import Array, Mask
 from knotfab_validators.check import Check, at_least, at_most, places, skip_check, spot
 from knotfab_validators.clock import time_stage
-from knotfab_validators.files.scene import Printer
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.printing.bridges import Stretches, find_unsupported
 from knotfab_validators.printing.columns import Columns, columns
@@ -19,6 +19,9 @@ from knotfab_validators.printing.islands import find_islands
 from knotfab_validators.printing.local_thickness import NEAR_MM, LocalThickness, Probe
 from knotfab_validators.printing.overhang import overhang_areas, support_volume
 from knotfab_validators.printing.standing import Body, bodies, footprint, margin
+
+if TYPE_CHECKING:
+    from knotfab_formats.scene import Printer
 
 __all__ = ["printability_checks"]
 
@@ -36,15 +39,15 @@ CARRIED = ("overhang", "support_volume", "bridge", "floating", "islands", "stand
 class _Settings:
     """A printer's figures, with the usual ones where there is no printer."""
 
-    named: bool
-    wall: float | None
-    gap: float | None
-    powder: bool
-    layer: float
-    supports: bool
-    overhang_deg: float
-    bridge: float | None
-    support_cm3: float | None
+    named: bool = False
+    wall: float | None = None
+    gap: float | None = None
+    powder: bool = False
+    layer: float = 0.2
+    supports: bool = True
+    overhang_deg: float = 45.0
+    bridge: float | None = None
+    support_cm3: float | None = None
 
     @property
     def unsupported(self) -> bool:
@@ -120,17 +123,19 @@ def printability_checks(
 
 def _settings(printer: Printer | None) -> _Settings:
     if printer is None:
-        return replace(_settings(Printer("", None)), named=False, bridge=None)
+        return _Settings()
+    from knotfab_formats.scene import known
+
     return _Settings(
         named=True,
-        wall=printer.min_wall_mm or printer.nozzle_mm,
-        gap=printer.min_gap_mm or printer.nozzle_mm,
+        wall=known(printer.min_wall_mm) or printer.stated("nozzle_mm"),
+        gap=known(printer.min_gap_mm) or printer.stated("nozzle_mm"),
         powder=printer.process == "powder",
         layer=printer.layer_height_mm,
         supports=printer.supports,
         overhang_deg=printer.max_overhang_deg,
         bridge=printer.max_bridge_mm,
-        support_cm3=printer.max_support_cm3,
+        support_cm3=known(printer.max_support_cm3),
     )
 
 

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from knotfab_validators.arrays import Array, Ints, Mask
-from knotfab_validators.files.lamps import Room
 from knotfab_validators.shadows.lamp import SceneLamp
 from knotfab_validators.shadows.view import ViewGeometry
+
+if TYPE_CHECKING:
+    from knotfab_formats.scene import Room
 
 __all__ = ["Bytes", "Light", "colour_error", "light_of", "share_of_light", "to_lab", "to_srgb"]
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,13 +15,16 @@ from PIL import Image
 from knotfab_validators.arrays import Array, Ints, Mask
 from knotfab_validators.check import Check, at_least, at_most, skip_check
 from knotfab_validators.files.picture import read_colours
-from knotfab_validators.files.scene import Scene, View
 from knotfab_validators.shadows.cast import ShadowCaster
 from knotfab_validators.shadows.colour_light import Bytes, Light, colour_error, light_of, to_srgb
 from knotfab_validators.shadows.distance import depth_in
 from knotfab_validators.shadows.frame import WorkingFrame, padded_mask, working_frame
 from knotfab_validators.shadows.renderer import Renderer
 from knotfab_validators.shadows.view import ViewGeometry
+
+if TYPE_CHECKING:
+    from knotfab_formats.scene import View
+    from knotfab_validators.files.scene import Scene
 
 __all__ = ["Colours", "LampShadow", "check_colours", "measure_colours", "write_colours"]
 
@@ -78,7 +81,6 @@ def measure_colours(
         folder: where the picture in colours lies. frame: of the lamps' masks. caster: of the part, scene.
         points: (k, 3) mm, its centre lines.
     """
-    assert scene.lamps is not None
     names = [lamp.view.name for lamp in lamps]
     hidden = np.stack([lamp.hidden[frame.window] for lamp in lamps]).astype(np.float64)
     masks = np.stack([lamp.mask[frame.window] for lamp in lamps])

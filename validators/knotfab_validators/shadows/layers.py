@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from knotfab_validators.arrays import Array, Ints, Mask
 from knotfab_validators.compiled import compiled
-from knotfab_validators.files.scene import Effects
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.shadows.compare import overlap
 from knotfab_validators.shadows.view import ViewGeometry
 from knotfab_validators.shadows.winding import Linework, wound_mask
+
+if TYPE_CHECKING:
+    from knotfab_formats.scene import Switches
 
 __all__ = ["layer_shift_px", "layered_mask", "measure_layers", "shows_layers"]
 
@@ -31,11 +33,11 @@ def layer_shift_px(vertices: Array, geometry: ViewGeometry, layer_mm: float) -> 
     return float(np.max(shifts))
 
 
-def shows_layers(effects: Effects, shift_px: float) -> bool:
+def shows_layers(effects: Switches, shift_px: float, tolerance_px: float = 0.25) -> bool:
     """Whether the slices are looked at: the scene says so, or their steps exceed the threshold."""
     if effects.layers != "auto":
         return effects.layers == "on"
-    return shift_px > LAYER_TOLERANCES * effects.tolerance_px
+    return shift_px > LAYER_TOLERANCES * tolerance_px
 
 
 @compiled

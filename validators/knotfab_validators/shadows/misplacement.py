@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from knotfab_validators.arrays import Array, Mask
-from knotfab_validators.files.scene import Effects, Placing
 from knotfab_validators.shadows.compare import overlap, turn_view
 from knotfab_validators.shadows.renderer import Renderer
 from knotfab_validators.shadows.view import ViewGeometry
+
+if TYPE_CHECKING:
+    from knotfab_formats.scene import Placing, Switches
 
 __all__ = ["Likeness", "fit_likeness", "measure_misplacement", "moves_apart", "parting_px"]
 
@@ -91,11 +93,11 @@ def parting_px(
     return max(left, default=0.0) / geometry.pixel_mm
 
 
-def moves_apart(effects: Effects, parting: float) -> bool:
+def moves_apart(effects: Switches, parting: float, tolerance_px: float = 0.25) -> bool:
     """Whether moves are rendered: the scene says so, or parts of the shadow move apart visibly."""
     if effects.misplacement != "auto":
         return effects.misplacement == "on"
-    return parting > PARTING_TOLERANCES * effects.tolerance_px
+    return parting > PARTING_TOLERANCES * tolerance_px
 
 
 def measure_misplacement(

@@ -5,16 +5,15 @@ from __future__ import annotations
 from collections.abc import Collection
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from knotfab_validators.arrays import Array, Mask
 from knotfab_validators.check import Check, skip_check
 from knotfab_validators.clock import time_stage
-from knotfab_validators.files.bent import Bent, bend_silhouette
+from knotfab_validators.files.bent import Bent, bend_of, bend_silhouette
 from knotfab_validators.files.picture import read_greys, read_silhouette
-from knotfab_validators.files.scene import Scene, View
 from knotfab_validators.files.strokes import widen_strokes
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh, move_points
@@ -46,6 +45,10 @@ from knotfab_validators.shadows.verify_view import VerifiedView, verify_view
 from knotfab_validators.shadows.view import ViewGeometry, view_geometry
 from knotfab_validators.shadows.wall import receive
 
+if TYPE_CHECKING:
+    from knotfab_formats.scene import View
+    from knotfab_validators.files.scene import Scene
+
 __all__ = ["SKIP_RENDER", "verify_shadows"]
 
 
@@ -73,7 +76,8 @@ def verify_shadows(
         ValueError: a picture cannot be read, or the part reaches the light.
     """
     views: list[dict[str, Any]] = []
-    pose = np.eye(4) if scene.pose is None else np.asarray(scene.pose, dtype=np.float64)
+    tolerance = scene.settings.tolerance_px
+    pose = np.eye(4) if scene.pose is None else np.asarray(scene.pose.matrix, dtype=np.float64)
     vertices = move_points(mesh.vertices, pose)
     polygons = [move_points(p, pose) for p in curves.polygons] if curves is not None else None
     radius = curves.radius_mm if curves is not None else None
@@ -101,17 +105,18 @@ def verify_shadows(
                 if toned:  # what is drawn are lines, in a picture of their own
                     target = read_silhouette(folder / f"picture-{view.name}-lines.png")
                 else:
-                    target = read_silhouette(folder / view.picture, view.reading)
+                    target = read_silhouette(folder / view.picture, view)
                 if mixed and target.shape != (mixed[0].geometry.height, mixed[0].geometry.width):
                     raise ValueError(f"{view.picture}: pictures of lamps on one wall have one size")
                 size = target.shape[1], target.shape[0]
-                geometry, wall = receive(view_geometry(view, *size), scene.effects)
+                geometry, wall = receive(view_geometry(view, *size), scene.effects, tolerance)
                 wide = None
-                if view.thicken_mm is not None and not toned:
+                if not isinstance(view.thicken_mm, str) and not toned:
                     wide = widen_strokes(target, view.thicken_mm / geometry.pixel_mm)
                 bent: Bent | None = None
-                if view.bend is not None and not toned:
-                    bent = bend_silhouette(target if wide is None else wide, view.bend)
+                bend = bend_of(view)
+                if bend is not None and not toned:
+                    bent = bend_silhouette(target if wide is None else wide, bend)
                     wide = bent.mask
                 found = verify_view(
                     vertices,
@@ -132,7 +137,7 @@ def verify_shadows(
             screen = found.frame.mask if ends else None
             if toned and found.tube_px is not None and radius is not None:
                 with time_stage(seconds, "tone"):
-                    darkness = read_greys(folder / view.picture, view.reading)
+                    darkness = read_greys(folder / view.picture, view)
                     clearance = scene.piece.clearance_mm / radius
                     tones[view.name] = measure_tone(
                         found.seen, darkness, found.frame, found.tube_px, clearance
@@ -159,7 +164,7 @@ def verify_shadows(
                     recognised[view.name] = judge_bending(recognised[view.name], bent)
             soft, wanted = None, found.target if bent is None else found.drawn
             fine = geometry.resample(found.frame)
-            if averages_lamp(scene.effects, vertices, fine, view):
+            if averages_lamp(scene.effects, vertices, fine, view, tolerance):
                 with time_stage(seconds, "penumbra"):
                     soft = measure_penumbra(
                         caster,
@@ -169,7 +174,7 @@ def verify_shadows(
                         found.shadow,
                         found.frame,
                         view,
-                        scene.effects.tolerance_px,
+                        tolerance,
                         screen,
                     )
             points = np.concatenate(polygons) if polygons is not None else vertices
@@ -177,7 +182,7 @@ def verify_shadows(
             views.append(_report(view, found, geometry, pose, ratio, left))
             if wall is not None:
                 views[-1]["wall"] = wall
-            if scene.lamps is not None:
+            if scene.share_wall:
                 views[-1]["lamp_colour"] = list(view.lamp_colour)
                 hidden = found.shadow if soft is None else soft.soft
                 tube_mm = None if found.tube_px is None else found.tube_px * fine.pixel_mm
@@ -194,7 +199,7 @@ def verify_shadows(
             turns = scene.mount.kind != "wall"
             middle = _middle(points)
             parting = parting_px(points, middle, fine, scene.placing, turns=turns)
-            if moves_apart(scene.effects, parting):
+            if moves_apart(scene.effects, parting, tolerance):
                 with time_stage(seconds, "misplacement"):
                     coarse = working_frame(target.shape[1], target.shape[0], MISPLACED_PX)
                     within = None
@@ -223,7 +228,7 @@ def verify_shadows(
                 own = fine.in_part(pose)
                 layer = scene.printer.layer_height_mm * scene.material.shrinks_to
                 shift = layer_shift_px(mesh.vertices, own, layer)
-                if shows_layers(scene.effects, shift):
+                if shows_layers(scene.effects, shift, tolerance):
                     with time_stage(seconds, "layers"):
                         views[-1]["layers"] = measure_layers(
                             mesh, own, layer, wanted, found.exact, shift, screen
@@ -237,10 +242,10 @@ def verify_shadows(
                     write_compare(
                         into / f"compare-{view.name}.png", wanted, found.shadow, found.frame
                     )
-        if scene.lamps is not None and scene.lamps.mode == "mix":
+        if scene.share_wall and scene.lamps.mode == "mix":
             with time_stage(seconds, "colours"):
                 told = measure_colours(mixed, scene, folder, found.frame, caster, points)
-                coloured = check_colours(told.told, scene.accuracy.iou_floor)
+                coloured = check_colours(told.told, scene.iou_floor)
                 colours = told.told
                 if pictures_dir is not None:
                     write_colours(Path(pictures_dir), told)
@@ -248,13 +253,12 @@ def verify_shadows(
         if renderer is not None:
             renderer.close()
     in_greys = any(view.tone == "lines" for view in scene.views)  # of which no IoU is asked
-    floor = scene.accuracy.iou_floor if not in_greys else None
-    floor = floor if isinstance(floor, float) else None
+    floor = scene.iou_floor if not in_greys else None
     checks = shadow_checks(
         verified,
         mesh.vertices,
         iou_floor=floor,
-        max_outline_px=scene.accuracy.max_outline_error_px,
+        max_outline_px=scene.outline_px,
         no_rendering=None if renderer is not None else why,
         polygons_decide=SKIP_RENDER in skip,
         mount=scene.mount.kind,
@@ -280,9 +284,9 @@ def _blur_px(
     return lamp_size(view) * max(found.tube_px * fine_mm / radius - 1.0, 0.0) / fine_mm
 
 
-def _count_bridged(knots: int | None, target: Mask) -> int:
+def _count_bridged(knots: int | str, target: Mask) -> int:
     """How many gaps between pieces must be bridged for so few knots to draw them."""
-    if knots is None:
+    if isinstance(knots, str):
         return 0
     pieces = label_regions("piece", target, SPECK_PX)[1]
     return max(len(pieces) - knots, 0)
@@ -330,10 +334,10 @@ def _report(
 def _say_changed(view: View) -> str:
     """How the picture was changed before it was drawn, in words."""
     said = []
-    if view.thicken_mm is not None:
+    if not isinstance(view.thicken_mm, str):
         said.append(f"its strokes widened to {view.thicken_mm:g} mm as they are drawn")
-    if view.bend is not None:
-        said.append("mirrored and bent" if view.bend.mirrored else "bent")
+    if (bend := bend_of(view)) is not None:
+        said.append("mirrored and bent" if bend.mirrored else "bent")
     return ", ".join(said)
 
 

@@ -4,19 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from knotfab_validators.arrays import Array, Mask
 from knotfab_validators.check import Check, at_least
-from knotfab_validators.files.scene import Effects
 from knotfab_validators.shadows.compare import overlap
 from knotfab_validators.shadows.frame import WorkingFrame
 from knotfab_validators.shadows.lamp import SceneLamp, lamp_points, lamp_size
 from knotfab_validators.shadows.renderer import Renderer
 from knotfab_validators.shadows.view import ViewGeometry
+
+if TYPE_CHECKING:
+    from knotfab_formats.scene import Switches
 
 __all__ = ["Penumbra", "averages_lamp", "blur_px", "check_half_light", "measure_penumbra"]
 
@@ -75,13 +77,17 @@ def blur_px(vertices: Array, geometry: ViewGeometry, size_mm: float) -> float:
 
 
 def averages_lamp(
-    effects: Effects, vertices: Array, geometry: ViewGeometry, lamp: SceneLamp
+    effects: Switches,
+    vertices: Array,
+    geometry: ViewGeometry,
+    lamp: SceneLamp,
+    tolerance_px: float = 0.25,
 ) -> bool:
     """Whether the lamp is averaged over: the scene says so, or the blur exceeds the threshold."""
     size = lamp_size(lamp)
     if effects.penumbra != "auto" or size == 0:
         return effects.penumbra == "on" and size > 0
-    return blur_px(vertices, geometry, size) > BLUR_TOLERANCES * effects.tolerance_px
+    return blur_px(vertices, geometry, size) > BLUR_TOLERANCES * tolerance_px
 
 
 def measure_penumbra(

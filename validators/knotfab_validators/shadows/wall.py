@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from knotfab_validators.files.scene import Effects
 from knotfab_validators.shadows.frame import LONGER_SIDE
 from knotfab_validators.shadows.view import ViewGeometry
+
+if TYPE_CHECKING:
+    from knotfab_formats.scene import Switches
 
 __all__ = ["find_wall", "receive"]
 
@@ -34,7 +36,9 @@ def find_wall(geometry: ViewGeometry) -> dict[str, Any] | None:
     return {"radius_mm": geometry.cylinder.radius, "off_px": most, "samples": 1}
 
 
-def receive(geometry: ViewGeometry, effects: Effects) -> tuple[ViewGeometry, dict[str, Any] | None]:
+def receive(
+    geometry: ViewGeometry, effects: Switches, tolerance_px: float = 0.25
+) -> tuple[ViewGeometry, dict[str, Any] | None]:
     """The view on the wall that its shadows are cast on, and what `find_wall` says of that.
 
     A round wall is taken as flat where the scene says so, or a flat one is not off by a tolerance.
@@ -44,5 +48,5 @@ def receive(geometry: ViewGeometry, effects: Effects) -> tuple[ViewGeometry, dic
         return geometry, None
     bends = effects.wall == "on"
     if effects.wall == "auto":
-        bends = wall["off_px"] > WALL_TOLERANCES * effects.tolerance_px
+        bends = wall["off_px"] > WALL_TOLERANCES * tolerance_px
     return (geometry, wall) if bends else (geometry.flat, None)

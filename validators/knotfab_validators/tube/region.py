@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from knotfab_validators.arrays import Array
 from knotfab_validators.check import Check, at_most, skip_check, spot, worst_apart
-from knotfab_validators.files.scene import Pose, Region
 from knotfab_validators.geometry.axes import view_axes
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh, move_points
 from knotfab_validators.tube.region_mesh import measure_part_excess, measure_tube_excess
+
+if TYPE_CHECKING:
+    from knotfab_formats.bounds import Matrix
+    from knotfab_formats.scene import Region
 
 __all__ = ["check_build_volume", "check_region", "measure_excess"]
 
@@ -25,7 +30,7 @@ def measure_excess(points: Array, region: Region, radius_mm: float = 0.0) -> Arr
     In mm, negative inside, along the region's own axes. For a box the largest excess over its faces; for a
     cylinder (axis y) the larger one of those over its mantle and its ends. The region's size must be known.
     """
-    if region.size_mm is None or region.kind == "mesh":
+    if isinstance(region.size_mm, str) or region.kind == "mesh":
         raise ValueError("the region's size is left open, or it is a mesh")
     axes = view_axes(region.azimuth_deg, region.elevation_deg)
     p = (points - np.array(region.center_mm)) @ axes.T
@@ -42,7 +47,11 @@ def measure_excess(points: Array, region: Region, radius_mm: float = 0.0) -> Arr
 
 
 def check_region(
-    region: Region, pose: Pose | None, curves: Curves | None, mesh: Mesh | None = None
+    region: Region,
+    pose: Matrix | None,
+    curves: Curves | None,
+    mesh: Mesh | None = None,
+    surface: Mesh | None = None,
 ) -> Check:
     """`region`: the tubes around `curves`, or else the whole `mesh`, stay inside.
 
@@ -52,24 +61,27 @@ def check_region(
 
     Args:
         pose: from the coordinates of curves and mesh to the scene's; None: they are the same.
+        surface: of a region that is a mesh, yet to be moved by its `center_mm`.
     """
-    if region.kind == "mesh" and region.surface is None:
+    if region.kind == "mesh" and surface is None:
         return skip_check("region", "the region's mesh is not given")
-    if region.kind != "mesh" and region.size_mm is None:
+    if region.kind != "mesh" and isinstance(region.size_mm, str):
         return skip_check("region", "the scene leaves the region's size open")
     tube = curves is not None and curves.radius_mm is not None
     if not tube and mesh is None:
         return skip_check("region", "neither the part nor the tube's radius is given")
     matrix = np.eye(4) if pose is None else np.array(pose, dtype=np.float64)
+    if surface is not None:
+        surface = Mesh(surface.vertices + np.array(region.center_mm), surface.faces)
     radius = 0.0
     if tube:
         assert curves is not None and curves.radius_mm is not None
         radius, what = curves.radius_mm, "the tube"
-        points, excess = _tube(region, curves, radius, matrix)
+        points, excess = _tube(region, surface, curves, radius, matrix)
     else:
         assert mesh is not None
         what = "the part"
-        points, excess = _part(region, mesh, matrix)
+        points, excess = _part(region, surface, mesh, matrix)
     worst = worst_apart(excess, points, max(2 * radius, 1.0), REGION_TOLERANCE_MM)
     return at_most(
         "region",
@@ -83,27 +95,23 @@ def check_region(
     )
 
 
-def _tube(region: Region, curves: Curves, radius: float, matrix: Array) -> tuple[Array, Array]:
+def _tube(
+    region: Region, surface: Mesh | None, curves: Curves, radius: float, matrix: Array
+) -> tuple[Array, Array]:
     """Points of the centre lines in the scene, and how far the tube sticks out there."""
-    if region.surface is None:
+    if surface is None:
         points = move_points(np.concatenate(curves.polygons), matrix)
         return points, measure_excess(points, region, radius)
     start, end = (move_points(p, matrix) for p in (curves.edges.start, curves.edges.end))
-    return measure_tube_excess(_place_surface(region), start, end, radius)
+    return measure_tube_excess(surface, start, end, radius)
 
 
-def _part(region: Region, mesh: Mesh, matrix: Array) -> tuple[Array, Array]:
+def _part(region: Region, surface: Mesh | None, mesh: Mesh, matrix: Array) -> tuple[Array, Array]:
     """Points of the part in the scene, and how far it sticks out there."""
     vertices = move_points(mesh.vertices, matrix)
-    if region.surface is None:
+    if surface is None:
         return vertices, measure_excess(vertices, region)
-    return measure_part_excess(_place_surface(region), Mesh(vertices, mesh.faces))
-
-
-def _place_surface(region: Region) -> Mesh:
-    """The region's mesh where it stands in the scene."""
-    assert region.surface is not None
-    return Mesh(region.surface.vertices + np.array(region.center_mm), region.surface.faces)
+    return measure_part_excess(surface, Mesh(vertices, mesh.faces))
 
 
 def check_build_volume(mesh: Mesh, build_volume_mm: tuple[float, float, float]) -> Check:
