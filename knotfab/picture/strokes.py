@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from knotfab.base.arrays import Array, Mask
+from knotfab.base.arrays import Array, Indices, Mask
 from knotfab.geometry.sampling import arc_lengths
 from knotfab.picture.masks import fill_holes, sample_mask
 
@@ -49,58 +49,76 @@ def trace_strokes(mask: Mask, width_px: float) -> list[Line]:
     fine = np.pad(sample_mask(mask, columns, rows), 1)
     fine = fill_holes(fine, _HOLE * _RADIUS_PX**2)
     skeleton = np.asarray(skeletonize(fine))  # type: ignore[no-untyped-call]
-    pixels = _pixel_graph(skeleton)
-    _cut_ends(pixels, distance_transform_edt(fine))
-    graph = _chains(pixels)
+    graph = _chains(*_cut_ends(*_link_pixels(skeleton), distance_transform_edt(fine)))
     _tidy(graph)
     scale = np.array([width / columns, height / rows])
     return [(line - 0.5) * scale - 0.5 for line in _lines(graph)]
 
 
-def _pixel_graph(skeleton: Mask) -> nx.Graph:
-    """Pixels (x, y) of a skeleton that touch; corner to corner only where no third pixel joins them."""
-    import networkx as nx
+def _link_pixels(skeleton: Mask) -> tuple[Indices, Indices]:
+    """The pixels (n, 2) of a skeleton as (x, y) in order, and the pairs (m, 2) that touch.
 
-    graph = nx.Graph()
-    on = {(int(x), int(y)) for y, x in np.argwhere(skeleton)}
-    graph.add_nodes_from(on)
-    for x, y in on:
-        for dx, dy in ((1, 0), (0, 1), (1, 1), (1, -1)):
-            if (x + dx, y + dy) in on and not (dx and dy and {(x + dx, y), (x, y + dy)} & on):
-                graph.add_edge((x, y), (x + dx, y + dy))
-    return graph
+    Pixels touch corner to corner only where no third pixel joins them.
+    """
+    on = np.pad(skeleton, 1).T
+    pixels = np.argwhere(on)
+    number = np.full(on.shape, -1)
+    number[tuple(pixels.T)] = np.arange(len(pixels))
+    links = []
+    for dx, dy in ((1, 0), (0, 1), (1, 1), (1, -1)):
+        x, y = pixels.T
+        linked = on[x + dx, y + dy]
+        if dx and dy:
+            linked &= ~(on[x + dx, y] | on[x, y + dy])
+        links.append(np.stack([np.flatnonzero(linked), number[x + dx, y + dy][linked]], axis=1))
+    return pixels - 1, np.concatenate(links)
 
 
-def _cut_ends(pixels: nx.Graph, inside: Array) -> None:
+def _cut_ends(pixels: Indices, links: Indices, inside: Array) -> tuple[Indices, Indices]:
     """Take away what leads from the middle of a stroke's round end to its outline.
 
     Args:
         inside: (H, W) px from the background.
     """
+    shallow = inside[pixels[:, 1], pixels[:, 0]] < _DEEP * _RADIUS_PX
+    kept = np.ones(len(pixels), dtype=bool)
     for _ in range(round(2 * _RADIUS_PX)):
-        ends = [p for p in pixels if pixels.degree(p) == 1]
-        pixels.remove_nodes_from([(x, y) for x, y in ends if inside[y, x] < _DEEP * _RADIUS_PX])
+        kept &= ~(shallow & (_degrees(links, len(pixels)) == 1))
+        links = links[kept[links].all(axis=1)]
+    return pixels[kept], (np.cumsum(kept) - 1)[links]
 
 
-def _chains(pixels: nx.Graph) -> nx.MultiGraph:
+def _degrees(links: Indices, count: int) -> Indices:
+    return np.bincount(links.ravel(), minlength=count)
+
+
+def _chains(pixels: Indices, links: Indices) -> nx.MultiGraph:
     """Ends and junctions as nodes, the chains between them as edges with their points."""
     import networkx as nx
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import connected_components
 
+    count = len(pixels)
+    pairs = np.concatenate([links, links[:, ::-1]])
+    touch = csr_array((np.ones(len(pairs), bool), tuple(pairs.T)), shape=(count, count))
+    touch.sort_indices()
+    joint = _degrees(links, count) != 2
+    part = connected_components(touch, directed=False)[1]
+    firsts = np.unique(part, return_index=True)[1]
+    joint[firsts[~np.isin(part[firsts], part[joint])]] = True  # a ring begins at its first pixel
+    ends, beside, nodes = touch.indptr.tolist(), touch.indices.tolist(), joint.tolist()
     graph = nx.MultiGraph()
-    nodes = {p for p in pixels if pixels.degree(p) != 2}
-    for part in nx.connected_components(pixels):
-        if not part & nodes:
-            nodes.add(min(part))  # a ring
-    graph.add_nodes_from((p, {"at": np.array(p, dtype=np.float64)}) for p in nodes)
-    for start in sorted(nodes):
-        for step in sorted(pixels[start]):
+    starts = np.flatnonzero(joint).tolist()
+    graph.add_nodes_from((k, {"at": pixels[k].astype(np.float64)}) for k in starts)
+    for start in starts:
+        for step in beside[ends[start] : ends[start + 1]]:
             chain = [start, step]
-            while chain[-1] not in nodes:
-                one, other = pixels[chain[-1]]
+            while not nodes[chain[-1]]:
+                one, other = beside[ends[chain[-1]] : ends[chain[-1] + 1]]
                 chain.append(other if one == chain[-2] else one)
             # each chain is met from both of its ends
             if (start, step) <= (chain[-1], chain[-2]):
-                _add_line(graph, start, chain[-1], np.array(chain, dtype=np.float64))
+                _add_line(graph, start, chain[-1], pixels[chain].astype(np.float64))
     return graph
 
 

@@ -29,7 +29,7 @@ from knotfab.preview.likeness import Likeness, compare_lines, estimate_likeness,
 from knotfab.preview.refusal import find_refusal
 from knotfab.scene.camera import camera_of
 from knotfab.scene.catalogue import resolve
-from knotfab.start.filling import Template, template_tube
+from knotfab.start.filling import Template
 from knotfab.start.start import make_template
 from knotfab_formats.scene import ResolvedView, Scene
 from knotfab_formats.search import search_settings
@@ -232,8 +232,8 @@ def _drawn_by(template: Template, seen: ViewSurvey) -> Polygon | MultiPolygon:
     def to_pixels(points: Array) -> Array:
         return camera.project(np.pad(points, ((0, 0), (0, 1))))
 
-    tube: Polygon | MultiPolygon = shapely.transform(template_tube(template), to_pixels).buffer(0)
-    return tube
+    tube: Polygon | MultiPolygon = shapely.transform(template.tube, to_pixels)
+    return tube if tube.is_valid else tube.buffer(0)
 
 
 def _without_specks(polygon: MultiPolygon, least: float) -> MultiPolygon:

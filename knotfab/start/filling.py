@@ -30,7 +30,6 @@ __all__ = [
     "simple_curves",
     "smooth_closed",
     "template_iou",
-    "template_tube",
 ]
 
 
@@ -54,6 +53,14 @@ class Template:
     polygon: MultiPolygon
     radius: float
     passes: bool = False
+
+    @cached_property
+    def tube(self) -> Polygon | MultiPolygon:
+        """What the planar tube covers."""
+        covered: Polygon | MultiPolygon = shapely.union_all(
+            [_band(curve, self.radius) for curve in self.curves]
+        )
+        return covered
 
 
 def _polygons(shape: BaseGeometry) -> list[Polygon]:
@@ -204,10 +211,13 @@ def join_curves(
     `keep` stays as it is.
     """
     loops, kept = [_Loop(curve) for curve in curves], []
+    sizes = np.array([len(loop.points) for loop in loops])
+    boxes = np.array([loop.box for loop in loops])
     while len(loops) > max(1, until):
         # the smallest curve joins its nearest neighbour: rings nest, so the tree stays short
-        one = loops.pop(min(range(len(loops)), key=lambda k: len(loops[k].points)))
-        boxes = np.array([loop.box for loop in loops])
+        smallest = int(np.argmin(sizes))
+        one = loops.pop(smallest)
+        sizes, boxes = (np.delete(known, smallest, axis=0) for known in (sizes, boxes))
         apart = np.maximum(0.0, np.maximum(boxes[:, :2] - one.box[2:], one.box[:2] - boxes[:, 2:]))
         bound = np.hypot(apart[:, 0], apart[:, 1])
         options: list[tuple[float, int, int, int]] = []
@@ -217,7 +227,11 @@ def join_curves(
             options = sorted([*options, (*_closest(one, loops[k], radius), k)])
         joined = None
         for _, at, to, k in options[:_BRIDGES]:
-            others = shapely.STRtree([loop.ring for i, loop in enumerate(loops) if i != k])
+            low = np.minimum(boxes[k, :2], one.box[:2])
+            high = np.maximum(boxes[k, 2:], one.box[2:])
+            within = ((boxes[:, :2] <= high) & (boxes[:, 2:] >= low)).all(axis=1)
+            within[k] = False  # what lies outside the box of both, no bridge between them crosses
+            others = shapely.STRtree([loops[i].ring for i in np.flatnonzero(within)])
             for width in (2.0, 1.2, 0.6, 0.3):
                 gap = max(1, round(width * radius / step))
                 candidate = _Loop(_bridge(one.points, at, loops[k].points, to, gap, step))
@@ -233,7 +247,8 @@ def join_curves(
                 until -= 1
             # an inner ring without a bridge is left out: its neighbours must cover for it
             continue
-        loops[joined[1]] = joined[0]
+        loop, k = joined
+        loops[k], sizes[k], boxes[k] = loop, len(loop.points), loop.box
     return [loop.points for loop in loops] + kept
 
 
@@ -285,9 +300,12 @@ def as_bent(template: Template, bend: float, flat: bool = False) -> Template:
     Args:
         bend: the tube's least bend radius, mm. flat: as for `least_ring`.
     """
+    smaller = [_is_smaller(curve, bend) for curve in template.curves]
+    if not any(smaller):
+        return template
     curves = tuple(
-        least_ring(LinearRing(curve), 0.0, bend, flat) if _is_smaller(curve, bend) else curve
-        for curve in template.curves
+        least_ring(LinearRing(curve), 0.0, bend, flat) if small else curve
+        for curve, small in zip(template.curves, smaller, strict=True)
     )
     return replace(template, curves=curves)
 
@@ -302,15 +320,7 @@ def _is_smaller(curve: Array, bend: float) -> bool:
 
 def template_iou(template: Template, polygon: MultiPolygon) -> float:
     """IoU of the planar tube with the silhouette, exact on polygons."""
-    return polygon_iou(template_tube(template), polygon)
-
-
-def template_tube(template: Template) -> Polygon | MultiPolygon:
-    """What the planar tube covers."""
-    tube: Polygon | MultiPolygon = shapely.union_all(
-        [_band(c, template.radius) for c in template.curves]
-    )
-    return tube
+    return polygon_iou(template.tube, polygon)
 
 
 def _band(curve: Array, radius: float) -> Polygon | MultiPolygon:

@@ -11,7 +11,6 @@ from scipy.ndimage import distance_transform_edt, map_coordinates
 
 from knotfab.base.arrays import Array, Indices
 from knotfab.base.compiled import compiled
-from knotfab.geometry.sampling import number_runs
 from knotfab.limits.base import Limits
 from knotfab.limits.region import tube_outside
 from knotfab.problem import TargetView
@@ -129,9 +128,11 @@ class Lattice:
 
     def drawn_by(self, edges: Indices) -> Indices:
         """The cells that these edges draw, each once."""
-        counts = self.starts[edges + 1] - self.starts[edges]
-        run, number = number_runs(counts)
-        return np.unique(self.cells[self.starts[edges][run] + number])
+        starts, stops = self.starts[edges], self.starts[edges + 1]
+        drawn = np.zeros(int(self.cells.max(initial=0)) + 1, dtype=bool)
+        for first, stop in zip(starts.tolist(), stops.tolist(), strict=True):
+            drawn[self.cells[first:stop]] = True
+        return np.flatnonzero(drawn)
 
 
 def sights_of(views: Sequence[TargetView], radius: float) -> tuple[list[Sight], Array]:

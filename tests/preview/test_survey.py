@@ -140,10 +140,11 @@ def test_frames_are_surveyed_by_the_hardest(tmp_path: Path) -> None:
 
 def test_several_views_are_surveyed_each(tmp_path: Path) -> None:
     targets = [read_target(lines(tmp_path / f"{w}.png", width=w, body=True)) for w in (60, 20)]
-    scene = Scene(views=(View(name="a"), View(name="b", azimuth_deg=90.0)))
+    views = (View(name="a"), View(name="b", azimuth_deg=90.0))
+    scene = Scene(views=views, piece=Piece(tube_radius_mm=3.0))
     found = survey(scene, targets)
     assert [v.target for v in found.views] == targets
-    assert all(list(v.losses) == [found.radius_mm] for v in found.views)
+    assert all(list(v.losses) == [3.0] == [found.radius_mm] for v in found.views)
 
 
 def test_red_marks_what_is_lost(tmp_path: Path) -> None:
@@ -199,8 +200,8 @@ def test_thin_lines_are_drawn_along_their_middle(tmp_path: Path) -> None:
 def test_lines_too_close_together_are_refused(tmp_path: Path) -> None:
     image = Image.new("L", (SIDE, SIDE), 255)
     draw = ImageDraw.Draw(image)
-    for k in range(100, 700, 6):
-        draw.line((100, k, 700, k), fill=0, width=2)
+    for k in range(100, 300, 6):
+        draw.line((100, k, 300, k), fill=0, width=2)
     image.save(tmp_path / "hatched.png")
     scene, targets = widen_targets(resolve(Scene()), (read_target(tmp_path / "hatched.png"),))
     with pytest.raises(SceneError, match="run together") as caught:
