@@ -98,7 +98,7 @@ class Row:
 
 
 _BY_NETWORK = "carried along the invertible network"
-COLUMNS = ("one view", "several views", "free view", "sequence")
+COLUMNS = ("one view", "several views", "coloured lamps", "free view", "sequence")
 
 
 def _is_mounted(kind: str) -> Callable[[Found], bool]:
@@ -110,7 +110,7 @@ ROWS: tuple[Row, ...] = (
         "wall mount",
         _is_mounted("wall"),
         options=(("mount", "wall"),),
-        refused=(("several views", "light"),),
+        refused=(("several views", "light"), ("coloured lamps", "light")),
     ),
     Row("desk stand", _is_mounted("stand"), options=(("mount", "stand"),)),
     Row("eyelet for a thread", _is_mounted("hang"), options=(("mount", "hang"),)),
@@ -134,13 +134,17 @@ ROWS: tuple[Row, ...] = (
         "depth given",
         lambda f: f.scene["piece"]["depth"] == 40.0,
         options=(("depth", 40),),
-        refused=(("several views", "pictures decide the depth"),),
+        refused=tuple(
+            (c, "pictures decide the depth") for c in ("several views", "coloured lamps")
+        ),
     ),
     Row(
         "flat",
         lambda f: f.scene["piece"]["depth"] == "flat",
         options=(("depth", "flat"),),
-        refused=(("several views", "pictures decide the depth"),),
+        refused=tuple(
+            (c, "pictures decide the depth") for c in ("several views", "coloured lamps")
+        ),
     ),
     Row(
         "region mesh",
@@ -201,6 +205,7 @@ ROWS: tuple[Row, ...] = (
             else f.scene["views"][0]["light_distance_mm"] != f.scene["search"]["free_light_mm"] > 0
         ),
         options=(("free", "view"),),
+        refused=(("coloured lamps", "the screen"),),
     ),
     Row(
         "CUDA",
@@ -245,6 +250,15 @@ def draw_house() -> Image.Image:
     return image
 
 
+def draw_flag() -> Image.Image:
+    """A red disc beside a blue house: mode "RGB"."""
+    image = Image.new("RGB", (_PX, _PX), "white")
+    for shape, colour, left in ((draw_disc(), "red", 0), (draw_house(), "blue", 1)):
+        small = shape.resize((_PX // 2, _PX // 2))
+        image.paste(colour, (left * _PX // 2, _PX // 4), Image.eval(small, lambda v: 255 - v))
+    return image
+
+
 def _write_box(path: Path, half: tuple[float, float, float]) -> None:
     """A box as a binary STL."""
     import trimesh
@@ -265,6 +279,9 @@ def _inputs(cell: Cell, folder: Path) -> tuple[list[str], dict[str, Any]]:
     options: dict[str, Any] = {"skip": ("slicer", "shadow-render"), **dict(cell.row.options)}
     if cell.column == "several views":
         drawn = [draw_disc(), draw_house()]
+    elif cell.column == "coloured lamps":
+        drawn = [draw_flag()]
+        options["lamps"] = "rgb"
     elif cell.column == "sequence":
         drawn = [draw_disc(0.48), draw_disc(0.5), draw_disc(0.52)]
         options["sequence"] = True

@@ -278,10 +278,21 @@ def _read_lamps(
 
     if options.sequence:
         raise InputError("--lamps", "frames have one lamp", "Leave --sequence out.")
+    if scene.search.get("free_view"):
+        why = "lamps before one screen have places by themselves; a view that is found moves the screen"
+        raise InputError(
+            "a free view (--free view)", why, "Leave it out; [lamps] bounds their places."
+        )
     if options.lamps is not None:
         scene = with_lamps(scene, options.lamps, name_views(sources))
     parted: Separation | None = None
     mixing = scene.lamps.mode == "mix"
+    if mixing and len(sources) not in (1, len(scene.views)):
+        raise InputError(
+            f"{len(sources)} pictures",
+            "lamps that mix show one picture in colours",
+            "Give one picture, or let lamps switch (--lamps switch).",
+        )
     if mixing and len(sources) == 1 < len(scene.views):
         with progress.stage("picture"):
             targets, parted = read_masks(sources[0], scene, base)

@@ -20,8 +20,10 @@ from knotfab.base.arrays import Array, Mask
 from knotfab.design.candidates import DEPTH_RATIO
 from knotfab.design.frames import frame_view
 from knotfab.design.hull import hull_bounds
+from knotfab.picture.masks import sample_mask
 from knotfab.picture.read import Target
-from knotfab.scene.camera import cameras_of
+from knotfab.picture.silhouette import fit_size
+from knotfab.scene.camera import camera_of
 from knotfab.scene.catalogue import resolve
 from knotfab_formats.scene import ResolvedView, Scene
 
@@ -38,9 +40,9 @@ _NEAR = (
     "draws several masks, and is lost where they contradict each other"
 )
 _OPEN = "the wall goes on beside the picture, so each shadow of what is drawn must fall on a mask"
-_COARSE = 10  # every so many of the distances are tried by the hull
+_COARSE = 20  # every so many of the distances are tried by the hull
 _SHARES = (1.0, 0.6, 0.3)  # of the bounds, between which lamps are tried
-_RAYS_PX, _RAY_STEPS = 48, 96
+_MASK_PX, _RAYS_PX, _RAY_STEPS = 120, 48, 96
 _BETTER = 0.002  # of a bound: what narrower places have to bring
 _MOST_DEPTH = 0.2  # of the way from the middle of the piece to wall or lamp, to either side
 
@@ -118,7 +120,9 @@ def _find_by_hull(scene: Scene, targets: Sequence[Target]) -> tuple[float, float
 
     Rows, columns and polygons are tried, as wide as the bounds and narrower, and every order of the lamps.
     """
-    masks = [target.mask for target in targets]
+    framed = [frame_view(v, t) for v, t in zip(scene.views, targets, strict=True)]
+    few = [fit_size(t.width, t.height, _MASK_PX) for t in targets]
+    masks = [sample_mask(t.mask, *size) for t, size in zip(targets, few, strict=True)]
     bounds = np.array([scene.lamps.max_right_mm, scene.lamps.max_up_mm])
     count, ends = len(targets), scene.lamps.screen == "ends"
     best: tuple[float, float, float, Array] | None = None
@@ -127,13 +131,15 @@ def _find_by_hull(scene: Scene, targets: Sequence[Target]) -> tuple[float, float
     ):
         for layout in _layouts(count):
             beside = np.round(share * bounds * layout[list(order)], 1)
-            views = [
-                frame_view(v, t).model_copy(
-                    update={**_lengths(wall, light), "light_right_mm": x, "light_up_mm": y}
+            cameras = [
+                camera_of(
+                    view.model_copy(
+                        update={**_lengths(wall, light), "light_right_mm": x, "light_up_mm": y}
+                    ),
+                    *size,
                 )
-                for v, t, (x, y) in zip(scene.views, targets, beside.tolist(), strict=True)
+                for view, size, (x, y) in zip(framed, few, beside.tolist(), strict=True)
             ]
-            cameras = cameras_of(views, targets)
             reach = min(0.9 * wall, 0.5 * light)
             found = hull_bounds(cameras, masks, reach, _RAYS_PX, _RAY_STEPS, ends=ends)
             worst = min(b.iou for b in found)
