@@ -6,17 +6,24 @@ whose places are open are moved, which changes no picture; what is left the pict
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
-from itertools import permutations, product
 
 import numpy as np
 
 from knotfab.base.arrays import Array, Mask
 from knotfab.base.errors import InputError, SceneError
-from knotfab.design.frames import frame_view, framed_alike
-from knotfab.design.hull import HullBound, hull_bounds
+from knotfab.design.frames import framed_alike
+from knotfab.design.hull import HullBound
+from knotfab.design.moves import (
+    bounds_of,
+    coarse_masks,
+    framed_views,
+    mirror_views,
+    move_views,
+    reach_of,
+    worst_of,
+)
 from knotfab.picture.bending import (
     Bending,
     bend_mask,
@@ -25,13 +32,11 @@ from knotfab.picture.bending import (
     read_points,
     write_points,
 )
-from knotfab.picture.masks import sample_mask
 from knotfab.picture.read import Target
-from knotfab.picture.silhouette import fit_size
 from knotfab.scene.camera import cameras_of, view_axes
-from knotfab_formats.scene import ResolvedView, Scene, View
+from knotfab_formats.scene import Scene, View
 
-__all__ = ["AGREED", "Agreement", "agree", "apply_bending", "reach_of", "require_agreed"]
+__all__ = ["AGREED", "Agreement", "agree", "apply_bending", "require_agreed"]
 
 AGREED = 0.995  # bounds from here on are agreement: nothing is moved or bent
 MOST_BENT = (
@@ -40,16 +45,10 @@ MOST_BENT = (
 _HOPELESS = 0.5  # a bound below which no search is begun
 _MOST_VIEWS = 12
 _ALIKE_DEG = 3.0  # lines of sight nearer to each other are one
-_WORTH = 0.004  # of the worst bound: what a free move has to bring
-_COARSE_PX, _COARSE_RAYS, _COARSE_STEPS = 96, 56, 72
 _CHECK_PX = 384
 _SCALED = (
     12  # times that a bending is scaled back at most until the picture keeps its pieces and holes
 )
-_TRIALS = 160  # arrangements of views that are tried at most
-_TURNS_DEG = (16.0, 8.0)
-_APART_DEG = 0.6  # of an equal share of half a turn: the least between two lines of sight
-_SHIFTS = (0.03, 0.015)  # of the frame's height
 _SLACK = 0.0008  # of a bound: what a coarse measure may be off
 _ADDED = 0.003  # likewise, of one that is known
 _SAID = 0.001  # of a bound: what nobody needs to be told
@@ -92,37 +91,37 @@ def agree(scene: Scene, targets: Sequence[Target], *, azimuths_open: bool = Fals
     if any(v.bend_points or v.mirrored for v in scene.views):
         return Agreement(scene, _bent(scene, targets))
     framed, drawn = framed_alike(scene, targets), targets
-    bounds = _bounds_of(framed, targets)
-    if _worst(bounds) >= AGREED or any(t.bending is not None for t in targets):
+    bounds = bounds_of(framed, targets)
+    if worst_of(bounds) >= AGREED or any(t.bending is not None for t in targets):
         return Agreement(scene, targets, bounds=bounds)
     require_apart(framed.views)
     lines: list[str] = []
-    first = _worst(bounds)
+    most = _most_bent(scene)
+    first = worst_of(bounds)
     if azimuths_open:
-        moved = _move(framed, targets)
+        moved = move_views(framed, targets, most > 0)
         if moved is not framed:
-            bounds = _bounds_of(moved, targets)
+            bounds = bounds_of(moved, targets)
             framed = moved
             places = ", ".join(
                 f"{t.name} {v.azimuth_deg % 360:g}°"
                 for v, t in zip(moved.views, targets, strict=True)
             )
             lines.append(
-                f"views moved to {places}: the others leave {_worst(bounds):.3f} of each picture at least "
+                f"views moved to {places}: the others leave {worst_of(bounds):.3f} of each picture at least "
                 f"instead of {first:.3f}, and no picture is changed"
             )
     elif scene.piece.mirror == "auto":
-        mirrored = _mirror(framed, targets)
+        mirrored = mirror_views(framed, targets)
         if mirrored is not framed:
             framed, drawn = mirrored, _bent(mirrored, targets)
-            bounds = _bounds_of(framed, drawn)
+            bounds = bounds_of(framed, drawn)
             names = [t.name for v, t in zip(framed.views, targets, strict=True) if v.mirrored]
             lines.append(f"mirrored, which changes the picture: {', '.join(names)}")
-    most = _most_bent(scene)
-    if _worst(bounds) < AGREED and most > 0:
+    if worst_of(bounds) < AGREED and most > 0:
         bent_scene, bent = _bend(framed, targets, drawn, bounds, most)
-        after = _bounds_of(bent_scene, bent)
-        if _worst(after) > _worst(bounds):
+        after = bounds_of(bent_scene, bent)
+        if worst_of(after) > worst_of(bounds):
             framed, drawn, bounds = bent_scene, bent, after
             lines.append(tell_bending(drawn, bounds))
     for target, bound in zip(targets, bounds, strict=True):
@@ -175,7 +174,7 @@ def tell_bending(targets: Sequence[Target], bounds: Sequence[HullBound]) -> str:
     who = words.get(len(targets), f"all {len(targets)}")
     most = max(b.most for b in bendings)
     digits = 0 if most >= 0.02 else 1
-    better = "" if _worst(bounds) >= AGREED - _SAID else " better"
+    better = "" if worst_of(bounds) >= AGREED - _SAID else " better"
     return (
         f"bent by {100 * rms:.1f} % on average and {100 * most:.{digits}f} % at most, so that {who} "
         f"agree{better}"
@@ -219,14 +218,6 @@ def require_apart(views: Sequence[View]) -> None:
                 )
 
 
-def reach_of(views: Sequence[ResolvedView]) -> float:
-    """How far from the middle matter may stand: clear of every wall and light, mm."""
-    return min(
-        min(0.97 * v.clear_mm if v.kind == "shadow" else np.inf, 0.5 * v.light_distance_mm)
-        for v in views
-    )
-
-
 def _most_bent(scene: Scene) -> float:
     asked = scene.piece.bend
     if isinstance(asked, str):
@@ -234,117 +225,8 @@ def _most_bent(scene: Scene) -> float:
     return asked
 
 
-def _worst(bounds: Sequence[HullBound]) -> float:
-    return min(b.iou for b in bounds)
-
-
-def _framed(scene: Scene, targets: Sequence[Target]) -> list[ResolvedView]:
-    return [frame_view(v, t) for v, t in zip(scene.views, targets, strict=True)]
-
-
-def _bounds_of(
-    scene: Scene,
-    targets: Sequence[Target],
-    masks: Sequence[Mask] | None = None,
-    rays_px: int = 192,
-    steps: int = 240,
-) -> tuple[HullBound, ...]:
-    """The hull's bounds of the scene's views; `masks`: silhouettes coarser than the targets'."""
-    views = _framed(scene, targets)
-    cameras = cameras_of(views, targets)
-    if masks is None:
-        masks = [t.mask for t in targets]
-    small = [c.resized(m.shape[1], m.shape[0]) for c, m in zip(cameras, masks, strict=True)]
-    return hull_bounds(small, masks, reach_of(views), rays_px, steps)
-
-
-def _coarse(targets: Sequence[Target], side_px: int) -> list[Mask]:
-    size = partial(fit_size, longer=side_px)
-    return [sample_mask(t.mask, *size(t.width, t.height)) for t in targets]
-
-
 def _bent(scene: Scene, targets: Sequence[Target]) -> tuple[Target, ...]:
     return tuple(apply_bending(v, t) for v, t in zip(scene.views, targets, strict=True))
-
-
-def _move(scene: Scene, targets: Sequence[Target]) -> Scene:
-    """The scene with its views where they leave most of each other; the same where that brings too little."""
-    masks = _coarse(targets, _COARSE_PX)
-
-    def value(trial: Scene) -> float:
-        found = _bounds_of(trial, targets, masks, _COARSE_RAYS, _COARSE_STEPS)
-        return _worst(found) + 0.1 * float(np.mean([b.iou for b in found]))
-
-    best, most = scene, value(scene) + _WORTH
-    for places in _arrangements([v.azimuth_deg for v in scene.views]):
-        trial = _placed(scene, places)
-        if (found := value(trial)) > most:
-            best, most = trial, found
-    apart = _APART_DEG * 180.0 / len(targets)
-    for turn, shift in zip(_TURNS_DEG, _SHIFTS, strict=True):
-        for n in range(len(targets)):
-            for trial in _nearby(best, targets, n, turn, shift):
-                if _least_apart(trial.views) >= apart and (found := value(trial)) > most + _WORTH:
-                    best, most = trial, found
-    return best
-
-
-def _mirror(scene: Scene, targets: Sequence[Target]) -> Scene:
-    """The scene with those pictures mirrored that agree better so; none of text, and the first never."""
-    masks = _coarse(targets, _COARSE_PX)
-    best, most = scene, -1.0
-    may = [(False,) if n == 0 or t.is_text else (False, True) for n, t in enumerate(targets)]
-    for sides in product(*may):
-        turned = [m[:, ::-1] if side else m for m, side in zip(masks, sides, strict=True)]
-        found = _worst(_bounds_of(scene, targets, turned, _COARSE_RAYS, _COARSE_STEPS))
-        if found > most + _WORTH:
-            most = found
-            views = (
-                v.model_copy(update={"mirrored": True if side else None})
-                for v, side in zip(scene.views, sides, strict=True)
-            )
-            best = scene.model_copy(update={"views": tuple(views)}) if any(sides) else scene
-    return best
-
-
-def _arrangements(azimuths: Sequence[float]) -> Iterator[tuple[float, ...]]:
-    """Other orders of the views, each from before or from behind; all of few, of many some."""
-    count = len(azimuths)
-    orders = ((0, *rest) for rest in permutations(range(1, count)))
-    sides = list(product((0.0, 180.0), repeat=count))
-    for tried, (order, side) in enumerate(product(orders, sides)):
-        if side[0] or tried >= _TRIALS * (2 if count < 6 else 1):
-            continue
-        yield tuple(azimuths[k] + s for k, s in zip(order, side, strict=True))
-
-
-def _placed(scene: Scene, azimuths: Sequence[float]) -> Scene:
-    views = tuple(
-        v.model_copy(update={"azimuth_deg": float(a % 360.0)})
-        for v, a in zip(scene.views, azimuths, strict=True)
-    )
-    return scene.model_copy(update={"views": views})
-
-
-def _nearby(
-    scene: Scene, targets: Sequence[Target], number: int, turn: float, shift: float
-) -> Iterator[Scene]:
-    """The scene with one view turned, or its frame shifted, a little to either side."""
-    view = scene.views[number]
-    height = _framed(scene, targets)[number].frame_height_mm
-    changes = [{"azimuth_deg": (view.azimuth_deg + s * turn) % 360.0} for s in (1, -1) if number]
-    changes += [{"frame_up_mm": round(view.frame_up_mm + s * shift * height, 4)} for s in (1, -1)]
-    for change in changes:
-        views = list(scene.views)
-        views[number] = view.model_copy(update=change)
-        yield scene.model_copy(update={"views": tuple(views)})
-
-
-def _least_apart(views: Sequence[View]) -> float:
-    """The least angle between two lines of sight, degrees."""
-    axes = np.array([view_axes(v)[2] for v in views])
-    cosine = np.abs(axes @ axes.T)[np.triu_indices(len(axes), 1)]
-    return float(np.rad2deg(np.arccos(np.clip(cosine.max(), 0.0, 1.0))))
 
 
 def _bend(
@@ -357,18 +239,18 @@ def _bend(
     """The scene with its pictures bent, and they as bent; `drawn`, `bounds`: as before that."""
     from knotfab.design.bend import bend_pictures
 
-    views = _framed(scene, targets)
-    masks = _coarse(drawn, _CHECK_PX)
+    views = framed_views(scene, targets)
+    masks = coarse_masks(drawn, _CHECK_PX)
 
     # coarser silhouettes have coarser gaps: what that adds to a bound is asked in addition
     added = [
         float(np.clip(coarse.iou - fine.iou, 0.0, _ADDED))
-        for coarse, fine in zip(_bounds_of(scene, targets, masks), bounds, strict=True)
+        for coarse, fine in zip(bounds_of(scene, targets, masks), bounds, strict=True)
     ]
 
     def enough(points: Array) -> bool:
         bent = [bend_mask(m, p) for m, p in zip(masks, points, strict=True)]
-        found = _bounds_of(scene, targets, bent)
+        found = bounds_of(scene, targets, bent)
         return all(b.iou >= AGREED + _SLACK + a for b, a in zip(found, added, strict=True))
 
     cameras = cameras_of(views, targets)

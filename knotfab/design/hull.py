@@ -71,6 +71,7 @@ def hull_bounds(
     rays_px: int = _RAYS_PX,
     steps: int = _STEPS,
     ends: bool = False,
+    wider: float = 0.0,
 ) -> tuple[HullBound, ...]:
     """The bound of each view, in their order.
 
@@ -80,6 +81,7 @@ def hull_bounds(
         reach_mm: half the length of ray that is followed, about the point nearest to the origin.
         rays_px: longer side of the grid of rays. steps: samples of a ray.
         ends: whether what another view sees beside its frame spills nowhere: its screen ends there.
+        wider: by how much the other masks are widened, in shares of their heights.
 
     The other masks are widened by half a sample's distance, and a pixel of the coarse grid counts where
     its middle is drawn, so that sampling takes nothing from the bound.
@@ -89,7 +91,7 @@ def hull_bounds(
     for camera, mask in zip(cameras, masks, strict=True):
         # half a step, as it is seen where the frame stands
         cells = int(np.ceil(0.5 * step / min(np.linalg.norm(camera.du), np.linalg.norm(camera.dv))))
-        wide.append(_widen(mask, cells))
+        wide.append(_widen(mask, cells + round(wider * len(mask))))
     return tuple(
         _bound(
             camera,

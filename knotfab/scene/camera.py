@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -12,7 +12,7 @@ from knotfab.base.arrays import Array
 from knotfab.geometry.projection import project
 from knotfab_formats.scene import Region, ResolvedView, View
 
-__all__ = ["Camera", "camera_of", "cameras_of", "light_of", "view_axes"]
+__all__ = ["Camera", "camera_of", "cameras_of", "least_apart", "light_of", "view_axes"]
 
 
 class _Sized(Protocol):
@@ -140,3 +140,10 @@ def view_axes(view: View | Region) -> Array:
     back = np.cos(elevation) * level + np.sin(elevation) * vertical
     across = np.cos(elevation) * vertical - np.sin(elevation) * level
     return np.stack([right, across, back])
+
+
+def least_apart(views: Sequence[View]) -> float:
+    """The least angle between two lines of sight, degrees; from behind a line is the same."""
+    axes = np.array([view_axes(v)[2] for v in views])
+    cosine = np.abs(axes @ axes.T)[np.triu_indices(len(axes), 1)]
+    return float(np.rad2deg(np.arccos(np.clip(cosine.max(), 0.0, 1.0))))

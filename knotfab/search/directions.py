@@ -16,6 +16,7 @@ from knotfab.base.arrays import Array
 from knotfab.geometry.neighbours import Neighbours
 from knotfab.problem import Problem, TargetView, ViewNumbers
 from knotfab.render.picture import frame_at
+from knotfab.scene.camera import least_apart
 from knotfab.search.objective import Objective
 from knotfab_formats.search import SearchSettings
 
@@ -39,7 +40,7 @@ class FreeDirections:
         self.azimuth_deg = self.first_deg.copy()
         self._settings, self._asked = settings, 0
         self._mean, self._square, self._steps = np.zeros(len(views)), np.zeros(len(views)), 0
-        self._apart = NEAREST * _least_apart(self.first_deg)
+        self._apart = NEAREST * least_apart([v.view for v in views])
 
     def keep(self, points: Array) -> None:
         """Do nothing: directions keep their bounds whatever the points are."""
@@ -73,9 +74,11 @@ class FreeDirections:
         size = np.sqrt(self._square / (1 - _SQUARES**self._steps)) + 1e-12
         moved = self.azimuth_deg - _RATE_DEG * _LAST**progress * mean / size
         moved = np.clip(moved, self.first_deg - MOST_TURN_DEG, self.first_deg + MOST_TURN_DEG)
-        if _least_apart(moved) >= self._apart:
-            self.azimuth_deg = moved
+        before, self.azimuth_deg = self.azimuth_deg, moved
+        if least_apart([v.view for v in self._views(problem)]) >= self._apart:
             self.show(objective, problem)
+        else:
+            self.azimuth_deg = before
 
     def slope(self, objective: Objective, number: int, points: Array, progress: float) -> float:
         """The slope of a view's image term in its azimuth, per degree."""
@@ -95,9 +98,3 @@ class FreeDirections:
             replace(v, view=v.view.model_copy(update={"azimuth_deg": float(a)}))
             for v, a in zip(problem.views, self.azimuth_deg, strict=True)
         )
-
-
-def _least_apart(azimuths_deg: Array) -> float:
-    """The least angle between two lines of sight, degrees."""
-    order = np.sort(azimuths_deg % 180.0)
-    return float(np.diff(np.append(order, order[0] + 180.0)).min())

@@ -37,8 +37,8 @@ from knotfab.preview.draw import draw_agreement
 from knotfab.read_options import read_scene
 from knotfab.scene.camera import cameras_of
 from knotfab.scene.load import dump_scene, parse_scene
-from knotfab_formats.scene import Scene
-from knotfab_validators.files.bent import bend_silhouette, read_bend
+from knotfab_formats.scene import Scene, View
+from knotfab_validators.files.bent import bend_of, bend_silhouette
 
 SIDE = 160
 
@@ -94,10 +94,9 @@ def test_maker_and_validators_bend_alike_to_the_pixel() -> None:
     mask = np.random.default_rng(1).random((97, 131)) > 0.4
     points = field(2)
     for mirrored in (False, True):
-        theirs = bend_silhouette(
-            mask,
-            read_bend({"bend_points": list(write_points(points)), "mirrored": mirrored}, "view"),
-        )
+        bend = bend_of(View(bend_points=write_points(points), mirrored=mirrored))
+        assert bend is not None
+        theirs = bend_silhouette(mask, bend)
         ours = mask[:, ::-1] if mirrored else mask
         assert (theirs.mask != bend_mask(ours, points)).sum() == 0
         own = measure_bending(bend_mask(ours, points), points)
@@ -109,7 +108,8 @@ def test_a_fold_is_seen_by_both() -> None:
     points = field(3, 0.2)
     assert stretch_of(points, 1.0)[1] < 0
     assert measure_bending(EGG.mask, points).stretch == np.inf
-    bend = read_bend({"bend_points": list(write_points(points))}, "view")
+    bend = bend_of(View(bend_points=write_points(points)))
+    assert bend is not None
     assert bend_silhouette(EGG.mask, bend).stretch == np.inf
 
 
@@ -261,3 +261,15 @@ def test_no_share_of_a_height_is_refused(text: str) -> None:
 )
 def test_a_share_of_a_height_is_a_key(text: str, key: float | str) -> None:
     assert read_scene(BuildOptions(bend=text))[0].piece.bend == key
+
+
+def test_views_leave_equal_angles_where_that_leaves_more() -> None:
+    """At equal angles two narrow pictures, on both sides of a wide one, leave nothing of its ends."""
+    wide = picture("wide", (0.5, 0.5, 0.49, 0.3))
+    narrow = [picture(name, (0.5, 0.5, 0.2, 0.42)) for name in "abc"]
+    targets = [wide, *narrow]
+    scene = spread_views(Scene(), [t.name for t in targets])
+    off = scene.model_copy(update={"piece": scene.piece.model_copy(update={"bend": "off"})})
+    moved = agree(off, targets, azimuths_open=True)
+    equal = agree(off, targets)
+    assert min(b.iou for b in moved.bounds) > min(b.iou for b in equal.bounds) + 0.1

@@ -11,7 +11,8 @@ from shapely import MultiPolygon, box
 
 from knotfab.geometry.polylines import polylines_of
 from knotfab.problem import Problem, TargetView
-from knotfab.search.directions import MOST_TURN_DEG, FreeDirections, _least_apart
+from knotfab.scene.camera import least_apart
+from knotfab.search.directions import MOST_TURN_DEG, FreeDirections
 from knotfab.search.objective import Objective, Weights
 from knotfab_formats.scene import ResolvedRegion, ResolvedView
 from knotfab_formats.search import SearchSettings
@@ -79,8 +80,9 @@ def test_a_view_turns_to_where_the_knots_draw_its_picture() -> None:
 def test_directions_keep_their_bounds() -> None:
     problem, objective = question(views(0.0, 20.0, 45.0))
     directions = FreeDirections(problem.views, RADIUS, SETTINGS)
-    least = _least_apart(directions.first_deg)
+    least = least_apart([v.view for v in problem.views])
     for _ in range(80):
         directions.descend(objective, problem, POINTS, None, 0.0)  # type: ignore[arg-type]
     assert (np.abs(directions.azimuth_deg - directions.first_deg) <= MOST_TURN_DEG).all()
-    assert _least_apart(directions.azimuth_deg) >= 0.69 * least
+    settled, _, _ = directions.settle(problem, POINTS)
+    assert least_apart([v.view for v in settled.views]) >= 0.69 * least
