@@ -10,7 +10,7 @@ DONE := $(VENV)/.installed
 TORCH_INDEX ?=
 TORCH := -q -c constraints.txt --no-deps $(if $(TORCH_INDEX),--index-url $(TORCH_INDEX)) torch==2.13.0
 
-.PHONY: demo test test-quick wheel-test docs gallery lint accuracy-table outside-suites feature-table mount-table effects-table traced-colours grace-table several-table lamps-table bending-table tied-knots paper-table paper-ablations renderer-table validator-table verdict-table mutations frontier budgets scaling hard-cases worst-cases batch-throughput system slicer browser viewer studio-table pictures typed-pages clean
+.PHONY: demo test test-quick wheel-test docs gallery lint accuracy-table outside-suites feature-table mount-table effects-table traced-colours grace-table several-table lamps-table bending-table tied-knots paper-table paper-ablations renderer-table validator-table verdict-table mutations frontier budgets scaling worst-cases batch-throughput system slicer browser viewer studio-table pictures typed-pages clean
 
 $(DONE): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
@@ -179,13 +179,9 @@ budgets: system $(DONE)
 scaling: $(DONE)
 	$(BIN)/python -m benchmarks.scaling --write docs/scaling.md
 
-# the catalogue of hard cases against its bounds: renderers, losses, network, flow, geometry, light, strokes, scenes (about 6 min)
-hard-cases: $(DONE)
-	$(BIN)/python -m benchmarks.hard_cases
-
-# the catalogue searched for worse by CMA-ES: errors as shares of their bounds (an hour)
+# renderers, losses, terms, network, certificates and bounds of effects searched for worse cases (an hour)
 worst-cases: $(DONE)
-	$(BIN)/python -m benchmarks.worst_cases --write docs
+	KNOTFAB_EXAMPLES=2000 $(BIN)/python -m pytest --timeout 3600 tests/benchmarks/test_hard_cases_values.py -k "no_search or random_cases"
 
 # the viewer of report and studio, bundled from web/ with three.js: knotfab/report/viewer (needs node)
 viewer:

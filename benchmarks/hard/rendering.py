@@ -216,21 +216,8 @@ def render_cases(samples: int = 50_000) -> tuple[RenderCase, ...]:
     )
 
 
-def large_cases() -> tuple[RenderCase, ...]:
-    """Images that only the tiled renderer can draw."""
-    thin, many = _close(ring(60)), _close(ring(20_000, waves=40))
-    why = "67 million pixels: no pass over every pixel and every capsule"
-    return (
-        RenderCase("8192 x 8192", why, *thin, 0.1, 1.0, 8192, 8192, 2.0**-17, real=True),
-        RenderCase(
-            "8192 x 8192, N = 20,000",
-            "capsules far shorter than they are wide, at that size",
-            *many,
-            0.1,
-            1.0,
-            8192,
-            8192,
-            2.0**-17,
-            real=True,
-        ),
-    )
+def large_case(count: int, side: int) -> RenderCase:
+    """An image of so many capsules that is too large to compare every pixel with every capsule."""
+    ring_of, step = _close(ring(count, waves=3 if count < 1000 else 40)), 2.0**-4 / side
+    why = "no pass over every pixel and every capsule"
+    return RenderCase("large", why, *ring_of, 0.1, 1.0, side, side, step, real=True)

@@ -28,7 +28,7 @@ from paper.losses import ball, box, mobius_loss, occupancy_loss, squared_curvatu
 
 __all__ = ["HUNTS", "KEPT", "Hunt"]
 
-KEPT = Path(__file__).with_name("worst.json")  # the worst that was found of each
+KEPT = Path(__file__).with_name("worst.json")  # the worst that CMA-ES found of each in an hour
 
 _CAPSULES = 3
 _CORNERS = 9  # of a polygon
@@ -57,7 +57,8 @@ def _power(x: float, low: float, high: float) -> float:
 def _aside(x: Array, low: float, high: float) -> Array:
     """(3,) a way of four numbers: a direction and how far."""
     size = float(np.linalg.norm(x[:3]))
-    return np.asarray(x[:3] / (size or 1.0) * _power(x[3], low, high))
+    way = x[:3] / size if size > 0.0 else np.array([1.0, 0.0, 0.0])
+    return np.asarray(way * _power(x[3], low, high))
 
 
 def _capsules(x: Array) -> RenderCase:

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
+import os
 from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
+from hypothesis import HealthCheck, given, settings, target
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 from questions import ask_views, start_and_search
 from shapely import MultiPolygon, Point
 
-from benchmarks.hard.climb import climb
 from benchmarks.hard.light import LampCase, WallCase, lamp_cases, wall_cases, wall_shares
 from benchmarks.hard.pictures import hard_pictures
 from benchmarks.hard.random_cases import KINDS
@@ -20,7 +24,8 @@ from benchmarks.hard.strokes import StrokeCase, stroke_cases, trace
 from benchmarks.hard.terms import term_cases
 from benchmarks.hard.value_error import slope_excess, value_error
 from benchmarks.hard.values import ValueCase, loss_cases, network_cases
-from benchmarks.hard.worst import HUNTS, KEPT, Hunt
+from benchmarks.hard.worst import HUNTS, KEPT
+from knotfab.base.errors import KnotfabError
 from knotfab.design.design import design_knots
 from knotfab.design.prices import SHORT, price_limits
 from knotfab.picture.read import read_target
@@ -35,6 +40,12 @@ from knotfab_formats.search import PRESETS
 
 pytestmark = pytest.mark.slow
 
+# `make worst-cases` asks for many more
+SEARCH = settings(
+    max_examples=int(os.environ.get("KNOTFAB_EXAMPLES", "3")),
+    deadline=None,
+    suppress_health_check=list(HealthCheck),
+)
 CASES = {case.name: case for case in (*loss_cases(), *term_cases(), *network_cases())}
 
 
@@ -120,12 +131,6 @@ def test_moebius_terms_of_tiny_knots_that_once_overflowed(seed: int) -> None:
     assert KINDS["losses"](np.random.default_rng([seed, 4])) == ""
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_a_random_network_there_and_back(seed: int) -> None:
-    network, case = random_network(np.random.default_rng(seed))
-    assert max(round_trip_share(network, case.inputs[0])) <= 1
-
-
 def test_an_inverse_that_is_none_is_found_out(monkeypatch: pytest.MonkeyPatch) -> None:
     network, case = random_network(np.random.default_rng(0))
     true = Coupling.inverse
@@ -199,13 +204,21 @@ def test_the_worst_that_was_found_stays_within_its_bound(name: str) -> None:
     assert 0 <= share <= 1
 
 
-@pytest.mark.parametrize("fault", [3.0, np.inf, np.nan])
-def test_a_hunt_finds_a_fault_that_no_random_case_shows(fault: float) -> None:
-    def share(numbers: np.ndarray) -> float:
-        away = float(np.linalg.norm(numbers - 4.0))  # normal numbers are some 9 off
-        return fault if away < 0.5 else 1 / (1 + away)
+@pytest.mark.parametrize("name", HUNTS)
+@given(data=st.data())
+@SEARCH
+def test_no_search_brings_an_error_above_its_bound(name: str, data: st.DataObject) -> None:
+    """Hypothesis varies all numbers of a case to make its error as large a share of its bound as it can."""
+    hunt = HUNTS[name]
+    share = hunt.share(data.draw(arrays(np.float64, hunt.size, elements=st.floats(-3.0, 3.0))))
+    target(float(np.log10(np.clip(share, 1e-9, 1e9))))
+    assert share <= 1
 
-    found = climb(Hunt("a hidden fault", 5, share), 0.5, seed=1)
-    assert found.begun < 0.3
-    assert found.share >= 3.0
-    assert not share(found.numbers) <= 1
+
+@pytest.mark.parametrize("kind", KINDS)
+@given(seed=st.integers(0, 2**31))
+@SEARCH
+def test_random_cases_are_within_their_bounds(kind: str, seed: int) -> None:
+    """A case that the product refuses in a sentence of its own is no fault."""
+    with contextlib.suppress(KnotfabError):
+        assert KINDS[kind](np.random.default_rng(seed)) == ""

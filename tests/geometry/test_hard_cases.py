@@ -15,7 +15,7 @@ from knotfab.geometry.tube import _transport, mesh_volume, sweep
 from knotfab.picture.silhouette import trace_polygon
 from knotfab.start.filling import fill
 
-# those whose outlines alone take seconds are left to `benchmarks.hardest_builds`
+# their outlines alone take seconds
 SLOW = {"checkerboard", "noise", "page", "carpet", "koch", "rings", "lattice", "dots", "spiral"}
 
 

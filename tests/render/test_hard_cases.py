@@ -20,9 +20,10 @@ from benchmarks.hard.measure import (
     gradient_condition,
     gradient_error,
     image,
+    sampled_error,
     subgradient_excess,
 )
-from benchmarks.hard.rendering import RenderCase, frame_at, render_cases, ring
+from benchmarks.hard.rendering import RenderCase, frame_at, large_case, render_cases, ring
 from knotfab.render.dense import render_dense
 from knotfab.render.frame import Frame
 from knotfab.render.tiled import winners
@@ -139,6 +140,13 @@ def test_winners_are_the_same_whatever_the_threads() -> None:
         torch.set_num_threads(threads)
     for pixel, capsule in found[1:]:
         assert torch.equal(pixel, found[0][0]) and torch.equal(capsule, found[0][1])
+
+
+@FORM
+@pytest.mark.parametrize("count", [60, 4000])
+def test_a_large_image_is_within_its_condition(count: int, render: Render) -> None:
+    error_px, share = sampled_error(large_case(count, 1024), render=render)
+    assert error_px <= 1e-3 and share <= 1.0
 
 
 finite = st.floats(-1.0, 1.0, allow_subnormal=True)
