@@ -7,7 +7,8 @@ import sys
 from collections.abc import Iterator
 
 import pytest
-from kept_validators import keep_validators
+
+from knotfab.verify import verifier
 
 # what is compiled once is kept: workers and the many children would compile all sources anew
 sys.dont_write_bytecode = False
@@ -16,8 +17,13 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 @pytest.fixture(scope="session", autouse=True)
 def _keep_validators() -> Iterator[None]:
-    with keep_validators():
+    """Validators go from one test to the next: to load VTK takes longer than most tests do."""
+    hold, told = verifier._hold, verifier._surroundings
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(verifier, "_hold", lambda skip, jobs, keep=True: hold(skip, jobs, True))
+        patch.setattr(verifier, "_surroundings", lambda: told() | {"PYTEST_CURRENT_TEST": "any"})
         yield
+        verifier._end_idle()
 
 
 @pytest.fixture(scope="session", autouse=True)

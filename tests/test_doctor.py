@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib.util
 import shutil
 import subprocess
-import sys
 from collections import namedtuple
 from importlib import metadata
 from pathlib import Path
@@ -49,12 +48,12 @@ def test_loops_are_compiled_and_kept() -> None:
 
 @pytest.mark.slow
 def test_validators_that_do_not_start_are_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(verifier, "_COMMAND", [sys.executable, "-c", "raise SystemExit('no disk')"])
+    monkeypatch.setattr(verifier, "_MODULE", "no_such_validators")
     monkeypatch.setattr("knotfab.design.design.design_knots", lambda *_: None)
     monkeypatch.setattr("knotfab.drawing.shading.draw_faces", lambda *_: None)
     found = doctor.compile_loops()
     assert found.status == "warning" and found.remedy
-    assert "not the validators'" in found.detail and "no disk" in found.detail
+    assert "not the validators'" in found.detail and "no_such_validators" in found.detail
 
 
 def test_a_missing_library_is_named_with_its_remedy(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from knotfab.base.errors import InputError, MachineError, needs_extra
-from knotfab.base.pool import JOB_GB, Pool
+from knotfab.base.pool import JOB_GB, Workers
 from knotfab.base.progress import Progress
 from knotfab.batch.tasks import Task
 from knotfab.batch.worker import (
@@ -32,7 +32,7 @@ _RETRIES = 3  # of a build whose worker was lost
 _PATIENCE_S = 10  # for the scheduler to answer
 _LOOK_EVERY_S = 0.5  # whether anybody still waits for a build
 _KEPT_S = 20.0  # that a worker keeps what builds have loaded, a GB, for the next
-_idle: list[tuple[Pool, threading.Timer]] = []  # of this worker, and what will end them
+_idle: list[tuple[Workers, threading.Timer]] = []  # of this worker, and what will end them
 
 
 @contextmanager
@@ -93,7 +93,7 @@ def open_cluster(
 
 
 @contextmanager
-def _keep_builders() -> Iterator[Pool]:
+def _keep_builders() -> Iterator[Workers]:
     """What builds one picture: what built the one before on this worker, if that was lately, has loaded."""
     try:
         pool, leaving = _idle.pop()
@@ -111,13 +111,13 @@ def _keep_builders() -> Iterator[Pool]:
     leaving.start()
 
 
-def _end_idle(pool: Pool) -> None:
+def _end_idle(builders: Workers) -> None:
     """Unless it builds again."""
     for held in list(_idle):
-        if held[0] is pool:
+        if held[0] is builders:
             with contextlib.suppress(ValueError):  # taken this moment
                 _idle.remove(held)
-                pool.__exit__()
+                builders.__exit__()
 
 
 def _build_on_worker(parcel: bytes, name: str, topic: str) -> tuple[Record, bytes]:

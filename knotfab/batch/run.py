@@ -15,7 +15,7 @@ from typing import Any
 
 from knotfab.base.disk import at_home, locked
 from knotfab.base.errors import InputError, spelled, why_of
-from knotfab.base.pool import Pool, count_jobs
+from knotfab.base.pool import Workers, count_jobs
 from knotfab.base.progress import Progress
 from knotfab.batch.page import render_index
 from knotfab.batch.tasks import INDEX, RECORDS, Task, list_tasks
@@ -95,8 +95,8 @@ def _open_builder(cluster: str | None, jobs: int, progress: Progress) -> Iterato
         yield lambda tasks, folder: iter(())
         return
     if cluster is None:
-        with open_builders(jobs) as pool:
-            yield partial(_build_here, pool, progress)
+        with open_builders(jobs) as builders:
+            yield partial(_build_here, builders, progress)
         return
     from knotfab.batch.cluster import open_cluster
 
@@ -105,15 +105,15 @@ def _open_builder(cluster: str | None, jobs: int, progress: Progress) -> Iterato
 
 
 def _build_here(
-    pool: Pool, progress: Progress, tasks: Sequence[Task], folder: Path
+    builders: Workers, progress: Progress, tasks: Sequence[Task], folder: Path
 ) -> Iterator[tuple[Task, Record]]:
     """Each task in a process of its own."""
 
     def build(task: Task) -> Record:
         with progress.line(task.name):
-            return build_apart(task, folder / task.name, pool)
+            return build_apart(task, folder / task.name, builders)
 
-    futures: dict[Future[Record], Task] = {pool.submit(build, task): task for task in tasks}
+    futures: dict[Future[Record], Task] = {builders.submit(build, task): task for task in tasks}
     for future in as_completed(futures):
         yield futures[future], future.result()
 

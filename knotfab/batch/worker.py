@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-import contextlib
 import io
 import json
 import os
-import subprocess
-import sys
-import threading
 import time
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 from knotfab.base.disk import at_home, temporary_folder
 from knotfab.base.errors import spelled
-from knotfab.base.pool import ONE_THREAD, Crash, Pool, Workers, may_fork
+from knotfab.base.pool import ONE_THREAD, Crash, Workers, count_jobs
 from knotfab.batch.tasks import Task, content_of
 from knotfab.files.folder import REJECTED, OutputFolder
 
@@ -39,27 +35,25 @@ _ALONE = {**ONE_THREAD, "PYTHONIOENCODING": "utf-8"}  # environment of a build b
 _MOST_RUNS = 2  # of a build that is killed, which may have been for want of memory beside another
 
 
-def open_builders(jobs: int, share: int | None = None) -> Pool:
-    """A pool for `build_apart`: where processes fork, of `jobs` that load once what all builds need.
+def open_builders(jobs: int, share: int | None = None) -> Workers:
+    """`jobs` processes for `build_apart`.
 
     Args:
-        share: the processes that each build may run side by side.
+        share: the processes that each build may run side by side; by default its share of this machine.
     """
-    if not may_fork():
-        return Pool(jobs, share)
-    # -P: modules come from the installation, never from the folder one happens to be in
-    command = [sys.executable, "-P", "-m", "knotfab.cli.stem"]
-    return Workers(command, jobs, env={**os.environ, **_ALONE}, share=share)
+    share = share or max(1, count_jobs() // jobs)
+    env = {**os.environ, **_ALONE, "KNOTFAB_JOBS": str(share)}
+    return Workers("knotfab.cli.builder", jobs=jobs, env=env)
 
 
-def build_apart(task: Task, folder: Path, pool: Pool) -> Record:
-    """Build one picture into `folder` in a process of its own, which ends with the pool (`open_builders`)."""
+def build_apart(task: Task, folder: Path, builders: Workers) -> Record:
+    """Build one picture into `folder` in a process of its own, one of `open_builders`."""
     begun = time.perf_counter()
     earlier = _stamp(folder / REJECTED / "report.json")
     # what comes after "--" is no option, whatever it is called
     arguments = ["build", *task.arguments, f"--out={folder}", "--quiet", "--", task.picture]
     for _ in range(_MOST_RUNS):
-        code, error = _run(arguments, pool)
+        code, error = run_apart(builders, arguments)
         if code in _ENDINGS:
             break
     seconds = time.perf_counter() - begun
@@ -69,43 +63,22 @@ def build_apart(task: Task, folder: Path, pool: Pool) -> Record:
     return record_of(task, code, seconds, error, report)
 
 
-def _run(arguments: list[str], pool: Pool) -> tuple[int, str]:
-    """Run `knotfab ARGUMENTS` in a process that the pool minds: its exit code and the sentence of its end."""
-    environment = {**os.environ, **_ALONE, "KNOTFAB_JOBS": str(pool.share)}
-    if not isinstance(pool, Workers):
-        command = [sys.executable, "-P", "-m", "knotfab", *arguments]
-        with pool.start(command, stderr=subprocess.PIPE, env=environment) as child:
-            return run_apart(child)
-    try:
-        answer = pool.answer({"arguments": arguments, "environment": environment})
-    except Crash as crash:
-        return _explain_end(crash.code, crash.said)
-    return _explain_end(answer["code"], answer["said"])
-
-
 def run_apart(
-    child: subprocess.Popen[str], events: Callable[[Record], None] | None = None
+    builders: Workers, arguments: Sequence[str], events: Callable[[Record], None] | None = None
 ) -> tuple[int, str]:
-    """Wait for a build in a process of its own.
+    """Run `knotfab ARGUMENTS` in one of these processes.
 
     Args:
-        child: its standard error is a pipe; its standard output too, where `events` are to be read from it.
-        events: told of each (docs/studio.md), in a thread of its own.
+        events: told of each event (docs/studio.md), on this thread.
 
     Returns:
         The exit code, 128 and the signal's number where it was killed, and the sentence that it ended with.
     """
-    with child:
-        reader: threading.Thread | None = None
-        if events is not None and child.stdout is not None:
-            reader = threading.Thread(target=_read_events, args=(child.stdout, events), daemon=True)
-            reader.start()
-        assert child.stderr is not None
-        said = child.stderr.read()
-        code = child.wait()
-        if reader is not None:
-            reader.join()
-    return _explain_end(code, said)
+    try:
+        answer = builders.answer({"arguments": list(arguments)}, events)
+    except Crash as crash:
+        return _explain_end(crash.code, crash.said)
+    return _explain_end(answer["code"], answer["said"])
 
 
 def _explain_end(code: int, said: str) -> tuple[int, str]:
@@ -116,15 +89,6 @@ def _explain_end(code: int, said: str) -> tuple[int, str]:
         return (128 - code if code < 0 else code), why
     lines = [line for line in said.splitlines() if line.strip()]
     return code, lines[-1].removeprefix("knotfab: ") if code and lines else ""
-
-
-def _read_events(stream: IO[str], events: Callable[[Record], None]) -> None:
-    """Hand on each line that is an event; a library may have printed others."""
-    for line in stream:
-        with contextlib.suppress(ValueError):
-            event = json.loads(line)
-            if isinstance(event, dict) and "event" in event:
-                events(event)
 
 
 def record_of(
@@ -188,7 +152,7 @@ def pack_task(task: Task, shared: Path) -> bytes:
     return parcel.getvalue()
 
 
-def build_parcel(parcel: bytes, pool: Pool) -> tuple[Record, bytes]:
+def build_parcel(parcel: bytes, builders: Workers) -> tuple[Record, bytes]:
     """Build what `pack_task` packed, anywhere; the record, and the folder that came of it, packed.
 
     On a machine that shares the disk the folder is written where it belongs, from the files' own paths where
@@ -205,7 +169,7 @@ def build_parcel(parcel: bytes, pool: Pool) -> tuple[Record, bytes]:
             for path, held in places.items():
                 arguments = [one.replace(f"={path}", f"={here / held}") for one in arguments]
                 source = str(here / held) if source == path else source
-        record = build_apart(Task(name, source, tuple(arguments), (), key), out, pool)
+        record = build_apart(Task(name, source, tuple(arguments), (), key), out, builders)
         error = record["error"].replace(source, picture).replace(f"{here / 'out'}{os.sep}", "")
         record |= {"picture": picture, "error": error}
         result = io.BytesIO()

@@ -12,7 +12,7 @@ import sys
 import time
 from typing import Any
 
-__all__ = ["main"]
+__all__ = ["main", "set_environment"]
 
 
 def main(arguments: list[str] | None = None, began: float | None = None) -> None:
@@ -52,15 +52,20 @@ def main(arguments: list[str] | None = None, began: float | None = None) -> None
     sys.exit(code or (0 if why is None else 3))
 
 
-def _run(arguments: list[str] | None, began: float | None) -> int:
-    """The exit code of the command that is called."""
+def set_environment() -> None:
+    """Tell the libraries what a light start and a shared machine ask of them, before they are imported."""
     # many small products: threads that wait for each other cost more than they bring, and up to
     # ten times on a shared machine; read when numpy is first imported
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # the libraries make a million things that stay: looked through seldom, they load a tenth faster
-    gc.set_threshold(20_000, 20, 20)
     # pydantic's plugins are looked for in every package that is installed, for a tenth of a second
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
+
+
+def _run(arguments: list[str] | None, began: float | None) -> int:
+    """The exit code of the command that is called."""
+    set_environment()
+    # the libraries make a million things that stay: looked through seldom, they load a tenth faster
+    gc.set_threshold(20_000, 20, 20)
     from knotfab.cli.streams import guard_streams
 
     guard_streams()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import sys
 from collections.abc import Callable, Iterator
 from contextvars import ContextVar
 from typing import Any, ParamSpec
@@ -17,27 +16,10 @@ from knotfab.geometry.meshes import Mesh
 __all__ = ["ask", "keep_modeller", "model"]
 
 _In = ParamSpec("_In")
-# -P: modules come from the installation, never from the folder one happens to be in
-_COMMAND = [sys.executable, "-P", "-m", "knotfab_fixtures"]
+_MODULE = "knotfab_fixtures.service"
 
 
-class _Modeller:
-    """The process, started when it is first needed."""
-
-    def __init__(self) -> None:
-        self._workers: Workers | None = None
-
-    def start(self) -> Workers:
-        if self._workers is None:
-            self._workers = Workers(_COMMAND)
-        return self._workers
-
-    def end(self) -> None:
-        if self._workers is not None:
-            self._workers.__exit__()
-
-
-_kept: ContextVar[_Modeller | None] = ContextVar("modeller", default=None)
+_kept: ContextVar[Workers | None] = ContextVar("modeller", default=None)
 
 
 @contextlib.contextmanager
@@ -50,15 +32,12 @@ def keep_modeller(early: bool) -> Iterator[None]:
     Args:
         early: start it now, since it will be asked; else when it is first asked.
     """
-    modeller = _Modeller()
-    before = _kept.set(modeller)
-    try:
-        if early:
-            modeller.start()
-        yield
-    finally:
-        _kept.reset(before)
-        modeller.end()
+    with Workers(_MODULE, early=early) as modeller:
+        before = _kept.set(modeller)
+        try:
+            yield
+        finally:
+            _kept.reset(before)
 
 
 def model(fixture: Callable[_In, Mesh], *sizes: _In.args, **named: _In.kwargs) -> Mesh:
@@ -84,7 +63,7 @@ def ask(fixture: Callable[_In, Any], *sizes: _In.args, **named: _In.kwargs) -> A
         "named": named,
     }
     try:
-        answer = modeller.start().answer(request)
+        answer = modeller.answer(request)
     except Crash as crash:
         raise MachineError(
             "the solid modeller (cadquery)",

@@ -8,13 +8,12 @@ import shutil
 import threading
 import time
 from collections.abc import Callable
-from concurrent.futures import Future
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
 
 from knotfab.base.disk import temporary_folder
-from knotfab.base.pool import Pool
 from knotfab.files.threemf import read_shells
 from knotfab.geometry.meshes import box_of
 from knotfab.slicer.cross_checks import compare_gcode, compare_info
@@ -60,27 +59,27 @@ class SlicerQueue:
         self._work = work
         self._timeout_s, self._program = timeout_s, program
         self.done = 0.0  # of the file that is sliced, 0 to 1
-        self._pool = Pool(jobs)
+        self._ended, self._threads = threading.Event(), ThreadPoolExecutor(jobs)
 
     def __enter__(self) -> SlicerQueue:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._pool.__exit__()
+        self._ended.set()
+        self._threads.shutdown(cancel_futures=True)
 
     def submit(
         self, part_3mf: Path, scene: Scene, kept_png: bytes = b""
     ) -> Future[Sliced | NotSliced]:
         """Slice a file that `write_3mf` wrote, when its turn comes. Arguments as `slice_part` has them."""
-        stop = self._pool.ended
-        return self._pool.submit(
+        return self._threads.submit(
             slice_part,
             part_3mf,
             scene,
             self._work,
             self._timeout_s,
             self._program,
-            stop,
+            self._ended,
             self._hear,
             kept_png,
         )

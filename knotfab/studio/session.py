@@ -11,6 +11,7 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict
 
 from knotfab.base.errors import InputError, KnotfabError, explain_error, keep_traceback
+from knotfab.base.pool import Workers
 from knotfab.batch.tasks import list_arguments
 from knotfab.files.whole import write_whole
 from knotfab.options import BuildOptions
@@ -18,7 +19,7 @@ from knotfab.sequence.frames import MOST_FRAMES
 from knotfab.studio.broadcast import Broadcast
 from knotfab.studio.builds import Builds, Kind, Record, child_of, folder_after, title_after
 from knotfab.studio.fields import DEFAULTS, FIELDS, Value, in_page_words
-from knotfab.studio.live_build import Event, LiveBuild, Spare
+from knotfab.studio.live_build import Event, LiveBuild
 from knotfab.studio.look import list_ways, preview
 from knotfab.studio.pictures import StudioPicture, thumbnail
 from knotfab.studio.settings import Settings
@@ -57,7 +58,8 @@ class Studio(Broadcast):
         self.preview: dict[str, Any] = {"lines": [], "error": "", "panels": []}
         self.panels: list[bytes] = []
         self.build: LiveBuild | None = None
-        self.spare = Spare(warm)
+        # started beforehand, where the studio is `warm`, so that a press is answered at once
+        self.warm, self.builder = warm, Workers("knotfab.cli.builder", early=False)
         self.adding = (
             asyncio.Lock()
         )  # pictures are added one after the other, so that each finds a name
@@ -69,14 +71,13 @@ class Studio(Broadcast):
         self._remember()
         if self.chosen:
             self.renew()
-        await asyncio.to_thread(self.spare.prepare)
+        await asyncio.to_thread(self._prepare)
 
     async def close(self) -> None:
         """End every process."""
-        self.spare.warm = False
-        self.spare.close()
         if self.running and self.build is not None:
             await asyncio.to_thread(self.build.kill)
+        await asyncio.to_thread(self.builder.__exit__)
 
     @property
     def picture_folder(self) -> Path:
@@ -232,6 +233,10 @@ class Studio(Broadcast):
 
     # ---- builds
 
+    def _prepare(self) -> None:
+        if self.warm and not self.builder.ended.is_set():
+            self.builder.start()
+
     def press(self, go_on: bool = False) -> None:
         """Build what is chosen; `go_on`: from where the knots of the build that is shown stood.
 
@@ -267,10 +272,7 @@ class Studio(Broadcast):
         def tell(event: Event) -> None:
             loop.call_soon_threadsafe(self.hear, event)
 
-        try:
-            self.build = LiveBuild(self.spare, arguments, out, tell)
-        except OSError as error:
-            self.end(3, f"The build cannot be started ({error.strerror}): try again.")
+        self.build = LiveBuild(self.builder, arguments, out, tell)
         self.keep()
         self.tell_state()
 
@@ -360,7 +362,7 @@ class Studio(Broadcast):
             self.current = ""
         self.keep()
         self.tell_state()
-        asyncio.get_running_loop().create_task(asyncio.to_thread(self.spare.prepare))
+        asyncio.get_running_loop().create_task(asyncio.to_thread(self._prepare))
 
     # ---- what a restart keeps
 

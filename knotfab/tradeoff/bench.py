@@ -6,7 +6,6 @@ import json
 import os
 import pickle
 import statistics
-import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
@@ -196,8 +195,8 @@ def run_all(studies: Sequence[Study], jobs: int = 1) -> Runner:
         with temporary_folder("knotfab-studies-") as place:
             file = place / "studies"
             file.write_bytes(pickle.dumps(list(studies)))
-            command = [sys.executable, "-P", "-m", "knotfab.tradeoff.worker", str(file)]
-            with Workers(command, jobs, env={**os.environ, **ONE_THREAD}) as workers:
+            env = {**os.environ, **ONE_THREAD}
+            with Workers("knotfab.tradeoff.worker", str(file), jobs=jobs, env=env) as workers:
                 running: dict[Future[dict[str, Any]], WantedRun] = {}
 
                 def ask(request: WantedRun | None) -> None:

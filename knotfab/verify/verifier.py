@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import atexit
+import itertools
 import os
 import signal
-import subprocess
-import sys
 from collections.abc import Collection, Iterator
-from concurrent.futures import Future
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import asdict, dataclass
@@ -23,10 +22,8 @@ __all__ = [
     "Answer",
     "Files",
     "Verifier",
-    "borrow",
     "explain_unreadable",
     "load_early",
-    "stand_by",
 ]
 
 VERDICT_KEYS = (
@@ -40,22 +37,61 @@ VERDICT_KEYS = (
     "picture",
 )  # for readers
 LIMIT_S = 1800.0  # of one part, from when its verdict is waited for
-NO_GRAPHICS = "--no-graphics"
-# -P: modules come from the installation, never from the folder one happens to be in
-_COMMAND = [sys.executable, "-P", "-m", "knotfab_validators"]
-# of a thread: two builds side by side do not read each other's answers
-_lent: ContextVar[subprocess.Popen[str] | None] = ContextVar("validators", default=None)
-_idle: list[_Kept] = []  # one at most
+_MODULE = "knotfab_validators.service"
+_HALVES = ("geometry", "shadows")
+# Two builds side by side, on threads, do not read each other's answers.
+_open: ContextVar[_Validators | None] = ContextVar("validators", default=None)
+_idle: list[_Validators] = []  # one at most waits for the next build of this process
+_count = itertools.count()
 
 
-@dataclass(frozen=True)
-class _Kept:
-    """Validators that wait for the next build of the process that keeps them."""
+class _Validators:
+    """The processes of `jobs` pieces side by side: two each where the machine has cores, one for either half.
 
-    process: int
-    command: list[str]
-    environment: dict[str, str]  # it says where graphics are, and how many may run
-    workers: Workers
+    Args:
+        graphics: whether shadows are rendered, so that OpenGL is loaded early.
+    """
+
+    def __init__(self, graphics: bool, jobs: int) -> None:
+        self.kind = graphics, jobs, _surroundings()
+        self.jobs = jobs
+        drawn = ("graphics",) if graphics else ()
+        if count_jobs() > 1:
+            own = ("shadows", *drawn)
+            self._shadows: Workers | None = Workers(_MODULE, *own, jobs=jobs)
+            self._whole = Workers(_MODULE, "geometry", jobs=jobs)
+        else:
+            self._shadows = None
+            self._whole = Workers(_MODULE, *_HALVES, *drawn, jobs=jobs)
+        self._threads = ThreadPoolExecutor(jobs)
+
+    def ask(self, request: dict[str, Any]) -> Future[dict[str, Any]]:
+        """Have a piece verified; `result` of what is returned waits for the answer."""
+        return self._threads.submit(self._verify, {**request, "piece": f"{next(_count)}"})
+
+    def _verify(self, request: dict[str, Any]) -> dict[str, Any]:
+        if self._shadows is None or request["part"] is None or request["scene"] is None:
+            return self._whole.answer(request)
+        shadows, geometry = (
+            workers.ask({**request, "failures": None, "only": half})
+            for workers, half in ((self._shadows, "shadows"), (self._whole, "geometry"))
+        )
+        found = [geometry.result(), shadows.result()]
+        for answer in found:
+            if "error" in answer:
+                return answer
+        return self._whole.answer({**request, "found": found})
+
+    @property
+    def idle(self) -> bool:
+        """Whether the processes have answered all that they were asked."""
+        return all(workers is None or workers.idle for workers in (self._whole, self._shadows))
+
+    def end(self) -> None:
+        self._threads.shutdown(wait=False, cancel_futures=True)
+        for workers in (self._whole, self._shadows):
+            if workers is not None:
+                workers.__exit__()
 
 
 @dataclass(frozen=True)
@@ -73,20 +109,19 @@ class Files:
 
 
 class Verifier:
-    """`python -m knotfab_validators` as a child, which loads VTK while its parent still searches.
+    """The validators as children, which load VTK while their parent still searches.
 
         with Verifier(skip) as verifier:
             answer = verifier.submit(files)
             ...
             verdict = answer.result()
 
-    Where this process may have two, the child has a copy of itself do half of the work. A verdict is the
-    validators': {"status", "exit_code", "checks", "views", "picture", "seconds"}, its checks in the order of
-    `CHECKS`.
+    A verdict is the validators': {"status", "exit_code", "checks", "views", "picture", "seconds"}, its checks
+    in the order of `CHECKS`.
 
     Args:
         skip: the checks to leave out, of every piece.
-        jobs: pieces that are verified side by side, by a child each.
+        jobs: pieces that are verified side by side.
 
     Raises (from `result`):
         MachineError: a child crashed: a graphics library takes its child down, not the build.
@@ -94,16 +129,15 @@ class Verifier:
     """
 
     def __init__(self, skip: Collection[str] = (), jobs: int = 1) -> None:
-        self._skip, self._jobs = frozenset(skip), jobs
-        self._command = _command(self._skip)
+        self._skip = frozenset(skip)
+        self._held = _hold(skip, jobs)
 
     def __enter__(self) -> Verifier:
-        self._lent = _lent.get()
-        self._workers = Workers(self._command, self._jobs, lent=self._lent)
+        self._validators = self._held.__enter__()
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._workers.__exit__()
+        self._held.__exit__(None, None, None)
 
     def submit(self, files: Files, skip: Collection[str] = (), unit: str = "mm") -> Answer:
         """Hand over one piece's written files; `result` of what is returned waits for the verdict.
@@ -111,15 +145,10 @@ class Verifier:
         Args:
             unit: of a part whose file knows none.
         """
-        # lent ones may have begun in another folder
-        name = str if self._lent is None else os.path.abspath
-        request = {k: None if p is None else name(p) for k, p in asdict(files).items()}
-        every = {
-            "skip": sorted(self._skip.union(skip)),
-            "processes": min(2, count_jobs()),
-            "unit": unit,
-        }
-        return Answer(self._workers.ask({**request, **every}))
+        # kept validators may have begun in another folder
+        request = {k: None if p is None else os.path.abspath(p) for k, p in asdict(files).items()}
+        every = {"skip": sorted(self._skip.union(skip)), "unit": unit}
+        return Answer(self._validators.ask({**request, **every}))
 
 
 @dataclass(frozen=True)
@@ -147,60 +176,60 @@ class Answer:
         return {**answer, "checks": sorted(answer["checks"], key=place_of)}
 
 
-def stand_by() -> Workers:
-    """Validators that outlive the builds of forked processes, which are lent them (`borrow`)."""
-    return Workers([*_COMMAND, NO_GRAPHICS])  # those come when a shadow is to be rendered
-
-
 @contextmanager
 def load_early(skip: Collection[str] = (), keep: bool = False) -> Iterator[None]:
     """Validators for the build of a call that is still to be read: they load meanwhile.
-
-    Those that a parent has lent load nothing any more, and serve.
 
     Args:
         keep: let them stay for the next call of this process, and end with it: loading takes longer than
             verifying a small part.
     """
-    if _lent.get() is not None:
+    with _hold(skip, 1, keep):
         yield
+
+
+@contextmanager
+def _hold(skip: Collection[str], jobs: int, keep: bool = False) -> Iterator[_Validators]:
+    """The validators that this thread holds already, where they are enough, or else others."""
+    held = _open.get()
+    if held is not None and held.jobs >= jobs:
+        yield held
         return
-    command = _command(skip)
-    workers = _take_idle(command) or Workers(command)
+    graphics = "shadow-render" not in skip
+    validators = _take_idle((graphics, jobs, _surroundings())) or _Validators(graphics, jobs)
+    _open.set(validators)
     try:
-        borrow(workers.lend())
-        yield
+        yield validators
     finally:
-        borrow(None)
-        if keep and not _idle:
-            _idle.append(_Kept(os.getpid(), command, dict(os.environ), workers))
+        _open.set(held)
+        if keep and validators.idle and not _idle:
+            _idle.append(validators)
         else:
-            workers.__exit__()
+            validators.end()
 
 
-def _take_idle(command: list[str]) -> Workers | None:
-    """Kept validators of this command; those of the process that this one was forked from stay its own."""
+def _take_idle(kind: object) -> _Validators | None:
+    """Kept validators of this kind; others end."""
     while _idle:
-        kept = _idle.pop()
-        if kept.process == os.getpid():
-            if (kept.command, kept.environment) == (command, dict(os.environ)):
-                return kept.workers
-            kept.workers.__exit__()
+        validators = _idle.pop()
+        if validators.kind == kind:
+            return validators
+        validators.end()
     return None
+
+
+def _surroundings() -> dict[str, str]:
+    """The environment, which says where graphics are, and how many processes may run."""
+    return dict(os.environ)
 
 
 @atexit.register
 def _end_idle() -> None:
-    _take_idle([])
+    _take_idle(None)
 
 
-def borrow(validators: subprocess.Popen[str] | None) -> None:
-    """Ask these, which are somebody else's to end, instead of starting own ones."""
-    _lent.set(validators)
-
-
-def _command(skip: Collection[str]) -> list[str]:
-    return [*_COMMAND, NO_GRAPHICS] if "shadow-render" in skip else _COMMAND
+if hasattr(os, "register_at_fork"):  # the validators of a process stay its own
+    os.register_at_fork(after_in_child=lambda: _idle.clear())
 
 
 def _crashed(crash: Crash) -> MachineError:

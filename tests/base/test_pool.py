@@ -1,122 +1,139 @@
-"""The pool: what is left is ended, what waits is dropped, and a worker that dies says how."""
+"""Workers: each request gets its answer, one that dies says how, and all end with whoever started them."""
 
 from __future__ import annotations
 
-import json
 import os
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from concurrent.futures import CancelledError
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
+from typing import Any
 
+import psutil
 import pytest
 
 from knotfab.base import pool
-from knotfab.base.pool import Crash, Pool, Workers, count_cores, count_jobs, measure_memory_gb
+from knotfab.base.pool import Crash, Workers, count_cores, count_jobs, measure_memory_gb
 
-SLEEP = [sys.executable, "-S", "-c", "import time; time.sleep(60)"]
-# answers with what was wanted and who it is; "die" and "wait" are commands
+# It answers with what was wanted and who it is; "die", "wait", "refuse" and "tell" are commands.
 ECHO = """
-import json, os, sys, time
-for line in sys.stdin:
-    asked = json.loads(line)
-    if asked.get("die"):
+import os, sys, time
+def prepare(*words):
+    for word in words:
+        time.sleep(float(word))
+        yield
+def answer(request, told):
+    print("a library's own words")
+    if request.get("die"):
         print("no more memory", file=sys.stderr)
+        sys.stderr.flush()
         os._exit(7)
-    time.sleep(asked.get("wait", 0))
-    token = asked.pop("asked")
-    print(json.dumps({"wanted": asked, "pid": os.getpid(), "asked": token}), flush=True)
+    for k in range(request.get("tell", 0)):
+        print('{"event": %d}' % k, file=told)
+    time.sleep(request.get("wait", 0))
+    return {"wanted": request, "pid": os.getpid(), "refused": 1 / (1 - request.get("refuse", 0))}
 """
-ANSWER = [sys.executable, "-S", "-c", ECHO]
+Start = Callable[..., Workers]
 
 
-def test_leaving_ends_what_runs_and_drops_what_waits() -> None:
-    with Pool(1) as running:
-        started: list[subprocess.Popen[str]] = []
+@pytest.fixture
+def echo(tmp_path: Path) -> Start:
+    """Workers that answer with the module above."""
+    (tmp_path / "echo.py").write_text(ECHO)
 
-        def mind() -> int:
-            started.append(running.start(SLEEP))
-            return started[-1].wait()
+    def start(*words: str, **more: Any) -> Workers:
+        return Workers("echo", *words, env={**os.environ, "PYTHONPATH": str(tmp_path)}, **more)
 
-        first, waiting = running.submit(mind), running.submit(mind)
-        while not started:
-            time.sleep(0.01)
-    assert first.result() != 0 and len(started) == 1
-    with pytest.raises(CancelledError):
-        waiting.result()
-    late = running.start(SLEEP)  # by a thread that had not noticed
-    assert late.wait(10) != 0
+    return start
 
 
-def test_workers_share_the_requests_and_each_gets_its_own_answer() -> None:
-    with Workers(ANSWER, 2) as workers:
+def ended(process: int, within_s: float = 20.0) -> bool:
+    """Whether a process of no matter whose is gone, or soon is."""
+    until = time.monotonic() + within_s
+    while time.monotonic() < until:
+        try:
+            if psutil.Process(process).status() == psutil.STATUS_ZOMBIE:
+                return True
+        except psutil.NoSuchProcess:
+            return True
+        time.sleep(0.02)
+    return False
+
+
+def test_workers_share_the_requests_and_each_gets_its_own_answer(echo: Start) -> None:
+    with echo(jobs=2) as workers:
         answers = [workers.ask({"k": k, "wait": 0.05}) for k in range(6)]
         found = [answer.result() for answer in answers]
+        assert workers.idle
     assert [one["wanted"]["k"] for one in found] == list(range(6))
     assert len({one["pid"] for one in found}) == 2
 
 
-def test_a_worker_that_dies_says_how_and_is_replaced() -> None:
-    with Workers(ANSWER) as workers:
-        for _ in range(2):
-            with pytest.raises(Crash, match="no more memory") as caught:
-                workers.ask({"die": True}).result()
-            assert caught.value.code == 7
-            assert workers.ask({"k": 1}).result()["wanted"] == {"k": 1}
+def test_what_is_told_before_the_answer_is_heard_in_order(echo: Start) -> None:
+    told: list[dict[str, Any]] = []
+    with echo() as workers:
+        workers.answer({"tell": 3}, told.append)
+        workers.answer({"tell": 1})  # nobody listens
+    assert told == [{"event": k} for k in range(3)]
 
 
-def test_a_worker_that_does_not_say_what_it_answers_is_not_waited_for() -> None:
-    silent = [*ANSWER[:-1], ECHO.replace('"asked": token', '"k": 1')]
-    with Workers(silent) as workers, pytest.raises(Crash, match="not what it was asked"):
+@pytest.mark.parametrize(
+    ("request_", "code", "said"),
+    [({"die": True}, 7, "no more memory"), ({"refuse": 1}, 1, "ZeroDivisionError")],
+)
+def test_a_worker_that_dies_says_how_and_is_replaced(
+    echo: Start, request_: dict[str, Any], code: int, said: str
+) -> None:
+    with echo(early=False) as workers:
+        assert not workers.processes
+        with pytest.raises(Crash, match=said) as caught:
+            workers.answer(request_)
+        assert caught.value.code == code
+        assert workers.answer({"k": 1})["wanted"] == {"k": 1}
+
+
+def test_a_module_that_is_missing_is_a_crash() -> None:
+    with Workers("no_such_module") as workers, pytest.raises(Crash, match="no_such_module"):
         workers.answer({})
 
 
-def test_a_lent_worker_answers_and_stays_its_owners() -> None:
-    with Workers(ANSWER) as owner:
-        lent = owner.lend()
-        for k in range(2):
-            with Workers(ANSWER, lent=lent) as workers:
-                assert workers.ask({"k": k}).result()["pid"] == lent.pid
-        assert lent.poll() is None and owner.answer({"k": 2})["pid"] == lent.pid
+def test_a_request_is_answered_before_the_rest_is_loaded(echo: Start) -> None:
+    with echo("0", "0.2", *["5"] * 9, early=False) as workers:
+        began = time.monotonic()
+        assert workers.answer({"k": 1})["wanted"] == {"k": 1}
+        assert time.monotonic() - began < 45  # all steps together
 
 
-def test_what_a_lent_worker_says_to_somebody_who_is_gone_is_nobody_elses() -> None:
-    """A verdict on another's files would be a false one."""
-    with Workers(ANSWER) as owner:
-        lent = owner.lend()
-        assert lent.stdin is not None
-        for stale in ({"k": "stale", "asked": "by one that was killed"}, {"asked": None}):
-            lent.stdin.write(json.dumps(stale) + "\n")
-        lent.stdin.flush()
-        with Workers(ANSWER, lent=lent) as workers:
-            assert workers.answer({"k": 1})["wanted"] == {"k": 1}
+def test_leaving_ends_what_runs_and_drops_what_waits(echo: Start) -> None:
+    with echo() as workers:
+        first, waiting = workers.ask({"wait": 60}), workers.ask({"wait": 60})
+        while workers.idle:
+            time.sleep(0.01)
+        (process,) = workers.processes
+    with pytest.raises(Crash):
+        first.result()
+    with pytest.raises(CancelledError):
+        waiting.result()
+    assert process.poll() is not None
 
 
-def test_a_lent_worker_that_dies_is_replaced_by_one_of_their_own() -> None:
-    with Workers(ANSWER) as owner:
-        lent = owner.lend()
-        with Workers(ANSWER, lent=lent) as workers:
-            with pytest.raises(Crash, match="no more memory") as caught:
-                workers.answer({"die": True})  # the lent one, and then their own
-            assert caught.value.code == 7 and lent.wait(10) == 7
-            assert workers.answer({"k": 1})["wanted"] == {"k": 1}
-        assert owner.lend().pid != lent.pid
-
-
-def test_leaving_ends_a_lent_worker_that_nobody_waits_for_any_more() -> None:
-    with Workers(ANSWER) as owner:
-        lent = owner.lend()
-        with Workers(ANSWER, lent=lent) as workers:
-            waiting = workers.ask({"wait": 60})
-            while workers._free.qsize():
-                time.sleep(0.01)
-        with pytest.raises(Crash):
-            waiting.result()
-        assert lent.wait(10) == -signal.SIGTERM
-        assert owner.answer({"k": 1})["wanted"] == {"k": 1}
+def test_leaving_ends_a_worker_that_was_stopped(
+    monkeypatch: pytest.MonkeyPatch, echo: Start
+) -> None:
+    """It hears no request to end; nobody waits for it for ever."""
+    monkeypatch.setattr(pool, "_GRACE_S", 0.2)
+    with echo() as workers:
+        process = int(workers.answer({})["pid"])
+        os.kill(process, signal.SIGSTOP)
+        waiting = workers.ask({"k": 1})
+        time.sleep(0.1)
+    assert ended(process)
+    with pytest.raises(Crash):
+        waiting.result()
 
 
 def test_as_many_as_cores_and_memory_allow(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -142,52 +159,47 @@ def test_a_system_without_sysconf_or_affinity(monkeypatch: pytest.MonkeyPatch) -
     assert measure_memory_gb() is None
 
 
-HOLD = f"""
+HOLD = """
 import sys, time
-from knotfab.base.pool import Pool
-with Pool(1) as pool:
-    child = pool.start({SLEEP!r})
-    print(child.pid, flush=True)
+from knotfab.base.pool import Workers
+with Workers("echo") as workers:
+    print(workers.answer({})["pid"], flush=True)
+    workers.answer({"wait": float(sys.argv[1])})
     time.sleep(60)
 """
 
 
-def ended(process: int, within_s: float = 20.0) -> bool:
-    """Whether a process of no matter whose is gone, or soon is."""
-    until = time.monotonic() + within_s
-    while time.monotonic() < until:
-        try:
-            if Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] == "Z":
-                return True
-        except OSError:
-            return True
-        time.sleep(0.02)
-    return False
+@pytest.mark.parametrize("waits_s", [0, 60])
+def test_children_end_when_their_parent_is_killed(tmp_path: Path, waits_s: float) -> None:
+    """Whether they wait for a request, or answer one."""
+    (tmp_path / "echo.py").write_text(ECHO)
+    parent = subprocess.Popen(
+        [sys.executable, "-c", HOLD, str(waits_s)],
+        stdout=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": str(tmp_path)},
+    )
+    assert parent.stdout is not None
+    child = int(parent.stdout.readline())
+    assert not ended(child, 0.1)
+    parent.kill()
+    parent.communicate()
+    assert ended(child)
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="the system must tell children")
-def test_children_end_when_their_parent_is_killed() -> None:
-    parent = subprocess.Popen([sys.executable, "-c", HOLD], stdout=subprocess.PIPE, text=True)
+@pytest.mark.skipif(sys.platform != "linux", reason="the system must tell the command")
+def test_a_tied_command_ends_with_its_parent() -> None:
+    sleep = [sys.executable, "-S", "-c", "import time; time.sleep(60)"]
+    code = (
+        "import subprocess; from knotfab.base.pool import tie;"
+        f"print(subprocess.Popen(tie({sleep})).pid, flush=True); input()"
+    )
+    parent = subprocess.Popen(
+        [sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
     assert parent.stdout is not None
     child = int(parent.stdout.readline())
     assert not ended(child, 0.0)
     parent.kill()
     parent.communicate()
     assert ended(child)
-
-
-@pytest.mark.parametrize("lent", [False, True])
-def test_leaving_ends_a_worker_that_was_stopped(
-    monkeypatch: pytest.MonkeyPatch, lent: bool
-) -> None:
-    """It hears no request to end; nobody waits for it for ever."""
-    monkeypatch.setattr(pool, "_GRACE_S", 0.2)
-    with Workers(ANSWER) as owner:
-        with Workers(ANSWER, lent=owner.lend() if lent else None) as workers:
-            process = int(workers.answer({})["pid"])
-            os.kill(process, signal.SIGSTOP)
-            waiting = workers.ask({"k": 1})
-            time.sleep(0.1)
-        assert ended(process)
-        with pytest.raises(Crash):
-            waiting.result()

@@ -17,6 +17,7 @@ import pytest
 from command import knotfab
 from played_builds import count, draw, write_player
 
+from knotfab.base.pool import Workers
 from knotfab.batch import cluster as worker_side
 from knotfab.batch.run import batch
 from knotfab.batch.worker import pack_task
@@ -32,10 +33,7 @@ def play_cluster(tmp_path: Path, **more: Any) -> Iterator[tuple[Any, Path]]:
     """A cluster whose builds are played, and the folder in which a line a run is kept."""
     script, runs = write_player(tmp_path)
     preload = tmp_path / "preload.py"
-    preload.write_text(
-        "import os, sys\nos.environ['KNOTFAB_NO_FORK'] = '1'  # what is played is started anew\n"
-        f"sys.executable = {str(script)!r}\n"
-    )
+    preload.write_text(f"import sys\nsys.executable = {str(script)!r}\n")
     with distributed.LocalCluster(
         preload=[str(preload)], dashboard_address=None, **more
     ) as cluster:
@@ -56,7 +54,9 @@ def test_an_address_where_nobody_listens_is_refused(
 
 def test_a_worker_keeps_its_builders_for_a_while(monkeypatch: pytest.MonkeyPatch) -> None:
     """Until it has had nothing to build for some time, or a build ended otherwise than by itself."""
-    monkeypatch.setenv("KNOTFAB_NO_FORK", "1")
+    monkeypatch.setattr(
+        worker_side, "open_builders", lambda *_, share: Workers("played", early=False)
+    )
     monkeypatch.setattr(worker_side, "_idle", [])
     with worker_side._keep_builders() as first, worker_side._keep_builders() as beside:
         assert first is not beside

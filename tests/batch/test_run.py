@@ -30,7 +30,6 @@ def played(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The folder in which a line a run is kept, of builds that a script plays."""
     script, runs = write_player(tmp_path)
     monkeypatch.setattr("sys.executable", str(script))
-    monkeypatch.setenv("KNOTFAB_NO_FORK", "1")  # what is played is started anew
     return runs
 
 
@@ -195,9 +194,9 @@ def test_a_parcel_builds_what_the_task_would(
         (out / "probe").unlink()
     (pictures / "b.png").write_text("another on this machine")
     monkeypatch.chdir(out)  # wherever a worker runs
-    with worker.open_builders(1) as pool:
+    with worker.open_builders(1) as builders:
         for task, parcel, code in zip(tasks, parcels, (0, 1), strict=True):
-            record, result = worker.build_parcel(parcel, pool)
+            record, result = worker.build_parcel(parcel, builders)
             assert (record["exit_code"], record["key"]) == (code, task.key)
             assert record["picture"] == task.picture
             assert (result == b"") == (out / task.name).exists() == shared

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import sys
-import textwrap
 from pathlib import Path
 
 import numpy as np
@@ -15,24 +14,48 @@ from knotfab_formats.scene import ResolvedView
 
 PYTHON = sys.executable  # itself, where that which builds run with is played
 
+SCRIPT = """\
+#!{python} -S
+import runpy, sys
+sys.path.insert(0, {folder!r})
+(serve,) = [word for word in sys.argv if word.endswith("serve.py")]
+sys.argv = [serve, "played_build"]
+runpy.run_path(serve, run_name="__main__")
+"""
 PLAYED = """\
-    #!{python} -S
-    import json, os, pathlib, signal, sys, time
+import contextlib, io, json, os, pathlib, signal, subprocess, sys, time
+
+def answer(request, told):
+    said = io.StringIO()
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        with contextlib.redirect_stderr(said):
+            play(request["arguments"], told)
+        code = 0
+    except KeyboardInterrupt:
+        code = 130
+    except SystemExit as left:
+        code = left.code if isinstance(left.code, int) else 1
+        said.write("" if isinstance(left.code, int) else left.code)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    return {{"code": code, "said": said.getvalue()}}
+
+def play(words, events):
     here = pathlib.Path({runs!r})
     CURVES = {curves!r}
-    out = pathlib.Path(next(a for a in sys.argv if a.startswith("--out=")).removeprefix("--out="))
-    at = sys.argv.index("--" if "--" in sys.argv else "build") + 1
-    options = [a for a in sys.argv[sys.argv.index("build") + 1:] if a not in ("--", sys.argv[at])]
-    picture = pathlib.Path(sys.argv[at])
-    text = sys.argv[at].startswith("text:")
-    told = sys.argv[at][5:] if text else picture.read_text(errors="replace")
+    out = pathlib.Path(next(a for a in words if a.startswith("--out=")).removeprefix("--out="))
+    at = words.index("--" if "--" in words else "build") + 1
+    options = [a for a in words[words.index("build") + 1:] if a not in ("--", words[at])]
+    picture = pathlib.Path(words[at])
+    text = words[at].startswith("text:")
+    told = words[at][5:] if text else picture.read_text(errors="replace")
     def tell(event, **data):
-        if "--events=-" in sys.argv:
-            print(json.dumps({{"event": event, **data}}), flush=True)
+        if "--events=-" in words:
+            print(json.dumps({{"event": event, **data}}), flush=True, file=events)
     def stop(*_):
         tell("standing", start=START)
         sys.exit(130)
-    if "--events=-" in sys.argv:
+    if "--events=-" in words:
         signal.signal(signal.SIGTERM, stop)
     START = {start!r}
     VIEW = {view!r}
@@ -47,7 +70,9 @@ PLAYED = """\
     with open(here / (picture.stem + ".runs"), "a") as runs:
         runs.write(" ".join(options) + "\\n")
     if told == "real":
-        os.execv({python!r}, [{python!r}, *sys.argv[1:]])
+        done = subprocess.run([{python!r}, "-P", "-m", "knotfab", *words], stderr=subprocess.PIPE, text=True)
+        print(done.stderr, file=sys.stderr)
+        sys.exit(done.returncode)
     if told == "fill":
         out.mkdir()
         with open(out / "part.stl", "wb", buffering=0) as file:
@@ -91,7 +116,9 @@ def write_player(tmp_path: Path) -> tuple[Path, Path]:
         "curves": [base64.b64encode(ring.astype("<f4").tobytes()).decode() for ring in rings],
         "view": ResolvedView(frame_width_mm=120.0, frame_height_mm=120.0).model_dump(),
     }
-    script.write_text(textwrap.dedent(PLAYED).format(python=PYTHON, runs=str(runs), **played))
+    script.write_text(SCRIPT.format(python=PYTHON, folder=str(tmp_path)))
+    code = PLAYED.format(python=PYTHON, runs=str(runs), **played)
+    (tmp_path / "played_build.py").write_text(code)
     script.chmod(0o755)
     return script, runs
 

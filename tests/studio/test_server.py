@@ -212,8 +212,11 @@ def test_a_build_that_cannot_be_started_has_failed(
     monkeypatch.setattr("sys.executable", str(tmp_path / "nowhere"))
     ask(client, "/api/text", text="pass")
     assert ask(client, "/api/build").status_code == 200
-    state = client.get("/api/state").json()["build"]
-    assert state["phase"] == "failed" and "cannot be started" in state["sentence"]
+    until = time.monotonic() + 20
+    while (state := client.get("/api/state").json()["build"])["phase"] != "failed":
+        assert time.monotonic() < until
+        time.sleep(0.02)
+    assert "cannot be started" in state["sentence"]
 
 
 def test_a_second_stop_does_not_break_into_the_tidying_up(tmp_path: Path) -> None:
@@ -414,9 +417,7 @@ def test_the_studio_ends_its_build_with_itself(runs: Path, tmp_path: Path) -> No
     with TestClient(app, base_url=f"http://{HOST}", headers=ORIGIN) as client:
         client.get(f"/?token={TOKEN}")
         build(client, "wait", "running")
-        assert studio.build is not None
-        child = studio.build._child
-        assert child.poll() is None
+        (child,) = studio.builder.processes
     assert child.poll() is not None
 
 

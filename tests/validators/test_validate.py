@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
-import time
 from collections.abc import Collection
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -18,11 +15,11 @@ from small_views import needs_rendering
 from validator_parts import Array, PlainView, trefoil, tube
 
 from knotfab_formats.checks import KNOTS, PRINTING
-from knotfab_validators.check import Check, skip_check
+from knotfab_validators.check import skip_check
 from knotfab_validators.files.picture import read_silhouette
 from knotfab_validators.shadows.exact_shadow import shadow_lines, shadow_mask
 from knotfab_validators.shadows.view import view_geometry
-from knotfab_validators.validate import validate
+from knotfab_validators.validate import conclude_piece, read_piece, validate
 from knotfab_validators.verdict import Verdict
 from tests.corpus.files import encode
 from tests.corpus.parts import Body
@@ -248,37 +245,21 @@ def test_the_shadow_is_measured_where_any_check_of_it_is_asked(
 
 
 @pytest.mark.parametrize("skip", [PRINTING, ("shadow-render", "legibility")])
-def test_what_two_processes_share_is_the_whole(
-    right: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, skip: Collection[str]
-) -> None:
-    """And each group is measured by one of them alone, the longest beside the shadows."""
-    part_checks, verify_shadows = (
-        validate.__globals__[name] for name in ("part_checks", "verify_shadows")
-    )
-    log = tmp_path / "measured.txt"  # of both processes
-
-    def measured() -> dict[str, int]:
-        return {group: int(pid) for group, pid in map(str.split, log.read_text().splitlines())}
-
-    def note(*given: Any) -> list[Check]:
-        with log.open("a") as lines:
-            lines.writelines(f"{group} {os.getpid()}\n" for group in given[-1])
-        return part_checks(*given)
-
-    def wait(*given: Any) -> Any:
-        began = time.monotonic()
-        while not log.exists() and time.monotonic() - began < 30:
-            time.sleep(0.01)
-        return verify_shadows(*given)
-
-    monkeypatch.setitem(validate.__globals__, "part_checks", note)
-    whole = run(right, skip=["shadow-render", *skip])
-    assert measured() == dict.fromkeys(("surface", "lines", "tube"), os.getpid())
-    log.unlink()
-    monkeypatch.setitem(validate.__globals__, "verify_shadows", wait)
-    shared = run(right, skip=["shadow-render", *skip], processes=2)
-    assert len(log.read_text().splitlines()) == len(measured()) == 3
-    assert measured()["surface"] != os.getpid()
-    one, other = ({str(c.to_dict()) for c in verdict.checks} for verdict in (whole, shared))
-    assert one == other and shared.views == whole.views and len(shared.checks) == len(one)
-    assert shared.seconds.keys() == whole.seconds.keys()
+def test_two_halves_are_the_whole(right: Path, tmp_path: Path, skip: Collection[str]) -> None:
+    """As two processes measure them, which tell each other in JSON; a failure of either is drawn."""
+    skip = ["shadow-render", *skip]
+    whole = run(right, skip=skip)
+    piece = read_piece(*(right / name for name in ("part.stl", "knots.json", "scene.toml")))
+    halves = [run(right, skip=skip, only=only) for only in ("geometry", "shadows")]
+    told = [json.loads(json.dumps({**half.to_dict(), "seconds": half.seconds})) for half in halves]
+    shared = conclude_piece(piece, told, tmp_path / "failed.png")
+    assert shared.to_dict() == {**whole.to_dict(), "picture": shared.picture}
+    assert shared.exit_code == whole.exit_code == 0 and not shared.picture
+    assert whole.seconds.keys() <= shared.seconds.keys()
+    for half in told:
+        worse = {**half, "checks": [{**half["checks"][0], "status": "fail", "required": True}]}
+        other = told[0 if half is told[1] else 1]
+        failed = conclude_piece(piece, [worse, other], tmp_path / "failed.png")
+        assert (failed.status, failed.exit_code) == ("fail", 1)
+        assert (tmp_path / "failed.png").is_file()
+        (tmp_path / "failed.png").unlink()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-import sys
+from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from itertools import permutations
 from pathlib import Path
@@ -12,19 +12,24 @@ from typing import Any
 
 import pytest
 
-from knotfab.base.errors import MachineError
-from knotfab.base.pool import Workers, may_fork
+from knotfab.base.errors import InputError, MachineError
 from knotfab.verify import verifier
 from knotfab.verify.verifier import Answer, Files, Verifier, load_early
 
-# answers with its own number and the file that it was asked about
+# It answers with its own number and the file that it was asked about.
 ECHO = """
-import json, os, sys
-for line in sys.stdin:
-    asked = json.loads(line)
-    told = {"seconds": {"pid": os.getpid()}, "views": [asked["part"]], "checks": []}
-    print(json.dumps({**told, "asked": asked["asked"]}), flush=True)
+import os
+def answer(request, told):
+    seconds = {request.get("only") or "all": os.getpid()}
+    for half in request.get("found", []):
+        seconds |= half["seconds"]
+    if request["part"].endswith("bad") and request.get("only") == "shadows":
+        return {"error": "part.bad: it is no mesh"}
+    return {"seconds": seconds, "views": [request["part"]], "checks": []}
 """
+
+
+HOLD = verifier._hold
 
 
 def answer(*names: str) -> Future[dict[str, Any]]:
@@ -45,11 +50,14 @@ def test_a_report_lists_checks_in_one_order_however_they_were_measured() -> None
 
 
 @pytest.fixture
-def echo(monkeypatch: pytest.MonkeyPatch) -> Any:
-    """Validators that measure nothing and are there at once."""
-    monkeypatch.setattr(verifier, "_COMMAND", [sys.executable, "-c", ECHO])
+def echo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Validators that measure nothing and are there at once; those of conftest.py are kept anyway."""
+    (tmp_path / "echo.py").write_text(ECHO)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    monkeypatch.setenv("KNOTFAB_JOBS", "1")
+    monkeypatch.setattr(verifier, "_MODULE", "echo")
     monkeypatch.setattr(verifier, "_idle", [])
-    monkeypatch.setattr(verifier, "Workers", Workers)  # those of conftest.py are kept anyway
+    monkeypatch.setattr(verifier, "_hold", HOLD)
     yield
     verifier._end_idle()
 
@@ -58,7 +66,7 @@ def ask(part: str = "part.stl", keep: bool = True) -> tuple[int, str]:
     """The process that answers a build, and the file that it is asked about."""
     with load_early(keep=keep), Verifier() as validators:
         answer = validators.submit(Files(Path(part))).result()
-    return answer["seconds"]["pid"], answer["views"][0]
+    return answer["seconds"]["all"], answer["views"][0]
 
 
 def is_there(pid: int) -> bool:
@@ -78,8 +86,7 @@ def test_validators_stay_for_the_next_build_where_asked(echo: None) -> None:
 
 def test_kept_validators_that_died_are_replaced(echo: None) -> None:
     first, _ = ask()
-    (kept,) = verifier._idle
-    process = kept.workers.lend()
+    (process,) = verifier._idle[0]._whole.processes
     process.kill()
     process.wait()
     second, _ = ask()
@@ -109,22 +116,37 @@ def test_builds_of_two_threads_ask_validators_of_their_own(echo: None) -> None:
     assert len(verifier._idle) == 1
 
 
-@pytest.mark.skipif(not may_fork(), reason="it cannot fork here")
+@pytest.mark.skipif(not hasattr(os, "register_at_fork"), reason="this system does not fork")
 def test_a_fork_leaves_its_parents_validators_alone(echo: None) -> None:
     kept, _ = ask()
-    read, write = os.pipe()
-    pid = os.fork()
-    if pid == 0:
-        try:
-            own, _ = ask(keep=False)
-            os.write(write, str(own).encode())
-        finally:
-            os._exit(0)
-    os.close(write)
-    os.waitpid(pid, 0)
-    own = int(os.read(read, 100))
-    os.close(read)
-    assert own != kept and ask()[0] == kept
+    code = 1
+    if (pid := os.fork()) == 0:
+        code = bool(verifier._idle)
+        os._exit(code)
+    assert os.waitpid(pid, 0)[1] == 0 and ask()[0] == kept
+
+
+def test_where_there_are_cores_two_processes_share_a_piece(
+    echo: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And what either cannot read is told."""
+    monkeypatch.setenv("KNOTFAB_JOBS", "2")
+    with Verifier() as validators:
+        found = validators.submit(Files(Path("p.stl"), scene=Path("scene.toml"))).result()
+        alone = validators.submit(Files(Path("p.stl"))).result()
+        with pytest.raises(InputError, match=r"part\.bad: it is no mesh"):
+            validators.submit(Files(Path("p.bad"), scene=Path("scene.toml"))).result()
+    seconds = found["seconds"]
+    assert set(seconds) == {"all", "geometry", "shadows"} and set(alone["seconds"]) == {"all"}
+    assert seconds["geometry"] == seconds["all"] != seconds["shadows"]
+
+
+def test_validators_that_did_not_answer_are_not_kept(echo: None) -> None:
+    with load_early(keep=True), Verifier() as validators:
+        validators.submit(Files(Path("part.stl"))).result()
+        held = validators._validators
+        held._whole._free.get()  # as one that still answers
+    assert not verifier._idle and held._whole.ended.is_set()
 
 
 def test_a_verification_that_does_not_end_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:

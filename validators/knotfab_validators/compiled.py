@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-import contextlib
+import shutil
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, ParamSpec, TypeVar, cast
 
 import numba
-from numba.core.runtime.nrt import rtsys
 
 __all__ = ["compiled"]
 
 _In = ParamSpec("_In")
 _Out = TypeVar("_Out")
+_ROOM_BYTES = 16_000_000  # all loops of both packages take a third of it
 
 
 def compiled(function: Callable[_In, _Out]) -> Callable[_In, _Out]:
@@ -24,32 +25,16 @@ def compiled(function: Callable[_In, _Out]) -> Callable[_In, _Out]:
     """
     try:
         loop = numba.njit(cache=True, nogil=True, error_model="numpy")(function)
+        if not _has_room(loop):
+            raise RuntimeError("the disk is full")
     except RuntimeError:  # no place for the cache
         loop = numba.njit(nogil=True, error_model="numpy")(function)
-    _keep_lightly(loop)
     return cast("Callable[_In, _Out]", loop)
 
 
-def _keep_lightly(loop: Any) -> None:
-    """Load what is kept without what only compiling needs, and let a full disk keep nobody from running.
-
-    Numba's own cache first loads the tables of all that it can compile, a fifth of a second; its compiler
-    loads them itself where it is called. Machine code that is ready needs the runtime alone.
-    """
-    # none where NUMBA_DISABLE_JIT leaves the function as it is, or where there is no place for it
-    cache: Any = getattr(loop, "_cache", None)
-    if not hasattr(cache, "_load_overload"):
-        return
-    load, save = cache._load_overload, cache.save_overload
-
-    def load_alone(signature: Any, target: Any) -> Any:
-        rtsys.initialize(target)
-        with contextlib.suppress(OSError):
-            return load(signature, target)
-        return None  # it is compiled anew
-
-    def try_to_save(*overload: Any) -> None:
-        with contextlib.suppress(OSError):
-            save(*overload)
-
-    cache.load_overload, cache.save_overload = load_alone, try_to_save
+def _has_room(loop: Any) -> bool:
+    """Whether the disk can take a loop's machine code, or has it already."""
+    stats = getattr(loop, "stats", None)  # NUMBA_DISABLE_JIT leaves the function as it is
+    if stats is None or shutil.disk_usage(stats.cache_path).free >= _ROOM_BYTES:
+        return True
+    return any(Path(stats.cache_path).glob(f"*{loop.__qualname__}-*.nbi"))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -34,10 +34,8 @@ if TYPE_CHECKING:
     from knotfab_formats.scene import Mount
     from knotfab_validators.files.scene import Scene
 
-__all__ = ["GROUPS", "Group", "part_checks"]
+__all__ = ["part_checks"]
 
-Group = Literal["surface", "lines", "tube"]
-GROUPS: tuple[Group, ...] = get_args(Group)  # the longest to measure first
 PLATE_HOLES = 2  # for the screws
 Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # turns y up into z up
 
@@ -50,7 +48,6 @@ def part_checks(
     plates: Sequence[Plate] = (),
     skip: Collection[str] = (),
     printed: Mesh | None = None,
-    groups: Collection[Group] = GROUPS,
 ) -> list[Check]:
     """Everything but the shadow: mesh, tube, curves, knot type, region, printer.
 
@@ -63,20 +60,11 @@ def part_checks(
 
     A part without knots is looked through for its centre lines (`centre_line`), by which thickness,
     knot type and clearance are measured then; they are an estimate, and not required.
-
-    Args:
-        groups: what is measured: "lines" (centre lines, clearance, thickness, knot types), "tube" (whether
-            the surface is that of the lines) and "surface", the rest. None needs what another found.
     """
-    checks: list[Check] = []
-    if "lines" in groups:
-        checks += _check_lines(mesh, curves, scene, seconds, skip)
-    if "tube" in groups:
-        checks += _leave_out(["tube"], skip) or [_check_tube(mesh, curves, scene, seconds)]
-        checks += _leave_out(["mount"], skip) or [_check_mount(mesh, curves, scene, seconds)]
-    if "surface" in groups:
-        checks += _check_surface(mesh, curves, scene, seconds, plates, skip, printed)
-    return checks
+    checks = _check_lines(mesh, curves, scene, seconds, skip)
+    checks += _leave_out(["tube"], skip) or [_check_tube(mesh, curves, scene, seconds)]
+    checks += _leave_out(["mount"], skip) or [_check_mount(mesh, curves, scene, seconds)]
+    return checks + _check_surface(mesh, curves, scene, seconds, plates, skip, printed)
 
 
 def _check_surface(

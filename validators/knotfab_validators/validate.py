@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
-from contextlib import nullcontext, suppress
-from dataclasses import replace
-from functools import partial
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Literal
 
 from knotfab_formats.checks import FILES, PRINTER, SHADOWS
 from knotfab_validators.check import Check, rescale, skip_check
@@ -18,12 +16,11 @@ from knotfab_validators.failure_picture import draw_failures
 from knotfab_validators.files.bad_file import BadFile
 from knotfab_validators.files.knots import read_knots
 from knotfab_validators.files.mesh import read_mesh
-from knotfab_validators.files.plates import read_plates
-from knotfab_validators.forked import Baton, Forked, may_fork
+from knotfab_validators.files.plates import Plate, read_plates
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.mesh.same_surface import check_same_3mf
-from knotfab_validators.part_checks import GROUPS, Group, part_checks
+from knotfab_validators.part_checks import part_checks
 from knotfab_validators.shadows.part_shadows import verify_shadows
 from knotfab_validators.shadows.shadow_checks import skip_shadow_checks
 from knotfab_validators.verdict import Verdict, verdict_of
@@ -31,14 +28,52 @@ from knotfab_validators.verdict import Verdict, verdict_of
 if TYPE_CHECKING:
     from knotfab_validators.files.scene import Scene
 
-__all__ = ["Half", "Verdict", "validate"]
+__all__ = [
+    "Half",
+    "Piece",
+    "Verdict",
+    "conclude_piece",
+    "measure_piece",
+    "read_piece",
+    "validate",
+]
 
-T = TypeVar("T")
 FilePath = str | PathLike[str]
 Half = Literal["geometry", "shadows"]
 
 UNASKED = "checked with --print"  # of a piece that its scene says is not printed
 AS_PRINTED = {*PRINTER, *FILES}  # checks of the part before it shrinks
+
+
+@dataclass(frozen=True)
+class Piece:
+    """The files of a piece, as they were read; None for what is not given.
+
+    `printed` and `lines` are those of the files. `mesh` and `curves` are as they are once the material has
+    shrunk to `left` of every length: these are measured.
+    """
+
+    part: Path | None
+    scene: Path | None
+    printed: Mesh | None
+    lines: Curves | None
+    setting: Scene | None
+    plates: Sequence[Plate]
+    mesh: Mesh | None
+    curves: Curves | None
+    left: float
+    notes: tuple[str, ...]
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Found:
+    """What was measured of a piece: checks with their places in the file, views, costs of stages, colours."""
+
+    checks: Sequence[Check]
+    views: Sequence[dict[str, Any]]
+    seconds: dict[str, float]
+    colours: dict[str, Any] | None = None
 
 
 def validate(
@@ -49,7 +84,6 @@ def validate(
     pictures_dir: FilePath | None = None,
     failures: FilePath | None = None,
     only: Half | None = None,
-    processes: int = 1,
     unit: str = "mm",
 ) -> Verdict:
     """Measure written files; whatever the given ones allow is checked, the rest is said to be not.
@@ -65,90 +99,115 @@ def validate(
         pictures_dir: where to write shadow-NAME.png and compare-NAME.png of each view.
         failures: the PNG to write when a required check fails: the part with the places marked.
         only: one half of the work, "geometry" or "shadows".
-        processes: 2: a copy of this one begins with the geometry of a part in a scene while this one measures
-            its shadows; whichever is done first goes on with what is left.
         unit: of a part whose file knows none, one of `files.mesh.UNITS_MM`.
 
     Raises:
         BadFile: a file cannot be read, or the part reaches the light; one sentence says so.
     """
+    piece = read_piece(part, knots, scene, unit)
+    return conclude_piece(piece, [measure_piece(piece, skip, pictures_dir, only)], failures)
+
+
+def read_piece(
+    part: FilePath | None,
+    knots: FilePath | None = None,
+    scene: FilePath | None = None,
+    unit: str = "mm",
+) -> Piece:
+    """Read the files of a piece (see `validate`)."""
     seconds: dict[str, float] = {}
+    notes: list[str] = []
+    part_path = None if part is None else Path(part)
+    scene_path = None if scene is None else Path(scene)
     with time_stage(seconds, "read"):
-        notes: list[str] = []
-        mesh = read_mesh(Path(part), unit, notes) if part is not None else None
-        curves = read_knots(Path(knots)) if knots is not None else None
-        setting = _read_scene(Path(scene)) if scene is not None else None
-        laid = read_plates(Path(scene).parent, setting) if scene and setting and mesh else []
-    printed, lines, left, asked = mesh, curves, 1.0, skip
-    if setting is not None and setting.unprinted:
-        skip = {*skip, *PRINTER}
+        printed = read_mesh(part_path, unit, notes) if part_path else None
+        lines = read_knots(Path(knots)) if knots is not None else None
+        setting = _read_scene(scene_path) if scene_path else None
+        laid = read_plates(scene_path.parent, setting) if scene_path and setting and printed else []
+    mesh, curves, left = printed, lines, 1.0
     if setting is not None and setting.material.shrinkage_percent > 0:
         left = setting.material.shrinks_to
         mesh, curves = _shrink(mesh, curves, left)
+    told = (left, tuple(notes), seconds["read"])
+    return Piece(part_path, scene_path, printed, lines, setting, laid, mesh, curves, *told)
 
-    def measure(baton: Baton) -> tuple[dict[Group, list[Check]], dict[str, float]]:
-        found: dict[Group, list[Check]] = {}
-        spent: dict[str, float] = {}
-        for group in (groups[k] for k in baton):
-            found[group] = part_checks(mesh, curves, setting, spent, laid, skip, printed, [group])
-            if group == "surface":
-                found[group].append(_check_beside(printed, part, skip, spent))
-        return found, spent
 
-    groups = () if only == "shadows" else GROUPS
-    apart = processes > 1 and only is None and mesh is not None and setting is not None
-    shadows: list[Check] = []
+def measure_piece(
+    piece: Piece,
+    skip: Collection[str] = (),
+    pictures_dir: FilePath | None = None,
+    only: Half | None = None,
+) -> Found:
+    """Measure a piece that was read, or a half of it (see `validate`)."""
+    seconds = {"read": piece.seconds}
+    checks: list[Check] = []
     views: list[dict[str, Any]] = []
     colours: dict[str, Any] | None = None
-    with (
-        Baton(len(groups)) as baton,
-        _measure_apart(partial(measure, baton) if apart and may_fork() else None) as copy,
-    ):
-        if only != "geometry":
-            shadows, views, colours = _check_shadows(
-                mesh, curves, setting, scene, skip, pictures_dir, seconds
-            )
-        found, spent = measure(baton)
-        if copy is not None:
-            of_copy, spent_there = copy.result()
-            found, spent = found | of_copy, spent | spent_there
-    seconds |= spent
-    checks = [check for group in groups for check in found[group]] + shadows
+    asked, mesh, setting = skip, piece.mesh, piece.setting
+    if setting is not None and setting.unprinted:
+        skip = {*skip, *PRINTER}
+    if only != "shadows":
+        measured = mesh, piece.curves, setting, seconds, piece.plates, skip, piece.printed
+        checks += part_checks(*measured)
+        checks.append(_check_beside(piece.printed, piece.part, skip, seconds))
+    if only != "geometry":
+        shadows, views, colours = _check_shadows(piece, skip, pictures_dir, seconds)
+        checks += shadows
     checks = [
-        _in_file(c, left)
+        _in_file(c, piece.left)
         if c.name not in skip
         else _leave_out(c, UNASKED if c.name not in asked else "")
         for c in checks
     ]
+    return Found(checks, views, seconds, colours)
+
+
+def conclude_piece(
+    piece: Piece, halves: Sequence[Found | Mapping[str, Any]], failures: FilePath | None = None
+) -> Verdict:
+    """The verdict on a piece whose checks were measured, together or as halves, by whatever processes.
+
+    Args:
+        halves: what `measure_piece` found, or the verdicts' dicts of other processes.
+        failures: as for `validate`.
+    """
+    found = [h if isinstance(h, Found) else _found_in(h) for h in halves]
+    checks = [check for half in found for check in half.checks]
+    seconds = {stage: spent for half in found for stage, spent in half.seconds.items()}
     drawn = False
     if failures is not None:
         with time_stage(seconds, "failures"):
             try:
-                drawn = draw_failures(Path(failures), checks, printed, lines)
+                drawn = draw_failures(Path(failures), checks, piece.printed, piece.lines)
             except OSError as error:
                 raise BadFile(f"{failures}: cannot be written ({error.strerror})") from error
-    if mesh is not None and part is not None and (asked_unit := ask_unit(mesh, Path(part).name)):
-        notes.append(asked_unit)
+    notes, printed = list(piece.notes), piece.printed
+    if piece.mesh is not None and piece.part is not None:
+        asked = ask_unit(piece.mesh, piece.part.name)
+        notes += [] if asked is None else [asked]
     return replace(
-        verdict_of(checks, views, seconds, picture=str(failures) if drawn else None),
-        conclusion=conclude(checks, printed, curves),
+        verdict_of(
+            checks,
+            [view for half in found for view in half.views],
+            seconds,
+            picture=str(failures) if drawn else None,
+        ),
+        conclusion=conclude(checks, printed, piece.curves),
         size_mm=None if printed is None else size_of(printed),
         notes=tuple(notes),
-        colours=colours,
+        colours=next((half.colours for half in found if half.colours is not None), None),
     )
 
 
-def _measure_apart(call: Callable[[], T] | None) -> Forked[T] | nullcontext[None]:
-    """A copy of this process that makes a call; nothing where there is none, or no room for a copy."""
-    with suppress(OSError):
-        if call is not None:
-            return Forked(call)
-    return nullcontext()
+def _found_in(verdict: Mapping[str, Any]) -> Found:
+    """What another process measured, from its verdict as `Verdict.to_dict` has it."""
+    checks = [Check(**{**told, "at": tuple(map(tuple, told["at"]))}) for told in verdict["checks"]]
+    return Found(checks, verdict["views"], verdict["seconds"], verdict.get("colours"))
 
 
 def _check_beside(
     mesh: Mesh | None,
-    part: FilePath | None,
+    part: Path | None,
     skip: Collection[str],
     seconds: dict[str, float],
 ) -> Check:
@@ -159,7 +218,7 @@ def _check_beside(
     if name in skip:
         return skip_check(name, "left out on request")
     with time_stage(seconds, "3mf"):
-        return check_same_3mf(mesh, Path(part))
+        return check_same_3mf(mesh, part)
 
 
 def _read_scene(path: Path) -> Scene:
@@ -170,15 +229,10 @@ def _read_scene(path: Path) -> Scene:
 
 
 def _check_shadows(
-    mesh: Mesh | None,
-    curves: Curves | None,
-    setting: Scene | None,
-    scene: FilePath | None,
-    skip: Collection[str],
-    pictures_dir: FilePath | None,
-    seconds: dict[str, float],
+    piece: Piece, skip: Collection[str], pictures_dir: FilePath | None, seconds: dict[str, float]
 ) -> tuple[list[Check], list[dict[str, Any]], dict[str, Any] | None]:
     """The checks of the shadows, what is told of each view and of colours, or why there are none."""
+    mesh, setting, scene = piece.mesh, piece.setting, piece.scene
     nameless = [v.name for v in setting.views if not v.picture] if setting is not None else []
     if mesh is None or setting is None or scene is None:
         why = f"not given {'the part' if mesh is None else 'the scene'}"
@@ -187,8 +241,8 @@ def _check_shadows(
     elif nameless:
         why = f"the scene names no picture for view {nameless[0]}"
     else:
-        folder = Path(scene).parent
-        return verify_shadows(mesh, curves, setting, folder, skip, pictures_dir, seconds)
+        folder = scene.parent
+        return verify_shadows(mesh, piece.curves, setting, folder, skip, pictures_dir, seconds)
     return skip_shadow_checks(why, required=False), [], None
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from knotfab.base.errors import InputError
+from knotfab.base.pool import tie
 
 __all__ = ["draw_svg"]
 
@@ -53,7 +54,7 @@ def draw_svg(svg: str, what: str, **options: Any) -> bytes:
     asked = json.dumps({"svg_string": svg, "folder": folder, **options}).encode()
     try:
         done = subprocess.run(
-            [_PYTHON, "-I", "-S", "-c", _CHILD],
+            tie([_PYTHON, "-I", "-S", "-c", _CHILD], signal.SIGKILL),
             input=asked,
             capture_output=True,
             timeout=_WAIT_S,

@@ -1,0 +1,66 @@
+"""What the worker of batch and studio answers: a whole build, by the command line's own `main`.
+
+One process builds one picture after another: it has loaded what builds need, and keeps validators for them.
+Request: {"arguments": those of `knotfab`}. Told before: the build's events, where the arguments ask for them.
+Answer: {"code": exit code, "said": what went to standard error}.
+"""
+
+from __future__ import annotations
+
+import gc
+import importlib
+import os
+import signal
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from typing import Any, TextIO
+
+from knotfab.cli.app import main, set_environment
+from knotfab.verify.verifier import load_early
+
+
+def prepare() -> Iterator[None]:
+    """Load what every build needs, to the page of its report."""
+    set_environment()
+    with load_early(keep=True):
+        pass
+    for name in ("knotfab.pipeline", "knotfab.piece", "knotfab.preview.survey", "trimesh"):
+        importlib.import_module(name)
+        yield
+    from knotfab.doctor import run_loops
+    from knotfab.report.report_html import load_template
+
+    run_loops()
+    yield
+    load_template()
+
+
+def answer(request: dict[str, Any], told: TextIO) -> dict[str, Any]:
+    """Run `knotfab ARGUMENTS` in this process; asked to end, it tidies up as after Ctrl-C."""
+    code: int | str | None = 130
+    sys.argv = ["knotfab", *request["arguments"]]
+    outer, own = sys.stdout, os.dup(2)
+    with tempfile.TemporaryFile() as said:
+        os.dup2(said.fileno(), 2)
+        sys.stdout = told
+        try:
+            signal.signal(signal.SIGTERM, signal.default_int_handler)
+            with load_early(keep=True):
+                main(request["arguments"], began=time.perf_counter())
+        except SystemExit as left:
+            code = left.code
+        except KeyboardInterrupt:  # before `main` heeds it
+            pass
+        finally:
+            signal.signal(signal.SIGTERM, signal.SIG_IGN)
+            sys.stdout = outer
+            sys.stderr.flush()
+            os.dup2(own, 2)
+            os.close(own)
+            gc.unfreeze()  # `main` takes its process to end
+            signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        said.seek(0)
+        heard = said.read().decode("utf-8", "replace")
+    return {"code": code if isinstance(code, int) else int(code is not None), "said": heard}

@@ -1,0 +1,140 @@
+"""What the worker of the validators answers: a verdict for each request.
+
+What is slow to load is loaded while no request waits, so that a parent can start this process early; and a
+graphics library that crashes takes only this process with it. A request without files is answered once all is
+loaded, and compiled loops are kept for other processes.
+
+Request: {"part", "knots", "scene", "pictures_dir", "failures": path or null, "skip": [name, …], "unit": that
+of a part whose file knows none ("mm"), "piece": a name that tells these files from all others, since they are
+read once}. Where two processes share a piece, each is asked for a half, "only": "geometry" or "shadows", and
+one is then asked to conclude from what both "found": [answer, answer].
+Answer: {"status", "exit_code", "conclusion", "size_mm", "notes", "checks", "views", "picture", "seconds"},
+or {"error": sentence} for bad files.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+from collections.abc import Iterator
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from knotfab_validators.geometry.mesh import Mesh
+    from knotfab_validators.shadows.view import ViewGeometry
+    from knotfab_validators.validate import Piece
+
+GEOMETRY = ("igl", "pymeshlab", "scipy.spatial", "scipy.sparse.csgraph")
+
+
+def prepare(*parts: str) -> Iterator[None]:
+    """Load what checks use, piece by piece: libraries, compiled loops, VTK and its OpenGL.
+
+    Args:
+        parts: any of "geometry", "shadows", "graphics".
+    """
+    importlib.import_module(".validate", __package__)
+    for name in GEOMETRY if "geometry" in parts else ("scipy.ndimage",):
+        yield
+        with contextlib.suppress(ImportError):  # the check that needs it will say so
+            importlib.import_module(name)
+    yield
+    if "geometry" in parts:
+        _measure_surface()
+        yield
+    if "shadows" in parts:
+        _cast_shadows()
+        yield
+    if "graphics" in parts:
+        _draw()
+
+
+def _triangle() -> Mesh:
+    import numpy as np
+
+    from knotfab_validators.geometry.mesh import merge_equal
+
+    return merge_equal(np.eye(3)[None])
+
+
+def _view() -> ViewGeometry:
+    import numpy as np
+
+    from knotfab_validators.shadows.view import ViewGeometry
+
+    x, y, z = np.eye(3)
+    return ViewGeometry(light=10 * z, origin=y - x, du=x, dv=-y, right=x, up=y, width=3, height=3)
+
+
+def _measure_surface() -> None:
+    """Run every compiled loop that measures the part."""
+    import numpy as np
+
+    from knotfab_validators.files.number_rows import cut_rows
+    from knotfab_validators.geometry.curves import Curves
+    from knotfab_validators.geometry.heap import overlapping_boxes
+    from knotfab_validators.geometry.surface import flat_faces
+    from knotfab_validators.geometry.triangles import triangle_triangle
+    from knotfab_validators.tube.clearance import check_clearance
+
+    triangle, mesh = np.eye(3)[None], _triangle()
+    triangle_triangle(triangle, triangle)
+    flat_faces(mesh)
+    overlapping_boxes(mesh)
+    cut_rows(b"<vertices></vertices><triangles></triangles>")
+    check_clearance(mesh, Curves((np.eye(3),), ("unknot",), (True,), 0.1), None)
+
+
+def _cast_shadows() -> None:
+    """Run every compiled loop that casts shadows."""
+    import numpy as np
+
+    from knotfab_validators.shadows.cast import ShadowCaster
+    from knotfab_validators.shadows.distance import depth_in
+    from knotfab_validators.shadows.layers import layered_mask
+    from knotfab_validators.shadows.tube_field import tube_field
+
+    mesh, geometry = _triangle(), _view()
+    depth_in(ShadowCaster(mesh.vertices, mesh.faces).render(geometry))
+    tube_field([np.eye(3)], 0.1, geometry)
+    layered_mask(mesh, geometry, 0.5)
+
+
+def _draw() -> None:
+    from knotfab_validators.shadows.render import SilhouetteRenderer, why_no_rendering
+
+    if why_no_rendering() is None:
+        mesh = _triangle()
+        with SilhouetteRenderer(mesh.vertices, mesh.faces) as renderer:
+            renderer.render(_view())
+
+
+@lru_cache(maxsize=1)
+def _read(piece: str, part: str | None, knots: str | None, scene: str | None, unit: str) -> Piece:
+    """The files of the piece that was asked about last; its name is never given twice."""
+    from knotfab_validators.validate import read_piece
+
+    del piece
+    return read_piece(part, knots, scene, unit)
+
+
+def answer(request: dict[str, Any], told: object) -> dict[str, Any]:
+    """The verdict on written files."""
+    from knotfab_validators.files.bad_file import BadFile
+    from knotfab_validators.validate import conclude_piece, measure_piece
+
+    del told
+    part, knots, scene = (request[name] for name in ("part", "knots", "scene"))
+    if part is None and knots is None:
+        for _ in prepare("geometry", "shadows"):
+            pass
+    try:
+        piece = _read(request["piece"], part, knots, scene, request.get("unit", "mm"))
+        found = request.get("found") or [
+            measure_piece(piece, request["skip"], request["pictures_dir"], request.get("only"))
+        ]
+        verdict = conclude_piece(piece, found, request["failures"])
+    except BadFile as error:
+        return {"error": str(error)}
+    return {**verdict.to_dict(), "exit_code": verdict.exit_code, "seconds": verdict.seconds}
