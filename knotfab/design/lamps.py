@@ -98,12 +98,14 @@ def _find_apart(scene: Scene, targets: Sequence[Target]) -> tuple[float, float, 
     frame, first = np.array(views[0].frame_mm), views[0]
     narrow, wide = (s - _BESIDE_BED_MM for s in sorted(resolve(scene).printer.build_volume_mm)[1:])
     bounds = 2.0 * np.array([scene.lamps.max_right_mm, scene.lamps.max_up_mm])
+    # posts of a stand that hold a piece above another would stand in the light of that one's lamp
+    most_rows = 1 if scene.mount.kind == "stand" else len(views)
     large: tuple[float, float, Array] | None = None
     for wall, light in _distances(scene):
         depth = depth_of_lamps(boxes, first.model_copy(update=_lengths(wall, light)))
         found = [
             p
-            for p in _arrangements(boxes, frame, depth, wall, light)
+            for p in _arrangements(boxes, frame, depth, (wall, light), most_rows)
             if (np.ptp(p.beside, axis=0) <= bounds).all()
         ]
         found.sort(key=lambda p: float(np.hypot(*p.beside.T).max()))
@@ -230,13 +232,13 @@ def _box(mask: Mask, view: ResolvedView) -> Array:
 
 
 def _arrangements(
-    boxes: Array, frame: Array, depth: float, wall: float, light: float
+    boxes: Array, frame: Array, depth: float, distances: tuple[float, float], most_rows: int
 ) -> Iterator[_Places]:
     """The closest places in rows and columns at which no stray shadow meets the screen."""
     count = len(boxes)
-    for rows in range(1, count + 1):
+    for rows in range(1, most_rows + 1):
         for order in permutations(range(count)):
-            yield _in_rows(boxes, frame, depth, (wall, light), order, rows)
+            yield _in_rows(boxes, frame, depth, distances, order, rows)
 
 
 def _in_rows(

@@ -111,6 +111,7 @@ def plan_hang(
     clearance_mm: float,
     stiffness: Stiffness,
     least_radius_mm: float,
+    ends: bool = False,
 ) -> HangMount:
     """Choose struts, posts and an eyelet for knots in scene coordinates (gravity: -y).
 
@@ -121,6 +122,7 @@ def plan_hang(
     Args:
         cameras, targets: of each view, and its picture's silhouette (H, W) over the whole frame.
         least_radius_mm: of a member that the printer can make.
+        ends: whether screens end at their frames, beside which no shadow is seen.
 
     Raises:
         SceneError: a knot cannot be reached, or no eyelet has a place.
@@ -128,7 +130,7 @@ def plan_hang(
     tube = knots.radius_mm
     thin = max(VISIBLE_SHARES[0] * tube, min(least_radius_mm, tube))
     sites = sites_of(knots)
-    shadows = MountShadows(knots, cameras, targets)
+    shadows = MountShadows(knots, cameras, targets, ends)
     obstacles = Obstacles(knots, sites, clearance_mm)
     near = near_struts(sites, tube)
     unseen = shadows.hidden(near)

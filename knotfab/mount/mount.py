@@ -297,6 +297,7 @@ def _on_a_stand(
         Stiffness.of(scene),
         StandSettings(asked.base_thickness_mm, asked.min_tip_deg, scene.printer.min_tube_radius_mm),
         [wall for view in scene.views if (wall := CurvedWall.of(view)) is not None],
+        scene.screen_ends,
     )
     bodies = stand_bodies(tubes, stand)
     count = [int((stand.holds == k).sum()) for k in range(len(tubes))]
@@ -318,6 +319,7 @@ def _on_a_thread(
         scene.piece.clearance_mm,
         Stiffness.of(scene),
         scene.printer.min_tube_radius_mm,
+        scene.screen_ends,
     )
     bodies = hang_bodies(tubes, hang)
     count = tuple(int((hang.holds == k).sum()) for k in range(len(tubes)))

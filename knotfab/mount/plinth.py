@@ -61,6 +61,12 @@ class Slope:
         """The same plane farther down."""
         return Slope(self.axes, self.height_mm - by_mm, self.rise)
 
+    def no_fall(self, front: float) -> Slope:
+        """The same plane; where it falls towards a low light, level and as low as at its front."""
+        if self.rise >= 0:
+            return self
+        return Slope(self.axes, self.height_mm + self.rise * front, 0.0)
+
 
 def slope_below(cameras: Sequence[Camera], rectangle: Rectangle = UNIT) -> Slope:
     """The highest plane, level across the first view, that lies below all frames over a rectangle.

@@ -36,9 +36,15 @@ ACROSS = (-0.8, -0.4, 0.0, 0.4, 0.8)  # where a strip's shadow is looked at, in 
 class MountShadows:
     """The shadows of one piece in all its views: what a member darkens is asked of each of them."""
 
-    def __init__(self, knots: Knots, cameras: Sequence[Camera], targets: Sequence[Mask]) -> None:
+    def __init__(
+        self,
+        knots: Knots,
+        cameras: Sequence[Camera],
+        targets: Sequence[Mask],
+        ends: bool = False,
+    ) -> None:
         self.views = tuple(
-            MountShadow(knots, camera, target)
+            MountShadow(knots, camera, target, ends)
             for camera, target in zip(cameras, targets, strict=True)
         )
 
@@ -82,7 +88,8 @@ class MountShadows:
 class MountShadow:
     """The dark pixels of one view's frame, at `VERIFIED_PX`, and what more of it a mount darkens.
 
-    Below the frame nothing is picture and all counts as dark; beside and above it all is light.
+    Below the frame nothing is picture and all counts as dark; beside and above it all is light, unless the
+    screen ends there (`ends`).
 
     Attributes:
         camera: of the frame's fine pixels. own: (H + 2, W + 2), dark by the knots, with one row or
@@ -90,12 +97,14 @@ class MountShadow:
             members that were added.
     """
 
-    def __init__(self, knots: Knots, camera: Camera, target: Mask) -> None:
+    def __init__(self, knots: Knots, camera: Camera, target: Mask, ends: bool = False) -> None:
         width, height = fit_size(camera.width, camera.height, VERIFIED_PX)
         self.camera = camera.resized(width, height)
         self.before = np.zeros((height + 2, width + 2), dtype=bool)
         self.before[1:-1, 1:-1] = sample_mask(target, width, height)
         self.before[-1] = True
+        if ends:
+            self.before[0] = self.before[:, 0] = self.before[:, -1] = True
         self.magnification = self._magnification()
         self.own = np.zeros_like(self.before)
         for knot in knots.knots:

@@ -122,6 +122,7 @@ def plan_stand(
     stiffness: Stiffness,
     settings: StandSettings,
     walls: Sequence[CurvedWall] = (),
+    ends: bool = False,
 ) -> StandMount:
     """Choose posts, struts and a base for knots in scene coordinates (gravity: -y).
 
@@ -132,6 +133,7 @@ def plan_stand(
     Args:
         cameras, targets: of each view, and its picture's silhouette (H, W) over the whole frame.
         walls: of the views, those that are round.
+        ends: whether screens end at their frames, beside which no shadow is seen.
 
     Raises:
         SceneError: a knot cannot be reached, or a wall is too near for the base, or a light above it.
@@ -139,9 +141,10 @@ def plan_stand(
     tube = knots.radius_mm
     thin, thick = (max(s * tube, min(settings.min_radius_mm, tube)) for s in VISIBLE_SHARES)
     sites = sites_of(knots)
-    shadows = MountShadows(knots, cameras, targets)
+    shadows = MountShadows(knots, cameras, targets, ends)
     obstacles = Obstacles(knots, sites, clearance_mm)
-    slope = slope_below(cameras, _footprint(knots, cameras, settings)).lower(DROP_MM)
+    footprint = _footprint(knots, cameras, settings)
+    slope = slope_below(cameras, footprint).no_fall(footprint[3]).lower(DROP_MM)
     lowest = float(slope.above(knots.points).min()) - tube * np.hypot(1.0, slope.rise)
     slope = slope.lower(max(0.0, clearance_mm + 1.0 - lowest))
     hidden = hidden_struts(sites, shadows, tube)

@@ -225,8 +225,8 @@ def add_advice(report: Record, made: Design) -> None:
 
     points, radius = made.knots.points, made.knots.radius_mm
     for view, found in zip(made.scene.views, report["views"], strict=False):
-        if not found.get("penumbra") or view.wall_tilt_deg != 0:
-            continue
+        if not found.get("penumbra") or view.wall_tilt_deg != 0 or made.scene.share_wall:
+            continue  # lamps before one screen have the distance at which their pieces stand apart
         z, light = points @ view_axes(view)[2], view.light_distance_mm
         depth = made.scene.piece.depth
         back = -float(z.min())

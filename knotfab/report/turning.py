@@ -28,7 +28,7 @@ _LEAST_MM = 1.0  # to the side, that is told
 # what must be the same in all views for one lamp to serve them
 _SHARED = (
     *("kind", "light_distance_mm", "wall_distance_mm", "wall_tilt_deg", "wall_radius_mm"),
-    "elevation_deg",
+    *("elevation_deg", "light_right_mm", "light_up_mm"),
 )
 
 

@@ -77,3 +77,13 @@ def test_a_base_in_a_hollow_wall_is_refused() -> None:
     with pytest.raises(SceneError, match="hollow wall") as told:
         base(0.999 * least)
     assert "wall_radius_mm" in told.value.remedy
+
+
+def test_a_top_that_would_fall_towards_a_low_light_is_level_and_below_it() -> None:
+    low, high = (slope_below([camera(light_up_mm=up)]) for up in (-400.0, 100.0))
+    assert low.rise < 0 < high.rise and high.no_fall(60.0) is high
+    level = low.no_fall(60.0)
+    right, _, out = low.axes
+    on = np.array([x * right + z * out for x in (-30.0, 30.0) for z in (-50.0, 0.0, 60.0)])
+    assert level.rise == 0 and (level.above(on) >= low.above(on) - 1e-9).all()
+    assert level.above(on)[2] == pytest.approx(low.above(on)[2])  # at its front

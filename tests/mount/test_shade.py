@@ -33,6 +33,14 @@ def test_shade_measures_what_shows() -> None:
         assert shade.hidden(one([x, 30, 0], [x, -40, 0], 2.0))[0] == hidden
 
 
+def test_beside_a_screen_that_ends_a_member_shows_nothing() -> None:
+    aside = one([110, 30, 0], [110, 60, 0], 2.0)
+    for ends in (False, True):
+        shade = MountShadow(knots(ring(5.0, wave=0.0)), camera(), EMPTY, ends)
+        assert (shade.cost(aside)[0] == 0.0) == ends
+        assert shade.cost(one([10, 30, 0], [10, 60, 0], 2.0))[0] > 0
+
+
 def test_what_is_behind_the_knots_draws_nothing() -> None:
     """A thin bar along the rays behind a strand, and moved out of its shadow into a dark picture."""
     strand = np.column_stack([np.full(121, 10.0), np.linspace(30, -30, 121), np.zeros(121)])
