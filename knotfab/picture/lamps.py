@@ -15,7 +15,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
-from scipy.ndimage import distance_transform_edt, label, maximum_filter, minimum_filter
+from scipy.ndimage import (
+    distance_transform_edt,
+    gaussian_filter,
+    label,
+    maximum_filter,
+    minimum_filter,
+)
 
 from knotfab.base.arrays import Array, Mask
 from knotfab.base.errors import InputError, shown
@@ -37,6 +43,11 @@ _REACH_PX = (2, 3, 4)  # how far from a pixel the two colours are that it may li
 _SPECK = (
     0.008  # of the longer side: the side of a square, below which a spot goes to what is about it
 )
+_GRAIN, _PHOTOGRAPH = (
+    0.02,
+    0.35,
+)  # in sRGB: a picture in which so much differs from its neighbours is one
+_VOTE = 0.006  # of the longer side: about half of what the shadow of a thin strand is wide
 _TOLD = (
     0.15,
     0.01,
@@ -142,6 +153,8 @@ def separate(
         counts = np.bincount(labels.ravel(), minlength=len(palette))
         kept = np.sort(np.argsort(-counts, kind="stable")[: max(most, 2)]).astype(np.int64)
         labels = _without_seams(srgb, _nearest(lab, palette, kept))
+    if (_spread(srgb) > _GRAIN).mean() > _PHOTOGRAPH:
+        labels = _voted(labels, _VOTE * max(labels.shape))
     labels = _without_specks(labels, (_SPECK * max(labels.shape)) ** 2)
     masks = np.stack([(labels >> k & 1).astype(bool) for k in range(len(colours))])
     for name, mask in zip(names, masks, strict=True):
@@ -261,10 +274,7 @@ def _distance(lab: Array, mixture: Array) -> Array:
 
 def _without_seams(srgb: Array, labels: Labels) -> Labels:
     """The labels, where a pixel that lies between two flat colours beside it has that of the nearer one."""
-    spread = np.max(
-        [maximum_filter(c, 3) - minimum_filter(c, 3) for c in np.moveaxis(srgb, -1, 0)], axis=0
-    )
-    rows, columns = np.nonzero(spread > _FLAT)
+    rows, columns = np.nonzero(_spread(srgb) > _FLAT)
     found = labels.copy()
     height, width = labels.shape
     for reach in _REACH_PX:
@@ -290,6 +300,19 @@ def _without_seams(srgb: Array, labels: Labels) -> Labels:
         found[rows[settled], columns[settled]] = name[settled]
         rows, columns = rows[~settled], columns[~settled]
     return found
+
+
+def _spread(srgb: Array) -> Array:
+    """(H, W) how much the pixels about each differ, in the channel that differs most."""
+    channels = [maximum_filter(c, 3) - minimum_filter(c, 3) for c in np.moveaxis(srgb, -1, 0)]
+    return np.asarray(np.max(channels, axis=0))
+
+
+def _voted(labels: Labels, reach_px: float) -> Labels:
+    """The labels, each the one that most about it have: what is finer than the tube is let go."""
+    names = np.unique(labels)
+    votes = [gaussian_filter((labels == k).astype(np.float32), reach_px) for k in names]
+    return np.asarray(names[np.argmax(votes, axis=0)])
 
 
 def _without_specks(labels: Labels, least_px: float) -> Labels:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from PIL import Image, ImageDraw
+from scipy.ndimage import label
 
 from knotfab.base.errors import InputError
 from knotfab.picture.lamps import mixtures_of, on_one_canvas, separate, to_oklab
@@ -113,3 +114,13 @@ def test_pictures_of_lamps_that_switch_share_a_canvas() -> None:
     assert one.mask.mean() == pytest.approx(wide.mean())
     assert two.mask.sum() == pytest.approx(high.sum() * (40 / 60) ** 2, rel=0.1)
     assert on_one_canvas((one, two)) == (one, two)
+
+
+def test_a_photograph_is_cut_into_areas_that_a_tube_can_draw() -> None:
+    noise = np.random.default_rng(0).normal(0, 25, (320, 320, 3))
+    grainy = np.clip(
+        np.asarray(flags("#c03020", "#2040c0", "#20a040", size=320), float) + noise, 0, 255
+    )
+    found = separate(Image.fromarray(grainy.astype(np.uint8)), NAMES, RGB, "a.png")
+    assert all(label(mask)[1] <= 4 for mask in found.masks)
+    assert {(1, 2), (0, 1), (0, 2)} <= set(found.shares)
