@@ -228,7 +228,7 @@ def report_piece(
         report = report_of(request, made, piece.knots, part.bodies, verdict, progress)
         add_silhouettes(report, piece.targets)
         add_fabrication(report, part.mounted, sliced, plan, request.printing)
-        report["notes"] += piece.notes
+        report["notes"] += [*piece.notes, *filter(None, [part.framing[1]])]
         report["print"]["drawings"] = drawings
         report["print"]["setup"] = tell_setup(part.mounted, cameras, made.knots.radius_mm)
         if request.printing:

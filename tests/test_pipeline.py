@@ -249,6 +249,8 @@ def test_skip_knows_every_check_of_a_report(good: Good) -> None:
         "tone",
         "colours",
         "lamp_colours",
+        "table_mesh",
+        "table",
     }
     assert set(checks_of(good.folder)) - own == set(CHECKS) - sometimes
 

@@ -2,7 +2,18 @@
 
 from __future__ import annotations
 
-__all__ = ["FILES", "HELD", "KNOTS", "MESH", "PLATES", "PRINTER", "PRINTING", "SHADOWS", "TUBE"]
+__all__ = [
+    "FILES",
+    "HELD",
+    "KNOTS",
+    "MESH",
+    "PLATES",
+    "PRINTER",
+    "PRINTING",
+    "SHADOWS",
+    "TABLE",
+    "TUBE",
+]
 
 MESH = (
     *("mesh_closed", "mesh_winding", "mesh_degenerate", "mesh_duplicate", "mesh_manifold"),
@@ -24,8 +35,9 @@ PRINTING = (
 )
 HELD = ("level",)  # of a part that hangs on a thread
 PLATES = ("plate_mesh", "plates", "plates_volume")
+TABLE = ("table_mesh", "table")  # of a frame that holds several lamps
 # of no concern to a piece that is not to be printed
-PRINTER = ("build_volume", *PRINTING, *PLATES)
+PRINTER = ("build_volume", *PRINTING, *PLATES, *TABLE)
 SHADOWS = (
     *("shadow", "shadow_exact", "outline", "wrong_outline", "recognisable"),
     *("half_light", "intrusion", "tone"),  # of a lamp that has a size, of a mount, of greys

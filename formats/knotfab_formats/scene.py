@@ -360,6 +360,16 @@ class Placing(_Table):
     tilt_deg: Annotated[float, Strict(), Field(ge=0, le=10)] = 0.0  # of the wall, in any direction
 
 
+class Plate(_Table):
+    """What is printed at once: its file beside the scene, by default plate-N.3mf in the plates' order.
+
+    `matrices`: the rigid motions that take its bodies, in their order, to part.stl.
+    """
+
+    file: str = ""
+    matrices: Annotated[tuple[Matrix, ...], Field(min_length=1)]
+
+
 class Lamps(_Table):
     """Several lamps before one wall (views with `wall`): what they show there, and where they may stand."""
 
@@ -373,6 +383,8 @@ class Lamps(_Table):
     colours: Annotated[int, Strict(), Field(ge=0, le=64)] = (
         0  # the most flat colours of the picture; 0: what the lamps mix
     )
+    # written by a build: the frame that holds screen, piece and lamps, and where its bodies go in the scene
+    table: tuple[Plate, ...] = ()
 
 
 class Accuracy(_Table):
@@ -421,16 +433,6 @@ class About(_Table):
     title: Line = ""
     designer: Line = ""
     licence: Line = ""
-
-
-class Plate(_Table):
-    """What is printed at once: its file beside the scene, by default plate-N.3mf in the plates' order.
-
-    `matrices`: the rigid motions that take its bodies, in their order, to part.stl.
-    """
-
-    file: str = ""
-    matrices: Annotated[tuple[Matrix, ...], Field(min_length=1)]
 
 
 class Pose(_Table):

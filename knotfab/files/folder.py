@@ -27,7 +27,7 @@ _OWN = re.compile(
     r"part(-\d+)?\.(stl|3mf|glb|png|step|gcode)|part-colours(-\d+)?\.3mf|slicer\.ini|plate(-\d+)+\.(3mf|gcode)"
     r"|knots(-\d+)?\.json|scene-\d+\.toml|sequence\.gif|zoetrope\.(stl|3mf)|coupon\.3mf"
     r"|region\.stl|start\.json|bends(-[\w-]+)?\.\w+|(bending-templates|drill-template)-\w+(-\d+)?\.pdf"
-    r"|setup(-\d+)?\.(pdf|svg)"
+    r"|setup(-\d+)?\.(pdf|svg)|table-\d+\.3mf|colours\.png"
     r"|centre-lines(-\d+)?\.(svg|dxf|step)|shadow-[^./]+\.svg"
     r"|(shadow|compare|soft|drawn|subject)-[^./]+\.png|picture-[^./]+\.\w+"
 )

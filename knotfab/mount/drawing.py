@@ -19,6 +19,7 @@ from knotfab.drawing.dimensions import (
     project_outlines,
 )
 from knotfab.drawing.pages import PAPERS, Box, choose_fonts, make_page, write_pages
+from knotfab.mount.lamps_sheet import lamps_sheet
 from knotfab.mount.marks import draw_marks_page
 from knotfab.mount.mount import Mounted
 from knotfab.mount.placement import Placement, placement_of
@@ -36,6 +37,7 @@ from knotfab.mount.strokes import (
     lamp_name,
     note,
 )
+from knotfab.mount.table import frame_of
 from knotfab.mount.wall import mark_depth_mm
 from knotfab.mount.words import costs_of, lamp_facts, level_wall, steps_of
 from knotfab.scene.camera import Camera
@@ -78,7 +80,9 @@ def draw_sheets(mounted: Mounted, scene: ResolvedScene, cameras: Sequence[Camera
     each = zip(places, scene.views, strict=True)
     pages = [_sheet(mounted, *view, alone=len(cameras) == 1) for view in each]
     plan = None
-    if len(pages) > 1 or any(place.round is not None for place in places):
+    if scene.share_wall:
+        plan = lamps_sheet(mounted, places, scene.views, frame_of(mounted)[0])
+    elif len(pages) > 1 or any(place.round is not None for place in places):
         plan = plan_sheet(mounted, places, scene.views)
     plate = mounted.wall is not None and mounted.wall.settings.foot == "plate"
     marks = draw_marks_page(PAPERS["a4"], plate)

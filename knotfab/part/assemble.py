@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from knotfab.geometry.overhang import SUPPORT_LINE_NOZZLES, Rules
 from knotfab.geometry.tube import sweep
 from knotfab.knots import Knots
 from knotfab.mount.mount import Mounted, mount_piece
+from knotfab.mount.table import Table, frame_of
 from knotfab.part.clean import clean_body
 from knotfab.part.plates import Plates, lay_on_plates
 from knotfab.part.pose import PrintPose, choose_pose
@@ -44,6 +46,11 @@ class Part(InNotebook):
     pose: PrintPose
     mounted: Mounted
     plates: Plates | None = None
+
+    @cached_property
+    def framing(self) -> tuple[Table | None, str]:
+        """The frame that holds screen, piece and lamps, if there is one; or why there can be none."""
+        return frame_of(self.mounted)
 
 
 def part_of(

@@ -43,8 +43,15 @@ def make_pose(matrix: Array, plates: Plates | None = None, suffix: str = "") -> 
 
 def pose_scene(part: Part, suffix: str = "") -> ResolvedScene:
     """The part's scene, its mount resolved, with the pose that takes the written files to it."""
-    pose = make_pose(part.pose.matrix, part.plates, suffix)
-    return part.mounted.scene.model_copy(update={"pose": pose})
+    pose, scene = make_pose(part.pose.matrix, part.plates, suffix), part.mounted.scene
+    table, _ = part.framing
+    sheets = () if table is None else table.sheets
+    frame = tuple(
+        Plate(file=sheet.name, matrices=tuple(_rows(motion) for motion in sheet.to_scene))
+        for sheet in sheets
+    )
+    lamps = scene.lamps.model_copy(update={"table": frame})
+    return scene.model_copy(update={"pose": pose, "lamps": lamps})
 
 
 def write_part(
@@ -86,6 +93,10 @@ def write_part(
         bodies = [(grown * vertices, faces) for vertices, faces in coupon.make_bodies()]
         own = replace(about, title=f"{about.title}, coupon", thumbnail_png=b"")
         write_3mf(folder.file(COUPON), bodies, own)
+    table, _ = part.framing
+    for sheet in () if table is None else table.sheets:
+        own = replace(about, title=f"{about.title}, frame", thumbnail_png=b"")
+        write_3mf(folder.file(sheet.name), sheet.bodies, own)
     members = part.mounted.members(np.asarray(np.linalg.inv(part.pose.matrix)))
     part.pose.knots.write(folder.file(f"knots{suffix}.json"), members)
     _write_scene(folder, scene, targets, suffix)

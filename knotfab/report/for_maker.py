@@ -39,6 +39,7 @@ FILES = (
         r"(part|plate)(-\d+)*\.gcode",
         "for the printer: sliced with slicer.ini, with pictures for its screen",
     ),
+    (r"table-\d+\.3mf", "for the slicer: the frame that holds screen, piece and lamps"),
     (r"part-colours(-\d+)?\.3mf", "the same, its bodies by name and colour"),
     (r"coupon\.3mf", "a small print to try the mount's fit on"),
     (r"slicer\.ini", "printer, filament and supports for PrusaSlicer"),

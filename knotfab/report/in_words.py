@@ -75,7 +75,8 @@ def tell_colours(report: Mapping[str, Any]) -> list[str]:
             f", and {picture['delta_e']:.1f} from the picture as it came, of which lamps can mix "
         )
         off += f"{tell_share(picture['masks_share'])} as it is taken apart"
-    said.append(f"{off} (2 is seen side by side, 10 at a glance)")
+    uneven = f"uneven light alone makes {found['delta_e_lit']:.1f} where no lamp is hidden"
+    said.append(f"{off}; {uneven} (2 is seen side by side, 10 at a glance)")
     if moved["lamp_mm"] is not None:
         said.append(
             f"a lamp may stand {moved['lamp_mm']:.0f} mm beside its place until a strand's shadow is half of "

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from knotfab_formats.checks import FILES, HELD, KNOTS, MESH, PLATES, PRINTING, SHADOWS, TUBE
+from knotfab_formats.checks import FILES, HELD, KNOTS, MESH, PLATES, PRINTING, SHADOWS, TABLE, TUBE
 from knotfab_validators.check import Check
 from knotfab_validators.verdict import exit_code_of
 
@@ -34,6 +34,7 @@ CHECKS = (
     *HELD,
     *PRINTING,
     *PLATES,
+    *TABLE,
 )
 
 

@@ -8,7 +8,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from knotfab_formats.checks import FILES, PRINTER, SHADOWS
+from knotfab_formats.checks import FILES, PRINTER, SHADOWS, TABLE
 from knotfab_validators.check import Check, rescale, skip_check
 from knotfab_validators.clock import time_stage
 from knotfab_validators.conclusion import ask_unit, conclude, size_of
@@ -16,7 +16,7 @@ from knotfab_validators.failure_picture import draw_failures
 from knotfab_validators.files.bad_file import BadFile
 from knotfab_validators.files.knots import read_knots
 from knotfab_validators.files.mesh import read_mesh
-from knotfab_validators.files.plates import Plate, read_plates
+from knotfab_validators.files.plates import Plate, read_plates, read_table
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.mesh.same_surface import check_same_3mf
@@ -59,6 +59,7 @@ class Piece:
     lines: Curves | None
     setting: Scene | None
     plates: Sequence[Plate]
+    table: Sequence[Plate]  # of the frame that holds lamps
     mesh: Mesh | None
     curves: Curves | None
     left: float
@@ -123,13 +124,16 @@ def read_piece(
         printed = read_mesh(part_path, unit, notes) if part_path else None
         lines = read_knots(Path(knots)) if knots is not None else None
         setting = _read_scene(scene_path) if scene_path else None
-        laid = read_plates(scene_path.parent, setting) if scene_path and setting and printed else []
+        given = scene_path is not None and setting is not None and printed is not None
+        laid = [
+            read(scene_path.parent, setting) if given else [] for read in (read_plates, read_table)
+        ]
     mesh, curves, left = printed, lines, 1.0
     if setting is not None and setting.material.shrinkage_percent > 0:
         left = setting.material.shrinks_to
         mesh, curves = _shrink(mesh, curves, left)
     told = (left, tuple(notes), seconds["read"])
-    return Piece(part_path, scene_path, printed, lines, setting, laid, mesh, curves, *told)
+    return Piece(part_path, scene_path, printed, lines, setting, *laid, mesh, curves, *told)
 
 
 def measure_piece(
@@ -150,6 +154,7 @@ def measure_piece(
         measured = mesh, piece.curves, setting, seconds, piece.plates, skip, piece.printed
         checks += part_checks(*measured)
         checks.append(_check_beside(piece.printed, piece.part, skip, seconds))
+        checks += _check_table(piece, skip, seconds)
     if only != "geometry":
         shadows, views, colours = _check_shadows(piece, skip, pictures_dir, seconds)
         checks += shadows
@@ -219,6 +224,16 @@ def _check_beside(
         return skip_check(name, "left out on request")
     with time_stage(seconds, "3mf"):
         return check_same_3mf(mesh, part)
+
+
+def _check_table(piece: Piece, skip: Collection[str], seconds: dict[str, float]) -> list[Check]:
+    """The frame that holds lamps, where the scene names one."""
+    if not piece.table or piece.setting is None or set(TABLE) <= set(skip):
+        return []
+    from knotfab_validators.printing.table import check_table
+
+    with time_stage(seconds, "table"):
+        return check_table(piece.table, piece.setting)
 
 
 def _read_scene(path: Path) -> Scene:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from knotfab_formats.scene import Plate as Listed
 from knotfab_validators.arrays import Array, Ints
 from knotfab_validators.files.mesh import read_mesh
 from knotfab_validators.geometry.mesh import Mesh, number_bodies
@@ -15,7 +16,7 @@ from knotfab_validators.geometry.mesh import Mesh, number_bodies
 if TYPE_CHECKING:
     from knotfab_validators.files.scene import Scene
 
-__all__ = ["Plate", "read_plates"]
+__all__ = ["Plate", "read_plates", "read_table"]
 
 
 @dataclass(frozen=True)
@@ -55,8 +56,17 @@ def read_plates(folder: Path, scene: Scene) -> list[Plate]:
     Raises:
         BadFile: a plate cannot be read.
     """
+    return _read(folder, scene.pose.plates if scene.pose is not None else ())
+
+
+def read_table(folder: Path, scene: Scene) -> list[Plate]:
+    """The plates of the frame that holds lamps; `to_part` takes their bodies to the scene."""
+    return _read(folder, scene.lamps.table)
+
+
+def _read(folder: Path, listed: tuple[Listed, ...]) -> list[Plate]:
     found = []
-    for plate in scene.pose.plates if scene.pose is not None else ():
+    for plate in listed:
         mesh = read_mesh(folder / plate.file)
         to_part = np.array(plate.matrices, dtype=np.float64)
         found.append(Plate(plate.file, mesh, number_bodies(mesh)[0], to_part))

@@ -104,6 +104,9 @@ def parse_scene(
         update["mount"] = scene.mount.model_copy(update={"kind": "none"})
     if scene.pose is not None:
         update["pose"] = _rigid(scene.pose, name, scene.material.shrinks_to)
+    if scene.lamps.table:
+        table = _placed(scene.lamps.table, f"{name}: [lamps] table", "table")
+        update["lamps"] = scene.lamps.model_copy(update={"table": table})
     scene = scene.model_copy(update=update)
     if folder is not None and region.file is not None:
         scene._surface = read_region_mesh(folder / region.file, f"{name}: [region] file")
@@ -112,17 +115,21 @@ def parse_scene(
 
 def _rigid(pose: Pose, name: str, shrinks_to: float) -> Pose:
     """The pose less what the material shrinks, and the plates with the names of their files."""
-    plates = []
-    for number, plate in enumerate(pose.plates, start=1):
-        file = plate.file or f"plate-{number}.3mf"
-        if PurePath(file).name != file:
-            raise BadFile(
-                f"{name}: [pose] plates: {short(file)} is not the name of a file beside the scene"
-            )
-        motions = tuple(_motion(one, f"{name}: [pose] plates: a matrix") for one in plate.matrices)
-        plates.append(Plate.model_construct(file=file, matrices=motions))
+    plates = _placed(pose.plates, f"{name}: [pose] plates", "plate")
     matrix = _motion(pose.matrix, f"{name}: [pose] matrix", shrinks_to)
-    return Pose.model_construct(matrix=matrix, plates=tuple(plates))
+    return Pose.model_construct(matrix=matrix, plates=plates)
+
+
+def _placed(plates: tuple[Plate, ...], where: str, stem: str) -> tuple[Plate, ...]:
+    """Plates with the names of their files, each beside the scene, and rigid motions."""
+    found = []
+    for number, plate in enumerate(plates, start=1):
+        file = plate.file or f"{stem}-{number}.3mf"
+        if PurePath(file).name != file:
+            raise BadFile(f"{where}: {short(file)} is not the name of a file beside the scene")
+        motions = tuple(_motion(one, f"{where}: a matrix") for one in plate.matrices)
+        found.append(Plate.model_construct(file=file, matrices=motions))
+    return tuple(found)
 
 
 def _motion(rows: Matrix, what: str, scale: float = 1.0) -> Matrix:

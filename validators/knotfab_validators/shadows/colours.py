@@ -90,14 +90,17 @@ def measure_colours(
     table = to_srgb(replace(light, other=0 * light.other).flat(np.arange(2 ** len(lamps))))
     wanted = table[codes]
     seen = _seen_codes(hidden, light)
-    right = _alike(table)[seen, codes]
+    alike = _alike(table)
+    right = alike[seen, codes]
     border = np.zeros(codes.shape, dtype=bool)
     for axis in (0, 1):
         near = np.diff(codes, axis=axis) != 0
         border |= np.pad(near, [(0, 1) if k == axis else (0, 0) for k in (0, 1)])
         border |= np.pad(near, [(1, 0) if k == axis else (0, 0) for k in (0, 1)])
     along = depth_in(~border) <= OUTLINE_PX if border.any() else border
-    drawn = (codes > 0) | (seen > 0)
+    half = _codes(hidden >= 0.5)
+    kept = alike[half, codes]
+    drawn = (codes > 0) | (half > 0)
     error = colour_error(shown.reshape(-1, 3), wanted.reshape(-1, 3)).reshape(codes.shape)
     told: dict[str, Any] = {
         "lamps": [_tell_lamp(lamp, frame) for lamp in lamps],
@@ -105,7 +108,8 @@ def measure_colours(
         "share_inside": _mean(right, ~along),
         "share_along": _mean(right, along),
         "along": float(along.mean()),
-        "share_drawn": _mean(right, drawn),
+        "share_half_light": float(kept.mean()),
+        "share_drawn": _mean(kept, drawn),
         "delta_e": float(error.mean()),
         "delta_e_inside": _mean(error, ~along),
         "delta_e_along": _mean(error, along),
@@ -131,7 +135,8 @@ def measure_colours(
 def check_colours(told: Mapping[str, Any], iou_floor: float | None) -> list[Check]:
     """`colours`: of what is drawn or dark, the share in the right one of the colours that the lamps can mix.
 
-    Lamps of which each has the IoU that is asked may miss so much each; nothing is asked where no floor is.
+    A lamp is hidden where half of it is. Lamps of which each has the IoU that is asked may miss so much each;
+    nothing is asked where no floor is.
     `lamp_colours`: the masks are nearer to the picture with each lamp's own colour than with two swapped.
     """
     count = len(told["lamps"])
