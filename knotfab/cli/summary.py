@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from knotfab.report.in_words import last_line, tell_piece, tell_share, tell_views
+from knotfab.report.in_words import last_line, tell_colours, tell_piece, tell_share, tell_views
 from knotfab.verify.checks import mark_of
 
 if TYPE_CHECKING:
@@ -111,7 +111,7 @@ def print_summary(outcome: Outcome, verbose: bool = False) -> None:
     )
     for reason in (report["verdict"] or {"reasons": ()})["reasons"]:
         console.print(f"  {escape(reason)}")
-    for line in tell_views(report, verbose):
+    for line in [*tell_views(report, verbose), *tell_colours(report)[: None if verbose else 1]]:
         console.print(f"  {escape(line)}")
     console.print(f"  {tell_piece(report)}")
     if verbose:
