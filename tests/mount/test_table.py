@@ -15,7 +15,7 @@ from knotfab_fixtures.bar import HEAD_MM, TAIL_DEPTH_MM, table_bar
 from knotfab_validators.files.plates import Plate
 from knotfab_validators.files.scene import parse_scene
 from knotfab_validators.geometry.mesh import Mesh, number_bodies
-from knotfab_validators.printing.table import check_table
+from knotfab_validators.shadows.table import check_table
 
 
 def table_of(**printer: Any) -> tuple[Table, Any]:

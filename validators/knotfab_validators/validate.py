@@ -124,16 +124,17 @@ def read_piece(
         printed = read_mesh(part_path, unit, notes) if part_path else None
         lines = read_knots(Path(knots)) if knots is not None else None
         setting = _read_scene(scene_path) if scene_path else None
-        given = scene_path is not None and setting is not None and printed is not None
-        laid = [
-            read(scene_path.parent, setting) if given else [] for read in (read_plates, read_table)
-        ]
+        laid: list[list[Plate]] = [[], []]
+        if scene_path and setting and printed:
+            laid = [read(scene_path.parent, setting) for read in (read_plates, read_table)]
     mesh, curves, left = printed, lines, 1.0
     if setting is not None and setting.material.shrinkage_percent > 0:
         left = setting.material.shrinks_to
         mesh, curves = _shrink(mesh, curves, left)
     told = (left, tuple(notes), seconds["read"])
-    return Piece(part_path, scene_path, printed, lines, setting, *laid, mesh, curves, *told)
+    return Piece(
+        part_path, scene_path, printed, lines, setting, laid[0], laid[1], mesh, curves, *told
+    )
 
 
 def measure_piece(
@@ -230,7 +231,7 @@ def _check_table(piece: Piece, skip: Collection[str], seconds: dict[str, float])
     """The frame that holds lamps, where the scene names one."""
     if not piece.table or piece.setting is None or set(TABLE) <= set(skip):
         return []
-    from knotfab_validators.printing.table import check_table
+    from knotfab_validators.shadows.table import check_table
 
     with time_stage(seconds, "table"):
         return check_table(piece.table, piece.setting)
