@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
+from scipy.ndimage import binary_dilation, binary_erosion
 
 from knotfab.base.arrays import Array, Mask
 from knotfab.base.disk import read_file
@@ -25,6 +26,11 @@ _CUT_PX, _FINE_PX = 320, 1600  # longer side where the cut is made, and where it
 _MARGIN = 0.25  # of the rectangle's longer side: what lies that near tells of the background
 _KINDS, _ROUNDS = 5, 6  # Gaussians for each of the two, and cuts at most
 _SETTLED = 1e-3  # of the pixels change from one cut to the next, at most, in the last
+_COARSE_PX = 200  # longer side from which on it is cut so first
+_COARSER, _BAND_PX = (
+    2,
+    6,
+)  # the first cuts are so much coarser; the last moves their outline by so much
 _EDGE = 50.0  # weight of an outline through pixels alike, against the likelihood of one pixel
 _GRAIN = 5.0  # levels by which pixels of one colour differ at least
 _FEW = 16  # pixels that a mixture is learnt from at least
@@ -117,7 +123,7 @@ def cut_subject(
         raise InputError(asked, why, f"Leave a margin ({example}), or mark some with --drop X,Y,R.")
     levels = np.asarray(part.resize(size, Image.Resampling.BOX), dtype=np.float32)
     with needs_extra("--subject", "photo"):
-        mask = _grab(levels, kept, outside)
+        mask = _grab_coarsely(levels, kept, outside)
     found = _finish(mask, part, kept, dropped, _ROUND * max(width, height))
     share = found.sum() / (width * height)
     if share == 0 or share >= _FULL:
@@ -143,14 +149,40 @@ def _discs(x: Array, y: Array, discs: Sequence[Disc]) -> Mask:
     return covered
 
 
-def _grab(levels: Levels, kept: Mask, outside: Mask) -> Mask:
-    """Cut and learn by turns, from all that may belong; the two never change."""
+def _grab_coarsely(levels: Levels, kept: Mask, outside: Mask) -> Mask:
+    """Cut and learn by turns at half the size, then cut once more near the outline that was found."""
+    height, width = kept.shape
+    if max(height, width) < _COARSE_PX:
+        return _grab(levels, kept, outside)
+    size = max(1, width // _COARSER), max(1, height // _COARSER)
+    small = [
+        np.asarray(Image.fromarray(channel).resize(size, Image.Resampling.BOX))
+        for channel in np.moveaxis(levels, 2, 0)
+    ]
+    kept_coarsely, outside_coarsely = (sample_mask(mask, *size) for mask in (kept, outside))
+    edge = _EDGE / _COARSER
+    found = _grab(np.stack(small, axis=2), kept_coarsely, outside_coarsely, edge=edge)
+    mask = sample_mask(found, width, height)
+    near = binary_dilation(mask, iterations=_BAND_PX) & ~binary_erosion(mask, iterations=_BAND_PX)
+    kept, outside = kept | (mask & ~near), outside | ~(mask | near | kept)
+    return _grab(levels, kept, outside, (mask & ~outside) | kept, rounds=1)
+
+
+def _grab(
+    levels: Levels,
+    kept: Mask,
+    outside: Mask,
+    start: Mask | None = None,
+    rounds: int = _ROUNDS,
+    edge: float = _EDGE,
+) -> Mask:
+    """Cut and learn by turns, at first from all that may belong, or from a start; the two never change."""
     import maxflow
 
-    mask, pixels = ~outside, levels.reshape(-1, 3)
-    weights = _edge_weights(levels)
+    mask, pixels = ~outside if start is None else start, levels.reshape(-1, 3)
+    weights = _edge_weights(levels, edge)
     mixtures: list[list[_Gaussian]] = [[], []]
-    for _ in range(_ROUNDS):
+    for _ in range(rounds):
         if min(mask.sum(), (~mask).sum()) < _FEW:
             break
         mixtures = [
@@ -176,7 +208,7 @@ def _grab(levels: Levels, kept: Mask, outside: Mask) -> Mask:
     return np.asarray(mask)
 
 
-def _edge_weights(levels: Levels) -> dict[tuple[int, int], NDArray[np.float64]]:
+def _edge_weights(levels: Levels, edge: float) -> dict[tuple[int, int], NDArray[np.float64]]:
     """(H, W) for each direction, what an outline between a pixel and that neighbour weighs."""
     squares = {}
     for down, right in _SIDES:
@@ -184,7 +216,7 @@ def _edge_weights(levels: Levels) -> dict[tuple[int, int], NDArray[np.float64]]:
         squares[down, right] = ((levels - shifted) ** 2).sum(-1)
     sharp = 0.5 / max(float(np.mean([s[:-1, 1:-1].mean() for s in squares.values()])), 1.0)
     return {
-        s: _EDGE / np.hypot(*s) * np.exp(-sharp * v.astype(np.float64)) for s, v in squares.items()
+        s: edge / np.hypot(*s) * np.exp(-sharp * v.astype(np.float64)) for s, v in squares.items()
     }
 
 

@@ -70,6 +70,17 @@ def _of_name(act: Callable[[Studio, str], None]) -> type[Call]:
     return Act
 
 
+class _Cut(_Named):
+    """A try of a subject: it changes nothing."""
+
+    subject: str
+    keep: str = ""
+    drop: str = ""
+
+    async def do(self, studio: Studio) -> dict[str, Any]:
+        return await studio.cut(self.name, self.subject, self.keep, self.drop)
+
+
 class _Rename(_Named):
     title: _Name
 
@@ -97,6 +108,7 @@ CALLS: dict[str, type[Call]] = {
     "text": _Text,
     "choose": _Choose,
     "settings": _Settings,
+    "cut": _Cut,
     "build": _Build,
     "stop": _Stop,
     "open": _of_name(Studio.open_build),

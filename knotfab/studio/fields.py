@@ -17,7 +17,7 @@ from knotfab.scene.catalogue import materials, printers
 __all__ = ["DEFAULTS", "FIELDS", "READING", "Value", "in_page_words", "read_field"]
 
 Value = str | int | float | bool
-_LONGEST = 60  # characters that a field holds
+_LONGEST, _LONGEST_STROKES = 60, 20_000  # characters that a field holds; of what brushes paint
 
 
 @dataclass(frozen=True)
@@ -71,6 +71,21 @@ def _crop(text: str) -> Value:
             "Drag a rectangle, or give left, top, width and height in px: 20, 40, 600, 400."
         )
     return ",".join(str(int(p)) for p in parts)
+
+
+def _subject(text: str) -> Value:
+    value = _crop(text)
+    if value in ("auto", "none"):
+        raise ValueError("Drag a rectangle about the subject, or leave it empty.")
+    return value
+
+
+def _discs(text: str) -> Value:
+    """Discs as x,y,radius, semicolons between them, as brushes paint them."""
+    discs = [disc.split(",") for disc in text.replace(" ", "").split(";")]
+    if not all(len(d) == 3 and all(p.isdecimal() and len(p) < 6 for p in d) for d in discs):
+        raise ValueError("Give discs as x, y and radius in px: 320,240,12; 350,240,12.")
+    return ";".join(",".join(str(int(p)) for p in disc) for disc in discs)
 
 
 def _time(text: str) -> Value:
@@ -157,6 +172,9 @@ FIELDS: dict[str, _Field] = {
     "invert": _Field("Invert", _flag),
     "threshold": _Field("Threshold", _share),
     "crop": _Field("Crop", _crop),
+    "subject": _Field("Subject", _subject),
+    "keep": _Field("Belongs to it", _discs),
+    "drop": _Field("Does not belong", _discs),
     "specks": _Field("Specks", partial(_count, least=0, most=10_000_000)),
     "smooth": _Field("Smooth", _pixels),
     "keep_largest": _Field("Largest pieces", partial(_count, least=0, most=10_000)),
@@ -167,7 +185,8 @@ FIELDS: dict[str, _Field] = {
 }  # fmt: skip
 # how a picture is read: these go with the picture, and another one begins without them
 READING = (
-    "ink", "invert", "threshold", "crop", "specks", "smooth", "keep_largest", "thicken", "lines", "tone",
+    "ink", "invert", "threshold", "crop", "subject", "keep", "drop", "specks", "smooth", "keep_largest",
+    "thicken", "lines", "tone",
 )  # fmt: skip
 DEFAULTS: dict[str, Value] = {"print": True, "mount": "auto", "accuracy": "standard"}
 _OTHER_WORDS = {"sequence": "Sequence", "size": "the longer side", "force": "", "out": ""}
@@ -186,8 +205,9 @@ def read_field(name: str, given: object) -> Value | None:
     text = str(given).strip().lower() if isinstance(given, bool) else str(given).strip()
     if not text:
         return None
-    if len(text) > _LONGEST or not text.isprintable():
-        raise ValueError(f"Give no more than {_LONGEST} letters and digits.")
+    longest = _LONGEST_STROKES if name in ("keep", "drop") else _LONGEST
+    if len(text) > longest or not text.isprintable():
+        raise ValueError(f"Give no more than {longest} letters and digits.")
     lower = text if name in ("font", "knot", "printer", "material") else text.lower()
     try:
         return FIELDS[name].read(lower)

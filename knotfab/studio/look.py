@@ -3,13 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.ndimage import binary_dilation, binary_erosion
 
 from knotfab.options import BuildOptions
 from knotfab.prepare import list_readings, survey_pictures
 from knotfab.studio.fields import Value
 
-__all__ = ["list_ways", "preview"]
+if TYPE_CHECKING:
+    from PIL import Image
+
+__all__ = ["draw_cut", "list_ways", "preview"]
 
 # fields that a reading fills, by its keys of a view
 _FILLED = {
@@ -17,7 +25,10 @@ _FILLED = {
     "speck_px": "specks",
     "smooth_px": "smooth",
     "keep_largest": "keep_largest",
+    "subject_px": "subject",
 }
+_SHADE, _LINE = (20, 15, 10, 150), (255, 120, 40, 255)  # over what is cut away, and the outline
+_SHOWN_PX = 1024
 
 
 def preview(sources: Sequence[str], options: BuildOptions) -> tuple[dict[str, Any], list[bytes]]:
@@ -47,13 +58,63 @@ def list_ways(
         KnotfabError: it cannot be read in any.
     """
     held = {field: values.get(field) for field in _FILLED.values()}
-    # the page has no field for a rectangle about a subject
     found = [one for one in list_readings(sources, options) if one.keys.keys() <= _FILLED.keys()]
     ways = [
         {
-            "settings": {**held, **{_FILLED[key]: value for key, value in one.keys.items()}},
+            "settings": {**held, **{_FILLED[k]: _as_field(v) for k, v in one.keys.items()}},
             "refused": one.refusal is not None,
         }
         for one in found
     ]
     return ways, [one.thumbnail() for one in found]
+
+
+def _as_field(value: Any) -> Value:
+    """A key of a view as a field holds it."""
+    return ",".join(map(str, value)) if isinstance(value, tuple) else value
+
+
+def draw_cut(source: str, options: BuildOptions) -> bytes:
+    """What lies over a photograph while its subject is cut out: its outline, and a shade on all else.
+
+    A PNG with the picture's sides, at most 1024 px long.
+
+    Raises:
+        KnotfabError: the picture cannot be read, or nothing can be cut out so.
+    """
+    from PIL import Image
+
+    from knotfab.picture.data_uri import encode_image
+    from knotfab.picture.subject import cut_subject
+    from knotfab.read_options import read_scene
+
+    view, (image, shrunk) = read_scene(options)[0].views[0], _decode(source)
+    assert not isinstance(view.subject_px, str)
+
+    def small(sizes: tuple[int, ...]) -> Any:
+        return tuple(round(size * shrunk) for size in sizes)
+
+    left, top, width, height = view.subject_px
+    first, above, last, below = small((left, top, left + width, top + height))
+    box = first, above, last - first, below - above
+    keep, drop = ([small(disc) for disc in discs] for discs in (view.keep_px, view.drop_px))
+    mask = cut_subject(image, box, keep, drop, "the picture")
+    sheet = np.zeros((*mask.shape, 4), dtype=np.uint8)
+    sheet[~mask] = _SHADE
+    sheet[binary_dilation(mask, iterations=2) & ~binary_erosion(mask)] = _LINE
+    return encode_image(Image.fromarray(sheet), compress_level=1)
+
+
+@lru_cache(maxsize=1)
+def _decode(source: str) -> tuple[Image.Image, float]:
+    """The picture of a file, upright and as large as it is shown, and by what factor it was made smaller.
+
+    The last one is kept, for strokes come one after the other.
+    """
+    from knotfab.picture import raster
+
+    image = raster.decode(Path(source).read_bytes(), "the picture")[0]
+    image = image if image.mode.startswith("I") else image.convert("RGB")
+    longer = max(image.size)
+    image.thumbnail((_SHOWN_PX, _SHOWN_PX))
+    return image, max(image.size) / longer

@@ -15,12 +15,13 @@ from knotfab.base.pool import Workers
 from knotfab.batch.tasks import list_arguments
 from knotfab.files.whole import write_whole
 from knotfab.options import BuildOptions
+from knotfab.picture.data_uri import data_uri
 from knotfab.sequence.frames import MOST_FRAMES
 from knotfab.studio.broadcast import Broadcast
 from knotfab.studio.builds import Builds, Kind, Record, child_of, folder_after, title_after
 from knotfab.studio.fields import DEFAULTS, FIELDS, Value, in_page_words
 from knotfab.studio.live_build import Event, LiveBuild
-from knotfab.studio.look import list_ways, preview
+from knotfab.studio.look import draw_cut, list_ways, preview
 from knotfab.studio.pictures import StudioPicture, thumbnail
 from knotfab.studio.settings import Settings
 
@@ -184,6 +185,29 @@ class Studio(Broadcast):
     def _options(self) -> BuildOptions:
         text = any(self.pictures[name].text for name in self.chosen)
         return self.settings.options(text, self.kind == "frames")
+
+    # ---- a subject
+
+    async def cut(self, name: str, subject: str, keep: str, drop: str) -> dict[str, Any]:
+        """What can be cut out of a photograph, as a picture to lay over it.
+
+        Raises:
+            InputError: it is no photograph, or nothing can be cut out so.
+        """
+        picture = self.pictures.get(name)
+        if picture is None or picture.text is not None or picture.frames > 1:
+            raise InputError("the subject", "this is no photograph", "Choose one.")
+        tried = Settings({"subject": "1,1,1,1"})
+        tried.change({"subject": subject, "keep": keep, "drop": drop})
+        if tried.wrong:
+            raise InputError("the subject", next(iter(tried.wrong.values()))["why"].rstrip("."), "")
+        source, options = picture.source(self.picture_folder), tried.options(False, False)
+        try:
+            drawn = await asyncio.to_thread(draw_cut, source, options)
+        except KnotfabError as error:
+            said = (self.plain(text.replace(" X,Y,R", "")) for text in (error.why, error.remedy))
+            raise InputError("the subject", *said) from error
+        return {"over": data_uri(drawn, "image/png")}
 
     # ---- the preview
 

@@ -68,7 +68,10 @@ class Settings:
 
     def options(self, text: bool, sequence: bool) -> BuildOptions:
         """The options of a build of such pictures."""
-        given = {k: v for k, v in self.values.items() if k != "font" or text}
+        given: dict[str, Any] = {k: v for k, v in self.values.items() if k != "font" or text}
+        strokes = {key: given.pop(key) for key in ("keep", "drop") if key in given}
+        if "subject" in given:  # without it there is nothing that they correct
+            given |= {key: tuple(discs.split(";")) for key, discs in strokes.items()}
         return options_from({**given, "sequence": sequence})
 
     def pass_on(self, before: tuple[str, ...], after: tuple[str, ...]) -> None:

@@ -2,8 +2,9 @@
 import { byId, capital, element, post } from "./api.js";
 import { brief, clearResult, showBuilds, showResult } from "./builds.js";
 import { buildFields, labelsOf, showFields, showWrong } from "./fields.js";
+import { Crop, Subject } from "./frames.js";
 import { Stage } from "./stage.js";
-import { Crop, showPreview } from "./survey.js";
+import { showPreview } from "./survey.js";
 import { listenToPictures, showPictures } from "./tray.js";
 
 const LATE_S = 2; // so long after its estimate a build takes longer than usual
@@ -172,6 +173,7 @@ async function begin() {
   if (!watching) {
     await buildFields();
     new Crop(() => state);
+    new Subject(() => state);
   }
   connect();
 }
