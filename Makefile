@@ -10,7 +10,7 @@ DONE := $(VENV)/.installed
 TORCH_INDEX ?=
 TORCH := -q -c constraints.txt --no-deps $(if $(TORCH_INDEX),--index-url $(TORCH_INDEX)) torch==2.13.0
 
-.PHONY: demo test test-quick wheel-test docs gallery lint accuracy-table outside-suites feature-table mount-table effects-table traced-colours grace-table several-table lamps-table bending-table tied-knots paper-table paper-ablations renderer-table validator-table verdict-table mutations frontier budgets scaling worst-cases batch-throughput system slicer browser viewer studio-table pictures typed-pages clean
+.PHONY: demo lines test test-quick wheel-test docs gallery lint accuracy-table outside-suites feature-table mount-table effects-table traced-colours several-table lamps-table bending-table tied-knots paper-table paper-ablations validator-table verdict-table mutations frontier budgets worst-cases batch-throughput system slicer browser viewer pictures typed-pages clean
 
 $(DONE): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
@@ -55,6 +55,10 @@ lint: $(DONE)
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+# lines of Python a folder, beside the budget in CONTRIBUTING.md
+lines: $(DONE)
+	@$(BIN)/python -m benchmarks.lines
 
 # two workers, each on one thread: two cores are what is counted on; tests/conftest.py says who gets what
 PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadgroup --no-loadscope-reorder
@@ -117,19 +121,13 @@ mount-table: system slicer $(DONE)
 	$(BIN)/python -m benchmarks.mount_table
 
 # magnitudes of effects against brute force, soft shadows against Mitsuba 3 where it finds an LLVM (apt-get
-# install libllvm19, DRJIT_LIBLLVM_PATH), pieces about an effect's threshold, and under a wide lamp (about 30 min)
+# install libllvm19, DRJIT_LIBLLVM_PATH)
 effects-table: system $(DONE)
 	$(BIN)/python -m benchmarks.effects_table
-	$(BIN)/python -m benchmarks.threshold_table
-	$(BIN)/python -m benchmarks.lamp_table
 
 # a build under several lamps, DIR, against paths that Mitsuba 3 traces through the same scene (about 1 min)
 traced-colours: $(DONE)
 	$(BIN)/python -m benchmarks.traced_colours $(DIR)
-
-# what grace costs the pictures, and how it looks (about 8 min)
-grace-table: $(DONE)
-	$(BIN)/python -m benchmarks.grace_table --out docs/grace.png
 
 # ten and more knots of the table tied into one picture, each verified as its type (about 5 min)
 tied-knots: system $(DONE)
@@ -143,10 +141,6 @@ paper-table: system $(DONE)
 paper-ablations: $(DONE)
 	$(BIN)/python -m paper.ablations
 
-# the tiled renderer against the dense formula, side by side in one run
-renderer-table: $(DONE)
-	$(BIN)/python -m benchmarks.renderer_table
-
 # thickness against exact values, broken and good parts, 10,000 hostile files (about 10 min)
 validator-table: system $(DONE)
 	$(BIN)/python -m benchmarks.validator_table
@@ -156,9 +150,18 @@ validator-table: system $(DONE)
 verdict-table: system $(DONE)
 	$(BIN)/python -m benchmarks.verdict_table --out verdict-table
 
-# whether the tests notice when a comparison or a limit of the validators is changed (about half an hour)
+# whether tests notice when a comparison or a number of the validators is changed, in place: begin with a clean tree;
+# as in make mutations MODULE=tube/thickness.py TESTS=tests/validators/tube
+MODULE ?= check.py
+TESTS ?= tests/validators/test_check.py
 mutations: system $(DONE)
-	$(BIN)/python -m benchmarks.mutations
+	$(BIN)/python -m pip install -q cosmic-ray
+	mkdir -p out && rm -f out/mutations.sqlite
+	sed 's#MODULE#$(MODULE)#; s#TESTS#$(TESTS)#' benchmarks/mutations.toml >out/mutations.toml
+	$(BIN)/cosmic-ray init out/mutations.toml out/mutations.sqlite
+	$(BIN)/cr-filter-operators out/mutations.sqlite out/mutations.toml
+	$(BIN)/cosmic-ray exec out/mutations.toml out/mutations.sqlite
+	$(BIN)/cr-report out/mutations.sqlite
 
 # what accuracy costs in time, and whether the presets are worth theirs; an interrupted run goes on (about 25 min of one core)
 frontier: $(DONE)
@@ -175,10 +178,6 @@ batch-throughput: system $(DONE)
 budgets: system $(DONE)
 	$(BIN)/python -m benchmarks.budgets --kept out/budgets.json --figure docs/budgets.png
 
-# what an iteration costs against vertices, pixels, knots and views: exponents, and a 2 m wall (about a minute)
-scaling: $(DONE)
-	$(BIN)/python -m benchmarks.scaling --write docs/scaling.md
-
 # renderers, losses, terms, network, certificates and bounds of effects searched for worse cases (an hour)
 worst-cases: $(DONE)
 	KNOTFAB_EXAMPLES=2000 $(BIN)/python -m pytest --timeout 3600 tests/benchmarks/test_hard_cases_values.py -k "no_search or random_cases"
@@ -186,10 +185,6 @@ worst-cases: $(DONE)
 # the viewer of report and studio, bundled from web/ with three.js: knotfab/report/viewer (needs node)
 viewer:
 	cd web && npm ci --no-audit --no-fund && npm run build
-
-# the studio: first frame after the press, its builds against the command line's, frames a second of the viewer
-studio-table: system $(DONE)
-	$(BIN)/python -m benchmarks.studio_table
 
 # the pictures of README's first screen and of the studio's page: builds, a film and a browser (some minutes)
 pictures: demo browser

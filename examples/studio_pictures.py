@@ -5,7 +5,10 @@
 
 from __future__ import annotations
 
+import re
 import shutil
+import subprocess
+import sys
 import tempfile
 from pathlib import Path
 
@@ -13,7 +16,6 @@ from PIL import Image
 from playwright.sync_api import Page, sync_playwright
 
 from benchmarks.measurement import run_study
-from benchmarks.studio_table import TOKEN, serve
 
 COLOURS = 128
 SHOWN_IOU = 0.95  # from which the running build is worth a picture
@@ -49,10 +51,20 @@ def _keep(page: Page, path: Path) -> None:
     Image.open(path).convert("RGB").quantize(COLOURS).save(path, optimize=True)
 
 
+def _address(studio: subprocess.Popen[str]) -> str:
+    """Where the studio says that it can be opened."""
+    assert studio.stdout is not None
+    return next(found[0] for line in studio.stdout if (found := re.search(r"http://\S+", line)))
+
+
 def main(picture: Path, out: Path, /) -> None:
     with (
         tempfile.TemporaryDirectory(prefix="knotfab-studio-") as place,
-        serve(Path(place)) as (_, host),
+        subprocess.Popen(
+            [sys.executable, "-m", "knotfab", "studio", "--no-open", "--out", place],
+            stdout=subprocess.PIPE,
+            text=True,
+        ) as studio,
         sync_playwright() as playwright,
     ):
         browser = playwright.chromium.launch(
@@ -60,10 +72,11 @@ def main(picture: Path, out: Path, /) -> None:
         )
         page = browser.new_page(viewport={"width": 1280, "height": 820})
         page.set_default_timeout(300_000)
-        page.goto(f"http://{host}/?token={TOKEN}")
+        page.goto(_address(studio))
         page.wait_for_selector("html[data-ready]", state="attached")
         draw(page, picture, out)
         browser.close()
+        studio.terminate()
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Where tests stand, and what packages and examples may import."""
+"""What packages and examples may import, and how many lines there may be."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 from imports import imports_of
+
+from benchmarks.lines import PRODUCT, count_lines, read_budget
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("knotfab",)  # their folders are folders of tests/, too
@@ -50,15 +52,7 @@ def test_the_scan_sees_a_benchmark(line: str) -> None:
     assert any(f"{name}.".startswith("benchmarks.") for name in imports_of(line))
 
 
-def test_every_folder_of_tests_is_one_of_a_package() -> None:
-    folders = {p.parent.relative_to(ROOT / "tests") for p in (ROOT / "tests").rglob("test_*.py")}
-    stray = []
-    for folder in folders - {Path()}:
-        top, *rest = folder.parts
-        places = [OWN[top].joinpath(*rest)] if top in OWN else []
-        places += [ROOT / package / folder for package in PACKAGES]
-        if top in SCRIPTS:
-            places.append(ROOT / folder)
-        if not any(place.is_dir() for place in places):
-            stray.append(str(folder))
-    assert stray == []
+def test_no_more_lines_than_the_budget_allows() -> None:
+    found, (product, everything) = count_lines(), read_budget()
+    assert sum(found[folder] for folder in PRODUCT) <= product, "see CONTRIBUTING.md, make lines"
+    assert sum(found.values()) <= everything, "see CONTRIBUTING.md, make lines"

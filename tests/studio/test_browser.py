@@ -1,6 +1,6 @@
 """The studio's page in a real browser: from an empty page to a built part by mouse alone.
 
-The build is played; `make studio-table` runs real ones.
+The build is played.
 """
 
 from __future__ import annotations
