@@ -45,32 +45,31 @@ class Growth:
 def grow_curves(
     lattice: Lattice, worth: Array, unit: float, seeds: Sequence[Indices], how: Growth
 ) -> list[Indices]:
-    """The nodes (n,) of closed lattice curves that grow from unit squares, whose nodes (4,) are given.
+    """The nodes (n,) of closed lattice curves, one grown from each of the disjoint ones that are given.
 
     Args:
         worth: of each cell that is drawn. unit: of an edge, as for `Growth`.
+        seeds: unit squares (4,), or knots (n,), whose types the curves keep.
     """
     count = len(lattice.nodes)
     curve, place = np.zeros(count, dtype=np.int64), np.full(count, -1)
-    after, before = np.full(count, -1), np.full(count, -1)
+    after, before, owner = (np.full(count, -1) for _ in range(3))
     for k, seed in enumerate(seeds):
-        after[seed], before[seed] = np.roll(seed, -1), np.roll(seed, 1)
-        curve[4 * k : 4 * k + 4] = seed
-    size = 4 * len(seeds)
+        after[seed], before[seed], owner[seed] = np.roll(seed, -1), np.roll(seed, 1), k
+    size = sum(map(len, seeds))
+    curve[:size] = np.concatenate(seeds)
     place[curve[:size]] = np.arange(size)
-    loops = (curve, place, after, before, np.zeros(len(worth), dtype=np.int64))
+    loops = (curve, place, after, before, np.zeros(len(worth), dtype=np.int64), owner)
     drawing = (lattice.strides, lattice.open, lattice.starts, lattice.cells, worth)
     prices = np.array([how.edge, how.corner, how.least, how.heat]) * unit
     used = len(np.unique(np.concatenate(lattice.ends(np.flatnonzero(lattice.open)))))
     _grow(loops, size, drawing, prices, how.rounds, how.moves * used, how.seed)
     found = []
-    for first in np.flatnonzero(after >= 0).tolist():
-        loop, node = [], first
-        while after[node] >= 0:
-            loop.append(node)
-            after[node], node = -1, int(after[node])
-        if loop:
-            found.append(np.array(loop))
+    for k in range(len(seeds)):
+        loop = [int(np.flatnonzero((owner == k) & (after >= 0))[0])]
+        while after[loop[-1]] != loop[0]:
+            loop.append(int(after[loop[-1]]))
+        found.append(np.array(loop))
     return found
 
 
@@ -108,7 +107,7 @@ def _plan(
         How many nodes the path has, along which the curve is to run; 0: the square is not empty.
     """
     strides, opened, _, _, _ = drawing
-    _, _, after, before, _ = loops
+    _, _, after, before, _, _ = loops
     b = after[a]
     c, d = a + u, b + u
     back, on = before[a] == c, after[b] == d
@@ -140,7 +139,7 @@ def _plan(
 @compiled
 def _corners(path: Indices, n: int, loops: Any) -> int:
     """How many corners more the curves have along the path than as they run now."""
-    _, _, after, before, _ = loops
+    _, _, after, before, _, _ = loops
     first, last = path[0], path[n - 1]
     come, count = first - before[first], 0
     for k in range(n):
@@ -158,7 +157,7 @@ def _corners(path: Indices, n: int, loops: Any) -> int:
 @compiled
 def _run(path: Indices, n: int, a: int, loops: Any, size: int) -> int:
     """Let the curve run along the path in place of the edge after a; the number of nodes on curves then."""
-    curve, place, after, before, _ = loops
+    curve, place, after, before, _, owner = loops
     for node in (a, after[a]):
         if path[0] != node and path[n - 1] != node:
             after[node] = before[node] = -1
@@ -170,6 +169,7 @@ def _run(path: Indices, n: int, a: int, loops: Any, size: int) -> int:
         if place[path[k]] < 0:
             curve[size] = path[k]
             place[path[k]] = size
+            owner[path[k]] = owner[a]
             size += 1
         if k > 0:
             after[path[k - 1]] = path[k]
@@ -206,7 +206,7 @@ def _extrude(f: int, came: Indices, way: Indices, loops: Any, size: int, drawing
 def _reach(least: float, loops: Any, size: int, drawing: Any) -> int:
     """Grow fingers, the nearest first, to edges that are worth at least so much; the size then."""
     strides, opened, _, _, _ = drawing
-    curve, _, after, _, drawn = loops
+    curve, _, after, _, drawn, _ = loops
     # the edge from which each is reached, -1: it lies on a curve, -2: not yet; and towards where
     came, way = np.full(len(opened), -2), np.zeros(len(opened), np.int64)
     queue = np.empty(2 * len(opened), np.int64)
@@ -266,13 +266,13 @@ def _grow(
 
     Args:
         loops: nodes on curves, `size` of them; the place of each node among them; the node after and before
-            each, -1: free; how often each cell is drawn, 0 as yet.
+            each, -1: free; how often each cell is drawn, 0 as yet; which curve each was entered by last.
         drawing: strides, open edges, what they draw from where on, and the worth of each cell.
         prices: (4,) of an edge and a corner, worth of an edge that is reached for, heat of the first moves.
     """
     price, bend, least, heat = prices
     strides = drawing[0]
-    curve, _, after, _, drawn = loops
+    curve, _, after, _, drawn, _ = loops
     for k in range(size):
         _count(_edge(curve[k], after[curve[k]], strides), 1, drawing, drawn)
     old, new, path = np.empty(3, np.int64), np.empty(3, np.int64), np.empty(4, np.int64)

@@ -10,8 +10,9 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 
 from knotfab.base.arrays import Array, Indices
 from knotfab.start.lattice import Lattice, Sight, draw_edges
+from knotfab.start.lattice_knots import find_place
 
-__all__ = ["edge_worth", "join_pieces", "seed_squares"]
+__all__ = ["edge_worth", "join_pieces", "seed_curves"]
 
 
 _LEAST = 2.0  # edges' worth that only this piece draws, or it gets no curve
@@ -105,11 +106,16 @@ def join_pieces(
     return draw_edges(lattice, opened, sights, radius)
 
 
-def seed_squares(lattice: Lattice, worth: Array, knots: int | None) -> list[Indices]:
-    """The nodes (4,) around a unit square for each curve, none of which shares a node with another.
+def seed_curves(
+    lattice: Lattice, worth: Array, knots: int | None, knot: Indices | None = None
+) -> list[Indices]:
+    """The nodes of what each curve grows from, none of which shares a node with another.
+
+    All are unit squares (4,), but for the first where a `knot` (n, 3) of the lattice is asked for.
 
     Args:
-        knots: None for one a piece; more than there are pieces part them. Fewer may be found.
+        knots: None for one a piece; more than there are pieces part them. Fewer may be found; none where
+            the largest piece has no place for the knot.
     """
     pieces = _pieces(lattice, worth)
     if not pieces:
@@ -117,10 +123,22 @@ def seed_squares(lattice: Lattice, worth: Array, knots: int | None) -> list[Indi
     corners = [_corners(lattice, p) for p in pieces]
     seeds = [c[len(c) // 2] for c in corners]
     every = np.concatenate(corners)
+    if knot is not None:
+        place = find_place(lattice, np.unique(pieces[0]), knot)
+        if place is None:
+            return []
+        seeds[0] = place
+        every = every[~np.isin(every, place).any(1)]
     middle = lattice.nodes[every].mean(1)
-    while len(seeds) < (knots or 0):
+    while len(seeds) < (knots or 0) and len(every):
         apart = np.min(
-            [np.linalg.norm(middle - lattice.nodes[s].mean(0), axis=1) for s in seeds], axis=0
+            [
+                np.linalg.norm(middle[:, None] - lattice.nodes[s], axis=2).min(1)
+                if len(s) > 4
+                else np.linalg.norm(middle - lattice.nodes[s].mean(0), axis=1)
+                for s in seeds
+            ],
+            axis=0,
         )
         if apart.max() < 2.0 * lattice.pitch:  # squares that near each other may share a node
             break

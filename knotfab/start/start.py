@@ -16,7 +16,7 @@ from knotfab.start.lamps import start_by_lamp
 from knotfab.start.lift import lift_template
 from knotfab.start.strokes import follow_strokes
 from knotfab.start.tie import KnotRoom, tie
-from knotfab.start.views import start_between_views, start_facing, start_ious
+from knotfab.start.views import start_between_views, start_ious
 from knotfab_formats.knot_names import parse_knot_name
 from knotfab_formats.search import SearchSettings
 
@@ -55,11 +55,7 @@ def make_start(
             problem, lift_template(problem, template, radius, settings, parted), radius
         )
     else:
-        if parse_knot_name(problem.knot).factors:
-            start = start_facing(problem, spacing * radius, settings)
-        else:
-            start = start_between_views(problem, radius, settings, knots, spacing)
-        start = tie_knot(problem, start, radius)
+        start = start_between_views(problem, radius, settings, knots, spacing)
     if one or start.ious:
         return start
     return replace(start, ious=start_ious(problem, start, radius))
@@ -105,11 +101,6 @@ def tie_knot(problem: Problem, start: Start, radius: float) -> Start:
         limits.radius,
         max(0.5 * limits.separation, limits.bend_radius),
         outside,
-        tuple(
-            (v.polygon, v.axes @ axes.T, v.view.light_distance_mm)
-            for v in problem.views
-            if v is not facing
-        ),
     )
     tied = tie(tuple(c @ axes.T for c in start.curves), wanted.factors, room)
     types = list(start.types)

@@ -45,8 +45,7 @@ class KnotRoom:
     """Where the knot may be, mm: `polygon` is the silhouette in the plane z = 0.
 
     `light` is the light's z; `radius` the tube's; `unit` half the strands' least distance, or the bend
-    radius if that is larger; `outside` says how far a tube about these points leaves its region. `others`
-    are the views from elsewhere: silhouette in the plane through the origin, axes as rows, light's distance.
+    radius if that is larger; `outside` says how far a tube about these points leaves its region.
     """
 
     polygon: MultiPolygon
@@ -54,7 +53,6 @@ class KnotRoom:
     radius: float
     unit: float
     outside: Callable[[Array], float]
-    others: tuple[tuple[MultiPolygon, Array, float], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -175,7 +173,6 @@ def _sites(
     step = float(np.linalg.norm(_next(curve) - curve, axis=1).mean())
     cut = max(2, round(_CUT * unit / step))
     inside = _Inside(room.polygon, _GRID * room.radius)
-    elsewhere = [(_Inside(p, _GRID * room.radius), a, d) for p, a, d in room.others]
     shadows = [lower(c, light) for c in (curve, *rest)]
     every = np.concatenate(shadows)
     heights = np.concatenate([curve, *rest])[:, 2]
@@ -202,10 +199,6 @@ def _sites(
             deeper = np.maximum(np.maximum(z.max(axis=1) - high, low - z.min(axis=1)), 0.0)
             # the tube's shadow is as much wider as it is nearer to the light
             out = room.radius / (1.0 - z / light) - inside(lower(points, light))
-            for within, axes, distance in elsewhere:
-                seen = points @ axes.T
-                grown_radius = room.radius / (1.0 - seen[..., 2] / distance)
-                out = np.maximum(out, grown_radius - within(lower(seen, distance)))
             over = np.maximum(out, 0.0) / room.radius
             cost = (over * over).sum(axis=1) + 0.05 * deeper / unit
             cost += 0.01 * np.abs(base - at[2]) / unit

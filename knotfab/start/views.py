@@ -12,13 +12,14 @@ from knotfab.base.arrays import Array, Indices
 from knotfab.base.errors import SceneError
 from knotfab.geometry.polylines import polylines_of
 from knotfab.problem import Problem, Start, TargetView
-from knotfab.start.deep import deep_curves
 from knotfab.start.grow import Growth, grow_curves
 from knotfab.start.lattice import Lattice, lattice_in, sights_of
-from knotfab.start.pieces import edge_worth, join_pieces, seed_squares
+from knotfab.start.lattice_knots import lattice_knot
+from knotfab.start.pieces import edge_worth, join_pieces, seed_curves
+from knotfab_formats.knot_names import parse_knot_name
 from knotfab_formats.search import SearchSettings
 
-__all__ = ["start_between_views", "start_facing", "start_ious"]
+__all__ = ["start_between_views", "start_ious"]
 
 
 _SEEN_PX = 160
@@ -33,6 +34,7 @@ _GROWN = (
     "grown from disjoint unit squares on a lattice, each move over an empty square: an isotopy, and so an "
     "unlink of unknots; its corners rounded within half an edge, where no other strand is"
 )
+_KNOTTED = "takes the place of the first square"
 
 
 def start_between_views(
@@ -50,8 +52,11 @@ def start_between_views(
         spacing: of the lattice, in half the strands' least distance.
 
     Raises:
-        SceneError: no closed tube fits into the silhouettes.
+        SceneError: no closed tube fits into the silhouettes, or the knot has no place in them.
     """
+    wanted = parse_knot_name(problem.knot)
+    knot = lattice_knot(wanted.factors) if wanted.factors else None
+    why = _GROWN if knot is None else f"{_GROWN}; {wanted.promise} of the lattice {_KNOTTED}"
     limits = problem.limits(radius)
     pitch = 1.001 * max(limits.separation, 2.0 * spacing * radius)
     sights, worth = sights_of(problem.views, radius)
@@ -61,19 +66,27 @@ def start_between_views(
 
     def grow(lattice: Lattice, seeds: list[Indices], how: Growth) -> Start:
         curves = grow_curves(lattice, worth, edge_worth(lattice, worth), seeds, how)
-        start = Start(tuple(_round_corners(lattice.nodes[c]) for c in curves), _GROWN, facing=None)
+        types = (wanted.promise, *("unknot" for _ in curves[1:]))
+        rounded = tuple(_round_corners(lattice.nodes[c]) for c in curves)
+        start = Start(rounded, why, types, facing=None)
         return replace(start, ious=start_ious(problem, start, radius))
 
     best: tuple[float, Lattice] | None = None
     for axes, shift in _lattices(problem.views):
         lattice = lattice_in(sights, axes, shift, pitch, reach, limits, _SPILL)
-        seeds = seed_squares(lattice, worth, None)
+        seeds = seed_curves(lattice, worth, None, knot)
         drawn = min(grow(lattice, seeds, brief).ious) if seeds else 0.0
         if best is None or drawn > best[0]:
             best = drawn, lattice
     assert best is not None
     lattice = join_pieces(best[1], sights, worth, radius, knots)
-    seeds = seed_squares(lattice, worth, knots)
+    seeds = seed_curves(lattice, worth, knots, knot)
+    if not seeds and knot is not None and seed_curves(lattice, worth, knots):
+        raise SceneError(
+            f"the knot {problem.knot}",
+            f"what the pictures leave has no place for it in a tube {2 * radius:g} mm thick",
+            "Use a thinner tube (--tube-radius), bolder pictures, or a simpler knot.",
+        )
     if not seeds:
         raise SceneError(
             "the pictures",
@@ -87,30 +100,6 @@ def start_between_views(
             "Ask for fewer, or give a smaller radius (--tube-radius)",
         )
     return grow(lattice, seeds, how)
-
-
-def start_facing(problem: Problem, radius: float, settings: SearchSettings) -> Start:
-    """The best start that is simple as one view sees it: its own filling, at depths that draw the others.
-
-    Raises:
-        SceneError: every such curve crosses itself.
-    """
-    views = problem.views
-    reach = _REACH * max(float(np.abs(p.bounds).max()) for p in problem.polygons)
-    found: list[Start] = []
-    for facing in range(len(views)):
-        deep = deep_curves(views, facing, radius, settings.edge_radii * radius, reach)
-        if deep is not None:
-            why = f"simple and disjoint as view {views[facing].view.name} sees it: an unlink of unknots"
-            start = Start(tuple(deep), why, facing=facing)
-            found.append(replace(start, ious=start_ious(problem, start, radius)))
-    if not found:
-        raise SceneError(
-            "the pictures",
-            f"no curve about {radius:g} mm thick runs through the heights that their silhouettes share",
-            "Use bolder pictures of equal height, or give a smaller radius (--tube-radius)",
-        )
-    return max(found, key=lambda start: min(start.ious))
 
 
 def start_ious(problem: Problem, start: Start, radius: float) -> tuple[float, ...]:

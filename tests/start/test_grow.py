@@ -15,8 +15,10 @@ from knotfab.base.errors import SceneError
 from knotfab.problem import Problem, Start
 from knotfab.start.grow import Growth, _corners, _plan, _run, grow_curves
 from knotfab.start.lattice import NUDGED, Lattice, draw_edges, lattice_in, sights_of
-from knotfab.start.pieces import edge_worth, join_pieces, seed_squares
+from knotfab.start.lattice_knots import lattice_knot
+from knotfab.start.pieces import edge_worth, join_pieces, seed_curves
 from knotfab.start.start import make_start
+from knotfab_formats.knot_names import parse_knot_name
 from knotfab_formats.search import SearchSettings
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.knots.knot_types import check_linking, knot_types
@@ -47,7 +49,7 @@ def curves_of(start: Start) -> Curves:
 def test_a_grown_curve_is_a_simple_lattice_polygon_within_its_edges() -> None:
     lattice, worth = lattice_of(ask_views([RING, SQUARE], 0.0, 90.0))
     unit = edge_worth(lattice, worth)
-    (curve,) = grow_curves(lattice, worth, unit, seed_squares(lattice, worth, None), Growth())
+    (curve,) = grow_curves(lattice, worth, unit, seed_curves(lattice, worth, None), Growth())
     assert len(curve) > 100 and len(np.unique(curve)) == len(curve)  # no node twice: a pitch apart
     steps = np.abs(np.roll(curve, -1) - curve)
     assert np.isin(steps, lattice.strides).all()
@@ -64,7 +66,7 @@ def test_nodes_move_to_where_the_tube_fits_and_strands_stay_half_a_pitch_apart()
     away = np.linalg.norm(away - np.median(away, axis=0), axis=1)
     assert 0.1 < away.max() <= NUDGED + 1e-9
     unit = edge_worth(lattice, worth)
-    (curve,) = grow_curves(lattice, worth, unit, seed_squares(lattice, worth, None), Growth())
+    (curve,) = grow_curves(lattice, worth, unit, seed_curves(lattice, worth, None), Growth())
     points, ahead = lattice.nodes[curve], lattice.nodes[np.roll(curve, -1)]
     along = np.linspace(0.0, 1.0, 9)[:, None, None]
     near = cKDTree((points + along * (ahead - points)).reshape(-1, 3))
@@ -91,23 +93,24 @@ def test_squares_that_share_but_a_node_are_two_pieces_until_they_are_joined() ->
     sights, _ = sights_of(ask_views([SQUARE, SQUARE], 0.0, 90.0).views, RADIUS)
     parted = draw_edges(lattice, opened, sights, RADIUS)
     even = np.ones_like(worth)
-    assert len(seed_squares(parted, even, None)) == 2
+    assert len(seed_curves(parted, even, None)) == 2
     joined = join_pieces(parted, sights, even, RADIUS, None)
-    (seed,) = seed_squares(joined, even, None)
+    (seed,) = seed_curves(joined, even, None)
     (curve,) = grow_curves(joined, even, 1.0, [seed], Growth())
     assert {*np.unique(lattice.ends(first))} | {*np.unique(lattice.ends(other))} <= {*curve}
 
 
 def test_each_move_sweeps_a_square_that_no_curve_meets_and_counts_its_corners() -> None:
     lattice, worth = lattice_of(ask_views([SQUARE, SQUARE], 0.0, 90.0))
-    seeds = seed_squares(lattice, worth, 2)
+    seeds = seed_curves(lattice, worth, 2)
     count = len(lattice.nodes)
     curve, place = np.zeros(count, np.int64), np.full(count, -1)
     after, before = np.full(count, -1), np.full(count, -1)
     for k, seed in enumerate(seeds):
         after[seed], before[seed] = np.roll(seed, -1), np.roll(seed, 1)
         curve[4 * k : 4 * k + 4], place[seed] = seed, 4 * k + np.arange(4)
-    loops = (curve, place, after, before, np.zeros(len(worth), np.int64))
+    owner = np.zeros(count, np.int64)
+    loops = (curve, place, after, before, np.zeros(len(worth), np.int64), owner)
     drawing = (lattice.strides, lattice.open, lattice.starts, lattice.cells, worth)
     old, new, path = np.empty(3, np.int64), np.empty(3, np.int64), np.empty(4, np.int64)
     size, moved, refused = 8, 0, 0
@@ -177,7 +180,7 @@ def test_pieces_are_bridged_where_it_shows_least() -> None:
     ]
     aside = bridge @ problem.views[1].axes[0]
     assert len(bridge) >= 4 and np.abs(aside[np.abs(bridge[:, 1]) < 4.0]).max() < 2.0 * RADIUS
-    assert len(seed_squares(joined, worth, 1)) == 1
+    assert len(seed_curves(joined, worth, 1)) == 1
 
 
 @pytest.mark.parametrize(
@@ -252,3 +255,24 @@ def test_hard_sets_have_starts(
     start = make_start(replace(problem, views=(*problem.views[:-1], raised)), RADIUS, HOW)
     assert len(start.curves) == curves and min(start.ious) > least
     assert check_linking(curves_of(start)).status in ("pass", "skip")
+
+
+@pytest.mark.parametrize("name", ["trefoil", "left trefoil", "4_1", "8_19", "3_1#m4_1#m3_1"])
+def test_a_lattice_knot_is_short_and_of_its_type(name: str) -> None:
+    wanted = parse_knot_name(name)
+    nodes = lattice_knot(wanted.factors)
+    assert len(np.unique(nodes, axis=0)) == len(nodes) < 110
+    assert (np.abs(np.roll(nodes, -1, axis=0) - nodes).sum(1) == 1).all()
+    (found,) = knot_types(Curves((5.0 * nodes,), (wanted.promise,), (True,), 1.0)).knots
+    assert found.verdict == "proved"
+    if name == "trefoil":
+        assert len(nodes) == 24  # none is shorter (Diao 1993)
+
+
+def test_of_several_curves_the_first_keeps_the_knot_whatever_grows_where() -> None:
+    problem = replace(ask_views([SQUARE, SQUARE], 0.0, 90.0), knot="trefoil")
+    start = make_start(problem, 3.0, HOW, knots=3)
+    assert start.types == ("right-handed 3_1", "unknot", "unknot")
+    found = knot_types(curves_of(start))
+    assert [k.verdict for k in found.knots] == ["proved"] * 3
+    assert check_linking(curves_of(start)).status == "pass"
