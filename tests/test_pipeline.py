@@ -251,6 +251,7 @@ def test_skip_knows_every_check_of_a_report(good: Good) -> None:
         "lamp_colours",
         "table_mesh",
         "table",
+        "table_shadow",
     }
     assert set(checks_of(good.folder)) - own == set(CHECKS) - sometimes
 

@@ -35,7 +35,7 @@ PRINTING = (
 )
 HELD = ("level",)  # of a part that hangs on a thread
 PLATES = ("plate_mesh", "plates", "plates_volume")
-TABLE = ("table_mesh", "table")  # of a frame that holds several lamps
+TABLE = ("table_mesh", "table", "table_shadow")  # of a frame that holds several lamps
 # of no concern to a piece that is not to be printed
 PRINTER = ("build_volume", *PRINTING, *PLATES, *TABLE)
 SHADOWS = (

@@ -91,8 +91,8 @@ def _words(
     text(14.0, height - 12.0, "Setting up: the lamps", size=15, va="top", gid=WORDS)
     text(
         14.0, height - 20.0,
-        f"From above, {scale}. Lengths in mm, from the middle of each lamp and of the piece; what counts "
-        "is the figures, not the drawing. The pages that follow place one lamp each.",
+        f"From above, {scale}. Lengths in mm, from the middle of each lamp and of the piece. "
+        "The pages that follow place one lamp each.",
         size=6.5, va="top", color="0.35", gid=WORDS,
     )  # fmt: skip
     first = places[0]

@@ -168,7 +168,7 @@ def plan_table(mounted: Mounted) -> Table | None:
     lamps = np.stack([level @ place.lamp for place in places])
     bed = (scene.printer.build_volume_mm[0], scene.printer.build_volume_mm[1])
     top = _top(places, lamps)
-    bars = _Layout(places[0], lamps, max(bed) - 2 * EDGE_MM - TAIL_DEPTH_MM).bars()
+    bars = _Layout(places[0], lamps, top, max(bed) - 2 * EDGE_MM - TAIL_DEPTH_MM).bars()
     named = zip(scene.views, lamps, strict=True)
     return Table(
         tuple(bars), level, top, bed, tuple((v.name, x, z, y - top) for v, (x, y, z) in named)
@@ -176,23 +176,24 @@ def plan_table(mounted: Mounted) -> Table | None:
 
 
 def _top(places: Sequence[Placement], lamps: Array) -> float:
-    """The height of the frame's top: the desk of a stand, or below all that hangs."""
+    """The height of the frame's top: below a stand and the picture, of which the slot hides nothing."""
     first = places[0]
-    if first.base is not None:
-        return first.base.bottom
     edge = float(first.level[1] @ first.middle) - first.frame_mm[1] / 2
+    if first.base is not None:
+        return min(first.base.bottom, edge - SLOT_MM - 1.0)
     return min(edge, float(lamps[:, 1].min())) - LOWEST_MM
 
 
 class _Layout:
     """Where the bars go: a spine from the screen to the lamps, and arms to either side of it."""
 
-    def __init__(self, place: Placement, lamps: Array, longest: float) -> None:
+    def __init__(self, place: Placement, lamps: Array, top: float, longest: float) -> None:
         self.lamps, self.longest = lamps, longest
         self.spine = _spine_width(np.abs(lamps[:, 0]))
         self.screen = float(place.level[2] @ place.middle)
         self.reach = SCREEN_SHARE * place.frame_mm[0]
         self.base = place.base
+        self.raised = 0.0 if place.base is None else place.base.bottom - top  # a stand, on pads
 
     def bars(self) -> list[Bar]:
         """All of them."""
@@ -265,8 +266,13 @@ class _Layout:
         length = edge + RIDGE_MM - self.spine / 2
         if length < 2 * TAIL_DEPTH_MM:
             return None
-        fence = (0.0, RIDGE_MM, -WIDTH_MM / 2, WIDTH_MM / 2, FENCE_MM)
-        return self._arm(side, (self.base.back + self.base.front) / 2, length, ridges=(fence,))
+        deep = self.base.front - self.base.back
+        half = WIDTH_MM / 2
+        ridges = [(0.0, RIDGE_MM, -half, half, self.raised + FENCE_MM)]
+        if self.raised > 0:
+            pad = min(half, deep / 2)
+            ridges.append((RIDGE_MM, length, -pad, pad, self.raised))
+        return self._arm(side, (self.base.back + self.base.front) / 2, length, ridges=tuple(ridges))
 
     def _arm(self, side: int, z: float, length: float, **own: Any) -> Bar:
         """An arm to one side, from its far end to the spine, which its dovetail enters."""
@@ -284,7 +290,10 @@ class _Layout:
         found = [(front, front + RIDGE_MM, SLOT_MM), (back - RIDGE_MM, back, SLOT_MM)]
         if self.base is not None:
             near, far = self.base.back - FENCE_PLAY_MM, self.base.front + FENCE_PLAY_MM
-            found += [(near - RIDGE_MM, near, FENCE_MM), (far, far + RIDGE_MM, FENCE_MM)]
+            high = self.raised + FENCE_MM
+            found += [(near - RIDGE_MM, near, high), (far, far + RIDGE_MM, high)]
+            if self.raised > 0:
+                found.append((near, far, self.raised))
         return found
 
 
@@ -310,7 +319,7 @@ def _cut(bar: Bar, longest: float) -> list[Bar]:
         (x - wide / 2 - BOSS_WALL_MM, x + wide / 2 + BOSS_WALL_MM) for x, _, wide, _ in bar.holes
     ]
     taken += [(x - HEAD_MM / 2, x + HEAD_MM / 2) for x, _ in bar.sockets]
-    taken += [(a, b) for a, b, *_ in bar.ridges if b - a < WIDTH_MM]
+    taken += [(a, b) for a, b, y0, y1, _ in bar.ridges if y1 - y0 == bar.width_mm]
     ends = [0.0]
     while bar.length_mm - ends[-1] > longest:
         cut = ends[-1] + longest

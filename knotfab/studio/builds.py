@@ -41,7 +41,15 @@ _SHOWN = (
     "setup.pdf", "report.html", "sequence.gif", "turn.gif", "report.json", "scene.toml", "knots.json",
     "slicer.ini",
 )  # fmt: skip
-_ALSO = ("plate-", "part-", "setup-", "shadow-", "centre-lines")  # beginnings of further ones
+_ALSO = (
+    "plate-",
+    "table-",
+    "colours",
+    "part-",
+    "setup-",
+    "shadow-",
+    "centre-lines",
+)  # beginnings of further ones
 Kind = Literal["one", "views", "frames"]
 
 

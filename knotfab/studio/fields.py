@@ -181,6 +181,7 @@ FIELDS: dict[str, _Field] = {
     "thicken": _Field("Thin strokes", partial(_length, least=0.1, most=100.0, words=("auto",))),
     "lines": _Field("Lines", _choice("auto", "on", "off")),
     "tone": _Field("Shading", _choice("lines", "off")),
+    "lamps": _Field("Lamps", _choice("rgb", "warm+cold", "switch")),
     "font": _Field("Font", partial(_one_of, known=_families)),
 }  # fmt: skip
 # how a picture is read: these go with the picture, and another one begins without them

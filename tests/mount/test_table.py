@@ -109,6 +109,7 @@ def test_the_frame_is_checked_as_it_was_written() -> None:
     assert [(c.name, c.status, c.required) for c in judged] == [
         ("table_mesh", "pass", True),
         ("table", "pass", True),
+        ("table_shadow", "pass", True),
     ]
     # a lamp elsewhere, a wall elsewhere, a bar elsewhere, a bar too few, an open surface, a smaller bed
     aside = [*scene.views[:2], scene.views[2].model_copy(update={"light_right_mm": 72.0})]
@@ -120,6 +121,10 @@ def test_the_frame_is_checked_as_it_was_written() -> None:
         assert check_table(plates, parse_scene(other))[1].status == "fail"
     moved = plates[0].to_part.copy()
     moved[:, :3, 3] += 2.0
+    raised = plates[0].to_part.copy()
+    raised[:, 1, 3] += 60.0
+    dark = check_table([replace(p, to_part=raised) for p in plates[:1]], asked)[2]
+    assert dark.status == "fail" and dark.required
     assert check_table([replace(plates[0], to_part=moved), *plates[1:]], asked)[1].status == "fail"
     fewer = replace(plates[0], to_part=plates[0].to_part[1:])
     assert check_table([fewer, *plates[1:]], asked)[1].status == "fail"

@@ -17,6 +17,13 @@ function findGraphics() {
   }
 }
 
+/* Lamps on one screen mix where their colours differ; else they are lit one at a time. */
+function lampsOf(views) {
+  if (!views.some((view) => view.wall)) return {};
+  const mode = new Set(views.map((view) => String(view.lamp_colour))).size > 1 ? "mix" : "switch";
+  return { lamps: { mode, screen: "ends" } };
+}
+
 export class Stage {
   constructor() {
     this.views = [];
@@ -57,7 +64,7 @@ export class Stage {
     if (event.radius_mm) this.radius = event.radius_mm;
     const views = event.views.map((view, k) => ({ ...view, picture: event.pictures?.[k] }));
     this.changed = true;
-    this.data = { unit: "mm", radius: this.radius, curves: asLists(this.curves), views };
+    this.data = { unit: "mm", radius: this.radius, curves: asLists(this.curves), views, ...lampsOf(views) };
     this.renew();
   }
 

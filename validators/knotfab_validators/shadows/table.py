@@ -13,23 +13,27 @@ from knotfab_validators.files.scene import Scene
 from knotfab_validators.geometry.inside import winding_numbers
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.mesh.surface_checks import check_mesh
+from knotfab_validators.shadows.cast import ShadowCaster
 from knotfab_validators.shadows.view import ViewGeometry, view_geometry
 from knotfab_validators.tube.region import check_build_volume
 
 __all__ = ["check_table"]
 
 OFF_MM = 0.5  # of a lamp's hole and of the screen's slot from where they belong
+MOST_DARK = 0.001
+PX = 256  # of the picture's frame, each way, for that
 WIDEST_MM = 20.0  # of a hole that holds a rod
 STEP_MM = 0.05  # at which the frame's matter is looked for along a line
 BELOW_MM = 0.6  # under the frame's top: where its holes are looked for
 
 
 def check_table(plates: Sequence[Plate], scene: Scene) -> list[Check]:
-    """`table_mesh`, `table` of the frame's files, both required.
+    """`table_mesh`, `table`, `table_shadow` of the frame's files, all required.
 
     - `table_mesh`: how many of the surface's checks any plate fails, and how many do not fit the bed.
     - `table`: with every body moved as the scene says, how far the hole that is right below each lamp lies
       beside it, and how far the front of the screen's slot lies from the wall: at most `OFF_MM`.
+    - `table_shadow`: what of the picture lies in its shadow, under any lamp: at most `MOST_DARK`.
     """
     room = scene.printer.stated("build_volume_mm")
     failed, said = 0, ""
@@ -46,15 +50,29 @@ def check_table(plates: Sequence[Plate], scene: Scene) -> list[Check]:
     if wrong:
         why = f"{wrong[0]} holds other bodies than the scene has places for"
         return [surface, Check("table", "fail", True, "unknown", OFF_MM, "mm", why)]
-    return [surface, _check_places(plates, scene)]
+    frame = _assemble(plates)
+    return [surface, _check_places(frame, scene), _check_shadow(frame, scene)]
 
 
-def _check_places(plates: Sequence[Plate], scene: Scene) -> Check:
-    """`table`, of bodies that are where the scene puts them."""
+def _assemble(plates: Sequence[Plate]) -> Mesh:
+    """All bodies where the scene puts them."""
     vertices = np.concatenate([p.in_part(p.mesh.vertices, p.body) for p in plates])
     shift = np.cumsum([0] + [len(p.mesh.vertices) for p in plates[:-1]])
     faces = np.concatenate([p.mesh.faces + s for p, s in zip(plates, shift, strict=True)])
-    frame = Mesh(vertices, faces)
+    return Mesh(vertices, faces)
+
+
+def _check_shadow(frame: Mesh, scene: Scene) -> Check:
+    """`table_shadow`, under each lamp."""
+    caster = ShadowCaster(frame.vertices, frame.faces)
+    dark = {v.name: float(caster.render(view_geometry(v, PX, PX)).mean()) for v in scene.views}
+    worst = max(dark, key=lambda name: dark[name])
+    detail = f"share of the picture in the frame's own shadow, under the lamp {worst}"
+    return at_most("table_shadow", dark[worst], MOST_DARK, "", detail)
+
+
+def _check_places(frame: Mesh, scene: Scene) -> Check:
+    """`table`, of bodies that are where the scene puts them."""
     views = [view_geometry(view, 2, 2) for view in scene.views]
     up = views[0].up
     top = _find_top(frame, up)
