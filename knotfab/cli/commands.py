@@ -29,7 +29,7 @@ app = App(
     version=__version__,
     help="Turns a picture into a knotted tube whose shadow is that picture, proved before you print.\n\n"
     "Exit codes: 0 every required check passed; 1 a check failed or the scene cannot be met; "
-    "2 wrong input; 3 this machine lacks something; 130 interrupted.",
+    "2 wrong input; 3 this machine lacks something, or knotfab made a mistake; 130 interrupted.",
     suppress_keyboard_interrupt=False,  # main says what became of the work
 )
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+import knotfab
 from knotfab.base.errors import InputError
 from knotfab.scene.catalogue import printers, resolve
 from knotfab.scene.load import dump_scene, parse_scene
@@ -35,6 +36,15 @@ def test_both_sides_have_the_same_defaults() -> None:
     ours, theirs = Printer(), read({}).printer
     assert all(getattr(ours, key) == getattr(theirs, key) for key in SHARED)
     assert ours.max_support_cm3 == theirs.max_support_cm3 == "auto"
+
+
+def test_each_file_names_the_source_of_its_build_volume() -> None:
+    found = list((Path(knotfab.__file__).parent / "scene/data/printers").glob("*.toml"))
+    assert len(found) > 20
+    for path in found:
+        lines = path.read_text("utf-8").splitlines()
+        said = " ".join(line.lstrip("# ") for line in lines if line[:1] == "#")
+        assert "build volume" in said.lower(), path.name
 
 
 def test_figures_are_plausible() -> None:
