@@ -14,7 +14,7 @@ from knotfab.geometry.meshes import face_normals
 from knotfab.scene.camera import camera_of
 from knotfab_formats.scene import ResolvedView
 
-__all__ = ["draw_part", "place_eyes", "turn_eye"]
+__all__ = ["draw_part", "place_eyes", "turn_eye", "turn_upright"]
 
 
 ANGLES_DEG = (0.0, 30.0, 60.0, 90.0)
@@ -67,10 +67,14 @@ def place_eyes(views: Sequence[ResolvedView]) -> Array:
 
 def turn_eye(eye: Sequence[float] | Array, angles_deg: Sequence[float]) -> Array:
     """(k, 3): `eye` turned about the vertical by each angle, to the right as the part sees it."""
-    x, y, z = eye
-    a = np.deg2rad(angles_deg)
-    c, s = np.cos(a), np.sin(a)
-    return np.column_stack([c * x + s * z, np.full(len(a), y), c * z - s * x])
+    one = np.asarray(eye, dtype=np.float64)
+    return np.array([turn_upright(one, angle) for angle in angles_deg])
+
+
+def turn_upright(points: Array, angle_deg: float) -> Array:
+    """Points (..., 3) turned about the vertical through the origin, anticlockwise from above."""
+    c, s = np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))
+    return np.asarray(points @ np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]]))
 
 
 def _level(eyes: Array) -> Array:

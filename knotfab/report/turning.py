@@ -11,6 +11,7 @@ from PIL import Image
 from knotfab.base.arrays import Array
 from knotfab.drawing.dimensions import length
 from knotfab.drawing.gif import write_gif
+from knotfab.drawing.part_picture import turn_upright
 from knotfab.geometry.polylines import polylines_of
 from knotfab.knots import Knots
 from knotfab.mount.mount import Mounted
@@ -58,7 +59,7 @@ def add_turning(report: dict[str, Any], folder: Path, mounted: Mounted, knots: K
     view = mounted.scene.views[0]
     aside = {}
     for name, angle in angles.items():
-        moved = (axis - _turned(axis[None], np.zeros(3), angle)[0]) @ view_axes(view)[0]
+        moved = (axis - turn_upright(axis, angle)) @ view_axes(view)[0]
         aside[name] = float(moved) * view.magnification
     report["print"]["turning"] = {"angles_deg": angles, "aside_mm": aside}
     words = [f"{name} at {angle:.0f}°{_beside(aside[name])}" for name, angle in angles.items()]
@@ -76,13 +77,6 @@ def _beside(aside_mm: float) -> str:
     if abs(aside_mm) < _LEAST_MM:
         return ""
     return f" ({length(abs(aside_mm))} mm to the {'right' if aside_mm > 0 else 'left'})"
-
-
-def _turned(points: Array, axis: Array, angle_deg: float) -> Array:
-    """Points (n, 3) turned about the vertical through `axis` (3,), anticlockwise from above."""
-    c, s = np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))
-    turn = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
-    return np.asarray((points - axis) @ turn.T + axis)
 
 
 def _write_turn(
@@ -105,6 +99,6 @@ def _write_turn(
     turns = sorted({*np.arange(0.0, 360.0, STEP_DEG), *shown})
     frames = []
     for angle in turns:
-        dark = image.seen(_turned(points, axis, angle), rings, knots.radius_mm)
+        dark = image.seen(turn_upright(points - axis, angle) + axis, rings, knots.radius_mm)
         frames.append(Image.fromarray(np.where(dark[..., None], SHADOW, WALL).astype(np.uint8)))
     write_gif(path, frames, [HOLD_MS if angle in shown else FRAME_MS for angle in turns])

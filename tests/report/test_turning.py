@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from knotfab.report.turning import _turned, turns_of
+from knotfab.drawing.part_picture import turn_upright
+from knotfab.report.turning import turns_of
 from knotfab.scene.camera import camera_of
 from knotfab_formats.scene import ResolvedScene, ResolvedView
 
@@ -22,7 +23,7 @@ def test_the_turned_piece_throws_the_other_shadow(azimuth: float) -> None:
     angle = turns_of(scene({}, {"azimuth_deg": azimuth}))["v1"]
     points = np.random.default_rng(3).normal(size=(40, 3)) * 20.0
     first, other = (camera_of(view, 64, 64) for view in views)
-    turned = _turned(points, np.zeros(3), angle)
+    turned = turn_upright(points, angle)
     assert first.project(turned) == pytest.approx(other.project(points), abs=1e-9)
 
 
