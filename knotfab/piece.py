@@ -59,7 +59,7 @@ from knotfab.report.turning import add_turning
 from knotfab.report.viewer_data import HistoryFrame, viewer_data
 from knotfab.request import Outcome, Request
 from knotfab.scene.camera import cameras_of
-from knotfab.settle import settle_part
+from knotfab.settle import settle_part, tell_depth
 from knotfab.slicer.result import NotSliced, Sliced, sum_slicings
 from knotfab.slicer.run import SlicerQueue
 from knotfab.verify.checks import exit_code, verdict_without_part
@@ -229,6 +229,7 @@ def report_piece(
         add_silhouettes(report, piece.targets)
         add_fabrication(report, part.mounted, sliced, plan, request.printing)
         report["notes"] += [*piece.notes, *filter(None, [part.framing[1]])]
+        report["notes"] += tell_depth(request.scene.piece.depth, made)
         report["print"]["drawings"] = drawings
         report["print"]["setup"] = tell_setup(part.mounted, cameras, made.knots.radius_mm)
         if request.printing:

@@ -19,9 +19,10 @@ from knotfab.picture.read import Target
 from knotfab.request import Request
 from knotfab.scene.camera import view_axes
 
-__all__ = ["settle_part"]
+__all__ = ["settle_part", "tell_depth"]
 
 ROUNDS = 2  # of searching anew
+_MUCH_DEEPER = 1.3  # times the depth that was asked for
 
 
 @dataclass(frozen=True)
@@ -169,6 +170,20 @@ def _propose_depth(made: Design, part: Part) -> float | None:
 
 def _depth_mm(made: Design) -> float:
     return float(np.ptp(made.knots.points @ view_axes(made.scene.views[0])[2]))
+
+
+def tell_depth(asked: float | str, made: Design) -> list[str]:
+    """What to say where the centre lines take more depth than was asked for."""
+    if isinstance(asked, str) or len(made.scene.views) > 1:
+        return []
+    found = _depth_mm(made)
+    if found <= _MUCH_DEEPER * asked:
+        return []
+    return [
+        f"A depth of {asked:g} mm was asked for, and the centre lines of a tube "
+        f"{2 * made.knots.radius_mm:.1f} mm thick take {found:.0f} mm: a thinner one takes less "
+        "(--tube-radius)."
+    ]
 
 
 def _wall_mm(made: Design) -> float:

@@ -22,7 +22,7 @@ from knotfab.mount.wall import NotHeldError
 from knotfab.picture.read import Target, read_target
 from knotfab.request import Request
 from knotfab.scene.load import dump_scene, parse_scene
-from knotfab.settle import settle_part
+from knotfab.settle import settle_part, tell_depth
 from knotfab_formats.scene import Scene
 
 MESSAGE = "it sags 1.00 mm on its pegs, 0.2 are allowed"
@@ -112,6 +112,13 @@ def settle(maker: Maker, scene: str, patch: pytest.MonkeyPatch, **keys: Any) -> 
     first = replace(maker.design(request.scene), radius="chosen")
     made, _, said = settle_part(request, maker.target, first, Progress("quiet"))
     return made, said
+
+
+def test_a_piece_that_came_out_deeper_than_asked_says_so(target: Target) -> None:
+    made = Maker(target, 100.0).design(parse_scene(""))  # its centre lines take some 87 mm
+    (said,) = tell_depth(5.0, made)
+    assert "5 mm was asked for" in said and "--tube-radius" in said
+    assert not tell_depth(85.0, made) and not tell_depth("flat", made)
 
 
 def test_a_piece_that_is_held_is_left_as_it_is(

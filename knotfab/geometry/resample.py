@@ -13,6 +13,9 @@ from knotfab.geometry.sampling import arc_lengths, number_runs
 
 __all__ = ["resample", "subdivide"]
 
+# vertices of a ring: with twelve, the corners of rings about specks and stars come nearer than their sides
+_LEAST = 24
+
 
 def _at(points: Array, parameter: Array, where: Array) -> Array:
     """The closed polyline with vertices at `parameter` [n + 1], evaluated at `where`."""
@@ -50,7 +53,7 @@ def resample(
 def _resample_one(part: Array, edge_mm: float, smooth: bool) -> tuple[Array, Array, Array]:
     """One ring resampled: new vertices, and old and new positions at the vertices of both."""
     arc = arc_lengths(part)
-    count = max(12, round(arc[-1] / edge_mm))
+    count = max(_LEAST, round(arc[-1] / edge_mm))
     where = np.linspace(0.0, arc[-1], count + 1)
     if smooth:
         spline = CubicSpline(arc, np.concatenate([part, part[:1]]), bc_type="periodic")

@@ -10,6 +10,10 @@ from knotfab.geometry.kernels import closest_parameters
 from knotfab.geometry.neighbours import find_neighbours
 from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.geometry.resample import resample, subdivide
+from knotfab.geometry.tube import sweep
+from knotfab_validators.geometry.curves import Curves
+from knotfab_validators.geometry.mesh import Mesh
+from knotfab_validators.tube.clearance import check_clearance
 
 
 def _circle(n: int, radius: float = 10.0, z: float = 0.0) -> np.ndarray:
@@ -155,3 +159,14 @@ def test_subdividing_leaves_the_curve_as_it_is() -> None:
     assert edges.sum() == pytest.approx(before, rel=1e-12)
     corners = np.linalg.norm(fine[:, None] - points[None], axis=2).min(axis=0)
     assert corners.max() == 0.0
+
+
+def test_a_ring_as_small_as_may_be_keeps_the_clearance_of_its_hole() -> None:
+    """With twelve vertices the corners across its hole, which face each other no more, are nearer."""
+    angle = 2 * np.pi * np.arange(12) / 12
+    small = 1.035 * np.column_stack([np.cos(angle), np.sin(angle), 0.05 * np.cos(2 * angle)])
+    fresh, rings, verdict = resample(small, polylines_of_sizes((12,)), 0.9)
+    assert verdict.valid and rings.sizes == (24,)
+    vertices, faces = sweep(fresh, 0.8, 12)
+    curves = Curves((fresh,), ("unknot",), (True,), 0.8)
+    assert check_clearance(Mesh(vertices, faces), curves, 0.4).status == "pass"

@@ -186,11 +186,18 @@ def test_the_leg_of_a_stand_is_no_outline_but_bridges_what_it_crosses() -> None:
 def test_small_letters_that_are_lost_are_text_in_its_place() -> None:
     found = judge(draw(LARGE), draw(LARGE, *LETTERS))
     assert found.word == "coarse" and found.counts["lost_pieces"] == len(LETTERS)
+    (loss,) = found.lost  # beads are no letters
+    assert loss["what"] == "piece" and "a row of 12 small shapes" in loss["sentence"]
+    assert "a row of small shapes is damaged or lost" in found.reasons
+    bars = tuple((86 + 48 * k, 434, 74 + 48 * k, 446, 4) for k in range(6))
+    letters = draw(LARGE, *LETTERS[1::2], strokes=bars)
+    found = judge(draw(LARGE), letters)
     (loss,) = found.lost
     assert loss["what"] == "text" and "12 pieces" in loss["sentence"]
+    assert "a row of text is damaged or lost" in found.reasons
     np.testing.assert_allclose(loss["at_px"], (80 + 24 * 5.5, 440), atol=4)
-    blobs = draw(LARGE, *LETTERS, strokes=((70, 440, 350, 440, 14),))
-    assert [loss["what"] for loss in judge(blobs, draw(LARGE, *LETTERS)).lost] == ["text"]
+    blobs = draw(LARGE, *LETTERS[1::2], strokes=(*bars, (70, 440, 350, 440, 14)))
+    assert [loss["what"] for loss in judge(blobs, letters).lost] == ["text"]
 
 
 @pytest.mark.slow
@@ -322,6 +329,17 @@ def test_a_stray_strand_is_coarse_and_half_a_picture_is_unknown() -> None:
     assert judge(stray, target).word == "coarse"
     half = target & (np.indices(target.shape)[1] > 180)
     assert judge(half, target).word == UNKNOWN
+
+
+def test_a_short_stray_strand_beside_a_large_picture_is_coarse_too() -> None:
+    """It is a twentieth of the outline, so that 95 % of that lie right; a stub of a tube's width is none."""
+    target = draw(LARGE)
+    stray, stub = (draw(LARGE, strokes=((180, 290, 180, y, 14),)) for y in (340, 318))
+    assert judge(stray, target).word == "coarse" and judge(stub, target).word != "coarse"
+    (reason,) = [r for r in judge(stray, target).reasons if "leads off" in r]
+    assert float(reason.split(" tube radii")[0].split()[-1]) == pytest.approx(
+        40 / RADIUS_PX, rel=0.1
+    )
 
 
 def test_what_is_lost_comes_by_its_length_and_tips_are_among_it() -> None:

@@ -58,7 +58,8 @@ class Rule:
     small pieces may be lost; `specks` of light that are seen, and `speck_share`, their share of the picture's
     area, at most; `hurt`, the share of the picture's area that is missing or spilled by more than a reach, at
     most: where less is hurt, changes, shapes and a stray outline alone never make it worse than this word;
-    `lost_share`, the share of the picture's area in lost pieces and holes wider than `lost_tubes`, at most.
+    `lost_share`, the share of the picture's area in lost pieces and holes wider than `lost_tubes`, at most;
+    `astray_radii`, how far the farthest strand or gap leads off, in radii of the tube's shadow, at most.
     """
 
     iou: float
@@ -76,13 +77,30 @@ class Rule:
     speck_share: float = inf
     hurt: float = 0.0
     lost_share: float = 0.0
+    astray_radii: float = inf
 
 
 # The one table: the first word whose rule a shadow keeps is its word. docs/verdict.md says why.
 RULES = {
-    "faithful": Rule(0.975, 0.6, 0.1, False, 0.0, 0.0, 0, False, 0.9, inf, False, 12, 0.002),
+    "faithful": Rule(
+        0.975, 0.6, 0.1, False, 0.0, 0.0, 0, False, 0.9, inf, False, 12, 0.002, astray_radii=4.0
+    ),
     "good": Rule(
-        0.85, 1.5, inf, True, 0.5, 0.1, 2, False, 0.75, 0.05, False, 150, 0.02, lost_share=0.01
+        0.85,
+        1.5,
+        inf,
+        True,
+        0.5,
+        0.1,
+        2,
+        False,
+        0.75,
+        0.05,
+        False,
+        150,
+        0.02,
+        lost_share=0.01,
+        astray_radii=4.0,
     ),
     "coarse": Rule(
         0.5, 4.0, inf, True, 0.8, 0.5, 3, True, 0.0, inf, True, hurt=0.22, lost_share=0.1
@@ -191,6 +209,7 @@ def recognise(
     there = close_slits(without_specks(without_lost(wanted, found), reach), SLIT * reach)
     off_px = step * find_wrong_stretch(close_slits(own, SLIT * reach), there).quantile_95_px
     tips = [_enlarged(tip, step) for tip in _find_tips(there, own, TIP * radius_px / step)]
+    strays = _find_tips(own, there, TIP * radius_px / step)
     touching = count_touching(wanted, reach)
     in_rows = [[c for c in changes if _inside(_middle(c), row.box)] for row in rows]
     in_row = [(row, inside) for row, inside in zip(rows, in_rows, strict=True) if inside]
@@ -225,6 +244,9 @@ def recognise(
         specks=specks.count,
         speck_share=specks.area_mm2 / (area * (step * scale.mm) ** 2),
         hurt=_hurt(own, wanted, reach) / area,
+        astray=max((c.width_px for c in (*strays, *_find_tips(there, own, 0))), default=0.0)
+        * step
+        / radius_px,
         fine=sum(
             _is_lost(c) and c.width_px < RULES["good"].lost_tubes * 2 * radius_px for c in torn
         ),
@@ -309,6 +331,7 @@ class _Facts:
     specks: int = 0
     speck_share: float = 0.0
     hurt: float = 0.0
+    astray: float = 0.0
     fine: int = 0  # of the changes, lost pieces and holes far thinner than the tube
 
     @property
@@ -342,6 +365,9 @@ class _Facts:
             f"outline off by {self.outline_radii:.1f} tube radii, above {rule.outline_radii:g}": (
                 self.outline_radii > rule.outline_radii and much
             ),
+            f"a strand or gap leads off by {self.astray:.1f} tube radii, above {rule.astray_radii:g}": (
+                self.astray > rule.astray_radii
+            ),
             f"{_tell(self.tips, 'tip')} cut off, of {_tell(self.features, 'piece')} and holes": (
                 self.tips > rule.cut * self.features
             ),
@@ -358,7 +384,7 @@ class _Facts:
             f"{self.misshapen} of {self.features} pieces and holes drawn out of shape": (
                 self.misshapen > rule.misshapen * self.features
             ),
-            "lost text": bool(self.text) and not rule.text,
+            f"{_tell(self.text, 'row')} of small pieces lost": bool(self.text) and not rule.text,
         }
         return [sentence for sentence, holds in said.items() if holds]
 
@@ -445,9 +471,13 @@ def _inside(box: Box, row: Box) -> bool:
 def _count_reasons(text: Sequence[tuple[Row, list[Change]]], single: Sequence[Change]) -> list[str]:
     """How many of each kind."""
     reasons = []
-    if text:
-        plural = f"{len(text)} rows of text are" if len(text) > 1 else "a row of text is"
-        reasons.append(f"{plural} damaged or lost")
+    for what, rows in (
+        ("text", [row for row, _ in text if not row.repeated]),
+        ("small shapes", [row for row, _ in text if row.repeated]),
+    ):
+        if rows:
+            plural = f"{len(rows)} rows of {what} are" if len(rows) > 1 else f"a row of {what} is"
+            reasons.append(f"{plural} damaged or lost")
     counts = Counter[str](c.kind for c in single)
     for kind, (one, more) in _SAID.items():
         if counts[kind]:
@@ -494,7 +524,7 @@ class _Scale:
         width = float(np.median([c.width_px for c in inside]))
         length = max(_length_px(c) for c in inside)
         kind, said = counts.most_common(1)[0][0], f"of a row of {row.pieces} small shapes {what}"
-        if row.text:
+        if row.text and not row.repeated:
             kind, length = "text", right - left
             said = f"of a row of text of {row.pieces} pieces {what}"
         return self._place(kind, where, width, length, said)

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from knotfab_validators.arrays import Mask
 from knotfab_validators.shadows.topology import Box
 
@@ -18,15 +20,22 @@ MOST = 2000  # small pieces: with more the picture is noise
 FILLED = 0.88  # of its box, that a window fills and few letters do
 WINDOWS = 0.7  # of a row's pieces that are so, from which on they are windows
 OVERLAP = 0.5  # of the smaller height that two neighbours share
+SAME = 0.7  # IoU of two pieces, box laid on box, from which on they are one shape
+REPEATED = 0.8  # of a row's pieces that have one shape: a pattern, such as stars or beads
+SHAPE_PX = 12  # to a side when shapes are compared
 
 
 @dataclass(frozen=True)
 class Row:
-    """The box about a row, how many pieces it has, and whether these are letters, and not windows."""
+    """The box about a row, how many pieces it has, and whether these are letters, and not windows.
+
+    `repeated` says that most have one shape, as stars and beads do: as small as letters, and no text.
+    """
 
     box: Box
     pieces: int
     text: bool = True
+    repeated: bool = False
 
 
 def find_rows(boxes: Sequence[Box], longer_px: float, picture: Mask | None = None) -> list[Row]:
@@ -45,7 +54,9 @@ def find_rows(boxes: Sequence[Box], longer_px: float, picture: Mask | None = Non
         joined = [b for row in beside for b in row] + [box]
         rows = [row for row in rows if row not in beside] + [sorted(joined)]
     return [
-        Row(_around(row), len(row), _is_text(row, picture)) for row in rows if len(row) >= LEAST
+        Row(_around(row), len(row), _is_text(row, picture), _is_repeated(row, picture))
+        for row in rows
+        if len(row) >= LEAST
     ]
 
 
@@ -55,6 +66,24 @@ def _is_text(row: Sequence[Box], picture: Mask | None) -> bool:
     shares = [float(picture[top:bottom, left:right].mean()) for left, top, right, bottom in row]
     full = sum(max(share, 1.0 - share) >= FILLED for share in shares)
     return full < WINDOWS * len(row)
+
+
+def _is_repeated(row: Sequence[Box], picture: Mask | None) -> bool:
+    """Whether most pieces have the shape of the middle one."""
+    if picture is None:
+        return False
+    shapes = [_sample(box, picture) for box in row]
+    like = shapes[len(shapes) // 2]
+    same = sum((one & like).sum() >= SAME * max((one | like).sum(), 1) for one in shapes)
+    return bool(same >= REPEATED * len(shapes))
+
+
+def _sample(box: Box, picture: Mask) -> Mask:
+    """What a box holds, on a square grid."""
+    left, top, right, bottom = box
+    part = (np.arange(SHAPE_PX) + 0.5) / SHAPE_PX
+    rows, columns = (low + part * (high - low) for low, high in ((top, bottom), (left, right)))
+    return np.asarray(picture[np.ix_(rows.astype(int), columns.astype(int))])
 
 
 def _neighbours(left: Box, right: Box) -> bool:
