@@ -35,7 +35,7 @@ def square(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_the_default_folder_is_named_after_the_picture(square: Path) -> None:
     assert prepare(square).out == ALL_OUT / "cat"
-    assert prepare(square, "text:A").out == ALL_OUT / "cat-A"
+    assert prepare(square, "text:A", tube_radius=5).out == ALL_OUT / "cat-A"
     assert prepare(square, square, size=120).out == ALL_OUT / "cat"
     for frames in ("walk/", "walk", "walk/*.png"):
         assert prepare(frames, sequence=True).out == ALL_OUT / "walk"

@@ -19,8 +19,10 @@ from knotfab.base.progress import Progress
 from knotfab.cli import options
 from knotfab.cli.commands import app
 from knotfab.design.frames import frame_view
+from knotfab.design.radius import RadiusChoice
 from knotfab.files.folder import OutputFolder
 from knotfab.part.write import make_pose
+from knotfab.preview import survey
 from knotfab.request import Outcome, Request
 from knotfab.scene.load import dump_scene
 
@@ -55,6 +57,8 @@ def test_a_page_can_be_typed_from_its_first_line_to_its_last(
 ) -> None:
     monkeypatch.setattr(pipeline, "run_build", build)
     monkeypatch.setattr(options, "open_page", page)
+    # which tube several pictures take is found by drawing starts, for seconds
+    monkeypatch.setattr(survey, "choose_radius", lambda *_, **__: RadiusChoice(2.0, ()))
     folder = shutil.copytree(ROOT / "examples", tmp_path / "examples")
     monkeypatch.chdir(folder)
     commands = commands_of((ROOT / name).read_text("utf-8"))
