@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from Pynite import FEModel3D
 
 from knotfab.knots import Knot, Knots
 from knotfab.mount.choose import choose_pegs
@@ -84,6 +83,8 @@ AGREE = 1e-6  # of the largest displacement
 
 def by_pynite(beams: Beams, fixed: np.ndarray, down: np.ndarray) -> np.ndarray:
     """(n, 3) displacement of every joint, mm (N, mm and MPa throughout)."""
+    from Pynite import FEModel3D  # loading it takes seconds, for which other workers need not wait
+
     model = FEModel3D()
     model.add_material("plastic", E, E / (2 * (1 + POISSON)), POISSON, 0.0)
     for number, (x, y, z) in enumerate(beams.joints):

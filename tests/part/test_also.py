@@ -7,7 +7,6 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
-import cadquery as cq
 import ezdxf
 import numpy as np
 import pytest
@@ -154,6 +153,8 @@ def test_formats_by_commas_or_one_by_one(also: Any) -> None:
 
 def opened(path: Path) -> dict[str, Any]:
     """The solids or edges of a STEP file, by name."""
+    import cadquery as cq  # loading it takes seconds, for which other workers need not wait
+
     whole = cq.Assembly.importStep(str(path))
     return {child.name: child.toCompound() for child in whole.children}
 
@@ -185,6 +186,8 @@ def test_tubes_and_mounts_are_true_solids(tmp_path: Path, kind: str) -> None:
 
 @pytest.mark.slow
 def test_centre_lines_are_closed_splines_through_the_vertices(tmp_path: Path) -> None:
+    import cadquery as cq
+
     knots, *_ = made_by_hand("none", {"step"}, tmp_path / "a")
     made_by_hand("none", {"step"}, tmp_path / "b")
     for name in ("centre-lines.step", "part.step"):
