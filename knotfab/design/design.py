@@ -11,10 +11,10 @@ from knotfab.base.errors import SceneError
 from knotfab.base.notebook import InNotebook
 from knotfab.base.progress import Progress
 from knotfab.design.budget import Budget, resolve_iterations, scale_to_budget, spare
+from knotfab.design.bumps import better, start_without_bumps
 from knotfab.design.fineness import fine_enough, outline_px
 from knotfab.design.free_view import place_directions, place_start, start_pose
 from knotfab.design.hull import HullBound
-from knotfab.design.knobs import better, start_without_knobs
 from knotfab.design.prices import LimitPrice, price_limits
 from knotfab.design.question import Question, ask
 from knotfab.design.radius import RadiusChoice, choose_radius
@@ -158,7 +158,7 @@ def design_knots(
         if pace is not None:
             settings = resolve_iterations(settings, pace.iterations)
         else:
-            parted = start_without_knobs(problem, result, radius, settings, knots)
+            parted = start_without_bumps(problem, result, radius, settings, knots)
             if parted is not None:
                 progress.say("a strand stands out of the picture: searched again from parted sides")
                 earlier, past, history = result, history, History()

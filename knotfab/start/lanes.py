@@ -6,7 +6,7 @@ stretch at a time, each the best (Viterbi 1967) for what all others leave. Then 
 moved until the strands are as far apart as they must be, slopes and all.
 
 Where the two sides of a filled stroke hide each other, their depths have an order already. Were it to
-change on the way, the one would have to step aside past the other, a knob on the outline: the order that
+change on the way, the one would have to step aside past the other, a bump on the outline: the order that
 is the larger along the stretch holds for all of it.
 """
 

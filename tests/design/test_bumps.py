@@ -1,4 +1,4 @@
-"""Where a search came to knobs there is another start, which draws the same picture; else there is none."""
+"""Where a search came to bumps there is another start, which draws the same picture; else there is none."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from questions import ask_heart
 
-from knotfab.design.knobs import better, start_without_knobs
+from knotfab.design.bumps import better, start_without_bumps
 from knotfab.knots import Knot, Knots
 from knotfab.problem import Problem
 from knotfab_formats.search import PRESETS, SearchSettings
@@ -48,7 +48,7 @@ def _beside(problem: Problem, right: float, beside_mm: float) -> tuple[float, fl
 @pytest.mark.slow
 def test_a_strand_beside_the_picture_asks_for_a_start_that_draws_it_as_well() -> None:
     problem = ask_heart()
-    start = start_without_knobs(problem, ended(problem, RADIUS), RADIUS, FEW, None)  # type: ignore[arg-type]
+    start = start_without_bumps(problem, ended(problem, RADIUS), RADIUS, FEW, None)  # type: ignore[arg-type]
     assert start is not None and start.types == ("unknot",) * len(start.curves)
     assert start.depth is not None
     heights = np.concatenate(start.depth.depths)
@@ -56,18 +56,18 @@ def test_a_strand_beside_the_picture_asks_for_a_start_that_draws_it_as_well() ->
 
 
 @pytest.mark.slow
-def test_no_knob_no_other_start_nor_where_the_start_was_given() -> None:
+def test_no_bump_no_other_start_nor_where_the_start_was_given() -> None:
     problem = ask_heart()
-    inside, knob = ended(problem, 0.3 * RADIUS), ended(problem, RADIUS)
+    inside, bump = ended(problem, 0.3 * RADIUS), ended(problem, RADIUS)
     cases: list[tuple[Problem, Ended, SearchSettings]] = [
         (problem, inside, FEW),
-        (replace(problem, depth_mm=None), knob, FEW),
-        (problem, knob, FEW.model_copy(update={"start": "knots.json"})),
-        (problem, knob, FEW.model_copy(update={"free_view": True})),
-        (problem, knob, FEW.model_copy(update={"network_start": "circle"})),
+        (replace(problem, depth_mm=None), bump, FEW),
+        (problem, bump, FEW.model_copy(update={"start": "knots.json"})),
+        (problem, bump, FEW.model_copy(update={"free_view": True})),
+        (problem, bump, FEW.model_copy(update={"network_start": "circle"})),
     ]
     for asked, came_to, settings in cases:
-        assert start_without_knobs(asked, came_to, RADIUS, settings, None) is None  # type: ignore[arg-type]
+        assert start_without_bumps(asked, came_to, RADIUS, settings, None) is None  # type: ignore[arg-type]
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""Knobs: where one strand of a stroke had to step aside past another, and stands outside the picture.
+"""Bumps: where one strand of a stroke had to step aside past another, and stands outside the picture.
 
 Two strands that hide each other and change their order in depth pass beside each other: in a stroke as wide
 as the tube there is no room for that but beside it. No step of a search undoes it, for that would lead the
@@ -16,20 +16,20 @@ from knotfab.start.depth import lower
 from knotfab.start.start import make_start
 from knotfab_formats.search import SearchSettings
 
-__all__ = ["better", "start_without_knobs"]
+__all__ = ["better", "start_without_bumps"]
 
-# radii of the tube: centre lines of a drawn stroke lie in it, that of a knob about a radius beside it
+# radii of the tube: centre lines of a drawn stroke lie in it, that of a bump about a radius beside it
 _OUTSIDE = 0.5
 
 
-def start_without_knobs(
+def start_without_bumps(
     problem: Problem,
     result: SearchResult,
     radius: float,
     settings: SearchSettings,
     knots: int | None,
 ) -> Start | None:
-    """Another start for a search that came to knobs, whose strands keep their order; None without knobs.
+    """Another start for a search that came to bumps, whose strands keep their order; None without bumps.
 
     Args:
         radius: of the tube, mm. knots: as for `make_start`.
