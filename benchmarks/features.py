@@ -116,7 +116,10 @@ ROWS: tuple[Row, ...] = (
     Row("eyelet for a thread", _is_mounted("hang"), options=(("mount", "hang"),)),
     Row(
         "knot of a given type",
-        lambda f: all("3_1" in k["type"] for k in f.report["knots"]),
+        # in the longest of the knots, of which each lamp has its own
+        lambda f: (any if len(f.scene["views"]) > 2 else all)(
+            "3_1" in k["type"] for k in f.report["knots"]
+        ),
         options=(("knot", "trefoil"), ("tube_radius", 2.0)),
     ),
     Row(
@@ -281,7 +284,7 @@ def _inputs(cell: Cell, folder: Path) -> tuple[list[str], dict[str, Any]]:
         drawn = [draw_disc(), draw_house()]
     elif cell.column == "coloured lamps":
         drawn = [draw_flag()]
-        options["lamps"] = "rgb"
+        options |= {"lamps": "rgb", "size": 200}  # each half as large as the others' pictures
     elif cell.column == "sequence":
         drawn = [draw_disc(0.48), draw_disc(0.5), draw_disc(0.52)]
         options["sequence"] = True

@@ -6,7 +6,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from knotfab.base.errors import InputError
 from knotfab.base.progress import Progress
@@ -14,7 +14,6 @@ from knotfab.design.budget import require_budget
 from knotfab.design.frames import (
     frame_view,
     framed_alike,
-    name_views,
     size_frames,
     size_longer,
     spread_views,
@@ -25,20 +24,18 @@ from knotfab.options import ALL_OUT, BuildOptions
 from knotfab.picture.read import (
     TEXT_PREFIX,
     Target,
-    name_picture,
     plain_name,
-    read_bytes,
     read_targets,
 )
+from knotfab.read_lamps import read_lamps
 from knotfab.read_options import read_also, read_scene, read_seconds, read_skips
 from knotfab.request import Request
 from knotfab.scene.catalogue import resolve
-from knotfab.scene.lamps import COLOURS_FILE, require_lamps, with_lamps, with_small_lamps
 from knotfab.scene.require import require_several, require_start, require_tube, require_walls
 from knotfab.sequence.frames import count_knots, name_sequence, read_frames
 from knotfab.sequence.require import require_sequence
 from knotfab.wire.bender import require_bender
-from knotfab_formats.scene import Reading, Scene
+from knotfab_formats.scene import Scene
 from knotfab_formats.search import search_settings
 
 if TYPE_CHECKING:
@@ -155,7 +152,7 @@ def preview_pictures(
 def list_readings(pictures: Sequence[str], options: BuildOptions) -> tuple[TriedReading, ...]:
     """Up to six ways to read the one picture of a call, the best first, each with the options that give it.
 
-    None for several pictures, frames, greys and `text:…`, which are read in one way. It takes some seconds.
+    None for several pictures, lamps, frames, greys and `text:…`, which are read in one way. It takes seconds.
 
     Raises:
         InputError: as for `prepare_build`.
@@ -165,6 +162,8 @@ def list_readings(pictures: Sequence[str], options: BuildOptions) -> tuple[Tried
     scene, folder = read_scene(options)
     sources = _sources(pictures, scene, options.scene)
     if len(sources) > 1 or options.sequence or scene.views[0].tone != "off":
+        return ()
+    if options.lamps is not None or scene.share_wall:
         return ()
     if sources[0].startswith(TEXT_PREFIX):
         return ()
@@ -203,7 +202,10 @@ def _read_call(
     lines: tuple[str, ...] = ()
     agreed: Agreement | None = None
     if options.lamps is not None or scene.share_wall:
-        return _read_lamps(scene, sources, pictures, options, base, progress)
+        lit = read_lamps(scene, sources, options, base, progress, named=not pictures)
+        return _Call(
+            lit.scene, sources, base, lit.targets, lit.name, parted=lit.parted, told=lit.told
+        )
     if options.sequence:
         require_sequence(scene)
     elif len(sources) > len(scene.views) == 1:
@@ -262,77 +264,6 @@ def _read_call(
     names = [name_sequence(sources[0])] if options.sequence else [t.name for t in targets]
     name = plain_name("-".join(dict.fromkeys(names)), "picture")
     return _Call(scene, sources, base, targets, name, lines, agreed)
-
-
-def _read_lamps(
-    scene: Scene,
-    sources: tuple[str, ...],
-    pictures: Sequence[str],
-    options: BuildOptions,
-    base: Path | None,
-    progress: Progress,
-) -> _Call:
-    """As `_read_call`, of lamps before one screen: one picture in colours is taken apart into their masks."""
-    from knotfab.design.lamps import LAMPS_FRAME_MM, place_lamps
-    from knotfab.picture.lamps import on_one_canvas, read_masks
-
-    if options.sequence:
-        raise InputError("--lamps", "frames have one lamp", "Leave --sequence out.")
-    if scene.search.get("free_view"):
-        why = "lamps before one screen have places by themselves; a view that is found moves the screen"
-        raise InputError(
-            "a free view (--free view)", why, "Leave it out; [lamps] bounds their places."
-        )
-    if options.lamps is not None:
-        scene = with_lamps(scene, options.lamps, name_views(sources))
-    parted: Separation | None = None
-    mixing = scene.lamps.mode == "mix"
-    if mixing and len(sources) not in (1, len(scene.views)):
-        raise InputError(
-            f"{len(sources)} pictures",
-            "lamps that mix show one picture in colours",
-            "Give one picture, or let lamps switch (--lamps switch).",
-        )
-    if mixing and len(sources) == 1 < len(scene.views):
-        with progress.stage("picture"):
-            targets, parted = read_masks(sources[0], scene, base)
-        read = targets
-        name = plain_name(name_picture(sources[0]), "picture")
-        update: dict[str, Any] = {"lamps": scene.lamps.model_copy(update={"picture": COLOURS_FILE})}
-    else:
-        with progress.stage("picture"):
-            targets = read_targets(sources, scene.views, base=base, font=options.font)
-        if mixing and scene.lamps.picture:
-            colours = read_bytes((base or Path()) / scene.lamps.picture, scene.lamps.picture)
-            targets = (replace(targets[0], colours_png=colours), *targets[1:])
-        titles = [v.title if not pictures else "" for v in scene.views]
-        targets = tuple(
-            replace(t, name=plain_name(title, t.name))
-            for t, title in zip(targets, titles, strict=True)
-        )
-        name = plain_name("-".join(dict.fromkeys(t.name for t in targets)), "picture")
-        update, read = {}, targets
-        targets = on_one_canvas(targets)
-    # masks must register with one another
-    update |= {"piece": scene.piece.model_copy(update={"bend": "off"})}
-    if update.get("lamps") or targets is not read:  # what is drawn is what the new files hold
-        masks = {**Reading().model_dump(), "ink": "dark"}
-        update["views"] = tuple(v.model_copy(update=masks) for v in scene.views)
-    scene = scene.model_copy(update=update)
-    require_several(scene)
-    require_tube(resolve(scene))
-    require_start(scene)
-    scene = with_small_lamps(scene)
-    first = scene.views[0]
-    if options.size is not None or (first.frame_width_mm or first.frame_height_mm) is None:
-        scene = size_longer(scene, targets[0], options.size or LAMPS_FRAME_MM)
-    widened, targets = widen_targets(resolve(scene), targets)
-    scene = scene.model_copy(update={"views": widened.views})
-    with progress.stage("agree"):
-        scene, told = place_lamps(scene, targets)
-    require_lamps(scene, "the scene's lamps")
-    told = (*(() if parted is None else parted.lines), *told)
-    return _Call(scene, sources, base, targets, name, parted=parted, told=told)
 
 
 def _survey(call: _Call, options: BuildOptions, choose: bool = True) -> Survey:
