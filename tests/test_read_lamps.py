@@ -1,0 +1,94 @@
+"""Calls with lamps: what they become, and what is refused in one sentence."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from PIL import Image, ImageDraw
+
+from knotfab.base.errors import InputError
+from knotfab.base.progress import Progress
+from knotfab.options import BuildOptions
+from knotfab.read_lamps import LampsCall, read_lamps
+from knotfab.scene.load import dump_scene, parse_scene
+from knotfab_formats.scene import Scene
+
+
+def draw(path: Path, *colours: str, width: int = 120) -> str:
+    image = Image.new("RGB", (width, 80), "white")
+    for n, colour in enumerate(colours):
+        ImageDraw.Draw(image).ellipse((10 + 30 * n, 15, 50 + 30 * n, 65), fill=colour)
+    image.save(path)
+    return str(path)
+
+
+def call(scene: Scene, *sources: str, named: bool = False, **options: object) -> LampsCall:
+    asked = BuildOptions(**options)  # type: ignore[arg-type]
+    return read_lamps(scene, sources, asked, None, Progress("quiet"), named=named)
+
+
+def test_one_picture_becomes_a_view_for_each_lamp_and_the_scene_says_all(tmp_path: Path) -> None:
+    picture = draw(tmp_path / "flag.png", "red", "blue", "yellow")
+    made = call(Scene(), picture, lamps="rgb")
+    assert [v.name for v in made.scene.views] == ["red", "green", "blue"]
+    assert [v.wall for v in made.scene.views] == ["", "red", "red"] and made.name == "flag"
+    assert made.scene.lamps.places == "fixed" and made.scene.piece.bend == "off"
+    assert {(v.frame_width_mm, v.ink, v.light_diameter_mm) for v in made.scene.views} == {
+        (120.0, "dark", 3.0)
+    }
+    assert made.parted is not None and made.targets[0].colours_png == made.parted.png
+    # what is written holds for a build from it: the masks as pictures, and nothing is moved
+    files = [tmp_path / f"picture-{v.name}.png" for v in made.scene.views]
+    for file, target in zip(files, made.targets, strict=True):
+        file.write_bytes(target.png_bytes)
+    (tmp_path / made.scene.lamps.picture).write_bytes(made.parted.png)
+    views = [
+        v.model_copy(update={"picture": f.name})
+        for v, f in zip(made.scene.views, files, strict=True)
+    ]
+    scene = parse_scene(dump_scene(made.scene.model_copy(update={"views": tuple(views)})))
+    names = tuple(v.picture for v in scene.views)
+    again = read_lamps(scene, names, BuildOptions(), tmp_path, Progress("quiet"), named=True)
+    assert again.scene == scene and again.told == ()
+    for one, other in zip(made.targets, again.targets, strict=True):
+        assert (one.mask == other.mask).all() and one.png_bytes == other.png_bytes
+    assert again.targets[0].colours_png == made.parted.png
+
+
+def test_lamps_that_switch_have_a_picture_each(tmp_path: Path) -> None:
+    one, other = draw(tmp_path / "a.png", "black"), draw(tmp_path / "b.png", "black", width=90)
+    made = call(Scene(), one, other, lamps="switch")
+    assert made.scene.lamps.mode == "switch" and [v.name for v in made.scene.views] == ["a", "b"]
+    assert made.targets[0].mask.shape == made.targets[1].mask.shape and made.parted is None
+
+
+@pytest.mark.parametrize(
+    ("lamps", "pictures", "why"),
+    [
+        ("rgb", ("black",), "it is grey"),
+        ("rgb", ("red", "red"), "2 pictures"),
+        ("red+red", ("red",), "names red twice"),
+        ("red+mauve", ("red",), "'mauve' is no lamp"),
+        ("red", ("red",), "this is 1"),
+        ("switch", ("red",), "1 is given"),
+        ("red+magenta+yellow+white+cyan+amber", ("red",), "5 at most"),
+    ],
+)
+def test_what_lamps_cannot_show_is_refused(
+    lamps: str, pictures: tuple[str, ...], why: str, tmp_path: Path
+) -> None:
+    files = [draw(tmp_path / f"{n}.png", c) for n, c in enumerate(pictures)]
+    with pytest.raises(InputError, match=why) as refused:
+        call(Scene(), *files, lamps=lamps)
+    assert refused.value.exit_code == 2 and refused.value.remedy
+
+
+@pytest.mark.parametrize(
+    ("options", "why"),
+    [({"sequence": True}, "frames have one lamp"), ({"lamps": "rgb"}, "a free view")],
+)
+def test_what_does_not_go_with_lamps_is_refused(options: dict[str, object], why: str) -> None:
+    scene = Scene(search={"free_view": True}) if "lamps" in options else Scene()
+    with pytest.raises(InputError, match=why):
+        call(scene, "a.png", **{"lamps": "rgb", **options})
