@@ -1,7 +1,7 @@
 """Ten pieces worth hanging: each built, drawn from its light and four sides, with its hours and grams.
 
 `python -m examples.gallery WORK docs` builds what WORK does not hold yet, and writes docs/gallery.md with its
-pictures, docs/gallery/NAME.webp.
+pictures, docs/gallery/NAME.webp. What is sliced is kept in WORK as well, so that an interrupted run goes on.
 """
 
 from __future__ import annotations
@@ -19,9 +19,13 @@ import knotfab
 from benchmarks.measurement import run_study
 from examples.pictures import pictures
 from knotfab.report.in_words import tell_share
+from knotfab.scene.load import load_scene
+from knotfab.slicer.result import Sliced
+from knotfab.slicer.run import slice_part
 
 HEIGHT, WIDTH = 360, 1400  # px of a row of panels; of the page's pictures
-PAPER = (250, 248, 244)
+PAPER, SHADOW = (250, 248, 244), (52, 49, 45)
+SLICED, SLICING_S = "sliced.json", 3600.0  # of one file
 
 
 @dataclass(frozen=True)
@@ -60,6 +64,9 @@ def main(work: Path, docs: Path, /, *, only: str = "") -> None:
         if asked and (only or not (out / "report.json").is_file()):
             print(piece.name, flush=True)
             _build(piece, drawn, out)
+    for piece in PIECES:
+        if (work / piece.name / "report.json").is_file():
+            _slice(work / piece.name)
     (docs / "gallery").mkdir(exist_ok=True)
     (docs / "gallery.md").write_text("".join(_page(work, docs / "gallery")), encoding="utf-8")
 
@@ -70,12 +77,26 @@ def _files(piece: Piece, folder: Path) -> list[str]:
 
 def _build(piece: Piece, drawn: Path, out: Path) -> None:
     words = shlex.split(piece.options)
-    given = {k.removeprefix("--").replace("-", "_"): v for k, v in zip(words[::2], words[1::2])}  # noqa: B905
+    given: dict[str, Any] = {k.removeprefix("--").replace("-", "_"): v for k, v in zip(words[::2], words[1::2])}  # noqa: B905
     if "size" in given:
-        given["size"] = float(given["size"])  # type: ignore[assignment]
-    outcome = knotfab.build(_files(piece, drawn), out, **given)
+        given["size"] = float(given["size"])
+    outcome = knotfab.build(_files(piece, drawn), out, skip="slicer", **given)
     if outcome.exit_code:
         print(f"  exit code {outcome.exit_code}: see {outcome.folder}", flush=True)
+
+
+def _slice(folder: Path) -> None:
+    """Have PrusaSlicer slice what is printed, however long it takes, and keep its hours and grams."""
+    kept = folder / SLICED
+    if kept.is_file():
+        return
+    scene = load_scene(folder / "scene.toml")
+    names = [plate.file for plate in scene.pose.plates] if scene.pose else []
+    found = [slice_part(folder / n, scene, folder, SLICING_S) for n in names or ["part.3mf"]]
+    each = [one for one in found if isinstance(one, Sliced)]
+    if len(each) == len(found):
+        hours = sum(one.time_s for one in each) / 3600
+        kept.write_text(json.dumps({"hours": hours, "grams": sum(one.filament_g for one in each)}))
 
 
 def _page(work: Path, pictures_to: Path) -> Iterable[str]:
@@ -96,17 +117,18 @@ def _page(work: Path, pictures_to: Path) -> Iterable[str]:
         call = " ".join(s if s.startswith("text:") else f"{s}.png" for s in piece.sources)
         alt = f"{piece.title}: its shadow, and the piece from four sides"
         yield f"\n## {piece.title}\n\n![{alt}](gallery/{name})\n\n"
-        yield f"`knotfab build {call} {piece.options}`: {_facts(report)}.\n"
+        yield f"`knotfab build {call} {piece.options}`: {_facts(report, folder / SLICED)}.\n"
 
 
-def _facts(report: dict[str, Any]) -> str:
+def _facts(report: dict[str, Any], sliced: Path) -> str:
     made, views = report["print"], report["views"]
     alike = " and ".join(tell_share(view.get("iou_frame") or view["iou"]) for view in views)
     size = " × ".join(f"{s:.0f}" for s in made["bounding_box_mm"])
     knots = len(report["knots"])
     told = [f"{alike} alike", f"{size} mm", f"{knots} knot{'s' * (knots > 1)}"]
-    if made.get("time_s"):
-        told.append(f"{made['time_s'] / 3600:.1f} h, {made['filament_g']:.0f} g")
+    if sliced.is_file():
+        figures = json.loads(sliced.read_text("utf-8"))
+        told.append(f"{figures['hours']:.1f} h, {figures['grams']:.0f} g")
     return ", ".join(told)
 
 
@@ -116,8 +138,8 @@ def _draw(folder: Path, report: dict[str, Any]) -> Image.Image:
     for view in report["views"]:
         soft = folder / f"soft-{view['name']}.png"
         path = soft if soft.is_file() else folder / f"shadow-{view['name']}.png"
-        shadow = ImageOps.pad(Image.open(path).convert("RGB"), (HEIGHT, HEIGHT), color=PAPER)
-        row.append(shadow)
+        wall = ImageOps.colorize(Image.open(path).convert("L"), SHADOW, PAPER)
+        row.append(ImageOps.pad(wall, (HEIGHT, HEIGHT), color=PAPER))
     part = Image.open(folder / "part.png").convert("RGB")
     row.append(part.resize((round(part.width * HEIGHT / part.height), HEIGHT)))
     sheet = Image.new("RGB", (sum(p.width for p in row), HEIGHT), PAPER)

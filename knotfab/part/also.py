@@ -22,7 +22,11 @@ from knotfab_formats.scene import ResolvedScene
 
 __all__ = ["write_also"]
 
-_SIDES = 12  # of a tube that is faceted
+_SIDES, _FEWEST_SIDES = 12, 6  # of a tube that is faceted
+_FACETS, _MOST_FACETS = (
+    24_000,
+    60_000,
+)  # that it has where it can, at most: to write them takes .4 ms each
 _SHADOW_MM = 0.01  # within which a shadow's outline is a polygon
 
 
@@ -84,14 +88,32 @@ def _write_step(folder: OutputFolder, part: Part, camera: Camera, suffix: str) -
     }
     path = str(folder.file(f"part{suffix}.step"))
     failed = ask(write_solids, path, tubes, fixtures, to_part)
-    for name in failed:
-        vertices, faces = sweep(lines[name], knots.radius_mm, _SIDES)
-        tubes[name] = {"vertices": vertices.tolist(), "faces": faces.tolist()}
     if not failed:
         return ()
-    ask(write_solids, path, tubes, fixtures, to_part)
-    return tuple(
-        f"{Path(path).name} holds the tube of {name} as a solid of facets, {_SIDES} about it: it bends too "
-        "tightly for a smooth one."
-        for name in failed
-    )
+    told = []
+    for name in failed:
+        sides = _count_sides(len(lines[name]))
+        if sides == 0:
+            del tubes[name]
+            why = "and has too many vertices for one of facets: take part.stl."
+            told.append(
+                f"{Path(path).name} lacks the tube of {name}: it bends too tightly for a smooth solid, {why}"
+            )
+            continue
+        vertices, faces = sweep(lines[name], knots.radius_mm, sides)
+        tubes[name] = {"vertices": vertices.tolist(), "faces": faces.tolist()}
+        told.append(
+            f"{Path(path).name} holds the tube of {name} as a solid of facets, {sides} about it: it bends "
+            "too tightly for a smooth one."
+        )
+    if tubes or fixtures:
+        ask(write_solids, path, tubes, fixtures, to_part)
+    return tuple(told)
+
+
+def _count_sides(vertices: int) -> int:
+    """How many facets go about a tube of so many vertices; 0: it would have too many in all."""
+    if 2 * _FEWEST_SIDES * vertices > _MOST_FACETS:
+        return 0
+    fit = _FACETS // (4 * vertices) * 2
+    return min(_SIDES, max(_FEWEST_SIDES, fit))

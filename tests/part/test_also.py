@@ -235,6 +235,35 @@ def test_a_piece_with_such_a_tube_says_so(tmp_path: Path, monkeypatch: pytest.Mo
     assert len(asked[1]["knot 2"]["faces"]) == 2 * 12 * 200
 
 
+def test_facets_are_as_many_as_can_be_written_soon() -> None:
+    """Even numbers about the tube; a tube of very many vertices has none, and a sentence says so."""
+    assert [also_file._count_sides(n) for n in (200, 1000, 1500, 2500, 5000, 5001)] == [
+        12,
+        12,
+        8,
+        6,
+        6,
+        0,
+    ]
+
+
+def test_a_tube_of_too_many_facets_is_left_out_and_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[Any] = []
+
+    def refuse_first(function: Any, path: str, *rest: Any) -> list[str]:
+        if function is write_solids:
+            asked.append(dict(rest[0]))
+        return ["knot 2"] if len(asked) == 1 else []
+
+    monkeypatch.setattr(also_file, "ask", refuse_first)
+    monkeypatch.setattr(also_file, "_MOST_FACETS", 100)
+    (said,) = made_by_hand("none", {"step"}, tmp_path).told
+    assert said.startswith("part.step lacks the tube of knot 2") and "part.stl" in said
+    assert list(asked[1]) == ["knot 1"]
+
+
 def test_a_tube_moves_only_where_it_would_fold() -> None:
     """By less than a quarter of its radius; its spline then bends to no less than that."""
     t = np.linspace(0, 2 * np.pi, 60, endpoint=False)
