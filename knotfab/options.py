@@ -2,23 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_type_hints
+from types import NoneType
+from typing import (
+    TYPE_CHECKING,
+    Annotated,
+    Any,
+    Literal,
+    TypeVar,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 from cyclopts import Group, Parameter, Token
+from pydantic import BaseModel
 
 from knotfab.base.errors import InputError
 from knotfab.base.lengths import read_length, read_number
 from knotfab.base.progress import Mode
+from knotfab_formats.key import option_of, sentences_of
+from knotfab_formats.scene import About, Accuracy, Mount, Piece, View
+from knotfab_formats.search import SearchSettings
 
 __all__ = [
     "ALL_OUT",
     "BATCH_EXAMPLES",
     "BUILD_EXAMPLES",
     "COMPARE_EXAMPLES",
+    "HELP",
+    "KEYS",
     "MCP_EXAMPLES",
     "OUTPUT",
     "PREVIEW_EXAMPLES",
@@ -174,40 +190,70 @@ knotfab preview cat.jpg --subject 150,80,700,900 --drop 300,950,60
 """
 
 
-@dataclass(frozen=True, kw_only=True)
-class PictureOptions:
-    """What decides how a picture is read, and what a tube can make of it; None leaves it to the scene."""
+KEYS: dict[str, type[BaseModel]] = {
+    **{"views": View, "piece": Piece, "mount": Mount, "accuracy": Accuracy, "about": About},
+    "search": SearchSettings,
+}
+"""The tables of a scene whose keys have options of their own."""
 
-    invert: Annotated[Flag, Parameter(group=_PICTURE)] = False
-    """Draw everything except what was found."""
-    ink: Annotated[str | None, Parameter(group=_PICTURE)] = None
-    """What is drawn: auto (default: what is opaque, or what differs from the border), dark, light, alpha,
-    flood (what the border's colours do not reach, for photographs), or a colour such as red or "#d02010"."""
-    threshold: Annotated[Decimal | None, Parameter(group=_PICTURE)] = None
-    """Where ink begins, as a share of the largest difference, or of full opacity; 0.5 by default."""
-    crop: Annotated[str | None, Parameter(group=_PICTURE)] = None
-    """Read only this part of the picture: auto (the drawing's own box), or LEFT,TOP,WIDTH,HEIGHT in px."""
-    subject: Annotated[str | None, Parameter(group=_PICTURE)] = None
-    """Of a photograph: draw what can be cut out of a rectangle about it, LEFT,TOP,WIDTH,HEIGHT in px."""
-    keep: Annotated[Names, Parameter(group=_PICTURE)] = ()
-    """With --subject: a disc that belongs to it, X,Y,RADIUS in px; may be repeated."""
-    drop: Annotated[Names, Parameter(group=_PICTURE)] = ()
-    """With --subject: a disc that does not belong to it, X,Y,RADIUS in px; may be repeated."""
-    keep_largest: Annotated[Whole | None, Parameter(group=_PICTURE)] = None
-    """Draw only so many pieces of the picture, the largest."""
-    specks: Annotated[Whole | None, Parameter(group=_PICTURE)] = None
-    """Leave out pieces, and fill holes, of fewer pixels than this."""
-    smooth: Annotated[Decimal | None, Parameter(group=_PICTURE)] = None
-    """Blur the picture by so many px and cut it at half before it is drawn; the shadow is compared with the
-    picture itself."""
-    thicken: Annotated[str | None, Parameter(group=_PICTURE)] = None
-    """Widen strokes that are thinner to so many mm on the wall, or auto: to what can be printed."""
-    lines: Annotated[Literal["auto", "on", "off"] | None, Parameter(group=_PICTURE)] = None
-    """Lay one tube along the middle of each stroke: on, off, or auto (default: where most strokes are thinner
-    than the tube)."""
-    tone: Annotated[Literal["lines", "off"] | None, Parameter(group=_PICTURE)] = None
-    """lines: draw the picture's greys, with strands closer together where it is darker; off (default): draw
-    its silhouette."""
+_GROUPS = {group.name: group for group in (_PICTURE, _PIECE, _PRINT, _SEARCH, OUTPUT)}
+HELP: dict[str, str] = {}
+"""What an option of a key does, by its name here."""
+AClass = TypeVar("AClass", bound=type)
+
+
+def _with_keys(*tables: str, only: Collection[str] = ()) -> Callable[[AClass], AClass]:
+    """Give a class of options, before its own, those that set keys of tables; all, or `only` some."""
+
+    def add(kind: AClass) -> AClass:
+        found = {}
+        for model in (KEYS[table] for table in tables):
+            said = sentences_of(model)
+            for key in model.model_fields:
+                group, option = option_of(model, key) or ("", "")
+                name = option.removeprefix("--").replace("-", "_")
+                if not option or hasattr(kind, name) or (only and name not in only):
+                    continue
+                read = _type_of(key, model.model_fields[key].annotation)
+                shown = Parameter(group=_GROUPS[group], help=said[key])
+                found[name], HELP[name] = Annotated[read, shown], said[key]
+                setattr(kind, name, False if read is Flag else () if read is Names else None)
+        kind.__annotations__ = found | kind.__annotations__
+        return kind
+
+    return add
+
+
+def _type_of(key: str, kind: Any) -> Any:
+    """What an option takes for a key of a kind: a text where the key takes words beside a number."""
+    if get_origin(kind) is tuple and get_args(kind)[-1] is Ellipsis:
+        inner = get_args(kind)[0]
+        return inner | None if get_origin(inner) is Literal else Names
+    if kind is bool:
+        return Flag
+    parts = [p for p in get_args(kind) or (kind,) if p is not NoneType]
+    if get_origin(kind) is Literal:
+        return kind | None
+    plain = get_args(parts[0])[0] if get_origin(parts[0]) is Annotated else parts[0]
+    if len(parts) > 1 or plain not in (int, float):
+        return str | None
+    number = Whole if plain is int else Length if key.endswith("_mm") else Decimal
+    return number | None
+
+
+@dataclass(frozen=True, kw_only=True)
+@_with_keys("views")
+@_with_keys("piece", only=("tube_radius",))
+class PictureOptions:
+    """What decides how a picture is read, and what a tube can make of it; None leaves it to the scene.
+
+    The options that set a key are those that the key's declaration names (`knotfab_formats`).
+    """
+
+    if TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any: ...
+
     lamps: Annotated[str | None, Parameter(group=_PICTURE)] = None
     """Several lamps before one screen: rgb, or names such as warm+white, mix one picture's colours; switch:
     each lamp shows its own picture, one at a time."""
@@ -218,18 +264,6 @@ class PictureOptions:
     """A scene.toml. Other options set keys of the scene, and win over the file."""
     size: Annotated[Length | None, Parameter(group=_PIECE)] = None
     """The picture's longer side on the wall, in mm; 180 by default."""
-    width: Annotated[Length | None, Parameter(group=_PIECE)] = None
-    """The picture's width on the wall, in mm; its height follows."""
-    height: Annotated[Length | None, Parameter(group=_PIECE)] = None
-    """The picture's height on the wall, in mm; its width follows."""
-    lamp_distance: Annotated[Length | None, Parameter(group=_PIECE)] = None
-    """From the lamp to the middle of the piece, in mm; 500 by default."""
-    wall_distance: Annotated[Length | None, Parameter(group=_PIECE)] = None
-    """From the middle of the piece to the wall, in mm; 100 by default."""
-    lamp_diameter: Annotated[Length | None, Parameter(group=_PIECE)] = None
-    """In mm; 5 by default. A wide lamp blurs the shadow."""
-    tube_radius: Annotated[str | None, Parameter(group=_PIECE)] = None
-    """In mm, or auto (default): the thickest tube that draws the picture well."""
 
     printer: Annotated[str | None, Parameter(group=_PRINT)] = None
     """A printer's name, such as prusa-mk4, or a file such as my-printer.toml; knotfab printers lists
@@ -239,6 +273,7 @@ class PictureOptions:
 
 
 @dataclass(frozen=True, kw_only=True)
+@_with_keys(*KEYS)
 class BuildOptions(PictureOptions):
     """What `knotfab build` is asked besides its pictures; None leaves it to the scene."""
 
@@ -248,49 +283,20 @@ class BuildOptions(PictureOptions):
     no_loop: Annotated[Flag, Parameter(group=_PICTURE)] = False
     """With --sequence: the last frame need not lead back to the first."""
 
-    depth: Annotated[str | None, Parameter(group=_PIECE)] = None
-    """The piece's extent along the view: mm, auto (default: unreadable from elsewhere), or flat."""
-    knots: Annotated[str | None, Parameter(group=_PIECE)] = None
-    """auto (default): one knot for each piece of the picture; N: its pieces bridged into so many."""
-    bend: Annotated[str | None, Parameter(group=_PIECE)] = None
-    """Bend several pictures until they agree: auto (default), off, or the most that a point may move, as a
-    share of the picture's height, such as 0.05."""
-    mirror: Annotated[Literal["auto", "off"] | None, Parameter(group=_PIECE)] = None
-    """auto: mirror pictures where that makes them agree and the scene fixes their views; off (default)."""
-    knot: Annotated[str | None, Parameter(group=_PIECE)] = None
-    """The knot type to tie: unknot (default), trefoil, "left trefoil", figure-eight, any of the table up to
-    8 crossings (5_2, 8_19), or a sum (3_1#4_1)."""
     free: Annotated[Literal["view"] | None, Parameter(group=_PIECE)] = None
     """view: find the pose, the distances of light and wall, and the tube's radius along with the knots; with
     several pictures the directions of their lamps. scene.toml then has them."""
 
     print_: Annotated[Flag, Parameter(name="--print", group=_PRINT)] = False
     """Make it for printing: pose the part for that, and check it against the printer too."""
-    mount: Annotated[
-        Literal["auto", "wall", "stand", "hang", "none"] | None, Parameter(group=_PRINT)
-    ] = None
-    """What holds the piece: wall (pegs in the tube's own shadow, on a plate whose face is the wall, or in
-    drilled holes), stand (a base below all pictures), hang (an eyelet for a thread), none, or auto (default:
-    wall for several loose pieces that are printed, else none). Wall, stand and hang imply --print."""
 
-    bender: Annotated[str | None, Parameter(group=_PRINT)] = None
-    """What bends a wire: lra (default, a table of length, rotation, angle), grbl, or a template's file."""
-
-    accuracy: Annotated[
-        Literal["sketch", "draft", "standard", "fine"] | None, Parameter(group=_SEARCH)
-    ] = None
-    """sketch, draft, standard (default) or fine: from the fastest to the most accurate."""
     time_budget: Annotated[str | None, Parameter(group=_SEARCH)] = None
     """Time for the whole build, such as 30 (seconds), 90s, 1.5min or 1m30s; sets the iterations."""
-    search: Annotated[Literal["flow", "inn", "inn+flow"] | None, Parameter(group=_SEARCH)] = None
-    """flow (default: the certified flow), inn (an invertible network), or inn+flow, one after the other."""
     effect: Annotated[Names, Parameter(group=_SEARCH)] = ()
     """Simulate an effect of light or world: NAME=on, off or auto (default: on where the scene calls for it),
     such as penumbra=off; may be repeated."""
     start: Annotated[Path | None, Parameter(group=_SEARCH)] = None
     """Go on from these knots: the folder of a build, its knots.json, or a start.json."""
-    seed: Annotated[Whole | None, Parameter(group=_SEARCH)] = None
-    """Seed of the random depth profiles: another one gives another piece."""
     device: Annotated[Literal["cpu", "cuda"], Parameter(group=_SEARCH)] = "cpu"
     """Where the search runs."""
 
@@ -301,18 +307,10 @@ class BuildOptions(PictureOptions):
     a build always does."""
     colours: Annotated[Flag, Parameter(group=OUTPUT)] = False
     """Also write part-colours.3mf: the named bodies, each in a colour, for several filaments."""
-    title: Annotated[str | None, Parameter(group=OUTPUT)] = None
-    """What part.3mf is called in slicers and on print sites; the picture's name by default."""
-    designer: Annotated[str | None, Parameter(group=OUTPUT)] = None
-    """Who designed it, for part.3mf; knotfab by default."""
-    licence: Annotated[str | None, Parameter(group=OUTPUT)] = None
-    """The terms under which others may use it, for part.3mf, such as "CC BY 4.0"; none by default."""
     also: Annotated[Names, Parameter(group=OUTPUT)] = ()
     """Also write files for other tools: svg, dxf, step, gcode, or several (svg,step). Centre lines for
     cutters, plotters and CAD; with svg the outlines of shadows, with step tubes and mount as solids. gcode
     keeps what PrusaSlicer makes of the part, with pictures for the printer's screen."""
-    accept: Annotated[Literal["unrecognisable"] | None, Parameter(group=OUTPUT)] = None
-    """unrecognisable: keep a piece in whose shadow nobody would know the picture."""
     skip: Annotated[Names, Parameter(group=OUTPUT)] = ()
     """Leave out these checks, such as shadow-render."""
     quiet: Annotated[Flag, Parameter(group=OUTPUT)] = False

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -13,10 +13,11 @@ from pydantic import BaseModel
 from knotfab.base.disk import at_home
 from knotfab.base.errors import InputError
 from knotfab.base.lengths import read_length
-from knotfab.options import BuildOptions
+from knotfab.options import KEYS, PictureOptions
 from knotfab.verify.checks import CHECKS
 from knotfab_formats.bounds import why_out_of_bounds
-from knotfab_formats.scene import MOST_BEND, About, Piece, Scene, Switch, Switches, View
+from knotfab_formats.key import option_of, takes_number, words_of
+from knotfab_formats.scene import MOST_BEND, Piece, Scene, Switch, Switches, View
 from knotfab_formats.search import OF_NO_PRESET, search_settings
 
 __all__ = ["read_also", "read_scene", "read_seconds", "read_skips"]
@@ -30,16 +31,18 @@ _SECONDS |= dict.fromkeys(("m", "min", "mins", "minute", "minutes"), 60.0)
 _SECONDS |= dict.fromkeys(("h", "hr", "hrs", "hour", "hours"), 3600.0)
 
 
-def _millimetres(name: str, text: str, words: tuple[str, ...]) -> Any:
+def _millimetres(
+    model: type[BaseModel], key: str, option: str, text: str, words: tuple[str, ...]
+) -> Any:
     """A positive length, or one of the words."""
     plain = text.strip().lower()
     if plain in words:
         return plain
-    remedy = f"Give millimetres, such as {name} 2, or {' or '.join(words)}."
-    number = read_length(f"{name} {text}", plain, remedy)
+    remedy = f"Give millimetres, such as {option} 2, or {' or '.join(words)}."
+    number = read_length(f"{option} {text}", plain, remedy)
     if number <= 0:
-        raise InputError(f"{name} {text}", "it is not above 0", remedy)
-    _check_bounds(Piece, "tube_radius_mm", number, f"{name} {text}")  # as all lengths
+        raise InputError(f"{option} {text}", "it is not above 0", remedy)
+    _check_bounds(model, key, number, f"{option} {text}")
     return number
 
 
@@ -95,7 +98,7 @@ def read_also(texts: Collection[str]) -> frozenset[str]:
     return names
 
 
-def read_scene(options: BuildOptions) -> tuple[Scene, Path | None]:
+def read_scene(options: PictureOptions) -> tuple[Scene, Path | None]:
     """The scene of a file (or the default one) with the command line's shorthands over it.
 
     Returns the scene and the folder that its pictures are relative to.
@@ -108,42 +111,79 @@ def read_scene(options: BuildOptions) -> tuple[Scene, Path | None]:
 
     path = options.scene
     scene = load_scene(path) if path is not None else Scene()
-    update: dict[str, Any] = {}
-    if piece := _piece_keys(options):
-        update["piece"] = scene.piece.model_copy(update=piece)
-    own, accuracy = scene.search, scene.accuracy
-    if options.accept is not None:
-        accuracy = accuracy.model_copy(update={"accept": (options.accept,)})
-    if options.accuracy is not None:
-        accuracy = accuracy.model_copy(update={"name": options.accuracy})
-        if options.accuracy != scene.accuracy.name:
-            # another preset: the settings of the old one go
-            search_settings(scene.accuracy.name, own)  # what is none is told
-            own = {key: value for key, value in own.items() if key in OF_NO_PRESET}
-    update["accuracy"] = accuracy
-    update["search"] = {**own, **_search_keys(options)}
+    given = {table: _keys(options, model) for table, model in KEYS.items()}
+    views, search = given.pop("views") | _frame_keys(options), scene.search
+    if "subject_px" in views:  # with the discs that are given, and no others
+        views = {"keep_px": (), "drop_px": (), **views}
+    if views.keys() & {"subject_px", "keep_px", "drop_px"}:
+        views["subject_mask"] = ""  # it is cut anew
+    update: dict[str, Any] = {
+        table: getattr(scene, table).model_copy(update=keys)
+        for table, keys in given.items()
+        if keys and table != "search"
+    }
+    if given["accuracy"].get("name", scene.accuracy.name) != scene.accuracy.name:
+        # another preset: the settings of the old one go
+        search_settings(scene.accuracy.name, search)  # what is none is told
+        search = {key: value for key, value in search.items() if key in OF_NO_PRESET}
+    update["search"] = {**search, **given["search"], **_search_keys(options)}
     if options.printer is not None:
         update["printer"] = printer_of(options.printer)
     if options.material is not None:
         update["material"] = material_of(options.material)
-    if options.mount is not None:
-        update["mount"] = scene.mount.model_copy(update={"kind": options.mount})
     if options.no_loop:
         update["sequence"] = scene.sequence.model_copy(update={"loop": False})
-    told = {key: getattr(options, key) for key in ("title", "designer", "licence")}
-    if told := {key: text for key, text in told.items() if text is not None}:
-        for key, text in told.items():
-            if why_out_of_bounds(About, key, text) is not None:
-                why, remedy = "it is no line of text", "Give one line of at most 200 signs."
-                raise InputError(f"--{key} {text[:40]!r}", why, remedy)
-        update["about"] = scene.about.model_copy(update=told)
     if options.effect:
         update["effects"] = scene.effects.model_copy(update=_switches(options.effect))
-    if keys := _view_keys(options):
-        update["views"] = tuple(v.model_copy(update=keys) for v in scene.views)
+    if views:
+        update["views"] = tuple(v.model_copy(update=views) for v in scene.views)
     scene = scene.model_copy(update=update)
     check_scene(scene, "the command line" if path is None else str(path))
     return scene, None if path is None else path.resolve().parent
+
+
+def _keys(options: PictureOptions, model: type[BaseModel]) -> dict[str, Any]:
+    """The keys of a table that the options give, as their declaration says."""
+    keys: dict[str, Any] = {}
+    for key in model.model_fields:
+        _, option = option_of(model, key) or ("", "")
+        value = getattr(options, option[2:].replace("-", "_"), None) if option else None
+        if value is not None and value is not False and value != ():
+            keys[key] = _read(model, key, option, value)
+    return keys
+
+
+def _read(model: type[BaseModel], key: str, option: str, value: Any) -> Any:
+    """A key's value, of what its option was given.
+
+    Raises:
+        InputError: it is none, or out of its bounds.
+    """
+    if key in _READERS:
+        return _READERS[key](option, value)
+    words = words_of(model, key)
+    if isinstance(value, str) and key not in words and takes_number(model, key):
+        return _millimetres(model, key, option, value, words)
+    if isinstance(value, str):
+        if why_out_of_bounds(model, key, value) is not None:
+            why, remedy = "it is no line of text", "Give one line of at most 200 signs."
+            raise InputError(f"{option} {value[:40]!r}", why, remedy)
+    elif not isinstance(value, bool):
+        _check_bounds(model, key, value, f"{option} {value:g}")
+    return value
+
+
+def _frame_keys(options: PictureOptions) -> dict[str, Any]:
+    """The sides of the frame: with one of them given the other follows from the picture."""
+    sided = options.width is not None or options.height is not None
+    if options.size is not None:
+        _check_bounds(View, "frame_width_mm", options.size, f"--size {options.size:g}")
+        if sided:
+            why = "--width or --height is given too"
+            raise InputError(f"--size {options.size:g}", why, "Give one of them.")
+    if sided or options.size is not None:  # of which read_call knows the longer one
+        return {"frame_width_mm": options.width, "frame_height_mm": options.height}
+    return {}
 
 
 def _switches(texts: Collection[str]) -> dict[str, Any]:
@@ -162,163 +202,78 @@ def _switches(texts: Collection[str]) -> dict[str, Any]:
     return keys
 
 
-def _view_keys(options: BuildOptions) -> dict[str, Any]:
-    """The keys of [[views]] that the options give: how pictures are read, and where they stand."""
-    given: dict[str, Any] = {
-        "invert": options.invert or None,
-        "ink": None if options.ink is None else _ink(options.ink),
-        "threshold": options.threshold,
-        "crop_px": None if options.crop is None else _crop(options.crop),
-        **_subject(options),
-        "keep_largest": options.keep_largest,
-        "speck_px": options.specks,
-        "smooth_px": options.smooth,
-        "lines": options.lines,
-        "tone": options.tone,
-        "light_distance_mm": options.lamp_distance,
-        "wall_distance_mm": options.wall_distance,
-        "light_diameter_mm": options.lamp_diameter,
-    }
-    if options.thicken is not None:
-        given["thicken_mm"] = _millimetres("--thicken", options.thicken, ("auto",))
-    keys = {key: value for key, value in given.items() if value is not None}
-    if options.width is not None or options.height is not None:
-        # one side alone: the other follows from the picture, whatever the scene had
-        keys |= {"frame_width_mm": options.width, "frame_height_mm": options.height}
-    for key, value in {**keys, "size": options.size}.items():
-        _check_view_key(key, value)
-    if options.size is not None:
-        if options.width is not None or options.height is not None:
-            why = "--width or --height is given too"
-            raise InputError(f"--size {options.size:g}", why, "Give one of them.")
-        keys |= {"frame_width_mm": None, "frame_height_mm": None}  # read_call knows the longer one
-    return keys
-
-
-_OPTIONS = {
-    "speck_px": "--specks",
-    "frame_width_mm": "--width",
-    "frame_height_mm": "--height",
-    "light_distance_mm": "--lamp-distance",
-    "wall_distance_mm": "--wall-distance",
-    "light_diameter_mm": "--lamp-diameter",
-}
-
-
-def _check_view_key(key: str, value: Any) -> None:
-    """Refuse a number out of its bounds, by the name of its option.
-
-    Raises:
-        InputError: naming the option and its bounds.
-    """
-    if value is None or isinstance(value, bool | str | tuple):
-        return
-    option = _OPTIONS.get(key, "--" + key.removesuffix("_px").replace("_", "-"))
-    if key == "keep_largest" and value == 0:  # which the scene writes of all
-        raise InputError(f"{option} 0", "it is out of bounds", "Give a whole number from 1.")
-    _check_bounds(View, "frame_width_mm" if key == "size" else key, value, f"{option} {value:g}")
-
-
 def _check_bounds(model: type[BaseModel], key: str, value: Any, what: str) -> None:
     """Refuse a value of an option that the scene's key does not take."""
     bounds = why_out_of_bounds(model, key, value)
     if bounds is not None:
         unit = {"mm": "millimetres", "px": "pixels"}.get(key.rpartition("_")[2], "a number")
-        raise InputError(what, "it is out of bounds", f"Give {unit} {bounds}.")
+        why = "it is negative" if value < 0 else "it is out of bounds"
+        raise InputError(what, why, f"Give {unit} {bounds}.")
 
 
-def _ink(text: str) -> str:
+def _ink(option: str, text: str) -> str:
     """A word of the scene key `ink`, or a colour as #rrggbb."""
     plain = text.strip().lower()
-    if plain in ("auto", "dark", "light", "alpha", "flood"):
+    words = words_of(View, "ink")
+    if plain in words:
         return plain
     from PIL import ImageColor
 
     try:
         return "#{:02x}{:02x}{:02x}".format(*ImageColor.getrgb(plain)[:3])
     except ValueError as error:
+        remedy = f"Use {', '.join(words)}, or a colour such as red or #d02010."
+        raise InputError(f"{option} {text}", "it is no colour", remedy) from error
+
+
+def _pixels(count: int, what: str, remedy: str, words: tuple[str, ...] = ()) -> Callable[..., Any]:
+    """A reader of so many whole px, of which the sizes (all but the first two) are above 0, or of words."""
+
+    def read(option: str, text: str) -> Any:
+        parts = [part.strip() for part in text.strip().strip("()[]").split(",")]
+        if (plain := text.strip().lower()) in words:
+            return plain
+        if len(parts) == count and all(re.fullmatch("[0-9]{1,6}", part) for part in parts):
+            numbers = tuple(map(int, parts))
+            if min(numbers[2:]) > 0:
+                return numbers
+        raise InputError(f"{option} {text}", what, f"Use {remedy.format(option)}.")
+
+    return read
+
+
+_box = "LEFT,TOP,WIDTH,HEIGHT in whole px"
+_read_disc = _pixels(
+    3, "it is no disc", "X,Y,RADIUS in whole px of the picture, such as {} 320,240,12"
+)
+
+
+def _discs(option: str, texts: Collection[str]) -> tuple[Any, ...]:
+    return tuple(_read_disc(option, text) for text in texts)
+
+
+def _largest(option: str, count: int) -> int:
+    if count == 0:  # which the scene writes of all
+        raise InputError(f"{option} 0", "it is out of bounds", "Give a whole number from 1.")
+    _check_bounds(View, "keep_largest", count, f"{option} {count:g}")
+    return count
+
+
+def _count(option: str, text: str) -> int | str:
+    """auto, or how many knots."""
+    if text == "auto":
+        return text
+    if not re.fullmatch(r"0*[0-9]{1,9}", text) or int(text) == 0:
         raise InputError(
-            f"--ink {text}",
-            "it is no colour",
-            "Use auto, dark, light, alpha, flood, or a colour such as red or #d02010.",
-        ) from error
-
-
-def _crop(text: str) -> Any:
-    """auto, none, or left, top, width and height in px."""
-    plain = text.strip().lower()
-    if plain in ("auto", "none"):
-        return plain
-    if box := _whole_px(plain, 4, 2):
-        return box
-    raise InputError(
-        f"--crop {text}",
-        "it is no part of a picture",
-        "Use auto, or LEFT,TOP,WIDTH,HEIGHT in whole px, such as --crop 20,40,600,400.",
-    )
-
-
-def _whole_px(text: str, count: int, sizes: int) -> tuple[int, ...]:
-    """So many whole px, the last of them sizes above 0; () where the text is not that."""
-    parts = [part.strip() for part in text.strip().strip("()[]").split(",")]
-    if len(parts) != count or not all(re.fullmatch("[0-9]{1,6}", part) for part in parts):
-        return ()
-    numbers = tuple(map(int, parts))
-    return numbers if min(numbers[-sizes:]) > 0 else ()
-
-
-def _subject(options: BuildOptions) -> dict[str, Any]:
-    """The rectangle about a subject and the discs that correct its cut, made anew; {} without any."""
-    found: dict[str, Any] = {"subject_mask": ""}
-    if options.subject is not None:
-        found |= {"subject_px": _whole_px(options.subject, 4, 2), "keep_px": (), "drop_px": ()}
-    for name, discs in (("keep", options.keep), ("drop", options.drop)):
-        if discs:
-            found[f"{name}_px"] = tuple(_whole_px(disc, 3, 1) for disc in discs)
-    if found.get("subject_px") == ():
-        raise InputError(
-            f"--subject {options.subject}",
-            "it is no rectangle",
-            "Use LEFT,TOP,WIDTH,HEIGHT in whole px of the picture, such as --subject 20,40,600,400.",
+            f"{option} {text}",
+            "it is neither auto nor a number",
+            "Use auto (one knot a piece of the picture), or how many knots its pieces are bridged into.",
         )
-    for name, discs in (("keep", options.keep), ("drop", options.drop)):
-        for disc, read in zip(discs, found.get(f"{name}_px", ()), strict=False):
-            if not read:
-                remedy = f"Use X,Y,RADIUS in whole px of the picture, such as --{name} 320,240,12."
-                raise InputError(f"--{name} {disc}", "it is no disc", remedy)
-    return found if len(found) > 1 else {}
+    _check_bounds(Piece, "knots", int(text), f"{option} {text}")
+    return int(text)
 
 
-def _piece_keys(options: BuildOptions) -> dict[str, Any]:
-    """The keys of [piece] that the options give."""
-    keys: dict[str, Any] = {}
-    if options.tube_radius is not None:
-        keys["tube_radius_mm"] = _millimetres("--tube-radius", options.tube_radius, ("auto",))
-    if options.depth is not None:
-        keys["depth"] = _millimetres("--depth", options.depth, ("auto", "flat"))
-    if options.knots is not None:
-        few = re.fullmatch(r"0*[0-9]{1,9}", options.knots)
-        if options.knots != "auto" and not (few and int(options.knots) > 0):
-            raise InputError(
-                f"--knots {options.knots}",
-                "it is neither auto nor a number",
-                "Use auto (one knot a piece of the picture), or how many knots its pieces are bridged into.",
-            )
-        keys["knots"] = "auto" if options.knots == "auto" else int(options.knots)
-        _check_bounds(Piece, "knots", keys["knots"], f"--knots {options.knots}")
-    if options.bend is not None:
-        keys["bend"] = _share(options.bend)
-    if options.mirror is not None:
-        keys["mirror"] = options.mirror
-    if options.bender is not None:
-        named = re.fullmatch("[a-z]+", options.bender)
-        keys["bender"] = options.bender if named else str(at_home(options.bender).absolute())
-    if options.knot is not None:
-        keys["knot"] = options.knot
-    return keys
-
-
-def _share(text: str) -> Any:
+def _share(option: str, text: str) -> float | str:
     """auto, off, or a share of a picture's height."""
     plain = text.strip().lower()
     if plain in ("auto", "off"):
@@ -331,26 +286,45 @@ def _share(text: str) -> Any:
         return "off"
     if not 0 < share <= MOST_BEND:
         raise InputError(
-            f"--bend {text}",
+            f"{option} {text}",
             f"it is no share of a picture's height up to {MOST_BEND:g}, beyond which nobody knows it",
             "Use auto, off, or how far a point may move, such as --bend 0.05",
         )
     return share
 
 
-def _search_keys(options: BuildOptions) -> dict[str, Any]:
-    """The keys of [search] that the options give."""
+def _bender(option: str, text: str) -> str:
+    """A template's name, or its file by its whole path."""
+    return text if re.fullmatch("[a-z]+", text) else str(at_home(text).absolute())
+
+
+# of keys whose options take more, or say it in other words, than their kind of value
+_READERS: dict[str, Callable[..., Any]] = {
+    "ink": _ink,
+    "crop_px": _pixels(
+        4,
+        "it is no part of a picture",
+        f"auto, or {_box}, such as {{}} 20,40,600,400",
+        ("auto", "none"),
+    ),
+    "subject_px": _pixels(
+        4, "it is no rectangle", f"{_box} of the picture, such as {{}} 20,40,600,400"
+    ),
+    "keep_px": _discs,
+    "drop_px": _discs,
+    "keep_largest": _largest,
+    "knots": _count,
+    "bend": _share,
+    "bender": _bender,
+    "accept": lambda _, word: (word,),
+}
+
+
+def _search_keys(options: PictureOptions) -> dict[str, Any]:
+    """The keys of [search] that options give in other words."""
     keys: dict[str, Any] = {}
-    if options.seed is not None:
-        if options.seed < 0:
-            raise InputError(
-                f"--seed {options.seed}", "it is negative", "Use a whole number from 0"
-            )
-        keys["seed"] = options.seed
     if options.start is not None:
         keys["start"] = str(at_home(options.start).absolute())
-    if options.search is not None:
-        keys["method"] = options.search
     if options.free == "view":
         keys["free_view"] = True
     return keys

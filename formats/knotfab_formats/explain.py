@@ -11,7 +11,7 @@ from pydantic import BaseModel, ValidationError
 
 from knotfab_formats.errors import InputError
 
-__all__ = ["explain"]
+__all__ = ["explain", "tables_of"]
 
 # Millimetres or degrees in one of each unit that people write instead.
 _LENGTHS = {"mm": 1.0, "cm": 10.0, "dm": 100.0, "m": 1000.0, "um": 0.001, "in": 25.4, "inch": 25.4}
@@ -70,7 +70,7 @@ def _name_table(path: tuple[int | str, ...]) -> str:
     return f"[{path[0]}]"
 
 
-def _list_tables(scene: type[BaseModel]) -> dict[str, type[BaseModel]]:
+def tables_of(scene: type[BaseModel]) -> dict[str, type[BaseModel]]:
     """Each table's name and its model."""
     tables: dict[str, type[BaseModel]] = {}
     for name, field in scene.model_fields.items():
@@ -81,7 +81,7 @@ def _list_tables(scene: type[BaseModel]) -> dict[str, type[BaseModel]]:
 
 
 def _key_names(table: str | None, scene: type[BaseModel]) -> list[str]:
-    model = scene if table is None else _list_tables(scene).get(table)
+    model = scene if table is None else tables_of(scene).get(table)
     if model is None:
         return []
     return [field.alias or name for name, field in model.model_fields.items()]
@@ -113,7 +113,7 @@ def _unknown_key(
     alike = key.replace("lamp", "light")
     close = [alike] if alike in valid else difflib.get_close_matches(key, valid, n=1, cutoff=0.5)
     close = [v for v in valid if v in (f"{key}_mm", f"{key}_deg")] or close
-    homes = [name for name in _list_tables(scene) if key in _key_names(name, scene)]
+    homes = [name for name in tables_of(scene) if key in _key_names(name, scene)]
     if homes and (not table or homes != [table[0]]):
         home = "[[views]]" if homes[0] == "views" else f"[{homes[0]}]"
         remedy = f"It belongs in {home}."

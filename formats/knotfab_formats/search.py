@@ -8,6 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from knotfab_formats.bounds import MOST_MM
 from knotfab_formats.errors import InputError
+from knotfab_formats.key import option
 
 __all__ = ["OF_NO_PRESET", "PRESETS", "Precision", "Renderer", "SearchSettings", "search_settings"]
 
@@ -23,57 +24,80 @@ class SearchSettings(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=True)
 
-    seed: int = Field(0, ge=0, lt=2**63)
-    start: str = ""  # a file of knots to go on from, beside the scene; "": a template
-    method: Literal["flow", "inn", "inn+flow"] = "flow"  # inn: the paper's invertible network
-    network_start: Literal["filling", "circle"] = "filling"  # the template that it deforms
-    network_depth: int = Field(8, ge=1, le=256)  # coupling layers
-    network_width: int = Field(128, ge=1, le=65536)  # hidden units of each S and T
+    seed: int = option(0, "Search --seed", ge=0, lt=2**63)
+    """Seed of the random depth profiles: another one gives another piece."""
+    start: str = ""
+    """A file of knots to go on from, beside the scene; "": a template."""
+    method: Literal["flow", "inn", "inn+flow"] = option("flow", "Search --search")
+    """flow (default: the certified flow), inn (an invertible network), or inn+flow, one after the
+    other."""
+    network_start: Literal["filling", "circle"] = "filling"
+    """The template that the network deforms."""
+    network_depth: int = Field(8, ge=1, le=256)
+    """Coupling layers."""
+    network_width: int = Field(128, ge=1, le=65536)
+    """Hidden units of each S and T."""
     network_iterations: int = Field(300, ge=1, le=_MOST)
-    network_rate_radii: float = Field(
-        0.25, ge=1e-6, lt=2
-    )  # a vertex's first steps; a circle's: twice
-    coarse_px: int = Field(192, ge=32, le=4096)  # longer side of the picture in the first phase
-    fine_px: int = Field(640, ge=32, le=4096)  # in the later ones
+    """Iterations of the network."""
+    network_rate_radii: float = Field(0.25, ge=1e-6, lt=2)
+    """A vertex's first steps, in tube radii; a circle's: twice."""
+    coarse_px: int = Field(192, ge=32, le=4096)
+    """The picture's longer side in the first phase."""
+    fine_px: int = Field(640, ge=32, le=4096)
+    """The picture's longer side in the later phases."""
     coarse_iterations: int = Field(120, ge=0, le=_MOST)
+    """Iterations of the first phase."""
     fine_iterations: int = Field(120, ge=0, le=_MOST)
-    settle_iterations: int = Field(60, ge=0, le=_MOST)  # the last phase: feasibility first
-    edge_radii: float = Field(0.75, gt=0.05, lt=0.8)  # vertex spacing in tube radii
-    settle_edge_radii: float = Field(0.45, gt=0.05, lt=0.8)  # in the last phase, and in the part
-    winners_every: int = Field(
-        3, ge=1, le=_MOST
-    )  # iterations between full searches for the winning capsules
-    # sharpness of the picture at last, over the projected radius; never above 5 a pixel
+    """Iterations of the second phase."""
+    settle_iterations: int = Field(60, ge=0, le=_MOST)
+    """Iterations of the last phase, in which feasibility comes first."""
+    edge_radii: float = Field(0.75, gt=0.05, lt=0.8)
+    """Vertex spacing in tube radii."""
+    settle_edge_radii: float = Field(0.45, gt=0.05, lt=0.8)
+    """Vertex spacing in the last phase, and in the part."""
+    winners_every: int = Field(3, ge=1, le=_MOST)
+    """Iterations between full searches for the winning capsules."""
     tau: float = Field(24.0, ge=0.01, le=1000)
-    precision: Precision = "single"  # of pictures; all else is in double
-    # what a picture's pixels measure: the ray's distance, or that to outlines of capsules, or of ellipses
-    # at the vertices, as the paper has it; these by torch, in double precision
+    """Sharpness of the picture at last, over the projected radius; never above 5 a pixel."""
+    precision: Precision = "single"
+    """Pictures are computed so; all else is in double."""
     renderer: Renderer = "ray"
-    depth_candidates: int = Field(300, ge=1, le=100_000)  # depth profiles tried, by descent
-    radius_candidates: int = Field(12, ge=2, le=1000)  # tube radii tried when the radius is "auto"
-    # IoU of the template that may be given for a thicker tube, of fewer vertices; of the start: .012 or more
+    """What a picture's pixels measure: the ray's distance, or that to outlines of capsules, or of
+    ellipses at the vertices, as the paper has it; these by torch, in double precision."""
+    depth_candidates: int = Field(300, ge=1, le=100_000)
+    """Depth profiles tried, by descent."""
+    radius_candidates: int = Field(12, ge=2, le=1000)
+    """Tube radii tried when the radius is "auto"."""
     radius_give: float = Field(0.004, ge=0, lt=0.5)
-    # thinnest tube that is tried at once, over the usual one: 1 % of the frame's side
+    """IoU of the template that may be given for a thicker tube, of fewer vertices; of the start: 0.012
+    or more."""
     radius_from: float = Field(1.0, ge=0.01, le=2)
-    # unit of the effects' thresholds, px of a picture of 1024 px on its longer side (docs/effects.md)
+    """The thinnest tube that is tried at once, over the usual one: 1 % of the frame's side."""
     tolerance_px: float = Field(0.25, ge=1e-4, le=1024)
-    grace: float = Field(
-        0.02, ge=0, le=10
-    )  # weight of bending and length: how smoothly, and how straight, strands run
-    grace_of: Literal["curves", "bends"] = "curves"  # bends: as few as can be, of a wire
-    # facets around the tube, at least; of 18 a corner stands out by 1 % of the radius, which is as much
-    # as the check of clearance allows for
+    """Unit of the effects' thresholds, px of a picture of 1024 px on its longer side
+    (docs/effects.md)."""
+    grace: float = Field(0.02, ge=0, le=10)
+    """Weight of bending and length: how smoothly, and how straight, strands run."""
+    grace_of: Literal["curves", "bends"] = "curves"
+    """bends: as few as can be, of a wire."""
     mesh_sides: int = Field(20, ge=8, le=360)
-    # the outline's limit, where the scene leaves it open
+    """Facets around the tube, at least; of 18 a corner stands out by 1 % of the radius, as much as the
+    check of clearance allows for."""
     outline_px: float = Field(0.5, ge=1e-4, le=1024)
-    iou_slack: float = Field(0.05, ge=1e-4, lt=1)  # required IoU: the bound less this
-    # pose, distances and tube radius of the one view are unknowns too, or the azimuths of several
+    """The outline's limit, where the scene leaves it open."""
+    iou_slack: float = Field(0.05, ge=1e-4, lt=1)
+    """The required IoU is the bound less this."""
     free_view: bool = False
-    # where they start; 0: as the scene's view has it
+    """Pose, distances and tube radius of the one view are unknowns too, or the azimuths of several;
+    [[views]] then holds what was found."""
     free_light_mm: float = Field(0.0, ge=0, le=MOST_MM)
+    """Where the search began; 0: as the scene has it."""
     free_wall_mm: float = Field(0.0, ge=0, le=MOST_MM)
-    free_azimuths_deg: str = ""  # of several views, with spaces between; "": as the scene has them
-    free_radius_mm: float = Field(0.0, ge=0, le=MOST_MM)  # 0: a radius that the scene gives stays
+    """As free_light_mm."""
+    free_azimuths_deg: str = ""
+    """Several views start at these, with spaces between; "": as the scene has them."""
+    free_radius_mm: float = Field(0.0, ge=0, le=MOST_MM)
+    """As free_light_mm; 0: a radius that the scene gives stays."""
 
     @property
     def iterations(self) -> int:

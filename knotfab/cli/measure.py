@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from knotfab.base.errors import InputError
-from knotfab.options import BuildOptions, Flag, Names, Place, Whole
+from knotfab.options import Flag, Names, Place, Whole, options_from
 
 __all__ = ["compare", "shadow", "tradeoff", "validate"]
 
@@ -213,7 +213,8 @@ def tradeoff(
     if not pictures:
         raise InputError("tradeoff", "no picture is named", "Name one, or several")
     limit_s = None if time_limit is None else read_seconds(time_limit, "--time-limit")
-    options = BuildOptions(scene=scene, accuracy=accuracy, tube_radius=tube_radius)
+    asked = {"scene": scene, "accuracy": accuracy, "tube_radius": tube_radius}
+    options = options_from(asked)
     chosen, _ = read_scene(options)
     check_names(chosen)
     for picture in pictures:

@@ -35,7 +35,7 @@ from knotfab.base.disk import at_home, confined
 from knotfab.base.errors import InputError, explain_error, keep_traceback
 from knotfab.base.progress import Event
 from knotfab.mcp import jobs
-from knotfab.options import BuildOptions, PictureOptions
+from knotfab.options import HELP, BuildOptions, PictureOptions
 
 __all__ = ["make_server", "serve"]
 
@@ -79,7 +79,7 @@ def _tools() -> dict[str, _Tool]:
         one.arg_name: " ".join((one.description or "").split())
         for kind in (PictureOptions, BuildOptions)
         for one in parse_from_object(kind).params
-    }
+    } | HELP
     options = {
         name: {**_kind(hint), "description": told[name]}
         for name, hint in hints.items()

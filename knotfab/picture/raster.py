@@ -14,7 +14,8 @@ from knotfab.base.arrays import Mask
 from knotfab.base.errors import InputError
 from knotfab.picture.ink import find_ink
 from knotfab.picture.masks import drop_specks, keep_largest, pieces_of
-from knotfab_formats.scene import Box, Reading
+from knotfab_formats.scene import Reading
+from knotfab_formats.views import Box
 
 __all__ = [
     "KEPT",

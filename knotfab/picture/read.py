@@ -26,7 +26,8 @@ from knotfab.picture.masks import pieces_of, smooth
 from knotfab.picture.subject import take_subject
 from knotfab.picture.svg.render import render_svg
 from knotfab.picture.svg.xml import looks_like_svg
-from knotfab_formats.scene import Box, Reading
+from knotfab_formats.scene import Reading
+from knotfab_formats.views import Box
 
 __all__ = [
     "MOVING",

@@ -15,7 +15,8 @@ from knotfab.base.disk import read_file
 from knotfab.base.errors import InputError, needs_extra
 from knotfab.picture.masks import fill_holes, holes_of, pieces_of, sample_mask, smooth
 from knotfab.picture.silhouette import fit_size
-from knotfab_formats.scene import Box, Disc, Reading
+from knotfab_formats.scene import Reading
+from knotfab_formats.views import Box, Disc
 
 __all__ = ["cut_subject", "middle_box", "take_subject"]
 

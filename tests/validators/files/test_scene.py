@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import re
-import tomllib
 from pathlib import Path
 
 import pytest
@@ -11,28 +9,14 @@ import pytest
 from knotfab_validators.files.bad_file import BadFile
 from knotfab_validators.files.scene import parse_scene, read_scene
 
-CONVENTIONS = Path(__file__).parents[3] / "docs" / "conventions.md"
 
-
-def read_documented() -> dict[str, object]:
-    found = re.search(r"```toml\n(.*?)```", CONVENTIONS.read_text(encoding="utf-8"), re.DOTALL)
-    assert found
-    return tomllib.loads(found.group(1))
-
-
-def test_an_empty_scene_has_the_documented_defaults() -> None:
-    said, empty = parse_scene(read_documented()), parse_scene({})
-    assert said.promised == "unknot" and empty.promised is None
-    assert said.unprinted and not empty.unprinted
-    assert empty.piece == said.piece and empty.region == said.region
-    assert empty.material == said.material and empty.printer == said.printer
-    assert empty.iou_floor == said.iou_floor and empty.outline_px == said.outline_px
-    assert empty.pose is None and said.pose is not None
-    (view,), (plain,) = said.views, empty.views
-    assert view.light_distance_mm == plain.light_distance_mm == 500
-    assert view.wall_distance_mm == plain.wall_distance_mm == 100
-    assert view.frame_width_mm == 180 and plain.frame_width_mm is None
-    assert view.picture == "front.png" and plain.picture == ""
+def test_an_empty_scene_is_held_to_what_a_build_writes_by_default() -> None:
+    empty = parse_scene({})
+    assert empty.promised is None and not empty.unprinted and empty.pose is None
+    assert empty.iou_floor == 0.96 and empty.outline_px == 0.5
+    assert empty.region.size_mm == (240.0, 240.0, 180.0)
+    said = parse_scene({"piece": {"knot": "unknot", "printed": False}})
+    assert said.promised == "unknot" and said.unprinted
 
 
 def test_values_are_read(tmp_path: Path) -> None:

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from knotfab_validators.files.bad_file import BadFile
-from knotfab_validators.files.bent import Bent, read_bend
+from knotfab_validators.files.bent import Bent
+from knotfab_validators.files.scene import parse_scene
 from knotfab_validators.shadows.bending_rule import BENT, judge_bending
 from knotfab_validators.shadows.recognition import UNKNOWN, WORDS
 
@@ -43,7 +44,7 @@ def test_no_bending_makes_a_verdict_better() -> None:
     ("keys", "why"),
     [
         ({"mirrored": 1}, "true or false"),
-        ({"bend_points": "0,0"}, "a list of texts"),
+        ({"bend_points": "0,0"}, "a list of as many"),
         ({"bend_points": ["0,0 " * 10 + "0,0"] * 14}, "15 rows of 11 pairs"),
         ({"bend_points": ["0,0 " * 10 + "0"] * 15}, "15 rows of 11 pairs"),
         ({"bend_points": ["0,0 " * 10 + "0,nan"] * 15}, "15 rows of 11 pairs"),
@@ -52,4 +53,4 @@ def test_no_bending_makes_a_verdict_better() -> None:
 )
 def test_what_no_build_writes_is_refused(keys: dict[str, object], why: str) -> None:
     with pytest.raises(BadFile, match=why):
-        read_bend(keys, "scene.toml: [[views]] number 1")
+        parse_scene({"views": [keys]})

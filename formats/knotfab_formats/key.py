@@ -1,0 +1,67 @@
+"""What is said of a scene's keys: the sentence below each, and the option of `knotfab build` that sets it."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import sys
+from functools import cache
+from itertools import pairwise
+from typing import Any, Literal, get_args, get_origin
+
+from pydantic import BaseModel, Field
+
+__all__ = ["option", "option_of", "sentences_of", "takes_number", "words_of"]
+
+
+def option(default: Any, name: str, **bounds: float) -> Any:
+    """A key's default, and the option that sets it, after its group in the help: "Piece --lamp-distance"."""
+    field: Any = Field
+    return field(default, json_schema_extra={"option": name}, **bounds)
+
+
+def option_of(model: type[BaseModel], key: str) -> tuple[str, str] | None:
+    """The group and the name of the option that sets a key; None where there is none."""
+    extra = model.model_fields[key].json_schema_extra
+    if not isinstance(extra, dict):
+        return None
+    group, name = str(extra["option"]).split()
+    return group, name
+
+
+def words_of(model: type[BaseModel], key: str) -> tuple[str, ...]:
+    """The words that a key takes beside, or instead of, a number."""
+    kind = model.model_fields[key].annotation
+    parts = (kind, *get_args(kind))
+    return tuple(word for part in parts if get_origin(part) is Literal for word in get_args(part))
+
+
+def takes_number(model: type[BaseModel], key: str) -> bool:
+    """Whether a key takes a number that need not be whole."""
+    kind = model.model_fields[key].annotation
+    return any(float in (part, *get_args(part)) for part in (kind, *get_args(kind)))
+
+
+def sentences_of(model: type[BaseModel]) -> dict[str, str]:
+    """The sentence that stands below each key of a table, read from the source when it is asked for."""
+    found: dict[str, str] = {}
+    for kind in reversed(model.__mro__):
+        if kind.__module__.startswith("knotfab_formats"):
+            found |= _sentences(kind.__module__).get(kind.__name__, {})
+    return found
+
+
+@cache
+def _sentences(module: str) -> dict[str, dict[str, str]]:
+    """Of each class of a module the sentences below its fields."""
+    found: dict[str, dict[str, str]] = {}
+    for kind in ast.parse(inspect.getsource(sys.modules[module])).body:
+        if not isinstance(kind, ast.ClassDef):
+            continue
+        for field, said in pairwise(kind.body):
+            match field, said:
+                case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(
+                    value=ast.Constant(value=text)
+                ):
+                    found.setdefault(kind.name, {})[name] = " ".join(str(text).split())
+    return found

@@ -1,0 +1,289 @@
+"""The tables of scene.toml that say what is made: tube, region, material, printer, mount, pose."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal, TypeVar
+
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    Strict,
+    StrictStr,
+)
+from pydantic_core import PydanticCustomError
+
+from knotfab_formats.bounds import (
+    MOST_MM,
+    Angle,
+    Count,
+    Density,
+    Extent,
+    Length,
+    Matrix,
+    Modulus,
+    Pixels,
+    Spread,
+    TubeLength,
+    Turn,
+    Vector,
+    Volume,
+)
+from knotfab_formats.key import option
+
+__all__ = [
+    "MOST_BEND",
+    "About",
+    "Accuracy",
+    "Color",
+    "Material",
+    "Mount",
+    "Piece",
+    "Plate",
+    "Pose",
+    "Printer",
+    "Region",
+    "Sequence",
+    "Table",
+    "known",
+]
+
+T = TypeVar("T")
+
+
+def known(value: T | Literal["auto", "none"]) -> T | None:
+    """A value that the scene settles; None where it leaves it open, or has none."""
+    return None if isinstance(value, str) else value
+
+
+class Table(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+def _one_line(text: str) -> str:
+    """A line that a file's metadata can hold."""
+    if not text.isprintable():
+        raise PydanticCustomError("line", "one line of signs that can be printed")
+    return text
+
+
+Line = Annotated[str, Strict(), Field(max_length=200), AfterValidator(_one_line)]
+Color = Annotated[str, Strict(), Field(pattern=r"^#[0-9a-fA-F]{6}$")]
+MOST_BEND = 0.3  # of a picture's height: the most that a point of it may be allowed to move
+
+
+class Piece(Table):
+    """What is asked of the tube."""
+
+    tube_radius_mm: Length | Literal["auto"] = option("auto", "Piece --tube-radius")
+    """In mm, or auto (default): the thickest tube that draws the picture well."""
+    knots: Count | Literal["auto"] = option("auto", "Piece --knots")
+    """auto (default): one knot for each piece of the picture; N: its pieces bridged into so many."""
+    depth: Length | Literal["auto", "flat"] = option("auto", "Piece --depth")
+    """The piece's extent along the view: mm, auto (default: unreadable from elsewhere), or flat."""
+    clearance_mm: Spread = 0.4
+    """Strands keep this gap between them."""
+    printed: Annotated[bool, Strict()] = False
+    """true: posed and checked for the printer, with its mount (--print)."""
+    bend: Annotated[float, Strict(), Field(gt=0, le=MOST_BEND)] | Literal["auto", "off"] = option(
+        "auto", "Piece --bend"
+    )
+    """Bend several pictures until they agree: auto (default), off, or the most that a point may move,
+    as a share of the picture's height, such as 0.05."""
+    mirror: Literal["auto", "off"] = option("off", "Piece --mirror")
+    """auto: mirror pictures, but no text, where that makes them agree and the scene fixes their views;
+    off (default)."""
+    bender: Annotated[str, Strict(), Field(min_length=1)] = option("lra", "Print --bender")
+    """What bends a wire: lra (default, a table of length, rotation, angle), grbl, or a template's
+    file."""
+    knot: StrictStr = option("unknot", "Piece --knot")
+    """The knot type to tie: unknot (default), trefoil, "left trefoil", figure-eight, any of the table
+    up to 8 crossings (5_2, 8_19), or a sum (3_1#4_1)."""
+
+
+class Region(Table):
+    """What the whole tube must stay inside (scene coordinates).
+
+    Turned about its middle as a view of the same angles is; of an auto size and one view it is that view's.
+    """
+
+    kind: Literal["box", "cylinder", "sphere", "mesh"] = "box"
+    """A cylinder's axis is y; "mesh" is a closed STL."""
+    file: StrictStr | None = None
+    """Kind "mesh" alone needs it: the STL beside the scene, in mm, moved by center_mm; a build writes
+    region.stl."""
+    center_mm: Vector = (0.0, 0.0, 0.0)
+    """The region's middle lies here in the scene."""
+    size_mm: Extent | Literal["auto"] = "auto"
+    """Box: full extents; cylinder: [diameter, height, diameter]; sphere: three times the diameter;
+    mesh: not read."""
+    azimuth_deg: Turn = 0.0
+    """The region is turned about its middle as a view of these angles is; with an auto size and one
+    view they are that view's."""
+    elevation_deg: Angle = 0.0
+    """As azimuth_deg."""
+
+
+class Material(Table):
+    """What the tube is made of, and how it takes its form; named materials are data files."""
+
+    name: StrictStr = "pla"
+    """A data file of this name has the other figures; keys given here override it."""
+    process: Literal["filament", "resin", "powder", "wire"] = "filament"
+    """How a tube of it is made."""
+    density_g_cm3: Density = 1.24
+    """A cm³ of it weighs so much."""
+    min_bend_radius_mm: Length | Literal["auto"] = "auto"
+    """The least bend radius of the centre line; auto: the tube's radius plus half the clearance."""
+    max_length_mm: TubeLength = 50000.0
+    """All knots together have no longer centre line."""
+    wire_diameter_mm: Spread = 0.0
+    """A wire is twice as thick as the tube's radius; 0: it is no wire."""
+    tool_radius_mm: Spread = 0.0
+    """The wire is bent about a pin of this radius; a bend's centre line has that and half the diameter."""
+    min_straight_mm: Spread = 0.0
+    """The bender needs so much straight wire between two bends."""
+    max_bend_deg: Annotated[float, Strict(), Field(gt=0, le=175)] = 175.0
+    """A single bend turns the wire by this at most."""
+    springback_percent: Annotated[float, Strict(), Field(ge=0, lt=100)] = 0.0
+    """Share of the angle that is lost: for 90° that stay, bend to 90 / (1 - springback / 100)."""
+    young_modulus_mpa: Modulus = 2300.0
+    """How stiff it is."""
+    yield_mpa: Modulus = 50.0
+    """The stress at which it begins to stay bent."""
+    transmittance_per_mm: Annotated[float, Strict(), Field(ge=0, lt=1)] = 0.0
+    """The share of light that 1 mm lets through; 0: opaque."""
+    shrinkage_percent: Annotated[float, Strict(), Field(ge=0, lt=20)] = 0.0
+    """Every length shrinks by this once it is printed: all files are written larger to make up for it;
+    0: the slicer or the print service sees to it."""
+    color: Color = "#d9d4c7"
+    """The first body in part-colours.3mf has this colour, sRGB."""
+
+    @property
+    def shrinks_to(self) -> float:
+        """The share of every length that is left of what is printed."""
+        return 1 - self.shrinkage_percent / 100
+
+
+class Printer(Table):
+    """What prints it, and how; named printers are data files."""
+
+    name: StrictStr = "prusa-mk4"
+    """A data file of this name has the other figures; keys given here override it. Validators know only
+    what the scene gives."""
+    process: Literal["filament", "resin", "powder"] = "filament"
+    """Powder carries the part, so it needs no supports."""
+    build_volume_mm: Extent = (250.0, 210.0, 220.0)
+    """It can hold a part of this size."""
+    nozzle_mm: Length = 0.4
+    """A printed line is so wide."""
+    min_wall_mm: Length | Literal["auto"] = "auto"
+    """The thinnest wall that may be printed; auto: the nozzle."""
+    min_gap_mm: Length | Literal["auto"] = "auto"
+    """The thinnest gap; auto: the nozzle. In powder, what it can be blown out of: clearance_mm is at
+    least that where it is not given."""
+    min_tube_radius_mm: Length = 0.8
+    """It prints no thinner tube."""
+    layer_height_mm: Length = 0.2
+    """A layer is so high."""
+    supports: Annotated[bool, Strict()] = True
+    """Supports are printed where needed; false: the part must print without any."""
+    max_overhang_deg: Annotated[float, Strict(), Field(ge=0, le=90)] = 45.0
+    """An underside that leans farther from the vertical (90: a ceiling) needs support."""
+    max_bridge_mm: Spread = 10.0
+    """The longest stretch over air without supports; a ledge counts double."""
+    max_support_cm3: Volume | Literal["auto"] = "auto"
+    """Solid columns under the overhangs may have this volume; auto: the whole build volume."""
+
+    def stated(self, key: str) -> Any:
+        """A figure; None where it is open, since the scene only names another printer than the usual one."""
+        given = key in self.model_fields_set or self.name == type(self).model_fields["name"].default
+        return known(getattr(self, key)) if given else None
+
+
+class Accuracy(Table):
+    """What the verified part must reach."""
+
+    name: Literal["sketch", "draft", "standard", "fine"] = option("standard", "Search --accuracy")
+    """sketch, draft, standard (default) or fine: from the fastest to the most accurate."""
+    iou_floor: Annotated[float, Strict(), Field(gt=0, lt=1)] | Literal["auto"] = "auto"
+    """The IoU that the verified shadow must reach; auto: see report.md."""
+    max_outline_error_px: Pixels | Literal["auto"] = "auto"
+    """The file's shadow against the exact tube's, at 1024 px on the longer side; auto: 1.5 in sketch, 1
+    in draft, 0.5 in standard and fine."""
+    accept: tuple[Literal["unrecognisable"], ...] = option((), "Output --accept")
+    """unrecognisable: keep a piece in whose shadow nobody would know the picture."""
+
+
+class Sequence(Table):
+    """How the frames of a sequence follow each other."""
+
+    loop: Annotated[bool, Strict()] = True
+    """The last frame leads back to the first (false: --no-loop)."""
+
+
+class Mount(Table):
+    """What holds the piece; a build writes `pegs`, how many hold each knot, and `thread_mm`, in the scene."""
+
+    kind: Literal["auto", "wall", "stand", "hang", "none"] = option("auto", "Print --mount")
+    """What holds the piece: wall (pegs in the tube's own shadow, on a plate whose face is the wall, or
+    in drilled holes), stand (a base below all pictures), hang (an eyelet for a thread), none, or auto
+    (default: wall for several loose pieces that are printed, else none). Wall, stand and hang imply
+    --print."""
+    foot: Literal["auto", "plate", "dowel"] = "auto"
+    """On the wall; a dowel goes into a drilled hole."""
+    plate_thickness_mm: Length = 3.0
+    """The plate on the wall is so thick."""
+    plate_margin_mm: Length = 8.0
+    """The plate reaches so far beyond the frame, on each side."""
+    hole_diameter_mm: Length = 4.0
+    """The plate's two screws have such holes."""
+    dowel_depth_mm: Length = 10.0
+    """A drilled hole is so deep."""
+    base_thickness_mm: Annotated[float, Strict(), Field(ge=2, le=MOST_MM)] = 4.0
+    """A stand's base is so thick at its back; its top slopes up to the lamp."""
+    min_tip_deg: Annotated[float, Strict(), Field(ge=5, le=45)] = 10.0
+    """Tipped this far in any direction, a stand must come back."""
+    max_sag_mm: Length = 0.2
+    """A piece that sags more than this under its own weight is rejected."""
+    pegs: tuple[Count, ...] = ()
+    """Written by a build: how many pegs (posts and struts) hold each knot."""
+    thread_mm: Vector | Literal["none"] = "none"
+    """Written by a build: where the thread carries a piece that hangs, in the scene."""
+
+    @property
+    def asked(self) -> bool:
+        """Whether somebody asks for a mount, whatever the pieces."""
+        return self.kind in ("wall", "stand", "hang")
+
+
+class About(Table):
+    """What part.3mf says of itself; "" leaves it to the build (docs/conventions.md)."""
+
+    title: Line = option("", "Output --title")
+    """What part.3mf is called in slicers and on print sites; the picture's name by default."""
+    designer: Line = option("", "Output --designer")
+    """Who designed it, for part.3mf; knotfab by default."""
+    licence: Line = option("", "Output --licence")
+    """The terms under which others may use it, for part.3mf, such as "CC BY 4.0"; none by default."""
+
+
+class Plate(Table):
+    """What is printed at once: its file beside the scene, by default plate-N.3mf in the plates' order.
+
+    `matrices`: the rigid motions that take its bodies, in their order, to part.stl.
+    """
+
+    file: str = ""
+    matrices: Annotated[tuple[Matrix, ...], Field(min_length=1)]
+
+
+class Pose(Table):
+    """From print coordinates to the scene, and what is printed instead of the whole.
+
+    A rigid motion; where the material shrinks, a similarity that shrinks by as much.
+    """
+
+    matrix: Matrix
+    plates: tuple[Plate, ...] = ()

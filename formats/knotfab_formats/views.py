@@ -1,0 +1,294 @@
+"""The tables of scene.toml that say what is seen: views, lamps, the room, effects."""
+
+from __future__ import annotations
+
+import re
+from math import hypot
+from typing import Annotated, Literal
+
+from pydantic import (
+    AfterValidator,
+    Field,
+    Strict,
+    StrictStr,
+    field_validator,
+)
+from pydantic_core import PydanticCustomError
+
+from knotfab_formats.bounds import (
+    Angle,
+    LampDistance,
+    Length,
+    Ratio,
+    Shift,
+    Side,
+    Spread,
+    Turn,
+    Vector,
+    WallRadius,
+    Whole,
+)
+from knotfab_formats.key import option
+from knotfab_formats.piece import Color, Plate, Table
+
+__all__ = [
+    "OF_WALL",
+    "Box",
+    "Disc",
+    "Lamps",
+    "Placing",
+    "Reading",
+    "Room",
+    "Switch",
+    "Switches",
+    "View",
+]
+
+
+def _few_bytes(name: str) -> str:
+    """A name that file systems hold, with what goes around it."""
+    if len(name.encode()) > 180:
+        raise PydanticCustomError("name", "a shorter name, of at most 180 bytes")
+    return name
+
+
+Leds = Annotated[int, Strict(), Field(ge=1, le=100)]
+MOST_LEDS = 400  # of an array: the verification renders a shadow for each
+Box = tuple[Whole, Whole, Side, Side]
+Disc = tuple[Whole, Whole, Side]  # the middle's x and y, and the radius
+# in the names of files: letters, digits and signs of any script, "_" and "-"
+ViewName = Annotated[
+    str,
+    Strict(),
+    Field(pattern=r"^[^\x00-,./:-@\[-\^`{-\xa0\s]+$", max_length=60),
+    AfterValidator(_few_bytes),
+]
+Colour = Annotated[float, Strict(), Field(ge=0, le=1)]
+Switch = Literal["auto", "on", "off"]
+# keys of a view that lie with its wall: views that share a wall share them
+OF_WALL = (
+    *("azimuth_deg", "elevation_deg", "wall_distance_mm", "wall_tilt_deg", "wall_radius_mm"),
+    *("frame_up_mm", "frame_width_mm", "frame_height_mm"),
+)
+
+
+class Reading(Table):
+    """How a picture becomes a silhouette (docs/silhouette.md); px are the picture's own."""
+
+    ink: Literal["auto", "dark", "light", "alpha", "flood"] | Color = option(
+        "auto", "Picture --ink"
+    )
+    """What is drawn: auto (default: what is opaque, or what differs from the border), dark, light,
+    alpha, flood (what the border's colours do not reach, for photographs), or a colour such as red or
+    "#d02010"."""
+    threshold: Annotated[float, Strict(), Field(gt=0, lt=1)] = option(0.5, "Picture --threshold")
+    """Where ink begins, as a share of the largest difference, or of full opacity; 0.5 by default."""
+    invert: Annotated[bool, Strict()] = option(False, "Picture --invert")
+    """Draw everything except what was found."""
+    crop_px: Box | Literal["none", "auto"] = option("none", "Picture --crop")
+    """Read only this part of the picture: auto (the drawing's own box), or LEFT,TOP,WIDTH,HEIGHT in
+    px."""
+    keep_largest: Whole = option(0, "Picture --keep-largest")
+    """Draw only so many pieces of the picture, the largest; 0: all."""
+    speck_px: Whole = option(0, "Picture --specks")
+    """Leave out pieces, and fill holes, of fewer pixels than this."""
+    smooth_px: Annotated[float, Strict(), Field(ge=0, le=100)] = option(0.0, "Picture --smooth")
+    """Blur the picture by so many px and cut it at half before it is drawn; the shadow is compared with
+    the picture itself."""
+    subject_px: Box | Literal["none"] = option("none", "Picture --subject")
+    """Draw what can be cut out of a photograph, in a rectangle about it, LEFT,TOP,WIDTH,HEIGHT in px."""
+    keep_px: tuple[Disc, ...] = option((), "Picture --keep")
+    """With --subject: a disc that belongs to it, X,Y,RADIUS in px; may be repeated."""
+    drop_px: tuple[Disc, ...] = option((), "Picture --drop")
+    """With --subject: a disc that does not belong to it, X,Y,RADIUS in px; may be repeated."""
+    subject_mask: StrictStr = ""
+    """A file beside the scene, white where the subject is: it counts, and nothing is cut anew."""
+
+    @property
+    def cut_out(self) -> bool:
+        """Whether a subject is cut out of the picture, and drawn instead of ink."""
+        return bool(self.subject_mask) or self.subject_px != "none"
+
+
+class View(Reading):
+    """A light or an eye, the wall it looks at, and the picture that is to be there."""
+
+    name: ViewName = "front"
+    """Names of files hold it."""
+    kind: Literal["shadow", "eye"] = "shadow"
+    """A lamp's shadow on a wall, or the piece itself as an eye sees it."""
+    picture: StrictStr = ""
+    """A file beside the scene, or text: and characters."""
+    title: StrictStr = ""
+    """What the picture is called; by default as its file is."""
+    frame_width_mm: Length | None = option(None, "Piece --width")
+    """The picture's width on the wall, in mm; its height follows."""
+    frame_height_mm: Length | None = option(None, "Piece --height")
+    """The picture's height on the wall, in mm; its width follows."""
+    light_distance_mm: LampDistance = option(500.0, "Piece --lamp-distance")
+    """From the lamp to the middle of the piece, in mm; 500 by default."""
+    light_right_mm: Shift = 0.0
+    """The lamp beside the view's axis; wall and frame stay where they are."""
+    light_up_mm: Shift = 0.0
+    """The lamp above the view's axis."""
+    lamp_colour: tuple[Colour, Colour, Colour] = (1.0, 1.0, 1.0)
+    """Red, green and blue in 0 to 1, linear light."""
+    wall: StrictStr = ""
+    """The earlier view whose wall and frame this lamp shines on; "": its own."""
+    light_diameter_mm: Spread = option(5.0, "Piece --lamp-diameter")
+    """In mm; 5 by default, 0: a point. A wide lamp blurs the shadow."""
+    light_shape: Literal["disc", "ball", "rectangle", "leds"] = "disc"
+    """Each LED of an array throws a shadow."""
+    light_width_mm: Spread = 0.0
+    """A rectangle is so wide; an array from the middle of its first LED to that of its last."""
+    light_height_mm: Spread = 0.0
+    """As light_width_mm."""
+    light_leds: tuple[Leds, Leds] = (1, 1)
+    """Columns and rows of an array."""
+    wall_distance_mm: Length = option(100.0, "Piece --wall-distance")
+    """From the middle of the piece to the wall, in mm; 100 by default, nearer where pegs would sag."""
+    wall_tilt_deg: Annotated[float, Strict(), Field(gt=-80, lt=80)] = 0.0
+    """The top edge leans towards the lamp."""
+    wall_radius_mm: WallRadius | Literal["flat"] = "flat"
+    """A wall that is a cylinder has this radius, above 0 where it is hollow towards the lamp, below 0 if
+    it is a column."""
+    azimuth_deg: Turn = 0.0
+    """The lamp stands turned by this about the vertical axis."""
+    elevation_deg: Angle = 0.0
+    """The lamp stands so far above the horizontal (90: from above)."""
+    frame_up_mm: Shift = 0.0
+    """The frame's middle lies so far above the axis, on the receiver."""
+    thicken_mm: Length | Literal["none", "auto"] = option("none", "Picture --thicken")
+    """Widen strokes that are thinner to so many mm on the wall, or auto: to what can be printed."""
+    lines: Literal["auto", "on", "off"] = option("auto", "Picture --lines")
+    """Lay one tube along the middle of each stroke: on, off, or auto (default: where most strokes are
+    thinner than the tube)."""
+    mirrored: Annotated[bool, Strict()] | None = None
+    """The picture is drawn from side to side."""
+    bend_points: tuple[StrictStr, ...] | None = None
+    """A bent picture has these control points, 15 texts: see Bending."""
+    tone: Literal["off", "lines"] = option("off", "Picture --tone")
+    """lines: draw the picture's greys, with strands closer together where it is darker; off (default):
+    draw its silhouette."""
+
+    @field_validator("light_leds")
+    @classmethod
+    def _few_enough(cls, leds: tuple[int, int]) -> tuple[int, int]:
+        if leds[0] * leds[1] > MOST_LEDS:
+            raise PydanticCustomError("leds", f"an array of at most {MOST_LEDS} LEDs")
+        return leds
+
+    @field_validator("lamp_colour")
+    @classmethod
+    def _lit(cls, colour: tuple[float, float, float]) -> tuple[float, float, float]:
+        if not any(colour):
+            raise PydanticCustomError("colour", "a colour that gives light")
+        return colour
+
+    @field_validator("bend_points")
+    @classmethod
+    def _in_rows(cls, rows: tuple[str, ...] | None) -> tuple[str, ...] | None:
+        pair = r"-?[0-9]{1,4},-?[0-9]{1,4}"
+        if rows and not (
+            len(rows) == 15 and all(re.fullmatch(f"{pair}( {pair}){{10}}", r) for r in rows)
+        ):
+            raise PydanticCustomError(
+                "bend_points",
+                "15 rows of 11 pairs of whole numbers of up to four digits, as a build writes them",
+            )
+        return rows or None
+
+    @property
+    def lines_picture(self) -> str:
+        """The file beside the scene that holds what is drawn of greys (`tone`)."""
+        return f"picture-{self.name}-lines.png"
+
+    @property
+    def subject_picture(self) -> str:
+        """The file beside the scene that holds the mask of what was cut out."""
+        return f"subject-{self.name}.png"
+
+    @property
+    def drawn_picture(self) -> str:
+        """The file beside the scene that shows what is drawn, where that is not the picture as it came."""
+        return f"drawn-{self.name}.png"
+
+    @property
+    def light_size_mm(self) -> float:
+        """The longest line within the lamp; 0 of a point, and of an eye."""
+        if self.kind == "eye":
+            return 0.0
+        across = hypot(self.light_width_mm, self.light_height_mm)
+        if self.light_shape == "rectangle":
+            return across
+        return self.light_diameter_mm + (across if self.light_shape == "leds" else 0.0)
+
+    @property
+    def magnification(self) -> float:
+        """By how much the shadow is larger than what stands in the middle of the piece."""
+        return (self.light_distance_mm + self.wall_distance_mm) / self.light_distance_mm
+
+
+class Switches(Table):
+    """Effects that are simulated whatever their magnitude (docs/effects.md): each by its name."""
+
+    penumbra: Switch = "auto"
+    """A lamp that has a size blurs the shadow."""
+    misplacement: Switch = "auto"
+    """People put lamp, piece and wall out of place."""
+    contrast: Switch = "auto"
+    """Other light makes the shadow pale."""
+    sag: Switch = "auto"
+    """A mount lets the piece sag."""
+    layers: Switch = "auto"
+    """A printer's layers make steps."""
+    wall: Switch = "auto"
+    """The wall is round."""
+
+
+class Room(Table):
+    """What light there is beside the lamp's own: none by default."""
+
+    ambient: Ratio = 0.0
+    """Other light, over the lamp's own in the middle of the picture on the wall."""
+    area_m2: Ratio = 0.0
+    """Walls, floor and ceiling together have this area; 0: no room."""
+    reflectance: Annotated[float, Strict(), Field(ge=0, lt=1)] = 0.0
+    """Walls, floor and ceiling throw back this share of light."""
+    second_lamp_mm: Vector | Literal["none"] = "none"
+    """A second lamp stands at [x, y, z] in the scene, in front of the piece."""
+    second_lamp_share: Ratio = 1.0
+    """Its light in the middle of the picture, over the lamp's own."""
+
+
+class Placing(Table):
+    """How far off people are expected to place lamp (or eye), piece and wall."""
+
+    lamp_mm: Annotated[float, Strict(), Field(ge=0, le=1e4)] = 5.0
+    """Lamp or eye stand so far from their places."""
+    turn_deg: Annotated[float, Strict(), Field(ge=0, le=10)] = 1.0
+    """The piece is turned by so much."""
+    tilt_deg: Annotated[float, Strict(), Field(ge=0, le=10)] = 0.0
+    """The wall is tilted by so much, in any direction."""
+
+
+class Lamps(Table):
+    """Several lamps before one wall (views with `wall`): what they show there, and where they may stand."""
+
+    mode: Literal["mix", "switch"] = "mix"
+    """All are lit at once, or one after the other."""
+    screen: Literal["ends", "open"] = "ends"
+    """Whether the screen ends at the picture's frame, beside which no shadow is seen, or goes on."""
+    picture: StrictStr = ""
+    """A picture in colours, beside the scene; each view's picture is then a lamp's mask."""
+    places: Literal["auto", "fixed"] = "auto"
+    """auto: a build finds them, within the bounds; fixed: as the views have them."""
+    max_right_mm: Spread = 400.0
+    """A lamp stands no farther to either side of the axis."""
+    max_up_mm: Spread = 400.0
+    """A lamp stands no farther above or below the axis."""
+    colours: Annotated[int, Strict(), Field(ge=0, le=64)] = 0
+    """The most flat colours that the picture is cut into; 0: all that the lamps mix."""
+    table: tuple[Plate, ...] = ()
+    """The frame that holds screen, piece and lamps, written by a build: the file of each of its bars, and
+    the rigid motions that take it to the scene."""

@@ -1,0 +1,39 @@
+"""What is told of a scene's keys: each has a sentence, and the page lists what the models declare."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from knotfab_formats.json_schema import list_keys, list_tables
+from knotfab_formats.key import option_of, sentences_of
+from knotfab_formats.scene import Scene
+
+PAGE = Path(__file__).parents[2] / "docs" / "conventions.md"
+LIST = "from knotfab_formats.json_schema import list_keys; print(list_keys(), end='')"
+
+
+def test_the_page_lists_the_keys_as_they_are_declared() -> None:
+    found = re.search(r"```toml\n(.*?)```", PAGE.read_text("utf-8"), re.DOTALL)
+    assert found and found.group(1) == list_keys(), f'run python -c "{LIST}" for the block of TOML'
+
+
+def test_the_listing_is_a_scene_with_every_default() -> None:
+    raw = tomllib.loads(list_keys())
+    assert Scene.model_validate({**raw, "pose": None, "search": {}}) == Scene()
+
+
+@pytest.mark.parametrize("table", [t for t in list_tables() if t != "pose"])
+def test_every_key_has_a_sentence(table: str) -> None:
+    model = list_tables()[table]
+    assert set(sentences_of(model)) == set(model.model_fields)
+    assert all(said[0] != " " and said.endswith(".") for said in sentences_of(model).values())
+
+
+def test_no_two_keys_have_one_option() -> None:
+    options = [option_of(m, key) for m in list_tables().values() for key in m.model_fields]
+    given = [one for one in options if one is not None]
+    assert len(given) == len(set(given)) > 30
