@@ -87,7 +87,7 @@ def test_the_packages_are_typed() -> None:
         assert (Path(root) / "py.typed").is_file()
 
 
-def test_pictures_of_pil_and_arrays_are_pictures_and_what_is_none_is_refused(
+def test_pil_images_and_arrays_are_pictures_others_refused(
     tmp_path: Path,
 ) -> None:
     square = np.pad(np.ones((60, 60), dtype=bool), 20)

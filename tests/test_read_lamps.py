@@ -28,7 +28,7 @@ def call(scene: Scene, *sources: str, named: bool = False, **options: object) ->
     return read_lamps(scene, sources, asked, None, Progress("quiet"), named=named)
 
 
-def test_one_picture_becomes_a_view_for_each_lamp_and_the_scene_says_all(tmp_path: Path) -> None:
+def test_one_picture_becomes_a_view_for_each_lamp(tmp_path: Path) -> None:
     picture = draw(tmp_path / "flag.png", "red", "blue", "yellow")
     made = call(Scene(), picture, lamps="rgb")
     assert [v.name for v in made.scene.views] == ["red", "green", "blue"]

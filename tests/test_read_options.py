@@ -97,7 +97,7 @@ def test_shares_take_a_comma() -> None:
         options_from({"threshold": "3mm"})
 
 
-def test_another_accuracy_keeps_what_no_preset_decides_and_refuses_what_is_no_setting(
+def test_another_accuracy_keeps_what_no_preset_decides(
     tmp_path: Path,
 ) -> None:
     own = tmp_path / "own.toml"
@@ -222,7 +222,7 @@ def test_an_effect_that_there_is_not_is_refused_in_one_sentence(text: str, words
     assert words in str(refused.value) and refused.value.exit_code == 2
 
 
-def test_what_a_file_says_of_itself_survives_the_scene_and_is_a_line() -> None:
+def test_what_a_file_says_of_itself_survives_the_scene() -> None:
     told = {"title": "Cat", "designer": "Ada", "licence": "CC BY 4.0"}
     scene, _ = read_scene(options_from(told))
     assert parse_scene(dump_scene(scene)).about.model_dump() == told

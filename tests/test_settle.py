@@ -128,7 +128,7 @@ def test_a_piece_that_is_held_is_left_as_it_is(
     assert (len(maker.asked), maker.thoroughly, said) == (1, [False], None)
 
 
-def test_what_pegs_do_not_hold_is_searched_again_nearer_to_its_wall(
+def test_what_pegs_do_not_hold_is_searched_nearer_to_its_wall(
     target: Target, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     maker, said = run(target, "", 99.0, monkeypatch)
@@ -181,7 +181,7 @@ def test_the_first_design_is_kept_until_a_better_one_is_known(
 
 
 @pytest.mark.parametrize(("unmade", "kept_mm"), [((), 45.0), ((1,), 90.0)])
-def test_less_depth_for_supports_is_taken_where_a_search_finds_it(
+def test_less_depth_for_supports_is_taken_where_it_is_found(
     unmade: tuple[int, ...], kept_mm: float, target: Target, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     maker = Maker(target, 100.0, unmade=unmade)
@@ -245,7 +245,7 @@ def test_a_free_view_moves_its_wall_itself(target: Target, monkeypatch: pytest.M
 
 
 @pytest.mark.slow
-def test_what_was_moved_to_its_wall_repeats_from_its_resolved_scene() -> None:
+def test_what_was_moved_to_its_wall_repeats_from_its_scene() -> None:
     target = read_target("text:=")
     few = ("coarse_px", "fine_px"), ("coarse_iterations", "fine_iterations", "settle_iterations")
     keys = {**dict.fromkeys(few[0], 48), **dict.fromkeys(few[1], 2), "depth_candidates": 2}

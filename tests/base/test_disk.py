@@ -88,7 +88,7 @@ def test_a_folder_is_held_by_one(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(os.name == "nt", reason="there are no such locks")
-def test_folders_that_killed_processes_left_go_and_those_of_living_ones_stay(
+def test_folders_of_killed_processes_go_and_of_living_stay(
     tmp_path: Path,
 ) -> None:
     old = time.time() - 3600

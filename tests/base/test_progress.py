@@ -262,7 +262,7 @@ def test_every_reader_of_the_events_is_told_until_it_goes_away() -> None:
     ]
 
 
-def test_a_callable_hears_what_is_written_and_ends_the_work_by_raising() -> None:
+def test_a_callable_hears_events_and_ends_work_by_raising() -> None:
     heard: list[Event] = []
     written = io.StringIO()
     with Progress("quiet", events=written, heard=heard.append) as progress:

@@ -52,9 +52,7 @@ def test_one_that_fails_does_not_stop_the_others(played: Path, tmp_path: Path) -
     assert count(played) == {"a": 1, "b": 1, "c": 1, "d": 2, "e": 1}
 
 
-def test_a_build_that_left_no_report_has_no_figures_of_an_earlier_one(
-    played: Path, tmp_path: Path
-) -> None:
+def test_a_build_without_a_report_has_no_earlier_figures(played: Path, tmp_path: Path) -> None:
     pictures = draw(tmp_path / "pictures", a="fail")
     assert batch([str(pictures)], options(tmp_path))[0]["iou"] == 0.95
     index = tmp_path / "out" / "index.html"
@@ -80,9 +78,7 @@ def test_started_again_only_what_is_missing_or_changed_is_built(
     assert count(played) == {"a": 2, "b": 2, "c": 4, "d": 3}
 
 
-def test_a_scene_that_changed_is_built_anew_and_options_reach_the_build(
-    played: Path, tmp_path: Path
-) -> None:
+def test_a_changed_scene_is_built_anew_with_its_options(played: Path, tmp_path: Path) -> None:
     pictures = draw(tmp_path / "pictures", a="pass")
     scene = tmp_path / "scene.toml"
     for seed in (1, 2):

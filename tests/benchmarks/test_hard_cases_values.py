@@ -50,7 +50,7 @@ CASES = {case.name: case for case in (*loss_cases(), *term_cases(), *network_cas
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_single_precision_and_gradients_are_within_their_condition(name: str) -> None:
+def test_values_and_gradients_are_within_their_condition(name: str) -> None:
     case = CASES[name]
     found = value_error(case)
     assert found.finite
@@ -131,7 +131,7 @@ def test_moebius_terms_of_tiny_knots_that_once_overflowed(seed: int) -> None:
     assert KINDS["losses"](np.random.default_rng([seed, 4])) == ""
 
 
-def test_an_inverse_that_is_none_is_found_out(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_wrong_inverse_is_found_out(monkeypatch: pytest.MonkeyPatch) -> None:
     network, case = random_network(np.random.default_rng(0))
     true = Coupling.inverse
     monkeypatch.setattr(

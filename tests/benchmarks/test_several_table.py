@@ -14,7 +14,7 @@ from benchmarks.several_table import NAMED, build_set, draw_sets
 from knotfab.scene.load import load_scene
 
 
-def test_no_set_is_drawn_twice_and_all_are_the_same_the_next_time() -> None:
+def test_no_set_is_drawn_twice_and_all_repeat() -> None:
     drawn = draw_sets()
     assert {many: len(sets) for many, sets in drawn.items()} == {2: 12, 3: 8, 4: 2, 1: 5}
     for many, sets in drawn.items():

@@ -522,7 +522,7 @@ def test_the_verifier_answers_for_files_that_cannot_be_read(tmp_path: Path) -> N
 
 
 @pytest.mark.slow
-def test_a_verifier_answers_for_several_pieces_and_ends_what_is_not_done(tmp_path: Path) -> None:
+def test_a_verifier_answers_for_several_pieces(tmp_path: Path) -> None:
     """Each in its turn, whatever became of the one before; nothing of it is left."""
     good, bad = tmp_path / "good.json", tmp_path / "bad.json"
     bad.write_text("{}")

@@ -87,7 +87,7 @@ def view(name: str, iou: float, **more: Any) -> dict[str, Any]:
     return {"name": name, "kind": "shadow", "iou": iou, "legibility": {"45": 0.482}, **more}
 
 
-def test_views_are_told_in_percent_by_their_names_and_figures_only_when_asked(
+def test_views_are_told_by_name_in_percent(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     done = outcome("good")

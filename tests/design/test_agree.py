@@ -81,7 +81,7 @@ def test_no_bending_is_none_and_a_shift_is_a_shift() -> None:
     assert found.stretch == pytest.approx(1.0)
 
 
-def test_control_points_bound_the_field_and_their_steps_its_slopes() -> None:
+def test_control_points_bound_the_field_and_its_slopes() -> None:
     points = field()
     away = displace(points, 90, 120) / 90
     assert np.linalg.norm(away, axis=2).max() <= np.linalg.norm(points, axis=2).max()
@@ -173,7 +173,7 @@ def test_what_bending_cannot_mend_is_said(monkeypatch: pytest.MonkeyPatch) -> No
     assert "--bend 0.19" in lacking[0]
 
 
-def test_without_bending_nothing_bends_and_the_hopeless_is_refused() -> None:
+def test_without_bending_the_hopeless_is_refused() -> None:
     off = Scene().model_copy(update={"piece": Scene().piece.model_copy(update={"bend": "off"})})
     low = picture("low", (0.3, 0.8, 0.1, 0.1), (0.7, 0.2, 0.1, 0.1))
     done = agree(spread_views(off, "abcdefghijklmn"[:2]), (EGG, low))

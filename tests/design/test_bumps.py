@@ -46,7 +46,7 @@ def _beside(problem: Problem, right: float, beside_mm: float) -> tuple[float, fl
 
 
 @pytest.mark.slow
-def test_a_strand_beside_the_picture_asks_for_a_start_that_draws_it_as_well() -> None:
+def test_a_strand_beside_the_picture_asks_for_another_start() -> None:
     problem = ask_heart()
     start = start_without_bumps(problem, ended(problem, RADIUS), RADIUS, FEW, None)  # type: ignore[arg-type]
     assert start is not None and start.types == ("unknot",) * len(start.curves)

@@ -25,7 +25,7 @@ def stand_out(points: Array, radius: float, sides: int) -> float:
 
 @pytest.mark.parametrize("allowed_mm", [0.01, 0.05, 0.2])
 @pytest.mark.parametrize("radius_mm", [0.8, 1.5, 4.0])
-def test_at_the_sharpest_bend_the_mesh_stands_out_by_no_more_than_is_allowed(
+def test_the_mesh_stands_out_no_further_at_the_sharpest_bend(
     radius_mm: float, allowed_mm: float
 ) -> None:
     bend_mm = 1.15 * radius_mm
@@ -46,7 +46,7 @@ def test_what_is_fine_enough_stays() -> None:
 
 
 @pytest.mark.parametrize("name", PRESETS)
-def test_corners_of_a_preset_stand_out_by_no_more_than_the_check_of_clearance_allows_for(
+def test_corners_of_presets_stay_within_the_clearance_check(
     name: str,
 ) -> None:
     """Of 14 sides they took .02 mm of a gap of .4 mm on either side, and a knight in 5 s was rejected."""
@@ -57,7 +57,7 @@ def test_corners_of_a_preset_stand_out_by_no_more_than_the_check_of_clearance_al
     assert stand_out(straight, 3.0, thick.mesh_sides) <= 0.0105 * 3.0
 
 
-def test_the_outline_is_held_to_what_the_accuracy_says_where_the_scene_says_nothing() -> None:
+def test_the_accuracy_sets_the_outline_limit_of_a_scene() -> None:
     """And to the scene's own word where it gives one; the resolved scene holds the number."""
     for given, name, expected in (
         ({}, "sketch", 1.5),

@@ -63,7 +63,7 @@ def _numbers(*values: float) -> torch.Tensor:
     return torch.tensor(values, dtype=torch.float64)
 
 
-def test_without_elevation_and_roll_it_is_the_camera_of_the_scene() -> None:
+def test_without_elevation_and_roll_it_is_the_scenes_camera() -> None:
     view = ResolvedView(
         frame_width_mm=192.0,
         frame_height_mm=160.0,
@@ -293,7 +293,7 @@ TINY = {
 
 
 @pytest.mark.build
-def test_a_build_with_a_free_view_writes_a_scene_that_gives_the_same_knots() -> None:
+def test_the_scene_of_a_free_view_gives_the_same_knots() -> None:
     target = read_target("text:\u2665")
     first = design_knots(Scene(search=TINY), [target])
     view, found = first.scene.views[0], first.scene.search

@@ -41,7 +41,7 @@ def scene_of(lamps: str = "rgb", text: str = "") -> Scene:
 
 
 @pytest.mark.parametrize("lamps", ["rgb", "warm+cold", "red+green+blue+white"])
-def test_pieces_of_lamps_throw_their_other_shadows_beside_the_screen(lamps: str) -> None:
+def test_other_shadows_of_lamps_fall_beside_the_screen(lamps: str) -> None:
     scene = scene_of(lamps)
     targets = masks(len(scene.views))
     placed, _ = place_lamps(scene, targets)
@@ -64,7 +64,7 @@ def test_pieces_of_lamps_throw_their_other_shadows_beside_the_screen(lamps: str)
             assert not inside.any()
 
 
-def test_lamps_keep_their_bounds_and_the_distances_that_are_given() -> None:
+def test_lamps_keep_their_bounds_and_given_distances() -> None:
     text = "[lamps]\nmax_right_mm = 150\nmax_up_mm = 40\n"
     text += "[[views]]\nlight_distance_mm = 700\nwall_distance_mm = 400"
     placed, told = place_lamps(scene_of(text=text), masks())

@@ -45,7 +45,7 @@ def test_the_largest_of_those_that_draw_it_well_is_taken(question: Question) -> 
 
 
 @pytest.mark.slow
-def test_a_spent_budget_takes_a_thicker_tube_and_gives_no_more_than_it_may(
+def test_a_spent_budget_takes_a_thicker_tube_within_its_give(
     question: Question,
 ) -> None:
     free = choose_radius(question, DRAFT)
@@ -97,7 +97,7 @@ def test_a_tube_that_cannot_close_in_a_dot_is_not_taken_for_it(tmp_path: Path) -
     assert thick and max(thick) < 0.6
 
 
-def test_of_radii_that_draw_a_picture_less_well_the_better_comes_first(
+def test_of_worse_radii_the_better_comes_first(
     question: Question, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     ious = iter([0.97, 0.98, 0.979, 0.96, 0.99, 0.991, 0.95, 0.94, 0.9, 0.9, 0.9, 0.9])
@@ -141,7 +141,7 @@ def test_the_tube_along_a_line_is_no_thinner_than_asked(
         ([0.6, 0.795, 0.8], 3, 1),  # as thin as can be printed, and hardly better
     ],
 )
-def test_thinner_tubes_are_tried_until_the_start_of_several_views_will_do(
+def test_thinner_tubes_are_tried_until_a_start_will_do(
     starts: list[float], tried: int, taken: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     disc = MultiPolygon([Point(0, 0).buffer(40.0)])
@@ -158,7 +158,7 @@ def test_thinner_tubes_are_tried_until_the_start_of_several_views_will_do(
     assert choice.radius_mm == begun[taken] and begun[-1] >= asked.scene.printer.min_tube_radius_mm
 
 
-def test_where_the_usual_tube_is_too_thick_for_several_pictures_no_thinner_one_is_taken_than_will_do(
+def test_several_pictures_get_no_thinner_tube_than_will_do(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     disc = MultiPolygon([Point(0, 0).buffer(40.0)])

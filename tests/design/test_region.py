@@ -41,9 +41,7 @@ def test_a_piece_has_the_same_room_in_every_view(kind: str, view: ResolvedView) 
 
 @pytest.mark.parametrize("kind", ["box", "cylinder", "sphere"])
 @pytest.mark.parametrize("view", [look(0, 40), look(0, -90), look(75, 0), look(-120, 35)])
-def test_a_region_of_given_size_has_the_depth_that_lies_along_the_view(
-    kind: str, view: ResolvedView
-) -> None:
+def test_a_given_region_has_the_depth_along_the_view(kind: str, view: ResolvedView) -> None:
     size = (70.0, 70.0, 70.0) if kind == "sphere" else (200.0, 60.0, 200.0)
     region = resolve_region(Region.model_validate({"kind": kind, "size_mm": size}), [view], [], 2.0)
     ahead = view_axes(view)[2]
@@ -61,7 +59,7 @@ def test_a_region_of_given_size_stands_as_it_is_given() -> None:
     assert resolve_region(given, [look(0, 40)], [], 2.0).elevation_deg == 0.0
 
 
-def test_a_turned_region_behind_the_wall_and_a_turned_mesh_are_refused() -> None:
+def test_turned_regions_behind_walls_and_meshes_are_refused() -> None:
     def scene(center: str) -> str:
         return (
             f"[region]\nsize_mm = [50.0, 50.0, 50.0]\nelevation_deg = 90.0\ncenter_mm = {center}\n"
@@ -76,7 +74,7 @@ def test_a_turned_region_behind_the_wall_and_a_turned_mesh_are_refused() -> None
 
 
 @pytest.mark.parametrize("shape", ["ball", "disc", "rectangle"])
-def test_a_lamp_that_is_nearly_as_large_as_its_distance_allows_leaves_the_piece_outside(
+def test_the_piece_stays_outside_a_lamp_of_the_largest_size(
     shape: str,
 ) -> None:
     size = {"light_diameter_mm": 960.0}

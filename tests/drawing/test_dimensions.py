@@ -53,7 +53,7 @@ def test_a_short_dimension_has_its_text_beside_it() -> None:
     assert text.get_position()[0] > 104 and text.get_position()[1] == pytest.approx(105, abs=1)
 
 
-def test_the_outline_of_a_ring_has_a_hole_where_one_looks_through() -> None:
+def test_the_outline_of_a_ring_has_a_hole() -> None:
     solid = as_manifold(sweep(ring(30.0, wave=0.0), 2.0, 32))
 
     def area(polygon: np.ndarray) -> float:

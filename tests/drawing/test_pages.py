@@ -38,7 +38,7 @@ def test_tiles_cover_and_overlap(name: str) -> None:
     assert tiles[0].bottom == low[-1]  # rows run from the top
 
 
-def test_crosses_of_neighbours_are_the_same_places_of_the_drawing() -> None:
+def test_crosses_of_neighbours_are_the_same_places() -> None:
     paper = PAPERS["a4"]
     first, second = lay_tiles((0, 0, paper.room[0] + 50, 100), paper)
 
@@ -70,7 +70,7 @@ def test_pages_are_of_the_papers_size_and_the_same_bytes_again(
     assert (np.abs(long - 100) < 1e-3).any()  # the ruler
 
 
-def test_letters_come_from_a_font_that_has_them_or_are_told_by_number(tmp_path: Path) -> None:
+def test_letters_no_font_has_are_told_by_number(tmp_path: Path) -> None:
     page = draw_facts(
         PAPERS["a4"], "пёс ♞", ["\U0010fffd\U0010fffe, ℵ and a"], "page 1 of 1", "drill"
     )

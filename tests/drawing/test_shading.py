@@ -9,7 +9,7 @@ from knotfab.drawing.shading import draw_faces
 UP = np.array([[0.0, 0.0, 1.0]])
 
 
-def test_half_a_square_is_covered_and_faces_that_share_an_edge_leave_no_gap() -> None:
+def test_faces_that_share_an_edge_leave_no_gap() -> None:
     corners = np.array([[0.0, 0.0, 1.0], [20.0, 0.0, 1.0], [0.0, 20.0, 1.0], [20.0, 20.0, 1.0]])
     half, _ = draw_faces(corners, np.repeat(UP, 4, axis=0), np.array([[0, 1, 2]]), 20)
     assert abs(half.sum() - 200) <= 10

@@ -28,7 +28,7 @@ def test_it_bounds_the_shift_and_closely(bent: bool) -> None:
     assert min(ratios) >= 1.0 and np.median(ratios) <= 1.1
 
 
-def test_seen_along_the_printers_axis_nothing_steps_and_unprinted_there_are_no_layers() -> None:
+def test_no_layers_along_the_printers_axis_or_unprinted() -> None:
     there = np.zeros((1, 3))
     along, across = (
         magnitude(view(), there, 2.0, np.array(up)) for up in ([0, 0, 1.0], [0, 1.0, 0])

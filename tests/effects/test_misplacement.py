@@ -98,7 +98,7 @@ def test_what_hangs_on_the_wall_does_not_turn_against_it() -> None:
     ],
     ids=["auto", "wall", "none", "stand", "wire", "round", "two views"],
 )
-def test_loose_pieces_hang_on_the_wall_whether_that_is_asked_for_or_left_open(
+def test_loose_pieces_hang_on_the_wall_asked_for_or_left_open(
     scene: Scene, loose: bool, whole: bool
 ) -> None:
     world = World.of(scene)

@@ -108,7 +108,7 @@ def test_a_picture_is_taken_to_the_flat_wall_once(radius: float) -> None:
     assert again is flat
 
 
-def test_a_wall_that_is_hardly_round_and_one_switched_off_run_no_code(
+def test_a_hardly_round_wall_and_one_switched_off_run_no_code(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     def explode(*_: object, **__: object) -> None:
@@ -142,7 +142,7 @@ def test_walls_that_cannot_be(radius: float, keys: Any, why: str) -> None:
         require_wall(view(radius, **keys))
 
 
-def test_a_picture_that_leaves_its_frame_says_how_much_margin_it_needs() -> None:
+def test_a_picture_that_leaves_its_frame_names_its_margin() -> None:
     full = target(np.ones((100, 100), dtype=bool))
     with pytest.raises(InputError, match=r"Leave \d+ px free at both sides and \d+ px above"):
         flatten_targets(Scene(), (view(400.0),), (full,))

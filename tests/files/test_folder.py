@@ -58,7 +58,7 @@ def test_files_of_an_earlier_build_that_would_contradict_go(tmp_path: Path) -> N
     assert set(listing(tmp_path)) == {"report.json", "knots.json", *users}
 
 
-def test_what_an_earlier_build_left_rejected_goes_with_one_that_passes(tmp_path: Path) -> None:
+def test_an_earlier_rejected_build_goes_with_one_that_passes(tmp_path: Path) -> None:
     with OutputFolder(tmp_path) as out:
         out.write("report.json", "failed")
         out.reject()
@@ -318,7 +318,7 @@ def old_files(folder: Path) -> None:
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs to fork")
 @pytest.mark.parametrize("passes", [True, False])
-def test_a_build_that_is_killed_at_any_moment_leaves_one_whole_result(
+def test_a_build_killed_at_any_moment_leaves_one_whole_result(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, passes: bool
 ) -> None:
     def write(folder: Path) -> None:
@@ -392,7 +392,7 @@ def test_mending_that_is_killed_is_mended(tmp_path: Path, monkeypatch: pytest.Mo
             assert "part.glb" not in found
 
 
-def test_a_living_build_keeps_its_hidden_folder_and_a_killed_one_does_not(tmp_path: Path) -> None:
+def test_a_living_build_keeps_its_hidden_folder(tmp_path: Path) -> None:
     with OutputFolder(tmp_path) as out:
         out.write("knots.json", "new")
         (tmp_path / ".knotfab-dead" / "new").mkdir(parents=True)

@@ -200,7 +200,7 @@ def test_colours_and_names(tmp_path: Path, bodies: list[Mesh]) -> None:
 
 
 @pytest.mark.parametrize("colors", [["#aabbcc"], ["red", "red"], ["#aabbc", "#aabbcc"], []])
-def test_colours_that_are_none(tmp_path: Path, bodies: list[Mesh], colors: list[str]) -> None:
+def test_invalid_colours_are_refused(tmp_path: Path, bodies: list[Mesh], colors: list[str]) -> None:
     with pytest.raises(ValueError, match="colour"):
         write_coloured_3mf(tmp_path / "part.3mf", bodies, ["a", "b"], colors, About("x"))
     assert not list(tmp_path.iterdir())

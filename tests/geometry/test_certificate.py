@@ -161,7 +161,7 @@ def test_subdividing_leaves_the_curve_as_it_is() -> None:
     assert corners.max() == 0.0
 
 
-def test_a_ring_as_small_as_may_be_keeps_the_clearance_of_its_hole() -> None:
+def test_the_smallest_ring_keeps_the_clearance_of_its_hole() -> None:
     """With twelve vertices the corners across its hole, which face each other no more, are nearer."""
     angle = 2 * np.pi * np.arange(12) / 12
     small = 1.035 * np.column_stack([np.cos(angle), np.sin(angle), 0.05 * np.cos(2 * angle)])

@@ -98,7 +98,7 @@ def hinge_of_gaps(points: Array, rings: Polylines, near: Neighbours) -> tuple[fl
     return gap_hinge(points, *lists, 20.0, 7.5, 2.0)
 
 
-def test_the_hinge_of_gaps_is_the_sum_over_pairs_that_are_no_neighbours() -> None:
+def test_the_hinge_of_gaps_sums_pairs_that_are_not_neighbours() -> None:
     points, rings = crumpled(5)
     near = find_neighbours(points, rings, 12.0, SKIP)
     far = rings.index_distance(near.i, near.j) > 7.5
@@ -148,7 +148,7 @@ def test_a_known_gradient_is_scaled_and_cast() -> None:
 
 
 @pytest.mark.parametrize("straight", [np.inf, 0.7])
-def test_the_least_gap_is_that_of_all_pairs_that_are_no_neighbours(straight: float) -> None:
+def test_the_least_gap_is_among_pairs_that_are_not_neighbours(straight: float) -> None:
     for seed in range(10):
         points, rings = crumpled(seed, noise=0.02)
         rows = np.arange(len(points))

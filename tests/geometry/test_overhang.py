@@ -218,7 +218,7 @@ def test_turning_the_piece_before_changes_little(seed: int) -> None:
     assert after.account.chosen.minutes <= 1.02 * before.account.chosen.minutes + 1.0
 
 
-def test_it_is_never_dearer_than_the_least_height_and_the_same_each_time() -> None:
+def test_the_pose_is_no_dearer_than_the_least_height() -> None:
     for deep in (20.0, 60.0, 110.0):
         pose, again = make_pose([wave(deep=deep)], Rules()), make_pose([wave(deep=deep)], Rules())
         account = pose.account
@@ -318,7 +318,7 @@ def test_less_depth_takes_less_and_as_much_depth_the_same() -> None:
 # --- the depth that would do ---
 
 
-def test_a_flatter_piece_is_proposed_where_no_pose_keeps_the_limit() -> None:
+def test_a_flatter_piece_is_proposed_where_no_pose_will_do() -> None:
     knots = knots_of(wave(deep=100.0))
 
     def least(share: float) -> float:

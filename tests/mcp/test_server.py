@@ -156,7 +156,7 @@ def test_a_wrong_call_is_told_as_the_command_line_tells_it(folder: Path) -> None
     assert [path.name for path in folder.iterdir()] == ["egg.png"]
 
 
-def test_folders_that_are_none_are_refused(tmp_path: Path) -> None:
+def test_invalid_folders_are_refused(tmp_path: Path) -> None:
     with pytest.raises(Exception, match=r"--allow .*nowhere: there is no such folder"):
         serve([tmp_path / "nowhere"])
 
@@ -189,7 +189,7 @@ def test_over_pipes_what_libraries_say_breaks_nothing(folder: Path) -> None:
 
 
 @pytest.mark.build
-def test_a_build_reports_progress_then_is_validated_and_throws_its_shadow(folder: Path) -> None:
+def test_a_build_reports_progress_and_is_validated(folder: Path) -> None:
     seen: list[tuple[float, float | None, str | None]] = []
 
     async def hear(done: float, total: float | None, words: str | None) -> None:

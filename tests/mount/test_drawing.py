@@ -148,9 +148,7 @@ def test_only_dowels_are_drilled_for(kind: Kind, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("radius", [-90.0, 400.0])
-def test_a_round_wall_is_drawn_from_above_and_measured_from_its_own_corners(
-    radius: float, tmp_path: Path
-) -> None:
+def test_a_round_wall_is_measured_from_its_own_corners(radius: float, tmp_path: Path) -> None:
     said = " ".join(drawn("none", tmp_path, wall_radius_mm=radius))  # the SVG is the first page
     assert "From above" in said and "pictures" not in said
     mounted, scene, camera = setup("none", wall_radius_mm=radius)

@@ -76,7 +76,7 @@ def test_a_rigid_turn_about_the_thread_is_no_sag() -> None:
     assert _swing(points, down, thread) == pytest.approx(down)
 
 
-def test_a_strand_above_the_centre_of_mass_leaves_no_way_for_a_thread() -> None:
+def test_a_strand_above_the_centre_leaves_no_way_for_a_thread() -> None:
     arc = np.linspace(-90.0, 90.0, 160)
     roof = np.column_stack([arc, np.full(160, 75.0), np.zeros(160)])
     back = np.column_stack([arc[::-1], np.full(160, 68.0), np.full(160, 1.0)])

@@ -72,7 +72,7 @@ def test_what_is_given_stays() -> None:
     assert flat is not None and flat.wall_mm == VIEW.wall_distance_mm
 
 
-def test_what_no_place_is_estimated_to_hold_is_moved_once_and_not_flattened(
+def test_what_no_place_holds_is_moved_once_and_not_flattened(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr("knotfab.mount.nearer.sag_on_pegs", lambda *_: 1.0)
@@ -96,7 +96,7 @@ def test_what_no_place_is_estimated_to_hold_is_moved_once_and_not_flattened(
     ],
 )
 @pytest.mark.parametrize("share", SHARES[::2])
-def test_the_wall_proposed_has_room_for_the_depth_and_any_tube_that_is_chosen_there(
+def test_the_proposed_wall_has_room_for_depth_and_any_tube(
     frame_mm: float,
     radius: float,
     depth_mm: float,
@@ -151,9 +151,7 @@ def test_a_wall_that_leans_keeps_clear() -> None:
 @pytest.mark.parametrize(
     ("height_mm", "up_mm"), [(180.0, 0.0), (60.0, 0.0), (180.0, 40.0), (180.0, -40.0)]
 )
-def test_a_wall_that_leans_keeps_clear_of_all_that_is_before_the_frame(
-    height_mm: float, up_mm: float
-) -> None:
+def test_a_leaning_wall_keeps_clear_of_all_before_the_frame(height_mm: float, up_mm: float) -> None:
     tilted = {"wall_tilt_deg": 10.0, "frame_height_mm": height_mm, "frame_up_mm": up_mm}
     view = VIEW.model_copy(update={"wall_distance_mm": 150.0, **tilted})
     place = propose(PLA, view=view)

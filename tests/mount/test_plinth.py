@@ -79,7 +79,7 @@ def test_a_base_in_a_hollow_wall_is_refused() -> None:
     assert "wall_radius_mm" in told.value.remedy
 
 
-def test_a_top_that_would_fall_towards_a_low_light_is_level_and_below_it() -> None:
+def test_a_top_before_a_low_light_is_level_and_below_it() -> None:
     low, high = (slope_below([camera(light_up_mm=up)]) for up in (-400.0, 100.0))
     assert low.rise < 0 < high.rise and high.no_fall(60.0) is high
     level = low.no_fall(60.0)

@@ -70,7 +70,7 @@ def verify(vertices: np.ndarray, faces: np.ndarray, number: int) -> VerifiedView
 
 
 @pytest.mark.slow
-def test_it_holds_and_what_it_darkens_is_what_was_predicted_in_every_view() -> None:
+def test_a_stand_holds_and_darkens_as_predicted_in_every_view() -> None:
     mount = plan()
     assert set(mount.holds) == {0} and len(mount.posts) >= 3
     assert 0 < mount.sag_again_mm <= PLA.max_sag_mm and mount.base.tip_deg >= 10.0 - 1e-2
@@ -129,7 +129,7 @@ def test_what_one_view_hides_is_rejected_where_another_shows_it() -> None:
 
 
 @pytest.mark.slow
-def test_a_post_through_a_picture_is_measured_in_that_view_and_fails_a_wall_mount() -> None:
+def test_a_post_through_a_picture_is_measured_in_that_view() -> None:
     """The validators, on a part with one bar more than its stand has."""
     mount = plan()
     bar = one([0, -30, 35], [0, 45, 35], 1.5, ground=True)
@@ -199,7 +199,7 @@ def test_the_drawing_shows_all_lamps_and_walls_from_above(tmp_path: Path) -> Non
 
 
 @pytest.mark.slow
-def test_a_view_that_is_not_square_to_the_base_is_placed_by_its_corner(tmp_path: Path) -> None:
+def test_a_view_oblique_to_the_base_is_placed_by_its_corner(tmp_path: Path) -> None:
     _, steps = draw(tmp_path, 60.0, 120.0)
     assert "nearest corner" in steps[0] and "120.0° anticlockwise" in steps[0]
     corners = np.array([[x, z] for x in (-30.0, 32.0) for z in (-20.0, 25.0)])

@@ -59,7 +59,7 @@ def test_bars_fit_the_bed_and_each_ends_where_the_next_begins(bed: tuple[float, 
     assert {tuple(np.abs(f)) for f in feet} == {tuple(np.abs(f)) for f in own}
 
 
-def test_lamps_near_the_middle_widen_the_spine_and_such_as_nothing_holds_are_told() -> None:
+def test_lamps_near_the_middle_widen_the_spine() -> None:
     table, scene = table_of()
     spine = [bar for bar in table.bars if bar.along[1] == 1.0]
     assert {bar.width_mm for bar in spine} == {2 * (10.0 + 8.3 / 2 + 3.0 + 8.5)}
@@ -78,7 +78,7 @@ def test_lamps_near_the_middle_widen_the_spine_and_such_as_nothing_holds_are_tol
 
 
 @pytest.mark.slow
-def test_a_bar_is_watertight_and_refuses_what_is_none() -> None:
+def test_a_bar_is_watertight_and_refuses_invalid_sizes() -> None:
     vertices, faces = table_bar(
         90.0, 32.0, 5.0, tail=True, socket=True, sockets=[(45.0, 1)], holes=[(70.0, 0.0, 8.3, 12.0)]
     )

@@ -126,7 +126,7 @@ def test_a_united_body_survives_single_precision() -> None:
 
 
 @pytest.mark.slow
-def test_a_knot_that_others_bar_from_the_wall_hangs_on_one_of_them() -> None:
+def test_a_knot_barred_from_the_wall_hangs_on_another() -> None:
     """As the dot of an i before its stem: a hidden strut runs from one to the other, on a plate alone."""
     before, behind = 20.0, -10.0
     small, view = ring(12.0, before, wave=0.0), camera()

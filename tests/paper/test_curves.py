@@ -9,7 +9,7 @@ from knotfab.base.errors import InputError
 from paper.curves import closed_braid
 
 
-def test_a_braid_of_two_positive_letters_is_a_right_handed_hopf_link() -> None:
+def test_two_positive_letters_are_a_right_handed_hopf_link() -> None:
     assert linking_numbers(*closed_braid([1, 1])) == [1]
     assert linking_numbers(*closed_braid([-1, -1, -1, -1])) == [-2]
 

@@ -132,7 +132,7 @@ def test_what_is_outside_or_behind_is_not_drawn() -> None:
     assert (image == 0.3).all()
 
 
-def test_gradient_against_finite_differences_where_visibility_stays() -> None:
+def test_gradient_is_that_of_finite_differences() -> None:
     p = torch.as_tensor(torus_knot(2, 3, 38.0, 18.0, 50))
     frame = _frame()
     ahead = torch.arange(50).roll(-1)

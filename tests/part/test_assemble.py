@@ -39,7 +39,7 @@ def posed(shrinkage: float, room: float = 250.0) -> Part:
     return Part(list(pose.tubes), pose, mounted, plates)
 
 
-def test_all_that_is_printed_is_larger_and_the_pose_takes_it_back() -> None:
+def test_what_is_printed_is_larger_and_the_pose_takes_it_back() -> None:
     as_is, part = posed(0.0), posed(4.0)
     assert part.pose.knots.radius_mm == pytest.approx(2 / 0.96) and as_is.pose.knots.radius_mm == 2
     assert part.pose.size_mm == pytest.approx(as_is.pose.size_mm / 0.96)
@@ -58,7 +58,7 @@ def test_all_that_is_printed_is_larger_and_the_pose_takes_it_back() -> None:
 
 
 @pytest.mark.slow
-def test_the_printer_must_hold_it_as_it_is_printed_and_plates_are_larger_too() -> None:
+def test_the_printer_must_hold_what_is_printed_plates_too() -> None:
     whole, parted = posed(0.0, 61.0), posed(4.0, 61.0)
     assert whole.plates is None and parted.plates is not None
     (first, motion), *_ = [

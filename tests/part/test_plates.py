@@ -91,7 +91,7 @@ def laid_out(
 # --- cuts ---
 
 
-def test_cuts_are_where_the_tube_is_straight_and_as_few_as_can_be() -> None:
+def test_cuts_are_few_and_where_the_tube_is_straight() -> None:
     cuts, _ = cut_track()
     assert len(cuts) == 2  # 186 mm long, and no more than 100 fit
     for cut in cuts:
@@ -211,7 +211,7 @@ def test_whole_knots_that_fit_alone_are_not_cut() -> None:
 
 
 @pytest.mark.slow
-def test_pieces_that_leave_no_room_for_supports_use_the_whole_printer() -> None:
+def test_without_room_for_supports_the_whole_printer_is_used() -> None:
     """Bends too tight to be cut: their pieces, 30 mm wide, fit the bed, but not the bed less margins."""
     room, rules, points = (40.0, 36.0, 10.0), Rules(margin_mm=3.0), track(120.0, 24.0)
     with pytest.raises(SceneError, match="pieces that do not fit either"):

@@ -95,7 +95,7 @@ def test_colours_are_written_beside_where_they_are_asked_for(tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize("percent", [0.0, 3.0, 12.5])
-def test_knots_without_a_part_are_as_large_as_their_pose_shrinks_them(
+def test_knots_without_a_part_are_as_large_as_their_pose_says(
     tmp_path: Path, percent: float
 ) -> None:
     keys: Any = {"views": (VIEW,), "material": Material(shrinkage_percent=percent)}

@@ -277,7 +277,7 @@ def test_a_few_clear_pixels_are_no_background(tmp_path: Path, place: str, alpha:
     np.testing.assert_array_equal(target.mask, TICK)
 
 
-def test_a_veil_over_all_is_no_background_but_a_hole_in_one_colour_is_one(tmp_path: Path) -> None:
+def test_a_veil_is_no_background_but_a_hole_in_one_colour_is(tmp_path: Path) -> None:
     veiled = painted((*WHITE, 255), (TICK, BLACK))
     veiled.putalpha(200)
     np.testing.assert_array_equal(read(tmp_path, veiled).mask, TICK)
@@ -310,7 +310,7 @@ def test_what_only_looks_like_a_frame_stays(tmp_path: Path) -> None:
     assert not target.notes and target.mask.sum() == 39 * SIDE
 
 
-def test_between_two_colours_of_the_border_what_neither_reaches_is_drawn(tmp_path: Path) -> None:
+def test_what_neither_border_colour_reaches_is_drawn(tmp_path: Path) -> None:
     lower = np.indices((SIDE, SIDE))[0] >= SIDE // 2
     target = read(tmp_path, painted((150, 200, 255), (lower, (20, 60, 120)), (TICK, WHITE)))
     np.testing.assert_array_equal(target.mask, TICK)
@@ -328,7 +328,7 @@ def test_halves_are_refused_by_the_colours_that_they_have(tmp_path: Path, colour
     assert advised in str(caught.value) and read(tmp_path, halves, ink=advised).mask.mean() == 0.5
 
 
-def test_the_seam_of_two_colours_that_mix_to_the_largest_is_no_dust(tmp_path: Path) -> None:
+def test_the_seam_of_two_colours_that_mix_is_no_dust(tmp_path: Path) -> None:
     face, mouth = (255, 204, 51), disc(60, 70, 30) & (np.indices((SIDE, SIDE))[0] > 60)
     large = painted(CLEAR, (BADGE, face), (mouth, (102, 69, 0)))
     teeth = mouth & (np.indices((SIDE, SIDE))[0] < 74)

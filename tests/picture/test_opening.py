@@ -106,7 +106,7 @@ def test_a_line_however_thin_is_lost(px: int) -> None:
 
 @given(st.floats(1.0, 3.0), st.floats(0.2, 8.0), st.floats(0.2, 8.0), st.floats(0.0, 180.0))
 @settings(deadline=None, max_examples=30)
-def test_the_least_ring_lies_along_a_shape_and_is_a_circle_at_most(
+def test_the_least_ring_is_a_circle_at_most(
     bend: float, wide: float, high: float, turn: float
 ) -> None:
     place = rotate(box(3 - wide, 5 - high, 3 + wide, 5 + high), turn, origin=(3.0, 5.0))

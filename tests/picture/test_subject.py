@@ -109,7 +109,7 @@ def test_a_part_of_the_background_is_not_the_subject(tmp_path: Path) -> None:
     )  # a hole that is asked for
 
 
-def test_the_rectangle_is_in_the_upright_picture_and_the_crop_comes_after(tmp_path: Path) -> None:
+def test_the_rectangle_is_in_the_upright_uncropped_picture(tmp_path: Path) -> None:
     path, box = photograph(tmp_path), (40, 30, 80, 80)
     upright = read_target(path, Reading(subject_px=box))
     exif = Image.Exif()

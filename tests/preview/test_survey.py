@@ -268,7 +268,7 @@ def test_a_glance_leaves_thin_strips_as_thick_as_they_are(tmp_path: Path) -> Non
         assert len(read_target(tmp_path / "strip.png", glance=True).mask) == left
 
 
-def test_the_guess_counts_the_plate_that_loose_pieces_get_in_print(tmp_path: Path) -> None:
+def test_the_guess_counts_the_plate_of_loose_pieces(tmp_path: Path) -> None:
     image = Image.new("L", (300, 200), 255)
     for left in (30, 180):
         ImageDraw.Draw(image).ellipse([left, 50, left + 90, 140], fill=0)

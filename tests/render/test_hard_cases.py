@@ -59,7 +59,7 @@ def test_single_precision_is_within_its_condition(name: str, render: Render) -> 
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_double_precision_is_within_its_condition_of_fifty_digits(name: str) -> None:
+def test_double_precision_is_near_fifty_digits(name: str) -> None:
     assert double_error(case_of(name)) <= 1.0
 
 
@@ -82,7 +82,7 @@ def test_gradients_at_kinks_are_subgradients(name: str, dtype: torch.dtype, rend
     assert subgradient_excess(case_of(name), dtype, render=render) <= 1e-3
 
 
-def test_a_gradient_that_is_none_is_found_out() -> None:
+def test_an_invalid_gradient_is_found_out() -> None:
     # the check above must be able to fail: away from the kink the one-sided slopes are one number
     case = replace(case_of("equidistant"), kinks=((21, 20),), tau=0.5)
     assert subgradient_excess(case, torch.float64) <= 1e-3

@@ -26,7 +26,7 @@ def test_the_papers_renderers_are_within_their_condition(name: str, balls: bool)
         assert error <= 1e-3
 
 
-def test_the_printed_forms_serve_where_nothing_is_hard_and_fail_where_it_is() -> None:
+def test_the_printed_forms_serve_only_where_nothing_is_hard() -> None:
     assert printed_fails(CASES["ordinary"]) == ""
     for name in ("one depth", "zero length", "towards the light", "sphere in sphere"):
         assert printed_fails(CASES[name]) == "not finite"

@@ -31,7 +31,7 @@ def image(renderer: Renderer, view: ResolvedView = VIEW) -> ViewImage:
     return image_at(view, disc(), RADIUS, 96, "cpu", "double", renderer)
 
 
-def test_capsules_have_the_silhouette_of_rays_and_ellipses_lie_within() -> None:
+def test_capsules_have_the_silhouette_of_rays() -> None:
     rays, capsules, ellipses = (
         image(kind).seen(tangle(), RINGS, RADIUS) for kind in ("ray", "capsule", "ellipse")
     )
@@ -70,7 +70,7 @@ def test_near_the_outline_the_errors_are_those_of_rays() -> None:
     assert cosine > 0.98
 
 
-def test_another_pose_keeps_the_renderer_and_what_is_on_the_device() -> None:
+def test_another_pose_keeps_the_renderer_and_its_device() -> None:
     turned = VIEW.model_copy(update={"azimuth_deg": 50.0})
     here, there = image("capsule"), image("capsule", turned)
     before = here.tensor

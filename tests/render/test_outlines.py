@@ -51,9 +51,7 @@ def _printed_conic(centre: Tensor, radius: float, focal: float) -> Tensor:
 
 
 @pytest.mark.parametrize(("radii", "short"), [(10.0, 0.005), (2.0, 0.134)])
-def test_the_printed_cone_is_too_narrow_and_ours_touches_the_sphere(
-    radii: float, short: float
-) -> None:
+def test_the_printed_cone_is_narrow_and_ours_touches_the_sphere(radii: float, short: float) -> None:
     centre = torch.tensor([0.0, 0.0, radii], dtype=torch.float64)
     printed, ours = _printed_conic(centre, 1.0, 1.0), conic(centre, 1.0, 1.0)
     # on the axis both are circles: A x^2 + F = 0
@@ -106,7 +104,7 @@ def _slope_tangents(centre: Tensor, other: Tensor, radius: float, focal: float) 
     return torch.tensor(found, dtype=torch.float64)
 
 
-def test_corners_are_those_of_the_vanishing_point_where_that_is_defined() -> None:
+def test_corners_are_those_of_the_vanishing_point() -> None:
     a, b, radius, focal = _points(20, 2), _points(20, 3), 0.08, 2.0
     corners, exist = contact_corners(a, b, radius, focal)
     assert exist.sum() >= 18
@@ -249,7 +247,7 @@ def test_a_segment_towards_the_eye_shows_its_near_end() -> None:
         assert torch.allclose(signed_distance(end, a, q, CAMERA, 0.1), alone, atol=1e-12)
 
 
-def test_what_reaches_the_eye_is_cut_and_what_is_behind_it_is_not_seen() -> None:
+def test_what_reaches_the_eye_is_cut_and_beyond_it_unseen() -> None:
     camera = replace(CAMERA, near=0.05)
     a = torch.tensor([[0.1, 0.0, 2.0], [0.1, 0.0, 2.0], [0.0, 0.0, -1.0], [0.0, 0.3, 2000.0]])
     b = torch.tensor([[0.1, 0.2, 1.0], [0.3, 0.1, -2.0], [0.3, 0.0, -2.0], [0.1, 0.3, 1500.0]])
@@ -266,7 +264,7 @@ def test_what_reaches_the_eye_is_cut_and_what_is_behind_it_is_not_seen() -> None
     assert float(hidden.abs().max()) == 0
 
 
-def test_few_samples_break_the_ellipse_image_and_not_the_capsules() -> None:
+def test_few_samples_break_ellipses_and_not_capsules() -> None:
     # the paper's figure of renderings by N: a circle of radius 1 at depth 3
     def images(count: int) -> tuple[Tensor, Tensor]:
         s = 2 * math.pi * torch.arange(count, dtype=torch.float64) / count
@@ -292,7 +290,7 @@ def test_winners_of_before_bound_the_image_from_below() -> None:
     assert bool((stale <= fresh + 1e-5).all())
 
 
-def test_cameras_around_a_middle_see_it_in_the_middle_and_upright() -> None:
+def test_cameras_around_a_middle_see_it_upright() -> None:
     middle = torch.tensor([0.3, -0.2, 2.0], dtype=torch.float64)
     for azimuth, elevation in ((0, 0), (90, 0), (-135, 30), (10, -80)):
         camera = camera_around(middle.tolist(), 3.0, azimuth, elevation)

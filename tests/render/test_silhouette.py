@@ -145,7 +145,7 @@ def test_slopes_in_the_views_own_numbers_are_those_of_torch() -> None:
     torch.testing.assert_close(found[0], found[1], rtol=1e-12, atol=0)
 
 
-def test_what_is_far_out_or_no_number_colours_nothing_and_harms_nothing() -> None:
+def test_points_far_out_or_nan_colour_nothing() -> None:
     frame = frame_at(torch.float32)
     p = tangle(20, 4, torch.float32)
     plain = render(p, p.roll(-1, 0), frame, RADIUS, 1.0)
@@ -157,7 +157,7 @@ def test_what_is_far_out_or_no_number_colours_nothing_and_harms_nothing() -> Non
         assert torch.equal(seen, plain)
 
 
-def test_slopes_of_what_is_cut_before_the_light_are_those_of_finite_differences() -> None:
+def test_slopes_before_the_light_are_finite_differences() -> None:
     """Strands that come from behind the light, or lie far behind each other: ends are cut and exchanged."""
     frame = frame_of(camera_of(VIEW, 92, 69))
     generator = np.random.default_rng(5)

@@ -47,7 +47,7 @@ def test_a_sphere_is_seen_under_its_tangent_cone() -> None:
         assert torch.sign(s).item() == sign
 
 
-def test_a_ray_meets_the_capsule_exactly_where_the_distance_is_positive() -> None:
+def test_a_ray_meets_capsules_where_the_distance_is_positive() -> None:
     # brute force: the least distance of the ray's line to densely sampled points of the segment
     frame, radius = _frame(TILTED), 4.0
     points = _tangle(40, 3)

@@ -51,7 +51,7 @@ def _report(**more: object) -> dict[str, object]:
     }  # fmt: skip
 
 
-def test_a_build_shows_its_verdict_and_pictures_and_escapes_every_text(tmp_path: Path) -> None:
+def test_a_build_shows_verdict_and_pictures_with_text_escaped(tmp_path: Path) -> None:
     noise = np.random.default_rng(0).integers(0, 255, (300, 900, 3), dtype=np.uint8)
     for name in ("compare-front.png", "part.png"):
         Image.fromarray(noise).save(tmp_path / name)

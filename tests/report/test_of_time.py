@@ -36,9 +36,7 @@ def test_each_step_scales_this_piece_as_the_measured_ones() -> None:
         assert "estimate" in step["sentence"]
 
 
-def test_nothing_is_promised_beyond_what_the_views_leave_nor_a_search_of_less_than_no_time() -> (
-    None
-):
+def test_no_promise_is_beyond_the_views_or_of_negative_time() -> None:
     told = report("draft")
     told["views"][1]["bound"] = 0.961
     told["timings"] |= {"search": 0.0, "verify": 0.0}
@@ -61,7 +59,7 @@ def test_nothing_is_promised_beyond_the_best_nor_in_a_budget() -> None:
 @pytest.mark.parametrize(
     "key", ["coarse_px", "fine_px", "coarse_iterations", "fine_iterations", "settle_iterations"]
 )
-def test_nothing_is_promised_to_a_search_of_other_iterations_or_pixels(key: str) -> None:
+def test_other_iterations_or_pixels_get_no_promise(key: str) -> None:
     told = report("standard")
     told["settings"]["search"][key] -= 1
     add_next_step(told)

@@ -138,7 +138,7 @@ def test_the_verdict_of_the_worst_view_stands_first(word: str) -> None:
     assert "a piece is lost &lt;here&gt;" in page and "<here>" not in page
 
 
-def test_limits_stand_apart_and_for_earlier_readers_among_the_effects() -> None:
+def test_limits_stand_apart_and_among_the_effects() -> None:
     report = assemble(**sample())
     (limit,), effects = report["limits"], {e["name"]: e for e in report["effects"]}
     assert list(effects) == ["penumbra", "clearance"]
@@ -257,7 +257,7 @@ def test_a_large_picture_is_embedded_small(tmp_path: Path) -> None:
     assert shown.shape == waves.shape and np.abs(shown - waves).mean() < 8
 
 
-def test_where_there_is_no_part_the_page_sends_nobody_to_print_it() -> None:
+def test_without_a_part_the_page_sends_nobody_to_print() -> None:
     report = assemble(**sample())
     whole = render_html(report, [], "knight")
     assert "Print <b>part.3mf</b>" in whole and "as it lies on the bed" in whole
@@ -398,7 +398,7 @@ SLICED = {
 
 
 @pytest.mark.slow
-def test_each_section_of_fabrication_is_there_only_where_it_applies() -> None:
+def test_sections_of_fabrication_stand_where_they_apply() -> None:
     assert sections(fabrication_page()) == []
     assert sections(fabrication_page(print_={"mount": {"kind": "none"}, "drawings": []})) == []
     assert sections(fabrication_page(print_={"mount": WALL})) == ["The wall mount"]
@@ -473,7 +473,7 @@ def test_sag_and_layers_are_told_where_they_were_measured() -> None:
     assert "a stack of its layers: IoU 0.976, 0.986 as designed" in text
 
 
-def test_checks_are_tallied_with_the_names_of_those_that_did_not_pass() -> None:
+def test_checks_are_tallied_and_those_that_failed_named() -> None:
     def check(name: str, status: str, required: bool = True) -> dict[str, Any]:
         return {"name": name, "status": status, "required": required}
 

@@ -53,7 +53,7 @@ def test_packed_rows_are_as_near_as_half_a_step() -> None:
     assert unpacked(pack_rows(np.ones((1, 3)))) == pytest.approx(np.ones((1, 3)))
 
 
-def test_a_piece_is_shown_in_the_scene_and_its_mount_without_the_tube() -> None:
+def test_a_piece_is_shown_in_the_scene_its_mount_apart() -> None:
     view, knots = view_of(), part_knots()
     back = np.linalg.inv(TURN)
     corners, faces = post(view)
@@ -96,7 +96,7 @@ def test_a_history_is_thinned_and_keeps_its_curves() -> None:
         assert np.linalg.norm(np.roll(few, -1, axis=0) - few, axis=1).max() <= 2 * RADIUS
 
 
-def test_supports_stand_under_what_overhangs_and_reach_what_is_below() -> None:
+def test_supports_stand_between_overhangs_and_what_is_below() -> None:
     """A shelf of 30 x 30 at 20 mm over a plate of 60 x 60 at 2 mm: half over the plate, half over the bed."""
     from solids import box
 

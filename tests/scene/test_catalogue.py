@@ -87,7 +87,7 @@ def test_keys_of_the_scene_win() -> None:
     assert scene.printer.nozzle_mm == 0.4
 
 
-def test_a_printer_brings_its_usual_material_and_what_powder_needs() -> None:
+def test_a_printer_brings_its_material_and_what_powder_needs() -> None:
     for name in ("hp-mjf", "sls"):
         scene = resolve(parse_scene(f"[printer]\nname = {name!r}"))
         assert scene.material.process == scene.printer.process == "powder"

@@ -20,7 +20,7 @@ def test_the_first_step_is_the_rate_whatever_the_gradient() -> None:
     assert still.tolist() == [1.0, 1.0]
 
 
-def test_it_finds_the_least_of_a_bowl_that_is_a_thousand_times_narrower_one_way() -> None:
+def test_the_least_of_a_narrow_bowl_is_found() -> None:
     x = torch.tensor([1.0, 1.0], dtype=torch.float64, requires_grad=True)
     adam = Adam([x], betas=(0.8, 0.95))
     for k in range(600):

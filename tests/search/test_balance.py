@@ -38,7 +38,7 @@ def test_a_goal_is_a_little_below_its_bound() -> None:
     assert np.subtract(bounds, goals_of(bounds)) == pytest.approx([0.015] * 3)
 
 
-def test_where_nobody_lacks_anything_the_shares_are_equal_or_become_so() -> None:
+def test_shares_become_equal_where_no_view_lacks_anything() -> None:
     balance = Balance((0.9, 0.8, 0.7))
     balance.update((0.95, 0.8, 0.99))
     assert balance.shares.tolist() == [1.0, 1.0, 1.0]
@@ -108,7 +108,7 @@ def test_the_objective_weighs_each_image_by_its_share() -> None:
 
 
 @pytest.mark.slow
-def test_the_search_gives_to_the_view_that_falls_short_of_its_goal() -> None:
+def test_the_view_that_falls_short_is_given_more() -> None:
     """Two pictures that cannot both be drawn: each is drawn better when its goal asks for it."""
     start = start_between_views(problem(), RADIUS, DRAFT)
     found = [

@@ -32,14 +32,14 @@ def circle(radius: float, count: int = 400) -> Array:
 
 
 @pytest.mark.parametrize("size", [2.0, 7.0, 50.0])
-def test_of_a_circle_it_is_the_radii_that_it_turns_by_and_half_of_those_it_is_long(
+def test_grace_of_a_circle_is_its_turn_and_half_its_length(
     size: float,
 ) -> None:
     bending, stretched = 1.5 * 2 * np.pi / size, 2 * np.pi * size / 1.5
     assert energy(circle(size), 1.5) == pytest.approx(bending + 0.5 * stretched, rel=1e-4)
 
 
-def test_a_circle_on_which_nothing_pulls_is_as_large_as_both_ask_for() -> None:
+def test_a_free_circle_is_as_large_as_both_parts_ask() -> None:
     # Euler's elastica: of r / R and L / 2r the sum is least at R = r * sqrt(2)
     sizes = np.linspace(1.0, 4.0, 61)
     found = [energy(circle(size), 1.5) for size in sizes]

@@ -106,7 +106,7 @@ def test_the_same_seed_gives_the_same_knots(problem: Problem) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("share", [0.7, 0.0])
-def test_what_cannot_be_carried_all_the_way_stays_where_it_is_certified(
+def test_what_cannot_be_carried_stays_where_it_is_certified(
     problem: Problem, monkeypatch: pytest.MonkeyPatch, share: float
 ) -> None:
     tried: list[np.ndarray] = []

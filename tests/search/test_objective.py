@@ -64,9 +64,7 @@ def value_and_slope(objective: Objective, points: Array) -> tuple[float, Array]:
     return objective(points, near_of(points), 0.0)
 
 
-def test_of_several_views_it_is_the_sum_of_each_ones_picture_and_the_limits_once(
-    both: Problem, points: Array
-) -> None:
+def test_views_are_summed_and_limits_counted_once(both: Problem, points: Array) -> None:
     whole = value_and_slope(objective_at(both, points), points)
     pictures = [
         value_and_slope(objective_at(replace(both, views=(v,)), points, IMAGE_ALONE), points)
@@ -127,9 +125,7 @@ def test_a_call_changes_nothing(both: Problem, points: Array) -> None:
         assert all((x == y).all() for x, y in zip(seen, still, strict=True))
 
 
-def test_vertices_that_are_held_feel_nothing_and_the_others_what_they_felt(
-    both: Problem, points: Array
-) -> None:
+def test_held_vertices_feel_nothing_and_others_the_same(both: Problem, points: Array) -> None:
     objective = objective_at(both, points)
     loose = np.arange(len(points)) < 40
     held = Objective(

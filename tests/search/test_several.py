@@ -206,7 +206,7 @@ def test_a_wall_mount_is_refused_whether_it_is_printed_or_not(
         build(Request(scene, (file, file), tmp_path / "o", printing=printing))
 
 
-def test_what_the_others_leave_of_a_silhouette_is_the_hulls_shadow() -> None:
+def test_what_others_leave_of_a_silhouette_is_the_hulls_shadow() -> None:
     view = see_from(0.0)
     mask = draw_mask(DISC, 100.0)
     target = Target("disc", mask, b"", 200, 200, ".png")
@@ -271,7 +271,7 @@ def test_a_build_of_a_shadow_and_a_glimpse(tmp_path: Path) -> None:
     assert parts[0] == parts[1]
 
 
-def test_a_circle_start_is_simple_as_one_view_sees_it_and_bends_to_the_others() -> None:
+def test_a_circle_start_is_simple_in_one_view() -> None:
     ring = MultiPolygon([Point(0, 0).buffer(35.0).difference(Point(0, 0).buffer(29.0))])
     slope = MultiPolygon([box(-36, -3, 36, 3)])
     slope = MultiPolygon([shapely.affinity.rotate(slope.geoms[0], 40.0)])
@@ -286,7 +286,7 @@ def test_a_circle_start_is_simple_as_one_view_sees_it_and_bends_to_the_others() 
     assert slopes == pytest.approx(1 / np.tan(np.deg2rad(40.0)), rel=0.25)
 
 
-def test_a_far_start_is_brought_near_alike_whatever_iterations_a_budget_came_to(
+def test_a_far_start_is_brought_near_alike_by_any_budget(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     walked: list[list[int]] = []

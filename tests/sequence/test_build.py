@@ -112,7 +112,7 @@ def test_a_sequence_passes_and_writes_its_files(outcome: Outcome) -> None:
 
 
 @pytest.mark.build
-def test_each_frame_hangs_by_itself_and_the_zoetrope_has_no_mount(outcome: Outcome) -> None:
+def test_each_frame_hangs_and_the_zoetrope_has_no_mount(outcome: Outcome) -> None:
     report = outcome.report
     mounts = [view["mount"] for view in report["views"]]
     assert [m["kind"] for m in mounts] == ["wall", "wall"] and min(m["pegs"] for m in mounts) >= 1
@@ -240,7 +240,7 @@ def _verified(*failed: str) -> Any:
     ("failed", "then", "better"),
     [(("shadow", "outline"), (), True), (("shadow",), ("shadow",), False)],
 )
-def test_a_frame_that_fails_is_tried_again_and_the_better_one_kept(
+def test_a_failed_frame_is_tried_again_and_the_better_kept(
     tmp_path: Path, failed: tuple[str, ...], then: tuple[str, ...], better: bool
 ) -> None:
     frame, again, piece, other = _searched(), _searched(), _verified(*failed), _verified(*then)

@@ -47,7 +47,7 @@ def test_the_scene_says_whether_the_frames_are_bound_to_close(tmp_path: Path) ->
 
 
 @pytest.mark.parametrize(("search", "given"), [({}, 0.004), ({"radius_give": 0.02}, 0.02)])
-def test_frames_get_no_thicker_tube_than_they_draw_well_unless_asked(
+def test_frames_get_no_thicker_tube_than_draws_them_well(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, search: dict[str, float], given: float
 ) -> None:
     """What one frame could spare another may need: letters that turn into each other lost theirs."""
@@ -97,7 +97,7 @@ def test_each_frame_has_its_own_floor_and_prices(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_pieces_that_lie_apart_in_all_frames_are_knots_of_their_own(tmp_path: Path) -> None:
+def test_pieces_apart_in_all_frames_are_knots_of_their_own(tmp_path: Path) -> None:
     names = []
     for number, at in enumerate((30, 50, 70)):
         image = Image.new("L", (128, 128), 255)

@@ -71,7 +71,7 @@ def test_a_scene_of_two_views_is_no_sequence(tmp_path: Path) -> None:
         ("still", "one picture"),
     ],
 )
-def test_frames_that_are_none(tmp_path: Path, kind: str, why: str) -> None:
+def test_invalid_frames_are_refused(tmp_path: Path, kind: str, why: str) -> None:
     frames = _frames(tmp_path / "frames", 1 if kind == "one" else 2)
     if kind == "sizes":
         picture(frames / "3.png", square(80))

@@ -10,7 +10,7 @@ from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.sequence.doubling import double_vertices
 
 
-def test_new_vertices_halve_the_edges_and_corners_are_rounded_off() -> None:
+def test_new_vertices_halve_the_edges_and_round_the_corners() -> None:
     points = trefoil(90, 20.0)
     carried, both = double_vertices(points, polylines_of_sizes((90,)))
     fine = carried.points

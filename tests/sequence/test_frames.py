@@ -128,7 +128,7 @@ def test_frames_are_cropped_to_one_box(tmp_path: Path) -> None:
     assert [t.mask.sum() for t in found] == [600] * 3
 
 
-def test_pieces_that_lie_apart_are_told_before_anything_is_searched(tmp_path: Path) -> None:
+def test_pieces_that_lie_apart_are_told_before_a_search(tmp_path: Path) -> None:
     for number, gap in enumerate((0, 6, 12), start=1):
         image = _bar(8)
         pen = ImageDraw.Draw(image)

@@ -90,7 +90,7 @@ def test_another_version_finds_nothing(tmp_path: Path, monkeypatch: pytest.Monke
     assert keep_for(asked, asked.targets).load(0) is None
 
 
-def test_damaged_files_and_folders_that_cannot_be_written_keep_nothing(tmp_path: Path) -> None:
+def test_damaged_files_and_locked_folders_keep_nothing(tmp_path: Path) -> None:
     place = KeptFrames(tmp_path / "kept")
     place.store(0, list(range(999)))
     file = next(place.folder.iterdir())

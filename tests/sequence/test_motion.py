@@ -91,7 +91,7 @@ def test_anchor_pulls_back_with_its_true_slope() -> None:
     assert np.isfinite(slope).all()
 
 
-def test_the_pull_on_an_anchor_is_what_is_beyond_in_radii_squared() -> None:
+def test_an_anchor_pulls_by_the_squared_radii_beyond_it() -> None:
     anchor = Anchor(np.zeros((4, 3)), 2.0, 1.3)
     at = np.zeros((4, 3))
     at[1] = (3.0, 0.0, 4.0)

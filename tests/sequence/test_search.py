@@ -72,7 +72,7 @@ def test_a_frame_follows_the_picture_within_its_bound(first: SearchResult) -> No
     assert found.result.iou_estimate > max(0.93, stayed + 0.1)
 
 
-def test_a_finished_frame_has_twice_the_vertices_and_its_limits_mended(first: SearchResult) -> None:
+def test_a_finished_frame_has_twice_the_vertices_within_limits(first: SearchResult) -> None:
     """A limit that the doubled frame violates is repaired, and the frame it is tied to stays in reach."""
     points = first.knots.points
     bends = first.feasibility.bend_mm

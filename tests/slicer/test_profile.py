@@ -58,7 +58,7 @@ def test_a_printer_without_supports() -> None:
     assert profile(scene_of("[printer]\nsupports = false"))["support_material"] == "0"
 
 
-def test_a_material_of_ones_own_prints_like_pla_but_for_its_density() -> None:
+def test_an_own_material_prints_like_pla_but_for_its_density() -> None:
     text = (
         "[material]\nname = 'mine'\n"
         + "\n".join(
@@ -86,7 +86,7 @@ def test_only_filament_is_sliced() -> None:
     assert wire is not None and wire.startswith("wire")
 
 
-def test_every_printer_of_the_catalogue_has_a_profile_or_a_reason(tmp_path: Path) -> None:
+def test_every_printer_has_a_profile_or_a_reason(tmp_path: Path) -> None:
     for name in printers():
         scene = scene_of(f"[printer]\nname = {name!r}")
         (folder := tmp_path / name).mkdir()

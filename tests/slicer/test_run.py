@@ -421,7 +421,7 @@ def test_its_own_home_and_no_display(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert not {"DISPLAY", "LC_ALL", "XDG_DATA_HOME"} & set(found)
 
 
-def test_an_error_of_ours_is_raised_where_the_result_is_asked_for(
+def test_our_own_error_is_raised_where_the_result_is_read(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def broken(*_: object) -> None:

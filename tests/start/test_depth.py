@@ -73,9 +73,7 @@ def test_depth_keeps_the_picture_and_lowers_legibility(
 
 
 @pytest.mark.slow
-def test_more_candidates_are_less_legible_and_the_same_ones_the_same(
-    problem: Problem, template: Template
-) -> None:
+def test_more_depth_candidates_are_less_legible(problem: Problem, template: Template) -> None:
     few, many = (_choose(problem, template, count) for count in (8, 64))
     assert many.legibility < few.legibility
     for one, other in zip(many.depths, _choose(problem, template, 64).depths, strict=True):
@@ -94,7 +92,7 @@ def test_where_supports_count_the_piece_needs_fewer(problem: Problem, template: 
     assert supports(_choose(problem, template, 80, 45.0)) < supports(_choose(problem, template, 80))
 
 
-def test_legibility_from_one_side_is_the_iou_of_what_is_seen_there() -> None:
+def test_legibility_from_a_side_is_the_iou_seen_there() -> None:
     rng = np.random.default_rng(8)
     centred = about_middle(rng.uniform(-40, 40, (60, 3)))
     target = rng.random((128, 128)) < 0.4
@@ -170,7 +168,7 @@ def _depths(start: Start) -> list[np.ndarray]:
     return list(start.depth.depths)
 
 
-def test_under_a_wide_lamp_what_draws_the_outline_stands_near_the_wall(
+def test_under_a_wide_lamp_the_outline_stands_near_the_wall(
     problem: Problem, template: Template
 ) -> None:
     seen = _lit_by(problem, 20.0).views[0]

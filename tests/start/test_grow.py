@@ -46,7 +46,7 @@ def curves_of(start: Start) -> Curves:
     return Curves(start.curves, start.types, (True,) * len(start.curves), RADIUS)
 
 
-def test_a_grown_curve_is_a_simple_lattice_polygon_within_its_edges() -> None:
+def test_a_grown_curve_is_a_simple_lattice_polygon() -> None:
     lattice, worth = lattice_of(ask_views([RING, SQUARE], 0.0, 90.0))
     unit = edge_worth(lattice, worth)
     (curve,) = grow_curves(lattice, worth, unit, seed_curves(lattice, worth, None), Growth())
@@ -57,7 +57,7 @@ def test_a_grown_curve_is_a_simple_lattice_polygon_within_its_edges() -> None:
     assert lattice.open[3 * np.minimum(curve, np.roll(curve, -1)) + axis].all()
 
 
-def test_nodes_move_to_where_the_tube_fits_and_strands_stay_half_a_pitch_apart() -> None:
+def test_moved_nodes_keep_strands_half_a_pitch_apart() -> None:
     """What the proof asks of a lattice whose nodes were moved: each by a quarter of the pitch at most."""
     problem = ask_views([RING, DISC], 0.0, 90.0)
     lattice, worth = lattice_of(problem)
@@ -76,7 +76,7 @@ def test_nodes_move_to_where_the_tube_fits_and_strands_stay_half_a_pitch_apart()
     assert (np.minimum(two - one, len(curve) + one - two) <= 1).all()
 
 
-def test_squares_that_share_but_a_node_are_two_pieces_until_they_are_joined() -> None:
+def test_squares_that_share_a_node_are_two_pieces_until_joined() -> None:
     """A curve grows from square to square over an edge: round a node alone it comes nowhere."""
     lattice, worth = lattice_of(ask_views([SQUARE, SQUARE], 0.0, 90.0))
     squares = lattice.squares(lattice.open)
@@ -100,7 +100,7 @@ def test_squares_that_share_but_a_node_are_two_pieces_until_they_are_joined() ->
     assert {*np.unique(lattice.ends(first))} | {*np.unique(lattice.ends(other))} <= {*curve}
 
 
-def test_each_move_sweeps_a_square_that_no_curve_meets_and_counts_its_corners() -> None:
+def test_each_move_sweeps_a_square_that_no_curve_meets() -> None:
     lattice, worth = lattice_of(ask_views([SQUARE, SQUARE], 0.0, 90.0))
     seeds = seed_curves(lattice, worth, 2)
     count = len(lattice.nodes)
@@ -154,7 +154,7 @@ def test_what_grew_round_the_hulls_holes_is_proved_an_unknot(
 
 
 @pytest.mark.parametrize(("knots", "curves"), [(None, 2), (1, 1), (2, 2), (4, 4)])
-def test_each_piece_of_the_hull_gets_a_curve_and_as_many_as_are_asked_for_are_unlinked(
+def test_each_piece_of_the_hull_gets_a_curve_and_none_is_linked(
     knots: int | None, curves: int
 ) -> None:
     start = make_start(ask_views([APART, APART], 0.0, 90.0), RADIUS, HOW, knots)
@@ -164,7 +164,7 @@ def test_each_piece_of_the_hull_gets_a_curve_and_as_many_as_are_asked_for_are_un
     assert len(across) == (1 if knots == 1 else 0)
 
 
-def test_a_neck_too_narrow_for_the_lattice_parts_no_piece_of_the_hull() -> None:
+def test_a_narrow_neck_parts_no_piece_of_the_hull() -> None:
     (curve,) = make_start(ask_views([NECK, NECK], 0.0, 90.0), RADIUS, HOW).curves
     assert curve[:, 1].min() < -20 and curve[:, 1].max() > 20
 
@@ -201,7 +201,7 @@ def test_what_has_no_start_says_why(
         make_start(ask_views(pictures, 0.0, 90.0), RADIUS, HOW, knots)
 
 
-def test_a_start_repeats_to_the_last_bit_also_where_its_number_of_knots_is_given_then() -> None:
+def test_a_start_repeats_to_the_last_bit_with_its_knots_given() -> None:
     for second in (SQUARE, APART, DOTS):
         problem = ask_views([RING, second], 0.0, 90.0)
         one = make_start(problem, RADIUS, HOW).curves
@@ -209,7 +209,7 @@ def test_a_start_repeats_to_the_last_bit_also_where_its_number_of_knots_is_given
         assert len(one) == len(two) and all(map(np.array_equal, one, two))
 
 
-def test_pieces_of_one_piece_of_the_hull_are_joined_within_it_and_never_across_a_gap() -> None:
+def test_a_piece_of_the_hull_is_joined_never_across_a_gap() -> None:
     """A slit narrower than the tube, closed at its top alone, in both pictures: bridges lie there."""
     slit = MultiPolygon([box(-34, -40, 34, 40).difference(box(-3, -41, 3, 33))])
     problem = ask_views([slit, slit], 0.0, 90.0)
@@ -269,7 +269,7 @@ def test_a_lattice_knot_is_short_and_of_its_type(name: str) -> None:
         assert len(nodes) == 24  # none is shorter (Diao 1993)
 
 
-def test_of_several_curves_the_first_keeps_the_knot_whatever_grows_where() -> None:
+def test_of_several_curves_the_first_keeps_the_knot() -> None:
     problem = replace(ask_views([SQUARE, SQUARE], 0.0, 90.0), knot="trefoil")
     start = make_start(problem, 3.0, HOW, knots=3)
     assert start.types == ("right-handed 3_1", "unknot", "unknot")

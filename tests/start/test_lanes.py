@@ -12,7 +12,7 @@ SEPARATION, LIGHT = 4.0, 500.0
 
 
 @pytest.mark.parametrize("begin", [0.0, 0.1, 0.25, 0.4])
-def test_sides_that_change_places_are_parted_in_the_order_that_is_the_larger(begin: float) -> None:
+def test_sides_that_change_places_part_in_the_longer_order(begin: float) -> None:
     # a stroke there and back, its sides a millimetre apart, whose depths cross near one end
     turn = np.linspace(0, 2 * np.pi, 400, endpoint=False)
     curve = sample_evenly(np.column_stack([60 * np.cos(turn), 0.5 * np.sin(turn)]), 1.5)

@@ -82,7 +82,7 @@ def _ious(problem: Problem, start: Start, lamp_mm: float, turn_deg: float) -> Ar
     return np.array(found)
 
 
-def test_the_coarser_the_placing_the_flatter_and_less_is_lost_of_the_picture(
+def test_coarser_placing_makes_flatter_pieces_that_lose_less(
     problem: Problem, template: Template
 ) -> None:
     alike = _place(problem, template, 5.0, 1.0, "off")
@@ -115,7 +115,7 @@ def test_what_print_costs_is_weighed_in_the_extent(
     assert extent(0.2, 5.0, 1.0) == DEPTH_MM
 
 
-def test_loose_pieces_are_as_deep_whether_their_wall_mount_is_asked_for_or_not(
+def test_loose_pieces_are_as_deep_with_the_mount_left_open(
     problem: Problem,
 ) -> None:
     loose = fill(

@@ -120,7 +120,7 @@ def test_any_depth_of_the_strands_will_do(wave: float) -> None:
     assert verdicts(tied, "right-handed 6_2") == ["proved"]
 
 
-def test_a_knot_larger_than_the_picture_spills_but_keeps_its_type() -> None:
+def test_a_knot_too_large_for_the_picture_keeps_its_type() -> None:
     bar = MultiPolygon([box(-60, -5, 60, 5)])
     tied = tie(lift_filling(bar, 0.05), parse_knot_name("7_4").factors, room(bar))
     assert tied.spill > 0

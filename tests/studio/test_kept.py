@@ -231,7 +231,7 @@ def test_a_build_that_ran_when_the_studio_was_killed(tmp_path: Path) -> None:
     assert found == {"cat": "done", "cat 2": "stopped"}  # nothing is left of the third
 
 
-def test_moves_that_a_killed_build_left_are_finished_before_anything_is_listed(
+def test_moves_of_a_killed_build_are_finished_before_a_list(
     tmp_path: Path,
 ) -> None:
     hidden = tmp_path / "builds" / "cat" / ".knotfab-killed"

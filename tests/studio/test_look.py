@@ -24,7 +24,7 @@ def test_a_subject_that_is_offered_fills_its_field(monkeypatch: pytest.MonkeyPat
     assert read_field("subject", way["settings"]["subject"]) == "1,2,30,40"
 
 
-def test_what_lies_over_a_photograph_is_its_cut_in_the_pictures_own_px(tmp_path: Path) -> None:
+def test_the_cut_over_a_photograph_is_in_its_own_px(tmp_path: Path) -> None:
     """Of 1500 px, drawn at 1024: clear on the ball, a shade elsewhere; what is dropped is a hole."""
     v, u = np.mgrid[:1000, :1500]
     ball = np.hypot(u - 900, v - 500) < 300

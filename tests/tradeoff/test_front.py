@@ -123,7 +123,7 @@ def test_steps_are_between_neighbours_on_the_same_pictures() -> None:
     assert str(steps[1]) == "picture size 640 px → 1024 px: +.0060 IoU, ×2.00 seconds"
 
 
-def test_combinations_are_new_the_same_for_a_seed_and_of_what_was_good() -> None:
+def test_combinations_are_new_and_the_same_for_a_seed() -> None:
     middle = PRESETS["standard"]
     asked = points()
     measured = [

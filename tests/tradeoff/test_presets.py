@@ -48,7 +48,7 @@ def test_a_dominated_preset_is_found() -> None:
         assert excess(row, [*WHOLE, better]) > MOST
 
 
-def test_each_preset_costs_more_and_brings_more_than_the_one_before() -> None:
+def test_each_preset_costs_more_and_brings_more() -> None:
     rows = sorted(OF_PRESET.values(), key=lambda row: row["seconds"])
     assert [row["point"] for row in rows] == list(PRESETS)
     assert sorted(row["iou"] for row in rows) == [row["iou"] for row in rows]

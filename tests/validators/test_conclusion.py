@@ -37,7 +37,7 @@ def test_a_tube_is_told_with_its_radius_its_knot_and_its_size() -> None:
     )
 
 
-def test_what_did_not_pass_is_named_and_what_nobody_asks_for_is_not() -> None:
+def test_what_failed_is_named_where_it_is_asked_for() -> None:
     checks = [
         at_least("tube", 1.0, 2.0, "mm", ""),
         at_least("gap", 1.0, 2.0, "mm", "", required=False),

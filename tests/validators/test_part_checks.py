@@ -98,7 +98,7 @@ NO_NUMBER = Mesh(
         (SMALL, OPEN, "the surface of a plate is broken"),
     ],
 )
-def test_a_broken_surface_is_not_called_printable_though_its_checks_are_left_out(
+def test_a_broken_surface_is_never_called_printable(
     part: Mesh, printed: Mesh | None, why: str | None
 ) -> None:
     """The part's, or that of the plate on which it is printed."""

@@ -24,7 +24,7 @@ def validators() -> Iterator[Workers]:
 
 
 @pytest.mark.slow
-def test_verdicts_are_those_of_validate_and_a_bad_file_is_one_sentence(
+def test_verdicts_are_validates_and_a_bad_file_is_one_sentence(
     validators: Workers, tmp_path: Path
 ) -> None:
     asked = [("pass", 0, 3.0), ("fail", 1, 41.0)]

@@ -72,7 +72,7 @@ def test_a_part_that_was_not_enlarged_is_rejected(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_projection_and_receiver_take_the_coordinates_of_the_file(tmp_path: Path) -> None:
+def test_projection_and_receiver_take_the_files_coordinates(tmp_path: Path) -> None:
     folder = write(tmp_path, 1 / LEFT, 1 / LEFT, LEFT)
     files = [folder / name for name in ("part.stl", "knots.json", "scene.toml")]
     (view,) = validate(*files, skip=("shadow-render",), only="shadows").views

@@ -165,7 +165,7 @@ def test_a_part_behind_the_wall_throws_no_shadow_and_fails(folder: Path) -> None
     assert verdict.exit_code == 1 and status(verdict)["shadow"] == "fail"
 
 
-def test_a_piece_that_is_not_printed_is_not_held_against_the_printer(folder: Path) -> None:
+def test_an_unprinted_piece_is_not_held_against_the_printer(folder: Path) -> None:
     """As the build that wrote `printed = false` did not; a scene that does not say is."""
     scene = (folder / "scene.toml").read_text()
     scene += '[printer]\nname = "toy"\nbuild_volume_mm = [9.0, 9.0, 9.0]\nnozzle_mm = 0.4\n'

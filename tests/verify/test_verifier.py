@@ -40,7 +40,7 @@ def answer(*names: str) -> Future[dict[str, Any]]:
     return found
 
 
-def test_a_report_lists_checks_in_one_order_however_they_were_measured() -> None:
+def test_a_report_lists_checks_in_one_order() -> None:
     names = ("shadow", "centre_line", "mesh_closed", "region", "thing of tomorrow")
     (order,) = {
         tuple(check["name"] for check in Answer(answer(*some)).result()["checks"])

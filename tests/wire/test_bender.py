@@ -27,14 +27,14 @@ LOOP = "{% for bend in bends %}\n", "{% endfor %}\n"
 ALL = "{{ bend.feed_mm }} {{ bend.rotation_deg }} {{ bend.bend_deg }}\n"
 
 
-def test_the_table_has_length_rotation_and_angle_and_nothing_else() -> None:
+def test_the_table_has_length_rotation_and_angle_alone() -> None:
     text = fill_template("lra", BENDS, "bends.csv", STEEL)
     head, *rows = text.splitlines()
     assert head == "length_mm,rotation_deg,angle_deg"
     assert rows == ["12.500,0.000,94.737", "10.000,-33.334,47.368", "5.000,0.000,0.000"]
 
 
-def test_relative_moves_feed_the_whole_wire_and_bring_the_pin_back() -> None:
+def test_relative_moves_feed_the_whole_wire() -> None:
     text = fill_template("grbl", BENDS, "bends.csv", STEEL)
     moves = {a: [float(x) for x in re.findall(rf"^G1 {a}(\S+)", text, re.M)] for a in "XAB"}
     arcs = pi * 6.0 / 2 + pi * 6.0 / 4

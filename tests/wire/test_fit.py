@@ -21,7 +21,7 @@ def wavy(radius: float) -> Array:
 
 
 @pytest.mark.slow
-def test_strands_side_by_side_do_not_touch_and_cost_few_more_bends() -> None:
+def test_strands_side_by_side_cost_few_more_bends() -> None:
     """0.18 mm of air between them: less than straights and bends need within the tolerance."""
     curves = [wavy(13.0), wavy(15.3)]
     limits = FitLimits(2.0, 2.0, 160.0, 2.0, 0.475)
@@ -103,7 +103,7 @@ def test_a_limit_that_is_missed_loosens_no_other(
     assert (measure_worst(strands, LIGHT, limits) <= before).all()
 
 
-def test_a_wire_that_reaches_farther_than_its_curve_misses_the_tolerance() -> None:
+def test_a_wire_that_reaches_too_far_misses_the_tolerance() -> None:
     """A turn drawn out beyond its curve leaves no point of the curve far from the wire."""
     t = np.linspace(0, 2 * np.pi, 240, endpoint=False)
     oval = np.column_stack([30 * np.cos(t), 4 * np.sin(t), 0 * t])

@@ -11,7 +11,7 @@ import pytest
 from knotfab_validators.files.knots import parse_knots, read_knots
 
 
-def test_points_come_back_bit_for_bit_and_the_radius_may_be_absent(tmp_path: Path) -> None:
+def test_points_come_back_bit_for_bit_without_a_radius_too(tmp_path: Path) -> None:
     points = np.random.default_rng(0).normal(size=(50, 3)) * 100
     knot = {"closed": True, "type": "3_1", "points": points.tolist()}
     content = {"schema": 1, "unit": "mm", "radius_mm": 0.2, "knots": [knot]}

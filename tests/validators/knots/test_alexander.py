@@ -10,7 +10,7 @@ from knotfab_validators.knots.alexander import alexander_polynomial
 from knotfab_validators.knots.planar_diagram import closed_braid
 
 
-def test_the_alexander_polynomial_is_that_of_the_matrix_over_the_rationals() -> None:
+def test_the_polynomial_is_that_of_the_rational_matrix() -> None:
     """A check of the modular arithmetic against plain expansion, with large coefficients."""
     for word in (WORDS[0], WORDS[3], (1, 1, 1, -2, 1, -2, -2, 3, -2, 3)):
         plain = closed_braid(word)

@@ -197,7 +197,7 @@ def test_small_diagrams_prove_where_invariants_alone_do_not() -> None:
     assert found_of(ten, "8_8").status == "fail"
 
 
-def test_what_polynomials_and_homology_take_for_one_is_told_apart_by_representations() -> None:
+def test_representations_tell_apart_what_homology_does_not() -> None:
     """Also of curves whose diagrams are not shown to have ten crossings, where nothing is proved."""
     for name, other in (("10_156", "8_16"), ("10_103", "10_40"), ("10_91", "left-handed 10_91")):
         knot = braid(braid_word(name))[0]
@@ -469,7 +469,7 @@ def test_methods_that_disagree_fail_the_check(monkeypatch: pytest.MonkeyPatch) -
         assert "the two methods disagree" in found.detail
 
 
-def test_without_floer_homology_names_stay_consistent_or_known_by_small_diagrams(
+def test_without_floer_homology_names_stay_consistent(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr("knotfab_validators.knots.invariants.floer_homology", lambda *_: None)

@@ -17,7 +17,7 @@ def diagram_of(name: str) -> PlanarDiagram:
     return reroute(closed_braid(braid_word(name)), enough=10)
 
 
-def test_the_trefoils_longitude_is_its_meridian_to_the_power_of_minus_six() -> None:
+def test_the_trefoils_longitude_is_its_meridian_to_minus_six() -> None:
     """Beside the one representation that commutes; where it is central but for its meridians."""
     for prime in PRIMES:
         found = cusp_counts(diagram_of("3_1"), prime)
@@ -26,7 +26,7 @@ def test_the_trefoils_longitude_is_its_meridian_to_the_power_of_minus_six() -> N
 
 
 @pytest.mark.parametrize("name", ["4_1", "8_16", "9_35", "10_103"])
-def test_counts_depend_on_the_knot_alone_and_turn_round_in_a_mirror(name: str) -> None:
+def test_counts_depend_on_the_knot_and_turn_in_a_mirror(name: str) -> None:
     tangled = reroute(closed_braid(random_markov(list(braid_word(name)), 30, seed=2)), enough=11)
     for prime in PRIMES:
         one = cusp_counts(diagram_of(name), prime)

@@ -172,7 +172,7 @@ def test_a_segment_is_told_from_one_that_pierces() -> None:
     assert meets([2, 0, 0], [1, 0.5, 0])  # leaves from a corner into the triangle
 
 
-def test_the_places_where_polygons_touch_and_where_they_are_nearest() -> None:
+def test_where_polygons_touch_and_are_nearest() -> None:
     cross = np.array([[-1.0, -1, 0], [1, 1, 0], [1, -1, 0], [-1, 1, 0]])
     assert touching_place([cross]) == pytest.approx([0, 0, 0], abs=1e-9)
     two = [circle(40), circle(40) + [80.0, 0, 0]]

@@ -117,7 +117,7 @@ def test_a_tube_that_overlaps_itself_is_found_where_it_does() -> None:
     assert failures(thick) == {"mesh_self_intersection"}
 
 
-def test_numbers_that_are_none_are_refused() -> None:
+def test_nan_and_a_mesh_without_faces_are_refused() -> None:
     vertices = ring().vertices.copy()
     vertices[3, 1] = np.nan
     assert failures(ring(vertices=vertices)) == {"mesh_closed"}
@@ -260,7 +260,7 @@ def test_the_tube_of_an_open_curve_has_no_handle(balls: bool) -> None:
     assert failures(open_tube(line, RADIUS * 1.01, balls), known) == {"mesh_volume"}
 
 
-def test_a_cavity_is_right_in_a_strangers_part_and_wrong_in_a_tube() -> None:
+def test_a_cavity_is_right_in_other_parts_and_wrong_in_a_tube() -> None:
     hollow = two(solid(10.0), flip(solid(2.0)))
     assert failures(hollow) == set()
     assert failures(two(hollow, solid(0.5))) == set()  # a body loose in the cavity

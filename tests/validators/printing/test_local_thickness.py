@@ -94,7 +94,7 @@ def test_a_slot_is_a_gap_and_a_crease_is_none() -> None:
 
 
 @pytest.mark.slow
-def test_where_a_tube_enters_a_plate_there_is_a_crease_and_no_gap() -> None:
+def test_a_tube_that_enters_a_plate_makes_a_crease_and_no_gap() -> None:
     from manifold3d import Manifold, Mesh64
 
     turn = Rotation.from_euler("x", 0.15).as_matrix()
@@ -126,16 +126,14 @@ def hairpin(apart: float, radius: float = 2.0, sides: int = 32) -> Mesh:
     return move(mesh, shift=(10, 10, 3))
 
 
-def test_a_tube_that_keeps_its_clearance_passes_and_one_closer_does_not() -> None:
+def test_a_tube_passes_at_its_clearance_and_not_closer() -> None:
     assert run(hairpin(4.4))["gap"].status == "pass"
     found = run(hairpin(4.35))["gap"]
     assert found.status == "fail" and found.measured == pytest.approx(0.35, abs=0.02)
 
 
 @pytest.mark.parametrize(("proud", "status"), [(0.0, "fail"), (0.02, "fail"), (0.026, "pass")])
-def test_a_gap_may_be_narrower_by_what_facets_on_both_sides_stand_out(
-    proud: float, status: str
-) -> None:
+def test_a_gap_may_be_narrower_by_what_facets_stand_out(proud: float, status: str) -> None:
     filled = np.ones((3, 3, 2))
     filled[1, 1, 1] = 0
     slot = blocks([0, 9, 9.35, 20], [0, 5, 35, 40], [0, 5, 9], filled)

@@ -16,7 +16,7 @@ from knotfab_validators.shadows.render import SilhouetteRenderer
 from knotfab_validators.shadows.view import ViewGeometry, view_geometry
 
 
-def test_it_casts_the_exact_shadow_of_every_light_and_of_what_crosses_the_wall() -> None:
+def test_the_exact_shadow_of_every_light_is_cast() -> None:
     vertices, faces = tube(tangle(150, 5, 45.0), 2.5, 12)
     caster = ShadowCaster(vertices, faces)
     for far, tilt in ((40.0, 0.0), (60.0, 25.0), (5.0, -20.0)):

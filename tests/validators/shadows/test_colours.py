@@ -106,7 +106,7 @@ def view_of(**keys: Any) -> View:
     return parse_scene({"views": [keys]}).views[0]
 
 
-def test_a_lamp_beside_the_axis_leaves_wall_and_frame_where_they_are() -> None:
+def test_a_lamp_beside_the_axis_moves_no_wall_or_frame() -> None:
     plain = PlainView(azimuth_deg=25.0, elevation_deg=10.0, wall_tilt_deg=5.0)
     on, off = (
         view_geometry(view, 90, 60)
@@ -220,7 +220,7 @@ def test_what_falls_beside_an_open_screen_is_told_apart() -> None:
     assert [lamp["spill_beside"] for lamp in told["lamps"]] == [15 / 64**2, 0.0]
 
 
-def test_matter_whose_shadow_misses_a_screen_that_ends_is_nothing() -> None:
+def test_matter_whose_shadow_misses_the_screen_is_nothing() -> None:
     """A ring that reaches beyond the frame: on an open wall it spills, past a card it does not."""
     geometry = view_geometry(PlainView(frame_width_mm=40.0, frame_height_mm=40.0), 64, 64)
     vertices, faces = tube(circle(60, 16.0) + np.array([8.0, 0.0, 0.0]), 2.0, 12)

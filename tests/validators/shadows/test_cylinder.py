@@ -97,7 +97,7 @@ def test_rays_lines_and_the_exact_tube_agree(radius: float) -> None:
 
 
 @pytest.mark.parametrize("radius", RADII)
-def test_what_reaches_past_a_misplaced_light_throws_its_whole_shadow(radius: float) -> None:
+def test_past_a_misplaced_light_the_whole_shadow_is_thrown(radius: float) -> None:
     low, high = np.array([-6.0, -6.0, -50.0]), np.array([6.0, 6.0, 560.0])
     bar, light = box_mesh(tuple(high - low)), np.array([40.0, 15.0, 500.0])
     g = replace(geometry(radius), light=light)

@@ -97,7 +97,7 @@ def test_of_a_large_array_each_led_is_a_point_of_its_own_disc() -> None:
 
 
 @needs_rendering
-def test_the_half_light_line_is_the_sharp_one_and_the_error_is_the_blurs() -> None:
+def test_the_half_light_line_is_the_sharp_one() -> None:
     found = average(Lamp(light_diameter_mm=30.0))
     assert found.samples == 101 and found.iou > 0.995  # corners are rounded
     blur = 30.0 * 100.0 / 500.0  # mm: on a wall 100 mm behind, of a lamp 500 mm before

@@ -54,7 +54,7 @@ SMALL, LARGE = (430, 400, 5), (420, 420, 40)
 LETTERS = tuple((80 + 24 * k, 440, 6) for k in range(12))
 
 
-def test_the_picture_itself_is_faithful_and_so_is_one_shifted_by_a_pixel() -> None:
+def test_a_picture_shifted_by_a_pixel_is_faithful() -> None:
     target = draw(LARGE, *LETTERS)
     for shadow in (target, np.roll(target, 1, axis=0)):
         found = judge(shadow, target)
@@ -62,7 +62,7 @@ def test_the_picture_itself_is_faithful_and_so_is_one_shifted_by_a_pixel() -> No
         assert found.outline_p95_radii <= 1.5 / RADIUS_PX
 
 
-def test_a_lost_piece_is_never_good_and_a_large_one_not_recognisable() -> None:
+def test_a_lost_piece_is_never_good() -> None:
     small = judge(draw(), draw(SMALL))
     assert small.word == "coarse" and small.counts["lost_pieces"] == 1
     (loss,) = small.lost
@@ -116,7 +116,7 @@ def test_a_hole_that_many_strands_cross_is_one_thing_to_see() -> None:
         assert count_repeated(gaps, plate(parts=parts)) == repeated
 
 
-def test_a_small_piece_turned_is_coarse_whatever_the_large_ones_weigh() -> None:
+def test_a_small_piece_turned_is_coarse() -> None:
     def eye(a: int, b: int) -> Mask:
         image = Image.fromarray(draw())
         ImageDraw.Draw(image).ellipse((420 - a, 420 - b, 420 + a, 420 + b), fill=1)
@@ -137,7 +137,7 @@ def test_a_small_piece_turned_is_coarse_whatever_the_large_ones_weigh() -> None:
 
 
 @pytest.mark.slow
-def test_one_of_many_pieces_a_little_out_of_shape_is_good_several_or_a_worse_one_coarse() -> None:
+def test_one_piece_out_of_shape_is_good_and_several_coarse() -> None:
     places = [(340 + 50 * (k % 4), 60 + 65 * (k // 4)) for k in range(24)]
 
     def dots(*changed: tuple[int, int]) -> Mask:
@@ -172,7 +172,7 @@ def test_the_dust_of_a_scan_is_no_outline() -> None:
 
 
 @pytest.mark.slow
-def test_the_leg_of_a_stand_is_no_outline_but_bridges_what_it_crosses() -> None:
+def test_the_leg_of_a_stand_bridges_what_it_crosses() -> None:
     target = draw(LARGE)
     leg = draw(LARGE, strokes=((180, 299, 170, 480, 8),))
     assert judge(leg, target).word == "coarse"  # as a strand that strays so far
@@ -242,7 +242,7 @@ def test_of_several_views_the_worst_counts() -> None:
     assert alone is not None and alone["reasons"] == coarse["reasons"]
 
 
-def test_the_check_rejects_what_nobody_would_know_unless_it_is_accepted() -> None:
+def test_the_check_rejects_what_nobody_would_know() -> None:
     target = draw(LARGE)
     unknown = worst_verdict([{"name": "a", "verdict": judge(draw(), target).to_dict()}])
     assert unknown is not None
@@ -264,7 +264,7 @@ def draw_star(length: float) -> Mask:
     return np.asarray(image)
 
 
-def test_a_tip_that_is_cut_short_by_more_than_a_tube_is_good_and_by_less_faithful() -> None:
+def test_a_tip_cut_short_by_more_than_a_tube_is_good() -> None:
     target = draw_star(100)
     words = {}
     for radii in (1.0, 3.5):
@@ -331,7 +331,7 @@ def test_a_stray_strand_is_coarse_and_half_a_picture_is_unknown() -> None:
     assert judge(half, target).word == UNKNOWN
 
 
-def test_a_short_stray_strand_beside_a_large_picture_is_coarse_too() -> None:
+def test_a_short_stray_strand_is_coarse_too() -> None:
     """It is a twentieth of the outline, so that 95 % of that lie right; a stub of a tube's width is none."""
     target = draw(LARGE)
     stray, stub = (draw(LARGE, strokes=((180, 290, 180, y, 14),)) for y in (340, 318))

@@ -57,7 +57,7 @@ def test_a_feature_drawn_within_a_reach_is_not_named(hole: bool) -> None:
 
 
 @pytest.mark.parametrize("hole", [False, True])
-def test_what_no_tube_draws_and_what_is_lost_are_counted_elsewhere(hole: bool) -> None:
+def test_what_no_tube_draws_is_counted_elsewhere(hole: bool) -> None:
     slit = draw((19, 3), hole)
     assert not find_misshapen(draw((19, 9), hole), slit, REACH, LEAST)
     if hole:  # as wide as the tube's radius, to a pixel
@@ -79,7 +79,7 @@ def draw_stroke(points: Sequence[Size], width: int) -> Mask:
     return np.asarray(image)
 
 
-def test_a_stroke_finer_than_the_tube_is_held_to_the_tube_along_it() -> None:
+def test_a_fine_stroke_is_held_to_the_tube_along_it() -> None:
     nose = (150, 80), (130, 140), (152, 150)
     wanted, radius = draw_stroke(nose, 7), int(4 * REACH)
     assert not find_misshapen(draw_stroke(nose, 2 * radius), wanted, REACH, LEAST)

@@ -227,7 +227,7 @@ def squares(apart: int) -> Mask:
 
 
 @pytest.mark.parametrize("reach", [1.5, 2.0, 3.0])
-def test_corners_that_touch_are_no_stroke_and_are_counted_as_what_no_tube_draws(
+def test_corners_that_touch_count_as_what_no_tube_draws(
     reach: float,
 ) -> None:
     touching = squares(0)

@@ -115,7 +115,7 @@ def test_a_missing_strand_and_a_loose_speck_are_found() -> None:
 
 
 @pytest.mark.slow
-def test_a_radius_far_too_large_costs_little_memory_and_is_still_far_off() -> None:
+def test_a_radius_far_too_large_costs_little_memory() -> None:
     """A knots.json whose radius is twice its ring's made every pixel ask every capsule at once."""
     curve = circle(240, 20.0)
     g = geometry()

@@ -28,7 +28,7 @@ def test_distance_of_bodies_against_all_pairs(seed: int) -> None:
     assert found[0] == pytest.approx(least, abs=1e-9)
 
 
-def test_a_thousand_copies_in_one_place_and_a_heap_of_faces_cost_no_more_than_they_may() -> None:
+def test_copies_and_heaps_of_faces_cost_no_more_than_allowed() -> None:
     """Trees of boxes do not help where all boxes overlap: their work would grow with the square."""
     rng = np.random.default_rng(0)
     one = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [3, 0, 0], [4, 0, 0], [3, 1, 0]])

@@ -228,7 +228,7 @@ def test_a_crowd_of_vertices_is_refused(monkeypatch: pytest.MonkeyPatch) -> None
     assert found.status == "skipped" and "crowded" in found.detail
 
 
-def test_faces_longer_than_the_edges_of_the_centre_line_are_the_strands() -> None:
+def test_faces_longer_than_centre_line_edges_are_the_strands() -> None:
     """Of a coarse tube whose line was found finely, as of parts from elsewhere."""
     fine, far = circle(400, 30.0), circle(400, 30.0) + [0, 0, 7.0]
     bodies = [tube(curve[::20], 3.0, 8) for curve in (fine, far)]

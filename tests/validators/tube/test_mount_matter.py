@@ -151,7 +151,7 @@ def test_a_stands_struts_leave_enough_of_the_tube() -> None:
         assert check_tube(mesh, curves, mounted=True).status == status
 
 
-def test_long_faces_along_a_straight_strand_are_its_own_and_a_bridge_is_not() -> None:
+def test_long_faces_of_a_strand_are_its_own_and_bridges_not() -> None:
     t = np.linspace(0.0, np.pi, 33)
     arc = np.column_stack([8.0 * np.sin(t), 8.0 * np.cos(t), 0.0 * t])
     line = np.concatenate([arc + [40.0, 0.0, 0.0], -arc])  # two legs of 40 mm, an edge each

@@ -94,7 +94,7 @@ def test_a_member_that_is_not_full_is_told_with_its_place(cut: Manifold, place: 
     assert check_tube(mesh, CURVES, mounted=True).status == "pass"
 
 
-def test_strands_that_are_fused_are_told_even_where_a_cut_makes_the_genus_right() -> None:
+def test_fused_strands_are_told_where_a_cut_mends_the_genus() -> None:
     between = (RINGS[0][15] + RINGS[1][11]) / 2
     fused = honest() + bar(between, RINGS[0][15] - RINGS[1][11], 0.8, 0.3, 0.3)
     both = fused - bar(MIDDLE, UP, 0.3, 2 * PEG, 2 * PEG)
