@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,16 +23,20 @@ _HOURS_AROUND = 0.007  # to a cm3 of the room between the strands, part of which
 
 @dataclass(frozen=True)
 class Guess:
-    """Grams of the part, and hours on the printer with its supports; None where nothing is known."""
+    """Grams of the part, and hours on the printer with its supports; None where nothing is known.
+
+    `without` names what it does not know: a stand, or what an eyelet hangs from, is planned with the knots.
+    """
 
     mass_g: float
     hours: float | None
+    without: str = ""
 
 
 def guess_print(
     scene: Scene,
     view: ResolvedView,
-    area_mm2: float,
+    areas_mm2: Sequence[float],
     size_mm: tuple[float, float],
     radius_mm: float,
     pieces: int = 1,
@@ -40,14 +45,15 @@ def guess_print(
     """Guess by what builds came to.
 
     A tube that fills an area A with strands side by side is A / 2r long; through the depth it is longer.
+    What fills one of several pictures is hidden in the others, so that their areas add up.
 
     Args:
-        scene: resolved. area_mm2, size_mm: of the silhouette, and its width and height, in the middle of
-            the piece. radius_mm: of the tube. pieces: of the picture, each a knot if that is open.
+        scene: resolved. areas_mm2: of the silhouettes. size_mm: width and height of the first one, in the
+            middle of the piece. radius_mm: of the tube. pieces: of the picture, each a knot if that is open.
         template: the flat curves that the search starts from, where they are known.
     """
     flat = scene.piece.depth == "flat"
-    length = area_mm2 / (2 * radius_mm)
+    length = sum(areas_mm2) / (2 * radius_mm)
     if template is not None:
         length = sum(float(arc_lengths(curve)[-1]) for curve in template.curves)
     length *= _LENGTH_FLAT if flat else _LENGTH
@@ -58,13 +64,14 @@ def guess_print(
         margin = 2 * scene.mount.plate_margin_mm
         plate = (view.frame_width_mm + margin) * (view.frame_height_mm + margin)
         plate *= scene.mount.plate_thickness_mm
+    without = {"stand": "its stand", "hang": "its eyelet"}.get(scene.mount.kind, "")
     mass = (tube + plate) * 1e-3 * scene.material.density_g_cm3
     if scene.material.process != "filament":
-        return Guess(float(mass), None)
+        return Guess(float(mass), None, without)
     room = 2.0 * view.reach_mm
     depth = 0.0 if flat else min(room, DEPTH_RATIO * max(size_mm))
     if not isinstance(scene.piece.depth, str):
         depth = scene.piece.depth
     hours = _HOURS * _OF_RADIUS_MM / radius_mm * tube
-    hours += _HOURS_PLATE * plate + _HOURS_AROUND * area_mm2 * depth
-    return Guess(float(mass), float(hours * 1e-3))
+    hours += _HOURS_PLATE * plate + _HOURS_AROUND * sum(areas_mm2) / len(areas_mm2) * depth
+    return Guess(float(mass), float(hours * 1e-3), without)

@@ -90,6 +90,8 @@ def _describe_piece(found: Survey) -> str:
     text += f"; a guess: {_round(guess.mass_g)} g"
     if guess.hours is not None:
         text += f" and {_round(guess.hours)} h with its supports"
+    if guess.without:
+        text += f"{',' if guess.hours is not None else ''} without {guess.without}"
     return text + each + "."
 
 

@@ -137,7 +137,7 @@ def survey(
     printed = guess_print(
         scene,
         first.view,
-        first.area_mm2,
+        [seen.area_mm2 for seen in views],
         first.piece_mm,
         radius,
         first.pieces,

@@ -24,6 +24,7 @@ from knotfab.picture.read import read_target
 from knotfab.picture.silhouette import trace_polygon
 from knotfab.prepare import prepare_build, survey_pictures
 from knotfab.preview.draw import draw_survey
+from knotfab.preview.guess import guess_print
 from knotfab.preview.sentence import describe, list_figures
 from knotfab.preview.survey import Survey, require_drawable, survey
 from knotfab.scene.catalogue import resolve
@@ -288,6 +289,21 @@ def test_the_guess_counts_the_plate_of_loose_pieces(tmp_path: Path) -> None:
     wide = [side + 2 * Scene().mount.plate_margin_mm for side in view.view.frame_mm]
     plate = wide[0] * wide[1] * Scene().mount.plate_thickness_mm * 1e-3
     assert guess() - bare == pytest.approx(plate * resolve(Scene()).material.density_g_cm3)
+
+
+def test_the_guess_adds_up_several_pictures_and_says_what_it_leaves_out() -> None:
+    stands = Scene.model_validate(
+        {"views": [{}, {"azimuth_deg": 90.0}], "mount": {"kind": "stand"}}
+    )
+    target = read_target("text:o")
+    seen = survey(Scene(), [target]).views[0]
+    one, two = (
+        guess_print(resolve(scene), seen.view, [seen.area_mm2] * n, seen.piece_mm, 2.0)
+        for n, scene in ((1, Scene()), (2, stands))
+    )
+    assert two.mass_g == pytest.approx(2 * one.mass_g) and two.hours and one.hours
+    assert (one.without, two.without) == ("", "its stand")
+    assert one.hours < two.hours < 2 * one.hours
 
 
 @pytest.mark.parametrize("name", ["cat", "knight"])
