@@ -1,4 +1,4 @@
-"""From a call to a build that may begin: what can be refused is, before anything heavy is loaded."""
+"""From a call to a build that may begin: whatever can be refused is refused before anything heavy loads."""
 
 from __future__ import annotations
 
@@ -229,7 +229,7 @@ def _read_call(
     with progress.stage("picture"):
         if options.sequence:
             targets = read_frames(sources, scene.views[0], base=base, font=options.font)
-            count_knots(targets, scene.piece.knots)  # that it can be
+            count_knots(targets, scene.piece.knots)  # refuses more knots than there can be
         else:
             targets = read_targets(
                 sources, scene.views, base=base, font=options.font, glance=glance

@@ -53,7 +53,7 @@ def sentences_of(model: type[BaseModel]) -> dict[str, str]:
 
 @cache
 def _sentences(module: str) -> dict[str, dict[str, str]]:
-    """Of each class of a module the sentences below its fields."""
+    """The sentences below the fields of each class of a module."""
     found: dict[str, dict[str, str]] = {}
     for kind in ast.parse(inspect.getsource(sys.modules[module])).body:
         if not isinstance(kind, ast.ClassDef):

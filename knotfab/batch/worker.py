@@ -109,7 +109,7 @@ def record_of(
 
 
 def _least_iou(report: dict[str, Any]) -> float | None:
-    """Of all views and frames; None where nothing could be measured."""
+    """The least IoU of all views and frames; None where nothing could be measured."""
     return min((v["iou"] for v in report["views"] if v.get("iou") is not None), default=None)
 
 

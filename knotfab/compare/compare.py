@@ -182,7 +182,7 @@ def open_view(
 
 
 def _best_iou(iou: float, lamp: LampFit | None) -> float:
-    """Of the shadow and the picture, or what the knots throw at best."""
+    """The IoU of shadow and picture, or of what the knots throw at best."""
     return iou if lamp is None else max(lamp.iou, lamp.iou_in_place)
 
 

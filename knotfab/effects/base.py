@@ -72,7 +72,7 @@ class EffectContext:
 
     @cached_property
     def shadows(self) -> tuple[Shadows, ...]:
-        """Of the points, in each view."""
+        """The shadows of the points, in each view."""
         from knotfab.effects.shadows import Shadows  # compiled: not for who only names effects
 
         return tuple(Shadows.of(view, self.points) for view in self.views)

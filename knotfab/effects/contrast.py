@@ -70,7 +70,7 @@ class Contrast:
 
     @property
     def missing(self) -> float:
-        """Of a contrast of 1 in the darkest place, or of even light; the larger one."""
+        """What the darkest place misses of a contrast of 1, or the light of evenness; the larger one."""
         return max(1.0 - self.at(self.falloff), 1.0 - self.falloff)
 
     def to_dict(self) -> dict[str, Any]:

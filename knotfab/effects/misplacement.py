@@ -54,7 +54,7 @@ class _Field:
 
     @staticmethod
     def of(seen: Shadows, middle: Array, turns: bool) -> _Field:
-        """Of shadows of a piece about `middle`, in the wall's axes, that `turns` or hangs there."""
+        """The field for shadows about `middle`, in the wall's axes, that `turns` or hangs there."""
         wall = seen.wall
         found = _moves(seen.places, seen.feet, seen.axes, wall.lamp, middle, wall.middle, turns)
         return _Field(seen.unrolled, *found)

@@ -64,12 +64,12 @@ class Shadows:
 
     @staticmethod
     def of(view: ResolvedView, points: Array) -> Shadows:
-        """Of points (n, 3) of the scene."""
+        """The shadows of points (n, 3) of the scene."""
         wall = OnWall.of(view)
         return Shadows(view, wall, wall.place(points))
 
     def of_places(self, places: Array) -> Shadows:
-        """Of other places (n, 3) before the same wall."""
+        """The shadows of other places (n, 3) before the same wall."""
         return Shadows(self.view, self.wall, places)
 
     @cached_property

@@ -233,7 +233,7 @@ def _strips(
     radius: float,
     cell: float,
 ) -> tuple[Indices, Array, Array, Array]:
-    """Of strips of rods: the grid's cell, the lower and upper end of a vertical line there, the area.
+    """For strips of rods: the grid's cell, the lower and upper end of a vertical line there, the area.
 
     Two more strips at the tube's sides carry nothing, but others may stand on them.
     """

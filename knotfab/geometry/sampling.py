@@ -39,7 +39,7 @@ def sample_evenly(points: Array, step: float, *, at_most: bool = False, fewest: 
 
 
 def number_runs(counts: Indices) -> tuple[Indices, Indices]:
-    """Of runs of so many members each, (n,): which run each member is of, and its number in it."""
+    """For runs of so many members each, (n,): the run that each member belongs to, and its number there."""
     run = np.repeat(np.arange(len(counts)), counts)
     return run, np.arange(len(run)) - np.repeat(np.cumsum(counts) - counts, counts)
 

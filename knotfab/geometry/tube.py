@@ -96,7 +96,7 @@ def reach_mm(points: Array, radius_mm: float, sides: int) -> float:
 
 
 def _ring_radius(radius_mm: float, sides: int) -> float:
-    """Of the circle on which a section has its corners."""
+    """The radius of the circle on which a section has its corners."""
     step = 2 * pi / sides
     return radius_mm * sqrt(step / sin(step))
 

@@ -40,7 +40,7 @@ class Stiffness:
 
     @classmethod
     def of(cls, scene: Scene) -> Stiffness:
-        """Of a scene's material, and of its mount."""
+        """The stiffness of a scene's material and mount."""
         material = scene.material
         return cls(material.young_modulus_mpa, material.density_g_cm3, scene.mount.max_sag_mm)
 

@@ -50,7 +50,7 @@ class MountShadows:
 
     @property
     def pixels(self) -> float:
-        """Of one frame, on the mean of all views."""
+        """How many pixels a frame has, on the mean of all views."""
         return sum(view.pixels for view in self.views) / len(self.views)
 
     def add(self, some: Candidates) -> None:
@@ -118,7 +118,7 @@ class MountShadow:
 
     @property
     def pixels(self) -> int:
-        """Of the frame."""
+        """How many pixels the frame has."""
         return self.camera.width * self.camera.height
 
     def add(self, some: Candidates) -> None:

@@ -270,7 +270,7 @@ def off_segments(points: Array, start: Array, unit: Array, length: Array) -> tup
 
 
 def beside_on_rings(counts: Indices) -> Indices:
-    """(2, n) of samples on rings of so many each: the one before and the one after on the same ring."""
+    """(2, n) the samples before and after each one on its ring, for rings of so many samples each."""
     ring, place = number_runs(counts)
     first, around = np.arange(len(place)) - place, counts[ring]
     return np.stack([first + (place - 1) % around, first + (place + 1) % around])
@@ -279,7 +279,7 @@ def beside_on_rings(counts: Indices) -> Indices:
 def opens_slowly(
     here: Array, there: Array, step: Array, contact: Array, clearance_mm: float
 ) -> Mask:
-    """(n,) whether the way between a strand and its member is a gap that the printer closes, and no crease.
+    """(n,) whether a strand and its member part so slowly that the printer closes the gap between them.
 
     From just before the two come apart until they are clear of each other it must open along the strand.
 

@@ -69,7 +69,7 @@ def hidden_braces(
         ]
     )
     pool = pool.of(shadows.behind_knots(pool))
-    # no stiffer than the cone: what is found must hold in the finer model too
+    # a peg is taken to be no stiffer than its cone, so that the struts hold in the finer model too
     given = replace(pegs, radius=np.sqrt(pegs.radius * foot_radius_mm))
     none = np.zeros(len(pool), dtype=bool)
     braced = brace(knots, sites, obstacles, shadows, pool, none, given, stiffness, settled=True)

@@ -44,7 +44,7 @@ def opening_iou(polygon: MultiPolygon, radius: float) -> float:
 
 
 def longer_side(shape: Polygon | LinearRing) -> float:
-    """Of the narrowest rectangle about it."""
+    """The longer side of the narrowest rectangle about a shape."""
     return float(max(np.linalg.norm(side) for side in _rectangle(shape)[1]))
 
 

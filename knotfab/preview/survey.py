@@ -80,7 +80,7 @@ class ViewSurvey:
 
     @property
     def area_mm2(self) -> float:
-        """Of the silhouette at the middle of the piece."""
+        """The area of the silhouette at the middle of the piece."""
         return float(self.polygon.area) / self.px_per_mm**2
 
     @property

@@ -40,7 +40,7 @@ class _Eye:
 
     @property
     def pitch(self) -> float:
-        """Of a pixel on the image plane."""
+        """The side of a pixel on the image plane."""
         return number(self.frame.step)
 
     @property

@@ -106,7 +106,7 @@ def _place(starts: Real, ends: Real, frame: Frame, radius: float) -> _Cut:
 
 
 def least_depth(radius: float) -> float:
-    """Of what is seen, mm: what is nearer to the light's plane is cut away."""
+    """The least depth that is seen, mm: what is nearer to the light's plane is cut away."""
     return max(NEAREST_RADII * radius, _LEAST_MM)
 
 

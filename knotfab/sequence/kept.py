@@ -95,7 +95,7 @@ def _parts(request: Request, targets: Sequence[Target]) -> Iterator[bytes]:
 
 @cache
 def _digest_program() -> bytes:
-    """Of the program's own files, and of the versions of what it computes with."""
+    """A digest of the program's own files, and of the versions of what it computes with."""
     digest = hashlib.sha256(platform.python_version().encode() + platform.machine().encode())
     for name in ("numpy", "scipy", "shapely", "torch", "numba"):
         digest.update(f"{name} {version(name)}".encode())

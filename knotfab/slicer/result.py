@@ -44,7 +44,7 @@ class Sliced:
 
     @property
     def support_share(self) -> float:
-        """Of the filament, 0 to 1."""
+        """The share of the filament that supports take, 0 to 1."""
         return self.support_m / self.filament_m if self.filament_m > 0 else 0.0
 
     @property

@@ -125,7 +125,7 @@ class _Judge:
     def heights(
         self, profile: Profile | Relief, curves: tuple[Array, ...], drawing: list[Array]
     ) -> list[Array]:
-        """Of each vertex of the curves, lanes left out."""
+        """The depth of each vertex of the curves, lanes left out."""
         if isinstance(profile, Relief):
             return self.fit(profile.heights(list(curves)), drawing)
         return self.fit(profile.heights([arc_lengths(c) for c in curves]), drawing)
@@ -218,7 +218,7 @@ class _Judge:
         return found
 
     def cost(self, parts: list[Array], at_most: float, supported: bool = True) -> float:
-        """All that is judged, with supports or without; of what is more than `at_most` a part that is.
+        """The sum of all that is judged, with supports or without; part of it where that exceeds `at_most`.
 
         Supports take as long as all else: they are worked out only where what is judged sooner leaves
         room for `_SURELY` of the least so far.

@@ -53,7 +53,7 @@ def _cover(points: Array, radius: float, grid: int) -> Mask:
 def _iou_aside(
     centred: Array, radius: float, light_distance: float, target: Mask, turn: Array
 ) -> float:
-    """Of the tube through `centred` (axis view, dense samples), turned and stretched to the grid."""
+    """The IoU of the tube through `centred` (axis view, dense samples), turned and stretched to the grid."""
     flat = np.empty((len(centred), 2))
     for n in range(len(centred)):
         x, y, z = centred[n, 0], centred[n, 1], centred[n, 2]

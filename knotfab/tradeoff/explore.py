@@ -36,7 +36,7 @@ class Explored:
 
     @property
     def front(self) -> list[Measured]:
-        """Of these, what nothing beats."""
+        """Those of these that nothing beats."""
         return frontier(self.whole, self.middle.over(self.compared))
 
     def sets_apart(self, one: Measured) -> bool:

@@ -43,7 +43,7 @@ class Measured:
     clock: str = "cpu"
 
     def mean(self, key: str) -> float:
-        """Of a figure of its runs."""
+        """The mean of a figure of its runs."""
         return statistics.fmean(getattr(run, key) for run in self.runs)
 
     @property

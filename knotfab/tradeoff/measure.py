@@ -71,7 +71,7 @@ class Study:
         return digest.hexdigest()
 
     def key(self, settings: SearchSettings, turn: int = 0) -> str:
-        """Of a run: picture, scene (its tube radius, or that it is to be found), settings and version."""
+        """What names a run: picture, scene (with its tube radius where given), settings and version."""
         given = settings.model_dump(exclude={"iou_slack"})
         text = json.dumps([self._asked, given, __version__, self.device, turn])
         return hashlib.sha256(text.encode()).hexdigest()[:24]

@@ -48,7 +48,7 @@ class BendList:
 
     @property
     def length_mm(self) -> float:
-        """Of wire to cut, at the centre line: where the last straight ends."""
+        """The length of wire to cut, at the centre line: where the last straight ends."""
         last = self.bends[-1]
         return last.distance_mm
 

@@ -92,7 +92,7 @@ class PieceShadow:
     inside_mm: Array
 
     def iou(self, curves: list[Array]) -> float:
-        """Of the wires' shadow and the picture, at the validators' resolution."""
+        """The IoU of the wires' shadow and the picture, at the validators' resolution."""
         from knotfab_validators.shadows.compare import overlap
 
         return overlap(_cast_shadow(curves, self.radius, self.geometry), self.target).iou

@@ -42,7 +42,7 @@ class GridLikeness:
 
     @classmethod
     def of(cls, geometry: ViewGeometry, target: Mask, radius: float) -> GridLikeness:
-        """Of a silhouette (height, width) on the pixels of a view; the wire's radius in mm."""
+        """The likeness to a silhouette (height, width) on the pixels of a view; the wire's radius in mm."""
         _, (w,) = geometry.project(np.zeros((1, 3)))
         wide = radius / (w * geometry.pixel_mm)  # of the wire, in pixels
         size = max(1, round(_CELL * wide))

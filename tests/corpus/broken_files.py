@@ -59,7 +59,7 @@ def _of_3mf() -> Iterator[Broken]:
 
 
 def _make_other() -> Body:
-    """Of a trefoil, on the bed."""
+    """Files of a trefoil on the bed."""
     body = make_part(torus_knot(2, 3)).body
     assert body is not None
     return body

@@ -14,7 +14,7 @@ from tests.corpus.case import READ, Broken, Good, Place
 from tests.corpus.files import write
 
 NAMED = 5
-"""Of the places that a check names, worst first, so many may be the one."""
+"""The right place must be among so many of those that a check names, worst first."""
 
 NO_RENDERING = "shadow-render"  # the exact polygons alone decide about shadows
 

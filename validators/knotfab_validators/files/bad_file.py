@@ -8,7 +8,7 @@ from pathlib import Path
 __all__ = ["DECIMAL_COMMA", "MOST_MM", "MOST_TRIANGLES", "BadFile", "read_bytes", "short"]
 
 MOST_TRIANGLES = 20_000_000
-"""Of one file: more would not fit the memory of the machines that the checks are meant for."""
+"""The triangles that one file may have: more would not fit the memory of the machines meant for checks."""
 
 MOST_MM = 1e7
 """Ten kilometres: coordinates beyond are nonsense or another unit, and squares of squares overflow."""

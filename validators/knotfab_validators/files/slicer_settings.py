@@ -29,7 +29,7 @@ class Steering:
 
 
 def read_steering(blocks: Iterable[bytes], name: str) -> Steering:
-    """Of one of the `SETTINGS`: modifiers, and places for or without supports.
+    """What one of the `SETTINGS` steers: modifiers, and places for or without supports.
 
     Raises:
         BadFile: a body is negative, so that a slicer prints another shape than the file holds.

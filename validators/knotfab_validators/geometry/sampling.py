@@ -10,7 +10,7 @@ __all__ = ["cut_edges", "number_runs", "quarter_triangles"]
 
 
 def number_runs(count: Ints) -> tuple[Ints, Ints]:
-    """Of runs of `count` (n,) entries in a row: the run of each entry, and its number in the run.
+    """For runs of `count` (n,) entries in a row: the run of each entry, and its number in the run.
 
     Both (sum of `count`,), from 0: counts (2, 0, 3) give (0, 0, 2, 2, 2) and (0, 1, 0, 1, 2).
     """

@@ -96,7 +96,7 @@ def _closed_forms(edges: _Edges, vertices: int) -> Array:
     from scipy.sparse.csgraph import breadth_first_order
 
     def tree(one: Ints, other: Ints, number: Ints, count: int) -> tuple[Ints, Ints]:
-        """Of each node the node before it on the way from the first, and the edge to it; -1: none."""
+        """For each node the node before it on the way from the first, and the edge to it; -1: none."""
         pair, first = np.unique(
             np.minimum(one, other) * np.int64(count) + np.maximum(one, other), return_index=True
         )

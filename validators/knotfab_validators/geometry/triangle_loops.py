@@ -134,7 +134,7 @@ def find_flat(vertices: Array, faces: Ints, least: float) -> Mask:
 def nearest_edges(
     corners: Array, middle: Array, options: Ints, known: Mask, start: Array, end: Array
 ) -> tuple[Ints, Array, Array]:
-    """Of the edges that a face may belong to, the nearest (m,) to its middle, how far it is, and the
+    """The nearest (m,) of the edges that a face may belong to, how far it is from its middle, and the
     farthest of the face's corners from it.
 
     Args:

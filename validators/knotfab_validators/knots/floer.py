@@ -58,11 +58,11 @@ class Floer:
         return all(ranks.get((-a, m - 2 * a)) == rank for (a, m), rank in self.ranks)
 
     def mirror(self) -> Floer:
-        """Of the mirror image."""
+        """The homology of the mirror image."""
         return Floer(tuple(sorted(((-a, -m), rank) for (a, m), rank in self.ranks)))
 
     def __mul__(self, other: Floer) -> Floer:
-        """Of the sum of two knots."""
+        """The homology of the sum of two knots."""
         sums: dict[tuple[int, int], int] = {}
         for (a, m), rank in self.ranks:
             for (b, n), more in other.ranks:

@@ -25,7 +25,7 @@ class Disagreement(Exception):
 
 @dataclass(frozen=True)
 class Invariants:
-    """Of a knot: `jones` (exponents of t doubled) and `floer` are None where they are not to be had."""
+    """Invariants of a knot: `jones` (exponents of t doubled) and `floer` are None where they are not to be had."""
 
     alexander: Laurent
     signature: int
@@ -33,7 +33,7 @@ class Invariants:
     floer: Floer | None
 
     def mirror(self) -> Invariants:
-        """Of the mirror image."""
+        """The invariants of the mirror image."""
         return Invariants(
             self.alexander,
             -self.signature,
@@ -42,7 +42,7 @@ class Invariants:
         )
 
     def __mul__(self, other: Invariants) -> Invariants:
-        """Of the sum of two knots."""
+        """The invariants of the sum of two knots."""
         both_jones = self.jones is not None and other.jones is not None
         both_floer = self.floer is not None and other.floer is not None
         return Invariants(

@@ -70,7 +70,7 @@ def linking_of(left: Reduced, budget: Budget | None = None) -> Linking:
 
 
 def _group_linking(polygons: Mapping[int, Array], budget: Budget) -> Linking:
-    """Of polygons without linking numbers: pairs first, then all together."""
+    """Whether polygons without linking numbers are linked: pairs first, then all together."""
     parts = list(combinations(polygons, 2)) if len(polygons) > 2 else []
     unsure: list[Linking] = []
     for part in [*parts, tuple(polygons)]:

@@ -58,7 +58,7 @@ class Knot:
 
     @property
     def crossings(self) -> int:
-        """Of the factors together."""
+        """The crossings of all factors together."""
         return sum(factor.crossings for factor in self.factors)
 
     def mirror(self) -> Knot:

@@ -496,7 +496,7 @@ class _Scale:
 
     @property
     def mm(self) -> float:
-        """Of a compared pixel."""
+        """The side of a compared pixel."""
         return float(np.linalg.norm(self.geometry.du)) * self.geometry.width / self.frame.width
 
     def record(self, change: Change) -> dict[str, Any]:

@@ -20,7 +20,7 @@ MOST = 0.5  # of the error of one even grey
 
 @dataclass(frozen=True)
 class Tone:
-    """Of one view: `error`, the rms difference of the greys, and `flat`, that of an even grey.
+    """Greys of one view: `error` is the rms difference of the greys, and `flat`, that of an even grey.
 
     Both are shares of the way from white to the densest shadow, `densest`, which parallel strands with
     their clearance can throw.

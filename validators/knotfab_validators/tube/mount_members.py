@@ -162,7 +162,7 @@ def _planes(member: Member) -> list[tuple[Array, float]]:
 
 
 def _measure(points: Array, member: Member) -> tuple[Array, Array]:
-    """Of points (n, 3): how far along a member they are, mm, and how far from its axis."""
+    """For points (n, 3): how far along a member they are, mm, and how far from its axis."""
     unit, _ = _unit(member)
     to = points - member.start
     along = to @ unit
