@@ -78,8 +78,9 @@ def _files(piece: Piece, folder: Path) -> list[str]:
 def _build(piece: Piece, drawn: Path, out: Path) -> None:
     words = shlex.split(piece.options)
     given: dict[str, Any] = {
-        k.removeprefix("--").replace("-", "_"): v for k, v in zip(words[::2], words[1::2])
-    }  # noqa: B905
+        name.removeprefix("--").replace("-", "_"): value
+        for name, value in zip(words[::2], words[1::2], strict=True)
+    }
     if "size" in given:
         given["size"] = float(given["size"])
     outcome = knotfab.build(_files(piece, drawn), out, skip="slicer", **given)

@@ -25,7 +25,7 @@ class Disagreement(Exception):
 
 @dataclass(frozen=True)
 class Invariants:
-    """Invariants of a knot: `jones` (exponents of t doubled) and `floer` are None where they are not to be had."""
+    """Invariants of a knot: `jones` (exponents of t doubled) and `floer`, None where they cannot be had."""
 
     alexander: Laurent
     signature: int

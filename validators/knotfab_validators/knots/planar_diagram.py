@@ -57,7 +57,7 @@ class PlanarDiagram:
         )
 
     def linking_numbers(self) -> dict[tuple[int, int], int]:
-        """Linking numbers that are not 0, by pair of components: half the signs of their crossings (Gauss)."""
+        """Linking numbers other than 0, by pair of components: half the signs of their crossings (Gauss)."""
         twice: dict[tuple[int, int], int] = {}
         for (a, b, _, _), sign in zip(self.crossings, self.signs, strict=True):
             i, j = sorted((self.component[a], self.component[b]))
