@@ -21,7 +21,7 @@ const LISTS = {
     ["width", "range", { min: 60, max: 400, step: 5, usual: 180, unit: "mm" }],
     ["lamp_distance", "range", { min: 150, max: 3000, step: 10, usual: 500, unit: "mm" }],
     ["wall_distance", "range", { min: 30, max: 1000, step: 5, usual: 100, unit: "mm" }],
-    ["lamps", "menu", { "": "one, a shadow", rgb: "red, green and blue: one picture in colours", "warm+cold": "warm and cold white: one picture", switch: "two or more on one screen: a picture each, one at a time" }],
+    ["lamps", "menu", { "": "one: a shadow", rgb: "three: in colours", "warm+cold": "warm and cold: two tints", switch: "a picture each, by turns" }],
     ["lamp_diameter", "range", { min: 0, max: 40, step: 1, usual: 5, unit: "mm" }],
   ],
   "print-fields": [
