@@ -1,10 +1,11 @@
 """Hold the colours that the validators mix against Mitsuba 3, which traces paths through the same scene.
 
-`python -m benchmarks.traced_colours DIR [--px N] [--samples N] [--grey R] [--out FILE.png]`: DIR is a build
-under several lamps (its part.stl, scene.toml and pictures). Each lamp is an emitter of its colour and size,
-the screen is white and diffuse, the part black, or as grey as is said, so that light goes to and fro between
-it and the screen. Printed are the RMS of each channel, in linear light, and both shares of pixels in the
-right colour. Needs the extra `pathtracer` (pip install mitsuba).
+`python -m benchmarks.traced_colours DIR... [--px N] [--samples N] [--grey R] [--out FILE.png]`: each DIR is a
+build under several lamps (its part.stl, scene.toml and pictures). Each lamp is an emitter of its colour and
+size, the screen is white and diffuse, the part black, or as grey as is said, so that light goes to and fro
+between it and the screen. Printed are the RMS of each channel, in linear light, and both shares of pixels in
+the right colour; drawn are picture, what the validators mix, and what was traced. Needs the extra
+`pathtracer` (pip install mitsuba).
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from PIL import Image
 from benchmarks.measurement import run_study
 from knotfab_formats.scene import View
 from knotfab_validators.files.mesh import read_mesh
-from knotfab_validators.files.picture import read_silhouette
+from knotfab_validators.files.picture import read_colours, read_silhouette
 from knotfab_validators.files.scene import Scene, read_scene
 from knotfab_validators.geometry.mesh import Mesh, move_points
 from knotfab_validators.shadows.cast import ShadowCaster
@@ -179,34 +180,45 @@ def share_right(shown: Picture, light: Light, masks: NDArray[np.bool_]) -> float
     return float((np.argmin(off, axis=0) == codes).mean())
 
 
-def main(
-    folder: Path, *, px: int = 256, samples: int = 128, grey: float = 0.0, out: Path | None = None
-) -> int:
-    """Trace one build, and print both."""
-    if not use_mitsuba():
-        return 3
+def trace_build(folder: Path, px: int, samples: int, grey: float) -> Image.Image:
+    """Trace one build, print both, and draw the picture, what the validators mix, and what was traced."""
     scene, mesh = read_scene(folder / "scene.toml"), read_mesh(folder / "part.stl")
     pose = np.eye(4) if scene.pose is None else np.asarray(scene.pose.matrix)
     vertices = move_points(scene.material.shrinks_to * mesh.vertices, pose)
     masks = [read_silhouette(folder / view.picture, view) for view in scene.views]
     height, width = masks[0].shape
     frame = working_frame(width, height, px)
-    inside = WorkingFrame(frame.width, frame.height, 0, 0)
-    seen = [view_geometry(view, width, height).flat.resample(inside) for view in scene.views]
+    size = frame.width, frame.height
+    seen = [
+        view_geometry(view, width, height).flat.resample(WorkingFrame(*size, 0, 0))
+        for view in scene.views
+    ]
     mesh = Mesh(vertices, mesh.faces)
     light, ours = light_and_mix(mesh, scene, seen)
     traced = trace_colours(mesh, scene.views, seen, samples, grey)
     asked = np.stack([padded_mask(mask, frame)[frame.window] for mask in masks])
     rms = "  ".join(f"{value:.4f}" for value in measure_rms(ours, traced))
-    print(
-        f"{folder.name}, {frame.width} x {frame.height} px, {samples} paths a pixel, part {grey:g} grey"
-    )
+    print(f"{folder.name}, {size[0]} x {size[1]} px, {samples} paths a pixel, part {grey:g} grey")
     print(f"RMS of red, green and blue: {rms}")
     print(f"right colour: ours {share_right(ours, light, asked):.4f}", end=", ")
-    print(f"Mitsuba's {share_right(traced, light, asked):.4f}")
+    print(f"Mitsuba's {share_right(traced, light, asked):.4f}", flush=True)
+    picture = read_colours(folder / scene.lamps.picture, size, (width, height))
+    row = [picture, to_srgb(ours), to_srgb(traced)]
+    return Image.fromarray(np.concatenate(row, axis=1))
+
+
+def main(
+    *folders: Path, px: int = 256, samples: int = 225, grey: float = 0.0, out: Path | None = None
+) -> int:
+    """Trace builds one after the other, and draw a row of each."""
+    if not use_mitsuba():
+        return 3
+    rows = [trace_build(folder, px, samples, grey) for folder in folders]
     if out is not None:
-        sides = np.concatenate([to_srgb(ours), to_srgb(traced)], axis=1)
-        Image.fromarray(sides).save(out)
+        sheet = Image.new("RGB", (max(r.width for r in rows), sum(r.height for r in rows)), "white")
+        for number, row in enumerate(rows):
+            sheet.paste(row, (0, sum(r.height for r in rows[:number])))
+        sheet.save(out, optimize=True)
     return 0
 
 

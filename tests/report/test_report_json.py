@@ -18,6 +18,7 @@ from knotfab.drawing.part_picture import draw_part, place_eyes, turn_eye
 from knotfab.geometry.tube import sweep
 from knotfab.report import report_html
 from knotfab.report.for_maker import list_files
+from knotfab.report.in_words import tell_colours
 from knotfab.report.report_html import Picture, render_html, write_report_html
 from knotfab.report.report_json import assemble, plain, write_report_json
 from knotfab.verify.checks import CHECKS, exit_code, list_unmet, mark_of, tally_checks
@@ -136,6 +137,39 @@ def test_the_verdict_of_the_worst_view_stands_first(word: str) -> None:
     assert word in heading and ("Warning" in heading) == (word != "faithful")
     page = render_html(report)
     assert "a piece is lost &lt;here&gt;" in page and "<here>" not in page
+
+
+def test_colours_of_lamps_are_told_in_words_and_shown_lamp_by_lamp(tmp_path: Path) -> None:
+    report = assemble(**sample())
+    assert "colours" not in report and tell_colours(report) == []
+    lamps = [
+        {"name": name, "spill_beside": beside} for name, beside in (("red", 0), ("blue", 0.02))
+    ]
+    shares = {"share": 0.9999, "share_inside": 1.0, "share_along": 0.5}
+    moved = {"lamp_mm": None, "moved_mm": 2.0, "share": 0.96, "unmoved": 0.99}
+    picture = {"delta_e": 9.1, "masks_share": 0.8}
+    colours = {
+        "lamps": lamps,
+        **shares,
+        "delta_e": 3.2,
+        "delta_e_lit": 1.1,
+        "misregistration": moved,
+    }
+    report = assemble(**sample(), colours={**colours, "picture": picture})
+    first, error, beside = tell_colours(report)
+    assert "99.9%" in first and "4 colours that 2 lamps" in first  # never rounded up to all
+    assert "ΔE 3.2" in error and "9.1" in error and "80.0%" in error and "blue" in beside
+    report["colours"]["misregistration"]["lamp_mm"] = 4.6
+    assert any("5 mm beside its place" in line and "96.0%" in line for line in tell_colours(report))
+    report["views"][0]["lamp_colour"] = [1.0, 0.0, 0.5]
+    file = tmp_path / "shadow.png"
+    Image.new("L", (4, 4), 255).save(file)
+    shown = [
+        Picture(file, "colours", "all"),
+        Picture(file, "alone", "", report["views"][0]["name"]),
+    ]
+    page = render_html(report, shown)
+    assert "background:rgb(255 0 186)" in page and "alone" in page and "99.9%" in page
 
 
 def test_limits_stand_apart_and_among_the_effects() -> None:
