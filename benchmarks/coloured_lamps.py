@@ -5,7 +5,7 @@ command's own options, and some of the project's pictures alone, whose median ti
 Prints a line a picture: the share of pixels in the right colour (also inside alone, and what the masks
 themselves have right of the picture), each mask's IoU, the verdict, lamps moved by 2 mm, lamps of 5 mm, and
 the time. What is built already is not built again; all are drawn into DIR/lamps.png: as they came, as seen,
-and what is wrong.
+and what is wrong. `--picture FILE` draws three of them for docs/lamps.md.
 """
 
 from __future__ import annotations
@@ -24,10 +24,12 @@ from benchmarks.measurement import build_apart, make_folder, read_report, run_st
 from benchmarks.several_table import build_set
 from examples.lamps.draw import PICTURES
 from knotfab.base.disk import read_text
+from knotfab.drawing.part_picture import PAPER
 
 _ALONE = ("heart", "cat", "knight")
 _WIDE_MM = 5.0
-_ROW = 1100  # px
+_ROW, _PANEL = 1100, 240  # px
+_SHOWN = ("parrot-outlined", "parrot", "word")
 
 
 def build_picture(name: str, folder: Path, lamps: str = "rgb") -> dict[str, Any]:
@@ -100,9 +102,37 @@ def draw_sheet(built: list[dict[str, Any]], path: Path) -> None:
     sheet.save(path, optimize=True)
 
 
-def main(*, out: Path | None = None, only: str = "") -> None:
-    """Build, print the table and draw the sheet."""
+def draw_page(folder: Path, path: Path) -> None:
+    """Three pictures for the page on lamps: each as it came, as it is seen on the screen, and its part."""
+    rows = []
+    for name in _SHOWN:
+        built = build_picture(name, folder)["folder"]
+        came, seen, part = (
+            Image.open(built / file).convert("RGB")
+            for file in ("picture-colours.png", "colours.png", "part.png")
+        )
+        part = part.crop((0, 0, part.width // 2, part.height))
+        height = round(_PANEL * came.height / came.width)
+        row = Image.new("RGB", (4 * _PANEL, max(height, _PANEL)), PAPER)
+        for n, one in enumerate((came, seen)):
+            row.paste(
+                one.resize((_PANEL - 6, height - 6)),
+                (n * _PANEL + 3, (row.height - height) // 2 + 3),
+            )
+        row.paste(part.resize((2 * _PANEL, _PANEL)), (2 * _PANEL, (row.height - _PANEL) // 2))
+        rows.append(row)
+    sheet = Image.new("RGB", (rows[0].width, sum(row.height for row in rows)), PAPER)
+    for n, row in enumerate(rows):
+        sheet.paste(row, (0, sum(r.height for r in rows[:n])))
+    sheet.quantize(128, Image.Quantize.MAXCOVERAGE).save(path, optimize=True)
+
+
+def main(*, out: Path | None = None, only: str = "", picture: Path | None = None) -> None:
+    """Build, print the table and draw the sheet; or draw the page's picture alone."""
     folder = make_folder(out, "lamps")
+    if picture:
+        draw_page(folder, picture)
+        return
     unit_s = float(np.median([build_set(name, folder)["cpu_s"] for name in _ALONE]))
     print(f"one picture takes {unit_s:.1f} CPU s (median)", flush=True)
     found = []

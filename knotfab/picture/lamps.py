@@ -48,11 +48,12 @@ _GRAIN, _PHOTOGRAPH = (
     0.35,
 )  # in sRGB: a picture in which so much differs from its neighbours is one
 _VOTE = 0.006  # of the longer side: about half of what the shadow of a thin strand is wide
+_SLIVER = 0.0045  # of the longer side: half of what is too thin beside an area that is thicker
 _TOLD = (
     0.15,
     0.01,
 )  # what is lost is told of colours so far off in OKLab, on so much of the picture
-_LARGEST_PX = 2048  # of masks; a larger picture is shrunk for them
+_LARGEST_PX = 1024  # of masks; a larger picture is shrunk for them
 
 _TO_LMS = np.array(
     [
@@ -156,6 +157,7 @@ def separate(
     if (_spread(srgb) > _GRAIN).mean() > _PHOTOGRAPH:
         labels = _voted(labels, _VOTE * max(labels.shape))
     labels = _without_specks(labels, (_SPECK * max(labels.shape)) ** 2)
+    labels = _without_slivers(labels, _SLIVER * max(labels.shape))
     masks = np.stack([(labels >> k & 1).astype(bool) for k in range(len(colours))])
     for name, mask in zip(names, masks, strict=True):
         if not mask.any():
@@ -326,6 +328,28 @@ def _without_specks(labels: Labels, least_px: float) -> Labels:
     if not small.any() or small.all():
         return labels
     rows, columns = distance_transform_edt(small, return_distances=False, return_indices=True)
+    return np.asarray(labels[rows, columns])
+
+
+def _without_slivers(labels: Labels, reach_px: float) -> Labels:
+    """The labels, where what tapers off thinner than twice the reach goes to what lies beside it.
+
+    No strand is as thin as a crescent's horn. An area that is so thin all over, as a line is, stays.
+    """
+    thin = np.zeros(labels.shape, dtype=bool)
+    for k in np.unique(labels):
+        area = labels == k
+        core = distance_transform_edt(np.pad(area, 1, constant_values=True))[1:-1, 1:-1] > reach_px
+        if not core.any():
+            continue
+        horns = area & (distance_transform_edt(~core) > reach_px + 1.0)
+        parts, count = label(area)
+        cored = np.zeros(count + 1, dtype=bool)
+        cored[np.unique(parts[core])] = True
+        thin |= horns & cored[parts]
+    if not thin.any():
+        return labels
+    rows, columns = distance_transform_edt(thin, return_distances=False, return_indices=True)
     return np.asarray(labels[rows, columns])
 
 

@@ -124,3 +124,16 @@ def test_a_photograph_is_cut_into_areas_that_a_tube_can_draw() -> None:
     found = separate(Image.fromarray(grainy.astype(np.uint8)), NAMES, RGB, "a.png")
     assert all(label(mask)[1] <= 4 for mask in found.masks)
     assert {(1, 2), (0, 1), (0, 2)} <= set(found.shares)
+
+
+def test_what_tapers_off_goes_to_what_lies_beside_it_and_thin_lines_stay() -> None:
+    image = Image.new("RGB", (400, 400), "white")
+    draw = ImageDraw.Draw(image)
+    draw.ellipse((60, 60, 260, 260), fill="red")
+    draw.ellipse((100, 75, 258, 245), fill="blue")  # leaves a crescent whose horns meet, hair-thin
+    draw.line((20, 330, 380, 330), fill="red", width=3)
+    found = separate(image, NAMES, RGB, "a.png")
+    hidden = found.masks[1] & ~found.masks[0]  # red
+    assert hidden[330, 30:370].all()
+    assert hidden[160, 62:98].all() and not hidden[155:166, 200:].any()
+    assert np.asarray(image)[160, 259].tolist() == [255, 0, 0]  # as it came
