@@ -112,12 +112,13 @@ def _page(work: Path, pictures_to: Path) -> Iterable[str]:
     )
     for piece in PIECES:
         folder = work / piece.name
+        call = " ".join(s if s.startswith("text:") else f"{s}.png" for s in piece.sources)
         if not (folder / "report.json").is_file():
+            yield f"\n## {piece.title}\n\n`knotfab build {call} {piece.options}`\n"
             continue
         report = json.loads((folder / "report.json").read_text("utf-8"))
         name = f"{piece.name}.webp"
         _draw(folder, report).save(pictures_to / name, quality=80, method=6)
-        call = " ".join(s if s.startswith("text:") else f"{s}.png" for s in piece.sources)
         alt = f"{piece.title}: its shadow, and the piece from four sides"
         yield f"\n## {piece.title}\n\n![{alt}](gallery/{name})\n\n"
         yield f"`knotfab build {call} {piece.options}`: {_facts(report, folder / SLICED)}.\n"

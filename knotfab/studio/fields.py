@@ -229,4 +229,6 @@ def in_page_words(sentence: str) -> str:
             return f"“{named}”"
         return f"“{named}” {value}" if name in _FLAGS else f"“{named}”: {value}"
 
+    for placeholder in (" LEFT,TOP,WIDTH,HEIGHT", " X,Y,RADIUS", " X,Y,R"):
+        sentence = sentence.replace(placeholder, "")
     return _OPTION.sub(label, sentence.replace("--accept unrecognisable", "--accept"))

@@ -205,8 +205,9 @@ class Studio(Broadcast):
         try:
             drawn = await asyncio.to_thread(draw_cut, source, options)
         except KnotfabError as error:
-            said = (self.plain(text.replace(" X,Y,R", "")) for text in (error.why, error.remedy))
-            raise InputError("the subject", *said) from error
+            raise InputError(
+                "the subject", self.plain(error.why), self.plain(error.remedy)
+            ) from error
         return {"over": data_uri(drawn, "image/png")}
 
     # ---- the preview

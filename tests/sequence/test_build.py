@@ -170,7 +170,7 @@ def test_its_scene_repeats_it_and_a_failure_is_rejected(outcome: Outcome) -> Non
     assert 'iou_floor = "auto"' in written
     stricter = out / "stricter.toml"
     stricter.write_text(written.replace('iou_floor = "auto"', "iou_floor = 0.9999"))
-    call = ("build", "--sequence", "--print", "--quiet")
+    call = ("build", "--sequence", "--print", "--quiet", "--also=svg,dxf,step")
     # the exact polygons of the shadow decide; of the rest, what is left out whole is not measured
     unread = ("slicer", "shadow-render", *KNOTS, *MESH, "tube", "clearance", *PRINTING)
     call += tuple(f"--skip={name}" for name in unread)

@@ -14,7 +14,7 @@ from PIL import Image
 from knotfab.base.errors import InputError
 from knotfab.options import BuildOptions
 from knotfab.studio import look
-from knotfab.studio.fields import read_field
+from knotfab.studio.fields import in_page_words, read_field
 
 
 def test_a_subject_that_is_offered_fills_its_field(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -22,6 +22,9 @@ def test_a_subject_that_is_offered_fills_its_field(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(look, "list_readings", lambda *_: [one])
     (way,), _ = look.list_ways(["photo.jpg"], BuildOptions(), {})
     assert read_field("subject", way["settings"]["subject"]) == "1,2,30,40"
+    told = "Cut it out: --subject LEFT,TOP,WIDTH,HEIGHT, a rectangle about it, and --drop X,Y,R."
+    wanted = "Cut it out: “Subject”, a rectangle about it, and “Does not belong”."
+    assert in_page_words(told) == wanted
 
 
 def test_the_cut_over_a_photograph_is_in_its_own_px(tmp_path: Path) -> None:
