@@ -48,7 +48,7 @@ PIECES = (
     Piece("yin-yang", "Yin and yang", ("text:☯",), "--mount wall"),
     Piece("trefoil-heart", "A trefoil, a heart", ("heart",), "--knot trefoil --mount stand"),
     Piece("king-and-knight", "King and knight, at right angles", ("text:♚", "knight"), "--mount stand"),
-    Piece("heart-teapot-cat", "Three shadows of one thread", ("heart", "teapot", "cat"), "--mount stand"),
+    Piece("heart-teapot-cat", "Three pictures in one piece", ("heart", "teapot", "cat"), "--mount stand"),
 )  # fmt: skip
 
 
