@@ -124,7 +124,7 @@ def draw_page(folder: Path, path: Path) -> None:
     sheet = Image.new("RGB", (rows[0].width, sum(row.height for row in rows)), PAPER)
     for n, row in enumerate(rows):
         sheet.paste(row, (0, sum(r.height for r in rows[:n])))
-    sheet.quantize(128, Image.Quantize.MAXCOVERAGE).save(path, optimize=True)
+    sheet.save(path, optimize=True)  # in all its colours
 
 
 def main(*, out: Path | None = None, only: str = "", picture: Path | None = None) -> None:
