@@ -48,7 +48,7 @@ from knotfab.report.of_effects import (
     tell_contrast,
     tell_walls,
 )
-from knotfab.report.of_slicer import check_slicing
+from knotfab.report.of_slicer import check_slicing, tell_kept
 from knotfab.report.of_time import add_next_step
 from knotfab.report.of_verdict import add_remedy
 from knotfab.report.pictures import find_pictures
@@ -230,6 +230,7 @@ def report_piece(
         add_fabrication(report, part.mounted, sliced, plan, request.printing)
         report["notes"] += [*piece.notes, *filter(None, [part.framing[1]])]
         report["notes"] += tell_depth(request.scene.piece.depth, made)
+        report["notes"] += tell_kept(sliced) if "gcode" in request.also else []
         report["print"]["drawings"] = drawings
         report["print"]["setup"] = tell_setup(part.mounted, cameras, made.knots.radius_mm)
         if request.printing:

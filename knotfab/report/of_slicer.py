@@ -7,7 +7,15 @@ from typing import Any
 
 from knotfab.slicer.result import CrossCheck, NotSliced, Sliced
 
-__all__ = ["OPENING", "PROVEN", "check_slicing", "print_figures", "report_slicing", "tell_flatter"]
+__all__ = [
+    "OPENING",
+    "PROVEN",
+    "check_slicing",
+    "print_figures",
+    "report_slicing",
+    "tell_flatter",
+    "tell_kept",
+]
 
 # PrusaSlicer ends with exit code 0 for a mesh with holes, for one that overlaps itself and for a part
 # outside the bed, and it leaves out what is thinner than a line without a word.
@@ -27,6 +35,14 @@ OPENING = (
     "OrcaSlicer therefore say that it is not from them and that they load its geometry only: that is "
     "right. Choose printer, filament and supports there; slicer.ini has them for PrusaSlicer."
 )
+
+
+def tell_kept(result: Sliced | NotSliced | None) -> list[str]:
+    """Why no G-code lies in the folder, though it was asked for; nothing where it does."""
+    if not isinstance(result, NotSliced):
+        return []
+    remedy = f" {result.remedy}" if result.remedy else ""
+    return [f"No G-code is kept: {result.reason.rstrip('.')}.{remedy}"]
 
 
 def check_slicing(result: Sliced | NotSliced) -> dict[str, Any]:

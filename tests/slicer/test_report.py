@@ -8,7 +8,14 @@ from typing import Any
 import pytest
 
 from knotfab.report.of_build import add_slicing
-from knotfab.report.of_slicer import OPENING, PROVEN, check_slicing, print_figures, report_slicing
+from knotfab.report.of_slicer import (
+    OPENING,
+    PROVEN,
+    check_slicing,
+    print_figures,
+    report_slicing,
+    tell_kept,
+)
 from knotfab.report.report_json import plain
 from knotfab.slicer.known_warnings import SlicerWarning, explain_warning, read_warnings
 from knotfab.slicer.result import CrossCheck, NotSliced, Sliced
@@ -159,3 +166,9 @@ def test_the_notice_of_other_slicers_is_explained() -> None:
     add_slicing(report, GOOD, True)
     assert report["print"] == {"opening": OPENING, **print_figures(GOOD)}
     assert report["slicer"]["command"] == GOOD.command
+
+
+def test_gcode_that_is_asked_for_and_not_there_is_told() -> None:
+    missing = NotSliced("missing", "PrusaSlicer is not installed", "Install it.")
+    assert tell_kept(missing) == ["No G-code is kept: PrusaSlicer is not installed. Install it."]
+    assert tell_kept(GOOD) == tell_kept(None) == []
