@@ -98,8 +98,8 @@ def _usual_seconds(request: Request) -> dict[str, float]:
     scene = request.scene
     longer, views = _LONGER[scene.accuracy.name], len(scene.views)
     usual = {name: seconds * longer**0.5 * views for name, seconds in _USUAL_S.items()}
-    usual["search"] *= longer**0.5 * (_FREE if scene.search.get("free_view") else 1.0)
-    if not isinstance(scene.piece.tube_radius_mm, str) or scene.search.get("start"):
+    usual["search"] *= longer**0.5 * (_FREE if scene.settings.free_view else 1.0)
+    if not isinstance(scene.piece.tube_radius_mm, str) or scene.settings.start:
         del usual["radius"]
     if request.time_budget_s is not None:
         usual["search"] = max(1.0, request.time_budget_s - sum(usual.values()) + usual["search"])

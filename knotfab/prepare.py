@@ -36,7 +36,6 @@ from knotfab.sequence.frames import count_knots, name_sequence, read_frames
 from knotfab.sequence.require import require_sequence
 from knotfab.wire.bender import require_bender
 from knotfab_formats.scene import Scene
-from knotfab_formats.search import search_settings
 
 if TYPE_CHECKING:
     from knotfab.design.agree import Agreement
@@ -81,7 +80,7 @@ def prepare_build(
         require_budget(
             budget,
             len(call.scene.views),
-            bool(call.scene.search.get("free_view")),
+            bool(call.scene.settings.free_view),
             len(call.targets) if options.sequence else 0,
         )
     out = options.out or ALL_OUT / call.name
@@ -212,12 +211,12 @@ def _read_call(
         scene, open_ = spread_views(scene, sources), True
     if len(scene.views) > 1:
         require_several(scene)
-        if scene.search.get("free_view"):
+        if scene.settings.free_view:
             from knotfab.design.free_view import place_directions
 
             # from where an earlier build started, or else from anywhere
             open_ = open_ or not scene.search.get("free_azimuths_deg")
-            scene = place_directions(scene, search_settings(scene.accuracy.name, scene.search))[0]
+            scene = place_directions(scene, scene.settings)[0]
     require_tube(resolve(scene))
     if resolve(scene).material.process == "wire":
         require_bender(scene)
@@ -296,7 +295,7 @@ def check_names(scene: Scene) -> None:
         InputError: naming those that there are.
     """
     resolve(scene)
-    search_settings(scene.accuracy.name, scene.search)
+    _ = scene.settings  # what is wrong in it is told
 
 
 def _sources(pictures: Sequence[str], scene: Scene, path: Path | None) -> tuple[str, ...]:

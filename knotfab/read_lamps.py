@@ -59,7 +59,7 @@ def read_lamps(
 
     if options.sequence:
         raise InputError("--lamps", "frames have one lamp", "Leave --sequence out.")
-    if scene.search.get("free_view"):
+    if scene.settings.free_view:
         why = "lamps before one screen have places by themselves; a view that is found moves the screen"
         raise InputError(
             "a free view (--free view)", why, "Leave it out; [lamps] bounds their places."

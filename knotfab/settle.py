@@ -117,10 +117,10 @@ def _settle(
 def _open(request: Request) -> tuple[bool, bool]:
     """Whether another depth may be taken, and another distance to the wall."""
     scene = request.scene
-    free = request.printing and request.time_budget_s is None and not scene.search.get("start")
+    free = request.printing and request.time_budget_s is None and not scene.settings.start
     # a free view finds its wall itself
     given = "wall_distance_mm" in scene.views[0].model_fields_set
-    wall = not given and not scene.search.get("free_view")
+    wall = not given and not scene.settings.free_view
     return free and scene.piece.depth == "auto", free and wall
 
 

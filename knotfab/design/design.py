@@ -40,7 +40,7 @@ from knotfab_formats.scene import (
     ResolvedScene,
     Scene,
 )
-from knotfab_formats.search import SearchSettings, search_settings
+from knotfab_formats.search import SearchSettings
 
 if TYPE_CHECKING:
     from knotfab.search.pose import FreePose
@@ -103,7 +103,7 @@ def design_knots(
         SceneError: the scene cannot be met; InputError: the scene or a picture is wrong.
     """
     progress = progress or Progress("quiet")
-    settings = search_settings(scene.accuracy.name, scene.search)
+    settings = scene.settings
     if budget is not None:
         settings = spare(settings, budget.view_s(len(targets)), scene.search)
     if settings.free_view:

@@ -15,7 +15,6 @@ from knotfab.effects.wall import WALL
 from knotfab.picture.read import Target
 from knotfab.scene.curved_wall import CurvedWall, require_wall
 from knotfab_formats.scene import ResolvedView, Scene
-from knotfab_formats.search import search_settings
 
 __all__ = ["flatten_targets"]
 
@@ -33,7 +32,7 @@ def flatten_targets(
     """
     for view in views:
         require_wall(view)
-    tolerance = search_settings(scene.accuracy.name, scene.search).tolerance_px
+    tolerance = scene.settings.tolerance_px
     context = EffectContext(tuple(views), np.zeros((0, 3)), 0.0, tolerance)
     if not decide(WALL, context, scene.effects.model_dump()).simulated:
         return tuple(targets)

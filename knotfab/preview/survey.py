@@ -32,7 +32,6 @@ from knotfab.scene.catalogue import resolve
 from knotfab.start.filling import Template
 from knotfab.start.start import make_template
 from knotfab_formats.scene import ResolvedView, Scene
-from knotfab_formats.search import search_settings
 
 __all__ = ["Survey", "ViewSurvey", "require_drawable", "survey", "survey_views"]
 
@@ -184,7 +183,7 @@ def _choose_tube(
         SceneError: no tube draws the pictures.
     """
     question = ask(scene, targets)
-    settings = search_settings(scene.accuracy.name, scene.search)
+    settings = scene.settings
     piece = question.scene.piece
     knots = None if isinstance(piece.knots, str) else piece.knots
     one = len(targets) == 1

@@ -56,7 +56,7 @@ def require_walls(scene: Scene) -> None:
             "an eye sees the piece itself, in a flat frame, and no shadow on a wall",
             "Leave it out of the views of an eye",
         )
-    if scene.search.get("free_view", False):
+    if scene.settings.free_view:
         raise InputError(
             what,
             "where a round wall has the picture depends on where lamp and wall are, which a free view is yet "
@@ -87,10 +87,10 @@ def require_start(scene: Scene) -> None:
     Raises:
         InputError: it is no file of knots in the scene, or holds not the knot that is asked for.
     """
-    name = scene.search.get("start")
+    name = scene.settings.start
     if not isinstance(name, str) or not name:
         return
-    if scene.search.get("free_view", False):
+    if scene.settings.free_view:
         raise InputError(
             "a free view (--free view)",
             "a search that goes on from knots keeps the view that they were made for",

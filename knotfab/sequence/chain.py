@@ -32,7 +32,7 @@ from knotfab.sequence.starts import (
     list_retries,
 )
 from knotfab_formats.scene import ResolvedScene, Scene
-from knotfab_formats.search import PRESETS, SearchSettings, search_settings
+from knotfab_formats.search import PRESETS, SearchSettings
 
 __all__ = ["Chain", "SequenceFrame", "list_ties", "pick_first", "radius_for_all"]
 
@@ -210,7 +210,7 @@ class Chain:
     def _begin(self) -> tuple[_Common, SequenceFrame]:
         """The frame with the most ink, from a template, and with it all that holds for all frames."""
         scene, targets, progress = self._scene, self._targets, self._progress
-        settings = search_settings(scene.accuracy.name, scene.search)
+        settings = scene.settings
         if settings.free_view:
             scene, settings = place_start(scene, settings)
         target = targets[self._first]

@@ -39,7 +39,7 @@ def require_sequence(scene: Scene) -> None:
             "the frames on their ring are written as they are to be",
             "Leave it out and scale by the slicer, or leave out --sequence",
         )
-    if scene.search.get("start"):
+    if scene.settings.start:
         raise InputError(
             "a start (--start)",
             "a sequence begins with a template of its first frame",

@@ -26,7 +26,6 @@ from knotfab.tradeoff.measure import Study
 from knotfab.tradeoff.page import render_page
 from knotfab.tradeoff.points import PRESET, Point, list_changes, points
 from knotfab_formats.scene import Scene
-from knotfab_formats.search import search_settings
 
 __all__ = ["COMBINATIONS", "JOURNAL", "Tradeoff", "measure_tradeoff", "tradeoff"]
 
@@ -136,7 +135,7 @@ def measure_tradeoff(
         ) from error
     if not os.access(out, os.W_OK):
         raise InputError(f"--out {out}", "it may not be written", "Name another folder")
-    settings = search_settings(scene.accuracy.name, scene.search)
+    settings = scene.settings
     asked = list(chosen) if chosen is not None else points(settings)
     if all(point.settings != settings for point in asked):
         settings = asked[0].settings

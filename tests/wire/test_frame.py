@@ -11,7 +11,6 @@ from knotfab.picture.read import read_target
 from knotfab.scene.catalogue import materials, resolve
 from knotfab.wire.frame import ENOUGH_IOU, measure_frame
 from knotfab_formats.scene import Material, Piece, ResolvedView, Scene
-from knotfab_formats.search import search_settings
 
 STEEL = materials()["steel-wire-2mm"]
 
@@ -72,7 +71,7 @@ def test_a_wires_tube_is_as_thick_as_the_wire() -> None:
 def test_a_free_view_leaves_the_wire_as_thick_as_it_is(material: str, free: bool) -> None:
     scene = Scene(material=Material(name=material), search={"free_view": True})
     problem = ask(scene, [read_target("text:♥")]).problem
-    settings = search_settings(scene.accuracy.name, scene.search)
+    settings = scene.settings
     pose, settings = start_pose(scene, problem, 1.0, settings)
     assert ("radius" in pose.bounds.free) == free
     assert (settings.free_radius_mm > 0) == free
