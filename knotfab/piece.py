@@ -28,29 +28,28 @@ from knotfab.part.write import pose_scene, write_model, write_part, write_unbuil
 from knotfab.picture.read import Target
 from knotfab.preview.draw import draw_agreement
 from knotfab.report.for_maker import draw_setup, list_files, tell_setup
-from knotfab.report.of_bounds import add_bounds
+from knotfab.report.of_bounds import tell_bounds
 from knotfab.report.of_build import (
-    add_binding,
     add_fabrication,
-    add_silhouettes,
     check_3mf,
     check_certificate,
     check_limits,
     report_of,
+    tell_binding,
 )
 from knotfab.report.of_effects import (
-    add_advice,
     add_contrast,
     add_sag,
-    add_warnings,
+    advise,
     count_flattened,
     judge_made,
     tell_contrast,
     tell_walls,
+    tell_warnings,
 )
 from knotfab.report.of_slicer import check_slicing, tell_kept
 from knotfab.report.of_time import add_next_step
-from knotfab.report.of_verdict import add_remedy
+from knotfab.report.of_verdict import advise_widening
 from knotfab.report.pictures import find_pictures
 from knotfab.report.posing import add_posing, find_access
 from knotfab.report.report_html import write_report_html
@@ -195,11 +194,9 @@ def report_piece(
     own = [check_certificate(made), check_limits(made)]
     if part is None:
         verdict["checks"] += own
-        report = report_of(request, made, piece.knots, [], verdict, progress)
-        add_silhouettes(report, piece.targets)
-        add_binding(report, made)
-        add_warnings(report, made.result.effects)
-        return report
+        report = report_of(request, made, piece.knots, [], verdict, piece.targets, progress)
+        notes = [*tell_binding(made), *tell_warnings(made.result.effects)]
+        return report | {"notes": notes} if notes else report
     sag = part.mounted.check_sag()
     verdict["checks"] += [check_3mf(said), *own]
     verdict["checks"] += [] if sag is None else [sag]
@@ -225,8 +222,9 @@ def report_piece(
         count_flattened(made.result.effects, piece.targets)
         add_contrast(verdict["views"], made)
         add_sag(verdict["views"], made, part.mounted.moves, [t.asked for t in piece.targets])
-        report = report_of(request, made, piece.knots, part.bodies, verdict, progress)
-        add_silhouettes(report, piece.targets)
+        report = report_of(
+            request, made, piece.knots, part.bodies, verdict, piece.targets, progress
+        )
         add_fabrication(report, part.mounted, sliced, plan, request.printing)
         report["notes"] += [*piece.notes, *filter(None, [part.framing[1]])]
         report["notes"] += tell_depth(request.scene.piece.depth, made)
@@ -235,12 +233,10 @@ def report_piece(
         report["print"]["setup"] = tell_setup(part.mounted, cameras, made.knots.radius_mm)
         if request.printing:
             add_turning(report, folder.work, part.mounted, made.knots)
-        add_binding(report, made)
-        add_warnings(report, made.result.effects)
-        add_advice(report, made)
-        tell_contrast(report)
-        tell_walls(report)
-        add_bounds(report, made, piece.targets)
+        views = report["views"]
+        report["notes"] += [*tell_binding(made), *tell_warnings(made.result.effects)]
+        report["notes"] += [*advise(views, made), *tell_contrast(views), *tell_walls(views)]
+        report["notes"] += tell_bounds(made, piece.targets)
         for view, target, bound in zip(made.scene.views, piece.targets, made.bounds, strict=False):
             if target.bending is not None:
                 folder.write(f"bent-{view.name}.png", draw_agreement(target, bound))
@@ -270,7 +266,8 @@ def finish_build(
     """
     report["timings"] |= {**progress.timings, "total": progress.total}  # with the report's own
     add_next_step(report)
-    add_remedy(report, pieces[0].scene)
+    if advised := advise_widening(report.get("verdict"), pieces[0].scene):
+        report["notes"] = [*report.get("notes", []), *advised]
     write_report_json(folder.file("report.json"), report)
     names = [path.name for path in folder.work.iterdir()]
     write_report_html(

@@ -1,8 +1,8 @@
-"""What the visual hull says of several views, for the report."""
+"""What pictures and their visual hull say of the views, for the report."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from knotfab.design.agree import tell_bending
@@ -10,24 +10,39 @@ from knotfab.design.contradictions import contradictions
 from knotfab.design.design import Design
 from knotfab.picture.read import Target
 
-__all__ = ["add_bounds"]
+__all__ = ["list_views", "tell_bounds"]
 
 
-def add_bounds(report: dict[str, Any], made: Design, targets: Sequence[Target]) -> None:
-    """Add each view's `bound`, the IoU that no part without spill can beat, and its contradictions.
+def list_views(
+    views: Sequence[Mapping[str, Any]], made: Design, targets: Sequence[Target]
+) -> list[dict[str, Any]]:
+    """The validators' records of the views, each with what the maker knows of its picture.
 
-    A design for one view has none: nothing contradicts a single picture.
+    That is the rule by which it was read, of several views the `bound`, the IoU that no part without spill
+    can beat, and the file of what is drawn where that is bent. A part may have no views.
+    """
+    bounds = {v.name: b.iou for v, b in zip(made.scene.views, made.bounds, strict=False)}
+    files = {view.name: view.drawn_picture for view in made.scene.views}
+    found = []
+    for view, target in zip(views, targets, strict=False):
+        told: dict[str, Any] = {**view, "silhouette": target.rule}
+        if target.notes:
+            told["picture_notes"] = list(target.notes)
+        if bounds:
+            told["bound"] = bounds[view["name"]]
+            if "bending" in view:
+                told["drawn"] = files[view["name"]]
+        found.append(told)
+    return found
+
+
+def tell_bounds(made: Design, targets: Sequence[Target]) -> list[str]:
+    """How several pictures were made to agree, and where they contradict each other.
+
+    A design for one view has nothing to tell: nothing contradicts a single picture.
     """
     if not made.bounds:
-        return
-    by_name = {view.name: bound for view, bound in zip(made.scene.views, made.bounds, strict=True)}
-    files = {view.name: view.drawn_picture for view in made.scene.views}
-    for view in report["views"]:
-        view["bound"] = by_name[view["name"]].iou
-        if "bending" in view:
-            view["drawn"] = files[view["name"]]
-    report["settings"]["start_ious"] = list(made.start_ious)
-    notes = report.setdefault("notes", [])
-    if any(target.bending is not None for target in targets):
-        notes.append(f"The pictures are {tell_bending(targets, made.bounds)}.")
-    notes.extend(contradictions(made.scene.views, made.bounds))
+        return []
+    bent = any(target.bending is not None for target in targets)
+    said = [f"The pictures are {tell_bending(targets, made.bounds)}."] if bent else []
+    return [*said, *contradictions(made.scene.views, made.bounds)]

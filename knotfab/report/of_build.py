@@ -16,6 +16,7 @@ from knotfab.geometry.meshes import Mesh, box_of
 from knotfab.geometry.tube import mesh_volume
 from knotfab.knots import Knots
 from knotfab.picture.read import Target
+from knotfab.report.of_bounds import list_views
 from knotfab.report.of_effects import list_effects, list_limits
 from knotfab.report.of_slicer import OPENING, print_figures, report_slicing
 from knotfab.report.report_json import assemble
@@ -29,14 +30,13 @@ if TYPE_CHECKING:
     from knotfab.wire.plan import WirePlan
 
 __all__ = [
-    "add_binding",
     "add_fabrication",
-    "add_silhouettes",
     "add_slicing",
     "check_3mf",
     "check_certificate",
     "check_limits",
     "report_of",
+    "tell_binding",
 ]
 
 Record = dict[str, Any]
@@ -77,14 +77,12 @@ def check_limits(made: Design) -> Record:
     return at_most("limits", len(broken), 0, "limits broken", detail).to_dict()
 
 
-def add_binding(report: Record, made: Design) -> None:
-    """Add which limits keep the picture from its IoU, and what each costs, where any does."""
+def tell_binding(made: Design) -> list[str]:
+    """Which limits keep the picture from its IoU, and what each costs, a sentence each, where any does."""
     if made.unmet is None and not made.binding:
-        return
-    report["binding"] = [price.to_dict() for price in made.binding]
-    said = [price.sentence for price in made.binding]
+        return []
     alone = "No limit alone is to blame: without any one of them the picture is drawn no better."
-    report.setdefault("notes", []).extend(said or [alone])
+    return [price.sentence for price in made.binding] or [alone]
 
 
 def report_of(
@@ -93,12 +91,14 @@ def report_of(
     placed: Knots,
     bodies: list[Mesh],
     verdict: Record,
+    targets: Sequence[Target],
     progress: Progress,
 ) -> Record:
     """The report of a build: what was made, and what the validators' `verdict` says of its files.
 
     Args:
         placed: the knots as they are in their file; they are reported as they will have shrunk.
+        targets: the pictures of all views.
     """
     from knotfab.geometry.measures import bend_radii, measure_curvature
     from knotfab.geometry.polylines import polylines_of_sizes
@@ -130,8 +130,8 @@ def report_of(
         low, high = box_of(bodies)
         sized = high - low
     ratios = [v["depth_ratio"] for v in verdict["views"] if v.get("depth_ratio") is not None]
-    return assemble(
-        views=verdict["views"],
+    report = assemble(
+        views=list_views(verdict["views"], made, targets),
         checks=verdict["checks"],
         effects=list_effects(result, verdict),
         limits=list_limits(result),
@@ -158,6 +158,7 @@ def report_of(
             "device": request.device,
             "mount": "none",
             "opening_iou": made.opening_iou,
+            **({"start_ious": list(made.start_ious)} if made.bounds else {}),
             "thickness_mm": thickness([k.points for k in placed.knots]).value,
             "certificate": result.log.__dict__,
             "versions": {
@@ -170,6 +171,9 @@ def report_of(
             },
         },
     )
+    if made.unmet is not None or made.binding:
+        report["binding"] = [price.to_dict() for price in made.binding]
+    return report
 
 
 def add_fabrication(
@@ -193,14 +197,6 @@ def add_fabrication(
             f"{plan.length_mm / 1000:.2f} m of wire, {plan.mass_g:.0f} g, in "
             f"{sum(k.bends for k in plan.knots)} bends: see bends*.csv and the templates."
         )
-
-
-def add_silhouettes(report: Record, targets: Sequence[Target]) -> None:
-    """Add to each view the rule by which its picture was read."""
-    for view, target in zip(report["views"], targets, strict=False):  # a part may have no views
-        view["silhouette"] = target.rule
-        if target.notes:
-            view["picture_notes"] = list(target.notes)
 
 
 def add_slicing(report: Record, sliced: Sliced | NotSliced | None, printed: bool) -> None:

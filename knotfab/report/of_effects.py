@@ -15,10 +15,9 @@ if TYPE_CHECKING:
     from knotfab_formats.scene import Scene
 
 __all__ = [
-    "add_advice",
     "add_contrast",
     "add_sag",
-    "add_warnings",
+    "advise",
     "count_flattened",
     "judge_made",
     "limits_as_effects",
@@ -27,6 +26,7 @@ __all__ = [
     "tell_contrast",
     "tell_move",
     "tell_walls",
+    "tell_warnings",
 ]
 
 Record = dict[str, Any]
@@ -86,11 +86,9 @@ def limits_as_effects(limits: Sequence[Mapping[str, Any]]) -> list[Record]:
     ]
 
 
-def add_warnings(report: Record, effects: Mapping[str, Decision]) -> None:
-    """Add to the notes which effects are switched off that the scene calls for."""
-    found = [decision.warning for decision in effects.values() if decision.warning is not None]
-    if found:
-        report.setdefault("notes", []).extend(found)
+def tell_warnings(effects: Mapping[str, Decision]) -> list[str]:
+    """Which effects are switched off that the scene calls for, a sentence each."""
+    return [decision.warning for decision in effects.values() if decision.warning is not None]
 
 
 def add_contrast(views: Sequence[Record], made: Design) -> None:
@@ -141,17 +139,19 @@ def count_flattened(effects: Mapping[str, Decision], targets: Sequence[Target]) 
             effects["wall"].count("picture", 1, target.flattened_s)
 
 
-def tell_walls(report: Record) -> None:
-    """Add to the notes which walls are round, where that matters."""
-    for view in report["views"]:
+def tell_walls(views: Sequence[Record]) -> list[str]:
+    """Which walls are round, a sentence each, where that matters."""
+    said = []
+    for view in views:
         if found := view.get("wall"):
             radius = found["radius_mm"]
             way = "hollow" if radius > 0 else "bulging"
-            report.setdefault("notes", []).append(
+            said.append(
                 f"The wall of {view['name']} is round, {way}, with a radius of {abs(radius):g} mm, "
                 f"and the picture is as it lies on it: made for a flat one it would be up to "
                 f"{found['off_px']:.1f} px off. The 3D view shows the flat wall that touches it."
             )
+    return said
 
 
 def add_sag(
@@ -177,9 +177,10 @@ def add_sag(
             )
 
 
-def tell_contrast(report: Record) -> None:
-    """Add to the notes how dark the shadows are, where that was looked at."""
-    for view in report["views"]:
+def tell_contrast(views: Sequence[Record]) -> list[str]:
+    """How dark the shadows are, a sentence each, where that was looked at."""
+    said = []
+    for view in views:
         found = view.get("contrast")
         if found is None:
             continue
@@ -189,16 +190,13 @@ def tell_contrast(report: Record) -> None:
             if found["ghost_shift_mm"] is not None
             else ""
         )
-        report.setdefault("notes", []).append(
-            f"Light and dark{_of_view(report, view)}: in the middle the shadow is {found['contrast']:.0%} as "
+        which = f" of {view['name']}" if len(views) > 1 else ""
+        said.append(
+            f"Light and dark{which}: in the middle the shadow is {found['contrast']:.0%} as "
             f"dark as can be, where it is palest {found['contrast_least']:.0%}; there the wall gets "
             f"{found['falloff']:.0%} of the light of its middle.{ghost}"
         )
-
-
-def _of_view(report: Record, view: Record) -> str:
-    """Which view a sentence speaks of, where there are several."""
-    return f" of {view['name']}" if len(report["views"]) > 1 else ""
+    return said
 
 
 def tell_move(move: Mapping[str, Any], view: Mapping[str, Any]) -> str:
@@ -214,8 +212,8 @@ def tell_move(move: Mapping[str, Any], view: Mapping[str, Any]) -> str:
     return f"the {what} {off['lamp_mm']:g} mm {LAMP_WAYS[move['way']]}"
 
 
-def add_advice(report: Record, made: Design) -> None:
-    """Add to the notes what the shadow of a wide lamp would gain by a wall as near as the piece can have it.
+def advise(views: Sequence[Record], made: Design) -> list[str]:
+    """What the shadow of a wide lamp would gain by a wall as near as the piece can have it, a sentence each.
 
     What a blur adds to the error in brightness is in proportion to it, so what the measured error is above
     that of the hard shadow is scaled by the mean blur there over that here; both of all strands.
@@ -223,8 +221,8 @@ def add_advice(report: Record, made: Design) -> None:
     from knotfab.design.region import least_wall_mm
     from knotfab.scene.camera import view_axes
 
-    points, radius = made.knots.points, made.knots.radius_mm
-    for view, found in zip(made.scene.views, report["views"], strict=False):
+    points, radius, said = made.knots.points, made.knots.radius_mm, list[str]()
+    for view, found in zip(made.scene.views, views, strict=False):
         if not found.get("penumbra") or view.wall_tilt_deg != 0 or made.scene.share_wall:
             continue  # lamps before one screen have the distance at which their pieces stand apart
         z, light = points @ view_axes(view)[2], view.light_distance_mm
@@ -243,8 +241,9 @@ def add_advice(report: Record, made: Design) -> None:
         hard = min(float(found["penumbra"]["hard_error"]), error)
         left = hard + (error - hard) * blur(near) / blur(view.wall_distance_mm)
         if error - left >= _GAIN:
-            report.setdefault("notes", []).append(
+            said.append(
                 f"Move the piece nearer the wall: built for --wall-distance {near:g} "
                 f"({view.wall_distance_mm:g} mm now), the error in brightness of a lamp of "
                 f"{view.light_size_mm:g} mm falls from {error:.3f} to about {left:.3f}."
             )
+    return said

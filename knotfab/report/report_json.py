@@ -13,24 +13,12 @@ import numpy as np
 from knotfab.base.errors import spelled
 from knotfab.report.of_effects import limits_as_effects
 from knotfab.verify.checks import exit_code
+from knotfab_formats.report import RECORDS, SCHEMA
 from knotfab_validators.shadows.recognition import worst_verdict
 
 __all__ = ["assemble", "plain", "write_report_json"]
 
 Record = Mapping[str, Any]
-
-SCHEMA = 1
-# What a script may rely on; a record may have more keys.
-KEYS = {
-    "views": "name kind picture width height projection receiver iou iou_tube precision recall"
-    " outline_error_px outline_error_mm legibility",
-    "checks": "name status required measured limit unit detail",
-    "effects": "name simulated forced where magnitude threshold unit calls seconds reason",
-    "limits": "name limit measured unit calls seconds",
-    "knots": "type vertices length_mm thickness_mm min_bend_radius_mm",
-    "print": "volume_mm3 mass_g bounding_box_mm depth_ratio printer",
-    "settings": "accuracy seed versions command tube_radius_mm",
-}
 
 
 def assemble(
@@ -65,10 +53,10 @@ def assemble(
         "print": print_,
         "settings": settings,
     }
-    for section, keys in KEYS.items():
+    for section, keys in RECORDS.items():
         content = parts[section]
         for record in [content] if isinstance(content, Mapping) else content:
-            lacking = [key for key in keys.split() if key not in record]
+            lacking = [key for key in keys if key not in record]
             if lacking:
                 raise ValueError(f"report.json: {section} lacks {', '.join(lacking)}")
     parts["effects"] = [*effects, *limits_as_effects(limits)]

@@ -30,7 +30,7 @@ from knotfab.design.design import design_knots
 from knotfab.design.prices import SHORT, price_limits
 from knotfab.picture.read import read_target
 from knotfab.picture.silhouette import trace_polygon
-from knotfab.report.of_build import add_binding, check_limits
+from knotfab.report.of_build import check_limits, tell_binding
 from knotfab.report.report_json import plain
 from knotfab.search.network import Coupling
 from knotfab.start.filling import fill, template_iou
@@ -190,11 +190,8 @@ def test_a_length_budget_below_need_is_named_with_its_price(
     assert price.needed[0] > 600.0
     assert made.result.feasible
     assert made.result.feasibility.length_mm <= 600.0
-    report: dict[str, object] = {}
-    add_binding(report, made)
-    told = json.loads(json.dumps(plain(report)))
-    assert "max_length_mm = 600 mm" in told["notes"][0]
-    assert told["binding"][0]["keys"] == ["[material] max_length_mm"]
+    assert "max_length_mm = 600 mm" in tell_binding(made)[0]
+    assert json.loads(json.dumps(plain(price.to_dict())))["keys"] == ["[material] max_length_mm"]
     assert check_limits(made)["status"] == ("pass" if made.unmet is None else "fail")
 
 

@@ -132,8 +132,7 @@ def test_it_is_told_where_it_is_called_for_and_else_runs_no_code(
     )
     report: dict[str, Any] = {"views": [{"name": "front"}]}
     add_contrast(report["views"], bright)
-    tell_contrast(report)
-    assert "the shadow is 71% as dark as can be" in report["notes"][0]
+    assert "the shadow is 71% as dark as can be" in tell_contrast(report["views"])[0]
     line = next(x for x in list_effects(bright.result, {**report, "seconds": {}}) if x["calls"])
     assert (line["name"], line["where"], line["calls"]) == ("contrast", ["report"], 1)
 

@@ -7,7 +7,7 @@ import pytest
 
 from knotfab.effects.base import Decision, Effect, EffectContext, decide
 from knotfab.effects.survey import EFFECTS, survey
-from knotfab.report.of_effects import add_warnings
+from knotfab.report.of_effects import tell_warnings
 from knotfab_formats.scene import ResolvedView, Switches
 
 VIEW = ResolvedView(frame_width_mm=180.0, frame_height_mm=180.0)
@@ -39,12 +39,9 @@ def test_on_above_the_threshold_or_by_the_scenes_word(
     side = "exceeds" if magnitude > 1 else "stays below"
     assert f"{magnitude:.3g} px {side} 1 px" in line["reason"]
     assert ("the air is hazy" in line["reason"]) == (simulated and forced == "auto")
-    report = {"notes": ["One."]}
-    add_warnings(report, {"haze": found})
-    assert len(report["notes"]) == 1 + warned
-    assert (
-        not warned or "haze is switched off, though its 1.1 px exceeds 1 px" in report["notes"][1]
-    )
+    told = tell_warnings({"haze": found})
+    assert len(told) == warned
+    assert not warned or "haze is switched off, though its 1.1 px exceeds 1 px" in told[0]
 
 
 def test_what_it_does_grows_from_nothing_at_the_threshold() -> None:

@@ -31,10 +31,13 @@ def told(tmp_path: Any, percent: float) -> dict[str, Any]:
         radius=None,
         opening_iou=1.0,
         settings=search_settings("draft", {}),
+        bounds=(),
+        binding=(),
+        unmet=None,
     )
     request = Request(made.scene, ("heart.png",), tmp_path)
     verdict: dict[str, Any] = {"views": [], "checks": [], "seconds": {}}
-    return report_of(request, made, enlarge_knots(made), [], verdict, Progress("quiet"))
+    return report_of(request, made, enlarge_knots(made), [], verdict, (), Progress("quiet"))
 
 
 @pytest.mark.parametrize("percent", [3.0, 12.5])

@@ -11,7 +11,8 @@ from knotfab.base.errors import SceneError
 from knotfab.design.region import depth_extent, resolve_region
 from knotfab.effects.base import Decision
 from knotfab.effects.penumbra import PENUMBRA
-from knotfab.report.of_effects import add_advice, list_effects, tell_move
+from knotfab.report.of_effects import advise as advise_nearer
+from knotfab.report.of_effects import list_effects, tell_move
 from knotfab_formats.scene import ResolvedView, Scene
 
 
@@ -27,11 +28,10 @@ def advise(
     points = np.column_stack([np.zeros((101, 2)), z])
     knots = SimpleNamespace(points=points, radius_mm=2.0)
     piece = SimpleNamespace(depth="auto" if front_mm else 60.0)
-    made: Any = SimpleNamespace(knots=knots, scene=SimpleNamespace(views=(view,), piece=piece))
+    scene = SimpleNamespace(views=(view,), piece=piece, share_wall=False)
+    made: Any = SimpleNamespace(knots=knots, scene=scene)
     found = {"brightness_error": error, "hard_error": hard} if error is not None else None
-    report = {"views": [{"penumbra": found}]}
-    add_advice(report, made)
-    return list(report.get("notes", []))
+    return advise_nearer([{"penumbra": found}], made)
 
 
 def test_a_nearer_wall_is_advised_with_its_gain() -> None:

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from knotfab.report.of_verdict import add_remedy
+from knotfab.report.of_verdict import advise_widening
 from knotfab.scene.catalogue import resolve
 from knotfab_formats.scene import ResolvedScene, ResolvedView, Scene
 
@@ -19,9 +19,7 @@ def scene(**view: Any) -> ResolvedScene:
 
 def told(word: str, *lost: tuple[str, float], of: ResolvedScene | None = None) -> list[str]:
     losses = [{"what": what, "size_mm": size, "needed_mm": 1.6} for what, size in lost]
-    report: dict[str, Any] = {"verdict": {"word": word, "lost": losses}}
-    add_remedy(report, of or scene())
-    return report.get("notes", [])
+    return advise_widening({"word": word, "lost": losses}, of or scene())
 
 
 @pytest.mark.parametrize("word", ["coarse", "not recognisable"])
@@ -34,6 +32,4 @@ def test_nothing_is_said_where_widening_does_not_help() -> None:
     assert told("good", ("piece", 1.0)) == told("coarse", ("piece", 2.0), ("stray", 1.0)) == []
     assert told("coarse", ("hole", 1.0)) == []
     assert told("coarse", ("piece", 1.0), of=scene(thicken_mm=1.8)) == []
-    report: dict[str, Any] = {"verdict": None}
-    add_remedy(report, scene())
-    assert report == {"verdict": None}
+    assert advise_widening(None, scene()) == []
