@@ -38,6 +38,7 @@ _TURNS_DEG = (16.0, 8.0)
 _APART_DEG = 0.6  # of an equal share of half a turn: the least between two lines of sight
 _SHIFTS = (0.03, 0.015)  # of the frame's height
 _NEAR = 0.03  # of the height: what a bending reaches with ease
+_REACHED = 0.97  # of the worst bound: what bending with ease then mends, closer angles need not
 _BEST = 24  # arrangements at equal angles that are tried at closer ones
 _CLOSER = 0.66  # of equal angles: narrow pictures stand about the side of a wide one
 
@@ -101,11 +102,17 @@ def move_views(scene: Scene, targets: Sequence[Target], bent: bool) -> Scene:
         worst = float(np.mean([worst_of(bounds) for bounds in found]))
         return worst + 0.1 * float(np.mean([b.iou for bounds in found for b in bounds]))
 
+    def within_reach(trial: Scene) -> bool:
+        near = bounds_of(trial, targets, masks, _COARSE_RAYS, _COARSE_STEPS, widths[-1])
+        return worst_of(near) > _REACHED
+
     first = [v.azimuth_deg for v in scene.views]
     tried = [(value(_placed(scene, places)), places) for places in _arrangements(first)]
     tried.sort(reverse=True)
-    closer = (p for _, places in tried[:_BEST] for p in _closer(places))
-    tried += [(value(_placed(scene, places)), places) for places in closer]
+    if not within_reach(_placed(scene, tried[0][1])):
+        # what is drawn from closer directions reaches deeper, and is drawn less well
+        closer = [p for _, places in tried[:_BEST] for p in _closer(places)]
+        tried += [(value(_placed(scene, places)), places) for places in closer]
     best, most = scene, value(scene) + _WORTH
     if max(tried)[0] > most:
         most, places = max(tried)

@@ -28,8 +28,8 @@ _TURNS = (0.0, 45.0)  # degrees of the lattices that are tried, from where its e
 _BRIEF = 5  # times fewer moves, where lattices are compared
 _SHIFTS = ((0.0, 0.0, 0.0), (0.5, 0.5, 0.5))  # of a pitch
 # tube radii that a ball of the tube may stand out of a silhouette: what it draws outside counts against
-# its edge, and strokes hardly wider than the tube get strands that go there and back
-_SPILL = 1.0
+# its edge, and strokes hardly wider than the tube get strands that go there and back; 1.0 bridges gaps
+_SPILL = 0.75
 _GROWN = (
     "grown from disjoint unit squares on a lattice, each move over an empty square: an isotopy, and so an "
     "unlink of unknots; its corners rounded within half an edge, where no other strand is"
