@@ -45,6 +45,7 @@ _OPTIONS = {
 }
 _PHOTO = 100  # colours of four bits a channel, that a photograph has at least
 _MILD = 0.9  # of the score, for each step of cleaning
+_LINES = 0.6  # of what is drawn along its lines: no usual tube draws it, and a thin one all of it
 _LEAST_INK, _MOST_INK = 0.04, 0.7  # of the frame, of what is likely to be meant
 _PANEL, _TEXT, _GAP, _COLUMNS = 300, 68, 14, 3  # px of the sheet
 _LETTERS = 42  # of a line above it
@@ -93,11 +94,15 @@ class TriedReading:
 
 
 def is_unclear(found: Survey) -> bool:
-    """Whether a picture may be meant otherwise: a build refuses it, or it has many pieces and holes."""
+    """Whether a picture may be meant otherwise.
+
+    A build refuses it, it has many pieces and holes, or its border of several colours made it a guess.
+    """
     if len(found.views) != 1 or found.frames:
         return False
     (seen,) = found.views
-    return found.refusal is not None or seen.pieces + seen.holes >= _UNCLEAR
+    guessed = any("--ink flood" in note for note in seen.target.notes)
+    return found.refusal is not None or guessed or seen.pieces + seen.holes >= _UNCLEAR
 
 
 def advise(found: Survey, readings: Sequence[TriedReading]) -> Survey:
@@ -176,7 +181,8 @@ def _try(
         return None
     except SceneError as error:
         refusal = error
-    return TriedReading(keys, target, _score(target.mask), None if refusal is None else refusal.why)
+    score = _score(target.mask, changed.views[0].lines == "on")
+    return TriedReading(keys, target, score, None if refusal is None else refusal.why)
 
 
 def _cleanings(tube_px: float) -> Iterator[dict[str, Any]]:
@@ -256,13 +262,13 @@ def _colours(image: Image.Image, most: int = 3) -> list[str]:
     return ["#{:02x}{:02x}{:02x}".format(*c) for c in vivid[:most]]
 
 
-def _score(mask: Mask) -> float:
+def _score(mask: Mask, lines: bool = False) -> float:
     """How like the silhouette of one thing this is: compact, of few parts, clear of the frame's edge."""
     share = float(mask.mean())
     edge = float(np.concatenate([mask[0], mask[-1], mask[:, 0], mask[:, -1]]).mean())
     parts = len(pieces_of(mask)[1]) + len(holes_of(mask)[1])
     likely = min(share / _LEAST_INK, 1.0) * min((1.0 - share) / (1.0 - _MOST_INK), 1.0)
-    kept = opened_share(mask, _USUAL_SHARE * max(mask.shape))
+    kept = _LINES if lines else opened_share(mask, _USUAL_SHARE * max(mask.shape))
     return kept * likely * (1.0 - 0.8 * edge) / (1.0 + 0.2 * float(np.log2(max(parts, 1))))
 
 
