@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from knotfab.picture.read import Target
     from knotfab.problem import Problem, SearchResult, Start
     from knotfab.request import Outcome
+    from knotfab.torch_forms.term import TorchTerm
     from knotfab_formats.scene import ResolvedScene, Scene
 
 __version__ = "1.0.0"
@@ -65,6 +66,7 @@ _MODULES = {
     "knotfab.request": ("Outcome",),
     "knotfab_formats.scene": ("ResolvedScene", "Scene"),
     "knotfab.picture.read": ("Target",),
+    "knotfab.torch_forms.term": ("TorchTerm",),
 }
 _HOME = {name: module for module, names in _MODULES.items() for name in names}
 
@@ -86,6 +88,7 @@ __all__ = [
     "SearchResult",
     "Start",
     "Target",
+    "TorchTerm",
     "assemble_part",
     "build",
     "choose_tube",

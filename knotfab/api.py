@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from knotfab.part.assemble import Part
     from knotfab.problem import SearchResult, Start
     from knotfab.request import Outcome
+    from knotfab.search.objective import Term
     from knotfab_formats.search import SearchSettings
 
 __all__ = [
@@ -159,9 +160,10 @@ def design_knots(
     """
     from knotfab.design.budget import Budget
     from knotfab.design.design import design_knots as design
+    from knotfab.torch_forms.forms import TorchForms
 
     budget = None if budget_s is None else Budget(time.perf_counter() + budget_s)
-    return design(scene, targets, device, None, budget)
+    return design(scene, targets, TorchForms(device), None, budget)
 
 
 def pose_question(scene: Scene, targets: Sequence[Target]) -> Question:
@@ -197,6 +199,7 @@ def search_knots(
     radius: float,
     accuracy: str = "standard",
     *,
+    terms: Sequence[Term] = (),
     device: str = "cpu",
     **settings: Any,
 ) -> SearchResult:
@@ -204,16 +207,20 @@ def search_knots(
 
     Args:
         radius: of the tube, mm. settings: keys of [search], over the scene's own and the accuracy's.
+        terms: further parts of the objective, such as a `TorchTerm`.
 
     Returns:
         `knots`, `ious`, and whether it is `feasible`, or which limit is violated and where.
     """
     from knotfab.design.design import refine_settings
     from knotfab.search.search import search
+    from knotfab.torch_forms.forms import TorchForms
 
     # vertices as close together as the outline's limit needs them
     fine = refine_settings(question, _settings_for(question, accuracy, settings), radius)
-    return search(question.problem, start, radius, fine, device=device)
+    return search(
+        question.problem, start, radius, fine, terms=tuple(terms), forms=TorchForms(device)
+    )
 
 
 def settle_design(question: Question, result: SearchResult, accuracy: str = "standard") -> Design:

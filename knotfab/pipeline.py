@@ -11,6 +11,7 @@ from knotfab.geometry.meshes import join_meshes
 from knotfab.mount.modeller import keep_modeller
 from knotfab.picture.read import read_targets
 from knotfab.request import Outcome, Request, require_device
+from knotfab.torch_forms.forms import TorchForms
 from knotfab.verify.verifier import Verifier
 from knotfab_formats.scene import ResolvedScene
 
@@ -62,10 +63,10 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
             from knotfab.slicer.run import SlicerQueue
 
             mounted = request.is_mounted(request.scene.count_knots(targets[0].pieces))
-            left = request.budget(progress.total, mounted)
+            left, forms = request.budget(progress.total, mounted), TorchForms(request.device)
             with SlicerQueue() as slicer:
                 with keep_modeller(mounted or "step" in request.also):
-                    made = design_knots(request.scene, targets, request.device, progress, left)
+                    made = design_knots(request.scene, targets, forms, progress, left)
                     if request.printing:
                         write_profile(folder.work, made.scene)
                     piece = write_piece(made, targets, folder, request, verifier, slicer, progress)

@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
-import numpy as np
 from shapely import MultiPolygon
 
 from knotfab.base.arrays import Array, Mask
@@ -15,6 +14,7 @@ from knotfab.effects.base import Decision, World
 from knotfab.knots import Knots
 from knotfab.limits.base import Guard, Limits
 from knotfab.limits.feasibility import Feasibility
+from knotfab.render.forms import COMPILED, Forms
 from knotfab.render.picture import ViewImage, image_at
 from knotfab.scene.camera import view_axes
 from knotfab_formats.scene import ResolvedRegion, ResolvedView, Switch
@@ -53,12 +53,12 @@ class TargetView:
         self,
         radius: float,
         pixels: int,
-        device: str = "cpu",
+        forms: Forms = COMPILED,
         precision: Precision = "single",
         renderer: Renderer = "ray",
     ) -> ViewImage:
         """The picture with `pixels` on the longer side; `radius` of the tube in mm."""
-        given = (radius, pixels, device, precision, renderer)
+        given = (radius, pixels, forms, precision, renderer)
         return image_at(self.view, self.mask, *given, ends=self.ends)
 
     @cached_property
@@ -150,16 +150,6 @@ class ViewNumbers:
     azimuth_deg: float = 0.0
     elevation_deg: float = 0.0  # of the light above the horizon
     roll_deg: float = 0.0  # of the picture, counter-clockwise seen from the light
-
-    @property
-    def turn(self) -> Array:
-        """(3, 3) columns are the view's x, y, z in the scene: `points @ turn` are points in view axes."""
-        import torch
-
-        from knotfab.render.posed_frame import turn_matrix
-
-        turn = torch.tensor([self.azimuth_deg, self.elevation_deg, self.roll_deg]).double()
-        return np.asarray(turn_matrix(turn).numpy())
 
 
 @dataclass

@@ -18,6 +18,7 @@ from knotfab.part.flatter import Flattening, flatter_depth
 from knotfab.picture.read import Target
 from knotfab.request import Request
 from knotfab.scene.camera import view_axes
+from knotfab.torch_forms.forms import TorchForms
 
 __all__ = ["settle_part", "tell_depth"]
 
@@ -142,7 +143,7 @@ def _search(
     if nearer and place.wall_mm != view.wall_distance_mm:
         view = view.model_copy(update={"wall_distance_mm": place.wall_mm})
     scene = scene.model_copy(update={"piece": piece, "views": (view,)})
-    again = design_knots(scene, [target], request.device, progress)
+    again = design_knots(scene, [target], TorchForms(request.device), progress)
     return replace(again, radius=made.radius) if same else again
 
 

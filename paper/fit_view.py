@@ -15,8 +15,8 @@ from knotfab.geometry.polylines import Polylines
 from knotfab.problem import ViewNumbers
 from knotfab.render.frame import Sheet
 from knotfab.render.picture import CUTOFF
-from knotfab.render.tensors import render
-from knotfab.search.pose import ALL, Bounds, FreePose
+from knotfab.torch_forms.pose import ALL, Bounds, FreePose
+from knotfab.torch_forms.tensors import render
 
 __all__ = ["Fit", "fit_view"]
 

@@ -16,12 +16,13 @@ from knotfab.base.arrays import Array
 from knotfab.design.free_view import start_pose
 from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.render.frame import Sheet
-from knotfab.render.posed_frame import posed_frame
-from knotfab.render.tensors import render
-from knotfab.render.threads import one_thread
-from knotfab.search.pose import ALL, Bounds, Name, ViewNumbers
 from knotfab.search.search import search
 from knotfab.start.start import make_start
+from knotfab.torch_forms.forms import TorchForms
+from knotfab.torch_forms.pose import ALL, Bounds, Name, ViewNumbers, turn_of
+from knotfab.torch_forms.posed_frame import posed_frame
+from knotfab.torch_forms.tensors import render
+from knotfab.torch_forms.threads import one_thread
 from knotfab_formats.search import search_settings
 from paper.fit_view import fit_view
 from tests.corpus.curves import figure_eight, torus_knot
@@ -32,7 +33,7 @@ RADII_MM = {"heart": 3.0, "stickman": 2.0, "wheel": 2.5, "spiral": 2.2, "cat": 3
 
 def angle_deg(one: ViewNumbers, other: ViewNumbers) -> float:
     """The angle of the turn between two views."""
-    cosine = 0.5 * (np.trace(one.turn.T @ other.turn) - 1)
+    cosine = 0.5 * (np.trace(turn_of(one).T @ turn_of(other)) - 1)
     return float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
 
 
@@ -91,8 +92,8 @@ def designs(names: list[str]) -> None:
         watch = Stopwatch()
         fixed = search(problem, start, radius, settings)
         fixed_s = watch.cpu_s
-        pose, settings_free = start_pose(question.scene, problem, radius, settings)
-        result = search(problem, start, radius, settings_free, pose=pose)
+        pose, settings_free = start_pose(question.scene, problem, radius, settings, TorchForms())
+        result = search(problem, start, radius, settings_free, pose=pose, forms=TorchForms())
         free_s = watch.cpu_s - fixed_s
         n = result.numbers
         assert n is not None

@@ -20,6 +20,7 @@ from knotfab.search.phases import plan_of
 from knotfab.search.search import search
 from knotfab.start.filling import Template, fill
 from knotfab.start.start import make_start
+from knotfab.torch_forms.forms import TorchForms
 from knotfab.tradeoff.measure import find_shadows
 from knotfab_formats.search import PRESETS, SearchSettings
 
@@ -83,7 +84,7 @@ def run(
     watch = Stopwatch()
     start = make_start(problem, radius, settings, template=template)
     plan = replace(plan_of(settings), repairs=repairs)
-    result = search(problem, start, radius, settings, plan=plan)
+    result = search(problem, start, radius, settings, plan=plan, forms=TorchForms())
     return Run(way, scale, repairs, watch.cpu_s, result)
 
 

@@ -22,9 +22,10 @@ from knotfab.geometry.certificate import certify
 from knotfab.geometry.neighbours import find_neighbours
 from knotfab.geometry.polylines import Polylines, polylines_of_sizes
 from knotfab.render.frame import Frame, frame_of
-from knotfab.render.tiled import render_tiled
 from knotfab.scene.camera import camera_of
-from knotfab.search.adam import Adam
+from knotfab.torch_forms.adam import Adam
+from knotfab.torch_forms.posed_frame import tensor_frame
+from knotfab.torch_forms.tiled import render_tiled
 from knotfab_formats.scene import ResolvedView
 from paper.shaded_render import Shading, render_shaded
 from tests.corpus.curves import torus_knot
@@ -64,7 +65,7 @@ def trial(samples: int = 120, pixels: int = 72, bend_mm: float = 12.0, seed: int
     astray = waves @ (rng.normal(size=(5, 3)) * [1.0, 1.0, 3.0])
     astray *= bend_mm / np.linalg.norm(astray, axis=1).max()
     view = ResolvedView(frame_width_mm=160.0, frame_height_mm=160.0)
-    frame = frame_of(camera_of(view, pixels, pixels)).tensors(torch.float64)
+    frame = tensor_frame(frame_of(camera_of(view, pixels, pixels)), torch.float64)
     return Trial(truth, truth + astray, polylines_of_sizes((samples,)), frame)
 
 
@@ -120,9 +121,9 @@ def main(*, out: Path = Path("shaded-out"), pixels: int = 72) -> None:
     axes = figure.subplots(2, len(shown))
     print("                          off by (mm, rms)   along the view's axis")
     side = ResolvedView(frame_width_mm=160.0, frame_height_mm=160.0, azimuth_deg=90.0)
-    beside = frame_of(camera_of(side, 256, 256)).tensors(torch.float64)
+    beside = tensor_frame(frame_of(camera_of(side, 256, 256)), torch.float64)
     front = camera_of(side.model_copy(update={"azimuth_deg": 0.0}), 256, 256)
-    ahead = frame_of(front).tensors(torch.float64)
+    ahead = tensor_frame(frame_of(front), torch.float64)
     for column, (name, points) in enumerate(shown.items()):
         off, deep = curve_distance(points, at.truth), float(np.abs(points - at.truth)[:, 2].mean())
         print(f"{name:<25} {off:>12.2f} {deep:>18.2f}")

@@ -27,9 +27,9 @@ from knotfab.base.progress import Progress
 from knotfab.design.design import choose_tube
 from knotfab.picture.masks import mask_iou
 from knotfab.picture.silhouette import resample_mask
-from knotfab.render.threads import one_thread
-from knotfab.search.adam import Adam
 from knotfab.search.search import search
+from knotfab.torch_forms.adam import Adam
+from knotfab.torch_forms.threads import one_thread
 from knotfab.tradeoff.measure import find_shadows
 from knotfab_formats.search import search_settings
 

@@ -19,9 +19,10 @@ from benchmarks.several_table import draw_case
 from knotfab.base.arrays import Array
 from knotfab.pipeline import build
 from knotfab.render.frame import frame_of
-from knotfab.render.tensors import render
 from knotfab.request import Outcome, Request
 from knotfab.scene.camera import camera_of
+from knotfab.torch_forms.posed_frame import tensor_frame
+from knotfab.torch_forms.tensors import render
 from knotfab_formats.scene import Accuracy, Piece, ResolvedView, Scene
 
 RADIUS_MM = 2.0
@@ -53,7 +54,7 @@ def views_of_viviani() -> tuple[ResolvedView, ...]:
 
 def draw(points: Array, view: ResolvedView, path: Path) -> None:
     """The tube's shadow in a view, black on white."""
-    frame = frame_of(camera_of(view, _PIXELS, _PIXELS)).tensors(torch.float64)
+    frame = tensor_frame(frame_of(camera_of(view, _PIXELS, _PIXELS)), torch.float64)
     p = torch.as_tensor(points)
     seen = render(p, p.roll(-1, 0), frame, RADIUS_MM, 20.0, 5.0) > 0.5
     Image.fromarray(np.where(seen.numpy(), 0, 255).astype(np.uint8)).save(path)

@@ -36,6 +36,7 @@ PUBLIC = [
         "SearchResult",
         "Start",
         "Target",
+        "TorchTerm",
     ),
     *("assemble_part", "build", "choose_tube", "design_knots", "pose_question", "read_picture"),
     *("search_knots", "settle_design", "sweep_tube", "validate_part", "write_files"),

@@ -17,8 +17,8 @@ from benchmarks.hard.rendering import RenderCase, frame_at
 from benchmarks.hard.value_error import value_error
 from knotfab.geometry.tube import mesh_volume, sweep
 from knotfab.picture.silhouette import trace_polygon
-from knotfab.render.dense import render_dense
 from knotfab.start.filling import fill
+from knotfab.torch_forms.dense import render_dense
 
 
 def _capsules(rng: np.random.Generator) -> str:

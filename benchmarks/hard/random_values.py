@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from knotfab.base.arrays import Array
-from knotfab.search.network import Coupling, CouplingNetwork, Rigid
+from knotfab.torch_forms.network import Coupling, CouplingNetwork, Rigid
 from knotfab_formats.scene import ResolvedRegion
 from paper.losses import (
     ball,

@@ -19,9 +19,9 @@ from knotfab.geometry.neighbours import find_neighbours
 from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.limits import bend, clearance, length
 from knotfab.limits.base import Limits, State
-from knotfab.render.known import known
 from knotfab.search.grace import Grace
 from knotfab.search.objective import Weights
+from knotfab.torch_forms.known import known
 from knotfab_formats.scene import ResolvedRegion
 
 from .curves import circle, torus_knot

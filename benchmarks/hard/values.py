@@ -13,9 +13,9 @@ from torch.func import functional_call
 
 from knotfab.base.arrays import Array
 from knotfab.limits.region import outside
-from knotfab.render.known import known
-from knotfab.search.network import CouplingNetwork
-from knotfab.search.network.rigid import rotation
+from knotfab.torch_forms.known import known
+from knotfab.torch_forms.network import CouplingNetwork
+from knotfab.torch_forms.network.rigid import rotation
 from knotfab_formats.scene import ResolvedRegion
 from paper.losses import (
     ball,

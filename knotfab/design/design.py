@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from knotfab.base.errors import SceneError
 from knotfab.base.notebook import InNotebook
@@ -25,11 +24,13 @@ from knotfab.limits.feasibility import Feasibility
 from knotfab.picture.data_uri import silhouette_uri
 from knotfab.picture.read import Target
 from knotfab.problem import Problem, SearchResult, Start
+from knotfab.render.forms import COMPILED, Forms
 from knotfab.scene.require import require_tube
 from knotfab.search.directions import FreeDirections
 from knotfab.search.history import History
 from knotfab.search.pace import Pace
 from knotfab.search.phases import plan_of
+from knotfab.search.pose import Pose
 from knotfab.search.search import search
 from knotfab.start.start import go_on, make_start
 from knotfab_formats.scene import (
@@ -41,9 +42,6 @@ from knotfab_formats.scene import (
     Scene,
 )
 from knotfab_formats.search import SearchSettings
-
-if TYPE_CHECKING:
-    from knotfab.search.pose import FreePose
 
 __all__ = [
     "START_FILE",
@@ -89,7 +87,7 @@ class Design(InNotebook):
 def design_knots(
     scene: Scene,
     targets: Sequence[Target],
-    device: str = "cpu",
+    forms: Forms = COMPILED,
     progress: Progress | None = None,
     budget: Budget | None = None,
 ) -> Design:
@@ -116,14 +114,14 @@ def design_knots(
     problem = question.problem
     _tell_scene(progress, question, radius)
     settings = refine_settings(question, settings, radius)
-    pose: FreePose | FreeDirections | None = None
+    pose: Pose | None = None
     pace = None if budget is None else Pace(budget.search_s)
     if budget is not None and settings.method != "flow":
         with progress.stage("calibrate"):
 
             def trial(few: SearchSettings) -> None:
                 plan = replace(plan_of(few, len(problem.views)), repairs=0)
-                search(problem, start, radius, few, plan=plan, device=device)
+                search(problem, start, radius, few, plan=plan, forms=forms)
 
             seconds = budget.search_s(sum(len(curve) for curve in start.curves))
             settings = scale_to_budget(seconds, settings, trial)
@@ -135,7 +133,7 @@ def design_knots(
 
     with progress.stage("search"):
         if settings.free_view and len(problem.views) == 1:
-            pose, settings = start_pose(scene, problem, radius, settings, device)
+            pose, settings = start_pose(scene, problem, radius, settings, forms)
         elif settings.free_view:
             pose = FreeDirections(problem.views, radius, settings)
         report = progress.update if progress.watched else None
@@ -149,7 +147,7 @@ def design_knots(
                 settings,
                 pose=pose,
                 pace=pace,
-                device=device,
+                forms=forms,
                 report=report,
                 watch=watch,
             )
@@ -170,7 +168,7 @@ def design_knots(
                 add_work(result, earlier)
         unmet = None if result.feasible else result
         if unmet is not None:
-            result = search_sparser(problem, radius, knots, settings, device) or unmet
+            result = search_sparser(problem, radius, knots, settings, forms) or unmet
             if result is not unmet:
                 add_work(result, unmet)
     if settings.free_view:
@@ -182,7 +180,7 @@ def design_knots(
         # what a free view turns in the end, or what sparser strands replaced, led to no such knots
         history=() if unmet or settings.free_view else tuple(history.states),
     )
-    return price_design(made, question, start, unmet, progress, device, budget)
+    return price_design(made, question, start, unmet, progress, forms, budget)
 
 
 def price_design(
@@ -191,7 +189,7 @@ def price_design(
     start: Start | None,
     unmet: SearchResult | None,
     progress: Progress,
-    device: str = "cpu",
+    forms: Forms = COMPILED,
     budget: Budget | None = None,
 ) -> Design:
     """The design with the prices of its limits, where they cost the pictures their IoU.
@@ -220,7 +218,7 @@ def price_design(
             unmet or made.result,
             made.settings,
             question.roomy(),
-            device,
+            forms,
             None if unmet is None else made.result.iou_estimate,
         )
     feasibility = None if unmet is None else unmet.feasibility

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Any
 
 from knotfab.base.errors import InputError
 from knotfab.problem import Problem, ViewNumbers
+from knotfab.render.forms import COMPILED, Forms
 from knotfab.scene.catalogue import resolve
 from knotfab_formats.scene import Material, Scene
 from knotfab_formats.search import SearchSettings
-
-if TYPE_CHECKING:
-    from knotfab.search.pose import FreePose
 
 __all__ = ["place_directions", "place_start", "start_pose"]
 
@@ -80,21 +78,17 @@ def start_pose(
     problem: Problem,
     radius: float,
     settings: SearchSettings,
-    device: str = "cpu",
-) -> tuple[FreePose, SearchSettings]:
+    forms: Forms = COMPILED,
+) -> tuple[Any, SearchSettings]:
     """The pose of the one view as an unknown, and the settings that say where it started.
 
     A tube radius (mm) that the scene gives is kept, and that of a wire.
     """
-    from knotfab.search.pose import ALL, Bounds, FreePose  # it loads torch, which few searches need
-
     scene = resolve(scene)
     given = scene.piece.tube_radius_mm != "auto" and not settings.free_radius_mm
-    free = ALL if not given else tuple(name for name in ALL if name != "radius")
     view = problem.views[0].view
     start = ViewNumbers(view.light_distance_mm, view.wall_distance_mm, radius)
-    bounds = Bounds(free, least_radius_mm=scene.printer.min_tube_radius_mm)
-    pose = FreePose(start, bounds, device=device)
+    pose = forms.free_pose(start, given, scene.printer.min_tube_radius_mm)
     if not given:
         settings = settings.model_copy(update={"free_radius_mm": radius})
     return pose, settings

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from knotfab.problem import Problem, SearchResult, Start
+from knotfab.render.forms import COMPILED, Forms
 from knotfab.search.search import search
 from knotfab_formats.scene import ResolvedRegion
 from knotfab_formats.search import SearchSettings
@@ -120,7 +121,7 @@ def price_limits(
     result: SearchResult,
     settings: SearchSettings,
     roomy: ResolvedRegion,
-    device: str = "cpu",
+    forms: Forms = COMPILED,
     iou: float | None = None,
 ) -> tuple[LimitPrice, ...]:
     """What each limit that binds costs in IoU, dearest first; where none does alone, all together.
@@ -136,7 +137,7 @@ def price_limits(
     here = result.iou_estimate if iou is None else iou
 
     def price(names: tuple[str, ...], free: Problem) -> LimitPrice:
-        other = search(free, start, radius, short, device=device)
+        other = search(free, start, radius, short, forms=forms)
         return _price(names, problem, other, result, here)
 
     found = [price((name,), free) for name, free in candidates.items()]

@@ -12,6 +12,7 @@ import shapely
 from knotfab.base.errors import SceneError
 from knotfab.design.prices import SHORT
 from knotfab.problem import Problem, SearchResult, Start
+from knotfab.render.forms import COMPILED, Forms
 from knotfab.search.search import search
 from knotfab.start.filling import Template
 from knotfab.start.start import make_start
@@ -30,7 +31,7 @@ def search_sparser(
     radius: float,
     knots: int | None,
     settings: SearchSettings,
-    device: str = "cpu",
+    forms: Forms = COMPILED,
 ) -> SearchResult | None:
     """The first result that is feasible, None where there is none.
 
@@ -41,7 +42,7 @@ def search_sparser(
         radius: of the tube, mm. knots: as for `make_start`.
     """
     for asked, start, steps in _tries(problem, radius, knots, settings):
-        result = search(asked, start, radius, settings.model_copy(update=steps), device=device)
+        result = search(asked, start, radius, settings.model_copy(update=steps), forms=forms)
         if result.feasible:
             return result
     return None

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, TypeAlias
+from dataclasses import dataclass
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -11,13 +11,9 @@ from knotfab.base.arrays import Real
 from knotfab.base.compiled import compiled
 from knotfab.scene.camera import Camera
 
-if TYPE_CHECKING:
-    import torch
-    from torch import Tensor
-
 __all__ = ["Frame", "Number", "Sheet", "frame_of", "number"]
 
-Number: TypeAlias = "float | Tensor"  # a tensor [] where it has a gradient
+Number: TypeAlias = Any  # a float, or a tensor [] where it has a gradient
 
 
 def number(value: Number) -> float:
@@ -42,8 +38,8 @@ class Frame:
 
     A pixel (u, v) has the ray direction ((u + u0) * step, (v + v0) * step, 1); `focal_px` turns
     a length at depth 1 into pixels. Pixels are square. A frame of arrays takes arrays of points,
-    one of tensors (`tensors`) takes tensors; only there may the numbers be tensors [] with a gradient, where
-    the view itself is an unknown.
+    one of tensors (`torch_forms.posed_frame.tensor_frame`) takes tensors; only there may the numbers be
+    tensors [] with a gradient, where the view itself is an unknown.
     """
 
     axes: Any  # (3, 3) rows x, y, z
@@ -76,13 +72,6 @@ class Frame:
         if isinstance(uv, np.ndarray):
             return uv - np.array(corner, dtype=uv.dtype)
         return uv - uv.new_tensor(corner)
-
-    def tensors(self, dtype: torch.dtype, device: str | torch.device = "cpu") -> Frame:
-        """The same view for tensors."""
-        import torch
-
-        axes, eye = (torch.as_tensor(x, dtype=dtype, device=device) for x in (self.axes, self.eye))
-        return replace(self, axes=axes, eye=eye)
 
     def arrays(self) -> Frame:
         """The same view for arrays: its present numbers, without gradient."""

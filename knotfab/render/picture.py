@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,16 +14,11 @@ from knotfab.geometry.polylines import Polylines
 from knotfab.picture.masks import mask_iou, sample_mask
 from knotfab.picture.silhouette import resample_mask
 from knotfab.render import silhouette
+from knotfab.render.forms import COMPILED, DrawnImage, Forms
 from knotfab.render.frame import Frame, Sheet, frame_of
 from knotfab.scene.camera import Camera, camera_of
 from knotfab_formats.scene import ResolvedView
 from knotfab_formats.search import Precision, Renderer
-
-if TYPE_CHECKING:
-    from torch import Tensor
-
-    from knotfab.render.outline_image import OutlineImage
-    from knotfab.render.tensors import DeviceImage
 
 __all__ = ["CUTOFF", "ViewImage", "frame_at", "grid_at", "image_at"]
 
@@ -36,53 +31,36 @@ _HARD = 10.0  # per px: a sharpness at which half a pixel beside an outline noth
 class ViewImage:
     """One view's picture at the resolution of a phase: `target` (H, W) is the coverage of `frame`.
 
-    By ray distance it is seen by compiled loops on the CPU and by torch on another `device`; by the
-    distance to outlines always by torch.
+    Compiled loops draw it, by ray distance, or else what `forms` has for it.
     """
 
     frame: Frame
     target: NDArray[np.floating[Any]]  # in the precision that pictures are drawn in
     sheet: Sheet  # the raster, for a pose that is an unknown
     radius_px: float  # projected tube radius
-    device: str = "cpu"
+    forms: Forms = COMPILED
     renderer: Renderer = "ray"
 
-    @property
-    def _compiled(self) -> bool:
-        return self.device == "cpu" and self.renderer == "ray"
-
     @cached_property
-    def _on_device(self) -> DeviceImage | OutlineImage:
-        """The same for tensors, on the device."""
-        if self.renderer != "ray":
-            from knotfab.render.outline_image import OutlineImage
-
-            return OutlineImage.of(self.frame, self.target, self.device, self.renderer)
-        from knotfab.render.tensors import DeviceImage
-
-        return DeviceImage.of(self.frame, self.target, self.device)
+    def _drawn(self) -> DrawnImage | None:
+        return self.forms.draw(self.frame, self.target, self.renderer)
 
     def from_frame(self, frame: Frame) -> ViewImage:
         """The same picture where another frame looks from; what is on a device stays there."""
         moved = replace(self, frame=frame)
-        if "_on_device" in self.__dict__:  # where a cached property keeps what it found
-            there = self._on_device
-            seen_from = frame.tensors(there.target.dtype, self.device)
-            moved.__dict__["_on_device"] = replace(there, frame=seen_from)
+        if self._drawn is not None:
+            moved.__dict__["_drawn"] = self._drawn.from_frame(
+                frame
+            )  # as a cached property keeps it
         return moved
-
-    @property
-    def tensor(self) -> Tensor:
-        """The target (H, W) on the device."""
-        return self._on_device.target
 
     def squared_error(
         self, points: Array, rings: Polylines, radius: float, tau: float, won: Any = None
     ) -> tuple[float, Array]:
         """What `silhouette.squared_error` is of the tube about vertices (N, 3), and its gradient there."""
         p = points.astype(self.target.dtype)
-        if not self._compiled:
-            return self._on_device.squared_error(p, rings, radius, tau, CUTOFF, won)
+        if self._drawn is not None:
+            return self._drawn.squared_error(p, rings, radius, tau, CUTOFF, won)
         given = (self.frame, radius, tau, self.target, CUTOFF, won)
         total, one, two = silhouette.squared_error(p, p[rings.next], *given)
         return total, one + two[rings.previous]
@@ -90,15 +68,15 @@ class ViewImage:
     def find_winners(self, points: Array, rings: Polylines, radius: float, tau: float) -> Any:
         """Which capsule of the tube colours each pixel, for `squared_error` of vertices that moved little."""
         p = points.astype(self.target.dtype)
-        if not self._compiled:
-            return self._on_device.find_winners(p, rings, radius, CUTOFF / tau)
+        if self._drawn is not None:
+            return self._drawn.find_winners(p, rings, radius, CUTOFF / tau)
         return silhouette.winners(p, p[rings.next], self.frame, radius, CUTOFF / tau)
 
     def seen(self, points: Array, rings: Polylines, radius: float) -> Mask:
         """(H, W) the tube's hard silhouette about vertices (N, 3), mm, at half coverage."""
         p = points.astype(self.target.dtype)
-        if not self._compiled:
-            return self._on_device.render(p, rings, radius, _HARD, CUTOFF) > 0.5
+        if self._drawn is not None:
+            return self._drawn.render(p, rings, radius, _HARD, CUTOFF) > 0.5
         return silhouette.render(p, p[rings.next], self.frame, radius, _HARD, CUTOFF) > 0.5
 
     def iou(self, points: Array, rings: Polylines, radius: float) -> float:
@@ -111,7 +89,7 @@ def image_at(
     mask: Mask,
     radius: float,
     pixels: int,
-    device: str = "cpu",
+    forms: Forms = COMPILED,
     precision: Precision = "single",
     renderer: Renderer = "ray",
     ends: bool = False,
@@ -123,7 +101,7 @@ def image_at(
     frame, target, pixel_mm = _picture_at(view, mask, pixels, precision, ends)
     sheet = Sheet(frame.width, frame.height, pixel_mm, view.wall_tilt_deg)
     radius_px = radius * view.magnification / pixel_mm
-    return ViewImage(frame, target, sheet, radius_px, device, renderer)
+    return ViewImage(frame, target, sheet, radius_px, forms, renderer)
 
 
 def _picture_at(

@@ -75,7 +75,7 @@ class _Cut:
 
 @np.errstate(all="ignore")  # what is no number is left out by comparisons
 def _place(starts: Real, ends: Real, frame: Frame, radius: float) -> _Cut:
-    """In receiver axes, cut as `render.clip.cut_before_light` does it, which says why."""
+    """In receiver axes, cut as `torch_forms.clip.cut_before_light` does it, which says why."""
     a, b = frame.local(starts), frame.local(ends)
     least = least_depth(radius)
     low = min(a[:, 2].min(initial=np.inf), b[:, 2].min(initial=np.inf))

@@ -8,21 +8,18 @@ differs from the flow in what moves.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 from knotfab.problem import CertificateLog, Problem, Report, SearchResult, Start, Watch
+from knotfab.render.forms import COMPILED, Forms
 from knotfab.search.chamfer import Chamfer
 from knotfab.search.flow import FlowSettings
 from knotfab.search.objective import Term, Weights
 from knotfab.search.pace import Pace
 from knotfab.search.phases import Phase, Plan, plan_of
+from knotfab.search.pose import Pose
 from knotfab.search.repair import repair
 from knotfab.search.state import SearchState, begin, resample_state, run_phase
 from knotfab_formats.search import SearchSettings
-
-if TYPE_CHECKING:
-    from knotfab.search.directions import FreeDirections
-    from knotfab.search.pose import FreePose
 
 __all__ = ["search"]
 
@@ -39,11 +36,11 @@ def search(
     settings: SearchSettings,
     *,
     terms: tuple[Term, ...] = (),
-    pose: FreePose | FreeDirections | None = None,
+    pose: Pose | None = None,
     plan: Plan | None = None,
     log: CertificateLog | None = None,
     pace: Pace | None = None,
-    device: str = "cpu",
+    forms: Forms = COMPILED,
     report: Report | None = None,
     watch: Watch | None = None,
 ) -> SearchResult:
@@ -60,6 +57,7 @@ def search(
             but the last, before which the knots are turned into the axes of the one view found.
         pace: settles the iterations of each phase by the clock; None: those that the settings say.
         log: of the certified steps that led to the start, to be continued.
+        forms: what draws pictures, and what moves, where the settings ask for other than the core has.
         plan: instead of the one that follows from the settings and the number of views.
         report: called with (share of the search that is done, least IoU, measured now and then).
         watch: called each iteration with the knots as they stand; it changes no result.
@@ -68,7 +66,7 @@ def search(
         The result says itself whether it is feasible, or which limit is violated, by how much and where.
     """
     plan = plan or plan_of(settings, 1 if problem.apart_mm is not None else len(problem.views))
-    state = begin(problem, start, radius, settings, terms, pose, plan.keep_vertices, log, device)
+    state = begin(problem, start, radius, settings, terms, pose, plan.keep_vertices, log, forms)
     state.watch = watch
     if pose is not None:
         pose.keep(state.points)
@@ -76,9 +74,7 @@ def search(
     if plan.network:
         network = settings.network_iterations
         done = network / (network + sum(phase.iterations for phase in plan.phases))
-        from knotfab.search.network_search import search_network
-
-        search_network(
+        forms.search_network(
             state, None if report is None else lambda part, iou: report(done * part, iou)
         )
     elif start.far:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,18 +19,16 @@ from knotfab.limits.base import Guard, Limits
 from knotfab.limits.feasibility import Feasibility, measure_feasibility
 from knotfab.limits.guards import guard_limits
 from knotfab.problem import CertificateLog, Problem, Start, ViewNumbers, Watch
+from knotfab.render.forms import COMPILED, Forms
 from knotfab.render.picture import ViewImage
 from knotfab.search.balance import Balance
 from knotfab.search.flow import Between, flow
 from knotfab.search.grace import Grace
 from knotfab.search.objective import Objective, Term
 from knotfab.search.phases import Phase
+from knotfab.search.pose import Pose
 from knotfab.search.spill import Spill
 from knotfab_formats.search import SearchSettings
-
-if TYPE_CHECKING:
-    from knotfab.search.directions import FreeDirections
-    from knotfab.search.pose import FreePose
 
 __all__ = ["SearchState", "begin", "resample_state", "run_phase"]
 
@@ -55,9 +52,9 @@ class SearchState:
     effects: dict[str, Decision]
     guards: dict[str, Guard]
     terms: tuple[Term, ...] = ()
-    pose: FreePose | FreeDirections | None = None
+    pose: Pose | None = None
     keep_vertices: bool = False
-    device: str = "cpu"
+    forms: Forms = COMPILED
     balance: Balance | None = None
     numbers: ViewNumbers | None = None  # of the pose, once it is found
     watch: Watch | None = None
@@ -101,7 +98,7 @@ class SearchState:
 
     def _images(self, pixels: int) -> tuple[ViewImage, ...]:
         asked = self.settings
-        given = (self.radius, pixels, self.device, asked.precision, asked.renderer)
+        given = (self.radius, pixels, self.forms, asked.precision, asked.renderer)
         return tuple(v.image_at(*given) for v in self.problem.views)
 
     def objective(self, phase: Phase, loose: NDArray[np.bool_] | None = None) -> Objective:
@@ -145,10 +142,10 @@ def begin(
     radius: float,
     settings: SearchSettings,
     terms: tuple[Term, ...] = (),
-    pose: FreePose | FreeDirections | None = None,
+    pose: Pose | None = None,
     keep_vertices: bool = False,
     log: CertificateLog | None = None,
-    device: str = "cpu",
+    forms: Forms = COMPILED,
 ) -> SearchState:
     """The state at the start of a search, its effects judged there."""
     if settings.grace > 0:
@@ -165,7 +162,7 @@ def begin(
         terms,
         pose,
         keep_vertices,
-        device,
+        forms,
         None if problem.goals is None else Balance(problem.goals),
     )
     state.judge_effects()

@@ -31,6 +31,7 @@ from knotfab.sequence.writing import ZOETROPE, frame_suffix, write_scene, write_
 from knotfab.slicer.profile import write_profile
 from knotfab.slicer.result import sum_slicings
 from knotfab.slicer.run import SlicerQueue
+from knotfab.torch_forms.forms import TorchForms
 from knotfab.verify.checks import list_unmet
 from knotfab.verify.verifier import Files, Verifier
 from knotfab_formats.checks import PRINTER
@@ -80,8 +81,8 @@ def build_sequence(request: Request, progress: Progress | None = None) -> Outcom
             Verifier(request.skip, jobs=jobs) as verifier,
             SlicerQueue(jobs=jobs) as slicer,
         ):
-            left = request.budget(progress.total, mounted)
-            chain = Chain(request.scene, targets, request.device, progress, left, kept)
+            left, forms = request.budget(progress.total, mounted), TorchForms(request.device)
+            chain = Chain(request.scene, targets, forms, progress, left, kept)
             found: dict[int, tuple[SequenceFrame, WrittenPiece]] = {}
 
             def write(frame: SequenceFrame) -> WrittenPiece:

@@ -18,6 +18,7 @@ from knotfab.design.radius import RadiusChoice, choose_radius
 from knotfab.knots import Knots
 from knotfab.picture.opening import opening_iou
 from knotfab.picture.read import Target
+from knotfab.render.forms import COMPILED, Forms
 from knotfab.sequence.frames import count_knots
 from knotfab.sequence.kept import KeptFrames
 from knotfab.sequence.motion import outline_motion
@@ -146,13 +147,13 @@ class Chain:
         self,
         scene: Scene,
         targets: Sequence[Target],
-        device: str = "cpu",
+        forms: Forms = COMPILED,
         progress: Progress | None = None,
         budget: Budget | None = None,
         kept: KeptFrames | None = None,
     ) -> None:
         require_sequence(scene)
-        self._scene, self._targets, self._device = scene, targets, device
+        self._scene, self._targets, self._forms = scene, targets, forms
         self._progress = progress or Progress("quiet")
         self._budget = budget
         self._closing, self._kept = scene.sequence.loop, kept
@@ -230,7 +231,7 @@ class Chain:
             left = self._budget.search_s(0)
             frame_s = left / (1.0 + _OF_FIRST * (len(targets) - 1))
             share = Budget(time.perf_counter() + frame_s)
-        first = design_knots(asked, [target], self._device, progress, share)
+        first = design_knots(asked, [target], self._forms, progress, share)
         # the region as it was asked for: a mesh lies where the scene says, not yet beside the result; and
         # what is required of the IoU, unless it was given, follows from the frame's own picture
         update = {"region": question.problem.region, "accuracy": scene.accuracy}
@@ -239,7 +240,7 @@ class Chain:
         rings = first.knots.rings
         with progress.stage("search"):
             ended = finish(
-                first.result, rings, question.problem, radius, first.settings, [], self._device
+                first.result, rings, question.problem, radius, first.settings, [], self._forms
             )
         made = settle_design(question, ended.result, first.settings)
         made = replace(made, radius=choice, unmet=first.unmet, binding=first.binding)
@@ -282,7 +283,7 @@ class Chain:
             longest * max(1.0, areas[number] / areas[first]),
             list_ties(number, self._known, self._outlines),
             self._why,
-            self._device,
+            self._forms,
         )
         done = len(self._known)
         with self._progress.stage("search"):
@@ -292,7 +293,7 @@ class Chain:
         assert trial.ended is not None
         question = self._questions[number]
         made = settle_design(question, trial.ended.result, common.settings)
-        made = price_design(made, question, None, None, self._progress, self._device)
+        made = price_design(made, question, None, None, self._progress, self._forms)
         return SequenceFrame(
             number,
             made,

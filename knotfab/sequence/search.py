@@ -14,6 +14,7 @@ from knotfab.design.design import add_work
 from knotfab.geometry.polylines import Polylines
 from knotfab.knots import Knots
 from knotfab.problem import CertificateLog, Problem, SearchResult, Start
+from knotfab.render.forms import COMPILED, Forms
 from knotfab.search.flow import FlowSettings
 from knotfab.search.objective import Term
 from knotfab.search.phases import Phase, Plan, repair_phase, three_phases
@@ -70,7 +71,7 @@ def follow(
     settings: SearchSettings,
     taut_mm: float,
     anchors: Sequence[Anchor],
-    device: str = "cpu",
+    forms: Forms = COMPILED,
     report: Callable[[float, float | None], None] | None = None,
     still: bool = False,
 ) -> FrameResult:
@@ -97,7 +98,7 @@ def follow(
             terms=terms,
             plan=_plan(settings, ()),
             log=log,
-            device=device,
+            forms=forms,
         )
         return FrameResult(result, _beyond(result, anchors), 0.0)
     # room for the vertices that `finish` adds: where edges are uneven those bend more in places
@@ -123,7 +124,7 @@ def follow(
         terms=(*terms, Tautness(taut_mm, radius)),
         plan=_plan(settings, phases),
         log=log,
-        device=device,
+        forms=forms,
         report=report,
     )
     return FrameResult(result, _beyond(result, anchors), moved.reached)
@@ -147,7 +148,7 @@ def finish(
     radius: float,
     settings: SearchSettings,
     anchors: Sequence[Anchor],
-    device: str = "cpu",
+    forms: Forms = COMPILED,
 ) -> FrameResult:
     """A frame for its part: twice as many vertices, and the limits repaired where that broke one.
 
@@ -169,7 +170,7 @@ def finish(
         terms=tuple(anchors),
         plan=_plan(settings, ()),
         log=log,
-        device=device,
+        forms=forms,
     )
     add_work(result, earlier)
     return FrameResult(result, _beyond(result, anchors))

@@ -12,6 +12,7 @@ from knotfab.geometry.polylines import Polylines
 from knotfab.knots import Knots
 from knotfab.picture.opening import opening_iou
 from knotfab.problem import Problem
+from knotfab.render.forms import COMPILED, Forms
 from knotfab.sequence.motion import Anchor
 from knotfab.sequence.search import FrameResult, finish, follow
 from knotfab_formats.search import SearchSettings
@@ -135,7 +136,7 @@ class Following:
     taut_mm: float
     ties: tuple[Tie, ...]
     why: str
-    device: str = "cpu"
+    forms: Forms = COMPILED
 
     def search(
         self, attempts: Iterable[Attempt], report: Callable[[float, float | None], None]
@@ -165,7 +166,7 @@ class Following:
             self.settings.scaled(attempt.effort),
             self.taut_mm,
             self._anchors({j: knots.points for j, knots in self.known.items()}, attempt.closes),
-            self.device,
+            self.forms,
             report,
             attempt.still,
         )
@@ -181,7 +182,7 @@ class Following:
             self.radius,
             self.settings,
             self._anchors(self.fine, attempt.closes),
-            self.device,
+            self.forms,
         )
 
     def _anchors(self, points: Mapping[int, NDArray[np.float64]], closes: bool) -> list[Anchor]:

@@ -30,6 +30,7 @@ from knotfab.picture.silhouette import fit_size
 from knotfab.problem import Problem
 from knotfab.search.search import search
 from knotfab.start.legibility import legibility, stretch_mask
+from knotfab.torch_forms.forms import TorchForms
 from knotfab_formats.scene import VERIFIED_PX
 from knotfab_formats.search import SearchSettings
 
@@ -110,7 +111,7 @@ def find_shadows(
     """(shadow, picture) of the round tube in each view, `pixels` on its longer side."""
     found = []
     for view in problem.views:
-        image = view.image_at(knots.radius_mm, pixels, device)
+        image = view.image_at(knots.radius_mm, pixels, TorchForms(device))
         seen = image.seen(knots.points, knots.rings, knots.radius_mm)
         found.append((seen, image.target > 0.5))
     return found
@@ -160,7 +161,7 @@ def run_point(study: Study, settings: SearchSettings, judge: bool = True) -> Run
     question, radius, start, _ = choose_tube(study.question, settings, progress)
     problem, radius_s = question.problem, progress.timings.get("radius", 0.0)
     settings = refine_settings(question, settings, radius)
-    result = search(problem, start, radius, settings, device=study.device)
+    result = search(problem, start, radius, settings, forms=TorchForms(study.device))
     feasible = result.feasible
     searched = time.perf_counter()
     faces = 0

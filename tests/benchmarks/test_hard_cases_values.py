@@ -32,9 +32,9 @@ from knotfab.picture.read import read_target
 from knotfab.picture.silhouette import trace_polygon
 from knotfab.report.of_build import check_limits, tell_binding
 from knotfab.report.report_json import plain
-from knotfab.search.network import Coupling
 from knotfab.start.filling import fill, template_iou
 from knotfab.start.start import make_start
+from knotfab.torch_forms.network import Coupling
 from knotfab_formats.scene import Scene
 from knotfab_formats.search import PRESETS
 

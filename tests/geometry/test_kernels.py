@@ -12,7 +12,7 @@ from knotfab.geometry.kernels import bend_hinge, closest_parameters, gap_hinge
 from knotfab.geometry.measures import bend_radii, strand_gap
 from knotfab.geometry.neighbours import Neighbours, find_neighbours
 from knotfab.geometry.polylines import Polylines, polylines_of_sizes
-from knotfab.render.known import known
+from knotfab.torch_forms.known import known
 
 SKIP = 6
 

@@ -9,9 +9,9 @@ import torch
 from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.problem import ViewNumbers
 from knotfab.render.frame import Sheet
-from knotfab.render.posed_frame import posed_frame
-from knotfab.render.tiled import render_tiled
-from knotfab.search.pose import Bounds
+from knotfab.torch_forms.pose import Bounds, turn_of
+from knotfab.torch_forms.posed_frame import posed_frame
+from knotfab.torch_forms.tiled import render_tiled
 from paper.fit_view import fit_view
 from tests.corpus.curves import torus_knot
 
@@ -31,7 +31,7 @@ def _shadow(points: np.ndarray, numbers: ViewNumbers, sheet: Sheet) -> torch.Ten
 
 
 def _angle_deg(one: ViewNumbers, other: ViewNumbers) -> float:
-    cosine = 0.5 * (np.trace(one.turn.T @ other.turn) - 1)
+    cosine = 0.5 * (np.trace(turn_of(one).T @ turn_of(other)) - 1)
     return float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
 
 

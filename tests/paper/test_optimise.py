@@ -8,7 +8,7 @@ import torch
 from torch import Tensor, nn
 
 from knotfab.base.errors import InputError, SceneError
-from knotfab.render.outlines import render_outlines
+from knotfab.torch_forms.outlines import render_outlines
 from paper.camera import PaperCamera, camera_around
 from paper.losses import ball
 from paper.optimise import PaperResult, PaperView, iou, search_paper

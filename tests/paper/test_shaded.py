@@ -7,8 +7,9 @@ import pytest
 import torch
 
 from knotfab.render.frame import Frame, frame_of
-from knotfab.render.tiled import render_tiled
 from knotfab.scene.camera import camera_of
+from knotfab.torch_forms.posed_frame import tensor_frame
+from knotfab.torch_forms.tiled import render_tiled
 from knotfab_formats.scene import ResolvedView
 from paper.shaded import curve_distance, fit, trial
 from paper.shaded_render import Shading, capsule_hit, layers_of, render_shaded
@@ -20,7 +21,7 @@ RADIUS = 6.0
 
 
 def _frame(pixels: int = 48) -> Frame:
-    return frame_of(camera_of(VIEW, pixels, pixels)).tensors(torch.float64)
+    return tensor_frame(frame_of(camera_of(VIEW, pixels, pixels)), torch.float64)
 
 
 def _strip(*points: tuple[float, float, float]) -> torch.Tensor:

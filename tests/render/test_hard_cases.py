@@ -24,9 +24,9 @@ from benchmarks.hard.measure import (
     subgradient_excess,
 )
 from benchmarks.hard.rendering import RenderCase, frame_at, large_case, render_cases, ring
-from knotfab.render.dense import render_dense
 from knotfab.render.frame import Frame
-from knotfab.render.tiled import winners
+from knotfab.torch_forms.dense import render_dense
+from knotfab.torch_forms.tiled import winners
 
 pytestmark = pytest.mark.slow
 

@@ -8,6 +8,7 @@ import os
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import ModuleType
+from typing import cast
 
 import numba.core.caching
 import numpy as np
@@ -18,12 +19,15 @@ from torch import Tensor
 
 from knotfab.base.arrays import Array
 from knotfab.geometry.polylines import polylines_of_sizes
-from knotfab.render import silhouette, tensors
+from knotfab.render import silhouette
 from knotfab.render.frame import Frame, frame_of
 from knotfab.render.picture import image_at
-from knotfab.render.tensors import render, squared_error
-from knotfab.render.tiled import render_tiled
 from knotfab.scene.camera import camera_of
+from knotfab.torch_forms import tensors
+from knotfab.torch_forms.forms import TorchForms
+from knotfab.torch_forms.posed_frame import tensor_frame
+from knotfab.torch_forms.tensors import DeviceImage, render, squared_error
+from knotfab.torch_forms.tiled import render_tiled
 from knotfab_formats.scene import ResolvedView
 
 VIEW = ResolvedView(frame_width_mm=120.0, frame_height_mm=90.0)
@@ -33,7 +37,7 @@ RADIUS = 3.0
 def frame_at(dtype: torch.dtype, width: int = 92, height: int = 69, tilt: float = 20.0) -> Frame:
     """An oblique view whose sides are no whole number of tiles."""
     view = VIEW.model_copy(update={"wall_tilt_deg": tilt})
-    return frame_of(camera_of(view, width, height)).tensors(dtype)
+    return tensor_frame(frame_of(camera_of(view, width, height)), dtype)
 
 
 def tangle(count: int, seed: int, dtype: torch.dtype) -> Tensor:
@@ -175,7 +179,7 @@ def test_slopes_before_the_light_are_finite_differences() -> None:
     of_tensors = tensors.squared_error(
         torch.as_tensor(p),
         torch.as_tensor(np.roll(p, -1, 0)),
-        frame.tensors(torch.float64),
+        tensor_frame(frame, torch.float64),
         RADIUS,
         0.3,
         torch.as_tensor(target),
@@ -196,7 +200,7 @@ def test_a_view_looks_the_same_on_another_device(
     y, x = np.mgrid[:60, :80]
     mask = np.hypot(x - 40, y - 30) < 25
     here = image_at(VIEW, mask, RADIUS, 96)
-    there = image_at(VIEW, mask, RADIUS, 96, "cpu:0")
+    there = image_at(VIEW, mask, RADIUS, 96, TorchForms("cpu:0"))
     won = [image.find_winners(points, rings, RADIUS, 1.25) for image in (here, there)]
     assert all((np.asarray(a) == np.asarray(b)).all() for a, b in zip(*won, strict=True))
     found = [
@@ -211,7 +215,8 @@ def test_a_view_looks_the_same_on_another_device(
     turned = VIEW.model_copy(update={"azimuth_deg": 20.0})
     aside = image_at(turned, mask, RADIUS, 96).frame
     moved = [image.from_frame(aside) for image in (here, there)]
-    assert moved[1]._on_device.target is there._on_device.target
+    drawn = [cast(DeviceImage, image._drawn) for image in (moved[1], there)]
+    assert drawn[0].target is drawn[1].target
     found = [image.squared_error(points, rings, RADIUS, 1.0) for image in moved]
     assert found[0][0] == pytest.approx(found[1][0], rel=1e-5)
     assert found[0][0] != pytest.approx(here.squared_error(points, rings, RADIUS, 1.0)[0], rel=1e-3)

@@ -13,6 +13,7 @@ from knotfab.base.arrays import Array
 from knotfab.geometry.polylines import Polylines, polylines_of_sizes
 from knotfab.knots import Knots
 from knotfab.problem import CertificateLog, Problem, SearchResult
+from knotfab.render.forms import COMPILED
 from knotfab.search.search import search
 from knotfab.sequence.motion import Anchor, outline_motion
 from knotfab.sequence.search import finish, follow, is_far
@@ -117,6 +118,8 @@ def test_a_knot_that_stays_still_is_the_same_knot(first: SearchResult) -> None:
     anchor = Anchor(points, RADIUS, RADIUS)
     settings = QUICK.scaled(1.0)
     rings = rings_of(points)
-    found = follow(first.knots, rings, problems, RADIUS, settings, 1e9, [anchor], "cpu", None, True)
+    found = follow(
+        first.knots, rings, problems, RADIUS, settings, 1e9, [anchor], COMPILED, None, True
+    )
     assert np.array_equal(found.points, points)
     assert found.sound and found.result.log.certified and found.transported == 0.0

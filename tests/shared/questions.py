@@ -17,6 +17,7 @@ from knotfab.problem import Problem, SearchResult, Start, TargetView
 from knotfab.search.phases import plan_of
 from knotfab.search.search import search
 from knotfab.start.start import make_start
+from knotfab.torch_forms.forms import TorchForms
 from knotfab_formats.scene import ResolvedRegion, ResolvedView, Scene
 from knotfab_formats.search import SearchSettings
 
@@ -73,4 +74,4 @@ def start_and_search(
     if repairs is not None:
         plan = replace(plan, repairs=repairs)
     start = start or make_start(problem, radius, settings)
-    return search(problem, start, radius, settings, plan=plan, **more)
+    return search(problem, start, radius, settings, plan=plan, forms=TorchForms(), **more)

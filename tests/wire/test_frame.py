@@ -9,6 +9,7 @@ from knotfab.design.free_view import start_pose
 from knotfab.design.question import ask
 from knotfab.picture.read import read_target
 from knotfab.scene.catalogue import materials, resolve
+from knotfab.torch_forms.forms import TorchForms
 from knotfab.wire.frame import ENOUGH_IOU, measure_frame
 from knotfab_formats.scene import Material, Piece, ResolvedView, Scene
 
@@ -72,6 +73,6 @@ def test_a_free_view_leaves_the_wire_as_thick_as_it_is(material: str, free: bool
     scene = Scene(material=Material(name=material), search={"free_view": True})
     problem = ask(scene, [read_target("text:♥")]).problem
     settings = scene.settings
-    pose, settings = start_pose(scene, problem, 1.0, settings)
+    pose, settings = start_pose(scene, problem, 1.0, settings, TorchForms())
     assert ("radius" in pose.bounds.free) == free
     assert (settings.free_radius_mm > 0) == free

@@ -5,8 +5,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
-from knotfab.search.network.coupling import Coupling
-from knotfab.search.network.rigid import Rigid
+from knotfab.torch_forms.network.coupling import Coupling
+from knotfab.torch_forms.network.rigid import Rigid
 
 __all__ = ["CouplingNetwork"]
 

@@ -11,10 +11,11 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from knotfab.render.capsule import BEHIND, capsule_distance, ray_miss
-from knotfab.render.clip import cut_before_light
 from knotfab.render.frame import Frame, Number, number
 from knotfab.render.silhouette import CUTOFF
+from knotfab.torch_forms.capsule import BEHIND, capsule_distance, ray_miss
+from knotfab.torch_forms.clip import cut_before_light
+from knotfab.torch_forms.posed_frame import tensor_frame
 
 __all__ = ["render_tiled", "winners"]
 
@@ -281,7 +282,8 @@ def _may_win(
     tile = tile_v * columns + tile_u
     best = torch.full((columns * rows,), -reach_px, dtype=a.dtype, device=a.device)
     best.scatter_reduce_(0, tile, least, "amax")
-    return most >= best[tile] - 1e-3
+    kept: Tensor = most >= best[tile] - 1e-3
+    return kept
 
 
 def render_tiled(
@@ -302,7 +304,7 @@ def render_tiled(
     a, b = frame.local(starts), frame.local(ends)
     thick = number(radius)
     if won is None:
-        fixed = frame.arrays().tensors(a.dtype, a.device)
+        fixed = tensor_frame(frame.arrays(), a.dtype, a.device)
         won = winners(a.detach(), b.detach(), fixed, thick, cutoff / tau)
     pixel, capsule = won
     a, b, _ = cut_before_light(a, b, thick)

@@ -11,9 +11,9 @@ from questions import ask_heart, start_and_search
 from knotfab.base.errors import InputError, SceneError
 from knotfab.geometry.carry import Carried
 from knotfab.problem import Problem, SearchResult
-from knotfab.search import network_search
 from knotfab.start.circle import start_at_circles
 from knotfab.start.filling import Template
+from knotfab.torch_forms import network_search
 from knotfab_formats.search import PRESETS, SearchSettings, search_settings
 
 RADIUS = 5.0

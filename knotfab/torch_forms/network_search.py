@@ -21,12 +21,12 @@ from knotfab.geometry.carry import (
 from knotfab.geometry.neighbours import Neighbours
 from knotfab.geometry.polylines import dot, polylines_of, split_alike
 from knotfab.problem import Report
-from knotfab.render.threads import one_thread
-from knotfab.search.adam import Adam
 from knotfab.search.flow import find_felt
-from knotfab.search.network import CouplingNetwork
 from knotfab.search.phases import three_phases
 from knotfab.search.state import SearchState
+from knotfab.torch_forms.adam import Adam
+from knotfab.torch_forms.network import CouplingNetwork
+from knotfab.torch_forms.threads import one_thread
 
 __all__ = ["search_network"]
 
@@ -75,8 +75,8 @@ def search_network(state: SearchState, report: Report | None = None) -> None:
     settings = state.settings
     network = CouplingNetwork(
         settings.network_depth, settings.network_width, settings.seed, gain=_SLOPE
-    ).to(state.device)
-    mapped = _Map(network, float(np.abs(state.points).max()), state.device)
+    ).to(state.forms.device)
+    mapped = _Map(network, float(np.abs(state.points).max()), state.forms.device)
     where = _descend(state, curves, mapped, report)
     best = Carried(np.concatenate(template), 0.0, 0, 0, np.inf)
     rings, doublings = polylines_of(template), 0
@@ -126,7 +126,7 @@ def _descend(state: SearchState, curves: Curves, mapped: _Map, report: Report | 
         if iteration % _REFRESH == 0 or number != int((iteration - 1) / max(1, total - 1) >= _FINE):
             where = _sample(state, curves, mapped, where, edge)
             start = torch.as_tensor(
-                np.concatenate(curves.at(where)) / mapped.size, device=state.device
+                np.concatenate(curves.at(where)) / mapped.size, device=state.forms.device
             )
             state.judge_effects()
             phase = phases[number]

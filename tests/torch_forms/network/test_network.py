@@ -8,9 +8,9 @@ import pytest
 import torch
 from torch import Tensor
 
-from knotfab.search.network import Coupling, CouplingNetwork, Rigid
-from knotfab.search.network.coupling import Perceptron
-from knotfab.search.network.rigid import rotation
+from knotfab.torch_forms.network import Coupling, CouplingNetwork, Rigid
+from knotfab.torch_forms.network.coupling import Perceptron
+from knotfab.torch_forms.network.rigid import rotation
 
 DTYPES = (torch.float64, torch.float32)
 ORDERS = tuple(itertools.permutations(range(3)))

@@ -1,11 +1,15 @@
 """The paper's renderers as the search sees them: the same silhouette, and a slope that is the error's own."""
 
+from typing import cast
+
 import numpy as np
 import pytest
 
 from knotfab.base.arrays import Array, Mask
 from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.render.picture import ViewImage, image_at
+from knotfab.torch_forms.forms import TorchForms
+from knotfab.torch_forms.outline_image import OutlineImage
 from knotfab_formats.scene import ResolvedView
 from knotfab_formats.search import Renderer
 
@@ -28,7 +32,7 @@ def tangle() -> Array:
 
 
 def image(renderer: Renderer, view: ResolvedView = VIEW) -> ViewImage:
-    return image_at(view, disc(), RADIUS, 96, "cpu", "double", renderer)
+    return image_at(view, disc(), RADIUS, 96, TorchForms(), "double", renderer)
 
 
 def test_capsules_have_the_silhouette_of_rays() -> None:
@@ -73,8 +77,8 @@ def test_near_the_outline_the_errors_are_those_of_rays() -> None:
 def test_another_pose_keeps_the_renderer_and_its_device() -> None:
     turned = VIEW.model_copy(update={"azimuth_deg": 50.0})
     here, there = image("capsule"), image("capsule", turned)
-    before = here.tensor
     moved = here.from_frame(there.frame)
-    assert moved.tensor is before
+    drawn = [cast(OutlineImage, image._drawn) for image in (moved, here)]
+    assert drawn[0].target is drawn[1].target
     one, other = (i.squared_error(tangle(), RINGS, RADIUS, 1.0) for i in (moved, there))
     assert one[0] == other[0] and (one[1] == other[1]).all()

@@ -5,12 +5,20 @@ The paper names this as future work (section 7: the viewer's configuration is fo
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import torch
 from torch import Tensor
 
 from knotfab.render.frame import Frame, Sheet
 
-__all__ = ["posed_frame", "turn_matrix"]
+__all__ = ["posed_frame", "tensor_frame", "turn_matrix"]
+
+
+def tensor_frame(frame: Frame, dtype: torch.dtype, device: str | torch.device = "cpu") -> Frame:
+    """The view of a frame for tensors."""
+    axes, eye = (torch.as_tensor(x, dtype=dtype, device=device) for x in (frame.axes, frame.eye))
+    return replace(frame, axes=axes, eye=eye)
 
 
 def turn_matrix(turn_deg: Tensor) -> Tensor:

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 import torch
 
-from knotfab.render.capsule import capsule_distance
-from knotfab.render.dense import render_dense
 from knotfab.render.frame import frame_of
-from knotfab.render.tiled import render_tiled
 from knotfab.scene.camera import camera_of
+from knotfab.torch_forms.capsule import capsule_distance
+from knotfab.torch_forms.dense import render_dense
+from knotfab.torch_forms.posed_frame import tensor_frame
+from knotfab.torch_forms.tiled import render_tiled
 from knotfab_formats.scene import ResolvedView
 
 VIEW = ResolvedView(frame_width_mm=120.0, frame_height_mm=90.0)
@@ -20,7 +21,7 @@ TILTED = VIEW.model_copy(update={"wall_tilt_deg": 25.0})
 def _frame(
     view: ResolvedView = VIEW, width: int = 48, height: int = 36, dtype: torch.dtype = torch.float64
 ):
-    return frame_of(camera_of(view, width, height)).tensors(dtype)
+    return tensor_frame(frame_of(camera_of(view, width, height)), dtype)
 
 
 def _tangle(count: int, seed: int, dtype: torch.dtype = torch.float64) -> torch.Tensor:
@@ -98,7 +99,7 @@ def test_gradient_against_finite_differences() -> None:
 
 
 def test_winners_of_before_bound_the_image_from_below() -> None:
-    from knotfab.render.tiled import winners
+    from knotfab.torch_forms.tiled import winners
 
     frame = _frame()
     points = _tangle(30, 7)
@@ -121,7 +122,7 @@ def test_single_precision_keeps_its_digits() -> None:
 def test_oblong_pixels_are_refused() -> None:
     camera = camera_of(VIEW, 48, 48)
     with pytest.raises(ValueError, match="square"):
-        frame_of(camera).tensors(torch.float64)
+        tensor_frame(frame_of(camera), torch.float64)
 
 
 def test_projection_of_the_frame_agrees_with_the_camera() -> None:

@@ -9,11 +9,16 @@ import shapely
 import torch
 from torch import Tensor
 
-from knotfab.render.capsule_outline import clip_segments, contact_corners
-from knotfab.render.dense import render_dense as render_rays
-from knotfab.render.ellipse import conic, project_spheres, support, support_point
 from knotfab.render.frame import Frame
-from knotfab.render.outlines import render_outlines, render_outlines_dense, signed_distance, winners
+from knotfab.torch_forms.capsule_outline import clip_segments, contact_corners
+from knotfab.torch_forms.dense import render_dense as render_rays
+from knotfab.torch_forms.ellipse import conic, project_spheres, support, support_point
+from knotfab.torch_forms.outlines import (
+    render_outlines,
+    render_outlines_dense,
+    signed_distance,
+    winners,
+)
 from paper.camera import PaperCamera, camera_around
 
 CAMERA = PaperCamera(width=40, height=32, focal=(1.0, 0.8, 2.0))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,12 +14,13 @@ from knotfab.base.arrays import Array, Real
 from knotfab.geometry.polylines import Polylines
 from knotfab.render import silhouette
 from knotfab.render.frame import Frame, Number, number
-from knotfab.render.known import known
 from knotfab.render.silhouette import CUTOFF, Capsules
-from knotfab.render.tiled import render_tiled
-from knotfab.render.tiled import winners as torch_winners
+from knotfab.torch_forms.known import known
+from knotfab.torch_forms.posed_frame import tensor_frame
+from knotfab.torch_forms.tiled import render_tiled
+from knotfab.torch_forms.tiled import winners as torch_winners
 
-__all__ = ["DeviceImage", "Winners", "render", "squared_error", "winners"]
+__all__ = ["DeviceImage", "Winners", "render", "squared_error", "tensor_frame", "winners"]
 
 Winners = tuple[Tensor, Tensor]  # flat indices of pixels, and the capsule that colours each
 
@@ -37,7 +38,7 @@ def winners(
         pixel, capsule = (torch.from_numpy(x).long() for x in found)
         return pixel, capsule
     with torch.no_grad():
-        fixed = frame.arrays().tensors(starts.dtype, starts.device)
+        fixed = tensor_frame(frame.arrays(), starts.dtype, starts.device)
         return torch_winners(fixed.local(starts), fixed.local(ends), fixed, radius, reach_px)
 
 
@@ -112,14 +113,19 @@ class DeviceImage:
     def of(cls, frame: Frame, target: Real, device: str) -> DeviceImage:
         """The picture of arrays."""
         there = torch.as_tensor(target, device=device)
-        return cls(frame.tensors(there.dtype, device), there)
+        return cls(tensor_frame(frame, there.dtype, device), there)
+
+    def from_frame(self, frame: Frame) -> DeviceImage:
+        """The same picture, seen from another frame of arrays."""
+        there = self.target
+        return replace(self, frame=tensor_frame(frame, there.dtype, there.device))
 
     def squared_error(
         self, points: Real, rings: Polylines, radius: float, tau: float, cutoff: float, won: Any
     ) -> tuple[float, Array]:
-        """`squared_error` of the tube about vertices (N, 3), and its gradient there."""
+        """The squared difference of tube and picture, and its gradient in the vertices (N, 3)."""
         p, q = self._ends(points, rings, slopes=True)
-        error = squared_error(p, q, self.frame, radius, tau, self.target, cutoff, won)
+        error = self._error(p, q, radius, tau, cutoff, won)
         (slope,) = torch.autograd.grad(error, p)
         return float(error.detach()), slope.cpu().numpy().astype(np.float64)
 
@@ -134,8 +140,16 @@ class DeviceImage:
     ) -> Real:
         """`render` of the tube about vertices (N, 3)."""
         with torch.no_grad():
-            image = render(*self._ends(points, rings), self.frame, radius, tau, cutoff)
+            image = self._image(*self._ends(points, rings), radius, tau, cutoff)
         return np.asarray(image.cpu().numpy())
+
+    def _image(self, p: Tensor, q: Tensor, radius: float, tau: float, cutoff: float) -> Tensor:
+        return render(p, q, self.frame, radius, tau, cutoff)
+
+    def _error(
+        self, p: Tensor, q: Tensor, radius: float, tau: float, cutoff: float, won: Any
+    ) -> Tensor:
+        return squared_error(p, q, self.frame, radius, tau, self.target, cutoff, won)
 
     def _ends(self, points: Real, rings: Polylines, slopes: bool = False) -> tuple[Tensor, Tensor]:
         p = torch.as_tensor(points, dtype=self.target.dtype, device=self.target.device)

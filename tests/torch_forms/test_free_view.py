@@ -17,20 +17,22 @@ from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.picture.read import read_target
 from knotfab.problem import Problem, Start
 from knotfab.render.frame import Frame, Sheet, frame_of
-from knotfab.render.posed_frame import posed_frame, turn_matrix
-from knotfab.render.tiled import render_tiled
 from knotfab.scene.camera import camera_of
 from knotfab.search.flow import FlowSettings
 from knotfab.search.objective import Objective, Weights
 from knotfab.search.phases import SETTLE, Phase
-from knotfab.search.pose import (
+from knotfab.search.state import SearchState, begin
+from knotfab.start.start import make_start
+from knotfab.torch_forms.forms import TorchForms
+from knotfab.torch_forms.pose import (
     ALL,
     Bounds,
     FreePose,
     ViewNumbers,
+    turn_of,
 )
-from knotfab.search.state import SearchState, begin
-from knotfab.start.start import make_start
+from knotfab.torch_forms.posed_frame import posed_frame, tensor_frame, turn_matrix
+from knotfab.torch_forms.tiled import render_tiled
 from knotfab_formats.scene import Piece, ResolvedView, Scene
 from knotfab_formats.search import PRESETS
 from tests.corpus.curves import torus_knot
@@ -72,8 +74,8 @@ def test_without_elevation_and_roll_it_is_the_scenes_camera() -> None:
         wall_tilt_deg=20.0,
         azimuth_deg=35.0,
     )
-    known = frame_of(camera_of(view, 48, 40)).tensors(torch.float64)
-    free = _frame(_numbers(35.0, 0.0, 0.0, 420.0, 90.0)).arrays().tensors(torch.float64)
+    known = tensor_frame(frame_of(camera_of(view, 48, 40)), torch.float64)
+    free = tensor_frame(_frame(_numbers(35.0, 0.0, 0.0, 420.0, 90.0)).arrays(), torch.float64)
     torch.testing.assert_close(free.axes, known.axes)
     torch.testing.assert_close(free.eye, known.eye)
     assert (free.u0, free.v0, free.step) == pytest.approx((known.u0, known.v0, known.step))
@@ -97,7 +99,7 @@ def test_turns_have_the_senses_that_are_documented() -> None:
 
 def test_turning_the_knot_back_gives_the_same_picture() -> None:
     numbers = ViewNumbers(400.0, 100.0, 4.0, 20.0, -15.0, 30.0)
-    turned = torch.as_tensor(TREFOIL @ numbers.turn)
+    turned = torch.as_tensor(TREFOIL @ turn_of(numbers))
     points = torch.as_tensor(TREFOIL)
     one = _render(_numbers(20, -15, 30, 400, 100, 4), points, 1.0)
     other = _render(_numbers(0, 0, 0, 400, 100, 4), turned, 1.0)
@@ -131,7 +133,7 @@ def test_bounds_hold_whatever_is_asked() -> None:
             pull = torch.full((3,), way, dtype=torch.float64)
             pose.move((pull, pull), TREFOIL, 0.0)
         n = pose.numbers()
-        depth = TREFOIL @ n.turn[:, 2]
+        depth = TREFOIL @ turn_of(n)[:, 2]
         assert n.light_distance_mm * 0.25 >= depth.max() + n.radius_mm - 1e-6
         assert n.wall_distance_mm * 0.9 >= -depth.min() + n.radius_mm - 1e-6
         assert 2.0 - 1e-9 <= n.radius_mm <= 3.5 + 1e-9
@@ -192,13 +194,13 @@ def test_from_a_pose_the_objective_is_that_of_the_turned_knot(problem: Problem) 
     seen = problem.views[0]
     lengths = {"light_distance_mm": 430.0, "wall_distance_mm": 120.0}
     there = replace(seen, view=seen.view.model_copy(update=lengths))
-    turned = TIGHT @ numbers.turn
+    turned = TIGHT @ turn_of(numbers)
     fixed = _objective(_state(replace(problem, views=(there,)), turned))
     # the image's own scale is that of the view asked for, whatever the pose
     fixed.images = (replace(fixed.images[0], radius_px=free.images[0].radius_px),)
     one, other = _value_and_slope(free, TIGHT), _value_and_slope(fixed, turned)
     assert one[0] == pytest.approx(other[0], rel=1e-5)
-    assert one[1] @ numbers.turn == pytest.approx(other[1], abs=1e-4 * np.abs(other[1]).max())
+    assert one[1] @ turn_of(numbers) == pytest.approx(other[1], abs=1e-4 * np.abs(other[1]).max())
 
 
 def test_looking_moves_no_pose_and_descending_moves_it_alone(problem: Problem) -> None:
@@ -295,12 +297,12 @@ TINY = {
 @pytest.mark.build
 def test_the_scene_of_a_free_view_gives_the_same_knots() -> None:
     target = read_target("text:\u2665")
-    first = design_knots(Scene(search=TINY), [target])
+    first = design_knots(Scene(search=TINY), [target], forms=TorchForms())
     view, found = first.scene.views[0], first.scene.search
     assert (found["free_light_mm"], found["free_wall_mm"]) == (500.0, 100.0)
     assert view.light_distance_mm != 500.0 and view.wall_distance_mm != 100.0
     assert first.scene.piece.tube_radius_mm == first.knots.radius_mm != found["free_radius_mm"]
-    again = design_knots(first.scene, [target])
+    again = design_knots(first.scene, [target], forms=TorchForms())
     np.testing.assert_array_equal(first.knots.points, again.knots.points)
     assert again.scene == first.scene
 
@@ -308,7 +310,9 @@ def test_the_scene_of_a_free_view_gives_the_same_knots() -> None:
 @pytest.mark.slow
 def test_a_radius_that_is_given_stays_given() -> None:
     piece = Piece(tube_radius_mm=4.0)
-    made = design_knots(Scene(piece=piece, search=TINY), [read_target("text:\u2665")])
+    made = design_knots(
+        Scene(piece=piece, search=TINY), [read_target("text:\u2665")], forms=TorchForms()
+    )
     assert made.knots.radius_mm == 4.0 and made.scene.search["free_radius_mm"] == 0
 
 
@@ -316,10 +320,12 @@ def test_a_radius_that_is_given_stays_given() -> None:
 def test_a_time_budget_holds_for_a_free_view_too() -> None:
     """The few iterations that time it leave no trace in the pose that the search starts from."""
     budget = Budget(time.perf_counter() + 1.0)
-    made = design_knots(Scene(search=TINY), [read_target("text:\u2665")], budget=budget)
+    made = design_knots(
+        Scene(search=TINY), [read_target("text:\u2665")], budget=budget, forms=TorchForms()
+    )
     resolved = made.scene.search
     assert (resolved["free_light_mm"], resolved["free_wall_mm"]) == (500.0, 100.0)
-    again = design_knots(made.scene, [read_target("text:\u2665")])
+    again = design_knots(made.scene, [read_target("text:\u2665")], forms=TorchForms())
     np.testing.assert_array_equal(made.knots.points, again.knots.points)
 
 

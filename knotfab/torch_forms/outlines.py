@@ -1,7 +1,7 @@
 """Images by the distance to outlines in the image plane: sigmoid(tau S), of ellipses or of capsules.
 
 Paper, section 3.3: at each pixel S is the largest signed distance of all primitives. The product draws by
-ray distance (`knotfab.render.tiled`); both have the same silhouette. sigmoid(tau S) grows with S, so a
+ray distance (`knotfab.torch_forms.tiled`); both have the same silhouette. sigmoid(tau S) grows with S, so a
 pixel needs its winning primitive alone. It is found on squares of pixels that are halved again and again:
 a signed distance changes by at most the distance moved, so its value in a square's middle bounds it all
 over the square. `render_outlines_dense` asks every primitive at every pixel, and is the other's oracle.
@@ -14,13 +14,13 @@ from typing import Protocol
 import torch
 from torch import Tensor
 
-from knotfab.render.capsule_outline import (
+from knotfab.torch_forms.capsule_outline import (
     Outlines,
     clip_segments,
     outline_capsules,
     outline_distance,
 )
-from knotfab.render.ellipse import support
+from knotfab.torch_forms.ellipse import support
 
 __all__ = [
     "REACH",

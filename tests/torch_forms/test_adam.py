@@ -9,7 +9,7 @@ import textwrap
 import pytest
 import torch
 
-from knotfab.search.adam import Adam
+from knotfab.torch_forms.adam import Adam
 
 
 def test_the_first_step_is_the_rate_whatever_the_gradient() -> None:
@@ -33,8 +33,8 @@ def test_the_least_of_a_narrow_bowl_is_found() -> None:
 _BESIDE_TORCH = """
     import sys
     import torch
-    import knotfab.search.network_search, knotfab.search.pose
-    from knotfab.search.adam import Adam
+    import knotfab.torch_forms.network_search, knotfab.torch_forms.pose
+    from knotfab.torch_forms.adam import Adam
 
     def run(step, tensors):
         draw = torch.Generator().manual_seed(1)

@@ -4,7 +4,7 @@ Paper, section 3.3 and supplement, "Equation of Projection of Cylinder". The tan
 point to both ellipses are the traces of the two planes through the eye that touch the cylinder. Those
 planes are found in space, so a vanishing point at infinity (ends of equal depth) or an upright
 tangent is a case like any other. The three shapes together are convex: their common support
-function is the larger of the two ellipses' (see `knotfab.render.ellipse`).
+function is the larger of the two ellipses' (see `knotfab.torch_forms.ellipse`).
 """
 
 from __future__ import annotations
@@ -14,7 +14,13 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from knotfab.render.ellipse import Ellipses, nearest_normal, project_spheres, support, support_point
+from knotfab.torch_forms.ellipse import (
+    Ellipses,
+    nearest_normal,
+    project_spheres,
+    support,
+    support_point,
+)
 
 __all__ = [
     "Outlines",

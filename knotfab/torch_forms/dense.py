@@ -5,9 +5,9 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from knotfab.render.capsule import BEHIND, capsule_distance
-from knotfab.render.clip import cut_before_light
 from knotfab.render.frame import Frame
+from knotfab.torch_forms.capsule import BEHIND, capsule_distance
+from knotfab.torch_forms.clip import cut_before_light
 
 __all__ = ["render_dense"]
 

@@ -1,0 +1,256 @@
+"""The view as an unknown: turns, light and wall distance and the tube's radius, found with the knots.
+
+The paper leaves this as future work (section 7). Points go by the certified flow, the view's numbers
+by Adam on the same objective; bounds keep the light in front of the piece and the wall behind it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from knotfab.base.arrays import Array
+from knotfab.base.errors import InputError
+from knotfab.geometry.neighbours import Neighbours
+from knotfab.limits.base import Felt
+from knotfab.problem import Problem, ViewNumbers
+from knotfab.render.frame import Frame, Sheet
+from knotfab.render.picture import CUTOFF
+from knotfab.search.objective import Objective
+from knotfab.search.phases import SETTLE
+from knotfab.torch_forms.adam import Adam
+from knotfab.torch_forms.known import known
+from knotfab.torch_forms.posed_frame import posed_frame, turn_matrix
+from knotfab.torch_forms.tensors import squared_error
+from knotfab.torch_forms.threads import one_thread
+from knotfab_formats.scene import LIGHT_SHARE, WALL_SHARE
+
+__all__ = [
+    "ALL",
+    "Bounds",
+    "FreePose",
+    "Name",
+    "ViewNumbers",
+]
+
+Name = Literal["azimuth", "elevation", "roll", "light", "wall", "radius"]
+
+ALL: tuple[Name, ...] = ("azimuth", "elevation", "roll", "light", "wall", "radius")
+_TURN_RATE = 0.4  # degrees a step at the start
+_LENGTH_RATE = 0.008  # share of a length a step at the start
+_LAST = 0.05  # share of these rates at the end
+_SHARP = 12.0  # tau times the projected radius that the pose is judged by
+_CHANGE = 1e-4  # relative change of the radius that the limits' slope is measured over
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """How far the pose may go, and which of ALL are unknown at all."""
+
+    free: tuple[Name, ...] = ALL
+    turn_deg: float = 45.0  # to each side of the start
+    light: tuple[float, float] = (0.5, 2.0)  # shares of the start
+    wall: tuple[float, float] = (0.5, 1.5)
+    least_radius_mm: float = 0.8  # what the printer makes
+    most_radius_mm: float = float("inf")
+
+    def __post_init__(self) -> None:
+        for name in self.free:
+            if name not in ALL:
+                raise InputError(
+                    f"the free number {name!r}",
+                    "a view has no such number",
+                    f"Use: {', '.join(ALL)}.",
+                )
+        if self.least_radius_mm > self.most_radius_mm:
+            raise InputError(
+                "the bounds of the tube radius",
+                f"{self.least_radius_mm:g} mm is above {self.most_radius_mm:g} mm",
+                "Exchange them.",
+            )
+
+
+def turn_of(numbers: ViewNumbers) -> Array:
+    """(3, 3) columns are the view's x, y, z in the scene: `points @ turn` are points in view axes."""
+    turn = torch.tensor([numbers.azimuth_deg, numbers.elevation_deg, numbers.roll_deg]).double()
+    return np.asarray(turn_matrix(turn).numpy())
+
+
+class FreePose:
+    """A view's numbers as tensors that Adam moves: degrees, and logarithms of lengths over their start."""
+
+    def __init__(
+        self,
+        start: ViewNumbers,
+        bounds: Bounds,
+        dtype: torch.dtype = torch.float64,
+        device: str = "cpu",
+    ) -> None:
+        if not bounds.least_radius_mm <= start.radius_mm <= bounds.most_radius_mm:
+            raise InputError(
+                "the tube radius",
+                f"{start.radius_mm:g} mm is outside its bounds, {bounds.least_radius_mm:g} to "
+                f"{bounds.most_radius_mm:g} mm",
+                "Start between them.",
+            )
+        self.start, self.bounds = start, bounds
+        turn = [start.azimuth_deg, start.elevation_deg, start.roll_deg]
+        self.turn_deg = torch.tensor(turn, dtype=dtype, device=device, requires_grad=True)
+        self.logs = torch.zeros(
+            3, dtype=dtype, device=device, requires_grad=True
+        )  # light, wall, radius
+        lengths = [start.light_distance_mm, start.wall_distance_mm, start.radius_mm]
+        self._first_mm = torch.tensor(lengths, dtype=dtype, device=device)
+        self._first_turn = self.turn_deg.detach().clone()
+        self._mask = [
+            torch.tensor([n in bounds.free for n in part], device=device)
+            for part in (ALL[:3], ALL[3:])
+        ]
+        self._adam = Adam(self.tensors, betas=(0.8, 0.95))
+        self._of: object = None  # the picture whose tensor `picture_term` keeps
+
+    @property
+    def tensors(self) -> tuple[Tensor, Tensor]:
+        """What gradients are to be taken with respect to."""
+        return self.turn_deg, self.logs
+
+    @property
+    def lengths(self) -> Tensor:
+        """[3] light distance, wall distance and radius, mm, with gradient.
+
+        A free wall goes along with the light: that keeps the size of the shadow, so that size and
+        perspective have an unknown each.
+        """
+        light, wall, radius = self.logs
+        along = light + wall if "wall" in self.bounds.free else wall
+        return self._first_mm * torch.stack([light, along, radius]).exp()
+
+    @property
+    def radius_mm(self) -> float:
+        """The tube's radius now."""
+        return float(self.lengths[2].detach())
+
+    def frame(self, sheet: Sheet, dtype: torch.dtype) -> Frame:
+        """The sheet's frame at the present numbers, with gradient."""
+        light, wall, _ = self.lengths.to(dtype)
+        return posed_frame(sheet, self.turn_deg.to(dtype), light, wall)
+
+    def numbers(self) -> ViewNumbers:
+        """The present numbers."""
+        light, wall, radius = self.lengths.detach().tolist()
+        return ViewNumbers(light, wall, radius, *self.turn_deg.detach().tolist())
+
+    def move(self, gradients: tuple[Tensor, Tensor], points: Array, progress: float) -> None:
+        """One step of Adam against `gradients` of `tensors`, then back into the bounds."""
+        share = _LAST**progress
+        free = [torch.where(m, g, 0.0) for m, g in zip(self._mask, gradients, strict=True)]
+        self._adam.step(free, (_TURN_RATE * share, _LENGTH_RATE * share))
+        self.keep(points)
+
+    def keep(self, points: Array) -> None:
+        """Into the bounds: the light in front of the points (N, 3), the wall behind, a printable radius."""
+        b, s = self.bounds, self.start
+        with torch.no_grad():
+            self.turn_deg.clamp_(self._first_turn - b.turn_deg, self._first_turn + b.turn_deg)
+            radius = float(np.clip(self.radius_mm, b.least_radius_mm, b.most_radius_mm))
+            depth = points @ turn_of(self.numbers())[:, 2]
+            front, back = float(depth.max()) + radius, radius - float(depth.min())
+            light, wall, _ = self.lengths.tolist()
+            near, far = (share * s.light_distance_mm for share in b.light)
+            light = float(np.clip(light, near, far))
+            near, far = (share * s.wall_distance_mm for share in b.wall)
+            wall = float(np.clip(wall, near, far))
+            # what is not free stays where the person put it, near or not
+            light = max(light, front / LIGHT_SHARE) if "light" in b.free else s.light_distance_mm
+            wall = max(wall, back / WALL_SHARE) if "wall" in b.free else s.wall_distance_mm
+            kept = self.logs.new_tensor([light, wall, radius]) / self._first_mm
+            self.logs.copy_(kept.log())
+            if "wall" in b.free:
+                self.logs[1] -= self.logs[0]
+
+    @one_thread()
+    def descend(
+        self,
+        objective: Objective,
+        problem: Problem,
+        points: Array,
+        near: Neighbours,
+        progress: float,
+    ) -> None:
+        """Move one step against the objective at vertices (N, 3), and let the objective look from there.
+
+        A soft picture shows touching strands as a dark seam and so rewards a thicker tube: the pose answers
+        to a sharp one, and to the limits as they weigh at the end.
+        """
+        seen, radius = self.picture_term(objective, points), self.radius_mm
+        turn_of = turn_matrix(self.turn_deg)
+        turn = turn_of.detach().cpu().numpy()
+
+        def limits_at(radius: float) -> Felt:
+            limits = problem.limits(radius)
+            return objective.limit_terms(points, near, limits, SETTLE, turn)
+
+        value, slope = limits_at(radius)
+        limits = known(value, (turn_of, points.T @ (slope @ turn)))
+        turned, logs = torch.autograd.grad(seen + limits, self.tensors)
+        change = limits_at(radius * (1 + _CHANGE))[0] - limits_at(radius * (1 - _CHANGE))[0]
+        steeper = logs.new_tensor([0.0, 0.0, change / (2 * _CHANGE)])
+        self.move((turned, logs + steeper), points, progress)
+        self.show(objective, problem)
+
+    def picture_term(self, objective: Objective, points: Array) -> Tensor:
+        """The objective's image term of its one view at vertices (N, 3), sharp, with slopes in the pose."""
+        image = objective.images[0]
+        if self._of is not image.target:
+            target = torch.as_tensor(image.target, device=self.logs.device)
+            target = target if image.renderer == "ray" else target.double()
+            self._of, self._target = image.target, target
+        target = self._target
+        won = objective.won[0]
+        p = torch.as_tensor(points, dtype=target.dtype, device=target.device)
+        if won is not None:
+            won = tuple(torch.as_tensor(x, device=target.device).long() for x in won)
+        error = squared_error(
+            p,
+            p[torch.as_tensor(objective.rings.next, device=target.device)],
+            self.frame(image.sheet, target.dtype),
+            self.lengths[2].to(target.dtype),
+            _SHARP / image.radius_px,
+            target,
+            CUTOFF,
+            won,
+        )
+        return (error / image.radius_px**2).to(self.logs.dtype)
+
+    def show(self, objective: Objective, problem: Problem) -> None:
+        """Let the objective see its one view from here."""
+        image = objective.images[0]
+        frame = self.frame(image.sheet, torch.float32).arrays()
+        turn = turn_matrix(self.turn_deg.detach()).cpu().numpy()
+        objective.look_from(frame, problem.limits(self.radius_mm), turn)
+
+    def settle(self, problem: Problem, points: Array) -> tuple[Problem, Array, ViewNumbers]:
+        """The problem with its view here, its lengths rounded as a scene file would have them.
+
+        The points (N, 3) are turned into the view's axes: a scene with one view looks along z.
+        """
+        n = self.numbers()
+        numbers = ViewNumbers(
+            round(n.light_distance_mm, 2),
+            round(n.wall_distance_mm, 2),
+            round(n.radius_mm, 4),
+            n.azimuth_deg,
+            n.elevation_deg,
+            n.roll_deg,
+        )
+        lengths = {
+            "light_distance_mm": numbers.light_distance_mm,
+            "wall_distance_mm": numbers.wall_distance_mm,
+        }
+        one = problem.views[0]
+        view = replace(one, view=one.view.model_copy(update=lengths))
+        return replace(problem, views=(view,)), points @ turn_of(numbers), numbers
