@@ -356,5 +356,5 @@ def test_bodies_and_motions_must_agree(written: tuple[Surface, list[Plate], Path
     ],
 )
 def test_a_scene_with_impossible_plates_is_refused(plates: object) -> None:
-    with pytest.raises(BadFile, match="plates"):
+    with pytest.raises(BadFile, match=r"plates|\[pose\] (matrices|file)"):
         parse_scene({"pose": {"matrix": np.eye(4).tolist(), "plates": plates}})
