@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from knotfab_formats.scene import Plate as Listed
 from knotfab_validators.arrays import Array, Ints
 from knotfab_validators.files.mesh import read_mesh
 from knotfab_validators.geometry.mesh import Mesh, number_bodies
 
 if TYPE_CHECKING:
+    from knotfab_formats.scene import Plate as Listed
     from knotfab_validators.files.scene import Scene
 
 __all__ = ["Plate", "read_plates", "read_table"]
