@@ -11,7 +11,6 @@ from knotfab.geometry.meshes import join_meshes
 from knotfab.mount.modeller import keep_modeller
 from knotfab.picture.read import read_targets
 from knotfab.request import Outcome, Request, require_device
-from knotfab.torch_forms.forms import TorchForms
 from knotfab.verify.verifier import Verifier
 from knotfab_formats.scene import ResolvedScene
 
@@ -61,6 +60,7 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
             from knotfab.report.report_html import load_template
             from knotfab.slicer.profile import write_profile
             from knotfab.slicer.run import SlicerQueue
+            from knotfab.torch_forms.forms import TorchForms
 
             mounted = request.is_mounted(request.scene.count_knots(targets[0].pieces))
             left, forms = request.budget(progress.total, mounted), TorchForms(request.device)

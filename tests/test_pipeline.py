@@ -7,6 +7,7 @@ import re
 import shutil
 import tomllib
 from collections.abc import Iterator
+from contextvars import ContextVar
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -215,7 +216,8 @@ def test_the_scene_is_resolved(good: Good) -> None:
     assert scene["views"][0]["ink"] == "auto"  # a rule, which the copied picture is read by again
     assert set(scene["effects"].values()) == {"auto"}  # so are these
     assert scene["piece"]["bend"] == "auto"  # of several pictures, whose bending is in their views
-    assert text.count('"auto"') == 2 + len(scene["effects"])
+    assert scene["lamps"]["places"] == "auto"  # of lamps that share a wall, which one view has not
+    assert text.count('"auto"') == 3 + len(scene["effects"])
     assert scene["piece"]["tube_radius_mm"] == RADIUS and scene["piece"]["knots"] == 1
     assert scene["piece"]["depth"] > 50
     assert {"seed", "coarse_iterations", "fine_px", "mesh_sides"} <= set(scene["search"])
@@ -407,7 +409,9 @@ def test_a_verifier_that_crashes_leaves_nothing(
     crashing = tmp_path / "python"
     crashing.write_text("#!/bin/sh\nulimit -c 0\nread line\nkill -SEGV $$\n")
     crashing.chmod(0o755)
-    monkeypatch.setattr("knotfab.verify.verifier._COMMAND", [str(crashing)])
+    monkeypatch.setattr("sys.executable", str(crashing))
+    monkeypatch.setattr("knotfab.verify.verifier._open", ContextVar("none", default=None))
+    monkeypatch.setattr("knotfab.verify.verifier._idle", [])
     done = knotfab(*designed, "--out", tmp_path / "out")
     assert done.code == 3
     assert done.err.splitlines()[-1].startswith("knotfab: verification")

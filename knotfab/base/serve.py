@@ -1,8 +1,9 @@
 """The child's side of every worker: `python -P serve.py MODULE [WORD …]` answers lines of JSON.
 
 MODULE has `answer(request, told)`, which returns a dict and may write lines of JSON to `told` before.
-It may have `prepare(*words)`, which loads what answers need, a step at each `yield`: steps run while no
-request waits, so that a parent can start this process early. `knotfab.base.pool` starts and feeds it. This
+It may have `begin(*words)`, which runs before any answer, and `prepare(*words)`, which loads what answers
+need, a step at each `yield`: steps run while no request waits, so that a parent can start this process
+early. `knotfab.base.pool` starts and feeds it. This
 file stands alone, since it runs the validators, too, which share no code with the maker.
 """
 
@@ -35,6 +36,8 @@ def main(module: str, *words: str) -> None:
     threading.Thread(target=_listen, args=(requests, busy), daemon=True).start()
     try:
         service: Any = importlib.import_module(module)
+        if hasattr(service, "begin"):
+            service.begin(*words)
         steps: Iterator[object] = iter(
             service.prepare(*words) if hasattr(service, "prepare") else ()
         )

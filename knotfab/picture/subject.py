@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
-from scipy.ndimage import binary_dilation, binary_erosion
 
 from knotfab.base.arrays import Array, Mask
 from knotfab.base.disk import read_file
@@ -152,6 +151,8 @@ def _discs(x: Array, y: Array, discs: Sequence[Disc]) -> Mask:
 
 def _grab_coarsely(levels: Levels, kept: Mask, outside: Mask) -> Mask:
     """Cut and learn by turns at half the size, then cut once more near the outline that was found."""
+    from scipy.ndimage import binary_dilation, binary_erosion
+
     height, width = kept.shape
     if max(height, width) < _COARSE_PX:
         return _grab(levels, kept, outside)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pickle
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +14,9 @@ _studies: list[Study] = []
 _warm: list[bool] = []
 
 
-def prepare(file: str) -> Iterator[None]:
+def begin(file: str) -> None:
     """Read the studies that the parent wrote."""
     _studies[:] = pickle.loads(Path(file).read_bytes())
-    yield
 
 
 def answer(request: dict[str, Any], told: object) -> dict[str, Any]:

@@ -131,12 +131,15 @@ class Verifier:
     def __init__(self, skip: Collection[str] = (), jobs: int = 1) -> None:
         self._skip = frozenset(skip)
         self._held = _hold(skip, jobs)
+        self._asked: list[Future[dict[str, Any]]] = []
 
     def __enter__(self) -> Verifier:
         self._validators = self._held.__enter__()
         return self
 
     def __exit__(self, *_: object) -> None:
+        for verdict in self._asked:
+            verdict.cancel()  # what nobody waits for any more
         self._held.__exit__(None, None, None)
 
     def submit(self, files: Files, skip: Collection[str] = (), unit: str = "mm") -> Answer:
@@ -148,7 +151,8 @@ class Verifier:
         # kept validators may have begun in another folder
         request = {k: None if p is None else os.path.abspath(p) for k, p in asdict(files).items()}
         every = {"skip": sorted(self._skip.union(skip)), "unit": unit}
-        return Answer(self._validators.ask({**request, **every}))
+        self._asked.append(self._validators.ask({**request, **every}))
+        return Answer(self._asked[-1])
 
 
 @dataclass(frozen=True)

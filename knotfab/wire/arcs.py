@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
 from knotfab.base.arrays import Array, Indices
+
+if TYPE_CHECKING:
+    from scipy import sparse
 
 __all__ = [
     "Wire",
@@ -201,6 +204,8 @@ def differentiate_wire(wire: Wire, sites: WireSites) -> tuple[sparse.csr_matrix,
             rows_s.append(line_hit)
             columns_s.append(3 * owner[line_hit] + axis)
             values_s.append(((plus.straight - minus.straight) / (2 * step))[line_hit])
+    from scipy import sparse
+
     points = sparse.csr_matrix(
         (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))),
         shape=(3 * len(sites.piece), 3 * m),

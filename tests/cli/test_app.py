@@ -11,6 +11,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from contextvars import ContextVar
 from dataclasses import fields
 from itertools import pairwise
 from pathlib import Path
@@ -504,7 +505,9 @@ def test_a_verifier_that_dies_is_a_lack_of_this_machine(
     crashing = tmp_path / "python"
     crashing.write_text(f"#!/bin/sh\nulimit -c 0\n{script}\n")
     crashing.chmod(0o755)
-    monkeypatch.setattr("knotfab.verify.verifier._COMMAND", [str(crashing)])
+    monkeypatch.setattr("sys.executable", str(crashing))
+    monkeypatch.setattr("knotfab.verify.verifier._open", ContextVar("none", default=None))
+    monkeypatch.setattr("knotfab.verify.verifier._idle", [])
     knots = tmp_path / "knots.json"
     knots.write_text("{}")
     said = refuse(3, "validate", "--knots", knots)

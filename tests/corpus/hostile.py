@@ -163,14 +163,10 @@ def _make_by_hand() -> Iterator[Hostile]:
     yield Hostile("none-text.stl", b"solid x\nendsolid x\n", "no triangles")
     yield Hostile("page.stl", b"<!DOCTYPE html><html><body>404</body></html>" * 9, "not an STL")
     yield Hostile("picture.stl", b"\x89PNG\r\n\x1a\n" + bytes(200), "not an STL")
-    yield Hostile(
-        "words.stl", cube_text().replace(b"20.0", b"twenty", 1), "a list of as many numbers"
-    )
+    yield Hostile("words.stl", cube_text().replace(b"20.0", b"twenty", 1), "not three numbers")
     between = cube_text().replace(b"endfacet", b"endfacet\nnonsense", 1)
     yield Hostile("between.stl", between, "after line")
-    yield Hostile(
-        "python.stl", cube_text().replace(b"20.0", b"2_0.0", 1), "a list of as many numbers"
-    )
+    yield Hostile("python.stl", cube_text().replace(b"20.0", b"2_0.0", 1), "not three numbers")
     yield Hostile("open.stl", cube_text()[:-20], "cut off")
     yield Hostile("zero.obj", _obj("f 0 1 2"), "line 22")
     yield Hostile("after.obj", _obj("f 1 2 9"), "line 22 names vertex 9")
@@ -183,9 +179,7 @@ def _make_by_hand() -> Iterator[Hostile]:
     yield Hostile("curve.obj", _obj("curv 0 1 1 2 3"), "curved surface")
     yield Hostile("prose.obj", _obj("and so on"), "line 22 begins with and")
     yield Hostile("python.obj", _obj("f 1 2 0_3"), "no index")
-    yield Hostile(
-        "python-v.obj", cube_obj().replace(b"v 20.0", b"v 2_0.0", 1), "a list of as many numbers"
-    )
+    yield Hostile("python-v.obj", cube_obj().replace(b"v 20.0", b"v 2_0.0", 1), "not three numbers")
     yield Hostile("slashes.obj", _obj("f 1/1/1/1 2 3"), "no index")
     yield Hostile("wide.obj", _obj("f" + " 1" * 20_000), "20000 corners")
     yield Hostile("next.obj", _obj("f 1 \\\n 2 3\nf 1 2 99"), "line 24 names vertex 99")

@@ -39,6 +39,7 @@ def rings(count: int) -> Any:
         pose=SimpleNamespace(knots=Knots(knots, 2.0), matrix=np.eye(4)),
         mounted=Mounted([], [f"knot {k + 1}" for k in range(count)], Scene(), None, None),
         plates=None,
+        framing=(None, ""),
     )
 
 

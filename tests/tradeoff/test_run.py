@@ -134,10 +134,9 @@ def test_a_point_whose_process_ends(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
 
 def test_what_a_worker_refuses_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    told = '{"refused": ["SceneError", "the picture", "it is too fine", "Simplify it"]'
+    told = '{"answer": {"refused": ["SceneError", "the picture", "it is too fine", "Simplify it"]}}'
     with pytest.raises(SceneError, match=r"the picture: it is too fine\. Simplify it"):
-        # what a request ends with, "asked", is repeated
-        _answer(f"read line; echo '{told}, '\"${{line##*, }}\"; read line", tmp_path, monkeypatch)
+        _answer(f"read line; echo '{told}'; read line", tmp_path, monkeypatch)
 
 
 @pytest.mark.parametrize(

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
 from printed_solids import BARE, PRINTER, leaning, run
 from solids import blocks, bridge
@@ -15,12 +13,15 @@ def test_a_bridge_is_as_long_as_its_span(width: float) -> None:
     assert found["bridge"].measured == pytest.approx(10.0, abs=1e-9)
     assert found["bridge"].status == found["overhang"].status == "pass"
     assert found["islands"].measured == 0
-    less = run(bridge(10.0, width), replace(BARE, max_bridge_mm=9.99))
+    less = run(bridge(10.0, width), BARE.model_copy(update={"max_bridge_mm": 9.99}))
     assert less["bridge"].status == less["overhang"].status == "fail"
     assert less["overhang"].measured == pytest.approx(10 * width / 100, rel=1e-9)
     x, y, z = less["bridge"].at[0]
     assert 9 < x < 11 and 0 < y < width and z == pytest.approx(10.0)
-    assert run(bridge(10.0, width), replace(PRINTER, max_bridge_mm=1.0))["bridge"].status == "pass"
+    assert (
+        run(bridge(10.0, width), PRINTER.model_copy(update={"max_bridge_mm": 1.0}))["bridge"].status
+        == "pass"
+    )
 
 
 def test_a_ledge_counts_twice_and_is_no_bridge() -> None:
@@ -28,7 +29,7 @@ def test_a_ledge_counts_twice_and_is_no_bridge() -> None:
     found = run(ledge, BARE)
     assert found["bridge"].measured == pytest.approx(8.0, abs=1e-9)
     assert found["bridge"].status == "pass" and found["overhang"].status == "fail"
-    assert run(ledge, replace(BARE, max_bridge_mm=7.9))["bridge"].status == "fail"
+    assert run(ledge, BARE.model_copy(update={"max_bridge_mm": 7.9}))["bridge"].status == "fail"
 
 
 def test_a_slope_that_holds_itself_is_no_long_ledge() -> None:

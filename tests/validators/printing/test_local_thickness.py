@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from printed_solids import PRINTER, run
@@ -19,7 +17,7 @@ SKEW = Rotation.from_euler("xyz", [0.4, 0.7, -1.1]).as_matrix()
 
 
 def nozzle(mm: float) -> Printer:
-    return replace(PRINTER, nozzle_mm=mm)
+    return PRINTER.model_copy(update={"nozzle_mm": mm})
 
 
 @pytest.mark.parametrize("turn", [np.eye(3), SKEW])

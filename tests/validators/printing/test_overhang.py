@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from printed_solids import BARE, PRINTER, leaning, run
@@ -32,7 +30,10 @@ def test_the_overhang_begins_beyond_the_limit() -> None:
     # all of the underside but what belongs to the first layer
     area = 20 * (10 - 0.201) / np.cos(np.radians(45.2)) / 100
     assert found.status == "fail" and found.measured == pytest.approx(area, rel=1e-6)
-    assert run(leaning(45.2), replace(BARE, max_overhang_deg=45.2))["overhang"].status == "pass"
+    assert (
+        run(leaning(45.2), BARE.model_copy(update={"max_overhang_deg": 45.2}))["overhang"].status
+        == "pass"
+    )
     assert run(leaning(45.2))["overhang"].required is False
 
 
@@ -41,11 +42,14 @@ def test_a_table_needs_a_box_of_support() -> None:
     assert found["overhang"].measured == pytest.approx(3.84, rel=1e-9)
     assert (found["overhang"].status, found["overhang"].limit) == ("pass", None)
     assert found["support_volume"].measured == pytest.approx(3.84, rel=1e-9)
-    fits = replace(PRINTER, max_support_cm3=3.8400001)
+    fits = PRINTER.model_copy(update={"max_support_cm3": 3.8400001})
     assert run(table(), fits)["support_volume"].status == "pass"
-    tight = run(table(), replace(fits, max_support_cm3=3.839))["support_volume"]
+    tight = run(table(), fits.model_copy(update={"max_support_cm3": 3.839}))["support_volume"]
     assert (tight.status, tight.required) == ("fail", True)
-    assert run(table(), replace(BARE, max_support_cm3=1.0))["support_volume"].required is False
+    assert (
+        run(table(), BARE.model_copy(update={"max_support_cm3": 1.0}))["support_volume"].required
+        is False
+    )
 
 
 def test_support_stands_on_the_surface_below() -> None:
