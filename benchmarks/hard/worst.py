@@ -24,6 +24,7 @@ from knotfab.base.arrays import Array
 from knotfab.geometry.certificate import certify
 from knotfab.geometry.neighbours import find_neighbours
 from knotfab.geometry.polylines import polylines_of_sizes
+from knotfab_formats.bounds import MOST_MM
 from paper.losses import ball, box, mobius_loss, occupancy_loss, squared_curvature
 
 __all__ = ["HUNTS", "KEPT", "Hunt"]
@@ -193,7 +194,8 @@ def _lit(x: Array) -> float:
     at = np.array([far * x[1], far * x[2], -100.0 + (far + 100) * _power(x[3], -9, -0.05)])
     reach = float(np.hypot(np.hypot(*at[:2]), far - at[2]))
     widest = 2 * min(far - at[2], reach)
-    case = LampCase("hunted", "", (at[0], at[1], at[2]), widest * _power(x[4], -9, -0.01), far)
+    lamp = min(widest * _power(x[4], -9, -0.01), MOST_MM)  # what a scene takes
+    case = LampCase("hunted", "", (at[0], at[1], at[2]), lamp, far)
     claimed = case.claimed()
     return case.true() / claimed if np.isfinite(claimed) else np.inf
 
