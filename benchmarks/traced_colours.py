@@ -34,12 +34,12 @@ from knotfab_validators.shadows.view import ViewGeometry, view_geometry
 from tests.corpus.files import encode
 from tests.corpus.parts import Body
 
-VARIANT = "scalar_rgb"  # of Mitsuba: it needs no LLVM
+VARIANT = "scalar_rgb"  # this variant of Mitsuba needs no LLVM
 BEFORE_MM = (
     0.5  # so near before the screen the camera looks at it: matter nearer than that is not seen
 )
 RADIANCE = 1e3
-BOUNCES = 6  # of light, at most, where the part throws any back
+BOUNCES = 6  # light is followed so often at most, where the part throws any back
 FINER = 4  # pixels of a shadow to each one of the picture, each way
 _WIDE = 100.0  # a blur, px, for which all points of a lamp are taken
 

@@ -25,7 +25,7 @@ from knotfab.slicer.run import slice_part
 
 HEIGHT, WIDTH = 360, 1400  # px of a row of panels; of the page's pictures
 PAPER, SHADOW = (250, 248, 244), (52, 49, 45)
-SLICED, SLICING_S = "sliced.json", 3600.0  # of one file
+SLICED, SLICING_S = "sliced.json", 3600.0  # the slicer has so long for one file
 
 
 @dataclass(frozen=True)

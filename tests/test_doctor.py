@@ -6,7 +6,6 @@ import importlib.util
 import shutil
 import subprocess
 from collections import namedtuple
-from contextvars import ContextVar
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -50,8 +49,7 @@ def test_loops_are_compiled_and_kept() -> None:
 @pytest.mark.slow
 def test_validators_that_do_not_start_are_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(verifier, "_MODULE", "no_such_validators")
-    monkeypatch.setattr(verifier, "_open", ContextVar("validators", default=None))
-    monkeypatch.setattr(verifier, "_idle", [])
+    verifier._end_idle()
     monkeypatch.setattr("knotfab.design.design.design_knots", lambda *_: None)
     monkeypatch.setattr("knotfab.drawing.shading.draw_faces", lambda *_: None)
     found = doctor.compile_loops()

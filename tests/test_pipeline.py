@@ -7,7 +7,6 @@ import re
 import shutil
 import tomllib
 from collections.abc import Iterator
-from contextvars import ContextVar
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,6 +20,7 @@ from PIL import Image
 import knotfab.design.design as designing
 import knotfab.piece as piece
 from knotfab.design.design import Design
+from knotfab.verify import verifier
 from knotfab.verify.checks import CHECKS
 from knotfab_formats.checks import KNOTS, MESH, PRINTING
 from knotfab_formats.search import PRESETS
@@ -410,8 +410,7 @@ def test_a_verifier_that_crashes_leaves_nothing(
     crashing.write_text("#!/bin/sh\nulimit -c 0\nread line\nkill -SEGV $$\n")
     crashing.chmod(0o755)
     monkeypatch.setattr("sys.executable", str(crashing))
-    monkeypatch.setattr("knotfab.verify.verifier._open", ContextVar("none", default=None))
-    monkeypatch.setattr("knotfab.verify.verifier._idle", [])
+    verifier._end_idle()
     done = knotfab(*designed, "--out", tmp_path / "out")
     assert done.code == 3
     assert done.err.splitlines()[-1].startswith("knotfab: verification")

@@ -35,11 +35,11 @@ PRINTING = (
 )
 HELD = ("level",)  # of a part that hangs on a thread
 PLATES = ("plate_mesh", "plates", "plates_volume")
-TABLE = ("table_mesh", "table", "table_shadow")  # of a frame that holds several lamps
+TABLE = ("table_mesh", "table", "table_shadow")  # the frame that holds several lamps
 # of no concern to a piece that is not to be printed
 PRINTER = ("build_volume", *PRINTING, *PLATES, *TABLE)
 SHADOWS = (
     *("shadow", "shadow_exact", "outline", "wrong_outline", "recognisable"),
     *("half_light", "intrusion", "tone"),  # of a lamp that has a size, of a mount, of greys
-    *("colours", "lamp_colours"),  # of several lamps on one screen
+    *("colours", "lamp_colours"),  # several lamps on one screen
 )

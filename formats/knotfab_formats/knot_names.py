@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from knotfab_formats.errors import InputError
 
-__all__ = ["BRAIDS", "NO_SUCH_KNOT", "Factor", "KnotName", "parse_knot_name"]
+__all__ = ["BRAIDS", "NICKNAMES", "NO_SUCH_KNOT", "Factor", "KnotName", "parse_knot_name"]
 
 
 # Letter k > 0: strands k and k + 1 cross right-handedly; k < 0: left-handedly.
@@ -54,7 +54,8 @@ BRAIDS: dict[str, tuple[int, ...]] = {
 }
 
 _AMPHICHIRAL = frozenset({"4_1", "6_3", "8_3", "8_9", "8_12", "8_17", "8_18"})
-_WORDS = {
+# names that people use, and those of the table
+NICKNAMES = {
     "trefoil": "3_1",
     "figure-eight": "4_1",
     "figure eight": "4_1",
@@ -62,6 +63,9 @@ _WORDS = {
     "stevedore": "6_1",
     "granny": "3_1#3_1",
     "square": "3_1#m3_1",
+}
+_WORDS = {
+    **NICKNAMES,
     "t(2,3)": "3_1",
     "t(2,5)": "5_1",
     "t(2,7)": "7_1",

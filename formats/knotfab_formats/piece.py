@@ -70,7 +70,7 @@ def _one_line(text: str) -> str:
 
 Line = Annotated[str, Strict(), Field(max_length=200), AfterValidator(_one_line)]
 Color = Annotated[str, Strict(), Field(pattern=r"^#[0-9a-fA-F]{6}$")]
-MOST_BEND = 0.3  # of a picture's height: the most that a point of it may be allowed to move
+MOST_BEND = 0.3  # share of a picture's height: the most that a point of it may be allowed to move
 
 
 class Piece(Table):

@@ -12,7 +12,7 @@ from knotfab_formats.scene import OF_WALL, Scene, View
 
 __all__ = ["parse_toml", "scene_of"]
 
-_MOST_DOTS = 200  # of a key, or of a file's quoted keys
+_MOST_DOTS = 200  # a key has no more, nor have a file's quoted keys
 _QUOTED_KEY = re.compile(r"[\"']\s*\.")
 
 AScene = TypeVar("AScene", bound=Scene)

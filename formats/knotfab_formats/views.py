@@ -53,7 +53,7 @@ def _few_bytes(name: str) -> str:
 
 
 Leds = Annotated[int, Strict(), Field(ge=1, le=100)]
-MOST_LEDS = 400  # of an array: the verification renders a shadow for each
+MOST_LEDS = 400  # an array has no more: the verification renders a shadow for each
 Box = tuple[Whole, Whole, Side, Side]
 Disc = tuple[Whole, Whole, Side]  # the middle's x and y, and the radius
 # in the names of files: letters, digits and signs of any script, "_" and "-"

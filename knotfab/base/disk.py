@@ -35,7 +35,7 @@ _ORPHAN_S = 60.0  # a younger folder may be one that its process has not held ye
 MOST_TEXT = 64 * 2**20  # bytes of a file of settings or knots
 _walls: tuple[
     Path, ...
-] = ()  # of the whole process, so that no thread forgets them; none: anywhere
+] = ()  # they hold for the whole process, so that no thread forgets them; an empty tuple allows any folder
 
 
 def at_home(path: str | Path) -> Path:

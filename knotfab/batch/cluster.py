@@ -32,7 +32,9 @@ _RETRIES = 3  # of a build whose worker was lost
 _PATIENCE_S = 10  # for the scheduler to answer
 _LOOK_EVERY_S = 0.5  # whether anybody still waits for a build
 _KEPT_S = 20.0  # that a worker keeps what builds have loaded, a GB, for the next
-_idle: list[tuple[Workers, threading.Timer]] = []  # of this worker, and what will end them
+_idle: list[
+    tuple[Workers, threading.Timer]
+] = []  # this worker's, with the timers that will end them
 
 
 @contextmanager

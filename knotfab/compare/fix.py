@@ -21,7 +21,7 @@ from knotfab.scene.load import dump_scene
 __all__ = ["FIXED", "Fix", "plan_fix", "tell_fix"]
 
 FIXED = "fixed.toml"  # beside the scene that was built, whose pictures it names
-_HEAR_MM = 2.0  # by which a piece is worth hanging elsewhere
+_HEAR_MM = 2.0  # a piece is worth hanging elsewhere from so much on
 
 
 @dataclass(frozen=True)

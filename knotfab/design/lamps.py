@@ -32,19 +32,19 @@ __all__ = ["LAMPS_FRAME_MM", "depth_apart", "place_lamps"]
 # the picture's longer side, where nobody says: so the pieces of three lamps fit most printers side by side
 LAMPS_FRAME_MM = 120.0
 _WHOLE_MM = 800.0  # from the wall to the lamps, where nobody says
-_STEPS = tuple(np.round(np.arange(0.30, 1.51, 0.02), 2).tolist())  # of k
+_STEPS = tuple(np.round(np.arange(0.30, 1.51, 0.02), 2).tolist())  # values of k that are tried
 _SPARE_MM = 3.0  # on the wall, between a stray shadow and the screen
-_BESIDE_BED_MM = 12.0  # of a printer's bed, that pieces leave free
+_BESIDE_BED_MM = 12.0  # pieces leave so much of a printer's bed free
 _NEAR = (
     "no places within the bounds keep each lamp's other shadows off the screen: what stands in the middle "
     "draws several masks, and is lost where they contradict each other"
 )
 _OPEN = "the wall goes on beside the picture, so each shadow of what is drawn must fall on a mask"
 _COARSE = 20  # every so many of the distances are tried by the hull
-_SHARES = (1.0, 0.6, 0.3)  # of the bounds, between which lamps are tried
+_SHARES = (1.0, 0.6, 0.3)  # lamps are tried within these shares of the bounds
 _MASK_PX, _RAYS_PX, _RAY_STEPS = 120, 48, 96
-_BETTER = 0.002  # of a bound: what narrower places have to bring
-_MOST_DEPTH = 0.2  # of the way from the middle of the piece to wall or lamp, to either side
+_BETTER = 0.002  # IoU of a bound that narrower places have to bring
+_MOST_DEPTH = 0.2  # share of the way from the piece's middle to wall or lamp, to either side
 
 
 @dataclass(frozen=True)

@@ -31,16 +31,16 @@ __all__ = [
     "worst_of",
 ]
 
-_WORTH = 0.004  # of the worst bound: what a free move has to bring
+_WORTH = 0.004  # IoU of the worst bound that a free move has to bring
 _COARSE_PX, _COARSE_RAYS, _COARSE_STEPS = 96, 56, 72
 _TRIALS = 160  # arrangements of views that are tried at most
 _TURNS_DEG = (16.0, 8.0)
-_APART_DEG = 0.6  # of an equal share of half a turn: the least between two lines of sight
-_SHIFTS = (0.03, 0.015)  # of the frame's height
-_NEAR = 0.03  # of the height: what a bending reaches with ease
-_REACHED = 0.97  # of the worst bound: what bending with ease then mends, closer angles need not
+_APART_DEG = 0.6  # share of an equal part of half a turn that two lines of sight keep
+_SHIFTS = (0.03, 0.015)  # shares of the frame's height
+_NEAR = 0.03  # share of the height that a bending reaches with ease
+_REACHED = 0.97  # bending mends a worst bound above this with ease: closer angles are not tried
 _BEST = 24  # arrangements at equal angles that are tried at closer ones
-_CLOSER = 0.66  # of equal angles: narrow pictures stand about the side of a wide one
+_CLOSER = 0.66  # share of equal angles: narrow pictures stand about the side of a wide one
 
 
 def reach_of(views: Sequence[ResolvedView]) -> float:

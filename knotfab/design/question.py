@@ -38,7 +38,7 @@ from knotfab_formats.scene import Region, ResolvedRegion, ResolvedView, Scene
 
 __all__ = ["Question", "ask", "silhouette_polygon"]
 
-_ROOM = 0.03  # of the frame, that a tube before lamps of its own may reach beyond its mask's hull
+_ROOM = 0.03  # a tube before its own lamp may reach so far, by the frame, beyond its mask's hull
 
 
 @dataclass(frozen=True, repr=False)

@@ -31,7 +31,7 @@ _ENOUGH = 0.86
 _THINNER = 0.75  # how much thinner, against the thinnest so far
 _WORKERS = 2  # radii side by side; their outcome does not depend on it
 _LONGER = 1.4  # times its template: a knot of some depth; a knight, a bicycle: 1.42 to 1.46
-_USUAL_MAGNIFICATION = 1.2  # of a scene's defaults
+_USUAL_MAGNIFICATION = 1.2  # a scene's defaults have it
 _FEW = 4  # depth profiles, where only a place for a knot is looked for
 _KEPT: dict[str, _Trials] = {}  # of the last question: a build asks again what its preview asked
 

@@ -22,7 +22,7 @@ PANEL_PX = 360
 OVERSAMPLING = 2
 PAPER = (250, 248, 244)
 TUBE = (0.82, 0.46, 0.31)
-AMBIENT, DIFFUSE, SPECULAR, SHINE = 0.34, 0.8, 0.22, 18  # of the tube (Phong)
+AMBIENT, DIFFUSE, SPECULAR, SHINE = 0.34, 0.8, 0.22, 18  # the tube's (Phong)
 # a key light from the upper left and a weak one from the lower right, with the eye: direction, strength
 LAMPS = (((-0.5, 0.8, 1.2), 0.9), ((0.9, -0.4, 0.6), 0.25))
 MARGIN = 1.12

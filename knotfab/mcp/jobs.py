@@ -59,7 +59,7 @@ def build(given: Given, hear: Hear, known: Collection[str]) -> Answer:
     from knotfab.verify.checks import list_unmet
 
     pictures = _pictures(given)
-    options_from(given, known)  # what is none is told
+    options_from(given, known)  # an unknown option is told
     done = run(pictures, progress=hear, **given)
     report, folder = done.report, done.folder.resolve()
     files = sorted(path.name for path in folder.iterdir() if path.is_file())

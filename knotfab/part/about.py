@@ -17,7 +17,7 @@ from knotfab_formats.scene import ResolvedScene, ResolvedView
 __all__ = ["GCODE_PX", "THUMBNAIL_PX", "about_part", "draw_thumbnail"]
 
 THUMBNAIL_PX = 300
-GCODE_PX = 480  # of which G-code has several sizes
+GCODE_PX = 480  # G-code has smaller copies of this picture
 
 
 def about_part(part: Part, scene: ResolvedScene, targets: Sequence[Target]) -> About:

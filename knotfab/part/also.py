@@ -22,11 +22,11 @@ from knotfab_formats.scene import ResolvedScene
 
 __all__ = ["write_also"]
 
-_SIDES, _FEWEST_SIDES = 12, 6  # of a tube that is faceted
+_SIDES, _FEWEST_SIDES = 12, 6  # a faceted tube has between these
 _FACETS, _MOST_FACETS = (
     24_000,
     60_000,
-)  # that it has where it can, at most: to write them takes .4 ms each
+)  # a faceted tube has no more where fewer sides allow: to write each takes .4 ms
 _SHADOW_MM = 0.01  # within which a shadow's outline is a polygon
 
 

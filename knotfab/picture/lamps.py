@@ -34,21 +34,19 @@ __all__ = ["Separation", "mixtures_of", "on_one_canvas", "read_masks", "separate
 
 _LIGHTNESS, _CHROMA = 0.5, 0.35  # their weights beside hue's, of a colour that is strong
 _STRONG = 0.1  # chroma from which on it is
-_GREY = 0.04  # of chroma: a picture with less everywhere is grey (a pure red has 0.26)
-_COLOURED = 0.002  # of the picture's pixels, that must have more
+_GREY = 0.04  # a picture with less chroma everywhere is grey (a pure red has 0.26)
+_COLOURED = 0.002  # share of the picture's pixels that must have more
 _SAME = 0.06  # in OKLab: two mixtures that are nearer to each other look alike
 _FLAT = 0.05  # in sRGB: what differs less from its neighbours lies in a flat colour
 _BESIDE = 0.10  # in sRGB: so far may antialiasing lie from the line between two colours
 _REACH_PX = (2, 3, 4)  # how far from a pixel the two colours are that it may lie between
-_SPECK = (
-    0.008  # of the longer side: the side of a square, below which a spot goes to what is about it
-)
+_SPECK = 0.008  # by the longer side: spots smaller than a square so wide go to what is about them
 _GRAIN, _PHOTOGRAPH = (
     0.02,
     0.35,
 )  # in sRGB: a picture in which so much differs from its neighbours is one
-_VOTE = 0.006  # of the longer side: about half of what the shadow of a thin strand is wide
-_SLIVER = 0.0045  # of the longer side: half of what is too thin beside an area that is thicker
+_VOTE = 0.006  # by the longer side: about half as wide as the shadow of a thin strand
+_SLIVER = 0.0045  # by the longer side: areas of twice this width are slivers beside thicker ones
 _TOLD = (
     0.15,
     0.01,

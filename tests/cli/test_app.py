@@ -11,7 +11,6 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextvars import ContextVar
 from dataclasses import fields
 from itertools import pairwise
 from pathlib import Path
@@ -29,6 +28,7 @@ from knotfab.cli.commands import app
 from knotfab.doctor import Finding
 from knotfab.options import BuildOptions
 from knotfab.read_options import read_seconds
+from knotfab.verify import verifier
 from knotfab.verify.verifier import Files, Verifier
 
 SVG = '<svg xmlns="http://www.w3.org/2000/svg" width="64" height="64">{}</svg>'
@@ -506,8 +506,7 @@ def test_a_verifier_that_dies_is_a_lack_of_this_machine(
     crashing.write_text(f"#!/bin/sh\nulimit -c 0\n{script}\n")
     crashing.chmod(0o755)
     monkeypatch.setattr("sys.executable", str(crashing))
-    monkeypatch.setattr("knotfab.verify.verifier._open", ContextVar("none", default=None))
-    monkeypatch.setattr("knotfab.verify.verifier._idle", [])
+    verifier._end_idle()
     knots = tmp_path / "knots.json"
     knots.write_text("{}")
     said = refuse(3, "validate", "--knots", knots)

@@ -15,6 +15,7 @@ import re
 from dataclasses import dataclass
 from functools import cache
 
+from knotfab_formats.knot_names import NICKNAMES
 from knotfab_validators.knots.invariants import UNKNOT, invariants
 from knotfab_validators.knots.planar_diagram import closed_braid
 from knotfab_validators.knots.table import (
@@ -32,13 +33,7 @@ WORDS = {
     "trivial": "unknot",
     "trivial knot": "unknot",
     "0_1": "unknot",
-    "trefoil": "3_1",
-    "figure-eight": "4_1",
-    "figure eight": "4_1",
-    "cinquefoil": "5_1",
-    "stevedore": "6_1",
-    "granny": "3_1#3_1",
-    "square": "3_1#m3_1",
+    **NICKNAMES,
 }
 OPEN = ("", "unknown", "?")  # nothing is promised
 MOST_FACTORS = 12
