@@ -1,7 +1,5 @@
 """What README, CONTRIBUTING and the pages of docs name is there: files, headings, modules, make targets."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

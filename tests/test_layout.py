@@ -1,7 +1,5 @@
 """What packages and examples may import, and how many lines there may be."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """What is handed to a stranger: the wheel, the pins, the schema of scene.toml, and what an extra brings."""
 
-from __future__ import annotations
-
 import json
 import re
 import subprocess

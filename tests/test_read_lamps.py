@@ -1,7 +1,5 @@
 """Calls with lamps: what they become, and what is refused in one sentence."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """The options of a call and the keys of the scene that they stand for."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

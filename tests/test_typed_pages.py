@@ -1,7 +1,5 @@
 """README's and the tutorial's commands are typed as they stand there; builds are stood for by their files."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import shutil

@@ -1,7 +1,5 @@
 """The losses and the network on hard cases; what a limit costs; faults that a fuzz found once."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os

@@ -1,7 +1,5 @@
 """The sets of several pictures that a seed draws, and the scene by eye."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The colours that the validators mix, against paths that Mitsuba traces through the same scene."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The process that builds for batch and studio: one build after the other, each with its own end."""
 
-from __future__ import annotations
-
 import signal
 import time
 from collections.abc import Iterator

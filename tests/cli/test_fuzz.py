@@ -1,7 +1,5 @@
 """No traceback reaches a person: every command and every option, given what nobody should give them."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import random

@@ -1,7 +1,5 @@
 """Where what a command says goes: no console, reader or disk changes what it does."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """The shadow in Braille: as large as the tube's, where it is, and never larger than what there is."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

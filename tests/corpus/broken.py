@@ -1,7 +1,5 @@
 """The broken parts of the corpus: each is a good one with one named fault, and one check must reject it."""
 
-from __future__ import annotations
-
 from .broken_files import broken_files, refused_files
 from .broken_knots import broken_knots
 from .broken_mesh import broken_mesh

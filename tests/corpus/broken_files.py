@@ -1,7 +1,5 @@
 """Files that do not belong to the part: a 3MF of another surface, pictures and lights that it cannot have."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial

@@ -1,7 +1,5 @@
 """Broken knots: too near, too bent, too long, of a wrong type, linked, or outside region or printer."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial

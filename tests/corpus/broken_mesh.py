@@ -1,7 +1,5 @@
 """Broken surfaces: holes, wrong windings, doubled and crossing faces, and tubes that are not the knots'."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from functools import partial

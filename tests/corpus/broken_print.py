@@ -1,7 +1,5 @@
 """Parts that a printer cannot make: too thin, too narrow, in the air, over too wide a gap, or toppling."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from typing import Any

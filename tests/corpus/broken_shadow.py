@@ -1,7 +1,5 @@
 """Broken shadows: the part, its pose, its light or its picture is not what the others say."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from functools import partial

@@ -1,7 +1,5 @@
 """One case of the corpus: its files, and for a broken one the check that must reject it and where."""
 
-from __future__ import annotations
-
 import copy
 import io
 from collections.abc import Callable, Iterable, Mapping, Sequence

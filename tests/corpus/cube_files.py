@@ -1,7 +1,5 @@
 """Small good files of every kind that the validators read: a cube, a square knot, a plain scene."""
 
-from __future__ import annotations
-
 import io
 import json
 import struct

@@ -1,7 +1,5 @@
 """Closed curves of known type for the corpus: knots and links (n, 3), mm, about the origin."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from knotfab_validators.arrays import Array

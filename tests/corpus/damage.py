@@ -1,7 +1,5 @@
 """What damages a tube of the corpus: each function takes a body and gives it back with one fault."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 import numpy as np

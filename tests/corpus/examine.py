@@ -1,7 +1,5 @@
 """One hostile file given to the validators here and now: what became of it, in which time and memory."""
 
-from __future__ import annotations
-
 import contextlib
 import resource
 import time

@@ -1,7 +1,5 @@
 """A part's files as the validators read them: mesh, knots.json, scene.toml and its picture."""
 
-from __future__ import annotations
-
 import io
 import json
 from collections.abc import Mapping

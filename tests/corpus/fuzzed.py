@@ -1,7 +1,5 @@
 """Good files changed at random, the same for the same seed."""
 
-from __future__ import annotations
-
 import io
 import random
 import re

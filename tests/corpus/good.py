@@ -1,7 +1,5 @@
 """The good parts of the corpus: none of the checks that a part must pass may reject one of them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial

@@ -1,7 +1,5 @@
 """Files from strangers, made to do harm or merely broken: each must end in one clear sentence."""
 
-from __future__ import annotations
-
 import io
 import random
 import struct

@@ -1,7 +1,5 @@
 """One case of the corpus validated: whether it is rejected, by which check, and where."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass

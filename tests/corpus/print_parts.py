@@ -1,7 +1,5 @@
 """Block-built parts for the printer's checks: walls, slots, arches, islands and stands."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any

@@ -1,7 +1,5 @@
 """Polygons whose thickness is known exactly, and smooth curves whose samples must converge to it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Time budgets: the least, what is spared, and a search by the clock that its scene repeats."""
 
-from __future__ import annotations
-
 import time
 from dataclasses import replace
 from types import SimpleNamespace

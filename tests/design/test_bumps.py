@@ -1,7 +1,5 @@
 """Where a search came to bumps there is another start, which draws the same picture; else there is none."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Facets and vertices as fine as the outline's limit asks for: what a swept tube stands out by, measured."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Frames of several pictures: equally high silhouettes, at the size that is asked for."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

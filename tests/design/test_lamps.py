@@ -1,7 +1,5 @@
 """Places of lamps: within their bounds, and such that each one's pieces throw nothing else on the screen."""
 
-from __future__ import annotations
-
 from itertools import permutations
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The choice of the tube radius: the largest that draws the picture nearly as well as any."""
 
-from __future__ import annotations
-
 import time
 from pathlib import Path
 from typing import Any

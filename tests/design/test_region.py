@@ -1,7 +1,5 @@
 """The region of one view stands before it however it looks: from the front, from above, from below."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from shapely import MultiPolygon, box

@@ -1,7 +1,5 @@
 """Dimensions and scales: exact lengths, readable text, outlines with their holes."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from rings import ring

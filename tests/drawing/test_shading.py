@@ -1,7 +1,5 @@
 """Faces drawn by a depth buffer."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from knotfab.drawing.shading import draw_faces

@@ -1,7 +1,5 @@
 """Contrast: what lights the shadow, against light followed ray by ray and the lamp moved."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What is simulated and why: by magnitude, by the scene's own word, and never in silence."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

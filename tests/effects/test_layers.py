@@ -1,7 +1,5 @@
 """Layers: a bound of what half a layer shifts, as the piece lies on the printer's bed."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Misplacement: a bound of how far shadows part that holds and is close, against moving for real."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from shapely import MultiPolygon, box

@@ -1,7 +1,5 @@
 """Sag: a bound of how far shadows are shifted that holds and is close, and the piece moved for real."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Round walls: places by closed forms, the picture there and back, and what cannot be."""
 
-from __future__ import annotations
-
 import io
 from dataclasses import replace
 from typing import Any

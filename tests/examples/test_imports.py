@@ -1,7 +1,5 @@
 """What examples, benchmarks and the paper's scripts import is there: no test runs all of them."""
 
-from __future__ import annotations
-
 import ast
 import importlib
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Files of outside suites are found, sorted by what is expected of them, and counted."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from benchmarks.outside_suites import expected, list_files, run_all, table

@@ -1,7 +1,5 @@
 """Whoever types what README says finds the pictures that it names."""
 
-from __future__ import annotations
-
 import re
 import shlex
 from pathlib import Path

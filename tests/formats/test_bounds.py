@@ -1,7 +1,5 @@
 """Every number of a scene has bounds, which its schema shows; what lies beyond is one sentence."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from typing import Any

@@ -1,7 +1,5 @@
 """What is told of a scene's keys: each has a sentence, and the page lists what the models declare."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Sweeps at their limit, large polygons, outlines that split or vanish when inset, hard pictures."""
 
-from __future__ import annotations
-
 from math import pi
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Distances of segments, against dense samples."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Estimates of supports, and the pose chosen by them: exact shapes, invariants, the printer's limits."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

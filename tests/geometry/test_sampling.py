@@ -1,7 +1,5 @@
 """Even samples of closed polylines: on the curve, evenly, and as many as were asked for."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """A region that is a closed mesh: exact signed distances with a gradient, and its way into a build."""
 
-from __future__ import annotations
-
 import json
 import os
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`knotfab mcp` by the SDK's own client: in this process, and as a program on the other end of pipes."""
 
-from __future__ import annotations
-
 import base64
 import io
 import subprocess

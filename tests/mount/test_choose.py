@@ -1,7 +1,5 @@
 """Pegs are chosen until nothing sags, and none of them idles."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

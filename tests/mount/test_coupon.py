@@ -1,7 +1,5 @@
 """The coupon of a mount: closed bodies on the bed, holes as wide as they say, a pin that fits them."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any
 

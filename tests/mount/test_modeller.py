@@ -1,7 +1,5 @@
 """Solids come from a process that is started beside the search, and has gone when the block ends."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

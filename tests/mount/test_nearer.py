@@ -1,7 +1,5 @@
 """Where a piece is moved that its pegs do not hold: to its wall, and flatter where that is not enough."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Where the lamp stands: exact figures, whichever way the wall leans, and words that carry them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from setups import setup

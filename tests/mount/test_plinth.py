@@ -1,7 +1,5 @@
 """The base of a stand: the highest plane below all frames, and no base in a picture."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from rings import VIEW, camera

@@ -1,7 +1,5 @@
 """Light rays for pegs: they end on the wall, and are free where nothing else is near."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from rings import RADIUS, camera, knots, ring

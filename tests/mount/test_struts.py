@@ -1,7 +1,5 @@
 """Members: how they meet their tubes, and what is in their way."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

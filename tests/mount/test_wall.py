@@ -1,7 +1,5 @@
 """Wall mounts: pegs stay in the tube's shadow, touch nothing else, and hold what they must."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from rings import DOWEL, PLA, PLATE, RADIUS, camera, knots, ring

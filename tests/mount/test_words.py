@@ -1,7 +1,5 @@
 """Setting up in words: steps with their figures, and what it costs to be off."""
 
-from __future__ import annotations
-
 import numpy as np
 from setups import OFF, setup
 

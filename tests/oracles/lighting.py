@@ -1,7 +1,5 @@
 """Light found by brute force, against what the effects `contrast` and `wall` say of it."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,7 +1,5 @@
 """How far shadows move when lamp, piece or strands are moved for real, against the magnitudes of effects."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from knotfab.base.arrays import Array

@@ -1,7 +1,5 @@
 """Closed braids are the links that they are called; test_corpus has the other curves judged."""
 
-from __future__ import annotations
-
 import pytest
 from knot_judge import linking_numbers
 

@@ -1,7 +1,5 @@
 """Poses are found again from shadows of knots that are known."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch

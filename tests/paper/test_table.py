@@ -1,7 +1,5 @@
 """The table of what compares with the paper: each of its commands is there."""
 
-from __future__ import annotations
-
 from importlib.util import find_spec
 
 import pytest

@@ -1,7 +1,5 @@
 """A braid is tightened to a short knot of its type."""
 
-from __future__ import annotations
-
 import pytest
 from knot_judge import judge_type
 

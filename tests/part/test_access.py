@@ -1,7 +1,5 @@
 """How supports are reached: what is open, what is shut in, and windows that only some tools pass."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from rings import ring

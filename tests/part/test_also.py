@@ -1,7 +1,5 @@
 """Files for other tools, each opened by a reader of another make."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace

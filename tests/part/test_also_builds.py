@@ -1,7 +1,5 @@
 """Whole builds with files for other tools: of wire, and of several views (a sequence has its own test)."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What is printed larger, because it shrinks: tubes, centre lines, plates, and the pose back."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Pieces on several plates: cuts, pins and holes, poses, and the checks that read the files again."""
 
-from __future__ import annotations
-
 import tomllib
 from dataclasses import replace
 from pathlib import Path

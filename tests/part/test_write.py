@@ -1,7 +1,5 @@
 """The files of a piece: one object for the slicer, and names and colours where they are asked for."""
 
-from __future__ import annotations
-
 import io
 import json
 import re

@@ -1,7 +1,5 @@
 """A silhouette in a page: the same picture, dark on white, small."""
 
-from __future__ import annotations
-
 import base64
 import io
 

@@ -1,7 +1,5 @@
 """Fonts of text pictures: one asked for by name or file, and the machine's own for what they lack."""
 
-from __future__ import annotations
-
 import io
 import shutil
 import subprocess

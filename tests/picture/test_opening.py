@@ -1,7 +1,5 @@
 """What a tube cannot draw of a silhouette: openings of shapes whose openings are known."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st

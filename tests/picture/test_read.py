@@ -1,7 +1,5 @@
 """Reading pictures: every kind gives the shape that was drawn, every bad one a clear sentence."""
 
-from __future__ import annotations
-
 import base64
 import io
 import os

@@ -1,7 +1,5 @@
 """A subject is cut out of a photograph as a hand draws it, and from then on its mask's file counts."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """SVG files as editors and the web write them: drawn as a browser draws them, told, or refused."""
 
-from __future__ import annotations
-
 import base64
 import gzip
 import io

@@ -1,7 +1,5 @@
 """Sizes of SVG pages: the same drawing in every unit gives the same picture."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

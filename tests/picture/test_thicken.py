@@ -1,7 +1,5 @@
 """Widened strokes are as wide as asked along their lines, and what is thick stays as it is."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

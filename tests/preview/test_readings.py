@@ -1,7 +1,5 @@
 """Each reading of a picture that may be meant in several ways is another silhouette, as its options say."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

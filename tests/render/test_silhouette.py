@@ -1,7 +1,5 @@
 """The compiled silhouette against the torch form and finite differences, and how its code is kept."""
 
-from __future__ import annotations
-
 import importlib.util
 import math
 import os

@@ -1,7 +1,5 @@
 """Where the time went, and an estimate of the next better setting by this piece's own seconds."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What is lost for want of width comes with the option that widens it."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

@@ -1,7 +1,5 @@
 """A piece that turns under one lamp: the angles are those at which the other lamps' shadows appear."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The viewer in a browser: its shadow against the validators', what hands and keys do, the whole report."""
 
-from __future__ import annotations
-
 import base64
 from collections.abc import Iterator
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """docs/conventions.md, line by line, on the camera that every stage uses."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Knots by name are the knots that they are called, and every name says which knot it means."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from knot_judge import judge_type

@@ -1,7 +1,5 @@
 """Scene files: what they mean, what they refuse and how it is said, and writing without loss."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """One's own printers and materials: found by name or file, checked key by key, not needed afterwards."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

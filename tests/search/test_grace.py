@@ -1,7 +1,5 @@
 """Bending and tension: exact on circles, free of scale, and their slope that of finite differences."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from slopes import assert_slope

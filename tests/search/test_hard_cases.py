@@ -1,7 +1,5 @@
 """The certificate and the flow on hard knots: no accepted step crosses, touching strands stay apart."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

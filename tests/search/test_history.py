@@ -1,7 +1,5 @@
 """States of a search: few, evenly spread, from its first to nearly its last."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

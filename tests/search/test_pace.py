@@ -1,7 +1,5 @@
 """Iterations by the clock: the last phase makes up for the others, and timing leaves no trace."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from questions import ask_heart

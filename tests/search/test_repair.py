@@ -1,7 +1,5 @@
 """Repairs of single stretches: what violates a limit is mended, and the rest of the curve stays."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

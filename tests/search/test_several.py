@@ -1,7 +1,5 @@
 """Several views of one part: frames, the start, the search, and a whole build."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The chain of frames: what the first frame finds holds for all, and each frame is judged by itself."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """`knotfab build --sequence`: what it refuses, and that a new result leaves nothing of an older one."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Frames that are done are kept: the same parts as without an interruption, and never of another sequence."""
 
-from __future__ import annotations
-
 import os
 import threading
 import time

@@ -1,7 +1,5 @@
 """A frame of a sequence is the same search: it keeps the vertices, every limit, and its motion's bound."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Which frame a frame begins as: pictures that return to an earlier one, and trials until one serves."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A round tube to be damaged, its centre line, and the checks of its surface by their names."""
 
-from __future__ import annotations
-
 import numpy as np
 from validator_parts import Array, circle, tube
 

@@ -1,7 +1,5 @@
 """Diagrams of braids and of polygons, for the tests of invariants."""
 
-from __future__ import annotations
-
 import numpy as np
 from knot_curves import Array
 

@@ -1,7 +1,5 @@
 """Runs of points that nothing searched for: what they take and reach follows from their settings alone."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import io

@@ -1,7 +1,5 @@
 """What a Python file imports, read from its source."""
 
-from __future__ import annotations
-
 import ast
 
 

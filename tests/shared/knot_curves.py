@@ -1,7 +1,5 @@
 """Knots and links in space for the tests of knot types, made from formulas and from braids."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

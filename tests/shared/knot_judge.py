@@ -1,7 +1,5 @@
 """What the validators say of closed curves: their knot types, and how they are linked."""
 
-from __future__ import annotations
-
 from knotfab_validators.arrays import Array
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.knots.knot_types import knot_types

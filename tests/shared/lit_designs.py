@@ -1,7 +1,5 @@
 """Designs that were never searched: a view, its world and some points, which is all that effects ask for."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any
 

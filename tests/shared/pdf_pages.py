@@ -1,7 +1,5 @@
 """What stands on the pages of a PDF that matplotlib wrote, in mm."""
 
-from __future__ import annotations
-
 import re
 import zlib
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Builds of a batch as a script plays them, which does what the picture's text says."""
 
-from __future__ import annotations
-
 import base64
 import sys
 from pathlib import Path

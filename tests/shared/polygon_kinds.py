@@ -1,7 +1,5 @@
 """Small polygons of many kinds, drawn at random: what thickness must be right on."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

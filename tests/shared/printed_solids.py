@@ -1,7 +1,5 @@
 """How the tests of printing print: a printer, one without supports, and all checks by their names."""
 
-from __future__ import annotations
-
 import numpy as np
 from solids import prism
 

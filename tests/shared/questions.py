@@ -1,7 +1,5 @@
 """What searches are asked in tests: a heart in one view, and plain silhouettes seen from several sides."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any

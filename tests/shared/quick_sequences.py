@@ -1,7 +1,5 @@
 """Sequences that are searched in a second: discs on small pictures, with few iterations."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

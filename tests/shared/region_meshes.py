@@ -1,7 +1,5 @@
 """Closed meshes as regions, and a knot to be held in them."""
 
-from __future__ import annotations
-
 import numpy as np
 from validator_parts import circle
 

@@ -1,7 +1,5 @@
 """Wavy rings to be mounted, their views, and members made by hand."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from knotfab.base.arrays import Array

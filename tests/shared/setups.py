@@ -1,7 +1,5 @@
 """Small pieces on each mount, put together by hand: what the drawings are tested with."""
 
-from __future__ import annotations
-
 from typing import Literal
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Pieces made by hand for the viewer and the report: a wavy ring and a post, in views of every kind."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Boxes, scenes and G-code to try the slicer's modules on."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

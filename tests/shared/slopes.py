@@ -1,7 +1,5 @@
 """Gradients against central differences, in double precision."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

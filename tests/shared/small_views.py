@@ -1,7 +1,5 @@
 """A small view for the tests of shadows, and what skips those that render where nothing can."""
 
-from __future__ import annotations
-
 import pytest
 from validator_parts import PlainView
 

@@ -1,7 +1,5 @@
 """Closed meshes with known measures, for the tests of printability."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from knotfab_validators.arrays import Array

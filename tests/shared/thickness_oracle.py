@@ -1,7 +1,5 @@
 """The contract's thickness by enumeration, twice: in extended precision, and in exact fractions."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Curves, tubes and scenes made on the spot for the tests of the validators."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

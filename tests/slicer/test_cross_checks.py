@@ -1,7 +1,5 @@
 """What the slicer made of a part, held against the part: each check rejects, and has its limit."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 

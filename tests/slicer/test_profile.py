@@ -1,7 +1,5 @@
 """The profile follows the printer and the material; what is no filament is not sliced."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Warnings are read whole and explained; check and table say what was proven by whom."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Strands that hide each other keep their order, and are apart, without being moved out of the shadow."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Depth where people place carelessly: there is less, and less of the picture is lost, moved for real."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

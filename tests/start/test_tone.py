@@ -1,7 +1,5 @@
 """Greys by the spacing of one line: the spread of points, the tour, and the drawing."""
 
-from __future__ import annotations
-
 from itertools import permutations
 
 import numpy as np

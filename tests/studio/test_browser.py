@@ -3,8 +3,6 @@
 The build is played.
 """
 
-from __future__ import annotations
-
 import asyncio
 import re
 import shutil

@@ -1,7 +1,5 @@
 """What the page makes of readings of a picture."""
 
-from __future__ import annotations
-
 import io
 from pathlib import Path
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """`knotfab build --watch`: the page of one build, which shows it and nothing else, and ends by itself."""
 
-from __future__ import annotations
-
 import asyncio
 import io
 import json

@@ -1,7 +1,5 @@
 """Adam: the steps of torch's own, without what that loads."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import textwrap

@@ -1,7 +1,5 @@
 """The outline renderers on hard cases, with their bounded errors, and the closed forms as printed."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch

@@ -1,7 +1,5 @@
 """A term written in torch: its gradient, what it refuses, and that a search heeds it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

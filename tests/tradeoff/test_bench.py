@@ -1,7 +1,5 @@
 """What is measured of which pictures, once, as long as there is time."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Which points nothing beats, which are kept, and what a step buys."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

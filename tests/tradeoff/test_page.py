@@ -1,7 +1,5 @@
 """The page of a trade-off: it holds every point, escapes names, and is driven by keys."""
 
-from __future__ import annotations
-
 import json
 import re
 from html.parser import HTMLParser

@@ -1,7 +1,5 @@
 """The trade-off of real searches: what is measured and what is written."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import cast

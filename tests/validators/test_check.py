@@ -1,7 +1,5 @@
 """Checks pass on the right side of their limit, and never on NaN."""
 
-from __future__ import annotations
-
 import json
 import math
 

@@ -1,7 +1,5 @@
 """The corpus: broken parts are rejected where they are broken, good ones are not, limits hold exactly."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import fields, replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The picture of what failed: drawn when something required failed, marked where the checks say."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What the worker of the validators answers: verdicts, whole or of two halves."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Parts that are written larger, for their material shrinks: measured as they will be."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

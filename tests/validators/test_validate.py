@@ -1,7 +1,5 @@
 """The driver on written files: right ones pass, and each wrong one fails the check that it must."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections.abc import Collection

@@ -1,7 +1,5 @@
 """The wall: validators load without the maker or its libraries, and importing them stays light."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Plans in a bender's words: its numbers are those of the rows, and one that cannot work is refused."""
 
-from __future__ import annotations
-
 import re
 from math import pi
 from pathlib import Path

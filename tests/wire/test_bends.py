@@ -1,7 +1,5 @@
 """Wires of straights and bends: exact curves, the rows bent again, the file, and the fit."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

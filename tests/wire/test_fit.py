@@ -1,7 +1,5 @@
 """The fit of straights and bends: strands side by side stay apart, and no corner is there for nothing."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

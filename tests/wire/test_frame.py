@@ -1,7 +1,5 @@
 """Whether a wire can draw a picture in its frame: bars of known width, and a material of known thickness."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The residuals of a wire's shadow beside a picture: an area, with the slopes of finite differences."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy import sparse

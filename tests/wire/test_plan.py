@@ -1,7 +1,5 @@
 """The bending plan of a piece: files, what is measured of them, templates at full size."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Strangers' files are refused in one sentence; sound ones of every format are read alike."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import struct

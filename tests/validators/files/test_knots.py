@@ -1,7 +1,5 @@
 """knots.json is read bit for bit. What is no such file: test_hostile."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

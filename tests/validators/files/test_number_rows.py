@@ -1,7 +1,5 @@
 """Rows of a 3MF that are read apart are those that expat would read, and nothing else is taken for one."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

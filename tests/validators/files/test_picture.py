@@ -1,7 +1,5 @@
 """Silhouettes of picture files: every kind gives the same mask, and bad ones are refused."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A region that is a mesh, read with its scene."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """scene.toml is read with the documented defaults. Impossible values: test_hostile."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

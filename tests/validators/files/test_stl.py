@@ -1,7 +1,5 @@
 """Triangles of STL files, binary and text, are read as they are."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Edges and lengths of curves, closed and open."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from knotfab_validators.geometry.curves import Curves

@@ -1,7 +1,5 @@
 """Where points lie about closed and open surfaces."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from solids import box, inward, together

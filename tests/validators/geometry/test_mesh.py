@@ -1,7 +1,5 @@
 """Meshes: joining corners, numbering bodies, what they enclose."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from solids import box, together

@@ -1,7 +1,5 @@
 """Near segments: none that is near is left out."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from knotfab_validators.geometry.near_segments import near_segments, segment_blocks

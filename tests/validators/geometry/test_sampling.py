@@ -1,7 +1,5 @@
 """Runs are numbered, and edges cut, as their definitions say."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Distances of points and segments: against fine samples, in degenerate places, and nearly parallel."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from validator_parts import Array

@@ -1,7 +1,5 @@
 """Where knot Floer homology is left out."""
 
-from __future__ import annotations
-
 from knotfab_validators.knots.floer import floer_homology
 from knotfab_validators.knots.planar_diagram import closed_braid
 from knotfab_validators.knots.polynomial import Laurent

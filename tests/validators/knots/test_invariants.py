@@ -1,7 +1,5 @@
 """Invariants of diagrams: exact values, agreement of independent ways, and what never changes them."""
 
-from __future__ import annotations
-
 import pytest
 from diagrams import TREFOIL, WORDS, diagram, powers
 from knot_curves import (

@@ -1,7 +1,5 @@
 """Knot types: proofs on curves whose type is known, and promises that must be refuted."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The table of knots against its braids, and the names by which a knot may be promised."""
 
-from __future__ import annotations
-
 import pytest
 
 from knotfab_formats.knot_names import BRAIDS, parse_knot_name

@@ -1,7 +1,5 @@
 """Representations in PSL(2, p): known values, and what they tell apart."""
 
-from __future__ import annotations
-
 from itertools import combinations
 
 import pytest

@@ -1,7 +1,5 @@
 """Diagrams: mirror images and simplifying change what they must, and nothing else."""
 
-from __future__ import annotations
-
 import pytest
 from diagrams import TREFOIL, WORDS
 

@@ -1,7 +1,5 @@
 """Laurent polynomials: their text, and what is done with them."""
 
-from __future__ import annotations
-
 import itertools
 
 from diagrams import powers

@@ -1,7 +1,5 @@
 """Runs laid elsewhere: fewer crossings, and the same knot."""
 
-from __future__ import annotations
-
 import pytest
 from knot_curves import random_markov
 

@@ -1,7 +1,5 @@
 """The table of knots: complete, with the invariants of its braids, and recognised from them."""
 
-from __future__ import annotations
-
 import pytest
 
 from knotfab_validators.knots.invariants import UNKNOT, invariants

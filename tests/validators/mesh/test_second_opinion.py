@@ -1,7 +1,5 @@
 """Faces that cross: both libraries are asked, and where they do not agree it is said."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from damaged_rings import CIRCLE, by_name, curves, ring

@@ -1,7 +1,5 @@
 """A right tube passes every check of its surface; each kind of damage fails the check for it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from damaged_rings import CIRCLE, RADIUS, SIDES, by_name, curves, ring, two

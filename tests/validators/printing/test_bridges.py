@@ -1,7 +1,5 @@
 """Bridges and ledges of known length."""
 
-from __future__ import annotations
-
 import pytest
 from printed_solids import BARE, PRINTER, leaning, run
 from solids import blocks, bridge

@@ -1,7 +1,5 @@
 """Columns through solids, and distances between triangles, against plain references."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from solids import box, inward, move, together

@@ -1,7 +1,5 @@
 """What begins in mid-air, and what only seems to."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from printed_solids import BARE, run

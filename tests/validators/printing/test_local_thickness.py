@@ -1,7 +1,5 @@
 """Walls and gaps of solids whose thickness is known."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from printed_solids import PRINTER, run

@@ -1,7 +1,5 @@
 """Overhangs and the support under them, of solids whose numbers are known."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from printed_solids import BARE, PRINTER, leaning, run

@@ -1,7 +1,5 @@
 """The checks of printability together: turned, without a printer, skipped, and their times."""
 
-from __future__ import annotations
-
 import pytest
 from printed_solids import BARE, PRINTER, run
 from solids import box, bridge, move, quarter, table, together

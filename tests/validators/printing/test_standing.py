@@ -1,7 +1,5 @@
 """Whether parts reach the bed, and how far they are from toppling."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from printed_solids import BARE, run

@@ -1,7 +1,5 @@
 """The word that a bending allows: it lowers a verdict, never raises one, and says why."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

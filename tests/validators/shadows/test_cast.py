@@ -1,7 +1,5 @@
 """Shadows by a table of edges, for light after light: the exact ones, and those that are rendered."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

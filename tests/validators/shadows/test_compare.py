@@ -1,7 +1,5 @@
 """Overlap of masks, depth ratio and legibility, on shapes whose numbers are known."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from validator_parts import PlainView, circle, tangle, tube

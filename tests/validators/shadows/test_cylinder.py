@@ -1,7 +1,5 @@
 """Shadows on a round wall: balls in closed form, three ways to one mask, and what cannot be."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Distances on a grid are those of scipy's exact transform."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.ndimage import distance_transform_edt

@@ -1,7 +1,5 @@
 """The frame on which shadows and pictures are compared."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 from math import ceil, floor
 

@@ -1,7 +1,5 @@
 """Slices of a printed part: against points along each ray, and against the part itself."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray

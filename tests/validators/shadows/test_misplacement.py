@@ -1,7 +1,5 @@
 """Lamp and piece moved for real: what a shift, scale and turn forgive, and what parts."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The stretch of wrong outline has the length, the depth and the place of what was done to a mask."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The pictures of a verified shadow say what the masks say."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

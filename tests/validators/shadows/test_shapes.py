@@ -1,7 +1,5 @@
 """A piece or hole that is there and drawn badly is named; one drawn within a reach of its outline is not."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

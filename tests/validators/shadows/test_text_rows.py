@@ -1,7 +1,5 @@
 """Rows of text are found among pieces of all sizes, and nothing else is."""
 
-from __future__ import annotations
-
 from knotfab_validators.shadows.text_rows import MOST, Row, find_rows
 from knotfab_validators.shadows.topology import Box
 

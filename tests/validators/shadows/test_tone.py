@@ -1,7 +1,5 @@
 """Greys of a shadow against those of its picture."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The validators' own view geometry: projected points of known place, tilted and turned."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from validator_parts import PlainView

@@ -1,7 +1,5 @@
 """A shadow of strokes that were widened is judged by them; `iou` stays that with the picture itself."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from PIL import Image, ImageDraw

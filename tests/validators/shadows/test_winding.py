@@ -1,7 +1,5 @@
 """Winding numbers of a linework in the plane."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from knotfab_validators.shadows.winding import Linework, winding_at, wound_mask

@@ -1,7 +1,5 @@
 """The distance of the nearest bodies, against all pairs of triangles."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Centre lines found from the mesh alone: of tubes as other programs sweep them, and of what is none."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

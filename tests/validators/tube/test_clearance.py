@@ -1,7 +1,5 @@
 """Gaps between surfaces: against all pairs of triangles, against the centre lines, at the limit."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from validator_parts import circle, hairpin, trefoil, tube

@@ -1,7 +1,5 @@
 """The table of exact thicknesses and of convergence says what it promises."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """With a stand the outline is the tube's: its own shadow is no fault, a wrong tube's still is."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import manifold3d

@@ -1,7 +1,5 @@
 """How far tubes and parts stick out of a region that is a mesh."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from region_meshes import CURVE, box_mesh, prism

@@ -1,7 +1,5 @@
 """Places that face each other are told from neighbours; endless descents are given up, in a sentence."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from validator_parts import circle, hairpin, tube
