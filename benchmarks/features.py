@@ -89,6 +89,7 @@ class Row:
     """A feature: keys of the scene, options of the call, and how it shows in what was written."""
 
     name: str
+    page: str  # of docs/, where the feature is described
     shows: Callable[[Found], bool]
     scene: str = ""
     options: tuple[tuple[str, Any], ...] = ()
@@ -108,14 +109,18 @@ def _is_mounted(kind: str) -> Callable[[Found], bool]:
 ROWS: tuple[Row, ...] = (
     Row(
         "wall mount",
+        "report.md#mounts",
         _is_mounted("wall"),
         options=(("mount", "wall"),),
         refused=(("several views", "light"), ("coloured lamps", "light")),
     ),
-    Row("desk stand", _is_mounted("stand"), options=(("mount", "stand"),)),
-    Row("eyelet for a thread", _is_mounted("hang"), options=(("mount", "hang"),)),
+    Row("desk stand", "report.md#mounts", _is_mounted("stand"), options=(("mount", "stand"),)),
+    Row(
+        "eyelet for a thread", "report.md#mounts", _is_mounted("hang"), options=(("mount", "hang"),)
+    ),
     Row(
         "knot of a given type",
+        "scenarios.md#one-picture-one-knot",
         # in the longest of the knots, of which each lamp has its own
         lambda f: (any if len(f.scene["views"]) > 2 else all)(
             "3_1" in k["type"] for k in f.report["knots"]
@@ -124,17 +129,20 @@ ROWS: tuple[Row, ...] = (
     ),
     Row(
         "network (inn)",
+        "scenarios.md#one-picture-one-knot",
         lambda f: _BY_NETWORK in f.template,
         options=(("search", "inn"),),
         passes=False,
     ),
     Row(
         "network, then flow (inn+flow)",
+        "scenarios.md#one-picture-one-knot",
         lambda f: _BY_NETWORK in f.template,
         options=(("search", "inn+flow"),),
     ),
     Row(
         "depth given",
+        "scenarios.md#one-picture-one-knot",
         lambda f: f.scene["piece"]["depth"] == 40.0,
         options=(("depth", 40),),
         refused=tuple(
@@ -143,6 +151,7 @@ ROWS: tuple[Row, ...] = (
     ),
     Row(
         "flat",
+        "scenarios.md#one-picture-one-knot",
         lambda f: f.scene["piece"]["depth"] == "flat",
         options=(("depth", "flat"),),
         refused=tuple(
@@ -151,34 +160,40 @@ ROWS: tuple[Row, ...] = (
     ),
     Row(
         "region mesh",
+        "conventions.md#scenetoml-schema-1",
         lambda f: f.scene["region"]["kind"] == "mesh" and "fail" not in f.check("region"),
         '[region]\nkind = "mesh"\nfile = "region.stl"\n',
     ),
     Row(
         "time budget",
+        "scenarios.md#how-well-and-how-long",
         lambda f: f.scene["search"]["fine_iterations"] != 20,
         options=(("time_budget", 40),),
     ),
     Row(
-        "limit prices",
+        "price of a limit",
+        "report.md#search",
         lambda f: f.prices("length"),
         "[material]\nmax_length_mm = 260.0\n",
         passes=False,
     ),
     Row(
-        "sparser fallback",
+        "sparser filling",
+        "report.md#search",
         lambda f: "binding" in f.report and "fail" not in f.check("bend") + f.check("clearance"),
         "[material]\nmin_bend_radius_mm = 30.0\n",
         passes=False,
     ),
     Row(
         "slicing",
+        "report.md#printing",
         lambda f: bool(f.check("slicer")) and "fail" not in f.check("slicer"),
         options=(("print", True), ("skip", ("shadow-render",))),
         passes=False,
     ),
     Row(
         "plates",
+        "contract.md#files-in-dir",
         lambda f: len(f.files("plate-*.3mf")) > f.pieces and f.check("plates") == ["pass"],
         "[printer]\nname = 'prusa-mk4'\nbuild_volume_mm = [70.0, 60.0, 60.0]\n",
         # whether each can be printed is measured as that of any part
@@ -186,13 +201,15 @@ ROWS: tuple[Row, ...] = (
     ),
     Row(
         "wire plan",
+        "wire.md",
         lambda f: len(f.files("bends*.csv")) == f.pieces,
         # thicker than any in the shop: the disc takes a quarter of the length, and of the time
         "[material]\nname = 'aluminium-wire-2mm'\nwire_diameter_mm = 4.0\nmin_bend_radius_mm = 4.0\n",
         passes=False,
     ),
     Row(
-        "gentle repairs",
+        "repairs alone",
+        "scenarios.md#one-picture-one-knot",
         lambda f: (
             all(k["min_bend_radius_mm"] > 0 for k in f.report["knots"])
             and "fail" not in f.check("bend")
@@ -201,7 +218,8 @@ ROWS: tuple[Row, ...] = (
         passes=False,
     ),
     Row(
-        "view found along (free view)",
+        "view found in the search",
+        "scenarios.md#the-view-as-an-unknown",
         lambda f: (
             _directions(f) != f.scene["search"]["free_azimuths_deg"]
             if len(f.scene["views"]) > 1
@@ -212,6 +230,7 @@ ROWS: tuple[Row, ...] = (
     ),
     Row(
         "CUDA",
+        "install.md",
         lambda f: f.report["settings"]["device"] == "cuda",
         options=(("device", "cuda"),),
         passes=False,
@@ -359,7 +378,7 @@ def _table(results: Mapping[Cell, Result]) -> str:
                 words.append("works" if said.startswith("exit 0") else "works (exit 1)")
             else:
                 words.append(f"**FAILS**: {said}")
-        lines.append(f"| {row.name} | " + " | ".join(words) + " |")
+        lines.append(f"| [{row.name}]({row.page}) | " + " | ".join(words) + " |")
     return "\n".join([*lines, "", *(f"[{n}] {note}  " for n, note in enumerate(notes, start=1))])
 
 

@@ -1,18 +1,26 @@
-"""Write docs/api.md from the docstrings of what `import knotfab` offers: `python -m examples.api_page`."""
+"""Write docs/api.md, a line for each name that `import knotfab` offers: `python -m examples.api_page`.
+
+As a hook of mkdocs it also gives the site what is made from code: each name's whole docstring, and the keys
+of scene.toml with their defaults.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 import inspect
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import knotfab
 
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "api.md"
+DOCS = Path(__file__).resolve().parents[1] / "docs"
+PAGE, KEYS = DOCS / "api.md", DOCS / "scene.toml"
 _HEAD = """# The public API
 
-Made from the docstrings by `python -m examples.api_page`. Everything here is `from knotfab import …`, loaded
-when it is first used. `examples/stages.py` is a script that uses nothing else.
+Everything here is `from knotfab import …`, loaded when it is first used. `help(knotfab.build)` prints
+arguments, results and errors of each name; the site (`make docs`) shows them on this page.
+`examples/stages.py` uses nothing else.
 
 ```python
 import knotfab
@@ -21,24 +29,41 @@ result = knotfab.build("cat.png", "out", mount="wall")
 print(result.exit_code, result.folder, result.report["views"][0]["iou"])
 ```
 
-In a notebook a result shows itself: the words of its verdict, picture and shadow, and the part from four
-sides. So does what each stage returns. `progress=` takes a function, which is called with each `Event` of a
-build, such as `lambda event: print(f"{event.stage}: {event.share:.0%}, {event.left_s} s left")`. What it
-raises ends the build, as Ctrl-C does, and nothing stays half-written.
+In a notebook a result shows itself: the verdict, picture and shadow, and the part from four sides. So does
+what each stage returns. `progress=` takes a function, which is called with each `Event` of a build, such as
+`lambda event: print(f"{event.stage}: {event.share:.0%}, {event.left_s} s left")`. What it raises ends the
+build, as Ctrl-C does, and nothing stays half-written.
 """
 
 
-def api_page() -> str:
-    """The page in Markdown: functions first, then data, then errors."""
+def api_page(entry: Callable[[str, object], str] | None = None) -> str:
+    """The page in Markdown: functions first, then data, then errors.
+
+    Args:
+        entry: what stands for each name; by default a row of a table.
+    """
     found = {name: getattr(knotfab, name) for name in knotfab.__all__}
     functions = {n: f for n, f in found.items() if inspect.isfunction(f)}
     errors = {n: e for n, e in found.items() if isinstance(e, type) and issubclass(e, Exception)}
     data = {n: d for n, d in found.items() if n not in functions and n not in errors}
     parts = [_HEAD]
     for title, group in (("Functions", functions), ("Data", data), ("Errors", errors)):
-        parts.append(f"## {title}\n")
-        parts += [_entry(name, thing) for name, thing in group.items()]
+        parts.append(f"## {title}\n" if entry else f"| {title} | |\n|---|---|")
+        parts += [(entry or _row)(name, thing) for name, thing in group.items()]
+        parts += [] if entry else [""]
     return "\n".join(parts)
+
+
+def _row(name: str, thing: object) -> str:
+    """One function or class: its parameters, and the first sentence of its docstring."""
+    call = ""
+    if inspect.isfunction(thing):
+        plain = [
+            p.replace(annotation=p.empty) for p in inspect.signature(thing).parameters.values()
+        ]
+        call = str(inspect.Signature(plain))
+    first = (inspect.getdoc(thing) or "").split("\n\n")[0].replace("\n", " ")
+    return f"| `{name}{call}` | {first.replace('|', chr(92) + '|')} |"
 
 
 def _entry(name: str, thing: object) -> str:
@@ -51,6 +76,15 @@ def _entry(name: str, thing: object) -> str:
         lines.append(f"```python\nclass {name}:\n{fields}\n```\n")
     lines.append(f"```text\n{inspect.getdoc(thing)}\n```\n")
     return "\n".join(lines)
+
+
+def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
+    """What mkdocs shows of a page: here the two that are made from code have all of it."""
+    if page.file.src_uri == PAGE.name:
+        return api_page(_entry)
+    if page.file.src_uri == "conventions.md":
+        return f"{markdown}\n```toml\n{KEYS.read_text('utf-8')}```\n"
+    return markdown
 
 
 def main() -> None:

@@ -1,4 +1,4 @@
-"""What is told of scene.toml's keys: a JSON schema for editors, and the listing in docs/conventions.md."""
+"""What is told of scene.toml's keys: a JSON schema for editors, and the listing docs/scene.toml."""
 
 from __future__ import annotations
 

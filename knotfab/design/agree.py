@@ -40,7 +40,7 @@ __all__ = ["AGREED", "Agreement", "agree", "apply_bending", "require_agreed"]
 
 AGREED = 0.995  # bounds from here on are agreement: nothing is moved or bent
 MOST_BENT = (
-    0.12  # of the height: how far a point moves at most where nobody says (docs/settings.md)
+    0.12  # of the height: how far a point moves at most where nobody says (docs/scenarios.md)
 )
 _HOPELESS = 0.5  # a bound below which no search is begun
 _MOST_VIEWS = 12

@@ -18,10 +18,10 @@ ELSEWHERE = {
     "network, then flow (inn+flow)": "tests/search/test_network_search.py",
     "region mesh": "tests/limits/test_region_mesh.py",
     "time budget": "tests/design/test_free_view.py",
-    "limit prices": "tests/benchmarks/test_hard_cases_values.py",
-    "sparser fallback": "tests/test_pipeline.py",
+    "price of a limit": "tests/benchmarks/test_hard_cases_values.py",
+    "sparser filling": "tests/test_pipeline.py",
     "wire plan": "tests/wire/test_plan.py",
-    "view found along (free view)": "tests/design/test_free_view.py",
+    "view found in the search": "tests/design/test_free_view.py",
 }
 QUICKEST = [Cell(row, row.quickest) for row in ROWS if row.name not in ELSEWHERE]
 
