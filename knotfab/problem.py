@@ -16,7 +16,7 @@ from knotfab.limits.base import Guard, Limits
 from knotfab.limits.feasibility import Feasibility
 from knotfab.render.forms import COMPILED, Forms
 from knotfab.render.picture import ViewImage, image_at
-from knotfab.scene.camera import view_axes
+from knotfab.scene.camera import view_axes, walls_of
 from knotfab_formats.scene import ResolvedRegion, ResolvedView, Switch
 from knotfab_formats.search import Precision, Renderer
 
@@ -97,7 +97,9 @@ class Problem:
     def limits(self, radius: float) -> Limits:
         """The hard limits for a tube of this radius."""
         bend = max(self.bend_radius or 0.0, radius + 0.5 * self.clearance)
-        return Limits(radius, self.clearance, bend, self.length, self.region)
+        # the region of one view ends before its wall
+        walls = walls_of([v.view for v in self.views]) if len(self.views) > 1 else ()
+        return Limits(radius, self.clearance, bend, self.length, self.region, walls)
 
     @property
     def polygons(self) -> list[MultiPolygon]:

@@ -33,7 +33,7 @@ from knotfab.picture.bending import (
     write_points,
 )
 from knotfab.picture.read import Target
-from knotfab.scene.camera import cameras_of, view_axes
+from knotfab.scene.camera import cameras_of, view_axes, walls_of
 from knotfab_formats.scene import Scene, View
 
 __all__ = ["AGREED", "Agreement", "agree", "apply_bending", "require_agreed"]
@@ -254,7 +254,9 @@ def _bend(
         return all(b.iou >= AGREED + _SLACK + a for b, a in zip(found, added, strict=True))
 
     cameras = cameras_of(views, targets)
-    points = bend_pictures(cameras, [t.mask for t in drawn], reach_of(views), most, enough)
+    points = bend_pictures(
+        cameras, [t.mask for t in drawn], reach_of(views), most, enough, walls_of(views)
+    )
     for _ in range(_SCALED):
         bent_views = tuple(
             v.model_copy(update={"bend_points": write_points(p)})

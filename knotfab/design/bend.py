@@ -14,10 +14,11 @@ from scipy.ndimage import distance_transform_edt, gaussian_filter
 
 from knotfab.base.arrays import Array, Mask
 from knotfab.design.bend_loops import sample_field, uncovered
+from knotfab.design.hull import rays_within
 from knotfab.picture.bending import COLUMNS, ROWS, spline_basis
 from knotfab.picture.masks import holes_of, sample_mask
 from knotfab.picture.silhouette import fit_size
-from knotfab.scene.camera import Camera
+from knotfab.scene.camera import Camera, Plane
 
 __all__ = ["Tension", "bend_pictures"]
 
@@ -46,10 +47,16 @@ class Tension:
     """What pulls at the control points of several pictures: contradictions and elasticity.
 
     Args:
-        cameras: of the views, each with the pixels of its mask. reach_mm: as for `hull_bounds`.
+        cameras: of the views, each with the pixels of its mask. reach_mm, walls: as for `hull_bounds`.
     """
 
-    def __init__(self, cameras: Sequence[Camera], masks: Sequence[Mask], reach_mm: float) -> None:
+    def __init__(
+        self,
+        cameras: Sequence[Camera],
+        masks: Sequence[Mask],
+        reach_mm: float,
+        walls: Sequence[Plane] = (),
+    ) -> None:
         self.fields, self.down, self.across, self.heights, self.pads = [], [], [], [], []
         self.stiff, self.steps = [], []
         begin, ray, owner, inside, projections, shapes = [], [], [], [], [], []
@@ -71,11 +78,10 @@ class Tension:
             self.steps.append((1.0 / (ROWS - 3), width / height / (COLUMNS - 3)))
             at = np.stack(np.meshgrid(u + pad, v + pad), axis=-1).reshape(-1, 2)
             on = small.corner + at[:, :1] * small.du + at[:, 1:] * small.dv
-            to = on - small.eye
-            to /= np.linalg.norm(to, axis=1)[:, None]
-            ray.append(to)
-            begin.append(small.eye - (to @ small.eye)[:, None] * to)
-            owner.append(np.full(len(to), k))
+            middle, half = rays_within(small, on, reach_mm, walls)
+            begin.append(middle)
+            ray.append(half)
+            owner.append(np.full(len(half), k))
             there = (at >= pad) & (at < pad + np.array([width, height]))
             inside.append(there.all(axis=1))
             projections.append(small.projection)
@@ -89,7 +95,7 @@ class Tension:
             np.concatenate(inside),
             np.concatenate(begin),
             np.concatenate(ray),
-            np.linspace(-reach_mm, reach_mm, _STEPS),
+            np.linspace(-1.0, 1.0, _STEPS),
         )
         self.winner = np.full(self.firsts[-1], _STEPS // 2)
         self.ink = float(sum((f > 0).sum() for f in self.fields))
@@ -173,13 +179,15 @@ def bend_pictures(
     reach_mm: float,
     most: float,
     enough: Callable[[Array], bool],
+    walls: Sequence[Plane] = (),
 ) -> Array:
     """The control points (m, ROWS, COLUMNS, 2) of all pictures, bent until that is `enough`.
 
     Args:
-        cameras, masks, reach_mm: as for `hull_bounds`. most: that a point may move, as a share of the height.
+        cameras, masks, reach_mm, walls: as for `hull_bounds`.
+        most: that a point may move, as a share of the height.
     """
-    tension = Tension(cameras, masks, reach_mm)
+    tension = Tension(cameras, masks, reach_mm, walls)
     points = np.zeros((len(masks), ROWS, COLUMNS, 2))
     mean, square, step = np.zeros_like(points), np.zeros_like(points), 0
     for turn in range(_ROUNDS):

@@ -16,9 +16,9 @@ from scipy.ndimage import distance_transform_edt
 
 from knotfab.base.arrays import Array, Indices, Mask
 from knotfab.base.compiled import compiled
-from knotfab.scene.camera import Camera
+from knotfab.scene.camera import Camera, Plane
 
-__all__ = ["HullBound", "hull_bounds", "inside_hull"]
+__all__ = ["HullBound", "hull_bounds", "inside_hull", "rays_within"]
 
 
 _RAYS_PX = 192  # longer side of the grid of rays
@@ -72,6 +72,7 @@ def hull_bounds(
     steps: int = _STEPS,
     ends: bool = False,
     wider: float = 0.0,
+    walls: Sequence[Plane] = (),
 ) -> tuple[HullBound, ...]:
     """The bound of each view, in their order.
 
@@ -82,6 +83,7 @@ def hull_bounds(
         rays_px: longer side of the grid of rays. steps: samples of a ray.
         ends: whether what another view sees beside its frame spills nowhere: its screen ends there.
         wider: by how much the other masks are widened, in shares of their heights.
+        walls: behind which nothing stands, as of `walls_of`.
 
     The other masks are widened by half a sample's distance, and a pixel of the coarse grid counts where
     its middle is drawn, so that sampling takes nothing from the bound.
@@ -101,6 +103,7 @@ def hull_bounds(
             rays_px,
             steps,
             ends,
+            walls,
         )
         for n, (camera, mask) in enumerate(zip(cameras, masks, strict=True))
     )
@@ -121,6 +124,7 @@ def _bound(
     rays_px: int,
     steps: int,
     ends: bool,
+    walls: Sequence[Plane],
 ) -> HullBound:
     rows, columns = mask.shape
     every = max(1.0, max(rows, columns) / rays_px)
@@ -131,13 +135,11 @@ def _bound(
     at = np.argwhere(wanted)
     covered = np.zeros_like(wanted)
     on = camera.corner + u[at[:, 1], None] * camera.du + v[at[:, 0], None] * camera.dv
-    ray = on - camera.eye
-    ray /= np.linalg.norm(ray, axis=1)[:, None]
-    begin = camera.eye - (ray @ camera.eye)[:, None] * ray
+    begin, ray = rays_within(camera, on, reach_mm, walls)
     met, low, high = follow_rays(
         begin,
         ray,
-        np.linspace(-reach_mm, reach_mm, steps),
+        np.linspace(-1.0, 1.0, steps),
         np.array([c.projection for c, _ in others]).reshape(-1, 3, 4),
         np.array([w.shape for _, w in others], dtype=np.int64).reshape(-1, 2),
         np.concatenate([w.ravel() for _, w in others]) if others else np.zeros(0, dtype=np.bool_),
@@ -146,6 +148,26 @@ def _bound(
     covered[at[met, 0], at[met, 1]] = True
     iou = float(covered.sum() / max(1, wanted.sum()))
     return HullBound(covered, wanted, iou, low, high)
+
+
+def rays_within(
+    camera: Camera, on: Array, reach_mm: float, walls: Sequence[Plane]
+) -> tuple[Array, Array]:
+    """Middles and halves (n, 3) of the lines through the eye and points `on` (n, 3) of the receiver.
+
+    Each reaches `reach_mm` to both sides of its point nearest to the origin, or as far as the walls let it.
+    """
+    ray = on - camera.eye
+    ray /= np.linalg.norm(ray, axis=1)[:, None]
+    begin = camera.eye - (ray @ camera.eye)[:, None] * ray
+    near, far = np.full(len(ray), -reach_mm), np.full(len(ray), reach_mm)
+    for *normal, offset in walls:
+        along, height = ray @ normal, begin @ normal + offset
+        ends = -height / np.where(np.abs(along) > 1e-9, along, 1e-9)
+        near = np.where(along > 0, np.maximum(near, ends), near)
+        far = np.where(along > 0, far, np.minimum(far, ends))
+    half = np.maximum(0.5 * (far - near), 0.0)[:, None]
+    return begin + (0.5 * (near + far))[:, None] * ray, half * ray
 
 
 @compiled

@@ -18,7 +18,7 @@ from knotfab.design.hull import HullBound, hull_bounds
 from knotfab.picture.masks import sample_mask
 from knotfab.picture.read import Target
 from knotfab.picture.silhouette import fit_size
-from knotfab.scene.camera import cameras_of, least_apart
+from knotfab.scene.camera import cameras_of, least_apart, walls_of
 from knotfab_formats.scene import ResolvedView, Scene
 
 __all__ = [
@@ -79,7 +79,9 @@ def bounds_of(
     if masks is None:
         masks = [t.mask for t in targets]
     small = [c.resized(m.shape[1], m.shape[0]) for c, m in zip(cameras, masks, strict=True)]
-    return hull_bounds(small, masks, reach_of(views), rays_px, steps, wider=wider)
+    return hull_bounds(
+        small, masks, reach_of(views), rays_px, steps, wider=wider, walls=walls_of(views)
+    )
 
 
 def coarse_masks(targets: Sequence[Target], side_px: int) -> list[Mask]:

@@ -19,7 +19,7 @@ from knotfab.design.contradictions import contradictions
 from knotfab.design.frames import frame_view, framed_alike
 from knotfab.design.hull import HullBound, hull_bounds
 from knotfab.design.lamps import depth_apart
-from knotfab.design.moves import reach_of
+from knotfab.design.moves import bounds_of, reach_of
 from knotfab.design.region import depth_extent, resolve_region
 from knotfab.design.walls import flatten_targets
 from knotfab.effects.base import World
@@ -28,7 +28,7 @@ from knotfab.picture.read import Target
 from knotfab.picture.silhouette import trace_polygon
 from knotfab.picture.strokes import trace_strokes
 from knotfab.problem import Problem, Start, TargetView
-from knotfab.scene.camera import camera_of, cameras_of
+from knotfab.scene.camera import camera_of, cameras_of, walls_of
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.require import require_several
 from knotfab.search.balance import goals_of
@@ -101,7 +101,9 @@ class Question(InNotebook):
         bounds = self.bounds
         if bounds:
             masks = [t.mask for t in targets]
-            bounds = hull_bounds(cameras_of(views, targets), masks, reach_of(views))
+            bounds = hull_bounds(
+                cameras_of(views, targets), masks, reach_of(views), walls=walls_of(views)
+            )
         return replace(self, problem=replace(self.problem, views=seen), bounds=bounds)
 
 
@@ -138,8 +140,7 @@ def ask(scene: Scene, targets: Sequence[Target], progress: Progress | None = Non
         bounds = hull_bounds(cameras_of(views, targets), masks, reach, ends=scene.screen_ends)
         room = thinnest if apart is None else _ROOM * views[0].longer_mm
     elif several:
-        cameras = cameras_of(views, targets)
-        bounds = agreed.bounds or hull_bounds(cameras, [t.mask for t in targets], reach_of(views))
+        bounds = agreed.bounds or bounds_of(scene, targets)
         for line in contradictions(views, bounds):
             (progress or Progress("quiet")).say(line)
         seen = [

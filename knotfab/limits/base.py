@@ -11,6 +11,7 @@ import numpy as np
 from knotfab.base.arrays import Array
 from knotfab.geometry.neighbours import Neighbours
 from knotfab.geometry.polylines import Polylines
+from knotfab.scene.camera import Plane
 from knotfab_formats.scene import ResolvedRegion
 
 __all__ = [
@@ -36,6 +37,7 @@ class Limits:
     bend_radius: float
     length: float
     region: ResolvedRegion
+    walls: tuple[Plane, ...] = ()  # before which it stands: each a normal, and an offset in mm
 
     @property
     def separation(self) -> float:

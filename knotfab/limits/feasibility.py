@@ -84,7 +84,7 @@ def measure_feasibility(points: Array, rings: Polylines, limits: Limits) -> Feas
     bends = bend_radii(points, rings)
     worst_bend = int(np.argmin(bends))
     gap = strand_gap(points, rings, limits.separation, 1.5 * limits.separation)
-    tested, out = tube_outside(points, points[rings.next], limits.region, limits.radius)
+    tested, out = tube_outside(points, points[rings.next], limits)
     worst_out = int(np.argmax(out))
     length = float(np.linalg.norm(points[rings.next] - points, axis=1).sum())
     return Feasibility(

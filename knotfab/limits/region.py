@@ -1,7 +1,8 @@
-"""Region: the tube, surface included, stays inside a box, cylinder, sphere or closed mesh."""
+"""Region: the tube, surface included, stays inside a box, cylinder, sphere or mesh, and before walls."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import hypot
 
 import numpy as np
@@ -10,14 +11,31 @@ from knotfab.base.arrays import Array
 from knotfab.geometry.polylines import Polylines
 from knotfab.limits.base import Felt, Limit, Limits, State
 from knotfab.limits.region_mesh import beyond, region_mesh
-from knotfab.scene.camera import view_axes
+from knotfab.scene.camera import Plane, view_axes
 from knotfab_formats.scene import ResolvedRegion
 
 __all__ = ["REGION", "outside", "tube_outside"]
 
 
-def outside(points: Array, region: ResolvedRegion, radius: float) -> tuple[Array, Array]:
+def outside(
+    points: Array, region: ResolvedRegion, radius: float, walls: Sequence[Plane] = ()
+) -> tuple[Array, Array]:
     """How far a ball of `radius` about each point sticks out, mm (N,), negative inside; its gradient (N, 3).
+
+    `walls` are planes (nx, ny, nz, d), before which n · p + d > 0.
+    """
+    excess, away = _outside_region(points, region, radius)
+    for *normal, offset in walls:
+        across = np.array(normal, dtype=points.dtype)
+        beyond_wall = radius - (points @ across + offset)
+        further = beyond_wall > excess
+        excess = np.where(further, beyond_wall, excess)
+        away = np.where(further[:, None], -across, away)
+    return excess, away
+
+
+def _outside_region(points: Array, region: ResolvedRegion, radius: float) -> tuple[Array, Array]:
+    """As `outside`, of the region alone.
 
     For a box the largest excess over its faces; cylinder (its own axis y): over mantle and ends. In the
     precision of the points.
@@ -52,9 +70,7 @@ def outside(points: Array, region: ResolvedRegion, radius: float) -> tuple[Array
     return excess, slope if axes is None else slope @ axes
 
 
-def tube_outside(
-    points: Array, ahead: Array, region: ResolvedRegion, radius: float
-) -> tuple[Array, Array]:
+def tube_outside(points: Array, ahead: Array, limits: Limits) -> tuple[Array, Array]:
     """Points (k, 3) of a centre line, and how far the tube sticks out there at most, mm (k,).
 
     Convex regions: the vertices `points` (n, 3) decide. Into a tube in a mesh a wall may poke between
@@ -62,16 +78,20 @@ def tube_outside(
     from an edge of length e is at most sqrt(d² + (e/4)²) from one of these: the radius is enlarged
     so, by 0.6 % at edges of 0.45 radii.
     """
-    if region.kind != "mesh":
-        return points, outside(points, region, radius)[0]
+    if limits.region.kind != "mesh":
+        return points, _outside(points, limits, limits.radius)[0]
     longest = float(np.linalg.norm(ahead - points, axis=1).max())
     some = np.concatenate([points, (points + ahead) / 2])
-    return some, outside(some, region, hypot(radius, longest / 4))[0]
+    return some, _outside(some, limits, hypot(limits.radius, longest / 4))[0]
+
+
+def _outside(points: Array, limits: Limits, radius: float) -> tuple[Array, Array]:
+    return outside(points, limits.region, radius, limits.walls)
 
 
 def term(state: State, limits: Limits) -> Felt:
     """Squared hinge of what sticks out, in squared tube radii (paper, occupancy loss)."""
-    excess, away = outside(state.points, limits.region, _felt_radius(limits, state.spacing))
+    excess, away = _outside(state.points, limits, _felt_radius(limits, state.spacing))
     hinge = np.maximum(excess / limits.radius, 0.0)
     scale = state.spacing / limits.radius
     slope = (2.0 * scale / limits.radius * hinge)[:, None] * away
@@ -86,7 +106,7 @@ def slack(points: Array, rings: Polylines, limits: Limits) -> float:
     """
     spacing = float(np.linalg.norm(points[rings.next] - points, axis=1).mean())
     radius = _felt_radius(limits, spacing)
-    room = -float(outside(points, limits.region, radius)[0].max())
+    room = -float(_outside(points, limits, radius)[0].max())
     return room / 2 if limits.region.kind == "mesh" else room
 
 

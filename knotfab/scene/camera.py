@@ -12,7 +12,20 @@ from knotfab.base.arrays import Array
 from knotfab.geometry.projection import project
 from knotfab_formats.scene import Region, ResolvedView, View
 
-__all__ = ["Camera", "camera_of", "cameras_of", "least_apart", "light_of", "view_axes"]
+__all__ = [
+    "Camera",
+    "Plane",
+    "camera_of",
+    "cameras_of",
+    "least_apart",
+    "light_of",
+    "view_axes",
+    "walls_of",
+]
+
+
+Plane = tuple[float, float, float, float]
+_CLEAR = 0.97  # of the way to a wall that several pictures may take
 
 
 class _Sized(Protocol):
@@ -129,6 +142,17 @@ def light_of(view: View) -> Array:
 def cameras_of(views: Iterable[ResolvedView], pictures: Iterable[_Sized]) -> list[Camera]:
     """The cameras of views, each with the pixels of its picture."""
     return [camera_of(v, p.width, p.height) for v, p in zip(views, pictures, strict=True)]
+
+
+def walls_of(views: Iterable[ResolvedView]) -> tuple[Plane, ...]:
+    """(nx, ny, nz, d) of each wall: n · p + d is how far a point stands before what is clear of it, mm."""
+    walls = []
+    for view in views:
+        if view.kind == "shadow":
+            plane = camera_of(view, 1, 1).receiver
+            plane[3] -= view.wall_distance_mm - _CLEAR * view.clear_mm
+            walls.append(tuple(plane.tolist()))
+    return tuple(walls)
 
 
 def view_axes(view: View | Region) -> Array:

@@ -200,7 +200,7 @@ def lattice_in(
         It is far outside of what leaves the region, and of what draws nothing before screens that end.
         """
         room = np.stack([s.room(points) for s in sights]) / limits.radius
-        outside = tube_outside(points, points, limits.region, limits.radius)[1][: len(points)]
+        outside = tube_outside(points, points, limits)[1][: len(points)]
         draws = np.any([s.draws(points) for s in sights], axis=0)
         return np.asarray(np.where((outside > 0) | ~draws, -_FAR, room))
 

@@ -93,7 +93,7 @@ def tie_knot(problem: Problem, start: Start, radius: float) -> Start:
     def outside(points: Array) -> float:
         here = points @ axes
         ahead = np.roll(here, -1, axis=0)
-        return float(tube_outside(here, ahead, limits.region, limits.radius)[1].max())
+        return float(tube_outside(here, ahead, limits)[1].max())
 
     room = KnotRoom(
         facing.polygon,

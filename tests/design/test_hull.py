@@ -6,16 +6,16 @@ import pytest
 from knotfab.base.arrays import Mask
 from knotfab.design.contradictions import contradictions
 from knotfab.design.frames import framed_alike, spread_views
-from knotfab.design.hull import hull_bounds, inside_hull
+from knotfab.design.hull import hull_bounds, inside_hull, rays_within
 from knotfab.picture.read import Target
-from knotfab.scene.camera import Camera, camera_of
+from knotfab.scene.camera import Camera, camera_of, walls_of
 from knotfab_formats.scene import ResolvedView, Scene, View
 
 SIDE = 120
 
 
-def shot(azimuth: float, mask: Mask, light: float = 500.0, elevation: float = 0.0) -> Camera:
-    view = ResolvedView(
+def seen(azimuth: float, light: float = 500.0, elevation: float = 0.0) -> ResolvedView:
+    return ResolvedView(
         frame_width_mm=120.0,
         frame_height_mm=120.0,
         azimuth_deg=azimuth,
@@ -23,7 +23,10 @@ def shot(azimuth: float, mask: Mask, light: float = 500.0, elevation: float = 0.
         light_distance_mm=light,
         wall_distance_mm=100.0,
     )
-    return camera_of(view, mask.shape[1], mask.shape[0])
+
+
+def shot(azimuth: float, mask: Mask, light: float = 500.0, elevation: float = 0.0) -> Camera:
+    return camera_of(seen(azimuth, light, elevation), mask.shape[1], mask.shape[0])
 
 
 def disc(radius: float) -> Mask:
@@ -94,6 +97,25 @@ def test_a_raised_view_sees_the_extent_in_depth() -> None:
     points = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 22.0]])
     inside = inside_hull(points, cameras, [block(30, 90), ring])
     assert inside.tolist() == [False, True]
+
+
+def test_nothing_stands_behind_a_wall() -> None:
+    """Views 20 degrees apart see alike what stands far behind the middle, where one of them has its wall."""
+    masks = [block(10, 110, 5, 115)] * 2
+    views = [seen(0.0), seen(20.0)]
+    cameras = [camera_of(v, SIDE, SIDE) for v in views]
+    bound = hull_bounds(cameras, masks, 120.0, walls=walls_of(views))[0]
+    assert hull_bounds(cameras, masks, 120.0)[0].low[2] < -105.0 < -97.001 < bound.low[2]
+    on = cameras[0].corner + np.array([[5.0, 60.0], [60.0, 60.0], [115.0, 60.0]]) @ np.stack(
+        [cameras[0].du, cameras[0].dv]
+    )
+    middles, halves = rays_within(cameras[0], on, 120.0, walls_of(views))
+    heights = [
+        [(middles + end * halves) @ normal + offset for end in (-1.0, 1.0)]
+        for *normal, offset in walls_of(views)
+    ]
+    # each ends at the wall that it meets first
+    assert np.array(heights).min((0, 1)) == pytest.approx(0.0, abs=1e-9)
 
 
 def test_only_low_bounds_are_told_and_where() -> None:

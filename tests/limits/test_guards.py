@@ -17,7 +17,7 @@ from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.limits import guards
 from knotfab.limits.base import Guard, Limit, Limits, State
 from knotfab.limits.length import LENGTH
-from knotfab.limits.region import REGION
+from knotfab.limits.region import REGION, outside
 from knotfab_formats.scene import ResolvedRegion
 from knotfab_formats.search import PRESETS
 
@@ -69,6 +69,19 @@ def walk(steps: int, seed: int) -> list[Array]:
         points = points * 1.002 + rng.normal(0, 0.02, points.shape) + [0.01 * step, 0.0, 0.004]
         found.append(points)
     return found
+
+
+def test_walls_end_the_region() -> None:
+    """A wall that leans over the middle: what stands behind it is pushed straight out of it."""
+    normal = np.array([0.6, 0.0, 0.8])
+    walls = ((*normal.tolist(), 10.0),)
+    region = ResolvedRegion(size_mm=(200.0, 200.0, 200.0))
+    points = np.random.default_rng(0).uniform(-99, 99, (500, 3))
+    free, excess = outside(points, region, 2.0)[0], outside(points, region, 2.0, walls)
+    assert excess[0] == pytest.approx(np.maximum(free, 2.0 - points @ normal - 10.0))
+    behind = excess[0] > free
+    assert 50 < behind.sum() < 450
+    assert np.abs(excess[1][behind] + normal).max() < 1e-12
 
 
 @pytest.mark.parametrize("kind", list(SIZES))

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from knotfab.base.arrays import Array
 from knotfab.base.errors import InputError
 from knotfab.files.stl import write_stl
+from knotfab.limits.base import Limits
 from knotfab.limits.region import outside, tube_outside
 from knotfab.limits.region_mesh import beyond, region_mesh
 from knotfab.scene.load import load_scene, parse_scene
@@ -78,7 +79,7 @@ def test_what_the_search_accepts_is_inside(tmp_path: Path) -> None:
     x = np.linspace(-20.3, 20.3, 30)  # the edge at x = 0 is midway between two vertices
     for gap in np.linspace(1.95, 2.1, 16):
         line = np.column_stack([x, np.full(30, 5.0 - gap), np.zeros(30)])
-        points, excess = tube_outside(line[:-1], line[1:], r, 2.0)
+        points, excess = tube_outside(line[:-1], line[1:], Limits(2.0, 0.4, 2.2, 100.0, r))
         assert len(points) == 58
         if gap < 2.0:
             assert excess.max() > 0
