@@ -182,38 +182,48 @@ def follow_rays(
 ) -> tuple[Mask, Array, Array]:
     """Which of the rays `begin + along * ray` (n, 3) meet a point within all masks, and these points' box.
 
+    The first and the last of a ray's points within all masks span what that ray adds to the box, so each ray
+    is followed from its two ends. A projection of it is linear in `along`.
+
     Args:
         projections: (m, 3, 4) of the masks' cameras. shapes: (m, 2). masks: all of them, one after the other.
         ends: whether beside a mask counts as within it.
     """
     met = np.zeros(len(ray), dtype=np.bool_)
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    back = along[::-1].copy()
+    at, by = np.empty((len(shapes), 3)), np.empty((len(shapes), 3))
     for n in range(len(ray)):
-        for a in along:
-            x, y, z = (
-                begin[n, 0] + a * ray[n, 0],
-                begin[n, 1] + a * ray[n, 1],
-                begin[n, 2] + a * ray[n, 2],
-            )
-            inside, first = True, 0
-            for k in range(len(shapes)):
-                p = projections[k]
-                w = p[2, 0] * x + p[2, 1] * y + p[2, 2] * z + p[2, 3]
-                if w <= 0:
-                    inside = False
+        for k in range(len(shapes)):
+            for i in range(3):
+                p = projections[k, i]
+                at[k, i] = p[0] * begin[n, 0] + p[1] * begin[n, 1] + p[2] * begin[n, 2] + p[3]
+                by[k, i] = p[0] * ray[n, 0] + p[1] * ray[n, 1] + p[2] * ray[n, 2]
+        for steps in (along, back):
+            for a in steps:
+                inside, first = True, 0
+                for k in range(len(shapes)):
+                    w = at[k, 2] + a * by[k, 2]
+                    if w <= 0:
+                        inside = False
+                        break
+                    w = 1.0 / w
+                    u = (at[k, 0] + a * by[k, 0]) * w + 0.5
+                    v = (at[k, 1] + a * by[k, 1]) * w + 0.5
+                    rows, columns = shapes[k]
+                    if u < 0 or v < 0 or u >= columns or v >= rows:
+                        inside = ends
+                    else:
+                        inside = masks[first + int(v) * columns + int(u)]
+                    if not inside:
+                        break
+                    first += rows * columns
+                if inside:
+                    met[n] = True
+                    for i in range(3):
+                        x = begin[n, i] + a * ray[n, i]
+                        low[i], high[i] = min(low[i], x), max(high[i], x)
                     break
-                u = np.rint((p[0, 0] * x + p[0, 1] * y + p[0, 2] * z + p[0, 3]) / w)
-                v = np.rint((p[1, 0] * x + p[1, 1] * y + p[1, 2] * z + p[1, 3]) / w)
-                rows, columns = shapes[k]
-                if u < 0 or v < 0 or u >= columns or v >= rows:
-                    inside = ends
-                else:
-                    inside = masks[first + int(v) * columns + int(u)]
-                if not inside:
-                    break
-                first += rows * columns
-            if inside:
-                met[n] = True
-                low[0], low[1], low[2] = min(low[0], x), min(low[1], y), min(low[2], z)
-                high[0], high[1], high[2] = max(high[0], x), max(high[1], y), max(high[2], z)
+            if not met[n]:
+                break
     return met, low, high
