@@ -1,4 +1,4 @@
-"""What the files of a piece say of themselves: its title, how to light it, and a small picture of it."""
+"""The words of a piece's files about the piece: its title, how to light it, and a small picture of it."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ GCODE_PX = 480  # G-code has smaller copies of this picture
 
 
 def about_part(part: Part, scene: ResolvedScene, targets: Sequence[Target]) -> About:
-    """What 3MF files of the part say: the scene's [about], and what follows from the piece itself.
+    """The words of the part's 3MF files: the scene's [about], and what follows from the piece itself.
 
     Without a title it is the pictures' names; without a designer, knotfab. Terms of a licence are left out
     where nobody gave them: whose the picture is, no file says.
@@ -46,7 +46,7 @@ def draw_thumbnail(part: Part, views: Sequence[ResolvedView], pixels: int) -> by
 
 
 def _describe(part: Part, views: Sequence[ResolvedView], names: str) -> str:
-    """What the piece is and how to light it, in a sentence; setup.pdf says more."""
+    """Say what the piece is and how to light it, in a sentence; setup.pdf says more."""
     view, knots = views[0], part.pose.knots
     tube = f"{count_in_words(len(knots.knots))} of a tube {length(2 * knots.radius_mm)} mm thick"
     tube = tube[:1].upper() + tube[1:]

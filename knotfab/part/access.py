@@ -22,16 +22,17 @@ __all__ = ["TOOLS_MM", "Access", "measure_access"]
 TOOLS_MM = {"finger": 16.0, "cutter": 8.0, "pliers": 4.0, "hook": 2.0}
 SAMPLES = 300  # undersides looked at
 WAYS = 48  # directions of a tool
-NEARLY = 0.85  # of a tool's radius: it may brush a strand, and triangles stand for the surface
-STEP = 0.5  # of its radius, at least, from one look to the next
-SPACING_MM = (
-    1.0  # of the points that stand for the surface, at most; finer meshes are thinned to half
+NEARLY = (
+    0.85  # a share of a tool's radius: it may brush a strand, and triangles stand for the surface
 )
+STEP = 0.5  # the least way from one look to the next, as a share of the tool's radius
+# the widest gap between points that stand for the surface; finer meshes are thinned to half of it
+SPACING_MM = 1.0
 
 
 @dataclass(frozen=True)
 class Access:
-    """How the supports under a piece are reached.
+    """The reach of tools to the supports under a piece.
 
     `area_cm2`: of the undersides that need support. `reached`: for each tool, the share of them (0 to
     1) that it reaches. `worst`: the place (3,) that only the thinnest tool reaches, or none, deepest
@@ -85,7 +86,7 @@ def measure_access(bodies: Sequence[Mesh], rules: Rules) -> Access:
     area = size[under] / 100
     if not len(under):
         return Access(0.0, dict.fromkeys(TOOLS_MM, 1.0), None, None)
-    # as many looks at each mm² of underside
+    # look as often at each mm² of underside
     along = (np.arange(min(SAMPLES, len(under))) + 0.5) / min(SAMPLES, len(under))
     chosen = np.unique(under[np.searchsorted(area.cumsum(), along * area.sum())])
     place, out = middle[chosen], normal[chosen]
@@ -93,7 +94,7 @@ def measure_access(bodies: Sequence[Mesh], rules: Rules) -> Access:
     low, high = box_of(bodies)
     ways = spread_turns(WAYS)[3:, 2]
     best = np.zeros(len(place))  # diameter of the thickest tool that comes in
-    # what a thick tool reaches, a thinner one reaches in the same way
+    # a thinner tool reaches each place that a thick one reaches, in the same way
     for diameter in sorted(TOOLS_MM.values(), reverse=True):
         rest = np.flatnonzero(best == 0)
         hit = _reaches(place[rest], out[rest], ways, diameter / 2, surface, low, high)
@@ -168,5 +169,5 @@ def _thin(points: Array) -> Array:
 
 
 def _depth(place: Array, low: Array, high: Array) -> Array:
-    """How far inside the box a place lies."""
+    """Measure how far inside the box a place lies."""
     return np.asarray(np.minimum(place - low, high - place).min(axis=1))

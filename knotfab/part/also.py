@@ -112,7 +112,7 @@ def _write_step(folder: OutputFolder, part: Part, camera: Camera, suffix: str) -
 
 
 def _count_sides(vertices: int) -> int:
-    """How many facets go about a tube of so many vertices; 0: it would have too many in all."""
+    """Count the facets about a tube of so many vertices; 0: it would have too many in all."""
     if 2 * _FEWEST_SIDES * vertices > _MOST_FACETS:
         return 0
     fit = _FACETS // (4 * vertices) * 2

@@ -1,4 +1,4 @@
-"""From a finished search to the part that is written: tubes, mount, print pose."""
+"""Make the part that is written from a finished search: tubes, mount, print pose."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ from knotfab_formats.scene import Scene
 __all__ = ["Part", "enlarge_knots", "part_of", "rules_of", "shrink_of"]
 
 BESIDE_MM = 5.0  # that a slicer's supports reach out of a piece's outline, at most
-BESIDE_SHARE = 0.05  # of the printer: a small one is used to its edge
+BESIDE_SHARE = 0.05  # a share of the printer's bed: a small one is used to its edge
 _ANY_SIZE = (1e6, 1e6, 1e6)
 
 
 @dataclass(frozen=True, repr=False)
 class Part(InNotebook):
-    """The piece: `bodies` in print pose, and what they were made of.
+    """The piece: `bodies` in print pose, with the tubes and mount that they were made of.
 
     `plates`: what is printed, where the printer does not hold the whole.
     """
@@ -112,7 +112,7 @@ def _choose_poses(
     rules = rules_of(made.scene) if mounted.stand is None else None
     shrink = shrink_of(made.scene)
     knots, bodies = made.knots, mounted.bodies
-    if shrink[0, 0] != 1.0:  # what is printed is larger by what it will shrink
+    if shrink[0, 0] != 1.0:  # the printed part is larger by its shrinkage
         knots, bodies = enlarge_knots(made), [(1 / shrink[0, 0] * v, f) for v, f in bodies]
     room = printer.build_volume_mm if printing else _ANY_SIZE
     try:
@@ -144,7 +144,7 @@ def _choose_poses(
 
 
 def shrink_of(scene: Scene) -> Array:
-    """(4, 4) what the material does to a part once it is printed; the identity where nothing is asked."""
+    """Return the change (4, 4) of a printed part by its material; the identity where nothing is asked."""
     return np.diag([*np.full(3, 1 - scene.material.shrinkage_percent / 100), 1.0])
 
 
@@ -154,7 +154,7 @@ def enlarge_knots(made: Design) -> Knots:
 
 
 def rules_of(scene: Scene) -> Rules:
-    """What the printer file says of overhangs, and the room that its supports take beside a piece."""
+    """Return the printer's limits on overhangs, and the room that its supports take beside a piece."""
     printer = scene.printer
     limit = printer.max_support_cm3
     powder = printer.process == "powder"

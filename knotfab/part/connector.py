@@ -20,10 +20,10 @@ if TYPE_CHECKING:
 
 __all__ = ["KERF_MM", "CutPiece", "cut_body"]
 
-KERF_MM = 0.01  # of matter that is lost at a cut
+KERF_MM = 0.01  # the matter that is lost at a cut
 DEEPER_MM = 0.3  # than its pin is long a hole is
-ROOT_RADII = 0.5  # of the tube: how far a pin goes back into its own piece
-CHAMFER_SHARE = 0.3  # of the pin's radius, at its tip
+ROOT_RADII = 0.5  # tube radii by which a pin goes back into its own piece
+CHAMFER_SHARE = 0.3  # a share of the pin's radius, at its tip
 SIDES = 32
 
 

@@ -1,4 +1,4 @@
-"""Where a tube too large for the printer is cut: straight places that do not show, as few as fit."""
+"""Cut a tube too large for the printer at straight places that do not show, as few as fit."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ __all__ = ["CLEARANCE_MM", "PIN_RADII", "Cut", "Line", "find_cuts"]
 
 
 PIN_RADII = 2.0  # that a pin sticks out of the cut, in tube radii
-PIN_SHARE = 0.5  # of the tube's radius: a pin's, where the bend leaves room for it
+PIN_SHARE = 0.5  # a pin's radius over the tube's, where the bend leaves room for it
 LEAST_SHARE = 0.25
-CLEARANCE_MM = 0.12  # of the pin in its hole, all round
+CLEARANCE_MM = 0.12  # the pin's play in its hole, all round
 WALL_NOZZLES = 1.1  # round the hole
-PIN_NOZZLES = 0.6  # of a pin's radius, at least
+PIN_NOZZLES = 0.6  # the least radius of a pin, in nozzles
 STARTS = 24  # places at which the first cut is tried
 EARLY = (1.0, 0.85, 0.7)  # how far back from the last place that fits the best is sought
 TURNS = 40  # ways up in which a piece may fit
@@ -60,7 +60,7 @@ class Cut:
 def find_cuts(
     line: Line, build_volume_mm: tuple[float, float, float], nozzle_mm: float, name: str
 ) -> list[Cut]:
-    """Cuts, in order of their vertices, into pieces of which each fits the build volume.
+    """Return cuts, in order of their vertices, into pieces of which each fits the build volume.
 
     From each of some first places the curve is followed as far as it still fits, in any of
     `TURNS` ways up, and cut at the best place before; the fewest pieces win, then the best places.
@@ -154,7 +154,7 @@ def _cut_line(line: Line, vertex: int, place: tuple[int, float, float]) -> Cut:
 
 
 class _Spans:
-    """How far a curve can be followed from a vertex until it fits the printer no more."""
+    """Measure how far a curve can be followed from a vertex until it fits the printer no more."""
 
     def __init__(self, line: Line, room: tuple[float, float, float]) -> None:
         turns = spread_turns(TURNS)

@@ -1,4 +1,4 @@
-"""What a flatter piece would take to print, and how flat it must be to keep the printer's limit."""
+"""Estimate what a flatter piece would take to print, and how flat it must be to keep the printer's limit."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ from knotfab.part.orient import (
 __all__ = ["FLATTER", "Flattening", "Printing", "estimate_flatter", "flatter_depth"]
 
 
-STEPS = 5  # of halving, to a thirty-second of the depth
-AIM = 0.95  # of the limit: the search that follows lays the strands anew
+STEPS = 5  # halvings, to a thirty-second of the depth
+AIM = 0.95  # a share of the limit: the search that follows lays the strands anew
 ROUND_MM = 0.1
-FLATTER = (0.6, 0.0)  # of the depth: what else is estimated for the report
+FLATTER = (0.6, 0.0)  # shares of the depth that are estimated for the report as well
 RODS = 2000  # that stand for the strands
 
 
 @dataclass(frozen=True)
 class Flattening:
-    """What was done about supports beyond the printer's limit, and pegs that do not hold: depths in mm.
+    """The changes for supports beyond the printer's limit and pegs that do not hold: depths in mm.
 
     `from_mm` is the depth of the first search, `to_mm` of the one that was kept (equal where
     none followed), and `proposed_mm` what the kept one would still need, None where nothing. `unheld` says
@@ -76,7 +76,7 @@ def flatter_depth(knots: Knots, depth_mm: float, rules: Rules) -> float | None:
 
 @dataclass(frozen=True)
 class Printing:
-    """What a piece takes to print, its depth as a share of the one that was made."""
+    """The cost of printing a piece, its depth as a share of the one that was made."""
 
     depth_share: float
     hours: float
@@ -96,7 +96,7 @@ class Printing:
 def estimate_flatter(
     knots: Knots, sliced: Printing, rules: Rules, shares: Sequence[float] = FLATTER
 ) -> list[Printing]:
-    """What the same curves would take with less depth, each in its own best pose.
+    """Estimate the cost of the same curves with less depth, each in its own best pose.
 
     An estimate from centre lines: the strands cost by their length what the slicer says of the piece as
     it is, less supports and layers; these are the pose's, supports scaled as the slicer's are to the

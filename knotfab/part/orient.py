@@ -1,4 +1,4 @@
-"""Which way up a piece may lie: the turns that are tried, and the choice among them."""
+"""Turn a piece as it may lie: the turns that are tried, and the choice among them."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ MINUTES_CONTACT = 5.0
 
 @dataclass(frozen=True)
 class Ranked:
-    """A turn (3, 3) from scene to bed, what it was estimated at, and what it costs."""
+    """A turn (3, 3) from scene to bed, its estimate, and its cost."""
 
     turn: Array
     estimate: Estimate

@@ -33,7 +33,7 @@ class Printable:
     line: Line
 
     def scaled(self, share: float) -> Printable:
-        """The same, every length so many times as long."""
+        """Scale every length by a factor."""
         (vertices, faces), line = self.mesh, self.line
         points, radius, beside = share * line.points, share * line.radius, share * line.beside
         line = replace(line, points=points, radius=radius, beside=beside)
@@ -42,7 +42,7 @@ class Printable:
 
 @dataclass(frozen=True)
 class PrintPlate:
-    """What is printed at once: bodies in print coordinates of this plate, and their names.
+    """Bodies that are printed at once, in print coordinates of this plate, and their names.
 
     `to_part` holds a rigid (4, 4) motion for each body, from the plate to its place in part.stl.
     """
@@ -54,7 +54,7 @@ class PrintPlate:
 
 @dataclass(frozen=True)
 class Plates:
-    """All plates; `cuts` counts those of each body, `pins` their diameters and lengths, mm."""
+    """All plates; `cuts` counts the cuts of each body, `pins` gives their diameters and lengths, mm."""
 
     plates: list[PrintPlate]
     cuts: list[int]
@@ -178,7 +178,7 @@ def _pack(
     """Rows of bodies, the deepest first, on as few plates as that takes."""
     order = sorted(range(len(posed)), key=lambda k: -round(float(posed[k].size[1]), 3))
     plates: list[PrintPlate] = []
-    spots: list[list[float]] = []  # of each plate: x and y of the next body, and the row's depth
+    spots: list[list[float]] = []  # for each plate: x and y of the next body, and the row's depth
     for k in order:
         one = posed[k]
         width, depth = float(one.size[0]), float(one.size[1])

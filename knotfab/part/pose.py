@@ -22,9 +22,8 @@ __all__ = ["PoseAccount", "PrintPose", "choose_pose", "lay_on_bed"]
 
 FITS_MM = 1e-6  # a part of exactly the build volume's size fits
 TURN_STEP_DEG = 0.25
-SPARE = (
-    0.005  # of a frame that would fit: the search does not give the same piece again, only smaller
-)
+# a share of a frame that would fit: the search does not give the same piece again, only smaller
+SPARE = 0.005
 
 ORIENTATIONS = AXES[:3]
 RUNNERS_UP = 3  # that a report names
@@ -270,7 +269,7 @@ def _quarters(turn: Array) -> tuple[tuple[Array, Array], ...]:
 def _oblique_turns(
     points: Array, room: Array, sides: Sequence[Array]
 ) -> Iterator[tuple[Array, Array]]:
-    """For each side up, the turn about the vertical that leaves most room; least height first."""
+    """Find for each side up the turn about the vertical that leaves most room; least height first."""
     for upright, _ in _square_turns(points, sides)[::2]:
         turned = points @ upright.T
         angle, width, depth = _sweep_about(turned)
@@ -286,7 +285,7 @@ def _too_large(
     frame: tuple[float, float] | None,
     mounted: bool = False,
 ) -> SceneError:
-    """What fits: a smaller frame shrinks all of a size but what is `fixed` (3,) of it."""
+    """Return the factor that fits: a smaller frame shrinks all of a size but the part `fixed` (3,)."""
     scales = [
         float(((room - fixed) / np.maximum(size - fixed, 1e-9))[size > room + FITS_MM].min())
         for size in sizes

@@ -1,4 +1,4 @@
-"""What must be known of each body of a piece before it can be printed, or cut, by itself."""
+"""Facts about each body of a piece that are needed to print, or cut, it by itself."""
 
 from __future__ import annotations
 
@@ -18,8 +18,10 @@ from knotfab.scene.camera import Camera
 __all__ = ["can_be_split", "list_printables", "measure_hiding"]
 
 
-FULLY_RADII = 3.0  # of the tube's shadow from the outline, from which on a place is well inside
-PEG_RADII = 2.0  # of the tube, clear of a peg's side
+FULLY_RADII = (
+    3.0  # radii of the tube's shadow from the outline, from which on a place is well inside
+)
+PEG_RADII = 2.0  # tube radii from a peg's side
 CROSS = np.concatenate([np.eye(3), -np.eye(3)])
 
 
@@ -71,7 +73,7 @@ def measure_hiding(
 def _pegs(
     mounted: Mounted, knot: int, points: Array, radius: float
 ) -> tuple[NDArray[np.bool_], Array, Indices]:
-    """Which vertices are next to a peg, the points that bound the knot's pegs, and their vertices."""
+    """Find the vertices next to a peg, the points that bound the knot's pegs, and their vertices."""
     barred = np.zeros(len(points), dtype=np.bool_)
     beside, beside_of = [np.empty((0, 3))], [np.empty(0, dtype=np.int64)]
     for peg in mounted.wall.pegs if mounted.wall is not None else ():

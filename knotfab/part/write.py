@@ -1,4 +1,4 @@
-"""The files of a piece, or of knots of which no piece can be made."""
+"""Write the files of a piece, or of knots of which no piece can be made."""
 
 from __future__ import annotations
 

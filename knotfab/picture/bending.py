@@ -28,13 +28,13 @@ __all__ = [
     "write_points",
 ]
 
-ROWS, COLUMNS = 15, 11  # of control points, of which the outermost lie outside the frame
-_UNIT = 1e-4  # of the picture's height: what control points are written in
+ROWS, COLUMNS = 15, 11  # rows and columns of control points; the outermost lie outside the frame
+_UNIT = 1e-4  # control points are written in this share of the picture's height
 _GRID = (
     120,
     120,
 )  # places in which slopes are looked at: so smooth a field has no steeper ones between
-_CRUMB = 1e-4  # of the picture: fewer pixels are no piece and no hole
+_CRUMB = 1e-4  # a share of the picture: a piece or hole has no fewer pixels
 
 
 @dataclass(frozen=True)

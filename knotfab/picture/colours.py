@@ -71,7 +71,7 @@ def cluster_colours(colours: Colours) -> Clusters:
     nearest = ((grid[:, None] - first) ** 2).sum(2).argmin(1)
     mass = np.bincount(nearest, counts, len(first))
     order = np.argsort(-mass, kind="stable")
-    rank = np.argsort(order)  # at most 200 of them
+    rank = np.argsort(order)  # there are at most 200 of them
     middles = (first[order] << _SHIFT) + (1 << (_SHIFT - 1))
     # flat colours reach the ends of the range: black is black
     ends = np.where(first[order] == 0, 0, np.where(first[order] == 31, 255, middles))

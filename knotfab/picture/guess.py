@@ -15,12 +15,14 @@ from knotfab_formats.scene import Reading
 __all__ = ["guess_reading"]
 
 _ALIKE, _APART = 24.0, 96.0  # levels, Euclidean in RGB: within one colour, and between two
-_THIN = 0.015  # of the shorter side, at most, is a frame
-_SIDE = 0.75  # of each side of what a frame goes about has the colour of the paper
-_MOST = 0.98  # of a frame has its colour
-_SHAPE = 1e-3  # of the pixels, at least, differ from the paper where a frame goes about a shape
-_MAJORITY = 0.6  # of the border is its background's without a question
-_FLAT = 0.9  # of a border has at most three colours where they are painted
+_THIN = 0.015  # the thickest frame, as a share of the shorter side
+_SIDE = 0.75  # the share of each side of a frame's inside that has the colour of the paper
+_MOST = 0.98  # the share of a frame that has its colour
+_SHAPE = (
+    1e-3  # the least share of pixels that differ from the paper where a frame goes about a shape
+)
+_MAJORITY = 0.6  # a colour with this share of the border is its background's
+_FLAT = 0.9  # at most three colours make up this share of a painted border
 
 
 def guess_reading(

@@ -23,11 +23,11 @@ Levels = NDArray[Any]  # (H, W) or (H, W, 3) of 8 bits, or grey of 16
 
 _ROWS = 512  # rows handled at once where colours are compared, to bound the memory
 _LUMA = (299, 587, 114)  # ITU-R BT.601, in thousandths
-# of 255 levels: blank paper differs from itself by as much, once it is saved as a JPEG
+# levels (of 255) by which blank paper differs from itself, once it is saved as a JPEG
 _NOISE = 8.0
-_JOINTS = 0.05  # of hairlines' pixels, at most, lie where they meet
-_STRAY = 0.01  # of the pixels, at most, are clear by accident
-_PLAINLY = 64.0  # of 255 levels, by which ink is plainly darker or lighter than what it lies on
+_JOINTS = 0.05  # the largest share of hairlines' pixels that lie where hairlines meet
+_STRAY = 0.01  # the largest share of pixels that are clear by accident
+_PLAINLY = 64.0  # levels (of 255) by which ink is plainly darker or lighter than its background
 # below so many degrees
 _HUES: tuple[tuple[int, str], ...] = (
     *((15, "red"), (45, "orange"), (68, "yellow"), (165, "green"), (195, "turquoise")),
@@ -251,7 +251,7 @@ def _split_brightness(
         bright = _by_rows(colours, lambda part: part.astype(np.int64) @ _LUMA).astype(np.int64)
     most = 255 * sum(_LUMA) if colours.ndim == 3 else 255 if colours.dtype == np.uint8 else 65535
     dark = reading.ink == "dark"
-    # what is clear is as bright as paper where ink is dark, as dark as night where it is light
+    # clear pixels are as bright as paper where ink is dark, as dark as night where it is light
     bright = np.where(opaque, bright, most if dark else 0)
     low, high = int(bright.min()), int(bright.max())
     if low == high:

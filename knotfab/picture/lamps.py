@@ -36,22 +36,22 @@ _LIGHTNESS, _CHROMA = 0.5, 0.35  # their weights beside hue's, of a colour that 
 _STRONG = 0.1  # chroma from which on it is
 _GREY = 0.04  # a picture with less chroma everywhere is grey (a pure red has 0.26)
 _COLOURED = 0.002  # share of the picture's pixels that must have more
-_SAME = 0.06  # in OKLab: two mixtures that are nearer to each other look alike
-_FLAT = 0.05  # in sRGB: what differs less from its neighbours lies in a flat colour
-_BESIDE = 0.10  # in sRGB: so far may antialiasing lie from the line between two colours
-_REACH_PX = (2, 3, 4)  # how far from a pixel the two colours are that it may lie between
-_SPECK = 0.008  # by the longer side: spots smaller than a square so wide go to what is about them
-_GRAIN, _PHOTOGRAPH = (
-    0.02,
-    0.35,
-)  # in sRGB: a picture in which so much differs from its neighbours is one
-_VOTE = 0.006  # by the longer side: about half as wide as the shadow of a thin strand
-_SLIVER = 0.0045  # by the longer side: areas of twice this width are slivers beside thicker ones
-_TOLD = (
-    0.15,
-    0.01,
-)  # what is lost is told of colours so far off in OKLab, on so much of the picture
-_LARGEST_PX = 1024  # of masks; a larger picture is shrunk for them
+_SAME = 0.06  # two mixtures nearer to each other than this in OKLab look alike
+_FLAT = 0.05  # a pixel that differs less (sRGB) from its neighbours lies in a flat colour
+_BESIDE = 0.10  # antialiasing may lie so far (sRGB) from the line between two colours
+_REACH_PX = (2, 3, 4)  # distances at which the two colours beside a pixel are looked for
+_SPECK = (
+    0.008  # a share of the longer side: spots smaller than a square so wide join their surroundings
+)
+# a picture is a photograph where this share of its pixels differs by the grain (sRGB) from its neighbours
+_GRAIN, _PHOTOGRAPH = 0.02, 0.35
+_VOTE = 0.006  # a share of the longer side: about half as wide as the shadow of a thin strand
+_SLIVER = (
+    0.0045  # a share of the longer side: areas of twice this width are slivers beside thicker ones
+)
+# a loss is told where a colour is so far off in OKLab, on this share of the picture
+_TOLD = (0.15, 0.01)
+_LARGEST_PX = 1024  # longer side of masks; a larger picture is shrunk for them
 
 _TO_LMS = np.array(
     [

@@ -54,7 +54,7 @@ def holes_of(mask: Mask) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
 
     around, count = ndimage.label(np.pad(~mask, 1, constant_values=True))
     number = np.arange(count + 1)
-    number[1:] -= 1  # what is outside comes first, from the corner
+    number[1:] -= 1  # the background outside comes first, from the corner
     labels = number[around[1:-1, 1:-1]].astype(np.int32)
     return labels, np.bincount(labels.ravel(), minlength=count)[1:]
 

@@ -23,9 +23,9 @@ __all__ = [
 
 _COARSE = 0.02  # radii that an outline may move by before it is opened
 _SLIVER = 0.03  # radii: no slivers that this leaves along edges are twice as thick
-_EDGE_ON = 0.01  # of a ring seen from its edge: its width over its length
-_CORNERS = 64  # of a ring
-_WITHIN = 1.002  # of the largest radius: the ratio to one that is too large
+_EDGE_ON = 0.01  # width over length of a ring seen from its edge
+_CORNERS = 64  # corners of a ring
+_WITHIN = 1.002  # how far above the largest radius the search may end, as a factor
 
 
 def _open(shape: Polygon | MultiPolygon, radius: float) -> Polygon | MultiPolygon:

@@ -64,7 +64,7 @@ _BEGINNINGS = (
     b"\0\0\1\0", b"\0\0\0\x0cjP", b"\xff\x4f\xff\x51", *(b"P%d" % n for n in range(1, 8)),
 )  # fmt: skip
 _EXPORT = "Open it in the program that made it, and export it as PNG or SVG."
-# what people take for pictures: the first bytes, what it is, what to do
+# files that people take for pictures: the first bytes, the file's kind, the remedy
 _OTHERS: tuple[tuple[bytes, str, str], ...] = (
     (rb"%PDF", "a PDF", "Export its page as SVG or PNG, by Inkscape or by pdftoppm -png."),
     (rb"%!PS|\xc5\xd0\xd3\xc6", "PostScript (EPS)", "Export it as SVG or PNG, by Inkscape."),
@@ -181,7 +181,7 @@ def decode(
 
 def shrink_factor(image: Image.Image) -> int:
     """How many px across may become one where a picture is only glanced at."""
-    deep = image.mode.startswith(("I", "F"))  # which Pillow does not reduce
+    deep = image.mode.startswith(("I", "F"))  # Pillow does not reduce these modes
     return 1 if deep else min(-(-max(image.size) // _GLANCE), max(1, min(image.size) // _LEAST))
 
 

@@ -50,10 +50,13 @@ PICTURE_SUFFIXES = frozenset(chain(*raster.SUFFIXES.values(), _DRAWN))
 PLAIN = Reading()
 _MISSING = "Check the path, or write text:… for a word or a glyph."
 MOVING = ("GIF", "WEBP", "PNG", "AVIF")  # formats that may hold an animation
-_PIXEL_BYTES = 9  # of 16-bit RGBA, and of what a file says besides
+_PIXEL_BYTES = 9  # a pixel of 16-bit RGBA, and the file's other data
 
-_MOST_SIGNS, _MOST_BYTES = 60, 180  # of a name, which file systems hold with what goes around it
-_CRUMB = 0.01  # of the ink: what is less is no piece of its own
+_MOST_SIGNS, _MOST_BYTES = (
+    60,
+    180,
+)  # the longest name; file systems hold names with prefixes and suffixes
+_CRUMB = 0.01  # a share of the ink: a smaller part is no piece of its own
 
 
 @dataclass(frozen=True, repr=False)
@@ -298,7 +301,7 @@ def _take_target(
         data, kind = encode_image(raster.to_plain(image)), "PNG"
         image, kind = raster.decode(data, what)
     asked, subject = reading, None
-    if reading.cut_out:  # from here on its mask is the picture
+    if reading.cut_out:  # the mask is the picture from here on
         image = Image.fromarray(take_subject(image, reading, folder, what)).convert("L")
         subject = encode_image(image.convert("1"))
     try:

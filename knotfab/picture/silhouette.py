@@ -21,7 +21,7 @@ __all__ = ["LONGER_SIDE", "fit_size", "polygon_iou", "resample_mask", "trace_pol
 LONGER_SIDE = 1024  # pixels at which pictures are compared and traced
 _SPECK = 2.0  # px²: smaller pieces and holes are dropped from polygons
 _REACH = 0.5  # px: how far smoothing may move the outline; half of it where coverage is known
-_MOST_RINGS = 3000  # with more the picture is noise, and smoothing it would only take time
+_MOST_RINGS = 3000  # a picture with more is noise, and smoothing it would only take time
 _SPACING = 0.5  # px between samples while smoothing
 _SIMPLIFY = 0.05  # px
 # Just below one half, so that pixels that touch only at corners stay connected.

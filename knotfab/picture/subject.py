@@ -23,9 +23,9 @@ Levels = NDArray[np.float32]
 _Gaussian = tuple[float, NDArray[np.float64], NDArray[np.float64]]  # share, mean, covariance
 
 _CUT_PX, _FINE_PX = 320, 1600  # longer side where the cut is made, and where its outline is refined
-_MARGIN = 0.25  # of the rectangle's longer side: what lies that near tells of the background
+_MARGIN = 0.25  # a share of the rectangle's longer side: pixels that near tell of the background
 _KINDS, _ROUNDS = 5, 6  # Gaussians for each of the two, and cuts at most
-_SETTLED = 1e-3  # of the pixels change from one cut to the next, at most, in the last
+_SETTLED = 1e-3  # the last cut changes at most this share of the pixels
 _COARSE_PX = 200  # longer side from which on it is cut so first
 _COARSER, _BAND_PX = (
     2,
@@ -36,10 +36,13 @@ _GRAIN = 5.0  # levels by which pixels of one colour differ at least
 _FEW = 16  # pixels that a mixture is learnt from at least
 _SURE = 1e6  # weight of what is known
 _ALIKE = (0.05 * 255) ** 2  # variance of brightness below which the outline follows no edge
-_ROUND = 0.004  # of the rectangle's longer side: radius of what is smoothed away
-_CRUMB, _HOLE = 0.05, 0.03  # of the largest piece: smaller pieces are left out, holes filled
-_FULL = 0.995  # of the rectangle is all of it
-_SIDES = ((0, 1), (1, 0), (1, 1), (1, -1))  # to half of a pixel's eight neighbours
+_ROUND = 0.004  # the smoothing's radius, as a share of the rectangle's longer side
+_CRUMB, _HOLE = (
+    0.05,
+    0.03,
+)  # shares of the largest piece: smaller pieces are left out, smaller holes filled
+_FULL = 0.995  # a subject that fills this share of the rectangle is all of it
+_SIDES = ((0, 1), (1, 0), (1, 1), (1, -1))  # steps to half of a pixel's eight neighbours
 
 
 def middle_box(width: int, height: int) -> Box:

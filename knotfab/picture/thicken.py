@@ -9,8 +9,8 @@ from knotfab.picture.masks import outline_px, pieces_of
 
 __all__ = ["draw_discs", "is_thin", "run_together", "thicken"]
 
-_MOST = 0.5  # of the middle lines of a drawing of lines are thinner than the tube
-_SOLID = 0.2  # of its area, at most, is twice as thick
+_MOST = 0.5  # the share of a line drawing's middle lines that are thinner than the tube
+_SOLID = 0.2  # the largest share of its area that is twice as thick
 _RIDGE = 0.7  # px: on a slope of the distance a neighbour is further in by 0.9 or more, on a ridge by less
 
 
@@ -49,7 +49,7 @@ def is_thin(mask: Mask, width_px: float) -> bool:
 
     Most of its middle lines are, by their length, and hardly any of its area is twice as thick.
     """
-    # what is thick is told at once: where a fifth at most is solid, area is at most so much of the edge
+    # a thick picture is told at once: where a fifth at most is solid, the area is bounded by the edge
     if 2.0 * mask.sum() > 2.0 / (1.0 - _SOLID) * width_px * outline_px(mask):
         return False
     inside = _inside(mask)

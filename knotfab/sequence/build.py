@@ -124,7 +124,7 @@ def build_sequence(request: Request, progress: Progress | None = None) -> Outcom
 
 @contextmanager
 def _tell_kept(kept: KeptFrames, count: int) -> Iterator[None]:
-    """Say of an interrupt what a next call goes on from."""
+    """Tell on an interrupt what a next call goes on from."""
     try:
         yield
     except KeyboardInterrupt:

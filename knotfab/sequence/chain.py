@@ -40,7 +40,7 @@ __all__ = ["Chain", "SequenceFrame", "list_ties", "pick_first", "radius_for_all"
 _SLACK = 1.1  # length of a frame's knot over that of the one searched first, for a picture of the same area
 _GIVE = 0.01  # IoU that a frame's opening may lose against that one's before the tube is thinner
 _THINNER = 0.93
-_AS_MUCH = 0.98  # of the most ink
+_AS_MUCH = 0.98  # a share of the most ink
 _OF_FIRST = 0.8  # time of a later frame's search and finish over the search of the first
 
 
@@ -63,7 +63,7 @@ class SequenceFrame:
 
 @dataclass(frozen=True)
 class _Common:
-    """What the frame searched first settles for all: the scene, its view's name aside, and the settings."""
+    """Settings that the frame searched first gives to all, and its scene, but for the view's name."""
 
     scene: ResolvedScene
     settings: SearchSettings
@@ -84,7 +84,9 @@ def radius_for_all(
     given = question.scene.piece.tube_radius_mm
     if not isinstance(given, str):
         return given, None
-    if "radius_give" not in question.scene.search:  # what this frame can spare another may need
+    if (
+        "radius_give" not in question.scene.search
+    ):  # another frame may need the IoU that this one can spare
         give = min(settings.radius_give, PRESETS["standard"].radius_give)
         settings = settings.model_copy(update={"radius_give": give})
     choice = choose_radius(question, settings, knots)
@@ -107,7 +109,7 @@ def pick_first(targets: Sequence[Target]) -> int:
 
 
 def list_ties(number: int, known: Container[int], outlines: Sequence[float]) -> tuple[Tie, ...]:
-    """The known frames that frame `number` must stay near, one on each side of it around the loop.
+    """Return the known frames that frame `number` must stay near, one on each side of it around the loop.
 
     Args:
         outlines: mm that the pictures' outlines go, from each frame to the next, from the last to the first.
@@ -201,7 +203,7 @@ class Chain:
         return frame
 
     def _recall(self, number: int) -> tuple[_Common, SequenceFrame] | None:
-        """What is kept of a frame, where an interrupted build had done it."""
+        """Read what an interrupted build kept of a frame, if it had searched it."""
         found: tuple[_Common, SequenceFrame] | None = None
         if self._kept is not None:
             found = self._kept.load(number)
@@ -233,7 +235,7 @@ class Chain:
             share = Budget(time.perf_counter() + frame_s)
         first = design_knots(asked, [target], self._forms, progress, share)
         # the region as it was asked for: a mesh lies where the scene says, not yet beside the result; and
-        # what is required of the IoU, unless it was given, follows from the frame's own picture
+        # the required IoU, unless it was given, follows from the frame's own picture
         update = {"region": question.problem.region, "accuracy": scene.accuracy}
         within = first.scene.model_copy(update=update)
         question = ask(_rename_view(within, target), [target])
@@ -305,7 +307,7 @@ class Chain:
 
 
 def _rename_view(scene: ResolvedScene, target: Target) -> Scene:
-    """A resolved scene whose view is that of another frame."""
+    """Return a resolved scene whose view is that of another frame."""
     view = scene.views[0].model_copy(
         update={
             "name": target.name,

@@ -23,7 +23,7 @@ from knotfab.geometry.polylines import Polylines, polylines_of_sizes
 __all__ = ["double_vertices"]
 
 
-_SHORTEST = 1 / 32  # of the way to the spline
+_SHORTEST = 1 / 32  # the shortest step, as a share of the way to the spline
 
 
 def double_vertices(points: Array, rings: Polylines) -> tuple[Carried, Polylines]:

@@ -45,7 +45,7 @@ def frame_name(number: int) -> str:
 
 
 def name_sequence(source: str) -> str:
-    """What a sequence is called: after its folder, its animation, or its first picture."""
+    """Name a sequence after its folder, its animation, or its first picture."""
     path = Path(source)
     return name_picture(str(path.parent.absolute()) if "*" in path.name else source)
 
@@ -105,7 +105,7 @@ def read_frames(
 
 
 def count_knots(targets: Sequence[Target], asked: int | Literal["auto"] = "auto") -> int:
-    """How many knots move through all frames: one a piece where all frames have as many, else one.
+    """Count the knots that move through all frames: one a piece where all frames have as many, else one.
 
     Args:
         asked: what the scene says of it.
@@ -128,7 +128,7 @@ def count_knots(targets: Sequence[Target], asked: int | Literal["auto"] = "auto"
 
 
 def tell_apart(targets: Sequence[Target], knots: int) -> str | None:
-    """What a strand shows between pieces that one knot joins; None where there is none."""
+    """Say which strand shows between pieces that one knot joins; None where there is none."""
     apart = [k for k, target in enumerate(targets, start=1) if target.pieces > knots]
     if not apart:
         return None
@@ -144,7 +144,7 @@ def _files(path: Path, what: str) -> list[Path]:
     """The pictures of a folder, or the files that a pattern stands for."""
     try:
         if path.is_dir():
-            frames = PICTURE_SUFFIXES - {".gif"}  # which moves by itself
+            frames = PICTURE_SUFFIXES - {".gif"}  # a GIF moves by itself
             return [p for p in path.iterdir() if is_picture(p, frames)]
         return [p for p in path.parent.glob(path.name) if p.is_file() and p.name[0] != "."]
     except OSError as error:

@@ -35,7 +35,7 @@ _DAYS = 30.0  # after which what nobody asked for again is removed
 
 
 class KeptFrames:
-    """What is kept of one sequence, by frame; a folder that cannot be written keeps nothing."""
+    """The frames of one sequence that are kept; a folder that cannot be written keeps nothing."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -44,7 +44,7 @@ class KeptFrames:
         return len(list(self.folder.glob("*.frame")))
 
     def load(self, number: int) -> Any:
-        """What was stored of a frame (from 0); None where there is nothing that can be read."""
+        """Read the stored result of a frame (from 0); None where nothing can be read."""
         with contextlib.suppress(Exception):  # whatever a damaged file makes of it
             return pickle.loads(self._file(number).read_bytes())
         return None
@@ -59,7 +59,7 @@ class KeptFrames:
             staged.replace(self._file(number))
 
     def discard(self) -> None:
-        """Remove all of it: the sequence is done."""
+        """Remove the kept frames: the sequence is done."""
         shutil.rmtree(self.folder, ignore_errors=True)
 
     def _file(self, number: int) -> Path:
@@ -67,7 +67,7 @@ class KeptFrames:
 
 
 def keep_for(request: Request, targets: Sequence[Target]) -> KeptFrames:
-    """What is kept of the sequence that is asked for; what is too old, of any, is removed."""
+    """Find the kept frames of the sequence that is asked for; remove frames that are too old."""
     folder = own_folder("KNOTFAB_CACHE", user_cache_path) / "sequences"
     with contextlib.suppress(OSError):
         for other in folder.iterdir():
@@ -80,7 +80,7 @@ def keep_for(request: Request, targets: Sequence[Target]) -> KeptFrames:
 
 
 def _parts(request: Request, targets: Sequence[Target]) -> Iterator[bytes]:
-    """All that decides about the knots of the frames."""
+    """Yield everything that decides about the knots of the frames."""
     yield _digest_program()
     yield resolve(request.scene).model_dump_json().encode()
     yield repr((request.device, request.time_budget_s)).encode()
@@ -88,14 +88,14 @@ def _parts(request: Request, targets: Sequence[Target]) -> Iterator[bytes]:
         with contextlib.suppress(OSError):  # the search says what is wrong with it
             yield Path(request.scene.region.file).read_bytes()
     for target in targets:
-        yield f"{target.name}{target.suffix}".encode()  # in the frame's scene
+        yield f"{target.name}{target.suffix}".encode()  # the name in the frame's scene
         for mask in (target.mask, target.asked):
             yield repr(mask.shape).encode() + mask.tobytes()
 
 
 @cache
 def _digest_program() -> bytes:
-    """A digest of the program's own files, and of the versions of what it computes with."""
+    """Digest the program's own files and the versions of the libraries that it computes with."""
     digest = hashlib.sha256(platform.python_version().encode() + platform.machine().encode())
     for name in ("numpy", "scipy", "shapely", "torch", "numba"):
         digest.update(f"{name} {version(name)}".encode())

@@ -1,4 +1,4 @@
-"""How far a picture's outline and a knot's vertices go from one frame to the next, and the bound.
+"""The motion of a picture's outline and of a knot's vertices from one frame to the next, and its bound.
 
 A vertex may go no further than the pictures' own outlines do, and one tube radius more. The outlines'
 motion is the Hausdorff distance of the two, in the plane z = 0 where the template lies.
@@ -20,15 +20,15 @@ from knotfab.search.objective import Term, Weights
 __all__ = ["Anchor", "Motion", "Tautness", "measure", "outline_motion", "pair_pieces"]
 
 
-_SPACING_MM = 0.1  # of samples on the outlines
+_SPACING_MM = 0.1  # between samples on the outlines
 _TAUT = 0.05  # weight of the length beyond what the picture's area calls for
-_KEEP = 0.97  # of its bound: where the objective begins to hold a vertex back
+_KEEP = 0.97  # a share of a vertex's bound, from which the objective begins to hold it back
 
 
 def pair_pieces(
     old: MultiPolygon, new: MultiPolygon, count: int
 ) -> list[tuple[MultiPolygon, MultiPolygon]]:
-    """The `count` largest pieces of a silhouette, each with what becomes of it; or both as a whole.
+    """Pair the `count` largest pieces of a silhouette with their later shapes; or both as a whole.
 
     Pieces are paired so that their middles go, and their sizes change, the least in all. Where one has
     fewer pieces, both are one pair.
@@ -59,7 +59,7 @@ def outline_motion(old: MultiPolygon, new: MultiPolygon, knots: int = 1) -> floa
 
 
 def _furthest(one: MultiPolygon, other: MultiPolygon) -> float:
-    """Largest distance of a point of the outline of `one` from that of `other`."""
+    """Measure the largest distance of a point of the outline of `one` from that of `other`."""
     points = shapely.points(shapely.get_coordinates(one.boundary.segmentize(_SPACING_MM)))
     line = other.boundary
     shapely.prepare(line)
@@ -68,14 +68,14 @@ def _furthest(one: MultiPolygon, other: MultiPolygon) -> float:
 
 @dataclass(frozen=True)
 class Anchor(Term):
-    """Where the vertices (N, 3) of another frame are, mm, and how far from them they may be: a hard limit.
+    """The places (N, 3) of another frame's vertices, mm, and how far from them they may be: a hard limit.
 
     As a term: squares of what each vertex is beyond the limit, in tube radii, summed.
     """
 
     points: Array
     limit_mm: float
-    radius_mm: float  # of the tube
+    radius_mm: float  # the tube's
 
     def __call__(self, state: State, weights: Weights) -> Felt:
         away = state.points - self.points
@@ -89,7 +89,7 @@ class Anchor(Term):
         return self.beyond(points) <= 0
 
     def beyond(self, points: Array) -> float:
-        """How far (mm) the furthest vertex is beyond the limit; negative where all keep it."""
+        """Measure how far (mm) the furthest vertex is beyond the limit; negative where all keep it."""
         return float(np.linalg.norm(points - self.points, axis=1).max()) - self.limit_mm
 
 
@@ -108,7 +108,7 @@ class Tautness(Term):
 
 @dataclass(frozen=True)
 class Motion:
-    """From one frame to another: what the outlines and the vertices do, mm."""
+    """The motion of outlines and vertices from one frame to another, mm."""
 
     outline_mm: float
     limit_mm: float

@@ -22,8 +22,8 @@ __all__ = ["Displacement", "register"]
 
 
 _LONGER = 144  # grid points on the longer side at the finest level
-_LEVELS = (0.25, 0.5, 1.0)  # of that
-_CLIP = 0.09  # of the longer side: distances from the outline that the coarsest level sees
+_LEVELS = (0.25, 0.5, 1.0)  # shares of the full resolution
+_CLIP = 0.09  # a share of the longer side: distances from the outline that the coarsest level sees
 _ITERATIONS = 80  # a level
 _SMOOTH = (2.2, 1.6, 1.2)  # grid points: width of the Gaussian that keeps the displacement smooth
 _LONGEST = 0.5  # grid points in one iteration

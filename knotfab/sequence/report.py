@@ -22,7 +22,7 @@ from knotfab_validators.check import Check, Status, at_least, at_most
 __all__ = ["Ring", "advise", "check_closing", "check_motion", "check_ring", "sequence_report"]
 
 Record = dict[str, Any]
-# of a piece's `print`, what goes with its frame; what is summed over all of them
+# keys of a piece's `print` that go with its frame; keys that are summed over all frames
 _OF_FRAME = ("pose", "plates", "flatter", "support_access")
 _SUMMED = ("time_s", "filament_m", "filament_g", "support_g")
 _ORDER = ("fail", "skipped", "pass")
@@ -227,7 +227,7 @@ def advise(views: Sequence[Record], radius: float) -> list[str]:
 
 
 def _own_notes(report: Record, reports: Sequence[Record]) -> list[str]:
-    """The notes of a frame that are not those of every frame."""
+    """Return the notes of a frame that are not those of every frame."""
     return [note for note in report.get("notes", ()) if note not in _shared_notes(reports)]
 
 
@@ -273,7 +273,7 @@ def _together(all_checks: Sequence[Sequence[Record]]) -> list[Record]:
 
 
 def _room(check: Record) -> float:
-    """How close a check is to its limit; whichever side the limit is on, less is closer."""
+    """Measure how close a check is to its limit; whichever side the limit is on, less is closer."""
     measured, limit = check["measured"], check["limit"]
     if not isinstance(measured, int | float) or not isinstance(limit, int | float):
         return 0.0

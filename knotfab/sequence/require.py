@@ -1,4 +1,4 @@
-"""What a sequence cannot have, said before any work is done."""
+"""Refuse what a sequence cannot have before any work is done."""
 
 from __future__ import annotations
 

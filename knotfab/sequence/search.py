@@ -38,7 +38,7 @@ class FrameResult:
     """One frame's knots, their vertices in the same order in all frames."""
 
     result: SearchResult
-    beyond_mm: float  # of the motion bound, at worst; negative where it is kept
+    beyond_mm: float  # the worst excess over the motion bound; negative where the bound is kept
     transported: float = 1.0  # share of the displacement that could be certified
 
     @property
@@ -75,7 +75,7 @@ def follow(
     report: Callable[[float, float | None], None] | None = None,
     still: bool = False,
 ) -> FrameResult:
-    """A frame's knot from that of an earlier one, `before`.
+    """Search a frame's knot from the knot of an earlier one, `before`.
 
     Transport along the displacement between the two silhouettes, then the search on the new picture with
     the motion bound in its objective; vertices keep their number and order.
@@ -133,7 +133,7 @@ def follow(
 def is_far(
     points: Array, rings: Polylines, polygon: MultiPolygon, light_mm: float, radius: float
 ) -> bool:
-    """Whether strands stand clear of the silhouette, or parts of it of any strand: no image pulls them."""
+    """Tell whether strands, or parts of the silhouette, stand where no image pulls them together."""
     seen = lower(points, light_mm)
     outside = shapely.distance(polygon, shapely.points(seen))
     lines = [shapely.LinearRing(ring) for ring in rings.split(seen)]

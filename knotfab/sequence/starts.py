@@ -1,4 +1,4 @@
-"""Which earlier frame's knot a frame begins as, and what is tried where that does not serve."""
+"""Choose the earlier frame whose knot a frame begins as, and the next tries where that does not serve."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ __all__ = [
 
 
 _MORE = 2.0  # times the iterations, where a frame did not come out
-POOR = 0.025  # of IoU below what the radius allows: another start is tried
-_ALIKE = 0.5  # of what differs from the neighbour: another frame is the better start
-_SMALL_PX = 256  # of pictures that are compared
+POOR = 0.025  # another start is tried where the IoU is so far below what the radius allows
+_ALIKE = 0.5  # a frame that differs less than this share of the neighbour's difference is the better start
+_SMALL_PX = 256  # the longer side of pictures that are compared
 
 
 class PictureDifferences:
-    """How much of the frame the pictures differ in."""
+    """Measure the share of the frame in which the pictures differ."""
 
     def __init__(self, masks: Sequence[NDArray[np.bool_]]) -> None:
         step = max(1, max(masks[0].shape) // _SMALL_PX)
@@ -72,7 +72,7 @@ class Attempt:
 
 
 def list_attempts(nearest: int, neighbour: int, closes: bool, same: bool) -> list[Attempt]:
-    """In their order: from the frame most alike, the neighbour, not bound to close, with more iterations.
+    """Yield tries in their order: the frame most alike, the neighbour, not bound to close, more iterations.
 
     Last the neighbour's knot as it is, which draws the wrong picture and keeps every limit.
 
@@ -87,7 +87,7 @@ def list_attempts(nearest: int, neighbour: int, closes: bool, same: bool) -> lis
 
 
 def list_retries(origins: Iterable[int], used: int | None, closes: bool) -> list[Attempt]:
-    """With more iterations, from each of the frames but that which the frame had begun as."""
+    """Yield tries with more iterations from each frame but the one that the frame had begun as."""
     found = [Attempt(j, closes, _MORE) for j in dict.fromkeys(origins) if j != used]
     return found or [Attempt(j, False, 2 * _MORE) for j in dict.fromkeys(origins)]
 
@@ -121,7 +121,7 @@ class Trial:
 
 @dataclass(frozen=True)
 class Following:
-    """What it takes to search one more frame, `number`: the knots known, as searched and as finished.
+    """All that a search of one more frame, `number`, needs: the knots known, as searched and as finished.
 
     `why`: the type of the first of them, and so of all, is known.
     """

@@ -19,13 +19,13 @@ __all__ = ["transport"]
 
 
 _LONGEST = 0.5  # tube radii that a vertex goes in one step
-_SHORTEST = 1e-3  # of the way
+_SHORTEST = 1e-3  # the shortest step, as a share of the way
 
 
 def _pairs_of(
     rings: Sequence[Array], old: MultiPolygon, new: MultiPolygon
 ) -> list[tuple[MultiPolygon, MultiPolygon]]:
-    """What each ring (n, 2) draws of `old`, and what it is to draw of `new`: a piece each, or all of it."""
+    """Pair what each ring (n, 2) draws of `old` and is to draw of `new`: a piece each, or the whole."""
     pairs = pair_pieces(old, new, len(rings))
     if len(pairs) == 1:
         return pairs * len(rings)

@@ -1,4 +1,4 @@
-"""What a sequence writes beside its frames: the scene that repeats it, and the zoetrope."""
+"""The files that a sequence writes beside its frames: the scene that repeats it, and the zoetrope."""
 
 from __future__ import annotations
 
@@ -25,11 +25,13 @@ __all__ = ["PICTURES", "ZOETROPE", "frame_suffix", "write_scene", "write_zoetrop
 
 PICTURES = "picture-frame-*"  # the frames' pictures, as scene.toml names them
 ZOETROPE = "zoetrope"
-_EYE_MM = np.array([[0.0, 400.0, 700.0]])  # from which its ring is drawn: before and above it
+_EYE_MM = np.array(
+    [[0.0, 400.0, 700.0]]
+)  # the eye that its ring is drawn from: before and above it
 
 
 def frame_suffix(target: Target) -> str:
-    """What the names of a frame's files end with: "-01"."""
+    """Return the end of the names of a frame's files: "-01"."""
     return "-" + target.name.removeprefix("frame-")
 
 

@@ -25,23 +25,23 @@ if TYPE_CHECKING:
 
 __all__ = ["Zoetrope", "build_zoetrope", "find_footholds"]
 
-_SIDES = 12  # of a tube, which is scaled down
+_SIDES = 12  # sides of a tube, which is scaled down
 _GAP_RADII = 1.5  # tube radii between neighbouring frames
-_MARGIN_RADII = 2.0  # of the ring beyond the frames
-_THICK_MM = 2.4  # of the ring as printed
+_MARGIN_RADII = 2.0  # how far the ring goes beyond the frames
+_THICK_MM = 2.4  # the ring's thickness as printed
 _SPINDLE_MM = 7.4  # hole of the hub: a record player's spindle is 7.2 mm thick
 _HUB_MM = 10.0  # radius of the hub
 _SPOKES, _SPOKE_MM = 4, 10.0
 _EDGE_RADII = 0.55  # between the rings of a swept tube
 _POSTS = 4
-_APART = 0.2  # of a frame's width between posts
-_LOW = 0.35  # of its height, within which they stand
-_POST = 0.9  # of the tube's radius: a post ends inside the tube
+_APART = 0.2  # a share of a frame's width, between posts
+_LOW = 0.35  # a share of a frame's height, within which posts stand
+_POST = 0.9  # a share of the tube's radius: a post ends inside the tube
 
 
 @dataclass(frozen=True)
 class Zoetrope:
-    """The solid in print pose (z up, on the bed's positive octant), mm, and what it came to.
+    """The solid in print pose (z up, on the bed's positive octant), mm, and its figures.
 
     `scale`: of the frames against their parts. `tube_radius_mm`: as printed, and `gap_mm`: the smallest
     between two strands.
@@ -78,7 +78,7 @@ def build_zoetrope(
     build_volume_mm: tuple[float, float, float],
     clearance_mm: float = 0.0,
 ) -> Zoetrope:
-    """All frames at even angles on a ring, as large as the printer holds, at most full size.
+    """Place all frames at even angles on a ring, as large as the printer holds, at most full size.
 
     Args:
         frames: in scene coordinates, one knot each, all of one radius, in the order of the sequence;
@@ -114,7 +114,7 @@ def build_zoetrope(
     for number, knots in enumerate(frames):
         body, count = _standing(knots, float(low[1]))
         posts.append(count)
-        # from the scene's x right, y up, z outwards; frame 0 faces +x, the next ones counter-clockwise
+        # axes of the scene: x right, y up, z outwards; frame 0 faces +x, the next ones counter-clockwise
         solids.append(
             body.translate((0.0, 0.0, middle))
             .transform(np.array([[0.0, 0, 1, 0], [1, 0, 0, 0], [0, 1, 0, 0]]))
@@ -144,7 +144,7 @@ def build_zoetrope(
 
 
 def _distance(count: int, beside: float, nearest: float, radius: float) -> float:
-    """How far from the axis the frames' planes are, so that each keeps to its own sector."""
+    """Measure how far from the axis the frames' planes are, so that each keeps to its own sector."""
     least = 3.0 * radius - nearest
     if count < 3:
         return least

@@ -1,4 +1,4 @@
-"""Corners moved so that a wire keeps to its limits, their number as it is; and how far it misses them."""
+"""Move corners so that a wire keeps to its limits, and measure how far it misses them."""
 
 from __future__ import annotations
 
@@ -110,12 +110,12 @@ def measure_misses(strands: list[Strand], light: Array | None, limits: FitLimits
 
 
 def measure_worst(strands: list[Strand], light: Array | None, limits: FitLimits) -> Array:
-    """(4,) by how much each limit is missed at most, as `measure_misses`; 0 where it is kept."""
+    """Return by how much each limit is missed at most (4,), as `measure_misses`; 0 where it is kept."""
     return np.asarray(np.vstack(measure_misses(strands, light, limits)).max(axis=0).clip(0.0))
 
 
 def judge(strands: list[Strand], light: Array | None, limits: FitLimits) -> Fault:
-    """How far the limits are missed: in all; by straights, bends and contacts (mm, deg); number of bends."""
+    """Measure how far the limits are missed: in all; by straights, bends, contacts (mm, deg); count bends."""
     excess, *rest = measure_worst(strands, light, limits)
     late = max(rest) if max(rest) > ROUNDING else 0.0
     bends = sum(len(s.corners) for s in strands)
@@ -134,7 +134,7 @@ def settle(strand: Strand, limits: FitLimits) -> None:
         window = (left[j] + 1 + np.arange(max(span - 1, 1))) % n
         gap = strand.points[window] - middle[j]
         found[j] = window[int((gap * gap).sum(axis=1).argmin())]
-    # where a bend was found before the one it follows, the old names stay
+    # the old names stay where a bend was found before the one it follows
     if (np.diff((found - found[0]) % n) > 0).all():
         strand.corners, strand.index = in_order(strand.corners, found, n)
 

@@ -145,7 +145,7 @@ def find_nearest_sites(wire: Wire, points: Array, near: Indices) -> tuple[WireSi
 
 
 def space_sites(wire: Wire, step: float) -> tuple[WireSites, Array]:
-    """Sites at most about `step` mm apart in order along the wire, and where along it (k,), mm."""
+    """Place sites at most about `step` mm apart in order along the wire, with their places (k,), mm."""
     pieces, bends, shares, along = [], [], [], []
     begun = 0.0
     for j in range(len(wire.corners)):
@@ -174,7 +174,7 @@ def _group_corners(m: int) -> list[Indices]:
 
 
 def differentiate_wire(wire: Wire, sites: WireSites) -> tuple[sparse.csr_matrix, sparse.csr_matrix]:
-    """How points at `sites`, and the straights, follow the corners: (3 k, 3 m) and (m, 3 m).
+    """Differentiate points at `sites`, and the straights, by the corners: (3 k, 3 m) and (m, 3 m).
 
     By central differences. A point of piece j depends on corners j - 1 to j + 2, so corners that
     are five apart are moved together and the answer told apart by the piece (Curtis, Powell & Reid

@@ -21,10 +21,10 @@ from knotfab_formats.scene import Material, Scene
 
 __all__ = ["BENDERS", "file_of_bender", "fill_template", "require_bender"]
 
-BENDERS = {"lra": "lra.csv", "grbl": "grbl.gcode"}  # by name, in the folder benders
+BENDERS = {"lra": "lra.csv", "grbl": "grbl.gcode"}  # files in the folder benders, by name
 _MOST_BYTES = 100_000
 _WRONG = (TemplateError, TypeError, ValueError, ArithmeticError, LookupError, RuntimeError)
-# what a template must write of each bend: what it is called, and the keys that change with it
+# the values that a template must write for each bend: their name, and the keys that change with it
 _NEEDED = {
     "length": ("feed_mm", "{{ bend.feed_mm }} (or distance_mm)"),
     "rotation": ("rotation_deg", "{{ bend.rotation_deg }} (or turned_deg)"),
@@ -104,7 +104,7 @@ def fill_template(
 
 
 def _told(bends: tuple[Bend, ...] | list[Bend], plan: str, wire: Material) -> Mapping[str, Any]:
-    """What a template may use."""
+    """List the placeholders of a template with their values."""
     turned = accumulate(bend.rotation_deg for bend in bends)
     rows = [
         {"index": k, **asdict(b), "arc_mm": b.radius_mm * radians(b.bend_deg), "turned_deg": t}

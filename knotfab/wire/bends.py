@@ -54,12 +54,12 @@ class BendList:
 
     @property
     def count(self) -> int:
-        """How many bends there are."""
+        """The number of bends."""
         return sum(bend.bend_deg > 0 for bend in self.bends)
 
 
 def tool_angle_deg(bend_deg: float, springback_percent: float) -> float:
-    """The angle to bend to so that `bend_deg` stays: the wire gives back a share of what it is bent."""
+    """Return the angle to bend to so that `bend_deg` stays: the wire gives back a share of each bend."""
     return bend_deg / (1.0 - springback_percent / 100.0)
 
 

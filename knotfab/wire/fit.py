@@ -108,7 +108,7 @@ def fit_wires(
     if pictures:
         prune(strands, light, limits, _PRUNINGS, pictures)
     pruned, worst = [s.corners for s in strands], measure_worst(strands, light, limits)
-    # with the limits met, go towards the picture as far as they allow
+    # once the limits are met, go towards the picture as far as they allow
     adjust(strands, light, limits, 20, pictures)
     level = [s.corners for s in strands]
     for share in (1.0, 0.7, 0.4, 0.2, 0.0):

@@ -13,13 +13,13 @@ from knotfab_formats.scene import Material, ResolvedView
 __all__ = ["WireFrame", "measure_frame"]
 
 
-ENOUGH_IOU = 0.95  # of the picture and what strands of the wire's thickness can fill of it
+ENOUGH_IOU = 0.95  # the IoU of the picture and the best that strands as thick as the wire can fill
 LARGEST = 64.0  # times the frame, beyond which no width is sought
 
 
 @dataclass(frozen=True)
 class WireFrame:
-    """What a wire can draw of the picture of one view in its frame.
+    """The part of one view's picture that a wire can draw in its frame.
 
     `width_mm` of the frame; `most_iou` of the picture and its morphological opening by the wire's
     shadow; `enough_mm` the least width in which that is `ENOUGH_IOU`; None where none would do.
@@ -48,7 +48,7 @@ class WireFrame:
 
 
 def measure_frame(mask: Mask, view: ResolvedView, material: Material) -> WireFrame:
-    """How much of the silhouette strands as thick as the wire can fill at most.
+    """Measure how much of the silhouette strands as thick as the wire can fill at most.
 
     Where a stroke of the picture is thinner than the wire's shadow no strand can lie in it: the
     opening of the silhouette by half that shadow is what is left. A frame s times as wide is a

@@ -38,7 +38,7 @@ __all__ = [
 
 
 _TOUCH_MM = 0.01  # strands may come this much nearer than one diameter: they touch
-_SHORT_MM = 0.01  # of a straight, for rounding
+_SHORT_MM = 0.01  # the shortest straight, for rounding
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,7 @@ class PieceShadow:
         return overlap(_cast_shadow(curves, self.radius, self.geometry), self.target).iou
 
     def hides(self, points: Array) -> Array:
-        """How far inside the piece's shadow points (k, 3) are seen, in mm at the points."""
+        """Measure how far inside the piece's shadow points (k, 3) are seen, in mm at the points."""
         pixels, w = self.geometry.project(points)
         i = np.clip(np.rint(pixels[:, 1]).astype(int), 0, self.inside_mm.shape[0] - 1)
         j = np.clip(np.rint(pixels[:, 0]).astype(int), 0, self.inside_mm.shape[1] - 1)
@@ -145,7 +145,7 @@ def _cast_shadow(curves: list[Array], radius: float, geometry: ViewGeometry) -> 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What came of bending all rows; `ious` by the views' names, `checks` in the report's form."""
+    """The result of bending all rows; `ious` by the views' names, `checks` in the report's form."""
 
     knots: tuple[WireKnot, ...]
     ious: dict[str, float]
@@ -162,7 +162,7 @@ class Judge:
     material: Material
     tolerance: float
     floor: float
-    types: tuple[str, ...]  # of the knots
+    types: tuple[str, ...]  # the knots' types
 
     def of(self, plans: list[BendList], names: list[str], hidden: list[bool]) -> Verdict:
         """The verdict on the rows of all knots; names of their files; whether each joint is hidden."""
@@ -182,7 +182,7 @@ class Judge:
 def _measure_knot(
     name: str, plan: BendList, line: Array, curve: Array, lights: Sequence[Array], hidden: bool
 ) -> WireKnot:
-    """What one file gives, beside the knot that it stands for."""
+    """The result of one file, beside the knot that it stands for."""
     bent = [r for r in plan.bends if r.bend_deg > 0]
     joint = plan.bends[0].feed_mm + plan.bends[-1].feed_mm
     return WireKnot(
@@ -209,7 +209,7 @@ def check_type(plans: Sequence[BendList], types: Sequence[str]) -> dict[str, Any
 
     polygons = tuple(replay(p, step_deg=20.0, step_mm=np.inf)[0][:-1] for p in plans)
     both = knot_checks(Curves(polygons, tuple(types), (True,) * len(polygons), None))
-    # what could not be told is said of one of the two, in words
+    # the worse of the two checks decides; the detail quotes both
     worst = max(both, key=lambda check: ("pass", "skipped", "fail").index(check.status))
     detail = "; ".join(f"{check.name}: {check.detail}" for check in both)
     return replace(worst, name="wire_type", detail=detail, at=()).to_dict()

@@ -1,4 +1,4 @@
-"""How far a wire's shadow is from a picture, as residuals that a fit makes small."""
+"""The distance of a wire's shadow from a picture, as residuals that a fit makes small."""
 
 from __future__ import annotations
 
@@ -37,14 +37,14 @@ class GridLikeness:
     geometry: ViewGeometry
     pixels: Array  # (k, 2)
     wanted: Array  # (k,), 0 to 1
-    radius: float  # of the wire, mm
+    radius: float  # the wire's, mm
     scale: float  # root of a cell's area, in wire radii
 
     @classmethod
     def of(cls, geometry: ViewGeometry, target: Mask, radius: float) -> GridLikeness:
         """The likeness to a silhouette (height, width) on the pixels of a view; the wire's radius in mm."""
         _, (w,) = geometry.project(np.zeros((1, 3)))
-        wide = radius / (w * geometry.pixel_mm)  # of the wire, in pixels
+        wide = radius / (w * geometry.pixel_mm)  # the wire's, in pixels
         size = max(1, round(_CELL * wide))
         height, width = (n - n % size for n in target.shape)
         cells = target[:height, :width].reshape(height // size, size, width // size, size)

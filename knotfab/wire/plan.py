@@ -29,23 +29,27 @@ from knotfab_formats.scene import Material, ResolvedScene
 __all__ = ["IOU_LOSS", "WirePlan", "bend_radius_mm", "write_bending_plan"]
 
 
-TOLERANCE_RADII = (
-    1.1  # of the centre line across the light's rays; a fit keeps to less where it must
-)
-IOU_LOSS = 0.02  # what straights and bends of one radius may cost the shadow
-_FIT_SHARES = (0.97, 0.8, 0.65, 0.45)  # of the tolerance: the next where one spoils the shadow
-_SLEEVE_MM = 8.0  # of a crimp or a soldered tube over both ends
+# wire radii from the centre line, across the light's rays; a fit keeps to less where it must
+TOLERANCE_RADII = 1.1
+IOU_LOSS = 0.02  # the IoU that straights and bends of one radius may cost
+_FIT_SHARES = (
+    0.97,
+    0.8,
+    0.65,
+    0.45,
+)  # shares of the tolerance, tried in turn while one spoils the shadow
+_SLEEVE_MM = 8.0  # the length of a crimp or a soldered tube over both ends
 
 
 @dataclass(frozen=True)
 class WirePlan:
-    """What was written and what bending it gives; `checks` are in the report's form."""
+    """The written files and the result of bending them; `checks` are in the report's form."""
 
     files: tuple[str, ...]
     knots: tuple[WireKnot, ...]
     length_mm: float
     mass_g: float
-    ious: dict[str, float]  # by view
+    ious: dict[str, float]  # keyed by the view's name
     least_distance_mm: float
     tolerance_mm: float
     pages: dict[str, int]
@@ -93,7 +97,7 @@ def write_bending_plan(
     pictures: Sequence[Path],
     suffix: str = "",
 ) -> WirePlan:
-    """Write bends.csv and the templates of a piece of wire, and measure what the files give.
+    """Write bends.csv and the templates of a piece of wire, and measure the wire that the files give.
 
     One knot's plan is `bends.csv`; several are `bends-1.csv`, `bends-2.csv`, … in the order of the
     knots; each is written once more for the scene's bender (`fill_template`). The templates are
@@ -125,7 +129,7 @@ def write_bending_plan(
     floor = max(0.0, scene.accuracy.iou_floor - IOU_LOSS)
     curves = [k.points for k in knots.knots]
     shadows = cast_shadows(scene, pictures, knots)
-    # what runs along the rays of one view lies across those of another
+    # a deviation along the rays of one view lies across those of another
     light = shadows[0].geometry.light if len(shadows) == 1 else None
     names = (
         [f"bends{suffix}.csv"]
@@ -167,7 +171,7 @@ def write_bending_plan(
     for name, row in zip(names, best[1], strict=True):
         header = _write_header(name, row, material, total, tolerances)
         write_bends(folder / name, row, header)
-    # from here on only what the files say
+    # from here on only the files are read
     plans = [read_bends(folder / name) for name in names]
     bender = scene.piece.bender
     told = [file_of_bender(bender, name) for name in names]
@@ -258,7 +262,7 @@ def _write_header(
 
 
 def _list_facts(found: tuple[WireKnot, ...], material: Material, tolerance: float) -> list[str]:
-    """What the templates' first page says."""
+    """The words of the templates' first page."""
     length = sum(k.length_mm for k in found)
     lines = [
         f"{material.name}: {material.wire_diameter_mm:g} mm wire, {length:.0f} mm in all, "

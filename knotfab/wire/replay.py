@@ -1,4 +1,4 @@
-"""Bend the wire again from its rows alone, and measure what came of it."""
+"""Bend the wire again from its rows alone, and measure the result."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ __all__ = [
 
 
 _STEP_MM = 0.1  # between the places at which two curves are compared
-_WINDOW = 30  # of them, to either side
+_WINDOW = 30  # places to either side
 _APART_MM = 0.25  # between the places of which distances of strands are taken
 
 
@@ -56,7 +56,7 @@ def replay(rows: BendList, step_deg: float = 4.0, step_mm: float = 0.5) -> tuple
 
 
 def _carry_frames(rows: BendList) -> list[tuple[Array, Array]]:
-    """For each row the direction of its straight, and the side that it then bends to."""
+    """Return the direction of each row's straight, and the side that the wire then bends to."""
     t, n = rows.direction, rows.normal
     found = []
     for row in rows.bends:
@@ -73,7 +73,7 @@ def _carry_frames(rows: BendList) -> list[tuple[Array, Array]]:
 
 @dataclass(frozen=True)
 class Deviation:
-    """How far two closed curves are from each other (mm).
+    """Measure how far two closed curves are from each other (mm).
 
     `largest` and `mean` are plain distances, `across` is the largest distance across the rays of any
     view's light: the only kind that the shadows see.
@@ -120,7 +120,7 @@ def measure_deviation(curve: Array, other: Array, lights: Sequence[Array]) -> De
 
 
 def _find_nearest(points: Array, others: Array) -> NDArray[np.int64]:
-    """For each point the nearest of `others` at about the same share of the way around.
+    """Find for each point the nearest of `others` at about the same share of the way around.
 
     The share becomes a circle in two more dimensions, wide enough that a strand elsewhere is farther
     than the right one, and flat enough that stretching moves nothing.
@@ -158,7 +158,7 @@ def measure_least_distance(curves: list[Array], diameter: float) -> float:
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """How far the rest of the wire moves for one degree of error in a bend (mm).
+    """Measure how far the rest of the wire moves for one degree of error in a bend (mm).
 
     `worst` of any single bend; `typical`: of one degree at every bend, the errors independent.
     """

@@ -1,4 +1,4 @@
-"""What a fit of straights and bends makes small: distances, straights too short, wires that touch."""
+"""Residuals that a fit of straights and bends makes small: distances, short straights, touching wires."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ __all__ = [
 ]
 
 
-DEPTH_FACTOR = 2.0  # by which more than the tolerance is allowed along the rays of a single view
-_GAP_MM = 0.05  # what the fit keeps between wires beyond touching, for the rounding of the plan
+DEPTH_FACTOR = 2.0  # along the rays of a single view so many times the tolerance is allowed
+_GAP_MM = 0.05  # the gap that the fit keeps between wires, for the rounding of the plan
 _STRAIGHT_MARGIN_MM = 0.05
-_CONTACT_STEP = 0.3  # of the diameter, between the places that are kept apart
+_CONTACT_STEP = 0.3  # wire diameters between the places that are kept apart
 # diameters along the wire: places nearer than that are no two strands
 SAME_BEND = 0.5 * np.pi + 1.2
 _STIFF_STRAIGHT = 30.0  # weight of a missing mm of straight
@@ -49,7 +49,7 @@ _NEAR_LIMIT = 0.96  # share of the tolerance from which a distance counts beside
 
 @dataclass(frozen=True)
 class FitLimits:
-    """What the material and the picture allow (mm, degrees).
+    """The limits that material and picture set (mm, degrees).
 
     `tolerance_mm` holds across the ray from the light; along it, where the shadow does not see a
     change, `DEPTH_FACTOR` times as much.
@@ -90,7 +90,7 @@ def weigh_depth(offsets: Array, points: Array, light: Array | None) -> Array:
 
 
 def measure_distances(strand: Strand, wire: Wire, light: Array | None) -> tuple[WireSites, Array]:
-    """Where on the wire each point of the curve is met, and the distance as a share of the tolerance."""
+    """Find where on the wire each point of the curve is met, and the distance as a share of the tolerance."""
     sites, _ = find_nearest_sites(wire, strand.points, strand.near())
     gap = weigh_depth(wire.at(sites) - strand.points, strand.points, light)
     return sites, np.asarray(np.linalg.norm(gap, axis=1) / strand.tolerance)
@@ -183,7 +183,7 @@ def compute_residual(
 
 
 def _beyond(offset: Array, metric: Array) -> tuple[Array, Array]:
-    """Stiffly what is left of offsets (k, 3), in tolerances, beyond the limit, and its map."""
+    """Weigh the excess of offsets (k, 3), in tolerances, beyond the limit, and its derivative."""
     size = np.linalg.norm(offset, axis=1)
     along = offset / np.maximum(size, 1e-9)[:, None]
     held = np.where(size > _NEAR_LIMIT, _STIFF_DISTANCE, 0.0)

@@ -31,7 +31,7 @@ def to_hex(text: str) -> str | None:
     text = re.sub(r"\bicc-color\(.*", "", text.strip(), flags=re.S | re.I).strip()
     word = text.lower()
     if word == "currentcolor":
-        return "currentColor"  # as the library spells it
+        return "currentColor"  # the library spells it so
     if word in _KEPT or _PLAIN.fullmatch(word):
         return word
     if word in _SYSTEM:

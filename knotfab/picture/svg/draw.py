@@ -16,8 +16,8 @@ from knotfab.base.pool import tie
 __all__ = ["draw_svg"]
 
 _PYTHON = sys.executable
-_SECONDS = 20  # of the processor's time
-_WAIT_S = 240  # of the clock's, on a machine that is busy
+_SECONDS = 20  # processor time
+_WAIT_S = 240  # wall-clock time, on a machine that is busy
 _BYTES = 2**30
 # The process loads nothing but the library that draws (20 ms).
 _CHILD = f"""

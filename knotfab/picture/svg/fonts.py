@@ -17,14 +17,8 @@ _GENERIC = {
     **dict.fromkeys(("monospace", "ui-monospace"), _MONO),
     **dict.fromkeys(("sans-serif", "ui-sans-serif", "system-ui", "inherit", "initial"), _SANS),
 }
-_UNDRAWN = (
-    "Cc",
-    "Cf",
-    "Mn",
-    "Zl",
-    "Zp",
-    "Zs",
-)  # and marks that a font may place or leave to shaping
+# categories that need no glyph: controls, separators, and marks, which a font may leave to shaping
+_UNDRAWN = ("Cc", "Cf", "Mn", "Zl", "Zp", "Zs")
 
 
 def choose_fonts(root: Element, styles: Styles, what: str) -> tuple[str, ...] | None:

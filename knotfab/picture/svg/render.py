@@ -67,7 +67,7 @@ def _render(data: bytes, what: str, notes: Notes, nested: int) -> bytes:
             )
         return _render(inner, name, notes, nested - 1)
 
-    # what reads style sheets and outlines is loaded for SVG alone
+    # readers of style sheets and outlines are loaded for SVG alone
     from knotfab.picture.svg.fonts import choose_fonts
     from knotfab.picture.svg.shapes import place
     from knotfab.picture.svg.style import compute_styles, write_styles

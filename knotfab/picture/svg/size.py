@@ -61,7 +61,7 @@ def set_pixel_size(root: Element, longer: int, what: str) -> float:
     height = _pixels(root, "height", None if box is None else box[1], what)
     if (
         box is not None
-    ):  # what is left out follows from the other by the viewBox (CSS Images 3, 4.4)
+    ):  # a side that is not given follows from the other by the viewBox (CSS Images 3, 4.4)
         if width is None and height is None:
             width, height = box
         elif width is None and height is not None:
