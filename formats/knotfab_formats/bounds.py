@@ -7,6 +7,7 @@ shown by docs/scene.schema.json.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import cache
 from typing import Annotated, Any, get_args
 
 from annotated_types import Ge, Gt, Le, Lt
@@ -85,16 +86,23 @@ Side = Annotated[int, Strict(), Field(ge=1, le=_MOST_WHOLE)]
 
 def why_out_of_bounds(model: type[BaseModel], key: str, value: Any) -> str | None:
     """The bounds of a key, in words, where a number lies beyond them; None where it does not."""
-    field = model.model_fields[key]
-    # pydantic takes Strict, Ge, … off the field's own type, and leaves them in its branches
-    kind: Any = Annotated[(field.annotation, *field.metadata, None)]
+    kind, adapter = _kind_of(model, key)
     try:
-        TypeAdapter(kind).validate_python(value)
+        adapter.validate_python(value)
     except ValidationError:
         words = {Ge: "from", Gt: "above", Le: "up to", Lt: "below"}
         found = [(words[type(b)], getattr(b, type(b).__name__.lower())) for b in _bounds(kind)]
         return " ".join(f"{word} {bound:.12g}" for word, bound in found)
     return None
+
+
+@cache
+def _kind_of(model: type[BaseModel], key: str) -> tuple[Any, TypeAdapter[Any]]:
+    """The type of a key with its bounds, and what checks values of it."""
+    field = model.model_fields[key]
+    # pydantic takes Strict, Ge, … off the field's own type, and leaves them in its branches
+    kind: Any = Annotated[(field.annotation, *field.metadata, None)]
+    return kind, TypeAdapter(kind)
 
 
 def _bounds(kind: Any) -> Iterator[Any]:

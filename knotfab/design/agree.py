@@ -91,7 +91,7 @@ def agree(scene: Scene, targets: Sequence[Target], *, azimuths_open: bool = Fals
     if any(v.bend_points or v.mirrored for v in scene.views):
         return Agreement(scene, _bent(scene, targets))
     framed, drawn = framed_alike(scene, targets), targets
-    bounds = bounds_of(framed, targets)
+    bounds = bounds_of(framed, targets, extents=True)
     if worst_of(bounds) >= AGREED or any(t.bending is not None for t in targets):
         return Agreement(scene, targets, bounds=bounds)
     require_apart(framed.views)
@@ -101,7 +101,7 @@ def agree(scene: Scene, targets: Sequence[Target], *, azimuths_open: bool = Fals
     if azimuths_open:
         moved = move_views(framed, targets, most > 0)
         if moved is not framed:
-            bounds = bounds_of(moved, targets)
+            bounds = bounds_of(moved, targets, extents=True)
             framed = moved
             places = ", ".join(
                 f"{t.name} {v.azimuth_deg % 360:g}°"
@@ -115,12 +115,12 @@ def agree(scene: Scene, targets: Sequence[Target], *, azimuths_open: bool = Fals
         mirrored = mirror_views(framed, targets)
         if mirrored is not framed:
             framed, drawn = mirrored, _bent(mirrored, targets)
-            bounds = bounds_of(framed, drawn)
+            bounds = bounds_of(framed, drawn, extents=True)
             names = [t.name for v, t in zip(framed.views, targets, strict=True) if v.mirrored]
             lines.append(f"mirrored, which changes the picture: {', '.join(names)}")
     if worst_of(bounds) < AGREED and most > 0:
         bent_scene, bent = _bend(framed, targets, drawn, bounds, most)
-        after = bounds_of(bent_scene, bent)
+        after = bounds_of(bent_scene, bent, extents=True)
         if worst_of(after) > worst_of(bounds):
             framed, drawn, bounds = bent_scene, bent, after
             lines.append(tell_bending(drawn, bounds))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from knotfab.base.arrays import Array, Indices, Mask
 from knotfab.base.compiled import compiled
 
@@ -48,28 +50,28 @@ def uncovered(
             where the shadow was found last; it is set. pull: (N,) the gradient; it is added to.
     """
     total = 0.0
+    count = len(shapes)
+    here, ahead = np.empty((count, 3)), np.empty((count, 3))
     for n in range(len(owner)):
         own = cover[pixel[n]]
         if own <= 1e-4:
             continue
         best, where, which = 0.0, -1, -1
         if inside[n]:
+            for k in range(count):
+                for i in range(3):
+                    p = projections[k, i]
+                    here[k, i] = p[0] * begin[n, 0] + p[1] * begin[n, 1] + p[2] * begin[n, 2] + p[3]
+                    ahead[k, i] = p[0] * ray[n, 0] + p[1] * ray[n, 1] + p[2] * ray[n, 2]
             for trial in range(-1, len(along)):
                 t = winner[n] if trial < 0 else trial
                 a = along[t]
-                x, y, z = (
-                    begin[n, 0] + a * ray[n, 0],
-                    begin[n, 1] + a * ray[n, 1],
-                    begin[n, 2] + a * ray[n, 2],
-                )
                 least, by = 2.0, -1
-                for k in range(len(shapes)):
+                for k in range(count):
                     if k == owner[n]:
                         continue
-                    p = projections[k]
-                    w = p[2, 0] * x + p[2, 1] * y + p[2, 2] * z + p[2, 3]
-                    u = (p[0, 0] * x + p[0, 1] * y + p[0, 2] * z + p[0, 3]) / w
-                    v = (p[1, 0] * x + p[1, 1] * y + p[1, 2] * z + p[1, 3]) / w
+                    w = here[k, 2] + a * ahead[k, 2]
+                    u, v = (here[k, 0] + a * ahead[k, 0]) / w, (here[k, 1] + a * ahead[k, 1]) / w
                     rows, columns = shapes[k]
                     if w <= 0 or not (0 <= u < columns - 1 and 0 <= v < rows - 1):
                         least = 0.0
@@ -95,15 +97,10 @@ def uncovered(
         total += lack * lack
         pull[pixel[n]] += 2 * lack
         if which >= 0:
-            a, p = along[where], projections[which]
-            x, y, z = (
-                begin[n, 0] + a * ray[n, 0],
-                begin[n, 1] + a * ray[n, 1],
-                begin[n, 2] + a * ray[n, 2],
-            )
-            w = p[2, 0] * x + p[2, 1] * y + p[2, 2] * z + p[2, 3]
-            u = (p[0, 0] * x + p[0, 1] * y + p[0, 2] * z + p[0, 3]) / w
-            v = (p[1, 0] * x + p[1, 1] * y + p[1, 2] * z + p[1, 3]) / w
+            a = along[where]
+            w = here[which, 2] + a * ahead[which, 2]
+            u = (here[which, 0] + a * ahead[which, 0]) / w
+            v = (here[which, 1] + a * ahead[which, 1]) / w
             columns = shapes[which, 1]
             i, j = int(v), int(u)
             f, q, e = v - i, u - j, firsts[which] + i * columns + j

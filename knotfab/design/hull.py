@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy.ndimage import distance_transform_edt
@@ -30,7 +31,8 @@ class HullBound:
     """One view's share of the hull.
 
     `covered` and `wanted` are (h, w) on a coarse grid of the view's frame: the hull's shadow and the
-    picture. `iou` is theirs. `low` and `high` (3,): the extents in mm of the hull's points met.
+    picture. `iou` is theirs. `low` and `high` (3,): the extents in mm of the hull's points met; infinite
+    where these were not asked for.
     """
 
     covered: Mask
@@ -73,6 +75,7 @@ def hull_bounds(
     ends: bool = False,
     wider: float = 0.0,
     walls: Sequence[Plane] = (),
+    extents: bool = True,
 ) -> tuple[HullBound, ...]:
     """The bound of each view, in their order.
 
@@ -84,6 +87,7 @@ def hull_bounds(
         ends: whether what another view sees beside its frame spills nowhere: its screen ends there.
         wider: by how much the other masks are widened, in shares of their heights.
         walls: behind which nothing stands, as of `walls_of`.
+        extents: whether these are asked for; a ray is left at the first point met otherwise.
 
     The other masks are widened by half a sample's distance, and a pixel of the coarse grid counts where
     its middle is drawn, so that sampling takes nothing from the bound.
@@ -104,6 +108,7 @@ def hull_bounds(
             steps,
             ends,
             walls,
+            extents,
         )
         for n, (camera, mask) in enumerate(zip(cameras, masks, strict=True))
     )
@@ -111,9 +116,14 @@ def hull_bounds(
 
 def _widen(mask: Mask, cells: int) -> Mask:
     """The mask and all within so many pixels of it."""
-    padded = np.pad(~mask, cells, constant_values=True)
-    grown = distance_transform_edt(padded) <= cells
-    return np.asarray(grown[cells : cells + mask.shape[0], cells : cells + mask.shape[1]])
+    return np.asarray(_beyond(mask.tobytes(), mask.shape) <= cells)
+
+
+@lru_cache(maxsize=16)  # views are moved, and their masks stay
+def _beyond(mask: bytes, shape: tuple[int, int]) -> Array:
+    """How far pixels are from a mask, px."""
+    drawn = np.frombuffer(mask, dtype=np.bool_).reshape(shape)
+    return np.asarray(distance_transform_edt(~drawn), dtype=np.float32)
 
 
 def _bound(
@@ -125,6 +135,7 @@ def _bound(
     steps: int,
     ends: bool,
     walls: Sequence[Plane],
+    extents: bool,
 ) -> HullBound:
     rows, columns = mask.shape
     every = max(1.0, max(rows, columns) / rays_px)
@@ -139,11 +150,12 @@ def _bound(
     met, low, high = follow_rays(
         begin,
         ray,
-        np.linspace(-1.0, 1.0, steps),
+        np.linspace(-1.0, 1.0, steps) if extents else outwards(steps),
         np.array([c.projection for c, _ in others]).reshape(-1, 3, 4),
         np.array([w.shape for _, w in others], dtype=np.int64).reshape(-1, 2),
         np.concatenate([w.ravel() for _, w in others]) if others else np.zeros(0, dtype=np.bool_),
         ends,
+        extents,
     )
     covered[at[met, 0], at[met, 1]] = True
     iou = float(covered.sum() / max(1, wanted.sum()))
@@ -170,6 +182,12 @@ def rays_within(
     return begin + (0.5 * (near + far))[:, None] * ray, half * ray
 
 
+def outwards(steps: int) -> Array:
+    """So many places from -1 to 1, those in the middle first."""
+    every = np.linspace(-1.0, 1.0, steps)
+    return np.asarray(every[np.argsort(np.abs(every), kind="stable")])
+
+
 @compiled
 def follow_rays(
     begin: Array,
@@ -179,6 +197,7 @@ def follow_rays(
     shapes: Indices,
     masks: Mask,
     ends: bool = False,
+    extents: bool = True,
 ) -> tuple[Mask, Array, Array]:
     """Which of the rays `begin + along * ray` (n, 3) meet a point within all masks, and these points' box.
 
@@ -186,12 +205,13 @@ def follow_rays(
     is followed from its two ends. A projection of it is linear in `along`.
 
     Args:
+        along: (k,) places; in their order, where the box is asked for.
         projections: (m, 3, 4) of the masks' cameras. shapes: (m, 2). masks: all of them, one after the other.
-        ends: whether beside a mask counts as within it.
+        ends: whether beside a mask counts as within it. extents: whether the box is asked for.
     """
     met = np.zeros(len(ray), dtype=np.bool_)
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
-    back = along[::-1].copy()
+    back = along[::-1].copy() if extents else along[:0]
     at, by = np.empty((len(shapes), 3)), np.empty((len(shapes), 3))
     for n in range(len(ray)):
         for k in range(len(shapes)):
@@ -220,9 +240,10 @@ def follow_rays(
                     first += rows * columns
                 if inside:
                     met[n] = True
-                    for i in range(3):
-                        x = begin[n, i] + a * ray[n, i]
-                        low[i], high[i] = min(low[i], x), max(high[i], x)
+                    if extents:
+                        for i in range(3):
+                            x = begin[n, i] + a * ray[n, i]
+                            low[i], high[i] = min(low[i], x), max(high[i], x)
                     break
             if not met[n]:
                 break

@@ -68,11 +68,12 @@ def bounds_of(
     rays_px: int = 192,
     steps: int = 240,
     wider: float = 0.0,
+    extents: bool = False,
 ) -> tuple[HullBound, ...]:
     """The hull's bounds of the scene's views.
 
     Args:
-        masks: silhouettes coarser than the targets'. rays_px, steps, wider: as for `hull_bounds`.
+        masks: silhouettes coarser than the targets'. rays_px, steps, wider, extents: as for `hull_bounds`.
     """
     views = framed_views(scene, targets)
     cameras = cameras_of(views, targets)
@@ -80,7 +81,14 @@ def bounds_of(
         masks = [t.mask for t in targets]
     small = [c.resized(m.shape[1], m.shape[0]) for c, m in zip(cameras, masks, strict=True)]
     return hull_bounds(
-        small, masks, reach_of(views), rays_px, steps, wider=wider, walls=walls_of(views)
+        small,
+        masks,
+        reach_of(views),
+        rays_px,
+        steps,
+        wider=wider,
+        walls=walls_of(views),
+        extents=extents,
     )
 
 

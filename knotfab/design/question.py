@@ -140,7 +140,7 @@ def ask(scene: Scene, targets: Sequence[Target], progress: Progress | None = Non
         bounds = hull_bounds(cameras_of(views, targets), masks, reach, ends=scene.screen_ends)
         room = thinnest if apart is None else _ROOM * views[0].longer_mm
     elif several:
-        bounds = agreed.bounds or bounds_of(scene, targets)
+        bounds = agreed.bounds or bounds_of(scene, targets, extents=True)
         for line in contradictions(views, bounds):
             (progress or Progress("quiet")).say(line)
         seen = [
