@@ -64,7 +64,7 @@ class EffectContext:
 
     views: tuple[ResolvedView, ...]
     points: Array
-    radius: float  # of the tube, mm
+    radius: float  # the tube's, mm
     tolerance_px: float
     world: World = field(default_factory=World)
     moves: Array | None = None
@@ -90,7 +90,7 @@ class Effect:
     unit: str
     magnitude: Callable[[EffectContext], float]
     tolerances: float
-    reason: str  # of its being simulated
+    reason: str  # the sentence that says why it is simulated
 
     def threshold(self, tolerance_px: float) -> float:
         """What is more than this is simulated."""

@@ -21,7 +21,7 @@ __all__ = ["CONTRAST", "Contrast", "contrast_of"]
 _PLACES = (9, 513)  # across and up, of the frame, where the lamp's light is looked at
 _VARIES = 5.0  # times the square of a step between places over the light's distance: at most, of its light
 _FEET = 200  # points of the wall behind strands, where their own light is
-_LOOKED_AT = 8  # of these: where it is most, about
+_LOOKED_AT = 8  # places that are looked at, where most is thrown back
 _PIECE_RADII = 2.0  # length of the pieces that strands are taken in
 _CELLS = 64  # across the sky that is seen from there
 _SURE = 1.05  # times what is found so: what is left out at most, of hundreds of scenes
@@ -55,7 +55,8 @@ class Contrast:
     def at(self, share: float) -> float:
         """(lit - dark) / lit where the lamp gives `share` of its light in the middle."""
         other = self.ambient + self.room + self.second
-        own = share * (1 - self.transmitted) - self.bounced  # which the brightest of the wall sent
+        # strands throw back light of the brightest place of the wall
+        own = share * (1 - self.transmitted) - self.bounced
         return max(own, 0.0) / (share + other)
 
     @property
@@ -118,7 +119,7 @@ def contrast_of(seen: Shadows, radius: float, world: World) -> Contrast | None:
     )
 
 
-@lru_cache(maxsize=8)  # of the same views many times
+@lru_cache(maxsize=8)  # the same views are asked for many times
 def _lamp_light(view: ResolvedView, flat: bool) -> tuple[float, float]:
     """Least light over largest within the frame; and in its middle, of a lamp of intensity 1, per mm²."""
     camera = camera_of(view, *_PLACES)
@@ -234,7 +235,8 @@ def _hidden(
                 y += axes[i, j] * alongs[k, j]
             aa, ao, oo = aa + y * y, ao + y * x, oo + x * x
             at[k, i], way[k, i] = x, y
-        square = max(oo + ao + 0.25 * aa, radius * radius)  # of the distance of its middle
+        # the square of the distance of its middle
+        square = max(oo + ao + 0.25 * aa, radius * radius)
         far, to = np.sqrt(square), ao + 0.5 * aa
         aside = np.sqrt(max(aa - to * to / square, 0.0))
         summed += 2 * radius / np.pi * aside * max(at[k, 2] + 0.5 * way[k, 2], 0.0) / (square * far)
@@ -244,7 +246,7 @@ def _hidden(
     for k in range(len(starts)):
         s, a = at[k], way[k]
         aa, ao, oo, far = of[k, 0], of[k, 1], of[k, 2], of[k, 3]
-        # in which directions it may be: a chord of the unit sphere
+        # the directions in which it may lie: a chord of the unit sphere
         share = (radius + 0.5 * np.sqrt(aa)) / far
         away = np.sqrt(2 - 2 * np.sqrt(1 - share * share)) if share < 1 else 2.0
         outside = far * far * (1 - share * share)
@@ -261,7 +263,7 @@ def _hidden(
                 wa, wo = x * a[0] + y * a[1] + z * a[2], x * s[0] + y * s[1] + z * s[2]
                 if (wo + 0.5 * wa) ** 2 < outside:
                     continue  # it passes the ball about the piece
-                # where the piece comes nearest to the ray
+                # the place where the piece comes nearest to the ray
                 share = (wa * wo - ao) / max(aa - wa * wa, 1e-12)
                 kept = min(max(share, 0.0), 1.0)
                 on = wo + kept * wa

@@ -157,8 +157,8 @@ class Parting(NamedTuple):
     """Bounds, mm on the wall, of how far shadows part from their best likeness, by what is off."""
 
     lamp: float
-    turn: float  # of the piece
-    tilt: float  # of the wall
+    turn: float  # the piece's
+    tilt: float  # the wall's
 
 
 def parting_mm(seen: Shadows, radius: float, world: World) -> Parting:
@@ -181,9 +181,8 @@ def parting_mm(seen: Shadows, radius: float, world: World) -> Parting:
     off = placing.lamp_mm
     angle = float(np.radians(placing.turn_deg)) if world.turns else 0.0
     lean = float(np.tan(np.radians(placing.tilt_deg)))
-    aside = (
-        0.0 if world.turns else lean * float(np.linalg.norm(wall.lamp - wall.middle))
-    )  # the lamp's
+    # the lamp's
+    aside = 0.0 if world.turns else lean * float(np.linalg.norm(wall.lamp - wall.middle))
     if clear <= max(off, angle * far, aside):
         return Parting(np.inf, np.inf, np.inf)  # it may be moved into the lamp
     likeness, _, centre = _likeness(field.moves, field.shadows)
@@ -243,7 +242,7 @@ MISPLACEMENT = Effect(
     "misplacement",
     "px",
     magnitude,
-    4.0,  # of parts against each other: the eye forgives more than a blur of that width
+    4.0,  # tolerances for parts against each other: the eye forgives more than a blur of that width
     "strands part where lamp, piece or wall are placed as people place them",
 )
 

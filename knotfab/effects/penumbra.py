@@ -20,17 +20,17 @@ from knotfab_formats.scene import ResolvedView
 __all__ = ["PENUMBRA", "Sharpening", "blurs_mm"]
 
 _LOWERED = 0.5  # share of the way to the wall that strands of the outline are lowered by, at most
-_LOWERED_PX = 32.0  # of blur above the threshold, from which on it is that
+_LOWERED_PX = 32.0  # px of blur above the threshold, from which on it has its full share
 # tube radii from the outline: a strand there draws none of it; over which that fades
 _DRAWS = (2.0, 0.7)
 _OUTLINE_STEP = 0.05  # tube radii, between points of the outline that distances are taken to
 _SMOOTH = 4.0  # along the curve, in tube radii: strands cannot change depth at once
-# what a disc's blur b adds along an edge: b times the mean |x| in it
+# a disc's blur b adds b times the mean |x| in it along an edge
 _ABS_BLUR = 4 / (3 * np.pi) / 2
 _MOST = 400  # points whose surroundings are looked at
-_STEP = 1e-6  # of the distance to the lamp, over which slopes are taken
-_WEIGHT = 4.0  # of the brightness error, against legibility, at most
-_WEIGHT_PX = 16.0  # of blur above the threshold, from which on it is that
+_STEP = 1e-6  # a share of the distance to the lamp, over which slopes are taken
+_WEIGHT = 4.0  # the most that the brightness error weighs, against legibility
+_WEIGHT_PX = 16.0  # px of blur above the threshold, from which on it has its full weight
 
 
 def magnitude(context: EffectContext) -> float:
@@ -65,7 +65,7 @@ def blurs_mm(shadows: Shadows, radius: float) -> Array:
     lamps, size = _lamps_of(view)
     balls, pairs = shadows.wall.place(lamps), np.column_stack(np.tril_indices(len(lamps), -1))
     if len(lamps) == 1:
-        pairs = np.zeros_like(pairs, shape=(1, 2))  # with itself
+        pairs = np.zeros_like(pairs, shape=(1, 2))  # a lamp of one ball is paired with itself
     normals = shadows.axes[:, 2]
     found = _blurs(places, feet, normals, balls, pairs, size)
     most = min(_MOST, len(places))
@@ -151,7 +151,7 @@ def _blurs_about(
     for n in range(len(places)):
         foot, normal = feet[n], normals[min(n, len(normals) - 1)]
         step = _STEP * np.sqrt(((balls[0] - places[n]) ** 2).sum())
-        for way in range(4):  # where it is, and a little along each axis
+        for way in range(4):  # at the place, and a little along each axis
             near[:] = places[n]
             if way > 0:
                 near[way - 1] += step

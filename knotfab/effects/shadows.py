@@ -24,13 +24,13 @@ class OnWall:
     """
 
     axes: Array
-    foot: Array  # of the wall's axes, in the scene
+    foot: Array  # the foot of the wall's axes, in the scene
     lamp: Array
     middle: Array
     round: CurvedWall | None
 
     @staticmethod
-    @lru_cache(maxsize=8)  # of the same views many times
+    @lru_cache(maxsize=8)  # the same views are asked for many times
     def of(view: ResolvedView) -> OnWall:
         """Where light and wall are."""
         camera = camera_of(view, 1, 1)

@@ -27,7 +27,7 @@ Path = Callable[[Array, float], Array]  # (points, share of the way) -> points
 
 # shortest share of a motion along straight lines: there one step is mostly enough
 _STRAIGHT = 1 / 64
-_SKIP = 6  # as in the flow: pairs nearer along the curve are always tested
+_SKIP = 6  # pairs nearer along the curve are always tested, as in the flow
 
 
 @dataclass(frozen=True)

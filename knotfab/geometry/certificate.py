@@ -19,7 +19,7 @@ from knotfab.geometry.polylines import Polylines
 
 __all__ = ["Certificate", "certify", "step_limits"]
 
-_ROUNDING = 1e-13  # of the coordinates: what double precision may be off by
+_ROUNDING = 1e-13  # a share of the coordinates by which double precision may be off
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ def certify(points: Array, step: Array, rings: Polylines, near: Neighbours) -> C
         return Certificate(False, "adjacent segments may fold back", margin)
     if found == kernels.TOO_OLD:
         return Certificate(False, "the neighbour list is too old", margin)
-    # what double precision may be off by follows the size of the coordinates
+    # the error of double precision follows the size of the coordinates
     if not margin > _ROUNDING * float(np.abs(points).max()):
         return Certificate(False, "strands may pass through each other", margin)
     return Certificate(True, "isotopy", margin)

@@ -26,9 +26,9 @@ __all__ = [
     "step_margin",
 ]
 
-KEEPS, FOLDS, TOO_OLD = 0, 1, 2  # what `step_margin` finds
+KEEPS, FOLDS, TOO_OLD = 0, 1, 2  # results of `step_margin`
 _PARALLEL = 1e-12  # share of |u|^2 |v|^2 below which segments count as parallel
-_LEAST_SQUARE = 1e-12  # of a distance that has a slope, and of a curvature
+_LEAST_SQUARE = 1e-12  # the least square of a distance that has a slope, and of a curvature
 _FOLDED = 1e-9  # share of the edges' lengths that a fold's cosine counts as
 
 
@@ -124,8 +124,8 @@ def least_gap(
     start: Indices,
     i: Indices,
     j: Indices,
-    along: Array,  # of each segment's middle on its ring, mm
-    length: Array,  # of each segment's ring, mm
+    along: Array,  # the place of each segment's middle on its ring, mm
+    length: Array,  # the length of each segment's ring, mm
     arc: float,  # pairs nearer along the curve are neighbours
     straight: float,  # pairs further apart than this share of the arc between them are, too
 ) -> tuple[float, int]:
@@ -208,7 +208,7 @@ def step_margin(
     if not margin > 0:
         return TOO_OLD, margin
     middle, half = _middles(points, following)
-    reach = np.empty(count)  # of what a segment is and how far it goes
+    reach = np.empty(count)  # each segment's half length and how far it moves
     for k in range(count):
         ends = max(_dot(step[k], step[k]), _dot(step[following[k]], step[following[k]]))
         reach[k] = half[k] + math.sqrt(ends)
@@ -331,7 +331,7 @@ def bend_hinge(points: Array, following: Indices, radius: float) -> tuple[float,
         if hinge > 0:
             total += hinge * hinge
             slope = 2 * hinge * radius
-            # with respect to the product, the cosine and the shorter edge
+            # derivatives by the product, the cosine and the shorter edge
             by_ratio = slope / (shorter * root) / folded if ratio >= _LEAST_SQUARE else 0.0
             by_product = by_ratio * (1 - ratio * (1 if open_ else _FOLDED))
             by_cosine = -by_ratio * (1 + ratio) if open_ else -by_ratio

@@ -45,11 +45,11 @@ def strand_gap(
     edge = points[rings.next] - points
     length = np.linalg.norm(edge, axis=1)
     # arc distance, ring by ring
-    before = np.cumsum(length) - 0.5 * length  # to the middle of each segment
+    before = np.cumsum(length) - 0.5 * length  # the way to the middle of each segment
     total = np.add.reduceat(length, np.unique(rings.start))[rings.ring]
     longest, within = float(length.max()), min(1.2 * separation, reach)
     while True:
-        # what is found within a distance is the least of all; most often strands are close somewhere
+        # the least distance lies below a small bound first: most often strands are close somewhere
         near = find_neighbours(points, rings, within + longest, 2)
         lists = (rings.next, rings.start, near.i, near.j, before, total)
         gap, pair = least_gap(points, *lists, 0.5 * np.pi * separation, straight)

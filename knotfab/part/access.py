@@ -22,9 +22,8 @@ __all__ = ["TOOLS_MM", "Access", "measure_access"]
 TOOLS_MM = {"finger": 16.0, "cutter": 8.0, "pliers": 4.0, "hook": 2.0}
 SAMPLES = 300  # undersides looked at
 WAYS = 48  # directions of a tool
-NEARLY = (
-    0.85  # a share of a tool's radius: it may brush a strand, and triangles stand for the surface
-)
+# a share of a tool's radius: it may brush a strand, and triangles stand for the surface
+NEARLY = 0.85
 STEP = 0.5  # the least way from one look to the next, as a share of the tool's radius
 # the widest gap between points that stand for the surface; finer meshes are thinned to half of it
 SPACING_MM = 1.0

@@ -23,10 +23,8 @@ from knotfab_formats.scene import ResolvedScene
 __all__ = ["write_also"]
 
 _SIDES, _FEWEST_SIDES = 12, 6  # a faceted tube has between these
-_FACETS, _MOST_FACETS = (
-    24_000,
-    60_000,
-)  # a faceted tube has no more where fewer sides allow: to write each takes .4 ms
+# a faceted tube has no more where fewer sides allow: to write each takes .4 ms
+_FACETS, _MOST_FACETS = 24_000, 60_000
 _SHADOW_MM = 0.01  # within which a shadow's outline is a polygon
 
 

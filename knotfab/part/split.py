@@ -18,9 +18,8 @@ from knotfab.scene.camera import Camera
 __all__ = ["can_be_split", "list_printables", "measure_hiding"]
 
 
-FULLY_RADII = (
-    3.0  # radii of the tube's shadow from the outline, from which on a place is well inside
-)
+# radii of the tube's shadow from the outline, from which on a place is well inside
+FULLY_RADII = 3.0
 PEG_RADII = 2.0  # tube radii from a peg's side
 CROSS = np.concatenate([np.eye(3), -np.eye(3)])
 

@@ -30,10 +30,8 @@ __all__ = [
 
 ROWS, COLUMNS = 15, 11  # rows and columns of control points; the outermost lie outside the frame
 _UNIT = 1e-4  # control points are written in this share of the picture's height
-_GRID = (
-    120,
-    120,
-)  # places in which slopes are looked at: so smooth a field has no steeper ones between
+# places in which slopes are looked at: so smooth a field has no steeper ones between
+_GRID = 120, 120
 _CRUMB = 1e-4  # a share of the picture: a piece or hole has no fewer pixels
 
 

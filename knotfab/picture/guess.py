@@ -18,9 +18,8 @@ _ALIKE, _APART = 24.0, 96.0  # levels, Euclidean in RGB: within one colour, and 
 _THIN = 0.015  # the thickest frame, as a share of the shorter side
 _SIDE = 0.75  # the share of each side of a frame's inside that has the colour of the paper
 _MOST = 0.98  # the share of a frame that has its colour
-_SHAPE = (
-    1e-3  # the least share of pixels that differ from the paper where a frame goes about a shape
-)
+# the least share of pixels that differ from the paper where a frame goes about a shape
+_SHAPE = 1e-3
 _MAJORITY = 0.6  # a colour with this share of the border is its background's
 _FLAT = 0.9  # at most three colours make up this share of a painted border
 

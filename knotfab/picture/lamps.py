@@ -40,15 +40,13 @@ _SAME = 0.06  # two mixtures nearer to each other than this in OKLab look alike
 _FLAT = 0.05  # a pixel that differs less (sRGB) from its neighbours lies in a flat colour
 _BESIDE = 0.10  # antialiasing may lie so far (sRGB) from the line between two colours
 _REACH_PX = (2, 3, 4)  # distances at which the two colours beside a pixel are looked for
-_SPECK = (
-    0.008  # a share of the longer side: spots smaller than a square so wide join their surroundings
-)
+# a share of the longer side: spots smaller than a square so wide join their surroundings
+_SPECK = 0.008
 # a picture is a photograph where this share of its pixels differs by the grain (sRGB) from its neighbours
 _GRAIN, _PHOTOGRAPH = 0.02, 0.35
 _VOTE = 0.006  # a share of the longer side: about half as wide as the shadow of a thin strand
-_SLIVER = (
-    0.0045  # a share of the longer side: areas of twice this width are slivers beside thicker ones
-)
+# a share of the longer side: areas of twice this width are slivers beside thicker ones
+_SLIVER = 0.0045
 # a loss is told where a colour is so far off in OKLab, on this share of the picture
 _TOLD = (0.15, 0.01)
 _LARGEST_PX = 1024  # longer side of masks; a larger picture is shrunk for them

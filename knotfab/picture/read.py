@@ -52,10 +52,8 @@ _MISSING = "Check the path, or write text:… for a word or a glyph."
 MOVING = ("GIF", "WEBP", "PNG", "AVIF")  # formats that may hold an animation
 _PIXEL_BYTES = 9  # a pixel of 16-bit RGBA, and the file's other data
 
-_MOST_SIGNS, _MOST_BYTES = (
-    60,
-    180,
-)  # the longest name; file systems hold names with prefixes and suffixes
+# the longest name; file systems hold names with prefixes and suffixes
+_MOST_SIGNS, _MOST_BYTES = 60, 180
 _CRUMB = 0.01  # a share of the ink: a smaller part is no piece of its own
 
 

@@ -27,20 +27,16 @@ _MARGIN = 0.25  # a share of the rectangle's longer side: pixels that near tell 
 _KINDS, _ROUNDS = 5, 6  # Gaussians for each of the two, and cuts at most
 _SETTLED = 1e-3  # the last cut changes at most this share of the pixels
 _COARSE_PX = 200  # longer side from which on it is cut so first
-_COARSER, _BAND_PX = (
-    2,
-    6,
-)  # the first cuts are so much coarser; the last moves their outline by so much
+# the first cuts are so much coarser; the last moves their outline by so much
+_COARSER, _BAND_PX = 2, 6
 _EDGE = 50.0  # weight of an outline through pixels alike, against the likelihood of one pixel
 _GRAIN = 5.0  # levels by which pixels of one colour differ at least
 _FEW = 16  # pixels that a mixture is learnt from at least
 _SURE = 1e6  # weight of what is known
 _ALIKE = (0.05 * 255) ** 2  # variance of brightness below which the outline follows no edge
 _ROUND = 0.004  # the smoothing's radius, as a share of the rectangle's longer side
-_CRUMB, _HOLE = (
-    0.05,
-    0.03,
-)  # shares of the largest piece: smaller pieces are left out, smaller holes filled
+# shares of the largest piece: smaller pieces are left out, smaller holes filled
+_CRUMB, _HOLE = 0.05, 0.03
 _FULL = 0.995  # a subject that fills this share of the rectangle is all of it
 _SIDES = ((0, 1), (1, 0), (1, 1), (1, -1))  # steps to half of a pixel's eight neighbours
 

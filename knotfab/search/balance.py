@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 __all__ = ["Balance", "goals_of"]
 
-_SHORT = 0.015  # that a view may stay below its bound; settling and repairs take some more
-_GAIN = 30.0  # an update: 0.01 further below the goal than the mean of all gains e^0.3
-# of a share's logarithm from update to update: where none lacks anything, all are equal
+_SHORT = 0.015  # a view may stay so far below its bound; settling and repairs take some more
+_GAIN = 30.0  # at an update 0.01 further below the goal than the mean of all gains e^0.3
+# the part of a share's logarithm that stays at an update: shares are equal where no view lacks anything
 _KEPT = 0.9
-_MOST = 4.0  # times more or less than as one of equals
+_MOST = 4.0  # a view counts at most so many times more or less than among equals
 
 
 def goals_of(bounds: Sequence[float]) -> tuple[float, ...]:

@@ -24,7 +24,7 @@ from knotfab.search.objective import Term, Weights
 __all__ = ["TENSION", "Chamfer"]
 
 
-_SAMPLES = 700  # of each silhouette
+_SAMPLES = 700  # samples of each silhouette
 TENSION = 3.0
 
 

@@ -22,11 +22,12 @@ from knotfab_formats.search import SearchSettings
 
 __all__ = ["FreeDirections"]
 
-MOST_TURN_DEG = 12.0  # to each side of where a view starts
-NEAREST = 0.7  # of the least angle between two lines of sight at the start: they come no nearer
+MOST_TURN_DEG = 12.0  # the most, to each side of where a view starts
+# a share of the least angle between two lines of sight at the start: they come no nearer
+NEAREST = 0.7
 _EVERY = 4  # iterations of the flow to a step of the directions
 _RATE_DEG, _LAST = 0.5, 0.05  # a step at the start, and the share of that at the end
-_KEPT, _SQUARES = 0.8, 0.95  # of the means of slopes and of their squares, as Adam keeps them
+_KEPT, _SQUARES = 0.8, 0.95  # shares of the means of slopes and of their squares that Adam keeps
 
 
 class FreeDirections:

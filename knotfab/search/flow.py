@@ -52,7 +52,7 @@ def _filter(ring: Array, share: float) -> None:
     last = 0.0
     for n in range(len(ring)):
         last = ring[n] + share * last
-    last *= 1.0 / (1.0 - share ** len(ring))  # as if it had gone round for ever
+    last *= 1.0 / (1.0 - share ** len(ring))  # the sum as if it had gone round for ever
     for n in range(len(ring)):
         last = ring[n] + share * last
         ring[n] = last

@@ -21,7 +21,7 @@ from knotfab.search.objective import Term, Weights
 __all__ = ["Grace"]
 
 
-_TENSION = 0.5  # of a curve one tube radius long, in units of the bending energy
+_TENSION = 0.5  # the tension on one tube radius of length, in units of the bending energy
 # curvature times radius: where counted bends weigh as much as their bending energy; of what is straight
 _BENT, _STRAIGHT = 0.3, 0.05
 
@@ -63,7 +63,7 @@ class Grace(Term):
             by_length = -shares / length
         by_length = np.where(between > 0, by_length, 0.0)
         pull = 2.0 * by_turn[:, None] * turn
-        pull = pull[previous] - pull  # in the unit edges
+        pull = pull[previous] - pull  # the pull on the unit edges
         along = (pull * unit).sum(axis=1)
         stretch = 0.5 * (by_length + by_length[previous]) + _TENSION / self.radius_mm
         edges = (pull - along[:, None] * unit) / _divisor(one)[:, None] + stretch[:, None] * unit

@@ -30,7 +30,7 @@ class Weights:
     bend: float = 0.1
     region: float = 10.0
     length: float = 1.0
-    hold: float = 4.0  # of an anchor to another frame of a sequence
+    hold: float = 4.0  # the weight of an anchor to another frame of a sequence
     grace: float = 1.0  # times the setting of that name
 
 
@@ -68,7 +68,7 @@ class Objective:
     terms: tuple[Term, ...] = ()
     loose: NDArray[np.bool_] | None = None  # (N,) vertices that may move; None: all
     shares: Array = field(init=False)
-    # of each view, as `ViewImage` finds it: who colours which pixel
+    # for each view, as `ViewImage` finds it: which capsule colours which pixel
     won: list[Any] = field(init=False)
     _turn: Array | None = field(init=False, default=None)
 

@@ -17,8 +17,8 @@ __all__ = ["Pace"]
 _TRIED = 6  # iterations by which a phase is timed before it begins; they are taken back
 _LEAST = (20, 16, 12)  # iterations of the phases, that a verified part needs
 _MOST = 5.0  # times what the settings ask for: more has nothing to gain
-_OVERHEAD = 0.5  # of an iteration that a picture of no pixels would still cost
-_MENDING = 0.4  # of the last phase: what its closer vertices take more, and repairs
+_OVERHEAD = 0.5  # a share of an iteration that even a picture of no pixels would cost
+_MENDING = 0.4  # the last phase's extra cost, for its closer vertices and repairs, as a share
 
 
 @dataclass
@@ -34,7 +34,7 @@ class Pace:
     """
 
     left: Callable[[int], float]
-    iterations: dict[int, int] = field(default_factory=dict)  # by the phase's number
+    iterations: dict[int, int] = field(default_factory=dict)  # keyed by the phase's number
 
     def fit(self, state: SearchState, phases: Sequence[Phase], number: int) -> Phase:
         """The phase of this number with as many iterations as there is time for."""

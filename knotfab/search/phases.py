@@ -11,7 +11,7 @@ from knotfab_formats.search import SearchSettings
 
 __all__ = ["SETTLE", "Phase", "Plan", "plan_of", "repair_phase", "three_phases"]
 
-SETTLE = Weights(clearance=20.0, bend=5.0, region=50.0)  # of the phase that ends feasible
+SETTLE = Weights(clearance=20.0, bend=5.0, region=50.0)  # weights of the phase that ends feasible
 
 
 @dataclass(frozen=True)
@@ -43,8 +43,8 @@ class Plan:
 
     phases: tuple[Phase, ...]
     repair: Callable[[int], Phase]
-    repairs: int = 8  # of the whole curve, each round of which gives the picture less weight
-    mendings: int = 4  # of single stretches, before those
+    repairs: int = 8  # repairs of the whole curve; each round gives the picture less weight
+    mendings: int = 4  # repairs of single stretches, before those
     keep_vertices: bool = False  # their number and order stay: no resampling
     network: bool = False
 

@@ -24,9 +24,9 @@ from knotfab.search.state import SearchState, resample_state, run_phase
 __all__ = ["find_stretches", "mend_stretches", "repair"]
 
 
-_REACH = 4.0  # of a stretch about a violation, in tube radii
+_REACH = 4.0  # tube radii of a stretch about a violation
 _ITERATIONS = 60
-_STRETCHED = 0.87  # of an edge, half as much again of which is cut in two
+_STRETCHED = 0.87  # a share of the spacing: an edge half as long again as that is cut in two
 _RATE, _RATE_END = 0.04, 0.005  # root-mean-square step of the vertices that move, in tube radii
 
 

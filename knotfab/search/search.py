@@ -24,9 +24,10 @@ from knotfab_formats.search import SearchSettings
 __all__ = ["search"]
 
 _SEEN_EVERY = 10  # iterations between measurements of the IoU that is reported
-# of each of them: no setting, for those of a time budget are not known yet
+# iterations of each: no setting, since those of a time budget are not known yet
 _APPROACH_ITERATIONS = 80
-_APPROACH_RATES = (0.25, 0.2, 0.12)  # of the phases that bring a far start near, in tube radii
+# rates of the phases that bring a far start near, in tube radii
+_APPROACH_RATES = 0.25, 0.2, 0.12
 
 
 def search(

@@ -20,9 +20,9 @@ from knotfab.search.objective import Term, Weights
 
 __all__ = ["Spill"]
 
-_MARGIN = 0.5  # of the frame on each side; what is further out counts as its edge
-_CELLS = 240  # of the longer side
-# of a strand that stands a tube radius outside, against one tube radius squared of image
+_MARGIN = 0.5  # a share of the frame on each side; a place further out counts as its edge
+_CELLS = 240  # cells along the longer side
+# weight of a strand that stands a tube radius outside, against one tube radius squared of image
 _WEIGHT = 0.5
 
 

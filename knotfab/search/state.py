@@ -56,7 +56,7 @@ class SearchState:
     keep_vertices: bool = False
     forms: Forms = COMPILED
     balance: Balance | None = None
-    numbers: ViewNumbers | None = None  # of the pose, once it is found
+    numbers: ViewNumbers | None = None  # the pose's, once it is found
     watch: Watch | None = None
 
     @property

@@ -84,9 +84,8 @@ def radius_for_all(
     given = question.scene.piece.tube_radius_mm
     if not isinstance(given, str):
         return given, None
-    if (
-        "radius_give" not in question.scene.search
-    ):  # another frame may need the IoU that this one can spare
+    # another frame may need the IoU that this one can spare
+    if "radius_give" not in question.scene.search:
         give = min(settings.radius_give, PRESETS["standard"].radius_give)
         settings = settings.model_copy(update={"radius_give": give})
     choice = choose_radius(question, settings, knots)

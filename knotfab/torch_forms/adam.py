@@ -13,7 +13,7 @@ from torch import Tensor
 
 __all__ = ["Adam"]
 
-_LEAST = 1e-8  # of the root mean square: no step is infinite
+_LEAST = 1e-8  # the least root mean square: no step is infinite
 
 
 class Adam:

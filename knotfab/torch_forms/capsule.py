@@ -45,7 +45,7 @@ def ray_miss(
     at = t.detach()
     cx, cy, cz = ax + at * ex, ay + at * ey, az + at * ez
     stretch = 1.0 + qx * qx + qy * qy  # |D|^2
-    # what is left of a ray through the segment itself is rounding, and points anywhere: it gets no gradient
+    # a ray through the segment itself has an offset of mere rounding, which points anywhere: no gradient
     lost = 4.0 * torch.finfo(a.dtype).eps * a.detach()[..., :2]
     least = (lost * lost).sum(-1).clamp_min(_TINY)
     miss = ((cx * cx + cy * cy + cz * cz) / stretch).clamp_min(least).sqrt()

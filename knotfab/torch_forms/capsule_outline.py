@@ -32,7 +32,7 @@ __all__ = [
 ]
 
 _TINY = 1e-30
-_GRAZING = 1e-12  # of 1 - (r / h)^2: below it the eye is taken to be in the cylinder
+_GRAZING = 1e-12  # the least 1 - (r / h)^2: below it the eye is taken to be in the cylinder
 
 
 def clip_segments(
@@ -57,7 +57,7 @@ def clip_segments(
     seen = (torch.maximum(z, z + change) >= low) & (torch.minimum(z, z + change) <= far)
     index = seen.nonzero()[:, 0]
     enter, leave, start, way = enter[index], leave[index], a[index], (b - a)[index]
-    # where nothing is cut the ends are left untouched, to the last bit
+    # the ends are left untouched, to the last bit, where nothing is cut
     one = torch.where(enter > 0, start + enter * way, start)
     two = torch.where(leave < 1, start + leave * way, b[index])
     return _at_least(one, low), _at_least(two, low), index
@@ -150,7 +150,7 @@ def outline_capsules(a: Tensor, b: Tensor, radius: float, focal_z: float) -> Out
 
 
 def outline_distance(
-    shape: Outlines,  # of n capsules
+    shape: Outlines,  # the outlines of n capsules
     q: Tensor,  # [n, 2] on the image plane
     radius: float,
     focal_z: float,

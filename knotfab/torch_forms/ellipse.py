@@ -20,7 +20,7 @@ from torch import Tensor
 __all__ = ["Ellipses", "conic", "nearest_normal", "project_spheres", "support", "support_point"]
 
 _TINY = 1e-30
-_STEPS = 5  # of the iteration for the nearest point: from then on rounding rules
+_STEPS = 5  # iterations for the nearest point: from then on rounding rules
 
 
 def conic(

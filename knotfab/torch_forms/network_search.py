@@ -32,12 +32,12 @@ __all__ = ["search_network"]
 
 _REFRESH = 40  # iterations between even samplings of the curves
 _EDGE = 0.8  # vertex spacing of these in tube radii: coarser than the flow's, which has each vertex free
-_TAU = (1.0, 6.0)  # from softer than the flow's: there is further to go
+_TAU = (1.0, 6.0)  # softer at first than the flow's: there is further to go
 _FURTHER = 2.0  # the rate from a circle over that from a filling template
 _SLOWEST = 0.1  # the last step's rate over the first's
-_SLOPE = 20.0  # of the hidden units: it bends about the piece's twentieth part at once
+_SLOPE = 20.0  # the hidden units' slope: each bends about a twentieth of the piece at once
 _FINE = 0.6  # share of the iterations after which the picture is the fine one
-_REFINEMENTS = 5  # how often the samples may be doubled for their certificate
+_REFINEMENTS = 5  # the most doublings of the samples for their certificate
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,7 @@ def _describe(way: Carried, doublings: int) -> str:
     """How far the start was carried along the network, in words."""
     if way.reached == 0.0:
         return "not carried along the invertible network: no step of it could be certified"
-    percent = np.floor(1000 * way.reached) / 10  # what is not all of it is never told as all
+    percent = np.floor(1000 * way.reached) / 10  # a way that ends early is never told as whole
     far = "" if way.reached == 1.0 else f", {percent:.1f}% of the way"
     said = f"carried along the invertible network in {way.steps} steps, with"
     return f"{said} {doublings} doublings of its samples{far}"

@@ -32,7 +32,7 @@ __all__ = [
 ]
 
 REACH = 16.0  # pixels with tau S below minus this are empty: sigmoid(-16) is 1e-7
-_SQUARES = 256  # at most, on the first level
+_SQUARES = 256  # the most squares on the first level
 _EMPTY = -1e9
 _TINY = 1e-30
 
@@ -108,7 +108,7 @@ def winners(
         best.scatter_reduce_(0, pixel, s, "amax")
         first = torch.full((width * height,), len(index), dtype=torch.long, device=a.device)
         won = s == best[pixel]
-        # of equals the first, so that the result has one order
+        # the first of equals is taken, so that the result has one order
         first.scatter_reduce_(0, pixel[won], kind[won], "amin")
         pixel = ((first < len(index)) & (best > -reach)).nonzero()[:, 0]
         return pixel, index[first[pixel]]

@@ -52,10 +52,10 @@ class Bounds:
     """How far the pose may go, and which of ALL are unknown at all."""
 
     free: tuple[Name, ...] = ALL
-    turn_deg: float = 45.0  # to each side of the start
+    turn_deg: float = 45.0  # the most, to each side of the start
     light: tuple[float, float] = (0.5, 2.0)  # shares of the start
     wall: tuple[float, float] = (0.5, 1.5)
-    least_radius_mm: float = 0.8  # what the printer makes
+    least_radius_mm: float = 0.8  # the least that the printer makes
     most_radius_mm: float = float("inf")
 
     def __post_init__(self) -> None:
@@ -100,9 +100,8 @@ class FreePose:
         self.start, self.bounds = start, bounds
         turn = [start.azimuth_deg, start.elevation_deg, start.roll_deg]
         self.turn_deg = torch.tensor(turn, dtype=dtype, device=device, requires_grad=True)
-        self.logs = torch.zeros(
-            3, dtype=dtype, device=device, requires_grad=True
-        )  # light, wall, radius
+        # light, wall, radius
+        self.logs = torch.zeros(3, dtype=dtype, device=device, requires_grad=True)
         lengths = [start.light_distance_mm, start.wall_distance_mm, start.radius_mm]
         self._first_mm = torch.tensor(lengths, dtype=dtype, device=device)
         self._first_turn = self.turn_deg.detach().clone()
@@ -164,7 +163,7 @@ class FreePose:
             light = float(np.clip(light, near, far))
             near, far = (share * s.wall_distance_mm for share in b.wall)
             wall = float(np.clip(wall, near, far))
-            # what is not free stays where the person put it, near or not
+            # a number that is not free stays where the person put it, near or not
             light = max(light, front / LIGHT_SHARE) if "light" in b.free else s.light_distance_mm
             wall = max(wall, back / WALL_SHARE) if "wall" in b.free else s.wall_distance_mm
             kept = self.logs.new_tensor([light, wall, radius]) / self._first_mm

@@ -137,7 +137,7 @@ def _settle(
     top.scatter_reduce_(0, place, torch.maximum(held, found), "amax")
     most = top[place]
     winner[place[held < most]] = -1
-    # of equals the last one, whatever the order in which threads wrote them
+    # the last of equals is taken, whatever the order in which threads wrote them
     equal = found == most
     winner.scatter_reduce_(0, place[equal], rival[equal], "amax")
 
@@ -162,7 +162,7 @@ def _quadratics(a: Tensor, b: Tensor, frame: Frame) -> tuple[Tensor, Tensor, Ten
     reference, which lies near the capsule so that little is lost in the differences.
     """
     reference = frame.pixels(0.5 * (a + b)).round()
-    # of a capsule that reaches far out of the picture, take a place that is near the picture instead
+    # a capsule that reaches far out of the picture gets a place that is near the picture instead
     size = torch.tensor([frame.width, frame.height], dtype=a.dtype, device=a.device)
     reference = torch.maximum(torch.minimum(reference, 2 * size), -size)
     qx = (reference[:, 0] + frame.u0) * frame.step

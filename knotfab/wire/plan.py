@@ -32,12 +32,8 @@ __all__ = ["IOU_LOSS", "WirePlan", "bend_radius_mm", "write_bending_plan"]
 # wire radii from the centre line, across the light's rays; a fit keeps to less where it must
 TOLERANCE_RADII = 1.1
 IOU_LOSS = 0.02  # the IoU that straights and bends of one radius may cost
-_FIT_SHARES = (
-    0.97,
-    0.8,
-    0.65,
-    0.45,
-)  # shares of the tolerance, tried in turn while one spoils the shadow
+# shares of the tolerance, tried in turn while one spoils the shadow
+_FIT_SHARES = 0.97, 0.8, 0.65, 0.45
 _SLEEVE_MM = 8.0  # the length of a crimp or a soldered tube over both ends
 
 

@@ -15,8 +15,9 @@ if TYPE_CHECKING:
 
 __all__ = ["Bend", "Bent", "bend_of", "bend_silhouette"]
 
-ROWS, COLUMNS = 15, 11  # of control points, the outermost one step outside of the frame
-UNIT = 1e-4  # of the picture's height
+# rows and columns of control points, the outermost one step outside of the frame
+ROWS, COLUMNS = 15, 11
+UNIT = 1e-4  # a share of the picture's height
 
 
 @dataclass(frozen=True)

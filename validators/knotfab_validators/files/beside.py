@@ -8,7 +8,7 @@ from pathlib import Path
 __all__ = ["find_3mf", "is_own"]
 
 PART = re.compile(r"part(-\d+)?")
-OWN = re.compile(r"part(-\d+)?|zoetrope")  # what a build writes as STL and as 3MF
+OWN = re.compile(r"part(-\d+)?|zoetrope")  # names that a build writes as STL and as 3MF
 
 
 def is_own(part: Path) -> bool:

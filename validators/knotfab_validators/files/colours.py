@@ -11,7 +11,7 @@ from knotfab_validators.arrays import Mask
 
 __all__ = ["common_colours", "enclosed_by_largest", "middle_of_bin", "not_reached"]
 
-LEVELS = 8  # of a channel in one bin: 32 bins
+LEVELS = 8  # levels of a channel in one bin: 32 bins
 ALIKE = 12  # bins between a colour and the first of its cluster, at most
 RAREST = 200  # a cluster has at least one pixel in so many
 SIDE = 256 // LEVELS

@@ -14,10 +14,10 @@ from knotfab_validators.geometry.curves import Curves, Member, edges_of
 
 __all__ = ["parse_knots", "read_knots"]
 
-UNIT = 1e-6  # of a unit vector's length
+UNIT = 1e-6  # how far a unit vector's length may be off
 MOST_BYTES = 24_000_000  # 400,000 points; Python holds `[],` in thirty times its bytes
 MOST_KNOTS = 1000
-MOST_MEMBERS = 10_000  # of a mount; a build makes a hundred
+MOST_MEMBERS = 10_000  # members of a mount; a build makes a hundred
 
 
 def read_knots(path: Path) -> Curves:

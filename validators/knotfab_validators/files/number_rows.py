@@ -20,8 +20,9 @@ KINDS = {
     "triangles": (b'<triangle v1="', b'" v2="', b'" v3="'),
 }
 TAG = re.compile(b"<(" + "|".join(KINDS).encode() + b")>")
-MOST_TAGS = 100_000  # what comes behind them is left as it is
-MOST_DIGITS = 15  # of a number: as a whole number it is exact, and so is the power of ten below it
+MOST_TAGS = 100_000  # the text behind so many is left as it is
+# a number of so many digits is exact as a whole number, and so is the power of ten below it
+MOST_DIGITS = 15
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from knotfab_validators.geometry.mesh import Corners
 
 __all__ = ["corners_obj", "is_obj"]
 
-SHAPELESS = frozenset(  # what says nothing of a surface; lines and points have none
+SHAPELESS = frozenset(  # statements without a surface; lines and points have none
     b"vt vn vp g s o mg l p usemtl mtllib usemap maplib bevel c_interp d_interp lod "
     b"shadow_obj trace_obj".split()
 )
@@ -26,9 +26,9 @@ SURFACES = frozenset(  # a shape that is not read: it must not be passed over in
 LINE = re.compile(rb"\S[^\r\n]*")
 CONTINUED = re.compile(rb"\\\r?\n")
 CORNER = re.compile(rb"([+-]?\d+)(?:/(?:-?\d+)?){0,2}")
-FOLDED = 1e-9  # of a polygon's area squared
+FOLDED = 1e-9  # a share of a polygon's area squared
 MOST_WORK = 20_000_000  # corners times corners of concave polygons
-MOST_CORNERS = 10_000  # of one face
+MOST_CORNERS = 10_000  # corners of one face
 MOST_DIGITS = 18
 
 
@@ -50,7 +50,7 @@ def corners_obj(content: bytes, name: str) -> Corners:
         BadFile: a line is broken, an index names no vertex, or there are curved surfaces; the
             message names the line.
     """
-    # as many blanks as what they replace, so that places in the file stay as they are
+    # blanks as many as the text that they replace, so that places in the file stay as they are
     text = CONTINUED.sub(lambda found: b" " * len(found.group()), content)
     points, fans, places = array("d"), array("q"), array("q")
     try:

@@ -31,10 +31,10 @@ FOUR = ndimage.generate_binary_structure(2, 1)  # joined along a side
 EIGHT = ndimage.generate_binary_structure(2, 2)  # or at a corner
 
 ROWS_AT_ONCE = 2**20  # pixels in a block of rows
-STRAY = 0.01  # of the pixels are clear by accident, at most
+STRAY = 0.01  # the most pixels that are clear by accident, as a share
 CRISP = 128  # alpha from which a pixel is there at all, where alpha does not decide
-ENDS = 0.01  # of the pixels are darker than black, or lighter than white
-BRIGHTNESS = np.array([299, 587, 114])  # of red, green and blue, ITU-R BT.601
+ENDS = 0.01  # the share of pixels darker than black, or lighter than white
+BRIGHTNESS = np.array([299, 587, 114])  # red, green and blue, ITU-R BT.601
 
 
 class PictureError(ValueError):
@@ -91,7 +91,7 @@ def read_greys(path: str | PathLike[str], reading: Reading | None = None) -> Arr
         else:
             rgba = np.asarray(image.convert("RGBA")).astype(np.float64)
             cover = rgba[..., 3:] / 255
-            # as 8 bits hold it
+            # 8 bits hold it so
             seen = np.round(rgba[..., :3] * cover + 255 * (1 - cover))
             bright = seen @ BRIGHTNESS / BRIGHTNESS.sum()
     if reading.invert:

@@ -16,7 +16,7 @@ __all__ = ["corners_ply", "is_ply"]
 
 
 MOST_HEADER = 100_000  # bytes
-MOST_CORNERS = 10_000  # of one face
+MOST_CORNERS = 10_000  # corners of one face
 BLANKS = b"\r\n\0 "  # that some programs put after the end
 KINDS = {
     **dict.fromkeys(("char", "int8"), "i1"),

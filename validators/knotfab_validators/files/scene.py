@@ -20,7 +20,7 @@ from knotfab_validators.geometry.mesh import Mesh
 __all__ = ["Scene", "parse_scene", "read_scene"]
 
 MOST_BYTES = 1_000_000
-# what holds of a scene that says nothing of it: a build writes both
+# values of keys that a scene leaves out: a build writes both
 FLOOR = 0.96  # IoU that a shadow must reach
 ROOM = (240.0, 240.0, 180.0)  # size of the region, mm
 

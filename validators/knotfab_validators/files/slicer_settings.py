@@ -10,7 +10,7 @@ from knotfab_validators.files.threemf_model import WHOLE, parse_xml
 
 __all__ = ["SETTINGS", "Steering", "read_steering"]
 
-SETTINGS = (  # of PrusaSlicer (SuperSlicer), and of Bambu Studio and OrcaSlicer
+SETTINGS = (  # those of PrusaSlicer (SuperSlicer), and of Bambu Studio and OrcaSlicer
     "metadata/slic3r_pe_model.config",
     "metadata/superslicer_model.config",
     "metadata/model_settings.config",
@@ -35,7 +35,7 @@ def read_steering(blocks: Iterable[bytes], name: str) -> Steering:
         BadFile: a body is negative, so that a slicer prints another shape than the file holds.
     """
     found = Steering()
-    at: dict[str, str] = {}  # of the object, volume or part that is open
+    at: dict[str, str] = {}  # attributes of the object, volume or part that is open
 
     def take(kind: str, owner: str, first: str, last: str | None) -> None:
         kind = kind.strip().lower()
@@ -65,7 +65,7 @@ def read_steering(blocks: Iterable[bytes], name: str) -> Steering:
             tag == "metadata" and given.get("key") in ("volume_type", "modifier") and "first" in at
         ):
             kind = given.get("value", "")
-            if given["key"] == "modifier":  # of older files
+            if given["key"] == "modifier":  # older files have this key
                 kind = "ModelPart" if kind == "0" else "ParameterModifier"
             take(kind, at.get("object", ""), at["first"], at["last"])
 

@@ -27,12 +27,12 @@ __all__ = ["corners_3mf", "is_3mf"]
 
 MOST_UNPACKED = 2_000_000_000  # bytes of all models together
 SUSPICIOUS = 50_000_000  # bytes above which an archive must not be packed too well
-MOST_RATIO = 50  # of unpacked to packed; meshes reach about 10
+MOST_RATIO = 50  # unpacked over packed size; meshes reach about 10
 MOST_ENTRIES = 10_000
 DEEPEST = 100  # components within each other
 SUPPORTS = ("support", "solidsupport")
 BLOCK = 1 << 18
-ENTRY = b"PK\x01\x02"  # in the archive's directory, before each entry
+ENTRY = b"PK\x01\x02"  # the bytes before each entry in the archive's directory
 PACKINGS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # the two that the standard allows
 
 
@@ -115,7 +115,8 @@ class _Package:
             triangles, placed = triangles + more[0], placed + more[1]
             self._require_few(triangles, placed)
         parts: list[Corners] = [np.empty((0, 3, 3))]
-        with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused as too far
+        # a number that overflows is refused as too far
+        with np.errstate(over="ignore", invalid="ignore"):
             for item in model.items:
                 part = _part(item.part, start)
                 if self._shape(part, item.number).kind == "other":

@@ -51,9 +51,9 @@ UNITS = {  # mm
     "foot": 304.8,
     "meter": 1000.0,
 }
-TYPES = ("model", "solidsupport", "support", "surface", "other")  # of objects
+TYPES = ("model", "solidsupport", "support", "surface", "other")  # types of objects
 DEEPEST = 100  # elements within each other; a model needs six
-MOST_NAMES = 20_000  # of elements and attributes: expat keeps each
+MOST_NAMES = 20_000  # names of elements and attributes: expat keeps each
 MOST_OBJECTS = 50_000
 MOST_PLACED = 50_000  # components and build items
 BLOCK = 1 << 18  # bytes that expat is fed at a time
@@ -68,7 +68,7 @@ TRIANGLES, TRIANGLE = f"{CORE} triangles", f"{CORE} triangle"
 COMPONENTS, COMPONENT = f"{CORE} components", f"{CORE} component"
 METADATA = f"{CORE} metadata"
 BUILD, ITEM = f"{CORE} build", f"{CORE} item"
-INSIDE = {  # where an element means something
+INSIDE = {  # the elements inside which an element means something
     RESOURCES: MODEL,
     OBJECT: RESOURCES,
     MESH: OBJECT,

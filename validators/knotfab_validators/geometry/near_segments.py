@@ -11,7 +11,7 @@ from knotfab_validators.arrays import Array, Ints, Mask
 __all__ = ["SegmentBlocks", "near_segments", "segment_blocks"]
 
 
-ROUNDING = 1e-14  # of the extent squared: what a squared distance from products is wrong by
+ROUNDING = 1e-14  # a share of the extent squared: the error of a squared distance from products
 
 
 @dataclass(frozen=True)

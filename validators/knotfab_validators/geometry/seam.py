@@ -9,8 +9,8 @@ from knotfab_validators.geometry.mesh import Mesh
 
 __all__ = ["sew_rims"]
 
-NEAR = 0.25  # of the rims' radius: between their middles
-ALIKE = 0.2  # of the rims' radius: between their radii
+NEAR = 0.25  # a share of the rims' radius, between their middles
+ALIKE = 0.2  # a share of the rims' radius, between their radii
 
 
 def sew_rims(mesh: Mesh) -> Mesh | None:

@@ -14,7 +14,7 @@ from knotfab_validators.geometry.triangle_loops import find_flat
 __all__ = ["Surface", "duplicate_faces", "flat_faces", "survey"]
 
 
-FLAT = 1e-12  # of its longest edge's square: twice the area of a face that has none
+FLAT = 1e-12  # a share of the longest edge's square: twice the area of a face that has none
 ROUNDS = 64  # faces about a corner that are counted one by one; corners with more of them are rare
 
 

@@ -11,7 +11,8 @@ from knotfab_validators.geometry.mesh import Mesh
 
 __all__ = ["CircleFunction", "circle_functions"]
 
-LEAST_WEIGHT, MOST_WEIGHT = 0.05, 20.0  # of an edge: cotangents of slivers are large or negative
+# an edge's weights: cotangents of slivers are large or negative
+LEAST_WEIGHT, MOST_WEIGHT = 0.05, 20.0
 
 
 @dataclass(frozen=True)
@@ -80,7 +81,8 @@ def _weigh(mesh: Mesh, edges: _Edges) -> Array:
     one, other = np.roll(corner, -1, axis=1) - corner, np.roll(corner, 1, axis=1) - corner
     area = np.linalg.norm(np.cross(one, other), axis=2)
     cotangent = np.einsum("mij,mij->mi", one, other) / np.maximum(area, 1e-300)
-    across = np.roll(cotangent, 1, axis=1)  # of the corner that the half-edge i does not touch
+    # the cotangent of the corner that the half-edge i does not touch
+    across = np.roll(cotangent, 1, axis=1)
     weight = 0.5 * np.bincount(edges.of_face.reshape(-1), across.reshape(-1))
     return np.clip(weight, LEAST_WEIGHT, MOST_WEIGHT)
 

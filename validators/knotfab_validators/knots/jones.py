@@ -177,6 +177,6 @@ def _order_from(diagram: PlanarDiagram, start: int) -> tuple[list[int], int]:
         order.append(here)
         for arc in diagram.crossings[here]:
             open_arcs ^= {arc}
-        cost += 2 ** len(open_arcs)  # as the number of states grows
+        cost += 2 ** len(open_arcs)  # the number of states grows so
         here = None
     return order, cost

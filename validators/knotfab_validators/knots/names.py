@@ -137,7 +137,7 @@ def _torus(name: str) -> Knot | None:
     if p == 1:
         return Knot((), UNKNOT)
     found_invariants = invariants(closed_braid([sign * k for k in range(1, p)] * q))
-    # of torus knots, those of the table are known by their crossings, (p - 1) q
+    # torus knots of the table are known by their crossings, (p - 1) q
     for knot in candidates(found_invariants):
         if knot.crossings == (p - 1) * q and len(knot.factors) == 1:
             return knot

@@ -32,7 +32,7 @@ DIRECTIONS = 40
 FEWEST = 3
 MOST_LOOKS = 10_000  # edges times directions
 HOPELESS = 8  # times too many crossings in one direction: no other has few enough
-KEPT = 6  # of them, those with the fewest crossings, are simplified and compared
+KEPT = 6  # the projections with the fewest crossings that are simplified and compared
 ALL_PAIRS = 150  # edges up to which all pairs are looked at
 
 

@@ -41,10 +41,10 @@ Signs = NDArray[np.int8]
 # The error of the determinant below is at most 8e-16 times its permanent (Shewchuk, "Adaptive
 # precision floating-point arithmetic", 1997), which is at most 5.2 times the product of the rows.
 UNCERTAIN = 1e-14
-NUDGES = (1e-5, 1e-7, 1e-9)  # of the shortest edge: the random shift into general position
-LEAST_SHIFT = 64 * 2.0**-52  # of the coordinates: less would drown in rounding
-MOST_PAIRS = 5_000_000  # of triangles and edges looked at, some seconds' worth
-NEAREST_PAIRS = 300_000  # of edges, when the nearest ones are looked for
+NUDGES = (1e-5, 1e-7, 1e-9)  # shares of the shortest edge: the random shift into general position
+LEAST_SHIFT = 64 * 2.0**-52  # a share of the coordinates: a smaller shift would drown in rounding
+MOST_PAIRS = 5_000_000  # pairs of triangles and edges looked at, some seconds' worth
+NEAREST_PAIRS = 300_000  # pairs of edges, when the nearest ones are looked for
 BLOCK = 256  # boxes looked up at a time, to bound the memory
 
 

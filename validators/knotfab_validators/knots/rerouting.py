@@ -137,7 +137,7 @@ def _lay(
     gone = set(run.crossings)
     signs = [sign for i, sign in enumerate(knot.signs) if i not in gone]
     number = {i: n for n, i in enumerate(i for i in range(len(knot.signs)) if i not in gone)}
-    met: dict[int, Passage] = {}  # of the crossed arcs, each with the run
+    met: dict[int, Passage] = {}  # keyed by the crossed arcs, each with the run
     laid: list[Passage] = []
     for arc, to_right in way:
         crossing = len(signs)
@@ -161,7 +161,7 @@ def _sides(knot: PlanarDiagram) -> tuple[list[int], list[int]]:
     face = faces(knot)
     left, right = ([0] * len(knot.component) for _ in range(2))
     for i, (quad, sign) in enumerate(zip(knot.crossings, knot.signs, strict=True)):
-        for side in (2, 1 if sign > 0 else 3):  # where arcs leave the crossing
+        for side in (2, 1 if sign > 0 else 3):  # the sides on which arcs leave the crossing
             left[quad[side]] = face[i, side]
             right[quad[side]] = face[i, (side + 3) % 4]
     return left, right

@@ -23,7 +23,7 @@ __all__ = [
     "prime_names",
 ]
 
-MOST_CROSSINGS = 10  # of the table: all knots that have a diagram of so many are in it
+MOST_CROSSINGS = 10  # the table holds all knots that have a diagram of so many
 MOST_OF_SUMS = 12  # crossings of sums that are looked for
 
 

@@ -18,7 +18,7 @@ __all__ = [
 ]
 
 
-MOST_COUNTED = 5_000_000  # with more of them the first crossing is enough
+MOST_COUNTED = 5_000_000  # above so many crossings the first is enough
 
 
 @dataclass(frozen=True)

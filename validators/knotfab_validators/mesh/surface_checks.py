@@ -19,7 +19,7 @@ __all__ = ["check_mesh", "self_intersections"]
 
 
 VOLUME_LIMIT = 0.005  # relative difference from Pappus' volume
-BESIDE = 1e-3  # of a face's size: how far behind it one looks (in single precision)
+BESIDE = 1e-3  # a share of a face's size: how far behind it one looks (in single precision)
 
 
 def check_mesh(
@@ -225,7 +225,7 @@ def _find_misplaced(mesh: Mesh, largest: Ints) -> Mask:
         largest: (b,) a face of each body.
     """
     a, b, c = np.moveaxis(mesh.vertices[mesh.faces[largest]], 1, 0)
-    normal = np.cross(b - a, c - a)  # as long as twice the area: its root is a length
+    normal = np.cross(b - a, c - a)  # its length is twice the area, and the root of that a length
     step = normal * (BESIDE / np.sqrt(np.linalg.norm(normal, axis=1)))[:, None]
     winding = winding_numbers((a + b + c) / 3 - step, mesh, exact=False)
     return np.asarray(np.rint(winding) != 1)

@@ -84,7 +84,7 @@ def find_unsupported(grid: Columns, layer_mm: float) -> Stretches:
     anchor_of = label[np.concatenate(held)]
     length, bridged, farthest = _measure_spans(cells, label, count, anchor, anchor_of)
     places = grid.places(air)
-    # of an island the lowest place
+    # the lowest place of each island
     lowest = np.lexsort((places[:, 2], label))
     lowest = lowest[np.flatnonzero(np.diff(label[lowest], prepend=-1))]
     deciding = np.where(np.isnan(length), lowest, farthest)
@@ -117,7 +117,7 @@ def _measure_spans(
     other = np.full(count, np.inf)
     np.minimum.at(other, anchor_of[across], far[across])
     bridged = np.isfinite(other)
-    # what holds it is counted from the middle of a cell, half a cell behind the edge on each side
+    # a support begins in the middle of a cell, half a cell behind the edge on each side
     length[bridged] += other[bridged] - 1.0
     return length, bridged, farthest
 

@@ -17,7 +17,8 @@ CELL_MM = 0.5
 MOST_ACROSS = 1000  # columns along the longer side
 MOST_TESTS = 20_000_000  # pairs of face and column
 HAIR = 1e-3  # cells by which a row's axes are looked for beyond the face, and edges count as level
-OFFSET = (0.50137, 0.50079)  # of a column's axis in its cell: CAD parts have edges at round numbers
+# the place of a column's axis in its cell: CAD parts have edges at round numbers
+OFFSET = 0.50137, 0.50079
 
 
 @dataclass(frozen=True)
@@ -127,7 +128,7 @@ def _heights(mesh: Mesh, face: Ints, x: Array, y: Array) -> tuple[Array, Ints]:
         sign = np.where(swap, -1.0, 1.0)
         weight[(k + 2) % 3] = value * sign
         area += value * sign
-        left = (value > 0) | ((value == 0) & owns)  # of the edge as it is stored
+        left = (value > 0) | ((value == 0) & owns)  # the value of the edge as it is stored
         left ^= swap
         inside[0] &= left
         inside[1] &= ~left

@@ -189,7 +189,7 @@ class Probe:
         other = np.asarray(other, dtype=np.int64)
         cosine = -np.einsum("ij,ij->i", self.normals[face], self.normals[other])
         good = np.flatnonzero((other >= 0) & (other != face) & (cosine >= SLANTING))
-        # where the ray meets the other face's plane, again: the tree's lengths are single precision
+        # meet the other face's plane with the ray again: the tree's lengths are single precision
         way = self.vertices[self.faces[other[good], 0]] - point[good]
         t = -side * np.einsum("ij,ij->i", way, self.normals[other[good]]) / cosine[good]
         hit = point[good] + t[:, None] * direction[good]
@@ -290,9 +290,9 @@ def _thin(point: Array, face: Ints, normals: Array, spacing: float) -> tuple[Arr
     normal = normals[face]
     axis = np.abs(normal).argmax(axis=1)
     way = 2 * axis + (np.take_along_axis(normal, axis[:, None], axis=1)[:, 0] > 0)
-    # by lot: the first of each cube would be the same facet of a tube everywhere along it
+    # choose by lot: the first of each cube would be the same facet of a tube everywhere along it
     lot = np.random.default_rng(0).permutation(len(point))
-    # in the order of the faces, so near each other: rays go faster
+    # keep the order of the faces, so near each other: rays go faster
     keep = np.sort(lot[_first_in_cube(point[lot], spacing, way[lot])])
     return point[keep], face[keep]
 

@@ -11,8 +11,8 @@ from knotfab_validators.printing.columns import Columns
 __all__ = ["ANGLE_TOLERANCE", "above", "overhang_areas", "support_volume"]
 
 
-ANGLE_TOLERANCE = 1e-5  # of a normal's z: what single precision leaves of a slope
-BED_MM = 1e-3  # how far off the bed the first layer's top may be read
+ANGLE_TOLERANCE = 1e-5  # the rounding of a normal's z in single precision
+BED_MM = 1e-3  # the first layer's top may be read so far off the bed
 
 
 def overhang_areas(mesh: Mesh, max_overhang_deg: float, layer_mm: float) -> Array:

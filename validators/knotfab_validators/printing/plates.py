@@ -24,7 +24,7 @@ __all__ = ["check_plates", "check_plates_printable"]
 
 
 APART_MM = 0.05  # between the part's surface and that of its pieces, placed as the scene says
-VOLUME_SHARE = 0.02  # of the part, that clearances at its connectors may take
+VOLUME_SHARE = 0.02  # a share of the part that clearances at its connectors may take
 LARGER_IS_BETTER = ("feature", "gap", "standing")
 
 

@@ -27,9 +27,9 @@ __all__ = ["printability_checks"]
 
 
 MOST_MM = 10_000.0  # no printer is larger, and no grid over the part could be fine
-FEATURE_TOLERANCE_MM = 1e-4  # what single precision leaves of a wall, far from the origin
-GAP_TOLERANCE = 0.08  # of the nozzle; see `printability_checks`
-BED_MM = 1e-3  # how far off the bed a height may be read
+FEATURE_TOLERANCE_MM = 1e-4  # the rounding of a wall in single precision, far from the origin
+GAP_TOLERANCE = 0.08  # a share of the nozzle; see `printability_checks`
+BED_MM = 1e-3  # a height may be read so far off the bed
 UNNAMED = "no printer was named: measured only"
 POWDER = "printed in powder, which carries the part wherever it lies: nothing overhangs, and nothing stands"
 CARRIED = ("overhang", "support_volume", "bridge", "floating", "islands", "standing")

@@ -13,7 +13,7 @@ from knotfab_validators.geometry.mesh import Mesh, number_bodies
 __all__ = ["Body", "bodies", "footprint", "margin"]
 
 
-FLAT = 1e-9  # of its length: a footprint less wide than this is a line
+FLAT = 1e-9  # a footprint less wide than this share of its length is a line
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,8 @@ def bodies(mesh: Mesh) -> list[Body]:
     ends = np.cumsum(np.bincount(by_face, minlength=count))[:-1]
     faces = [mesh.faces[some] for some in np.split(order, ends)]
     solid = [k for k in range(count) if volume[k] > 0]
-    solid.sort(key=lambda k: float(volume[k]))  # so that the smallest around a hollow is found
+    # the smallest solid around a hollow is then found first
+    solid.sort(key=lambda k: float(volume[k]))
     parts: dict[int, list[int]] = {k: [k] for k in solid}
     for k in range(count):
         if volume[k] <= 0:

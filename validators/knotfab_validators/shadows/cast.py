@@ -54,7 +54,7 @@ class ShadowCaster(Renderer):
         lines = table.find_silhouette(on_page(h))
         if not whole.all():  # winding numbers add up, and the edges between the two cancel
             pieces = faces[~whole]
-            # what is nearer to the light is clipped away, as by a camera
+            # a part nearer to the light is clipped away, as by a camera
             for sign, bound in ((-1.0, -NEAREST), (1.0, limit)):
                 turned = h * [1.0, 1.0, sign]
                 turned, pieces = cut_before(turned, pieces, bound) or (turned, pieces)

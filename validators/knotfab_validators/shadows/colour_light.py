@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 __all__ = ["Bytes", "Light", "colour_error", "light_of", "share_of_light", "to_lab", "to_srgb"]
 
 Bytes = NDArray[np.uint8]
-FROM_DISC, FROM_BALL = np.pi, 4 * np.pi  # what a lamp of intensity 1 sends out
+FROM_DISC, FROM_BALL = np.pi, 4 * np.pi  # the flux of a lamp of intensity 1
 
 
 @dataclass(frozen=True)

@@ -28,13 +28,13 @@ if TYPE_CHECKING:
 
 __all__ = ["Colours", "LampShadow", "check_colours", "measure_colours", "write_colours"]
 
-OUTLINE_PX = (
-    2.0  # of a frame of 1024: a pixel no farther from a border of colours is along an outline
-)
+# px of a frame of 1024: a pixel no farther from a border of colours is along an outline
+OUTLINE_PX = 2.0
 ALIKE = 1.0  # ΔE of colours that nobody tells apart
 MOVED_MM = 2.0  # a lamp that a person has put down with care
 MOVED_PX = 512
-STEP = 5  # of each channel, by which colours of a picture are counted; 255 is one of the steps
+# the step of each channel by which colours of a picture are counted; 255 is one of the steps
+STEP = 5
 EVERY = 8  # pixels, at which the light is looked at where no lamp is hidden
 GAP_PX, PANEL_PX = 16, 512
 WRONG = (214, 94, 50)

@@ -78,7 +78,7 @@ def legibility(
                 pixels, w = turned.project(vertices)
                 if (w <= 0).any():
                     continue  # turned into the light: there is no silhouette to read
-                # by columns: of rows of two numbers numpy takes twenty times as long
+                # columns are summed: numpy takes twenty times as long for rows of two numbers
                 low, high = (np.array([f(c) for c in pixels.T]) for f in (np.min, np.max))
                 seen = renderer.render(_window(turned, low, high, size), behind=True)
                 best = max(best, overlap(seen, wanted).iou)

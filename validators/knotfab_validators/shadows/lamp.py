@@ -13,7 +13,7 @@ __all__ = ["SceneLamp", "lamp_points", "lamp_size"]
 # Points of a disc: the middle, and so many on rings of equal share about it. Every set looks the same from
 # the other side and has an odd number, so the half-light line of a straight edge is exact.
 RINGS = {7: (6,), 25: (8, 16), 101: (6, 14, 20, 26, 34)}
-GRIDS = {7: 3, 25: 5, 101: 11}  # of a rectangle: so many rows and columns
+GRIDS = {7: 3, 25: 5, 101: 11}  # rows and columns of a rectangle's points
 MOST_DISCS = 100  # LEDs of which each is sampled as a disc; of a larger array all together are
 # steps of a sequence that fills a square evenly from wherever it begins (M. Roberts' R2: 1 / g and 1 / g²
 # with g³ = g + 1)

@@ -91,7 +91,7 @@ def layered_mask(mesh: Mesh, geometry: ViewGeometry, layer_mm: float) -> Mask:
     Args:
         mesh: in print pose, z up. geometry: the view in the same coordinates.
     """
-    # at and above which slices a vertex is not above: slices lie half a layer above whole layers
+    # the slices at and above which a vertex lies: slices lie half a layer above whole layers
     first = np.ceil(mesh.vertices[:, 2] / layer_mm - 0.5).astype(np.int64)
     vertices, faces = np.ascontiguousarray(mesh.vertices), np.ascontiguousarray(mesh.faces)
     slices = (
@@ -106,7 +106,7 @@ def _slice_lines(
     start: Array, end: Array, layer: Ints, geometry: ViewGeometry, layer_mm: float
 ) -> Linework:
     """The boundaries of what of whole slices is met by rays, in the picture."""
-    # to the face that is turned to the light
+    # the way to the face that is turned to the light
     half = np.where(geometry.light[2] > start[:, 2:], 0.5, -0.5) * [0.0, 0.0, layer_mm]
     number = layer - layer.min(initial=0)
     (a, nearer), (b, _) = geometry.project(start + half), geometry.project(end + half)

@@ -102,7 +102,7 @@ def verify_shadows(
         for view in scene.views:
             with time_stage(seconds, f"view {view.name}"):
                 toned = view.tone == "lines"
-                if toned:  # what is drawn are lines, in a picture of their own
+                if toned:  # a picture in greys is drawn as lines, in a picture of their own
                     target = read_silhouette(folder / f"picture-{view.name}-lines.png")
                 else:
                     target = read_silhouette(folder / view.picture, view)
@@ -203,9 +203,8 @@ def verify_shadows(
                 with time_stage(seconds, "misplacement"):
                     coarse = working_frame(target.shape[1], target.shape[0], MISPLACED_PX)
                     within = None
-                    if (
-                        scene.mount.kind == "stand" or ends
-                    ):  # it throws its own shadow below the frame
+                    # it throws its own shadow below the frame
+                    if scene.mount.kind == "stand" or ends:
                         within = padded_mask(np.ones_like(target), coarse)
                     views[-1]["misplacement"] = {
                         "parting_px": parting,
@@ -222,7 +221,7 @@ def verify_shadows(
                     }
             if soft is not None:
                 views[-1]["penumbra"] = soft.to_dict()
-                beside = found.shadow & ~found.of_tube  # of a stand
+                beside = found.shadow & ~found.of_tube  # the stand's part of the shadow
                 half_lit[view.name] = overlap(soft.dark & ~beside, found.drawn).iou
             if scene.piece.printed:
                 own = fine.in_part(pose)
@@ -252,7 +251,7 @@ def verify_shadows(
     finally:
         if renderer is not None:
             renderer.close()
-    in_greys = any(view.tone == "lines" for view in scene.views)  # of which no IoU is asked
+    in_greys = any(view.tone == "lines" for view in scene.views)  # no IoU is asked of such views
     floor = scene.iou_floor if not in_greys else None
     checks = shadow_checks(
         verified,

@@ -108,18 +108,16 @@ RULES = {
 }
 UNKNOWN = "not recognisable"
 WORDS = (*RULES, UNKNOWN)  # the best first
-ENOUGH_PX = 6  # of the tube's radius: the scale at which pieces and holes are counted
-LOST_FEW = 0.02  # of all pieces and holes: one window of fifty
-LOST_PIECES, LOST_SHARE = (
-    0.4,
-    0.03,
-)  # of all pieces and holes, and of the area: more may not be lost together
+ENOUGH_PX = 6  # px of the tube's radius: the scale at which pieces and holes are counted
+LOST_FEW = 0.02  # a share of all pieces and holes: one window of fifty
+# shares of all pieces and holes, and of the area: more may not be lost together
+LOST_PIECES, LOST_SHARE = 0.4, 0.03
 TEXT = 0.1  # changes for each piece of a row of text, above which it is no longer read
 TIP = 2.0  # radii of the tube's shadow: what reaches farther beyond the shadow is a tip that is cut off
-SHAPE = 0.9  # of a piece or hole by itself: the likeness below which it is out of shape
+SHAPE = 0.9  # the likeness of a piece or hole by itself, below which it is out of shape
 SLIT = 2.0  # reaches: half the width of slits and pinholes that nobody sees
 SPECK = 3.0  # reaches: half the width of specks and slits of light that are counted one by one
-REACH = 0.25  # of the radius of the tube's shadow: an outline off by less changes no topology
+REACH = 0.25  # radii of the tube's shadow: an outline off by less changes no topology
 
 _COUNTS = {
     "piece": "lost_pieces",
@@ -205,7 +203,7 @@ def recognise(
     changes = [_enlarged(change, step) for change in (*found, *misshapen)]
     features = [_enlarged_box(box, step) for box in list_pieces(wanted, reach)]
     rows = find_rows(features, max(frame.width, frame.height), target)
-    # what is lost is counted already, and specks and slits that nobody sees are no outlines
+    # lost pieces are counted already, and specks and slits that nobody sees are no outlines
     there = close_slits(without_specks(without_lost(wanted, found), reach), SLIT * reach)
     off_px = step * find_wrong_stretch(close_slits(own, SLIT * reach), there).quantile_95_px
     tips = [_enlarged(tip, step) for tip in _find_tips(there, own, TIP * radius_px / step)]
@@ -222,7 +220,7 @@ def recognise(
     specks = find_specks(own, wanted, SPECK * reach, reach, blur_px / step, step * scale.mm)
     counts = Counter[str](c.kind for c in changes)
     drawn = sum(not any(_inside(box, row.box) for row in rows if row.text) for box in features)
-    # where there is nothing but text, the text is the drawing
+    # the text is the drawing where there is nothing else
     torn = [c for c in (single if drawn else changes) if not isinstance(c, Shape)]
     shapes = [c.likeness for c in single if isinstance(c, Shape)]
     facts = _Facts(
@@ -281,7 +279,7 @@ def worst_verdict(views: Sequence[Mapping[str, Any]]) -> dict[str, Any] | None:
     judged = [(view["name"], view["verdict"]) for view in views if view.get("verdict")]
     if not judged:
         return None
-    # of views with one word that which is farther off
+    # among views with one word the one that is farther off
     name, worst = max(
         judged, key=lambda pair: (WORDS.index(pair[1]["word"]), pair[1]["outline_p95_radii"])
     )
@@ -319,11 +317,10 @@ class _Facts:
     outline_radii: float
     tips: int
     touching: int
-    lost: Sequence[
-        tuple[float, float]
-    ]  # of each lost piece and hole: width in tubes, share of the area
+    # each lost piece and hole: its width in tubes, its share of the area
+    lost: Sequence[tuple[float, float]]
     changes: int
-    apart: int  # of these, all bridges across one hole as one
+    apart: int  # changes, all bridges across one hole as one
     features: int
     shape: float
     misshapen: int
@@ -332,7 +329,7 @@ class _Facts:
     speck_share: float = 0.0
     hurt: float = 0.0
     astray: float = 0.0
-    fine: int = 0  # of the changes, lost pieces and holes far thinner than the tube
+    fine: int = 0  # lost pieces and holes far thinner than the tube, among the changes
 
     @property
     def widest_lost(self) -> float:
@@ -353,7 +350,7 @@ class _Facts:
         wide = [one for one in self.lost if one[0] >= rule.lost_tubes]
         share = sum(area for _, area in wide)
         lost = bool(wide)
-        if rule.hurt:  # how much of the picture they are, and how many of its pieces
+        if rule.hurt:  # the share of the picture that they are, and how many of its pieces
             many = len(wide) > LOST_PIECES * self.features
             lost = share > rule.lost_share or (many and share > LOST_SHARE)
         elif rule.lost_share:

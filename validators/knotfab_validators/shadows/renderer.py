@@ -45,7 +45,8 @@ class Renderer(ABC):
         pixels, w = flat.project(at)
         lit &= w > 0
         cast = flat.lift(self._vertices)
-        if (cast[:, 2] > 0).all():  # what reaches past the light throws a shadow without bounds
+        # a part that reaches past the light throws a shadow without bounds
+        if (cast[:, 2] > 0).all():
             cast = cast[:, :2] / cast[:, 2:]
             low, high = np.floor(cast.min(axis=0)) - 1, np.ceil(cast.max(axis=0)) + 1
             lit &= (pixels >= low).all(axis=1) & (pixels <= high).all(axis=1)

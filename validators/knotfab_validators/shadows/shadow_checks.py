@@ -12,7 +12,8 @@ from knotfab_validators.shadows.verify_view import VerifiedView
 
 __all__ = ["shadow_checks", "skip_shadow_checks"]
 
-MOST_INTRUSION = 0.001  # of the frame, by a mount whose pegs hide in the tube's shadow
+# a share of the frame, darkened by a mount whose pegs hide in the tube's shadow
+MOST_INTRUSION = 0.001
 
 
 def skip_shadow_checks(why: str, *, required: bool) -> list[Check]:

@@ -12,8 +12,8 @@ from knotfab_validators.shadows.topology import close_slits, crop_to_ink
 
 __all__ = ["Specks", "find_specks"]
 
-SEEN = 0.15  # of the wall's full light, at a speck's brightest, from which on a person sees it
-LEAST_MM2 = 0.25  # of a speck: half a millimetre square
+SEEN = 0.15  # a person sees a speck whose brightest place has this share of the wall's full light
+LEAST_MM2 = 0.25  # the least area of a speck: half a millimetre square
 
 
 @dataclass(frozen=True)

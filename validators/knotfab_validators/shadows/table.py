@@ -22,11 +22,11 @@ if TYPE_CHECKING:
 
 __all__ = ["check_table"]
 
-OFF_MM = 0.5  # of a lamp's hole and of the screen's slot from where they belong
+OFF_MM = 0.5  # how far a lamp's hole and the screen's slot may be from where they belong
 MOST_DARK = 0.001
-PX = 256  # of the picture's frame, each way, for that
-WIDEST_MM = 20.0  # of a hole that holds a rod
-STEP_MM = 0.05  # at which the frame's matter is looked for along a line
+PX = 256  # px of the picture's frame, each way, for that share
+WIDEST_MM = 20.0  # the widest hole that holds a rod
+STEP_MM = 0.05  # the step at which the frame's matter is looked for along a line
 BELOW_MM = 0.6  # under the frame's top: where its holes are looked for
 
 

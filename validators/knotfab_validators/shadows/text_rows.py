@@ -13,16 +13,16 @@ from knotfab_validators.shadows.topology import Box
 __all__ = ["Row", "find_rows"]
 
 LEAST = 3  # pieces in a row
-TALLEST = 1 / 16  # of the frame's longer side: larger ones are drawings of letters
+TALLEST = 1 / 16  # a share of the frame's longer side: larger letters are drawings of letters
 APART = 1.2  # heights between neighbours: the space between words
-ALIKE = 2.5  # how often the smaller height goes into the larger
+ALIKE = 2.5  # the larger height over the smaller
 MOST = 2000  # small pieces: with more the picture is noise
-FILLED = 0.88  # of its box, that a window fills and few letters do
-WINDOWS = 0.7  # of a row's pieces that are so, from which on they are windows
-OVERLAP = 0.5  # of the smaller height that two neighbours share
+FILLED = 0.88  # a share of its box that a window fills and few letters do
+WINDOWS = 0.7  # a row with this share of such pieces is of windows
+OVERLAP = 0.5  # a share of the smaller height that two neighbours have in common
 SAME = 0.7  # IoU of two pieces, box laid on box, from which on they are one shape
-REPEATED = 0.8  # of a row's pieces that have one shape: a pattern, such as stars or beads
-SHAPE_PX = 12  # to a side when shapes are compared
+REPEATED = 0.8  # a row with this share of pieces of one shape is a pattern, such as stars or beads
+SHAPE_PX = 12  # px to a side when shapes are compared
 
 
 @dataclass(frozen=True)

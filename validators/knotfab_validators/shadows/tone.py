@@ -12,10 +12,9 @@ from knotfab_validators.shadows.frame import WorkingFrame
 
 __all__ = ["SIGMA_RADII", "Tone", "check_tone", "measure_tone"]
 
-SIGMA_RADII = (
-    3.0  # of the Gaussian through which shadow and picture are seen, in radii of the tube's shadow
-)
-MOST = 0.5  # of the error of one even grey
+# standard deviation of the Gaussian through which shadow and picture are seen, in radii of the tube's shadow
+SIGMA_RADII = 3.0
+MOST = 0.5  # a share of the error of one even grey
 
 
 @dataclass(frozen=True)

@@ -31,11 +31,11 @@ Kind = Literal["piece", "hole", "gap", "stroke", "stray", "leak", "shape", "tip"
 Box = tuple[int, int, int, int]
 """Left, top, right and bottom, in pixels, the last two exclusive."""
 
-COVERED = 1 / 3  # of a piece or a hole, below which it is lost
+COVERED = 1 / 3  # a piece or hole of which less is covered is lost
 MOST_STRAY = 4.0  # reaches: the width of what only the shadow has and nobody sees
-SLACK_PX = 2.0  # by which a place is as narrow as the narrowest
+SLACK_PX = 2.0  # a place is as narrow as the narrowest within this
 SHORT = 6.0  # reaches: a longer place where two pieces all but touch is a slit
-SHARED = 1 / 4  # of the smaller of two regions, below which they merely touch
+SHARED = 1 / 4  # a share of the smaller of two regions, below which they merely touch
 
 _EIGHT = np.ones((3, 3), dtype=bool)  # pieces hold together at corners, so holes and gaps do not
 _FOUR = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], dtype=bool)

@@ -18,8 +18,8 @@ from knotfab_validators.shadows.winding import Linework, wound_mask
 __all__ = ["OutlineError", "TubeField", "outline_error", "tube_field"]
 
 
-MARGIN_PX = 3.0  # how far outside a capsule's box its distance is still evaluated first
-MOST_PIXELS = 20_000  # of those that differ; where more do, the error is far above any limit
+MARGIN_PX = 3.0  # px outside a capsule's box within which its distance is evaluated first
+MOST_PIXELS = 20_000  # the most differing pixels; where more do, the error is far above any limit
 AT_ONCE = 2_000  # pixels asked at a time: each may lie in the boxes of hundreds of capsules
 ROUND = 48  # corners of a ball's outline
 
@@ -69,7 +69,7 @@ class TubeField:
         a, e = self.start[capsule], self.end[capsule] - self.start[capsule]
         ad, ed = np.cross(a, unit), np.cross(e, unit)
         square = (ed * ed).sum(axis=1)
-        # where the ray runs along the segment any of its points is as near: take its start
+        # any point of the segment is as near where the ray runs along it: take its start
         safe = np.where(square > 0, square, 1.0)
         t = np.clip(-(ad * ed).sum(axis=1) / safe, 0.0, 1.0)
         point = a + t[:, None] * e
@@ -141,7 +141,7 @@ def _trace_hulls(points: Array) -> tuple[Array, Array]:
     for n in range(count):
         p = points[n]
         order = np.argsort(p[:, 0])
-        for i in range(1, each):  # of equal columns the upper one first
+        for i in range(1, each):  # the upper one of equal columns comes first
             k, at = i, order[i]
             while k > 0 and p[order[k - 1], 0] == p[at, 0] and p[order[k - 1], 1] > p[at, 1]:
                 order[k] = order[k - 1]

@@ -23,12 +23,12 @@ THIN = 3  # a line is every third of them: over less, the turns of facets pass f
 FACETS = 3.0  # sides of faces: shorter waves are smoothed away, for they may be those of the faces
 SHORTEST, LONGEST = 1.2, 3.0  # radii: between which that is kept
 LEAST_POINTS, MOST_POINTS = 72, 20_000
-MOST_FACES = 1_500_000  # of a mesh: more take minutes
+MOST_FACES = 1_500_000  # a mesh of more faces takes minutes
 MOST_BODIES = 200
-LEAST_SLOPE = 0.2  # how much slower than the points their feet may move along the line
-ROUNDS = 6  # of the fit; it converges in three or four
+LEAST_SLOPE = 0.2  # the least speed of feet along the line, as a share of the points' own
+ROUNDS = 6  # rounds of the fit; it converges in three or four
 PROBES = 24  # points of a line that must lie in the tube
-EVEN = 0.1  # of the radius: tubes of one thickness differ by less
+EVEN = 0.1  # a share of the radius: tubes of one thickness differ by less
 
 
 @dataclass(frozen=True)

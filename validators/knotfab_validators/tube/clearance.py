@@ -24,12 +24,12 @@ __all__ = ["Gap", "check_clearance", "strand_gap"]
 SPACING = 0.5  # radii between the samples of the centre lines
 OWN = 1.25  # radii; a face farther from the centre lines is part of a mount, not of a strand
 LOOK = 8.0  # radii; strands farther apart than that are not told from strands at that distance
-# of the radius: the most that corners may stand out of the exact tube; those of twelve flat sides with its
-# volume do so by 0.0233
+# a share of the radius: corners stand out of the exact tube by at most that; those of twelve flat sides
+# with its volume do so by 0.0233
 FACETS = 0.0235
 FACES_AT_ONCE = 20_000
 MOST_AT_ONCE = 2_000_000  # pairs of faces, without a tree of them
-MOST_NEAR = 20_000_000  # of two edges
+MOST_NEAR = 20_000_000  # pairs of two edges
 SINGLE = 1e-6  # relative rounding of the single-precision coordinates of an STL
 
 

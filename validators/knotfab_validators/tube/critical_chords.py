@@ -17,12 +17,12 @@ CurvePoint = tuple[int, int, float]
 """A point of the polygons: knot, edge (from vertex `edge` to the next), and where on it, 0 to 1."""
 
 ANGLE_TOLERANCE = 2e-10  # cosine up to which a chord counts as perpendicular
-ROUNDING = 1e-15  # of the extent: what a coordinate difference may be wrong by
+ROUNDING = 1e-15  # a share of the extent: the error of a coordinate difference
 CONE_SLACK = 1e-6  # radians given to every pruning test, far above its rounding
 PAIRS_AT_ONCE = 150_000
 TOP_ARCS = 48
 BLOCK_LEVEL = 5  # arcs of 2^5 edges: where so many pairs are left that all their edges are paired
-MANY_PAIRS = 100  # of arcs, for each arc of that level
+MANY_PAIRS = 100  # pairs for each arc of a level
 BLOCKS_AT_ONCE = 256  # pairs of arcs of that level
 
 
@@ -45,7 +45,7 @@ class _Elements:
     """Vertices and the edges that leave them, of all polygons in a row (n of them)."""
 
     knot: Ints
-    number: Ints  # of the vertex within its polygon
+    number: Ints  # the vertex's number within its polygon
     following: Ints  # the vertex at the edge's other end; -1 at an open end
     point: Array  # (n, 3)
     out: Array  # (n, 3) unit direction of the edge that leaves; 0 where there is none

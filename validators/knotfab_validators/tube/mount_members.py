@@ -18,8 +18,8 @@ __all__ = ["check_mount"]
 NAME = "mount"
 FACET_MM = 0.025  # that a facet of a member may lie inside it
 PROUD_MM = 0.035  # that a corner may stand out of it
-INTO_FOOT_MM = 0.15  # how far below the foot's surface matter is looked for
-ROOT = 1.6, 4.0  # of a member's radius, and mm: its root may be so wide and so high
+INTO_FOOT_MM = 0.15  # matter is looked for so far below the foot's surface
+ROOT = 1.6, 4.0  # a member's root may be so many of its radii wide, and so many mm high
 BESIDE = 5.0  # radii along a knot: a face that spans more joins two strands
 OWN = 1.25  # radii from a centre line that matter between two strands may be
 SHORTEST_STRUT = 2.4  # radii between the centre lines that it joins
@@ -115,7 +115,7 @@ def _find_deepest(mesh: Mesh, member: Member, low: Array, high: Array) -> tuple[
             (whole & within.all(axis=1))[within.any(axis=1)],
         )
     deep, point = _measure_depth(corners, member)
-    # what only a part of a face can bring is measured on that part
+    # a share that only a part of a face can bring is measured on that part
     fans = [
         np.stack([part[[0, k, k + 1]] for k in range(1, len(part) - 1)])
         for triangle in corners[~whole & (deep > 0)]

@@ -21,7 +21,7 @@ __all__ = ["check_build_volume", "check_region", "measure_excess"]
 
 
 BED_TOLERANCE_MM = 1e-3
-REGION_TOLERANCE_MM = 1e-6  # what rounding may cost on the way from scene to part and back
+REGION_TOLERANCE_MM = 1e-6  # the rounding on the way from scene to part and back
 
 
 def measure_excess(points: Array, region: Region, radius_mm: float = 0.0) -> Array:

@@ -15,7 +15,8 @@ __all__ = ["measure_part_excess", "measure_tube_excess"]
 
 SAMPLE_MM = 1.0  # sides of a part's faces between whose corners and middles it is not measured
 MOST_SAMPLES = 200_000
-SINGLE = 1e-4  # of the coordinates: nearer to the surface, single precision may mistake its side
+# a share of the coordinates: nearer to the surface single precision may mistake its side
+SINGLE = 1e-4
 MOST_EXACT = 5_000_000  # points times faces of exact winding numbers
 
 

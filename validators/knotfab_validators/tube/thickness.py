@@ -16,7 +16,7 @@ __all__ = ["Thickness", "check_bend", "check_length", "check_thickness", "thickn
 
 ROUNDING = 1e-12  # relative
 STRAIGHT = 1e-5  # the sine of a turn that may be the rounding of coordinates
-TOGETHER = 1e-3  # of such turns in a row: then they are a bend
+TOGETHER = 1e-3  # radians that such turns in a row come to: from then on they are a bend
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,8 @@ from knotfab_validators.geometry.sampling import cut_edges, quarter_triangles
 __all__ = ["TubeFit", "check_tube", "measure_proud", "tube_fit"]
 
 
-LIMIT = 0.04  # of the radius: facets cost knotfab's own parts about 1 %, twelve flat sides 3.4 %
+# a share of the radius: facets cost knotfab's parts about 1 %, twelve flat sides 3.4 %
+LIMIT = 0.04
 REACH = 4.0  # radii; what is farther away is said to be that far, since trees are slow far out
 STEP = 1 / 6  # radii between the samples of the curve that find the nearest edge
 MOST_SAMPLES = 2_000_000  # on absurdly long curves
@@ -24,9 +25,9 @@ RING_STEP = 0.5  # radii between the rings of points on the exact tube
 ANGLES = 8  # points of a ring
 MOST_RINGS = 20_000
 STRETCH = 8  # rings that are looked at together of a mounted part
-SHARE = 0.5  # of a stretch's points that must lie on the surface: 0.78 and more do beside pegs and struts
+SHARE = 0.5  # a share of a stretch's points that must lie on the surface; beside pegs and struts 0.78 do
 PROUD = 1.0235  # radii: twelve flat sides with the tube's volume stand out so far
-SAME = 1e-6  # of a radius that two files give
+SAME = 1e-6  # a share by which the radii of two files may differ
 LEVELS = 4  # how often a face that may dip too deep is cut into four
 MOST_CUT = 50_000  # faces
 
@@ -148,12 +149,12 @@ class _Line:
         middle = (begin + part / 2)[:, None] * self.edge[self.which]
         self.tree = cKDTree(edges.start[self.which] + middle)
         # each edge's neighbours along its curve; at an open end one is the edge at the other end,
-        # which does no harm: the nearest of three edges is taken
+        # a wrong edge does no harm: the nearest of three edges is taken
         count = np.bincount(edges.curve)[edges.curve]
         first = np.searchsorted(edges.curve, edges.curve)
         place = np.arange(len(first)) - first
         self.before, self.after = first + (place - 1) % count, first + (place + 1) % count
-        # how far a mitre reaches past either end of an edge: radius times tan of half the turn
+        # a mitre reaches radius times tan of half the turn past either end of an edge
         cosine = np.einsum("ij,ij->i", self.unit, self.unit[self.after])
         joined = np.all(edges.end == edges.start[self.after], axis=1)
         tangent = np.sqrt(np.maximum(1 - cosine, 0.0) / np.maximum(1 + cosine, 1e-3))
