@@ -1,4 +1,4 @@
-"""What an effect is: a bound known beforehand, a threshold, and what is done only above it."""
+"""An effect: a bound known beforehand, a threshold, and code that runs only above it."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ __all__ = ["VERIFIED_PX", "Decision", "Effect", "EffectContext", "World", "decid
 
 @dataclass(frozen=True)
 class World:
-    """What a scene says of people, room and matter.
+    """A scene's words on people, room and matter.
 
     `turns`: whether the piece can turn against its wall: not one that is mounted on it, as of an open mount
     one of several loose knots is (`loose_turns`).
@@ -55,7 +55,7 @@ class World:
 
 @dataclass(frozen=True)
 class EffectContext:
-    """What an effect's magnitude is judged from: the views, and the curves that stand before them.
+    """The views and curves from which an effect's magnitude is judged.
 
     `points` (N, 3), mm: vertices of the centre lines, or places that no strand will stand nearer to the light
     than. `tolerance_px`: of the accuracy setting. `moves` (N, 3): how far a mount lets the points sag, mm.
@@ -93,13 +93,13 @@ class Effect:
     reason: str  # the sentence that says why it is simulated
 
     def threshold(self, tolerance_px: float) -> float:
-        """What is more than this is simulated."""
+        """The magnitude above which the effect is simulated."""
         return self.tolerances * tolerance_px
 
 
 @dataclass
 class Decision:
-    """Whether an effect is simulated and why, and what that cost.
+    """The decision whether an effect is simulated, its reason, and its cost.
 
     `forced`: "on" or "off" by the scene's own word; "auto": by its magnitude.
     """
@@ -114,17 +114,17 @@ class Decision:
 
     @property
     def called_for(self) -> bool:
-        """Whether the magnitude exceeds the threshold."""
+        """True if the magnitude exceeds the threshold."""
         return self.magnitude > self.threshold
 
     @property
     def simulated(self) -> bool:
-        """Whether its code runs."""
+        """True if its code runs."""
         return self.forced == "on" or (self.forced == "auto" and self.called_for)
 
     @property
     def excess(self) -> float:
-        """From 0 at the threshold to 1 far above it: what the effect does in a design grows by this.
+        """The strength of the effect in a design: it grows from 0 at the threshold to 1 far above it.
 
         1 - threshold / magnitude; of one that is forced on below its threshold 0: it is measured, and
         changes nothing.
@@ -178,7 +178,7 @@ class Decision:
 
     @property
     def reason(self) -> str:
-        """Why it is simulated or not, in a line."""
+        """The reason why it is simulated or not, in a line."""
         if self.forced != "auto":
             return f"{self.effect.name}: {self.forced} by the scene's own word; {self._words}"
         why = self.effect.reason if self.simulated else self.effect.name
@@ -201,7 +201,7 @@ class Decision:
 
 
 def decide(effect: Effect, context: EffectContext, switches: Mapping[str, Switch]) -> Decision:
-    """Whether an effect is simulated; `switches` are the scene's own words, by name."""
+    """Tell whether an effect is simulated; `switches` are the scene's own words, by name."""
     threshold = effect.threshold(context.tolerance_px)
     forced = switches.get(effect.name, "auto")
     return Decision(effect, effect.magnitude(context), threshold, forced)

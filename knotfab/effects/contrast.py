@@ -29,14 +29,14 @@ _CHORDS = 200  # across a strand
 
 
 def magnitude(context: EffectContext) -> float:
-    """What is missing of a shadow that is black everywhere on a wall that is lit alike, of 1."""
+    """Measure what a shadow lacks of black on an evenly lit wall, as a share of 1."""
     found = [contrast_of(seen, context.radius, context.world) for seen in context.shadows]
     return max((c.missing for c in found if c is not None), default=0.0)
 
 
 @dataclass(frozen=True)
 class Contrast:
-    """What light there is in the picture of one view, over the lamp's own in the middle of the frame.
+    """The light in the picture of one view, over the lamp's own in the middle of the frame.
 
     `falloff`: the lamp's least light within the frame over its largest. `ambient`, `room`, `second`: what
     comes of elsewhere, of the room's walls, of a second lamp. Of the lamp's own, strands let `transmitted`
@@ -61,7 +61,7 @@ class Contrast:
 
     @property
     def contrast(self) -> float:
-        """In the middle of the picture."""
+        """The contrast in the middle of the picture."""
         return self.at(1.0)
 
     @property
@@ -71,7 +71,7 @@ class Contrast:
 
     @property
     def missing(self) -> float:
-        """What the darkest place misses of a contrast of 1, or the light of evenness; the larger one."""
+        """The larger of two lacks: of contrast at the darkest place, and of even light."""
         return max(1.0 - self.at(self.falloff), 1.0 - self.falloff)
 
     def to_dict(self) -> dict[str, Any]:
@@ -85,7 +85,7 @@ class Contrast:
 
 
 def contrast_of(seen: Shadows, radius: float, world: World) -> Contrast | None:
-    """What light is where in the picture of a view with strands at places; None of an eye: it needs no lamp.
+    """Compute the light in the picture of a view with strands at places; None of an eye: it needs no lamp.
 
     A bulb of intensity I gives a wall at distance d, whose normal is an angle off, I cos / d²; of a flat lamp
     that is times the cosine of the angle at which it is seen. On a wall that faces it: cos³ and cos⁴.
@@ -141,20 +141,20 @@ def _lamp_light(view: ResolvedView, flat: bool) -> tuple[float, float]:
 
 
 def _ghost_shift(view: ResolvedView, second: Array) -> float:
-    """How far from the shadow of the scene's origin a second lamp throws it, mm."""
+    """Measure how far from the shadow of the scene's origin a second lamp throws it, mm."""
     wall = OnWall.of(view)
     origin, lamp = wall.place(np.zeros((1, 3))), wall.place(second[None])[0]
     return float(np.linalg.norm(wall.cast(origin, lamp) - wall.cast(origin)))
 
 
 def _through(transmittance: float, radius: float) -> float:
-    """What a strand lets through of the light, mean across it."""
+    """Compute the share of light that a strand lets through, mean across it."""
     x = (np.arange(_CHORDS) + 0.5) / _CHORDS
     return float((transmittance ** (2 * radius * np.sqrt(1 - x**2))).mean())
 
 
 def _bounced(seen: Shadows, radius: float, world: World) -> float:
-    """What strands throw back of the wall's light onto their own shadow, where that is most."""
+    """Bound the wall's light that strands throw back onto their own shadow, where that is most."""
     own = np.array([int(world.material.color[k : k + 2], 16) / 255 for k in (1, 3, 5)])
     linear = np.where(own <= 0.04045, own / 12.92, ((own + 0.055) / 1.055) ** 2.4)  # IEC 61966-2-1
     light = world.room.reflectance * float(linear @ [0.2126, 0.7152, 0.0722])
@@ -215,7 +215,7 @@ def _hidden(
     cells: int,
     least: float,
 ) -> float:
-    """What round strands about pieces (n, 3) hide of a sky that is bright alike, weighed by the cosine.
+    """Compute the share of a uniform sky that round strands about pieces (n, 3) hide, weighed by the cosine.
 
     `least` where that is no more.
 

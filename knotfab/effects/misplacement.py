@@ -22,7 +22,7 @@ _LAMP, _TURN, _TILT = range(3)  # kinds of moves
 
 
 def magnitude(context: EffectContext) -> float:
-    """How far any strand's shadow parts from the picture's best likeness, px; the worst view counts."""
+    """Measure how far any strand's shadow parts from the picture's best likeness in the worst view, px."""
     return max(
         max(parting_mm(seen, context.radius, context.world)) / seen.view.pixel_mm
         for seen in context.shadows
@@ -31,7 +31,7 @@ def magnitude(context: EffectContext) -> float:
 
 @dataclass(frozen=True)
 class _Field:
-    """Where points cast their shadows, and how these move: to first order, exact for the directions.
+    """The shadows of points, and how these move: to first order, exact for the directions.
 
     In the axes (right, up, normal to the lamp) of the plane that touches the wall where a point's shadow
     falls: a flat wall itself. A point at height h, the lamp at height H, w how far the ray to the point goes
@@ -64,7 +64,7 @@ class _Field:
 def _moves(
     places: Array, feet: Array, axes: Array, lamp: Array, middle: Array, steady: Array, turns: bool
 ) -> tuple[Array, Array, Array, Array]:
-    """What `_Field` has of (n, 3) places, of a piece that turns about `middle` and a wall about `steady`."""
+    """Compute `_Field` of (n, 3) places, of a piece that turns about `middle` and a wall about `steady`."""
     count = len(places)
     moves, slopes = np.empty((count, 8, 2)), np.empty(count)
     high, below, ray, by = np.empty(count), np.empty(count), np.empty(3), np.empty(3)
@@ -103,7 +103,7 @@ def _moves(
 
 @compiled
 def _likeness(moves: Array, shadows: Array) -> tuple[Array, Array, Array]:
-    """How the best likeness of shadows (n, 2) follows moves (n, 8, 2), by least squares, all together.
+    """Fit the best likeness of shadows (n, 2) to moves (n, 8, 2), by least squares, all together.
 
     (4, 8): its shift along both axes, its scale and its turn; (4,) by how much each of these counts, in
     squares: the sum of squares that it takes away is this times its square. And (2,) its middle.
@@ -162,7 +162,7 @@ class Parting(NamedTuple):
 
 
 def parting_mm(seen: Shadows, radius: float, world: World) -> Parting:
-    """How far shadows of what is within `radius` of places part by what is off (`world.placing`).
+    """Measure how far shadows of matter within `radius` of places part by misplacement (`world.placing`).
 
     The lamp (or eye) is off by `lamp_mm` in any direction, the piece turned by `turn_deg` about any axis
     through its middle, the wall tilted by `tilt_deg` about any line on it. What a shift, a scale and a turn
@@ -199,7 +199,7 @@ def parting_mm(seen: Shadows, radius: float, world: World) -> Parting:
     grows = _largest(field.moves) if wall.round is not None else None
 
     def bent(kind: int, by: float) -> float:
-        """What a round wall adds along it, and within `radius`: it leaves the plane that touches it."""
+        """Compute what a round wall adds along it, within `radius`: it leaves the plane that touches it."""
         if grows is None:
             return 0.0
         way = by * grows[kind] * (1 + field.slopes * radius / clear)
@@ -249,7 +249,7 @@ MISPLACEMENT = Effect(
 
 @dataclass(frozen=True)
 class Steadying:
-    """What careless placing asks of depth: that the piece has less of it.
+    """The demand of careless placing on depth: the piece has less of it.
 
     `axes` (3, 3) rows: the view's, in the scene. `outline`: the silhouette in the plane through the origin,
     mm.

@@ -89,7 +89,7 @@ def _lamps_of(view: ResolvedView) -> tuple[Array, float]:
 
 @compiled
 def _throw(place: Array, foot: Array, normal: Array, ball: Array, size: float, spot: Array) -> None:
-    """What a ball throws through a place onto the plane through `foot`, into `spot` (5,).
+    """Throw a ball through a place onto the plane through `foot`, into `spot` (5,).
 
     Of that ellipse the place on the ray of the ball's middle, the half of its longer axis, and how far it
     reaches from there.
@@ -180,7 +180,7 @@ PENUMBRA = Effect(
 
 @dataclass(frozen=True)
 class Sharpening:
-    """What a wide lamp asks of depth: that strands which draw the outline stand near the wall.
+    """The demand of a wide lamp on depth: strands that draw the outline stand near the wall.
 
     The error of a soft shadow in brightness is 0.212 times the blur along the outline, whatever strands do
     sideways; only depth lowers it. `outline`: the silhouette in the plane through the origin, mm.
@@ -192,14 +192,14 @@ class Sharpening:
     radius: float
 
     def strength(self, full_px: float) -> float:
-        """From 0 at the threshold to 1, which it is from so many pixels of blur above it on."""
+        """The strength, from 0 at the threshold to 1 from so many pixels of blur above it on."""
         if not self.decision.simulated:
             return 0.0
         over = self.decision.magnitude - self.decision.threshold
         return float(np.clip(over / full_px, 0.0, 1.0))
 
     def drawing(self, curves: tuple[Array, ...]) -> list[Array]:
-        """From 0 to 1, how much points (n, 2), mm, of each evenly sampled closed curve draw the outline."""
+        """Weigh (0 to 1) how much points (n, 2), mm, of each evenly sampled closed curve draw the outline."""
         from scipy.spatial import cKDTree
 
         reach, fade = (share * self.radius for share in _DRAWS)

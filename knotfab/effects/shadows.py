@@ -1,4 +1,4 @@
-"""Where strands cast their shadows: what every effect's magnitude is made of, found once for all of them."""
+"""The shadows of strands, from which every effect's magnitude is computed, found once for all of them."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class OnWall:
     @staticmethod
     @lru_cache(maxsize=8)  # the same views are asked for many times
     def of(view: ResolvedView) -> OnWall:
-        """Where light and wall are."""
+        """Find where light and wall are."""
         camera = camera_of(view, 1, 1)
         axes = np.stack([camera.du, -camera.dv, camera.receiver[:3]])
         axes /= np.linalg.norm(axes, axis=1)[:, None]

@@ -9,7 +9,7 @@ __all__ = ["WALL"]
 
 
 def magnitude(context: EffectContext) -> float:
-    """How far the picture of a flat wall would lie from that on the curved one, px; 0 where it is flat."""
+    """Measure how far the picture on a flat wall would lie from that on the round one, px."""
     walls = [(view, CurvedWall.of(view)) for view in context.views]
     return max(
         (w.off_mm / view.pixel_mm for view, w in walls if w is not None),

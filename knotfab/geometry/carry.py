@@ -1,4 +1,4 @@
-"""From curves to polygons and back: samples of smooth closed curves, with proofs that they keep the type.
+"""Samples of smooth closed curves, and polygons carried between them, with proofs that they keep the type.
 
 A homeomorphism keeps the type of a curve, but says nothing of the polygon through a few of its points. So
 the polygon itself is carried along the path of homeomorphisms from the identity to the one in question,
@@ -91,7 +91,7 @@ def certify_same_type(
     new_where: Parameters,
     periods: Sequence[float],
 ) -> Carried:
-    """Whether closed polygons whose vertices have parameters are isotopic by the motion that these give.
+    """Tell whether closed polygons whose vertices have parameters are isotopic by the motion that these give.
 
     Both are cut at all parameters of either, which changes neither, and each point goes straight to
     the one of the same parameter, in as many certified steps as it takes: `reached` is then 1. (One step
@@ -112,7 +112,7 @@ def certify_same_type(
 
 
 def _reach(points: Array, rings: Polylines, step: Array) -> float:
-    """How far pairs of segments must be known for a certificate of `step`, and of a few like it."""
+    """Measure how far pairs of segments must be known for a certificate of `step`, and of a few like it."""
     edge = points[rings.next] - points
     after = edge + step[rings.next] - step
     longest = np.sqrt(max(float(dot(edge, edge).max()), float(dot(after, after).max())))
@@ -121,7 +121,7 @@ def _reach(points: Array, rings: Polylines, step: Array) -> float:
 
 @dataclass(frozen=True)
 class Carried:
-    """Where a polygon came to, and the account of its certificates."""
+    """The polygon that was reached, and the account of its certificates."""
 
     points: Array
     reached: float  # share of the way; 1: all of it is proved

@@ -32,7 +32,7 @@ class Certificate:
 
 
 def certify(points: Array, step: Array, rings: Polylines, near: Neighbours) -> Certificate:
-    """Whether moving `points` (N, 3) by `step` along straight lines keeps the knot type.
+    """Tell whether moving `points` (N, 3) by `step` along straight lines keeps the knot type.
 
     `near` may be older than `points`: what it leaves out is covered by a bound on the motion since.
     """

@@ -74,7 +74,7 @@ def _closest(p: Any, u: Any, q: Any, v: Any) -> tuple[float, float]:
 
 @compiled
 def closest_parameters(p: Array, u: Array, q: Array, v: Array) -> tuple[Array, Array]:
-    """Where the segments p + s u and q + t v, s and t in [0, 1], come closest: (s, t), each [M].
+    """Find where the segments p + s u and q + t v, s and t in [0, 1], come closest: (s, t), each [M].
 
     Ericson, Real-Time Collision Detection, 5.1.9: clamp one parameter, solve, clamp the other.
     """
@@ -183,7 +183,7 @@ def step_margin(
     skip: int,  # pairs nearer along the curve are not among them
     room: float,  # distance beyond which there is none, less twice what vertices moved since
 ) -> tuple[int, float]:
-    """What a step does, and the least (distance - relative displacement) of two segments, mm.
+    """Judge a step: its kind, and the least (distance - relative displacement) of two segments, mm.
 
     See `certificate.certify`. A pair whose bound is above the least margin so far is passed over.
     """

@@ -63,7 +63,7 @@ def strand_gap(
 
 @dataclass(frozen=True)
 class Curvature:
-    """How much a closed polyline bends: curvature times the tube's radius along its length, and its turns."""
+    """The bending of a closed polyline: curvature times the tube's radius along its length, and its turns."""
 
     mean: float
     quantile_90: float

@@ -1,4 +1,4 @@
-"""Which segments are near which: pairs from a KD-tree, kept valid while vertices move."""
+"""Find the segments near each other: pairs from a KD-tree, kept valid while vertices move."""
 
 from __future__ import annotations
 

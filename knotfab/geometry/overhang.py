@@ -1,4 +1,4 @@
-"""How much support a pose would take, how it stands, and what it lays over air: fast estimates."""
+"""Fast estimates of the support that a pose would take, how it stands, and what it lays over air."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ ROOF_GAP_MM = 0.2
 
 @dataclass(frozen=True)
 class Rules:
-    """What the printer file says of overhangs ([printer] in docs/conventions.md).
+    """The printer's limits on overhangs ([printer] of the scene).
 
     `margin_mm`: the room that supports take at the sides of a piece, where they stick out of it.
     `support_line_mm`: width of their lines. `powder`: it carries the piece, so that no pose needs
@@ -304,7 +304,7 @@ def _tip(flat: Array, z: Array, weight: Array, on_bed: NDArray[np.bool_], radius
 
 
 def _over_air(strands: Strands, at: Array, bottom: Array, layer: float) -> tuple[int, float]:
-    """How many lowest places lie in mid-air, and the longest way within one layer over air."""
+    """Count the lowest places that lie in mid-air, and measure the longest way within one layer over air."""
     starts, longest, begin = 0, 0.0, 0
     for size in strands.sizes:
         own = slice(begin, begin + size)

@@ -20,7 +20,7 @@ def dot(a: Array, b: Array) -> Array:
 
 @dataclass(frozen=True)
 class Polylines:
-    """How the rows of an (N, 3) array form closed polylines: `sizes` rows each, in order."""
+    """The closed polylines that the rows of an (N, 3) array form: `sizes` rows each, in order."""
 
     sizes: tuple[int, ...]
     start: Indices  # [N] first row of the ring of each row

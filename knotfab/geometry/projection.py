@@ -1,4 +1,4 @@
-"""Where points are seen through a projection, and gradients there as gradients in the points."""
+"""Project points, and turn gradients in their images into gradients in the points."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From centre line to surface: one watertight tube of mitred prisms around a closed polyline.
+"""Sweep a centre line: one watertight tube of mitred prisms around a closed polyline.
 
 Each ring lies in the plane that bisects the angle at its vertex. A reflection in that plane carries
 the section of one segment onto the next, so the perpendicular section stays one and the same
@@ -87,7 +87,7 @@ def sweep(points: Array, radius_mm: float, sides: int) -> tuple[Array, Faces]:
 
 
 def reach_mm(points: Array, radius_mm: float, sides: int) -> float:
-    """How far corners of the mesh of `sweep` stand from their vertices at most, mm."""
+    """Measure how far corners of the mesh of `sweep` stand from their vertices at most, mm."""
     along = np.roll(points, -1, axis=0) - points
     along /= np.linalg.norm(along, axis=1)[:, None]
     # half the turn from one edge to the next

@@ -1,4 +1,4 @@
-"""What a limit is: a term of the objective, called only while it can be felt."""
+"""A limit: a term of the objective, called only while it can be felt."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ Felt = tuple[float, Array]  # a value, and its gradient (N, 3) in the vertices
 
 @dataclass(frozen=True)
 class Limits:
-    """What the finished knots must keep to, in mm, all resolved to numbers."""
+    """The limits of the finished knots, in mm, all resolved to numbers."""
 
     radius: float
     clearance: float

@@ -32,7 +32,7 @@ class Feasibility:
 
     @property
     def figures(self) -> dict[str, tuple[float, float]]:
-        """By the limit's name what was measured, and the limit, mm; bend and clearance are least values."""
+        """The measured figures and their limits by name, mm; bend and clearance are least values."""
         lim = self.limits
         return {
             "bend": (self.bend_mm, lim.bend_radius),

@@ -20,7 +20,7 @@ __all__ = ["REGION", "outside", "tube_outside"]
 def outside(
     points: Array, region: ResolvedRegion, radius: float, walls: Sequence[Plane] = ()
 ) -> tuple[Array, Array]:
-    """How far a ball of `radius` about each point sticks out, mm (N,), negative inside; its gradient (N, 3).
+    """Measure how far a ball of `radius` about each point sticks out, mm (N,), and the gradient (N, 3).
 
     `walls` are planes (nx, ny, nz, d), before which n · p + d > 0.
     """
@@ -35,7 +35,7 @@ def outside(
 
 
 def _outside_region(points: Array, region: ResolvedRegion, radius: float) -> tuple[Array, Array]:
-    """As `outside`, of the region alone.
+    """As `outside`, for the region alone.
 
     For a box the largest excess over its faces; cylinder (its own axis y): over mantle and ends. In the
     precision of the points.
@@ -111,7 +111,7 @@ def slack(points: Array, rings: Polylines, limits: Limits) -> float:
 
 
 def _felt_radius(limits: Limits, spacing: float) -> float:
-    """That of the tube with a margin; into a mesh's tube a wall may poke between two vertices."""
+    """Return the tube's radius with a margin; a wall may poke into a mesh's tube between two vertices."""
     radius = limits.radius * 1.02
     return hypot(radius, spacing / 2) if limits.region.kind == "mesh" else radius
 

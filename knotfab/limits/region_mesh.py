@@ -62,7 +62,7 @@ class RegionMesh:
 
 
 def beyond(points: Array, mesh: RegionMesh) -> tuple[Array, Array]:
-    """How far points (N, 3) are outside the surface, mm (N,), negative inside; and its gradient (N, 3)."""
+    """Measure how far points (N, 3) are outside the surface, mm (N,), and the gradient (N, 3)."""
     foot, sign = (found.astype(points.dtype) for found in mesh.nearest(points))
     gap = points - foot
     distance = np.sqrt(np.maximum((gap * gap).sum(axis=1), 1e-18))

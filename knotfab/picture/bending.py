@@ -53,7 +53,7 @@ def read_points(rows: Sequence[str]) -> Array:
 
 
 def write_points(points: Array) -> tuple[str, ...]:
-    """What `read_points` reads: a text for each row of control points."""
+    """Write control points as `read_points` reads them: a text for each row."""
     whole = np.rint(points / _UNIT).astype(int)
     return tuple(" ".join(f"{x},{y}" for x, y in row) for row in whole)
 
@@ -99,7 +99,7 @@ def stretch_of(points: Array, aspect: float) -> tuple[float, float]:
 
 
 def measure_bending(bent: Mask, points: Array) -> Bending:
-    """How far the field moves the silhouette that is bent by it."""
+    """Measure how far the field moves the silhouette that is bent by it."""
     away = displace(points, *bent.shape)
     moved = np.hypot(away[..., 0], away[..., 1])[bent] / bent.shape[0]
     if not len(moved):
@@ -110,7 +110,7 @@ def measure_bending(bent: Mask, points: Array) -> Bending:
 
 
 def keeps_shape(mask: Mask, bent: Mask) -> bool:
-    """Whether both have as many pieces and holes, crumbs aside."""
+    """Tell whether both have as many pieces and holes, crumbs aside."""
     least = _CRUMB * mask.size
 
     def count(one: Mask) -> list[int]:

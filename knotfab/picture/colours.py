@@ -139,7 +139,7 @@ def _seams(main: Mask, inside: Mask, kinds: NDArray[np.uint8]) -> Mask:
 
 
 def _part_sharply(colours: Colours, part: Mask, main: Mask) -> bool:
-    """Whether two neighbouring regions (H, W) differ within two pixels of where they meet."""
+    """Tell whether two neighbouring regions (H, W) differ within two pixels of where they meet."""
     from scipy import ndimage
 
     rim = colours[part & ndimage.maximum_filter(main, _WINDOW)]

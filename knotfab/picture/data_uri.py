@@ -1,4 +1,4 @@
-"""What pages embed: pictures as the bytes of a file and as data URIs, and the digests of their scripts."""
+"""Pictures for pages, as the bytes of a file and as data URIs, and the digests of the pages' scripts."""
 
 from __future__ import annotations
 

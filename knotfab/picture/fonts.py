@@ -56,7 +56,7 @@ def load_font(path: str) -> FT2Font:
 
 
 def supplied_folder() -> str:
-    """Where the fonts are that come along."""
+    """Return the folder of the fonts that come along."""
     import matplotlib
 
     return f"{matplotlib.get_data_path()}/fonts/ttf"
@@ -97,7 +97,7 @@ def find_font(character: str, fonts: tuple[str, ...], what: str) -> str:
 
 
 def _draws(path: str, character: str) -> bool:
-    """Whether a font can be read and has an outline for a character, not only a coloured picture."""
+    """Tell whether a font can be read and has an outline for a character, not only a coloured picture."""
     try:
         font = load_font(path)
         if not font.get_char_index(ord(character)):

@@ -1,4 +1,4 @@
-"""What the edge of an opaque picture says of how to read it: a thin frame, a border of two colours."""
+"""Guess from the edge of an opaque picture how to read it: a thin frame, a border of two colours."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _FLAT = 0.9  # at most three colours make up this share of a painted border
 def guess_reading(
     image: Image.Image, reading: Reading, what: str
 ) -> tuple[Reading, tuple[str, ...]]:
-    """How an opaque picture is read where nobody says what is ink, and sentences that tell of it.
+    """Guess how an opaque picture is read where nobody says what is ink, with sentences that tell of it.
 
     A frame of one colour, thinner than 1.5 % of the shorter side, is cropped off. Where the border is of two
     or three colours, none of which has most of it, what none of them reaches is drawn (`flood`).
@@ -77,7 +77,7 @@ def _away(colours: NDArray[np.uint8], colour: Array | NDArray[np.uint8]) -> NDAr
 
 
 def _frame_px(rgb: NDArray[np.uint8]) -> int:
-    """How thick a frame of one colour about a shape on paper of another is; 0 where there is none."""
+    """Measure how thick a frame of one colour about a shape on paper of another is; 0 where there is none."""
     most = max(1, round(_THIN * min(rgb.shape[:2])))
     outer = np.median(take_border(rgb), axis=0)
     for depth in range(most + 1):

@@ -1,4 +1,4 @@
-"""Which pixels of a picture are its silhouette: the rules of docs/silhouette.md."""
+"""The pixels of a picture that are its silhouette, by the rules of docs/silhouette.md."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ def split_channels(image: Image.Image) -> tuple[Levels, NDArray[np.uint8] | None
 
 
 def takes_alpha(colours: Levels, alpha: NDArray[np.uint8] | None, reading: Reading) -> bool:
-    """Whether transparency says what ink is, where nobody does: it is more than stray pixels.
+    """Tell whether transparency says what ink is, where nobody does: it is more than stray pixels.
 
     A hundredth of the picture that is clear is the fault of an export, unless nothing else tells a shape.
     """
@@ -124,7 +124,7 @@ def takes_alpha(colours: Levels, alpha: NDArray[np.uint8] | None, reading: Readi
 
 
 def _faint(alpha: NDArray[np.uint8], what: str) -> InputError:
-    """Why nothing of a picture is opaque, and what would do."""
+    """Say why nothing of a picture is opaque, and what would do."""
     from scipy import ndimage
 
     peak = int(alpha.max()) / 255
@@ -141,7 +141,7 @@ def _faint(alpha: NDArray[np.uint8], what: str) -> InputError:
 
 
 def _take_opaque(colours: Levels, opaque: Mask, reading: Reading) -> tuple[Mask, str]:
-    """What is opaque, less enclosed parts of another colour than the largest."""
+    """Take the opaque pixels, less enclosed parts of another colour than the largest."""
     rule = f"what is opaque [alpha at least {reading.threshold:g}]"
     if reading.ink == "alpha" or colours.ndim == 2:
         return opaque, rule
@@ -154,7 +154,7 @@ def _take_opaque(colours: Levels, opaque: Mask, reading: Reading) -> tuple[Mask,
 
 
 def _tell_colours(colours: Levels, mask: Mask) -> str:
-    """What colours the ink is of, where it is of several: a person may want one of them alone.
+    """Name the colours of ink that has several: a person may want one of them alone.
 
     Those of soft edges are none: they are nowhere 3 px thick.
     """
@@ -277,7 +277,7 @@ def name_colour(colour: Array | NDArray[np.uint8]) -> str:
 
 
 def _tell_shape(middle: Array, colours: Levels, mask: Mask) -> str:
-    """What a person sees drawn, such as "the dark shape on white"."""
+    """Name the shape that a person sees drawn, such as "the dark shape on white"."""
     most = np.iinfo(colours.dtype).max
     ground = np.broadcast_to(255 * middle / most, 3)
     ink = np.broadcast_to(255 * colours[mask].mean(axis=0) / most, 3)
@@ -287,7 +287,7 @@ def _tell_shape(middle: Array, colours: Levels, mask: Mask) -> str:
 
 
 def _word_of(colour: Array) -> str:
-    """What a person calls a colour (0 .. 255)."""
+    """Name a colour (0 .. 255) as a person does."""
     hue, saturation, value = rgb_to_hsv(*(colour / 255))
     if value < 0.15 or saturation < 0.15:
         return "black" if value < 0.2 else "white" if value > 0.85 else "grey"

@@ -85,7 +85,7 @@ class Separation:
     png: bytes  # the picture in the masks' size
 
     def seen_png(self) -> bytes:
-        """What is seen, as a PNG."""
+        """The colours that are seen, as a PNG."""
         return encode_image(Image.fromarray(np.rint(255 * self.seen).astype(np.uint8)))
 
 
@@ -350,7 +350,7 @@ def _without_slivers(labels: Labels, reach_px: float) -> Labels:
 
 
 def _tell(srgb: Array, off: Array, seen: Array) -> tuple[str, ...]:
-    """Which colours of the picture cannot be mixed, and what is seen in their place, the largest first."""
+    """Say which colours of the picture cannot be mixed, and as what they are seen, the largest first."""
     far = off > _TOLD[0]
     if far.mean() < _TOLD[1]:
         return ()

@@ -30,7 +30,7 @@ def mask_iou(one: Mask, other: Mask) -> float:
 
 
 def outline_px(mask: Mask) -> int:
-    """How many sides of pixels the outline of a mask has, those at the frame too."""
+    """Count the sides of pixels along the outline of a mask, the frame's included."""
     edged = np.pad(mask, 1)
     return int((edged[1:] ^ edged[:-1]).sum() + (edged[:, 1:] ^ edged[:, :-1]).sum())
 
@@ -68,13 +68,13 @@ def keep_largest(mask: Mask, count: int) -> Mask:
 
 
 def drop_specks(mask: Mask, least_px: int) -> Mask:
-    """Without pieces of fewer pixels, and holes of fewer filled."""
+    """Remove pieces of fewer pixels, and fill holes of fewer."""
     labels, areas = pieces_of(mask)
     return fill_holes(np.concatenate([[False], areas >= least_px])[labels], least_px)
 
 
 def fill_holes(mask: Mask, least_px: float) -> Mask:
-    """With holes of fewer pixels filled."""
+    """Fill holes of fewer pixels."""
     labels, areas = holes_of(mask)
     return np.asarray(mask | np.concatenate([[False], areas < least_px])[labels])
 

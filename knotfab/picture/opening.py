@@ -1,4 +1,4 @@
-"""What a tube can draw of a silhouette: its morphological opening by a disc, exact on polygons."""
+"""The part of a silhouette that a tube can draw: its morphological opening by a disc, exact on polygons."""
 
 from __future__ import annotations
 

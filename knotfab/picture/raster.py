@@ -83,13 +83,13 @@ _OTHERS: tuple[tuple[bytes, str, str], ...] = (
 
 
 def looks_like_raster(data: bytes) -> bool:
-    """Whether the first bytes are those of a pixel format that can be read."""
+    """Tell whether the first bytes are of a pixel format that can be read."""
     return data.startswith(_BEGINNINGS) or data[8:12] == b"WEBP" or data[4:8] == b"ftyp"
 
 
 @cache
 def _read_heif() -> bool:
-    """Whether photos of iPhones can be read: by pillow-heif, which comes along where it has a wheel."""
+    """Register pillow-heif, which reads photos of iPhones, and tell whether it is there."""
     try:
         from pillow_heif import register_heif_opener
     except ImportError:
@@ -99,7 +99,7 @@ def _read_heif() -> bool:
 
 
 def _unreadable(data: bytes, what: str) -> InputError:
-    """Why a file is no picture that can be read: what it is, where its first bytes tell."""
+    """Say why a file is no picture that can be read, and its kind, if its first bytes tell."""
     for beginning, name, remedy in _OTHERS:
         if re.match(beginning, data, re.S):
             return InputError(what, f"it is {name}, which cannot be read", remedy)
@@ -111,7 +111,7 @@ def _unreadable(data: bytes, what: str) -> InputError:
 
 
 def _formats() -> tuple[str, ...]:
-    """Those of `_FORMATS` that this machine's Pillow reads."""
+    """The formats of `_FORMATS` that this machine's Pillow reads."""
     Image.init()
     return tuple(kind for kind in _FORMATS if kind in Image.OPEN)
 
@@ -180,7 +180,7 @@ def decode(
 
 
 def shrink_factor(image: Image.Image) -> int:
-    """How many px across may become one where a picture is only glanced at."""
+    """Return how many px across may become one where a picture is only glanced at."""
     deep = image.mode.startswith(("I", "F"))  # Pillow does not reduce these modes
     return 1 if deep else min(-(-max(image.size) // _GLANCE), max(1, min(image.size) // _LEAST))
 

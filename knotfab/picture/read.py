@@ -106,7 +106,7 @@ class Target(InNotebook):
 
     @cached_property
     def pieces(self) -> int:
-        """How many pieces what is drawn has, crumbs aside."""
+        """The number of pieces that are drawn, crumbs aside."""
         _, areas = pieces_of(self.mask)
         return int((areas >= _CRUMB * areas.sum()).sum())
 
@@ -121,7 +121,7 @@ class Target(InNotebook):
         return self.mask if self.original is None else self.original
 
     def drawing_png(self) -> bytes:
-        """What is drawn, black on white, as the view's own wall has it, as a PNG."""
+        """The drawn silhouette, black on white, as the view's own wall has it, as a PNG."""
         return encode_image(Image.fromarray(~(self.mask if self.drawing is None else self.drawing)))
 
     @property
@@ -160,7 +160,7 @@ def name_picture(source: str) -> str:
 
 
 def is_picture(path: Path, suffixes: Collection[str] = PICTURE_SUFFIXES) -> bool:
-    """Whether a file of a folder is taken for a picture by its name; what systems hide beside one is not."""
+    """Tell whether a file of a folder is taken for a picture by its name; hidden files are not."""
     return path.suffix.lower() in suffixes and not path.name.startswith(".")
 
 
@@ -170,7 +170,7 @@ def read_bytes(
     largest: int = raster.LARGEST_SIDE,
     missing: str = _MISSING,
 ) -> bytes:
-    """What a picture's file holds, of at most `largest` px on a side; `what` is how an error names it.
+    """Read a picture's file, of at most `largest` px on a side; `what` is how an error names it.
 
     Args:
         missing: the remedy where there is no such file.
@@ -232,7 +232,7 @@ def read_target(
 
 
 def _read_file(source: str | Path, base: Path | None) -> tuple[bytes, Path]:
-    """What a picture's file holds, and where it lies; arguments as `read_target` takes them."""
+    """Read a picture's file and say where it lies; arguments as `read_target` takes them."""
     what, path = shown(source), at_home(source)
     if base is not None:
         path = base / path

@@ -181,7 +181,7 @@ def _contract(graph: nx.MultiGraph, one: Any, other: Any, key: int) -> None:
 
 
 def _starts_at(data: dict[str, Any], graph: nx.MultiGraph, node: Any) -> bool:
-    """Whether an edge's points begin at this one of its nodes, rather than end there."""
+    """Tell whether an edge's points begin at this one of its nodes, rather than end there."""
     first, last = data["points"][0], data["points"][-1]
     at = graph.nodes[node]["at"]
     return bool(np.hypot(*(first - at)) <= np.hypot(*(last - at)))

@@ -113,7 +113,7 @@ def _path_data(vertices: NDArray[np.float64], codes: Any) -> str:
 
 
 def needs_shaping(text: str) -> bool:
-    """Whether glyphs depend on their neighbours or run from right to left, or marks are placed on them."""
+    """Tell whether glyphs depend on their neighbours, run from right to left, or carry marks."""
     return any(
         _JOINED.match(c)
         or unicodedata.bidirectional(c) in ("R", "AL", "AN")

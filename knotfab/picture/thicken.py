@@ -24,7 +24,7 @@ def _inside(mask: Mask) -> Array:
 
 
 def draw_discs(middles: Mask, radius: float) -> Mask:
-    """What discs of a radius (px) about these pixels cover."""
+    """Draw discs of a radius (px) about these pixels."""
     from scipy import ndimage
 
     if not middles.any():
@@ -33,7 +33,7 @@ def draw_discs(middles: Mask, radius: float) -> Mask:
 
 
 def _opened(inside: Array, radius: float) -> Mask:
-    """What discs of a radius cover that lie in a mask."""
+    """Draw the discs of a radius that lie in a mask."""
     return draw_discs(inside >= radius, radius)
 
 
@@ -45,7 +45,7 @@ def _ridge(mask: Mask, inside: Array) -> Mask:
 
 
 def is_thin(mask: Mask, width_px: float) -> bool:
-    """Whether a silhouette is a drawing of lines thinner than this.
+    """Tell whether a silhouette is a drawing of lines thinner than this.
 
     Most of its middle lines are, by their length, and hardly any of its area is twice as thick.
     """
@@ -60,7 +60,7 @@ def is_thin(mask: Mask, width_px: float) -> bool:
 
 
 def run_together(mask: Mask, widened: Mask, width_px: float) -> float:
-    """What share of widened strokes lies where they ran together: thicker than one, where none was."""
+    """Measure the share of widened strokes where they ran together: thicker than one, where none was."""
     radius = 0.75 * width_px
     blobs = _opened(_inside(widened), radius) & ~_opened(_inside(mask), radius)
     return float(blobs.sum() / widened.sum())

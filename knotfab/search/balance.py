@@ -1,4 +1,4 @@
-"""How much each of three views or more counts in the search: more, the further it falls short of its goal.
+"""Weigh each of three views or more in the search: the more, the further it falls short of its goal.
 
 Pictures that contradict each other pull at the same strands, and a plain sum of their errors lets the
 one with most to gain win: a strand that spills in one view draws what the hull's own shadow lacks in

@@ -22,7 +22,7 @@ Between = Callable[[Array, Neighbours, int, float], None]  # (points, near, iter
 
 @dataclass(frozen=True)
 class FlowSettings:
-    """How the flow walks. Lengths in tube radii unless a unit says otherwise."""
+    """Settings of the flow. Lengths in tube radii unless a unit says otherwise."""
 
     iterations: int = 200
     rate: float = 0.12  # root-mean-square step at the start, in tube radii
@@ -36,7 +36,7 @@ class FlowSettings:
 
 @dataclass
 class FlowResult:
-    """Where the flow ended, and the account of its certificates."""
+    """The end of the flow, and the account of its certificates."""
 
     points: Array
     accepted: int = 0
@@ -48,7 +48,7 @@ class FlowResult:
 
 @compiled
 def _filter(ring: Array, share: float) -> None:
-    """To each of a ring's numbers (n,), in place, `share` of what the one before it has become."""
+    """Add to each of a ring's numbers (n,), in place, `share` of the filtered number before it."""
     last = 0.0
     for n in range(len(ring)):
         last = ring[n] + share * last

@@ -73,7 +73,7 @@ class Grace(Term):
 
 
 def _count_bends(squares: Array) -> tuple[Array, Array]:
-    """From squared curvature, in tube radii, its root, smooth where there is none; and the slope of that.
+    """Return the root of squared curvature, in tube radii, smooth at 0; and its slope.
 
     At `_BENT` it is that square.
     """

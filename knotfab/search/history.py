@@ -10,7 +10,7 @@ __all__ = ["History"]
 
 
 class History:
-    """At most `most` states of a search, spread evenly over its iterations.
+    """The kept states of a search, `most` at most, spread evenly over its iterations.
 
     It is handed to the search as its `watch`. When it is full every other state is dropped, and half as
     many are taken from there on, so that few more are made than are kept.

@@ -45,7 +45,7 @@ class Term:
         raise NotImplementedError
 
     def kept(self, points: Array) -> bool:
-        """Whether vertices (N, 3), mm, keep it."""
+        """Tell whether vertices (N, 3), mm, keep it."""
         return True
 
 

@@ -70,5 +70,5 @@ class Pace:
 
 
 def _cost(phase: Phase) -> float:
-    """What an iteration costs, to others of the same search: by its pixels, and what knows of none."""
+    """Weigh an iteration against others of the same search: by its pixels, and by what knows of none."""
     return _OVERHEAD * 256.0**2 + phase.pixels**2

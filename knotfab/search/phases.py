@@ -36,7 +36,7 @@ class Phase:
 
 @dataclass(frozen=True)
 class Plan:
-    """What a search goes through; `repair` gives the repair of a number, from 0.
+    """The phases of a search; `repair` gives the repair of a number, from 0.
 
     `network`: the paper's network moves the curves first.
     """

@@ -1,4 +1,4 @@
-"""What follows the phases while a limit is violated: stretches mended alone, then the whole curve.
+"""Repair a violated limit after the phases: stretches alone first, then the whole curve.
 
 After a search of thousands of vertices a handful bend too tightly. A repair of the whole curve costs
 the picture everywhere, and resampling it cuts new corners; these few stretches can be mended alone.

@@ -1,4 +1,4 @@
-"""Where a search stands (vertices, what is asked of them, the certificates so far), and its single steps."""
+"""The state of a search (vertices, what is asked of them, the certificates so far), and its single steps."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ class SearchState:
         return measure_feasibility(self.points, self.rings, self.limits)
 
     def wanting(self, points: Array) -> bool:
-        """Whether vertices (N, 3) break a limit, or a term that is one."""
+        """Tell whether vertices (N, 3) break a limit, or a term that is a limit."""
         if not all(term.kept(points) for term in self.terms):
             return True
         return bool(measure_feasibility(points, self.rings, self.limits).violations)
@@ -121,7 +121,7 @@ class SearchState:
         return objective
 
     def between(self, objective: Objective, phase: Phase) -> Between:
-        """What changes between the steps of a phase: pose, winning capsules, and the weights of the views."""
+        """Change what changes between the steps of a phase: pose, winning capsules, weights of the views."""
         balance = self.balance if phase.balanced else None
 
         def update(points: Array, near: Neighbours, iteration: int, progress: float) -> None:

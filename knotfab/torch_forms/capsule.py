@@ -32,7 +32,7 @@ def ray_miss(
     qx: Tensor,  # [...] ray direction, x/z
     qy: Tensor,  # [...]
 ) -> tuple[Tensor, Tensor]:
-    """How far rays pass from segments a-b (mm), and the depth of the segment's closest point (mm).
+    """Measure how far rays pass from segments a-b (mm), and the depth of the segment's closest point (mm).
 
     All arguments broadcast; differentiable with respect to `a` and `b`.
     """

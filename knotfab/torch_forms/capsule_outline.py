@@ -111,7 +111,7 @@ def contact_corners(
 
 @dataclass(frozen=True)
 class Outlines:
-    """What the distance to the silhouettes of n capsules needs, without gradient."""
+    """The numbers that the distance to the silhouettes of n capsules needs, without gradient."""
 
     a: Tensor  # [n, 3]
     b: Tensor  # [n, 3]
@@ -121,7 +121,7 @@ class Outlines:
     exist: Tensor  # [n]
 
     def at(self, index: Tensor) -> Outlines:
-        """Those of `index`, in its order."""
+        """The capsules of `index`, in its order."""
         return Outlines(
             self.a[index],
             self.b[index],

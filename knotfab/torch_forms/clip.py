@@ -1,4 +1,4 @@
-"""What lies at the light or behind it casts no shadow: segments are cut before they reach its plane."""
+"""Cut segments before they reach the light's plane: matter at the light or behind it casts no shadow."""
 
 from __future__ import annotations
 

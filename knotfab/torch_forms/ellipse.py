@@ -82,7 +82,7 @@ class Ellipses:
     minor: Tensor  # [n]
 
     def at(self, index: Tensor) -> Ellipses:
-        """Those of `index`, in its order."""
+        """The ellipses of `index`, in its order."""
         return Ellipses(self.middle[index], self.axis[index], self.major[index], self.minor[index])
 
 

@@ -99,7 +99,7 @@ def search_network(state: SearchState, report: Report | None = None) -> None:
 
 
 def _describe(way: Carried, doublings: int) -> str:
-    """How far the start was carried along the network, in words."""
+    """Say how far the start was carried along the network."""
     if way.reached == 0.0:
         return "not carried along the invertible network: no step of it could be certified"
     percent = np.floor(1000 * way.reached) / 10  # a way that ends early is never told as whole

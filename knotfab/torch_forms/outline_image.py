@@ -67,7 +67,7 @@ class OutlineImage(DeviceImage):
     renderer: Literal["capsule", "ellipse"] = "capsule"
 
     def find_winners(self, points: Real, rings: Polylines, radius: float, reach_px: float) -> Won:
-        """Which capsule, or ellipse, is the largest at each pixel within reach of one."""
+        """Find which capsule, or ellipse, is the largest at each pixel within reach of one."""
         eye = self._eye(radius)
         return winners(*self._ends(points, rings), eye, radius, reach_px * eye.pitch)
 

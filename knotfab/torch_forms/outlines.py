@@ -40,7 +40,7 @@ Won = tuple[Tensor, Tensor]  # flat pixels and their primitives, as in the call
 
 
 class Pinhole(Protocol):
-    """What these images need of a camera: x right, y down, z away from the eye, any unit of length."""
+    """The camera that these images need: x right, y down, z away from the eye, any unit of length."""
 
     @property
     def width(self) -> int: ...
@@ -64,7 +64,7 @@ class Pinhole(Protocol):
         ...
 
     def half_diagonal(self, pixels: int) -> float:
-        """How far the centres of a square of so many pixels lie from its middle, on the plane."""
+        """Measure how far the centres of a square of so many pixels lie from its middle, on the plane."""
         ...
 
 

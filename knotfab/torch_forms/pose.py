@@ -49,7 +49,7 @@ _CHANGE = 1e-4  # relative change of the radius that the limits' slope is measur
 
 @dataclass(frozen=True)
 class Bounds:
-    """How far the pose may go, and which of ALL are unknown at all."""
+    """Bounds of the pose, and which of ALL are unknown."""
 
     free: tuple[Name, ...] = ALL
     turn_deg: float = 45.0  # the most, to each side of the start
@@ -114,7 +114,7 @@ class FreePose:
 
     @property
     def tensors(self) -> tuple[Tensor, Tensor]:
-        """What gradients are to be taken with respect to."""
+        """The tensors that gradients are taken with respect to."""
         return self.turn_deg, self.logs
 
     @property

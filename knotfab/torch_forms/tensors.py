@@ -84,14 +84,14 @@ def squared_error(
 
 
 def _torch_alone(starts: Tensor, frame: Frame, radius: Number) -> bool:
-    """Whether only torch's form serves: on other devices, and for slopes in the view's own numbers."""
+    """Tell whether only torch's form serves: on other devices, and for slopes in the view's own numbers."""
     numbers = (frame.u0, frame.v0, frame.step, radius)
     free = any(isinstance(n, Tensor) and n.requires_grad for n in numbers)
     return free or starts.device.type != "cpu"
 
 
 def _rows(points: Tensor) -> Any:
-    """As the kernels take them."""
+    """Give rows to the kernels as they take them."""
     return points.detach().contiguous().numpy()
 
 

@@ -260,7 +260,7 @@ def _may_win(
     tile_v: Tensor,
     size: int,
 ) -> Tensor:
-    """Which (capsule, tile) pairs can hold a winner: those not surely beaten all over the tile.
+    """Find which (capsule, tile) pairs can hold a winner: those not surely beaten all over the tile.
 
     The distance of a pixel's ray to a segment changes by at most |p| per unit of direction (p the
     farther end), so its value at the tile's middle bounds it over the tile; depths between the ends'

@@ -1,4 +1,4 @@
-"""What of an SVG tree is drawn: the rest goes, and is told; links stay in the file; pictures become PNG."""
+"""Leave of an SVG tree what is drawn, and tell what goes; links stay in the file; pictures become PNG."""
 
 from __future__ import annotations
 

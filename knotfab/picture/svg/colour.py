@@ -54,7 +54,7 @@ def _parse(text: str) -> Any:
 
 
 def _mix(text: str) -> Any:
-    """What light-dark() and color-mix() come to, or None."""
+    """Compute light-dark() and color-mix(), or None."""
     name = text.partition("(")[0]
     if name not in ("light-dark", "color-mix") or not text.endswith(")"):
         return None

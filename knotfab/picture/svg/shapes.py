@@ -225,7 +225,7 @@ class _Placer:
         self, element: Element, own: dict[str, str], strokes: dict[str, str],
         matrix: Transform, outer: Transform, box: Box,
     ) -> None:  # fmt: skip
-        """Where it is stretched: draw the stroke as a path of its own, in px, over the filled shape."""
+        """Draw a stretched shape's stroke as a path of its own, in px, over the filled shape."""
         pen = SVGPathPen(None, ntos=lambda v: f"{v:.6g}")
         data = _path_data(element, box)
         if data is None:

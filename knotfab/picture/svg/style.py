@@ -84,7 +84,7 @@ _FONT = re.compile(
 
 @dataclass
 class Styles:
-    """What the style sheets and attributes of a drawing say.
+    """Style sheets and attributes of a drawing, resolved.
 
     `of`: each element's own values, by property, variables and colours written out; `fonts`: families
     that it declares by @font-face; `notes`: sentences on what is not drawn as it says.
@@ -125,7 +125,7 @@ def compute_styles(root: Element, what: str) -> Styles:
 
 
 def _applies(query: str) -> bool:
-    """Whether a media query holds for a picture on a light screen."""
+    """Tell whether a media query holds for a picture on a light screen."""
     parts = [part.strip() for part in query.split(",")]
     return not query.strip() or any(
         all(_SEEN.fullmatch(p.strip()) for p in re.split(r"\band\b", part)) for part in parts
@@ -327,7 +327,7 @@ def _read_lengths(text: str) -> str:
 
 
 def _work_out(match: re.Match[str]) -> str:
-    """What a sum of numbers, of lengths in px, or of any one other unit comes to."""
+    """Compute a sum of numbers, of lengths in px, or of any one other unit."""
     units = set()
 
     def bare(number: re.Match[str]) -> str:

@@ -1,4 +1,4 @@
-"""From the bytes of an SVG file to a tree of SVG elements: any encoding, no bombs, nothing loaded."""
+"""Parse the bytes of an SVG file into a tree of SVG elements: any encoding, no bombs, nothing loaded."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ _XML_ENTITIES = ("amp", "lt", "gt", "quot", "apos")
 
 
 def looks_like_svg(data: bytes) -> bool:
-    """Whether the bytes begin as an XML text that soon opens an svg element."""
+    """Tell whether the bytes begin as an XML text that soon opens an svg element."""
     if data.startswith(b"\x1f\x8b"):
         try:
             data = zlib.decompressobj(31).decompress(data, 65536)

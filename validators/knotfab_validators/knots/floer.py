@@ -40,7 +40,7 @@ class Floer:
 
     @property
     def fibred(self) -> bool:
-        """Whether the knot is fibred: rank 1 on top."""
+        """True if the knot is fibred: rank 1 on top."""
         return sum(rank for (a, _), rank in self.ranks if a == self.genus) == 1
 
     def euler(self) -> Laurent:
@@ -53,7 +53,7 @@ class Floer:
 
     @property
     def symmetric(self) -> bool:
-        """Whether rank(a, m) = rank(-a, m - 2a), as it must be."""
+        """True if rank(a, m) = rank(-a, m - 2a), as it must be."""
         ranks = dict(self.ranks)
         return all(ranks.get((-a, m - 2 * a)) == rank for (a, m), rank in self.ranks)
 

@@ -1,4 +1,4 @@
-"""What knot one polygon is: proved where it can be, else which knots of the table it may be."""
+"""Identify the knot of one polygon: proved where it can be, else the knots of the table that it may be."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ MOST_SEEN = 800  # for a determinant modulo a prime
 
 @dataclass(frozen=True)
 class Identity:
-    """What was found of one polygon.
+    """The knot of one polygon, as far as it was found.
 
     `knots` are those of the table that it may be, and `complete` says that it is one of them: one
     alone where that is `proved`; `reason` says by what. `invariants` are None where too many
@@ -47,7 +47,7 @@ class Identity:
 
     @property
     def proved(self) -> bool:
-        """Whether it is known which knot it is."""
+        """True if the knot is known."""
         return self.complete and len(self.knots) == 1
 
 
@@ -57,7 +57,7 @@ PROVED_UNKNOT = Identity(
 
 
 def identify(polygon: Array, budget: Budget | None = None) -> Identity:
-    """What a closed polygon (n, 3) in general position is."""
+    """Identify a closed polygon (n, 3) in general position."""
     rest = reduce_polygons([polygon], seed=1, budget=budget)
     if not rest.vertices:
         return PROVED_UNKNOT
@@ -130,7 +130,7 @@ def _sum_of_parts(diagram: PlanarDiagram, places: Array) -> Knot | None:
 def _compare_representations(
     diagram: PlanarDiagram, knots: tuple[Knot, ...]
 ) -> tuple[tuple[Knot, ...], tuple[Knot, ...]]:
-    """Which of some knots with equal invariants it may be, and which it is not (see parabolic.py)."""
+    """Compare some knots with equal invariants by representations: which it may be, and which not."""
     kept = list(knots)
     for prime in PRIMES:
         own = cusp_counts(diagram, prime)
@@ -142,7 +142,7 @@ def _compare_representations(
 
 
 def _why_proved(found: Invariants) -> str:
-    """Why knot Floer homology alone proves the knot (see floer.py), or nothing."""
+    """Say why knot Floer homology alone proves the knot (see floer.py), or nothing."""
     if found.floer is None:
         return ""
     genus, total = found.floer.genus, found.floer.total

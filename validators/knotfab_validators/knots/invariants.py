@@ -1,4 +1,4 @@
-"""What is computed of a knot's diagram: its Alexander and Jones polynomials, signature, Floer homology.
+"""Invariants of a knot's diagram: its Alexander and Jones polynomials, signature, Floer homology.
 
 None of them depends on how the knot lies; Jones polynomial, signature and Floer homology tell most
 knots from their mirror images.
@@ -53,7 +53,7 @@ class Invariants:
         )
 
     def fits(self, other: Invariants) -> bool:
-        """Whether all that is known of both is equal: they may be one knot."""
+        """Tell whether all that is known of both is equal: they may be one knot."""
         return (
             (self.alexander, self.signature) == (other.alexander, other.signature)
             and (None in (self.jones, other.jones) or self.jones == other.jones)

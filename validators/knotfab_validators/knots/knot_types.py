@@ -48,7 +48,7 @@ Verdict = Literal["proved", "consistent", "refuted", "unknown"]
 
 @dataclass(frozen=True)
 class KnotFinding:
-    """What was found of polygon `number` alone, and whether it is what was promised.
+    """The finding on polygon `number` alone, and whether it is what was promised.
 
     `verdict`: "proved" and "consistent" are for the promise; where nothing was promised, for what is
     found. "unknown": it cannot be told, or the promise is not understood.
@@ -61,7 +61,7 @@ class KnotFinding:
 
     @property
     def sentence(self) -> str:
-        """What it is: "right-handed 3_1, proved"."""
+        """The finding in words: "right-handed 3_1, proved"."""
         return _word_finding(self)
 
 
@@ -243,7 +243,7 @@ def _check_linking(curves: Curves, found: KnotTypes) -> Check:
 
 
 def _renumber(linking: Linking, numbers: Sequence[int]) -> Linking:
-    """With the numbers that the curves have among all, open ones included."""
+    """Number findings as the curves are numbered among all, open ones included."""
     return Linking(
         linking.state,
         tuple((numbers[i], numbers[j], n) for i, j, n in linking.numbers),
@@ -265,7 +265,7 @@ def _word_limit(curves: Curves) -> str | None:
 
 
 def _crosses_nowhere(polygons: Sequence[Array]) -> bool:
-    """Whether the polygons are simple and apart when seen along z, y or x.
+    """Tell whether the polygons are simple and apart when seen along z, y or x.
 
     Leaving out a coordinate rounds nothing, and shapely's orientation test is exact.
     """

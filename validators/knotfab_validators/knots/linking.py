@@ -1,4 +1,4 @@
-"""How closed polygons are linked with each other: by number, by polynomial, or proved not to be.
+"""The linking of closed polygons with each other: by number, by polynomial, or proved not to be.
 
 A link that can be pulled apart has Alexander polynomial 0, and its Jones polynomial is the product of
 its components' with -t^(1/2) - t^(-1/2) for each part more. Another value proves that it is linked,
@@ -46,7 +46,7 @@ class Linking:
 
 
 def linking_of(left: Reduced, budget: Budget | None = None) -> Linking:
-    """How the polygons are linked that a joint reduction has left; the others are apart."""
+    """Judge how the polygons are linked that a joint reduction has left; the others are apart."""
     if len(left.polygons) < 2:
         return Linking("apart")
     polygons = dict(zip(left.components, left.polygons, strict=True))
@@ -70,7 +70,7 @@ def linking_of(left: Reduced, budget: Budget | None = None) -> Linking:
 
 
 def _group_linking(polygons: Mapping[int, Array], budget: Budget) -> Linking:
-    """Whether polygons without linking numbers are linked: pairs first, then all together."""
+    """Judge polygons without linking numbers: pairs first, then all together."""
     parts = list(combinations(polygons, 2)) if len(polygons) > 2 else []
     unsure: list[Linking] = []
     for part in [*parts, tuple(polygons)]:
@@ -95,7 +95,7 @@ def _group_linking(polygons: Mapping[int, Array], budget: Budget) -> Linking:
 
 
 def _by_polynomials(polygons: Mapping[int, Array]) -> Linking:
-    """Whether the Alexander or the Jones polynomial shows that the polygons cannot be pulled apart."""
+    """Judge by the Alexander or the Jones polynomial whether the polygons cannot be pulled apart."""
     group = tuple(polygons)
     diagram = _diagram(polygons, MOST_SEEN)
     if diagram is None:

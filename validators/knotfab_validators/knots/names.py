@@ -42,19 +42,19 @@ MOST_TORUS_CROSSINGS = 60
 
 @dataclass(frozen=True)
 class Promise:
-    """What a file says of a knot: `meant` are the knots that keep it, none if it is not understood."""
+    """A file's promise on a knot: `meant` are the knots that keep it, empty if it is not understood."""
 
     text: str
     meant: tuple[Knot, ...]
 
     @property
     def given(self) -> bool:
-        """Whether anything was promised."""
+        """True if anything was promised."""
         return self.text.strip().lower() not in OPEN
 
     @property
     def unknot(self) -> bool:
-        """Whether it is the unknot."""
+        """True if it is the unknot."""
         return any(not knot.factors and not knot.title for knot in self.meant)
 
 

@@ -1,4 +1,4 @@
-"""Which representations a knot's group has in PSL(2, p): they tell knots and hands that polynomials do not.
+"""Representations of a knot's group in PSL(2, p): they tell knots and hands that polynomials do not.
 
 Meridians go to parabolic elements, and one of them to z -> z + 1; the longitude then goes to z -> z + k.
 How many representations there are for each k depends on the knot alone; its mirror image has them for
@@ -26,7 +26,7 @@ Relation = tuple[int, int, int, int]  # arcs below before and after a crossing, 
 
 
 def cusp_counts(knot: PlanarDiagram, prime: int) -> tuple[int, ...] | None:
-    """How many representations send the longitude to z -> z + k, for k = 0 to prime - 1.
+    """Count the representations that send the longitude to z -> z + k, for k = 0 to prime - 1.
 
     None where the diagram asks for too many guesses.
     """

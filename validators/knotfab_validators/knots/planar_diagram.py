@@ -271,7 +271,7 @@ class _Untangling:
         return one
 
     def without_isthmus(self, number: int) -> PlanarDiagram:
-        """What is left when the crossing of that number in `diagram()` is passed straight through.
+        """Pass the crossing of that number in `diagram()` straight through.
 
         At an isthmus a circle meets the diagram nowhere else. Turning over what is inside takes the
         crossing away and leaves the sum of both sides; their signed Gauss codes stay as they are.
@@ -284,7 +284,7 @@ class _Untangling:
         return self.diagram()
 
     def diagram(self) -> PlanarDiagram:
-        """What is left, its arcs numbered anew along each component."""
+        """The diagram that is left, its arcs numbered anew along each component."""
         going: dict[int, tuple[int, bool, int]] = {}  # arc -> crossing at its end, above, next arc
         for i, (a, b, c, d) in self.quads.items():
             going[a] = (i, False, c)

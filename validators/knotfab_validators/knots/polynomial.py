@@ -33,7 +33,7 @@ class Laurent:
         return laurent(self.lowest + other.lowest, product)
 
     def reverse(self) -> Laurent:
-        """With 1/t for t."""
+        """The polynomial with 1/t for t."""
         return Laurent(-self.highest if self else 0, self.coefficients[::-1])
 
     def shift(self, by: int) -> Laurent:

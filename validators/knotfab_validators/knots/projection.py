@@ -111,7 +111,7 @@ def _in_order(crossings: _Crossings) -> Ints | None:
 
 
 def _crossings(ring: Ring, towards: Array) -> _Crossings | None:
-    """Where edges cross as seen along a direction; None where it cannot be told."""
+    """Find where edges cross as seen along a direction; None where it cannot be told."""
     i, j = _pairs(ring, towards)
     p, r = ring.at[i], ring.at[j]
     u, v, w = ring.at[ring.after[i]] - p, ring.at[ring.after[j]] - r, r - p
@@ -169,7 +169,7 @@ def _pairs(ring: Ring, towards: Array) -> tuple[Ints, Ints]:
 
 
 def _about(ring: Ring, towards: Array) -> int:
-    """How many crossings are seen along a direction, but for rounding."""
+    """Count how many crossings are seen along a direction, but for rounding."""
     flat = ring.at @ _across(towards)
     i, j = _pairs(ring, towards)
     p, q, r, s = flat[i], flat[ring.after[i]], flat[j], flat[ring.after[j]]

@@ -54,7 +54,7 @@ class TooTangled(Exception):
 
 @dataclass
 class Budget:
-    """How many pairs of a triangle and an edge may still be looked at."""
+    """The pairs of a triangle and an edge that may still be looked at."""
 
     pairs: int = MOST_PAIRS
 
@@ -67,7 +67,7 @@ class Budget:
 
 @dataclass(frozen=True)
 class Reduced:
-    """What is left: `polygons`, (m, 3) each, of the given ones number `components`.
+    """The polygons that are left, (m, 3) each, of the given ones number `components`.
 
     Those that are missing were found to be unknots, split from all others. Where nothing is left,
     the polygons are an unknot or unlink, proved.
@@ -184,7 +184,7 @@ def determinants(u: Array, v: Array, w: Array) -> Array:
 
 
 def may_pierce(a: Array, b: Array, c: Array, p: Array, q: Array) -> Mask:
-    """Whether segment pq may meet triangle abc (rows of points); False is certain.
+    """Tell whether segment pq may meet triangle abc (rows of points); False is certain.
 
     Where p or q is the triangle's corner a or c, bit for bit, the segment may touch it there.
     """
@@ -222,7 +222,7 @@ def _link(at: Array, knot: Ints) -> Ring:
 
 
 def adjacent(ring: Ring, i: Ints, j: Ints) -> Mask:
-    """Whether edges i and j share a vertex, or are one (edge k begins at vertex k)."""
+    """Tell whether edges i and j share a vertex, or are one (edge k begins at vertex k)."""
     return np.asarray((i == j) | (ring.after[i] == j) | (ring.after[j] == i))
 
 
@@ -318,7 +318,7 @@ def _shake(ring: Ring, rng: np.random.Generator) -> Ring:
 
 
 def touching_place(polygons: Sequence[Array]) -> Array:
-    """Where polygons that have no general position meet themselves or each other, about, (3,)."""
+    """Find where polygons that have no general position meet themselves or each other, about, (3,)."""
     ring = ring_of(polygons)
     edge = ring.at[ring.after] - ring.at
     length = np.linalg.norm(edge, axis=1)

@@ -37,7 +37,7 @@ class Factor:
 
     @property
     def name(self) -> str:
-        """As in the table: 3_1."""
+        """The name in the table: 3_1."""
         return f"{self.crossings}_{self.number}"
 
     def mirror(self) -> Factor:
@@ -69,7 +69,7 @@ class Knot:
 
     @property
     def name(self) -> str:
-        """Such as "unknot", "right-handed 3_1", "4_1", "3_1#m3_1": see names.py."""
+        """The name, such as "unknot", "right-handed 3_1", "4_1", "3_1#m3_1": see names.py."""
         if not self.factors:
             return self.title or "unknot"
         signs = {factor.hand for factor in self.factors} - {0}
@@ -143,7 +143,7 @@ def braid_of(knot: Knot) -> tuple[int, ...]:
 
 
 def is_amphichiral(name: str) -> bool:
-    """Whether the knot is the same as its mirror image."""
+    """Tell whether the knot is the same as its mirror image."""
     return name in _table()["amphichiral"]
 
 

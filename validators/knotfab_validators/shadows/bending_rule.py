@@ -1,4 +1,4 @@
-"""What a bent picture may be called: a row of the verdict for its bending."""
+"""The words that a bent picture may have: a row of the verdict for its bending."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ FROM_DISC, FROM_BALL = np.pi, 4 * np.pi  # the flux of a lamp of intensity 1
 
 @dataclass(frozen=True)
 class Light:
-    """What reaches a screen of H x W pixels, in linear red, green and blue.
+    """The light on a screen of H x W pixels, in linear red, green and blue.
 
     `colours` (n, 3) are the lamps' own light in the middle of the frame, `falloff` (n, H, W) what share of
     it reaches a pixel that sees the lamp, and `other` (3,) what reaches all pixels besides. `white` (3,) is

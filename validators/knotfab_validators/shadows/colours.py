@@ -58,7 +58,7 @@ class LampShadow:
 
 @dataclass(frozen=True)
 class Colours:
-    """What was measured: `told` has the report's keys, the pictures are of the frame, (H, W, 3), sRGB."""
+    """The measured colours: `told` has the report's keys, the pictures are of the frame, (H, W, 3), sRGB."""
 
     told: dict[str, Any]
     shown: Bytes
@@ -252,7 +252,7 @@ def _tell_lamp(lamp: LampShadow, frame: WorkingFrame) -> dict[str, Any]:
 
 
 def _judge_masks(codes: Ints, picture: Bytes, table: Bytes, names: Sequence[str]) -> dict[str, Any]:
-    """How the masks take the picture apart: what of it no shadow can mend.
+    """Judge how the masks take the picture apart: a loss that no shadow can mend.
 
     `masks_share` is the share of pixels where the masks ask for the mixed colour that is nearest to the
     picture's; `masks_delta_e` is the mean ΔE of both. `swapped_delta_e` is the least mean ΔE with the colours
@@ -287,7 +287,7 @@ def _judge_masks(codes: Ints, picture: Bytes, table: Bytes, names: Sequence[str]
 def _misregistration(
     lamps: Sequence[LampShadow], renderer: Renderer, points: Array, frame: WorkingFrame
 ) -> dict[str, Any]:
-    """What it costs that lamps stand beside their places.
+    """Measure the cost of lamps that stand beside their places.
 
     `lamp_mm` is how far one lamp may be off, in the worst direction, until its shadow is off by half a
     strand's width anywhere; None where the knots are not known. `share` is the share of right colours once

@@ -1,4 +1,4 @@
-"""How much of one silhouette is in another, and how well the picture is read from elsewhere."""
+"""Measure how much of one silhouette is in another, and how well the picture is read from elsewhere."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def legibility(
     angles_deg: tuple[int, ...] = ANGLES_DEG,
     size: int = LEGIBILITY_PX,
 ) -> dict[str, float]:
-    """How much of the target is left when the part is turned: angle -> largest IoU.
+    """Measure how much of the target is left when the part is turned: angle -> largest IoU.
 
     The part is turned about the middle of its bounding box to both sides (about the view's
     upright axis) and up and down (about its horizontal one); both silhouettes are cropped and

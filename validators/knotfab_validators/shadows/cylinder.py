@@ -16,7 +16,7 @@ MOST_SLANTED = np.cos(np.radians(80.0))  # light that falls on a wall at more is
 
 @dataclass(frozen=True)
 class Cylinder:
-    """It touches the flat receiver along a line through `foot` (3,), `along` (3,) unit.
+    """A cylinder that touches the flat receiver along a line through `foot` (3,), `along` (3,) unit.
 
     Its axis lies `radius` mm before that line, towards the light: a positive radius is a hollow wall, a
     negative one a column. It unrolls onto the flat receiver.
@@ -32,12 +32,12 @@ class Cylinder:
         return replace(self, foot=(self.foot - pose[:3, 3]) @ turn, along=self.along @ turn)
 
     def _parts(self, points: Array, normal: Array) -> tuple[Array, Array, Array]:
-        """How far points (n, 3) are to the right of the line, along it, and before it (n,)."""
+        """Measure how far points (n, 3) are to the right of the line, along it, and before it (n,)."""
         off = points - self.foot
         return off @ np.cross(self.along, normal), off @ self.along, off @ normal
 
     def roll(self, flat: Array, normal: Array) -> tuple[Array, Array]:
-        """Where points (n, 3) of the flat receiver come to lie, and the unit normals (n, 3) there."""
+        """Find where points (n, 3) of the flat receiver come to lie, and the unit normals (n, 3) there."""
         arc, high, _ = self._parts(flat, normal)
         right, turn = np.cross(self.along, normal), arc / self.radius
         sine, cosine = np.sin(turn)[:, None], np.cos(turn)[:, None]
@@ -46,7 +46,8 @@ class Cylinder:
         return middle - self.radius * normals, normals
 
     def unroll(self, light: Array, flat: Array, normal: Array) -> Array:
-        """Where on the unrolled wall rays from the light (3,) to points (n, 3) of the flat one end, (n, 3).
+        """Find where on the unrolled wall rays from the light (3,) to points (n, 3) of the flat one end, (n,
+        3).
 
         A ray that passes beside a column ends where it is nearest to it: at its edge.
         """

@@ -55,7 +55,7 @@ def _cut(homogeneous: Array, faces: Ints, inside: Mask, limit: float) -> tuple[A
 
 
 class EdgeTable:
-    """Which faces (m, 3) run through each edge, and which way: as much of a mesh as all its shadows share.
+    """The faces (m, 3) that run through each edge, and which way: all that a mesh's shadows share.
 
     Args:
         count: how many vertices there are.

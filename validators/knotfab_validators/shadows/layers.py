@@ -23,7 +23,7 @@ LAYER_TOLERANCES = 2.0  # steps of an outline that are smaller are not looked at
 
 
 def layer_shift_px(vertices: Array, geometry: ViewGeometry, layer_mm: float) -> float:
-    """How far half a layer, along z, shifts the shadow of any of vertices (n, 3), px; all in print pose."""
+    """Measure how far half a layer along z shifts the shadow of any vertex (n, 3), px; all in print pose."""
     before = vertices[geometry.project(vertices)[1] < geometry.w_of_receiver]
     if len(before) == 0:
         return 0.0
@@ -34,7 +34,7 @@ def layer_shift_px(vertices: Array, geometry: ViewGeometry, layer_mm: float) -> 
 
 
 def shows_layers(effects: Switches, shift_px: float, tolerance_px: float = 0.25) -> bool:
-    """Whether the slices are looked at: the scene says so, or their steps exceed the threshold."""
+    """Tell whether the slices are looked at: the scene says so, or their steps exceed the threshold."""
     if effects.layers != "auto":
         return effects.layers == "on"
     return shift_px > LAYER_TOLERANCES * tolerance_px
@@ -143,7 +143,7 @@ def measure_layers(
     shift_px: float,
     within: Mask | None = None,
 ) -> dict[str, Any]:
-    """What the steps of a printed part do to its shadow, on the pixels of `target` (H, W).
+    """Measure what the steps of a printed part do to its shadow, on the pixels of `target` (H, W).
 
     Args:
         shift_px: of `layer_shift_px`.

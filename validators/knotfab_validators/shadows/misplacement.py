@@ -1,4 +1,4 @@
-"""What is lost of the picture when lamp, eye, piece or wall are not quite where the scene says."""
+"""Measure the loss when lamp, eye, piece or wall are not quite where the scene says."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Likeness:
 
 
 def fit_likeness(points: Array, geometry: ViewGeometry, moved: ViewGeometry) -> Likeness:
-    """What `moved` light or piece do to the shadows of points (n, 3), as a likeness (least squares).
+    """Fit a likeness (least squares) to the shadows of points (n, 3) when light or piece are `moved`.
 
     Both views have the same pixels on the receiver as it is seen from the piece.
     """
@@ -67,7 +67,7 @@ def fit_likeness(points: Array, geometry: ViewGeometry, moved: ViewGeometry) -> 
 def _moved_views(
     middle: Array, geometry: ViewGeometry, placing: Placing, turns: bool
 ) -> Iterator[tuple[str, str, ViewGeometry]]:
-    """What is moved, which way, and the view that it leaves: light along an axis, piece or wall about one.
+    """Yield the thing that is moved, which way, and the view that results (piece and wall turn about an axis).
 
     What hangs on the wall (not `turns`) leans with it, which is the light turned the other way.
     """
@@ -87,14 +87,14 @@ def _moved_views(
 def parting_px(
     points: Array, middle: Array, geometry: ViewGeometry, placing: Placing, *, turns: bool = True
 ) -> float:
-    """How far shadows of points (n, 3) part from their best likeness in the worst of all moves, pixels."""
+    """Measure how far shadows of points (n, 3) part from their best likeness in the worst move, pixels."""
     views = _moved_views(middle, geometry, placing, turns)
     left = [fit_likeness(points, geometry, moved).left_mm for _, _, moved in views]
     return max(left, default=0.0) / geometry.pixel_mm
 
 
 def moves_apart(effects: Switches, parting: float, tolerance_px: float = 0.25) -> bool:
-    """Whether moves are rendered: the scene says so, or parts of the shadow move apart visibly."""
+    """Tell whether moves are rendered: the scene says so, or parts of the shadow move apart visibly."""
     if effects.misplacement != "auto":
         return effects.misplacement == "on"
     return parting > PARTING_TOLERANCES * tolerance_px

@@ -284,7 +284,7 @@ def _blur_px(
 
 
 def _count_bridged(knots: int | str, target: Mask) -> int:
-    """How many gaps between pieces must be bridged for so few knots to draw them."""
+    """Count how many gaps between pieces must be bridged for so few knots to draw them."""
     if isinstance(knots, str):
         return 0
     pieces = label_regions("piece", target, SPECK_PX)[1]
@@ -331,7 +331,7 @@ def _report(
 
 
 def _say_changed(view: View) -> str:
-    """How the picture was changed before it was drawn, in words."""
+    """Say in words how the picture was changed before it was drawn."""
     said = []
     if not isinstance(view.thicken_mm, str):
         said.append(f"its strokes widened to {view.thicken_mm:g} mm as they are drawn")

@@ -28,7 +28,7 @@ BLUR_TOLERANCES = 4.0  # a lamp that blurs the outline by fewer tolerances is ta
 
 @dataclass(frozen=True)
 class Penumbra:
-    """What the lamp's size does to the shadow.
+    """The effect of the lamp's size on the shadow.
 
     `widest_px` is the widest blur; `iou` compares the picture with where at least half of the lamp is
     hidden; `brightness_error` is how much the wall differs in brightness from the picture, of 1 from lit
@@ -83,7 +83,7 @@ def averages_lamp(
     lamp: SceneLamp,
     tolerance_px: float = 0.25,
 ) -> bool:
-    """Whether the lamp is averaged over: the scene says so, or the blur exceeds the threshold."""
+    """Tell whether the lamp is averaged over: the scene says so, or the blur exceeds the threshold."""
     size = lamp_size(lamp)
     if effects.penumbra != "auto" or size == 0:
         return effects.penumbra == "on" and size > 0

@@ -1,4 +1,4 @@
-"""Whether a person knows the picture in its shadow: what was lost of it, and a word by measured rules."""
+"""Judge whether a person knows the picture in its shadow: its losses, and a word by measured rules."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Rule:
-    """What a shadow must keep of its picture to deserve a word.
+    """The conditions under which a shadow deserves a word.
 
     `iou` at least; `outline_radii`, the 95 % quantile of the outline's distance in radii of the tube's
     shadow, at most; `cut`, the tips that are cut off for each piece and hole of the picture, likewise;
@@ -179,7 +179,7 @@ def recognise(
     blur_px: float = 0.0,
     bridged: int = 0,
 ) -> Recognition:
-    """What a person would miss of a picture in its shadow.
+    """Find everything that a person would miss of a picture in its shadow.
 
     Args:
         shadow, target: (H, W), on the padded working frame.
@@ -337,13 +337,13 @@ class _Facts:
         return max((width for width, _ in self.lost), default=0.0)
 
     def specks_seen(self, rule: Rule) -> bool:
-        """Whether there are more specks of light than a rule allows."""
+        """Tell whether there are more specks of light than a rule allows."""
         return self.specks > rule.specks or (
             self.specks > 1 and self.speck_share > rule.speck_share
         )
 
     def against(self, rule: Rule) -> list[str]:
-        """What of a rule is not kept, a sentence each."""
+        """Say which parts of a rule are not kept, a sentence each."""
         most = max(rule.changed * self.features, rule.spared)
         changes = self.apart if rule.together else self.changes
         changes -= self.fine if rule.lost_tubes else 0
@@ -387,7 +387,7 @@ class _Facts:
 
 
 def _tell(number: int, noun: str) -> str:
-    """So many of them, as a person says it."""
+    """Say how many there are, as a person does."""
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
@@ -398,7 +398,7 @@ def _not_asked(changes: Sequence[Change], bridged: int) -> list[Change]:
 
 
 def _find_tips(there: Mask, own: Mask, least_px: float) -> list[Change]:
-    """What reaches more than `least_px` beyond the shadow; the width is how far."""
+    """Find tips that reach more than `least_px` beyond the shadow; the width is how far."""
     away = depth_in(~own)
     labels, found = label_regions("piece", there & (away > least_px), 0.0)
     tips = []
@@ -430,7 +430,7 @@ def _is_lost(change: Change) -> bool:
 
 
 def _length_px(change: Change) -> float:
-    """How long a person sees what was changed: a tip's reach, else the longer side of its box."""
+    """Measure how long a person sees what was changed: a tip's reach, else the longer side of its box."""
     left, top, right, bottom = change.box
     return (
         change.width_px
@@ -459,14 +459,14 @@ def _middle(change: Change) -> Box:
 
 
 def _inside(box: Box, row: Box) -> bool:
-    """Whether a box lies in a row's, or sticks out by no more than half its height."""
+    """Tell whether a box lies in a row's, or sticks out by no more than half its height."""
     margin = (row[3] - row[1]) / 2
     sideways = row[0] - margin <= box[0] and box[2] <= row[2] + margin
     return sideways and row[1] - margin <= box[1] and box[3] <= row[3] + margin
 
 
 def _count_reasons(text: Sequence[tuple[Row, list[Change]]], single: Sequence[Change]) -> list[str]:
-    """How many of each kind."""
+    """Count each kind of reason."""
     reasons = []
     for what, rows in (
         ("text", [row for row, _ in text if not row.repeated]),
@@ -485,7 +485,7 @@ def _count_reasons(text: Sequence[tuple[Row, list[Change]]], single: Sequence[Ch
 
 @dataclass(frozen=True)
 class _Scale:
-    """From the compared grid to the picture's pixels, and to mm on the wall."""
+    """The scale from the compared grid to the picture's pixels, and to mm on the wall."""
 
     frame: WorkingFrame
     geometry: ViewGeometry

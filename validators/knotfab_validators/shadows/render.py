@@ -29,7 +29,7 @@ class CannotRender(RuntimeError):
 
 
 def why_no_rendering() -> str | None:
-    """Why VTK could not render here, or None if it can; loads nothing of VTK.
+    """Say why VTK could not render here, or None if it can; loads nothing of VTK.
 
     VTK ends the process with a segmentation fault where OpenGL is missing, so the question is put
     to the system's EGL itself: it must have a display (a device, or the default one) that starts.
@@ -131,7 +131,7 @@ class SilhouetteRenderer(Renderer):
         self._window.AddRenderer(renderer)
 
     def _render_flat(self, geometry: ViewGeometry, behind: bool) -> Mask:
-        """By a camera that stands at the light and looks straight at the receiver plane, whatever its tilt.
+        """Render by a camera at the light that looks straight at the receiver plane, whatever its tilt.
 
         Its frustum is shifted and shaped to the frame.
         """

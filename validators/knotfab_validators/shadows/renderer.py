@@ -1,4 +1,4 @@
-"""What draws silhouettes of a mesh, for each place of the light, on a flat receiver or a curved one."""
+"""Draw silhouettes of a mesh, for each place of the light, on a flat receiver or a curved one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How well each piece and hole of a picture is drawn by itself, whatever the large ones beside it weigh."""
+"""Measure how well each piece and hole of a picture is drawn by itself, whatever lies beside it."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ LEAST_MM2 = 0.25  # the least area of a speck: half a millimetre square
 
 @dataclass(frozen=True)
 class Specks:
-    """How many there are, how large together and the largest, mm² on the wall, and where that is (u, v)."""
+    """The number of specks, their area together and the largest, mm² on the wall, and its place (u, v)."""
 
     count: int = 0
     area_mm2: float = 0.0

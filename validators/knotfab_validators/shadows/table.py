@@ -1,4 +1,4 @@
-"""Whether the printed frame for several lamps has screen and lamps where the scene has them."""
+"""Check that the printed frame for several lamps has screen and lamps where the scene has them."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def _find_top(frame: Mesh, up: Array) -> float:
 
 
 def _off_hole(frame: Mesh, geometry: ViewGeometry, height: float) -> float:
-    """How far the middle of the hole about the foot of a lamp is from it, mm; far where there is none."""
+    """Measure how far the middle of the hole about the foot of a lamp is from it, mm (20 without a hole)."""
     foot = geometry.light + (height - geometry.light @ geometry.up) * geometry.up
     free = []
     for axis in (geometry.right, -geometry.right, geometry.axis, -geometry.axis):
@@ -115,7 +115,7 @@ def _off_hole(frame: Mesh, geometry: ViewGeometry, height: float) -> float:
 
 
 def _off_slot(frame: Mesh, geometry: ViewGeometry, top: float) -> float:
-    """How far from the wall the front of the slot is, mm: above the frame's top, matter begins there."""
+    """Measure how far from the wall the front of the slot is, mm: matter above the frame begins there."""
     up = geometry.up
     middle = geometry.middle + (top + 2.0 - geometry.middle @ up) * up
     away = np.arange(-WIDEST_MM, WIDEST_MM, STEP_MM)

@@ -69,7 +69,7 @@ def _is_text(row: Sequence[Box], picture: Mask | None) -> bool:
 
 
 def _is_repeated(row: Sequence[Box], picture: Mask | None) -> bool:
-    """Whether most pieces have the shape of the middle one."""
+    """Tell whether most pieces have the shape of the middle one."""
     if picture is None:
         return False
     shapes = [_sample(box, picture) for box in row]
@@ -79,7 +79,7 @@ def _is_repeated(row: Sequence[Box], picture: Mask | None) -> bool:
 
 
 def _sample(box: Box, picture: Mask) -> Mask:
-    """What a box holds, on a square grid."""
+    """Sample a box on a square grid."""
     left, top, right, bottom = box
     part = (np.arange(SHAPE_PX) + 0.5) / SHAPE_PX
     rows, columns = (low + part * (high - low) for low, high in ((top, bottom), (left, right)))

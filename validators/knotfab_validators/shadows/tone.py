@@ -1,4 +1,4 @@
-"""How well a shadow gives the greys of a picture by the spacing of its strands."""
+"""Measure how well a shadow gives the greys of a picture by the spacing of its strands."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a shadow changes of a picture's topology: pieces, holes, gaps and strokes, and where."""
+"""Find changes of a picture's topology in its shadow: pieces, holes, gaps and strokes, and where."""
 
 from __future__ import annotations
 
@@ -144,7 +144,8 @@ def without_specks(target: Mask, reach_px: float) -> Mask:
 
 
 def count_repeated(gaps: Sequence[Change], target: Mask) -> int:
-    """How many of the bridged gaps (u, v on the mask) lie in a hole of the picture that has another one.
+    """Count how many of the bridged gaps (u, v on the mask) lie in a hole of the picture that has another
+    one.
 
     One hole that strands cross is one thing to see, however many cross it.
     """
@@ -155,7 +156,7 @@ def count_repeated(gaps: Sequence[Change], target: Mask) -> int:
 
 
 def count_touching(target: Mask, reach_px: float) -> int:
-    """At how many places pieces of a picture just touch, or are just apart, as squares at their corners are.
+    """Count the places where pieces of a picture just touch, or are just apart, as squares at their corners.
 
     No tube draws such a place: it runs through or leaves it open. Pieces are those of the picture opened by
     `reach_px`; a place is where two are within as much of what parts them, and short: a slit is none.
@@ -250,7 +251,7 @@ def _lost(kind: Kind, regions: Mask, kept: Mask, reach: float) -> Iterator[Chang
 def _only_seen(
     kind: Kind, regions: Mask, wanted: Mask, kept: Mask, reach: float
 ) -> Iterator[Change]:
-    """What in `regions` is nothing in the picture, nor a piece (or hole) of it that grew."""
+    """Find parts of `regions` that are nothing in the picture, nor a piece (or hole) of it that grew."""
     labels, count = _label(wanted, _EIGHT if kind == "stray" else _FOUR)
     areas = np.bincount(labels.ravel(), minlength=count + 1)
     specks = np.ones(count + 1, dtype=bool)
@@ -265,7 +266,7 @@ def _only_seen(
 
 
 def _joined(kind: Kind, parts: Mask, wholes: Mask, matter: Mask, reach: float) -> Iterator[Change]:
-    """Where several regions of `parts` lie in one region of `wholes`, one change for each join.
+    """Find where several regions of `parts` lie in one region of `wholes`, one change for each join.
 
     Joins are those of a minimum spanning tree: the narrowest places, in `wholes`, between regions of
     `parts`. The width is that of `matter` there, of the picture's light or ink.

@@ -171,7 +171,7 @@ def _trace_hulls(points: Array) -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class OutlineError:
-    """How far a shadow is from the exact tube's, in mm on the receiver, and where (pixel)."""
+    """The distance of a shadow from the exact tube's, in mm on the receiver, and its place (pixel)."""
 
     spill_mm: float  # how far shadow reaches outside the tube's
     missing_mm: float  # how far the tube's shadow reaches outside the shadow

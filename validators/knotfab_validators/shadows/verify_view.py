@@ -25,7 +25,7 @@ __all__ = ["VerifiedView", "count_stray", "verify_view"]
 
 @dataclass(frozen=True)
 class VerifiedView:
-    """What was measured in one view.
+    """The figures of one view.
 
     The masks lie on the padded working frame. `rendered` is None where nothing was rendered;
     `stray_px` counts the pixels at which rendering and polygons disagree farther than one pixel
@@ -172,7 +172,7 @@ def verify_view(
 
 
 def _share_of_frame(mask: Mask, frame: WorkingFrame) -> float:
-    """What share of the picture's frame a mask (H, W) on the padded frame covers."""
+    """Measure the share of the picture's frame that a mask (H, W) on the padded frame covers."""
     return float(mask[frame.mask].mean())
 
 

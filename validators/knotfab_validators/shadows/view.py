@@ -1,4 +1,4 @@
-"""Where the light, the wall and the picture's pixels are: a view derived from scene and pose."""
+"""The places of the light, the wall and the picture's pixels: a view derived from scene and pose."""
 
 from __future__ import annotations
 
@@ -137,7 +137,7 @@ class ViewGeometry:
         return _lift(np.ascontiguousarray(points, dtype=np.float64), self.projection)
 
     def bend(self, pixels: Array) -> Array:
-        """Where the light's rays through pixels (n, 2) of the flat receiver meet the curved one, pixels."""
+        """Find where rays through pixels (n, 2) of the flat receiver meet the curved one, pixels."""
         if self.cylinder is None:
             return pixels
         places = self.cylinder.unroll(self.light, self.flat.on_receiver(pixels), self.normal)

@@ -1,4 +1,4 @@
-"""What it matters to a picture that its wall is round."""
+"""Measure how much it matters to a picture that its wall is round."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ PLACES = 129  # across and up the frame
 
 
 def find_wall(geometry: ViewGeometry) -> dict[str, Any] | None:
-    """How far a flat wall would have the picture off its places on the round one; None of a flat wall.
+    """Measure how far a flat wall would have the picture off its places on the round one; None of a flat
+    wall.
 
     Returns:
         "radius_mm"; "off_px", at most, px of a frame of 1024; "samples": 1, that it is looked at.

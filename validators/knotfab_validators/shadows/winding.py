@@ -40,7 +40,8 @@ def _rising_edges(lines: Linework) -> tuple[Linework, Array]:
 
 
 def wound_mask(parts: Iterable[Linework], width: int, height: int) -> Mask:
-    """Where the winding number of all `parts` together is not 0, (height, width); pixel centres are integers.
+    """Find where the winding number of all `parts` together is not 0, (height, width); pixel centres are
+    integers.
 
     A scan line algorithm: each edge adds its weight to all pixels of a row that lie to the right
     of its crossing, by one entry and a running sum. An edge meets the rows of the half-open
@@ -74,7 +75,7 @@ def _add_edges(raster: NDArray[np.int32], start: Array, end: Array, weight: Ints
 
 @compiled
 def _find_wound(raster: NDArray[np.int32]) -> Mask:
-    """Where the running sum of a row is not 0."""
+    """Find where the running sum of a row is not 0."""
     height, width = raster.shape
     mask = np.zeros((height, width), dtype=np.bool_)
     for row in range(height):

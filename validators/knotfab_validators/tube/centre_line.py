@@ -178,7 +178,8 @@ def _word_faults(faults: dict[int, CentreLine | str], bodies: int) -> str:
 
 
 def _cut_rings(mesh: Mesh, function: CircleFunction, count: int) -> tuple[Ints, Array, Array]:
-    """Where `count` even levels of a function cut the faces: rings' numbers, points (k, 3), lengths (k,).
+    """Find where `count` even levels of a function cut the faces: rings' numbers, points (k, 3), lengths
+    (k,).
 
     Each piece of a ring is three points, by Simpson's rule.
     """
@@ -325,7 +326,7 @@ def _measure_residual(
     radii: Array,
     rings: tuple[Ints, Array],
 ) -> CentreLine:
-    """How far the surface is from the tube about a line: corners and centres of faces, by area.
+    """Measure how far the surface is from the tube about a line: corners and centres of faces, by area.
 
     A quarter of an integral over a triangle is the corners' mean and the rest its centre's, exactly for
     squares. `rings` are levels of the function, and where along the line they have come to lie.

@@ -237,7 +237,7 @@ def _find_smallest(
 
 
 def _find_runs(portion: Ints) -> list[tuple[int, int]]:
-    """Where runs of equal numbers begin and end."""
+    """Find where runs of equal numbers begin and end."""
     cuts = np.flatnonzero(np.diff(portion)) + 1
     ends = [0, *cuts.tolist(), len(portion)]
     return [(a, b) for a, b in pairwise(ends) if b > a]

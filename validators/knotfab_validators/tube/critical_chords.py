@@ -215,7 +215,7 @@ def _search(elements: _Elements, levels: list[_Arcs], limit: float) -> Chord | N
 
 
 def _too_many(level: int, pairs: int, arcs: int) -> bool:
-    """Whether so many pairs of arcs are left that all their edges are better paired at once."""
+    """Tell whether so many pairs of arcs are left that all their edges are better paired at once."""
     return level == BLOCK_LEVEL and pairs > min(MANY_PAIRS * arcs, PAIRS_AT_ONCE // 2)
 
 
@@ -235,7 +235,7 @@ def _children(children: Ints, i: Ints, j: Ints) -> tuple[Ints, Ints]:
 
 
 def _possible(arcs: _Arcs, i: Ints, j: Ints, limit: float) -> Mask:
-    """Whether two arcs may have a critical chord of length up to `limit` between them."""
+    """Tell whether two arcs may have a critical chord of length up to `limit` between them."""
     between = arcs.centre[j] - arcs.centre[i]
     distance = _norm(between)
     reach = arcs.radius[i] + arcs.radius[j]

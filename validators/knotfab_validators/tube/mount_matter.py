@@ -1,4 +1,4 @@
-"""Which of a part's vertices belong to the tube, and which to the mount that holds it."""
+"""Part a part's vertices into those of the tube, and those of the mount that holds it."""
 
 from __future__ import annotations
 

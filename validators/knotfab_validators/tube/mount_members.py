@@ -1,4 +1,4 @@
-"""Whether a mount holds: matter fills every member, and none but the mount's joins strands."""
+"""Check that a mount holds: matter fills every member, and none but the mount's joins strands."""
 
 from __future__ import annotations
 
@@ -95,12 +95,12 @@ def _check_filled(mesh: Mesh, curves: Curves, radius: float) -> Check:
 
 
 def _allowed(radius: float) -> float:
-    """How deep in a member, mm, a face may lie."""
+    """The depth in a member, mm, at which a face may lie."""
     return LIMIT * radius + FACET_MM
 
 
 def _find_deepest(mesh: Mesh, member: Member, low: Array, high: Array) -> tuple[float, Array]:
-    """How deep in a member a face lies, at most, as a multiple of what is allowed, and where (3,)."""
+    """Measure how deep in a member a face lies, at most, as a multiple of what is allowed, and where (3,)."""
     wide = max(member.radius_mm)
     a, b = np.minimum(member.start, member.end) - wide, np.maximum(member.start, member.end) + wide
     near = np.arange(len(low))
@@ -128,7 +128,7 @@ def _find_deepest(mesh: Mesh, member: Member, low: Array, high: Array) -> tuple[
 
 
 def _measure_depth(corners: Array, member: Member) -> tuple[Array, Array]:
-    """How deep in a member's cone, endless on both sides, triangles (n, 3, 3) reach, and where (n, 3)."""
+    """Measure how deep in a member's endless cone triangles (n, 3, 3) reach, and where (n, 3)."""
     unit, _ = _unit(member)
     to = corners - member.start
     flat = to - (to @ unit)[..., None] * unit  # seen along the axis

@@ -1,4 +1,4 @@
-"""Where the part may be: the tube inside the scene's region, the part inside the printer's volume."""
+"""Check where the part is: the tube inside the scene's region, the part inside the printer's volume."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How far tubes and parts stick out of a closed mesh, the allowed region."""
+"""Measure how far tubes and parts stick out of a closed mesh, the allowed region."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ MOST_EXACT = 5_000_000  # points times faces of exact winding numbers
 def measure_tube_excess(
     surface: Mesh, start: Array, end: Array, radius_mm: float
 ) -> tuple[Array, Array]:
-    """How far the tube about the edges from `start` to `end` (k, 3) sticks out of a closed surface.
+    """Measure how far the tube about the edges from `start` to `end` (k, 3) sticks out of a closed surface.
 
     The tube is inside exactly where its centre line is, and keeps a radius from the surface: FCL
     gives the least distance between all edges and all faces, 0 where they cross (a wall may poke
@@ -44,7 +44,7 @@ def measure_tube_excess(
 
 
 def measure_part_excess(surface: Mesh, part: Mesh) -> tuple[Array, Array]:
-    """How far a part sticks out: at its vertices, and at points 1 mm apart at most on its faces.
+    """Measure how far a part sticks out: at its vertices, and at points 1 mm apart at most on its faces.
 
     On parts so large that these would be more than 200,000, at points farther apart.
     """

@@ -1,4 +1,4 @@
-"""Which places of centre lines face each other, and which are neighbours along the same strand."""
+"""Find the places of centre lines that face each other, and neighbours along the same strand."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ def strand_pairs(samples: Samples, reach: float, apart: float) -> StrandPairs:
 
 
 def _meet(samples: Samples, i: Ints, j: Ints) -> Mask:
-    """Whether the descent from each pair of one knot ends where both are the same place."""
+    """Tell whether the descent from each pair of one knot ends where both are the same place."""
     count = np.int64(len(samples.point))
     start, where = np.unique(i * count + j, return_inverse=True)
     now = start.copy()

@@ -40,7 +40,7 @@ class Thickness:
 
     @property
     def bend_decides(self) -> bool:
-        """Whether a bend, rather than two strands, sets the thickness."""
+        """True if a bend, rather than two strands, sets the thickness."""
         return self.half_dcsd is None or self.min_rad <= self.half_dcsd
 
 
@@ -148,7 +148,7 @@ def _name_end(end: CurvePoint, place: Place) -> str:
 
 
 def _allow_rounding(limit: float | None) -> float:
-    """What a measured number may fall short of its limit by because numbers are rounded."""
+    """The amount by which rounding may make a measured number fall short of its limit."""
     return ROUNDING * (limit or 0.0)
 
 

@@ -1,4 +1,4 @@
-"""Whether part and knots belong together: the part's surface is the tube about the centre lines."""
+"""Check that part and knots belong together: the part's surface is the tube about the centre lines."""
 
 from __future__ import annotations
 
