@@ -67,7 +67,7 @@ def fit_likeness(points: Array, geometry: ViewGeometry, moved: ViewGeometry) -> 
 def _moved_views(
     middle: Array, geometry: ViewGeometry, placing: Placing, turns: bool
 ) -> Iterator[tuple[str, str, ViewGeometry]]:
-    """Yield the thing that is moved, which way, and the view that results (piece and wall turn about an axis).
+    """Yield the thing that is moved, which way, and its view (piece and wall turn about an axis).
 
     What hangs on the wall (not `turns`) leans with it, which is the light turned the other way.
     """
