@@ -7,10 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from knotfab.base.arrays import Array, Mask
-from knotfab.geometry.sampling import arc_lengths
+from knotfab.base.arrays import Mask
 from knotfab.knots import Knots
-from knotfab.scene.camera import Camera, camera_of
+from knotfab.render.frame import Sheet
+from knotfab.render.picture import frame_at
+from knotfab.render.silhouette import cast
 from knotfab_formats.scene import ResolvedView
 
 __all__ = ["draw_shadow"]
@@ -30,6 +31,7 @@ def draw_shadow(views: Sequence[ResolvedView], knots: Knots, columns: int, rows:
     Returns:
         Lines of Braille, `rows` at most.
     """
+    points = knots.points
     drawn: list[list[str]] = []
     left = columns
     for view in views:
@@ -39,41 +41,15 @@ def draw_shadow(views: Sequence[ResolvedView], knots: Knots, columns: int, rows:
             wide, high = _ACROSS * columns, round(high * _ACROSS * columns / wide)
         if -(-wide // _ACROSS) > left:
             break
-        camera = camera_of(view, max(1, wide), max(1, high))
-        drawn.append(_to_braille(_stamp(knots, camera)))
+        dot_mm = max(view.frame_width_mm / max(1, wide), view.frame_height_mm / max(1, high))
+        frame = frame_at(view, Sheet(max(1, wide), max(1, high), dot_mm, view.wall_tilt_deg))
+        # a strand thinner than a dot is drawn as thick as one, so that it has no gaps
+        thick = max(knots.radius_mm, 0.5 * dot_mm / view.magnification)
+        drawn.append(_to_braille(cast(points, points[knots.rings.next], frame, thick)))
         left -= len(drawn[-1][0]) + _GAP
     height = max((len(lines) for lines in drawn), default=0)
     filled = [lines + [" " * len(lines[0])] * (height - len(lines)) for lines in drawn]
     return "\n".join((" " * _GAP).join(parts).rstrip() for parts in zip(*filled, strict=True))
-
-
-def _stamp(knots: Knots, camera: Camera) -> Mask:
-    """(H, W) what discs along the centre lines cover: the tube's shadow, to a dot."""
-    dark = np.zeros((camera.height, camera.width), dtype=bool)
-    for knot in knots.knots:
-        at = camera.project(knot.points)
-        radius = knots.radius_mm * camera.magnify(knot.points) / float(np.linalg.norm(camera.du))
-        radius = np.minimum(radius, float(np.hypot(*dark.shape)))
-        dots, wide = _resample(at, radius)
-        reach = int(np.ceil(wide.max(initial=0.0)))
-        shifts = np.mgrid[-reach : reach + 1, -reach : reach + 1].reshape(2, -1).T
-        middle = np.round(dots).astype(np.int64)
-        # (points, shifts): whether that dot's middle lies under the tube
-        u, v = (middle[:, None, k] + shifts[None, :, k] for k in (0, 1))
-        under = np.hypot(u - dots[:, :1], v - dots[:, 1:]) <= np.maximum(wide, 0.5)[:, None]
-        under &= (u >= 0) & (v >= 0) & (u < camera.width) & (v < camera.height)
-        dark[v[under], u[under]] = True
-    return dark
-
-
-def _resample(at: Array, radius: Array) -> tuple[Array, Array]:
-    """Points (n, 2) along a closed line, two thirds of a dot apart, and their radii."""
-    rows = np.column_stack([at, radius])
-    rows = np.concatenate([rows, rows[:1]])
-    along = arc_lengths(at)
-    wanted = np.arange(0.0, along[-1], 2 / 3) if along[-1] else np.zeros(1)
-    x, y, wide = (np.interp(wanted, along, column) for column in rows.T)
-    return np.column_stack([x, y]), wide
 
 
 def _to_braille(dark: Mask) -> list[str]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from PIL import Image, ImageDraw
 from scipy import ndimage
 from scipy.optimize import minimize
 
@@ -13,6 +12,8 @@ from knotfab.base.arrays import Array, Mask
 from knotfab.knots import Knots
 from knotfab.picture.masks import mask_iou
 from knotfab.picture.silhouette import resample_mask
+from knotfab.render.frame import frame_of
+from knotfab.render.silhouette import render
 from knotfab.scene.camera import Camera
 
 __all__ = ["LampFit", "cast_shadow", "find_lamp"]
@@ -22,7 +23,7 @@ _COARSER = 2  # than what the IoU is measured on
 _SOFT_PX = (4.0, 1.5)  # by which both pictures are blurred, first and then
 _MOST_TURNS = 90
 _FARTHEST = 1.0  # of its distance from the wall by which a lamp may be off
-_FINER = 2  # drawn so many times as large, and brought down
+_EDGE_PER_PX = 4.0  # sharpness of outlines: as steep as the share of a pixel that an edge covers
 
 
 @dataclass(frozen=True)
@@ -45,21 +46,10 @@ def cast_shadow(knots: Knots, camera: Camera, eye: Array) -> Array:
     Args:
         knots: in the scene.
     """
-    size = (camera.width * _FINER, camera.height * _FINER)
-    sheet = Image.new("L", size)
-    draw = ImageDraw.Draw(sheet)
-    moved = replace(camera, eye=eye)
-    px = 1.0 / float(np.linalg.norm(camera.du))
-    for knot in knots.knots:
-        points = knot.points
-        at = _FINER * (moved.project(points) + 0.5)
-        half = _FINER * px * knots.radius_mm * moved.magnify(points)
-        ends = np.roll(at, -1, axis=0)
-        for (a, b, c, d), wide in zip(np.concatenate([at, ends], axis=1), half, strict=True):
-            draw.line((a, b, c, d), fill=255, width=max(1, round(2 * wide)))
-            draw.ellipse((a - wide, b - wide, a + wide, b + wide), fill=255)
-    small = sheet.resize((camera.width, camera.height), Image.Resampling.BOX)
-    return np.asarray(small, dtype=np.float64) / 255.0
+    frame = frame_of(replace(camera, eye=eye), np.float32, stretched=True)
+    points = knots.points.astype(np.float32)
+    ahead = points[knots.rings.next]
+    return render(points, ahead, frame, knots.radius_mm, _EDGE_PER_PX).astype(np.float64)
 
 
 def find_lamp(knots: Knots, camera: Camera, seen: Mask) -> LampFit:

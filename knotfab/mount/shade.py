@@ -18,13 +18,14 @@ from knotfab.knots import Knots
 from knotfab.mount.struts import Candidates, Sites, struts
 from knotfab.picture.masks import sample_mask
 from knotfab.picture.silhouette import fit_size
+from knotfab.render.frame import frame_of
+from knotfab.render.silhouette import cast
 from knotfab.scene.camera import Camera
 from knotfab_formats.scene import VERIFIED_PX
 
 __all__ = ["HIDDEN_SHARE", "MountShadow", "MountShadows", "hidden_struts", "near_struts"]
 
 
-SAMPLE_RADII = 0.35  # between the discs of which a strand's shadow is made
 SLACK_PX = 1.0  # by which a hidden strip must stay inside: half a pixel on each side
 HIDDEN_SHARE = 0.75  # of the tube's radius that a hidden strut has
 LONGEST_RADII = 20.0  # of a hidden strut
@@ -51,7 +52,7 @@ class MountShadows:
     @property
     def pixels(self) -> float:
         """How many pixels a frame has, on the mean of all views."""
-        return sum(view.pixels for view in self.views) / len(self.views)
+        return sum(view.pixels for view in self.views) / max(len(self.views), 1)
 
     def add(self, some: Candidates) -> None:
         """Darken what members cover."""
@@ -106,12 +107,10 @@ class MountShadow:
         if ends:
             self.before[0] = self.before[:, 0] = self.before[:, -1] = True
         self.magnification = self._magnification()
+        self._frame = frame_of(self.camera, np.float32, stretched=True)
         self.own = np.zeros_like(self.before)
-        for knot in knots.knots:
-            closed = np.concatenate([knot.points, knot.points[:1]])
-            self.own |= self._strips(
-                closed[:-1], closed[1:], np.full(len(knot.points), knots.radius_mm)
-            )
+        ahead = knots.points[knots.rings.next]
+        self.own[1:-1, 1:-1] = cast(knots.points, ahead, self._frame, knots.radius_mm)
         self.before |= self.own
         self.dark = self.before.copy()
         self._depth = np.asarray(distance_transform_edt(self.before))
@@ -123,11 +122,11 @@ class MountShadow:
 
     def add(self, some: Candidates) -> None:
         """Darken what members cover."""
-        self.dark |= self._strips(some.start, some.end, some.radius)
+        self.dark |= self._cast(some)
 
     def darken(self, some: Candidates) -> float:
         """Share of the frame that members alone darken outside picture and knots."""
-        more = self._strips(some.start, some.end, some.radius) & ~self.before
+        more = self._cast(some) & ~self.before
         return float(more[1:-1, 1:-1].sum()) / self.pixels
 
     def hidden(self, some: Candidates) -> Mask:
@@ -201,23 +200,12 @@ class MountShadow:
         whole = np.rint(uv).astype(np.int64) + 1
         return np.clip(whole[..., 1], 0, height - 1), np.clip(whole[..., 0], 0, width - 1)
 
-    def _strips(self, start: Array, end: Array, radius: Array) -> Mask:
-        """The pixels that capsules (n, 3) to (n, 3) cover; the margins stay light."""
-        from PIL import Image, ImageDraw
-
-        length = np.linalg.norm(end - start, axis=1)
-        pieces = np.maximum(np.ceil(length / (SAMPLE_RADII * radius)), 1).astype(np.int64)
-        which, number = number_runs(pieces + 1)
-        t = number / pieces[which]
-        place = start[which] + t[:, None] * (end - start)[which]
-        uv, half = self._seen(place, radius[which])
-        image = Image.new("1", (self.camera.width, self.camera.height))
-        draw = ImageDraw.Draw(image)
-        # an ellipse's box holds the pixels at both its ends
-        for (u, v), r in zip(uv.tolist(), np.maximum(half - 0.5, 0.0).tolist(), strict=True):
-            draw.ellipse((u - r, v - r, u + r, v + r), fill=1)
+    def _cast(self, some: Candidates) -> Mask:
+        """The pixels that members cover; the margins stay light."""
         covered = np.zeros_like(self.before)
-        covered[1:-1, 1:-1] = np.asarray(image)
+        for radius in np.unique(some.radius):
+            own = some.of(some.radius == radius)
+            covered[1:-1, 1:-1] |= cast(own.start, own.end, self._frame, float(radius))
         return covered
 
 

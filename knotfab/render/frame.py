@@ -92,17 +92,26 @@ class Sheet:
     wall_tilt_deg: float = 0.0
 
 
-def frame_of(camera: Camera, dtype: type[np.floating[Any]] = np.float64) -> Frame:
+def frame_of(
+    camera: Camera, dtype: type[np.floating[Any]] = np.float64, *, stretched: bool = False
+) -> Frame:
     """The frame, of arrays, of a camera with square pixels.
 
+    Args:
+        stretched: where pixels are not quite square, the axis that points down is stretched until they are.
+            Points keep their pixels then; a tube is as much wider across that axis as pixels are.
+
     Raises:
-        ValueError: when the camera's pixels are not square (to a part in a million).
+        ValueError: when the camera's pixels are not square (to a part in a million), unless `stretched`.
     """
     pitch, pitch_v = np.linalg.norm(camera.du), np.linalg.norm(camera.dv)
-    if abs(pitch / pitch_v - 1) > 1e-6:
+    square = abs(pitch / pitch_v - 1) <= 1e-6
+    if not (square or stretched):
         raise ValueError(f"pixels must be square, got {pitch} x {pitch_v} mm")
     right, down = camera.du / pitch, camera.dv / pitch_v
     axes = np.stack([right, down, np.cross(right, down)])
+    if not square:
+        axes[1] *= pitch / pitch_v
     corner = axes @ (camera.corner - camera.eye)
     distance = float(corner[2])
     return Frame(

@@ -74,10 +74,10 @@ class ViewImage:
 
     def seen(self, points: Array, rings: Polylines, radius: float) -> Mask:
         """(H, W) the tube's hard silhouette about vertices (N, 3), mm, at half coverage."""
-        p = points.astype(self.target.dtype)
         if self._drawn is not None:
+            p = points.astype(self.target.dtype)
             return self._drawn.render(p, rings, radius, _HARD, CUTOFF) > 0.5
-        return silhouette.render(p, p[rings.next], self.frame, radius, _HARD, CUTOFF) > 0.5
+        return silhouette.cast(points, points[rings.next], self.frame, radius)
 
     def iou(self, points: Array, rings: Polylines, radius: float) -> float:
         """IoU of `seen` with the target's half coverage; `radius` in mm."""

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from knotfab.base.arrays import Array, Real
+from knotfab.base.arrays import Array, Mask, Real
 from knotfab.render.frame import Frame, number
 from knotfab.render.kernels import Places, are_within, evaluate, find_winners
 
@@ -20,6 +20,7 @@ __all__ = [
     "NEAREST_RADII",
     "Capsules",
     "Winners",
+    "cast",
     "least_depth",
     "render",
     "squared_error",
@@ -119,6 +120,18 @@ def winners(
 ) -> Winners:
     """(pixel, capsule): flat indices of pixels with s > -reach_px, and the capsule of largest s."""
     return _find_winners(_place(starts, ends, frame, radius), frame, radius, reach_px)
+
+
+def cast(starts: Array, ends: Array, frame: Frame, radius: float) -> Mask:
+    """(height, width) the pixels whose rays meet a capsule of `radius` mm about a segment: the hard shadow.
+
+    Args:
+        starts, ends: (n, 3) mm in the scene.
+    """
+    dark = np.zeros(frame.height * frame.width, dtype=bool)
+    dtype = frame.axes.dtype
+    dark[winners(starts.astype(dtype), ends.astype(dtype), frame, radius, 0.0)[0]] = True
+    return dark.reshape(frame.height, frame.width)
 
 
 def _find_winners(cut: _Cut, frame: Frame, radius: float, reach_px: float) -> Winners:

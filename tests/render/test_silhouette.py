@@ -159,6 +159,25 @@ def test_points_far_out_or_nan_colour_nothing() -> None:
         assert torch.equal(seen, plain)
 
 
+@pytest.mark.parametrize("rows", [69, 66])
+def test_the_hard_shadow_is_where_rays_meet_the_tube(rows: int) -> None:
+    """Also where pixels are a twentieth higher than wide: a tube is then as much wider than it should be."""
+    camera = camera_of(VIEW, 92, rows)
+    p = tangle(6, 3, torch.float64).numpy()
+    seen = silhouette.cast(p, np.roll(p, -1, 0), frame_of(camera, stretched=True), RADIUS)
+    v, u = np.mgrid[:rows, :92]
+    rays = camera.corner + u[..., None] * camera.du + v[..., None] * camera.dv - camera.eye
+    rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
+    share = np.linspace(0, 1, 400)[:, None]
+    least = np.full(seen.shape, np.inf)
+    for a, b in zip(p, np.roll(p, -1, 0), strict=True):
+        for point in a + share * (b - a) - camera.eye:
+            off = np.linalg.norm(point - rays * (rays @ point)[..., None], axis=-1)
+            least = np.minimum(least, off)
+    assert seen[least < 0.95 * RADIUS].all() and not seen[least > 1.06 * RADIUS].any()
+    assert 0.1 < seen.mean() < 0.9
+
+
 def test_slopes_before_the_light_are_finite_differences() -> None:
     """Strands that come from behind the light, or lie far behind each other: ends are cut and exchanged."""
     frame = frame_of(camera_of(VIEW, 92, 69))
