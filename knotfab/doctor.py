@@ -33,7 +33,7 @@ LIBRARIES = (
     ("resvg-py", "resvg_py"),
     ("pillow", "PIL"),
 )
-# what is not needed by every build: extra, what it is for, import names
+# extras that not every build needs: the extra, its use, import names
 EXTRAS = (
     ("studio", "studio and --watch", ("starlette", "uvicorn", "websockets")),
     ("dask", "batches on a cluster", ("distributed",)),

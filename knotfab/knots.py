@@ -22,8 +22,8 @@ __all__ = ["Knot", "Knots", "count_in_words", "read_knots", "read_start"]
 _FEWEST = 8  # vertices of a knot that a search goes on from
 
 
-_DIGITS = 6  # of a radius in mm that was scaled and back
-_RIGID = 1e-9  # of a scale that is none
+_DIGITS = 6  # digits of a radius in mm that was scaled and back
+_RIGID = 1e-9  # the error of a matrix that does not scale
 
 
 @dataclass(frozen=True)

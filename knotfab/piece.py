@@ -264,7 +264,10 @@ def finish_build(
     Args:
         pieces: one, or the frames of a sequence; the report's viewer shows them.
     """
-    report["timings"] |= {**progress.timings, "total": progress.total}  # with the report's own
+    report["timings"] |= {
+        **progress.timings,
+        "total": progress.total,
+    }  # the report's own seconds included
     add_next_step(report)
     if advised := advise_widening(report.get("verdict"), pieces[0].scene):
         report["notes"] = [*report.get("notes", []), *advised]

@@ -79,7 +79,7 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
         return finish_build(folder, request, report, title, [piece], progress)
 
 
-# of one view in draft; what they come to on this machine is learned as they pass
+# seconds of one view in draft; this machine's own are learned as they pass
 _USUAL_S = {
     "question": 0.1,
     "radius": 0.6,

@@ -182,10 +182,10 @@ class _Call:
     base: Path | None
     targets: tuple[Target, ...]
     name: str
-    lines: tuple[str, ...] = ()  # what else a person is told
-    agreed: Agreement | None = None  # of several pictures
-    parted: Separation | None = None  # of one in colours, for lamps
-    told: tuple[str, ...] = ()  # of lamps, what a preview tells as well
+    lines: tuple[str, ...] = ()  # further lines for a person
+    agreed: Agreement | None = None  # the agreement of several pictures
+    parted: Separation | None = None  # the masks of a picture in colours, for lamps
+    told: tuple[str, ...] = ()  # lines on lamps that a preview tells as well
 
 
 def _read_call(
@@ -214,7 +214,7 @@ def _read_call(
         if scene.settings.free_view:
             from knotfab.design.free_view import place_directions
 
-            # from where an earlier build started, or else from anywhere
+            # begin where an earlier build started, or else anywhere
             open_ = open_ or not scene.search.get("free_azimuths_deg")
             scene = place_directions(scene, scene.settings)[0]
     require_tube(resolve(scene))
@@ -233,7 +233,7 @@ def _read_call(
             targets = read_targets(
                 sources, scene.views, base=base, font=options.font, glance=glance
             )
-            if not pictures:  # as a build wrote it: picture-front.png is the cat still
+            if not pictures:  # a build wrote it so: picture-front.png is the cat still
                 titles = [view.title for view in scene.views]
                 targets = tuple(
                     replace(t, name=plain_name(title, t.name))
@@ -295,7 +295,7 @@ def check_names(scene: Scene) -> None:
         InputError: naming those that there are.
     """
     resolve(scene)
-    _ = scene.settings  # what is wrong in it is told
+    _ = scene.settings  # reading the settings tells of faults in them
 
 
 def _sources(pictures: Sequence[str], scene: Scene, path: Path | None) -> tuple[str, ...]:

@@ -45,7 +45,8 @@ class TargetView:
     polygon: (
         MultiPolygon  # the silhouette in the plane through the origin, along the view's axes, mm
     )
-    left: MultiPolygon | None = None  # what the other views' pictures leave of it; None: all
+    # the part that the other views' pictures leave of it; None: all
+    left: MultiPolygon | None = None
     lines: tuple[Array, ...] = ()  # its centre lines in that plane, where they are what is drawn
     ends: bool = False  # whether the screen ends at the frame, beside which no shadow counts
 
@@ -79,19 +80,17 @@ class Problem:
     bend_radius: float | None  # None: the tube radius plus half the clearance
     length: float
     region: ResolvedRegion
-    depth_mm: float | None = (
-        None  # of one view: extent of the centre lines along its axis; None: flat
-    )
+    # the extent of the centre lines along one view's axis; None: flat
+    depth_mm: float | None = None
     depth_open: bool = False  # whether less of it will do where the scene calls for that
-    # of lamps before one screen: the depth of the pieces that each draws its mask with, where the others
-    # throw these beside the screen; None: views share what is drawn
+    # for lamps before one screen: the depth of the pieces with which each draws its mask, while the others
+    # throw these beside the screen; None: views share all pieces
     apart_mm: float | None = None
-    overhang_deg: float | None = (
-        None  # steepest that prints without supports; None: they cost nothing
-    )
+    # steepest that prints without supports; None: they cost nothing
+    overhang_deg: float | None = None
     knot: str = "unknot"  # tied into the longest curve
     goals: tuple[float, ...] | None = None
-    switches: Mapping[str, Switch] = field(default_factory=dict)  # of effects, by name
+    switches: Mapping[str, Switch] = field(default_factory=dict)  # by the effect's name
     world: World = field(default_factory=World)
 
     def limits(self, radius: float) -> Limits:
@@ -150,8 +149,8 @@ class ViewNumbers:
     wall_distance_mm: float
     radius_mm: float
     azimuth_deg: float = 0.0
-    elevation_deg: float = 0.0  # of the light above the horizon
-    roll_deg: float = 0.0  # of the picture, counter-clockwise seen from the light
+    elevation_deg: float = 0.0  # the light's, above the horizon
+    roll_deg: float = 0.0  # the picture's, counter-clockwise seen from the light
 
 
 @dataclass
@@ -159,7 +158,7 @@ class CertificateLog:
     """The certificates of a search, for its report."""
 
     template: str = ""
-    types: tuple[str, ...] = ()  # of the knots
+    types: tuple[str, ...] = ()  # the knots' types
     accepted: int = 0
     shortened: int = 0
     refused: int = 0
@@ -194,8 +193,8 @@ class SearchResult(InNotebook):
     depth: DepthChoice | None
     ious: tuple[float, ...]  # one a view, as the search itself saw them
     views: tuple[ResolvedView, ...] = ()
-    numbers: ViewNumbers | None = None  # of a pose that was found
-    guards: Mapping[str, Guard] = field(default_factory=dict)  # of the limits, by name
+    numbers: ViewNumbers | None = None  # the numbers of a pose that was found
+    guards: Mapping[str, Guard] = field(default_factory=dict)  # by the limit's name
 
     @property
     def iou_estimate(self) -> float:

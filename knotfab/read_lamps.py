@@ -96,7 +96,7 @@ def read_lamps(
         targets = on_one_canvas(targets)
     # masks must register with one another
     update |= {"piece": scene.piece.model_copy(update={"bend": "off"})}
-    if update.get("lamps") or targets is not read:  # what is drawn is what the new files hold
+    if update.get("lamps") or targets is not read:  # the drawn pictures are those of the new files
         masks = {**Reading().model_dump(), "ink": "dark"}
         update["views"] = tuple(v.model_copy(update=masks) for v in scene.views)
     scene = scene.model_copy(update=update)

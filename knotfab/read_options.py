@@ -113,7 +113,7 @@ def read_scene(options: PictureOptions) -> tuple[Scene, Path | None]:
     scene = load_scene(path) if path is not None else Scene()
     given = {table: _keys(options, model) for table, model in KEYS.items()}
     views, search = given.pop("views") | _frame_keys(options), scene.search
-    if "subject_px" in views:  # with the discs that are given, and no others
+    if "subject_px" in views:  # the given discs count, and no others
         views = {"keep_px": (), "drop_px": (), **views}
     if views.keys() & {"subject_px", "keep_px", "drop_px"}:
         views["subject_mask"] = ""  # it is cut anew
@@ -124,7 +124,7 @@ def read_scene(options: PictureOptions) -> tuple[Scene, Path | None]:
     }
     if given["accuracy"].get("name", scene.accuracy.name) != scene.accuracy.name:
         # another preset: the settings of the old one go
-        search_settings(scene.accuracy.name, search)  # what is none is told
+        search_settings(scene.accuracy.name, search)  # an unknown key is told
         search = {key: value for key, value in search.items() if key in OF_NO_PRESET}
     update["search"] = {**search, **given["search"], **_search_keys(options)}
     if options.printer is not None:
@@ -181,7 +181,7 @@ def _frame_keys(options: PictureOptions) -> dict[str, Any]:
         if sided:
             why = "--width or --height is given too"
             raise InputError(f"--size {options.size:g}", why, "Give one of them.")
-    if sided or options.size is not None:  # of which read_call knows the longer one
+    if sided or options.size is not None:  # read_call knows the longer side
         return {"frame_width_mm": options.width, "frame_height_mm": options.height}
     return {}
 
@@ -253,7 +253,7 @@ def _discs(option: str, texts: Collection[str]) -> tuple[Any, ...]:
 
 
 def _largest(option: str, count: int) -> int:
-    if count == 0:  # which the scene writes of all
+    if count == 0:  # a scene's 0 stands for all of them
         raise InputError(f"{option} 0", "it is out of bounds", "Give a whole number from 1.")
     _check_bounds(View, "keep_largest", count, f"{option} {count:g}")
     return count
@@ -298,7 +298,7 @@ def _bender(option: str, text: str) -> str:
     return text if re.fullmatch("[a-z]+", text) else str(at_home(text).absolute())
 
 
-# of keys whose options take more, or say it in other words, than their kind of value
+# keys whose options take more, or say it in other words, than their kind of value
 _READERS: dict[str, Callable[..., Any]] = {
     "ink": _ink,
     "crop_px": _pixels(

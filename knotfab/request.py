@@ -15,7 +15,7 @@ from knotfab_formats.scene import Scene
 
 __all__ = ["Outcome", "Request", "require_device"]
 
-# what follows a search: s, and s for each vertex; of a piece that is printed, and mounted, as well
+# times after a search: s, and s for each vertex; of a piece that is printed, and mounted, as well
 _AFTER_S, _AFTER_PRINTED_S, _AFTER_MOUNT_S, _AFTER_VERTEX_S = 1.2, 3.0, 8.0, 0.55e-3
 
 
@@ -41,7 +41,7 @@ class Request:
     also: frozenset[str] = frozenset()  # files for other tools
     sequence: bool = False  # the pictures are frames of one moving knot
     targets: tuple[Target, ...] = ()  # the pictures, where they have been read already
-    preview: tuple[str, ...] = ()  # what was said of them before the build
+    preview: tuple[str, ...] = ()  # lines of the preview, before the build
 
     def is_mounted(self, knots: int) -> bool:
         """Whether so many knots are printed with a mount."""

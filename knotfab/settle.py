@@ -22,7 +22,7 @@ from knotfab.torch_forms.forms import TorchForms
 
 __all__ = ["settle_part", "tell_depth"]
 
-ROUNDS = 2  # of searching anew
+ROUNDS = 2  # searches anew
 _MUCH_DEEPER = 1.3  # times the depth that was asked for
 
 

@@ -42,8 +42,8 @@ __all__ = [
 ]
 
 MOST_MM, LEAST_MM = 1e5, 1e-3  # the shadow on a tower; a thousandth of a hair
-_MOST_MM = 1e7  # of coordinates, and of a tube's length
-_FAR_MM = 1e9  # of a lamp that stands for the sun, and of the radius of a wall that is all but flat
+_MOST_MM = 1e7  # coordinates, and a tube's length
+_FAR_MM = 1e9  # a lamp that stands for the sun, and the radius of a wall that is all but flat
 _MOST_WHOLE = 10**9
 
 
@@ -68,7 +68,7 @@ WallRadius = Annotated[
 ]
 Angle = Annotated[float, Strict(), Field(ge=-90, le=90)]
 Turn = Annotated[float, Strict(), Field(ge=-3600, le=3600)]
-Density = Annotated[float, Strict(), Field(ge=1e-3, le=25)]  # of aerogel, of osmium
+Density = Annotated[float, Strict(), Field(ge=1e-3, le=25)]  # from aerogel to osmium
 Modulus = Annotated[float, Strict(), Field(ge=1e-3, le=2e6)]  # MPa
 Ratio = Annotated[
     float, Strict(), Field(ge=0, le=1e6)

@@ -74,7 +74,7 @@ __all__ = [
     "known",
 ]
 
-# of the way to the light, and to the wall, that a piece may reach into where its region is "auto"
+# shares of the way to the light, and to the wall, that a piece may reach where its region is "auto"
 LIGHT_SHARE, WALL_SHARE = 0.25, 0.9
 VERIFIED_PX = 1024  # on the longer side of a frame: where shadows are verified, magnitudes told
 

@@ -165,7 +165,7 @@ PRESETS: dict[str, SearchSettings] = {
 }
 
 
-# what no preset decides: another accuracy keeps what a scene says of these
+# keys that no preset decides: another accuracy keeps a scene's values of these
 OF_NO_PRESET = ("seed", "start", "method", "grace", "grace_of", "network_start") + tuple(
     name for name in SearchSettings.model_fields if name.startswith("free_")
 )

@@ -12,4 +12,4 @@ __all__ = ["Array", "Indices", "Mask", "Real"]
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Indices = NDArray[np.int64]
-Real = NDArray[np.floating[Any]]  # in single or double precision
+Real = NDArray[np.floating[Any]]  # single or double precision

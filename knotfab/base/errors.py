@@ -29,7 +29,7 @@ __all__ = [
     "why_of",
 ]
 
-# what a call cannot mend by naming another file
+# faults that a call cannot mend by naming another file
 _OF_MACHINE = {
     "ENOSPC",
     "EDQUOT",

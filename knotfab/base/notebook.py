@@ -16,7 +16,7 @@ class InNotebook:
     """Base of the dataclasses (`repr=False`) that the public functions return."""
 
     def _repr_html_(self) -> str | None:
-        # by its name, for it stands above what it shows
+        # the caption is the picture's name
         page = importlib.import_module("knotfab.report.notebook")
         shown: str | None = page.show(self)
         return shown

@@ -31,11 +31,11 @@ _log = logging.getLogger("knotfab")
 _FRAME_S = 0.1  # between events of one kind, so that watching costs next to nothing
 _DRAWN_S = 0.25  # between pictures on a terminal
 _KEPT_S = 5.0  # between knots at full precision, which a build that is killed leaves behind
-_DOUBT_S = 3.0  # of the usual times: so much must have been measured before they count for half
-_LEAST_COLUMNS, _LEAST_ROWS = 24, 8  # of a picture on a terminal
+_DOUBT_S = 3.0  # measured times count for half once they are so long
+_LEAST_COLUMNS, _LEAST_ROWS = 24, 8  # a picture on a terminal
 _MOST_COLUMNS, _MOST_ROWS = 96, 24
-_AT_LEAST = 0.1  # of a stage's usual time is still to come, however long it has run
-_LATE_S = 2.0  # so long after its usual time a stage takes longer than usual
+_AT_LEAST = 0.1  # a share of a stage's usual time is still to come, however long it has run
+_LATE_S = 2.0  # a stage this long after its usual time takes longer than usual
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ class Progress:
         self._stream = sys.stderr if stream is None else stream
         self._events: list[IO[str]] = [] if events is None else [events]
         self._heard = heard
-        self._raised: BaseException | None = None  # by that
+        self._raised: BaseException | None = None  # raised by the listener
         self._last = ""  # stage that began
         self._draw_knots = draw
         self._views: Sequence[ResolvedView] = ()
@@ -111,7 +111,7 @@ class Progress:
         self._stages: list[tuple[str, float]] = []  # that run, the outer before the inner
         self._fraction: float | None = None
         self._late = False  # the stage that runs takes longer than usual
-        self._most = 0.0  # of the whole, so that the bar never runs back
+        self._most = 0.0  # the largest share so far, so that the bar never runs back
         self._shown, self._level = _Lines(self._say), logging.NOTSET
 
     @property
@@ -286,7 +286,7 @@ class Progress:
 
     def say(self, text: str) -> None:
         """A plain line that a person must see before the end, once; nothing where quiet."""
-        if text in self._told:  # of another frame
+        if text in self._told:  # another frame has told it
             return
         self._told.add(text)
         self.tell("say", text=text)

@@ -28,7 +28,7 @@ from knotfab.batch.worker import (
 __all__ = ["open_cluster"]
 
 _MEMORY = "MEMORY"  # a worker started with --resources MEMORY=8e9 is given as many builds as fit
-_RETRIES = 3  # of a build whose worker was lost
+_RETRIES = 3  # retries of a build whose worker was lost
 _PATIENCE_S = 10  # for the scheduler to answer
 _LOOK_EVERY_S = 0.5  # whether anybody still waits for a build
 _KEPT_S = 20.0  # that a worker keeps what builds have loaded, a GB, for the next

@@ -71,7 +71,8 @@ def batch(
             progress.say(sentence)
         if kept:
             progress.say(f"{len(kept)} pictures are built already")
-        written = _write(folder, tasks, records)  # what cannot be written is told before any work
+        # a folder that cannot be written is told before any work
+        written = _write(folder, tasks, records)
         try:
             with progress.stage("pictures"):
                 for task, record in build(missing, folder):

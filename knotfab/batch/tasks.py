@@ -18,7 +18,7 @@ from knotfab.picture.read import TEXT_PREFIX, is_picture, name_picture
 
 __all__ = ["INDEX", "RECORDS", "Task", "content_of", "list_arguments", "list_tasks"]
 
-# what a batch writes beside the folders of its pictures
+# files of a batch beside the folders of its pictures
 RECORDS, INDEX = "batch.json", "index.html"
 _FILES = ("scene", "start", "printer", "material", "font")  # options that may name a file
 _MOST_READ = 2**30  # bytes of a file; of a larger one size and time tell it apart
@@ -54,7 +54,7 @@ def list_tasks(
         InputError: nothing is named, two pictures would have one name, or a folder holds none.
     """
     sources = list(pictures)
-    if not options.sequence:  # of which each is a folder, or an animation
+    if not options.sequence:  # with --sequence each is a folder, or an animation
         sources = [source for named in pictures for source in _expand(named, leave_out)]
     if not sources:
         raise InputError(
@@ -68,7 +68,7 @@ def list_tasks(
     tasks: dict[str, Task] = {}
     for source in sources:
         name = name_picture(source)
-        same = tasks.get(name.casefold())  # as disks have it that take A for a
+        same = tasks.get(name.casefold())  # some disks take A for a
         if same is not None:
             raise InputError(
                 source,

@@ -32,7 +32,7 @@ __all__ = [
 Record = dict[str, Any]  # name, picture, key, exit_code, seconds, iou, verdict, reported, error
 _ENDINGS = (0, 1, 2, 3, 130)  # the exit codes of the contract; others are none of a build's own
 _ALONE = {**ONE_THREAD, "PYTHONIOENCODING": "utf-8"}  # environment of a build beside others
-_MOST_RUNS = 2  # of a build that is killed, which may have been for want of memory beside another
+_MOST_RUNS = 2  # a killed build runs again once: its memory may have been short beside another
 
 
 def open_builders(jobs: int, share: int | None = None) -> Workers:
@@ -50,7 +50,7 @@ def build_apart(task: Task, folder: Path, builders: Workers) -> Record:
     """Build one picture into `folder` in a process of its own, one of `open_builders`."""
     begun = time.perf_counter()
     earlier = _stamp(folder / REJECTED / "report.json")
-    # what comes after "--" is no option, whatever it is called
+    # words behind "--" are no options, whatever they are called
     arguments = ["build", *task.arguments, f"--out={folder}", "--quiet", "--", task.picture]
     for _ in range(_MOST_RUNS):
         code, error = run_apart(builders, arguments)
@@ -102,7 +102,7 @@ def record_of(
         "seconds": round(seconds, 2),
         "iou": None if report is None else _least_iou(report),
         "verdict": ((report or {}).get("verdict") or {}).get("word"),
-        "reported": report is not None,  # what lies there may be an earlier build's
+        "reported": report is not None,  # a report that lies there may be an earlier build's
         "error": error,
         "key": task.key,
     }

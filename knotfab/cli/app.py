@@ -48,7 +48,7 @@ def main(arguments: list[str] | None = None, began: float | None = None) -> None
     why = why_unsaid()
     if why is not None:
         print(f"knotfab: {why}", file=sys.stderr)
-    gc.freeze()  # what is left ends with the process: to look through it all would take a second
+    gc.freeze()  # all memory is freed when the process ends: to look through it would take a second
     sys.exit(code or (0 if why is None else 3))
 
 

@@ -218,7 +218,7 @@ def tradeoff(
     chosen, _ = read_scene(options)
     check_names(chosen)
     for picture in pictures:
-        read_target(picture, chosen.views[0])  # what is no picture is told at once
+        read_target(picture, chosen.views[0])  # a file that is no picture is told at once
     from knotfab.tradeoff.run import tradeoff as run
 
     with Progress("quiet" if quiet else "auto") as progress:

@@ -79,7 +79,7 @@ def print_checks(checks: Sequence[dict[str, Any]]) -> None:
     for check in checks:
         if check["status"] == "skipped" and not check["required"]:
             reasons.setdefault(check["detail"], []).append(check["name"])
-        # of a part from elsewhere a person wants to know what was found in it
+        # a person wants to know what was found in a part from elsewhere
         elif check["detail"] and (check["status"] != "pass" or check["name"] == "centre_line"):
             line = f"  {escape(check['name'])}: {escape(check['detail'])}"
             console.print(line, highlight=False, soft_wrap=True)

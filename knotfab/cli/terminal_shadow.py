@@ -17,7 +17,7 @@ from knotfab_formats.scene import ResolvedView
 __all__ = ["draw_shadow"]
 
 _ACROSS, _DOWN = 2, 4  # dots of a character
-# of the dots of a character, row by row (Unicode 2800)
+# bits of a character's dots, row by row (Unicode 2800)
 _BITS = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]])
 _GAP = 2  # columns between views
 

@@ -15,15 +15,15 @@ __all__ = ["find_marks"]
 
 _LOOKED_PX = 2000  # longer side at which they are looked for
 _WINDOWS = (1 / 12, 1 / 30, 1 / 75)  # of that: about which the light is averaged
-_DARKER = 0.85  # than that average
+_DARKER = 0.85  # times that average
 _LEAST_PX = 9  # across a mark
-_LARGEST = 0.25  # of the photograph's longer side
+_LARGEST = 0.25  # a share of the photograph's longer side
 _DOT, _LIGHT, _RING = MARK_RADII_MM
 # shares of the disc within the dark ring's outline: not in the ring, and in the dot. Blur, and a threshold
 # that is not half-way, move both
 _HOLE, _MIDDLE = (_LIGHT / _RING) ** 2, (_DOT / _RING) ** 2
-_OFF = 0.4  # of these shares, either way
-_APART = 0.08  # of a mark's size, between the middles of its dot and of its ring
+_OFF = 0.4  # these shares may be off by this share, either way
+_APART = 0.08  # a share of a mark's size, between the middles of its dot and of its ring
 _LIKE_AN_ELLIPSE = 0.06
 _FLATTEST = 0.3  # shorter over longer side, as it is seen
 

@@ -24,10 +24,10 @@ __all__ = [
 ]
 
 _LOOKED_PX = 500  # longer side at which the plate is looked for
-_STRIP = 0.04  # of its width, along its edge, that is taken to be wall
-_LEAST_SHARE = 0.04  # of the photograph that a plate covers
+_STRIP = 0.04  # a strip along the plate's edge, as a share of its width, that is taken to be wall
+_LEAST_SHARE = 0.04  # a plate covers at least this share of the photograph
 _LIKE_A_PLATE = 0.95  # IoU of a region and the quadrilateral about it
-_FAINT = 0.12  # of the light that a shadow takes away at least
+_FAINT = 0.12  # a shadow takes away at least this share of the light
 _ROUNDS = 6
 
 
@@ -83,7 +83,7 @@ def rectify(photo: Array, corners: Array, size: tuple[int, int], pad: tuple[int,
     frame = np.array([[0, 0], [width, 0], [width, height], [0, height]]) - 0.5
     u, v = np.meshgrid(np.arange(-pad_u, width + pad_u), np.arange(-pad_v, height + pad_v))
     at = through(homography(frame, corners), np.stack([u.ravel(), v.ravel()], axis=1).astype(float))
-    # as many px of the photograph as there are to one here
+    # one px here to each px of the photograph
     blur = max(0.0, 0.4 * float(np.sqrt(shapely.Polygon(corners).area / (width * height))) - 0.4)
     smooth = ndimage.gaussian_filter(photo, blur) if blur > 0 else photo
     seen = ndimage.map_coordinates(smooth, at[:, ::-1].T, order=1, cval=np.nan)

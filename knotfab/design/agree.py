@@ -39,19 +39,17 @@ from knotfab_formats.scene import Scene, View
 __all__ = ["AGREED", "Agreement", "agree", "apply_bending", "require_agreed"]
 
 AGREED = 0.995  # bounds from here on are agreement: nothing is moved or bent
-MOST_BENT = (
-    0.12  # of the height: how far a point moves at most where nobody says (docs/scenarios.md)
-)
+# a share of the height: how far a point moves at most by default (docs/scenarios.md)
+MOST_BENT = 0.12
 _HOPELESS = 0.5  # a bound below which no search is begun
 _MOST_VIEWS = 12
 _ALIKE_DEG = 3.0  # lines of sight nearer to each other are one
 _CHECK_PX = 384
-_SCALED = (
-    12  # times that a bending is scaled back at most until the picture keeps its pieces and holes
-)
-_SLACK = 0.0008  # of a bound: what a coarse measure may be off
+# times that a bending is scaled back at most until the picture keeps its pieces and holes
+_SCALED = 12
+_SLACK = 0.0008  # a share of a bound: the error of a coarse measure
 _ADDED = 0.003  # likewise, of one that is known
-_SAID = 0.001  # of a bound: what nobody needs to be told
+_SAID = 0.001  # a share of a bound: nobody needs to be told of less
 
 
 @dataclass(frozen=True)

@@ -22,25 +22,25 @@ from knotfab.scene.camera import Camera, Plane
 
 __all__ = ["Tension", "bend_pictures"]
 
-_SIDE_PX = 96  # of a picture's longer side
-_FINE_PX = 384  # at which distances from its outline are taken
+_SIDE_PX = 96  # px of a picture's longer side
+_FINE_PX = 384  # px of the longer side at which distances from the outline are taken
 _STEPS = 97  # samples of a ray
-_SPARE = 0.16  # of the side, about the frame: what moves there is out of the picture
+# a share of the side, about the frame: a place that moves there is out of the picture
+_SPARE = 0.16
 _BLURS_PX = (6.0, 1.0)  # half the width of a soft outline, first and last
-_WEIGHTS = (0.3, 0.001)  # of the elastic energy, first and last
+_WEIGHTS = (0.3, 0.001)  # weights of the elastic energy, first and last
 _ROUNDS, _TURNS = 16, 8  # weights that are tried, steps with each
 _LESS = 0.95
-_PACE = 0.004  # of the height: the length of a step
-_PLACE = 0.12  # of the height: moving all by this costs as much as stretching all by one
+_PACE = 0.004  # a share of the height: the length of a step
+_PLACE = 0.12  # a share of the height: moving all by this costs as much as stretching all by one
 _STIFF = 2.0  # times: strokes and round holes
-_SLOPE = 0.45  # of the field, along either side, from which on it is held back
-_STEEPEST = 0.69  # of either side: with two of .7 some step might vanish
+_SLOPE = 0.45  # the field's slope, along either side, from which on it is held back
+_STEEPEST = 0.69  # the steepest slope of either side: with two of .7 some step might vanish
 _FOLD = 3.0
-_THIN = 0.07  # of the height: what is narrower is a stroke
-_HOLE = 0.02  # of its square: smaller holes are small
-_DENSE = (
-    0.25  # of the place about a control point: as much of strokes and small holes makes it stiff
-)
+_THIN = 0.07  # a share of the height: a narrower part is a stroke
+_HOLE = 0.02  # a share of the height's square: smaller holes are small
+# a share of the place about a control point: so much of strokes and small holes makes it stiff
+_DENSE = 0.25
 
 
 class Tension:

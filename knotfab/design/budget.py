@@ -16,7 +16,7 @@ __all__ = ["Budget", "require_budget", "resolve_iterations", "scale_to_budget", 
 _LEAST_S, _LEAST_SEVERAL_S, _LEAST_FRAME_S = 5.0, 12.0, 4.0
 # for the design of a view, below which it takes the draft's trials, pictures and spacing, or the sketch's
 _SHORT_S, _SHORTEST_S = 6.0, 3.0
-_SEARCH_VERTEX_S = 0.12e-3  # of the least search, for each vertex
+_SEARCH_VERTEX_S = 0.12e-3  # seconds of the least search, for each vertex
 _USUAL_VERTICES = 2500
 _MOST = 4.0  # times slower: more is no measure of anything
 _LESS = ("coarse_px", "fine_px", "depth_candidates", "radius_candidates", "mesh_sides")

@@ -25,8 +25,9 @@ __all__ = [
     "usual_radii",
 ]
 
-DEPTH_RATIO = 0.66  # of the extent across: the contract asks for 0.6, the flow may take a little
-_WIDEST_MM = 1000.0  # of a frame that is advised: what a person may hang up
+# depth over the extent across: the contract asks for 0.6, the flow may take a little
+DEPTH_RATIO = 0.66
+_WIDEST_MM = 1000.0  # the widest frame that is advised: a person may hang it up
 _NOZZLES = (0.3, 0.25, 0.2, 0.15, 0.1)  # mm, that are sold
 _UNEVEN = 0.4  # px by which a line's width varies as it is drawn
 _DRAWN = 0.9  # IoU of the opening that makes a picture of lines worth drawing
@@ -40,7 +41,7 @@ class RadiusRange:
     thickest: float
     candidates: int | None  # None: as the settings say
     drawn: float  # score below which thinner tubes are tried as well
-    thinner: int  # of these
+    thinner: int  # the number of these that are thinner
     hopeless: float  # score behind the best that nothing makes up for; of several views
     trials: int  # starts that are drawn of these
     give: float  # IoU of the start, at least; of one view's template as much as the settings say
@@ -91,7 +92,7 @@ def usual_radii(
     thick = max(span.thickest * side, (1.5 if one else 1.2) * usual)
     radii = np.geomspace(usual, thick, span.candidates or count).round(4).tolist()
     thin: list[float] = []
-    if thinnest < usual:  # as far as the printer goes
+    if thinnest < usual:  # try thinner tubes as far as the printer goes
         thin = np.geomspace(thinnest, usual, span.thinner)[:-1].round(4).tolist()
     return radii, thin
 

@@ -56,7 +56,7 @@ __all__ = [
 
 REGION_FILE = "region.stl"
 START_FILE = "start.json"
-_FRONT = 0.2  # of the way to the light that a piece of unknown depth is taken to reach
+_FRONT = 0.2  # a piece of unknown depth is taken to reach this share of the way to the light
 
 
 @dataclass(frozen=True, repr=False)
@@ -75,7 +75,7 @@ class Design(InNotebook):
     radius: RadiusChoice | None
     opening_iou: float
     settings: SearchSettings
-    region_stl: bytes | None = None  # of a region that is a mesh: the file that the scene names
+    region_stl: bytes | None = None  # the file that the scene names, where the region is a mesh
     start_json: bytes | None = None  # the knots that the search went on from, likewise
     unmet: Feasibility | None = None
     binding: tuple[LimitPrice, ...] = ()
@@ -177,7 +177,7 @@ def design_knots(
         settle_design(question, result, settings),
         radius=choice,
         start_ious=start.ious,
-        # what a free view turns in the end, or what sparser strands replaced, led to no such knots
+        # turns of a free view, or sparser strands, led to no such knots
         history=() if unmet or settings.free_view else tuple(history.states),
     )
     return price_design(made, question, start, unmet, progress, forms, budget)
@@ -242,7 +242,7 @@ def settle_design(question: Question, result: SearchResult, settings: SearchSett
     if settings.start:
         start_json = read_start(Path(settings.start)).dump_start().encode()
         settings = settings.model_copy(update={"start": START_FILE})
-    # what the part must reach: the scene's, or what follows from what its pictures allow
+    # the IoU that the part must reach: the scene's, or the one that its pictures allow
     asked = question.scene.accuracy.iou_floor
     floor = settings.floor(question.most_iou(radius)) if isinstance(asked, str) else asked
     return Design(

@@ -33,7 +33,7 @@ __all__ = [
 
 LONGER_FRAME_MM = 180.0  # the picture's longer side on the wall, where the scene does not say
 _SLIM = 1.25  # times the tube's shadow: thinner strokes are drawn along their lines
-_WIDEST = 0.25  # of the picture's narrower side: the widest strokes
+_WIDEST = 0.25  # a share of the picture's narrower side: the widest strokes
 _ROOM = 1.1  # width of a stroke that is filled over the thinnest tube's shadow
 # why only one picture is drawn along its lines
 _ASIDE = (
@@ -69,7 +69,7 @@ def name_views(pictures: Sequence[str]) -> list[str]:
     for picture in pictures:
         plain, number = name_picture(picture), 1
         name = plain
-        while name.casefold() in map(str.casefold, names):  # as disks have it that take A for a
+        while name.casefold() in map(str.casefold, names):  # some disks take A for a
             number += 1
             name = f"{plain}-{number}"
         names.append(name)
@@ -109,7 +109,7 @@ def framed_alike(scene: Scene, targets: Sequence[Target]) -> Scene:
     level = [n for n, v in enumerate(scene.views) if abs(v.elevation_deg) < _LEVEL_DEG]
     if not all(free) or len(level) < 1:
         return scene
-    # what a longer side of 1 mm gives each view in units of the common height
+    # the length that a longer side of 1 mm gives each view, in units of the common height
     longer = [1.0 / e.height for e in extents]
     first = level[0]
     for n in range(len(extents)):
@@ -173,7 +173,7 @@ def widen_targets(
     """
     if any(view.tone == "lines" for view in scene.views):
         return _draw_tones(scene, targets, sequence)
-    if not sequence and len(targets) > 1:  # what is widened must not change the frames
+    if not sequence and len(targets) > 1:  # widened strokes must not change the frames
         framed = framed_alike(scene, targets)
     else:
         framed = scene

@@ -120,7 +120,7 @@ def move_views(scene: Scene, targets: Sequence[Target], bent: bool) -> Scene:
     tried = [(value(_placed(scene, places)), places) for places in _arrangements(first)]
     tried.sort(reverse=True)
     if not within_reach(_placed(scene, tried[0][1])):
-        # what is drawn from closer directions reaches deeper, and is drawn less well
+        # a picture seen from closer directions reaches deeper, and is drawn less well
         closer = [p for _, places in tried[:_BEST] for p in _closer(places)]
         tried += [(value(_placed(scene, places)), places) for places in closer]
     best, most = scene, value(scene) + _WORTH

@@ -30,7 +30,7 @@ SHORT: dict[str, Any] = {
 _NEAR = 0.05  # a limit that is kept by less than this share of itself binds
 _GAIN = 0.005  # IoU below which a limit costs nothing
 _USUAL_CLEARANCE = 0.4  # mm, a scene's default
-_KEYS = {  # of a limit: its key, its name, and what the knots found without it have
+_KEYS = {  # for each limit: its key, its name, and the figure of the knots found without it
     "bend": ("[material] min_bend_radius_mm", "the bend limit", "bends to {} mm"),
     "clearance": ("[piece] clearance_mm", "the clearance", "leaves gaps of {} mm"),
     "region": ("[region] size_mm", "the region", "takes {} mm of room"),

@@ -28,12 +28,13 @@ _NOTHING = 0.5  # IoU below which there is no picture
 # IoU of a start for several views with which no thinner tube is tried, or taken: the search then ends about
 # six times nearer to the pictures
 _ENOUGH = 0.86
-_THINNER = 0.75  # how much thinner, against the thinnest so far
+_THINNER = 0.75  # the next radius over the thinnest so far
 _WORKERS = 2  # radii side by side; their outcome does not depend on it
 _LONGER = 1.4  # times its template: a knot of some depth; a knight, a bicycle: 1.42 to 1.46
 _USUAL_MAGNIFICATION = 1.2  # a scene's defaults have it
 _FEW = 4  # depth profiles, where only a place for a knot is looked for
-_KEPT: dict[str, _Trials] = {}  # of the last question: a build asks again what its preview asked
+# trials of the last question: a build asks again what its preview asked
+_KEPT: dict[str, _Trials] = {}
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,8 @@ class RadiusChoice:
     trials: tuple[RadiusTrial, ...]
     template: Template | None = None
     start: Start | None = None
-    templates: Mapping[float, Template] = field(default_factory=dict)  # of one view, by radius
+    # templates of one view, by radius
+    templates: Mapping[float, Template] = field(default_factory=dict)
 
 
 @dataclass
@@ -122,7 +124,8 @@ class _Trials:
         return self.begun[radius]
 
     def _begin(self, radius: float) -> float:
-        problem = self.question.with_depth(radius).problem  # as the search will be asked
+        # the problem that the search will be asked
+        problem = self.question.with_depth(radius).problem
         filling = self.settings.network_start == "filling"
         settings = self.settings
         if not filling:
@@ -173,7 +176,7 @@ def choose_radius(
     give = max(span.give, settings.radius_give)
     thinnest = question.scene.printer.min_tube_radius_mm
     least, alike = settings.radius_from, views
-    if trials.filled and not trials.one_view:  # as thick on the screen as a single view's
+    if trials.filled and not trials.one_view:  # as thick on the screen as a single view's tube
         least, alike = least * _USUAL_MAGNIFICATION / views[0].magnification, views[:1]
     radii, thin = usual_radii(alike, thinnest, settings.radius_candidates, least)
     if question.problem.views[0].lines:  # strokes are as wide as one tube

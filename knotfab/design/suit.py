@@ -17,7 +17,7 @@ GRACE = {
     "wire": (10.0, "bends"),  # every one is to be made by hand
     "several": (2.65, "curves"),  # several pictures pull together, and wrinkle strands more
 }
-_LINE_PX = 5.0  # of the fine picture, to the width of a line
+_LINE_PX = 5.0  # px of the fine picture to the width of a line
 
 
 def suit(settings: SearchSettings, question: Question, given: Collection[str]) -> SearchSettings:

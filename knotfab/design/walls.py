@@ -88,7 +88,7 @@ def _require_inside(view: ResolvedView, wall: CurvedWall, target: Target) -> Non
     first, last = mask.argmax(axis=1), target.width - 1 - mask[:, ::-1].argmax(axis=1)
     mask = target.mask[:, columns]
     top, bottom = mask.argmax(axis=0), target.height - 1 - mask[::-1].argmax(axis=0)
-    # of every row and column its ends: all between them stays between them
+    # keep the ends of every row and column: all between them stays between them
     pairs = ((first, rows), (last, rows), (columns, top), (columns, bottom))
     drawn = np.concatenate([np.column_stack(pair) for pair in pairs]).astype(np.float64)
     flat = _to_flat(view, wall, target, drawn)

@@ -40,10 +40,10 @@ __all__ = [
 
 Box = tuple[float, float, float, float]  # left, bottom, right, top
 
-OVERLAP_MM = 10.0  # what neighbouring pages share
+OVERLAP_MM = 10.0  # neighbouring pages share this
 RULER_MM = 100.0
 FULL_SIZE = "print at 100 %, not fitted to the page"
-_HEAD_MM = 16.0  # at the foot of each page, for the ruler and the page's name
+_HEAD_MM = 16.0  # room at the foot of each page, for the ruler and the page's name
 
 
 @dataclass(frozen=True)
@@ -229,7 +229,7 @@ def draw_tile(paper: Paper, tile: Tile) -> tuple[Figure, Axes, Array, Rectangle]
     x0, y0 = paper.margin, paper.margin + _HEAD_MM
     window = Rectangle((x0, y0), wide, high, fill=False, lw=0.2, ec="0.6")
     axes.add_patch(window)
-    # in the middle of the shared strips, the same places of the drawing on both pages
+    # the same places of the drawing on both pages, in the middle of the shared strips
     half = 0.5 * OVERLAP_MM
     for x in (x0 + half, x0 + wide - half):
         for y in (y0 + half, y0 + high - half):

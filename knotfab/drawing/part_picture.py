@@ -109,7 +109,8 @@ def _render(
         steep = abs(back[1]) > STEEP
         right = np.cross((0.0, 0.0, -1.0) if steep else (0.0, 1.0, 0.0), back)
         right /= np.linalg.norm(right)
-        axes = np.stack([right, np.cross(back, right), back])  # to the right, up, and to the eye
+        # axes: to the right, up, and to the eye
+        axes = np.stack([right, np.cross(back, right), back])
         seen, turned = points @ axes.T, normals @ axes.T
         scale = 0.5 * pixels * (away - 0.5 * reach) / (MARGIN * reach)
         below = scale / (away - seen[:, 2])
@@ -130,7 +131,7 @@ def _shade(found: NDArray[np.bool_], normal: Array) -> NDArray[np.uint8]:
         lamp = np.array(where) / np.linalg.norm(where)
         facing = n @ lamp
         lit += strength * np.maximum(facing, 0.0)
-        mirrored = 2 * facing * n[:, 2] - lamp[2]  # of the mirrored ray, its share towards the eye
+        mirrored = 2 * facing * n[:, 2] - lamp[2]  # the mirrored ray's share towards the eye
         shine += strength * np.where(facing > 0, np.maximum(mirrored, 0.0) ** SHINE, 0.0)
     colour = (AMBIENT + DIFFUSE * lit)[:, None] * np.array(TUBE) + (SPECULAR * shine)[:, None]
     panel = np.full((*found.shape, 3), PAPER, dtype=np.uint8)

@@ -53,9 +53,8 @@ class OutputFolder:
     def __init__(self, path: str | Path) -> None:
         self.path = at_home(path)
         self._hidden: Path | None = None
-        self._held: int | None = (
-            None  # the lock that tells a living build's folder from a killed one's
-        )
+        # the lock that tells a living build's folder from a killed one's
+        self._held: int | None = None
         self._created: list[Path] = []
 
     @property

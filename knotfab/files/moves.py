@@ -22,9 +22,8 @@ REJECTED = "rejected"
 HIDDEN = ".knotfab-"
 _DO, _UNDO = "moves.json", "undo.json"
 
-Step = tuple[
-    str | None, str
-]  # from where in the hidden folder (None: nothing comes), to where in DIR
+# from a place in the hidden folder (None: nothing comes) to one in DIR
+Step = tuple[str | None, str]
 
 
 def move_all(folder: Path, hidden: Path, steps: Sequence[Step]) -> None:
@@ -135,7 +134,7 @@ def sync(path: Path) -> None:
     try:
         handle = os.open(path, os.O_RDONLY if folder else os.O_RDWR)
     except PermissionError:
-        if folder:  # which Windows opens for nobody
+        if folder:  # Windows opens no folder
             return
         raise
     try:

@@ -21,7 +21,7 @@ from knotfab.geometry.meshes import Mesh, join_meshes, split_shells
 
 __all__ = ["About", "read_back_strict", "read_shells", "write_3mf", "write_coloured_3mf"]
 
-DECIMALS = 6  # of a millimetre, written out
+DECIMALS = 6  # decimals of a millimetre, written out
 
 
 @dataclass(frozen=True)

@@ -39,7 +39,7 @@ from knotfab.options import HELP, BuildOptions, PictureOptions
 
 __all__ = ["make_server", "serve"]
 
-_running: set[threading.Event] = set()  # what ends each job that runs
+_running: set[threading.Event] = set()  # events that end each job that runs
 _LEFT_OUT = {"quiet", "verbose"}  # there is no terminal
 _TEXT, _LIST = {"type": "string"}, {"type": "array", "items": {"type": "string"}}
 _PICTURES = {
@@ -191,7 +191,7 @@ def serve(allow: Sequence[Path] = ()) -> None:
 
 async def _serve() -> None:
     server = make_server()
-    # what libraries write to standard output goes to standard error meanwhile
+    # libraries' words for standard output go to standard error meanwhile
     async with anyio.create_task_group() as tasks:
         tasks.start_soon(_end_when_asked)
         async with stdio_server() as (read, write):

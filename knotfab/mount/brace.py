@@ -16,19 +16,19 @@ from knotfab.mount.struts import GROUND, Candidates, Obstacles, Sites, join
 __all__ = ["Braced", "brace"]
 
 
-NORM = 12.0  # of the displacements: nearly their largest, but smooth
+NORM = 12.0  # the norm of the displacements: nearly their largest, but smooth
 TRIED = 5  # hidden members that are tried before one is added
 TRIED_VISIBLE = 6
 LOOKED_AT = 400  # candidates of highest promise among which those are sought
-IDLE_ROUNDS = 4  # in which nothing helps, before it is left at that
+IDLE_ROUNDS = 4  # rounds in which nothing helps, before the search ends
 APART_RADII = 4.0  # tube radii between the ends of members that are tried together
-DEAR_SHARE = 1e-5  # of the frame: a member that darkens so much must help twice as much
-LEAST_GAIN = 0.01  # of the displacement, that a member must take away
+DEAR_SHARE = 1e-5  # a share of the frame: a member that darkens so much must help twice as much
+LEAST_GAIN = 0.01  # a member must take away at least this share of the displacement
 THICKER = 1.15  # times its radius, when a visible member is
-MOST_SHARE = 0.95  # of the tube's radius that a member may have
-SEEN_SHARE = 1e-5  # of the frame: a member that darkens more shows
+MOST_SHARE = 0.95  # a member's largest radius over the tube's
+SEEN_SHARE = 1e-5  # a share of the frame: a member that darkens more shows
 MOST = 100  # members that are added
-WANTED = 0.92  # of the limit, so that the second model meets it too
+WANTED = 0.92  # a share of the limit, so that the second model meets it too
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ def brace(
     limit = WANTED * stiffness.max_sag_mm
     members, best = given, given
     least, idle = np.inf, 0
-    # of each member, the share of the frames that it alone darkens, summed; what is settled is not asked
+    # the share of the frames that each member alone darkens, summed; none is asked once that is settled
     seen = np.zeros(len(given) if settled else 0)
     while True:
         frame = piece_frame(knots, sites, members, stiffness)
@@ -143,7 +143,7 @@ class _Search:
         self.candidates, self.obstacles, self.apart = candidates, obstacles, apart_mm
         self.blocked = np.zeros(len(candidates), dtype=bool)  # something is in the way, for good
         self.free = np.zeros(len(candidates), dtype=bool)  # nothing is in the way by now
-        self.spoiled: list[int] = []  # of no use by now, nor what is near them
+        self.spoiled: list[int] = []  # members of no use by now, with their neighbours
 
     def best(self, promise: Array, group: Mask, most: int) -> Indices:
         """Up to `most` clear candidates of a group, of high promise, and well apart."""

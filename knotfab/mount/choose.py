@@ -17,9 +17,9 @@ __all__ = ["Pegs", "choose_pegs"]
 
 
 APART_RADII = 4.0  # between the middles of two feet, so that each keeps its fillet
-CANDIDATES = 192  # of one knot: in each stretch of its length the shortest free ray
-TRIED = 32  # of them when a peg is added: those nearest to where it sags most
-MOST = 60  # of one knot
+CANDIDATES = 192  # rays of one knot: in each stretch of its length the shortest free one
+TRIED = 32  # candidates when a peg is added: those nearest to where it sags most
+MOST = 60  # pegs of one knot
 STUCK = 4  # pegs in a row that hardly help
 # Of the displacements whose sum a further peg is to lower; the largest alone may stay the same
 # wherever one peg is put.

@@ -16,9 +16,9 @@ from knotfab_fixtures.peg import peg
 __all__ = ["COUPON", "PLAYS_MM", "Coupon", "plan_coupon"]
 
 COUPON = "coupon.3mf"
-# by which the holes are wider than the pin: as many dots as tenths
+# play of the holes about the pin: as many dots as tenths
 PLAYS_MM = (0.1, 0.2, 0.3, 0.4, 0.5)
-LONGEST_MM = 20.0  # of the peg that stands on the strip
+LONGEST_MM = 20.0  # the longest peg on the strip
 KNOB_MM = 4.0
 LEAST_STRIP_MM = 3.0
 APART_MM = 5.0

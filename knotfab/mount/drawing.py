@@ -51,7 +51,7 @@ __all__ = ["Sheets", "draw_sheets", "shadow_outlines", "write_setup"]
 
 Misplacement = Mapping[str, Any] | None
 
-SIDE: Box = (14.0, 176.0, 196.0, 268.0)  # where on the page each view is drawn
+SIDE: Box = (14.0, 176.0, 196.0, 268.0)  # the place on the page of each view's drawing
 FRONT: Box = (20.0, 62.0, 108.0, 152.0)
 WORDS_X, WORDS_Y, WORDS_WIDE = 118.0, 160.0, 58  # column of words: left, top, characters
 LEFT, COSTS_Y = 14.0, 42.0
@@ -175,7 +175,7 @@ def _costs(axes: Axes, left: float, lines: Sequence[str]) -> None:
 
 def _side_view(axes: Axes, mounted: Mounted, place: Placement, view: View) -> Scaled:
     """Lamp, piece and wall from the left of someone at the lamp: the lamp is at the right."""
-    # to the right of the page: level towards the lamp; the viewer is at the piece's left
+    # axes to the right of the page: level towards the lamp; the viewer is at the piece's left
     seen = np.stack([place.level[2], place.level[1], -place.level[0]])
     piece = project_outlines(mounted.solids, seen)
     lamp = seen[:2] @ place.lamp

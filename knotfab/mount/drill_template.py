@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 __all__ = ["SPARE_DEPTH_MM", "write_drill_template"]
 
 
-SPARE_DEPTH_MM = 1.0  # by which a hole is deeper than its dowel
+SPARE_DEPTH_MM = 1.0  # a hole is so much deeper than its dowel
 LISTED = 40  # holes on the page of words
 _EDGE_MM = 4.0  # around the frame
 
@@ -68,7 +68,7 @@ def write_drill_template(
 
 def _facts(place: Placement, across: Array, deep: float) -> list[str]:
     """The page of words: what to do, and the table of the holes."""
-    bits = sorted({ceil(10 * a - 1e-6) / 10 for a in across})  # what is sold has no more digits
+    bits = sorted({ceil(10 * a - 1e-6) / 10 for a in across})  # bits are sold with no more digits
     lines = [
         "Print all pages at 100 %, not fitted to the page.",
         f"Measure the ruler: it must be {length(RULER_MM)} mm long. If it is not, do not drill.",

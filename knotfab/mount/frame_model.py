@@ -14,7 +14,7 @@ __all__ = ["Beams", "SpaceFrame", "frame_of", "round_beams", "stiffness_of"]
 
 
 GRAVITY_M_S2 = 9.81
-POISSON = 0.35  # of filament plastics; it enters through the twist alone
+POISSON = 0.35  # Poisson's ratio of filament plastics; it enters through the twist alone
 
 
 @dataclass(frozen=True)

@@ -46,18 +46,16 @@ MOST_TILT_DEG = 1.0  # that the piece may hang askew
 HOLE_MM = 3.0  # across the eyelet's hole
 THREAD_MM = 1.0  # across the thread's way, with some room
 UP = np.array([0.0, 1.0, 0.0])
-_HEIGHTS = 24  # of the eyelet, that are tried
-_ABOVE = 0.15  # of the piece's height: the least from its centre of mass to the eyelet
+_HEIGHTS = 24  # heights of the eyelet that are tried
+_ABOVE = 0.15  # a share of the piece's height: the least from its centre of mass to the eyelet
 _TRIED = 400  # posts, from the one that shows least on
-MOST_POSTS = 4  # from strands to the eyelet
-_OVER = 0.3  # of a further post's length, by which it may come down to the eyelet
+MOST_POSTS = 4  # posts from strands to the eyelet
+_OVER = 0.3  # a share of a further post's length, by which it may come down to the eyelet
 _APART_COSINE = 0.7  # between posts that meet at the eyelet
-_SPREAD_RADII, _WEIGHED = (
-    6.0,
-    12,
-)  # between the ends of further posts that are weighed, and how many are
-_HELPS = 0.9  # of the sag before, that a further post must leave at most
-_ROUNDS = 4  # of moving the eyelet above the centre of mass, to which post and eyelet add
+# between the ends of further posts that are weighed, and how many are
+_SPREAD_RADII, _WEIGHED = 6.0, 12
+_HELPS = 0.9  # a further post must leave at most this share of the sag before
+_ROUNDS = 4  # rounds of moving the eyelet above the centre of mass, to which post and eyelet add
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 __all__ = ["lamps_sheet"]
 
-ZONE: Box = (26.0, 92.0, 184.0, 262.0)  # where on the page it is drawn
+ZONE: Box = (26.0, 92.0, 184.0, 262.0)  # the drawing's place on the page
 BESIDE_MM = 14.0  # on the page, from what is drawn to its dimensions
 ROW_MM, WIDE = 4.2, 120  # between lines of words, and characters in each
 BAR = "0.9"
@@ -39,7 +39,7 @@ def lamps_sheet(
     paper = PAPERS["a4"]
     figure, axes = make_page(paper)
     right, up, out = places[0].level
-    above = np.stack([right, -out, up])  # to the right and up the page, and to the viewer
+    above = np.stack([right, -out, up])  # axes: to the right and up the page, and to the viewer
     piece = project_outlines(mounted.solids, above)
     lamps = np.stack([above[:2] @ place.lamp for place in places])
     screen = _across(places[0], above)

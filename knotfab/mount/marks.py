@@ -18,12 +18,8 @@ CARD_MM = 30.0
 # a dot, a light ring and a dark one: of the disc that the dark ring bounds, 4/9 lie in it and 1/9 are dot
 MARK_RADII_MM = (4.0, 8.0, 12.0)
 _NAMES = ("top left", "top right", "bottom right", "bottom left")
-_INNER = (
-    (1, -1),
-    (-1, -1),
-    (-1, 1),
-    (1, 1),
-)  # of each card, the corner that is laid on, right and up
+# the corner of each card that is laid on, right and up
+_INNER = ((1, -1), (-1, -1), (-1, 1), (1, 1))
 
 
 def card_middles(frame_mm: tuple[float, float], margin_mm: float) -> Array:

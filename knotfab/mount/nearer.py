@@ -21,10 +21,10 @@ from knotfab_formats.scene import LIGHT_SHARE, ResolvedView
 
 __all__ = ["Place", "propose_place"]
 
-SHARES = (1.0, 0.85, 0.7, 0.6, 0.5, 0.42, 0.35, 0.25)  # of the depth
+SHARES = (1.0, 0.85, 0.7, 0.6, 0.5, 0.42, 0.35, 0.25)  # shares of the depth
 LEAST_PEG_MM = 10.0  # room for fingers and a brush between the wall and what is nearest to it
-AIM = 0.9  # of the limit: the search that follows lays the strands anew
-_PX = 64  # of a camera of which only eye and wall are asked
+AIM = 0.9  # a share of the limit: the search that follows lays the strands anew
+_PX = 64  # pixels of a camera that is asked for eye and wall alone
 _ROUND = 10  # parts of a mm
 _THERE_MM = 1.0  # a search lays the strands anew: so much nearer is no other place
 

@@ -26,7 +26,7 @@ __all__ = [
 
 
 JOINT_RADII = 2.0  # distance of the joints along a tube, in tube radii
-PIECES = 4  # of a tapering member, each taken as round
+PIECES = 4  # pieces of a tapering member, each taken as round
 DOWN = np.array([0.0, -1.0, 0.0])
 
 

@@ -17,7 +17,7 @@ from knotfab_formats.scene import ResolvedView
 __all__ = ["Footing", "Mark", "Placement", "placement_of"]
 
 
-EDGES = ("front", "right", "back", "left")  # of a base, as the first light goes round it
+EDGES = ("front", "right", "back", "left")  # a base's edges, as the first light goes round it
 QUARTER_DEG = 90.0
 SQUARE_DEG = 0.5  # a base turned by so little more than quarters is square to its wall
 

@@ -34,9 +34,9 @@ if TYPE_CHECKING:
 __all__ = ["plan_sheet"]
 
 
-ZONE: Box = (22.0, 40.0, 188.0, 250.0)  # where on the page it is drawn
+ZONE: Box = (22.0, 40.0, 188.0, 250.0)  # the drawing's place on the page
 BENDS = 41  # points along a round wall
-BESIDE_MM = 12.0  # of a wall, beside its frame
+BESIDE_MM = 12.0  # the wall reaches so far beside its frame
 ASIDE = 4.0  # mm of the page, from a view's axis to its dimensions
 
 
@@ -49,7 +49,7 @@ def plan_sheet(mounted: Mounted, places: Sequence[Placement], views: Sequence[Vi
     paper = PAPERS["a4"]
     figure, axes = make_page(paper)
     right, up, out = places[0].level
-    above = np.stack([right, -out, up])  # to the right and up the page, and to the viewer
+    above = np.stack([right, -out, up])  # axes: to the right and up the page, and to the viewer
     piece = project_outlines(mounted.solids, above)
     walls = [_wall(place, above) for place in places]
     lamps = [above[:2] @ place.lamp for place in places]

@@ -26,12 +26,13 @@ __all__ = [
 Rectangle = tuple[float, float, float, float]  # left, right, back and front, mm
 
 CORNER_MM = 6.0
-CHAMFER_MM = 0.6  # of the underside's edge: what stands on the desk is so much smaller
-LIGHT_FILL = 0.25  # of a printed base's volume: it must stand whether it is filled or not
-EDGE_MM = 2.0  # from a post's root to the edge of the base
+# the underside's edge is cut off by this: the print on the desk is so much smaller
+CHAMFER_MM = 0.6
+LIGHT_FILL = 0.25  # a share of a printed base's volume: it must stand whether it is filled or not
+EDGE_MM = 2.0  # the least from a post's root to the edge of the base
 WALL_GAP_MM = 2.0  # between base and wall
 UNIT: Rectangle = (-1.0, 1.0, -1.0, 1.0)
-ROUNDS = 40  # of the search for a size, each of which nearly halves what is left
+ROUNDS = 40  # rounds of the search for a size, each of which nearly halves the range
 
 
 @dataclass(frozen=True)

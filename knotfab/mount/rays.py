@@ -23,7 +23,7 @@ __all__ = ["Rays", "free_rays"]
 
 
 LEAST_SINE = 0.6  # between tube and ray: a peg that leaves along its tube would graze it
-JOINT_RADII = 3.0  # of arc on each side of a peg's top that belong to its joint
+JOINT_RADII = 3.0  # tube radii of arc on each side of a peg's top that belong to its joint
 
 
 @dataclass(frozen=True)

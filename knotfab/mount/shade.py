@@ -26,12 +26,12 @@ from knotfab_formats.scene import VERIFIED_PX
 __all__ = ["HIDDEN_SHARE", "MountShadow", "MountShadows", "hidden_struts", "near_struts"]
 
 
-SLACK_PX = 1.0  # by which a hidden strip must stay inside: half a pixel on each side
-HIDDEN_SHARE = 0.75  # of the tube's radius that a hidden strut has
-LONGEST_RADII = 20.0  # of a hidden strut
+SLACK_PX = 1.0  # a hidden strip stays inside by this: half a pixel on each side
+HIDDEN_SHARE = 0.75  # a hidden strut's radius over the tube's
+LONGEST_RADII = 20.0  # tube radii of a hidden strut
 LOOKS = 12  # along a member, for whether it is hidden
 AT_ONCE = 2000  # members whose shadows are looked at a pixel apart
-ACROSS = (-0.8, -0.4, 0.0, 0.4, 0.8)  # where a strip's shadow is looked at, in half widths
+ACROSS = (-0.8, -0.4, 0.0, 0.4, 0.8)  # places in half widths at which a strip's shadow is looked at
 
 
 class MountShadows:

@@ -59,14 +59,15 @@ __all__ = [
 ]
 
 
-VISIBLE_SHARES = (0.6, 0.8)  # of the tube's radius: thin members show less, thick ones hold more
+VISIBLE_SHARES = (0.6, 0.8)  # radii over the tube's: thin members show less, thick ones hold more
 MOST_COSINE = 0.75  # between a post and its tube
-DROP_MM = 4.0  # of the base's top below what the light sees of the frame: the roots stay out of it
-LEAN = (0.0, -0.2, 0.2, -0.4, 0.4)  # of a post, across and along the view: per mm of its height
-LEAST_POSTS = 3  # so that a push does not turn the piece about one of them
+# the base's top lies so far below the light's view of the frame: roots stay out of it
+DROP_MM = 4.0
+LEAN = (0.0, -0.2, 0.2, -0.4, 0.4)  # a post's lean, across and along the view: per mm of its height
+LEAST_POSTS = 3  # fewer would let a push turn the piece about one of them
 APART_RADII = 5.0  # between their feet
 POSTS = 1600  # candidates that show least: half of all, half of each stretch
-STRETCHES = 50  # of equal length, about, of the tubes
+STRETCHES = 50  # stretches of about equal length along the tubes
 BRIDGES = 200  # visible struts between two knots, likewise
 FINE_RADII = 0.5  # between the joints of the frame that is the second opinion
 COARSE = 24  # samples of a member whose cost is first guessed
@@ -158,7 +159,7 @@ def plan_stand(
 
     pool = join([hidden, *shown(thin)])
     chosen, holds = join_knots(len(knots.knots), sites, pool, obstacles, shadows)
-    # what runs in the shadow of those shows no more now
+    # a member in the shadow of those shows no more now
     pool = join([hidden, *shown(thin, thick)])
     more = _more_posts(chosen, pool, obstacles, shadows, APART_RADII * tube)
     holds = np.concatenate([holds, sites.knot[more.first]])

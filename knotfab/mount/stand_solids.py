@@ -59,7 +59,7 @@ def stand_fixtures(mount: StandMount) -> list[Fixture]:
             "root_height_mm": ROOT_HEIGHT_MM,
             "sink_mm": sink + OVERLAP_MM,
         }
-        # what the slant needs must not come out of the underside
+        # a slanting root must not come out of the underside
         above = np.array([0.0, 1.0, 0.0]), mount.base.bottom + 1.0
         sizes = length, radius, radius
         found.append(Fixture("post", peg, sizes, along(axis, foot), named, above))

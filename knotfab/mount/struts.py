@@ -33,11 +33,11 @@ GROUND = -1  # the second site of a post
 SITE_RADII = 1.5  # between sites along a tube
 SAMPLE_RADII = 0.35  # between samples of the centre lines
 LEAST_SINE = 0.65  # between tube and member: one that leaves along its tube would graze it
-JOINT_RADII = 3.5  # of arc on each side of a member's end that belong to its joint
-LEAST_OPENING = 0.62  # of the way between a strand and its member, mm per mm along the strand
-SHORTEST_RADII = 2.5  # of a strut between two centre lines
-LEAN_MM = 1.0  # by which leaning roots come nearer to each other than their middles say
-ROOT_SHARE = 1.5  # of a post's radius, where it meets the base
+JOINT_RADII = 3.5  # tube radii of arc on each side of a member's end that belong to its joint
+LEAST_OPENING = 0.62  # how fast a strand and its member part, mm per mm along the strand
+SHORTEST_RADII = 2.5  # tube radii of a strut between two centre lines
+LEAN_MM = 1.0  # leaning roots come so much nearer to each other than their middles say
+ROOT_SHARE = 1.5  # the root's radius over the post's, where it meets the base
 
 
 @dataclass(frozen=True)

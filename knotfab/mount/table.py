@@ -24,14 +24,14 @@ WIDTH_MM, THICK_MM = 32.0, 5.0  # a bar's
 WIDEST_MM = 120.0  # the spine is no wider, where lamps stand near its middle
 ROD_MM = 8.0  # diameter of the rod that a lamp stands on
 ROD_PLAY_MM, BOSS_MM = 0.3, 12.0
-# from a lamp to the edge of what holds it, at least; on the spine an arm's dovetail comes between
+# the least from a lamp to the edge of its holder; on the spine an arm's dovetail comes between
 _EDGE = (ROD_MM + ROD_PLAY_MM) / 2 + BOSS_WALL_MM
 _INSIDE = _EDGE + TAIL_DEPTH_MM - 0.5
 CARD_MM, CARD_PLAY_MM = 3.0, 0.2  # the screen, and its slot
-SLOT_MM, RIDGE_MM = 9.0, 3.0  # how high the slot's ridges are, and how thick
+SLOT_MM, RIDGE_MM = 9.0, 3.0  # height and thickness of the slot's ridges
 FENCE_MM, FENCE_PLAY_MM = 3.0, 0.3  # about the foot of a stand
 MARK_MM = 3.0  # a hole below the middle of the piece
-CLEAR_MM = 12.0  # from a cut to what must not be cut
+CLEAR_MM = 12.0  # the least from a cut to a hole or ridge
 APART_MM, EDGE_MM = 4.0, 4.0  # between bars on the bed, and from them to its edge
 SCREEN_SHARE = 0.45  # the screen's foot reaches so far to either side, by the frame's width
 LOWEST_MM = 25.0  # height of the frame's lower edge and of the lamps above the table, where nothing else says

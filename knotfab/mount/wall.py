@@ -39,18 +39,18 @@ __all__ = [
     "wall_fixtures",
 ]
 
-PEG_SHARES = (0.95, 0.85, 0.75, 0.6)  # of the tube's shadow that a peg fills: thick ones are stiff,
-# thin ones pass between more strands
-THIN_SHARES = (0.5, 0.4)  # of a knot alone that bars all thicker ones itself
-ROOT_SHARE = 0.1  # by which the filleted root is wider
+# shares of the tube's shadow that a peg fills: thick ones are stiff, thin ones pass between more strands
+PEG_SHARES = (0.95, 0.85, 0.75, 0.6)
+THIN_SHARES = (0.5, 0.4)  # shares for a knot alone that bars all thicker pegs itself
+ROOT_SHARE = 0.1  # the filleted root is wider by this share
 MOST_SHARE = 0.98
 HOPELESS = 4.0  # times the limit: thinner pegs do not take away so much
 ROOT_HEIGHT_MM = 3.0
 MARK_MM = 1.5  # depth of the notches in the plate's edges
 LEAST_MARK_MM = 0.5  # none where no deeper ones have room
-PLAY_MM = 0.3  # by which a hole is wider than its dowel
+PLAY_MM = 0.3  # a hole is so much wider than its dowel
 DRILLS_MM = (*(0.5 * k for k in range(2, 14)), 7.0, 8.0, 9.0, 10.0, 12.0)  # that shops sell
-OVERLAP_MM = 0.3  # by which a peg goes into its plate or dowel, beyond what its slant needs
+OVERLAP_MM = 0.3  # a peg goes so far into its plate or dowel, beyond what its slant needs
 
 
 class NotHeldError(SceneError):
@@ -355,7 +355,7 @@ def _peg_fixtures(peg: Peg, wall: Array, settings: Mount) -> list[Fixture]:
         "sink_mm": peg.root_radius_mm * slant + OVERLAP_MM,
     }
     deep = settings.dowel_depth_mm
-    # what the slant needs must not come out of the plate's back
+    # a slanting root must not come out of the plate's back
     buried = 0.75 * settings.plate_thickness_mm if settings.foot == "plate" else 0.5 * deep
     above = wall[:, 2], float(wall[:, 2] @ peg.foot) - buried
     cone = Fixture("peg", peg_mesh, sizes, along(axis, peg.foot, wall[:, 1]), named, above)

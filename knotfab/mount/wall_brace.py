@@ -27,8 +27,8 @@ from knotfab.scene.camera import Camera
 __all__ = ["hidden_braces", "pegs_on", "sites_with", "tie_to_held"]
 
 
-STARTS = 160  # of leaning pegs, evenly along all tubes, and as many ends
-MOST_SLOPE = 1.0  # of a leaning peg: along the wall per mm towards it
+STARTS = 160  # starts of leaning pegs, evenly along all tubes, and as many ends
+MOST_SLOPE = 1.0  # a leaning peg's slope: along the wall per mm towards it
 LEAST_SLOPE = 0.15
 MOST_COSINE = 0.75  # between a leaning peg and its tube
 TIE_RADII = 60.0  # tube radii: the longest strut on which a knot hangs

@@ -16,7 +16,7 @@ from knotfab_formats.scene import View
 
 __all__ = ["LAMP_WAYS", "TURN_WAYS", "costs_of", "lamp_facts", "level_wall", "steps_of"]
 
-LAMP_MM = 10.0  # of misplacement, for which the loss is told
+LAMP_MM = 10.0  # the misplacement for which the loss is told
 HEAR_MM = 0.05  # an offset of less is none
 ASIDE_MM = 1.0  # nor one of so little to the side of a stand
 

@@ -15,10 +15,12 @@ from knotfab_formats.scene import ResolvedView, Scene
 __all__ = ["Guess", "guess_print"]
 
 # Fitted on builds of the project's own pictures (docs/silhouette.md has guesses beside the slicer's figures).
-_LENGTH, _LENGTH_FLAT = 1.45, 1.12  # of the tube over its flat start, or over area / width
-_HOURS, _OF_RADIUS_MM = 0.158, 1.77  # to a cm3 of a tube of this radius; thin ones take longer
+# the tube's length over that of its flat start, or over area / width
+_LENGTH, _LENGTH_FLAT = 1.45, 1.12
+# hours to a cm3 of a tube of this radius; thin ones take longer
+_HOURS, _OF_RADIUS_MM = 0.158, 1.77
 _HOURS_PLATE = 0.06
-_HOURS_AROUND = 0.007  # to a cm3 of the room between the strands, part of which supports fill
+_HOURS_AROUND = 0.007  # hours to a cm3 of the room between the strands, part of which supports fill
 
 
 @dataclass(frozen=True)

@@ -21,18 +21,18 @@ from knotfab.picture.thicken import draw_discs, thicken
 
 __all__ = ["Likeness", "compare_lines", "estimate_likeness", "opened_share", "recognisable_radius"]
 
-_PIXELS = 4.0  # to a radius, where the picture is compared
-_LEAST_PX, _MOST_PX = 256, 1024  # of its longer side there
+_PIXELS = 4.0  # pixels to a radius, where the picture is compared
+_LEAST_PX, _MOST_PX = 256, 1024  # px of its longer side there
 _SOLID = 0.5  # radii of outline to the area, below which most of it is wider than two tubes
-_COVERED = 1.0 / 3.0  # of a piece or a hole, below which it is lost
-_SHARED = 0.25  # of a piece, below which it merely touches what is drawn
-_SCREEN = 0.5  # of the ink, above which what specks of holes there are together is a screen
+_COVERED = 1.0 / 3.0  # a piece or hole of which a smaller share is covered is lost
+_SHARED = 0.25  # a piece of which a smaller share is covered merely touches the drawing
+_SCREEN = 0.5  # specks of holes that together are more than this share of the ink are a screen
 _SPECK = 0.5  # radii: the side of a square as large as what nobody misses
 _LEAST_IOU = 0.55  # the verdict asks for 0.5, but its topology for more
 _DRAWN = 0.9  # IoU of an opening that is a remedy
-_CHANGED = 0.65  # of all pieces and holes; the verdict allows one in two
+_CHANGED = 0.65  # a share of all pieces and holes; the verdict allows one in two
 _SPARED = 6  # changes that are never too many; the verdict allows 3
-_DENSITIES = (0.3, 0.4, 0.5, 0.6, 0.7)  # of ink in a disc, from which on it is drawn
+_DENSITIES = (0.3, 0.4, 0.5, 0.6, 0.7)  # shares of ink in a disc, from which on it is drawn
 _FINER = (0.8, 0.65, 0.5, 0.4, 0.3, 0.25, 0.2, 0.15, 0.1, 0.07, 0.05, 0.03)  # radii that are tried
 
 
@@ -98,7 +98,7 @@ def recognisable_radius(mask: Mask, radius_px: float) -> float | None:
 
     A picture s times as large is to the same tube what this one is to a tube of a radius 1 / s.
     """
-    low, high = 0, len(_FINER)  # by halving: what a tube draws, a thinner one draws
+    low, high = 0, len(_FINER)  # halve: a thinner tube draws all that a thicker one draws
     while low < high:
         middle = (low + high) // 2
         found = estimate_likeness(mask, radius_px * _FINER[middle], unions=1)

@@ -39,7 +39,7 @@ _USUAL_SHARE = 0.014  # tube radius over the frame's longer side, where the pict
 _SHOWN = 3  # thicker tubes that are shown beside the one that is taken
 _SPECK = 0.5  # radii of the thinnest tube: the side of a square as large as what nobody misses
 _SPARE = 0.3  # px that an outline may move by
-_MOST_FRAMES = 24  # of a sequence that are looked at
+_MOST_FRAMES = 24  # frames of a sequence that are looked at
 
 
 @dataclass(frozen=True)
@@ -99,10 +99,10 @@ class Survey:
     views: tuple[ViewSurvey, ...]
     radius_mm: float
     guess: Guess
-    frames: int = 0  # of a sequence, of which `views` holds the one that is hardest to draw
+    frames: int = 0  # frames of a sequence, of which `views` holds the one that is hardest to draw
     refusal: SceneError | None = None
-    bounds: tuple[HullBound, ...] = ()  # of several pictures: what they leave of each other
-    agreed: tuple[str, ...] = ()  # what was done so that they agree, a sentence each
+    bounds: tuple[HullBound, ...] = ()  # the bounds that several pictures leave of each other
+    agreed: tuple[str, ...] = ()  # the changes that made them agree, a sentence each
     parted: Separation | None = None  # of a picture in colours, which lamps are to mix
 
 

@@ -88,7 +88,7 @@ class Sheet:
 
     width: int
     height: int
-    pixel_mm: float  # of the (square) pixels, on the receiver
+    pixel_mm: float  # the side of the (square) pixels, on the receiver
     wall_tilt_deg: float = 0.0
 
 

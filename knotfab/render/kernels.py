@@ -25,9 +25,9 @@ Places = NDArray[np.int32]
 _SIDE = 8  # pixels of a tile's side
 _AREA = _SIDE * _SIDE
 _HALF = 0.5 * (_SIDE - 1)
-_DIAGONAL = 1.41422 * _HALF  # from a tile's middle to its farthest pixel
+_DIAGONAL = 1.41422 * _HALF  # the way from a tile's middle to its farthest pixel
 _BAND = 8  # rows of tiles whose candidates are held at once
-_ROUNDING_PX = 1e-3  # by which a bound must be beaten
+_ROUNDING_PX = 1e-3  # a bound must be beaten by this
 _BLOCK = 256  # pixels evaluated at once, to stay in cache
 _TINY = 1e-30  # this and the next as in render.capsule
 _NEAREST = 1e-12
@@ -134,7 +134,7 @@ def _candidates(
     boxes: NDArray[np.int32],
     numbers: Array,
     columns: int,
-    rows: tuple[int, int],  # of tiles: the first, and the first that is not asked for
+    rows: tuple[int, int],  # tiles: the first row, and the first that is not asked for
     reach: float,
 ) -> tuple[NDArray[np.int64], Places]:
     """The capsules that can win a pixel of each tile t of these rows: first[t] to first[t + 1] of a list.
@@ -274,7 +274,7 @@ def evaluate(
     lost = real(_LOST * np.finfo(a.dtype).eps)
     half, mine, others = real(0.5 * own), real(own), real(other)
     across = 1.0 / width
-    # what belongs to a pixel: ends, ray, field; then its share of the gradient and the sum, and g
+    # arrays of a pixel: ends, ray, field; then its share of the gradient and the sum, and g
     work = np.zeros((17, _BLOCK), a.dtype)
     total = 0.0
     for begin in range(0, len(pixel), _BLOCK):

@@ -22,7 +22,7 @@ from knotfab_formats.search import Precision, Renderer
 
 __all__ = ["CUTOFF", "ViewImage", "frame_at", "grid_at", "image_at"]
 
-CUTOFF = 5.0  # of a search: sigmoid(-5) = 0.7 %, what is further out pulls on nothing
+CUTOFF = 5.0  # a search's: sigmoid(-5) = 0.7 %, and a pixel further out pulls on nothing
 _KINDS: dict[Precision, type[np.floating[Any]]] = {"single": np.float32, "double": np.float64}
 _HARD = 10.0  # per px: a sharpness at which half a pixel beside an outline nothing is left
 
@@ -35,7 +35,7 @@ class ViewImage:
     """
 
     frame: Frame
-    target: NDArray[np.floating[Any]]  # in the precision that pictures are drawn in
+    target: NDArray[np.floating[Any]]  # the precision that pictures are drawn in
     sheet: Sheet  # the raster, for a pose that is an unknown
     radius_px: float  # projected tube radius
     forms: Forms = COMPILED
@@ -49,9 +49,8 @@ class ViewImage:
         """The same picture where another frame looks from; what is on a device stays there."""
         moved = replace(self, frame=frame)
         if self._drawn is not None:
-            moved.__dict__["_drawn"] = self._drawn.from_frame(
-                frame
-            )  # as a cached property keeps it
+            # a cached property keeps it so
+            moved.__dict__["_drawn"] = self._drawn.from_frame(frame)
         return moved
 
     def squared_error(

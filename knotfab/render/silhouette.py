@@ -74,7 +74,7 @@ class _Cut:
         return found[0], found[1]
 
 
-@np.errstate(all="ignore")  # what is no number is left out by comparisons
+@np.errstate(all="ignore")  # NaN is left out by comparisons
 def _place(starts: Real, ends: Real, frame: Frame, radius: float) -> _Cut:
     """In receiver axes, cut as `torch_forms.clip.cut_before_light` does it, which says why."""
     a, b = frame.local(starts), frame.local(ends)

@@ -26,12 +26,12 @@ BULB_MM = 60.0  # a frosted bulb
 DRAWING_DPI = 110.0
 _COLOURS = 32
 _PAPER = 250  # a grey that is as good as white
-_FEW_FILES = 3  # of a kind that are listed one by one
-_GAP_PX = 16  # of empty rows and columns that are kept beside what is drawn
-_FAR_PX = 24  # of empty rows beyond those, between two drawings: the side and the front
+_FEW_FILES = 3  # files of a kind that are listed one by one
+_GAP_PX = 16  # empty rows and columns that are kept beside the drawing
+_FAR_PX = 24  # empty rows beyond those, between two drawings: the side and the front
 _NO_WORDS = "#words { display: none }"  # they stand beside it
 
-# what a maker opens first comes first
+# the file that a maker opens first comes first
 FILES = (
     (r"part(-\d+)?\.3mf", "for the slicer: the whole piece, in print pose"),
     (r"plate(-\d+)+\.3mf", "for the slicer: what is printed in one go"),

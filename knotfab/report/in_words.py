@@ -35,7 +35,7 @@ def tell_views(report: Mapping[str, Any], verbose: bool = False) -> list[str]:
     """How alike each view's shadow and picture are, and how far it can be read; of a sequence in one line."""
     views = report["views"]
     standing = report["print"].get("mount", {}).get("kind") == "stand"
-    # what the desk hides below the frame is no fault of the picture
+    # a part that the desk hides below the frame is no fault of the picture
     keys = [
         "iou_frame" if standing and view.get("iou_frame") is not None else "iou" for view in views
     ]

@@ -141,7 +141,7 @@ def report_of(
             "volume_mm3": volume,
             "mass_g": volume * 1e-3 * scene.material.density_g_cm3,
             "bounding_box_mm": None if sized is None else sized.tolist(),
-            "depth_ratio": min(ratios, default=None),  # as the flattest view sees it
+            "depth_ratio": min(ratios, default=None),  # the flattest view's
             "printer": scene.printer.name,
             "printer_title": title_of("printer", scene.printer.name),
         },

@@ -31,7 +31,7 @@ __all__ = [
 
 Record = dict[str, Any]
 
-_GAIN = 0.01  # of brightness, from which on a nearer wall is worth a word
+_GAIN = 0.01  # a gain of brightness error from which on a nearer wall is worth a word
 
 
 def list_effects(result: SearchResult, verdict: Mapping[str, Any]) -> list[Record]:

@@ -15,13 +15,13 @@ __all__ = ["add_next_step", "tell_stages"]
 Record = dict[str, Any]
 
 _MEASURED = Path(__file__).with_name("next_step.json")
-_SHARE = 0.07  # of the whole, below which a stage is not worth a word
+_SHARE = 0.07  # a shorter stage, as a share of the whole, is not worth a word
 _WORK = (
     *("method", "coarse_px", "fine_px"),
     *("coarse_iterations", "fine_iterations", "settle_iterations"),
 )
 _IOUS = ("iou_drawn", "iou_frame", "iou")
-_LEAST_GAIN = 5e-5  # of IoU, that a sentence can say
+_LEAST_GAIN = 5e-5  # the least IoU that a sentence can say
 
 
 def add_next_step(report: Record) -> None:

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 __all__ = ["add_posing", "find_access"]
 
-_VIEWS_FLATTENED = 1  # of several views less depth of one is less width of another
+_VIEWS_FLATTENED = 1  # with several views less depth of one is less width of another
 
 
 def add_posing(
@@ -133,7 +133,7 @@ def _add_printing(report: dict[str, Any], part: Part, suffix: str, access: Acces
             knots = part.pose.knots.moved(part.pose.matrix)
             found = estimate_flatter(knots, sliced, rules)
             figures["flatter"] = [one.to_dict() for one in found]
-            if not suffix:  # of a frame it stands in the table
+            if not suffix:  # a frame's figures stand in the table
                 notes.append(tell_flatter(figures["flatter"]))
     if access is not None:
         figures["support_access"] = access.to_dict()

@@ -31,7 +31,7 @@ __all__ = [
 
 TEMPLATE = "template.html.j2"
 VIEWER = Path(__file__).parent / "viewer" / "viewer.js"
-# what a person makes of the shadow (docs/verdict.md), in a word and in a sentence
+# a person's judgement of the shadow (docs/verdict.md), in a word and in a sentence
 VERDICTS = {
     "faithful": ("A faithful likeness.", "The shadow is the picture."),
     "good": (
@@ -50,8 +50,8 @@ VERDICTS = {
 _NOTHING = "Nobody would miss anything of the picture in its shadow."
 _CLEAN = ("standard", "fine")  # accuracies that leave a shadow as clean as this says
 DIGITS = 4
-_LARGE_BYTES = 100_000  # of a picture, from which it is embedded as WebP
-_QUALITY = 85  # of that, of 100
+_LARGE_BYTES = 100_000  # a picture of more bytes is embedded as WebP
+_QUALITY = 85  # the quality of WebP, of 100
 MEDIA = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".gif": "image/gif"}
 
 

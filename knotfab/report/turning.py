@@ -25,8 +25,8 @@ TURN_FILE = "turn.gif"
 STEP_DEG, PIXELS = 5.0, 240
 FRAME_MS, HOLD_MS = 60, 900  # while it turns, and where it shows a picture
 WALL, SHADOW = (250, 248, 244), (52, 49, 45)
-_LEAST_MM = 1.0  # to the side, that is told
-# what must be the same in all views for one lamp to serve them
+_LEAST_MM = 1.0  # the least shift to the side that is told
+# keys that must be the same in all views for one lamp to serve them
 _SHARED = (
     *("kind", "light_distance_mm", "wall_distance_mm", "wall_tilt_deg", "wall_radius_mm"),
     *("elevation_deg", "light_right_mm", "light_up_mm"),

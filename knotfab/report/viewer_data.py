@@ -24,11 +24,11 @@ __all__ = ["HistoryFrame", "find_supports", "pack_rows", "viewer_data"]
 
 Record = dict[str, Any]
 
-LEVELS = 65535  # of a coordinate
+LEVELS = 65535  # levels of a coordinate
 OFF_TUBE = 1.02  # tube radii from the centre line: what is farther out belongs to the mount
 MOUNT_FACES = 4000
 THIN_RADII = 1.2  # between two vertices of a state of the search, about, or more:
-HISTORY_VERTICES = 30_000  # of all states together, so that the page stays small
+HISTORY_VERTICES = 30_000  # vertices of all states together, so that the page stays small
 SUPPORT_CELL_MM = 3.0
 VIEW_KEYS = (
     "name", "kind", "frame_width_mm", "frame_height_mm", "light_distance_mm", "light_shape",
@@ -138,7 +138,7 @@ def find_supports(bodies: Sequence[Mesh], rules: Rules) -> Array:
     cell, z, under = cell[order], z[order], under[order]
     new = np.append(True, (np.diff(cell, axis=0) != 0).any(axis=1))  # the lowest of its cell
     below = np.where(new, 0.0, np.roll(z, 1))
-    # of neighbouring faces of one underside, the lowest alone
+    # keep the lowest alone of neighbouring faces of one underside
     wanted = under & (new | ~np.roll(under, 1)) & (z - below > rules.layer_mm)
     place = (cell[wanted] + 0.5) * SUPPORT_CELL_MM
     return np.column_stack([place, below[wanted], z[wanted]])

@@ -25,7 +25,7 @@ __all__ = [
 
 
 Plane = tuple[float, float, float, float]
-_CLEAR = 0.97  # of the way to a wall that several pictures may take
+_CLEAR = 0.97  # several pictures may take this share of the way to a wall
 
 
 class _Sized(Protocol):

@@ -77,7 +77,7 @@ def _fill_in(own: Named, kind: Kind) -> Named:
     written = {key: getattr(own, key) for key in own.model_fields_set if key != "name"}
     keys = set(type(own).model_fields) - {"name"}
     if keys <= set(written):
-        return own  # as a build writes it: no file is needed, and none can change it
+        return own  # a build writes it so: no file is needed, and none can change it
     base = load_named(kind, find_name(kind, own.name))
     if base is None:
         if keys - USUAL <= set(written):

@@ -37,7 +37,7 @@ SWITCH = "switch"  # the word for lamps that are lit one after the other
 MOST_LAMPS = 5  # that mix 32 colours
 _LED_MM = 3.0
 _APART_MM = 1.0  # two lamps that stand nearer to each other throw one shadow
-_ALIKE = 0.05  # of a colour's length: two lamps of colours nearer to each other mix nothing
+_ALIKE = 0.05  # a share of a colour's length: two lamps of colours nearer to each other mix nothing
 
 
 def require_lamps(scene: Scene, what: str) -> None:

@@ -83,7 +83,7 @@ def find_name(kind: Kind, text: str) -> str:
         table = _list_supplied(kind).get(name, {})
         for way in (name, table.get("title", name), *table.get("aliases", ())):
             words = re.split(r"[\s_-]+", way)
-            for start in range(len(words)):  # with and without its maker
+            for start in range(len(words)):  # names with and without the maker
                 ways.setdefault(_squeeze("".join(words[start:])), set()).add(name)
     exact = [name for name in names if _squeeze(name) == meant]
     found = exact or list(ways.get(meant, ()))

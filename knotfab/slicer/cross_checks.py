@@ -19,10 +19,11 @@ from knotfab_formats.scene import Scene
 __all__ = ["compare_gcode", "compare_info"]
 
 
-SPACING_MM = 1.0  # of the points that stand for a printed line
-SAMPLES = 20_000  # of the surface, over all bodies
-LEAST_SAMPLES = 200  # of each body
-MOST_FILAMENT = 1.15  # of the solid volume: bridges are laid thick, gaps filled generously
+SPACING_MM = 1.0  # between points that stand for a printed line
+SAMPLES = 20_000  # points of the surface, over all bodies
+LEAST_SAMPLES = 200  # points of each body
+# filament over the solid volume: bridges are laid thick, gaps filled generously
+MOST_FILAMENT = 1.15
 LAYERS_OFF = 1
 BOX_MM = 1 / 64
 VOLUME_SHARE = 1 / 1024

@@ -14,7 +14,7 @@ from knotfab.slicer.process import Ended, run_limited
 __all__ = ["REMEDY", "ask_help", "find_slicer", "read_version"]
 
 NAMES = ("prusa-slicer", "PrusaSlicer", "prusaslicer", "prusa-slicer-console")
-# where its installers put it, which is on nobody's path
+# the place where its installers put it, which is on nobody's path
 PLACES = ("/Applications/PrusaSlicer.app/Contents/MacOS", r"C:\Program Files\Prusa3D\PrusaSlicer")
 _ANSWERS_IN_S = 20.0
 REMEDY = "apt-get install --no-install-recommends prusa-slicer"

@@ -18,7 +18,7 @@ __all__ = ["BadGcode", "Gcode", "points_along", "read_gcode"]
 MOST_BYTES = 1_000_000_000
 TAIL_BYTES = 100_000  # the figures stand before the settings, which close the file
 NOT_PART = ("Skirt/Brim", "Wipe tower", "Custom")
-SUPPORT = "Support material"  # and "Support material interface"
+SUPPORT = "Support material"  # "Support material interface" begins so too
 
 _MARK = re.compile(rb"^;(TYPE:[^\r\n]*|Z:[^\r\n]*)\r?$", re.MULTILINE)
 _N = rb"-?(?:\d+\.?\d*|\.\d+)"
@@ -47,8 +47,8 @@ class Gcode:
     filament_mm: float
     filament_cm3: float
     filament_g: float
-    support_share: float  # of the filament, 0 to 1
-    layers: int  # in which something of the part itself is laid
+    support_share: float  # a share of the filament, 0 to 1
+    layers: int  # layers in which a line of the part itself is laid
     start: Array  # (k, 3) of the lines of the part
     end: Array  # (k, 3)
     low: Array  # (3,) over all lines, supports too

@@ -33,7 +33,7 @@ class Sliced:
     time_s: float
     filament_m: float
     filament_g: float
-    support_m: float  # of the filament, what goes into supports
+    support_m: float  # filament that goes into supports
     layers: int
     objects: int  # that it counts in the 3MF
     warnings: tuple[SlicerWarning, ...]
@@ -72,7 +72,7 @@ class NotSliced:
     kind: Literal["missing", "process", "stopped", "refused", "crashed"]
     reason: str
     remedy: str = ""
-    said: str = ""  # by PrusaSlicer
+    said: str = ""  # PrusaSlicer's words
 
 
 def sum_slicings(files: Mapping[str, Sliced | NotSliced]) -> Sliced | NotSliced:

@@ -58,7 +58,7 @@ class SlicerQueue:
     ) -> None:
         self._work = work
         self._timeout_s, self._program = timeout_s, program
-        self.done = 0.0  # of the file that is sliced, 0 to 1
+        self.done = 0.0  # the share of the file that is sliced, 0 to 1
         self._ended, self._threads = threading.Event(), ThreadPoolExecutor(jobs)
 
     def __enter__(self) -> SlicerQueue:

@@ -20,7 +20,7 @@ __all__ = ["start_at_circles"]
 
 
 _CIRCLE = 0.35  # radius of a circle over the shorter side of what it is to draw
-_WAVES, _OUTLINE, _FITS = 4, 300, 30  # of a circle bent in depth
+_WAVES, _OUTLINE, _FITS = 4, 300, 30  # waves, outline samples and fits of a circle bent in depth
 
 
 def start_at_circles(

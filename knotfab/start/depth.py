@@ -32,16 +32,16 @@ __all__ = ["choose_depth", "lift", "lower"]
 # degrees that a profile is looked at from, the farthest first, and their weights
 _ASIDE = {45.0: 0.75, 30.0: 0.25}
 _CONFLICT = 0.6  # weight of strands that hide each other at the same depth, against legibility
-_SURELY = 0.9  # of the least support so far, which the next profile needs too
+_SURELY = 0.9  # a share of the least support so far, which the next profile needs too
 _SUPPORT = 0.02  # weight of supports in print, in volumes of the tube, against legibility
 _SAMPLE_RADII = 0.8  # between the points that a profile is judged at
 _DRAWN = 6  # one candidate in so many is drawn at random; the others vary the best so far
 _KEPT = 4  # profiles that are varied in turn
-_CHANGES = (0.6, 0.1)  # by how much of a wave's spread, at first and at last
+_CHANGES = (0.6, 0.1)  # shares of a wave's spread by which it is changed, at first and at last
 _RODS = 600  # that supports are estimated by
 _EXTENTS = 20  # that a profile is judged at where placing is careless
 _NOISE = 0.025  # legibility differs by as much from draw to draw of profiles: less is no reason
-_TURNS = 3  # to the bed, that supports are weighed in: the best of the first profiles
+_TURNS = 3  # turns to the bed, in which supports are weighed: the best of the first profiles
 
 
 def lift(curve: Array, depth: Array, light_distance: float) -> Array:
@@ -108,7 +108,7 @@ class _Judge:
         self.arcs = [arc_lengths(s) for s in self.samples]
         self.pairs = _overlapping(self.samples, self.radius)
         self.drawing = [] if self.sharpening is None else self.sharpening.drawing(self.samples)
-        self.beside = None  # what the samples' lanes add to their heights, mm
+        self.beside = None  # the lanes' part of the samples' heights, mm
         if self.lanes is not None:
             shares = [arc_lengths(c)[:-1] / arc_lengths(c)[-1] for c in self.curves]
             self.beside = [

@@ -37,9 +37,11 @@ _THIN_OUTER = 0.55  # a part of the outline is drawn if wider than this times th
 _BRIDGES = 4  # nearest curves that a curve may be joined to
 _THIN_INNER = 0.12  # an inner band is filled if wider than this times the tube's width
 _NOISY = 5000  # corners: an outline of more, without room for the tube, is noise to it
-_COVERED = 1.0 / 3.0  # of a piece smaller than the tube, below which no loop in its middle draws it
-_HAIR = 1e-7  # of the radius
-_NOISE_WIDTH = 0.5  # of the radius: such an outline's area is less than this times its length
+# a loop in the middle of a piece smaller than the tube covers at least this share of it
+_COVERED = 1.0 / 3.0
+_HAIR = 1e-7  # a share of the radius
+# a share of the radius: such an outline's area is less than this times its length
+_NOISE_WIDTH = 0.5
 
 
 @dataclass(frozen=True)
@@ -230,7 +232,7 @@ def join_curves(
             low = np.minimum(boxes[k, :2], one.box[:2])
             high = np.maximum(boxes[k, 2:], one.box[2:])
             within = ((boxes[:, :2] <= high) & (boxes[:, 2:] >= low)).all(axis=1)
-            within[k] = False  # what lies outside the box of both, no bridge between them crosses
+            within[k] = False  # no bridge between the two crosses a place outside the box of both
             others = shapely.STRtree([loops[i].ring for i in np.flatnonzero(within)])
             for width in (2.0, 1.2, 0.6, 0.3):
                 gap = max(1, round(width * radius / step))

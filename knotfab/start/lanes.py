@@ -28,13 +28,15 @@ __all__ = ["assign_lanes", "part_passes", "part_sides"]
 _LANES = 8  # on either side of the middle
 _STEP = 0.5  # separations between samples that have a lane each
 _ALONG = 2.5  # separations along the curve within which a strand is its own neighbour
-_TURNED = 0.5  # of the way along it, as the crow flies: less is a turn on the spot, at the end of a stroke
+# a straight way less than this share of the way along it is a turn, at a stroke's end
+_TURNED = 0.5
 _HIDDEN = (1.5, 1.0)  # price of a sample in the lane of another that it hides, or half in it
-_CHANGE, _ASIDE = 0.15, 0.02  # of a change by one lane; of a sample in the next lane to the middle
+# the cost of a change by one lane; of a sample one lane off the middle
+_CHANGE, _ASIDE = 0.15, 0.02
 # samples whose lanes are changed together, pass by pass
 _STRETCHES = (4, 8, 16, 6, 12, 5, 10, 4, 3)
 _ROOM = 1.03  # separations that strands are given
-_ROUNDS = 60  # of moving them apart
+_ROUNDS = 60  # rounds of moving them apart
 # separations along which a strand is moved with the place that has to: passes lie close all along, sides
 # cross now and then and keep their slopes
 _PASSES, _SIDES = 0.3, 1.0

@@ -31,11 +31,11 @@ Cells = NDArray[np.int32]
 Flags = NDArray[np.bool_]
 
 
-_CELL = 0.35  # of the grids on which views are drawn, in tube radii
-_MARGIN = 0.25  # of the frame on each side
+_CELL = 0.35  # tube radii of a cell of the grids on which views are drawn
+_MARGIN = 0.25  # a share of the frame, on each side
 _NUDGES = 3  # tries to move a node to where the tube fits better
-NUDGED = 0.25  # of the pitch, that a node may be moved: strands a pitch apart stay half of it apart
-_SHORTEST = 0.8  # of the pitch, of an edge between moved nodes
+NUDGED = 0.25  # a share of the pitch by which a node may be moved: strands stay half a pitch apart
+_SHORTEST = 0.8  # a share of the pitch: the shortest edge between moved nodes
 _FAR = 10.0  # tube radii outside, of what stands out of the region
 
 
@@ -216,7 +216,7 @@ def lattice_in(
     nodes = pitch * (at + shift) @ axes
     room = measure(nodes)
     for _ in range(_NUDGES):
-        # where the tube does not fit, nodes are moved to where it fits better
+        # nodes are moved to where the tube fits better
         near = np.flatnonzero(inner & (room.min(0) < 1.0) & (room.min(0) > -1.0))
         short = np.clip(1.0 - room[:, near], 0.0, None) * (0.5 * limits.radius)
         steps = (s.inwards(nodes[near]) * by[:, None] for s, by in zip(sights, short, strict=True))

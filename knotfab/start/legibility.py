@@ -36,7 +36,7 @@ def _cover(points: Array, radius: float, grid: int) -> Mask:
     wide = (points[:, 0].max() + radius - left) / grid
     high = (points[:, 1].max() + radius - low) / grid
     for k in range(len(points)):
-        x, y = (points[k, 0] - left) / wide, (points[k, 1] - low) / high  # in cells
+        x, y = (points[k, 0] - left) / wide, (points[k, 1] - low) / high  # unit: cells
         first = max(0, int(np.ceil(y - radius / high - 0.5)))
         last = min(grid - 1, int(np.floor(y + radius / high - 0.5)))
         for row in range(first, last + 1):

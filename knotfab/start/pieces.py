@@ -16,9 +16,8 @@ __all__ = ["edge_worth", "join_pieces", "seed_curves"]
 
 
 _LEAST = 2.0  # edges' worth that only this piece draws, or it gets no curve
-_STEP = (
-    0.02  # the price of a bridge over a square in the hull, where 1 is over one seen wholly outside
-)
+# the price of a bridge over a square in the hull, where 1 is over one seen wholly outside
+_STEP = 0.02
 _NECK = 0.5  # tube radii that a bridge's middle may be seen outside: a gap of twice that is one
 
 
@@ -31,7 +30,7 @@ def edge_worth(lattice: Lattice, worth: Array) -> float:
 def _pieces(lattice: Lattice, worth: Array) -> list[Indices]:
     """The squares (k, 4) of each piece that draws what larger ones leave, those of the largest first."""
     squares = lattice.squares(lattice.open)
-    # from square to square a curve grows over the edge that they share
+    # a curve grows from square to square over the edge that they share
     one, two = np.repeat(squares[:, 0], 3), squares[:, 1:].ravel()
     linked = csr_array((np.ones(len(one)), (one, two)), shape=(len(lattice.open),) * 2)
     piece = connected_components(linked, directed=False)[1][squares[:, 0]]

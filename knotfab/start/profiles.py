@@ -13,7 +13,8 @@ from knotfab.base.compiled import compiled
 __all__ = ["Profile", "Relief", "draw_profile", "draw_relief", "sum_waves"]
 
 _WAVELENGTHS = (0.65, 0.85, 1.1)  # shortest wave of a profile, in extents across the piece
-_RELIEF = (1.0, 1.4, 2.0)  # of a relief, likewise: both passes of a stroke rise and fall with it
+# the waves of a relief, likewise: both passes of a stroke rise and fall with it
+_RELIEF = 1.0, 1.4, 2.0
 _RELIEF_WAVES = 4
 _CHANGED = 0.5  # share of its waves that a variation changes
 _BLOCK = 256  # points whose waves are summed at once: they stay in the processor's nearest cache

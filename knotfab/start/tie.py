@@ -30,12 +30,12 @@ __all__ = ["KnotRoom", "Tied", "tie"]
 
 
 # Lengths in units of half the strands' least distance, or of the bend radius if that is larger.
-_SPARE = 1.03  # how much larger than tight the knot is made
-_CUT = 2.2  # of the strand, and of the knot, to each side of where they are joined
-_HANDLE = 1.1  # from there to the corner of the leg
+_SPARE = 1.03  # the knot's size over a tight one's
+_CUT = 2.2  # tube radii cut from strand and knot, to each side of their joint
+_HANDLE = 1.1  # tube radii from there to the corner of the leg
 _HOVER = 2.2  # between the strands below and the knot
 _PLACES = 60  # tried, where the silhouette is widest
-_WAYS = 48  # to turn the knot
+_WAYS = 48  # turns of the knot that are tried
 _STRAIGHT = 0.6  # radians that the strand may turn where it is cut
 _GRID = 0.5  # spacing of the grid of distances to the outline
 
@@ -157,7 +157,7 @@ def _poses(knot: Array, unit: float) -> _Poses:
         frame = np.column_stack([along, np.cross(up, along), up])
         turned = (np.roll(knot, -lowest, axis=0) - knot[lowest]) @ frame
         points = turned[cut : n - cut + 1]
-        # what is left must not sag into the gap between the legs
+        # the rest must not sag into the gap between the legs
         if points[0, 0] > -0.2 * unit or points[-1, 0] < 0.2 * unit:
             continue
         found.append(points)

@@ -16,18 +16,18 @@ from knotfab.start.filling import simple_curves, smooth_closed
 
 __all__ = ["draw_tones", "shortest_tour", "spread_points"]
 
-_TURN = 1.25  # of the spacing that black allows: length of a tour's step between points so spread
-_ROUNDS = 30  # of spreading
-_CELLS = 3.0  # of the grid that is spread over, to the least distance of lines
-_LINE_PX = 10.0  # to a line's width in the drawing
+_TURN = 1.25  # a tour's step between points so spread, over the spacing that black allows
+_ROUNDS = 30  # rounds of spreading
+_CELLS = 3.0  # cells of the grid that is spread over, to the least distance of lines
+_LINE_PX = 10.0  # px to a line's width in the drawing
 _STEP = 0.125  # widths between points of the line
 _NEAR = 10  # neighbours that a tour may be led to
-_WHITE = 0.1  # what is lighter has no points
+_WHITE = 0.1  # a lighter place has no points
 _LEAST = 8  # points of a line
 _SEED = 1
 _RELAXED = 40  # small moves that round the tour off
 _SMOOTH = 0.35  # pitches
-_HELD = 0.1  # of the way back to the tour, each move
+_HELD = 0.1  # the share of the way back to the tour at each move
 _APART = 2.0  # pitches along the line: what is nearer is its own bend
 
 
@@ -178,7 +178,7 @@ def shortest_tour(points: Array) -> list[int]:
                 better = True
         for a, c in [] if better else _crossings(points[tour]):
             i, j = sorted((a, c))
-            reverse(i + 1, j)  # what crosses is longer than what does not
+            reverse(i + 1, j)  # crossing edges are longer than edges that do not cross
             better = True
             break
     return tour

@@ -53,7 +53,7 @@ class Broadcast:
 
     def __init__(self) -> None:
         self.status: dict[str, Any] = {"phase": "idle"}
-        self.out = Path()  # of the build that runs, or ran last
+        self.out = Path()  # the folder of the build that runs, or ran last
         self.scene: str | None = None  # the last event of its kind, for a tab that comes later
         self.frame: str | None = None
         self.listeners: set[Listener] = set()

@@ -35,21 +35,14 @@ BUILDS = "builds"
 _STARTS, _RECORDS = "starts", "records"
 _MOST_LISTED = 200
 _LONGEST_TITLE = 80  # characters
-# of a build's folder, in the order in which a person wants them
+# files of a build's folder, in the order in which a person wants them
 _SHOWN = (
     "part.3mf", "zoetrope.3mf", "part.stl", "zoetrope.stl", "part.glb", "part-colours.3mf", "coupon.3mf",
     "setup.pdf", "report.html", "sequence.gif", "turn.gif", "report.json", "scene.toml", "knots.json",
     "slicer.ini",
 )  # fmt: skip
-_ALSO = (
-    "plate-",
-    "table-",
-    "colours",
-    "part-",
-    "setup-",
-    "shadow-",
-    "centre-lines",
-)  # beginnings of further ones
+# beginnings of further ones
+_ALSO = "plate-", "table-", "colours", "part-", "setup-", "shadow-", "centre-lines"
 Kind = Literal["one", "views", "frames"]
 
 

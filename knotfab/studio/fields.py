@@ -184,7 +184,7 @@ FIELDS: dict[str, _Field] = {
     "lamps": _Field("Lamps", _choice("rgb", "warm+cold", "switch")),
     "font": _Field("Font", partial(_one_of, known=_families)),
 }  # fmt: skip
-# how a picture is read: these go with the picture, and another one begins without them
+# fields on reading a picture: these go with the picture, and another one begins without them
 READING = (
     "ink", "invert", "threshold", "crop", "subject", "keep", "drop", "specks", "smooth", "keep_largest",
     "thicken", "lines", "tone",

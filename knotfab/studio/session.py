@@ -61,9 +61,8 @@ class Studio(Broadcast):
         self.build: LiveBuild | None = None
         # started beforehand, where the studio is `warm`, so that a press is answered at once
         self.warm, self.builder = warm, Workers("knotfab.cli.builder", early=False)
-        self.adding = (
-            asyncio.Lock()
-        )  # pictures are added one after the other, so that each finds a name
+        # pictures are added one after the other, so that each finds a name
+        self.adding = asyncio.Lock()
         self._previews = 0
         self._ways: tuple[Any, list[dict[str, Any]], list[bytes]] = (None, [], [])  # to read what
 
@@ -176,7 +175,7 @@ class Studio(Broadcast):
         if changed:
             self.renew()
         else:
-            self.tell_state()  # of what is marked
+            self.tell_state()  # the page learns which build is marked
         for name in given:
             if name in self.settings.wrong:
                 why = self.settings.wrong[name]["why"].rstrip(".")
@@ -286,7 +285,7 @@ class Studio(Broadcast):
             settings=dict(self.settings.values),
         )
         further = [f"--start={start}"] if go_on else []
-        # what comes after "--" is no option, whatever it is called
+        # words behind "--" are no options, whatever they are called
         arguments = [*list_arguments(self._options()), *further, "--", *self._sources()]
         name = self.builds.begin(folder_after(self.chosen, self.kind), record)
         loop = asyncio.get_running_loop()

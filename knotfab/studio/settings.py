@@ -70,7 +70,7 @@ class Settings:
         """The options of a build of such pictures."""
         given: dict[str, Any] = {k: v for k, v in self.values.items() if k != "font" or text}
         strokes = {key: given.pop(key) for key in ("keep", "drop") if key in given}
-        if "subject" in given:  # without it there is nothing that they correct
+        if "subject" in given:  # without it discs correct nothing
             given |= {key: tuple(discs.split(";")) for key, discs in strokes.items()}
         return options_from({**given, "sequence": sequence})
 

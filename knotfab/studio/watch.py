@@ -15,7 +15,8 @@ from knotfab.studio.run import open_in_browser, serve
 
 __all__ = ["WatchedBuild", "watch"]
 
-_GRACE_S = 10  # without a tab, once the build has ended: a page that is loaded anew comes back
+# a build that has ended waits so long for a tab: a page that is loaded anew comes back
+_GRACE_S = 10
 _UNKNOWN = "The build ended without a result; the terminal says why."
 
 

@@ -48,7 +48,7 @@ __all__ = [
 _ASIDE_DEG = 45.0
 _SHOWN_PX = 160  # longer side of the small pictures
 _SLIT = 0.5  # tube radii: gaps between strands that are no wider have no outline
-_WRONG = 0.25  # of a cell of these that too much or missing
+_WRONG = 0.25  # a cell with this share of wrong pixels counts as too much or missing
 # nothing there, drawn as wanted, too much, missing
 _COLOURS = (250, 248, 244, 36, 38, 43, 196, 61, 38, 47, 111, 196)
 
@@ -87,17 +87,17 @@ class Run:
 
     radius_mm: float
     radius_s: float
-    search_s: float  # with its start
+    search_s: float  # the start included
     sweep_s: float
     cpu_s: float
     feasible: bool
     repairs: int
     faces: int
-    facet_px: float  # how far the mesh's facets are from the round tube, at most, at 1024 px
-    iou: float | None = None  # of the round tube at 1024 px, whatever the search itself looked at
+    facet_px: float  # the most by which the mesh's facets are off the round tube, at 1024 px
+    iou: float | None = None  # the round tube's at 1024 px, whatever the search itself looked at
     outline_px: float | None = None  # distance that 95 % of either outline keep to the other, there
     curvature: float | None = None  # mean, times the tube radius
-    legible: float | None = None  # at 45 degrees; None of several views too
+    legible: float | None = None  # at 45 degrees; None for several views
     shadow: str = ""  # small, as PNG in base64
 
     def to_dict(self) -> dict[str, Any]:

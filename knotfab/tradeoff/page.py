@@ -23,9 +23,9 @@ _HERE = Path(__file__).parent
 _STYLE = Path(report_html.__file__).parent / "style.css.j2"
 _WIDTH, _HEIGHT = 760.0, 480.0
 _LEFT, _RIGHT, _TOP, _BOTTOM = 70.0, 24.0, 18.0, 52.0
-_SHADOW_BYTES = 1_300_000  # of all small pictures together, so that the page stays below 2 MB
-_ROOM = 0.06  # of an axis beyond the last point
-_COLOURS = 12  # of knobs; those of their second turn have triangles
+_SHADOW_BYTES = 1_300_000  # bytes of all small pictures together, so that the page stays below 2 MB
+_ROOM = 0.06  # a share of an axis beyond the last point
+_COLOURS = 12  # colours of settings; those of the second turn have triangles
 
 
 class _Told(Protocol):

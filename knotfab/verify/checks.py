@@ -22,7 +22,7 @@ __all__ = [
 Record = dict[str, Any]
 
 STATES = ("pass", "fail", "skipped")
-# what `--skip` knows: the validators' checks, the rendering that some of them use, and the slicer
+# names that `--skip` knows: the validators' checks, the rendering that some of them use, the slicer
 CHECKS = (
     "shadow-render",
     "slicer",

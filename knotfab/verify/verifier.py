@@ -26,17 +26,9 @@ __all__ = [
     "load_early",
 ]
 
-VERDICT_KEYS = (
-    "status",
-    "conclusion",
-    "size_mm",
-    "notes",
-    "checks",
-    "views",
-    "colours",
-    "picture",
-)  # for readers
-LIMIT_S = 1800.0  # of one part, from when its verdict is waited for
+# for readers
+VERDICT_KEYS = "status", "conclusion", "size_mm", "notes", "checks", "views", "colours", "picture"
+LIMIT_S = 1800.0  # seconds for one part, from when its verdict is waited for
 _MODULE = "knotfab_validators.service"
 _HALVES = ("geometry", "shadows")
 # Two builds side by side, on threads, do not read each other's answers.
@@ -139,7 +131,7 @@ class Verifier:
 
     def __exit__(self, *_: object) -> None:
         for verdict in self._asked:
-            verdict.cancel()  # what nobody waits for any more
+            verdict.cancel()  # nobody waits for it any more
         self._held.__exit__(None, None, None)
 
     def submit(self, files: Files, skip: Collection[str] = (), unit: str = "mm") -> Answer:
@@ -175,7 +167,7 @@ class Answer:
             ) from late
         if "error" in answer:
             raise explain_unreadable(str(answer["error"]))
-        from knotfab.verify.checks import place_of  # with numpy, not before the child has begun
+        from knotfab.verify.checks import place_of  # imports numpy, not before the child has begun
 
         return {**answer, "checks": sorted(answer["checks"], key=place_of)}
 

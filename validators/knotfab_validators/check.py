@@ -30,11 +30,11 @@ Place = tuple[float, float, float]
 
 Status = Literal["pass", "fail", "skipped"]
 
-MOST_PLACES = 20  # of one check; a picture with more of them shows nothing
+MOST_PLACES = 20  # places of one check; a picture with more of them shows nothing
 MOST_COMPARED = 2000
 
 
-# what `spot` writes, but of the scene
+# places as `spot` writes them, but for those of the scene
 _SPOT = re.compile(r"\((-?[\d.]+), (-?[\d.]+), (-?[\d.]+)\) mm(?! of the scene)")
 
 

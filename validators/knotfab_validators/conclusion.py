@@ -14,7 +14,7 @@ from knotfab_validators.geometry.mesh import Mesh
 __all__ = ["ask_unit", "conclude", "knot_in_words", "size_of"]
 
 SMALL_MM, LARGE_MM = 2.0, 2000.0  # a part of less or more is asked for its unit
-WORDS = {"3_1": "trefoil", "4_1": "figure-eight knot"}  # of what everybody knows by them
+WORDS = {"3_1": "trefoil", "4_1": "figure-eight knot"}  # names by which everybody knows them
 NUMBERS = ("No", "One", "Two", "Three", "Four", "Five", "Six", "Seven", "Eight", "Nine")
 
 

@@ -78,7 +78,7 @@ def _check_surface(
 ) -> list[Check]:
     """Mesh, region and printer."""
     left = _leave_out(PRINTING, skip)
-    # of a broken surface printability means nothing: where that is asked, the surface is too
+    # printability means nothing for a broken surface: where it is asked, the surface is checked too
     checks = (left and _leave_out(MESH, skip)) or _check_mesh(mesh, curves, scene, seconds)
     if mesh is not None and scene is not None and scene.mount.kind == "hang":
         checks += _leave_out(HELD, skip) or [_check_level(mesh, scene)]

@@ -41,7 +41,7 @@ __all__ = [
 FilePath = str | PathLike[str]
 Half = Literal["geometry", "shadows"]
 
-UNASKED = "checked with --print"  # of a piece that its scene says is not printed
+UNASKED = "checked with --print"  # the reason for a piece that its scene says is not printed
 AS_PRINTED = {*PRINTER, *FILES}  # checks of the part before it shrinks
 
 
@@ -59,7 +59,7 @@ class Piece:
     lines: Curves | None
     setting: Scene | None
     plates: Sequence[Plate]
-    table: Sequence[Plate]  # of the frame that holds lamps
+    table: Sequence[Plate]  # bars of the frame that holds lamps
     mesh: Mesh | None
     curves: Curves | None
     left: float
