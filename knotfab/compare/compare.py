@@ -36,10 +36,12 @@ from knotfab_formats.scene import ResolvedView, Scene
 __all__ = ["Comparison", "advise", "compare_photo", "open_view", "read_photo", "write_comparison"]
 
 _LONGER_PX = 640
-_MARGIN = 0.15  # of the frame on each side, so that spill counts
-_PLATE_SHARE = 0.7  # of the plate's margin: its edge may be rounded, and is found to a px or two
+_MARGIN = 0.15  # a share of the frame on each side, so that spill counts
+_PLATE_SHARE = (
+    0.7  # a share of the plate's margin: its edge may be rounded, and is found to a px or two
+)
 _LARGEST_PX = 12000
-_GAIN = 0.004  # of IoU below which the lamp may stay
+_GAIN = 0.004  # a gain of IoU below which the lamp may stay
 _LEAST_MM = (2.0, 2.0, 8.0)  # by which a lamp is worth moving: right, up, away
 # IoU after the fit below which it is the shadow of something else. The piece's own, with corners off by up to
 # 2 mm, have 0.68 to 1.00; others up to 0.38, but up to 0.78 where both shadows are much like a disc

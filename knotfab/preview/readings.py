@@ -44,11 +44,11 @@ _OPTIONS = {
     "subject_px": "--subject",
 }
 _PHOTO = 100  # colours of four bits a channel, that a photograph has at least
-_MILD = 0.9  # of the score, for each step of cleaning
-_LINES = 0.6  # of what is drawn along its lines: no usual tube draws it, and a thin one all of it
-_LEAST_INK, _MOST_INK = 0.04, 0.7  # of the frame, of what is likely to be meant
+_MILD = 0.9  # the score's factor for each step of cleaning
+_LINES = 0.6  # the score's factor for a drawing along its lines, which no usual tube draws, and a thin one wholly
+_LEAST_INK, _MOST_INK = 0.04, 0.7  # shares of the frame within which a likely reading lies
 _PANEL, _TEXT, _GAP, _COLUMNS = 300, 68, 14, 3  # px of the sheet
-_LETTERS = 42  # of a line above it
+_LETTERS = 42  # letters of a line above it
 _PAPER, _INK, _RED = (250, 248, 244), (60, 58, 56), (190, 30, 30)
 
 

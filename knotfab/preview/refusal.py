@@ -18,7 +18,9 @@ if TYPE_CHECKING:
 __all__ = ["find_refusal"]
 
 _HOPELESS = 0.45  # IoU that strokes drawn too thick reach, below which no search helps
-_BLOBS = 0.3  # of strokes as wide as the tube that run together, above which they are no drawing
+_BLOBS = (
+    0.3  # a share of strokes as wide as the tube that run together, above which they are no drawing
+)
 _FEW = 200  # pieces and holes of a picture whose polygons are opened
 
 
@@ -82,7 +84,7 @@ def _unlike(seen: ViewSurvey, scene: Scene) -> SceneError:
     if likeness.changes:
         which = f"{likeness.changes} of its {likeness.features} pieces and holes"
         lost = f"where {which} are lost or run together"
-    if likeness.features > _FEW:  # of these an opening takes seconds, and there are many to try
+    if likeness.features > _FEW:  # an opening of so many takes seconds, and there are many to try
         drawn = recognisable_radius(seen.target.asked, radius * px)
     else:
         drawn = drawing_radius(trace_polygon(seen.target.asked), radius * px)

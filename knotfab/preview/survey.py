@@ -103,7 +103,7 @@ class Survey:
     refusal: SceneError | None = None
     bounds: tuple[HullBound, ...] = ()  # the bounds that several pictures leave of each other
     agreed: tuple[str, ...] = ()  # the changes that made them agree, a sentence each
-    parted: Separation | None = None  # of a picture in colours, which lamps are to mix
+    parted: Separation | None = None  # the masks of a picture in colours, which lamps are to mix
 
 
 def survey(
@@ -131,7 +131,7 @@ def survey(
             question, radius, templates = _choose_tube(scene, targets)
             views = _add_losses(views, question, radius, templates)
         except SceneError as error:
-            refusal = None if sequence else error  # of which another frame may be taken
+            refusal = None if sequence else error  # another frame of a sequence may be taken
     first = views[0]
     printed = guess_print(
         scene,
