@@ -37,9 +37,8 @@ __all__ = ["Comparison", "advise", "compare_photo", "open_view", "read_photo", "
 
 _LONGER_PX = 640
 _MARGIN = 0.15  # a share of the frame on each side, so that spill counts
-_PLATE_SHARE = (
-    0.7  # a share of the plate's margin: its edge may be rounded, and is found to a px or two
-)
+# a share of the plate's margin: its edge may be rounded, and is found to a px or two
+_PLATE_SHARE = 0.7
 _LARGEST_PX = 12000
 _GAIN = 0.004  # a gain of IoU below which the lamp may stay
 _LEAST_MM = (2.0, 2.0, 8.0)  # by which a lamp is worth moving: right, up, away

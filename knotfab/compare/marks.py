@@ -14,11 +14,8 @@ from knotfab.mount.marks import MARK_RADII_MM
 __all__ = ["find_marks"]
 
 _LOOKED_PX = 2000  # longer side at which they are looked for
-_WINDOWS = (
-    1 / 12,
-    1 / 30,
-    1 / 75,
-)  # windows about which the light is averaged, as shares of that side
+# windows about which the light is averaged, as shares of that side
+_WINDOWS = 1 / 12, 1 / 30, 1 / 75
 _DARKER = 0.85  # times that average
 _LEAST_PX = 9  # across a mark
 _LARGEST = 0.25  # a share of the photograph's longer side

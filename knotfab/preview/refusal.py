@@ -18,9 +18,8 @@ if TYPE_CHECKING:
 __all__ = ["find_refusal"]
 
 _HOPELESS = 0.45  # IoU that strokes drawn too thick reach, below which no search helps
-_BLOBS = (
-    0.3  # a share of strokes as wide as the tube that run together, above which they are no drawing
-)
+# a share of strokes as wide as the tube that run together, above which they are no drawing
+_BLOBS = 0.3
 _FEW = 200  # pieces and holes of a picture whose polygons are opened
 
 
