@@ -86,7 +86,7 @@ def _words_of(tokens: Sequence[Token]) -> str:
 
 
 def _read_place(_: object, tokens: Sequence[Token]) -> Path:
-    """Where to write; of "" a path would be the folder one happens to be in: a variable was not set."""
+    """Return the path to write; "" is refused, since a variable was not set."""
     return _place_of(tokens[0].value)
 
 

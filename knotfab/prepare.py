@@ -284,7 +284,7 @@ def _survey(call: _Call, options: BuildOptions, choose: bool = True) -> Survey:
 
 
 def _prints(options: BuildOptions, scene: Scene) -> bool:
-    """Whether the piece is to be printed: a mount is, whoever asked for it."""
+    """Tell whether the piece is to be printed: a mount is, whoever asked for it."""
     return options.print_ or scene.piece.printed or scene.mount.asked
 
 

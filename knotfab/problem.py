@@ -169,7 +169,7 @@ class CertificateLog:
 
     @property
     def certified(self) -> bool:
-        """Whether every step from the template to the end is a proved isotopy."""
+        """True if every step from the template to the end is a proved isotopy."""
         return bool(self.template) and self.least_margin_mm > 0
 
     def add_margin(self, margin_mm: float) -> None:
@@ -203,5 +203,5 @@ class SearchResult(InNotebook):
 
     @property
     def feasible(self) -> bool:
-        """Whether every limit holds."""
+        """True if every limit holds."""
         return not self.feasibility.violations

@@ -44,7 +44,7 @@ class Request:
     preview: tuple[str, ...] = ()  # lines of the preview, before the build
 
     def is_mounted(self, knots: int) -> bool:
-        """Whether so many knots are printed with a mount."""
+        """Tell whether so many knots are printed with a mount."""
         return self.printing and (self.scene.mount.asked or self.scene.hangs(knots))
 
     def budget(self, spent_s: float, mounted: bool) -> Budget | None:

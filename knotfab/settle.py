@@ -116,7 +116,7 @@ def _settle(
 
 
 def _open(request: Request) -> tuple[bool, bool]:
-    """Whether another depth may be taken, and another distance to the wall."""
+    """Tell whether another depth may be taken, and another distance to the wall."""
     scene = request.scene
     free = request.printing and request.time_budget_s is None and not scene.settings.start
     # a free view finds its wall itself

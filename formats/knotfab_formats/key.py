@@ -37,7 +37,7 @@ def words_of(model: type[BaseModel], key: str) -> tuple[str, ...]:
 
 
 def takes_number(model: type[BaseModel], key: str) -> bool:
-    """Whether a key takes a number that need not be whole."""
+    """Tell whether a key takes a number that need not be whole."""
     kind = model.model_fields[key].annotation
     return any(float in (part, *get_args(part)) for part in (kind, *get_args(kind)))
 

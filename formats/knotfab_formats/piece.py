@@ -254,7 +254,7 @@ class Mount(Table):
 
     @property
     def asked(self) -> bool:
-        """Whether somebody asks for a mount, whatever the pieces."""
+        """True if somebody asks for a mount, whatever the pieces."""
         return self.kind in ("wall", "stand", "hang")
 
 

@@ -123,20 +123,20 @@ class Scene(Table):
 
     @property
     def share_wall(self) -> bool:
-        """Whether several lamps shine on one wall."""
+        """True if several lamps shine on one wall."""
         return any(view.wall for view in self.views)
 
     @property
     def screen_ends(self) -> bool:
-        """Whether what falls beside the frame is seen nowhere."""
+        """True if what falls beside the frame is seen nowhere."""
         return self.share_wall and self.lamps.screen == "ends"
 
     def count_knots(self, pieces: int) -> int:
-        """How many knots so many pieces of a picture become."""
+        """Count how many knots so many pieces of a picture become."""
         return pieces if self.piece.knots == "auto" else self.piece.knots
 
     def hangs(self, knots: int) -> bool:
-        """Whether so many knots get a wall mount; if open: several, of one view before a flat wall."""
+        """Tell whether so many knots get a wall mount; if open: several, of one view before a flat wall."""
         if self.mount.kind != "auto":
             return self.mount.kind == "wall"
         one_flat = len(self.views) == 1 and self.views[0].wall_radius_mm == "flat"
@@ -198,7 +198,7 @@ class ResolvedView(View):
 
     @property
     def reach_mm(self) -> float:
-        """How far from its middle a piece may reach to either side, where its region is "auto"."""
+        """Bound how far from its middle a piece may reach to either side, where its region is "auto"."""
         before_lamp = WALL_SHARE * (self.light_distance_mm - 0.5 * self.light_size_mm)
         return min(WALL_SHARE * self.clear_mm, LIGHT_SHARE * self.light_distance_mm, before_lamp)
 

@@ -106,7 +106,7 @@ class Reading(Table):
 
     @property
     def cut_out(self) -> bool:
-        """Whether a subject is cut out of the picture, and drawn instead of ink."""
+        """True if a subject is cut out of the picture, and drawn instead of ink."""
         return bool(self.subject_mask) or self.subject_px != "none"
 
 

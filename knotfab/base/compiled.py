@@ -36,7 +36,7 @@ def compiled(function: Callable[_In, _Out]) -> Callable[_In, _Out]:
 
 
 def _has_room(loop: Any) -> bool:
-    """Whether the disk can take a loop's machine code, or has it already."""
+    """Tell whether the disk can take a loop's machine code, or has it already."""
     stats = getattr(loop, "stats", None)  # NUMBA_DISABLE_JIT leaves the function as it is
     if stats is None or shutil.disk_usage(stats.cache_path).free >= _ROOM_BYTES:
         return True
@@ -44,7 +44,7 @@ def _has_room(loop: Any) -> bool:
 
 
 def count_loops() -> tuple[int, int, str]:
-    """How many loops have run in this process, how many it had to compile, and where they are kept, or ""."""
+    """Count the loops that ran here and those that were compiled; name where they are kept, or ""."""
     ran = [loop for loop in _LOOPS if loop.signatures]
     missed = sum(sum(loop.stats.cache_misses.values()) > 0 for loop in ran)
     kept = {str(loop.stats.cache_path) for loop in ran if loop.stats.cache_path}

@@ -150,7 +150,7 @@ class Workers:
 
     @property
     def idle(self) -> bool:
-        """Whether all that they were asked is answered."""
+        """True if all that they were asked is answered."""
         return self._free.qsize() == len(self._all)
 
     @property

@@ -116,7 +116,7 @@ class Progress:
 
     @property
     def draws(self) -> bool:
-        """Whether there is a bar: only on a terminal, and not when quiet."""
+        """True if there is a bar: only on a terminal, and not when quiet."""
         return self.mode != "quiet" and self._stream.isatty()
 
     @property
@@ -204,12 +204,12 @@ class Progress:
 
     @property
     def watched(self) -> bool:
-        """Whether anybody sees what `update` says: a search need not measure it for nobody."""
+        """True if anybody sees what `update` says: a search need not measure it for nobody."""
         return self._bar is not None or self._heeded
 
     @property
     def _heeded(self) -> bool:
-        """Whether events go anywhere."""
+        """True if events go anywhere."""
         return bool(self._events) or self._heard is not None
 
     def set_scene(
@@ -301,7 +301,7 @@ class Progress:
             print(text, file=self._stream, flush=True)
 
     def _is_due(self, event: str, every_s: float = _FRAME_S) -> bool:
-        """Whether an event that comes often is to be written now."""
+        """Tell whether an event that comes often is to be written now."""
         now = time.perf_counter()
         with self._lock:
             due = now >= self._due.get(event, 0.0)

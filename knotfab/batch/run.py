@@ -129,7 +129,7 @@ def _read_records(folder: Path) -> dict[str, Record]:
 
 
 def _is_record(found: Any) -> bool:
-    """Whether it has the keys of a record, of their kinds."""
+    """Tell whether it has the keys of a record, of their kinds."""
     kinds = {
         "name": str,
         "picture": str,
@@ -145,7 +145,7 @@ def _is_record(found: Any) -> bool:
 
 
 def _is_there(folder: Path, record: Record) -> bool:
-    """Whether what a record tells of lies in its folder; of some endings nothing does."""
+    """Tell whether what a record tells of lies in its folder; of some endings nothing does."""
     place = folder / record["name"] / ("" if record["exit_code"] == 0 else REJECTED)
     nothing = record["exit_code"] not in (0, 1) or record["iou"] is None
     return nothing or (place / "report.json").is_file()

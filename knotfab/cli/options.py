@@ -18,7 +18,7 @@ __all__ = ["open_events", "open_page"]
 
 @contextmanager
 def open_events(name: str | None) -> Iterator[TextIO | None]:
-    """Where the events of a build go: nowhere, standard output for "-", or a file.
+    """Open the events of a build: nowhere, standard output for "-", or a file.
 
     Raises:
         InputError: the file cannot be written.

@@ -79,7 +79,7 @@ def guard_streams() -> None:
 
 
 def why_unsaid() -> str | None:
-    """Why some of standard output was lost, in a sentence; None where nothing was, or nobody listens."""
+    """Say why some of standard output was lost, in a sentence; None where nothing was, or nobody listens."""
     with contextlib.suppress(OSError, ValueError):
         sys.stdout.flush()
     if not _unsaid:

@@ -89,12 +89,12 @@ def print_checks(checks: Sequence[dict[str, Any]]) -> None:
 
 
 def _is_informative(check: Mapping[str, Any]) -> bool:
-    """Whether nobody asks the check to pass: it has no limit, or decides nothing and holds."""
+    """Tell whether nobody asks the check to pass: it has no limit, or decides nothing and holds."""
     return check["status"] == "pass" and (check["limit"] is None or not check["required"])
 
 
 def print_summary(outcome: Outcome, verbose: bool = False) -> None:
-    """Where the result lies, how good it is, and what did not pass.
+    """Say where the result lies, how good it is, and what did not pass.
 
     Args:
         verbose: with the figures that the words stand for.

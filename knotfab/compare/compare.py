@@ -71,7 +71,7 @@ class Comparison:
 
     @property
     def alike(self) -> bool | None:
-        """Whether the piece throws such a shadow, wherever its lamp stands; None: no knots are there."""
+        """True if the piece throws such a shadow, wherever its lamp stands; None: no knots are there."""
         if self.instead:
             return False
         return None if self.lamp is None else _best_iou(self.iou, self.lamp) >= _ALIKE
@@ -224,7 +224,7 @@ def _tell(at: Array) -> tuple[str, ...]:
 
 
 def advise(found: Comparison) -> str:
-    """Which way to move the lamp, in a sentence; or that the photograph shows another shadow."""
+    """Say which way to move the lamp, or that the photograph shows another shadow."""
     lamp = found.lamp
     if found.instead:
         orders = " or ".join(f"--corners {' '.join(order)}" for order in found.instead)
@@ -290,7 +290,7 @@ def _read_view(folder: Path, name: str | None) -> tuple[Scene, ResolvedView, str
 
 
 def _margin_px(scene: Scene, view: ResolvedView, width: int) -> tuple[int, int]:
-    """How far about the frame is looked: on a plate no further than that, for the wall is unlike it."""
+    """Return how far about the frame one looks: no further than a plate, which is unlike the wall."""
     margin = _MARGIN * view.longer_mm
     if _has_plate(scene):
         margin = min(margin, _PLATE_SHARE * scene.mount.plate_margin_mm)

@@ -96,7 +96,7 @@ def _is_about(share: float, wanted: float) -> bool:
 
 
 def _is_ellipse(region: Mask) -> bool:
-    """Whether it is as large as the ellipse of its second moments, and not too flat."""
+    """Tell whether it is as large as the ellipse of its second moments, and not too flat."""
     points = np.argwhere(region)
     spread = np.cov(points.T) + np.eye(2) / 12
     low, high = np.linalg.eigvalsh(spread)

@@ -215,7 +215,7 @@ def bend_pictures(
 
 
 def _beyond(shape: tuple[int, ...], pad: int) -> Array:
-    """How far each pixel lies outside the frame within a padded field, px."""
+    """Measure how far each pixel lies outside the frame within a padded field, px."""
     rows, columns = (
         np.maximum(np.maximum(pad - np.arange(n), np.arange(n) - (n - 1 - pad)), 0) for n in shape
     )

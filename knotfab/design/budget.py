@@ -84,7 +84,7 @@ class Budget:
         return give
 
     def _slower(self) -> float:
-        """How many times longer what needs a core for a second has taken so far, beside others."""
+        """Return how many times longer work for one core has taken so far, beside other programs."""
         if self.began is None:
             return 1.0
         return float(np.clip((time.perf_counter() - self.began) / time.process_time(), 1.0, _MOST))

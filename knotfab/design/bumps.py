@@ -47,14 +47,14 @@ def start_without_bumps(
 
 
 def better(one: SearchResult, other: SearchResult) -> bool:
-    """Whether one result is to be taken before another: by its limits, and then by its pictures."""
+    """Tell whether one result is to be taken before another: by its limits, and then by its pictures."""
     if one.feasible != other.feasible:
         return one.feasible
     return one.iou_estimate > other.iou_estimate
 
 
 def _farthest_outside(result: SearchResult, target: TargetView) -> float:
-    """How far centre lines stand outside the picture, mm in the plane of the scene's middle."""
+    """Measure how far centre lines stand outside the picture, mm in the plane of the scene's middle."""
     points = np.concatenate([knot.points for knot in result.knots.knots]) @ target.axes.T
     seen = lower(points, target.view.light_distance_mm)
     shapely.prepare(target.polygon)

@@ -33,6 +33,6 @@ def fine_enough(
 
 
 def outline_px(scene: Scene, settings: SearchSettings) -> float:
-    """How far the file's shadow may be off the exact tube's: the scene's word, or else the accuracy's."""
+    """Return how far the file's shadow may be off the exact tube's: the scene's word, or the accuracy's."""
     asked = scene.accuracy.max_outline_error_px
     return settings.outline_px if isinstance(asked, str) else asked

@@ -255,7 +255,7 @@ def _draw_tones(
 
 
 def _is_thin(view: View, target: Target, radius: float) -> bool:
-    """Whether most of a picture is too thin for two strands of this radius, mm, side by side."""
+    """Tell whether most of a picture is too thin for two strands of this radius, mm, side by side."""
     px = frame_view(view, target).px_per_mm(target.width)
     return is_thin(target.mask, _SLIM * 2.0 * radius * px)
 

@@ -43,7 +43,7 @@ class HullBound:
 
 
 def inside_hull(points: Array, cameras: Sequence[Camera], masks: Sequence[Mask]) -> Mask:
-    """Which of the points (n, 3), mm, lie in every picture's silhouette; outside a frame is outside."""
+    """Find which of the points (n, 3), mm, lie in every picture's silhouette; outside a frame is outside."""
     inside = np.ones(len(points), dtype=bool)
     for camera, mask in zip(cameras, masks, strict=True):
         left = np.flatnonzero(inside)
@@ -121,7 +121,7 @@ def _widen(mask: Mask, cells: int) -> Mask:
 
 @lru_cache(maxsize=16)  # views are moved, and their masks stay
 def _beyond(mask: bytes, shape: tuple[int, int]) -> Array:
-    """How far pixels are from a mask, px."""
+    """Measure how far pixels are from a mask, px."""
     drawn = np.frombuffer(mask, dtype=np.bool_).reshape(shape)
     return np.asarray(distance_transform_edt(~drawn), dtype=np.float32)
 
@@ -199,7 +199,8 @@ def follow_rays(
     ends: bool = False,
     extents: bool = True,
 ) -> tuple[Mask, Array, Array]:
-    """Which of the rays `begin + along * ray` (n, 3) meet a point within all masks, and these points' box.
+    """Find which of the rays `begin + along * ray` (n, 3) meet a point within all masks, and these points'
+    box.
 
     The first and the last of a ray's points within all masks span what that ray adds to the box, so each ray
     is followed from its two ends. A projection of it is linear in `along`.

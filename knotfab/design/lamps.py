@@ -162,7 +162,8 @@ def _layouts(count: int) -> Iterator[Array]:
 
 
 def depth_apart(views: Sequence[ResolvedView], masks: Sequence[Mask]) -> float | None:
-    """How deep, mm, pieces may be that draw one mask each and throw no other shadow on a screen that ends.
+    """Bound how deep, mm, pieces may be that draw one mask each and throw no other shadow on a screen that
+    ends.
 
     None where lamps stand too near to each other for that.
     """
@@ -278,6 +279,6 @@ def _in_rows(
 
 
 def _apart(boxes: Array, frame: Array, one: int, other: int, axis: int) -> float:
-    """How far, on the wall, shadows of lamp `one`, on the low side, and `other` must part."""
+    """Return how far, on the wall, shadows of lamp `one`, on the low side, and `other` must part."""
     half = 0.5 * frame[axis]
     return float(max(half + boxes[one, 1, axis], half - boxes[other, 0, axis])) + _SPARE_MM

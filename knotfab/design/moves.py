@@ -44,7 +44,7 @@ _CLOSER = 0.66  # share of equal angles: narrow pictures stand about the side of
 
 
 def reach_of(views: Sequence[ResolvedView]) -> float:
-    """How far from the middle matter may stand: clear of every wall and light, mm."""
+    """Bound how far from the middle matter may stand: clear of every wall and light, mm."""
     return min(
         min(0.97 * v.clear_mm if v.kind == "shadow" else np.inf, 0.5 * v.light_distance_mm)
         for v in views

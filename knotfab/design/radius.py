@@ -78,7 +78,7 @@ class _Trials:
 
     @property
     def filled(self) -> bool:
-        """Whether each picture is filled as if it were the only one."""
+        """True if each picture is filled as if it were the only one."""
         return self.one_view or self.question.problem.apart_mm is not None
 
     def score(self, radius: float) -> float:

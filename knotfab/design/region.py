@@ -118,7 +118,7 @@ def least_wall_mm(back_mm: float, radius: float) -> float:
 
 
 def _across(region: ResolvedRegion, ahead: Array) -> float:
-    """How far a region reaches about the scene's middle along a direction (3,), to both sides alike, mm."""
+    """Measure how far a region reaches along a direction (3,), alike to both sides of the middle, mm."""
     if region.kind == "mesh" and region.file is not None:
         least, most = region_mesh(region.file, region.center_mm).bounds
         return 2.0 * _chord(np.minimum(most, -least), ahead)

@@ -107,7 +107,7 @@ def _require_inside(view: ResolvedView, wall: CurvedWall, target: Target) -> Non
 
 
 def _to_flat(view: ResolvedView, wall: CurvedWall, target: Target, pixels: Array) -> Array:
-    """Where pixels (n, 2) of the round wall's picture are on the flat one's."""
+    """Find where pixels (n, 2) of the round wall's picture are on the flat one's."""
     return _to_pixels(view, target, wall.flatten(_to_wall(view, target, pixels)))
 
 

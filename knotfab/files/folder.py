@@ -65,7 +65,7 @@ class OutputFolder:
         return self._hidden / "new"
 
     def file(self, name: str) -> Path:
-        """Where to write the file that becomes DIR/name."""
+        """Return the path at which the file that becomes DIR/name is written."""
         return self.work / name
 
     def write(self, name: str, content: str | bytes) -> Path:

@@ -48,7 +48,7 @@ def move_all(folder: Path, hidden: Path, steps: Sequence[Step]) -> None:
 
 
 def is_moving(hidden: Path) -> bool:
-    """Whether a hidden folder is still needed: its moves could be neither finished nor undone."""
+    """Tell whether a hidden folder is still needed: its moves could be neither finished nor undone."""
     return (hidden / _DO).exists() or (hidden / _UNDO).exists()
 
 

@@ -279,7 +279,7 @@ class _Layout:
 
     @property
     def _begin(self) -> float:
-        """Where the spine begins, out of the middle of the piece: behind the screen's slot."""
+        """Find where the spine begins, out of the middle of the piece: behind the screen's slot."""
         return self.screen - CARD_MM - CARD_PLAY_MM - RIDGE_MM - 4.0
 
     def _across(self) -> list[tuple[float, float, float]]:

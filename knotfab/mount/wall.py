@@ -245,7 +245,7 @@ def sag_on_pegs(
     stiffness: Stiffness,
     foot: Literal["plate", "dowel"] = "plate",
 ) -> float:
-    """How far knots would sag on the thickest pegs alone, mm, by the model that chooses them.
+    """Measure how far knots would sag on the thickest pegs alone, mm, by the model that chooses them.
 
     Of a piece on a plate without the knots that no ray to the wall is free from: those may hang on others.
 

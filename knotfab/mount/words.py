@@ -123,7 +123,7 @@ def _reach(mounted: Mounted, place: Placement) -> str:
 
 
 def _thread(mounted: Mounted, place: Placement) -> str:
-    """Where the thread carries a piece that hangs."""
+    """Return the place where the thread carries a piece that hangs."""
     assert mounted.hang is not None
     across, up, off = ((mounted.hang.eyelet.thread - place.middle) @ place.wall.T).tolist()
     where = f"{_sign(up, 'above')} and {_sign(across, 'right of')} the frame's middle"
@@ -170,7 +170,7 @@ def _desk_steps(place: Placement, view: View, lamp: str) -> list[str]:
 
 
 def level_wall(place: Placement, height: float) -> float:
-    """How far towards the lamp (mm, level) the wall is at a height of the scene."""
+    """Return how far towards the lamp (mm, level) the wall is at a height of the scene."""
     out, up = place.wall[2] @ place.level.T, height - float(place.level[1] @ place.middle)
     return float(place.level[2] @ place.middle) - up * float(out[1]) / float(out[2])
 

@@ -121,7 +121,7 @@ def estimate_supports_cm3(found: Estimate) -> float:
 
 
 def keeps_limits(found: Estimate, rules: Rules) -> bool:
-    """Whether the printer's limits for overhangs are kept, as far as can be estimated."""
+    """Tell whether the printer's limits for overhangs are kept, as far as can be estimated."""
     if rules.supports:
         return (
             rules.max_support_cm3 is None or estimate_supports_cm3(found) <= rules.max_support_cm3

@@ -25,7 +25,7 @@ CROSS = np.concatenate([np.eye(3), -np.eye(3)])
 
 
 def can_be_split(mounted: Mounted) -> bool:
-    """Whether every knot is a body of its own: without a mount, or on dowels."""
+    """Tell whether every knot is a body of its own: without a mount, or on dowels."""
     return mounted.stand is None and (mounted.wall is None or mounted.wall.settings.foot == "dowel")
 
 

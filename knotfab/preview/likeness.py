@@ -49,7 +49,7 @@ class Likeness:
 
     @property
     def recognisable(self) -> bool:
-        """Whether a search may be worth it."""
+        """True if a search may be worth it."""
         most = max(_CHANGED * self.features, _SPARED)
         return self.iou >= _LEAST_IOU and self.changes <= most
 

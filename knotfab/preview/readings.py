@@ -94,7 +94,7 @@ class TriedReading:
 
 
 def is_unclear(found: Survey) -> bool:
-    """Whether a picture may be meant otherwise.
+    """Tell whether a picture may be meant otherwise.
 
     A build refuses it, it has many pieces and holes, or its border of several colours made it a guess.
     """
@@ -242,7 +242,7 @@ def _ways(source: str | Path, base: Path | None, view: View) -> list[dict[str, A
 
 
 def _is_photo(image: Image.Image) -> bool:
-    """Whether an opaque picture has as many colours as only photographs have."""
+    """Tell whether an opaque picture has as many colours as only photographs have."""
     if image.has_transparency_data:
         return False
     small = image.convert("RGB")
@@ -273,7 +273,7 @@ def _score(mask: Mask, lines: bool = False) -> float:
 
 
 def _alike(one: Mask, other: Mask) -> bool:
-    """Whether two masks of one picture look the same at a glance."""
+    """Tell whether two masks of one picture look the same at a glance."""
     if one.shape != other.shape:
         return False
     size = fit_size(one.shape[1], one.shape[0], _COMPARED_PX)

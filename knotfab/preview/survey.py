@@ -64,7 +64,7 @@ class ViewSurvey:
 
     @property
     def recognisable(self) -> bool:
-        """Whether any of these tubes may draw it so that it is known."""
+        """True if any of these tubes may draw it so that it is known."""
         return self.likeness is None or self.likeness.recognisable
 
     @property

@@ -73,7 +73,7 @@ def _four(real: Any, numbers: Array) -> Any:
 
 @compiled
 def _meet(a: Any, b: Any, qx: Any, qy: Any, lost: Any, tiny: Any, zero: Any, one: Any) -> Any:
-    """Where a ray passes a segment nearest: t along it, the moments c there and e of the whole of it.
+    """Find where a ray passes a segment nearest: t along it, the moments c there and e of the whole of it.
 
     Then |e|^2, how far the ray passes, and whether that is more than rounding. See `render.capsule.ray_miss`.
     """
@@ -241,7 +241,7 @@ def find_winners(
 
 @compiled
 def are_within(places: Places, count: int) -> bool:
-    """Whether all are numbers of `count` things."""
+    """Tell whether all are numbers of `count` things."""
     least, most = 0, -1
     for n in range(len(places)):
         least, most = min(least, places[n]), max(most, places[n])

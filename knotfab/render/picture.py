@@ -65,7 +65,7 @@ class ViewImage:
         return total, one + two[rings.previous]
 
     def find_winners(self, points: Array, rings: Polylines, radius: float, tau: float) -> Any:
-        """Which capsule of the tube colours each pixel, for `squared_error` of vertices that moved little."""
+        """Find the capsule that colours each pixel, for `squared_error` of vertices that moved little."""
         p = points.astype(self.target.dtype)
         if self._drawn is not None:
             return self._drawn.find_winners(p, rings, radius, CUTOFF / tau)

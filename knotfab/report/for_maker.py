@@ -81,7 +81,7 @@ def tell_setup(
 
 
 def advise_lamp(view: View, tube_radius_mm: float) -> list[str]:
-    """Which lamp will do, a sentence or two each: the drawing's facts, a phone's torch, a bulb.
+    """Say which lamp will do, a sentence or two each: the drawing's facts, a phone's torch, a bulb.
 
     The shadow of an edge in the middle of the piece is as wide as the lamp, by the distances
     behind and before it.
@@ -148,7 +148,7 @@ def draw_setup(folder: Path) -> list[str]:
 
 
 def _near_ink(image: Any, axis: int) -> NDArray[np.bool_]:
-    """Which rows (axis 1) or columns (axis 0) of a picture have ink, or are near one that has."""
+    """Find which rows (axis 1) or columns (axis 0) of a picture have ink, or are near one that has."""
     from scipy.ndimage import binary_dilation
 
     inked = (np.asarray(image.convert("L")) < _PAPER).any(axis=axis)

@@ -78,7 +78,7 @@ def check_limits(made: Design) -> Record:
 
 
 def tell_binding(made: Design) -> list[str]:
-    """Which limits keep the picture from its IoU, and what each costs, a sentence each, where any does."""
+    """Say which limits keep the picture from its IoU, and what each costs, a sentence each."""
     if made.unmet is None and not made.binding:
         return []
     alone = "No limit alone is to blame: without any one of them the picture is drawn no better."

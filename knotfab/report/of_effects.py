@@ -87,7 +87,7 @@ def limits_as_effects(limits: Sequence[Mapping[str, Any]]) -> list[Record]:
 
 
 def tell_warnings(effects: Mapping[str, Decision]) -> list[str]:
-    """Which effects are switched off that the scene calls for, a sentence each."""
+    """Say which effects are switched off that the scene calls for, a sentence each."""
     return [decision.warning for decision in effects.values() if decision.warning is not None]
 
 
@@ -140,7 +140,7 @@ def count_flattened(effects: Mapping[str, Decision], targets: Sequence[Target]) 
 
 
 def tell_walls(views: Sequence[Record]) -> list[str]:
-    """Which walls are round, a sentence each, where that matters."""
+    """Say which walls are round, a sentence each, where that matters."""
     said = []
     for view in views:
         if found := view.get("wall"):

@@ -38,7 +38,7 @@ OPENING = (
 
 
 def tell_kept(result: Sliced | NotSliced | None) -> list[str]:
-    """Why no G-code lies in the folder, though it was asked for; nothing where it does."""
+    """Say why no G-code lies in the folder, though it was asked for; nothing where it does."""
     if not isinstance(result, NotSliced):
         return []
     remedy = f" {result.remedy}" if result.remedy else ""

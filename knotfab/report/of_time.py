@@ -64,7 +64,7 @@ def add_next_step(report: Record) -> None:
 
 
 def _as_preset(settings: Record, views: int) -> bool:
-    """Whether a search had the iterations and pixels of its accuracy's preset, for so many views at once."""
+    """Tell whether a search had the iterations and pixels of its accuracy's preset, for so many views."""
     preset = PRESETS[settings["accuracy"]]
     preset = preset.scaled(views) if views > 1 else preset
     return all(settings["search"][key] == getattr(preset, key) for key in _WORK)

@@ -99,7 +99,7 @@ def add_posing(
 
 
 def find_access(part: Part) -> Access | None:
-    """Whether the supports can be taken out; None where there are none, or the part is cut into plates."""
+    """Say whether the supports can be taken out; None without supports, or for a part cut into plates."""
     from knotfab.part.access import measure_access
     from knotfab.part.assemble import rules_of
 

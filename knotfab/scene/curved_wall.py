@@ -91,7 +91,7 @@ class CurvedWall:
         return self.foot + local @ self.axes, normal @ self.axes
 
     def before(self, turn: Array | float) -> Array:
-        """How far before the flat wall this one is, turned so far, mm: R (1 - cos), which cancels."""
+        """Measure how far before the flat wall this one is, turned so far, mm: R (1 - cos), which cancels."""
         return np.asarray(2 * self.radius * np.sin(0.5 * turn) ** 2)
 
     def touching(self, points: Array) -> Array:
@@ -114,7 +114,7 @@ class CurvedWall:
 
     @property
     def off_mm(self) -> float:
-        """How far the picture of a flat wall lies from that of this one, at most in the frame, mm.
+        """Measure how far the picture of a flat wall lies from that of this one, at most in the frame, mm.
 
         About |x|³ / (2 R H) across, less what a bent wall is longer, |x|³ / (6 R²), and y x² / (2 R H) up.
         """

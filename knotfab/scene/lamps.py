@@ -64,14 +64,14 @@ def require_lamps(scene: Scene, what: str) -> None:
 
 
 def _alike(one: View, other: View) -> bool:
-    """Whether two lamps differ in brightness at most."""
+    """Tell whether two lamps differ in brightness at most."""
     lengths = [hypot(*view.lamp_colour) or 1.0 for view in (one, other)]
     ways = [[c / n for c in v.lamp_colour] for v, n in zip((one, other), lengths, strict=True)]
     return hypot(*(a - b for a, b in zip(*ways, strict=True))) < _ALIKE
 
 
 def _apart_mm(one: View, other: View) -> float:
-    """How far two lamps stand from each other."""
+    """Measure how far two lamps stand from each other."""
     keys = ("light_right_mm", "light_up_mm", "light_distance_mm")
     return hypot(*(getattr(one, key) - getattr(other, key) for key in keys))
 

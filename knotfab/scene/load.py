@@ -65,7 +65,7 @@ def parse_scene(text: str, what: str = "scene.toml") -> Scene:
 
 
 def _depth_span(scene: Scene, view: View) -> tuple[float, float] | None:
-    """How far the region reaches towards the light and towards the wall, mm."""
+    """Return how far the region reaches towards the light and towards the wall, mm."""
     size = scene.region.size_mm
     if isinstance(size, str) or scene.region.kind == "mesh":
         return None

@@ -49,7 +49,7 @@ def data_folder() -> Path:
 
 
 def is_file_name(text: str) -> bool:
-    """Whether a printer or material is meant as a file, not by its name."""
+    """Tell whether a printer or material is meant as a file, not by its name."""
     return text.endswith(".toml") or "/" in text or os.sep in text
 
 

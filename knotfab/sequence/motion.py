@@ -117,7 +117,7 @@ class Motion:
 
     @property
     def held(self) -> bool:
-        """Whether no vertex goes further than the limit."""
+        """True if no vertex goes further than the limit."""
         return self.largest_mm <= self.limit_mm
 
 

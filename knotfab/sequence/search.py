@@ -48,7 +48,7 @@ class FrameResult:
 
     @property
     def sound(self) -> bool:
-        """Whether every limit holds, the motion's among them."""
+        """True if every limit holds, the motion's among them."""
         return self.result.feasible and self.beyond_mm <= 0
 
 

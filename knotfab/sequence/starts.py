@@ -54,7 +54,7 @@ class PictureDifferences:
         return nearest if unlike[nearest] < _ALIKE * unlike[neighbour] else neighbour
 
     def same(self, one: int, other: int) -> bool:
-        """Whether two frames have one picture."""
+        """Tell whether two frames have one picture."""
         return bool(np.array_equal(self._whole[one], self._whole[other]))
 
 

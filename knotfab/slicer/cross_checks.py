@@ -30,7 +30,7 @@ VOLUME_SHARE = 1 / 1024
 
 
 def compare_info(said: str, bodies: Sequence[Mesh]) -> tuple[int, CrossCheck]:
-    """How many objects `--info` lists, and whether it is one, of the bodies' size, place and volume.
+    """Check that `--info` lists one object, of the bodies' size, place and volume.
 
     Several would drop onto the bed each by itself. It is the one question in which PrusaSlicer says by
     itself that a mesh has holes.

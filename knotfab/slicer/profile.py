@@ -39,7 +39,7 @@ FILAMENTS = {
 
 
 def why_not_sliced(scene: Scene) -> str | None:
-    """Why a slicer for filament has nothing to say of this piece; None where it has."""
+    """Say why a slicer for filament has nothing to say of this piece; None where it has."""
     if scene.material.process == "wire":
         return "wire: bent, not sliced"
     resin = "resin" in (scene.material.process, scene.printer.process)

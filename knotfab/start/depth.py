@@ -66,7 +66,7 @@ def _overlapping(samples: tuple[Array, ...], radius: float) -> tuple[Indices, In
 
 @compiled
 def _count_close(points: Array, one: Indices, other: Indices, reach: float) -> int:
-    """How many of the pairs (p,) of points (n, 3) are closer than `reach`."""
+    """Count how many of the pairs (p,) of points (n, 3) are closer than `reach`."""
     found = 0
     for p in range(len(one)):
         square = 0.0

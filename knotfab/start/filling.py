@@ -85,7 +85,7 @@ def _without_noise(piece: Polygon, radius: float) -> list[Polygon]:
 
 
 def _ring_region(region: BaseGeometry, radius: float, thin: float) -> BaseGeometry:
-    """Where centre lines may run: the inset, with parts narrower than the tube inset by less."""
+    """Find where centre lines may run: the inset, with parts narrower than the tube inset by less."""
     inset = region.buffer(-radius, join_style="mitre")
     opened = inset.buffer(radius * 1.02, join_style="mitre")
     try:
@@ -196,7 +196,7 @@ def _bridge(one: Array, at: int, other: Array, to: int, gap: int, step: float) -
 
 
 def simple_curves(curves: list[Array]) -> bool:
-    """Whether the closed curves are simple and disjoint."""
+    """Tell whether the closed curves are simple and disjoint."""
     rings = [LinearRing(c) for c in curves]
     if not all(ring.is_simple for ring in rings):
         return False
@@ -313,7 +313,7 @@ def as_bent(template: Template, bend: float, flat: bool = False) -> Template:
 
 
 def _is_smaller(curve: Array, bend: float) -> bool:
-    """Whether a closed curve (n, 2) is less across than any that bends by no less than this radius, mm."""
+    """Tell whether a closed curve (n, 2) is smaller than any with this least bend radius, mm."""
     low, high = curve.min(axis=0), curve.max(axis=0)
     if float((high - low).max()) >= 2.0 * bend:
         return False

@@ -138,7 +138,7 @@ def _plan(
 
 @compiled
 def _corners(path: Indices, n: int, loops: Any) -> int:
-    """How many corners more the curves have along the path than as they run now."""
+    """Count the corners that the curves have more along the path than as they run now."""
     _, _, after, before, _, _ = loops
     first, last = path[0], path[n - 1]
     come, count = first - before[first], 0

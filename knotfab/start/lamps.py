@@ -91,7 +91,7 @@ def on_axis(target: TargetView) -> TargetView:
 
 
 def _bridged(templates: list[Template], knots: int | None) -> dict[int, int]:
-    """How many curves the masks are to become that are bridged, the one with the most first."""
+    """Count how many curves the masks are to become that are bridged, the one with the most first."""
     counts = [len(template.curves) for template in templates]
     asked = dict[int, int]()
     while knots is not None and sum(counts) > knots and max(counts) > 1:

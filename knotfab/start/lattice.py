@@ -54,19 +54,19 @@ class Sight:
     drawn: Flags | None = None
 
     def draws(self, points: Array) -> Flags:
-        """Whether each of points (n, 3) is seen on the picture; all are where no screen ends."""
+        """Tell whether each of points (n, 3) is seen on the picture; all are where no screen ends."""
         if self.drawn is None:
             return np.ones(len(points), dtype=bool)
         seen, _ = self.look(points)
         return np.asarray(self._at(self.drawn.astype(float), seen) > 0.5)
 
     def look(self, points: Array) -> tuple[Array, Array]:
-        """Where points (n, 3) are seen, in cells (n, 2), and the cells that a mm is there (n,)."""
+        """Find where points (n, 3) are seen, in cells (n, 2), and the cells that a mm is there (n,)."""
         h = points @ self.projection[:, :3].T + self.projection[:, 3]
         return h[:, :2] / h[:, 2:], self.near / h[:, 2]
 
     def room(self, points: Array) -> Array:
-        """How far inside the silhouette points are seen, mm where they stand (n,)."""
+        """Measure how far inside the silhouette points are seen, mm where they stand (n,)."""
         seen, scale = self.look(points)
         return self._at(self.depth, seen) / scale
 
@@ -195,7 +195,7 @@ def lattice_in(
     """
 
     def measure(points: Array) -> Array:
-        """How far inside each silhouette points are seen, in tube radii (views, n).
+        """Measure how far inside each silhouette points are seen, in tube radii (views, n).
 
         It is far outside of what leaves the region, and of what draws nothing before screens that end.
         """

@@ -100,7 +100,7 @@ def lift_template(
 def _judge_effects(
     problem: Problem, template: Template, extent: float, radius: float, settings: SearchSettings
 ) -> tuple[Decision, Decision]:
-    """Whether the lamp is wide, and whether placing counts, before depths are known.
+    """Tell whether the lamp is wide, and whether placing counts, before depths are known.
 
     The one by strands as near to the lamp as any may come; the other by these and some as far from it.
     """

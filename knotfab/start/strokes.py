@@ -98,7 +98,7 @@ def _part_plane(lines: list[LineString], radius: float) -> _Plane:
 
 
 def _fill_faces(plane: _Plane, wide: list[bool]) -> list[bool]:
-    """Which faces are filled, so that the lines between filled and empty are as long as may be.
+    """Choose the faces that are filled, so that the lines between filled and empty are as long as may be.
 
     Those that are wide count against it: they are better run through twice.
     Ascent by one face and by two neighbours at a time; the outermost stays empty.
@@ -128,7 +128,7 @@ def _fill_faces(plane: _Plane, wide: list[bool]) -> list[bool]:
 
 
 def _is_wide(line: LineString, edge: BaseGeometry, radius: float) -> bool:
-    """Whether most of a stroke is wider than one tube draws it; `edge`: of what is to be drawn."""
+    """Tell whether most of a stroke is wider than one tube draws it; `edge`: of what is to be drawn."""
     at = shapely.line_interpolate_point(line, np.linspace(0.1, 0.9, 9), normalized=True)
     return bool(np.median(shapely.distance(at, edge)) > _WIDE * radius)
 

@@ -210,7 +210,7 @@ class Builds:
         return self._starts / f"{name}.json"
 
     def keeps(self, picture: str) -> bool:
-        """Whether a build was made of that picture."""
+        """Tell whether a build was made of that picture."""
         return any(picture == p.name for record in self.records.values() for p in record.pictures)
 
     def _is_listed(self, name: str) -> bool:

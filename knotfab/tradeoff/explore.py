@@ -40,7 +40,7 @@ class Explored:
         return frontier(self.whole, self.middle.over(self.compared))
 
     def sets_apart(self, one: Measured) -> bool:
-        """Whether it saw fewer pictures than are compared, or may not stand on the front."""
+        """Tell whether it saw fewer pictures than are compared, or may not stand on the front."""
         middle = self.middle.over(self.compared)
         return len(one.runs) < self.compared or not one.over(self.compared).keeps(middle)
 

@@ -81,7 +81,7 @@ class Measured:
 
     @property
     def legible(self) -> float | None:
-        """How well the picture is read 45 degrees aside: the less the better hidden."""
+        """Measure how well the picture is read 45 degrees aside: the less the better hidden."""
         found = [run.legible for run in self.runs if run.legible is not None]
         return statistics.fmean(found) if found else None
 
@@ -98,7 +98,7 @@ class Measured:
         return replace(self, runs=self.runs[:pictures])
 
     def keeps(self, middle: Measured) -> bool:
-        """Whether its knots are sound, as graceful as the middle's, and as well hidden."""
+        """Tell whether its knots are sound, as graceful as the middle's, and as well hidden."""
         if not self.feasible or self.curvature > _ROUGHER * middle.curvature:
             return False
         return (self.legible or 0.0) <= (middle.legible or 0.0) + _PLAINER
@@ -151,7 +151,7 @@ def _distance(one: Measured, others: Sequence[Measured]) -> float:
 
 
 def _in_vain(one: Measured, middle: Measured) -> bool:
-    """Whether it takes several times the middle's seconds and is no better: a network, a slow renderer."""
+    """Tell whether it takes several times the middle's seconds and is no better, as a slow renderer is."""
     dear = log(one.seconds / middle.seconds) > _DEAR
     return dear and log(one.error / middle.error) > -_NEAR
 

@@ -141,7 +141,7 @@ def outline_error_px(seen: Mask, wanted: Mask, slit_px: float = 0.0) -> float:
 
 
 def facet_error_px(problem: Problem, radius: float, sides: int) -> float:
-    """How far a ring of `sides` corners of the right area stands out from the round tube: r a² / 12.
+    """Measure how far a ring of `sides` corners of the right area stands out from the round tube: r a² / 12.
 
     a = 2 pi / sides; seen at the piece's middle and in pixels of the yardstick.
     """

@@ -56,7 +56,7 @@ def list_unmet(checks: Iterable[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
 
 
 def place_of(check: Mapping[str, Any]) -> int:
-    """Where a check stands in a report: as in `CHECKS`, and others after these."""
+    """Return the place of a check in a report: as in `CHECKS`, and others after these."""
     name = str(check["name"])
     return CHECKS.index(name) if name in CHECKS else len(CHECKS)
 
@@ -73,7 +73,7 @@ def mark_of(check: Mapping[str, Any]) -> str:
 
 
 def tally_checks(checks: Iterable[Mapping[str, Any]]) -> str:
-    """How many passed, and which did not: "35 passed, 1 skipped: slicer"."""
+    """Say how many passed, and which did not: "35 passed, 1 skipped: slicer"."""
     names: dict[str, list[str]] = {}
     for check in checks:
         names.setdefault(mark_of(check), []).append(check["name"])

@@ -76,7 +76,7 @@ class _Validators:
 
     @property
     def idle(self) -> bool:
-        """Whether the processes have answered all that they were asked."""
+        """True if the processes have answered all that they were asked."""
         return all(workers is None or workers.idle for workers in (self._whole, self._shadows))
 
     def end(self) -> None:

@@ -110,7 +110,7 @@ def _check_lines(
     seconds: dict[str, float],
     skip: Collection[str],
 ) -> list[Check]:
-    """Whether centre lines were found, the gaps between strands, and what knots they are."""
+    """Tell whether centre lines were found, the gaps between strands, and what knots they are."""
     line, found = _find_lines(mesh, curves, scene, seconds, skip)
     kinds = _leave_out(KNOTS, skip) or _check_knots(mesh, curves or found, scene, seconds)
     if found is not None:
@@ -153,7 +153,7 @@ def _check_mesh(
 def _check_tube(
     mesh: Mesh | None, curves: Curves | None, scene: Scene | None, seconds: dict[str, float]
 ) -> Check:
-    """Whether the surface is the tube of the curves."""
+    """Tell whether the surface is the tube of the curves."""
     if mesh is None:
         return skip_check("tube", "not given the part")
     asked = _radius(scene)
@@ -164,7 +164,7 @@ def _check_tube(
 def _check_mount(
     mesh: Mesh | None, curves: Curves | None, scene: Scene | None, seconds: dict[str, float]
 ) -> Check:
-    """Whether the mount's members are whole, and none but they join strands."""
+    """Tell whether the mount's members are whole, and none but they join strands."""
     if scene is None or not _is_mounted(scene):
         return skip_check("mount", "not given a scene with a mount")
     if mesh is None or curves is None:
@@ -217,7 +217,7 @@ def _keep_strands(mesh: Mesh, curves: Curves | None) -> Mesh:
 def _predict_topology(
     mount: Mount, curves: Curves | None
 ) -> tuple[int | None, Sequence[int] | None]:
-    """How many bodies a mounted part must have, and their genera; None where that is not known.
+    """Predict how many bodies a mounted part must have, and their genera; None where that is not known.
 
     A peg that ends on a plate closes a loop for each one after a knot's first, and each knot brings
     its own; a peg that ends in a hole of the wall closes none.

@@ -217,7 +217,7 @@ def _check_beside(
     skip: Collection[str],
     seconds: dict[str, float],
 ) -> Check:
-    """Whether the 3MF files beside the part hold its surface."""
+    """Tell whether the 3MF files beside the part hold its surface."""
     (name,) = FILES
     if mesh is None or part is None:
         return skip_check(name, "not given the part")

@@ -12,7 +12,7 @@ OWN = re.compile(r"part(-\d+)?|zoetrope")  # names that a build writes as STL an
 
 
 def is_own(part: Path) -> bool:
-    """Whether a build writes files of that name: then the 3MF beside it is the same part."""
+    """Tell whether a build writes files of that name: then the 3MF beside it is the same part."""
     return OWN.fullmatch(part.stem) is not None
 
 

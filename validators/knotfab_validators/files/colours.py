@@ -58,7 +58,7 @@ def middle_of_bin(place: NDArray[Any]) -> NDArray[np.float64]:
 
 
 def enclosed_by_largest(pixels: NDArray[np.uint8], opaque: Mask) -> Mask:
-    """Where the largest cluster of colours encloses parts of others, thick and sharply parted from it.
+    """Find where the largest cluster of colours encloses parts of others, thick and sharply parted from it.
 
     Args:
         pixels: (H, W, 3). opaque: (H, W), where the picture is.

@@ -33,7 +33,7 @@ MOST_DIGITS = 18
 
 
 def is_obj(content: bytes) -> bool:
-    """Whether the first lines that say anything are those of an OBJ file."""
+    """Tell whether the first lines that say anything are those of an OBJ file."""
     head = [line.split(maxsplit=1)[0] for line in content[:4096].splitlines()[:-1] if line.split()]
     known = SHAPELESS | {b"v", b"f"}
     return bool(head) and all(word in known or word.startswith(b"#") for word in head)

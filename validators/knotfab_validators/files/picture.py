@@ -211,7 +211,7 @@ def _select_ink(image: Image.Image, reading: Reading) -> Mask:
 
 
 def _is_stray(values: NDArray[Any], alpha: NDArray[np.uint8], reading: Reading) -> bool:
-    """Whether transparency is an accident: a hundredth of the pixels at most, and the others tell a shape."""
+    """Tell whether at most a hundredth of the pixels is clear, by accident, beside a shape in the others."""
     clear = alpha < 255 * reading.threshold
     if not clear.any():
         return True

@@ -44,7 +44,7 @@ class _Element:
         return sum(int((length or kind)[1]) for _, kind, length in self.properties)
 
     def number(self, name: str) -> int:
-        """Which property is called so; -1 if none."""
+        """Return the number of the property of that name; -1 if none."""
         names = [n for n, _, _ in self.properties]
         return names.index(name) if name in names else -1
 

@@ -42,7 +42,7 @@ class Scene(AskedScene):
 
     @property
     def unprinted(self) -> bool:
-        """Whether the scene says that the piece is not to be printed."""
+        """True if the scene says that the piece is not to be printed."""
         return "printed" in self.piece.model_fields_set and not self.piece.printed
 
     @property

@@ -26,17 +26,17 @@ END = re.compile(rb"\s*\Z")
 
 
 def is_stl(content: bytes) -> bool:
-    """Whether the content is a binary STL of the right length, or begins as one of text."""
+    """Tell whether the content is a binary STL of the right length, or begins as one of text."""
     return len(content) == _length(content) or _is_text(content)
 
 
 def _is_text(content: bytes) -> bool:
-    """Whether it begins as text; some programs write the word into a binary file's header too."""
+    """Tell whether it begins as text; some programs write the word into a binary file's header too."""
     return content.lstrip()[:5].lower() == b"solid" and b"\0" not in content[:1000]
 
 
 def _length(content: bytes) -> int:
-    """How long a binary STL with this header is; -1 without a header."""
+    """Return the length of a binary STL with this header; -1 without a header."""
     return (
         84 + FACET.itemsize * int.from_bytes(content[80:84], "little") if len(content) >= 84 else -1
     )

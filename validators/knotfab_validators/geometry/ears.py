@@ -39,7 +39,7 @@ def cut_polygon(points: Array) -> Ints | None:
 
 
 def _is_ear(a: Array, b: Array, c: Array, others: Array, flat_too: bool) -> bool:
-    """Whether the triangle turns counter-clockwise, and holds none of the other points (k, 2)."""
+    """Tell whether the triangle turns counter-clockwise, and holds none of the other points (k, 2)."""
 
     def side(p: Array, q: Array, x: Array) -> Array:
         return np.asarray((q[0] - p[0]) * (x[..., 1] - p[1]) - (q[1] - p[1]) * (x[..., 0] - p[0]))

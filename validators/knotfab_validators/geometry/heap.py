@@ -17,7 +17,7 @@ MOST_A_FACE = 100  # times the number of faces: a good part has some 10 to 40 a 
 
 
 def tell_heap(mesh: Mesh, boxes: float | None = None) -> str | None:
-    """Why a mesh is such a heap of faces that no tree of boxes helps; None where it is not.
+    """Say why a mesh is such a heap of faces that no tree of boxes helps; None where it is not.
 
     Args:
         boxes: about how many pairs of boxes overlap, where that is known.
@@ -30,7 +30,7 @@ def tell_heap(mesh: Mesh, boxes: float | None = None) -> str | None:
 
 @compiled
 def _count_met(low: Array, high: Array, face: int) -> int:
-    """How many boxes, from low to high (m, 3), meet that of one face, itself among them."""
+    """Count how many boxes, from low to high (m, 3), meet that of one face, itself among them."""
     met = 0
     for k in range(len(low)):
         apart = False

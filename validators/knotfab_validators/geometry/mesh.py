@@ -41,7 +41,7 @@ class Mesh:
 
     @property
     def usable(self) -> bool:
-        """Whether there are faces, and all coordinates are finite."""
+        """True if there are faces, and all coordinates are finite."""
         return bool(len(self.faces) and np.isfinite(self.vertices).all())
 
     @cached_property
@@ -65,7 +65,7 @@ def merge_equal(corners: Corners) -> Mesh:
 
 @compiled
 def _number_equal(rows: NDArray[np.uint64]) -> tuple[Ints, Ints]:
-    """Where each different row of (n, 3) comes first, and which of them each row is: by a hash table."""
+    """Find by a hash table where each different row of (n, 3) comes first, and the rows' numbers."""
     size = 4
     while size < 2 * len(rows):
         size *= 2

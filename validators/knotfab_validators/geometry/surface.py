@@ -43,12 +43,12 @@ class Surface:
 
     @property
     def closed(self) -> bool:
-        """Whether it encloses a volume: closed, and wound in one way."""
+        """True if it encloses a volume: closed, and wound in one way."""
         return not (len(self.open_edges) or len(self.flipped_edges))
 
     @property
     def manifold(self) -> bool:
-        """Whether it is a surface at every edge and corner."""
+        """True if it is a surface at every edge and corner."""
         return self.closed and not (len(self.crowded_edges) or len(self.pinched))
 
 
@@ -161,7 +161,7 @@ def _find_pinched(faces: Ints, one: Ints, other: Ints, count: int) -> Ints:
 
 
 def _vertices_of_bodies(faces: Ints, body: Ints, bodies: int, count: int) -> Ints:
-    """How many vertices each body has; one that two bodies share counts for both."""
+    """Count how many vertices each body has; one that two bodies share counts for both."""
     corner, owner = faces.reshape(-1), np.full(count, -1, dtype=np.int64)
     label = np.repeat(body, 3)
     owner[corner] = label

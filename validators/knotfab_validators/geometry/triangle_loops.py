@@ -62,7 +62,7 @@ def _from_segment(p: Triple, a: Triple, b: Triple) -> float:
 
 @compiled
 def _nearest_parameters(u: Triple, v: Triple, w: Triple) -> tuple[float, float]:
-    """Where the segments s u and w + t v, s and t in [0, 1], are nearest, as `nearest_on_two` has it."""
+    """Find where the segments s u and w + t v, s and t in [0, 1], are nearest, as `nearest_on_two` has it."""
     uu, vv, uv, uw, vw = _dot(u, u), _dot(v, v), _dot(u, v), _dot(u, w), _dot(v, w)
     det = uu * vv - uv * uv
     s = min(max((uw * vv - vw * uv) / det, 0.0), 1.0) if det > 0.0 else 0.0
@@ -114,7 +114,7 @@ def nearest_of_two(first: Array, second: Array) -> tuple[Array, Array, Array]:
 
 @compiled
 def find_flat(vertices: Array, faces: Ints, least: float) -> Mask:
-    """Whether faces (m, 3) have less than `least` of their longest edge's square for twice their area."""
+    """Tell whether faces (m, 3) have less than `least` of their longest edge's square for twice the area."""
     flat = np.empty(len(faces), dtype=np.bool_)
     for k in range(len(faces)):
         a, b, c = (

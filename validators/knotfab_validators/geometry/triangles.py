@@ -34,7 +34,7 @@ def triangle_triangle(first: Array, second: Array) -> tuple[Array, Array, Array]
 
 
 def triangles_cross(first: Array, second: Array) -> Mask:
-    """Whether triangles (n, 3, 3) cross (n,), up to rounding; coplanar ones are not said to.
+    """Tell whether triangles (n, 3, 3) cross (n,), up to rounding; coplanar ones are not said to.
 
     An edge crosses a triangle if its ends lie on different sides of the plane, and the edge passes
     the three sides of the triangle on the same hand (signs of volumes of tetrahedra).

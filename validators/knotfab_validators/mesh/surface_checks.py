@@ -108,7 +108,7 @@ def _check_none(name: str, at: Array, unit: str, detail: str) -> Check:
 
 
 def _check_bodies(found: Surface, wanted: int | None, where: Array) -> Check:
-    """Where the count is wrong the smallest bodies are named first: they are what was not meant."""
+    """Name the smallest bodies first where the count is wrong: nobody meant those."""
     count = len(found.volumes_mm3)
     holds = wanted is None or count == wanted
     detail = "closed surfaces" if wanted is None else "closed surfaces, and how many there must be"
@@ -126,7 +126,7 @@ def _check_bodies(found: Surface, wanted: int | None, where: Array) -> Check:
 
 
 def _check_genus(found: Surface, wanted: Sequence[int] | None, where: Array) -> Check:
-    """How many bodies of each genus there are, in whatever order, against what is wanted."""
+    """Count how many bodies of each genus there are, in whatever order, against what is wanted."""
     if wanted is None:
         several = ", ".join(str(g) for g in found.genus[:10])
         more = ", ..." if len(found.genus) > 10 else ""

@@ -84,7 +84,8 @@ def columns(mesh: Mesh, cell: float = CELL_MM) -> Columns:
 
 
 def _rows(corner: Array, start: Array, cell: float) -> tuple[Ints, Ints, Ints, Ints]:
-    """Where rows of axes may meet faces (m, 3, 2): face, number of the row, first axis in it, and how many.
+    """Find where rows of axes may meet faces (m, 3, 2): face, number of the row, first axis in it, and how
+    many.
 
     A row's axes are those between the places where it enters and leaves the face, and a hair more.
     """

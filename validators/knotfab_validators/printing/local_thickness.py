@@ -235,13 +235,13 @@ class Probe:
         )
 
     def _nearly_parallel(self, f: Ints, g: Ints) -> Mask:
-        """Whether faces face each other within 30°; slivers pass, for their normals tell nothing."""
+        """Tell whether faces face each other within 30°; slivers pass, for their normals tell nothing."""
         facing = -np.einsum("ij,ij->i", self.normals[f], self.normals[g]) >= FACING
         mask: Mask = (f != g) & (facing | ~self.usable[f] | ~self.usable[g])
         return mask
 
     def _is_minimum(self, one: Ints, two: Ints, p: Array, q: Array, distance: Array) -> Mask:
-        """Whether no point of the faces around `one` is nearer to q than p, and the reverse."""
+        """Tell whether no point of the faces around `one` is nearer to q than p, and the reverse."""
         corner = self.mesh.vertices[self.mesh.faces]
         true = distance > MET_MM
         for face, point in ((one, q), (two, p)):

@@ -51,7 +51,7 @@ class _Settings:
 
     @property
     def unsupported(self) -> bool:
-        """Whether the part must print without supports."""
+        """True if the part must print without supports."""
         return self.named and not self.supports and not self.powder
 
 

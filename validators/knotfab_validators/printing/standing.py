@@ -87,7 +87,7 @@ def footprint(vertices: Array, faces: Ints, layer_mm: float) -> Array:
 
 
 def margin(center: Array, points: Array) -> float:
-    """How far inside the convex hull of `points` (n, 2) a body's `center` (3,) lies, mm.
+    """Measure how far inside the convex hull of `points` (n, 2) a body's `center` (3,) lies, mm.
 
     Seen from above: the distance to the nearest side of the hull, negative outside. A footprint
     that is a line or a point holds nothing: minus the distance to it. NaN without a footprint.
