@@ -291,6 +291,7 @@ def validate_part(
     Raises:
         InputError: a file cannot be read.
     """
+    from knotfab.verify.strangers import plain_arrays
     from knotfab_validators.validate import validate
 
     given = None if part is None else Path(part)
@@ -298,7 +299,8 @@ def validate_part(
         knots, scene = knots or given / "knots.json", scene or given / "scene.toml"
         given = given / "part.stl"
     try:
-        return validate(given, knots, scene).to_dict()
+        with plain_arrays(given) as read:
+            return validate(read, knots, scene).to_dict()
     except ValueError as error:
         name, _, reason = str(error).partition(": ")
         raise InputError(name, reason.rstrip("."), "Correct that file, or name another.") from error

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import webbrowser
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
@@ -46,10 +47,11 @@ def validate(
     with load_early(skip):
         from knotfab.read_options import read_skips
         from knotfab.verify.named import files_to_validate
+        from knotfab.verify.strangers import plain_arrays
 
         files, skipped = files_to_validate(part, knots, scene, failures), read_skips(skip)
-        with Verifier(skipped) as verifier:
-            verdict = verifier.submit(files, unit=unit).result()
+        with Verifier(skipped) as verifier, plain_arrays(files.part) as read:
+            verdict = verifier.submit(replace(files, part=read), unit=unit).result()
     if json:
         import json as codec
 

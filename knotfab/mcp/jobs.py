@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -86,6 +86,7 @@ def validate(given: Given, hear: Hear, known: Collection[str]) -> Answer:
     from knotfab.scene.load import load_scene
     from knotfab.verify.checks import list_unmet
     from knotfab.verify.named import files_to_validate
+    from knotfab.verify.strangers import plain_arrays
     from knotfab.verify.verifier import VERDICT_KEYS, Verifier, load_early
 
     skip, unit = given.pop("skip", []), given.pop("unit", "mm")
@@ -100,8 +101,9 @@ def validate(given: Given, hear: Hear, known: Collection[str]) -> Answer:
         for view in load_scene(files.scene).views:
             for name in filter(None, (view.picture, view.subject_mask)):
                 require_within(files.scene.parent / name, name)
-    with load_early(skipped, keep=True), Verifier(skipped) as verifier:
-        verdict = verifier.submit(files, unit=unit).result()
+    validators = load_early(skipped, keep=True), Verifier(skipped)
+    with validators[0], validators[1] as verifier, plain_arrays(files.part) as read:
+        verdict = verifier.submit(replace(files, part=read), unit=unit).result()
     unmet = [f"{c['name']} {c['status']}: {c['detail']}" for c in list_unmet(verdict["checks"])]
     figures = {key: verdict[key] for key in VERDICT_KEYS} | {"exit_code": verdict["exit_code"]}
     drawn = () if verdict["picture"] is None else (Path(verdict["picture"]).read_bytes(),)

@@ -5,6 +5,8 @@ import json
 import struct
 import zipfile
 
+import numpy as np
+
 CORNERS = [(x, y, z) for x in (0.0, 20.0) for y in (0.0, 20.0) for z in (0.0, 20.0)]
 FACES = [
     *((0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1)),
@@ -72,6 +74,12 @@ def cube_ply(form: str = "ascii") -> bytes:
     return head + body + b"".join(struct.pack(f"{order}B3i", 3, *f) for f in FACES)
 
 
+def cube_arrays() -> bytes:
+    packed = io.BytesIO()
+    np.save(packed, np.array(CORNERS)[np.array(FACES)])
+    return packed.getvalue()
+
+
 def model(resources: str, build: str) -> str:
     return (
         f'<?xml version="1.0" encoding="UTF-8"?><model unit="millimeter" xmlns="{CORE}">'
@@ -128,6 +136,7 @@ def seeds() -> dict[str, bytes]:
         "little.ply": cube_ply("binary_little_endian"),
         "big.ply": cube_ply("binary_big_endian"),
         "cube.3mf": cube_3mf(),
+        "cube.npy": cube_arrays(),
         "knots.json": square_knots(),
         "scene.toml": plain_scene(),
     }

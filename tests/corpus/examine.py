@@ -3,12 +3,47 @@
 import contextlib
 import resource
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-from knotfab_validators import validate
+from knotfab.base.errors import InputError
+from knotfab.base.pool import Workers
+from knotfab.verify.strangers import plain_arrays
+from knotfab_validators import Verdict, validate
+from knotfab_validators.files import mesh
+from knotfab_validators.files.bad_file import BadFile
+from knotfab_validators.geometry.mesh import Mesh
 from tests.corpus.fuzzed import company
 from tests.corpus.hostile import Hostile
+
+reader = Workers("knotfab.verify.strangers", early=False)
+
+
+def validate_file(
+    part: Path | None, knots: Path | None, scene: Path | None, **more: Any
+) -> Verdict:
+    """The verdict of `knotfab validate`, here and now; raises ValueError where a file is refused."""
+    with _plain(part) as read:
+        return validate(read, knots, scene, **more)
+
+
+def read_mesh(path: Path, unit: str = "mm", notes: list[str] | None = None) -> Mesh:
+    """The mesh of a file of any format that `knotfab validate` reads; raises BadFile."""
+    with _plain(path) as read:
+        assert read is not None
+        return mesh.read_mesh(read, unit, notes)
+
+
+@contextlib.contextmanager
+def _plain(part: Path | None) -> Iterator[Path | None]:
+    """Only what reads OBJ and PLY has its own process, which is kept."""
+    try:
+        with plain_arrays(part, reader) as read:
+            yield read
+    except InputError as error:
+        raise BadFile(f"{error.what}: {error.why}") from error
 
 
 @dataclass(frozen=True)
@@ -35,7 +70,7 @@ def examine(file: Hostile, folder: Path) -> Outcome:
     _forget_peak()
     start = time.perf_counter()
     try:
-        verdict = validate(**files, skip={"shadow-render"}, failures=folder / "failures.png")
+        verdict = validate_file(**files, skip={"shadow-render"}, failures=folder / "failures.png")
         kind, said = verdict.status, ""
     except ValueError as error:  # what the readers promise
         kind, said = "refused", str(error)

@@ -7,8 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from knotfab_validators import Check, validate
+from knotfab_validators import Check
 from tests.corpus.case import READ, Broken, Good, Place
+from tests.corpus.examine import validate_file
 from tests.corpus.files import write
 
 NAMED = 5
@@ -51,7 +52,7 @@ def judge_case(case: Broken | Good, folder: Path, skip: Sequence[str] = (NO_REND
     checks: tuple[Check, ...] = ()
     refusal = ""
     try:
-        checks = validate(files.part, files.knots, files.scene, skip=skip).checks
+        checks = validate_file(files.part, files.knots, files.scene, skip=skip).checks
     except ValueError as error:
         refusal = str(error)
     seconds = time.perf_counter() - start

@@ -71,7 +71,6 @@ def _measure_surface() -> None:
     """Run every compiled loop that measures the part."""
     import numpy as np
 
-    from knotfab_validators.files.number_rows import cut_rows
     from knotfab_validators.geometry.curves import Curves
     from knotfab_validators.geometry.heap import overlapping_boxes
     from knotfab_validators.geometry.surface import flat_faces
@@ -82,7 +81,6 @@ def _measure_surface() -> None:
     triangle_triangle(triangle, triangle)
     flat_faces(mesh)
     overlapping_boxes(mesh)
-    cut_rows(b"<vertices></vertices><triangles></triangles>")
     check_clearance(mesh, Curves((np.eye(3),), ("unknot",), (True,), 0.1), None)
 
 

@@ -2,7 +2,6 @@
 
 import os
 import shutil
-import struct
 from pathlib import Path
 
 import numpy as np
@@ -10,10 +9,9 @@ import pytest
 
 from knotfab_validators.files.bad_file import BadFile
 from knotfab_validators.files.knots import read_knots
-from knotfab_validators.files.mesh import read_mesh
 from knotfab_validators.files.scene import read_scene
-from tests.corpus.cube_files import MESH, as_3mf, cube_obj, cube_ply, model, seeds
-from tests.corpus.examine import examine
+from tests.corpus.cube_files import MESH, as_3mf, cube_obj, model, seeds
+from tests.corpus.examine import examine, read_mesh
 from tests.corpus.fuzzed import fuzz_file
 from tests.corpus.hostile import handmade
 
@@ -71,42 +69,6 @@ def test_what_is_no_plain_file_is_refused_without_waiting(tmp_path: Path) -> Non
         for read in (read_mesh, read_knots, read_scene):
             with pytest.raises(BadFile, match=path.name):
                 read(path)
-
-
-def test_polygons_become_fans(tmp_path: Path) -> None:
-    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    lines = [line for line in cube_obj().decode().splitlines() if not line.startswith("f")]
-    lines += ["f " + " ".join(f"{i + 1}/9/{i + 2}" for i in quad) for quad in quads]
-    (tmp_path / "q.obj").write_text("\n".join(lines))
-    relative = [line for line in lines if not line.startswith("f")]
-    relative += ["f " + " ".join(f"{i - 8}//" for i in quad) for quad in quads]
-    (tmp_path / "r.obj").write_text("\n".join(relative).replace("f -8//", "f \\\n-8//"))
-    head = cube_ply().decode().split("3 0 1 3")[0].replace("face 12", "face 6")
-    rows = [f"4 {a} {b} {c} {d}" for a, b, c, d in quads]
-    (tmp_path / "q.ply").write_text(head + "\n".join(rows))
-    for name in ("q.obj", "r.obj", "q.ply"):
-        assert len(read_mesh(tmp_path / name).faces) == 12
-        assert volume(tmp_path / name) == pytest.approx(8000.0)
-
-
-@pytest.mark.parametrize("order", ["<", ">"])
-def test_ply_with_more_than_is_asked_for(order: str, tmp_path: Path) -> None:
-    """Colours, normals, another element before the faces, and faces of different sizes."""
-    word = "little" if order == "<" else "big"
-    head = (
-        f"ply\nformat binary_{word}_endian 1.0\ncomment made by hand\nelement vertex 4\n"
-        "property double x\nproperty uchar red\nproperty double y\nproperty double z\n"
-        "element strip 2\nproperty list ushort float s\nproperty short k\n"
-        "element face 3\nproperty uchar flag\nproperty list uint ushort vertex_index\nend_header\n"
-    )
-    corners = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]
-    body = b"".join(struct.pack(order + "dBdd", x, 7, y, z) for x, y, z in corners)
-    body += struct.pack(order + "H2fh", 2, 1.5, 2.5, 3) + struct.pack(order + "Hh", 0, 4)
-    for face in ((0, 1, 2, 3), (0, 2, 1), (0, 3, 2)):
-        body += struct.pack(order + f"BI{len(face)}H", 1, len(face), *face)
-    (tmp_path / "a.ply").write_bytes(head.encode() + body)
-    mesh = read_mesh(tmp_path / "a.ply")
-    assert len(mesh.faces) == 4 and mesh.vertices.max() == 1.0
 
 
 def test_faces_that_are_wrong_reach_the_checks(tmp_path: Path) -> None:

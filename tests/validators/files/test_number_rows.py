@@ -45,9 +45,9 @@ WRITTEN = {
     "without spaces": mesh(space=""),
     "fifteen digits": mesh(digits=".11f"),
     "whole numbers": mesh(digits=".0f"),
+    "more digits than a double has": mesh(digits=".17f"),
 }
 OTHERWISE = {
-    "more digits than a double has": mesh(digits=".17f"),
     "exponents": mesh(digits=".9e"),
     "other quotes": mesh(point="<vertex x='{}' y='{}' z='{}' />"),
     "another order": mesh(point='<vertex z="{}" y="{}" x="{}" />'),
@@ -92,6 +92,11 @@ def test_what_is_no_element_is_not_read(hidden: str, monkeypatch: pytest.MonkeyP
     [
         *('<vertex x="1" y="2"/>', '<vertex x="" y="1" z="2"/>', '<vertex x="1" y="2" z="a"/>'),
         *('<vertex x="1-2" y="" z="3"/>', '<vertex x="1.2.3" y="1" z="2"/>'),
+        *(
+            '<vertex x="1 2" y="3" z=""/>',
+            '<vertex x="1 2" y=" " z="3"/>',
+            '<vertex x1="" y="2" z="3"/>',
+        ),
     ],
 )
 def test_a_row_that_is_no_three_numbers_is_refused_as_before(row: str) -> None:

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from knotfab_validators.files.bad_file import BadFile
-from knotfab_validators.files.mesh import read_mesh
 from knotfab_validators.geometry.mesh import Mesh, enclosed_volume
 from tests.corpus.cube_files import MESH, RELATIONS, as_3mf, cube_obj, cube_stl, cube_text, model
+from tests.corpus.examine import read_mesh
 
 CUBE = 8000.0  # mm³
 PRUSA = "Metadata/Slic3r_PE_model.config"
@@ -53,41 +53,6 @@ def test_a_wrong_count_of_triangles_is_refused(tmp_path: Path, content: bytes) -
 def test_decimal_commas_are_named(tmp_path: Path, name: str, content: bytes) -> None:
     with pytest.raises(BadFile, match="decimal commas"):
         read(tmp_path, name, content.replace(b"20.0", b"20,0"))
-
-
-def prism(corners: list[tuple[float, float]]) -> bytes:
-    """An OBJ of a prism 10 mm high over a polygon, each face one polygon."""
-    n = len(corners)
-    lines = [f"v {x} {y} {z}" for z in (0, 10) for x, y in corners]
-    lines.append("f " + " ".join(str(k) for k in range(n, 0, -1)))
-    lines.append("f " + " ".join(str(n + k) for k in range(1, n + 1)))
-    lines += [f"f {k + 1} {(k + 1) % n + 1} {n + (k + 1) % n + 1} {n + k + 1}" for k in range(n)]
-    return "\n".join([*lines, ""]).encode()
-
-
-COMB = [(0, 0), (60, 0), (60, 9), *((60 - k, 9 if k % 2 else 1) for k in range(1, 60)), (0, 9)]
-SPIRAL = [
-    ((20 + 3 * t + wide) * np.cos(t), (20 + 3 * t + wide) * np.sin(t))
-    for wide, way in ((4.0, 1), (0.0, -1))
-    for t in np.linspace(0, 11, 60)[::way]
-]
-BESIDE = [(0, 0), (5, 0), (10, 0), (10, 4), (6, 4), (6, 8), (10, 8), (10, 12), (0, 12), (0, 6)]
-
-
-@pytest.mark.parametrize("corners", [COMB, SPIRAL, BESIDE], ids=["comb", "spiral", "in line"])
-@pytest.mark.parametrize("turn", range(3))
-def test_concave_polygons_are_cut_into_triangles_that_fill_them(
-    tmp_path: Path, corners: list[tuple[float, float]], turn: int
-) -> None:
-    mesh, _ = read(tmp_path, "a.obj", prism(corners[turn:] + corners[:turn]))
-    x, y = np.array(corners).T
-    area = 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
-    assert enclosed_volume(mesh) == pytest.approx(10 * area)
-    caps = mesh.faces[np.ptp(mesh.vertices[mesh.faces][:, :, 2], axis=1) == 0]
-    assert mesh.normals[1].sum() == pytest.approx(
-        2 * area + 10 * np.hypot(x - np.roll(x, 1), y - np.roll(y, 1)).sum()
-    )
-    assert len(caps) == 2 * (len(corners) - 2)
 
 
 def objects(kind: str = "model", item: str = "", head: str = "", **entries: str) -> bytes:

@@ -1,27 +1,29 @@
-"""Read a part's surface from STL, OBJ, PLY or 3MF, as an indexed triangle mesh in mm.
+"""Read a part's surface from STL, 3MF or plain arrays, as an indexed triangle mesh in mm.
 
-The readers are this package's own: strangers' files are met here, so that every count is held
-against the bytes there are before anything is allocated; and trimesh, which reads all of these, loads
-manifold3d, the maker's library, with itself.
+The readers of STL and 3MF are this package's own: every count is held against the bytes there are before
+anything is allocated. `knotfab validate` makes arrays of other formats, by libraries that the maker uses.
 """
 
 from __future__ import annotations
 
 import codecs
+import io
 from pathlib import Path
 
 import numpy as np
 
-from knotfab_validators.files.bad_file import MOST_TRIANGLES, BadFile
-from knotfab_validators.files.obj import corners_obj, is_obj
-from knotfab_validators.files.ply import corners_ply, is_ply
+from knotfab_validators.files.bad_file import (
+    MOST_MM,
+    MOST_TRIANGLES,
+    BadFile,
+    read_bytes,
+    short,
+)
 from knotfab_validators.files.stl import corners_stl, is_stl
 from knotfab_validators.files.threemf import corners_3mf, is_3mf
 from knotfab_validators.geometry.mesh import Corners, Mesh, merge_equal
 
 __all__ = ["UNITS_MM", "read_mesh"]
-
-from knotfab_validators.files.bad_file import MOST_MM, read_bytes
 
 MOST_BYTES = 2_000_000_000
 UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}
@@ -74,15 +76,22 @@ def _corners(content: bytes, path: Path, notes: list[str]) -> Corners:
         raise BadFile(f"{name}: is empty")
     if is_3mf(content):
         return corners_3mf(content, name, notes)
-    if is_ply(content):
-        return corners_ply(content, name)
-    if is_stl(content):
-        return corners_stl(content, name, notes)
-    if path.suffix.lower() == ".obj" or is_obj(content):
-        return corners_obj(content, name)
+    if content.startswith(np.lib.format.MAGIC_PREFIX):
+        return _corners_plain(content, name)
     kind = path.suffix.lower().removeprefix(".")
+    if is_stl(content) or kind == "stl":  # or says what is wrong with it
+        return corners_stl(content, name, notes)
     if kind in ("3mf", "ply"):
         raise BadFile(f"{name}: is not a {kind.upper()} file, or is damaged")
-    if kind == "stl":
-        return corners_stl(content, name, notes)  # says what is wrong with it
-    raise BadFile(f"{name}: it is not an STL, OBJ, PLY or 3MF file")
+    raise BadFile(f"{name}: it is not an STL or 3MF file, nor an OBJ or PLY that can be read")
+
+
+def _corners_plain(content: bytes, name: str) -> Corners:
+    """The corners (n, 3, 3) that numpy's own format holds."""
+    try:
+        corners = np.load(io.BytesIO(content), allow_pickle=False)
+    except Exception as error:  # numpy reads the header as Python, and raises what that raises
+        raise BadFile(f"{name}: holds no arrays ({short(error)})") from error
+    if corners.dtype != np.float64 or corners.ndim != 3 or corners.shape[1:] != (3, 3):
+        raise BadFile(f"{name}: holds no corners of triangles, (n, 3, 3) of doubles")
+    return np.ascontiguousarray(corners)
