@@ -34,7 +34,7 @@ _MOST = 1_000_000  # characters of pictures
 _PANEL_PX, _SIDES = 240, 16
 _START_PX = 360
 _SEEN = "from the light of each view, then turned about the vertical"
-_ROLES = ("moving", "compare", "part")
+_ROLES = ("moving", "compare", "bent", "part")
 Pictures = Sequence[tuple[str, str]]  # data URI and caption
 
 

@@ -32,7 +32,7 @@ def find_pictures(folder: Path) -> list[Picture]:
         found.append(Picture(path, "compare", caption, path.stem.removeprefix("compare-")))
     for path in sorted(folder.glob("bent-*.png")):
         caption = "the picture as it came, as it is bent, and what all pictures leave of it"
-        found.append(Picture(path, "compare", caption, path.stem.removeprefix("bent-")))
+        found.append(Picture(path, "bent", caption, path.stem.removeprefix("bent-")))
     for path in sorted(folder.glob("soft-*.png")):
         caption = "the shadow as a lamp of this size throws it"
         found.append(Picture(path, "shadow", caption, path.stem.removeprefix("soft-")))

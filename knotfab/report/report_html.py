@@ -68,7 +68,7 @@ def _verdicts(report: Mapping[str, Any]) -> dict[str, tuple[str, str]]:
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture to embed. `role` places it: "compare", "alone" and "shadow" with the view named `view`,
+    """A picture to embed. `role` places it: "compare", "bent", "alone", "shadow" with the view named `view`,
     "part" with the views of the part from several sides, "turn" before these, "moving" at the top."""
 
     path: Path

@@ -12,6 +12,7 @@ from knotfab.base.arrays import Array, Indices
 from knotfab.base.errors import SceneError
 from knotfab.geometry.polylines import polylines_of
 from knotfab.problem import Problem, Start, TargetView
+from knotfab.render.picture import ViewImage
 from knotfab.start.grow import Growth, grow_curves
 from knotfab.start.lattice import Lattice, lattice_in, sights_of
 from knotfab.start.lattice_knots import lattice_knot
@@ -61,6 +62,7 @@ def start_between_views(
     pitch = 1.001 * max(limits.separation, 2.0 * spacing * radius)
     sights, worth = sights_of(problem.views, radius)
     reach = _REACH * max(float(np.abs(p.bounds).max()) for p in problem.polygons)
+    images = [v.image_at(radius, _SEEN_PX) for v in problem.views]
     how = Growth(seed=settings.seed)
     brief = replace(how, moves=how.moves // _BRIEF)
 
@@ -69,7 +71,7 @@ def start_between_views(
         types = (wanted.promise, *("unknot" for _ in curves[1:]))
         rounded = tuple(_round_corners(lattice.nodes[c]) for c in curves)
         start = Start(rounded, why, types, facing=None)
-        return replace(start, ious=start_ious(problem, start, radius))
+        return replace(start, ious=_compare(images, start, radius))
 
     best: tuple[float, Lattice] | None = None
     for axes, shift in _lattices(problem.views):
@@ -104,9 +106,12 @@ def start_between_views(
 
 def start_ious(problem: Problem, start: Start, radius: float) -> tuple[float, ...]:
     """IoU of the tube about the start's curves with each view's picture, on a coarse image."""
+    return _compare([v.image_at(radius, _SEEN_PX) for v in problem.views], start, radius)
+
+
+def _compare(images: Sequence[ViewImage], start: Start, radius: float) -> tuple[float, ...]:
     points = np.concatenate(start.curves)
     rings = polylines_of(start.curves)
-    images = [v.image_at(radius, _SEEN_PX) for v in problem.views]
     return tuple(image.iou(points, rings, radius) for image in images)
 
 

@@ -17,6 +17,7 @@ from knotfab.geometry.tube import sweep
 from knotfab.report import report_html
 from knotfab.report.for_maker import list_files
 from knotfab.report.in_words import tell_colours
+from knotfab.report.pictures import find_pictures
 from knotfab.report.report_html import Picture, render_html, write_report_html
 from knotfab.report.report_json import assemble, plain, write_report_json
 from knotfab.verify.checks import CHECKS, exit_code, list_unmet, mark_of, tally_checks
@@ -321,6 +322,18 @@ def test_page_is_whole_and_loads_nothing(tmp_path: Path) -> None:
     widths = [a["style"] for _, a in page.tags if a.get("class") == "fill"]
     assert widths[:4] == ["width:84.0%", "width:66.0%", "width:52.0%", "width:41.0%"]
     assert render_html(report, pictures, "knight") == text
+
+
+def test_a_bent_picture_says_by_how_much_beside_its_likeness(tmp_path: Path) -> None:
+    Image.new("RGB", (8, 8), "white").save(tmp_path / "bent-front.png")
+    report = assemble(**sample())
+    bending = {"rms": 0.012, "most": 0.034, "stretch": 1.2, "mirrored": False}
+    report["views"][0] |= {"bending": bending, "iou_drawn": 0.9951, "bound": 0.997}
+    page = " ".join(
+        Page(render_html(report, find_pictures(tmp_path))).text.replace("\xa0", " ").split()
+    )
+    assert "(99.5 % with it as bent)" in page and "Left the picture as bent" in page
+    assert "bent, by 1.2 % of its height on average and 3.4 % at most" in page and "99.7 %" in page
 
 
 def test_page_of_a_failed_build_says_what_and_where() -> None:
