@@ -96,7 +96,7 @@ def open_cluster(
 
 @contextmanager
 def _keep_builders() -> Iterator[Workers]:
-    """What builds one picture: what built the one before on this worker, if that was lately, has loaded."""
+    """Keep the process that built the picture before on this worker, if that was lately: it has loaded."""
     try:
         pool, leaving = _idle.pop()
         leaving.cancel()

@@ -120,7 +120,7 @@ def _build_here(
 
 
 def _read_records(folder: Path) -> dict[str, Record]:
-    """What batch.json holds, by name; what is no record is none."""
+    """Read the records of batch.json by name; anything else in it is left out."""
     try:
         found = json.loads((folder / RECORDS).read_text("utf-8"))
         return {r["name"]: r for r in found if _is_record(r)}

@@ -1,4 +1,4 @@
-"""What a batch is to build: a task for each picture, with a name of its own and a key that tells it apart."""
+"""List a batch's builds: a task for each picture, with a name of its own and a key that tells it apart."""
 
 from __future__ import annotations
 
@@ -112,7 +112,7 @@ def _as_path(path: Path) -> str:
 
 
 def content_of(path: Path) -> bytes:
-    """What a file or a folder of files holds; what cannot be read is the build's to report."""
+    """Read the content of a file or a folder of files; the build reports a file that cannot be read."""
     try:
         if path.is_dir():
             files = [p for p in sorted(path.glob("*.*")) if p.is_file()]

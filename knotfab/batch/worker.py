@@ -94,7 +94,7 @@ def _explain_end(code: int, said: str) -> tuple[int, str]:
 def record_of(
     task: Task, code: int, seconds: float, error: str, report: dict[str, Any] | None = None
 ) -> Record:
-    """What batch.json says of a picture: how its build ended, and the figures of its report."""
+    """Make the record of a picture for batch.json: how its build ended, and the figures of its report."""
     return {
         "name": task.name,
         "picture": spelled(task.picture),
@@ -114,7 +114,7 @@ def _least_iou(report: dict[str, Any]) -> float | None:
 
 
 def _stamp(path: Path) -> tuple[int, int] | None:
-    """What tells a file from one that was there before it."""
+    """Return a file's inode and time, which tell it from one that was there before."""
     try:
         held = path.stat()
     except OSError:

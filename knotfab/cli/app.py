@@ -1,4 +1,4 @@
-"""Where a command begins and ends: interrupts, what it says, and the exit codes of the contract.
+"""Begin and end a command: interrupts, what it says, and the exit codes of the contract.
 
 Nothing heavy is imported before an interrupt is heeded.
 """
@@ -109,7 +109,7 @@ def _tell(error: Exception) -> int:
 
 
 def _tell_misuse(error: Any) -> str:
-    """What cyclopts says of a call, ended by a full stop; an option cut short may be any that begins so."""
+    """Tell cyclopts's complaint on a call, with a full stop; an option cut short may be any of its kind."""
     token = getattr(error, "token", None)
     if type(error).__name__ == "UnknownOptionError" and token is not None:
         typed = token.keyword or token.value

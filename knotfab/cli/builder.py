@@ -1,4 +1,4 @@
-"""What the worker of batch and studio answers: a whole build, by the command line's own `main`.
+"""Answer for batch and studio: a whole build, by the command line's own `main`.
 
 One process builds one picture after another: it has loaded what builds need, and keeps validators for them.
 Request: {"arguments": those of `knotfab`}. Told before: the build's events, where the arguments ask for them.

@@ -23,7 +23,7 @@ _unsaid: list[OSError] = []  # why standard output could not be written
 
 
 def _in_plain_signs(error: UnicodeError) -> tuple[str | bytes, int]:
-    """What stands for signs that an encoding lacks: plain ones, or else their number."""
+    """Replace signs that an encoding lacks by plain ones, or else by their number."""
     if not isinstance(error, UnicodeEncodeError):
         raise error
     plain = ""

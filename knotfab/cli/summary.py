@@ -1,4 +1,4 @@
-"""What a person reads at the end of a command."""
+"""Print what a person reads at the end of a command."""
 
 from __future__ import annotations
 
@@ -130,7 +130,7 @@ def print_summary(outcome: Outcome, verbose: bool = False) -> None:
 
 
 def _graceful(knots: list[dict[str, Any]]) -> str:
-    """How smoothly the knots run: their curvature, of the least graceful, and the turns of all."""
+    """Say how smoothly the knots run: the curvature of the least graceful, and the turns of all."""
     if not knots or not all("turns" in knot for knot in knots):
         return ""
     mean, most = (
@@ -141,7 +141,7 @@ def _graceful(knots: list[dict[str, Any]]) -> str:
 
 
 def print_comparison(found: Comparison, picture: Path, json: bool, plan: Fix | None = None) -> None:
-    """How like the picture the photographed shadow is, where not, and what to do, or all of it as JSON."""
+    """Print how like the picture the photographed shadow is, and what to do, or all of it as JSON."""
     import json as codec
 
     from knotfab.compare.compare import advise
@@ -169,7 +169,7 @@ def print_survey(
     readings: Sequence[TriedReading] = (),
     sheet: Path | None = None,
 ) -> None:
-    """What a picture will become, in a few lines or as JSON, where it is drawn, and other ways to read it."""
+    """Print what a picture will become, in a few lines or as JSON, where it is drawn, and other readings."""
     import json as codec
 
     from knotfab.preview.sentence import describe, describe_readings, list_figures
@@ -182,7 +182,7 @@ def print_survey(
 
 
 def _word(report: dict[str, Any]) -> str:
-    """What the shadow is like, and a warning where it is coarse or worse."""
+    """Print the word for the shadow, and a warning where it is coarse or worse."""
     if report["verdict"] is None:
         return ""
     word = report["verdict"]["word"]
@@ -191,7 +191,7 @@ def _word(report: dict[str, Any]) -> str:
 
 
 def print_findings(findings: Sequence[Finding]) -> None:
-    """What the machine has, a line each."""
+    """Print what the machine has, a line each."""
     from rich.console import Console
     from rich.markup import escape
 

@@ -153,7 +153,7 @@ def compare_photo(
 def open_view(
     folder: Path, name: str | None
 ) -> tuple[Scene, ResolvedView, str, tuple[Camera, Mask, tuple[int, int]], Knots | None]:
-    """What a build wrote of a view: scene, view, the suffix of its files, its picture, and its knots.
+    """Read the files of a view that a build wrote: scene, view, the files' suffix, picture and knots.
 
     The picture is that of a camera with a margin about the frame, of so many px to a side, as a photograph
     is looked at.
@@ -188,7 +188,7 @@ def _best_iou(iou: float, lamp: LampFit | None) -> float:
 
 
 def _coarsen(knots: Knots, camera: Camera, shadow: Mask) -> tuple[Knots, Camera, Mask]:
-    """What `find_lamp` asks for, with fewer vertices and pixels."""
+    """Thin out the vertices and pixels that `find_lamp` asks for."""
     small = camera.resized(camera.width // _ROUGH, camera.height // _ROUGH)
     seen = sample_mask(shadow, small.width, small.height)
     fewer = tuple(Knot(knot.points[::_ROUGH]) for knot in knots.knots)

@@ -1,4 +1,4 @@
-"""From a photograph back to a better piece: a scene with the lamp where it was found to stand."""
+"""Go from a photograph back to a better piece: a scene with the lamp where it was found to stand."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _HEAR_MM = 2.0  # a piece is worth hanging elsewhere from so much on
 
 @dataclass(frozen=True)
 class Fix:
-    """What can be done about a lamp that stands elsewhere, and what that would bring.
+    """Remedies for a lamp that stands elsewhere, and their gains.
 
     IoU of shadow and picture: `moved_iou` of this piece, once its lamp is where it belongs; `new_iou`, by an
     estimate, of a new one for the lamp as it stands. `right_mm` and `up_mm`: where the new one then hangs,
@@ -85,7 +85,7 @@ def plan_fix(found: Comparison, folder: Path, view_name: str | None = None) -> F
 
 
 def tell_fix(fix: Fix, found: Comparison) -> list[str]:
-    """What moving the lamp alone would bring, and what a new part would, in sentences."""
+    """Say what moving the lamp alone would bring, and what a new part would."""
     said = [
         f"Moving the lamp alone would bring {_percent(fix.moved_iou)} (now {_percent(found.iou)}).",
         f"A new part for the lamp as it stands, {length(fix.light_distance_mm)} mm from its middle, would "

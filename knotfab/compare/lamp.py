@@ -1,4 +1,4 @@
-"""Where the lamp stood: the displacement whose shadow of the knots is most like the one that was seen."""
+"""Find the lamp: the displacement whose shadow of the knots is most like the one that was seen."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _EDGE_PER_PX = 4.0  # sharpness of outlines: as steep as the share of a pixel th
 
 @dataclass(frozen=True)
 class LampFit:
-    """How far the lamp stood from its place, mm: to the right, up, and away from the wall.
+    """The lamp's distance from its place, mm: to the right, up, and away from the wall.
 
     IoU of the shadow that was seen with that of the knots, for the lamp in its place and where it stood.
     """

@@ -1,4 +1,4 @@
-"""From a photograph to the frame seen square on: its four corners, the way there, and what is dark in it."""
+"""Rectify a photograph to the frame seen square on: its four corners, the map, and the dark in it."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def rectify(photo: Array, corners: Array, size: tuple[int, int], pad: tuple[int,
 
 
 def find_shadow(seen: Array, what: str) -> Mask:
-    """What is dark on a wall that is lit unevenly: where more than half of what a shadow takes is missing.
+    """Find the dark on a wall that is lit unevenly: where more than half of a shadow's depth is missing.
 
     The wall's brightness is a smooth surface (a cubic in x and y) through what is not in shadow, found in
     turns with the threshold between the two (Otsu's) of the brightness over it.

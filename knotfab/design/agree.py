@@ -165,7 +165,7 @@ def apply_bending(view: View, target: Target) -> Target:
 
 
 def tell_bending(targets: Sequence[Target], bounds: Sequence[HullBound]) -> str:
-    """By how much pictures are bent, and what for, in a sentence."""
+    """Say by how much pictures are bent, and what for."""
     bendings = [t.bending for t in targets if t.bending is not None]
     rms = float(np.sqrt(np.mean([b.rms**2 for b in bendings])))
     words = {2: "both", 3: "all three", 4: "all four"}

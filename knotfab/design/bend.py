@@ -44,7 +44,7 @@ _DENSE = 0.25
 
 
 class Tension:
-    """What pulls at the control points of several pictures: contradictions and elasticity.
+    """Forces on the control points of several pictures: contradictions and elasticity.
 
     Args:
         cameras: of the views, each with the pixels of its mask. reach_mm, walls: as for `hull_bounds`.
@@ -101,7 +101,7 @@ class Tension:
         self.ink = float(sum((f > 0).sum() for f in self.fields))
 
     def covers(self, points: Array, blur_px: float) -> tuple[Array, Array]:
-        """What each pixel of all views is covered (N,), and how that changes with its displacement (N, 2)."""
+        """Measure how much of each pixel of all views is covered (N,), and the gradient (N, 2)."""
         total = int(self.firsts[-1])
         cover, slope = np.empty(total), np.empty((total, 2))
         for k, field in enumerate(self.fields):

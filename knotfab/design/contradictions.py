@@ -1,4 +1,4 @@
-"""What the pictures of several views forbid each other, in words, before anything is searched."""
+"""Say where the pictures of several views contradict each other, before anything is searched."""
 
 from __future__ import annotations
 

@@ -316,7 +316,7 @@ def choose_tube(
 
 
 def _tell_scene(progress: Progress, question: Question, radius: float | None) -> None:
-    """What a picture of the knots is drawn with, for whoever watches."""
+    """Tell listeners the data that a picture of the knots is drawn with."""
     masks = [view.mask for view in question.problem.views]
     progress.set_scene(question.views, lambda: [silhouette_uri(mask) for mask in masks], radius)
 

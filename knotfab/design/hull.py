@@ -1,4 +1,4 @@
-"""What several pictures leave of each other: the visual hull's own shadows against the pictures.
+"""The visual hull of several pictures: its own shadows against the pictures.
 
 The visual hull (Laurentini 1994) is the largest body that spills in no view. Its shadow in a view is
 all of that picture that any part which spills nowhere can draw, so its IoU is a bound that such a
@@ -183,7 +183,7 @@ def rays_within(
 
 
 def outwards(steps: int) -> Array:
-    """So many places from -1 to 1, those in the middle first."""
+    """Order so many places from -1 to 1, those in the middle first."""
     every = np.linspace(-1.0, 1.0, steps)
     return np.asarray(every[np.argsort(np.abs(every), kind="stable")])
 

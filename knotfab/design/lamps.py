@@ -118,7 +118,7 @@ def _find_apart(scene: Scene, targets: Sequence[Target]) -> tuple[float, float, 
 
 
 def _find_by_hull(scene: Scene, targets: Sequence[Target]) -> tuple[float, float, Array]:
-    """As `_find_apart`, of what draws several masks: places whose visual hull draws the worst mask best.
+    """Find places, as `_find_apart`, whose visual hull draws the worst mask best.
 
     Rows, columns and polygons are tried, as wide as the bounds and narrower, and every order of the lamps.
     """
@@ -201,12 +201,12 @@ def _lengths(wall: float, light: float) -> dict[str, float]:
 
 
 def _beside(far: float, one: str, other: str) -> str:
-    """So far to one side or the other; nothing on the axis."""
+    """Choose a place so far to one side or the other; none on the axis."""
     return f"{abs(far):g} mm {one if far > 0 else other} " if far else ""
 
 
 def _distances(scene: Scene) -> Iterator[tuple[float, float]]:
-    """From the piece to wall and lamps, mm: the given ones, or first those with the piece near the wall."""
+    """Choose distances from the piece to wall and lamps, mm: the given ones, or first those near the wall."""
     view = scene.views[0]
     given = {"wall_distance_mm", "light_distance_mm"} & view.model_fields_set
     for k in _STEPS:

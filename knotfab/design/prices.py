@@ -1,4 +1,4 @@
-"""What limits cost: which of them bind, and what a short search reaches when one of them is loosened."""
+"""Prices of limits: those that bind, and the IoU that a short search reaches when one is loosened."""
 
 from __future__ import annotations
 
@@ -124,7 +124,7 @@ def price_limits(
     forms: Forms = COMPILED,
     iou: float | None = None,
 ) -> tuple[LimitPrice, ...]:
-    """What each limit that binds costs in IoU, dearest first; where none does alone, all together.
+    """Price each limit that binds in IoU, dearest first; where none costs by itself, all together.
 
     The IoU is that of the view that is drawn worst.
 

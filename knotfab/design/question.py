@@ -1,4 +1,4 @@
-"""What a search is to be asked, from a scene and its pictures: frames, silhouettes, bounds, limits."""
+"""Pose the question of a search from a scene and its pictures: frames, silhouettes, bounds, limits."""
 
 from __future__ import annotations
 
@@ -233,7 +233,7 @@ def silhouette_polygon(view: ResolvedView, target: Target) -> MultiPolygon:
 
 
 def _plane_of(view: ResolvedView, target: Target) -> Callable[[Array], Array]:
-    """From pixels (n, 2) of a picture to the plane through the origin, along the view's axes, mm."""
+    """Map pixels (n, 2) of a picture to the plane through the origin, along the view's axes, mm."""
     own = view.model_copy(update={"azimuth_deg": 0.0, "elevation_deg": 0.0})
     camera = camera_of(own, target.width, target.height)
 
@@ -246,7 +246,7 @@ def _plane_of(view: ResolvedView, target: Target) -> Callable[[Array], Array]:
 
 
 def _crop_to_hull(view: ResolvedView, target: Target, bound: HullBound) -> MultiPolygon:
-    """What of the silhouette lies in the hull's shadow, as `silhouette_polygon` gives it."""
+    """Crop the silhouette to the hull's shadow, as `silhouette_polygon` gives it."""
     cell = max(1.0, max(target.mask.shape) / max(bound.covered.shape))
     wide = binary_dilation(bound.covered, np.ones((3, 3)))  # an edge where nothing is missing stays
     rows, columns = (

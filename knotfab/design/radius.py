@@ -60,7 +60,7 @@ class RadiusChoice:
 
 @dataclass
 class _Trials:
-    """What has been made of each radius so far."""
+    """The templates and starts of each radius so far."""
 
     question: Question
     settings: SearchSettings
@@ -82,7 +82,7 @@ class _Trials:
         return self.one_view or self.question.problem.apart_mm is not None
 
     def score(self, radius: float) -> float:
-        """What a tube of this radius can draw, in the view that it draws worst; -inf: nothing."""
+        """The IoU that a tube of this radius can draw in its worst view; -inf: none."""
         if radius not in self.scores:
             self.scores[radius] = self._score(radius)
         return self.scores[radius]
@@ -105,7 +105,7 @@ class _Trials:
         return template_iou(as_bent(template, bend, flat), polygon)
 
     def _fill(self, radius: float, view: TargetView) -> float:
-        """What the filling of one of several masks draws."""
+        """Draw the filling of one of several masks."""
         template = fill(view.polygon, radius)
         if not simple_curves(list(template.curves)):
             return -np.inf

@@ -109,7 +109,7 @@ def most_depth_mm(reach_mm: float, radius: float) -> float:
 
 
 def least_wall_mm(back_mm: float, radius: float) -> float:
-    """How near a flat wall may be for a region that is "auto" to have room, mm; the light stands far enough.
+    """Return how near a flat wall may be for an "auto" region to have room, mm; the light stands far enough.
 
     Args:
         back_mm: how far the centre lines reach behind the middle, or half of the depth that is asked for.

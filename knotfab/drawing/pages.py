@@ -139,7 +139,7 @@ def choose_fonts(page: Figure) -> None:
 
 
 def _name_letters(found: re.Match[str]) -> str:
-    """What stands for letters that no font of this machine has."""
+    """Name letters that no font of this machine has."""
     more = " …" if len(found[0]) > 1 else ""
     return f"[no font here for U+{ord(found[0][0]):04X}{more}]"
 
@@ -165,7 +165,7 @@ def draw_ruler(axes: Axes, paper: Paper, before: str) -> None:
 
 
 def draw_foot(axes: Axes, paper: Paper, page: str, what: str, note: str = "") -> None:
-    """What a page is, at its lower right: the drawing, the paper and the page's number, and a note."""
+    """Draw at a page's lower right its name, the paper and the page's number, and a note."""
     right = paper.width - paper.margin
     axes.text(right, paper.margin + 10.5, note, size=6, ha="right", va="top")
     axes.text(right, paper.margin + 7, what, size=7, ha="right", va="top")

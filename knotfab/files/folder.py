@@ -187,7 +187,7 @@ class OutputFolder:
         probe.unlink()
 
     def _why_unwritten(self, error: Exception) -> KnotfabError | None:
-        """What became of the disk, where that is what a build failed of; None where it is not.
+        """Say what became of the disk, where a build failed for that; None where it did not.
 
         Libraries in C++ report it in their own words, or as a plain failed write; the process that verifies
         may have died of it.

@@ -26,7 +26,7 @@ DECIMALS = 6  # decimals of a millimetre, written out
 
 @dataclass(frozen=True)
 class About:
-    """What a file says of itself, under the names of the core specification; "" leaves a line out.
+    """A file's words about itself, under the names of the core specification; "" leaves a line out.
 
     There is no date: the same build makes the same bytes.
     """
@@ -150,7 +150,7 @@ def _write(path: Path, model: Any, whole: Any, names: Sequence[str]) -> None:
 
 
 def read_back_strict(path: Path) -> list[str]:
-    """What lib3mf's strict reader finds wrong with `path`: empty for a clean file."""
+    """List what lib3mf's strict reader finds wrong with `path`: empty for a clean file."""
     import lib3mf
 
     reader = lib3mf.get_wrapper().CreateModel().QueryReader("3mf")

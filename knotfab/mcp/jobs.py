@@ -1,4 +1,4 @@
-"""What each tool does: the calls of the command line, answered by words, figures and pictures."""
+"""Do the job of each tool: the calls of the command line, answered by words, figures and pictures."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Answer:
 
 
 def preview(given: Given, hear: Hear, known: Collection[str]) -> Answer:
-    """What `knotfab preview` shows; it writes a file only where `out` names one.
+    """Do what `knotfab preview` does; it writes a file only where `out` names one.
 
     Args:
         known: the options that there are.
@@ -52,7 +52,7 @@ def preview(given: Given, hear: Hear, known: Collection[str]) -> Answer:
 
 
 def build(given: Given, hear: Hear, known: Collection[str]) -> Answer:
-    """What `knotfab build` does, in a folder that is allowed."""
+    """Do what `knotfab build` does, in a folder that is allowed."""
     from knotfab.api import build as run
     from knotfab.options import options_from
     from knotfab.report.in_words import conclude, last_line
@@ -81,7 +81,7 @@ def build(given: Given, hear: Hear, known: Collection[str]) -> Answer:
 
 
 def validate(given: Given, hear: Hear, known: Collection[str]) -> Answer:
-    """What `knotfab validate` measures."""
+    """Do what `knotfab validate` does."""
     from knotfab.read_options import read_skips
     from knotfab.scene.load import load_scene
     from knotfab.verify.checks import list_unmet

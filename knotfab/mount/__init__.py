@@ -1,1 +1,1 @@
-"""What holds a piece: pegs along light rays, and where they must be for it not to sag."""
+"""Mounts hold a piece: pegs along light rays, placed so that it does not sag, stands and eyelets."""

@@ -1,4 +1,4 @@
-"""As few pegs as keep every knot from sagging: added where they help most, taken away where they idle."""
+"""Choose as few pegs as keep every knot from sagging: add them where they help most, take idle ones away."""
 
 from __future__ import annotations
 
@@ -114,7 +114,7 @@ def _of_knot(
 
 
 def _apart(rays: Rays, own: Indices, taken: list[int], radius: float) -> Indices:
-    """Those rays whose feet keep away from those taken."""
+    """Return the rays whose feet keep away from those taken."""
     if not taken:
         return own
     gaps = np.linalg.norm(rays.foot[own][:, None] - rays.foot[taken][None], axis=2).min(axis=1)
@@ -217,7 +217,7 @@ class _Model:
         self._among -= self._among[:, rows] @ back.T
 
     def sag_with(self, peg: int) -> _Sag:
-        """How the tube moves on the pegs that are held and one more."""
+        """Compute how the tube moves on the pegs that are held and one more."""
         moves = self._moves[6 * peg : 6 * peg + 6]
         return self._sag_of((self._moved + self._exert(peg) @ moves).reshape(-1, 3))
 
@@ -229,7 +229,7 @@ class _Model:
         return np.asarray(push - spring @ top)
 
     def sag(self, pegs: list[int]) -> _Sag:
-        """How the tube moves on these pegs, the first among them."""
+        """Compute how the tube moves on these pegs, the first among them."""
         more = np.array(pegs[1:], dtype=np.int64)
         moved = self.own[:, :3]
         if len(more):

@@ -135,7 +135,7 @@ def _files(table: Table) -> list[str]:
 
 
 def _above(value: float) -> str:
-    """How high something is, in words: "12 mm above"."""
+    """Say how high a point is: "12 mm above"."""
     if abs(value) < 0.05:
         return "level with"
     return f"{length(abs(value))} mm {'above' if value > 0 else 'below'}"

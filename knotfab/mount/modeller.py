@@ -47,7 +47,7 @@ def model(fixture: Callable[_In, Mesh], *sizes: _In.args, **named: _In.kwargs) -
 
 
 def ask(fixture: Callable[_In, Any], *sizes: _In.args, **named: _In.kwargs) -> Any:
-    """What a function of `knotfab_fixtures` returns, as JSON: by the process that is kept, or else here.
+    """Call a function of `knotfab_fixtures`, in the process that is kept or else here: its result as JSON.
 
     Raises:
         MachineError: the process ended instead.

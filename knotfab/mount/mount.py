@@ -1,4 +1,4 @@
-"""From tubes to the piece that is printed: with the mount that the scene asks for."""
+"""Join the tubes with the mount that the scene asks for into the piece that is printed."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ BASE_DOWN = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # sc
 
 @dataclass(frozen=True)
 class Mounted:
-    """What is to be printed, in scene coordinates.
+    """The bodies to print, in scene coordinates.
 
     `scene` has the mount resolved (its foot, the pegs of each knot); `upright` is the turn (3, 3)
     from scene to bed in which the mount is best printed, None where any will do.
@@ -50,7 +50,7 @@ class Mounted:
 
     @property
     def holder(self) -> WallMount | StandMount | HangMount | None:
-        """What holds the piece."""
+        """The mount that holds the piece."""
         return self.wall or self.stand or self.hang
 
     @cached_property
@@ -59,7 +59,7 @@ class Mounted:
         return [as_manifold(body) for body in self.bodies]
 
     def fixtures(self, camera: Camera) -> list[Fixture]:
-        """What the mount is united from, scene coordinates; `camera`: of the first view."""
+        """The parts that the mount is united from, scene coordinates; `camera`: of the first view."""
         if self.wall is not None:
             groups = wall_fixtures(self.wall, camera, max(len(self.scene.mount.pegs), 1))
             return [fixture for group in groups for fixture in group]
@@ -112,7 +112,7 @@ class Mounted:
 
     @property
     def fixed_mm(self) -> tuple[float, float, float] | None:
-        """What of the part's extents, as `upright` lays it, does not come with the picture's frame.
+        """The part's extents, as `upright` lays it, that do not scale with the picture's frame.
 
         Margin and thickness of a plate, a dowel's length, and the distance from the wall; None
         where that is the tube's thickness alone.

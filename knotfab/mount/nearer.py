@@ -1,4 +1,4 @@
-"""How near to its wall, and how flat, a piece must be for pegs to hold it: an estimate from its curves.
+"""Estimate from a piece's curves how near to its wall, and how flat, it must be for pegs to hold it.
 
 A peg is bent by its own weight as the fourth power of its length: half as far from the wall it sags a
 sixteenth. So a piece that is too heavy for its pegs is moved to the wall as it is, and flattened only as far

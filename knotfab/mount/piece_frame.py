@@ -32,7 +32,7 @@ DOWN = np.array([0.0, -1.0, 0.0])
 
 @dataclass(frozen=True)
 class Stiffness:
-    """What the piece is made of and how far it may sag: MPa, g/cm³, mm."""
+    """The piece's material and how far it may sag: MPa, g/cm³, mm."""
 
     young_mpa: float
     density_g_cm3: float

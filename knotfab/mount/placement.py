@@ -1,4 +1,4 @@
-"""Where the lamp stands, measured from what a person finds on the wall, the plate or the desk."""
+"""Place the lamp, measured from marks that a person finds on the wall, the plate or the desk."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class Footing:
 
 @dataclass(frozen=True)
 class Placement:
-    """What puts the lamp where the scene says (mm, scene coordinates).
+    """Measures that put the lamp where the scene says (mm, scene coordinates).
 
     `wall` (3, 3) has rows: right, up the wall, and out of it; `level` (3, 3): right, straight up, and
     level towards the lamp. `middle` (3,) is the frame's, on the wall; `frame_mm` its width and

@@ -1,4 +1,4 @@
-"""Where a peg may run from tube to wall along a light ray, in the tube's shadow, clear of all strands."""
+"""Rays for pegs: from tube to wall along the light, in the tube's shadow, clear of all strands."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where a mount may run unseen: the pixels of every view that picture and knots darken anyway.
+"""Find where a mount may run unseen: pixels of every view that picture and knots darken anyway.
 
 Matter that lies behind dark pixels in every view, or below every frame, changes no shadow.
 """

@@ -34,12 +34,12 @@ class Fixture:
     above: tuple[Array, float] | None = None
 
     def solid(self) -> Manifold:
-        """As facets, ready to be united."""
+        """The solid as facets, ready to be united."""
         solid = as_manifold(model(self.of, *self.sizes, **self.named)).transform(self.motion)
         return solid if self.above is None else solid.trim_by_plane(*self.above)
 
     def to_dict(self) -> dict[str, Any]:
-        """As `knotfab_fixtures.step.write_solids` takes it."""
+        """The solid as `knotfab_fixtures.step.write_solids` takes it."""
         return {
             "module": self.of.__module__,
             "fixture": self.of.__name__,

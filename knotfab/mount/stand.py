@@ -76,7 +76,7 @@ LENGTH_WEIGHT = 0.02  # pixels: among members that show equally little the short
 
 @dataclass(frozen=True)
 class StandSettings:
-    """What is asked of a stand.
+    """Settings of a stand.
 
     `base_thickness_mm` of the base at its back, `tip_deg` how far the part may be tipped and comes
     back, `min_radius_mm` of a member that the printer can make.
@@ -192,7 +192,7 @@ def plan_stand(
 
 
 def _footprint(knots: Knots, cameras: Sequence[Camera], settings: StandSettings) -> Rectangle:
-    """What the base of a stand may cover: what lies below the piece, and what it needs not to tip."""
+    """Return the area that a stand's base may cover: below the piece, and more to keep it from tipping."""
     axes = slope_below(cameras).axes
     own = knots.points @ axes.T
     low, high = own.min(axis=0) - 2 * CORNER_MM, own.max(axis=0) + 2 * CORNER_MM
@@ -237,7 +237,7 @@ def _posts(
 
 
 def least_shown(every: Candidates, shadows: MountShadows, count: int, sites: int) -> Candidates:
-    """Those that show least of all, and of each stretch of the tubes: the former may be of no help."""
+    """Return the members that show least of all, and least of each stretch of the tubes."""
     cost = shadows.cost(every, COARSE, (0.0,)) + LENGTH_WEIGHT * every.length_mm
     order = np.argsort(cost, kind="stable")
     stretch = every.first[order] * STRETCHES // sites

@@ -1,4 +1,4 @@
-"""What the drawings of a mount are made of: the piece, lamps, walls and notes, in mm of the page."""
+"""Strokes of a mount's drawings: the piece, lamps, walls and notes, in mm of the page."""
 
 from __future__ import annotations
 

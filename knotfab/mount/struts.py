@@ -187,7 +187,7 @@ def sample_strands(knots: Knots) -> tuple[Array, Indices, Array, Array]:
 
 
 class Obstacles:
-    """What members must keep clear of: all tubes but at their own joints, and members that are there."""
+    """Bodies that members keep clear of: all tubes but at their own joints, and the members so far."""
 
     def __init__(self, knots: Knots, sites: Sites, clearance_mm: float) -> None:
         from scipy.spatial import cKDTree

@@ -65,7 +65,7 @@ class Bar:
 
 @dataclass(frozen=True)
 class Sheet:
-    """What is printed at once: its bodies, and the motions (4, 4) that take each to the scene."""
+    """Bodies that are printed at once, and the motions (4, 4) that take each to the scene."""
 
     name: str
     bodies: list[Mesh]
@@ -103,12 +103,12 @@ class Table:
 
     @property
     def beds(self) -> int:
-        """How many plates are printed."""
+        """The number of plates that are printed."""
         return len(self._beds)
 
     @cached_property
     def sheets(self) -> list[Sheet]:
-        """What is printed, bed by bed."""
+        """The printed bodies, bed by bed."""
         turned = self.bed_mm[1] > self.bed_mm[0]
         beds = enumerate(self._beds, start=1)
         return [self._lay(f"table-{n}.3mf", bed, turned) for n, bed in beds]
@@ -183,7 +183,7 @@ def _top(places: Sequence[Placement], lamps: Array) -> float:
 
 
 class _Layout:
-    """Where the bars go: a spine from the screen to the lamps, and arms to either side of it."""
+    """The places of the bars: a spine from the screen to the lamps, and arms to either side of it."""
 
     def __init__(self, place: Placement, lamps: Array, top: float, longest: float) -> None:
         self.lamps, self.longest = lamps, longest
@@ -247,7 +247,7 @@ class _Layout:
         return arms, holes
 
     def _screen_arm(self, side: int) -> Bar:
-        """With the screen's slot along it."""
+        """An arm with the screen's slot along it."""
         middle = self._begin + WIDTH_MM / 2
         length = max(self.reach - self.spine / 2, 30.0)
         ridges = []
@@ -257,7 +257,7 @@ class _Layout:
         return self._arm(side, middle, length, ridges=tuple(ridges))
 
     def _stand_arm(self, side: int) -> Bar | None:
-        """With a fence beside a stand's foot; None where the foot is no wider than the spine."""
+        """An arm with a fence beside a stand's foot; None where the foot is no wider than the spine."""
         if self.base is None:
             return None
         edge = (self.base.right if side > 0 else -self.base.left) + FENCE_PLAY_MM
@@ -296,7 +296,7 @@ class _Layout:
 
 
 def _spine_width(aside: Array) -> float:
-    """How wide the spine is, so that each lamp, so far (n,) from its middle line, is on it or well beside it.
+    """Return a spine's width with each lamp, so far (n,) from its middle line, on it or well beside it.
 
     Raises:
         ValueError: it would be wider than `WIDEST_MM`.

@@ -58,7 +58,7 @@ class NotHeldError(SceneError):
 
 
 def hole_inset_mm(asked: Mount) -> float:
-    """From a plate's left and right edge to the middle of a screw hole."""
+    """The distance from a plate's left and right edge to the middle of a screw hole."""
     return asked.plate_margin_mm / 2 + asked.hole_diameter_mm / 4
 
 

@@ -1,4 +1,4 @@
-"""What holds a piece that sags on its pegs: struts, and pegs that lean, in the shadow from end to end."""
+"""Brace a piece that sags on its pegs: struts, and pegs that lean, in the shadow from end to end."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a person does to hang or stand the piece, and what it costs to be off: the words of a drawing."""
+"""Words of a mount's drawing: how a person hangs or stands the piece, and the cost of being off."""
 
 from __future__ import annotations
 
@@ -176,7 +176,7 @@ def level_wall(place: Placement, height: float) -> float:
 
 
 def lamp_facts(view: View) -> list[str]:
-    """What the lamp must be, and what its size does."""
+    """Say which lamp is needed, and what its size does."""
     if view.kind != "shadow":
         return ["Look with one eye, from the point that is drawn."]
     facts = ["One lamp alone, all others off, bare: no shade, no reflector."]
@@ -202,7 +202,7 @@ def _lamp_shape(view: View) -> str:
 
 
 def costs_of(misplacement: Mapping[str, Any] | None, view: View, *, on_wall: bool) -> list[str]:
-    """What is lost when lamp or piece are not quite there, a line each.
+    """Say what is lost when lamp or piece are off their places, a line each.
 
     A piece that is fixed to its wall turns with it, which is the lamp moving about both.
 

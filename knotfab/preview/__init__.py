@@ -1,1 +1,1 @@
-"""What a picture will become, in a second: its silhouette, what tubes lose of it, size, hours and grams."""
+"""Preview a picture in a second: its silhouette, what tubes lose of it, size, hours and grams."""

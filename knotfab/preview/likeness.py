@@ -1,4 +1,4 @@
-"""Whether a person could know a picture in the shadow of any tube: estimated from pixels, in a second.
+"""Estimate from pixels, in a second, whether a person could know a picture in any tube's shadow.
 
 A search takes minutes to find that it cannot draw noise, and so did openings of thousands of polygons. What
 a tube of one radius could draw is a union of discs. A few of those that come nearest to the picture are
@@ -38,7 +38,7 @@ _FINER = (0.8, 0.65, 0.5, 0.4, 0.3, 0.25, 0.2, 0.15, 0.1, 0.07, 0.05, 0.03)  # r
 
 @dataclass(frozen=True)
 class Likeness:
-    """What the best of the unions of discs has in common with the picture.
+    """The likeness of the picture and the best of the unions of discs.
 
     `changes` are pieces and holes lost, and pieces run together, of `features` pieces and holes.
     """
@@ -55,7 +55,7 @@ class Likeness:
 
 
 def estimate_likeness(mask: Mask, radius_px: float, unions: int = 7) -> Likeness | None:
-    """How like the picture what tubes of this radius draw could be; None where most of it is wider.
+    """Estimate how like the picture tubes of this radius could draw; None where most of it is wider.
 
     Args:
         mask: (H, W), not empty. radius_px: of the tube's shadow. unions: how many are drawn.
@@ -81,7 +81,7 @@ def opened_share(mask: Mask, radius_px: float) -> float:
 
 
 def compare_lines(asked: Mask, widened: Mask, radius_px: float) -> Likeness:
-    """What of a drawing's pieces and holes is left as its strokes are widened to the tube's shadow.
+    """Compare a drawing's pieces and holes before and after its strokes are widened to the tube's shadow.
 
     Such a drawing is judged by its widened strokes, so by its topology alone. It is compared as fine as it
     is: sampled, a stroke of a px or two falls to dashes. A screen of the finest meshes is no drawing, and
@@ -118,7 +118,7 @@ def _resample(mask: Mask, radius_px: float) -> tuple[Mask, float]:
 
 
 def _unions_of_discs(mask: Mask, radius: float) -> Iterator[Mask]:
-    """What tubes may draw of a mask, each a union of discs: without its thin parts, and with them widened.
+    """Yield unions of discs that tubes may draw of a mask: without its thin parts, and with them widened.
 
     Then discs wherever there is ink enough in them, which may run over what is finer than they are.
     """

@@ -79,11 +79,11 @@ class TriedReading:
         return shlex.join(word for pair in named for word in pair)
 
     def thumbnail(self, longest_px: int = _PANEL) -> bytes:
-        """What is drawn, dark on light, as a PNG of at most so many px."""
+        """The drawn silhouette, dark on light, as a PNG of at most so many px."""
         return encode_image(_paint(self.target.mask, longest_px))
 
     def to_dict(self) -> dict[str, Any]:
-        """What a page needs, without the picture."""
+        """The data that a page needs, without the picture."""
         return {
             "options": self.options,
             "keys": self.keys,
@@ -130,7 +130,7 @@ def advise(found: Survey, readings: Sequence[TriedReading]) -> Survey:
 def try_readings(
     source: str | Path, scene: Scene, *, base: Path | None = None, font: str | None = None
 ) -> tuple[TriedReading, ...]:
-    """At most six readings of one picture, the best first: those that a build would take before others.
+    """Try at most six readings of one picture, the best first: those that a build would take before others.
 
     Ink is what stands out, what is dark or light, what the border's colours do not reach, and the picture's
     commonest colours; of a photograph also what can be cut out of its middle. Of each the cleaning is taken
@@ -200,7 +200,7 @@ def _cleanings(tube_px: float) -> Iterator[dict[str, Any]]:
 
 
 def _round_up(value: float) -> int:
-    """To one digit or five of the next, which is easier to say."""
+    """Round up to one digit, or five of the next, which is easier to say."""
     ten = 10 ** int(np.log10(max(value, 1.0)))
     return (
         int(5 * ten * np.ceil(value / (5 * ten)))
@@ -263,7 +263,7 @@ def _colours(image: Image.Image, most: int = 3) -> list[str]:
 
 
 def _score(mask: Mask, lines: bool = False) -> float:
-    """How like the silhouette of one thing this is: compact, of few parts, clear of the frame's edge."""
+    """Score how like one thing's silhouette this is: compact, of few parts, clear of the frame's edge."""
     share = float(mask.mean())
     edge = float(np.concatenate([mask[0], mask[-1], mask[:, 0], mask[:, -1]]).mean())
     parts = len(pieces_of(mask)[1]) + len(holes_of(mask)[1])

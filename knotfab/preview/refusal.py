@@ -1,4 +1,4 @@
-"""What a build refuses at once because a search would refuse it after minutes, and what would do."""
+"""Refuse at once what a search would refuse after minutes, and say what would do."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a survey found, in a few lines: the same before a build and in a preview."""
+"""Tell a survey's findings in a few lines: the same before a build and in a preview."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def describe(found: Survey, exact: bool = False) -> list[str]:
 
 
 def _describe_silhouette(seen: ViewSurvey, exact: bool) -> str:
-    """What is drawn, pieces, holes, and the size on the wall."""
+    """Describe the silhouette: pieces, holes, and the size on the wall."""
     width, height = seen.view.frame_mm
     rule = seen.target.rule if exact else re.sub(r" \[[^]]*\]", "", seen.target.rule)
     return (
@@ -96,17 +96,17 @@ def _describe_piece(found: Survey) -> str:
 
 
 def count(number: int, noun: str) -> str:
-    """So many of them, as a person says it."""
+    """Say a count as a person does."""
     return f"{number or 'no'} {noun}{'' if number == 1 else 'es' if noun[-1] == 's' else 's'}"
 
 
 def _round(value: float) -> str:
-    """To the two digits that a guess has."""
+    """Round to the two digits that a guess has."""
     return f"{value:.2g}" if value < 100 else f"{round(value, -1):.0f}"
 
 
 def describe_readings(readings: Sequence[TriedReading], sheet: str) -> list[str]:
-    """What else the picture may be meant to be, a line each with the options that give it.
+    """Describe other readings of the picture, a line each with the options that give it.
 
     Args:
         sheet: the picture that shows them.

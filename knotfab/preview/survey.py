@@ -1,4 +1,4 @@
-"""What can be said of a picture before anything is searched: the tube that a build takes, what it loses."""
+"""Survey a picture before anything is searched: the tube that a build takes, and its losses."""
 
 from __future__ import annotations
 
@@ -224,7 +224,7 @@ def _add_losses(
 
 
 def _drawn_by(template: Template, seen: ViewSurvey) -> Polygon | MultiPolygon:
-    """What a template's tube covers, in px of the picture."""
+    """Draw a template's tube, in px of the picture."""
     own = seen.view.model_copy(update={"azimuth_deg": 0.0, "elevation_deg": 0.0})
     camera = camera_of(own, seen.target.width, seen.target.height)
 

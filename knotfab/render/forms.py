@@ -1,4 +1,4 @@
-"""What a search is handed: what draws its pictures, and what moves beside vertices."""
+"""The forms that a search is handed: those that draw its pictures, and those that move beside vertices."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class DrawnImage(Protocol):
         """The squared difference of tube and picture, and its gradient in the vertices (N, 3)."""
 
     def find_winners(self, points: Real, rings: Polylines, radius: float, reach_px: float) -> Any:
-        """What colours each pixel, for `squared_error` of vertices that moved little."""
+        """Find the capsule that colours each pixel, for `squared_error` of vertices that moved little."""
 
     def render(
         self, points: Real, rings: Polylines, radius: float, tau: float, cutoff: float
@@ -46,7 +46,7 @@ class Forms:
     def draw(
         self, frame: Frame, target: NDArray[np.floating[Any]], renderer: Renderer
     ) -> DrawnImage | None:
-        """What draws this picture; None: the compiled loops do."""
+        """Return the form that draws this picture; None: the compiled loops do."""
         if renderer != "ray":
             raise ValueError(f"the renderer {renderer} needs forms=TorchForms()")
         return None

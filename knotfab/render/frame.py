@@ -84,7 +84,7 @@ class Frame:
 
 @dataclass(frozen=True)
 class Sheet:
-    """What stays fixed of a view: the raster on the receiver, and the receiver's tilt."""
+    """The fixed part of a view: the raster on the receiver, and the receiver's tilt."""
 
     width: int
     height: int

@@ -56,7 +56,7 @@ class ViewImage:
     def squared_error(
         self, points: Array, rings: Polylines, radius: float, tau: float, won: Any = None
     ) -> tuple[float, Array]:
-        """What `silhouette.squared_error` is of the tube about vertices (N, 3), and its gradient there."""
+        """Return `silhouette.squared_error` of the tube about vertices (N, 3), and its gradient there."""
         p = points.astype(self.target.dtype)
         if self._drawn is not None:
             return self._drawn.squared_error(p, rings, radius, tau, CUTOFF, won)

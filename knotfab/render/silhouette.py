@@ -76,7 +76,7 @@ class _Cut:
 
 @np.errstate(all="ignore")  # NaN is left out by comparisons
 def _place(starts: Real, ends: Real, frame: Frame, radius: float) -> _Cut:
-    """In receiver axes, cut as `torch_forms.clip.cut_before_light` does it, which says why."""
+    """Place segments in receiver axes, cut as `torch_forms.clip.cut_before_light` does it, which says why."""
     a, b = frame.local(starts), frame.local(ends)
     least = least_depth(radius)
     low = min(a[:, 2].min(initial=np.inf), b[:, 2].min(initial=np.inf))
@@ -180,13 +180,13 @@ def squared_error(
 
 
 def _numbers(frame: Frame, radius: float) -> Array:
-    """What the kernels go by: u0, v0, step, radius."""
+    """The numbers that the kernels go by: u0, v0, step, radius."""
     return np.array([number(frame.u0), number(frame.v0), number(frame.step), radius])
 
 
 @dataclass(frozen=True)
 class Capsules:
-    """What is rendered: segments in receiver axes, who wins each pixel, the radius and the sharpness."""
+    """The rendered capsules: segments in receiver axes, who wins each pixel, radius and sharpness."""
 
     cut: _Cut
     won: Winners
@@ -205,7 +205,7 @@ class Capsules:
         cutoff: float = CUTOFF,
         won: Winners | None = None,
     ) -> Capsules:
-        """What is rendered of segments (n, 3) to (n, 3) in the scene.
+        """Render segments (n, 3) to (n, 3) of the scene.
 
         Raises:
             IndexError: the winners are those of other segments, or of another frame.

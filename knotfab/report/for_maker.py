@@ -1,4 +1,4 @@
-"""What a maker reads first: the lamp to take, what each file is for, the picture of the drawing."""
+"""Facts that a maker reads first: the lamp to take, the use of each file, the picture of the drawing."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a report says in a few lines: on a terminal, in a notebook, to a program that asked for the build."""
+"""A report in a few lines: on a terminal, in a notebook, to a program that asked for the build."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["conclude", "last_line", "tell_colours", "tell_piece", "tell_share", 
 
 
 def conclude(report: Mapping[str, Any], verbose: bool = False) -> list[str]:
-    """How good the piece is, what did not pass, what a person would miss, and what must not be missed.
+    """Conclude how good the piece is: failed checks, losses that a person sees, important notes.
 
     Args:
         verbose: with the IoU.
@@ -32,7 +32,7 @@ def conclude(report: Mapping[str, Any], verbose: bool = False) -> list[str]:
 
 
 def tell_views(report: Mapping[str, Any], verbose: bool = False) -> list[str]:
-    """How alike each view's shadow and picture are, and how far it can be read; of a sequence in one line."""
+    """Tell how alike each view's shadow and picture are, and how legible; a sequence has one line."""
     views = report["views"]
     standing = report["print"].get("mount", {}).get("kind") == "stand"
     # a part that the desk hides below the frame is no fault of the picture
@@ -59,7 +59,7 @@ def tell_views(report: Mapping[str, Any], verbose: bool = False) -> list[str]:
 
 
 def tell_colours(report: Mapping[str, Any]) -> list[str]:
-    """What is seen of a picture in colours that several lamps mix, in sentences; none where none do."""
+    """Tell how several lamps mix a picture's colours, in sentences; none where none do."""
     found = report.get("colours")
     if found is None:
         return []
@@ -126,6 +126,6 @@ def last_line(report: Mapping[str, Any]) -> str:
 
 
 def _misplaced(view: Mapping[str, Any]) -> str:
-    """What a person sees of a view where lamp or piece are off the worst way."""
+    """Tell what a person sees of a view where lamp or piece are off the worst way."""
     worst = (view.get("misplacement") or {}).get("worst")
     return f"; {worst['fitted']:.0%} with {tell_move(worst, view)}" if worst is not None else ""

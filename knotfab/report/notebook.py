@@ -1,4 +1,4 @@
-"""What a notebook shows of a build or a stage: words and pictures, all of it in the piece of page itself."""
+"""Show a build or a stage in a notebook: words and pictures, all of it in the piece of page itself."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What pictures and their visual hull say of the views, for the report."""
+"""Tell for the report how pictures and their visual hull agree."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def list_views(
 
 
 def tell_bounds(made: Design, targets: Sequence[Target]) -> list[str]:
-    """How several pictures were made to agree, and where they contradict each other.
+    """Tell how several pictures were made to agree, and where they contradict each other.
 
     A design for one view has nothing to tell: nothing contradicts a single picture.
     """

@@ -1,4 +1,4 @@
-"""What a build says of itself: its own checks, and the report put together from all that was found."""
+"""A build's own checks, and the report put together from all findings."""
 
 from __future__ import annotations
 
@@ -212,7 +212,7 @@ def add_slicing(report: Record, sliced: Sliced | NotSliced | None, printed: bool
 
 
 def _notes(knots: int, mount: Record, hangs: bool) -> list[str]:
-    """What a reader must not miss."""
+    """Collect the notes that a reader must not miss."""
     loose = f"Its {knots} knots are loose pieces; the file keeps them in place."
     if mount["kind"] == "none":
         without = "Nothing holds the knots: this piece has no mount"
@@ -226,7 +226,7 @@ def _notes(knots: int, mount: Record, hangs: bool) -> list[str]:
 
 
 def _radius_note(made: Design) -> Record:
-    """What the radius costs: every radius tried, with the IoU of its template and of its start."""
+    """Tell the radius's cost: every radius tried, with the IoU of its template and of its start."""
     if made.radius is None:
         return {"chosen_by": "the scene", "trials": []}
     return {

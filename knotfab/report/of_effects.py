@@ -1,4 +1,4 @@
-"""What a build says of effects and limits: a line each, and a warning where a scene's own word hides one."""
+"""Tell of effects and limits: a line each, and a warning where a scene's own word hides one."""
 
 from __future__ import annotations
 
@@ -178,7 +178,7 @@ def add_sag(
 
 
 def tell_contrast(views: Sequence[Record]) -> list[str]:
-    """How dark the shadows are, a sentence each, where that was looked at."""
+    """Tell how dark the shadows are, a sentence each, where that was looked at."""
     said = []
     for view in views:
         found = view.get("contrast")
@@ -213,7 +213,7 @@ def tell_move(move: Mapping[str, Any], view: Mapping[str, Any]) -> str:
 
 
 def advise(views: Sequence[Record], made: Design) -> list[str]:
-    """What the shadow of a wide lamp would gain by a wall as near as the piece can have it, a sentence each.
+    """Tell what a wide lamp's shadow would gain by a nearer wall, a sentence each.
 
     What a blur adds to the error in brightness is in proportion to it, so what the measured error is above
     that of the hard shadow is scaled by the mean blur there over that here; both of all strands.

@@ -109,7 +109,7 @@ def report_slicing(result: Sliced | NotSliced) -> dict[str, Any]:
 
 
 def print_figures(result: Sliced | NotSliced) -> dict[str, float]:
-    """What belongs into the report's `print`: empty where the part was not sliced."""
+    """Collect the slicer's figures for the report's `print`: none where the part was not sliced."""
     if isinstance(result, NotSliced):
         return {}
     return {
@@ -122,7 +122,7 @@ def print_figures(result: Sliced | NotSliced) -> dict[str, float]:
 
 
 def tell_flatter(flatter: Sequence[dict[str, Any]]) -> str:
-    """What less depth would take, one sentence."""
+    """Tell what less depth would take, in one sentence."""
     less = []
     for other in flatter:
         share = other["depth_share"]

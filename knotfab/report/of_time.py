@@ -1,4 +1,4 @@
-"""Where a build's time went, and what the next better setting would about buy and cost on this piece."""
+"""Tell where a build's time went, and what the next better setting would buy and cost on this piece."""
 
 from __future__ import annotations
 
@@ -80,6 +80,6 @@ def tell_stages(timings: Mapping[str, float]) -> str:
 
 @cache
 def _study() -> Record:
-    """What was measured: for each accuracy the mean error, 1 - IoU, and seconds by stage."""
+    """Return what was measured for each accuracy: the mean error, 1 - IoU, and seconds by stage."""
     found: Record = json.loads(_MEASURED.read_text("utf-8"))
     return found

@@ -1,4 +1,4 @@
-"""What would keep what a shadow has lost of its picture, for the report."""
+"""Tell in the report how a shadow's losses could be kept."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _STROKES = ("piece", "stroke", "text")
 
 
 def advise_widening(verdict: Mapping[str, Any] | None, scene: ResolvedScene) -> list[str]:
-    """What to do where thin strokes are lost that could be widened to what the tube draws; nothing else.
+    """Advise to widen thin strokes that are lost and could be drawn so; nothing else.
 
     A verdict's loss says how wide it is, and how wide the tube's shadow. A larger picture is not advised: its
     strokes, once they are wider than one tube and not yet as wide as two, are drawn no better.

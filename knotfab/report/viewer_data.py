@@ -1,4 +1,4 @@
-"""What the viewer is handed: centre lines, mount, views, print pose and history, packed small."""
+"""Pack the viewer's data small: centre lines, mount, views, print pose and history."""
 
 from __future__ import annotations
 

@@ -104,7 +104,7 @@ class CurvedWall:
         return np.column_stack([normal, -(normal * at).sum(axis=1)])
 
     def room_mm(self, points: Array) -> float:
-        """How near points (n, 3) of the scene come to the wall at most, mm; less than 0 behind it.
+        """Measure how near points (n, 3) of the scene come to the wall at most, mm; less than 0 behind it.
 
         Of a hollow wall that is also how near what lies between them comes.
         """

@@ -65,7 +65,7 @@ def _list_supplied(kind: Kind) -> dict[str, dict[str, Any]]:
 
 
 def title_of(kind: Kind, name: str) -> str:
-    """What a person calls the printer or material of this name: "Bambu Lab P1S" for bambu-p1s."""
+    """Return the usual name of the printer or material of this name: "Bambu Lab P1S" for bambu-p1s."""
     return str(_list_supplied(kind).get(name, {}).get("title", name))
 
 

@@ -1,4 +1,4 @@
-"""What a scene cannot ask for, whoever reads it."""
+"""Refuse what a scene cannot ask for, whoever reads it."""
 
 from __future__ import annotations
 

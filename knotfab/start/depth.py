@@ -88,7 +88,7 @@ def _turns() -> Array:
 
 @dataclass
 class _Judge:
-    """What a profile is judged by: samples of the curves, and whoever hides whom."""
+    """Data by which a profile is judged: samples of the curves, and whoever hides whom."""
 
     curves: tuple[Array, ...]
     radius: float
@@ -194,7 +194,7 @@ class _Judge:
         return floor(1e4 * float(extents[best])) / 1e4  # a rebuild from the number is the same
 
     def legibility(self, parts: list[Array], at_most: float = inf) -> float:
-        """From 45 and 30 degrees aside, and what strands hide each other.
+        """Estimate legibility from 45 and 30 degrees aside, and how much strands hide each other.
 
         Of what is more than `at_most` a part that is. From nearer the picture is read no worse, as a rule, so
         that of most profiles a few sides at 45 degrees tell.
@@ -245,7 +245,7 @@ class _Judge:
         return np.asarray(_SUPPORT * np.array(found) / tube_cm3)
 
     def keep_best_turns(self, placed: list[list[Array]]) -> None:
-        """From here on only the turns in which these need least."""
+        """Keep from here on only the turns in which these need least."""
         mean = np.mean([self.supports(parts) for parts in placed], axis=0)
         self.turns = self.turns[np.argsort(mean, kind="stable")[:_TURNS]]
 

@@ -58,7 +58,7 @@ class Template:
 
     @cached_property
     def tube(self) -> Polygon | MultiPolygon:
-        """What the planar tube covers."""
+        """The area that the planar tube covers."""
         covered: Polygon | MultiPolygon = shapely.union_all(
             [_band(curve, self.radius) for curve in self.curves]
         )
@@ -326,7 +326,7 @@ def template_iou(template: Template, polygon: MultiPolygon) -> float:
 
 
 def _band(curve: Array, radius: float) -> Polygon | MultiPolygon:
-    """What a closed planar curve covers, drawn with a pen of this radius.
+    """Return the area that a closed planar curve covers, drawn with a pen of this radius.
 
     Where strands of a picture with straight sides just touch, GEOS gives an invalid polygon of a wrong
     area, which no union takes, on a grid or off it: a pen that is a hair slimmer leaves gaps instead.

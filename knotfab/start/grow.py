@@ -27,7 +27,7 @@ __all__ = ["Growth", "grow_curves"]
 
 @dataclass(frozen=True)
 class Growth:
-    """How curves grow. Prices and heat are in what an edge is worth that draws its own length in one view.
+    """Settings of growing curves. The unit of prices and heat: an edge that draws its own length in one view.
 
     `edge` and `corner` are the prices of one, `least` is the worth of an edge that is reached for, `heat`
     that of the first moves. There are `rounds` of reaching, and after each so many `moves` a node are tried.

@@ -106,7 +106,7 @@ class Lattice:
 
     @property
     def strides(self) -> Indices:
-        """From a node to the next along each axis."""
+        """The steps from a node to the next along each axis."""
         return np.array([self.shape[1] * self.shape[2], self.shape[2], 1], dtype=np.int64)
 
     def ends(self, edges: Indices) -> tuple[Indices, Indices]:

@@ -1,4 +1,4 @@
-"""How well the picture can be read from elsewhere: a quick estimate to choose depth profiles by.
+"""Estimate quickly how well the picture can be read from elsewhere, to choose depth profiles by.
 
 The contract's legibility (turn the part about its middle, silhouette it, stretch both silhouettes to
 their bounding boxes, largest IoU), on a coarser grid and from the centre line alone.

@@ -22,7 +22,7 @@ _NECK = 0.5  # tube radii that a bridge's middle may be seen outside: a gap of t
 
 
 def edge_worth(lattice: Lattice, worth: Array) -> float:
-    """What an edge is worth that draws its own length in one view alone; `worth` is that of the cells."""
+    """Return the worth of an edge that draws its own length in one view alone; `worth` is the cells'."""
     total = float(np.maximum(worth[lattice.cells], 0.0).sum()) / max(1, int(lattice.open.sum()))
     return total / max(1, round(float(worth[worth > 0].sum())))
 

@@ -1,4 +1,4 @@
-"""Where a search starts: curves of known type that nearly draw every picture, the knot asked for tied in."""
+"""Make a search's start: curves of known type that nearly draw every picture, the knot asked for tied in."""
 
 from __future__ import annotations
 

@@ -42,7 +42,7 @@ _GRID = 0.5  # spacing of the grid of distances to the outline
 
 @dataclass(frozen=True)
 class KnotRoom:
-    """Where the knot may be, mm: `polygon` is the silhouette in the plane z = 0.
+    """The room for the knot, mm: `polygon` is the silhouette in the plane z = 0.
 
     `light` is the light's z; `radius` the tube's; `unit` half the strands' least distance, or the bend
     radius if that is larger; `outside` says how far a tube about these points leaves its region.

@@ -1,4 +1,4 @@
-"""Where the search for several views starts: curves of known type, grown in what all pictures leave."""
+"""Make the start for several views: curves of known type, grown in the room that all pictures leave."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ _LONGEST_SHOWN = 60  # characters of what a wrong field holds
 
 
 class Settings:
-    """What the page's fields hold.
+    """The contents of the page's fields.
 
     `values` are right, each by itself; `readings` are how pictures are read that are not the first chosen.
     `wrong` are the fields that hold something else, or do not go together: their `text`, and `why`.
@@ -75,7 +75,7 @@ class Settings:
         return options_from({**given, "sequence": sequence})
 
     def pass_on(self, before: tuple[str, ...], after: tuple[str, ...]) -> None:
-        """How a picture is read goes with it: of two that were and are the first, if there are such."""
+        """Keep the settings of reading with their pictures, and take those of the new first one."""
         if before == after or not after:
             return
         kept = {key: self.values.pop(key) for key in READING if key in self.values}

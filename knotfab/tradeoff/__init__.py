@@ -1,1 +1,1 @@
-"""What accuracy costs in time, measured on this machine and drawn."""
+"""Measure on this machine what accuracy costs in time, and draw it."""

@@ -77,7 +77,7 @@ class Journal:
 
     @property
     def strange(self) -> int:
-        """How many of its runs nobody has asked for: of other pictures, settings or versions."""
+        """The number of its runs that nobody has asked for: of other pictures, settings or versions."""
         return len(self.runs.keys() - self.used)
 
     def close(self) -> None:
@@ -86,7 +86,7 @@ class Journal:
 
 
 class Bench:
-    """Where points are measured on pictures.
+    """A bench on which points are measured on pictures.
 
     Args:
         run: measures what it takes from an iterator, in any order.
@@ -144,7 +144,7 @@ class Bench:
         return self.measured(points)
 
     def measured(self, points: Iterable[Point]) -> list[Measured]:
-        """What is known of the points: each on as many of the first pictures as it was measured on."""
+        """The runs of each point, on as many of the first pictures as it was measured on."""
         found = []
         for point in points:
             runs: list[Run] = []

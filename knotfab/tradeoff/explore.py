@@ -1,4 +1,4 @@
-"""Which points are measured on how many pictures: one knob at a time, then halving over combinations.
+"""Choose points and pictures to measure: one knob at a time, then halving over combinations.
 
 Successive halving (Jamieson and Talwalkar 2016): all on few pictures, the better half on twice as many,
 and so on; presets see them all.
@@ -36,7 +36,7 @@ class Explored:
 
     @property
     def front(self) -> list[Measured]:
-        """Those of these that nothing beats."""
+        """Return the points of these that nothing beats."""
         return frontier(self.whole, self.middle.over(self.compared))
 
     def sets_apart(self, one: Measured) -> bool:
@@ -55,7 +55,7 @@ class Explored:
 
 
 def list_rungs(pictures: int) -> list[int]:
-    """On how many pictures each rung measures: an eighth of them, twice as many, …, all."""
+    """List how many pictures each rung measures: an eighth of them, twice as many, …, all."""
     sizes = [-(-pictures // 8)]
     while sizes[-1] < pictures:
         sizes.append(min(2 * sizes[-1], pictures))

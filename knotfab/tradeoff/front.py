@@ -1,4 +1,4 @@
-"""What was measured, over the pictures: which points nothing beats, and what a step of a knob buys."""
+"""Compare points over the pictures: those that nothing beats, and what a step of a knob buys."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class Measured:
 
     @property
     def seconds(self) -> float:
-        """What a picture takes: radius, search and sweep together."""
+        """The seconds of a picture: radius, search and sweep together."""
         if self.clock == "cpu":
             return self.mean("cpu_s")
         return self.mean("radius_s") + self.mean("search_s") + self.mean("sweep_s")
@@ -127,7 +127,7 @@ def frontier(measured: Sequence[Measured], middle: Measured | None = None) -> li
 
 
 def beaten_by(one: Measured, others: Sequence[Measured]) -> float:
-    """By which factor another point is faster at no more error, or better in no more time; 1: by none."""
+    """Return the factor by which a point is faster at no more error, or better in no more time; or 1."""
     factor = 1.0
     for other in others:
         if other.error <= one.error:
@@ -175,7 +175,7 @@ def halve(
 
 @dataclass(frozen=True)
 class Step:
-    """From one value of a knob to the next: IoU gained, and by which factor it takes longer."""
+    """A step from one value of a knob to the next: IoU gained, and by which factor it takes longer."""
 
     knob: str
     before: str
@@ -194,7 +194,7 @@ def _by_settings(measured: Sequence[Measured]) -> dict[SearchSettings, Measured]
 
 
 def list_steps(measured: Sequence[Measured], middle: SearchSettings) -> list[Step]:
-    """What each step of each knob buys and costs, the others as in the middle; same pictures for both."""
+    """List what each step of each knob buys and costs, the others as in the middle, on the same pictures."""
     found, known = [], _by_settings(measured)
     for knob in KNOBS:
         values = [v for v in knob.ordered(middle) if knob.turn(middle, v) in known]
@@ -210,7 +210,7 @@ def list_steps(measured: Sequence[Measured], middle: SearchSettings) -> list[Ste
 
 
 def list_effects(measured: Sequence[Measured], middle: Measured) -> dict[str, dict[Any, Effect]]:
-    """By knob, the values on or near the front, and what each does to seconds and error."""
+    """List by knob the values on or near the front, and what each does to seconds and error."""
     known = _by_settings(measured)
     sound = [m for m in measured if m.keeps(middle)]
     found: dict[str, dict[Any, Effect]] = {}

@@ -63,7 +63,7 @@ class Study:
 
     @cached_property
     def _asked(self) -> str:
-        """What a run depends on beside its settings, as a digest."""
+        """Digest all that a run depends on beside its settings."""
         scene = self.question.scene
         same = {"search": {}, "accuracy": scene.accuracy.model_copy(update={"name": "standard"})}
         digest = hashlib.sha256(scene.model_copy(update=same).model_dump_json().encode())
@@ -72,7 +72,7 @@ class Study:
         return digest.hexdigest()
 
     def key(self, settings: SearchSettings, turn: int = 0) -> str:
-        """What names a run: picture, scene (with its tube radius where given), settings and version."""
+        """Name a run: picture, scene (with its tube radius where given), settings and version."""
         given = settings.model_dump(exclude={"iou_slack"})
         text = json.dumps([self._asked, given, __version__, self.device, turn])
         return hashlib.sha256(text.encode()).hexdigest()[:24]
@@ -80,7 +80,7 @@ class Study:
 
 @dataclass(frozen=True)
 class Run:
-    """What one search took and reached. Seconds on the wall, but `cpu_s`, of the process that ran it.
+    """The cost and result of one search. Seconds are wall-clock, but `cpu_s`, which is its process's own.
 
     What is judged is None in repeated runs, which give the same knots.
     """
@@ -101,7 +101,7 @@ class Run:
     shadow: str = ""  # small, as PNG in base64
 
     def to_dict(self) -> dict[str, Any]:
-        """As JSON has it."""
+        """The run as JSON has it."""
         return asdict(self)
 
 

@@ -29,7 +29,7 @@ _COLOURS = 12  # colours of settings; those of the second turn have triangles
 
 
 class _Told(Protocol):
-    """What the page says beside the points."""
+    """The page's words beside the points."""
 
     @property
     def title(self) -> str: ...
@@ -126,7 +126,7 @@ def render_page(explored: Explored, steps: Sequence[Step], told: _Told) -> str:
 
 
 def _count_shadows(measured: Sequence[Measured]) -> int:
-    """On how many pictures the shadows of each point fit into the page."""
+    """Count the pictures whose shadows of each point fit into the page."""
     for count in range(max(len(m.runs) for m in measured), 1, -1):
         if sum(len(run.shadow) for m in measured for run in m.runs[:count]) < _SHADOW_BYTES:
             return count

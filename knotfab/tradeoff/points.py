@@ -176,6 +176,6 @@ def _combined(
 
 
 def list_changes(settings: SearchSettings, other: SearchSettings) -> dict[str, tuple[Any, Any]]:
-    """What differs from other settings: (theirs, these), by key."""
+    """List differences from other settings: (theirs, these), by key."""
     theirs, these = other.model_dump(), settings.model_dump()
     return {key: (theirs[key], these[key]) for key in these if these[key] != theirs[key]}

@@ -35,7 +35,7 @@ JOURNAL = "tradeoff-runs.jsonl"
 
 @dataclass(frozen=True)
 class Tradeoff:
-    """What was measured of which pictures, and where it was written.
+    """The measured points of pictures, and the folder that was written.
 
     `left_out`: runs that there was no time for. `steps`: what the next value of each knob buys.
     """
@@ -54,13 +54,13 @@ class Tradeoff:
 
     @property
     def title(self) -> str:
-        """What was measured, in a line."""
+        """The title of the measurement, in a line."""
         few = self.pictures[0] if len(self.pictures) == 1 else f"{len(self.pictures)} pictures"
         side = f", {self.jobs} runs side by side" if self.jobs > 1 else ""
         return f"{few}: what accuracy costs{side}"
 
     def said_left_out(self) -> str:
-        """What there was no time for, in a sentence; nothing where that is nothing."""
+        """Say which points there was no time for; nothing where there was time for all."""
         if not self.left_out:
             return ""
         missing = Counter(request.settings for request in self.left_out)

@@ -1,4 +1,4 @@
-"""What the worker of `tradeoff` answers: a run of a point on a picture, of studies that a file holds."""
+"""Answer for `tradeoff`: a run of a point on a picture, of studies that a file holds."""
 
 from __future__ import annotations
 

@@ -67,7 +67,7 @@ _FEW = 4  # checks that are named
 
 
 def mark_of(check: Mapping[str, Any]) -> str:
-    """How a check is shown: its status, but "warn" where one fails that is not required."""
+    """Return the mark of a check: its status, but "warn" where one fails that is not required."""
     fails = check["status"] == "fail" and not check["required"]
     return "warn" if fails else str(check["status"])
 
