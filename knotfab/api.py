@@ -150,7 +150,7 @@ def _file_of(source: Source, path: Path) -> str:
 def design_knots(
     scene: Scene, targets: Sequence[Target], *, device: str = "cpu", budget_s: float | None = None
 ) -> Design:
-    """From a scene and the pictures of its views, in their order, to feasible knots.
+    """Design feasible knots for a scene and the pictures of its views, in their order.
 
     Args:
         budget_s: seconds that this may take.
@@ -167,7 +167,7 @@ def design_knots(
 
 
 def pose_question(scene: Scene, targets: Sequence[Target]) -> Question:
-    """What a search is to be asked: views with their frames, silhouettes, limits, and each view's bound.
+    """Pose the question of a search: views with their frames, silhouettes, limits, and each view's bound.
 
     Raises:
         InputError: the scene or a picture is wrong.

@@ -1,4 +1,4 @@
-"""What this machine has and lacks for knotfab, with the remedy for each."""
+"""Find what this machine has and lacks for knotfab, with the remedy for each."""
 
 from __future__ import annotations
 
@@ -201,7 +201,7 @@ def _look_for_extra(extra: str, what: str, modules: Sequence[str]) -> Finding:
 
 
 def _import_errors(modules: Sequence[str]) -> dict[str, str]:
-    """Those of `modules` that cannot be imported, and why."""
+    """Try to import `modules`; return those that cannot be imported, and why."""
     errors: dict[str, str] = {}
     left = list(modules)
     while left:

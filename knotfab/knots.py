@@ -59,7 +59,7 @@ class Knots:
 
     @property
     def rings(self) -> Polylines:
-        """How `points` form closed polylines."""
+        """The closed polylines that `points` form."""
         return polylines_of(k.points for k in self.knots)
 
     def moved(self, matrix: NDArray[np.float64]) -> Knots:

@@ -225,7 +225,7 @@ def _with_keys(*tables: str, only: Collection[str] = ()) -> Callable[[AClass], A
 
 
 def _type_of(key: str, kind: Any) -> Any:
-    """What an option takes for a key of a kind: a text where the key takes words beside a number."""
+    """Return an option's type for a key of a kind: a text where the key takes words beside a number."""
     if get_origin(kind) is tuple and get_args(kind)[-1] is Ellipsis:
         inner = get_args(kind)[0]
         return inner | None if get_origin(inner) is Literal else Names
@@ -245,7 +245,7 @@ def _type_of(key: str, kind: Any) -> Any:
 @_with_keys("views")
 @_with_keys("piece", only=("tube_radius",))
 class PictureOptions:
-    """What decides how a picture is read, and what a tube can make of it; None leaves it to the scene.
+    """Options of reading a picture, and of what a tube can make of it; None leaves it to the scene.
 
     The options that set a key are those that the key's declaration names (`knotfab_formats`).
     """
@@ -275,7 +275,7 @@ class PictureOptions:
 @dataclass(frozen=True, kw_only=True)
 @_with_keys(*KEYS)
 class BuildOptions(PictureOptions):
-    """What `knotfab build` is asked besides its pictures; None leaves it to the scene."""
+    """Options of `knotfab build` besides its pictures; None leaves it to the scene."""
 
     sequence: Annotated[Flag, Parameter(group=_PICTURE)] = False
     """The pictures are frames of one motion: a folder of numbered pictures, an animation (GIF), or
@@ -320,7 +320,7 @@ class BuildOptions(PictureOptions):
 
     @property
     def mode(self) -> Mode:
-        """What progress is shown."""
+        """The kind of progress that is shown."""
         return "quiet" if self.quiet else "verbose" if self.verbose else "auto"
 
 

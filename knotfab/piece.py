@@ -96,17 +96,17 @@ class WrittenPiece:
 
     @property
     def knots(self) -> Knots:
-        """As they are in the file."""
+        """The knots as they are in the file."""
         return enlarge_knots(self.made) if self.part is None else self.part.pose.knots
 
     @cached_property
     def verdict(self) -> Record:
-        """What the validators say of the files."""
+        """The validators' verdict on the files."""
         return self.answer()
 
     @cached_property
     def sliced(self) -> dict[str, Sliced | NotSliced]:
-        """What the slicer made of each file."""
+        """The slicer's result for each file."""
         return {name: slicing.result() for name, slicing in self.slicings.items()}
 
 
@@ -326,13 +326,13 @@ def _plan_bends(folder: OutputFolder, piece: WrittenPiece, progress: Progress) -
 
 
 def _files_for_slicer(folder: OutputFolder, part: Part, suffix: str) -> list[Path]:
-    """What is printed: the part, or its plates."""
+    """List the printed files: the part, or its plates."""
     names = [f"part{suffix}.3mf"] if part.plates is None else part.plates.files(suffix)
     return [folder.file(name) for name in names]
 
 
 def _read_back(folder: OutputFolder, piece: WrittenPiece) -> list[str]:
-    """What lib3mf says of the files for the slicer, by name where there are several."""
+    """Read the files for the slicer back with lib3mf; its words are by name where there are several."""
     assert piece.part is not None
     whole, coloured = (
         folder.file(f"{name}{piece.suffix}.3mf") for name in ("part", "part-colours")

@@ -95,7 +95,7 @@ _FREE = 10.0  # times: one that finds the pose as well
 
 
 def _usual_seconds(request: Request) -> dict[str, float]:
-    """What the stages of this build usually take, for the time that is left."""
+    """Return the usual seconds of this build's stages, for the time that is left."""
     scene = request.scene
     longer, views = _LONGER[scene.accuracy.name], len(scene.views)
     usual = {name: seconds * longer**0.5 * views for name, seconds in _USUAL_S.items()}

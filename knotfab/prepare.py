@@ -1,4 +1,4 @@
-"""From a call to a build that may begin: whatever can be refused is refused before anything heavy loads."""
+"""Prepare a build from a call: whatever can be refused is refused before anything heavy loads."""
 
 from __future__ import annotations
 
@@ -129,7 +129,7 @@ def check_options(options: BuildOptions) -> None:
 
 
 def survey_pictures(pictures: Sequence[str], options: BuildOptions) -> Survey:
-    """What can be said of a call's pictures before anything is searched.
+    """Survey a call's pictures before anything is searched.
 
     Raises:
         InputError: as for `prepare_build`.
@@ -140,7 +140,7 @@ def survey_pictures(pictures: Sequence[str], options: BuildOptions) -> Survey:
 def preview_pictures(
     pictures: Sequence[str], options: BuildOptions
 ) -> tuple[Survey, tuple[TriedReading, ...]]:
-    """As `survey_pictures`; of an unclear picture also other ways to read it."""
+    """Survey pictures, as `survey_pictures`, with other ways to read an unclear one."""
     from knotfab.preview.readings import advise, is_unclear
 
     found = survey_pictures(pictures, options)

@@ -1,4 +1,4 @@
-"""What a search is asked, where it starts, and what it answers."""
+"""The question to a search, its start, and its answer."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class TargetView:
 
 @dataclass(frozen=True)
 class Problem:
-    """What is to be drawn in one view or several, and what the knots must keep to. Lengths in mm.
+    """The pictures of one view or several, and the limits of the knots that draw them. Lengths in mm.
 
     With `goals`, the IoU that each view is to reach, a view that falls short of its own counts for more.
     """
@@ -198,7 +198,7 @@ class SearchResult(InNotebook):
 
     @property
     def iou_estimate(self) -> float:
-        """That of the view that is drawn worst."""
+        """The IoU of the view that is drawn worst."""
         return min(self.ious, default=0.0)
 
     @property

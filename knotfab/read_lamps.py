@@ -1,4 +1,4 @@
-"""From a call with lamps before one screen to their masks and places."""
+"""Lead from a call with lamps before one screen to their masks and places."""
 
 from __future__ import annotations
 

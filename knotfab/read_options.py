@@ -1,4 +1,4 @@
-"""From the words of a call to a scene: numbers with units, times, names of checks."""
+"""Lead from the words of a call to a scene: numbers with units, times, names of checks."""
 
 from __future__ import annotations
 

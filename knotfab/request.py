@@ -1,4 +1,4 @@
-"""What `knotfab build` was asked, and what came of it."""
+"""The request to `knotfab build`, and its outcome."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Request:
         return self.printing and (self.scene.mount.asked or self.scene.hangs(knots))
 
     def budget(self, spent_s: float, mounted: bool) -> Budget | None:
-        """What is left of the time budget after `spent_s`; None where there is none."""
+        """Return the rest of the time budget after `spent_s`; None where there is none."""
         if self.time_budget_s is None:
             return None
         after = _AFTER_S

@@ -1,4 +1,4 @@
-"""Where no pose keeps the printer's limit for supports, or no pegs hold it: the same piece again, flatter."""
+"""Search the same piece again, flatter, where no pose keeps the supports' limit or no pegs hold it."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class _Settled:
 
     @property
     def over_mm(self) -> float:
-        """By how much it sags more on its pegs than is allowed."""
+        """The excess of its sag on its pegs over the limit."""
         wall = self.part.mounted.wall
         return 0.0 if wall is None else max(wall.sag_again_mm - self.made.scene.mount.max_sag_mm, 0)
 
@@ -174,7 +174,7 @@ def _depth_mm(made: Design) -> float:
 
 
 def tell_depth(asked: float | str, made: Design) -> list[str]:
-    """What to say where the centre lines take more depth than was asked for."""
+    """Say that the centre lines take more depth than was asked for; nothing where they do not."""
     if isinstance(asked, str) or len(made.scene.views) > 1:
         return []
     found = _depth_mm(made)

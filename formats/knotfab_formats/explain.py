@@ -1,4 +1,4 @@
-"""What is wrong with a scene file, in one sentence: from a validation error to an InputError."""
+"""Say in one sentence what is wrong with a scene file: from a validation error to an InputError."""
 
 from __future__ import annotations
 
@@ -125,7 +125,7 @@ def _unknown_key(
 
 
 def _describe_expected(error: Mapping[str, Any]) -> str:
-    """What one branch of a type would have taken."""
+    """Describe the values that one branch of a type would have taken."""
     context = error.get("ctx", {})
     match error["type"]:
         case "float_type" | "finite_number":

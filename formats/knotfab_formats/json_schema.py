@@ -1,4 +1,4 @@
-"""What is told of scene.toml's keys: a JSON schema for editors, and the listing docs/scene.toml."""
+"""List scene.toml's keys: a JSON schema for editors, and docs/scene.toml with every default."""
 
 from __future__ import annotations
 

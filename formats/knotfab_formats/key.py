@@ -1,4 +1,4 @@
-"""What is said of a scene's keys: the sentence below each, and the option of `knotfab build` that sets it."""
+"""The words of a scene's keys: the sentence below each, and the option of `knotfab build` that sets it."""
 
 from __future__ import annotations
 

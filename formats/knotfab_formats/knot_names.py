@@ -90,7 +90,7 @@ class Factor:
 
 @dataclass(frozen=True)
 class KnotName:
-    """What was asked for: `promise` is the type as knots.json states it, the unknot has no factors."""
+    """A knot that is asked for: `promise` is the type as knots.json states it, the unknot has no factors."""
 
     promise: str
     factors: tuple[Factor, ...]

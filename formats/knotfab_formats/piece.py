@@ -74,7 +74,7 @@ MOST_BEND = 0.3  # share of a picture's height: the most that a point of it may 
 
 
 class Piece(Table):
-    """What is asked of the tube."""
+    """The tube that is asked for."""
 
     tube_radius_mm: Length | Literal["auto"] = option("auto", "Piece --tube-radius")
     """In mm, or auto (default): the thickest tube that draws the picture well."""
@@ -103,7 +103,7 @@ class Piece(Table):
 
 
 class Region(Table):
-    """What the whole tube must stay inside (scene coordinates).
+    """The region that the whole tube must stay inside (scene coordinates).
 
     Turned about its middle as a view of the same angles is; of an auto size and one view it is that view's.
     """
@@ -126,7 +126,7 @@ class Region(Table):
 
 
 class Material(Table):
-    """What the tube is made of, and how it takes its form; named materials are data files."""
+    """The tube's material, and how it takes its form; named materials are data files."""
 
     name: StrictStr = "pla"
     """A data file of this name has the other figures; keys given here override it."""
@@ -167,7 +167,7 @@ class Material(Table):
 
 
 class Printer(Table):
-    """What prints it, and how; named printers are data files."""
+    """The printer; named printers are data files."""
 
     name: StrictStr = "prusa-mk4"
     """A data file of this name has the other figures; keys given here override it. Validators know only
@@ -203,7 +203,7 @@ class Printer(Table):
 
 
 class Accuracy(Table):
-    """What the verified part must reach."""
+    """The accuracy that the verified part must reach."""
 
     name: Literal["sketch", "draft", "standard", "fine"] = option("standard", "Search --accuracy")
     """sketch, draft, standard (default) or fine: from the fastest to the most accurate."""
@@ -259,7 +259,7 @@ class Mount(Table):
 
 
 class About(Table):
-    """What part.3mf says of itself; "" leaves it to the build (docs/conventions.md)."""
+    """The words of part.3mf about itself; "" leaves them to the build."""
 
     title: Line = option("", "Output --title")
     """What part.3mf is called in slicers and on print sites; the picture's name by default."""
@@ -270,7 +270,7 @@ class About(Table):
 
 
 class Plate(Table):
-    """What is printed at once: its file beside the scene, by default plate-N.3mf in the plates' order.
+    """Bodies that are printed at once: their file, by default plate-N.3mf in the plates' order.
 
     `matrices`: the rigid motions that take its bodies, in their order, to part.stl.
     """
@@ -280,7 +280,7 @@ class Plate(Table):
 
 
 class Pose(Table):
-    """From print coordinates to the scene, and what is printed instead of the whole.
+    """The motion from print coordinates to the scene, and the plates that are printed instead of the whole.
 
     A rigid motion; where the material shrinks, a similarity that shrinks by as much.
     """

@@ -42,7 +42,7 @@ def scene_of(raw: Mapping[str, Any], what: str, model: type[AScene]) -> AScene:
 
 
 def parse_toml(text: str, what: str) -> dict[str, Any]:
-    """What a TOML text holds; a byte order mark before it is passed over.
+    """Parse a TOML text; a byte order mark before it is passed over.
 
     Raises:
         InputError: it is none; with the number of the line.

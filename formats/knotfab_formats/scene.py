@@ -87,7 +87,7 @@ class Scene(Table):
     def _in_words(
         cls, raw: Any, read: ModelWrapValidatorHandler[Self], about: ValidationInfo
     ) -> Self:
-        """What is wrong with a scene, in one sentence; the validation's context is the name of the file."""
+        """Say in one sentence what is wrong with a scene; the validation's context is the file's name."""
         try:
             return read(raw)
         except ValidationError as error:
@@ -188,7 +188,7 @@ class ResolvedView(View):
 
     @property
     def clear_mm(self) -> float:
-        """From the middle of the piece to where its wall comes nearest, beside the frame if it is hollow."""
+        """The distance from the piece's middle to the nearest place of its wall, beside the frame if hollow."""
         radius = self.wall_radius_mm
         if isinstance(radius, str) or radius < 0:
             return self.wall_distance_mm
@@ -208,7 +208,7 @@ class ResolvedView(View):
 
 
 class ResolvedAccuracy(Accuracy):
-    """What the verified part must reach, as numbers."""
+    """The accuracy that the verified part must reach, as numbers."""
 
     iou_floor: Annotated[float, Strict(), Field(gt=0, lt=1)]
     max_outline_error_px: Pixels = 0.5

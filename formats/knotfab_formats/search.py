@@ -101,7 +101,7 @@ class SearchSettings(BaseModel):
 
     @property
     def iterations(self) -> int:
-        """Those of all phases that the method has."""
+        """The iterations of all phases that the method has."""
         network = 0 if self.method == "flow" else self.network_iterations
         flow = self.coarse_iterations + self.fine_iterations + self.settle_iterations
         return network + (0 if self.method == "inn" else flow)

@@ -225,7 +225,7 @@ class View(Reading):
 
     @property
     def magnification(self) -> float:
-        """By how much the shadow is larger than what stands in the middle of the piece."""
+        """The size of the shadow over that of a body in the middle of the piece."""
         return (self.light_distance_mm + self.wall_distance_mm) / self.light_distance_mm
 
 
@@ -247,7 +247,7 @@ class Switches(Table):
 
 
 class Room(Table):
-    """What light there is beside the lamp's own: none by default."""
+    """The light beside the lamp's own: none by default."""
 
     ambient: Ratio = 0.0
     """Other light, over the lamp's own in the middle of the picture on the wall."""

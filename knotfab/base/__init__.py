@@ -1,1 +1,1 @@
-"""What every stage stands on: errors, arrays, compiled loops, processes, progress, disks."""
+"""The ground of every stage: errors, arrays, compiled loops, processes, progress, disks."""

@@ -101,7 +101,7 @@ def read_file(
     missing: str = "Check the path.",
     too_large: str = "Name another one.",
 ) -> bytes:
-    """What a file holds; its kind and its size are asked before it is read.
+    """Read a file; its kind and its size are asked first.
 
     Args:
         what: how an error names it. noun: what it is.

@@ -52,7 +52,7 @@ def spelled(text: str) -> str:
 
 
 def why_of(error: OSError | ValueError) -> str:
-    """What the system says of a file, in words."""
+    """Say in words what the system says of a file."""
     said = error.strerror if isinstance(error, OSError) else None
     return shown(said or error)
 
@@ -84,7 +84,7 @@ def needs_extra(what: str, extra: str) -> Iterator[None]:
 
 
 def explain_error(error: Exception) -> KnotfabError | None:
-    """What a person can do about an error of the machine or the input; None of a mistake of ours."""
+    """Explain what a person can do about an error of the machine or the input; None for a mistake of ours."""
     if isinstance(error, KnotfabError):
         return error
     if isinstance(error, MemoryError) or any(m in str(error).lower() for m in _LACKS_MEMORY):
@@ -122,7 +122,7 @@ def _explain_os(error: OSError) -> KnotfabError:
 
 
 def keep_traceback(error: Exception, verbose: bool = False) -> KnotfabError:
-    """What is said of an error that nobody foresaw; its traceback goes to a file, or is shown."""
+    """Say that an error was not foreseen, and keep its traceback in a file, or show it."""
     import tempfile
     import traceback
 

@@ -1,4 +1,4 @@
-"""What a notebook shows of a result: `_repr_html_`; and a `repr` that stays short whatever it holds."""
+"""Results in a notebook: `_repr_html_`, and a `repr` that stays short whatever it holds."""
 
 from __future__ import annotations
 

@@ -155,7 +155,7 @@ class Workers:
 
     @property
     def processes(self) -> list[subprocess.Popen[str]]:
-        """Those that run."""
+        """The processes that run."""
         return [w.process for w in self._all if w.process is not None and w.process.poll() is None]
 
     def start(self) -> None:

@@ -91,7 +91,7 @@ def design_knots(
     progress: Progress | None = None,
     budget: Budget | None = None,
 ) -> Design:
-    """From a scene and the pictures of its views, in their order, to feasible knots.
+    """Design feasible knots for a scene and the pictures of its views, in their order.
 
     Args:
         scene: as a person wrote it, or resolved by an earlier build: that gives the same knots.

@@ -51,7 +51,7 @@ class MountShadows:
 
     @property
     def pixels(self) -> float:
-        """How many pixels a frame has, on the mean of all views."""
+        """The mean number of pixels of a frame, over all views."""
         return sum(view.pixels for view in self.views) / max(len(self.views), 1)
 
     def add(self, some: Candidates) -> None:
@@ -117,7 +117,7 @@ class MountShadow:
 
     @property
     def pixels(self) -> int:
-        """How many pixels the frame has."""
+        """The number of pixels of the frame."""
         return self.camera.width * self.camera.height
 
     def add(self, some: Candidates) -> None:

@@ -1,4 +1,4 @@
-"""What PrusaSlicer made of the file, held against the mesh: it asks none of these itself."""
+"""Compare PrusaSlicer's reading of the file with the mesh: it does none of this itself."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where PrusaSlicer is, and how to get it."""
+"""Find PrusaSlicer, or say how to get it."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def find_slicer() -> str | None:
 
 @cache
 def ask_help(program: str) -> Ended:
-    """What it says of itself, its version first."""
+    """Ask for its help text, which begins with its version."""
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as home:
         try:
             return run_limited([program, "--help"], Path(home), _ANSWERS_IN_S)

@@ -1,4 +1,4 @@
-"""What PrusaSlicer warns of, and what knotfab's own checks say to that."""
+"""PrusaSlicer's warnings, and the answer of knotfab's own checks to each."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ OUT_OF_TIME = "no answer in time"
 
 @dataclass(frozen=True)
 class Ended:
-    """How a command ended: its exit code (negative: a signal), or why it was stopped."""
+    """The end of a command: its exit code (negative: a signal), or why it was stopped."""
 
     code: int
     out: str
@@ -91,7 +91,7 @@ def run_limited(
 
 
 def _environment(folder: Path) -> dict[str, str]:
-    """That of this process, but with a home of its own, no display and no other language."""
+    """This process's environment, but with a home of its own, no display and no other language."""
     kept = {
         key: value
         for key, value in os.environ.items()

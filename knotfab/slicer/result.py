@@ -1,4 +1,4 @@
-"""What came of slicing a part: PrusaSlicer's figures, or why there are none."""
+"""The result of slicing a part: PrusaSlicer's figures, or why there are none."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ __all__ = ["CrossCheck", "NotSliced", "Sliced", "sum_slicings"]
 
 @dataclass(frozen=True)
 class CrossCheck:
-    """One of knotfab's own looks at what PrusaSlicer made of the file."""
+    """One of knotfab's own looks at PrusaSlicer's reading of the file."""
 
     name: str
     passed: bool
@@ -49,7 +49,7 @@ class Sliced:
 
     @property
     def problems(self) -> list[str]:
-        """What speaks against the part; empty for a good one."""
+        """Faults that speak against the part; empty for a good one."""
         said = [
             f"PrusaSlicer warns: {' '.join(w.text.split())}"
             + (f" ({w.explanation})" if w.explanation else " (nobody explains it)")
@@ -61,7 +61,7 @@ class Sliced:
 
 @dataclass(frozen=True)
 class NotSliced:
-    """Why there are no figures.
+    """The reason why there are no figures.
 
     - `missing`: the program is not installed; `process`: the piece is not of filament; `stopped`:
       no answer in the time it had. Nothing is known of the part.
@@ -76,7 +76,7 @@ class NotSliced:
 
 
 def sum_slicings(files: Mapping[str, Sliced | NotSliced]) -> Sliced | NotSliced:
-    """What several files come to, by their names: the first that could not be sliced decides.
+    """Sum several files, by their names: the first that could not be sliced decides.
 
     Times, filament, layers and objects are summed; checks and warnings say of which file they are, and
     the command is that of part-N.3mf.

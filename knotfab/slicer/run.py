@@ -221,7 +221,7 @@ class _Job:
 
 
 def _quote(ended: Ended) -> str:
-    """What the program said beside its progress, in one line."""
+    """Quote the program's words beside its progress, in one line."""
     said = [*read_warnings(ended.err), *read_warnings(ended.out)]
     text = "; ".join(" ".join(warning.text.split()) for warning in said)
     return text if len(text) <= MOST_QUOTED else text[:MOST_QUOTED] + " …"

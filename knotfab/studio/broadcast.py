@@ -23,7 +23,7 @@ _STOPPED_WITH_KNOTS = "Stopped. The next build can go on from these knots."
 
 @dataclass(eq=False)
 class Listener:
-    """What is to be sent to one tab: every message in its order, but of the frames only the latest."""
+    """Messages for one tab: every one in its order, but of the frames only the latest."""
 
     messages: deque[str] = field(default_factory=deque)
     frame: str | None = None
@@ -71,7 +71,7 @@ class Broadcast:
         return self.status["phase"] in ("running", "stopping")
 
     def describe(self) -> dict[str, Any]:
-        """How everything stands, for a page that was opened or loaded anew."""
+        """Describe how everything stands, for a page that was opened or loaded anew."""
         return {"build": self.status, "watching": self.watching}
 
     def folder_of(self, where: str) -> Path | None:
@@ -135,7 +135,7 @@ class Broadcast:
         self.send(text, frame=kind == "knots")
 
     def end(self, code: int, sentence: str) -> None:
-        """How a build ended, in a word and a sentence."""
+        """Tell how a build ended, in a word and a sentence."""
         # before it could tidy up, or after
         if self.status["phase"] == "stopping" and not self._reported and (code >= 128 or code == 1):
             code = 130

@@ -47,7 +47,7 @@ Kind = Literal["one", "views", "frames"]
 
 
 class Record(BaseModel):
-    """What was asked of a build, and how it ended."""
+    """A build's request, and how it ended."""
 
     model_config = ConfigDict(extra="ignore")
 
@@ -76,7 +76,7 @@ class _Print(BaseModel):
 
 
 class _Report(BaseModel):
-    """What the page shows of a report.json."""
+    """The part of a report.json that the page shows."""
 
     verdict: _Verdict | None = None
     views: list[_View] = []
@@ -181,7 +181,7 @@ class Builds:
         return sorted(listed, key=lambda name: (-self._made(name), name))[:_MOST_LISTED]
 
     def listed(self) -> list[dict[str, Any]]:
-        """What the page shows of each."""
+        """The builds as the page lists them."""
         return [self.describe(name) for name in self.names()]
 
     def describe(self, name: str) -> dict[str, Any]:
@@ -268,7 +268,7 @@ def describe_folder(folder: Path, rejected: bool) -> dict[str, Any]:
 
 @lru_cache(maxsize=512)
 def _read_report(path: Path, changed: int) -> _Report | None:
-    """What a report.json says, as it was at that time; None where it says nothing that can be read."""
+    """Read a report.json, as it was at that time; None where nothing can be read."""
     del changed
     try:
         return _Report.model_validate_json(path.read_bytes())
@@ -282,7 +282,7 @@ def plain_files(folder: Path) -> set[str]:
 
 
 def child_of(folder: Path, name: str) -> Path | None:
-    """What is really there by that name, so that no path leads elsewhere: no link, nothing hidden."""
+    """Return the file of that name that is really there: no link, nothing hidden, no path elsewhere."""
     return next((path for path in _children(folder) if path.name == name), None)
 
 

@@ -1,4 +1,4 @@
-"""What the page may ask for: the body of each call, and what the studio does with it."""
+"""Calls of the page: the body of each, and what the studio does with it."""
 
 from __future__ import annotations
 

@@ -196,7 +196,7 @@ _FLAGS = ("print", "invert", "colours", "sequence", "accept", "force")
 
 
 def read_field(name: str, given: object) -> Value | None:
-    """What a person wrote or chose, as the option takes it; None where the field is left empty.
+    """Read a field as the option takes it; None where it is left empty.
 
     Raises:
         ValueError: it is wrong; the message is a sentence in the page's words.

@@ -66,7 +66,7 @@ class RequestGuard:
             await answer(scope, receive, self._with_headers(send))
 
     def _refuse(self, scope: Scope) -> Response | None:
-        """What is answered instead; None: it may go on."""
+        """Return the refusal of a request; None: it may go on."""
         headers = Headers(scope=scope)
         socket = scope["type"] == "websocket"
         method = "GET" if socket else scope["method"]

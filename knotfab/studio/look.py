@@ -1,4 +1,4 @@
-"""What a tube will make of pictures, and other ways to read one, as the page shows them."""
+"""Show on the page what a tube will make of pictures, and other ways to read one."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def _as_field(value: Any) -> Value:
 
 
 def draw_cut(source: str, options: BuildOptions) -> bytes:
-    """What lies over a photograph while its subject is cut out: its outline, and a shade on all else.
+    """Draw the overlay of a photograph while its subject is cut out: its outline, and a shade on all else.
 
     A PNG with the picture's sides, at most 1024 px long.
 

@@ -1,4 +1,4 @@
-"""What the studio shows: its page, pictures, and the files of builds, each by a name that is there."""
+"""Serve the studio's page, pictures, and the files of builds, each by a name that is there."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ async def show_static(request: Request) -> Response:
 
 
 async def show_choices(_: Request) -> Response:
-    """What the menus offer."""
+    """Serve the menus' choices."""
     return JSONResponse(
         {
             "printers": _titled("printer", printers()),

@@ -34,7 +34,7 @@ _THUMBNAILS = ".shown"
 
 
 class TooLargeError(InputError):
-    """It has more bytes than are taken."""
+    """The request has more bytes than are taken."""
 
 
 class StudioPicture(BaseModel):

@@ -1,4 +1,4 @@
-"""What the studio knows: pictures, settings, builds. Every tab shows it, none owns it, a restart keeps it."""
+"""The studio's state: pictures, settings, builds. Every tab shows it, none owns it, a restart keeps it."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _MOST_VIEWS = 4
 
 
 class _Memory(BaseModel):
-    """What a studio finds again after a restart."""
+    """The part that a studio finds again after a restart."""
 
     model_config = ConfigDict(extra="ignore")
 
@@ -188,7 +188,7 @@ class Studio(Broadcast):
     # ---- a subject
 
     async def cut(self, name: str, subject: str, keep: str, drop: str) -> dict[str, Any]:
-        """What can be cut out of a photograph, as a picture to lay over it.
+        """Cut the subject out of a photograph, as a picture to lay over it.
 
         Raises:
             InputError: it is no photograph, or nothing can be cut out so.

@@ -80,7 +80,7 @@ def plain_arrays(part: Path | None, reader: Workers | None = None) -> Iterator[P
 
 
 def _kind_of(part: Path) -> str | None:
-    """Which of the two it is, by its content and then by its name; None where it is neither."""
+    """Tell a file's kind by its content and then by its name; None where it is neither."""
     with part.open("rb") as file:
         head = file.read(4096)
     if head[:4] in (b"ply\n", b"ply\r"):

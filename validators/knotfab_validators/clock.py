@@ -1,4 +1,4 @@
-"""What each stage costs, in seconds."""
+"""The cost of each stage, in seconds."""
 
 from __future__ import annotations
 

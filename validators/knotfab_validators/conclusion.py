@@ -49,7 +49,7 @@ def knot_in_words(name: str, form: str = "{0}") -> str:
 
 
 def conclude(checks: Sequence[Check], mesh: Mesh | None, curves: Curves | None) -> str:
-    """Such as "One closed tube, 4 mm radius, an unknot; every required check passed. 9 × 8 × 3 mm."
+    """Conclude: "One closed tube, 4 mm radius, an unknot; every required check passed. 9 × 8 × 3 mm."
 
     Args:
         mesh, curves: what was measured; None where there is none.

@@ -100,7 +100,7 @@ def draw_failures(
 
 
 def _cloud(mesh: Mesh | None, curves: Curves | None) -> _Cloud | None:
-    """What to draw: points spread over the faces by their area, or along the centre lines."""
+    """Choose the points to draw: spread over the faces by their area, or along the centre lines."""
     if mesh is not None and len(mesh.faces):
         corners = mesh.vertices[mesh.faces]
         corners = corners[np.isfinite(corners).all(axis=(1, 2))]

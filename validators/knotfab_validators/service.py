@@ -1,4 +1,4 @@
-"""What the worker of the validators answers: a verdict for each request.
+"""Answer each request with a verdict.
 
 What is slow to load is loaded while no request waits, so that a parent can start this process early; and a
 graphics library that crashes takes only this process with it. A request without files is answered once all is

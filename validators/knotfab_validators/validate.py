@@ -69,7 +69,7 @@ class Piece:
 
 @dataclass(frozen=True)
 class Found:
-    """What was measured of a piece: checks with their places in the file, views, costs of stages, colours."""
+    """The findings on a piece: checks with their places in the file, views, costs of stages, colours."""
 
     checks: Sequence[Check]
     views: Sequence[dict[str, Any]]
@@ -206,7 +206,7 @@ def conclude_piece(
 
 
 def _found_in(verdict: Mapping[str, Any]) -> Found:
-    """What another process measured, from its verdict as `Verdict.to_dict` has it."""
+    """Take over another process's findings, from its verdict as `Verdict.to_dict` has it."""
     checks = [Check(**{**told, "at": tuple(map(tuple, told["at"]))}) for told in verdict["checks"]]
     return Found(checks, verdict["views"], verdict["seconds"], verdict.get("colours"))
 

@@ -1,4 +1,4 @@
-"""What a validation found: its checks, its views, and the exit code that follows from them."""
+"""The findings of a validation: its checks, its views, and the exit code that follows from them."""
 
 from __future__ import annotations
 

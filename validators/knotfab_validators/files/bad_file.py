@@ -1,4 +1,4 @@
-"""What every reader shares: the one error that files are refused with, and limits on what they may hold."""
+"""The one error that every reader refuses files with, and limits on what files may hold."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class BadFile(ValueError):
 
 
 def short(thing: object) -> str:
-    """What a file says, as it is shown in a sentence: on one line, and cut where it is long."""
+    """Quote a file in a sentence: on one line, and cut where it is long."""
     try:
         text = thing if isinstance(thing, str) else str(thing)
     except (ValueError, RecursionError):  # a number of thousands of digits; lists in lists

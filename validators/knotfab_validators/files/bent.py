@@ -22,7 +22,7 @@ UNIT = 1e-4  # a share of the picture's height
 
 @dataclass(frozen=True)
 class Bend:
-    """What a view does to its picture: mirrors it, then looks elsewhere for each pixel.
+    """A view's change of its picture: it mirrors it, then looks elsewhere for each pixel.
 
     `points` (2, ROWS, COLUMNS), right and down, in shares of the height, are the coefficients of a cubic
     B-spline; None: the picture is mirrored alone.
@@ -51,7 +51,7 @@ class Bent:
 
 
 def bend_of(view: View) -> Bend | None:
-    """What a view does to its picture; None where the picture stays as it is."""
+    """Read a view's change of its picture; None where the picture stays as it is."""
     if not view.bend_points:
         return Bend(True, None) if view.mirrored else None
     pairs = [[pair.split(",") for pair in row.split(" ")] for row in view.bend_points]

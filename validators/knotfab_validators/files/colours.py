@@ -95,7 +95,7 @@ def enclosed_by_largest(pixels: NDArray[np.uint8], opaque: Mask) -> Mask:
 
 
 def _between_others(largest: Mask, others: NDArray[Any]) -> Mask:
-    """What is of the largest colour only because two others mix to it where they meet.
+    """Find pixels of the largest colour only because two others mix to it where they meet.
 
     It is nowhere 3 px thick, has 6 px unless it lies by itself, and no other colour makes up more than four
     fifths of the pixels around it.

@@ -20,7 +20,7 @@ NUMBERS = b"0123456789.- \t\r\n"
 
 @dataclass(frozen=True)
 class Rows:
-    """What stood between the tags of `kind`: (n, 3) numbers, whole ones of triangles."""
+    """The rows between the tags of `kind`: (n, 3) numbers, whole ones of triangles."""
 
     kind: str
     numbers: NDArray[Any]

@@ -76,7 +76,7 @@ def read_silhouette(path: str | PathLike[str], reading: Reading | None = None) -
 
 
 def read_greys(path: str | PathLike[str], reading: Reading | None = None) -> Array:
-    """How dark a picture (or its crop) is, (H, W) from 0 at its lightest to 1 at its darkest pixels.
+    """Read how dark a picture (or its crop) is, (H, W) from 0 at its lightest to 1 at its darkest pixels.
 
     The brightness of ITU-R BT.601, on white where it is transparent; a hundredth of the pixels at either
     end are beyond what counts as lightest and darkest. Of a picture of one grey all is 0.
@@ -143,7 +143,7 @@ def _opened(picture: Path, reading: Reading) -> Iterator[Image.Image]:
 
 
 def _read_subject(picture: Path, reading: Reading) -> Mask:
-    """What was cut out of a picture, as its mask beside it says, cropped as the picture is."""
+    """Read the mask of a picture's subject beside it, cropped as the picture is."""
     path, whole = (
         picture.parent / reading.subject_mask,
         reading.model_copy(update={"crop_px": "none"}),

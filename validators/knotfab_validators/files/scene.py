@@ -47,7 +47,7 @@ class Scene(AskedScene):
 
     @property
     def iou_floor(self) -> float | None:
-        """What the shadow must reach; None where the scene leaves it open."""
+        """The IoU that the shadow must reach; None where the scene leaves it open."""
         if "iou_floor" not in self.accuracy.model_fields_set:
             return FLOOR
         return known(self.accuracy.iou_floor)

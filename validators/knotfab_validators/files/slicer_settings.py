@@ -1,4 +1,4 @@
-"""What slicers' projects say of the bodies in a 3MF: which are printed, and which only steer a slicer."""
+"""Slicers' words on the bodies in a 3MF: which are printed, and which only steer a slicer."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Steering:
 
 
 def read_steering(blocks: Iterable[bytes], name: str) -> Steering:
-    """What one of the `SETTINGS` steers: modifiers, and places for or without supports.
+    """Read bodies that one of the `SETTINGS` says only steer: modifiers, places for or without supports.
 
     Raises:
         BadFile: a body is negative, so that a slicer prints another shape than the file holds.

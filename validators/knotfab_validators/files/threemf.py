@@ -133,7 +133,7 @@ class _Package:
         return np.concatenate(parts)
 
     def tell_left_out(self) -> str:
-        """What of the file is not printed."""
+        """Tell which objects of the file are not printed."""
         count = Counter(self.left_out)
         return "left out " + ", ".join(
             f"{what} ({n} times)" if n > 1 else what for what, n in count.items()

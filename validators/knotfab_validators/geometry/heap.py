@@ -1,4 +1,4 @@
-"""How much work a mesh is: about how many pairs of its faces have bounding boxes that overlap."""
+"""Estimate a mesh's work: about how many pairs of its faces have bounding boxes that overlap."""
 
 from __future__ import annotations
 

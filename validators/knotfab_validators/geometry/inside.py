@@ -1,4 +1,4 @@
-"""Where points lie about a surface: their distance from it, and how often it winds round them (libigl)."""
+"""Place points about a surface: their distance from it, and how often it winds round them (libigl)."""
 
 from __future__ import annotations
 
@@ -38,5 +38,5 @@ def winding_numbers(points: Array, mesh: Mesh, *, exact: bool = True) -> Array:
 
 
 def _contiguous(*arrays: NDArray[Any]) -> tuple[NDArray[Any], ...]:
-    """As libigl takes them."""
+    """Make arrays contiguous, as libigl takes them."""
     return tuple(np.ascontiguousarray(array) for array in arrays)

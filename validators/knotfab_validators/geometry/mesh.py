@@ -140,7 +140,7 @@ def number_bodies(mesh: Mesh) -> tuple[Ints, int]:
 
 
 def enclosed_volume(mesh: Mesh) -> float:
-    """What a closed mesh encloses, mm³, by the divergence theorem; negative where it is inside out."""
+    """Compute the volume of a closed mesh, mm³, by the divergence theorem; negative if inside out."""
     corner = mesh.vertices[mesh.faces] - mesh.vertices.mean(axis=0)
     return float(np.einsum("ij,ij->", corner[:, 0], np.cross(corner[:, 1], corner[:, 2])) / 6)
 

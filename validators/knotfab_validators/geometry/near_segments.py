@@ -1,4 +1,4 @@
-"""Which segments of two blocks come near each other: dense tests where no hierarchy helps."""
+"""Find segments of two blocks that come near each other: dense tests where no hierarchy helps."""
 
 from __future__ import annotations
 

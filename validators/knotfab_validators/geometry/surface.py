@@ -1,4 +1,4 @@
-"""What a mesh is made of: its edges, corners where it is pinched, bodies, genera and volumes."""
+"""The make-up of a mesh: its edges, corners where it is pinched, bodies, genera and volumes."""
 
 from __future__ import annotations
 

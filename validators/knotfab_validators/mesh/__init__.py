@@ -1,1 +1,1 @@
-"""Whether a surface is sound: closed, wound outwards, crossing nothing."""
+"""Check that a surface is sound: closed, wound outwards, crossing nothing."""

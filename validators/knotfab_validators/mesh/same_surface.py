@@ -1,4 +1,4 @@
-"""Whether the 3MF files beside an STL hold its surface: the STL is verified, and a 3MF is printed."""
+"""Check that the 3MF files beside an STL hold its surface: the STL is verified, and a 3MF is printed."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ APART_MM = 5.0  # between two places that are named
 
 @dataclass(frozen=True)
 class SurfaceDifference:
-    """How two meshes differ.
+    """The difference of two meshes.
 
     `away_mm` is the largest distance from a vertex of either to the nearest of the other, infinite where one
     has none; `at` (k, 3), mm, are places, worst first. `faces` counts those of either that the other lacks,

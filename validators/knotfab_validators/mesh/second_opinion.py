@@ -23,7 +23,7 @@ MOST_COUNTED = 5_000_000  # above so many crossings the first is enough
 
 @dataclass(frozen=True)
 class Opinions:
-    """What the two libraries found in one mesh.
+    """The findings of the two libraries in one mesh.
 
     `pairs` (k, 2) are faces that meet by libigl, all of them or, where `counted` is False, the first
     that was found. `seen` are the faces that cross others by pymeshlab; None where it could not be

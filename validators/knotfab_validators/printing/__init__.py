@@ -1,1 +1,1 @@
-"""Whether a printer can make a part, whole or on plates."""
+"""Check that a printer can make a part, whole or on plates."""

@@ -1,4 +1,4 @@
-"""What a layer prints over air: bridges between two sides, ledges held at one, and islands."""
+"""Find what a layer prints over air: bridges between two sides, ledges held at one, and islands."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether a part that hangs by its eyelet on a thread hangs level."""
+"""Check that a part that hangs by its eyelet on a thread hangs level."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How thick the walls of a part are, and how wide the gaps between them, measured by rays."""
+"""Measure by rays how thick the walls of a part are, and how wide the gaps between them."""
 
 from __future__ import annotations
 
@@ -153,7 +153,7 @@ class Probe:
         return LocalThickness(float(width[order[0]]), width[order], middle[order])
 
     def _facing(self, side: float) -> Facing:
-        """What the samples see, to the outer side (1) or through the material (-1).
+        """Find what the samples see, to the outer side (1) or through the material (-1).
 
         All faces near the narrowest places are sampled too: the sample that was kept there may
         look past what its neighbours face.
@@ -180,7 +180,7 @@ class Probe:
         return cKDTree(self.vertices[self.faces].mean(axis=1))
 
     def _cast(self, point: Array, face: Ints, side: float) -> tuple[Facing, Array]:
-        """What rays from `point` along the normals meet, and the cosine between the two planes."""
+        """Find what rays from `point` along the normals meet, and the cosine between the two planes."""
         direction = side * self.normals[face]
         start = np.ascontiguousarray(point + START_MM * direction)
         other, _, _ = self.tree.intersect_ray_first(

@@ -1,4 +1,4 @@
-"""Whether the plates on which a part is printed fit the printer, and whether they make up the part."""
+"""Check that the plates of a part fit the printer, and that they make up the part."""
 
 from __future__ import annotations
 

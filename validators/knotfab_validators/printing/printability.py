@@ -1,4 +1,4 @@
-"""Whether a printer can make a part: walls, gaps, overhangs, bridges, islands, and how it stands."""
+"""Check that a printer can make a part: walls, gaps, overhangs, bridges, islands, and how it stands."""
 
 from __future__ import annotations
 

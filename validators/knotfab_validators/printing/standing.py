@@ -1,4 +1,4 @@
-"""Whether a part reaches the bed, and whether it stands there without toppling."""
+"""Check that a part reaches the bed, and that it stands there without toppling."""
 
 from __future__ import annotations
 
