@@ -188,7 +188,7 @@ class ResolvedView(View):
 
     @property
     def clear_mm(self) -> float:
-        """The distance from the piece's middle to the nearest place of its wall, beside the frame if hollow."""
+        """The distance from the piece's middle to the nearest place of the wall, also beside its frame."""
         radius = self.wall_radius_mm
         if isinstance(radius, str) or radius < 0:
             return self.wall_distance_mm
