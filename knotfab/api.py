@@ -206,7 +206,7 @@ def search_knots(
     """Knots that draw every picture of the question, by certified steps from the start.
 
     Args:
-        radius: of the tube, mm. settings: keys of [search], over the scene's own and the accuracy's.
+        radius: radius of the tube, mm. settings: keys of [search], over the scene's own and the accuracy's.
         terms: further parts of the objective, such as a `TorchTerm`.
 
     Returns:

@@ -125,7 +125,8 @@ def write_piece(
     Where no part can be made of it, or the printer holds none, its verdict says why.
 
     Args:
-        targets: the pictures of all views. suffix: of its files' names, where it is one of several frames.
+        targets: the pictures of all views. suffix: suffix of its files' names, where it is one of several
+            frames.
     """
     targets, flattening = tuple(targets), None
     if made.region_stl is not None and made.scene.region.file is not None:

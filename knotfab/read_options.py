@@ -50,7 +50,7 @@ def read_seconds(text: str, name: str = "--time-budget") -> float:
     """Read a time: `30`, `90s`, `90sec`, `1.5min`, `1m`, `1m30s`, `1h`, in seconds.
 
     Args:
-        name: of the option, for the message.
+        name: name of the option, for the message.
 
     Raises:
         InputError: it is no time, or none that is positive.

@@ -193,7 +193,7 @@ def temporary_folder(prefix: str, place: Path | None = None) -> Iterator[Path]:
     """A folder for this process alone, which goes with the block; those that killed ones left go first.
 
     Args:
-        prefix: of the folder's name, and of theirs. place: where it is; the machine's by default.
+        prefix: prefix of the folder's name, and of theirs. place: where it is; the machine's by default.
     """
     place = Path(tempfile.gettempdir()) if place is None else place
     for left in place.glob(f"{prefix}*"):

@@ -81,7 +81,7 @@ def tie(command: Sequence[str], number: int = signal.SIGTERM) -> list[str]:
     The thread that starts it must live as long as it.
 
     Args:
-        number: of the signal that it gets.
+        number: number of the signal that it gets.
     """
     if sys.platform != "linux":
         return list(command)

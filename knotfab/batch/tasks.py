@@ -29,7 +29,7 @@ _OWN = ("out", "quiet", "verbose")  # options that a batch sets itself
 class Task:
     """One picture to build.
 
-    `arguments`: of `knotfab build`, besides the picture, --out and --quiet. `files`: those that the arguments
+    `arguments`: those of `knotfab build`, besides the picture, --out and --quiet. `files`: files that these
     name. `key` changes with the picture, the options, the files and the version of knotfab.
     """
 

@@ -100,8 +100,8 @@ def compare_photo(
     """Compare a photograph of the shadow with the picture of a folder that a build wrote.
 
     Args:
-        corners: of the frame in the photograph, `x,y` px each, clockwise from the top left; None: the four
-            marks of setup.pdf are looked for, and then the plate that the piece is mounted on.
+        corners: corners of the frame in the photograph, `x,y` px each, clockwise from the top left; None: the
+            four marks of setup.pdf are looked for, and then the plate that the piece is mounted on.
         view_name: the first view by default.
 
     Raises:

@@ -77,7 +77,7 @@ def rectify(photo: Array, corners: Array, size: tuple[int, int], pad: tuple[int,
 
     Args:
         photo: (H, W) brightness. corners: (4, 2) px of the frame in it.
-        size: width and height of the frame in px. pad: of the margin on each side.
+        size: width and height of the frame in px. pad: px of the margin on each side.
     """
     (width, height), (pad_u, pad_v) = size, pad
     frame = np.array([[0, 0], [width, 0], [width, height], [0, height]]) - 0.5

@@ -47,7 +47,8 @@ class Tension:
     """Forces on the control points of several pictures: contradictions and elasticity.
 
     Args:
-        cameras: of the views, each with the pixels of its mask. reach_mm, walls: as for `hull_bounds`.
+        cameras: cameras of the views, each with the pixels of its mask. reach_mm, walls: as for
+            `hull_bounds`.
     """
 
     def __init__(

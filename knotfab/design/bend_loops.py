@@ -45,9 +45,9 @@ def uncovered(
 
     Args:
         cover: (N,) of all views' pixels, one after the other; of view k from `firsts[k]` on.
-        projections: (m, 3, 4) onto these pixels. owner, pixel: of each ray, its view, its place in `cover`.
-        inside: of each ray, whether it is in its frame; what is outside is uncovered. winner: of each ray
-            where the shadow was found last; it is set. pull: (N,) the gradient; it is added to.
+        projections: (m, 3, 4) onto these pixels. owner, pixel: each ray's view, and its place in `cover`.
+        inside: whether each ray is in its frame; places outside are uncovered. winner: winner
+            of each ray where the shadow was found last; it is set. pull: (N,) the gradient; it is added to.
     """
     total = 0.0
     count = len(shapes)

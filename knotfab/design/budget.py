@@ -28,7 +28,7 @@ def require_budget(seconds: float, views: int, free: bool, frames: int = 0) -> N
     """Refuse a budget in which no part can be made and verified.
 
     Args:
-        free: whether the view is looked for as well. frames: of a sequence.
+        free: whether the view is looked for as well. frames: frames of a sequence.
 
     Raises:
         InputError: it is below the least.
@@ -53,7 +53,7 @@ class Budget:
 
     `ends`: by `time.perf_counter()`. What follows takes `after_s`, and `after_vertex_s` for each vertex of
     the knots, on a machine that has nothing else to do: the part, its verification, which is most of it, and
-    the report. `began`: of the process, by the same clock; None: of no matter.
+    the report. `began`: the process's start, by the same clock; None: it does not matter.
     """
 
     ends: float
@@ -74,7 +74,7 @@ class Budget:
         """The IoU to give so that what follows fits: at least `give`, and more as long as it does not.
 
         Args:
-            vertices: of the knots that some IoU given leads to.
+            vertices: vertices of the knots that some IoU given leads to.
         """
         for more in _THICKER:
             count = vertices(give)

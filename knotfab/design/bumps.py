@@ -32,7 +32,7 @@ def start_without_bumps(
     """Another start for a search that came to bumps, whose strands keep their order; None without bumps.
 
     Args:
-        radius: of the tube, mm. knots: as for `make_start`.
+        radius: radius of the tube, mm. knots: as for `make_start`.
     """
     one = len(problem.views) == 1
     given = settings.start or settings.free_view or settings.network_start == "circle"

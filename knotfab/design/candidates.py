@@ -83,7 +83,7 @@ def usual_radii(
 
     Args:
         thinnest: that the printer makes, mm. count: how many for one view.
-        least: of those that are tried at once, over the usual one.
+        least: the smallest that is tried at once, over the usual one.
     """
     span = range_of(len(views))
     one = len(views) == 1

@@ -196,7 +196,7 @@ def price_design(
 
     Args:
         question: seen from where the search ended.
-        start: of the short searches without a limit; None: as of a search for this question.
+        start: start of the short searches without a limit; None: as for a search of this question.
         unmet: what the pictures' own filling came to, where that met not every limit.
         budget: where none of it is left, no price is asked.
     """

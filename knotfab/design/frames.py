@@ -163,7 +163,7 @@ def widen_targets(
     the tube; its strokes are then as wide as that draws them.
 
     Args:
-        scene: with its printer's figures. targets: of its views, or of a sequence its frames.
+        scene: with its printer's figures. targets: targets of its views, or of a sequence its frames.
 
     Returns:
         The scene, with the widths as numbers and `lines` settled, and the targets with what is to be drawn.

@@ -253,7 +253,7 @@ def _in_rows(
     """Lamps in so many rows, from below and from the left, each as near to the others as may be.
 
     Args:
-        distances: of wall and lamps from the middle of the piece, mm.
+        distances: distances of wall and lamps from the middle of the piece, mm.
     """
     wall, light = distances
     k = (wall - 0.5 * depth) / (light + 0.5 * depth)

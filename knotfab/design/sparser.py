@@ -39,7 +39,7 @@ def search_sparser(
     piece of one view at its depth and then flat. The last tries are rings.
 
     Args:
-        radius: of the tube, mm. knots: as for `make_start`.
+        radius: radius of the tube, mm. knots: as for `make_start`.
     """
     for asked, start, steps in _tries(problem, radius, knots, settings):
         result = search(asked, start, radius, settings.model_copy(update=steps), forms=forms)

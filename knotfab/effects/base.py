@@ -58,7 +58,8 @@ class EffectContext:
     """The views and curves from which an effect's magnitude is judged.
 
     `points` (N, 3), mm: vertices of the centre lines, or places that no strand will stand nearer to the light
-    than. `tolerance_px`: of the accuracy setting. `moves` (N, 3): how far a mount lets the points sag, mm.
+    than. `tolerance_px`: tolerance of the accuracy setting. `moves` (N, 3): how far a mount lets the points
+        sag, mm.
     `upwards` (3,): the printer's, once the piece lies on its bed.
     """
 

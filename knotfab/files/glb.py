@@ -22,7 +22,7 @@ def write_glb(
 
     Args:
         pose: (4, 4), from the bodies' coordinates to the scene, whose y is up as glTF's is.
-        names: of the bodies. color: of them all, "#rrggbb".
+        names: names of the bodies. color: their colour, "#rrggbb".
     """
     import trimesh as untyped
 

@@ -74,7 +74,7 @@ def draw_sheets(mounted: Mounted, scene: ResolvedScene, cameras: Sequence[Camera
 
     Args:
         mounted: the piece and its mount, in scene coordinates. scene: with its frames resolved.
-        cameras: of its views.
+        cameras: cameras of its views.
     """
     places = [placement_of(mounted, c, view) for c, view in zip(cameras, scene.views, strict=True)]
     each = zip(places, scene.views, strict=True)
@@ -100,7 +100,7 @@ def write_setup(
 
     Args:
         sheets: as `draw_sheets` gives them; used up. misplacements: what the verification measured of each
-            view (`views[].misplacement` of the report), if it did. suffix: of the files' names.
+            view (`views[].misplacement` of the report), if it did. suffix: suffix of the files' names.
     """
     from matplotlib import rc_context
 

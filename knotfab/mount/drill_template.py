@@ -44,7 +44,7 @@ def write_drill_template(
     same bytes.
 
     Args:
-        suffix: of the files' names.
+        suffix: suffix of the files' names.
 
     Returns:
         The names of the files; none for any other mount.

@@ -118,8 +118,9 @@ def plan_hang(
     the centre of mass.
 
     Args:
-        cameras, targets: of each view, and its picture's silhouette (H, W) over the whole frame.
-        least_radius_mm: of a member that the printer can make.
+        cameras, targets: each view's camera, and its picture's silhouette (H, W) over the whole
+            frame.
+        least_radius_mm: least radius of a member that the printer can make.
         ends: whether screens end at their frames, beside which no shadow is seen.
 
     Raises:

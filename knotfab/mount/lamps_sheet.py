@@ -34,7 +34,7 @@ def lamps_sheet(
     """One page of A4: screen, piece, lamps and frame from above, and where each lamp stands in words.
 
     Args:
-        places, views: of the lamps, in the scene's order. table: the frame, if there is one.
+        places, views: places and views of the lamps, in the scene's order. table: the frame, if there is one.
     """
     paper = PAPERS["a4"]
     figure, axes = make_page(paper)

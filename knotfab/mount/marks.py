@@ -26,7 +26,8 @@ def card_middles(frame_mm: tuple[float, float], margin_mm: float) -> Array:
     """(4, 2) mm right and down from the frame's top left corner, clockwise from there: the marks' middles.
 
     Args:
-        margin_mm: of the plate about the frame, whose corners the cards touch; 0: they touch the frame's.
+        margin_mm: margin of the plate about the frame, whose corners the cards touch; 0: they touch the
+            frame's.
     """
     (w, h), off = frame_mm, margin_mm + CARD_MM / 2
     return np.array([[-off, -off], [w + off, -off], [w + off, h + off], [-off, h + off]])

@@ -228,8 +228,8 @@ def mount_piece(
     others none.
 
     Args:
-        cameras: of the views. targets: their pictures' silhouettes (H, W), which a stand and a hanger need
-            and in which struts hide.
+        cameras: cameras of the views. targets: their pictures' silhouettes (H, W), which a stand and a hanger
+            need and in which struts hide.
         thoroughly: as for `plan_wall`.
 
     Raises:

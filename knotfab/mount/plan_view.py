@@ -44,7 +44,7 @@ def plan_sheet(mounted: Mounted, places: Sequence[Placement], views: Sequence[Vi
     """One page of A4 with everything from above, the first lamp below the piece.
 
     Args:
-        places, views: of the piece, one each in the scene's order.
+        places, views: places and views of the piece, one each in the scene's order.
     """
     paper = PAPERS["a4"]
     figure, axes = make_page(paper)

@@ -175,8 +175,8 @@ def base_for(
 
     Args:
         feet: (n, 3) where posts meet the top. root_mm: their radius there.
-        weights: everything that stands on the base. thickness_mm: of the base at its back.
-        walls: of the views, those that are round.
+        weights: everything that stands on the base. thickness_mm: thickness of the base at its back.
+        walls: the round walls of the views.
 
     Raises:
         SceneError: a wall is in the way of a base that large, or it would stand in a picture.

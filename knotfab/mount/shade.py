@@ -93,7 +93,7 @@ class MountShadow:
     screen ends there (`ends`).
 
     Attributes:
-        camera: of the frame's fine pixels. own: (H + 2, W + 2), dark by the knots, with one row or
+        camera: camera of the frame's fine pixels. own: (H + 2, W + 2), dark by the knots, with one row or
             column around the frame. before: dark by picture or knots. dark: the same with the
             members that were added.
     """

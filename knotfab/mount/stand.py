@@ -132,8 +132,9 @@ def plan_stand(
     until nothing sags (`brace`); then the base is made as large as the piece needs to stay upright.
 
     Args:
-        cameras, targets: of each view, and its picture's silhouette (H, W) over the whole frame.
-        walls: of the views, those that are round.
+        cameras, targets: each view's camera, and its picture's silhouette (H, W) over the whole
+            frame.
+        walls: the round walls of the views.
         ends: whether screens end at their frames, beside which no shadow is seen.
 
     Raises:

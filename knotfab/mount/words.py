@@ -207,8 +207,8 @@ def costs_of(misplacement: Mapping[str, Any] | None, view: View, *, on_wall: boo
     A piece that is fixed to its wall turns with it, which is the lamp moving about both.
 
     Args:
-        misplacement: of the report's view: `lamp_iou_per_mm` and `turn_iou_per_deg`; None: nobody
-            measured it. on_wall: the piece is fixed to the wall.
+        misplacement: loss in the report's view: `lamp_iou_per_mm` and `turn_iou_per_deg`; None:
+            nobody measured it. on_wall: the piece is fixed to the wall.
     """
     if misplacement is None:
         return ["Not measured: too little to see, or nothing rendered."]

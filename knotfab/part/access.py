@@ -33,7 +33,7 @@ SPACING_MM = 1.0
 class Access:
     """The reach of tools to the supports under a piece.
 
-    `area_cm2`: of the undersides that need support. `reached`: for each tool, the share of them (0 to
+    `area_cm2`: area of the undersides that need support. `reached`: for each tool, the share of them (0 to
     1) that it reaches. `worst`: the place (3,) that only the thinnest tool reaches, or none, deepest
     inside of all such; `worst_tool`: which one reaches it, None where none does.
     """

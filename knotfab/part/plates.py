@@ -103,7 +103,7 @@ def lay_on_plates(
     room, so that they fit themselves, as a whole piece would (`choose_pose`).
 
     Args:
-        part_pose: of the assembled piece, as it is written to part.stl.
+        part_pose: pose of the assembled piece, as it is written to part.stl.
         gap_mm: the least between strands; see `cut_body`.
         upright: the turn that a mount asks for; a body that it does not let fit may lie otherwise.
 

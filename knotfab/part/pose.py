@@ -102,7 +102,7 @@ def choose_pose(
         upright: (3, 3) the turn from scene to bed that a mount asks for; then only turns about the
             vertical are tried. The meshes are then whatever is to be printed, mount and all.
         rules: the printer's for overhangs; not read where there is `upright`.
-        fixed_mm: of the extents as `upright` gives them, what would stay with a smaller frame, for
+        fixed_mm: the part of the extents, as `upright` gives them, that would stay with a smaller frame, for
             that advice; the tube's thickness by default.
 
     Raises:

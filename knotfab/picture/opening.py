@@ -61,7 +61,7 @@ def least_ring(shape: Polygon | LinearRing, inset: float, bend: float, flat: boo
     ellipse, which lies along the shape and is as wide as fits.
 
     Args:
-        inset: of the centre line in the shape. bend: the least bend radius.
+        inset: inset of the centre line in the shape. bend: the least bend radius.
         flat: the ring cannot be turned out of the picture's plane.
     """
     middle, sides = _rectangle(shape)

@@ -207,7 +207,7 @@ def read_target(
         reading: how it becomes a silhouette; a view of a scene is one.
         base: folder that a relative path starts from (that of the scene file); the current one if
             left out.
-        font: of `text:`, a family's name or a font file.
+        font: font of `text:`, a family's name or a font file.
         glance: whether a large picture may be read shrunk.
 
     Raises:

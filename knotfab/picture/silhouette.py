@@ -55,7 +55,7 @@ def resample_mask(
 
     Args:
         mask: (H, W); or greys in 0 .. 1, whose means are taken.
-        width, height: of the result, smaller or larger than the mask's.
+        width, height: width and height of the result, smaller or larger than the mask's.
         window: left, top, right and bottom of the result in the mask's pixels; None: the mask's own frame.
             Beyond the mask nothing is covered.
 

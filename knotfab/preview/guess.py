@@ -50,8 +50,9 @@ def guess_print(
     What fills one of several pictures is hidden in the others, so that their areas add up.
 
     Args:
-        scene: resolved. areas_mm2: of the silhouettes. size_mm: width and height of the first one, in the
-            middle of the piece. radius_mm: of the tube. pieces: of the picture, each a knot if that is open.
+        scene: resolved. areas_mm2: areas of the silhouettes. size_mm: width and height of the first one,
+            in the middle of the piece. radius_mm: radius of the tube. pieces: pieces of the picture, each a
+            knot if that is open.
         template: the flat curves that the search starts from, where they are known.
     """
     flat = scene.piece.depth == "flat"

@@ -58,7 +58,7 @@ def estimate_likeness(mask: Mask, radius_px: float, unions: int = 7) -> Likeness
     """Estimate how like the picture tubes of this radius could draw; None where most of it is wider.
 
     Args:
-        mask: (H, W), not empty. radius_px: of the tube's shadow. unions: how many are drawn.
+        mask: (H, W), not empty. radius_px: radius of the tube's shadow. unions: how many are drawn.
     """
     if outline_px(mask) * radius_px < _SOLID * mask.sum():
         return None

@@ -145,7 +145,7 @@ def grid_at(
     """The mask looked up on about square cells, and the camera whose pixels they are.
 
     Args:
-        margin: of the frame on each side, and `more` cells beyond: all outside the mask, or inside it
+        margin: margin of the frame on each side, and `more` cells beyond: all outside the mask, or inside it
             where `beside` is true.
     """
     width_mm, height_mm = view.frame_mm

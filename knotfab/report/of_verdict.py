@@ -20,7 +20,7 @@ def advise_widening(verdict: Mapping[str, Any] | None, scene: ResolvedScene) -> 
     strokes, once they are wider than one tube and not yet as wide as two, are drawn no better.
 
     Args:
-        scene: of the piece, or of a sequence's first frame.
+        scene: scene of the piece, or of a sequence's first frame.
     """
     if not verdict or verdict["word"] in _WELL or scene.views[0].thicken_mm != "none":
         return []

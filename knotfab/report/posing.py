@@ -28,7 +28,7 @@ def add_posing(
     """Add `print.pose`, `print.plates` where there are any, and the notes that go with them.
 
     Args:
-        suffix: of the plates' files, such as "-01" of a sequence's frame.
+        suffix: suffix of the plates' files, such as "-01" of a sequence's frame.
         printing: it is printed: also what supports cost and whether they can be taken out.
         access: what `find_access` says of the part.
     """

@@ -72,7 +72,7 @@ def viewer_data(
 
     Args:
         scene: with its pose. knots, bodies: as they are in the file, the bodies with their mount.
-        silhouettes: of the views' pictures (H, W).
+        silhouettes: silhouettes of the views' pictures (H, W).
         history: what the slider goes through: of a search the states before the knots that are written, of a
             sequence all of its frames (`history_label` "frame").
     """

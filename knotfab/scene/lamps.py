@@ -109,7 +109,7 @@ def with_lamps(scene: Scene, text: str, names: Sequence[str] = ()) -> Scene:
     """The scene with a view for each lamp of `--lamps`, all before the wall of its first view.
 
     Args:
-        names: of the pictures of lamps that are switched, one each.
+        names: names of the pictures of lamps that are switched, one each.
 
     Raises:
         InputError: as for `lamps_named`; lamps that are switched without a picture each.

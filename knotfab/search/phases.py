@@ -66,7 +66,7 @@ def three_phases(
     Args:
         views: several begin softer and with longer steps, for there is further to go, and first pull in what
             stands outside a silhouette (later a spill may stay that draws as much elsewhere).
-        rates: of the steps, in tube radii, at the start of the coarse phase, between the two, and at
+        rates: rates of the steps, in tube radii, at the start of the coarse phase, between the two, and at
             the end of the fine one; None: by the number of views.
     """
     several = views > 1

@@ -52,12 +52,12 @@ def search(
     "inn" the paper's network takes the place of the three phases, with "inn+flow" it comes before them.
 
     Args:
-        radius: of the tube, mm.
+        radius: radius of the tube, mm.
         terms: further parts of the objective; those that are hard limits are repaired as limits are.
-        pose: of the one view, or directions of several, where these are unknowns: found along in all phases
-            but the last, before which the knots are turned into the axes of the one view found.
+        pose: pose of the one view, or directions of several, where these are unknowns: found along in all
+            phases but the last, before which the knots are turned into the axes of the one view found.
         pace: settles the iterations of each phase by the clock; None: those that the settings say.
-        log: of the certified steps that led to the start, to be continued.
+        log: the certified steps that led to the start, to be continued.
         forms: what draws pictures, and what moves, where the settings ask for other than the core has.
         plan: instead of the one that follows from the settings and the number of views.
         report: called with (share of the search that is done, least IoU, measured now and then).

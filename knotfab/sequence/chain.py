@@ -79,7 +79,7 @@ def radius_for_all(
     """A tube radius (mm) that draws that frame well, and no other much worse.
 
     Args:
-        question: of the frame searched first. polygons: the silhouettes of the others. knots: that move.
+        question: the frame searched first. polygons: the silhouettes of the others. knots: their number.
     """
     given = question.scene.piece.tube_radius_mm
     if not isinstance(given, str):
@@ -135,8 +135,8 @@ class Chain:
     played round and round, within what the outlines' motion around its end allows.
 
     Args:
-        scene: of one view, as for `design_knots`. A free view is found with the frame searched first: lamp
-            and wall stand where they are while the frames change.
+        scene: scene of one view, as for `design_knots`. A free view is found with the frame searched first:
+            lamp and wall stand where they are while the frames change.
         budget: until when the build is to be done; the iterations are set to fit, on that frame.
         kept: frames that an interrupted build of the same sequence had done.
 

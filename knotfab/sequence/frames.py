@@ -65,7 +65,7 @@ def read_frames(
             the order given.
         reading: how each becomes a silhouette.
         base: folder that relative paths start from.
-        font: of pictures that are `text:…`.
+        font: font of pictures that are `text:…`.
 
     Raises:
         InputError: fewer than two frames, more than 240, frames of different sizes, or a picture

@@ -110,9 +110,9 @@ def sequence_report(
     """report.json of a sequence, from the frames' own reports.
 
     Args:
-        reports: of each frame, as of a piece of its own. pieces: as they were written and verified.
+        reports: the report of each frame, as for a piece of its own. pieces: as written and verified.
         motions: into frames 2, 3, … and, last, back to the first.
-        checks: of the sequence as a whole.
+        checks: checks of the sequence as a whole.
     """
     views = []
     each = zip(reports, frames, pieces, strict=True)

@@ -81,7 +81,7 @@ def follow(
     the motion bound in its objective; vertices keep their number and order.
 
     Args:
-        problems: of the earlier frame and of this one.
+        problems: problems of the earlier frame and of this one.
         taut_mm: a longer knot is drawn taut: no vertices can be added, and long edges show.
         anchors: frames that this one must stay near.
         still: the knot stays as it is, and only limits that it breaks are repaired.

@@ -51,7 +51,7 @@ def transport(
     goes on.
 
     Args:
-        light_mm: of the light from the middle of the piece.
+        light_mm: distance of the light from the middle of the piece.
         furthest_mm: no vertex goes further than this.
     """
     shrink = (1.0 - points[:, 2] / light_mm)[:, None]

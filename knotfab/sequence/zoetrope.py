@@ -43,7 +43,7 @@ _POST = 0.9  # a share of the tube's radius: a post ends inside the tube
 class Zoetrope:
     """The solid in print pose (z up, on the bed's positive octant), mm, and its figures.
 
-    `scale`: of the frames against their parts. `tube_radius_mm`: as printed, and `gap_mm`: the smallest
+    `scale`: scale of the frames against their parts. `tube_radius_mm`: as printed, and `gap_mm`: the smallest
     between two strands.
     """
 
@@ -60,7 +60,7 @@ def find_footholds(points: Array, width: float, height: float) -> list[int]:
     """Up to four vertices for posts: the lowest dips of the curve, spread out.
 
     Args:
-        points: (n, 3) mm, y up. width, height: of the frame's knot, mm.
+        points: (n, 3) mm, y up. width, height: width and height of the frame's knot, mm.
     """
     y = points[:, 1]
     dips = np.flatnonzero((y <= np.roll(y, 1)) & (y <= np.roll(y, -1)))

@@ -111,7 +111,7 @@ def slice_part(
         scene: resolved; its printer is what the G-code must keep to.
         work: an existing folder for temporary files, all removed again; the machine's by default.
         timeout_s: over both runs of the program.
-        program: of PrusaSlicer; the one on the path by default.
+        program: program of PrusaSlicer; the one on the path by default.
         stop: ends the program when it is set. hear: told what it says while it slices.
         kept_png: a picture of the part; where it is given, the G-code is kept beside the file, with it.
 

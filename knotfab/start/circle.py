@@ -57,7 +57,7 @@ def _circles(curves: Sequence[Array], radius: float, separation: float) -> list[
     template (cos s, sin s, 0) wants s from 0 to 2 pi, not to 1).
 
     Args:
-        radius: of the tube, mm; no circle is smaller than four of these.
+        radius: radius of the tube, mm; no circle is smaller than four of these.
         separation: between neighbouring planes, mm.
     """
     found = []

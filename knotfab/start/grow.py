@@ -48,7 +48,7 @@ def grow_curves(
     """The nodes (n,) of closed lattice curves, one grown from each of the disjoint ones that are given.
 
     Args:
-        worth: of each cell that is drawn. unit: of an edge, as for `Growth`.
+        worth: worth of each cell that is drawn. unit: unit of an edge, as for `Growth`.
         seeds: unit squares (4,), or knots (n,), whose types the curves keep.
     """
     count = len(lattice.nodes)

@@ -38,7 +38,7 @@ def start_by_lamp(
     """Each lamp's own filling at its depths, sheared to where that lamp sees it as its mask.
 
     Args:
-        radius: of the tube, mm.
+        radius: radius of the tube, mm.
         knots: None for one curve a piece of each mask; a number to bridge pieces until so many are left.
         spacing: as for `make_start`.
         tie: ties the problem's knot into the longest curve of a start of one view.

@@ -151,7 +151,7 @@ def part_passes(
 
     Args:
         curves: closed planar polylines [(n, 2) mm], evenly sampled. depths: [(n,) mm] towards the light.
-        lanes: of `assign_lanes`.
+        lanes: lanes of `assign_lanes`.
     """
     plane, lane, depth = (np.concatenate(each) for each in (curves, lanes, depths))
     pairs, along = _hiding(list(curves), separation)
@@ -244,7 +244,7 @@ def _move_apart(
 
     Args:
         plane: (N, 2) the curves' points in a row, of which `depth` (N,) are the depths.
-        along_mm: of a curve that moves with a point, as a normal distribution's deviation.
+        along_mm: the length of curve that moves with a point, as a normal distribution's deviation.
     """
     depth = depth.copy()
     bounds = polylines_of(curves).bounds

@@ -189,7 +189,7 @@ def lattice_in(
     """The lattice where a tube fits all silhouettes, along `axes` (3, 3 rows); empty where it fits nowhere.
 
     Args:
-        shift: of a node from the origin, in pitches (3,). reach: of the box about the origin, mm.
+        shift: shift of a node from the origin, in pitches (3,). reach: reach of the box about the origin, mm.
         spill: how far a ball of the tube about a node or the middle of an edge may stand out of a
             silhouette, in tube radii.
     """

@@ -58,7 +58,7 @@ def join_pieces(
     """The lattice with edges opened that join pieces, over squares that show least.
 
     Args:
-        radius: of the tube, mm.
+        radius: radius of the tube, mm.
         knots: None: pieces are joined that the visual hull holds as one, too narrow between them for the
             lattice; a number: then the nearest also across gaps, until so many are left.
     """

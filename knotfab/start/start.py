@@ -36,8 +36,8 @@ def make_start(
 
     Args:
         knots: None for one curve a piece of the picture; a number to bridge pieces until so many are left.
-        spacing: of the strands, times what fills the picture.
-        template: of the one view, where it is known already.
+        spacing: spacing of the strands, over the one that fills the picture.
+        template: template of the one view, where it is known already.
         parted: as for `lift_template`.
 
     Raises:

@@ -48,9 +48,9 @@ def start_between_views(
     """The start that grows in the visual hull, on the lattice whose curves draw best the worst picture.
 
     Args:
-        radius: of the tube, mm.
+        radius: radius of the tube, mm.
         knots: None for one curve a piece of the hull; a number to bridge pieces, or to part them.
-        spacing: of the lattice, in half the strands' least distance.
+        spacing: spacing of the lattice, in half the strands' least distance.
 
     Raises:
         SceneError: no closed tube fits into the silhouettes, or the knot has no place in them.

@@ -138,7 +138,7 @@ class Verifier:
         """Hand over one piece's written files; `result` of what is returned waits for the verdict.
 
         Args:
-            unit: of a part whose file knows none.
+            unit: unit of a part whose file knows none.
         """
         # kept validators may have begun in another folder
         request = {k: None if p is None else os.path.abspath(p) for k, p in asdict(files).items()}

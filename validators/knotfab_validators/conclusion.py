@@ -41,7 +41,7 @@ def knot_in_words(name: str, form: str = "{0}") -> str:
     """A knot's name with the word that people know it by: "left-handed 3_1" is "left-handed trefoil".
 
     Args:
-        form: of the word, and of the name: "{1} ({0})" puts one beside the other.
+        form: form of the word, and of the name: "{1} ({0})" puts one beside the other.
     """
     return re.sub(
         r"(?<![\w#])(3_1|4_1)(?![\w#])", lambda own: form.format(WORDS[own[0]], own[0]), name

@@ -100,7 +100,7 @@ def validate(
         pictures_dir: where to write shadow-NAME.png and compare-NAME.png of each view.
         failures: the PNG to write when a required check fails: the part with the places marked.
         only: one half of the work, "geometry" or "shadows".
-        unit: of a part whose file knows none, one of `files.mesh.UNITS_MM`.
+        unit: unit of a part whose file knows none, one of `files.mesh.UNITS_MM`.
 
     Raises:
         BadFile: a file cannot be read, or the part reaches the light; one sentence says so.

@@ -21,7 +21,7 @@ class CouplingNetwork(nn.Module):
     Args:
         depth: number of coupling layers (8 in the paper).
         width: hidden units of each S and T (1024 in the paper).
-        seed: of the permutations and of the hidden units.
+        seed: seed of the permutations and of the hidden units.
         log_scale: each layer's scale stays between exp(-log_scale) and exp(log_scale).
         gain: standard deviation of the hidden units' slopes; higher bends in finer places.
         dtype: float64 or float32. A seed gives the same network in both, up to rounding.

@@ -38,7 +38,7 @@ def check_mesh(
             its tubes, or has no known ones, may have cavities (bodies turned inwards that lie in the
             matter of another); its bodies must not lie in each other's matter.
         bodies: how many there must be. Left out: one for each curve; without curves any number.
-        genus: of each body, in any order. Left out: 1 for the tube of a closed curve and 0 for that
+        genus: genus of each body, in any order. Left out: 1 for the tube of a closed curve and 0 for that
             of an open one; without curves any. Where nothing is expected, `mesh_bodies` and
             `mesh_genus` are there to inform: they pass, and are not required.
     """

@@ -78,7 +78,8 @@ def measure_colours(
     """Mix the light of all lamps, and hold what is seen against the masks' colours and the picture.
 
     Args:
-        folder: where the picture in colours lies. frame: of the lamps' masks. caster: of the part, scene.
+        folder: where the picture in colours lies. frame: frame of the lamps' masks. caster: caster of the
+            part, scene.
         points: (k, 3) mm, its centre lines.
     """
     names = [lamp.view.name for lamp in lamps]

@@ -61,7 +61,7 @@ def legibility(
     stretched to their bounding boxes, here to `size` x `size` pixels.
 
     Args:
-        renderer: of the mesh whose `vertices` (n, 3) these are, in scene coordinates.
+        renderer: renderer of the mesh whose `vertices` (n, 3) these are, in scene coordinates.
         geometry: the view, in the same coordinates. target: (H, W), the picture's silhouette.
     """
     if not (target.any() and len(vertices)):

@@ -138,7 +138,7 @@ def shadow_lines(
 
     Args:
         vertices: (n, 3), mm, in the coordinates of `geometry`.
-        faces: (m, 3) indices. table: of them, where it is at hand.
+        faces: (m, 3) indices. table: table of them, where it is at hand.
 
     Raises:
         ShadowError: the part reaches the light or lies behind it.

@@ -51,8 +51,8 @@ def _contours(
     at the same point, to the last bit.
 
     Args:
-        first: of each vertex the layer in whose middle, or below which, it lies. begin, stop: the layers,
-            from and up to.
+        first: for each vertex the layer in whose middle, or below which, it lies. begin, stop: the
+            layers, from and up to.
     """
     low, high = np.empty(len(faces), dtype=np.int64), np.empty(len(faces), dtype=np.int64)
     count = 0
@@ -146,7 +146,7 @@ def measure_layers(
     """Measure what the steps of a printed part do to its shadow, on the pixels of `target` (H, W).
 
     Args:
-        shift_px: of `layer_shift_px`.
+        shift_px: shift of `layer_shift_px`.
         within: (H, W) where shadow counts, of a wall that ends; None: everywhere.
 
     Returns:

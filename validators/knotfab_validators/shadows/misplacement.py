@@ -118,7 +118,7 @@ def measure_misplacement(
     how a person sees it; the better one of both counts.
 
     Args:
-        renderer: of the part, in the coordinates of `geometry`. points: (n, 3) mm, the centre lines.
+        renderer: renderer of the part, in the coordinates of `geometry`. points: (n, 3) mm, the centre lines.
         middle: (3,) mm, what the piece turns about.
         target: (H, W), the picture's silhouette on the grid of `geometry`.
         turns: whether the piece can turn against the wall: not one that is mounted on it.

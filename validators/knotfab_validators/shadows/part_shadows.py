@@ -302,7 +302,7 @@ def _report(
     """The report's keys of a view; `projection` and `receiver` in the coordinates of the part's file.
 
     Args:
-        pose: of the part that has shrunk. left: the share that is left then of every length in the file.
+        pose: pose of the part that has shrunk. left: the share that is left then of every length in the file.
     """
     own = geometry.in_part(pose)
     fine_mm = geometry.resample(found.frame).pixel_mm

@@ -104,7 +104,7 @@ def measure_penumbra(
     """Average the shadows of points of the lamp, which faces the piece.
 
     Args:
-        renderer: of the mesh whose `vertices` (n, 3) these are, scene coordinates (mm).
+        renderer: renderer of the mesh whose `vertices` (n, 3) these are, scene coordinates (mm).
         geometry: the view on the pixels of `target` (H, W), the padded `frame`.
         sharp: (H, W) the shadow that the lamp's middle throws.
         within: (H, W) where shadow counts, of a wall that ends; None: everywhere.
@@ -130,7 +130,7 @@ def check_half_light(ious: Mapping[str, float], iou_floor: float | None) -> Chec
     """`half_light`: of what a lamp leaves dark as wide as it is the same is asked as of its middle's shadow.
 
     Args:
-        ious: of the picture with where at least half of the lamp is hidden, by the view's name.
+        ious: IoU of the picture with the places where half of the lamp is hidden, by the view's name.
         iou_floor: the least; None: nothing is asked.
     """
     name = min(ious, key=lambda view: ious[view])

@@ -183,9 +183,9 @@ def recognise(
 
     Args:
         shadow, target: (H, W), on the padded working frame.
-        iou: of the two.
+        iou: IoU of the two.
         radius_px: half the width of the tube's shadow, in the masks' pixels.
-        frame: of the masks. geometry: the view, on the picture's own pixels.
+        frame: frame of the masks. geometry: the view, on the picture's own pixels.
         outlined: (H, W), the shadow whose outline is compared: without the legs on which it stands, which
             bridge and break what they cross, but are no fault of its outline. None: `shadow`.
         blur_px: the width of the lamp's penumbra on the wall.

@@ -42,7 +42,7 @@ def find_rows(boxes: Sequence[Box], longer_px: float, picture: Mask | None = Non
     """The rows of three or more small pieces that stand side by side.
 
     Args:
-        boxes: of the pieces of a picture. longer_px: the longer side of its frame.
+        boxes: boxes of the pieces of a picture. longer_px: the longer side of its frame.
         picture: (H, W); where most pieces of a row fill their boxes, as windows do, it is no text.
     """
     small = sorted(b for b in boxes if b[3] - b[1] <= TALLEST * longer_px)

@@ -44,7 +44,7 @@ def measure_tone(
 
     Args:
         shadow: (H, W) on the padded frame. darkness: the picture's, 0 .. 1, in its own pixels.
-        radius_px: of the tube's shadow. clearance: of strands, in radii.
+        radius_px: radius of the tube's shadow. clearance: clearance of strands, in radii.
     """
     from PIL import Image
     from scipy import ndimage

@@ -95,7 +95,8 @@ def verify_view(
             is that of the exact tube, which the check `tube` finds in the part.
         stand: whether that is a stand or an eyelet, which shows outside the frame and may inside it. The
             outline is then that of the tube's own surface, and the tube's shadow is what is judged.
-        renderer: of this mesh, where rendering is possible. caster: of this mesh, where one is at hand.
+        renderer: renderer of this mesh, where rendering is possible. caster: caster of this mesh, where one
+            is at hand.
         longer: pixels on the longer side of the frame.
         drawn: (H, W), the silhouette with its strokes as wide as they are drawn, by which the shadow is
             judged; `target` where left out.

@@ -61,7 +61,7 @@ def check_region(
 
     Args:
         pose: from the coordinates of curves and mesh to the scene's; None: they are the same.
-        surface: of a region that is a mesh, yet to be moved by its `center_mm`.
+        surface: surface of a region that is a mesh, yet to be moved by its `center_mm`.
     """
     if region.kind == "mesh" and surface is None:
         return skip_check("region", "the region's mesh is not given")

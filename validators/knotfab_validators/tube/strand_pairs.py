@@ -38,8 +38,8 @@ class Samples:
 class StrandPairs:
     """Pairs i < j of samples that are near in space and are not neighbours along one strand.
 
-    `facing`: of two knots, or of two strands of one: from there the distance falls to a minimum
-    above zero, not to zero. `far`: of two knots, or at least `apart` along their knot.
+    `facing`: pairs of two knots, or of two strands of one: from there the distance falls to a minimum
+    above zero, not to zero. `far`: pairs of two knots, or at least `apart` along their knot.
     """
 
     i: Ints
