@@ -17,7 +17,7 @@ def magnitude(context: EffectContext) -> float:
 
     A slice of thickness h is cut in its middle: a point of the stack has one of the part within h / 2 up or
     down, and the other way round; but for a rim of a round tube of radius r, which a middle misses by up to
-    r - sqrt(r² - h² / 4), about h² / 8r. So no outline moves by more than what moving the strands by h / 2
+    r - sqrt(r² - h² / 4), about h² / 8r. So no outline moves by more than moving the strands by h / 2
     along the printer's z does, h / 2 M sin of the angle between that and the ray, and M h² / 8r.
     """
     upwards, height = context.upwards, context.world.printer.layer_height_mm

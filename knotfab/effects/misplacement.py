@@ -154,7 +154,7 @@ def _largest(moves: Array) -> Array:
 
 
 class Parting(NamedTuple):
-    """Bounds, mm on the wall, of how far shadows part from their best likeness, by what is off."""
+    """Bounds, mm on the wall, of how far shadows part from their best likeness, by misplacement."""
 
     lamp: float
     turn: float  # the piece's

@@ -290,7 +290,7 @@ def _floors(cells: Indices, low: Array, high: Array) -> Array:
 
 
 def _tip(flat: Array, z: Array, weight: Array, on_bed: NDArray[np.bool_], radius: float) -> float:
-    """Degrees by which the piece may lean before its middle leaves the hull of what stands."""
+    """Degrees by which the piece may lean before its middle leaves the hull of its feet."""
     center = weight @ np.column_stack([flat, z]) / weight.sum()
     points = flat[on_bed]
     if len(points) < 3:

@@ -149,7 +149,7 @@ def shrink_of(scene: Scene) -> Array:
 
 
 def enlarge_knots(made: Design) -> Knots:
-    """The knots of a design in the scene's axes, larger by what their material will shrink."""
+    """The knots of a design in the scene's axes, larger by their material's shrinkage."""
     return made.knots.moved(np.diag(1 / np.diag(shrink_of(made.scene))))
 
 

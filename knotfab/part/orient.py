@@ -116,7 +116,7 @@ def rank_turns(strands: Strands, turns: Sequence[Array], rules: Rules) -> list[R
 
 
 def estimate_supports_cm3(found: Estimate) -> float:
-    """The supports of a pose, with a margin for what estimates fall short by."""
+    """The supports of a pose, with a margin for the error of estimates."""
     return SHORT * found.support_cm3
 
 

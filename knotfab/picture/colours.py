@@ -1,4 +1,4 @@
-"""Colours of a picture: clusters of what is opaque, and the parts that another colour encloses."""
+"""Colours of a picture: clusters of opaque pixels, and the parts that another colour encloses."""
 
 from __future__ import annotations
 

@@ -314,7 +314,7 @@ def _voted(labels: Labels, reach_px: float) -> Labels:
 
 
 def _without_specks(labels: Labels, least_px: float) -> Labels:
-    """The labels with spots of fewer pixels given to what lies about them."""
+    """The labels with spots of fewer pixels given to their surroundings."""
     small = np.zeros(labels.shape, dtype=bool)
     for k in np.unique(labels):
         parts, count = label(labels == k)
@@ -328,7 +328,7 @@ def _without_specks(labels: Labels, least_px: float) -> Labels:
 
 
 def _without_slivers(labels: Labels, reach_px: float) -> Labels:
-    """The labels, where what tapers off thinner than twice the reach goes to what lies beside it.
+    """The labels, with ends that taper off thinner than twice the reach given to their neighbours.
 
     No strand is as thin as a crescent's horn. An area that is so thin all over, as a line is, stays.
     """

@@ -133,7 +133,7 @@ class Target(InNotebook):
 def plain_name(raw: str, fallback: str) -> str:
     """`raw` in letters, digits and signs of any script, "_" and "-"; `fallback` where nothing is left of it.
 
-    Of a longer one the end says of what it is the beginning: two that begin alike stay two.
+    A longer one ends in a digest of the whole: two that begin alike stay two.
     """
     signs = unicodedata.normalize("NFC", raw)
     kept = (

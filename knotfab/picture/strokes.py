@@ -19,7 +19,7 @@ Line = Array
 """(n, 2) points of one stroke between two places where strokes end or meet."""
 
 _RADIUS_PX = 6.0  # half a stroke's width in the picture that is thinned
-_DEEP = 0.75  # half widths: what runs nearer to the outline leads from an end to the outline
+_DEEP = 0.75  # half widths: a line nearer to the outline leads from an end to the outline
 _SPUR = 1.3  # half widths: a free end no longer is a corner of the outline, no stroke
 _SHORT = 1.6  # half widths: strokes that meet no farther apart meet in one point
 _SMOOTH = 0.5  # half widths: the stair steps of pixels are smoothed away by so much

@@ -32,7 +32,7 @@ _COARSER, _BAND_PX = 2, 6
 _EDGE = 50.0  # weight of an outline through pixels alike, against the likelihood of one pixel
 _GRAIN = 5.0  # levels by which pixels of one colour differ at least
 _FEW = 16  # pixels that a mixture is learnt from at least
-_SURE = 1e6  # weight of what is known
+_SURE = 1e6  # weight of known pixels
 _ALIKE = (0.05 * 255) ** 2  # variance of brightness below which the outline follows no edge
 _ROUND = 0.004  # the smoothing's radius, as a share of the rectangle's longer side
 # shares of the largest piece: smaller pieces are left out, smaller holes filled

@@ -137,7 +137,7 @@ def _shape_text(text: str, font: str | None) -> tuple[str, tuple[str, ...], _Box
     files = [
         find_font(c, fonts, _name(text)) for c in drawn if unicodedata.category(c) not in _UNDRAWN
     ]
-    # a joined word is of one font: that which has most of its characters, the first of equals
+    # a joined word is of one font: the font that has most of its characters, the first of equals
     order = sorted(dict.fromkeys(files), key=lambda f: -sum(_has(f, c) for c in drawn))
     families = ", ".join(f"'{load_font(f).family_name}'" for f in order)
     first = next((d for c in drawn if (d := unicodedata.bidirectional(c)) in ("L", "R", "AL")), "L")

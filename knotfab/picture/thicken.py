@@ -1,4 +1,4 @@
-"""Thin strokes of a silhouette, widened to what a tube can draw."""
+"""Thin strokes of a silhouette, widened until a tube can draw them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _RIDGE = 0.7  # px: on a slope of the distance a neighbour is further in by 0.9 
 
 
 def _inside(mask: Mask) -> Array:
-    """(H, W) distance of each pixel's middle from what is not in the mask, px."""
+    """(H, W) distance of each pixel's middle from the background, px."""
     from scipy import ndimage
 
     # a pixel's middle is half a pixel inside its side

@@ -1,8 +1,8 @@
 """Grace: the energy of an elastic curve under tension, which the eye dislikes and few pictures ask for.
 
-Without it every strand crumples until it bends nearly as tightly as it may, and grows half as long again
-as what it fills, for a crumpled curve draws a picture no worse than a smooth one. What is longer than it
-need be hides strands behind each other: it costs filament, and makes the picture easier to read from aside.
+Without it every strand crumples until it bends nearly as tightly as it may, and grows half as long again as
+the filling, for a crumpled curve draws a picture no worse than a smooth one. What is longer than it need be
+hides strands behind each other: it costs filament, and makes the picture easier to read from aside.
 
 A wire is bent by hand, one bend after the other. Of it grace counts bends instead: it would rather turn in
 one place and run straight up to the next.
@@ -22,7 +22,7 @@ __all__ = ["Grace"]
 
 
 _TENSION = 0.5  # the tension on one tube radius of length, in units of the bending energy
-# curvature times radius: where counted bends weigh as much as their bending energy; of what is straight
+# curvature times radius: where counted bends weigh as much as their bending energy; of straight stretches
 _BENT, _STRAIGHT = 0.3, 0.05
 
 

@@ -70,5 +70,5 @@ class Pace:
 
 
 def _cost(phase: Phase) -> float:
-    """Weigh an iteration against others of the same search: by its pixels, and by what knows of none."""
+    """Weigh an iteration against others of the same search: by its pixels, plus a constant."""
     return _OVERHEAD * 256.0**2 + phase.pixels**2

@@ -1,8 +1,8 @@
 """The search: from curves of known type to knots that draw every picture and keep every limit.
 
 There is one search. One view is the case of several; a free view has its pose among the unknowns; a frame
-of a sequence starts from the frame before, with terms that hold it near; and the paper's network
-differs from the flow in what moves.
+of a sequence starts from the frame before, with terms that hold it near; and the paper's network differs
+from the flow in moving curves.
 """
 
 from __future__ import annotations

@@ -50,7 +50,7 @@ class SequenceFrame:
 
     `searched`: its knot before its vertices were doubled. `transported`: share of the displacement between
     the pictures that could be certified; the flow did the rest. `origin`: the frame (from 0) whose knot it
-    began as. `closes`: whether it was bound to what leads back around the loop.
+    began as. `closes`: whether it was bound to the frame that leads back around the loop.
     """
 
     number: int

@@ -1,6 +1,6 @@
 """Frames that are done are kept until their sequence is: a build that was interrupted goes on where it was.
 
-They lie in the user's own folder for what may be lost, by a digest of all that decides about them: the
+They lie in the user's cache, by a digest of all that decides about them: the
 pictures, the resolved scene, the options, and this program itself. So another picture, option or version
 finds nothing, and what is found gives the same parts. Files are pickles, which only their writer should
 read: hence the user's own folder, and not the one that is built to.

@@ -62,7 +62,7 @@ class PictureDifferences:
 class Attempt:
     """One way to search a frame: the frame (from 0) whose knot it begins as, and with what effort.
 
-    `closes`: it is bound to what leads back around the loop. `still`: the knot stays as it was.
+    `closes`: it is bound to the frame that leads back around the loop. `still`: the knot stays as it was.
     """
 
     origin: int
@@ -146,7 +146,7 @@ class Following:
         best: Trial | None = None
         for attempt in attempts:
             if attempt.still and best is not None and best.quality[0]:
-                continue  # the last resort of what breaks a limit
+                continue  # the last resort for a frame that breaks a limit
             trial = self._try(attempt, report)
             if best is None or trial.quality > best.quality:
                 best = trial

@@ -13,7 +13,7 @@ from torch import Tensor
 
 __all__ = ["BEHIND", "capsule_distance", "ray_miss"]
 
-BEHIND = -1e9  # the signed distance (px) of what lies behind the light
+BEHIND = -1e9  # the signed distance (px) of segments behind the light
 _TINY = 1e-30
 _NEAREST = 1e-12  # mm; what is seen is deeper (clip.py), and the square of the inverse is a number
 

@@ -159,7 +159,7 @@ def signed_distance(
     """[m] signed distance of q to the silhouettes of capsules (spheres where start = end), positive inside.
 
     In the image plane's unit; exact. Differentiable with respect to the points: an exact gradient, or a
-    subgradient where two places of the outline are equally near. -1e9 for what is clipped away.
+    subgradient where two places of the outline are equally near. -1e9 for points that are clipped away.
     """
     a, b, index = clip_segments(
         camera.local(starts), camera.local(ends), radius, camera.near, camera.far

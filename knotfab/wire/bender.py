@@ -81,7 +81,7 @@ def fill_template(
         plan: what it calls the plan. wire: the material.
 
     Raises:
-        InputError: the template cannot be read, or asks for what there is not.
+        InputError: the template cannot be read, or names an unknown placeholder.
     """
     environment = SandboxedEnvironment(
         undefined=StrictUndefined,

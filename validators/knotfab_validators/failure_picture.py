@@ -1,4 +1,4 @@
-"""A picture of what failed: the part from three sides with the places marked, and the sentences beside it."""
+"""A picture of failures: the part from three sides with the places marked, and the sentences beside it."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ SIDES: tuple[tuple[str, Array], ...] = (
 
 @dataclass(frozen=True)
 class _Cloud:
-    """Points (n, 3) of what is drawn, and the unit normals (n, 3) that shade them."""
+    """Points (n, 3) that are drawn, and the unit normals (n, 3) that shade them."""
 
     points: Array
     normals: Array

@@ -98,7 +98,7 @@ def _check_surface(
 
 
 def _leave_out(names: Collection[str], skip: Collection[str]) -> list[Check]:
-    """A group of checks of which none is asked for; empty where any is."""
+    """A group of checks, none of which is asked for; empty where any is."""
     asked = not set(names) <= set(skip)
     return [] if asked else [skip_check(name, "left out on request") for name in names]
 

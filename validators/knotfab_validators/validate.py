@@ -47,7 +47,7 @@ AS_PRINTED = {*PRINTER, *FILES}  # checks of the part before it shrinks
 
 @dataclass(frozen=True)
 class Piece:
-    """The files of a piece, as they were read; None for what is not given.
+    """The files of a piece, as they were read; None for a file that is not given.
 
     `printed` and `lines` are those of the files. `mesh` and `curves` are as they are once the material has
     shrunk to `left` of every length: these are measured.

@@ -16,11 +16,11 @@ __all__ = ["Verdict", "exit_code_of", "verdict_of"]
 class Verdict:
     """The result of `validate`.
 
-    `status` is "pass" or "fail". `exit_code` is 0 when every required check passed, 1 when one
-    failed, 3 when one could not run on this machine. `views` has the keys of the report's views;
-    `seconds` says what each stage cost; `picture` is the file in which the failures were drawn;
-    `conclusion` one line for a person, `size_mm` the part's extents, `notes` what its reader passed over
-    or asks. `colours` has the report's keys of what several lamps mix on one screen; None where none do.
+    `status` is "pass" or "fail". `exit_code` is 0 when every required check passed, 1 when one failed, 3
+    when one could not run on this machine. `views` has the keys of the report's views; `seconds` says what
+    each stage cost; `picture` is the file in which the failures were drawn; `conclusion` one line for a
+    person, `size_mm` the part's extents, `notes` what its reader passed over or asks. `colours` has the
+    report's keys of the colours that several lamps mix on one screen; None where none do.
     """
 
     status: str
@@ -49,7 +49,7 @@ class Verdict:
 
 
 def exit_code_of(states: Iterable[tuple[bool, str]]) -> int:
-    """The one rule of what passes, from each check's `required` and `status`.
+    """The one rule of passing, from each check's `required` and `status`.
 
     1: a required check failed; else 3: a required one could not run; else 0. What is not required
     decides nothing.

@@ -64,7 +64,7 @@ class _Placer:
         self._visit(root, Transform(scale[0], 0, 0, scale[1], 0, 0), box, {})
 
     def _write_out_uses(self, parent: Element, within: tuple[Element, ...]) -> None:
-        """Put copies in the place of references to what has a stroke that does not scale."""
+        """Replace references to shapes whose stroke does not scale by copies."""
         of = self._styles.of
         for place, child in enumerate(list(parent)):
             target = self._ids.get(child.get(f"{{{XLINK}}}href", "").removeprefix("#"))

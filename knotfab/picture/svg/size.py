@@ -11,7 +11,7 @@ from knotfab.base.errors import InputError
 __all__ = ["CSS_DPI", "read_length", "set_pixel_size"]
 
 CSS_DPI = 96.0  # CSS Values 3, section 6.2: 96 px to the inch
-_FONT_PX = 16.0  # the usual font, of which em and ex are measured
+_FONT_PX = 16.0  # the usual font, by which em and ex are measured
 _PIXELS = {
     "": 1.0,
     "px": 1.0,

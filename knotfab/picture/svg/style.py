@@ -232,7 +232,7 @@ def _parse_declarations(style: str) -> Tokens:
 
 
 def _rank(content: Tokens, rank: tuple[Any, ...]) -> list[tuple[tuple[Any, ...], str, Tokens]]:
-    """Declarations with their place in the cascade; what is !important comes above all that is not."""
+    """Declarations with their place in the cascade; !important declarations come above all others."""
     return [
         (
             (3, *rank) if d.important else rank,

@@ -1,1 +1,1 @@
-"""Readers of what is given, each refusing a bad file with one sentence."""
+"""Readers of given files, each refusing a bad file with one sentence."""

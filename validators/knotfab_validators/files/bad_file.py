@@ -15,7 +15,7 @@ MOST_MM = 1e7
 
 DECIMAL_COMMA = "its numbers have decimal commas, such as 1,5: export it with decimal points"
 
-MOST_SHOWN = 80  # characters of what a file says, in a sentence about it
+MOST_SHOWN = 80  # characters quoted of a file, in a sentence about it
 
 
 class BadFile(ValueError):

@@ -41,7 +41,7 @@ def is_3mf(content: bytes) -> bool:
 
 
 def corners_3mf(content: bytes, name: str, notes: list[str] | None = None) -> Corners:
-    """(m, 3, 3) corners of what the build items print, mm, in the file's order.
+    """(m, 3, 3) corners of the faces that the build items print, mm, in the file's order.
 
     Support objects, items that are not printable and the modifiers of a slicer's project are left out, and
     `notes` gets a sentence that says so.

@@ -1,4 +1,4 @@
-"""The axes of what is turned by an azimuth and raised by an elevation: a view, or a region."""
+"""The axes of a view that is turned by an azimuth and raised by an elevation: a view, or a region."""
 
 from __future__ import annotations
 

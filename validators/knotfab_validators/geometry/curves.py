@@ -26,7 +26,7 @@ class CurveEdges:
 class Member:
     """A round bar of a mount: from a centre line to another, or to the mount's foot; all (3,), mm.
 
-    `radius_mm` are those of its two ends, `foot` the unit normal of what it stands on, if it does.
+    `radius_mm` are those of its two ends, `foot` the unit normal of the face that it stands on, if it does.
     """
 
     start: Array

@@ -102,7 +102,7 @@ def flat_faces(mesh: Mesh) -> Ints:
 
 
 def duplicate_faces(mesh: Mesh) -> Ints:
-    """Faces whose three corners lie exactly where those of a face before lie, in whatever order.
+    """Faces whose three corners are exactly an earlier face's, in any order.
 
     A hash of each corner's coordinates, added up over the face, finds the candidates; they are
     then compared by their coordinates.

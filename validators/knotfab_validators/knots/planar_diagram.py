@@ -188,7 +188,7 @@ def faces(diagram: PlanarDiagram) -> dict[tuple[int, int], int]:
 
 
 class _Untangling:
-    """A diagram being simplified: crossings that are left, and what each arc has become."""
+    """A diagram being simplified: crossings that are left, and the new number of each arc."""
 
     def __init__(self, diagram: PlanarDiagram) -> None:
         self.quads = {i: list(quad) for i, quad in enumerate(diagram.crossings)}

@@ -59,7 +59,7 @@ def opinions(mesh: Mesh) -> Opinions:
 
 
 def self_intersections(mesh: Mesh, first_only: bool = False) -> Ints:
-    """Pairs (k, 2) of faces that meet elsewhere than in what they share, by exact predicates."""
+    """Pairs (k, 2) of faces that meet elsewhere than in shared corners and edges, by exact predicates."""
     from igl import predicates
 
     _, pairs, _ = predicates.find_self_intersections(

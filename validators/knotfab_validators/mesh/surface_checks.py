@@ -126,7 +126,7 @@ def _check_bodies(found: Surface, wanted: int | None, where: Array) -> Check:
 
 
 def _check_genus(found: Surface, wanted: Sequence[int] | None, where: Array) -> Check:
-    """Count how many bodies of each genus there are, in whatever order, against what is wanted."""
+    """Count the bodies of each genus, in whatever order, against the expected ones."""
     if wanted is None:
         several = ", ".join(str(g) for g in found.genus[:10])
         more = ", ..." if len(found.genus) > 10 else ""

@@ -73,12 +73,11 @@ class Probe:
     (gaps), up to the next face. It counts when the two faces are parallel within 30°: a box's edge
     is no thin wall and its inner corner no gap. The width is the ray's length.
 
-    Samples: a lattice of `spacing` on every face that is larger, one in the middle of each
-    smaller one, of which those that share a cube of that size and look the same way (of six) are
-    thinned to one. So a wall or gap is found if one side of it has a place, away from all that is
-    not it, as large as a cube's diagonal, 2.1 mm (more where 200,000 samples do not suffice);
-    a smaller one is found only by chance, and what meets as corner or edge against a face, or at
-    more than 30°, is not seen.
+    Samples: a lattice of `spacing` on every face that is larger, one in the middle of each smaller one, of
+    which those that share a cube of that size and look the same way (of six) are thinned to one. So a wall
+    or gap is found if one side of it has a place, away from all others, as large as a cube's diagonal, 2.1
+    mm (more where 200,000 samples do not suffice); a smaller one is found only by chance, and what meets as
+    corner or edge against a face, or at more than 30°, is not seen.
     """
 
     def __init__(self, mesh: Mesh, spacing: float = SAMPLE_MM) -> None:

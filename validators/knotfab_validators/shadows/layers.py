@@ -105,7 +105,7 @@ def layered_mask(mesh: Mesh, geometry: ViewGeometry, layer_mm: float) -> Mask:
 def _slice_lines(
     start: Array, end: Array, layer: Ints, geometry: ViewGeometry, layer_mm: float
 ) -> Linework:
-    """The boundaries of what of whole slices is met by rays, in the picture."""
+    """The boundaries of the parts of whole slices that rays meet, in the picture."""
     # the way to the face that is turned to the light
     half = np.where(geometry.light[2] > start[:, 2:], 0.5, -0.5) * [0.0, 0.0, layer_mm]
     number = layer - layer.min(initial=0)

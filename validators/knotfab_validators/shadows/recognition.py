@@ -509,7 +509,7 @@ class _Scale:
         return self._place(change.kind, change.where, change.width_px, length, what)
 
     def record_row(self, row: Row, inside: Sequence[Change]) -> dict[str, Any]:
-        """The report's record of what was lost of a row of text, or of windows, in its place."""
+        """The report's record of the losses of a row of text, or of windows, in its place."""
         left, top, right, bottom = row.box
         where = ((left + right) / 2, (top + bottom) / 2)
         counts = Counter[str](c.kind for c in inside)

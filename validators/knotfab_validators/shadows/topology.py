@@ -32,7 +32,7 @@ Box = tuple[int, int, int, int]
 """Left, top, right and bottom, in pixels, the last two exclusive."""
 
 COVERED = 1 / 3  # a piece or hole of which less is covered is lost
-MOST_STRAY = 4.0  # reaches: the width of what only the shadow has and nobody sees
+MOST_STRAY = 4.0  # reaches: the width of pieces that only the shadow has and nobody sees
 SLACK_PX = 2.0  # a place is as narrow as the narrowest within this
 SHORT = 6.0  # reaches: a longer place where two pieces all but touch is a slit
 SHARED = 1 / 4  # a share of the smaller of two regions, below which they merely touch

@@ -212,7 +212,7 @@ def _centroids(ring: Ints, points: Array, weight: Array, count: int) -> Array:
 
 
 def _mean_radii(far: Array, at: Ints, weight: Array, line: Array, wave: float) -> Array:
-    """The mean distance (n,) of what is next to each point of a line, smoothed."""
+    """The mean distance (n,) of the surface next to each point of a line, smoothed."""
     count = len(line)
     total = np.bincount(at, weight, count)
     radii = np.bincount(at, weight * far, count) / np.maximum(total, 1e-300)

@@ -154,7 +154,7 @@ def strand_gap(
 
 
 def _sort_faces(mesh: Mesh, curves: Curves, samples: Samples, radius: float) -> _Surface:
-    """The mesh's faces by edges; what no strand is near is left out."""
+    """The mesh's faces by edges; faces that no strand is near are left out."""
     from scipy.spatial import cKDTree
 
     start, end = curves.edges.start, curves.edges.end

@@ -100,7 +100,7 @@ def _allowed(radius: float) -> float:
 
 
 def _find_deepest(mesh: Mesh, member: Member, low: Array, high: Array) -> tuple[float, Array]:
-    """Measure how deep in a member a face lies, at most, as a multiple of what is allowed, and where (3,)."""
+    """Measure how deep in a member a face lies, at most, as a multiple of the limit, and where (3,)."""
     wide = max(member.radius_mm)
     a, b = np.minimum(member.start, member.end) - wide, np.maximum(member.start, member.end) + wide
     near = np.arange(len(low))
