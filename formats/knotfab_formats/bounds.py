@@ -1,4 +1,4 @@
-"""Every kind of number that a scene holds, with its bounds: what lies beyond is a slip, or no part at all.
+"""Every kind of number that a scene holds, with its bounds: a value beyond is a slip, or no part at all.
 
 A number is a number (whole ones too), never a text or a truth value that looks like one. The bounds are
 shown by docs/scene.schema.json.
@@ -98,7 +98,7 @@ def why_out_of_bounds(model: type[BaseModel], key: str, value: Any) -> str | Non
 
 @cache
 def _kind_of(model: type[BaseModel], key: str) -> tuple[Any, TypeAdapter[Any]]:
-    """The type of a key with its bounds, and what checks values of it."""
+    """The type of a key with its bounds, and the adapter that checks its values."""
     field = model.model_fields[key]
     # pydantic takes Strict, Ge, … off the field's own type, and leaves them in its branches
     kind: Any = Annotated[(field.annotation, *field.metadata, None)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 __all__ = ["InputError", "KnotfabError", "shown"]
 
-_MOST_SHOWN = 600  # characters of what a sentence is about
+_MOST_SHOWN = 600  # characters quoted of the subject of a sentence
 
 
 def shown(text: object) -> str:

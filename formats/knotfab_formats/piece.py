@@ -162,7 +162,7 @@ class Material(Table):
 
     @property
     def shrinks_to(self) -> float:
-        """The share of every length that is left of what is printed."""
+        """The share of every length that is left of the printed part."""
         return 1 - self.shrinkage_percent / 100
 
 

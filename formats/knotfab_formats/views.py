@@ -205,7 +205,7 @@ class View(Reading):
 
     @property
     def subject_picture(self) -> str:
-        """The file beside the scene that holds the mask of what was cut out."""
+        """The file beside the scene that holds the subject's mask."""
         return f"subject-{self.name}.png"
 
     @property

@@ -71,7 +71,7 @@ class MachineError(KnotfabError):
 
 @contextmanager
 def needs_extra(what: str, extra: str) -> Iterator[None]:
-    """Around imports of what only `knotfab[extra]` installs, for `what` a person asked for.
+    """Guard imports that only `knotfab[extra]` installs, for `what` a person asked for.
 
     Raises:
         MachineError: one of them is missing.

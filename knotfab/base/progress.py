@@ -74,7 +74,7 @@ class Progress:
 
     Args:
         events: where a line of JSON goes for each thing that happens (docs/studio.md lists them).
-        began: `time.perf_counter()` at the beginning of what `total` counts; now by default.
+        began: `time.perf_counter()` at the beginning of the time that `total` counts; now by default.
         draw: draws the knots below the bar, where a terminal has room for them; None: nothing does.
         heard: called with each event, from whichever thread it comes about in, one at a time. What it raises
             ends the build as any error does: the event after the one that failed raises it again.

@@ -152,7 +152,7 @@ def _is_there(folder: Path, record: Record) -> bool:
 
 
 def _keep_records(folder: Path, tasks: Sequence[Task]) -> dict[str, Record]:
-    """The records of an earlier batch that still hold: same key, and what was built is there."""
+    """The records of an earlier batch that still hold: same key, and its result is there."""
     earlier = _read_records(folder)
     kept = {}
     for task in tasks:
@@ -166,7 +166,7 @@ def _keep_records(folder: Path, tasks: Sequence[Task]) -> dict[str, Record]:
 
 
 def _write(folder: Path, tasks: Sequence[Task], records: dict[str, Record]) -> float:
-    """batch.json and index.html of what is done, in the order of the tasks; when that was.
+    """batch.json and index.html of the builds that are done, in the order of the tasks; when that was.
 
     What other batches have built into the folder, or build there now, stays in them.
 

@@ -61,8 +61,8 @@ def find_marks(grey: Array) -> Array | None:
 
 
 def _rings(dark: Mask) -> list[_Found]:
-    """The marks among the pieces of what is dark."""
-    # grains of noise would join what is apart, and make holes of their own
+    """The marks among the dark pieces."""
+    # grains of noise would join separate pieces, and make holes of their own
     labels, _ = ndimage.label(ndimage.median_filter(dark, 3))
     found = []
     for number, place in enumerate(ndimage.find_objects(labels), start=1):

@@ -39,7 +39,7 @@ def uncovered(
     winner: Indices,
     pull: Array,
 ) -> float:
-    """The squares of what the pictures cover and the shadow of the hull of the others does not, summed.
+    """The sum of squares of the pictures' parts that the shadow of the others' hull does not cover.
 
     The hull's shadow on a ray is the most, along it, of the least that the others cover there.
 

@@ -335,7 +335,7 @@ def refine_settings(question: Question, settings: SearchSettings, radius: float)
         front = _FRONT * light
         if len(question.views) == 1:
             front = 0.5 * (problem.depth_mm or 0.0) + radius
-        # the shadow is largest of what is nearest to the light
+        # the shadow is largest for the part nearest to the light
         largest = (light + view.wall_distance_mm) / max(light - front, 0.1 * light)
         allowed.append(limit_px * view.pixel_mm / largest)
     return fine_enough(settings, radius, problem.limits(radius).bend_radius, min(allowed))

@@ -174,7 +174,7 @@ def _overhang_deg(scene: Scene) -> float | None:
 
 
 def _likeness(targets: Sequence[Target]) -> float:
-    """IoU of what is drawn and what its shadow is judged by, of the picture where it is least."""
+    """IoU of the drawn silhouette and the one that its shadow is judged by, the least of all pictures."""
     return min(float((t.mask & t.judged).sum() / (t.mask | t.judged).sum()) for t in targets)
 
 

@@ -11,7 +11,7 @@ from knotfab_formats.search import SearchSettings
 
 __all__ = ["GRACE", "suit"]
 
-# times the preset's grace, and of what, where more is asked for than by filled areas of one picture
+# factors of the preset's grace, and what it counts, beside filled areas of one picture
 GRACE = {
     "lines": (4.0, "curves"),  # a line shows every wave of its tube
     "wire": (10.0, "bends"),  # every one is to be made by hand

@@ -40,7 +40,7 @@ def flatten_targets(
 
 
 def _flatten(view: ResolvedView, target: Target) -> Target:
-    # half of what a refusal of a missing picture would load
+    # half of the libraries that a refusal of a missing picture would load
     from scipy.ndimage import map_coordinates
 
     wall = CurvedWall.of(view)

@@ -124,7 +124,7 @@ class OutputFolder:
         self._move(steps)
 
     def reject(self) -> None:
-        """Move the new files to DIR/rejected, in place of what an earlier build left there."""
+        """Move the new files to DIR/rejected, in place of an earlier build's."""
         self._move(lambda _: [("new", REJECTED)])
 
     def _move(self, steps: Callable[[Sequence[str]], list[Step]]) -> None:

@@ -127,7 +127,7 @@ def _tools() -> dict[str, _Tool]:
 
 def make_server() -> Server[Any]:
     """The server with its tools; what they may read and write is up to `confined`."""
-    tools, builds = _tools(), anyio.CapacityLimiter(1)  # each build takes what cores there are
+    tools, builds = _tools(), anyio.CapacityLimiter(1)  # each build takes all cores
 
     async def list_tools(ctx: Any, params: Any) -> ListToolsResult:
         return ListToolsResult(

@@ -62,7 +62,7 @@ def brace(
 
     Args:
         obstacles, shadows: hold the given members already; more are added.
-        visible: (n,) which candidates may darken pixels; those are asked for what they cost.
+        visible: (n,) which candidates may darken pixels; only these have their cost computed.
         given: hold every knot already; they stay, and where `settled` they are not thickened either.
     """
     dear = DEAR_SHARE * shadows.pixels
@@ -137,7 +137,7 @@ def brace(
 
 
 class _Search:
-    """The candidates that are still open, by what is known of them."""
+    """The candidates that are still open, by the results so far."""
 
     def __init__(self, candidates: Candidates, obstacles: Obstacles, apart_mm: float) -> None:
         self.candidates, self.obstacles, self.apart = candidates, obstacles, apart_mm

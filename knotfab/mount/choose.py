@@ -205,7 +205,7 @@ class _Model:
         return spring, spring @ frame.displacements()[0]
 
     def hold(self, peg: int) -> None:
-        """Keep a peg for all that is asked by `sag_with`."""
+        """Hold a peg for all later calls of `sag_with`."""
         rows = slice(6 * peg, 6 * peg + 6)
         exerted = self._exert(peg)
         among, moves = self._among[rows].copy(), self._moves[rows].copy()

@@ -80,7 +80,7 @@ def plan_coupon(mounted: Mounted, suffix: str = "") -> Coupon | None:
     Args:
         suffix: suffix of the piece's files, such as "-01" of a frame, which has no coupon.
 
-    The pin is as thick as what goes into a hole: a dowel or the root of a peg, or a stand's thickest
+    The pin is as thick as a dowel or peg in its hole: a dowel or the root of a peg, or a stand's thickest
     member; the strip is as thick as the plate or the stand's base. The peg is the mount's thinnest.
     """
     asked = mounted.scene.mount

@@ -218,7 +218,7 @@ def _around(ring: Eyelet) -> Candidates:
 
 
 def _outline(ring: Eyelet) -> Candidates:
-    """Bars along the ring, for what it darkens."""
+    """Bars along the ring, for its shadow."""
     across = np.cross(UP, ring.through)
     turn = np.linspace(0.0, 2 * np.pi, 9)[:, None]
     at = ring.middle + ring.ring_mm * (np.cos(turn) * UP + np.sin(turn) * across)

@@ -31,7 +31,7 @@ __all__ = [
 
 
 INK, PIECE, LIGHT, FAINT = "black", "#8a8478", "#e0a400", "0.6"
-WORDS = "words"  # the name, in an SVG, of what is not part of a drawing but told with it
+WORDS = "words"  # the name, in an SVG, of parts beside the drawing that are told with it
 
 
 def fill(axes: Axes, polygons: Sequence[Array], color: str, above: float | None = None) -> None:

@@ -92,7 +92,7 @@ class Peg:
 
     @property
     def dowel_radius_mm(self) -> float:
-        """The radius of what goes into the wall."""
+        """The radius of the body that goes into the wall."""
         return 0.5 * (self.drill_mm - PLAY_MM)
 
 

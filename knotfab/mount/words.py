@@ -26,7 +26,7 @@ TURN_WAYS = {"up": "left or right", "right": "forward or back", "axis": "like a 
 
 
 def _opposite(place: Placement) -> str:
-    """The point of the wall that is square opposite the lamp, in words."""
+    """Words for the point of the wall that lies square opposite the lamp."""
     parts = []
     for value, (more, less) in (
         (place.up_mm, ("above", "below")),

@@ -44,7 +44,7 @@ def guess_print(
     pieces: int = 1,
     template: Template | None = None,
 ) -> Guess:
-    """Guess by what builds came to.
+    """Guess by the results of builds.
 
     A tube that fills an area A with strands side by side is A / 2r long; through the depth it is longer.
     What fills one of several pictures is hidden in the others, so that their areas add up.

@@ -3,7 +3,7 @@
 A search takes minutes to find that it cannot draw noise, and so did openings of thousands of polygons. What
 a tube of one radius could draw is a union of discs. A few of those that come nearest to the picture are
 drawn, and what each of them loses is counted by labelling. It is an estimate: only where all of them
-are far from what the verdict asks of a shadow (docs/verdict.md) is it a refusal.
+are far from the verdict's demands (docs/verdict.md) is it a refusal.
 """
 
 from __future__ import annotations

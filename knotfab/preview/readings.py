@@ -1,4 +1,4 @@
-"""Ways to read one picture as a silhouette, each tried, of which a person picks one."""
+"""Ways to read one picture as a silhouette, each tried; a person picks one."""
 
 from __future__ import annotations
 

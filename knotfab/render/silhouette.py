@@ -1,7 +1,7 @@
 """The soft silhouette of capsules and its squared error, by compiled loops, with gradients in closed form.
 
-`render.tensors` has the same for tensors, on any device; the torch form (`render.tiled`) is what this one is
-held against.
+`torch_forms.tensors` has the same for tensors, on any device; tests hold it against the torch form
+(`torch_forms.tiled`).
 """
 
 from __future__ import annotations

@@ -110,7 +110,7 @@ def add_contrast(views: Sequence[Record], made: Design) -> None:
 
 
 def judge_made(made: Design, scene: Scene, moves: Array | None, upwards: Array | None) -> None:
-    """Judge the effects anew, by what is known once the piece is mounted and lies on the printer's bed.
+    """Judge the effects anew, once the piece is mounted and lies on the printer's bed.
 
     What is judged is the mesh that was written, whose mitres and corners stand out of the round tube.
 

@@ -34,7 +34,7 @@ def assemble(
     colours: Record | None = None,
     notes: Sequence[str] = (),
 ) -> dict[str, Any]:
-    """The report as plain data: finite numbers, None for what could not be measured.
+    """The report as plain data: finite numbers, None for a figure that could not be measured.
 
     `status` follows from the checks, `verdict` from the views; `limits` stand among the effects as well;
     `total` of the timings is their sum unless it is given. `notes` are sentences that a reader must

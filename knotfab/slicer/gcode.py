@@ -39,7 +39,7 @@ class BadGcode(ValueError):
 
 @dataclass(frozen=True)
 class Gcode:
-    """One sliced part. Lines are the axes of what is laid down, in coordinates of the bed, mm."""
+    """One sliced part. Lines are the axes of the printed lines, in coordinates of the bed, mm."""
 
     program: str
     version: str

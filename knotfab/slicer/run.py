@@ -31,7 +31,7 @@ __all__ = ["TIMEOUT_S", "SlicerQueue", "slice_part"]
 TIMEOUT_S = 300.0
 # SIGHUP, SIGINT, SIGKILL, SIGTERM, SIGXCPU, SIGXFSZ: what says nothing of the part
 _FROM_OUTSIDE = (1, 2, 9, 15, 24, 25)
-MOST_QUOTED = 400  # characters of what it said
+MOST_QUOTED = 400  # characters quoted of its output
 
 
 class SlicerQueue:

@@ -19,7 +19,7 @@ from knotfab_formats.search import SearchSettings
 __all__ = ["start_at_circles"]
 
 
-_CIRCLE = 0.35  # radius of a circle over the shorter side of what it is to draw
+_CIRCLE = 0.35  # radius of a circle over the shorter side of its picture
 _WAVES, _OUTLINE, _FITS = 4, 300, 30  # waves, outline samples and fits of a circle bent in depth
 
 

@@ -174,9 +174,9 @@ class _Judge:
     ) -> float:
         """The extent, mm, from `least_mm` to its own, at which a profile is best.
 
-        Shadows part by how far apart strands are in depth: a profile's shape has little say in what careless
-        placing costs, its extent all. An IoU that is lost counts as one that is read from aside; with it
-        weighs what else depends on the extent, supports in print too.
+        Shadows part by how far apart strands are in depth: the cost of careless placing depends on a
+        profile's extent, and little on its shape. An IoU that is lost counts as one that is read from
+        aside; with it weighs what else depends on the extent, supports in print too.
         """
         most, found = self.extent_mm, []
         extents = np.linspace(max(least_mm / most, 1 / _EXTENTS), 1.0, _EXTENTS) * most
@@ -218,7 +218,7 @@ class _Judge:
         return found
 
     def cost(self, parts: list[Array], at_most: float, supported: bool = True) -> float:
-        """The sum of all that is judged, with supports or without; part of it where that exceeds `at_most`.
+        """The sum of all judgements, with supports or without; part of it where that exceeds `at_most`.
 
         Supports take as long as all else: they are worked out only where what is judged sooner leaves
         room for `_SURELY` of the least so far.

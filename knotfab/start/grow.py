@@ -6,7 +6,7 @@ Carvalho and Caracciolo 1983). No strand meets the inside of the square, for str
 the nodes that are entered lie on no curve. So a curve stays an unknot, and curves that began as disjoint
 squares stay an unlink, whatever the hull's holes and branches are.
 
-First the curves reach for what is open, by the shortest ways; then they are annealed (Kirkpatrick, Gelatt
+First the curves reach for open places, by the shortest ways; then they are annealed (Kirkpatrick, Gelatt
 and Vecchi 1983), which takes back whatever draws less than its length and its corners cost.
 """
 

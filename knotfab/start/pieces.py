@@ -108,7 +108,7 @@ def join_pieces(
 def seed_curves(
     lattice: Lattice, worth: Array, knots: int | None, knot: Indices | None = None
 ) -> list[Indices]:
-    """The nodes of what each curve grows from, none of which shares a node with another.
+    """The nodes that each curve grows from; no two curves share one.
 
     All are unit squares (4,), but for the first where a `knot` (n, 3) of the lattice is asked for.
 

@@ -128,7 +128,7 @@ def _fill_faces(plane: _Plane, wide: list[bool]) -> list[bool]:
 
 
 def _is_wide(line: LineString, edge: BaseGeometry, radius: float) -> bool:
-    """Tell whether most of a stroke is wider than one tube draws it; `edge`: of what is to be drawn."""
+    """Tell whether most of a stroke is wider than one tube draws it; `edge`: of the drawing."""
     at = shapely.line_interpolate_point(line, np.linspace(0.1, 0.9, 9), normalized=True)
     return bool(np.median(shapely.distance(at, edge)) > _WIDE * radius)
 

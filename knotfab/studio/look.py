@@ -32,7 +32,7 @@ _SHOWN_PX = 1024
 
 
 def preview(sources: Sequence[str], options: BuildOptions) -> tuple[dict[str, Any], list[bytes]]:
-    """The figures, and the pictures of what tubes lose, each with its caption.
+    """The figures, and the pictures of tubes' losses, each with its caption.
 
     Raises:
         KnotfabError: the pictures cannot be read, or do not go with the options.
@@ -52,7 +52,7 @@ def preview(sources: Sequence[str], options: BuildOptions) -> tuple[dict[str, An
 def list_ways(
     sources: Sequence[str], options: BuildOptions, values: Mapping[str, Value]
 ) -> tuple[list[dict[str, Any]], list[bytes]]:
-    """Up to six ways to read a picture, as what the fields would hold, and a thumbnail of each.
+    """Up to six ways to read a picture, as the fields' contents, and a thumbnail of each.
 
     Raises:
         KnotfabError: it cannot be read in any.

@@ -67,7 +67,7 @@ class Studio(Broadcast):
         self._ways: tuple[Any, list[dict[str, Any]], list[bytes]] = (None, [], [])  # to read what
 
     async def open(self) -> None:
-        """Find again what was left, and prepare a process for the first build."""
+        """Read the state that was left, and prepare a process for the first build."""
         self._remember()
         if self.chosen:
             self.renew()
@@ -223,7 +223,7 @@ class Studio(Broadcast):
         self.tell_state()
 
     async def _look(self, number: int) -> None:
-        """The preview of what is chosen; of several in a row only the last is made."""
+        """The preview of the chosen pictures; of several in a row only the last is made."""
         await asyncio.sleep(0.15)
         if number != self._previews:
             return
@@ -400,7 +400,7 @@ class Studio(Broadcast):
             write_whole(self.folder / _MEMORY, memory.model_dump_json(indent=1).encode())
 
     def _remember(self) -> None:
-        """Find again what `keep` wrote, as far as it is still there."""
+        """Read the state that `keep` wrote, as far as it is still there."""
         try:
             memory = _Memory.model_validate_json((self.folder / _MEMORY).read_bytes())
         except (OSError, ValueError):

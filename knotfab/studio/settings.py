@@ -12,7 +12,7 @@ from knotfab.studio.fields import DEFAULTS, FIELDS, READING, Value, read_field
 
 __all__ = ["Settings"]
 
-_LONGEST_SHOWN = 60  # characters of what a wrong field holds
+_LONGEST_SHOWN = 60  # characters quoted of a wrong field
 
 
 class Settings:

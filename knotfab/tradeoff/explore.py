@@ -68,7 +68,7 @@ def explore(
     middle: SearchSettings,
     combinations: int,
 ) -> Explored | None:
-    """Measure points, combinations of what is good in them, and ever fewer of both on ever more pictures.
+    """Measure points, combinations of their good values, and ever fewer of both on ever more pictures.
 
     Returns:
         None where there was no time to measure the middle once.

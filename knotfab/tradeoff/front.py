@@ -33,7 +33,7 @@ _DEAR = log(4.0)  # more of the middle's seconds is only worth while for less er
 
 @dataclass(frozen=True)
 class Measured:
-    """A point's runs on the first so many pictures, one each; means of what they came to.
+    """A point's runs on the first so many pictures, one each; means of their figures.
 
     `clock`: what seconds are, "cpu" or "wall".
     """

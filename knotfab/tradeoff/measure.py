@@ -228,7 +228,7 @@ def _shrink(seen: Mask, wanted: Mask) -> str:
 
 
 def warm_up(study: Study, settings: SearchSettings) -> None:
-    """A few iterations, so that no point pays for what a process loads and compiles once."""
+    """A few iterations, so that no point pays for a process's loading and compiling."""
     few: dict[str, Any] = {"coarse_iterations": 2, "fine_iterations": 2, "settle_iterations": 2}
     few |= {"method": "flow", "depth_candidates": 2, "radius_candidates": 2}
     run_point(study, settings.model_copy(update=few))

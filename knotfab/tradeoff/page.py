@@ -39,7 +39,7 @@ class _Told(Protocol):
 
 
 class _Axis:
-    """A logarithmic axis from what it has to show to pixels of the drawing."""
+    """A logarithmic axis from its values to pixels of the drawing."""
 
     def __init__(self, values: Sequence[float], first: float, last: float) -> None:
         low, high = log10(min(values)), log10(max(values))

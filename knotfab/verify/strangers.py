@@ -124,7 +124,7 @@ def _read_ply(content: bytes) -> NDArray[np.float64]:
             raise _refuse("it is cut off, or goes on after what its header promises")
         content = b"\n".join([head + b"end_header", *lines, b""])
     with warnings.catch_warnings(action="ignore"):
-        warnings.simplefilter("error", DeprecationWarning)  # old numpy's word for what is no number
+        warnings.simplefilter("error", DeprecationWarning)  # old numpy's word for NaN
         try:
             mesh: Any = trimesh.load_mesh(
                 io.BytesIO(content), file_type="ply", process=False, skip_materials=True

@@ -88,7 +88,7 @@ class _Validators:
 
 @dataclass(frozen=True)
 class Files:
-    """The written files of one piece, None for what there is not.
+    """The written files of one piece, None for a missing one.
 
     `pictures_dir` is where its shadows are drawn, `failures` the PNG that marks what failed.
     """
