@@ -27,7 +27,7 @@ from PIL import Image, ImageOps
 from benchmarks.measurement import Stopwatch, run_study, save_pictures
 from examples.pictures import pictures
 
-# what a build writes that holds no times and no commands
+# files of a build without times and commands
 SAME = ("part.stl", "part.3mf", "knots.json", "scene.toml", "slicer.ini")
 FEW = 2  # pictures of the batch of one job
 

@@ -47,7 +47,7 @@ _RIM = 60  # points along the edge of a lamp; of an array fewer a LED
 _WORST = 6  # strand points of a scene that are looked at all round
 ROUND_WALLS = (400.0, -150.0)  # mm: hollow, and a column
 _DECIDED = 60  # times
-_ROUNDING = 1e-9  # of what is exact
+_ROUNDING = 1e-9  # the error of exact bounds
 _ROUND = 60  # points of the tube's surface about each
 
 
@@ -328,7 +328,7 @@ def _has_mitsuba() -> bool:
         return False
     try:
         mi.set_variant("llvm_ad_rgb")
-    except Exception as error:  # of drjit's own kind, where there is no LLVM that it can use
+    except Exception as error:  # drjit raises its own kind where there is no LLVM that it can use
         print(f"soft shadows: skipped, for Mitsuba has no LLVM here ({error})")
         return False
     return True

@@ -89,7 +89,7 @@ class Row:
     """A feature: keys of the scene, options of the call, and how it shows in what was written."""
 
     name: str
-    page: str  # of docs/, where the feature is described
+    page: str  # the page of docs/ where the feature is described
     shows: Callable[[Found], bool]
     scene: str = ""
     options: tuple[tuple[str, Any], ...] = ()

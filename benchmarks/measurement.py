@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from knotfab_formats.scene import Scene
 
 STOPPED = 124  # the exit code of a build that was stopped, as `timeout` has it
-_POLL_S = 0.2  # of the memory, whose count takes milliseconds itself
+_POLL_S = 0.2  # seconds between looks at the memory, whose count takes milliseconds itself
 
 
 class Stopwatch:
@@ -109,9 +109,10 @@ class Built:
 
     code: int  # exit code; STOPPED where the limit was up
     wall_s: float
-    cpu_s: float  # of the build and its children
+    cpu_s: float  # the build's and its children's
     peak_mb: float  # resident memory, all its processes together, what they share once
-    report: dict[str, Any] | None  # of the folder or of its `rejected`; none was written where None
+    # report.json of the folder or of its `rejected`; None where none was written
+    report: dict[str, Any] | None
     said: str  # on stderr, or else on stdout
 
     @property

@@ -25,7 +25,7 @@ def row_of(report: dict[str, Any]) -> dict[str, float]:
     views, mount = report["views"], report["print"]["mount"]
     members = mount.get("struts", 0) + mount["pegs" if mount["kind"] == "wall" else "posts"]
     row = {
-        # of the view that fares worst
+        # the view that fares worst
         "iou_tube": min(view["iou_tube"] for view in views),
         # in the frame: below it a stand may show
         "drop": max(view["iou_tube"] - view["iou_frame"] for view in views),

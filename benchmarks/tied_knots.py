@@ -19,7 +19,7 @@ from knotfab_formats.scene import Accuracy, Piece, Scene
 from knotfab_formats.search import PRESETS
 
 KNOTS = ("3_1", "left 3_1", "4_1", "5_1", "5_2", "6_1", "6_2", "6_3", "7_1", "7_4", "8_18", "8_19")
-MOST_DROP = 0.005  # of the IoU
+MOST_DROP = 0.005  # the largest drop of the IoU
 HEADER = (
     f"{'knot':10} {'verified':28} {'check':6} {'IoU':>7} {'drop':>8} {'length':>8} {'CPU s':>6}"
 )
@@ -31,10 +31,10 @@ class Row:
 
     knot: str
     measured: str
-    status: str  # of the check knot_type
+    status: str  # the status of the check knot_type
     iou: float
     length_mm: float
-    cpu_s: float  # of this process: the validators run in another
+    cpu_s: float  # this process's: the validators run in another
     exit_code: int
     radius_mm: float
 

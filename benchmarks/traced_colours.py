@@ -35,9 +35,8 @@ from tests.corpus.files import encode
 from tests.corpus.parts import Body
 
 VARIANT = "scalar_rgb"  # this variant of Mitsuba needs no LLVM
-BEFORE_MM = (
-    0.5  # so near before the screen the camera looks at it: matter nearer than that is not seen
-)
+# so near before the screen the camera looks at it: matter nearer than that is not seen
+BEFORE_MM = 0.5
 RADIANCE = 1e3
 BOUNCES = 6  # light is followed so often at most, where the part throws any back
 FINER = 4  # pixels of a shadow to each one of the picture, each way

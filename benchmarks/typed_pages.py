@@ -32,7 +32,7 @@ PAGES = ("README.md", "docs/tutorial.md")
 PROMISE = re.compile(r"^ +(.+), ([\d.]+) h, (\d+) g, (\d+)% of it supports: open (\S+)$", re.M)
 WITHIN = 0.1  # share by which printed hours and grams may differ
 _PX_PER_MM = 4.0
-# what would never end, or only after many minutes: a page that waits for a browser, a measurement
+# commands that never end, or only after many minutes: a page that waits for a browser, a measurement
 _MORE = {"studio": ("--no-open",), "tradeoff": ("--time-limit", "1min", "--accuracy", "sketch")}
 _STUDIO_S = 15.0
 

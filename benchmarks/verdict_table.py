@@ -22,7 +22,7 @@ from knotfab_validators.shadows.recognition import UNKNOWN, worst_verdict
 REFUSED = "refused"
 GOOD = ("faithful", "good")
 OWN = "own"
-CAMERA_PX = 4.0  # of the shadow's 1024: 0.7 mm of 180, less than the default lamp's penumbra
+CAMERA_PX = 4.0  # px of the shadow's 1024: 0.7 mm of 180, less than the default lamp's penumbra
 
 
 def verify(folder: Path) -> Mapping[str, Any] | None:

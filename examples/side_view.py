@@ -14,7 +14,7 @@ _APART = 0.12  # tube radii between spheres
 _LIGHT = np.array([-0.42, 0.55, 0.72])  # from above to the left, in the viewer's axes
 _COLOR = np.array([206.0, 124.0, 82.0])
 _PAPER = 255.0
-_HAZE = 0.45  # of the paper's colour on what is furthest away
+_HAZE = 0.45  # the share of the paper's colour on the furthest parts
 
 
 def beside(left: Image.Image, right: Image.Image) -> Image.Image:

@@ -47,7 +47,7 @@ SCALED = {
 # In view and away from the eye: out of the frame nothing is penalised, and coming nearer would make up
 # for every limit.
 VIEW = box((-1.25, -1.25, 2.4), (1.25, 1.25, 3.6))
-CUBE = box((-1.25, -1.25, 1.75), (1.25, 1.25, 4.25))  # of three views
+CUBE = box((-1.25, -1.25, 1.75), (1.25, 1.25, 4.25))  # the region of three views
 SMALL = (-0.8, -0.8, 2.5), (0.8, 0.8, 3.5)  # the region of the occupancy ablation
 
 

@@ -14,7 +14,7 @@ from torch import Tensor
 
 Region = Callable[[Tensor], Tensor]  # points [..., 3] -> signed distance [...], positive inside
 
-_LEAST = 1e-2  # of the radius: no distance of the Moebius loss counts as smaller
+_LEAST = 1e-2  # a share of the radius: no distance of the Moebius loss counts as smaller
 
 
 def _norm(v: Tensor) -> Tensor:
@@ -64,7 +64,7 @@ def mobius_loss(
     little, and a polygon knows none between its corners.
     """
     u, v = pairs
-    # of a way that is hardly longer than the distance nothing is left in single precision
+    # single precision leaves nothing of a way that is hardly longer than the distance
     kind, knots = knots.dtype, knots.double()
     n = knots.shape[1]
     lengths = _norm(_edges(knots))

@@ -27,7 +27,7 @@ HEAD = """# The prime knots of up to 8 crossings, each the mirror image that is 
 
 [knots]
 """
-SPACING = 0.8  # of the points that are written, in tube radii
+SPACING = 0.8  # tube radii between the points that are written
 
 
 def row(name: str) -> list[list[float]]:

@@ -46,10 +46,10 @@ class PaperResult:
     """What a search found, in the paper's unit and world."""
 
     knots: tuple[NDArray[np.float64], ...]  # (samples, 3) each, at even places of the template
-    network: nn.Module  # of points about `template_middle`
+    network: nn.Module  # maps points about `template_middle`
     losses: tuple[dict[str, float], ...]  # each iteration: weighted terms by name, and "total"
     ious: tuple[tuple[float, ...], ...]  # each iteration: of each view
-    final_ious: tuple[float, ...]  # of the knots, at each view's own pixels
+    final_ious: tuple[float, ...]  # the knots' IoU at each view's own pixels
     seconds: float
     cpu_seconds: float
 

@@ -24,8 +24,8 @@ from knotfab.torch_forms.forms import TorchForms
 from knotfab.tradeoff.measure import find_shadows
 from knotfab_formats.search import PRESETS, SearchSettings
 
-RADIUS = 0.025  # of the frame's width, as in the paper
-SCALES = (0.25, 0.5, 1.0, 2.0)  # of the iterations
+RADIUS = 0.025  # a share of the frame's width, as in the paper
+SCALES = (0.25, 0.5, 1.0, 2.0)  # factors of the iterations
 WAYS: dict[str, dict[str, str | int]] = {
     "inn, circle": {"method": "inn", "network_start": "circle", "network_iterations": 600},
     "inn, filling": {"method": "inn", "network_iterations": 300},

@@ -31,7 +31,7 @@ class PaperSettings(BaseModel):
     sharpest: float | None = Field(None, ge=0)  # B0, squared curvature; none: no limit
     depth: int = Field(8, ge=1)  # affine coupling layers
     width: int = Field(1024, ge=1)  # hidden units of S and of T
-    learning_rate: float = Field(1e-5, gt=0)  # of Adam
+    learning_rate: float = Field(1e-5, gt=0)  # Adam's
     iterations: int = Field(25_000, ge=1)
     resample_every: int = Field(1, ge=1)  # iterations that share a random ring and its winners
     template_middle: tuple[float, float, float] = (0.0, 0.0, 3.0)  # where the network's origin lies

@@ -16,7 +16,8 @@ from knotfab.torch_forms.capsule import capsule_distance, ray_miss
 
 _LAYERS = 3  # strands seen through each other's soft edges; what lies deeper is not seen
 _CHUNK = 1 << 18  # (pixel, capsule) pairs evaluated at once
-_GRAZING = 0.01  # of the squared radius: the surface's slope grows without bound towards its limb
+# a share of the squared radius: the surface's slope grows without bound towards its limb
+_GRAZING = 0.01
 _CUTOFF = 6.0  # tau * s below minus this is empty: sigmoid(-6) = 0.25 %
 
 
@@ -224,7 +225,8 @@ def render_shaded(
     lamp = frame.local(torch.tensor(shading.lamp_mm, dtype=a.dtype, device=a.device))
     size = frame.width * frame.height
     image = torch.zeros(size, dtype=a.dtype, device=a.device)
-    clear = torch.ones(size, dtype=a.dtype, device=a.device)  # what the layers so far let through
+    # the light that the layers so far let through
+    clear = torch.ones(size, dtype=a.dtype, device=a.device)
     for pixel, surface, edge in seen.layers:
         qx = ((pixel % frame.width).to(a.dtype) + frame.u0) * frame.step
         qy = ((pixel // frame.width).to(a.dtype) + frame.v0) * frame.step

@@ -10,7 +10,7 @@ import pytest
 
 from knotfab.verify import verifier
 
-# what is compiled once is kept: workers and the many children would compile all sources anew
+# compiled code is kept: workers and the many children would compile all sources anew
 sys.dont_write_bytecode = False
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 

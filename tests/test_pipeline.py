@@ -213,8 +213,9 @@ def test_the_scene_is_resolved(good: Good) -> None:
     scene = tomllib.loads(text)
     assert scene["views"][0]["ink"] == "auto"  # a rule, which the copied picture is read by again
     assert set(scene["effects"].values()) == {"auto"}  # so are these
-    assert scene["piece"]["bend"] == "auto"  # of several pictures, whose bending is in their views
-    assert scene["lamps"]["places"] == "auto"  # of lamps that share a wall, which one view has not
+    assert scene["piece"]["bend"] == "auto"  # several pictures have their bending in their views
+    # lamps that share a wall have places, and one view has not
+    assert scene["lamps"]["places"] == "auto"
     assert text.count('"auto"') == 3 + len(scene["effects"])
     assert scene["piece"]["tube_radius_mm"] == RADIUS and scene["piece"]["knots"] == 1
     assert scene["piece"]["depth"] > 50
@@ -550,7 +551,7 @@ def test_an_impossible_limit_is_rejected_whole_with_the_place(tmp_path: Path) ->
     [limits] = [c for c in report["checks"] if c["name"] == "limits"]
     assert limits["status"] == "fail"
     assert "below 60.000 mm at (" in limits["detail"]
-    # what is written is the best that keeps the limit; it is no heart, and the report says why
+    # the written piece is the best that keeps the limit; it is no heart, and the report says why
     assert {c["name"] for c in report["checks"] if c["status"] == "fail"} == {
         *("limits", "shadow", "half_light", "recognisable")
     }

@@ -36,7 +36,7 @@ def test_one_picture_becomes_a_view_for_each_lamp(tmp_path: Path) -> None:
         (120.0, "dark", 3.0)
     }
     assert made.parted is not None and made.targets[0].colours_png == made.parted.png
-    # what is written holds for a build from it: the masks as pictures, and nothing is moved
+    # the written scene holds for a build from it: the masks as pictures, and nothing is moved
     files = [tmp_path / f"picture-{v.name}.png" for v in made.scene.views]
     for file, target in zip(files, made.targets, strict=True):
         file.write_bytes(target.png_bytes)

@@ -136,9 +136,8 @@ def test_what_pegs_do_not_hold_is_searched_nearer_to_its_wall(
     assert said.unheld == MESSAGE and said.wall_mm == (100.0, again.views[0].wall_distance_mm)
     assert said.from_mm == pytest.approx(90.0) and said.to_mm <= said.from_mm
     assert again.piece.depth == pytest.approx(said.to_mm, abs=0.1)
-    assert (
-        again.piece.tube_radius_mm == "auto"
-    )  # the piece is larger there: its tube is chosen anew
+    # the piece is larger there: its tube is chosen anew
+    assert again.piece.tube_radius_mm == "auto"
 
 
 def test_it_is_searched_no_oftener_than_that(
@@ -153,10 +152,10 @@ def test_it_is_searched_no_oftener_than_that(
     ("how", "kept"),
     [
         ({"unmade": (1,)}, 0),  # the first search anew finds nothing
-        ({"unbuilt": (1,)}, 0),  # what it finds does not fit the printer
+        ({"unbuilt": (1,)}, 0),  # the flatter piece does not fit the printer
         ({"sags": (0.5, 0.9, 0.9)}, 0),
         ({"sags": (0.9, 0.5, 0.5)}, -1),
-        ({"sags": (0.1, 0.2, 0.2)}, -1),  # what holds is not made as if it did not
+        ({"sags": (0.1, 0.2, 0.2)}, -1),  # a piece that holds is not made as if it did not
         ({"unbuilt": (0,), "sags": (0.0, 0.9, 0.9)}, None),
     ],
     ids=["unmade", "unbuilt", "sags more", "sags less", "holds", "none"],
@@ -165,7 +164,7 @@ def test_the_first_design_is_kept_until_a_better_one_is_known(
     how: dict[str, Any], kept: int | None, target: Target, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     maker = Maker(target, 0.0, **how)
-    if kept is None:  # what has no part for another reason is not searched again
+    if kept is None:  # a piece without a part for another reason is not searched again
         with pytest.raises(SceneError, match="number 0"):
             settle(maker, "", monkeypatch)
         assert len(maker.asked) == 1
@@ -183,13 +182,13 @@ def test_less_depth_for_supports_is_taken_where_it_is_found(
     unmade: tuple[int, ...], kept_mm: float, target: Target, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     maker = Maker(target, 100.0, unmade=unmade)
-    asks = {0: 45.0}  # of the first design alone
+    asks = {0: 45.0}  # the supports of the first design alone
     monkeypatch.setattr(settling, "_propose_depth", lambda made, _: asks.get(made.number))
     made, said = settle(maker, "", monkeypatch)
     assert [scene.piece.depth for scene in maker.asked] == ["auto", 45.0]
     assert (said.from_mm, said.to_mm) == pytest.approx((90.0, kept_mm))
     assert said.proposed_mm == asks.get(made.number) and not said.unheld
-    assert maker.thoroughly == [False] * (2 - len(unmade))  # what holds is not made twice
+    assert maker.thoroughly == [False] * (2 - len(unmade))  # a piece that holds is not made twice
     assert {scene.views[0].wall_distance_mm for scene in maker.asked} == {100.0}
 
 

@@ -10,7 +10,7 @@ import pytest
 from command import picture, square
 
 HEAVY = ("torch", "vtk", "vtkmodules", "pyvista", "scipy", "matplotlib", "cadquery", "OCP")
-# what may be loaded from a call on that reads a picture that is there, or draws text
+# modules that may be loaded by a call that reads a picture, or draws text
 LATER = {"scipy": ("good", "blank", "words", "page"), "matplotlib": ("text:", "--font")}
 
 # Runs commands one after the other in a process of its own, and tells what of the heavy each loaded.

@@ -18,8 +18,8 @@ class Found:
     """What is measured; `condition` is relative: sum |df/dx| |x| over |f|, with edges beside x (`_size`)."""
 
     condition: float
-    error: float  # of its precision, over |f| (absolute where f is 0 but for rounding)
-    share: float  # of 16 of its epsilons times condition
+    error: float  # the error in its precision, over |f| (absolute where f is 0 but for rounding)
+    share: float  # the error over 16 of its epsilons times condition
     double: float  # gradient against central differences, relative
     single: float  # single precision's gradient against it, relative
     finite: bool

@@ -32,7 +32,7 @@ __all__ = ["HUNTS", "KEPT", "Hunt"]
 KEPT = Path(__file__).with_name("worst.json")  # the worst that CMA-ES found of each in an hour
 
 _CAPSULES = 3
-_CORNERS = 9  # of a polygon
+_CORNERS = 9  # corners of a polygon
 _RING = 7  # corners of each of two
 _BISECTIONS = 24
 _FURTHEST = 4.0  # times a step
@@ -71,9 +71,8 @@ def _capsules(x: Array) -> RenderCase:
         start = start + _aside(row[:4], -6, 3)
         points += [start, start + _aside(row[4:], -6, 3)]
     eye, radius = float(100 * x[2]), _power(x[0], -6, 1.5)
-    for (
-        point
-    ) in points:  # no piece holds its own light, or reaches behind it or beside what it lights
+    # no piece holds its own light, or reaches behind it or beside what it lights
+    for point in points:
         depth = max(abs(point[2] - eye), 1.5 * radius)
         point[:] = *np.clip(point[:2], -depth, depth), eye + depth
     return RenderCase(
@@ -194,7 +193,7 @@ def _lit(x: Array) -> float:
     at = np.array([far * x[1], far * x[2], -100.0 + (far + 100) * _power(x[3], -9, -0.05)])
     reach = float(np.hypot(np.hypot(*at[:2]), far - at[2]))
     widest = 2 * min(far - at[2], reach)
-    lamp = min(widest * _power(x[4], -9, -0.01), MOST_MM)  # what a scene takes
+    lamp = min(widest * _power(x[4], -9, -0.01), MOST_MM)  # a scene takes no wider one
     case = LampCase("hunted", "", (at[0], at[1], at[2]), lamp, far)
     claimed = case.claimed()
     return case.true() / claimed if np.isfinite(claimed) else np.inf

@@ -75,7 +75,7 @@ def _four(real: Any, numbers: Array) -> Any:
 def _meet(a: Any, b: Any, qx: Any, qy: Any, lost: Any, tiny: Any, zero: Any, one: Any) -> Any:
     """Find where a ray passes a segment nearest: t along it, the moments c there and e of the whole of it.
 
-    Then |e|^2, how far the ray passes, and whether that is more than rounding. See `torch_forms.capsule.ray_miss`.
+    Then |e|^2, how far the ray passes, and whether that is more than rounding. See `torch_forms.capsule`.
     """
     (x0, y0, z0), (x1, y1, z1) = a, b
     ax, ay = z0 * qy - y0, x0 - z0 * qx

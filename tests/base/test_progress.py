@@ -282,6 +282,7 @@ def test_a_callable_hears_events_and_ends_work_by_raising() -> None:
         raise Stop(event.name)
 
     with Progress("quiet", heard=stop) as progress:
-        for name in ("say", "stage"):  # what swallowed the first is told again, and called no more
+        # a listener that swallowed the first is told again, and called no more
+        for name in ("say", "stage"):
             with pytest.raises(Stop, match="say"):
                 progress.tell(name)

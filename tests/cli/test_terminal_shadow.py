@@ -9,7 +9,7 @@ from knotfab.knots import Knot, Knots
 from knotfab_formats.scene import ResolvedView
 
 VIEW = ResolvedView(frame_width_mm=160.0, frame_height_mm=120.0)
-FLAT = VIEW.magnification  # of what lies in the middle of the piece
+FLAT = VIEW.magnification  # the magnification of a body in the middle of the piece
 
 
 def ellipse(across: float, up: float, radius: float, count: int = 300) -> Knots:
@@ -40,7 +40,7 @@ def dots(lines: str) -> Mask:
     return found
 
 
-@pytest.mark.parametrize("count", [12, 300, 20000])  # of vertices: few, or far more than dots
+@pytest.mark.parametrize("count", [12, 300, 20000])  # vertices: few, or far more than dots
 def test_a_ring_darkens_its_area(count: int) -> None:
     seen = dots(draw_shadow([VIEW], ellipse(40.0, 30.0, 6.0, count), 80, 24))
     mm = 160.0 / 128  # a dot: the frame's 120 mm are 96 dots high, 128 wide

@@ -23,7 +23,7 @@ from .files import Part
 from .parts import Body, ball, join, tube
 
 RADIUS, SIDES = 3.0, 24
-WIDTH_MM = 120.0  # of the frame
+WIDTH_MM = 120.0  # the frame's width
 # strands of 6 mm, 60 mm before the wall, leave no place half dark
 WIDE = {"light_diameter_mm": 250.0}
 PIXEL_MM = WIDTH_MM / 1024 * 500 / 560  # a pixel of the compared shadow, at the middle of the part

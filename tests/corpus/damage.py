@@ -7,7 +7,7 @@ import numpy as np
 from .curves import Array
 from .parts import Body
 
-SIDES = 24  # of the tubes that are damaged
+SIDES = 24  # sides of the tubes that are damaged
 RING, SIDE = 10, 5  # where most of the damage is done
 FACE = 2 * (RING * SIDES + SIDE)
 

@@ -72,7 +72,7 @@ def examine(file: Hostile, folder: Path) -> Outcome:
     try:
         verdict = validate_file(**files, skip={"shadow-render"}, failures=folder / "failures.png")
         kind, said = verdict.status, ""
-    except ValueError as error:  # what the readers promise
+    except ValueError as error:  # the error that the readers promise
         kind, said = "refused", str(error)
         own = type(error).__module__.startswith("knotfab_validators")  # not one of numpy's
         named = file.among or said.startswith(file.name)

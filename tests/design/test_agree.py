@@ -153,7 +153,7 @@ def test_bending_brings_every_bound_up_and_keeps_pieces() -> None:
         assert keeps_shape(before.mask, after.mask)
         assert (after.asked == before.mask).all()
         assert (after.judged == after.mask).all()
-    # what is written repeats it, and asks for nothing more
+    # the written scene repeats it, and asks for nothing more
     again = agree(parse_scene(dump_scene(done.scene)), targets)
     for one, other in zip(done.targets, again.targets, strict=True):
         assert (one.mask == other.mask).all()
@@ -216,7 +216,7 @@ def test_views_along_one_line_and_too_many_are_refused() -> None:
 
 
 def test_a_mirrored_picture_is_said_and_is_never_text() -> None:
-    # what is to the left in the first two views is in the middle of the third
+    # a part to the left in the first two views is in the middle of the third
     left = picture("left", (0.3, 0.3, 0.1, 0.2), (0.5, 0.7, 0.1, 0.22))
     middle = picture("middle", (0.5, 0.3, 0.1, 0.2), (0.5, 0.7, 0.1, 0.22))
     right = replace(left, name="right", mask=left.mask[:, ::-1].copy())
@@ -244,7 +244,8 @@ def test_a_picture_shows_what_came_what_is_bent_and_what_is_left() -> None:
         sheet = Image.open(BytesIO(draw_agreement(target, bound)))
         widths.append(sheet.width)
         red = np.asarray(sheet).astype(int)
-        assert ((red[..., 0] > 180) & (red[..., 1] < 60)).any()  # what the others leave no room for
+        # the part that the others leave no room for
+        assert ((red[..., 0] > 180) & (red[..., 1] < 60)).any()
     assert widths[1] > 1.3 * widths[0]  # a panel more
 
 

@@ -68,7 +68,7 @@ def test_the_scene_of_two_views_repeats_them() -> None:
     }
     given = {"schema": 1, "views": views, "search": few, "piece": {"tube_radius_mm": 4.0}}
     made = design_knots(Scene.model_validate(given), targets)
-    # what is given stays, and the grace that was taken is written as that number
+    # a given grace stays, and the one that was taken is written as that number
     assert {key: made.scene.search[key] for key in few} == few
     assert made.scene.search["grace"] == pytest.approx(GRACE["several"][0] * SearchSettings().grace)
     again = design_knots(made.scene, targets)

@@ -30,7 +30,7 @@ def light(world: World | None = None, **keys: Any) -> Contrast:
 def test_light_falls_off_by_the_cosine(shape: str, power: int) -> None:
     angle = np.arctan(90 * np.sqrt(2) / 600)
     assert light(light_shape=shape).falloff == pytest.approx(np.cos(angle) ** power)
-    # of a tilted wall the near side is lit more
+    # the near side of a tilted wall is lit more
     assert light(light_shape=shape, wall_tilt_deg=30.0).falloff < np.cos(angle) ** power
 
 

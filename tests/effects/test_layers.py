@@ -32,6 +32,6 @@ def test_no_layers_along_the_printers_axis_or_unprinted() -> None:
         magnitude(view(), there, 2.0, np.array(up)) for up in ([0, 0, 1.0], [0, 1.0, 0])
     )
     assert along < 0.02 < across
-    # of the surface that is nearer to the lamp, and the rim
+    # the part of the surface that is nearer to the lamp, and the rim
     assert across == pytest.approx(0.1 * 1.2 / PX, rel=0.05)
     assert magnitude(view(), there, 2.0, None) == 0.0

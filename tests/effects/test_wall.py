@@ -64,7 +64,7 @@ def test_a_place_its_flat_one_and_the_light_are_on_one_ray(radius: float, keys: 
 
 def test_the_magnitude_is_the_rule_and_nothing_of_a_flat_wall() -> None:
     x, high, radius = 90.0, 600.0, 3000.0
-    up = x**3 / (2 * radius * high)  # of y at the corner, where |y| = x
+    up = x**3 / (2 * radius * high)  # the move in y at the corner, where |y| = x
     across = up - x**3 / (6 * radius**2)
     px = 180 / 1024
     assert magnitude(view(radius)) == pytest.approx(np.hypot(up, across) / px, rel=0.02)

@@ -253,7 +253,7 @@ def test_without_posix_a_build_is_written_all_the_same(
         if os.path.isdir(path) and "dir_fd" not in named:  # which only rmtree gives
             raise PermissionError(errno.EACCES, "Permission denied", str(path))
         if Path(path).name == "knots.json":
-            assert flags & os.O_RDWR  # what is synced there must be open for writing
+            assert flags & os.O_RDWR  # a file synced there must be open for writing
         return opened(path, flags, *more, **named)
 
     for name in ("statvfs", "geteuid"):

@@ -53,7 +53,7 @@ def test_what_is_no_sensible_number_is_refused_by_its_key(value: str) -> None:
     for table, keys in tables.items():
         for key in keys:
             if (key, value) == ("wall_radius_mm", "-1"):
-                continue  # of a column
+                continue  # a column's radius
             with pytest.raises(InputError, match=key) as caught:
                 parse_scene(f"[{table}]\n{key} = {value}")
             assert str(caught.value).count("\n") == 0 and len(str(caught.value)) < 400

@@ -87,7 +87,7 @@ def test_a_level_bar_above_a_lower_one() -> None:
     x = np.linspace(-half, half, 2001)
     below = (RADIUS - np.sqrt(RADIUS**2 - x**2)).mean()
     exact = 2 * half * 100 * (30 + below) / 1000
-    on_bed = 2 * half * 50 * below / 1000  # of the foot, above the first layer
+    on_bed = 2 * half * 50 * below / 1000  # the foot's volume, above the first layer
     assert found.support_cm3 == pytest.approx(exact + on_bed, rel=0.03)
     assert found.height_mm == pytest.approx(30 + 2 * RADIUS)
 

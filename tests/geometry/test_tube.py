@@ -90,7 +90,7 @@ def test_corners_reach_as_far_as_is_said_and_no_further(points: Array, sides: in
     vertices, _ = sweep(points, 1.0, sides)
     rings = vertices.reshape(len(points), sides, 3) - points[:, None]
     reach = reach_mm(points, 1.0, sides)
-    # of the worst mitre only where a corner happens to lie in the plane of the bend
+    # the worst mitre's reach only where a corner happens to lie in the plane of the bend
     assert 0.98 * reach < np.linalg.norm(rings, axis=2).max() <= reach * (1 + 1e-12)
 
 
@@ -152,9 +152,8 @@ def test_bend_limit_is_min_rad() -> None:
     for radius in (limit * (1 + 1e-9), 1.1 * limit):
         with pytest.raises(SceneError, match="bends to a radius of"):
             sweep(p, radius, 128)
-    with pytest.raises(
-        SceneError, match="cross near"
-    ):  # the corners of a coarse ring reach further
+    # the corners of a coarse ring reach further
+    with pytest.raises(SceneError, match="cross near"):
         sweep(p, 0.9 * limit, 3)
 
 

@@ -124,7 +124,7 @@ def test_slopes_are_those_of_finite_differences(tmp_path: Path, kind: str) -> No
     points, rng, h = ring() * [1.4, 1.3, 1.0] + 0.1, np.random.default_rng(3), 1e-5
     value, slope = value_and_slope(limit.term, points, lim)
     assert value > 0
-    # what the mean edge does to a weight is no part of a slope: along what keeps it, there is none
+    # the mean edge's part in a weight is no part of a slope: along moves that keep it there is none
     for _ in range(6):
         way = rng.normal(size=points.shape)
         way -= way.mean(axis=0)

@@ -144,7 +144,7 @@ def test_a_build_stays_inside_and_can_be_repeated(tmp_path: Path) -> None:
     )
     out, again = tmp_path / "out", tmp_path / "again"
     call = ("build", "--skip", "shadow-render")
-    # what is left out whole is not measured: of the first the region tells, of the other its files
+    # files left out whole are not measured: the region tells of the first, its files of the other
     unread = [f"--skip={name}" for name in (*KNOTS, *MESH, "tube", "clearance")]
     done = knotfab(*call, *unread, "text:♥", "--scene", scene, "--out", out)
     assert done.code == 0, done

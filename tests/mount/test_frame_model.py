@@ -76,7 +76,7 @@ def test_what_nothing_holds_is_refused() -> None:
         deflect(line(0.0, 2), np.array([0]))
 
 
-AGREE = 1e-6  # of the largest displacement
+AGREE = 1e-6  # a share of the largest displacement
 
 
 def by_pynite(beams: Beams, fixed: np.ndarray, down: np.ndarray) -> np.ndarray:

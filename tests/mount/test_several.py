@@ -40,7 +40,7 @@ CAMERAS = [camera(azimuth_deg=a) for a in AZIMUTHS]
 MIDDLE = (np.arange(90) - 44.5) * 2.0  # mm on the wall, of the pixels
 DISC = MIDDLE[:, None] ** 2 + MIDDLE[None] ** 2 < 64.0**2
 BAND = (np.abs(MIDDLE)[:, None] < 64) & (np.abs(MIDDLE)[None] < 21)
-TARGETS = [DISC, BAND]  # of the ring, filled: its hull is a lens
+TARGETS = [DISC, BAND]  # the ring's silhouette is filled: its hull is a lens
 
 
 @cache

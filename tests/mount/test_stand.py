@@ -52,7 +52,7 @@ def test_it_holds_every_knot_and_lets_nothing_sag(island: bool) -> None:
     assert 0 < mount.sag_mm <= PLA.max_sag_mm and 0 < mount.sag_again_mm <= PLA.max_sag_mm
     assert mount.sag_again_mm == pytest.approx(mount.sag_mm, rel=0.1)
     assert len(mount.posts) >= 3
-    # what joins the knots to the ground does not do
+    # a frame that joins the knots to the ground does not do
     sites = sites_of(own)
     first = mount.members.of(np.arange(len(mount.members)) < len(own.knots))
     assert worst_of(sag_moves(own, sites, first, PLA), own.points)[0] > PLA.max_sag_mm

@@ -16,9 +16,9 @@ __all__ = ["bounce_and_truth", "uneven_and_truth", "wall_and_truth"]
 
 _RAYS = 6000  # from a place on the wall
 _FEW = 400
-_POINTS = 400  # of a curve
+_POINTS = 400  # points of a curve
 _FEET = 60  # places behind strands that are looked at with few rays
-_WORST = 4  # of these, with all
+_WORST = 4  # the worst of these, with all
 _GRID = 301  # places across and up a frame
 
 

@@ -154,7 +154,7 @@ def cast(points: Array, lamp: Array, camera: Camera, view: ResolvedView | None =
     radius, frame = view.wall_radius_mm, np.stack([*axes, normal])
     start, way = frame @ (lamp - camera.corner), (points - lamp) @ frame.T
     # a circle about (0, radius), across and before the wall: the last crossing of a hollow wall, the first
-    # of a column
+    # a column
     from_middle = start[[0, 2]] - [0.0, radius]
     a, b = (way[:, [0, 2]] ** 2).sum(axis=1), way[:, [0, 2]] @ from_middle
     root = np.sqrt(b * b - a * (from_middle @ from_middle - radius**2))

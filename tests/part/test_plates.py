@@ -139,7 +139,7 @@ def test_pieces_are_balls_and_lose_only_kerf_and_clearance() -> None:
     cuts, pieces = cut_track()
     whole = mesh_volume(*tube(track()))
     pin, long = cuts[0].pin_radius, cuts[0].pin_length
-    section = SIDES / 2 * np.sin(2 * np.pi / SIDES)  # of a unit circle's polygon
+    section = SIDES / 2 * np.sin(2 * np.pi / SIDES)  # the area of a unit circle's polygon
     wide = (pin + CLEARANCE_MM) / np.cos(np.pi / SIDES)
     chamfer = 0.3 * pin
     tip = section * chamfer / 3 * (pin**2 + pin * (pin - chamfer) + (pin - chamfer) ** 2)

@@ -157,7 +157,7 @@ def test_a_flood_takes_a_background_that_changes(tmp_path: Path) -> None:
     v, _ = np.mgrid[:SIDE, :SIDE]
     sky = np.stack([90 + v, 120 + v, 200 + 0 * v], axis=-1).astype(np.uint8)
     sky[BADGE] = RED
-    sky[TICK] = (150, 180, 200)  # of the sky's colours, but the flood does not come there
+    sky[TICK] = (150, 180, 200)  # the tick has the sky's colours, but the flood does not come there
     np.testing.assert_array_equal(read(tmp_path, Image.fromarray(sky), ink="flood").mask, BADGE)
 
 

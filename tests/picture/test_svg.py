@@ -185,7 +185,7 @@ PLACED = {
         ), 0.20
     ),
 }  # fmt: skip
-# what is drawn, and its share of the page
+# drawings, and their share of the page
 DRAWN: dict[str, tuple[str | bytes, float]] = {
     **{kind: (text, 0.36) for kind, text in SQUARES.items()},
     **{kind: (text, DISC - 0.09) for kind, text in PIERCED.items()},
@@ -350,7 +350,7 @@ def test_a_filter_without_end_is_ended(tmp_path: Path, monkeypatch: pytest.Monke
 @pytest.mark.slow
 def test_layers_without_end_are_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(render, "LONGER_SIDE", 4000)
-    layers = page("<g opacity='.999'>" * 90 + SQUARE + "</g>" * 90)  # of 23 MB each
+    layers = page("<g opacity='.999'>" * 90 + SQUARE + "</g>" * 90)  # layers of 23 MB each
     with pytest.raises(InputError, match="drawing it takes more than 1 GB"):
         read(tmp_path, layers)
 

@@ -26,7 +26,7 @@ from knotfab.preview.survey import require_drawable, survey
 from knotfab_formats.scene import Accuracy, Piece, Scene, View
 
 HARD = {case.name: case for case in hard_pictures()}
-RADIUS_PX = 256 * 0.8 * 1.2 / 180  # of the thinnest tube's shadow, of a picture of 256 px
+RADIUS_PX = 256 * 0.8 * 1.2 / 180  # px of the thinnest tube's shadow, in a picture of 256 px
 
 
 def noise(side: int, cell: int = 1) -> Mask:
@@ -70,7 +70,7 @@ def test_a_union_of_discs_is_never_refused(seed: int, count: int, radius: float)
     mask = ndimage.distance_transform_edt(~middles) <= radius
     found = estimate_likeness(mask, 0.8 * radius)
     assert found is None or found.recognisable
-    assert opened_share(mask, 0.8 * radius) > 0.6  # of few pixels
+    assert opened_share(mask, 0.8 * radius) > 0.6  # there are few pixels
 
 
 def strokes(side: int, width: int) -> Mask:
@@ -155,7 +155,7 @@ def test_who_accepts_it_may_build_it(tmp_path: Path) -> None:
         require_drawable(survey(Scene(views=(view,)), [target]))
     try:
         require_drawable(found)
-    except SceneError as refused:  # of thin lines, which none accepts
+    except SceneError as refused:  # thin lines, which none accepts
         assert "nobody would know" not in str(refused)
 
 

@@ -48,7 +48,8 @@ def test_a_drawing_of_lines_is_offered_without_its_dust(tmp_path: Path) -> None:
         pen.rectangle((x, y, x + 1, y + 1), fill=110)
     image.save(tmp_path / "scan.png")
     found = try_readings(tmp_path / "scan.png", Scene())
-    assert any(set(one.keys) == {"speck_px"} for one in found)  # what stands out, and no dust
+    # the shape that stands out, without dust
+    assert any(set(one.keys) == {"speck_px"} for one in found)
     assert not any(one.keys == {} for one in found)
 
 

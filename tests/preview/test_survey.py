@@ -188,7 +188,7 @@ def test_thin_lines_are_drawn_along_their_middle(tmp_path: Path) -> None:
     assert found.radius_mm == pytest.approx(0.8)
     (said,) = [line for line in describe(found) if "along each of its strokes" in line]
     assert "1.6 mm thick (radius 0.80 mm)" in said
-    # what is thick enough is filled, and so are several pictures
+    # a thick drawing is filled, and so are several pictures
     bold = read_target(lines(tmp_path / "bold.png", width=30))
     assert widen_targets(asked, (bold,))[0].views[0].lines == "off"
     two = Scene(views=(View(name="a"), View(name="b", azimuth_deg=90.0)))
@@ -255,7 +255,7 @@ def test_a_glance_tells_places_and_rules_in_the_pictures_own_px(tmp_path: Path) 
     assert not glanced.original[:60, :40].any() and glanced.original[:60, 40:60].any()
     rows, columns = np.nonzero(glanced.original)
     middle = glanced.to_picture((columns.max(), rows.max()))
-    # of the last four px across that one is in the middle
+    # the one in the middle of the last four px across
     assert middle == (3599 - 1.5, 1599 - 1.5) and whole.to_picture((7, 9)) == (7, 9)
 
 

@@ -41,7 +41,7 @@ def test_a_nearer_wall_is_advised_with_its_gain() -> None:
     ratio = (49 / 549) / (100 / 600)
     left = float(note.rsplit(" ", 1)[1].rstrip("."))
     assert left == pytest.approx(0.03 * ratio, rel=0.05)
-    # what the hard shadow misses of the picture stays
+    # the part of the picture that the hard shadow misses stays
     (note,) = advise(100.0, 0.04, hard=0.01)
     left = float(note.rsplit(" ", 1)[1].rstrip("."))
     assert left == pytest.approx(0.01 + 0.03 * ratio, rel=0.05)

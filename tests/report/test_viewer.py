@@ -36,7 +36,7 @@ from tests.report.test_report_json import SLICED, VERDICT, WALL, sample
 
 pytestmark = pytest.mark.slow
 
-PX = 1024  # of a frame's longer side, where shadows are compared
+PX = 1024  # px of a frame's longer side, where shadows are compared
 AXE = Path(__file__).parents[2] / "web" / "node_modules" / "axe-core" / "axe.min.js"
 MASK = np.zeros((120, 150), dtype=bool)
 MASK[20:100, 35:115] = True
@@ -158,9 +158,8 @@ def test_lamps_mix_their_colours_and_are_switched_and_moved(bench: Any) -> None:
     bench.wait_for_function("viewer.right() !== null")
     assert bench.evaluate("viewer.right()") > 0.98
     seen = mixed(bench)
-    hidden = np.stack(
-        [mask[::20, ::20] for mask in masks], axis=2
-    )  # the lamp's own channel is dark there
+    # the lamp's own channel is dark there
+    hidden = np.stack([mask[::20, ::20] for mask in masks], axis=2)
     rows = np.arange(0, masks[0].shape[0], 20)
     columns = np.arange(0, masks[0].shape[1], 20)
     there = seen[
@@ -331,9 +330,8 @@ def test_the_report_of_a_tall_picture_is_short_too(browser: Any, report: Path) -
 def test_the_report_fits_a_phone(phone: Any) -> None:
     assert phone.evaluate("document.documentElement.scrollWidth") <= 390
     canvas = phone.locator("canvas")
-    assert (
-        canvas.evaluate("(c) => getComputedStyle(c).touchAction") == "pan-y"
-    )  # the page scrolls on
+    # the page scrolls on
+    assert canvas.evaluate("(c) => getComputedStyle(c).touchAction") == "pan-y"
     box = canvas.bounding_box()
     before = canvas.screenshot()
     phone.mouse.move(box["x"] + 60, box["y"] + 150)

@@ -190,6 +190,6 @@ def test_a_lamp_beside_the_axis_shines_on_the_same_frame(turned: dict[str, float
     assert aside.receiver == pytest.approx(straight.receiver)
     right, up, back = view_axes(view(**turned))
     assert aside.eye == pytest.approx(500 * back + 150 * right - 40 * up)
-    # what is moved by the lamp's own shift, less the way to the wall, keeps its shadow
+    # a point moved by the lamp's own shift, less the way to the wall, keeps its shadow
     u, v = aside.project((150 * right - 40 * up)[None] * 100 / 600)[0]
     assert (u, v) == pytest.approx((199.5, 99.5))

@@ -20,7 +20,7 @@ from knotfab.search.state import begin
 from knotfab_formats.search import PRESETS
 
 RADIUS, TAU = 4.0, 2.0
-DRAFT = PRESETS["draft"].model_copy(update={"grace": 0.0})  # what is added up here has no term
+DRAFT = PRESETS["draft"].model_copy(update={"grace": 0.0})  # the sum here has no grace
 DISC = MultiPolygon([Point(0, 0).buffer(40.0)])
 SQUARE = MultiPolygon([box(-30, -40, 30, 40)])
 IMAGE_ALONE = Weights(clearance=0.0, bend=0.0, region=0.0, length=0.0)
@@ -148,7 +148,7 @@ def test_a_view_sees_along_its_axes(both: Problem) -> None:
         assert np.linalg.det(axes) == pytest.approx(1.0)
         assert axes[2] == pytest.approx(towards, abs=1e-12)
         assert axes[1] == pytest.approx([0.0, 1.0, 0.0], abs=1e-12)
-        # what is moved along them moves so in the picture: to the right, and up against v
+        # a point moved along them moves so in the picture: to the right, and up against v
         image = target.image_at(RADIUS, 96)
         moved = np.vstack([np.zeros(3), axes[:2]])
         middle, right, up = image.frame.pixels(image.frame.local(moved)).tolist()

@@ -219,7 +219,7 @@ def test_a_frame_that_fails_comes_with_a_remedy() -> None:
         for names in (("outline",), ("clearance",), ("shadow", "limits"))
     )
     assert "stretched" in stretched and "apart" in touching and "limit" in bound
-    # of pieces that lie apart another frame in between joins none
+    # another frame in between joins no pieces that lie apart
     apart = {**view(30.0, "recognisable"), "pieces": 2}
     assert "its 2 pieces lie apart" in advise([view(None), apart], 2.0)[0]
 
@@ -267,7 +267,7 @@ def test_a_failed_frame_is_tried_again_and_the_better_kept(
     kept = _mend(chain, frame, piece, write, folder)
     assert kept == ((again, other) if better else (frame, piece))
     assert accepted == ([again] if better else [])
-    # what lies in the folder in the end is the one that is kept
+    # the frame that lies in the folder in the end is the one that is kept
     assert written[-1] is kept[0]
 
 

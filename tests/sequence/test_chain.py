@@ -29,7 +29,8 @@ def test_the_frame_with_the_most_ink_is_searched_first(tmp_path: Path) -> None:
 
 def test_a_frame_is_tied_to_what_is_known_on_either_side() -> None:
     """From frame 2 onwards, then back; around the end of the sequence it need not hold."""
-    outlines = [1.0, 10.0, 100.0, 1000.0, 10000.0]  # of five frames, the last back to the first
+    # outlines of five frames, the last back to the first
+    outlines = [1.0, 10.0, 100.0, 1000.0, 10000.0]
     assert set(list_ties(3, {2}, outlines)) == {Tie(2, 100.0), Tie(2, 11011.0, loop=True)}
     assert set(list_ties(4, {2, 3}, outlines)) == {Tie(3, 1000.0), Tie(2, 10011.0, loop=True)}
     assert set(list_ties(1, {2, 3, 4}, outlines)) == {Tie(2, 10.0), Tie(4, 10001.0, loop=True)}
@@ -92,7 +93,7 @@ def test_each_frame_has_its_own_floor_and_prices(tmp_path: Path) -> None:
     assert [price.limits for price in second.binding] == [("length",)]
     assert second.binding[0].needed[0] > 250.0 > second.knots.knots[0].length_mm
     floors = {made.scene.accuracy.iou_floor for made in (first, second)}
-    assert len(floors) == 2  # of each picture's own opening
+    assert len(floors) == 2  # the floor of each picture's own opening
 
 
 @pytest.mark.slow

@@ -82,7 +82,7 @@ def test_a_finished_frame_has_twice_the_vertices_within_limits(first: SearchResu
     for frame in (still, found):
         assert len(frame.points) == 2 * len(points)
         assert frame.sound and frame.result.log.certified
-        # what the frame's own search spent is counted with what its repair did
+        # the frame's own search is counted with its repair
         for name, guard in frame.result.guards.items():
             assert guard.calls >= first.guards[name].calls
             assert guard.seconds >= first.guards[name].seconds

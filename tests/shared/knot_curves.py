@@ -47,7 +47,7 @@ def braid(word: Sequence[int], strands: int | None = None) -> list[Array]:
     a right-handed crossing.
     """
     count = max([strands or 1, *(abs(k) + 1 for k in word)])
-    slots = [*word, *[count] * max(1, 4 - len(word))]  # of which `count` moves no strand
+    slots = [*word, *[count] * max(1, 4 - len(word))]  # the slot `count` moves no strand
     seen: set[int] = set()
     found = []
     for start in range(1, count + 1):

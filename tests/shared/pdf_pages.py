@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-POINT = 72 / 25.4  # of which a mm has so many
+POINT = 72 / 25.4  # points in a mm
 
 
 def page_sizes(path: Path) -> np.ndarray:

@@ -11,7 +11,7 @@ __all__ = ["PIXELS", "geometry", "needs_rendering"]
 needs_rendering = pytest.mark.skipif(
     why_no_rendering() is not None, reason=f"no rendering here: {why_no_rendering()}"
 )
-PIXELS = 240  # of a frame of 120 mm, on a wall 100 mm behind; the light is 500 mm before the piece
+PIXELS = 240  # pixels of a frame of 120 mm, on a wall 100 mm behind; the light is 500 mm before the piece
 
 
 def geometry() -> ViewGeometry:

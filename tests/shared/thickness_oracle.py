@@ -14,7 +14,7 @@ Long = np.longdouble
 Wide = NDArray[np.longdouble]
 Exact = tuple[Fraction, Fraction, Fraction]
 
-ROUNDING = 1e-17  # of extended precision, a hundred of its units
+ROUNDING = 1e-17  # a hundred units of extended precision
 
 
 @dataclass(frozen=True)
@@ -155,7 +155,7 @@ def _norm(x: Wide) -> Wide:
 
 def exact_thickness(polygons: Sequence[Array]) -> float:
     """The thickness of closed polygons: every comparison in fractions, one square root at the end."""
-    squares = []  # of thickness, twice over
+    squares = []  # squares of thickness, twice over
     points = [[_exact(p) for p in polygon] for polygon in polygons]
     vertices = [(k, i) for k, p in enumerate(points) for i in range(len(p))]
     tightest = math.inf

@@ -100,7 +100,7 @@ def test_filament_at_its_limits() -> None:
     for share, passes in ((0.15, True), (0.1485, False), (1.15, True), (1.1615, False)):
         found = _checks(replace(gcode, filament_cm3=share * volume), LOW)["filament"]
         assert found.passed == passes and found.measured == pytest.approx(share)
-    # what goes into supports is no part of it
+    # filament for supports is no part of it
     half = replace(gcode, filament_cm3=2 * volume, support_share=0.5)
     assert _checks(half, LOW)["filament"].passed
     assert not _checks(replace(half, support_share=0.0), LOW)["filament"].passed

@@ -447,7 +447,7 @@ def test_the_program_ends_when_the_build_is_killed(tmp_path: Path) -> None:
     build.wait()
     while time.monotonic() < until:
         try:
-            if slicer.read_bytes() == b"":  # of one that nobody waits for
+            if slicer.read_bytes() == b"":  # the slicer of a run that nobody waits for
                 return
         except OSError:
             return

@@ -62,7 +62,7 @@ def test_a_piece_that_no_tube_draws_gets_no_curve() -> None:
     # a hair beside it has its middle in itself, of which a loop draws next to nothing
     hair = MultiPolygon([both.geoms[0], box(40, -40, 40.5, 40)])
     assert len(fill(hair, 1.5).curves) == len(fill(hair, 1.5, knots=2).curves) == 1
-    # what nothing draws is not for the template to refuse
+    # a template does not refuse a part that no tube draws
     alone = fill(MultiPolygon([frame]), 1.5)
     assert len(alone.curves) == 1 and template_iou(alone, alone.polygon) < 0.1
 

@@ -126,7 +126,7 @@ def test_each_move_sweeps_a_square_that_no_curve_meets() -> None:
         square = [a, a + u, int(after[a]) + u, int(after[a])]
         taken = [node for node in square if after[node] >= 0]
         n = _plan(a, u, loops, drawing, old, new, path)
-        # what of the square lies on a curve is one stretch of it
+        # the square's part on a curve is one stretch of it
         joined = sum(after[p] == q or after[q] == p for p in taken for q in taken) // 2
         if n == 0:
             refused += 1

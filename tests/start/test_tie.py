@@ -82,7 +82,7 @@ def test_the_knot_is_what_was_asked_for_and_out_of_sight(asked: str) -> None:
     assert tied.spill == 0.0
     strands = shadow(tied.curves[0])
     assert not simple_curves([strands])
-    # what is new stays a tube's radius within the outline, but for the grid of distances
+    # new strands stay a tube's radius within the outline, but for the grid of distances
     rows = {row.tobytes() for row in before[0]}
     new = np.array([row.tobytes() not in rows for row in tied.curves[0]])
     assert 0.1 * len(new) > new.sum() - 60 > 0

@@ -46,7 +46,8 @@ def test_a_tour_is_short_and_simple() -> None:
     tour = shortest_tour(many)
     assert sorted(tour) == list(range(400))
     assert simple_curves([many[tour]])
-    assert length(many[tour]) < 0.7124 * np.sqrt(400) * 1.2  # of the best as it is for many points
+    # times the best length, as it is for many points
+    assert length(many[tour]) < 0.7124 * np.sqrt(400) * 1.2
 
 
 @pytest.mark.slow

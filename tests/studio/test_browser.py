@@ -95,7 +95,7 @@ def test_from_an_empty_page_to_a_built_part_by_mouse_alone(page: Any, tmp_path: 
     page.mouse.move(box["x"] + 0.75 * side, middle, steps=5)
     page.mouse.up()
     page.click("#use-drawing")
-    page.wait_for_selector("#survey:not([hidden])")  # what a tube will lose of it
+    page.wait_for_selector("#survey:not([hidden])")  # the losses of a tube are shown
     assert "1 piece" in page.inner_text("#survey-lines")
     assert violations(page) == []
     page.click("summary:has-text('Clean it up')")
@@ -109,9 +109,9 @@ def test_from_an_empty_page_to_a_built_part_by_mouse_alone(page: Any, tmp_path: 
     page.click("#crop-use")
     expect(page.locator("#crop")).to_have_value(re.compile(r"\d+,\d+,\d+,\d+"))
     left, top, width, height = map(int, page.input_value("#crop").split(","))
-    assert left < 9 and abs(top - 160) < 9 and width > 620 and abs(height - 320) < 9  # of 640 px
+    assert left < 9 and abs(top - 160) < 9 and width > 620 and abs(height - 320) < 9  # px of 640
     page.fill("#smooth", "much")
-    page.click("#build")  # what is wrong is marked where it stands, and nothing is built
+    page.click("#build")  # a wrong field is marked where it stands, and nothing is built
     page.wait_for_selector("#smooth[aria-invalid=true]:focus")
     assert "This is no number" in page.inner_text("#smooth-wrong") and page.is_hidden("#stop")
     assert violations(page) == []

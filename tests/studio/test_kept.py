@@ -103,7 +103,7 @@ def test_a_restart_finds_everything_again(runs: Path, tmp_path: Path) -> None:
         and after["build"]["result"]
         and after["settings"]["lamp_distance"] == 177.8
     )
-    (folder / "studio.json").write_text('{"pictures": 5}')  # of a later or a broken studio
+    (folder / "studio.json").write_text('{"pictures": 5}')  # a later or a broken studio wrote it
     with opened(folder) as ask:
         assert ask()["pictures"] == [] and len(ask()["builds"]) == 1
 

@@ -240,7 +240,7 @@ def test_a_thicker_tube_costs_clearance_and_bends(problem: Problem) -> None:
     def limits_at(radius: float) -> float:
         return objective.limit_terms(TIGHT, NEAR, problem.limits(radius), SETTLE, np.eye(3))[0]
 
-    slope = (limits_at(4.04) - limits_at(3.96)) / 0.02  # of the radius's logarithm
+    slope = (limits_at(4.04) - limits_at(3.96)) / 0.02  # the slope in the radius's logarithm
     (picture,) = torch.autograd.grad(pose.picture_term(objective, TIGHT), pose.logs)
     pose.descend(objective, problem, TIGHT, NEAR, 0.0)
     assert slope > 1.0

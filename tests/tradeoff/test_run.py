@@ -55,7 +55,7 @@ def test_the_outline_error_is_how_far_outlines_are_apart() -> None:
     # moved by d, a circle is d |cos| away from itself: 95 % are within d sin(.95 pi / 2)
     moved = outline_error_px(one, _disc(40.0, (66.0, 60.0)))
     assert moved == pytest.approx(6.0 * np.sin(0.95 * np.pi / 2), abs=0.75)
-    # what one lacks is found from the other side
+    # a pair that one lacks is found from the other side
     hole = one & ~_disc(30.0)
     assert outline_error_px(one, hole) == outline_error_px(hole, one) > 8.0
     none = np.zeros_like(one)

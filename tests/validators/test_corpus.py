@@ -55,7 +55,7 @@ BEND = _number(check_bend(CURVES, None))
 assert abs(BEND / (30.0 * np.cos(np.pi / 96)) - 1) < 1e-9
 NO_SUPPORTS = Printer(name="any", nozzle_mm=0.4, supports=False)
 LAYER = NO_SUPPORTS.layer_height_mm
-GAP = 0.08  # of the nozzle: a gap of 0.9 nozzles must be seen
+GAP = 0.08  # a share of the nozzle: a gap of 0.9 nozzles must be seen
 
 
 def _find_check(name: str, checks: list[Check]) -> Check:
@@ -154,7 +154,7 @@ def _arm(reach: float) -> Body:
     return blocks(cells, (2.0, 10.0, 10.0 + reach), (2.0, 12.0), (0.0, 21.0, 28.0))
 
 
-# what a check makes of something that is beyond its limit by so many of its tolerances
+# the verdict of a check on a part that is beyond its limit by so many of its tolerances
 TOLERATED: dict[str, Callable[[float], Check]] = {
     "thickness": lambda f: check_thickness(CURVES, BEND / (1 - 1e-12 * f)),
     "bend": lambda f: check_bend(CURVES, BEND / (1 - 1e-12 * f)),

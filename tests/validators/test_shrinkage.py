@@ -19,7 +19,7 @@ from tests.corpus.files import encode
 from tests.corpus.parts import Body
 
 VIEW = PlainView(frame_width_mm=120.0, frame_height_mm=120.0)
-LEFT = 0.97  # of every length
+LEFT = 0.97  # the share of every length that is left
 POSE = np.array([[0.0, 1, 0, -5], [0, 0, 1, 7], [1, 0, 0, 3], [0, 0, 0, 1]])
 
 

@@ -206,7 +206,7 @@ def test_a_lamp_too_wide_for_its_strands_fails_as_the_lamp_it_is(
     lamp = f"wall_tilt_deg = 15.0\nlight_diameter_mm = {diameter}"
     (folder / "scene.toml").write_text(scene.replace("wall_tilt_deg = 15.0", lamp))
     verdict = run(folder, skip=["shadow-render"], only="shadows")
-    assert status(verdict)["shadow"] == "pass"  # of the lamp's middle
+    assert status(verdict)["shadow"] == "pass"  # the shadow of the lamp's middle
     assert status(verdict).get("half_light") == expected
 
 

@@ -51,7 +51,8 @@ def test_hostile_files_get_one_sentence(tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("block", range(8))
 def test_fuzzed_files_end_in_a_verdict_or_a_sentence(block: int, tmp_path: Path) -> None:
-    for seed in range(15 * block, 15 * (block + 1)):  # of the 10,000 of make validator-table
+    # seeds among the 10,000 of make validator-table
+    for seed in range(15 * block, 15 * (block + 1)):
         outcome = examine(fuzz_file(seed), tmp_path)
         assert outcome.kind in ("pass", "fail", "refused"), (seed, outcome)
 

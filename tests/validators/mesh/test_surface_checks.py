@@ -19,7 +19,8 @@ def test_a_right_tube_passes() -> None:
     checks = by_name(check_mesh(ring(), curves(CIRCLE)))
     assert {c.status for c in checks.values()} == {"pass"}
     assert all(c.required for c in checks.values())
-    section = SIDES / (2 * np.pi) * np.sin(2 * np.pi / SIDES)  # of the polygon, of the circle
+    # the polygon's area over the circle's
+    section = SIDES / (2 * np.pi) * np.sin(2 * np.pi / SIDES)
     assert checks["mesh_volume"].measured == pytest.approx(1 - section, abs=1e-3)
     assert all(not c.at for c in checks.values() if c.name != "mesh_volume")
 
@@ -93,7 +94,7 @@ def test_a_face_without_area_is_found() -> None:
     checks = by_name(check_mesh(weld(ring(vertices=vertices))))
     assert checks["mesh_degenerate"].status == "fail" and checks["mesh_degenerate"].measured == 2
     assert np.abs(vertices[faces[0, 0]] - checks["mesh_degenerate"].at[0]).max() < 1.0
-    assert checks["mesh_self_intersection"].status == "pass"  # of all the others
+    assert checks["mesh_self_intersection"].status == "pass"  # all the other faces are sound
 
 
 @pytest.mark.slow

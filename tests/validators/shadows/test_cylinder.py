@@ -53,9 +53,8 @@ def test_a_balls_shadow_is_where_rays_pass_it(radius: float) -> None:
     away = np.linalg.norm(np.cross(ball - light, ray), axis=1)
     dark = (away < 12.0).reshape(PIXELS, PIXELS)
     found = tube_field([np.stack([ball, ball + 1e-6])], 12.0, g, [False])
-    near = (
-        np.abs(away - 12.0).reshape(dark.shape) < 0.1
-    )  # a ball's picture is a polygon of 48 corners
+    # a ball's picture is a polygon of 48 corners
+    near = np.abs(away - 12.0).reshape(dark.shape) < 0.1
     assert dark.sum() > 500 and not ((found.mask != dark) & ~near).any()
     assert g.on_receiver(g.project(at)[0]) == pytest.approx(at, abs=1e-6)
     assert (found.mask != tube_field([ball[None]], 12.0, g.flat).mask).sum() > 15
@@ -91,7 +90,7 @@ def test_rays_lines_and_the_exact_tube_agree(radius: float) -> None:
     assert count_stray(rendered, exact, outline) == 0
     assert (rendered != exact).mean() < 0.005 < (flat != exact).mean()
     error = outline_error(tube_field([curve], 4.0, g), shapely.get_coordinates(outline), exact)
-    assert error.largest_mm < 0.2  # of 24 sides, where light falls aslant
+    assert error.largest_mm < 0.2  # a tube of 24 sides, where light falls aslant
 
 
 @pytest.mark.parametrize("radius", RADII)

@@ -64,7 +64,7 @@ def test_matter_behind_the_wall_casts_none() -> None:
     assert not shadow_mask(shadow_lines(behind, faces, g), g).any()
     half = shadow_polygon(shadow_lines(vertices, faces, g))  # cut through the middle
     scale = 400 / 180
-    # what is left of the ring: its section at the plane, a little enlarged where it is nearer
+    # the rest of the ring: its section at the plane, a little enlarged where it is nearer
     assert half.area == pytest.approx(np.pi * (44**2 - 36**2) * scale**2, rel=5e-3)
     front = shadow_polygon(shadow_lines(vertices + np.array([0, 0, 4.0]), faces, g))
     assert front.area > half.area

@@ -49,7 +49,8 @@ def test_slices_hide_what_points_along_the_rays_hit(turn: float, elevation: floa
     found = layered_mask(part, seen, layer)
     v, u = np.mgrid[:PIXELS, :PIXELS]
     spots = seen.on_receiver(np.column_stack([u.ravel(), v.ravel()]).astype(float))
-    share = np.linspace(0.08, 0.28, 1000)[None, :, None]  # of the way from the wall to the light
+    # shares of the way from the wall to the light
+    share = np.linspace(0.08, 0.28, 1000)[None, :, None]
     points = spots[:, None] + share * (seen.light - spots[:, None])
     points[..., 2] = (np.floor(points[..., 2] / layer) + 0.5) * layer
     inside = (abs(points @ matrix) < [20.0, 15.0, 10.0]).all(axis=2).any(axis=1)

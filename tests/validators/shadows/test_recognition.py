@@ -24,7 +24,7 @@ from knotfab_validators.shadows.topology import count_repeated, find_changes
 from knotfab_validators.shadows.view import view_geometry
 
 SIZE = 512  # px of the picture, 180 mm on the wall
-RADIUS_PX = 7.0  # of the tube's shadow, in the picture's pixels
+RADIUS_PX = 7.0  # the tube's shadow, in the picture's pixels
 
 
 def draw(*discs: tuple[float, float, float], strokes: tuple[tuple[float, ...], ...] = ()) -> Mask:
@@ -77,7 +77,7 @@ def test_a_filled_hole_counts_as_a_lost_piece_does() -> None:
     filled = draw((180, 180, 40))
     found = judge(filled, draw())
     assert found.word == UNKNOWN and found.counts["filled_holes"] == 1
-    narrow = draw((180, 180, 28))  # what is left of the hole is a slit all round
+    narrow = draw((180, 180, 28))  # a slit all round is left of the hole
     assert judge(narrow, narrow).word == "faithful"
 
 
@@ -123,9 +123,8 @@ def test_a_small_piece_turned_is_coarse() -> None:
     target = eye(17, 9)
     assert judge(eye(18, 9), target).word == "faithful"
     found = judge(eye(9, 17), target)
-    assert (
-        found.outline_p95_radii < RULES["faithful"].outline_radii
-    )  # the outline says nothing of it
+    # the outline says nothing of it
+    assert found.outline_p95_radii < RULES["faithful"].outline_radii
     assert found.word == "coarse" and found.counts["misshapen"] == 1
     (loss,) = found.lost
     assert loss["what"] == "shape" and loss["sentence"].startswith("a piece is drawn out of shape")
@@ -232,7 +231,7 @@ def test_of_several_views_the_worst_counts() -> None:
     assert worst is not None and worst["word"] == "coarse" and worst["lost_pieces"] == 1
     assert worst["lost"][0]["view"] == "b" and "(view b)" in worst["reasons"][0]
     worse = {**coarse, "outline_p95_radii": coarse["outline_p95_radii"] + 1.0}
-    for order in ((coarse, worse), (worse, coarse)):  # of the same word
+    for order in ((coarse, worse), (worse, coarse)):  # both have the same word
         told = worst_verdict([view("a", order[0]), view("b", order[1])])
         assert told is not None and told["outline_p95_radii"] == worse["outline_p95_radii"]
     assert worst_verdict([view("a", None)]) is None

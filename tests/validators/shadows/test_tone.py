@@ -14,7 +14,7 @@ from knotfab_validators.shadows.frame import padded_mask, working_frame
 from knotfab_validators.shadows.tone import check_tone, measure_tone
 
 RADIUS, CLEARANCE = 4.0, 0.5  # px; radii
-PITCH = round(RADIUS * (2 + CLEARANCE))  # of strands as near as they may be
+PITCH = round(RADIUS * (2 + CLEARANCE))  # strands as near as they may be
 
 
 def strands(darkness: float) -> np.ndarray:

@@ -63,7 +63,7 @@ def test_a_segment_seen_end_on_is_a_ball() -> None:
     field = tube_field([rod], 4.0, g)
     centre = field.signed_distance(np.array([[179.5, 179.5]]))
     assert np.isfinite(centre).all() and centre[0] > 4.0
-    reach = 600 * np.tan(np.arcsin(4 / 480))  # of the nearer end, in mm on the wall
+    reach = 600 * np.tan(np.arcsin(4 / 480))  # the reach of the nearer end, in mm on the wall
     edge = np.array([[179.5 + 2 * reach, 179.5], [179.5, 179.5 - 2 * reach]])
     np.testing.assert_allclose(field.signed_distance(edge), 0, atol=1e-6)
 

@@ -70,7 +70,7 @@ def test_the_stand_is_no_fault_of_the_outline() -> None:
     view = verify(on_a_stand())
     assert outline(view) < 0.5
     assert outline(verify(on_a_stand(), stand=False)) > 20  # the base, far below
-    # what it darkens below the frame does not count, what it darkens inside does
+    # matter that darkens below the frame does not count, matter that darkens inside does
     assert view.whole.iou < view.framed.iou < view.judged.iou and view.intrusion is not None
     own = float(view.target.sum())
     assert view.judged.iou == pytest.approx(1.0, abs=2e-3)
