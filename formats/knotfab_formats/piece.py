@@ -217,14 +217,14 @@ class Accuracy(Table):
 
 
 class Sequence(Table):
-    """How the frames of a sequence follow each other."""
+    """The way in which the frames of a sequence follow each other."""
 
     loop: Annotated[bool, Strict()] = True
     """The last frame leads back to the first (false: --no-loop)."""
 
 
 class Mount(Table):
-    """What holds the piece; a build writes `pegs`, how many hold each knot, and `thread_mm`, in the scene."""
+    """The mount; a build writes `pegs`, how many hold each knot, and `thread_mm`, in the scene."""
 
     kind: Literal["auto", "wall", "stand", "hang", "none"] = option("auto", "Print --mount")
     """What holds the piece: wall (pegs in the tube's own shadow, on a plate whose face is the wall, or

@@ -73,7 +73,7 @@ OF_WALL = (
 
 
 class Reading(Table):
-    """How a picture becomes a silhouette (docs/silhouette.md); px are the picture's own."""
+    """Keys of reading a picture as a silhouette (docs/silhouette.md); px are the picture's own."""
 
     ink: Literal["auto", "dark", "light", "alpha", "flood"] | Color = option(
         "auto", "Picture --ink"
@@ -262,7 +262,7 @@ class Room(Table):
 
 
 class Placing(Table):
-    """How far off people are expected to place lamp (or eye), piece and wall."""
+    """The error with which people are expected to place lamp (or eye), piece and wall."""
 
     lamp_mm: Annotated[float, Strict(), Field(ge=0, le=1e4)] = 5.0
     """Lamp or eye stand so far from their places."""

@@ -35,7 +35,7 @@ def outside(
 
 
 def _outside_region(points: Array, region: ResolvedRegion, radius: float) -> tuple[Array, Array]:
-    """As `outside`, for the region alone.
+    """Measure the same as `outside`, for the region alone.
 
     For a box the largest excess over its faces; cylinder (its own axis y): over mantle and ends. In the
     precision of the points.

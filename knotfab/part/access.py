@@ -1,4 +1,4 @@
-"""Whether a tool reaches the supports of a piece to take them out: straight ways in from outside."""
+"""Find whether a tool reaches the supports of a piece to take them out: straight ways in from outside."""
 
 from __future__ import annotations
 

@@ -32,7 +32,7 @@ QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 
 @dataclass(frozen=True)
 class PoseAccount:
-    """Why a pose was chosen: `chosen` of the `tried` turns, the next best, and the one of least height.
+    """The account of a pose's choice: `chosen` of the `tried` turns, the next best, the one of least height.
 
     `too_large` of the tried cost less but do not fit the printer. `within`: it keeps the printer's
     limits for overhangs, as far as the estimates can say.

@@ -37,7 +37,7 @@ _CRUMB = 1e-4  # a share of the picture: a piece or hole has no fewer pixels
 
 @dataclass(frozen=True)
 class Bending:
-    """How far a picture is bent, as shares of its height: over its silhouette on average (root mean square)
+    """The bending of a picture, as shares of its height: over its silhouette on average (root mean square)
     and at most; `stretch`, the longest that a step of one in it became, or 1 over the shortest."""
 
     rms: float

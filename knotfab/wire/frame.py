@@ -1,4 +1,4 @@
-"""Whether the frame is large enough for a wire to draw the picture, and how large it would have to be."""
+"""Check that the frame is large enough for a wire to draw the picture, or say how large it must be."""
 
 from __future__ import annotations
 

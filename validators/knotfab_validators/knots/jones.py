@@ -73,7 +73,7 @@ def _bracket(diagram: PlanarDiagram) -> Laurent | None:
 
 
 def _outside(quad: tuple[int, ...], side: int, mate: dict[int, int]) -> tuple[bool, int]:
-    """Where a strand that leaves a crossing by a side ends: (True, another side of the crossing) or
+    """The end of a strand that leaves a crossing by a side: (True, another side of the crossing) or
     (False, an open arc)."""
     arc = quad[side]
     if arc in mate:
