@@ -320,7 +320,7 @@ def main(*, scenes: int = 200, part: Path | None = None, px: int = 512, samples:
 
 
 def _has_mitsuba() -> bool:
-    """Whether Mitsuba can trace rays here; what is lacking is printed."""
+    """Tell whether Mitsuba can trace rays here; what is lacking is printed."""
     try:
         import mitsuba as mi
     except ImportError as error:

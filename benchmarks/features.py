@@ -76,7 +76,7 @@ class Found:
         return len(self.files("part*.stl"))
 
     def prices(self, limit: str) -> bool:
-        """Whether that limit is said to cost the picture its IoU."""
+        """Tell whether that limit is said to cost the picture its IoU."""
         return any(limit in price["limits"] for price in self.report.get("binding", ()))
 
 

@@ -117,7 +117,7 @@ class Built:
 
     @property
     def clear(self) -> bool:
-        """Whether it ended as a build may: with 0, or with 1 or 2 and a sentence and no traceback."""
+        """True if it ended as a build may: with 0, or with 1 or 2 and a sentence and no traceback."""
         told = self.code == 0 or bool(self.said)
         return self.code in (0, 1, 2) and told and "Traceback" not in self.said
 

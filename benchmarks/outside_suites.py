@@ -38,7 +38,7 @@ class Outcome:
 
     @property
     def wrong(self) -> bool:
-        """Whether it crashed, hung, or is not as its suite wants it.
+        """True if it crashed, hung, or is not as its suite wants it.
 
         What must pass may fail a check: a good package need not hold a sound part. It must be read.
         """

@@ -151,7 +151,7 @@ def _lamp(view: View, seen: ViewGeometry) -> dict[str, Any]:
 
 
 def use_mitsuba() -> bool:
-    """Whether Mitsuba can trace paths here; what is lacking is printed."""
+    """Tell whether Mitsuba can trace paths here; what is lacking is printed."""
     try:
         import mitsuba as mi
     except ImportError as error:

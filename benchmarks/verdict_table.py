@@ -37,7 +37,7 @@ def verify(folder: Path) -> Mapping[str, Any] | None:
 
 
 def reads_qr(picture: Path) -> bool:
-    """Whether a QR code is read from a picture of its shadow, as soft as a camera sees it from afar."""
+    """Tell whether a QR code is read from a picture of its shadow, as soft as a camera sees it from afar."""
     import zxingcpp
     from PIL import Image, ImageFilter, ImageOps
 

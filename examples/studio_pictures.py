@@ -52,7 +52,7 @@ def _keep(page: Page, path: Path) -> None:
 
 
 def _address(studio: subprocess.Popen[str]) -> str:
-    """Where the studio says that it can be opened."""
+    """Find where the studio says that it can be opened."""
     assert studio.stdout is not None
     return next(found[0] for line in studio.stdout if (found := re.search(r"http://\S+", line)))
 

@@ -15,7 +15,7 @@ WEIGHT = 2.0  # per mm², beside the picture's own term
 
 
 def hang_straight(points: torch.Tensor) -> torch.Tensor:
-    """How far the middle of the vertices [N, 3], mm, lies beside x = 0, squared."""
+    """Measure how far the middle of the vertices [N, 3], mm, lies beside x = 0, squared."""
     return WEIGHT * points[:, 0].mean() ** 2
 
 

@@ -31,7 +31,7 @@ def walk_cycle(frames: int = FRAMES) -> list[Image.Image]:
 
 
 def swings(frames: int = FRAMES) -> dict[str, float]:
-    """How far the end of each limb swings over the cycle, in parts of the frame's longer side."""
+    """Measure how far the end of each limb swings over the cycle, in parts of the frame's longer side."""
     skeletons = [_skeleton(phase) for phase in _phases(frames)]
     return {
         limb: max(dist(a[limb][-1], b[limb][-1]) for a in skeletons for b in skeletons)

@@ -69,7 +69,7 @@ class PaperCamera:
         return torch.stack([u * across - self.focal[0], v * down - self.focal[1]], -1)
 
     def half_diagonal(self, pixels: int) -> float:
-        """How far the centres of a square of so many pixels lie from its middle, on the plane."""
+        """Measure how far the centres of a square of so many pixels lie from its middle, on the plane."""
         return 0.5 * (pixels - 1) * hypot(*self.pitch)
 
 

@@ -40,7 +40,7 @@ def knot_lengths(knots: Tensor) -> Tensor:
 
 
 def length_loss(knots: Tensor, longest: float) -> Tensor:
-    """How far the length of all knots together exceeds the budget L0."""
+    """Measure how far the length of all knots together exceeds the budget L0."""
     return (knot_lengths(knots).sum() - longest).clamp_min(0.0)
 
 

@@ -48,7 +48,7 @@ def capsule_hit(
     qy: Tensor,  # [...]
     radius: float,
 ) -> tuple[Tensor, Tensor]:
-    """Where rays meet capsules first: the point [..., 3] and the unit normal there [..., 3].
+    """Find where rays meet capsules first: the point [..., 3] and the unit normal there [..., 3].
 
     The nearest point of the axis to a ray that enters the surface is found on the cylinder, or at an
     end where that falls outside the segment. A ray that misses gets the point that it passes nearest

@@ -135,7 +135,7 @@ def hard_silhouette(vertices: Array, faces: Indices, pixels: int) -> Mask:
 
 
 def holes(mask: Mask, least: int = 20) -> int:
-    """How many pieces of background of at least `least` pixels do not reach the frame."""
+    """Count how many pieces of background of at least `least` pixels do not reach the frame."""
     numbers, count = label(~np.pad(mask, 1))
     sizes = np.bincount(numbers.ravel(), minlength=count + 1)
     return int(sum(sizes[k] >= least for k in range(1, count + 1) if k != numbers[0, 0]))

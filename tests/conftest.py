@@ -65,7 +65,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def _shares(item: pytest.Item) -> bool:
-    """Whether a test's file makes something once for several tests: a fixture, or a cached function."""
+    """Tell whether a test's file makes something once for several tests: a fixture, or a cached function."""
     module = item.module  # type: ignore[attr-defined]
     own = [f for f in vars(module).values() if getattr(f, "__module__", "") == module.__name__]
     info = getattr(item, "_fixtureinfo", None)

@@ -23,7 +23,7 @@ _BERNSTEIN = np.linalg.inv(
 
 
 def passes_through(points: Array, step: Array, following: NDArray[np.int64]) -> bool:
-    """Whether edges without a common end meet while `points` (N, 3) go to `points + step`."""
+    """Tell whether edges without a common end meet while `points` (N, 3) go to `points + step`."""
     i, j = np.triu_indices(len(points), 1)
     apart = (following[i] != j) & (following[j] != i)
     i, j = i[apart], j[apart]
@@ -51,7 +51,7 @@ def _meet(p: Array, d: Array, hull: Array) -> bool:
 
 
 def _common_point(ends: Array) -> bool:
-    """Whether edges a-b and c-e, in one plane up to rounding, have a point in common."""
+    """Tell whether edges a-b and c-e, in one plane up to rounding, have a point in common."""
     a, b, c, e = ends
     u, v, w = b - a, e - c, c - a
     normal = np.cross(u, v)

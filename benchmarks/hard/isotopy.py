@@ -47,7 +47,7 @@ def types_of(polygons: list[Array]) -> str | None:
 
 
 def _same(before: list[Array], after: list[Array]) -> bool:
-    """Whether the invariants agree: linking always, the rest where the validators can tell."""
+    """Tell whether the invariants agree: linking always, the rest where the validators can tell."""
     if len(before) == 2 and abs(linking_number(*before) - linking_number(*after)) > 1e-3:
         return False
     was, now = types_of(before), types_of(after)

@@ -75,7 +75,7 @@ def wall_shares(case: WallCase) -> tuple[float, float]:
 
 
 def _off(exact, axis, inputs, found):  # type: ignore[no-untyped-def]
-    """How far a number is off, and 16 epsilons times the sum over all inputs of |df/dx| |x|."""
+    """Measure how far a number is off, and 16 epsilons times the sum over all inputs of |df/dx| |x|."""
     with mpmath.workdps(50):
         at = [mpmath.mpf(x) for x in inputs]
         true = exact(*at)[axis]
@@ -89,7 +89,7 @@ def _off(exact, axis, inputs, found):  # type: ignore[no-untyped-def]
 
 
 def _flatten(arc, y, radius, high, up):  # type: ignore[no-untyped-def]
-    """Where the ray through a place of the wall meets the flat wall."""
+    """Find where the ray through a place of the wall meets the flat wall."""
     turn = arc / radius
     x, before = radius * mpmath.sin(turn), 2 * radius * mpmath.sin(turn / 2) ** 2
     share = high / (high - before)
@@ -97,7 +97,7 @@ def _flatten(arc, y, radius, high, up):  # type: ignore[no-untyped-def]
 
 
 def _unroll(x, y, radius, high, up):  # type: ignore[no-untyped-def]
-    """Where the ray to a place of the flat wall meets the round one: by its equation's roots."""
+    """Find where the ray to a place of the flat wall meets the round one: by its equation's roots."""
     a, b, c = x * x + high**2, -2 * high * (high - radius), high * (high - 2 * radius)
     root = mpmath.sqrt(b * b - 4 * a * c)
     t = min(((-b + s * root) / (2 * a) for s in (-1, 1)), key=lambda t: abs(t - 1))

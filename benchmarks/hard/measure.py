@@ -236,7 +236,8 @@ def double_error(case: RenderCase, count: int = 5) -> float:
 
 
 def gradient_condition(case: RenderCase) -> float:
-    """How much the gradient changes, relative, when each input is off by a rounding of single precision."""
+    """Measure how much the gradient changes, relative, when each input is off by a rounding of single
+    precision."""
     points = torch.as_tensor(case.points)
     g = _gradient(lambda p: _loss(case, p, torch.float64), points)
     moved = _gradient(lambda p: _loss(case, p, torch.float64), points.float().double() * (1 + 1e-7))

@@ -113,7 +113,7 @@ def random_network(rng: np.random.Generator) -> tuple[CouplingNetwork, ValueCase
 
 
 def round_trip_share(network: CouplingNetwork, points: Tensor) -> tuple[float, float]:
-    """How far inverse(forward(x)) is off in single and in double precision, as shares of the bound.
+    """Measure how far inverse(forward(x)) is off in single and in double precision, as shares of the bound.
 
     `network` is in double precision. The bound is 16 machine epsilons times the condition number: the
     sum over all inputs, the weights on the way there and on the way back, and what each layer hands on,

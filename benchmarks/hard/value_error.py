@@ -115,7 +115,7 @@ def _along(case: ValueCase, ways: list[Tensor], h: float) -> float:
 
 
 def slope_excess(case: ValueCase, dtype: torch.dtype, step: float = 1e-6) -> float:
-    """How far the gradient leaves what the one-sided slopes allow, relative; 0 for a subgradient.
+    """Measure how far the gradient leaves what the one-sided slopes allow, relative; 0 for a subgradient.
 
     A subgradient's slope along v lies between f'(x; v) and -f'(x; -v), whichever is larger. The
     directions: all points anywhere, and each point alone, anywhere and along its own gradient.

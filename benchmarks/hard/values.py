@@ -68,7 +68,7 @@ def _neighbours(count: int) -> Function:
 
 
 def spill(points: Tensor, region: ResolvedRegion, radius: float, power: int = 1) -> Tensor:
-    """How far balls about points [n, 3] stick out of a region, summed, or the squares of that."""
+    """Measure how far balls about points [n, 3] stick out of a region, summed, or the squares of that."""
     excess, away = outside(points.detach().numpy(), region, radius)
     over = np.maximum(excess, 0.0)
     slope = np.where(over > 0, power * over ** (power - 1), 0.0)

@@ -152,7 +152,8 @@ def _networked(x: Array) -> float:
 
 
 def _passed(start: Array, x: Array) -> float:
-    """How far along a step the certificate lets two rings, or a knot, go, over how far until edges meet."""
+    """Measure how far along a step the certificate lets two rings, or a knot, go, over how far until edges
+    meet."""
     corners, step = x.reshape(2, -1, 3)
     points = start + 0.3 * corners
     sizes = (_RING, _RING) if len(points) == 2 * _RING else (len(points),)

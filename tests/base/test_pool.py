@@ -50,7 +50,7 @@ def echo(tmp_path: Path) -> Start:
 
 
 def ended(process: int, within_s: float = 20.0) -> bool:
-    """Whether a process of no matter whose is gone, or soon is."""
+    """Tell whether a process of no matter whose is gone, or soon is."""
     until = time.monotonic() + within_s
     while time.monotonic() < until:
         try:
@@ -169,7 +169,7 @@ with Workers("echo") as workers:
 
 @pytest.mark.parametrize("waits_s", [0, 60])
 def test_children_end_when_their_parent_is_killed(tmp_path: Path, waits_s: float) -> None:
-    """Whether they wait for a request, or answer one."""
+    """They end whether they wait for a request, or answer one."""
     (tmp_path / "echo.py").write_text(ECHO)
     parent = subprocess.Popen(
         [sys.executable, "-c", HOLD, str(waits_s)],

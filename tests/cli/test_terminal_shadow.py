@@ -19,7 +19,8 @@ def ellipse(across: float, up: float, radius: float, count: int = 300) -> Knots:
 
 
 def dots(lines: str) -> Mask:
-    """Which dots are set, by the code chart of Braille patterns: 1 2 3 7 down the left, 4 5 6 8 the right."""
+    """Find which dots are set, by the code chart of Braille patterns: 1 2 3 7 down the left, 4 5 6 8 the
+    right."""
     places = {
         0: (0, 0),
         1: (1, 0),

@@ -38,7 +38,7 @@ class Row:
 
     @property
     def placed(self) -> bool | None:
-        """Whether the place was named nearly enough; None where the fault has none."""
+        """True if the place was named nearly enough; None where the fault has none."""
         if self.within_mm is None:
             return None
         return self.away_mm is not None and self.away_mm <= self.within_mm

@@ -33,7 +33,7 @@ def list_imports(path: Path) -> list[tuple[str, str]]:
 
 
 def is_there(module: str, name: str) -> bool:
-    """Whether a module has that name, or a submodule of it."""
+    """Tell whether a module has that name, or a submodule of it."""
     try:
         return hasattr(importlib.import_module(module), name) or bool(
             importlib.import_module(f"{module}.{name}")

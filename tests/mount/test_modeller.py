@@ -67,7 +67,7 @@ def test_a_process_that_ends_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_nobody_asks_in_vain(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where none is asked, none is started; and the block ends though it is still loading."""
+    """No process starts where none is asked; and the block ends though it is still loading."""
     before = _children()
     with keep_modeller(early=False):
         assert _children() == before

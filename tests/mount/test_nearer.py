@@ -131,7 +131,7 @@ def test_the_shadow_of_what_is_moved_stays(keys: dict[str, float]) -> None:
 
 
 def pixels(some: Knots, view: ResolvedView) -> Array:
-    """Where the light sends each vertex on a picture of 90 px."""
+    """Find where the light sends each vertex on a picture of 90 px."""
     p = camera_of(view, 90, 90).projection
     seen = some.points @ p[:, :3].T + p[:, 3]
     return np.asarray(seen[:, :2] / seen[:, 2:])

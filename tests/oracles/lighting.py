@@ -94,7 +94,8 @@ def _meets(foot: Array, way: Array, start: Array, along: Array, radius: float) -
 
 
 def wall_and_truth(rng: np.random.Generator) -> tuple[float, float]:
-    """How far a flat wall has the picture off a random round one, px: as claimed, and by halving rays."""
+    """Measure how far a flat wall has the picture off a random round one, px: as claimed, and by halving
+    rays."""
     view, _, _, _ = random_scene(rng)
     high = view.light_distance_mm + view.wall_distance_mm
     radius = rng.uniform(0.6, 5) * high if rng.random() < 0.5 else -rng.uniform(150, 3000)

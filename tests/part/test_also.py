@@ -70,7 +70,7 @@ def made_by_hand(kind: str, also: set[str], out: Path, **view: float) -> Made:
 
 
 def wanted_lines(knots: Knots, camera: Camera) -> list[np.ndarray]:
-    """Where the light throws the knots, mm from the lower left corner of the frame, by the camera."""
+    """Find where the light throws the knots, mm from the lower left corner of the frame, by the camera."""
     pixel = camera.frame_mm[0] / camera.width
     places = [(camera.project(k.points) + 0.5) * pixel for k in knots.knots]
     return [np.column_stack([p[:, 0], camera.frame_mm[1] - p[:, 1]]) for p in places]
@@ -202,7 +202,7 @@ def test_centre_lines_are_closed_splines_through_the_vertices(tmp_path: Path) ->
 
 @pytest.mark.slow
 def test_a_tube_that_folds_is_told_and_made_of_facets(tmp_path: Path) -> None:
-    """Where the spline through the vertices bends more tightly than the tube is thick."""
+    """The spline through the vertices bends more tightly than the tube is thick."""
     t = np.linspace(0, 2 * np.pi, 40, endpoint=False)
     tight = np.column_stack([30 * np.cos(t), 2.02 * np.sin(t), 0 * t])
     path = str(tmp_path / "part.step")

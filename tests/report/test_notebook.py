@@ -25,7 +25,7 @@ class _Tags(HTMLParser):
 
 
 def _pictures(page: str) -> int:
-    """How many pictures a piece of page has, all of them inside; it loads nothing and runs nothing."""
+    """Count how many pictures a piece of page has, all of them inside; it loads nothing and runs nothing."""
     plain = re.sub(r"data:image/[a-z]+;base64,[A-Za-z0-9+/=]+", "data:", page)
     assert not any(word in plain for word in _LOADS), plain
     reader = _Tags()

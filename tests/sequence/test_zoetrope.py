@@ -18,7 +18,7 @@ def _frame(lift: float = 0.0, radius: float = 2.0) -> Knots:
 
 
 def _halves(vertices: np.ndarray) -> np.ndarray:
-    """How many vertices above the ring lie in each of the quarters."""
+    """Count how many vertices above the ring lie in each of the quarters."""
     middle = 0.5 * (vertices[:, :2].min(0) + vertices[:, :2].max(0))
     x, y = (vertices[vertices[:, 2] > 5.0, :2] - middle).T
     return np.bincount(((np.arctan2(y, x) / (np.pi / 2) + 0.5) % 4).astype(int), minlength=4)

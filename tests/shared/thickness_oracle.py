@@ -92,7 +92,7 @@ class _Vertices:
     def turns(
         self, k: NDArray[np.int64], chord: Wide
     ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Whether the length of chords that leave vertices k turns there, and whether to rise."""
+        """Tell whether the length of chords that leave vertices k turns there, and whether to rise."""
         behind = (self.into[k] * chord).sum(axis=1)
         ahead = (self.out[k] * chord).sum(axis=1)
         e = ROUNDING * np.sqrt((chord * chord).sum(axis=1)) * self.longest

@@ -100,7 +100,7 @@ def test_what_print_costs_is_weighed_in_the_extent(
     problem: Problem, template: Template, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def extent(dearer_by: float, lamp_mm: float, turn_deg: float) -> float:
-        """Where supports cost so much more at full depth than at none."""
+        """Supports cost so much more at full depth than at none."""
 
         def supports(judge: depth._Judge, parts: list[Array]) -> Array:
             return np.array([dearer_by * judge.extent_mm / DEPTH_MM])

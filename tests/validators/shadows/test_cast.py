@@ -40,7 +40,8 @@ def test_it_draws_what_the_renderer_draws(behind: bool) -> None:
 
 
 def met_by_rays(g: ViewGeometry, corners: Array) -> Mask:
-    """Which pixels' rays, from the receiver to the light, meet one of the triangles (m, 3, 3): all by all."""
+    """Find which pixels' rays, from the receiver to the light, meet one of the triangles (m, 3, 3): all by
+    all."""
     v, u = np.mgrid[: g.height, : g.width]
     at = g.on_receiver(np.column_stack([u.ravel(), v.ravel()]).astype(float))
     met = np.zeros(len(at), dtype=bool)

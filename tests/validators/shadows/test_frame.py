@@ -30,7 +30,7 @@ def test_the_working_frame_keeps_pixel_squares(shape: tuple[int, int]) -> None:
 
 
 def share(at: int, wanted: int, pixels: int) -> dict[int, Fraction]:
-    """How much of each of so many pixels the one of `wanted` covers, by number."""
+    """Measure how much of each of so many pixels the one of `wanted` covers, by number."""
     low, high = Fraction(at * pixels, wanted), Fraction((at + 1) * pixels, wanted)
     return {k: min(high, k + 1) - max(low, k) for k in range(floor(low), ceil(high))}
 

@@ -187,7 +187,7 @@ def test_it_is_skipped_without_knots_or_radius() -> None:
 
 
 def test_a_mitre_is_no_bump_but_a_bump_there_is_one() -> None:
-    """Where edges meet at 30 degrees the mitre stands out 3.5 %; a twelfth of a circle, 12 edges."""
+    """The mitre stands out 3.5 % where edges meet at 30 degrees: a twelfth of a circle, 12 edges."""
     n, sides = 12, 64
     t = 2 * np.pi * np.arange(n) / n
     corners = 40 * np.column_stack([np.cos(t), np.sin(t), np.zeros(n)])
