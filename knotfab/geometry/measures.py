@@ -49,7 +49,7 @@ def strand_gap(
     total = np.add.reduceat(length, np.unique(rings.start))[rings.ring]
     longest, within = float(length.max()), min(1.2 * separation, reach)
     while True:
-        # the least distance lies below a small bound first: most often strands are close somewhere
+        # a gap found within a distance is the least of all; most often strands are close somewhere
         near = find_neighbours(points, rings, within + longest, 2)
         lists = (rings.next, rings.start, near.i, near.j, before, total)
         gap, pair = least_gap(points, *lists, 0.5 * np.pi * separation, straight)

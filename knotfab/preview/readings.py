@@ -45,7 +45,7 @@ _OPTIONS = {
 }
 _PHOTO = 100  # colours of four bits a channel, that a photograph has at least
 _MILD = 0.9  # the score's factor for each step of cleaning
-_LINES = 0.6  # the score's factor for a drawing along its lines, all of which a thin tube draws
+_LINES = 0.6  # the share that counts as drawn of lines: a usual tube draws none, a thin one all
 _LEAST_INK, _MOST_INK = 0.04, 0.7  # shares of the frame within which a likely reading lies
 _PANEL, _TEXT, _GAP, _COLUMNS = 300, 68, 14, 3  # px of the sheet
 _LETTERS = 42  # letters of a line above it

@@ -175,7 +175,7 @@ class Studio(Broadcast):
         if changed:
             self.renew()
         else:
-            self.tell_state()  # the page learns which build is marked
+            self.tell_state()  # the page learns which fields are marked
         for name in given:
             if name in self.settings.wrong:
                 why = self.settings.wrong[name]["why"].rstrip(".")

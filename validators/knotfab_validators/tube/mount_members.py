@@ -115,7 +115,7 @@ def _find_deepest(mesh: Mesh, member: Member, low: Array, high: Array) -> tuple[
             (whole & within.all(axis=1))[within.any(axis=1)],
         )
     deep, point = _measure_depth(corners, member)
-    # a share that only a part of a face can bring is measured on that part
+    # faces that lie between the planes only in part are measured by that part
     fans = [
         np.stack([part[[0, k, k + 1]] for k in range(1, len(part) - 1)])
         for triangle in corners[~whole & (deep > 0)]
