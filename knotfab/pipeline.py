@@ -91,7 +91,7 @@ _USUAL_S = {
 }
 _USUAL_PRINTED_S = {"verify": 0.3, "slicer": 8.0, "drawings": 2.0}
 _LONGER = {"sketch": 0.4, "draft": 1.0, "standard": 3.5, "fine": 7.0}  # a search
-_FREE = 10.0  # times: one that finds the pose as well
+_FREE = 10.0  # factor for a search that finds the pose as well
 
 
 def _usual_seconds(request: Request) -> dict[str, float]:

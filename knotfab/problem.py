@@ -134,7 +134,8 @@ class Start(InNotebook):
     far: bool = False
     facing: int | None = 0
     ious: tuple[float, ...] = ()
-    effects: Mapping[str, Decision] = field(default_factory=dict)  # that were called for by now
+    # effects that were called for by now
+    effects: Mapping[str, Decision] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not self.types:

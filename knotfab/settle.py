@@ -23,7 +23,7 @@ from knotfab.torch_forms.forms import TorchForms
 __all__ = ["settle_part", "tell_depth"]
 
 ROUNDS = 2  # searches anew
-_MUCH_DEEPER = 1.3  # times the depth that was asked for
+_MUCH_DEEPER = 1.3  # depth over the one that was asked for, from which on it is told
 
 
 @dataclass(frozen=True)

@@ -76,7 +76,8 @@ __all__ = [
 
 # shares of the way to the light, and to the wall, that a piece may reach where its region is "auto"
 LIGHT_SHARE, WALL_SHARE = 0.25, 0.9
-VERIFIED_PX = 1024  # on the longer side of a frame: where shadows are verified, magnitudes told
+# px on the longer side of a frame at which shadows are verified and magnitudes told
+VERIFIED_PX = 1024
 
 
 class Scene(Table):

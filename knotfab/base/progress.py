@@ -108,7 +108,7 @@ class Progress:
         self._began = time.perf_counter() if began is None else began
         self._due["standing"] = time.perf_counter() + _KEPT_S
         self._usual: dict[str, float] = {}
-        self._stages: list[tuple[str, float]] = []  # that run, the outer before the inner
+        self._stages: list[tuple[str, float]] = []  # stages that run, the outer before the inner
         self._fraction: float | None = None
         self._late = False  # the stage that runs takes longer than usual
         self._most = 0.0  # the largest share so far, so that the bar never runs back
@@ -406,7 +406,7 @@ def _bar(
         max_refresh = 0.5
 
         def render(self, task: Task) -> Text:
-            if task.total is None:  # one of several things side by side
+            if task.total is None:  # several things run side by side
                 return TimeElapsedColumn().render(task)
             return Text(remaining(), style="progress.remaining")
 

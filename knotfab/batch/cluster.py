@@ -29,9 +29,9 @@ __all__ = ["open_cluster"]
 
 _MEMORY = "MEMORY"  # a worker started with --resources MEMORY=8e9 is given as many builds as fit
 _RETRIES = 3  # retries of a build whose worker was lost
-_PATIENCE_S = 10  # for the scheduler to answer
+_PATIENCE_S = 10  # seconds for the scheduler to answer
 _LOOK_EVERY_S = 0.5  # whether anybody still waits for a build
-_KEPT_S = 20.0  # that a worker keeps what builds have loaded, a GB, for the next
+_KEPT_S = 20.0  # seconds for which a worker keeps loaded libraries, a GB, for the next build
 _idle: list[
     tuple[Workers, threading.Timer]
 ] = []  # this worker's, with the timers that will end them

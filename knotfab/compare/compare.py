@@ -41,14 +41,14 @@ _MARGIN = 0.15  # a share of the frame on each side, so that spill counts
 _PLATE_SHARE = 0.7
 _LARGEST_PX = 12000
 _GAIN = 0.004  # a gain of IoU below which the lamp may stay
-_LEAST_MM = (2.0, 2.0, 8.0)  # by which a lamp is worth moving: right, up, away
+_LEAST_MM = (2.0, 2.0, 8.0)  # moves by which a lamp is worth moving: right, up, away
 # IoU after the fit below which it is the shadow of something else. The piece's own, with corners off by up to
 # 2 mm, have 0.68 to 1.00; others up to 0.38, but up to 0.78 where both shadows are much like a disc
 _ALIKE = 0.6
-_ROUGH = 3  # times as few px and vertices where only an order of the corners is looked for
+_ROUGH = 3  # factor of fewer px and vertices where only an order of the corners is looked for
 _SURE = 0.9  # IoU after the fit from which on no other order of the corners is looked for
 _AS_GOOD = 0.02  # IoU by which orders differ that are both named
-_CLEARLY = 0.1  # by so much IoU another order of the corners is the right one
+_CLEARLY = 0.1  # an order of the corners with so much more IoU is the right one
 _PAPER, _BOTH, _MISSING, _SPILL = (250, 248, 244), (150, 146, 140), (33, 102, 172), (200, 60, 20)
 
 

@@ -20,7 +20,7 @@ from knotfab.scene.load import dump_scene
 
 __all__ = ["FIXED", "Fix", "plan_fix", "tell_fix"]
 
-FIXED = "fixed.toml"  # beside the scene that was built, whose pictures it names
+FIXED = "fixed.toml"  # a file beside the scene that was built, whose pictures it names
 _HEAR_MM = 2.0  # a piece is worth hanging elsewhere from so much on
 
 
@@ -118,7 +118,7 @@ def _led(knots: Knots, camera: Camera, eye: Array) -> Knots:
     def led(points: Array) -> Array:
         off = points @ wall + offset
         share = (off / (float(camera.eye @ wall) + offset))[:, None]
-        there = (points - share * camera.eye) / (1 - share)  # on the wall
+        there = (points - share * camera.eye) / (1 - share)  # points on the wall
         share = (off / (float(eye @ wall) + offset))[:, None]
         return np.asarray(there + share * (eye - there))
 

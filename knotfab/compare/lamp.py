@@ -19,8 +19,8 @@ from knotfab.scene.camera import Camera
 __all__ = ["LampFit", "cast_shadow", "find_lamp"]
 
 _STEP_MM = (8.0, 8.0, 40.0)  # the simplex's steps, and the scale of the unknowns
-_COARSER = 2  # than what the IoU is measured on
-_SOFT_PX = (4.0, 1.5)  # by which both pictures are blurred, first and then
+_COARSER = 2  # factor to the resolution of the IoU
+_SOFT_PX = (4.0, 1.5)  # blur of both pictures, first and then
 _MOST_TURNS = 90
 _FARTHEST = 1.0  # a lamp may be off by this share of its distance from the wall
 _EDGE_PER_PX = 4.0  # sharpness of outlines: as steep as the share of a pixel that an edge covers

@@ -45,10 +45,10 @@ _HOPELESS = 0.5  # a bound below which no search is begun
 _MOST_VIEWS = 12
 _ALIKE_DEG = 3.0  # lines of sight nearer to each other are one
 _CHECK_PX = 384
-# times that a bending is scaled back at most until the picture keeps its pieces and holes
+# the most times that a bending is scaled back until the picture keeps its pieces and holes
 _SCALED = 12
 _SLACK = 0.0008  # a share of a bound: the error of a coarse measure
-_ADDED = 0.003  # likewise, of one that is known
+_ADDED = 0.003  # the same for a bound that is known
 _SAID = 0.001  # a share of a bound: nobody needs to be told of less
 
 

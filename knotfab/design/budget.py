@@ -14,11 +14,11 @@ from knotfab_formats.search import PRESETS, SearchSettings
 __all__ = ["Budget", "require_budget", "resolve_iterations", "scale_to_budget", "spare"]
 
 _LEAST_S, _LEAST_SEVERAL_S, _LEAST_FRAME_S = 5.0, 12.0, 4.0
-# for the design of a view, below which it takes the draft's trials, pictures and spacing, or the sketch's
+# seconds for the design of a view, below which it takes the draft's trials, pictures and spacing, or the sketch's
 _SHORT_S, _SHORTEST_S = 6.0, 3.0
 _SEARCH_VERTEX_S = 0.12e-3  # seconds of the least search, for each vertex
 _USUAL_VERTICES = 2500
-_MOST = 4.0  # times slower: more is no measure of anything
+_MOST = 4.0  # a larger factor of slowness is no measure of anything
 _LESS = ("coarse_px", "fine_px", "depth_candidates", "radius_candidates", "mesh_sides")
 _THICKER = (0.012, 0.03)  # IoU given where what follows would not fit otherwise
 _MORE = ("settle_edge_radii", "radius_give", "radius_from", "outline_px")

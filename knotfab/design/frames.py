@@ -32,7 +32,7 @@ __all__ = [
 ]
 
 LONGER_FRAME_MM = 180.0  # the picture's longer side on the wall, where the scene does not say
-_SLIM = 1.25  # times the tube's shadow: thinner strokes are drawn along their lines
+_SLIM = 1.25  # strokes thinner than so many of the tube's shadow are drawn along their lines
 _WIDEST = 0.25  # a share of the picture's narrower side: the widest strokes
 _ROOM = 1.1  # width of a stroke that is filled over the thinnest tube's shadow
 # why only one picture is drawn along its lines

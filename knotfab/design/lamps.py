@@ -33,7 +33,7 @@ __all__ = ["LAMPS_FRAME_MM", "depth_apart", "place_lamps"]
 LAMPS_FRAME_MM = 120.0
 _WHOLE_MM = 800.0  # the default distance from the wall to the lamps
 _STEPS = tuple(np.round(np.arange(0.30, 1.51, 0.02), 2).tolist())  # values of k that are tried
-_SPARE_MM = 3.0  # on the wall, between a stray shadow and the screen
+_SPARE_MM = 3.0  # the gap on the wall between a stray shadow and the screen
 _BESIDE_BED_MM = 12.0  # pieces leave so much of a printer's bed free
 _NEAR = (
     "no places within the bounds keep each lamp's other shadows off the screen: what stands in the middle "

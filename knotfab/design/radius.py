@@ -30,7 +30,8 @@ _NOTHING = 0.5  # IoU below which there is no picture
 _ENOUGH = 0.86
 _THINNER = 0.75  # the next radius over the thinnest so far
 _WORKERS = 2  # radii side by side; their outcome does not depend on it
-_LONGER = 1.4  # times its template: a knot of some depth; a knight, a bicycle: 1.42 to 1.46
+# length over its template's, of a knot of some depth; a knight, a bicycle: 1.42 to 1.46
+_LONGER = 1.4
 _USUAL_MAGNIFICATION = 1.2  # a scene's defaults have it
 _FEW = 4  # depth profiles, where only a place for a knot is looked for
 # trials of the last question: a build asks again what its preview asked

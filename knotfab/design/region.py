@@ -18,7 +18,7 @@ from knotfab_formats.scene import WALL_SHARE, Region, ResolvedRegion, ResolvedVi
 __all__ = ["depth_extent", "least_wall_mm", "most_depth_mm", "resolve_region"]
 
 
-_WIDER = 1.25  # than the picture
+_WIDER = 1.25  # the region's width over the picture's
 _BESIDE_RADII = 2.0  # before and behind the centre lines
 
 

@@ -24,7 +24,7 @@ _LINE = 0.35  # points
 _TEXT = 6.5
 _GAP_MM = 1.0  # between a thing and the line that leads away from it
 _ARROW_MM = 1.6
-_ROOM_MM = 9.0  # for the text between two arrows
+_ROOM_MM = 9.0  # room for the text between two arrows
 
 
 def length(value: float) -> str:

@@ -24,7 +24,7 @@ _FEET = 200  # points of the wall behind strands, where their own light is
 _LOOKED_AT = 8  # places that are looked at, where most is thrown back
 _PIECE_RADII = 2.0  # length of the pieces that strands are taken in
 _CELLS = 64  # across the sky that is seen from there
-_SURE = 1.05  # times what is found so: what is left out at most, of hundreds of scenes
+_SURE = 1.05  # factor to the sum found so: over hundreds of scenes the rest was less
 _CHORDS = 200  # across a strand
 
 

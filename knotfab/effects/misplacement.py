@@ -207,7 +207,7 @@ def parting_mm(seen: Shadows, radius: float, world: World) -> Parting:
         return float((way * aside * field.slopes).max()) * wall.bend
 
     grown = float(field.high.max()) / clear
-    if wall.round is not None:  # on which light falls aslant
+    if wall.round is not None:  # light falls aslant on a round wall
         grown *= float(np.hypot(1.0, field.slopes).max())
     second = grown * angle**2 * far * (0.5 + far / clear)  # foreshortening, and nearer to the lamp
     tilted = 0.0

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
 __all__ = ["MOST_TILT_DEG", "Eyelet", "HangMount", "hang_bodies", "hang_fixtures", "plan_hang"]
 
-MOST_TILT_DEG = 1.0  # that the piece may hang askew
+MOST_TILT_DEG = 1.0  # the piece may hang askew by this
 HOLE_MM = 3.0  # across the eyelet's hole
 THREAD_MM = 1.0  # across the thread's way, with some room
 UP = np.array([0.0, 1.0, 0.0])

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 __all__ = ["lamps_sheet"]
 
 ZONE: Box = (26.0, 92.0, 184.0, 262.0)  # the drawing's place on the page
-BESIDE_MM = 14.0  # on the page, from the drawing to its dimensions
+BESIDE_MM = 14.0  # distance on the page from the drawing to its dimensions
 ROW_MM, WIDE = 4.2, 120  # between lines of words, and characters in each
 BAR = "0.9"
 

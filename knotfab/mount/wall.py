@@ -44,12 +44,12 @@ PEG_SHARES = (0.95, 0.85, 0.75, 0.6)
 THIN_SHARES = (0.5, 0.4)  # shares for a knot alone that bars all thicker pegs itself
 ROOT_SHARE = 0.1  # the filleted root is wider by this share
 MOST_SHARE = 0.98
-HOPELESS = 4.0  # times the limit: thinner pegs do not take away so much
+HOPELESS = 4.0  # factor of the limit from which on thinner pegs do not take away so much
 ROOT_HEIGHT_MM = 3.0
 MARK_MM = 1.5  # depth of the notches in the plate's edges
-LEAST_MARK_MM = 0.5  # none where no deeper ones have room
+LEAST_MARK_MM = 0.5  # a plate gets no notches where no deeper ones have room
 PLAY_MM = 0.3  # a hole is so much wider than its dowel
-DRILLS_MM = (*(0.5 * k for k in range(2, 14)), 7.0, 8.0, 9.0, 10.0, 12.0)  # that shops sell
+DRILLS_MM = (*(0.5 * k for k in range(2, 14)), 7.0, 8.0, 9.0, 10.0, 12.0)  # bits that shops sell
 OVERLAP_MM = 0.3  # a peg goes so far into its plate or dowel, beyond what its slant needs
 
 
@@ -149,7 +149,7 @@ def plan_wall(
             found = _with_share(
                 share, knots, camera, clearance_mm, stiffness, settings, target, thoroughly
             )
-        except ValueError as error:  # nor is there room for a thinner one
+        except ValueError as error:  # a thinner one has no room either
             raise NotHeldError("the wall mount", str(error), remedy) from error
         if best is None or found.sag_again_mm < best.sag_again_mm:
             best = found

@@ -18,7 +18,7 @@ __all__ = ["LAMP_WAYS", "TURN_WAYS", "costs_of", "lamp_facts", "level_wall", "st
 
 LAMP_MM = 10.0  # the misplacement for which the loss is told
 HEAR_MM = 0.05  # an offset of less is none
-ASIDE_MM = 1.0  # nor one of so little to the side of a stand
+ASIDE_MM = 1.0  # an offset of so little to the side of a stand is none either
 
 # How the report's keys read, and what goes with them.
 LAMP_WAYS = {"right": "to the side", "up": "up or down", "towards": "nearer or farther"}

@@ -30,7 +30,7 @@ from knotfab_formats.scene import Scene
 
 __all__ = ["Part", "enlarge_knots", "part_of", "rules_of", "shrink_of"]
 
-BESIDE_MM = 5.0  # that a slicer's supports reach out of a piece's outline, at most
+BESIDE_MM = 5.0  # a slicer's supports reach out of a piece's outline by at most this
 BESIDE_SHARE = 0.05  # a share of the printer's bed: a small one is used to its edge
 _ANY_SIZE = (1e6, 1e6, 1e6)
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 __all__ = ["KERF_MM", "CutPiece", "cut_body"]
 
 KERF_MM = 0.01  # the matter that is lost at a cut
-DEEPER_MM = 0.3  # than its pin is long a hole is
+DEEPER_MM = 0.3  # a hole is deeper than its pin is long, by this
 ROOT_RADII = 0.5  # tube radii by which a pin goes back into its own piece
 CHAMFER_SHARE = 0.3  # a share of the pin's radius, at its tip
 SIDES = 32

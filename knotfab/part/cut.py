@@ -14,7 +14,7 @@ from knotfab.part.orient import spread_turns
 __all__ = ["CLEARANCE_MM", "PIN_RADII", "Cut", "Line", "find_cuts"]
 
 
-PIN_RADII = 2.0  # that a pin sticks out of the cut, in tube radii
+PIN_RADII = 2.0  # tube radii by which a pin sticks out of the cut
 PIN_SHARE = 0.5  # a pin's radius over the tube's, where the bend leaves room for it
 LEAST_SHARE = 0.25
 CLEARANCE_MM = 0.12  # the pin's play in its hole, all round

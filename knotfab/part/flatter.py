@@ -26,7 +26,7 @@ STEPS = 5  # halvings, to a thirty-second of the depth
 AIM = 0.95  # a share of the limit: the search that follows lays the strands anew
 ROUND_MM = 0.1
 FLATTER = (0.6, 0.0)  # shares of the depth that are estimated for the report as well
-RODS = 2000  # that stand for the strands
+RODS = 2000  # rods that stand for the strands
 
 
 @dataclass(frozen=True)

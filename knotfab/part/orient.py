@@ -38,7 +38,7 @@ AXES = (
     np.array([[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]]),
 )
 SPHERE = 64  # directions all round
-HULL_FACES = 16  # on which the piece could lie
+HULL_FACES = 16  # faces of the hull on which the piece could lie
 SAME_DEG = 2.0  # directions nearer to each other are one
 
 # What a pose costs, as minutes of printing on a usual filament printer: a cubic centimetre of supports is
@@ -46,7 +46,7 @@ SAME_DEG = 2.0  # directions nearer to each other are one
 # touches the bed, costs the prints that fail. Minutes as PrusaSlicer tells them of the same knot with
 # more and with less supports (docs/report.md).
 MINUTES_PER_CM3 = 9.0
-SHORT = 1.12  # times the estimate is the most that the surface's own columns came to
+SHORT = 1.12  # the most that the surface's own columns came to, over the estimate
 MINUTES_PER_LAYER = 4.0 / 60.0
 USUAL_LAYER_MM = 0.2  # fine layers cost more time in every pose alike
 TIPSY_DEG = 10.0  # stands as well as any that tips later

@@ -26,7 +26,7 @@ TURN_STEP_DEG = 0.25
 SPARE = 0.005
 
 ORIENTATIONS = AXES[:3]
-RUNNERS_UP = 3  # that a report names
+RUNNERS_UP = 3  # poses that a report names
 QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 
 

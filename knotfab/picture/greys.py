@@ -12,7 +12,7 @@ from knotfab.picture.read import Target
 
 __all__ = ["read_darkness"]
 
-_ENDS = (1.0, 99.0)  # per cent of the pixels that are taken for black and for white
+_ENDS = (1.0, 99.0)  # percentiles of the pixels that are taken for black and for white
 
 
 def read_darkness(target: Target, invert: bool = False) -> Array:

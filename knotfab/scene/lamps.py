@@ -32,9 +32,10 @@ _COLOURS: dict[str, tuple[float, float, float]] = {
     "cold": (0.75, 0.87, 1.0),  # about 8000 K
 }
 _SETS = {"rgb": "red+green+blue"}
-COLOURS_FILE = "picture-colours.png"  # beside the scene: the picture that masks were taken from
+# a file beside the scene: the picture that masks were taken from
+COLOURS_FILE = "picture-colours.png"
 SWITCH = "switch"  # the word for lamps that are lit one after the other
-MOST_LAMPS = 5  # that mix 32 colours
+MOST_LAMPS = 5  # five lamps mix 32 colours
 _LED_MM = 3.0
 _APART_MM = 1.0  # two lamps that stand nearer to each other throw one shadow
 _ALIKE = 0.05  # a share of a colour's length: two lamps of colours nearer to each other mix nothing

@@ -16,7 +16,7 @@ __all__ = ["Pace"]
 
 _TRIED = 6  # iterations by which a phase is timed before it begins; they are taken back
 _LEAST = (20, 16, 12)  # iterations of the phases, that a verified part needs
-_MOST = 5.0  # times what the settings ask for: more has nothing to gain
+_MOST = 5.0  # factor of the settings' iterations: more has nothing to gain
 _OVERHEAD = 0.5  # a share of an iteration that even a picture of no pixels would cost
 _MENDING = 0.4  # the last phase's extra cost, for its closer vertices and repairs, as a share
 

@@ -30,7 +30,7 @@ __all__ = ["FrameResult", "finish", "follow", "is_far"]
 
 _REPAIRS = 6
 _FAR = 2.0  # tube radii
-_ROOM = 1.04  # times the bend radius that the part must keep
+_ROOM = 1.04  # factor of the bend radius that the part must keep
 
 
 @dataclass

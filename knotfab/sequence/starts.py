@@ -29,7 +29,7 @@ __all__ = [
 ]
 
 
-_MORE = 2.0  # times the iterations, where a frame did not come out
+_MORE = 2.0  # factor of the iterations, where a frame did not come out
 POOR = 0.025  # another start is tried where the IoU is so far below what the radius allows
 _ALIKE = 0.5  # a frame that differs less than this share of the neighbour's difference is the better start
 _SMALL_PX = 256  # the longer side of pictures that are compared

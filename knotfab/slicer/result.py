@@ -35,12 +35,12 @@ class Sliced:
     filament_g: float
     support_m: float  # filament that goes into supports
     layers: int
-    objects: int  # that it counts in the 3MF
+    objects: int  # objects counted in the 3MF
     warnings: tuple[SlicerWarning, ...]
     checks: tuple[CrossCheck, ...]
     command: str
     profile: dict[str, str] = field(hash=False)
-    seconds: float  # that slicing took
+    seconds: float  # seconds of slicing
 
     @property
     def support_share(self) -> float:

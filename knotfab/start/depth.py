@@ -38,8 +38,8 @@ _SAMPLE_RADII = 0.8  # between the points that a profile is judged at
 _DRAWN = 6  # one candidate in so many is drawn at random; the others vary the best so far
 _KEPT = 4  # profiles that are varied in turn
 _CHANGES = (0.6, 0.1)  # shares of a wave's spread by which it is changed, at first and at last
-_RODS = 600  # that supports are estimated by
-_EXTENTS = 20  # that a profile is judged at where placing is careless
+_RODS = 600  # rods by which supports are estimated
+_EXTENTS = 20  # extents at which a profile is judged where placing is careless
 _NOISE = 0.025  # legibility differs by as much from draw to draw of profiles: less is no reason
 _TURNS = 3  # turns to the bed, in which supports are weighed: the best of the first profiles
 
@@ -189,7 +189,8 @@ class _Judge:
         costs = np.array(found)
         best = int(costs.sum(axis=1).argmin())
         other, parting = costs[-1] - costs[best]
-        if min(parting, other + parting) <= _NOISE:  # nor is what else is saved, by itself
+        # the gain must exceed the noise, with other savings and without
+        if min(parting, other + parting) <= _NOISE:
             return most
         return floor(1e4 * float(extents[best])) / 1e4  # a rebuild from the number is the same
 

@@ -25,7 +25,7 @@ from knotfab.geometry.sampling import arc_lengths, pair_nearby, sample_evenly
 
 __all__ = ["assign_lanes", "part_passes", "part_sides"]
 
-_LANES = 8  # on either side of the middle
+_LANES = 8  # lanes on either side of the middle
 _STEP = 0.5  # separations between samples that have a lane each
 _ALONG = 2.5  # separations along the curve within which a strand is its own neighbour
 # a straight way less than this share of the way along it is a turn, at a stroke's end

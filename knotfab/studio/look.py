@@ -27,7 +27,10 @@ _FILLED = {
     "keep_largest": "keep_largest",
     "subject_px": "subject",
 }
-_SHADE, _LINE = (20, 15, 10, 150), (255, 120, 40, 255)  # over what is cut away, and the outline
+_SHADE, _LINE = (
+    (20, 15, 10, 150),
+    (255, 120, 40, 255),
+)  # colours of the shade over what is cut away, and of the outline
 _SHOWN_PX = 1024
 
 

@@ -64,7 +64,8 @@ class Studio(Broadcast):
         # pictures are added one after the other, so that each finds a name
         self.adding = asyncio.Lock()
         self._previews = 0
-        self._ways: tuple[Any, list[dict[str, Any]], list[bytes]] = (None, [], [])  # to read what
+        # the ways to read a picture, with the picture and its settings first
+        self._ways: tuple[Any, list[dict[str, Any]], list[bytes]] = None, [], []
 
     async def open(self) -> None:
         """Read the state that was left, and prepare a process for the first build."""

@@ -25,7 +25,7 @@ __all__ = [
 ]
 
 _LEAST = 1e-6  # an error of 0 has no logarithm
-_ROUGHER = 1.1  # times the middle's curvature, that a point on the front has at most
+_ROUGHER = 1.1  # the most curvature of a point on the front, over the middle's
 _PLAINER = 0.05  # legibility from aside over the middle's, likewise
 _NEAR = log(1.15)  # points within 15 % in seconds or in error are near the front
 _DEAR = log(4.0)  # more of the middle's seconds is only worth while for less error

@@ -27,7 +27,7 @@ __all__ = ["answer", "plain_arrays"]
 
 MOST_BYTES = 2_000_000_000
 MOST_HEADER = 100_000  # bytes
-MOST_CORNERS = 10_000  # of one face: cutting it takes a time that grows with their square
+MOST_CORNERS = 10_000  # corners of one face: cutting it takes a time that grows with their square
 COMMAS = "its numbers have decimal commas, such as 1,5: export it with decimal points"
 LENGTH = (
     "it is cut off, or longer than its header says, or its faces have different numbers of corners, which "
@@ -41,7 +41,7 @@ OBJ = re.compile(
 # comments, ends of continued lines, textures and normals: VTK ends the process where one of these is missing
 SHAPELESS = re.compile(rb"#[^\r\n]*|\\\r?\n|(?<=\d)/[-\d/]*|\A\xef\xbb\xbf")
 FIRST_WORD = re.compile(rb"^[ \t]*(\S+)", re.MULTILINE)
-WORDS = frozenset(  # what VTK reads, and what says nothing of a surface
+WORDS = frozenset(  # statements that VTK reads, and statements without a surface
     b"v f vt vn vp g s o mg l p usemtl mtllib usemap maplib bevel c_interp d_interp lod "
     b"shadow_obj trace_obj".split()
 )

@@ -26,7 +26,7 @@ __all__ = [
     "load_early",
 ]
 
-# for readers
+# keys of a verdict, for readers
 VERDICT_KEYS = "status", "conclusion", "size_mm", "notes", "checks", "views", "colours", "picture"
 LIMIT_S = 1800.0  # seconds for one part, from when its verdict is waited for
 _MODULE = "knotfab_validators.service"

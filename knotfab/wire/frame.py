@@ -14,7 +14,7 @@ __all__ = ["WireFrame", "measure_frame"]
 
 
 ENOUGH_IOU = 0.95  # the IoU of the picture and the best that strands as thick as the wire can fill
-LARGEST = 64.0  # times the frame, beyond which no width is sought
+LARGEST = 64.0  # frames beyond which no width is sought
 
 
 @dataclass(frozen=True)

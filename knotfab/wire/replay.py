@@ -82,7 +82,7 @@ class Deviation:
     largest: float
     mean: float
     across: float
-    at: tuple[float, float, float]  # on the first curve
+    at: tuple[float, float, float]  # a place on the first curve
 
 
 def measure_deviation(curve: Array, other: Array, lights: Sequence[Array]) -> Deviation:

@@ -180,7 +180,8 @@ def _sentences(failed: Sequence[Check], font: Any, width: float) -> list[tuple[C
         head += f" (limit {limit})" if limit else ""
         head += "" if check.required else ", for information"
         lines, line = [], ""
-        text = f"{head}. {check.detail}".replace("²", "^2").replace("³", "^3")  # not in the font
+        # the font lacks these
+        text = f"{head}. {check.detail}".replace("²", "^2").replace("³", "^3")
         for word in text.split():
             longer = f"{line} {word}".strip()
             if line and font.getlength(longer) > width:

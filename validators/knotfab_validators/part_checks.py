@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 __all__ = ["part_checks"]
 
-PLATE_HOLES = 2  # for the screws
+PLATE_HOLES = 2  # holes for the screws
 Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # turns y up into z up
 
 

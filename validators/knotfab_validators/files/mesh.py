@@ -79,7 +79,7 @@ def _corners(content: bytes, path: Path, notes: list[str]) -> Corners:
     if content.startswith(np.lib.format.MAGIC_PREFIX):
         return _corners_plain(content, name)
     kind = path.suffix.lower().removeprefix(".")
-    if is_stl(content) or kind == "stl":  # or says what is wrong with it
+    if is_stl(content) or kind == "stl":  # this says what is wrong with an STL
         return corners_stl(content, name, notes)
     if kind in ("3mf", "ply"):
         raise BadFile(f"{name}: is not a {kind.upper()} file, or is damaged")

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 __all__ = ["PictureError", "read_colours", "read_greys", "read_silhouette"]
 
 FOUR = ndimage.generate_binary_structure(2, 1)  # joined along a side
-EIGHT = ndimage.generate_binary_structure(2, 2)  # or at a corner
+EIGHT = ndimage.generate_binary_structure(2, 2)  # pixels that touch at a corner count as one piece
 
 ROWS_AT_ONCE = 2**20  # pixels in a block of rows
 STRAY = 0.01  # the most pixels that are clear by accident, as a share

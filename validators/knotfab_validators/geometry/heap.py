@@ -13,7 +13,7 @@ __all__ = ["overlapping_boxes", "tell_heap"]
 # faces of each of some sizes whose boxes are compared with all others
 SAMPLES = 6
 MOST_BOXES = 10_000_000  # pairs of overlapping boxes that are tested, or as many as
-MOST_A_FACE = 100  # times the number of faces: a good part has some 10 to 40 a face
+MOST_A_FACE = 100  # factor to the number of faces: a good part has some 10 to 40 a face
 
 
 def tell_heap(mesh: Mesh, boxes: float | None = None) -> str | None:

@@ -20,8 +20,8 @@ from knotfab_validators.knots.table import Factor, Knot, braid_of, candidates, k
 __all__ = ["PROVED_UNKNOT", "Identity", "identify"]
 
 
-MOST_CROSSINGS = 60  # for the invariants
-MOST_SEEN = 800  # for a determinant modulo a prime
+MOST_CROSSINGS = 60  # crossings for the invariants
+MOST_SEEN = 800  # crossings for a determinant modulo a prime
 
 
 @dataclass(frozen=True)

@@ -23,9 +23,9 @@ from knotfab_validators.knots.reduction import Budget, Reduced, reduce_polygons
 __all__ = ["Linking", "linking_of"]
 
 
-MOST_CROSSINGS = 60  # for the polynomials
-MOST_SEEN = 800  # for a determinant modulo a prime
-MOST_COUNTED = 200_000  # for linking numbers
+MOST_CROSSINGS = 60  # crossings for the polynomials
+MOST_SEEN = 800  # crossings for a determinant modulo a prime
+MOST_COUNTED = 200_000  # crossings for linking numbers
 SHAKES = 20  # rounds of random isotopies where nothing proves that the link is one
 MOST_SHAKEN = 200  # vertices
 APART = Laurent(-1, (-1, 0, -1))  # -t^(1/2) - t^(-1/2), exponents doubled

@@ -19,7 +19,7 @@ from knotfab_validators.knots.planar_diagram import PlanarDiagram
 
 __all__ = ["PRIMES", "cusp_counts"]
 
-PRIMES = (7, 11)  # those that tell apart the knots of the table which all else takes for one
+PRIMES = (7, 11)  # primes that tell apart the knots of the table with all other invariants equal
 MOST_GUESSES = 3  # arcs whose colours are tried out, beside the first
 
 Relation = tuple[int, int, int, int]  # arcs below before and after a crossing, above it; its sign

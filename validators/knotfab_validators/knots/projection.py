@@ -31,7 +31,7 @@ __all__ = ["diagram_of", "seen_from"]
 DIRECTIONS = 40
 FEWEST = 3
 MOST_LOOKS = 10_000  # edges times directions
-HOPELESS = 8  # times too many crossings in one direction: no other has few enough
+HOPELESS = 8  # factor of too many crossings in one direction, from which on no other has few enough
 KEPT = 6  # the projections with the fewest crossings that are simplified and compared
 ALL_PAIRS = 150  # edges up to which all pairs are looked at
 

@@ -21,7 +21,7 @@ FRAME = (240, 237, 231)  # inside the picture's frame, a shade darker than the p
 INK = (44, 46, 52)
 SHARED = (201, 203, 206)
 SPILL = (214, 94, 50)  # shadow where none should be
-MISSING = (38, 110, 168)  # none where shadow should be
+MISSING = (38, 110, 168)  # the colour of missing shadow
 
 
 def write_shadow(path: Path, shadow: Mask | NDArray[np.float32], frame: WorkingFrame) -> None:

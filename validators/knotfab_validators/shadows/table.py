@@ -27,7 +27,7 @@ MOST_DARK = 0.001
 PX = 256  # px of the picture's frame, each way, for that share
 WIDEST_MM = 20.0  # the widest hole that holds a rod
 STEP_MM = 0.05  # the step at which the frame's matter is looked for along a line
-BELOW_MM = 0.6  # under the frame's top: where its holes are looked for
+BELOW_MM = 0.6  # depth under the frame's top at which its holes are looked for
 
 
 def check_table(plates: Sequence[Plate], scene: Scene) -> list[Check]:

@@ -16,8 +16,8 @@ from knotfab_validators.tube.tube_fit import LIMIT
 __all__ = ["check_mount"]
 
 NAME = "mount"
-FACET_MM = 0.025  # that a facet of a member may lie inside it
-PROUD_MM = 0.035  # that a corner may stand out of it
+FACET_MM = 0.025  # a facet of a member may lie so far inside it
+PROUD_MM = 0.035  # a corner may stand so far out of it
 INTO_FOOT_MM = 0.15  # matter is looked for so far below the foot's surface
 ROOT = 1.6, 4.0  # a member's root may be so many of its radii wide, and so many mm high
 BESIDE = 5.0  # radii along a knot: a face that spans more joins two strands

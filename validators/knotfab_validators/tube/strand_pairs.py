@@ -13,7 +13,7 @@ from knotfab_validators.geometry.sampling import cut_edges
 __all__ = ["Samples", "StrandPairs", "sample_curves", "strand_pairs"]
 
 
-MOST_SAMPLES = 200_000  # on absurdly long curves
+MOST_SAMPLES = 200_000  # the limit on absurdly long curves
 MOST_STEPS = 10_000
 MOST_MOVES = 4_000_000  # moves of pairs, all steps together; a part of 8 m takes half a million
 MOST_PAIRS = 20_000_000

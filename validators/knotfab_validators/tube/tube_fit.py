@@ -20,7 +20,7 @@ __all__ = ["TubeFit", "check_tube", "measure_proud", "tube_fit"]
 LIMIT = 0.04
 REACH = 4.0  # radii; what is farther away is said to be that far, since trees are slow far out
 STEP = 1 / 6  # radii between the samples of the curve that find the nearest edge
-MOST_SAMPLES = 2_000_000  # on absurdly long curves
+MOST_SAMPLES = 2_000_000  # the limit on absurdly long curves
 RING_STEP = 0.5  # radii between the rings of points on the exact tube
 ANGLES = 8  # points of a ring
 MOST_RINGS = 20_000
@@ -240,7 +240,7 @@ def _from_mesh(mesh: Mesh, line: _Line, mounted: bool) -> tuple[Array, Array]:
     points, values = [mesh.vertices[used]], [off[used]]
     corner, low, at = mesh.vertices[mesh.faces], distance[mesh.faces].min(axis=1), edge[mesh.faces]
     for _ in range(LEVELS):
-        # only what could be worse than all that is known needs to be looked at more closely
+        # a place that cannot be worse than the worst known needs no closer look
         deepest = max(LIMIT, *(float(v.max()) for v in values))
         dips = np.flatnonzero(_may_dip(corner, low, at, line, deepest))[:MOST_CUT]
         if not len(dips):
