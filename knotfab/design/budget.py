@@ -14,7 +14,7 @@ from knotfab_formats.search import PRESETS, SearchSettings
 __all__ = ["Budget", "require_budget", "resolve_iterations", "scale_to_budget", "spare"]
 
 _LEAST_S, _LEAST_SEVERAL_S, _LEAST_FRAME_S = 5.0, 12.0, 4.0
-# seconds for the design of a view, below which it takes the draft's trials, pictures and spacing, or the sketch's
+# seconds for a view's design, below which it takes the draft's trials, pictures, spacing, or the sketch's
 _SHORT_S, _SHORTEST_S = 6.0, 3.0
 _SEARCH_VERTEX_S = 0.12e-3  # seconds of the least search, for each vertex
 _USUAL_VERTICES = 2500

@@ -27,10 +27,8 @@ _FILLED = {
     "keep_largest": "keep_largest",
     "subject_px": "subject",
 }
-_SHADE, _LINE = (
-    (20, 15, 10, 150),
-    (255, 120, 40, 255),
-)  # colours of the shade over what is cut away, and of the outline
+# colours of the shade over the part that is cut away, and of the outline
+_SHADE, _LINE = (20, 15, 10, 150), (255, 120, 40, 255)
 _SHOWN_PX = 1024
 
 
