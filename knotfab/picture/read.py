@@ -21,6 +21,7 @@ from knotfab.base.notebook import InNotebook
 from knotfab.picture import raster, text
 from knotfab.picture.bending import Bending
 from knotfab.picture.data_uri import encode_image
+from knotfab.picture.even_light import even_out
 from knotfab.picture.guess import guess_reading
 from knotfab.picture.masks import pieces_of, smooth
 from knotfab.picture.subject import take_subject
@@ -298,12 +299,18 @@ def _take_target(
     if kind not in raster.KEPT:
         data, kind = encode_image(raster.to_plain(image)), "PNG"
         image, kind = raster.decode(data, what)
-    asked, subject = reading, None
+    asked, subject, notes = reading, None, ()
+    if reading.ink == "auto" and getattr(reading, "tone", "off") == "off" and not reading.cut_out:
+        even = even_out(image)
+        if even is not None:
+            image, data, kind = even, encode_image(even), "PNG"
+            notes = ("the light on it is uneven, and is taken out of it (--ink dark leaves it)",)
     if reading.cut_out:  # the mask is the picture from here on
         image = Image.fromarray(take_subject(image, reading, folder, what)).convert("L")
         subject = encode_image(image.convert("1"))
     try:
-        reading, notes = (reading, ()) if subject else guess_reading(image, reading, what)
+        reading, told = (reading, ()) if subject else guess_reading(image, reading, what)
+        notes = (*notes, *told)
         shrunk = raster.shrink_factor(image) if glance and reading.crop_px == "none" else 1
         if shrunk > 1:
             image = raster.shrink(image, shrunk)
