@@ -18,7 +18,7 @@ from knotfab.verify.checks import CHECKS
 from knotfab_formats.bounds import why_out_of_bounds
 from knotfab_formats.key import option_of, takes_number, words_of
 from knotfab_formats.scene import MOST_BEND, Piece, Scene, Switch, Switches, View
-from knotfab_formats.search import OF_NO_PRESET, search_settings
+from knotfab_formats.search import OF_NO_PRESET, SearchSettings, search_settings
 
 __all__ = ["read_also", "read_scene", "read_seconds", "read_skips"]
 
@@ -123,9 +123,10 @@ def read_scene(options: PictureOptions) -> tuple[Scene, Path | None]:
         if keys and table != "search"
     }
     if given["accuracy"].get("name", scene.accuracy.name) != scene.accuracy.name:
-        # another preset: the settings of the old one go
+        # the settings of the old preset go, which a build wrote; a person's own stay
         search_settings(scene.accuracy.name, search)  # an unknown key is told
-        search = {key: value for key, value in search.items() if key in OF_NO_PRESET}
+        if search.keys() >= SearchSettings.model_fields.keys():
+            search = {key: value for key, value in search.items() if key in OF_NO_PRESET}
     update["search"] = {**search, **given["search"], **_search_keys(options)}
     if options.printer is not None:
         update["printer"] = printer_of(options.printer)

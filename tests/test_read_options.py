@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import tomli_w
 
 from knotfab.base.errors import InputError
 from knotfab.cli.commands import app
@@ -102,11 +103,16 @@ def test_another_accuracy_keeps_what_no_preset_decides(
     own.write_text(
         '[search]\nseed = 3\ngrace = 0.1\nmethod = "inn"\nfree_view = true\ncoarse_iterations = 11\n'
     )
-    scene, _ = read_scene(options_from({"scene": own, "accuracy": "sketch"}))
-    kept = {"seed": 3, "grace": 0.1, "method": "inn", "free_view": True}
-    assert scene.search == kept and scene.accuracy.name == "sketch"
+    given = {"seed": 3, "grace": 0.1, "method": "inn", "free_view": True}
+    sketch = {"scene": own, "accuracy": "sketch"}
+    scene, _ = read_scene(options_from(sketch))  # as a person wrote it
+    assert scene.search == {**given, "coarse_iterations": 11} and scene.accuracy.name == "sketch"
     same, _ = read_scene(options_from({"scene": own, "accuracy": "standard", "seed": 4}))
-    assert same.search == {**kept, "seed": 4, "coarse_iterations": 11}
+    assert same.search == {**given, "seed": 4, "coarse_iterations": 11}
+    written = PRESETS["standard"].model_dump() | given | {"coarse_iterations": 11}
+    own.write_text(f"[search]\n{tomli_w.dumps(written)}")  # as a build writes it, with every key
+    scene, _ = read_scene(options_from(sketch))
+    assert scene.search == {key: written[key] for key in OF_NO_PRESET}
     presets = [preset.model_dump() for preset in PRESETS.values()]
     assert all(len({preset[key] for preset in presets}) == 1 for key in OF_NO_PRESET)
     own.write_text("[search]\nfoo = 1\n")

@@ -15,6 +15,7 @@ from knotfab_formats.scene import Printer, ResolvedView, View
 
 __all__ = [
     "DEPTH_RATIO",
+    "PICTURE",
     "RadiusRange",
     "drawing_radius",
     "line_radius",
@@ -25,6 +26,7 @@ __all__ = [
     "usual_radii",
 ]
 
+PICTURE = "the picture"  # the name in an error, where another reading of it may do
 # depth over the extent across: the contract asks for 0.6, the flow may take a little
 DEPTH_RATIO = 0.66
 _WIDEST_MM = 1000.0  # the widest frame that is advised: a person may hang it up
@@ -155,4 +157,4 @@ def too_fine(
         lines = "; it is hardly more than dust"
     if otherwise:
         remedies.append(f"or {otherwise}")
-    return SceneError("the picture", why + lines, ", ".join(remedies).capitalize() + ".")
+    return SceneError(PICTURE, why + lines, ", ".join(remedies).capitalize() + ".")

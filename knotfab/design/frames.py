@@ -6,6 +6,7 @@ shifted until their silhouettes reach from the same height to the same height.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 
 from knotfab.base.errors import InputError
 from knotfab.design.candidates import line_width
+from knotfab.picture.masks import count_dust, drop_specks
 from knotfab.picture.raster import check_shape
 from knotfab.picture.read import Target, name_picture
 from knotfab.picture.thicken import is_thin, thicken
@@ -180,6 +182,11 @@ def widen_targets(
     one = len(targets) == 1 and not sequence
     asked = scene.piece.tube_radius_mm
     radius = scene.printer.min_tube_radius_mm if isinstance(asked, str) else asked
+    if not sequence and not scene.share_wall:  # masks on one wall must register
+        targets = [
+            _without_dust(v, t, scene.printer.min_tube_radius_mm)
+            for v, t in zip(framed.views, targets, strict=True)
+        ]
     views = []
     if not one and any(view.lines == "on" for view in scene.views):
         raise InputError(
@@ -254,6 +261,23 @@ def _draw_tones(
     return scene.model_copy(update={"views": (view.model_copy(update=keys),)}), (drawn,)
 
 
+def _without_dust(view: View, target: Target, thinnest: float) -> Target:
+    """The picture without its dust, which no tube draws, unless a person says how it is cleaned."""
+    if view.speck_px or view.keep_largest or view.smooth_px or view.cut_out or target.is_text:
+        return target
+    least = (2.0 * thinnest * frame_view(view, target).px_per_mm(target.width)) ** 2
+    count = count_dust(target.mask, least)
+    if not count:
+        return target
+    speck_px = math.ceil(least * target.shrunk**2)
+    note = (
+        f"{count} specks that are smaller than any tube draws are left out (--specks {speck_px}; "
+        "--specks 1 keeps them)"
+    )
+    mask = drop_specks(target.mask, round(speck_px / target.shrunk**2))
+    return replace(target, mask=mask, speck_px=speck_px, notes=(*target.notes, note))
+
+
 def _is_thin(view: View, target: Target, radius: float) -> bool:
     """Tell whether most of a picture is too thin for two strands of this radius, mm, side by side."""
     px = frame_view(view, target).px_per_mm(target.width)
@@ -315,6 +339,7 @@ def frame_view(view: View, target: Target) -> ResolvedView:
         "title": target.name,
         "crop_px": target.crop_px or view.crop_px,
         "ink": target.ink or view.ink,
+        "speck_px": target.speck_px or view.speck_px,
         "subject_mask": view.subject_picture if target.subject_png else "",
         "frame_width_mm": target.width * scale if across is None else across,
         "frame_height_mm": target.height * scale if up is None else up,

@@ -194,7 +194,7 @@ def _frame_views(scene: Scene, targets: Sequence[Target]) -> tuple[ResolvedView,
             raise InputError(
                 f"scene view {view.name}",
                 f"a frame of {w:g} x {h:g} mm would squash a picture of {target.width} x {target.height} px",
-                "Give one of --width and --height (frame_width_mm, frame_height_mm): the other follows",
+                "Give one of --width and --height (frame_width_mm, frame_height_mm): the other follows.",
             )
         views.append(framed)
     return tuple(views)

@@ -13,6 +13,7 @@ from knotfab.design.candidates import DEPTH_RATIO
 from knotfab.design.hull import HullBound
 from knotfab.limits.region_mesh import region_mesh
 from knotfab.scene.camera import view_axes
+from knotfab_formats.bounds import MOST_MM
 from knotfab_formats.scene import WALL_SHARE, Region, ResolvedRegion, ResolvedView, Scene
 
 __all__ = ["depth_extent", "least_wall_mm", "most_depth_mm", "resolve_region"]
@@ -31,7 +32,7 @@ def resolve_region(
     several, the visual hull's extents about its middle, with a tube radius (mm) of play.
 
     Raises:
-        InputError: a mesh is unfit.
+        InputError: a mesh is unfit. SceneError: it would be larger than any region.
     """
     known = region.model_dump()
     if region.kind == "mesh" and region.file is not None:
@@ -58,6 +59,12 @@ def resolve_region(
         "cylinder": (around["cylinder"], y, around["cylinder"]),
         "sphere": (around["sphere"],) * 3,
     }[region.kind]
+    if max(size) > MOST_MM:
+        raise SceneError(
+            "the region",
+            f"it would be {max(size):.6g} mm large, and the largest is {MOST_MM:g} mm",
+            "Make the picture smaller (--size), or give another lamp (--lamp-distance).",
+        )
     return ResolvedRegion(**{**known, "size_mm": tuple(round(float(s), 4) for s in size)})
 
 

@@ -15,14 +15,17 @@ from knotfab.base.arrays import Array, Mask
 __all__ = ["even_out"]
 
 _SIDE = 600  # px of the longer side on which light is estimated
-_CLOSED = (0.36, 0.22, 0.14)  # of that side, wider than strokes and narrower than shadows; each is tried
-_UNEVEN = 1.3  # times as bright where the light is strongest, from which on it disturbs
-_LEVELS = 24  # of the border at least: painted pictures have fewer
-_HUE = 0.04  # by which shares of red and green of a paper's border may vary (standard deviation)
-_PAPER, _INK = 0.8, 0.5  # of the light, that paper reflects at least, and ink at most
-_BETWEEN, _LEAST = 0.4, 0.004  # of the ink, what is neither at most; of the picture, ink at least
-_CLEAR = 0.97  # of the border is paper
-_EDGE, _EDGES = 0.3, 0.85  # of the light: a step that the picture itself has, along so much of an outline
+# shares of that side, wider than strokes and narrower than shadows; each is tried
+_CLOSED = (0.36, 0.22, 0.14)
+_UNEVEN = 1.3  # the brightest light over the darkest, from which on it disturbs
+_LEVELS = 24  # levels that a photographed border has at least; painted pictures have fewer
+_HUE = 0.04  # the largest standard deviation of the shares of red and green along a paper's border
+_PAPER, _INK = 0.8, 0.5  # shares of the light that paper reflects at least, and ink at most
+# shares: pixels between paper and ink, at most, to the ink; ink, at least, to the picture
+_BETWEEN, _LEAST = 0.4, 0.004
+_CLEAR = 0.97  # the share of the border that is paper
+# a step in the picture itself, over the light, and the share of an outline that has one
+_EDGE, _EDGES = 0.3, 0.85
 
 
 def even_out(image: Image.Image) -> Image.Image | None:
@@ -59,10 +62,10 @@ def _light(grey: Array, closed: float) -> Array | None:
     coarse = max(1, max(grey.shape) // 150)
     small = ndimage.median_filter(grey, 3)[::coarse, ::coarse]
     side = max(3, round(closed * max(small.shape)))
-    # beyond its edge the picture goes on as there: what is dark along it need not be a stroke
+    # the picture goes on beyond its edge, so that a dark corner is no stroke
     filled = ndimage.grey_closing(np.pad(small, side, mode="edge"), (side, side))
     paper = small > _PAPER * filled[side:-side, side:-side]
-    # what lies beside ink is blurred with it
+    # pixels beside ink are blurred with it
     paper &= ~ndimage.binary_dilation(~paper)
     if not paper.any():
         return None
@@ -71,7 +74,9 @@ def _light(grey: Array, closed: float) -> Array | None:
     for spread in 2.0 ** np.arange(0, 8):  # wider where paper is farther
         weight = ndimage.gaussian_filter(paper.astype(float), spread)
         told = ~known & (weight > 0.05)
-        light[told] = (ndimage.gaussian_filter(small * paper, spread) / np.maximum(weight, 1e-9))[told]
+        light[told] = (ndimage.gaussian_filter(small * paper, spread) / np.maximum(weight, 1e-9))[
+            told
+        ]
         known |= told
     light[~known] = light[known].mean()
     rows, columns = (np.linspace(0, n - 1, m) for n, m in zip(small.shape, grey.shape, strict=True))

@@ -9,6 +9,7 @@ from knotfab.base.arrays import Mask
 from knotfab.picture.silhouette import resample_mask
 
 __all__ = [
+    "count_dust",
     "drop_specks",
     "fill_holes",
     "holes_of",
@@ -20,6 +21,8 @@ __all__ = [
     "smooth",
 ]
 
+_MANY, _HARDLY = 6, 0.015  # the fewest specks of dust, and their largest share of the ink
+_SCATTERED = 2.5  # the distance between specks of dust over their size, at least
 _HALF = 0.5 - 1e-5  # coverage is summed in single precision
 
 
@@ -77,6 +80,25 @@ def fill_holes(mask: Mask, least_px: float) -> Mask:
     """Fill holes of fewer pixels."""
     labels, areas = holes_of(mask)
     return np.asarray(mask | np.concatenate([[False], areas < least_px])[labels])
+
+
+def count_dust(mask: Mask, least_px: float) -> int:
+    """How many pieces and holes of fewer pixels there are, where they are dust; 0 where they may be meant.
+
+    Dust is many, hardly any of the ink, and scattered: what is written, or dotted, stands closer.
+    """
+    from scipy import ndimage
+    from scipy.spatial import KDTree
+
+    at, sides = [], []
+    for labels, areas in (pieces_of(mask), holes_of(mask)):
+        few = np.flatnonzero(areas < least_px) + 1
+        at += ndimage.center_of_mass(labels > 0, labels, few)
+        sides += np.sqrt(areas[few - 1]).tolist()
+    if len(at) < _MANY or np.square(sides).sum() > _HARDLY * mask.sum():
+        return 0
+    apart = KDTree(at).query(at, 2)[0][:, 1]
+    return len(at) if np.median(apart) > _SCATTERED * np.median(sides) else 0
 
 
 def smooth(mask: Mask, sigma_px: float) -> Mask:

@@ -73,7 +73,8 @@ class Target(InNotebook):
     Of a picture for a round wall the masks are as a flat one has them, once
     `flattened_s`, the seconds that this took, is set; `drawing` is then what is drawn on the round one.
     `bending`: by how much it is bent (and maybe mirrored), once it is: `mask` and `widened` are as bent.
-    `notes` say, a sentence each, what of the file is left out or guessed; `ink` is the kind of ink that was.
+    `notes` say, a sentence each, what of the file is left out or guessed; `ink` is the kind of ink that was,
+    `speck_px` the size of specks.
     `shrunk`: so many px of the picture, across, are one of the masks, of a glance at a large picture.
     `subject_png`: where a subject was cut out, its mask in the picture's size, white where it is, as a PNG.
     `colours_png`: the picture in colours that the first lamp's mask was taken from, in its size, as a PNG.
@@ -97,6 +98,7 @@ class Target(InNotebook):
     is_text: bool = False  # written out, which nobody reads in a mirror
     notes: tuple[str, ...] = ()
     ink: str | None = None
+    speck_px: int = 0
     subject_png: bytes | None = None
     colours_png: bytes | None = None
 

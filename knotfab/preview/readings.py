@@ -15,6 +15,7 @@ from PIL import Image, ImageDraw, ImageFont
 from knotfab.base.arrays import Mask
 from knotfab.base.disk import at_home
 from knotfab.base.errors import InputError, SceneError
+from knotfab.design.candidates import PICTURE
 from knotfab.design.frames import frame_view, widen_targets
 from knotfab.picture import raster
 from knotfab.picture.data_uri import encode_image
@@ -102,13 +103,14 @@ def is_unclear(found: Survey) -> bool:
         return False
     (seen,) = found.views
     guessed = any("--ink flood" in note for note in seen.target.notes)
-    return found.refusal is not None or guessed or seen.pieces + seen.holes >= _UNCLEAR
+    refused = found.refusal is not None and found.refusal.what == PICTURE
+    return refused or guessed or seen.pieces + seen.holes >= _UNCLEAR
 
 
 def advise(found: Survey, readings: Sequence[TriedReading]) -> Survey:
     """The survey whose refusal names what would do: a subject cut out of a photograph, or another reading."""
     error, seen = found.refusal, found.views[0]
-    if error is None or len(found.views) > 1 or found.frames:
+    if error is None or len(found.views) > 1 or found.frames or error.what != PICTURE:
         return found
     better = [
         r.options for r in readings if not r.refusal and r.options and "subject_px" not in r.keys

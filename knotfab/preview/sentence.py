@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
+from knotfab.design.candidates import PICTURE
 from knotfab.picture.opening import Loss
 from knotfab.preview.survey import Survey, ViewSurvey
 
@@ -32,7 +33,9 @@ def describe(found: Survey, exact: bool = False) -> list[str]:
     lines += [f"  {line[0].upper()}{line[1:]}." for line in found.agreed]
     if found.refusal is None:
         return [*lines, _describe_piece(found)]
-    return [*lines, f"  A build would refuse this: {found.refusal.why}. {found.refusal.remedy}"]
+    error = found.refusal
+    why = error.why if error.what == PICTURE else f"{error.what}: {error.why}"
+    return [*lines, f"  A build would refuse this: {why}. {error.remedy}"]
 
 
 def _describe_silhouette(seen: ViewSurvey, exact: bool) -> str:
@@ -57,6 +60,8 @@ def _describe_losses(seen: ViewSurvey, found: Survey) -> str:
             which = f"{seen.likeness.changes} of its {seen.likeness.features} pieces and holes"
             gone = f"{which} would be lost or run together"
         return f"  Nobody would know it in the shadow of any tube that can be printed: {gone}."
+    if not found.chosen:
+        return f"  A build takes a tube at least {thick}, as thick as its time asks for."
     if found.radius_mm not in seen.losses:
         return f"  A build takes a tube {thick}."
     lost = sorted(seen.losses[found.radius_mm], key=lambda loss: -loss.extent)
@@ -86,6 +91,8 @@ def _describe_piece(found: Survey) -> str:
     wide, high = found.views[0].piece_mm
     text = f"  The piece is about {wide:.0f} × {high:.0f} mm across"
     guess = found.guess
+    if not found.chosen:
+        return text + "."
     each = " a frame" if found.frames else ""
     text += f"; a guess: {_round(guess.mass_g)} g"
     if guess.hours is not None:

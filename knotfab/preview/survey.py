@@ -101,6 +101,7 @@ class Survey:
     guess: Guess
     frames: int = 0  # frames of a sequence, of which `views` holds the one that is hardest to draw
     refusal: SceneError | None = None
+    chosen: bool = True  # whether the radius is known: a search by the clock chooses its own
     bounds: tuple[HullBound, ...] = ()  # the bounds that several pictures leave of each other
     agreed: tuple[str, ...] = ()  # the changes that made them agree, a sentence each
     parted: Separation | None = None  # the masks of a picture in colours, which lamps are to mix
@@ -142,7 +143,7 @@ def survey(
         first.pieces,
         templates.get(radius),
     )
-    return Survey(views, radius, printed, frames, refusal)
+    return Survey(views, radius, printed, frames, refusal, choose or not isinstance(asked, str))
 
 
 def survey_views(scene: Scene, targets: Sequence[Target]) -> tuple[ViewSurvey, ...]:

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from knotfab.base.arrays import Mask
 from knotfab.base.errors import InputError
 from knotfab.design.frames import (
     frame_view,
@@ -11,7 +12,9 @@ from knotfab.design.frames import (
     spread_views,
     widen_targets,
 )
+from knotfab.picture.masks import drop_specks
 from knotfab.picture.read import Target
+from knotfab.scene.catalogue import resolve
 from knotfab_formats.scene import Scene
 
 
@@ -70,3 +73,39 @@ def test_strokes_wider_than_a_quarter_of_the_picture_are_refused() -> None:
     assert mask.sum() < widened.mask.sum() < 0.3 * mask.size
     with pytest.raises(InputError, match=r"30 mm wide .*larger \(--size, from about 240\)"):
         widen_targets(scene(30.0), [target])
+
+
+def speckled(count: int, side: int, every: int) -> Mask:
+    """A bar with square specks about it and holes in it, so far apart."""
+    mask = np.zeros((600, 600), dtype=bool)
+    mask[200:400, 50:550] = True
+    for n in range(count):
+        x, y = 60 + every * n % 480, (100, 300, 500)[n % 3] + 3 * (every * n // 480)
+        mask[y : y + side, x : x + side] ^= True
+    return mask
+
+
+@pytest.mark.parametrize(
+    ("mask", "keys", "left"),
+    [
+        (speckled(40, 3, 37), {}, 0),
+        (speckled(7, 4, 61), {}, 0),
+        (speckled(40, 3, 37), {"speck_px": 1}, 40),
+        (speckled(40, 3, 37), {"keep_largest": 41}, 40),
+        (speckled(3, 3, 61), {}, 3),  # two eyes and a dot are meant
+        (speckled(40, 9, 37), {}, 40),  # as large as a tube
+        (speckled(120, 5, 12), {}, 120),  # close together, as letters are
+    ],
+    ids=["scan", "few", "kept", "largest", "three", "large", "written"],
+)
+def test_dust_is_left_out_and_told(mask: Mask, keys: dict[str, int], left: int) -> None:
+    scene = resolve(Scene())
+    scene = scene.model_copy(update={"views": (scene.views[0].model_copy(update=keys),)})
+    picture = Target("scan", mask, b"", 600, 600)
+    (cleaned,) = widen_targets(scene, (picture,))[1]
+    specks = int((cleaned.mask ^ speckled(0, 1, 1)).sum() > 0)
+    assert specks == (left > 0) and bool(cleaned.notes) == (not left)
+    if not left:
+        view = frame_view(scene.views[0], cleaned)
+        assert (drop_specks(mask, view.speck_px) == cleaned.mask).all()
+        assert f"--specks {view.speck_px}" in cleaned.notes[0]
