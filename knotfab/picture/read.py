@@ -301,7 +301,8 @@ def _take_target(
     if kind not in raster.KEPT:
         data, kind = encode_image(raster.to_plain(image)), "PNG"
         image, kind = raster.decode(data, what)
-    asked, subject, notes = reading, None, ()
+    asked, subject = reading, None
+    notes: tuple[str, ...] = ()
     if reading.ink == "auto" and getattr(reading, "tone", "off") == "off" and not reading.cut_out:
         even = even_out(image)
         if even is not None:
