@@ -1,4 +1,4 @@
-"""The silhouette of a mesh, rendered off-screen by VTK with a real camera at the light."""
+"""The silhouette of a mesh, rendered off-screen by pyvista with a real camera at the light."""
 
 from __future__ import annotations
 
@@ -88,47 +88,18 @@ class SilhouetteRenderer(Renderer):
         if sys.platform.startswith("linux"):
             # an X server is neither needed nor looked for
             os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
-        import vtkmodules.vtkRenderingOpenGL2  # noqa: F401  (registers the OpenGL classes)
-        from vtkmodules.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray
-        from vtkmodules.vtkCommonCore import vtkPoints
-        from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
-        from vtkmodules.vtkRenderingCore import (
-            vtkActor,
-            vtkCamera,
-            vtkPolyDataMapper,
-            vtkRenderer,
-            vtkRenderWindow,
-        )
+        import pyvista as untyped
 
+        pyvista: Any = untyped
         super().__init__(vertices)
         # the card works in single precision: keep its numbers small
         self._middle = (self._vertices.min(axis=0) + self._vertices.max(axis=0)) / 2
         points = (self._vertices - self._middle).astype(np.float32)
-        corners, triangles, surface = vtkPoints(), vtkCellArray(), vtkPolyData()
-        corners.SetData(numpy_to_vtk(points, deep=True))  # type: ignore[no-untyped-call]
-        flat = np.ascontiguousarray(faces, dtype=np.int64).ravel()
-        numbers = numpy_to_vtkIdTypeArray(flat, deep=True)  # type: ignore[no-untyped-call]
-        triangles.SetData(3, numbers)
-        surface.SetPoints(corners)
-        surface.SetPolys(triangles)
-        mapper = vtkPolyDataMapper()
-        mapper.SetInputData(surface)
-        mapper.ScalarVisibilityOff()
-        actor = vtkActor()
-        actor.SetMapper(mapper)
-        actor.GetProperty().LightingOff()
-        actor.GetProperty().SetColor(1.0, 1.0, 1.0)
-        self._camera: Any = vtkCamera()
-        renderer = vtkRenderer()
-        renderer.SetBackground(0.0, 0.0, 0.0)
-        renderer.AutomaticLightCreationOff()
-        renderer.AddActor(actor)
-        renderer.SetActiveCamera(self._camera)
-        self._renderer: Any = renderer
-        self._window: Any = vtkRenderWindow()
-        self._window.SetOffScreenRendering(1)
-        self._window.SetMultiSamples(0)
-        self._window.AddRenderer(renderer)
+        surface = pyvista.PolyData.from_regular_faces(points, faces)
+        self._plotter = pyvista.Plotter(off_screen=True, lighting="none")
+        self._plotter.disable_anti_aliasing()
+        self._plotter.set_background("black")
+        self._plotter.add_mesh(surface, color="white", lighting=False, reset_camera=False)
 
     def _render_flat(self, geometry: ViewGeometry, behind: bool) -> Mask:
         """Render by a camera at the light that looks straight at the receiver plane, whatever its tilt.
@@ -136,9 +107,8 @@ class SilhouetteRenderer(Renderer):
         Its frustum is shifted and shaped to the frame.
         """
         self._place(geometry, behind)
-        self._window.SetSize(geometry.width, geometry.height)
-        self._window.Render()
-        return self._read(geometry.width, geometry.height)
+        self._plotter.window_size = geometry.width, geometry.height
+        return np.ascontiguousarray(self._plotter.screenshot(return_img=True)[..., 0] > 127)
 
     def _place(self, geometry: ViewGeometry, behind: bool) -> None:
         normal, height = geometry.normal, geometry.light_height
@@ -151,28 +121,19 @@ class SilhouetteRenderer(Renderer):
         depth = (geometry.light - self._vertices) @ normal
         near = max(0.9 * float(depth.min()), 1e-3 * height)
         far = 1.01 * float(depth.max()) if behind else height - ON_RECEIVER_MM
-        camera = self._camera
-        camera.SetPosition(*light)
-        camera.SetFocalPoint(*(light - height * normal))
-        camera.SetViewUp(*-v)
-        camera.SetViewAngle(2 * np.degrees(np.arctan(size_v / 2 / height)))
+        camera = self._plotter.camera
+        camera.position = light
+        camera.focal_point = light - height * normal
+        camera.up = -v
+        camera.view_angle = 2 * np.degrees(np.arctan(size_v / 2 / height))
         camera.SetWindowCenter(2 * float(off @ u) / size_u, -2 * float(off @ v) / size_v)
         camera.SetExplicitAspectRatio(size_u / size_v)
         camera.UseExplicitAspectRatioOn()
-        camera.SetClippingRange(near, max(far, near * 1.001))
-
-    def _read(self, width: int, height: int) -> Mask:
-        from vtkmodules.vtkCommonCore import vtkUnsignedCharArray
-
-        data: Any = vtkUnsignedCharArray()
-        self._window.GetPixelData(0, 0, width - 1, height - 1, 0, data, 0)
-        pixels = np.frombuffer(data, dtype=np.uint8).reshape(height, width, 3)
-        return np.ascontiguousarray(pixels[::-1, :, 0] > 127)
+        camera.clipping_range = near, max(far, near * 1.001)
 
     def close(self) -> None:
         """Give the window's memory back; the renderer is of no use afterwards."""
-        self._window.Finalize()
-        self._renderer.SetActiveCamera(None)
+        self._plotter.close()
 
     def __enter__(self) -> SilhouetteRenderer:
         return self
