@@ -84,7 +84,6 @@ wheel-test: system
 	@set -e; place=$$(mktemp -d); trap 'rm -rf "$$place"' EXIT; unset PYTHONPATH; \
 	$(PYTHON) -m venv "$$place/venv"; pip="$$place/venv/bin/python -m pip"; $$pip install -q --upgrade pip; \
 	$$pip wheel -q --no-deps -w "$$place" .; \
-	$$pip install $(TORCH); \
 	$$pip install -q -c constraints.txt "$$place"/knotfab-*.whl; $$pip check; \
 	du -sm "$$place"/venv/lib/python3*/site-packages | sed 's/\t.*/ MB installed, the largest:/'; \
 	du -sm "$$place"/venv/lib/python3*/site-packages/* | sort -rn | head -12; \

@@ -156,10 +156,13 @@ def _python() -> Finding:
 
 
 def _torch() -> Finding:
+    found = _look_for_extra("torch", "torch", ("torch",))
+    if found.status != "ok":
+        return found
     ran, said = _answer(TORCH_CHILD)
     if ran:
-        return Finding("torch", "ok", said)
-    return Finding("torch", "missing", said, "pip install -c constraints.txt torch")
+        return replace(found, detail=said)
+    return Finding("torch", "warning", said, "pip install --force-reinstall torch")
 
 
 def _libraries(wanted: Sequence[tuple[str, str]]) -> list[Finding]:

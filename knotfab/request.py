@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from knotfab.base.errors import MachineError
+from knotfab.base.errors import MachineError, needs_extra
 from knotfab.base.notebook import InNotebook
 from knotfab.design.budget import Budget
 from knotfab.picture.read import Target
@@ -77,7 +77,8 @@ def require_device(name: str) -> None:
     """
     if name == "cpu":
         return
-    import torch
+    with needs_extra(f"--device {name}", "torch"):
+        import torch
 
     if not torch.cuda.is_available():
         raise MachineError(

@@ -96,7 +96,8 @@ class Reading(Table):
     """Blur the picture by so many px and cut it at half before it is drawn; the shadow is compared with
     the picture itself."""
     subject_px: Box | Literal["none"] = option("none", "Picture --subject")
-    """Draw what can be cut out of a photograph, in a rectangle about it, LEFT,TOP,WIDTH,HEIGHT in px."""
+    """Draw what can be cut out of a photograph, in a rectangle about it, LEFT,TOP,WIDTH,HEIGHT in px. It
+    fills the frame, unless --crop says otherwise."""
     keep_px: tuple[Disc, ...] = option((), "Picture --keep")
     """With --subject: a disc that belongs to it, X,Y,RADIUS in px; may be repeated."""
     drop_px: tuple[Disc, ...] = option((), "Picture --drop")

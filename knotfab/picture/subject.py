@@ -17,12 +17,13 @@ from knotfab.picture.silhouette import fit_size
 from knotfab_formats.scene import Reading
 from knotfab_formats.views import Box, Disc
 
-__all__ = ["cut_subject", "middle_box", "take_subject"]
+__all__ = ["cut_subject", "middle_boxes", "take_subject"]
 
 Levels = NDArray[np.float32]
 _Gaussian = tuple[float, NDArray[np.float64], NDArray[np.float64]]  # share, mean, covariance
 
 _CUT_PX, _FINE_PX = 320, 1600  # longer side where the cut is made, and where its outline is refined
+_MIDDLES = ((0.8, 0.8), (0.4, 0.8))  # shares of width and height
 _MARGIN = 0.25  # a share of the rectangle's longer side: pixels that near tell of the background
 _KINDS, _ROUNDS = 5, 6  # Gaussians for each of the two, and cuts at most
 _SETTLED = 1e-3  # the last cut changes at most this share of the pixels
@@ -41,9 +42,17 @@ _FULL = 0.995  # a subject that fills this share of the rectangle is all of it
 _SIDES = ((0, 1), (1, 0), (1, 1), (1, -1))  # steps to half of a pixel's eight neighbours
 
 
-def middle_box(width: int, height: int) -> Box:
-    """The middle 80 % of a picture: a rectangle to begin with."""
-    return round(width / 10), round(height / 10), round(0.8 * width), round(0.8 * height)
+def middle_boxes(width: int, height: int) -> list[Box]:
+    """Rectangles in the middle of a picture to begin with: 80 % of it, and an upright one."""
+    return [
+        (
+            round((1 - x) / 2 * width),
+            round((1 - y) / 2 * height),
+            round(x * width),
+            round(y * height),
+        )
+        for x, y in _MIDDLES
+    ]
 
 
 def take_subject(image: Image.Image, reading: Reading, folder: Path, what: str) -> Mask:
@@ -90,7 +99,7 @@ def cut_subject(
     """
     left, top, width, height = box
     asked = f"{what}: --subject {','.join(map(str, box))}"
-    example = "--subject " + ",".join(map(str, middle_box(*image.size)))
+    example = "--subject " + ",".join(map(str, middle_boxes(*image.size)[0]))
     if left + width > image.width or top + height > image.height or min(width, height) < _FEW:
         raise InputError(
             asked,

@@ -22,7 +22,7 @@ from knotfab.picture.data_uri import encode_image
 from knotfab.picture.masks import holes_of, mask_iou, pieces_of, sample_mask
 from knotfab.picture.read import Target, read_bytes, read_target
 from knotfab.picture.silhouette import fit_size
-from knotfab.picture.subject import middle_box
+from knotfab.picture.subject import middle_boxes
 from knotfab.preview.likeness import opened_share
 from knotfab.preview.refusal import find_refusal
 from knotfab.preview.sentence import count
@@ -76,6 +76,7 @@ class TriedReading:
                 f"{v:g}" if isinstance(v, float) else str(v).strip("()").replace(" ", ""),
             )
             for key, v in self.keys.items()
+            if key in _OPTIONS  # a subject fills the frame without being told to
         )
         return shlex.join(word for pair in named for word in pair)
 
@@ -112,19 +113,19 @@ def advise(found: Survey, readings: Sequence[TriedReading]) -> Survey:
     error, seen = found.refusal, found.views[0]
     if error is None or len(found.views) > 1 or found.frames or error.what != PICTURE:
         return found
-    better = [
-        r.options for r in readings if not r.refusal and r.options and "subject_px" not in r.keys
-    ]
+    taken = [r for r in readings if not r.refusal and r.options]
+    better = [r.options for r in taken if "subject_px" not in r.keys]
+    cut = [r.options for r in taken if "subject_px" in r.keys]
     remedy = error.remedy
     if better:
         shown = f"knotfab preview shows {count(len(readings), 'reading')}"
         remedy = f"Read it otherwise ({better[0]}; {shown}). {remedy}"
     image, _ = raster.decode(seen.target.png_bytes, seen.target.name)
     if seen.view.tone == "off" and not seen.view.cut_out and _is_photo(image):
-        box = ",".join(map(str, middle_box(*image.size)))
+        example = f", such as {cut[0]}, which a build would take" if cut else ""
         remedy = (
             "Cut one thing out of the photograph: --subject LEFT,TOP,WIDTH,HEIGHT, a rectangle about it "
-            f"in px, such as --subject {box}, its middle. {remedy}"
+            f"in px{example}. {remedy}"
         )
     return replace(found, refusal=SceneError(error.what, error.why, remedy))
 
@@ -151,7 +152,8 @@ def try_readings(
     found: list[TriedReading] = []
     for way in _ways(source, base, view):
         tried = []
-        for level, cleaning in enumerate(_cleanings(px)):
+        # what is cut out is clean
+        for level, cleaning in enumerate(({},) if "subject_px" in way else _cleanings(px)):
             keys = {**way, **cleaning}
             one = _try(keys, source, scene, base, font)
             if one is None:
@@ -240,7 +242,10 @@ def _ways(source: str | Path, base: Path | None, view: View) -> list[dict[str, A
         image = Image.new("1", (1, 1))
     inks = ["auto", "dark", "light", "flood", *_colours(image)]
     ways: list[dict[str, Any]] = [{}, *({"ink": ink} for ink in inks if ink != view.ink)]
-    return [*ways, {"subject_px": middle_box(*image.size)}] if _is_photo(image) else ways
+    if not _is_photo(image):
+        return ways
+    frame = {"crop_px": "auto"} if view.crop_px == "none" else {}
+    return ways + [{"subject_px": box, **frame} for box in middle_boxes(*image.size)]
 
 
 def _is_photo(image: Image.Image) -> bool:

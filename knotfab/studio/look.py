@@ -59,10 +59,12 @@ def list_ways(
         KnotfabError: it cannot be read in any.
     """
     held = {field: values.get(field) for field in _FILLED.values()}
-    found = [one for one in list_readings(sources, options) if one.keys.keys() <= _FILLED.keys()]
+    known = {*_FILLED, "crop_px"}  # a subject fills the frame without being told to
+    found = [one for one in list_readings(sources, options) if one.keys.keys() <= known]
     ways = [
         {
-            "settings": {**held, **{_FILLED[k]: _as_field(v) for k, v in one.keys.items()}},
+            "settings": held
+            | {_FILLED[k]: _as_field(v) for k, v in one.keys.items() if k in _FILLED},
             "refused": one.refusal is not None,
         }
         for one in found

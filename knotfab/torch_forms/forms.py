@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from knotfab.base.errors import needs_extra
 from knotfab.problem import Report, ViewNumbers
 from knotfab.render.forms import DrawnImage, Forms
 from knotfab.render.frame import Frame
@@ -31,7 +32,8 @@ class TorchForms(Forms):
     ) -> DrawnImage | None:
         if renderer == "ray" and self.device == "cpu":
             return None
-        from knotfab.torch_forms.tensors import DeviceImage
+        with needs_extra(f"the renderer {renderer} on {self.device}", "torch"):
+            from knotfab.torch_forms.tensors import DeviceImage
 
         if renderer != "ray":
             from knotfab.torch_forms.outline_image import OutlineImage
@@ -41,12 +43,14 @@ class TorchForms(Forms):
         return DeviceImage.of(frame, target, self.device)
 
     def search_network(self, state: SearchState, report: Report | None) -> None:
-        from knotfab.torch_forms.network_search import search_network
+        with needs_extra("the network (--search inn)", "torch"):
+            from knotfab.torch_forms.network_search import search_network
 
         search_network(state, report)
 
     def free_pose(self, start: ViewNumbers, given: bool, least_radius_mm: float) -> FreePose:
-        from knotfab.torch_forms.pose import ALL, Bounds, FreePose
+        with needs_extra("a free view (--free view)", "torch"):
+            from knotfab.torch_forms.pose import ALL, Bounds, FreePose
 
         free = tuple(name for name in ALL if name != "radius" or not given)
         return FreePose(start, Bounds(free, least_radius_mm=least_radius_mm), device=self.device)

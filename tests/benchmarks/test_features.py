@@ -14,6 +14,8 @@ ELSEWHERE = {
     "depth given": "tests/test_pipeline.py",
     "flat": "tests/test_pipeline.py",
     "slicing": "tests/slicer",
+    "files for other tools": "tests/part/test_also.py",
+    "subject of a photograph": "tests/picture/test_subject.py",
     "network (inn)": "tests/torch_forms/test_network_search.py",
     "network, then flow (inn+flow)": "tests/torch_forms/test_network_search.py",
     "region mesh": "tests/limits/test_region_mesh.py",
