@@ -15,9 +15,7 @@ from knotfab.start.lattice_knots import find_place
 __all__ = ["edge_worth", "join_pieces", "seed_curves"]
 
 
-_LEAST = (
-    1.5  # edges' worth that only this piece draws, or it gets no curve: 1.65 is a dot of a dial
-)
+_LEAST = 2.0  # edges' worth that only this piece draws, or it gets no curve
 # the price of a bridge over a square in the hull, where 1 is over one seen wholly outside
 _STEP = 0.02
 _NECK = 0.5  # tube radii that a bridge's middle may be seen outside: a gap of twice that is one
