@@ -126,7 +126,7 @@ def agree(scene: Scene, targets: Sequence[Target], *, azimuths_open: bool = Fals
         if not bound.covered.any():
             raise SceneError(
                 f"picture {target.name}",
-                "the other pictures leave nothing of it: no part spills in none of the views",
+                "the other pictures leave nothing of it: whatever draws it spills in their views",
                 "Use pictures that fill the same heights, other azimuths, or more bending (--bend)",
             )
     if most > 0:
