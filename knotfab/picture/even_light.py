@@ -85,7 +85,7 @@ def _light(grey: Array, closed: float) -> Array | None:
 
 
 def _is_drawing(grey: Array, light: Array) -> bool:
-    """Whether a picture divided by this light is dark ink on paper."""
+    """Tell whether a picture divided by this light is dark ink on paper."""
     from scipy import ndimage
 
     if np.percentile(light, 98) < _UNEVEN * np.percentile(light, 2):

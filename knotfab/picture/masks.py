@@ -83,7 +83,7 @@ def fill_holes(mask: Mask, least_px: float) -> Mask:
 
 
 def count_dust(mask: Mask, least_px: float) -> int:
-    """How many pieces and holes of fewer pixels there are, where they are dust; 0 where they may be meant.
+    """Count the pieces and holes of fewer pixels, where they are dust; 0 where they may be meant.
 
     Dust is many, hardly any of the ink, and scattered: what is written, or dotted, stands closer.
     """
