@@ -41,8 +41,8 @@ class Piece:
 PIECES = (
     Piece("floral-heart", "Floral heart, on the wall", ("text:❦",), "--mount wall"),
     Piece("cat", "A cat on the wall", ("cat",), "--mount wall"),
-    Piece("tree", "A bare tree, on the wall", ("tree",), "--mount wall --size 240"),
-    Piece("bird", "A bird that hangs from a thread", ("bird",), "--mount hang"),
+    Piece("knight", "A knight on a desk", ("knight",), "--mount stand"),
+    Piece("queen", "A queen beside the knight", ("text:♛",), "--mount stand"),
     Piece("flower", "A flower of open petals", ("text:❀",), "--mount wall"),
     Piece("anchor", "An anchor on a desk", ("anchor",), "--mount stand"),
     Piece("yin-yang", "Yin and yang", ("text:☯",), "--mount wall"),
