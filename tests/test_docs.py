@@ -76,5 +76,8 @@ def test_the_pages_are_a_site_in_which_each_is_found(tmp_path: Path) -> None:
     index = json.loads((tmp_path / "site" / "search" / "search_index.json").read_text("utf-8"))
     found = {entry["location"].partition("#")[0] for entry in index["docs"]}
     assert {page.stem for page in (ROOT / "docs").glob("*.md")} == {Path(p).stem for p in found}
+    text = {entry["location"]: entry["text"] for entry in index["docs"]}
+    assert "wall_radius_mm" in text["conventions.html#scenetoml-schema-1"]
+    assert "progress" in text["api.html#build"]  # both are made from code, by a hook
     html = (tmp_path / "site" / "index.html").read_text("utf-8")
     assert not re.findall(r'(?:src|href)="https?://(?!squidfunk)', html)  # nothing is fetched
