@@ -253,8 +253,8 @@ def print_traced(folder: Path, px: int, samples: int) -> None:
             iou = overlap(traced >= 0.5, target).iou
             error = float(np.abs(traced - target).sum()) / (frame.width * frame.height)
             print(
-                f"{diameter:8.0f}  {ours.samples:6d}  {ours.iou:.4f}    {iou:.4f}  {rms:.3f}  "
-                f"{ours.brightness_error:.4f}      {error:.4f}",
+                f"{diameter:8.0f}  {ours.found.samples:6d}  {ours.found.iou:.4f}    {iou:.4f}  {rms:.3f}  "
+                f"{ours.found.brightness_error:.4f}      {error:.4f}",
                 flush=True,
             )
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, wait
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -28,49 +28,51 @@ from knotfab.part.write import pose_scene, write_model, write_part, write_unbuil
 from knotfab.picture.read import Target
 from knotfab.preview.draw import draw_agreement
 from knotfab.report.for_maker import draw_setup, list_files, tell_setup
-from knotfab.report.of_bounds import tell_bounds
 from knotfab.report.of_build import (
-    add_fabrication,
     check_3mf,
     check_certificate,
     check_limits,
+    print_of,
     report_of,
     tell_binding,
+    tell_mount,
+    tell_plan,
+    write_report_json,
 )
 from knotfab.report.of_effects import (
-    add_contrast,
-    add_sag,
     advise,
     count_flattened,
     judge_made,
+    list_contrasts,
+    list_sags,
     tell_contrast,
     tell_walls,
     tell_warnings,
 )
-from knotfab.report.of_slicer import check_slicing, tell_kept
-from knotfab.report.of_time import add_next_step
-from knotfab.report.of_verdict import advise_widening
+from knotfab.report.of_slicer import check_slicing, tell_kept, tell_unsliced, with_slicing
+from knotfab.report.of_time import plan_next_step
+from knotfab.report.of_views import advise_widening, list_views, tell_bounds
 from knotfab.report.pictures import find_pictures
-from knotfab.report.posing import add_posing, find_access
+from knotfab.report.posing import find_access, lay_out
 from knotfab.report.report_html import write_report_html
-from knotfab.report.report_json import write_report_json
-from knotfab.report.turning import add_turning
+from knotfab.report.turning import turn_piece
 from knotfab.report.viewer_data import HistoryFrame, viewer_data
 from knotfab.request import Outcome, Request
 from knotfab.scene.camera import cameras_of
 from knotfab.settle import settle_part, tell_depth
 from knotfab.slicer.result import NotSliced, Sliced, sum_slicings
 from knotfab.slicer.run import SlicerQueue
-from knotfab.verify.checks import exit_code, verdict_without_part
+from knotfab.verify.checks import verdict_without_part
 from knotfab.verify.verifier import Files, Verifier
+from knotfab_formats.report import Report
 from knotfab_formats.scene import ResolvedScene
+from knotfab_formats.verdict import Verdict, View, exit_code
 
 if TYPE_CHECKING:
     from knotfab.wire.plan import WirePlan
 
 __all__ = ["WrittenPiece", "discard_piece", "finish_build", "report_piece", "write_piece"]
 
-Record = dict[str, Any]
 _TOLD_S = 0.5  # between what is said of the slicer
 
 
@@ -88,7 +90,7 @@ class WrittenPiece:
     part: Part | None
     targets: tuple[Target, ...]
     suffix: str
-    answer: Callable[[], Record]
+    answer: Callable[[], Verdict]
     slicings: dict[str, Future[Sliced | NotSliced]] = field(default_factory=dict)
     flattening: Flattening | None = None
     slicer: SlicerQueue | None = None
@@ -100,7 +102,7 @@ class WrittenPiece:
         return enlarge_knots(self.made) if self.part is None else self.part.pose.knots
 
     @cached_property
-    def verdict(self) -> Record:
+    def verdict(self) -> Verdict:
         """The validators' verdict on the files."""
         return self.answer()
 
@@ -180,82 +182,96 @@ def discard_piece(piece: WrittenPiece, folder: OutputFolder) -> None:
 
 def report_piece(
     piece: WrittenPiece, folder: OutputFolder, request: Request, progress: Progress
-) -> Record:
+) -> Report:
     """Wait for the verdict on a piece, write its bending plan and drawings, and report all of it."""
-    made, part = piece.made, piece.part
-    cameras, access = cameras_of(piece.scene.views, piece.targets), None
-    if part is not None and request.printing:
+    made, part, targets = piece.made, piece.part, piece.targets
+    if part is None:
+        checks = [*piece.verdict.checks, check_certificate(made), check_limits(made)]
+        notes = [*tell_binding(made), *tell_warnings(made.result.effects)]
+        print_ = print_of(made, (), ())
+        return report_of(request, made, piece.knots, piece.verdict, checks, (), print_, notes)
+    mounted, printing = part.mounted, request.printing
+    cameras = cameras_of(piece.scene.views, targets)
+    sheets, templates, access = None, list[str](), None
+    if printing:
         with progress.stage("drawings"):  # while the validators measure
-            sheets = draw_sheets(part.mounted, piece.scene, cameras)
-            templates = write_drill_template(folder.work, part.mounted, cameras[0], piece.suffix)
+            sheets = draw_sheets(mounted, piece.scene, cameras)
+            templates = write_drill_template(folder.work, mounted, cameras[0], piece.suffix)
             access = find_access(part)
     with progress.stage("verify"):
-        said = [] if part is None else _read_back(folder, piece)
+        said = _read_back(folder, piece)
         verdict = piece.verdict
-    own = [check_certificate(made), check_limits(made)]
-    if part is None:
-        verdict["checks"] += own
-        report = report_of(request, made, piece.knots, [], verdict, piece.targets, progress)
-        notes = [*tell_binding(made), *tell_warnings(made.result.effects)]
-        return report | {"notes": notes} if notes else report
-    sag = part.mounted.check_sag()
-    verdict["checks"] += [check_3mf(said), *own]
-    verdict["checks"] += [] if sag is None else [sag]
     with progress.stage("slicer"):
         while piece.slicer and wait(piece.slicings.values(), _TOLD_S).not_done:
             progress.update(piece.slicer.done, even=False)
         sliced = sum_slicings(piece.sliced) if piece.sliced else None
-    if sliced is not None:
-        verdict["checks"].append(check_slicing(sliced))
     plan = _plan_bends(folder, piece, progress)
-    if plan is not None:
-        verdict["checks"] += plan.checks
-    drawings: list[str] = []
-    if request.printing:
+    drawings: tuple[str, ...] = ()
+    if sheets is not None:
         with progress.stage("drawings"):
-            views = verdict["views"] or [{} for _ in cameras]
-            costs = [view.get("misplacement") for view in views]
-            drawings = [*write_setup(folder.work, sheets, costs, piece.suffix), *templates]
+            costs = [view.misplacement for view in verdict.views] or [None for _ in cameras]
+            drawings = (*write_setup(folder.work, sheets, costs, piece.suffix), *templates)
     with progress.stage("report"):
-        lies = piece.scene.pose
-        up = None if lies is None or not request.printing else np.array(lies.matrix)[:3, 2]
-        judge_made(made, piece.scene, part.mounted.moves, up)
-        count_flattened(made.result.effects, piece.targets)
-        add_contrast(verdict["views"], made)
-        add_sag(verdict["views"], made, part.mounted.moves, [t.asked for t in piece.targets])
-        report = report_of(
-            request, made, piece.knots, part.bodies, verdict, piece.targets, progress
-        )
-        add_fabrication(report, part.mounted, sliced, plan, request.printing)
-        report["notes"] += [*piece.notes, *filter(None, [part.framing[1]])]
-        report["notes"] += tell_depth(request.scene.piece.depth, made)
-        report["notes"] += tell_kept(sliced) if "gcode" in request.also else []
-        report["print"]["drawings"] = drawings
-        report["print"]["setup"] = tell_setup(part.mounted, cameras, made.knots.radius_mm)
-        if request.printing:
-            add_turning(report, folder.work, part.mounted, made.knots)
-        views = report["views"]
-        report["notes"] += [*tell_binding(made), *tell_warnings(made.result.effects)]
-        report["notes"] += [*advise(views, made), *tell_contrast(views), *tell_walls(views)]
-        report["notes"] += tell_bounds(made, piece.targets)
-        for view, target, bound in zip(made.scene.views, piece.targets, made.bounds, strict=False):
+        own = (check_3mf(said), check_certificate(made), check_limits(made), mounted.check_sag())
+        checks = [*verdict.checks, *(check for check in own if check is not None)]
+        checks += [] if sliced is None else [check_slicing(sliced)]
+        checks += [] if plan is None else plan.checks
+        views = _list_views(piece, printing, verdict)
+        for view, target, bound in zip(made.scene.views, targets, made.bounds, strict=False):
             if target.bending is not None:
                 folder.write(f"bent-{view.name}.png", draw_agreement(target, bound))
-        add_posing(
-            report,
-            part,
-            piece.flattening,
-            piece.suffix,
-            printing=request.printing,
-            access=access,
+        setup = tell_setup(mounted, cameras, made.knots.radius_mm)
+        mount, turning, turned = mounted.figures, None, list[str]()
+        if printing:
+            turning, turned = turn_piece(folder.work, mounted, made.knots)
+        print_ = replace(
+            print_of(made, part.bodies, views),
+            mount=mount,
+            drawings=drawings,
+            setup=setup,
+            turning=turning,
         )
-    return report
+        filament = printing and plan is None
+        print_ = with_slicing(print_, sliced) if filament else print_
+        how = piece.flattening, piece.suffix
+        print_, laid = lay_out(print_, part, *how, printing=printing, access=access)
+        flat_wall = piece.scene.views[0].wall_radius_mm == "flat"
+        notes = [
+            *tell_mount(len(piece.knots.knots), mount, len(targets) == 1 and flat_wall),
+            *(tell_unsliced(sliced) if filament else ()),
+            *tell_plan(plan),
+            *piece.notes,
+            *filter(None, [part.framing[1]]),
+            *tell_depth(request.scene.piece.depth, made),
+            *(tell_kept(sliced) if "gcode" in request.also else ()),
+            *turned,
+            *tell_binding(made),
+            *tell_warnings(made.result.effects),
+            *advise(views, made),
+            *tell_contrast(views),
+            *tell_walls(views),
+            *tell_bounds(made, targets),
+            *laid,
+        ]
+        found = verdict, checks, views, print_, notes, sliced, plan
+        return report_of(request, made, piece.knots, *found)
+
+
+def _list_views(piece: WrittenPiece, printing: bool, verdict: Verdict) -> list[View]:
+    """The verified views, with what the build knows and measures of them."""
+    made, part, lies = piece.made, piece.part, piece.scene.pose
+    moves = None if part is None else part.mounted.moves
+    up = None if lies is None or not printing else np.array(lies.matrix)[:3, 2]
+    judge_made(made, piece.scene, moves, up)
+    count_flattened(made.result.effects, piece.targets)
+    sags = list_sags(made, moves, [target.asked for target in piece.targets])
+    return list_views(verdict.views, made, piece.targets, list_contrasts(made), sags)
 
 
 def finish_build(
     folder: OutputFolder,
     request: Request,
-    report: Record,
+    report: Report,
     title: str,
     pieces: Sequence[WrittenPiece],
     progress: Progress,
@@ -265,13 +281,13 @@ def finish_build(
     Args:
         pieces: one, or the frames of a sequence; the report's viewer shows them.
     """
-    report["timings"] |= {
-        **progress.timings,
-        "total": progress.total,
-    }  # the report's own seconds included
-    add_next_step(report)
-    if advised := advise_widening(report.get("verdict"), pieces[0].scene):
-        report["notes"] = [*report.get("notes", []), *advised]
+    timings = {**progress.timings, "total": progress.total}
+    report = replace(
+        report,
+        timings=timings,
+        next_step=plan_next_step(report, timings),
+        notes=(*report.notes, *advise_widening(report.verdict, pieces[0].scene)),
+    )
     write_report_json(folder.file("report.json"), report)
     names = [path.name for path in folder.work.iterdir()]
     write_report_html(
@@ -283,7 +299,7 @@ def finish_build(
         drawings=draw_setup(folder.work),
         files=list_files(names),
     )
-    code = exit_code(report["checks"])
+    code = exit_code(report.checks)
     if code == 0:
         folder.commit()
         return Outcome(0, report, request.out)
@@ -291,7 +307,7 @@ def finish_build(
     return Outcome(code, report, request.out / "rejected")
 
 
-def _show(pieces: Sequence[WrittenPiece]) -> Record:
+def _show(pieces: Sequence[WrittenPiece]) -> dict[str, Any]:
     """The viewer's data of the first piece; the slider goes through its search, or through several pieces."""
     first = pieces[0]
     bodies = [] if first.part is None else first.part.bodies

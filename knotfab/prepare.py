@@ -30,7 +30,6 @@ from knotfab.picture.read import (
 from knotfab.read_lamps import read_lamps
 from knotfab.read_options import read_also, read_scene, read_seconds, read_skips
 from knotfab.request import Request
-from knotfab.scene.catalogue import resolve
 from knotfab.scene.require import require_several, require_start, require_tube, require_walls
 from knotfab.sequence.frames import count_knots, name_sequence, read_frames
 from knotfab.sequence.require import require_sequence
@@ -44,7 +43,6 @@ if TYPE_CHECKING:
     from knotfab.preview.survey import Survey
 
 __all__ = [
-    "check_names",
     "check_options",
     "list_readings",
     "prepare_build",
@@ -125,7 +123,7 @@ def check_options(options: BuildOptions) -> None:
     read_also(options.also)
     if options.time_budget is not None:
         read_seconds(options.time_budget)
-    check_names(read_scene(options)[0])
+    read_scene(options)
 
 
 def survey_pictures(pictures: Sequence[str], options: BuildOptions) -> Survey:
@@ -193,7 +191,6 @@ def _read_call(
 ) -> _Call:
     """The scene with the options over it, and the pictures, large ones shrunk where they are glanced at."""
     scene, folder = read_scene(options)
-    check_names(scene)
     sources = _sources(pictures, scene, options.scene)
     _check_font(options.font, sources)
     base = None if pictures else folder
@@ -217,8 +214,8 @@ def _read_call(
             # begin where an earlier build started, or else anywhere
             open_ = open_ or not scene.search.get("free_azimuths_deg")
             scene = place_directions(scene, scene.settings)[0]
-    require_tube(resolve(scene))
-    if resolve(scene).material.process == "wire":
+    require_tube(scene)
+    if scene.material.process == "wire":
         require_bender(scene)
     elif options.bender is not None:
         remedy = "Leave it out, or add --material steel-wire-2mm."
@@ -243,8 +240,7 @@ def _read_call(
         scene = size_longer(scene, targets[0], options.size)
     if not options.sequence and (options.size or options.width or options.height):
         scene = size_frames(scene, targets)
-    widened, targets = widen_targets(resolve(scene), targets, options.sequence)
-    scene = scene.model_copy(update={"views": widened.views})
+    scene, targets = widen_targets(scene, targets, options.sequence)
     if any(view.wall_radius_mm != "flat" for view in scene.views):
         scene = framed_alike(scene, targets) if len(targets) > 1 else scene
         framed = [frame_view(v, t) for v, t in zip(scene.views, targets, strict=True)]
@@ -273,8 +269,8 @@ def _survey(call: _Call, options: BuildOptions, choose: bool = True) -> Survey:
     from knotfab.preview.survey import survey
 
     printed = {"printed": _prints(options, call.scene)}
-    piece = call.scene.piece.model_copy(update=printed)
-    scene = call.scene.model_copy(update={"piece": piece})
+    piece = call.scene.piece.but(**printed)
+    scene = call.scene.but(piece=piece)
     found = survey(scene, call.targets, options.sequence, choose)
     if call.told:
         return replace(found, agreed=call.told, parted=call.parted)
@@ -286,16 +282,6 @@ def _survey(call: _Call, options: BuildOptions, choose: bool = True) -> Survey:
 def _prints(options: BuildOptions, scene: Scene) -> bool:
     """Tell whether the piece is to be printed: a mount is, whoever asked for it."""
     return options.print_ or scene.piece.printed or scene.mount.asked
-
-
-def check_names(scene: Scene) -> None:
-    """Refuse a printer or material that is not known, and search settings that are none.
-
-    Raises:
-        InputError: naming those that there are.
-    """
-    resolve(scene)
-    _ = scene.settings  # reading the settings tells of faults in them
 
 
 def _sources(pictures: Sequence[str], scene: Scene, path: Path | None) -> tuple[str, ...]:

@@ -11,7 +11,6 @@ from knotfab.base.progress import Progress
 from knotfab.design.frames import name_views, size_longer, widen_targets
 from knotfab.options import BuildOptions
 from knotfab.picture.read import Target, name_picture, plain_name, read_bytes, read_targets
-from knotfab.scene.catalogue import resolve
 from knotfab.scene.lamps import COLOURS_FILE, require_lamps, with_lamps, with_small_lamps
 from knotfab.scene.require import require_several, require_start, require_tube
 from knotfab_formats.scene import Reading, Scene
@@ -79,7 +78,7 @@ def read_lamps(
             targets, parted = read_masks(sources[0], scene, base)
         read = targets
         name = plain_name(name_picture(sources[0]), "picture")
-        update: dict[str, Any] = {"lamps": scene.lamps.model_copy(update={"picture": COLOURS_FILE})}
+        update: dict[str, Any] = {"lamps": scene.lamps.but(picture=COLOURS_FILE)}
     else:
         with progress.stage("picture"):
             targets = read_targets(sources, scene.views, base=base, font=options.font)
@@ -95,20 +94,19 @@ def read_lamps(
         update, read = {}, targets
         targets = on_one_canvas(targets)
     # masks must register with one another
-    update |= {"piece": scene.piece.model_copy(update={"bend": "off"})}
+    update |= {"piece": scene.piece.but(bend="off")}
     if update.get("lamps") or targets is not read:  # the drawn pictures are those of the new files
         masks = {**Reading().model_dump(), "ink": "dark"}
-        update["views"] = tuple(v.model_copy(update=masks) for v in scene.views)
-    scene = scene.model_copy(update=update)
+        update["views"] = tuple(v.but(**masks) for v in scene.views)
+    scene = scene.but(**update)
     require_several(scene)
-    require_tube(resolve(scene))
+    require_tube(scene)
     require_start(scene)
     scene = with_small_lamps(scene)
     first = scene.views[0]
     if options.size is not None or (first.frame_width_mm or first.frame_height_mm) is None:
         scene = size_longer(scene, targets[0], options.size or LAMPS_FRAME_MM)
-    widened, targets = widen_targets(resolve(scene), targets)
-    scene = scene.model_copy(update={"views": widened.views})
+    scene, targets = widen_targets(scene, targets)
     with progress.stage("agree"):
         scene, told = place_lamps(scene, targets)
     require_lamps(scene, "the scene's lamps")

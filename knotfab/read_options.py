@@ -17,7 +17,16 @@ from knotfab.options import KEYS, PictureOptions
 from knotfab.verify.checks import CHECKS
 from knotfab_formats.bounds import why_out_of_bounds
 from knotfab_formats.key import option_of, takes_number, words_of
-from knotfab_formats.scene import MOST_BEND, Piece, Scene, Switch, Switches, View
+from knotfab_formats.scene import (
+    MOST_BEND,
+    Material,
+    Piece,
+    Printer,
+    Scene,
+    Switch,
+    Switches,
+    View,
+)
 from knotfab_formats.search import OF_NO_PRESET, SearchSettings, search_settings
 
 __all__ = ["read_also", "read_scene", "read_seconds", "read_skips"]
@@ -99,14 +108,15 @@ def read_also(texts: Collection[str]) -> frozenset[str]:
 
 
 def read_scene(options: PictureOptions) -> tuple[Scene, Path | None]:
-    """The scene of a file (or the default one) with the command line's shorthands over it.
+    """The scene of a file (or the default one) with the command line's shorthands over it, resolved.
 
     Returns the scene and the folder that its pictures are relative to.
 
     Raises:
-        InputError: an option or the scene is wrong, or they contradict each other.
+        InputError: an option or the scene is wrong, they contradict each other, or name a printer or material
+            that is not known.
     """
-    from knotfab.scene.catalogue import material_of, printer_of
+    from knotfab.scene.catalogue import asked_for, resolve
     from knotfab.scene.load import check_scene, load_scene
 
     path = options.scene
@@ -122,7 +132,7 @@ def read_scene(options: PictureOptions) -> tuple[Scene, Path | None]:
             "subject_mask": "",
         }  # it is cut anew, and fills the frame
     update: dict[str, Any] = {
-        table: getattr(scene, table).model_copy(update=keys)
+        table: getattr(scene, table).but(**keys)
         for table, keys in given.items()
         if keys and table != "search"
     }
@@ -133,18 +143,19 @@ def read_scene(options: PictureOptions) -> tuple[Scene, Path | None]:
             search = {key: value for key, value in search.items() if key in OF_NO_PRESET}
     update["search"] = {**search, **given["search"], **_search_keys(options)}
     if options.printer is not None:
-        update["printer"] = printer_of(options.printer)
+        update["printer"] = asked_for(Printer, options.printer)
     if options.material is not None:
-        update["material"] = material_of(options.material)
+        update["material"] = asked_for(Material, options.material)
     if options.no_loop:
-        update["sequence"] = scene.sequence.model_copy(update={"loop": False})
+        update["sequence"] = scene.sequence.but(loop=False)
     if options.effect:
-        update["effects"] = scene.effects.model_copy(update=_switches(options.effect))
+        update["effects"] = scene.effects.but(**_switches(options.effect))
     if views:
-        update["views"] = tuple(v.model_copy(update=views) for v in scene.views)
-    scene = scene.model_copy(update=update)
+        update["views"] = tuple(v.but(**views) for v in scene.views)
+    scene = scene.but(**update)
     check_scene(scene, "the command line" if path is None else str(path))
-    return scene, None if path is None else path.resolve().parent
+    _ = scene.settings  # what is wrong in it is told
+    return resolve(scene), None if path is None else path.resolve().parent
 
 
 def _keys(options: PictureOptions, model: type[BaseModel]) -> dict[str, Any]:

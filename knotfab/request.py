@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,8 @@ from knotfab.base.errors import MachineError, needs_extra
 from knotfab.base.notebook import InNotebook
 from knotfab.design.budget import Budget
 from knotfab.picture.read import Target
+from knotfab_formats.records import plain
+from knotfab_formats.report import Report
 from knotfab_formats.scene import Scene
 
 __all__ = ["Outcome", "Request", "require_device"]
@@ -62,11 +65,16 @@ class Request:
 
 @dataclass(frozen=True, repr=False)
 class Outcome(InNotebook):
-    """Exit code by the contract, the report, and the folder that was written."""
+    """Exit code by the contract, what was found, and the folder that was written."""
 
     exit_code: int
-    report: dict[str, Any] = field(repr=False)
+    found: Report
     folder: Path
+
+    @cached_property
+    def report(self) -> dict[str, Any]:
+        """The content of report.json."""
+        return dict(plain(self.found))
 
 
 def require_device(name: str) -> None:

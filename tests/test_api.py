@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
+from reports import report_with
 
 import knotfab
 from examples.api_page import PAGE, api_page
@@ -112,7 +113,7 @@ def test_a_wrong_key_is_told_in_a_sentence() -> None:
 
 
 def test_a_result_is_short_to_look_at(tmp_path: Path) -> None:
-    shown = repr(knotfab.Outcome(0, {"checks": ["x"] * 1000}, tmp_path))
+    shown = repr(knotfab.Outcome(0, report_with(notes=["x"] * 1000), tmp_path))
     assert len(shown) < 200 and str(tmp_path) in shown
 
 

@@ -2,26 +2,13 @@
 
 from __future__ import annotations
 
-__all__ = [
-    "FILES",
-    "HELD",
-    "KNOTS",
-    "MESH",
-    "PLATES",
-    "PRINTER",
-    "PRINTING",
-    "SHADOWS",
-    "TABLE",
-    "TUBE",
-]
-
 MESH = (
     *("mesh_closed", "mesh_winding", "mesh_degenerate", "mesh_duplicate", "mesh_manifold"),
     *("mesh_bodies", "mesh_genus", "mesh_volume", "mesh_self_intersection"),
 )
-FILES = ("same_3mf",)  # the printed file is the verified one
-# checks of the part as a tube, in its place
-TUBE = "centre_line", "tube", "mount", "clearance", "region", "build_volume"
+FILES = ("same_3mf",)  # what is printed is what was verified
+# of the part as a tube, in its place
+TUBE = ("centre_line", "tube", "mount", "clearance", "region", "build_volume")
 KNOTS = ("thickness", "bend", "length", "knot_type", "linking")
 PRINTING = (
     *("feature", "gap", "overhang", "support_volume"),

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-__all__ = ["InputError", "KnotfabError", "shown"]
+import re
+
+__all__ = ["InputError", "KnotfabError", "shown", "spelled"]
 
 _MOST_SHOWN = 600  # characters quoted of the subject of a sentence
 
@@ -19,6 +21,11 @@ def shown(text: object) -> str:
     ]
     plain = "".join(signs)
     return plain if len(plain) <= _MOST_SHOWN else f"{plain[:_MOST_SHOWN]} …"
+
+
+def spelled(text: str) -> str:
+    """A text that any encoding of Unicode holds: bytes of a name that are no UTF-8 as their numbers."""
+    return re.sub("[\ud800-\udfff]", lambda found: shown(found[0]), text)
 
 
 class KnotfabError(Exception):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Literal, Self, TypeVar
 
 from pydantic import (
     AfterValidator,
@@ -58,7 +58,13 @@ def known(value: T | Literal["auto", "none"]) -> T | None:
 
 
 class Table(BaseModel):
+    """A table of scene.toml."""
+
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    def but(self, **keys: Any) -> Self:
+        """Return the same table with other values of some keys, which are not checked again."""
+        return self.model_copy(update=keys)
 
 
 def _one_line(text: str) -> str:

@@ -38,7 +38,7 @@ def scene_of(raw: Mapping[str, Any], what: str, model: type[AScene]) -> AScene:
                 f"view {view.name!r} has a wall of its own, and others share one",
                 f"Give every view but the first wall = {first!r}, or none.",
             )
-    return scene.model_copy(update={"views": views})
+    return scene.but(views=views)
 
 
 def parse_toml(text: str, what: str) -> dict[str, Any]:
@@ -91,5 +91,5 @@ def _share_walls(views: tuple[View, ...], what: str) -> tuple[View, ...]:
                     f"view {view.name!r} shines on the wall of {view.wall!r}, but has another {key}",
                     f"Leave {key} out: it is that wall's.",
                 )
-        found.append(view.model_copy(update=shared))
+        found.append(view.but(**shared))
     return tuple(found)

@@ -1,33 +1,498 @@
-"""The keys of report.json, schema 1, that a script may rely on; a record may have more (docs/contract.md)."""
+"""The report of a build: report.json, schema 1 (docs/contract.md), built once from what was measured.
+
+Lengths are in mm, times in seconds and shares and IoU from 0 to 1, unless a name says otherwise.
+"""
 
 from __future__ import annotations
 
-__all__ = ["RECORDS", "SCHEMA"]
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
 
-SCHEMA = 1
-RECORDS: dict[str, tuple[str, ...]] = {
-    "views": (
-        *(
-            "name",
-            "kind",
-            "picture",
-            "width",
-            "height",
-            "projection",
-            "receiver",
-            "iou",
-            "iou_tube",
-        ),
-        *("precision", "recall", "outline_error_px", "outline_error_mm", "legibility"),
-    ),
-    "checks": ("name", "status", "required", "measured", "limit", "unit", "detail"),
-    "effects": (
-        *("name", "simulated", "forced", "where", "magnitude", "threshold", "unit", "calls"),
-        *("seconds", "reason"),
-    ),
-    "limits": ("name", "limit", "measured", "unit", "calls", "seconds"),
-    "knots": ("type", "vertices", "length_mm", "thickness_mm", "min_bend_radius_mm"),
-    "print": ("volume_mm3", "mass_g", "bounding_box_mm", "depth_ratio", "printer"),
-    "settings": ("accuracy", "seed", "versions", "command", "tube_radius_mm"),
-}
-"""Of each section the keys that each of its records has."""
+from knotfab_formats.search import SearchSettings
+from knotfab_formats.verdict import Check, Colours, Recognition, Status, View
+
+Range = tuple[float, float]
+Extent = tuple[float, float, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class EffectLine:
+    """One effect of light or world: the judgement of it, and the stages that ran it."""
+
+    name: str
+    simulated: bool
+    forced: bool
+    where: tuple[str, ...]
+    magnitude: float | None
+    threshold: float | None
+    unit: str
+    calls: int
+    seconds: float
+    reason: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class LimitLine:
+    """One limit, its measure at the end, and how often its term was called."""
+
+    name: str
+    limit: float
+    measured: float
+    unit: str
+    calls: int
+    seconds: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class KnotFigures:
+    """One knot as it will have shrunk; curvatures are multiplied by the tube's radius, turns are of 360°."""
+
+    type: str
+    vertices: int
+    length_mm: float
+    thickness_mm: float
+    min_bend_radius_mm: float
+    mean_curvature_radii: float
+    curvature_90_radii: float
+    turns: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class MountFigures:
+    """The holder of the piece: a wall mount, a stand, an eyelet, or nothing."""
+
+    kind: str
+    foot: str | None = None
+    pegs: int | None = None
+    posts: int | None = None
+    struts: int | None = None
+    pegs_of_knots: tuple[int, ...] | None = None
+    knots_joined: tuple[tuple[int, int], ...] | None = None
+    peg_length_mm: Range | None = None
+    peg_diameter_mm: float | None = None
+    thinnest_peg_mm: float | None = None
+    members_of_knots: tuple[int, ...] | None = None
+    member_diameter_mm: Range | None = None
+    base_mm: Extent | None = None
+    base_back_mm: float | None = None
+    margin_mm: float | None = None
+    tip_deg: float | None = None
+    thread_mm: Extent | None = None
+    hole_mm: float | None = None
+    tilt_deg: float | None = None
+    max_tilt_deg: float | None = None
+    predicted_intrusion: float | None = None
+    sag_mm: float | None = None
+    max_sag_mm: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class SetupSteps:
+    """The steps of setting a view up, and the lamp to take, in sentences."""
+
+    view: str
+    steps: tuple[str, ...]
+    lamp: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class TurnFigures:
+    """One way to lay the piece on the bed, by estimates; `up` is the scene's direction that looks up then."""
+
+    height_mm: float
+    support_cm3_estimate: float | None = None
+    support_filament_cm3_estimate: float | None = None
+    contact_mm2: float | None = None
+    tips_at_deg: float | None = None
+    cost_minutes: float | None = None
+    up: Extent | None = None
+
+
+@dataclass(frozen=True)
+class Kept:
+    """A length before and after a piece was built anew, and the one that is proposed."""
+
+    first: float
+    kept: float
+    proposed: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class PoseFigures(TurnFigures):
+    """The pose of the piece, or of one body on a plate, and the poses that it was chosen from."""
+
+    chosen_by: str
+    body: str | None = None
+    tried: int | None = None
+    too_large: int | None = None
+    within_limits: bool | None = None
+    runners_up: tuple[TurnFigures, ...] | None = None
+    least_height: TurnFigures | None = None
+    box_cm3: float | None = None
+    shrinkage_percent: float | None = None
+    depth_mm: Kept | None = None
+    wall_distance_mm: Kept | None = None
+
+
+@dataclass(frozen=True)
+class PlateFile:
+    """The bodies that are printed in one go."""
+
+    file: str
+    bodies: tuple[str, ...]
+    size_mm: tuple[float, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlatesFigures:
+    """The plates of a piece that the printer does not hold whole."""
+
+    files: tuple[PlateFile, ...]
+    cuts_of_knots: tuple[int, ...]
+    pin_diameter_mm: Range | None = None
+    pin_length_mm: float | None = None
+    pin_clearance_mm: float | None = None
+    poses: tuple[PoseFigures, ...]
+
+
+@dataclass(frozen=True)
+class Flatter:
+    """The cost of printing a piece, its depth as a share of the one that was made."""
+
+    depth_share: float
+    hours: float
+    grams: float
+    support_grams: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class SupportAccess:
+    """The reach of tools to the supports under a piece.
+
+    `area_cm2`: of the undersides that need support. `reached`: for each tool, the share of them that it
+    reaches. `worst`: the place that only the thinnest tool reaches, or none, deepest inside of all such;
+    `worst_tool`: which one reaches it, None where none does.
+    """
+
+    area_cm2: float
+    tools_mm: Mapping[str, float]
+    reached: Mapping[str, float]
+    worst: Extent | None
+    worst_tool: str | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class CouponFigures:
+    """The small print to try a mount's fit on: the pin, and the holes with their numbers of dots."""
+
+    file: str
+    pin_mm: float
+    holes_mm: tuple[float, ...]
+    dots: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Turning:
+    """The angle by which a piece is turned for each view, and how far its picture is aside then."""
+
+    angles_deg: Mapping[str, float]
+    aside_mm: Mapping[str, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ZoetropeFigures:
+    """All frames on one ring."""
+
+    scale: float
+    tube_radius_mm: float
+    diameter_mm: float
+    height_mm: float
+    gap_mm: float
+    posts: tuple[Any, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Print:
+    """The printed piece: its size, its mount, its pose, its cost."""
+
+    volume_mm3: float
+    mass_g: float
+    bounding_box_mm: Extent | None
+    depth_ratio: float | None
+    printer: str
+    printer_title: str | None = None
+    mount: MountFigures | None = None
+    opening: str | None = None
+    time_s: float | None = None
+    filament_m: float | None = None
+    filament_g: float | None = None
+    support_g: float | None = None
+    support_share: float | None = None
+    drawings: tuple[str, ...] | None = None
+    setup: tuple[SetupSteps, ...] | None = None
+    turning: Turning | None = None
+    pose: PoseFigures | None = None
+    plates: PlatesFigures | None = None
+    coupon: CouponFigures | None = None
+    flatter: tuple[Flatter, ...] | None = None
+    support_access: SupportAccess | None = None
+    parts: int | None = None
+    zoetrope: ZoetropeFigures | None = None
+
+
+@dataclass(frozen=True)
+class SlicerWarning:
+    """One warning: what it says; what it means for this part; whether that settles it.
+
+    `explanation` is empty where nobody knows it. A warning that is not settled fails the part.
+    """
+
+    text: str
+    explanation: str = ""
+    settled: bool = False
+
+
+@dataclass(frozen=True)
+class SlicerCheck:
+    """One of knotfab's own looks at the slicer's reading of the file."""
+
+    name: str
+    status: Status
+    measured: float | None
+    limit: float | None
+    unit: str
+    detail: str
+
+    @property
+    def passed(self) -> bool:
+        """Whether nothing was found."""
+        return self.status == "pass"
+
+
+@dataclass(frozen=True)
+class Proven:
+    """A proof, and who gave it."""
+
+    what: str
+    by: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class SlicerFigures:
+    """The slicer's figures for the files, or the reason that there are none."""
+
+    program: str | None
+    version: str | None
+    time_s: float | None
+    filament_m: float | None
+    filament_g: float | None
+    support_m: float | None
+    layers: int | None
+    objects: int | None = None
+    reason: str | None = None
+    remedy: str | None = None
+    warnings: tuple[SlicerWarning, ...]
+    checks: tuple[SlicerCheck, ...]
+    proven: tuple[Proven, ...]
+    command: str | None = None
+    profile: Mapping[str, str] | None = None
+    seconds: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class BentWire:
+    """One knot's bending plan as its file gives it, bent again by calculation."""
+
+    file: str
+    length_mm: float
+    bends: int
+    deviation_mm: float
+    deviation_mean_mm: float
+    deviation_across_mm: float
+    closing_error_mm: float
+    shortest_straight_mm: float
+    largest_bend_deg: float
+    joint_straight_mm: float
+    joint_hidden: bool
+    end_moves_mm_per_deg: float
+    end_moves_mm_for_1_deg_everywhere: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class BendingPlan:
+    """The result of bending the files' rows."""
+
+    status: str
+    files: tuple[str, ...]
+    length_mm: float
+    mass_g: float
+    bends: int
+    iou: float
+    iou_of_views: Mapping[str, float]
+    least_distance_mm: float
+    tolerance_mm: float
+    pages: Mapping[str, int]
+    frame_width_mm: float
+    enough_frame_width_mm: float | None
+    knots: tuple[BentWire, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Price:
+    """One limit that binds (or several together), and the IoU with it and without it.
+
+    `needed` is what the knots have that were found without it, in mm: their tightest bend, closest
+    centre lines less two radii, extents with the tube, or length. `frame` is that of a sequence.
+    """
+
+    limits: tuple[str, ...]
+    keys: tuple[str, ...]
+    asked: tuple[Any, ...]
+    needed: tuple[Any, ...]
+    iou: float
+    iou_without: float
+    met_without: bool
+    sentence: str
+    frame: int | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class NextStep:
+    """An estimate of what the next better accuracy would bring and cost."""
+
+    accuracy: str
+    iou_gain: float
+    seconds_more: float
+    sentence: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class RadiusTrial:
+    """One radius that was tried, with the IoU of its template and of its start."""
+
+    radius_mm: float
+    template_iou: float
+    start_iou: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class RadiusChoice:
+    """The reason for the tube's radius, and what other radii would give."""
+
+    chosen_by: str
+    trials: tuple[RadiusTrial, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Certificate:
+    """The certificates of a search: that each of its steps keeps the knot type."""
+
+    template: str
+    types: tuple[str, ...]
+    accepted: int
+    shortened: int
+    refused: int
+    resamplings: int
+    resamplings_refused: int
+    least_margin_mm: float | None
+    repairs: int
+    certified: bool | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Motion:
+    """The motion of vertices from one frame to the next, and its bound."""
+
+    largest_mm: float
+    mean_mm: float
+    outline_mm: float
+    limit_mm: float
+    held: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class SequenceFigures:
+    """A sequence as a whole; `resumed` counts frames that an earlier call had searched."""
+
+    frames: int
+    closing: Motion
+    verification_s: float
+    loop: bool
+    resumed: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings:
+    """Everything needed to repeat the run."""
+
+    accuracy: str
+    seed: int
+    command: str
+    preview: tuple[str, ...]
+    tube_radius_mm: float
+    tube_radius: RadiusChoice
+    search: SearchSettings
+    time_budget_s: float | None
+    device: str
+    mount: str
+    opening_iou: float | None
+    start_ious: tuple[float, ...] | None = None
+    thickness_mm: float
+    certificate: Certificate | None = None
+    versions: Mapping[str, str]
+    sequence: SequenceFigures | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrameView(View):
+    """The view of one frame of a sequence, with what its own part comes to."""
+
+    frame: int
+    pieces: int
+    knots: int
+    part: str
+    status: str
+    motion: Motion | None
+    began_as: int | None
+    transported: float
+    certificate: Certificate
+    mount: MountFigures
+    pose: PoseFigures | None = None
+    plates: PlatesFigures | None = None
+    flatter: tuple[Flatter, ...] | None = None
+    support_access: SupportAccess | None = None
+    time_s: float | None = None
+    filament_m: float | None = None
+    filament_g: float | None = None
+    support_g: float | None = None
+    notes: tuple[str, ...]
+    bending_plan: BendingPlan | None = None
+    failed: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Report:
+    """All that a build measured.
+
+    `status` follows from the checks, `verdict` is that of the worst view; the limits stand among `effects`
+    too; `timings` are seconds by stage, and their `total`; `notes` are sentences that a reader must not miss.
+    """
+
+    schema: int = 1
+    status: str
+    verdict: Recognition | None
+    views: tuple[FrameView | View, ...]
+    checks: tuple[Check, ...]
+    effects: tuple[EffectLine, ...]
+    limits: tuple[LimitLine, ...]
+    timings: Mapping[str, float] = field(default_factory=dict)
+    knots: tuple[KnotFigures, ...]
+    print: Print
+    settings: Settings
+    colours: Colours | None = None
+    notes: tuple[str, ...] = ()
+    binding: tuple[Price, ...] | None = None
+    bending_plan: BendingPlan | None = None
+    slicer: SlicerFigures | None = None
+    next_step: NextStep | None = None

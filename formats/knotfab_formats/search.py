@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import ConfigDict, Field
 
 from knotfab_formats.bounds import MOST_MM
 from knotfab_formats.errors import InputError
 from knotfab_formats.key import option
+from knotfab_formats.piece import Table
 
 __all__ = ["OF_NO_PRESET", "PRESETS", "Precision", "Renderer", "SearchSettings", "search_settings"]
 
@@ -19,10 +20,10 @@ Renderer = Literal["ray", "capsule", "ellipse"]
 _MOST = 1_000_000  # iterations of a phase
 
 
-class SearchSettings(BaseModel):
+class SearchSettings(Table):
     """One point on the accuracy-time frontier (scene.toml `[search]`)."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=True)
+    model_config = ConfigDict(strict=True)
 
     seed: int = option(0, "Search --seed", ge=0, lt=2**63)
     """Seed of the random depth profiles: another one gives another piece."""
@@ -112,13 +113,11 @@ class SearchSettings(BaseModel):
 
     def scaled(self, factor: float) -> SearchSettings:
         """The same point with `factor` times the iterations (a time budget's answer)."""
-        return self.model_copy(
-            update={
-                "coarse_iterations": max(10, round(self.coarse_iterations * factor)),
-                "fine_iterations": max(10, round(self.fine_iterations * factor)),
-                "settle_iterations": max(20, round(self.settle_iterations * factor)),
-                "network_iterations": max(20, round(self.network_iterations * factor)),
-            }
+        return self.but(
+            coarse_iterations=max(10, round(self.coarse_iterations * factor)),
+            fine_iterations=max(10, round(self.fine_iterations * factor)),
+            settle_iterations=max(20, round(self.settle_iterations * factor)),
+            network_iterations=max(20, round(self.network_iterations * factor)),
         )
 
 

@@ -10,11 +10,10 @@ from __future__ import annotations
 
 import errno
 import os
-import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from knotfab_formats.errors import InputError, KnotfabError, shown
+from knotfab_formats.errors import InputError, KnotfabError, shown, spelled
 
 __all__ = [
     "InputError",
@@ -44,11 +43,6 @@ _OF_MACHINE = {
 }
 _LACKS_MEMORY = ("can't start new thread", "cannot allocate memory", "bad_alloc", "out of memory")
 _MORE_MEMORY = "Close other programs, use --accuracy draft, or a machine with 4 GB or more."
-
-
-def spelled(text: str) -> str:
-    """A text that any encoding of Unicode holds: bytes of a name that are no UTF-8 as their numbers."""
-    return re.sub("[\ud800-\udfff]", lambda found: shown(found[0]), text)
 
 
 def why_of(error: OSError | ValueError) -> str:

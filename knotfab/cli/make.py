@@ -65,7 +65,7 @@ def _build(
     from knotfab.cli.options import open_events, open_page
     from knotfab.cli.terminal_shadow import draw_shadow
     from knotfab.prepare import prepare_build
-    from knotfab.verify.checks import list_unmet
+    from knotfab_formats.verdict import list_unmet
 
     quiet = options.quiet or events == "-"
     mode = "quiet" if quiet else options.mode
@@ -83,7 +83,7 @@ def _build(
 
         outcome = run_build(request, progress)
         progress.tell("end", exit_code=outcome.exit_code, folder=str(outcome.folder))
-    failed = [c["name"] for c in list_unmet(outcome.report["checks"]) if c["status"] == "fail"]
+    failed = [c.name for c in list_unmet(outcome.found.checks) if c.status == "fail"]
     if quiet and failed:
         print(
             f"knotfab: {', '.join(failed)} failed: see {outcome.folder}/report.html",

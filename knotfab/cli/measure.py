@@ -42,7 +42,7 @@ def validate(
     unit
         Of the numbers in an STL, OBJ or PLY.
     """
-    from knotfab.verify.verifier import VERDICT_KEYS, Verifier, load_early
+    from knotfab.verify.verifier import Verifier, load_early
 
     with load_early(skip):
         from knotfab.read_options import read_skips
@@ -55,19 +55,19 @@ def validate(
     if json:
         import json as codec
 
-        print(codec.dumps({k: verdict[k] for k in VERDICT_KEYS}))
+        print(codec.dumps(verdict.to_dict()))
     else:
         from knotfab.cli.summary import UNABLE, print_checks
 
-        print(verdict["conclusion"])
-        for note in verdict["notes"]:
+        print(verdict.conclusion)
+        for note in verdict.notes:
             print(f"note: {note}")
-        print_checks(verdict["checks"])
-        if verdict["picture"] is not None:
-            print(f"The places are marked in {verdict['picture']}")
-        if verdict["exit_code"] == 3:
+        print_checks(verdict.checks)
+        if verdict.picture is not None:
+            print(f"The places are marked in {verdict.picture}")
+        if verdict.exit_code == 3:
             print(UNABLE)
-    return int(verdict["exit_code"])
+    return verdict.exit_code
 
 
 def shadow(part: Path, *, scene: Path, out: Place, view: str | None = None) -> int:
@@ -202,7 +202,6 @@ def tradeoff(
     """
     from knotfab.base.progress import Progress
     from knotfab.picture.read import read_target
-    from knotfab.prepare import check_names
     from knotfab.read_options import read_scene, read_seconds
 
     for name, value, least in (
@@ -218,7 +217,6 @@ def tradeoff(
     asked = {"scene": scene, "accuracy": accuracy, "tube_radius": tube_radius}
     options = options_from(asked)
     chosen, _ = read_scene(options)
-    check_names(chosen)
     for picture in pictures:
         read_target(picture, chosen.views[0])  # a file that is no picture is told at once
     from knotfab.tradeoff.run import tradeoff as run

@@ -17,7 +17,9 @@ if TYPE_CHECKING:
     from knotfab.preview.survey import Survey
     from knotfab.request import Outcome
     from knotfab.tradeoff.run import Tradeoff
+    from knotfab_formats.report import KnotFigures, Report
     from knotfab_formats.scene import Material, Printer
+    from knotfab_formats.verdict import Check
 
 __all__ = [
     "UNABLE",
@@ -52,7 +54,7 @@ def _value(value: Any) -> str:
     return "" if value is None else str(value)
 
 
-def print_checks(checks: Sequence[dict[str, Any]]) -> None:
+def print_checks(checks: Sequence[Check]) -> None:
     """A line a check that ran, the detail of those that did not pass, and why the others did not run."""
     from rich.console import Console
     from rich.markup import escape
@@ -64,33 +66,33 @@ def print_checks(checks: Sequence[dict[str, Any]]) -> None:
     for column in ("", "check", "measured", "limit", "unit"):
         table.add_column(column)
     for check in checks:
-        if check["status"] == "skipped" and not check["required"]:
+        if check.status == "skipped" and not check.required:
             continue
         table.add_row(
             _MARKS["info" if _is_informative(check) else mark_of(check)],
-            escape(check["name"]),
-            escape(knot_in_words(_value(check["measured"]), "{1} ({0})")),
-            escape(_value(check["limit"])),
-            escape(check["unit"]),
+            escape(check.name),
+            escape(knot_in_words(_value(check.measured), "{1} ({0})")),
+            escape(_value(check.limit)),
+            escape(check.unit),
         )
     console = Console()
     console.print(table)
     reasons: dict[str, list[str]] = {}
     for check in checks:
-        if check["status"] == "skipped" and not check["required"]:
-            reasons.setdefault(check["detail"], []).append(check["name"])
+        if check.status == "skipped" and not check.required:
+            reasons.setdefault(check.detail, []).append(check.name)
         # a person wants to know what was found in a part from elsewhere
-        elif check["detail"] and (check["status"] != "pass" or check["name"] == "centre_line"):
-            line = f"  {escape(check['name'])}: {escape(check['detail'])}"
+        elif check.detail and (check.status != "pass" or check.name == "centre_line"):
+            line = f"  {escape(check.name)}: {escape(check.detail)}"
             console.print(line, highlight=False, soft_wrap=True)
     for why, names in reasons.items():
         line = f"  not run ({escape(why)}): {escape(', '.join(names))}"
         console.print(line, highlight=False, soft_wrap=True, style="dim")
 
 
-def _is_informative(check: Mapping[str, Any]) -> bool:
+def _is_informative(check: Check) -> bool:
     """Tell whether nobody asks the check to pass: it has no limit, or decides nothing and holds."""
-    return check["status"] == "pass" and (check["limit"] is None or not check["required"])
+    return check.status == "pass" and (check.limit is None or not check.required)
 
 
 def print_summary(outcome: Outcome, verbose: bool = False) -> None:
@@ -104,39 +106,38 @@ def print_summary(outcome: Outcome, verbose: bool = False) -> None:
 
     from knotfab.report.of_time import tell_stages
 
-    report, console = outcome.report, Console(highlight=False, soft_wrap=True)
+    report, console = outcome.found, Console(highlight=False, soft_wrap=True)
     status = "[green]pass[/]" if outcome.exit_code == 0 else "[red]fail[/]"
     console.print(
-        f"{status}{_word(report)}  {escape(str(outcome.folder))}  in {report['timings']['total']:.0f} s"
+        f"{status}{_word(report)}  {escape(str(outcome.folder))}  in {report.timings['total']:.0f} s"
     )
-    for reason in (report["verdict"] or {"reasons": ()})["reasons"]:
+    for reason in () if report.verdict is None else report.verdict.reasons:
         console.print(f"  {escape(reason)}")
     for line in [*tell_views(report, verbose), *tell_colours(report)[: None if verbose else 1]]:
         console.print(f"  {escape(line)}")
     console.print(f"  {tell_piece(report)}")
     if verbose:
-        radius = report["settings"]["tube_radius_mm"]
-        console.print(f"  tube radius {radius:.3f} mm{_graceful(report['knots'])}")
-        console.print(f"  {tell_stages(report['timings'])}")
-    for note in report.get("notes", []):
+        radius = report.settings.tube_radius_mm
+        console.print(f"  tube radius {radius:.3f} mm{_graceful(report.knots)}")
+        console.print(f"  {tell_stages(report.timings)}")
+    for note in report.notes:
         console.print(f"  {escape(note)}")
-    if "next_step" in report:
-        console.print(f"  {escape(report['next_step']['sentence'])}")
+    if report.next_step is not None:
+        console.print(f"  {escape(report.next_step.sentence)}")
     if outcome.exit_code != 0:
-        print_checks([c for c in report["checks"] if c["status"] != "pass"])
+        print_checks([c for c in report.checks if c.status != "pass"])
     if outcome.exit_code == 3:
         console.print(UNABLE)
     console.print(f"  {last_line(report)}open {escape(str(outcome.folder))}/report.html")
 
 
-def _graceful(knots: list[dict[str, Any]]) -> str:
+def _graceful(knots: Sequence[KnotFigures]) -> str:
     """Say how smoothly the knots run: the curvature of the least graceful, and the turns of all."""
-    if not knots or not all("turns" in knot for knot in knots):
+    if not knots:
         return ""
-    mean, most = (
-        max(knot[key] for knot in knots) for key in ("mean_curvature_radii", "curvature_90_radii")
-    )
-    turns = sum(knot["turns"] for knot in knots)
+    mean = max(knot.mean_curvature_radii for knot in knots)
+    most = max(knot.curvature_90_radii for knot in knots)
+    turns = sum(knot.turns for knot in knots)
     return f", curvature × radius {mean:.2f} (90% below {most:.2f}), {turns:.0f} turns"
 
 
@@ -181,11 +182,11 @@ def print_survey(
     print("\n".join([*describe(found), f"  {picture} shows it.", *others]))
 
 
-def _word(report: dict[str, Any]) -> str:
+def _word(report: Report) -> str:
     """Print the word for the shadow, and a warning where it is coarse or worse."""
-    if report["verdict"] is None:
+    if report.verdict is None:
         return ""
-    word = report["verdict"]["word"]
+    word = report.verdict.word
     warning = "" if _WORDS[word] == "green" else "warning: "
     return f"  [{_WORDS[word]}]{warning}{word}[/]"
 

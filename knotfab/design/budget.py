@@ -101,13 +101,13 @@ def spare(settings: SearchSettings, seconds: float, given: Collection[str] = ())
     fewer = PRESETS["draft" if seconds >= _SHORTEST_S else "sketch"]
     spared = {key: min(getattr(settings, key), getattr(fewer, key)) for key in _LESS}
     spared |= {key: max(getattr(settings, key), getattr(fewer, key)) for key in _MORE}
-    return settings.model_copy(update={k: v for k, v in spared.items() if k not in given})
+    return settings.but(**{k: v for k, v in spared.items() if k not in given})
 
 
 def resolve_iterations(settings: SearchSettings, iterations: Mapping[int, int]) -> SearchSettings:
     """The settings with the iterations that the phases of a search by the clock came to, by their numbers."""
     names = ("coarse_iterations", "fine_iterations", "settle_iterations")
-    return settings.model_copy(update={names[k]: n for k, n in iterations.items()})
+    return settings.but(**{names[k]: n for k, n in iterations.items()})
 
 
 def scale_to_budget(
@@ -118,13 +118,8 @@ def scale_to_budget(
     Args:
         trial: searches by the few iterations that it is given.
     """
-    few = settings.model_copy(
-        update={
-            "coarse_iterations": 6,
-            "fine_iterations": 6,
-            "settle_iterations": 3,
-            "network_iterations": 6,
-        }
+    few = settings.but(
+        coarse_iterations=6, fine_iterations=6, settle_iterations=3, network_iterations=6
     )
     begun = time.perf_counter()
     trial(few)

@@ -14,7 +14,7 @@ from knotfab.design.bumps import better, start_without_bumps
 from knotfab.design.fineness import fine_enough, outline_px
 from knotfab.design.free_view import place_directions, place_start, start_pose
 from knotfab.design.hull import HullBound
-from knotfab.design.prices import LimitPrice, price_limits
+from knotfab.design.prices import price_limits
 from knotfab.design.question import Question, ask
 from knotfab.design.radius import RadiusChoice, choose_radius
 from knotfab.design.sparser import search_sparser
@@ -33,6 +33,7 @@ from knotfab.search.phases import plan_of
 from knotfab.search.pose import Pose
 from knotfab.search.search import search
 from knotfab.start.start import go_on, make_start
+from knotfab_formats.report import Price
 from knotfab_formats.scene import (
     ResolvedAccuracy,
     ResolvedMaterial,
@@ -78,7 +79,7 @@ class Design(InNotebook):
     region_stl: bytes | None = None  # the file that the scene names, where the region is a mesh
     start_json: bytes | None = None  # the knots that the search went on from, likewise
     unmet: Feasibility | None = None
-    binding: tuple[LimitPrice, ...] = ()
+    binding: tuple[Price, ...] = ()
     bounds: tuple[HullBound, ...] = ()
     start_ious: tuple[float, ...] = ()
     history: tuple[Knots, ...] = ()

@@ -22,13 +22,9 @@ def fine_enough(
     edges that are not quite even.
     """
     edge = 2.0 * bend_mm * float(np.sqrt((1.0 + 0.5 * allowed_mm / radius_mm) ** 2 - 1.0))
-    return settings.model_copy(
-        update={
-            "mesh_sides": max(settings.mesh_sides, sides_for(radius_mm, allowed_mm / 3)),
-            "settle_edge_radii": min(
-                settings.settle_edge_radii, max(0.1, round(edge / radius_mm, 4))
-            ),
-        }
+    return settings.but(
+        mesh_sides=max(settings.mesh_sides, sides_for(radius_mm, allowed_mm / 3)),
+        settle_edge_radii=min(settings.settle_edge_radii, max(0.1, round(edge / radius_mm, 4))),
     )
 
 

@@ -57,12 +57,10 @@ def spread_views(scene: Scene, pictures: Sequence[str]) -> Scene:
     first, names = scene.views[0], name_views(pictures)
     turn = 180.0 / len(names)
     views = tuple(
-        first.model_copy(
-            update={"name": name, "picture": "", "azimuth_deg": first.azimuth_deg + turn * n}
-        )
+        first.but(name=name, picture="", azimuth_deg=first.azimuth_deg + turn * n)
         for n, name in enumerate(names)
     )
-    return scene.model_copy(update={"views": views})
+    return scene.but(views=views)
 
 
 def name_views(pictures: Sequence[str]) -> list[str]:
@@ -122,7 +120,7 @@ def framed_alike(scene: Scene, targets: Sequence[Target]) -> Scene:
     for view, extent, target, side in zip(scene.views, extents, targets, longer, strict=True):
         millimetres = round(height * side, 4)
         views.append(_resize_frame(view, target, millimetres, -extent.up * millimetres))
-    return scene.model_copy(update={"views": tuple(views)})
+    return scene.but(views=tuple(views))
 
 
 def size_frames(scene: Scene, targets: Sequence[Target]) -> Scene:
@@ -137,15 +135,13 @@ def size_frames(scene: Scene, targets: Sequence[Target]) -> Scene:
     if any((v.frame_width_mm, v.frame_height_mm) != (width, height) for v in scene.views):
         return scene
     none = {"frame_width_mm": None, "frame_height_mm": None}
-    bare = scene.model_copy(update={"views": tuple(v.model_copy(update=none) for v in scene.views)})
+    bare = scene.but(views=tuple(v.but(**none) for v in scene.views))
     alike = framed_alike(bare, targets).views
     own = frame_view(first, targets[0])
     scale = own.frame_width_mm / frame_view(alike[0], targets[0]).frame_width_mm
     keys = ("frame_width_mm", "frame_height_mm", "frame_up_mm")
-    views = tuple(
-        v.model_copy(update={key: scale * (getattr(v, key) or 0.0) for key in keys}) for v in alike
-    )
-    return scene.model_copy(update={"views": views})
+    views = tuple(v.but(**{key: scale * (getattr(v, key) or 0.0) for key in keys}) for v in alike)
+    return scene.but(views=views)
 
 
 def size_longer(scene: Scene, target: Target, longer_mm: float) -> Scene:
@@ -153,7 +149,7 @@ def size_longer(scene: Scene, target: Target, longer_mm: float) -> Scene:
     key = "frame_width_mm" if target.width >= target.height else "frame_height_mm"
     none = {"frame_width_mm": None, "frame_height_mm": None}
     views = tuple(v.model_copy(update={**none, key: longer_mm}) for v in scene.views)
-    return scene.model_copy(update={"views": views})
+    return scene.but(views=views)
 
 
 def widen_targets(
@@ -211,16 +207,15 @@ def widen_targets(
                 )
         elif width == "auto":
             width = round(_ROOM * line_width(view, scene.printer.min_tube_radius_mm), 3)
-        views.append(view.model_copy(update={"thicken_mm": width, "lines": lines}))
+        views.append(view.but(thicken_mm=width, lines=lines))
     if all(view.thicken_mm == "none" for view in views):
         settled = tuple(
-            old.model_copy(update={"lines": new.lines})
-            for old, new in zip(scene.views, views, strict=True)
+            old.but(lines=new.lines) for old, new in zip(scene.views, views, strict=True)
         )
-        return scene.model_copy(update={"views": settled}), tuple(targets)
+        return scene.but(views=settled), tuple(targets)
     each = views * len(targets) if sequence else views
     widened = tuple(widen(v, t) for v, t in zip(each, targets, strict=True))
-    return framed.model_copy(update={"views": tuple(views)}), widened
+    return framed.but(views=tuple(views)), widened
 
 
 def _draw_tones(
@@ -258,7 +253,7 @@ def _draw_tones(
         target, mask=mask, width=across, height=height, original=None, rule=rule, line=line
     )
     keys = {"thicken_mm": width, "lines": "on"}
-    return scene.model_copy(update={"views": (view.model_copy(update=keys),)}), (drawn,)
+    return scene.but(views=(view.but(**keys),)), (drawn,)
 
 
 def _without_dust(view: View, target: Target, thinnest: float) -> Target:
@@ -316,12 +311,10 @@ def widen(view: View, target: Target) -> Target:
 
 def _resize_frame(view: View, target: Target, longer_mm: float, up_mm: float) -> View:
     pixel = longer_mm / max(target.width, target.height)
-    return view.model_copy(
-        update={
-            "frame_width_mm": pixel * target.width,
-            "frame_height_mm": pixel * target.height,
-            "frame_up_mm": round(up_mm, 4) + 0.0,
-        }
+    return view.but(
+        frame_width_mm=pixel * target.width,
+        frame_height_mm=pixel * target.height,
+        frame_up_mm=round(up_mm, 4) + 0.0,
     )
 
 

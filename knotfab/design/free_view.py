@@ -7,7 +7,6 @@ from typing import Any
 from knotfab.base.errors import InputError
 from knotfab.problem import Problem, ViewNumbers
 from knotfab.render.forms import COMPILED, Forms
-from knotfab.scene.catalogue import resolve
 from knotfab_formats.scene import Material, Scene
 from knotfab_formats.search import SearchSettings
 
@@ -33,8 +32,8 @@ def place_start(scene: Scene, settings: SearchSettings) -> tuple[Scene, SearchSe
         )
     light = settings.free_light_mm or view.light_distance_mm
     wall = settings.free_wall_mm or view.wall_distance_mm
-    settings = settings.model_copy(update={"free_light_mm": light, "free_wall_mm": wall})
-    view = view.model_copy(update={"light_distance_mm": light, "wall_distance_mm": wall})
+    settings = settings.but(free_light_mm=light, free_wall_mm=wall)
+    view = view.but(light_distance_mm=light, wall_distance_mm=wall)
     update: dict[str, object] = {"views": (view,)}
     if settings.free_radius_mm:
         bend, found = scene.material.min_bend_radius_mm, scene.piece.tube_radius_mm
@@ -43,8 +42,8 @@ def place_start(scene: Scene, settings: SearchSettings) -> tuple[Scene, SearchSe
             known = scene.material.model_dump(exclude_unset=True)
             update["material"] = Material(**{**known, "min_bend_radius_mm": "auto"})
         radius = {"tube_radius_mm": settings.free_radius_mm}
-        update["piece"] = scene.piece.model_copy(update=radius)
-    return scene.model_copy(update=update), settings
+        update["piece"] = scene.piece.but(**radius)
+    return scene.but(**update), settings
 
 
 def place_directions(scene: Scene, settings: SearchSettings) -> tuple[Scene, SearchSettings]:
@@ -67,10 +66,10 @@ def place_directions(scene: Scene, settings: SearchSettings) -> tuple[Scene, Sea
                 "Leave it out: the search then starts where the views are",
             )
         pairs = zip(views, starts, strict=True)
-        views = tuple(v.model_copy(update={"azimuth_deg": a}) for v, a in pairs)
-        return scene.model_copy(update={"views": views}), settings
+        views = tuple(v.but(azimuth_deg=a) for v, a in pairs)
+        return scene.but(views=views), settings
     starts_deg = " ".join(f"{view.azimuth_deg!r}" for view in views)
-    return scene, settings.model_copy(update={"free_azimuths_deg": starts_deg})
+    return scene, settings.but(free_azimuths_deg=starts_deg)
 
 
 def start_pose(
@@ -84,11 +83,10 @@ def start_pose(
 
     A tube radius (mm) that the scene gives is kept, and that of a wire.
     """
-    scene = resolve(scene)
     given = scene.piece.tube_radius_mm != "auto" and not settings.free_radius_mm
     view = problem.views[0].view
     start = ViewNumbers(view.light_distance_mm, view.wall_distance_mm, radius)
     pose = forms.free_pose(start, given, scene.printer.min_tube_radius_mm)
     if not given:
-        settings = settings.model_copy(update={"free_radius_mm": radius})
+        settings = settings.but(free_radius_mm=radius)
     return pose, settings

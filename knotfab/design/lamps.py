@@ -24,7 +24,6 @@ from knotfab.picture.masks import sample_mask
 from knotfab.picture.read import Target
 from knotfab.picture.silhouette import fit_size
 from knotfab.scene.camera import camera_of
-from knotfab.scene.catalogue import resolve
 from knotfab_formats.scene import ResolvedView, Scene
 
 __all__ = ["LAMPS_FRAME_MM", "depth_apart", "place_lamps"]
@@ -70,13 +69,7 @@ def place_lamps(scene: Scene, targets: Sequence[Target]) -> tuple[Scene, tuple[s
         lines = (_OPEN if scene.lamps.screen == "open" else _NEAR,)
     wall, light, beside = found
     placed = tuple(
-        v.model_copy(
-            update={
-                **_lengths(wall, light),
-                "light_right_mm": float(x),
-                "light_up_mm": float(y),
-            }
-        )
+        v.but(**_lengths(wall, light), light_right_mm=float(x), light_up_mm=float(y))
         for v, (x, y) in zip(scene.views, beside, strict=True)
     )
     where = ", ".join(
@@ -84,8 +77,8 @@ def place_lamps(scene: Scene, targets: Sequence[Target]) -> tuple[Scene, tuple[s
         for v in placed
     )
     told = f"lamps {wall + light:g} mm before the screen: {where}; the piece {wall:g} mm before it"
-    table = scene.lamps.model_copy(update={"places": "fixed"})
-    return scene.model_copy(update={"views": placed, "lamps": table}), (told, *lines)
+    table = scene.lamps.but(places="fixed")
+    return scene.but(views=placed, lamps=table), (told, *lines)
 
 
 def _find_apart(scene: Scene, targets: Sequence[Target]) -> tuple[float, float, Array] | None:
@@ -96,13 +89,13 @@ def _find_apart(scene: Scene, targets: Sequence[Target]) -> tuple[float, float, 
     views = [frame_view(v, t) for v, t in zip(scene.views, targets, strict=True)]
     boxes = np.array([_box(t.mask, v) for t, v in zip(targets, views, strict=True)])
     frame, first = np.array(views[0].frame_mm), views[0]
-    narrow, wide = (s - _BESIDE_BED_MM for s in sorted(resolve(scene).printer.build_volume_mm)[1:])
+    narrow, wide = (s - _BESIDE_BED_MM for s in sorted(scene.printer.build_volume_mm)[1:])
     bounds = 2.0 * np.array([scene.lamps.max_right_mm, scene.lamps.max_up_mm])
     # posts of a stand that hold a piece above another would stand in the light of that one's lamp
     most_rows = 1 if scene.mount.kind == "stand" else len(views)
     large: tuple[float, float, Array] | None = None
     for wall, light in _distances(scene):
-        depth = depth_of_lamps(boxes, first.model_copy(update=_lengths(wall, light)))
+        depth = depth_of_lamps(boxes, first.but(**_lengths(wall, light)))
         found = [
             p
             for p in _arrangements(boxes, frame, depth, (wall, light), most_rows)
@@ -135,9 +128,7 @@ def _find_by_hull(scene: Scene, targets: Sequence[Target]) -> tuple[float, float
             beside = np.round(share * bounds * layout[list(order)], 1)
             cameras = [
                 camera_of(
-                    view.model_copy(
-                        update={**_lengths(wall, light), "light_right_mm": x, "light_up_mm": y}
-                    ),
+                    view.but(**_lengths(wall, light), light_right_mm=x, light_up_mm=y),
                     *size,
                 )
                 for view, size, (x, y) in zip(framed, few, beside.tolist(), strict=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,10 +11,11 @@ import numpy as np
 from knotfab.problem import Problem, SearchResult, Start
 from knotfab.render.forms import COMPILED, Forms
 from knotfab.search.search import search
+from knotfab_formats.report import Price
 from knotfab_formats.scene import ResolvedRegion
 from knotfab_formats.search import SearchSettings
 
-__all__ = ["SHORT", "LimitPrice", "binding_limits", "price_limits"]
+__all__ = ["SHORT", "binding_limits", "price_limits"]
 
 SHORT: dict[str, Any] = {
     "method": "flow",
@@ -36,45 +37,6 @@ _KEYS = {  # for each limit: its key, its name, and the figure of the knots foun
     "region": ("[region] size_mm", "the region", "takes {} mm of room"),
     "length": ("[material] max_length_mm", "the length budget", "is {} mm long"),
 }
-
-
-@dataclass(frozen=True)
-class LimitPrice:
-    """One limit that binds (or several together), and the IoU with it and without it.
-
-    `needed` is what the knots have that were found without it, in mm: their tightest bend, closest
-    centre lines less two radii, extents with the tube, or length.
-    """
-
-    limits: tuple[str, ...]
-    keys: tuple[str, ...]
-    asked: tuple[Any, ...]
-    needed: tuple[Any, ...]
-    iou: float
-    iou_without: float
-    met_without: bool
-
-    @property
-    def sentence(self) -> str:
-        """For a reader."""
-        named = " and ".join(
-            f"{_KEYS[limit][1]} ({key} = {_word(asked)} mm)"
-            for limit, key, asked in zip(self.limits, self.keys, self.asked, strict=True)
-        )
-        found = " and ".join(
-            _KEYS[limit][2].format(_word(needed))
-            for limit, needed in zip(self.limits, self.needed, strict=True)
-        )
-        rest = "" if self.met_without else "; another limit is broken then"
-        verb = "binds" if len(self.limits) == 1 else "bind together"
-        return (
-            f"{named[0].upper()}{named[1:]} {verb}: the IoU is {self.iou:.3f} with it, and "
-            f"{self.iou_without:.3f} without it, by a short search whose piece {found}{rest}."
-        )
-
-    def to_dict(self) -> dict[str, Any]:
-        """The price in report.json."""
-        return {**asdict(self), "sentence": self.sentence}
 
 
 def _word(value: object) -> str:
@@ -123,7 +85,7 @@ def price_limits(
     roomy: ResolvedRegion,
     forms: Forms = COMPILED,
     iou: float | None = None,
-) -> tuple[LimitPrice, ...]:
+) -> tuple[Price, ...]:
     """Price each limit that binds in IoU, dearest first; where none costs by itself, all together.
 
     The IoU is that of the view that is drawn worst.
@@ -132,11 +94,11 @@ def price_limits(
         start: what `result` started from. iou: that of the part that keeps the limits, where it
             is not that of `result`.
     """
-    short, radius = settings.model_copy(update=SHORT), result.knots.radius_mm
+    short, radius = settings.but(**SHORT), result.knots.radius_mm
     candidates = binding_limits(problem, result, roomy)
     here = result.iou_estimate if iou is None else iou
 
-    def price(names: tuple[str, ...], free: Problem) -> LimitPrice:
+    def price(names: tuple[str, ...], free: Problem) -> Price:
         other = search(free, start, radius, short, forms=forms)
         return _price(names, problem, other, result, here)
 
@@ -157,7 +119,7 @@ def _price(
     other: SearchResult,
     result: SearchResult,
     here: float,
-) -> LimitPrice:
+) -> Price:
     radius = result.knots.radius_mm
     points = np.concatenate([k.points for k in other.knots.knots])
     extents = tuple((np.ptp(points, axis=0) + 2 * radius).round(2).tolist())
@@ -174,12 +136,33 @@ def _price(
         "region": extents,
         "length": other.feasibility.length_mm,
     }
-    return LimitPrice(
-        names,
-        tuple(_KEYS[name][0] for name in names),
-        tuple(asked[name] for name in names),
-        tuple(needed[name] for name in names),
-        here,
-        other.iou_estimate,
-        not other.feasibility.violations,
+    found = [needed[name] for name in names]
+    return Price(
+        limits=names,
+        keys=tuple(_KEYS[name][0] for name in names),
+        asked=tuple(asked[name] for name in names),
+        needed=tuple(found),
+        iou=here,
+        iou_without=other.iou_estimate,
+        met_without=not other.feasibility.violations,
+        sentence=_tell(names, asked, found, here, other),
+    )
+
+
+def _tell(
+    names: tuple[str, ...],
+    asked: dict[str, Any],
+    needed: Sequence[Any],
+    here: float,
+    other: SearchResult,
+) -> str:
+    """What limits cost, in a sentence."""
+    named = " and ".join(f"{_KEYS[n][1]} ({_KEYS[n][0]} = {_word(asked[n])} mm)" for n in names)
+    each = zip(names, needed, strict=True)
+    found = " and ".join(_KEYS[name][2].format(_word(value)) for name, value in each)
+    rest = "; another limit is broken then" if other.feasibility.violations else ""
+    verb = "binds" if len(names) == 1 else "bind together"
+    return (
+        f"{named[0].upper()}{named[1:]} {verb}: the IoU is {here:.3f} with it, and "
+        f"{other.iou_estimate:.3f} without it, by a short search whose piece {found}{rest}."
     )

@@ -131,7 +131,7 @@ class _Trials:
         settings = self.settings
         if not filling:
             few = {"depth_candidates": _FEW} if self.filled else {}
-            settings = settings.model_copy(update={"network_start": "filling", **few})
+            settings = settings.but(network_start="filling", **few)
         template = self.templates.get(radius)
         try:
             start = make_start(problem, radius, settings, self.knots, template=template)
@@ -245,8 +245,8 @@ def choose_radius(
 
 def _recall(question: Question, settings: SearchSettings, knots: int | None) -> _Trials:
     """The trials of the last question, if it was this one, or none yet; what is printed changes none."""
-    piece = question.scene.piece.model_copy(update={"printed": False})
-    scene = question.scene.model_copy(update={"piece": piece})
+    piece = question.scene.piece.but(printed=False)
+    scene = question.scene.but(piece=piece)
     parts = [repr((scene, settings, knots, question.views)).encode()]
     for view in question.problem.views:
         parts += [view.mask.tobytes(), view.polygon.wkb, *(line.tobytes() for line in view.lines)]

@@ -42,7 +42,7 @@ def search_sparser(
         radius: radius of the tube, mm. knots: as for `make_start`.
     """
     for asked, start, steps in _tries(problem, radius, knots, settings):
-        result = search(asked, start, radius, settings.model_copy(update=steps), forms=forms)
+        result = search(asked, start, radius, settings.but(**steps), forms=forms)
         if result.feasible:
             return result
     return None
@@ -58,7 +58,7 @@ def _tries(
     widest = 0.5 * float(np.sqrt(min(p.area for p in problem.polygons)))
     one = len(problem.views) == 1
     flat = replace(problem, depth_mm=None)
-    short = settings.model_copy(update=SHORT)
+    short = settings.but(**SHORT)
     for spacing in sorted(wide):
         if 0.5 * least < spacing and spacing * radius < widest:
             for asked in (problem, flat) if one else (problem,):

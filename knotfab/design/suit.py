@@ -31,10 +31,10 @@ def suit(settings: SearchSettings, question: Question, given: Collection[str]) -
     if len(views) > 1:  # each adds wishes that pull against the others'
         asks, suited = "several", settings.scaled(len(views))
     elif views[0].lines:
-        asks, suited = "lines", settings.model_copy(update=_fine_lines(settings, question))
+        asks, suited = "lines", settings.but(**_fine_lines(settings, question))
     factor, kind = GRACE.get(asks, (1.0, settings.grace_of))
     update = {**suited.model_dump(), "grace": factor * settings.grace, "grace_of": kind}
-    return settings.model_copy(update={k: v for k, v in update.items() if k not in given})
+    return settings.but(**{k: v for k, v in update.items() if k not in given})
 
 
 def _fine_lines(settings: SearchSettings, question: Question) -> dict[str, int]:

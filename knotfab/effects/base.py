@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from knotfab.base.arrays import Array
 from knotfab_formats.scene import (
@@ -184,21 +184,6 @@ class Decision:
             return f"{self.effect.name}: {self.forced} by the scene's own word; {self._words}"
         why = self.effect.reason if self.simulated else self.effect.name
         return f"{why}: {self._words}"
-
-    def to_dict(self) -> dict[str, Any]:
-        """The effect's line in report.json."""
-        return {
-            "name": self.effect.name,
-            "simulated": self.simulated,
-            "forced": self.forced != "auto",
-            "where": list(self.where),
-            "magnitude": self.magnitude,
-            "threshold": self.threshold,
-            "unit": self.effect.unit,
-            "calls": self.calls,
-            "seconds": round(self.seconds, 4),
-            "reason": self.reason,
-        }
 
 
 def decide(effect: Effect, context: EffectContext, switches: Mapping[str, Switch]) -> Decision:

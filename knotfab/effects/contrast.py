@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 
@@ -15,8 +13,9 @@ from knotfab.effects.shadows import OnWall, Shadows
 from knotfab.scene.camera import camera_of, view_axes
 from knotfab.scene.curved_wall import CurvedWall
 from knotfab_formats.scene import ResolvedView
+from knotfab_formats.verdict import Contrast
 
-__all__ = ["CONTRAST", "Contrast", "contrast_of"]
+__all__ = ["CONTRAST", "contrast_of"]
 
 _PLACES = (9, 513)  # across and up, of the frame, where the lamp's light is looked at
 _VARIES = 5.0  # times the square of a step between places over the light's distance: at most, of its light
@@ -31,57 +30,8 @@ _CHORDS = 200  # across a strand
 def magnitude(context: EffectContext) -> float:
     """Measure what a shadow lacks of black on an evenly lit wall, as a share of 1."""
     found = [contrast_of(seen, context.radius, context.world) for seen in context.shadows]
-    return max((c.missing for c in found if c is not None), default=0.0)
-
-
-@dataclass(frozen=True)
-class Contrast:
-    """The light in the picture of one view, over the lamp's own in the middle of the frame.
-
-    `falloff`: the lamp's least light within the frame over its largest. `ambient`, `room`, `second`: what
-    comes of elsewhere, of the room's walls, of a second lamp. Of the lamp's own, strands let `transmitted`
-    through, and throw back at most `bounced` that the wall sent them. `ghost_shift_mm`: how far from the
-    shadow of the piece's middle the second lamp throws it; None without one.
-    """
-
-    falloff: float
-    ambient: float
-    room: float
-    second: float
-    transmitted: float
-    bounced: float
-    ghost_shift_mm: float | None
-
-    def at(self, share: float) -> float:
-        """(lit - dark) / lit where the lamp gives `share` of its light in the middle."""
-        other = self.ambient + self.room + self.second
-        # strands throw back light of the brightest place of the wall
-        own = share * (1 - self.transmitted) - self.bounced
-        return max(own, 0.0) / (share + other)
-
-    @property
-    def contrast(self) -> float:
-        """The contrast in the middle of the picture."""
-        return self.at(1.0)
-
-    @property
-    def ghost(self) -> float:
-        """Contrast of the shadow that the second lamp throws."""
-        return self.second / (1 + self.ambient + self.room + self.second)
-
-    @property
-    def missing(self) -> float:
-        """The larger of two lacks: of contrast at the darkest place, and of even light."""
-        return max(1.0 - self.at(self.falloff), 1.0 - self.falloff)
-
-    def to_dict(self) -> dict[str, Any]:
-        """The report's keys."""
-        return {
-            "contrast": self.contrast,
-            "contrast_least": self.at(self.falloff),
-            **asdict(self),
-            "ghost_contrast": self.ghost,
-        }
+    lit = [c for c in found if c is not None]
+    return max((1.0 - min(c.contrast_least, c.falloff) for c in lit), default=0.0)
 
 
 def contrast_of(seen: Shadows, radius: float, world: World) -> Contrast | None:
@@ -106,16 +56,31 @@ def contrast_of(seen: Shadows, radius: float, world: World) -> Contrast | None:
     falloff, middle = _lamp_light(view, flat)
     spread = (np.pi if flat else 4 * np.pi) * room.reflectance / (1 - room.reflectance)
     transmittance = world.material.transmittance_per_mm
+    second_mm = room.second_lamp_mm
+    back = spread / (1e6 * room.area_m2 * middle) if room.area_m2 > 0 else 0.0
+    second = 0.0 if isinstance(second_mm, str) else room.second_lamp_share
+    transmitted = _through(transmittance, radius) if transmittance > 0 else 0.0
+    bounced = _bounced(seen, radius, world) if room.reflectance > 0 else 0.0
+    other = room.ambient + back + second
+
+    def contrast(share: float) -> float:
+        """(lit - dark) / lit where the lamp gives `share` of its light in the middle."""
+        own = share * (1 - transmitted) - bounced  # which the brightest of the wall sent
+        return max(own, 0.0) / (share + other)
+
     return Contrast(
+        contrast=contrast(1.0),
+        contrast_least=contrast(falloff),
         falloff=falloff,
         ambient=room.ambient,
-        room=spread / (1e6 * room.area_m2 * middle) if room.area_m2 > 0 else 0.0,
-        second=0.0 if room.second_lamp_mm == "none" else room.second_lamp_share,
-        transmitted=_through(transmittance, radius) if transmittance > 0 else 0.0,
-        bounced=_bounced(seen, radius, world) if room.reflectance > 0 else 0.0,
+        room=back,
+        second=second,
+        transmitted=transmitted,
+        bounced=bounced,
         ghost_shift_mm=None
-        if isinstance(room.second_lamp_mm, str)
-        else _ghost_shift(view, np.array(room.second_lamp_mm)),
+        if isinstance(second_mm, str)
+        else _ghost_shift(view, np.array(second_mm)),
+        ghost_contrast=second / (1 + other),
     )
 
 

@@ -11,6 +11,7 @@ from knotfab.effects.shadows import Shadows
 from knotfab.geometry.polylines import Polylines
 from knotfab.scene.curved_wall import CurvedWall
 from knotfab_formats.scene import ResolvedView
+from knotfab_formats.verdict import Sag
 
 __all__ = ["SAG", "measure_sag", "shifts_mm"]
 
@@ -88,7 +89,7 @@ def measure_sag(
     rings: Polylines,
     radius: float,
     wall: CurvedWall | None = None,
-) -> dict[str, float]:
+) -> Sag:
     """IoU of the knots' own shadow with a picture's mask (H, W) as they are designed and as they sag.
 
     `widest_px`: the furthest that a centre line's shadow is shifted. `wall`: the round one that the shadow
@@ -110,7 +111,7 @@ def measure_sag(
         seen = image.seen(points, rings, radius)
         return float(((seen & wanted) @ areas).sum() / max(((seen | wanted) @ areas).sum(), 1e-12))
 
-    return {"widest_px": widest, "iou": iou(points + moves), "iou_designed": iou(points)}
+    return Sag(widest_px=widest, iou=iou(points + moves), iou_designed=iou(points))
 
 
 SAG = Effect(

@@ -11,6 +11,8 @@ from typing import Any
 from knotfab.base.disk import at_home, require_within
 from knotfab.base.errors import InputError
 from knotfab.base.progress import Event
+from knotfab_formats.records import plain
+from knotfab_formats.verdict import list_unmet
 
 __all__ = ["Answer", "Given", "Hear", "build", "preview", "shadow", "validate"]
 
@@ -56,24 +58,23 @@ def build(given: Given, hear: Hear, known: Collection[str]) -> Answer:
     from knotfab.api import build as run
     from knotfab.options import options_from
     from knotfab.report.in_words import conclude, last_line
-    from knotfab.verify.checks import list_unmet
 
     pictures = _pictures(given)
     options_from(given, known)  # an unknown option is told
     done = run(pictures, progress=hear, **given)
-    report, folder = done.report, done.folder.resolve()
+    report, found, folder = done.report, done.found, done.folder.resolve()
     files = sorted(path.name for path in folder.iterdir() if path.is_file())
-    first = f"{report['status']}: {last_line(report)}{folder}"
-    words = [first, *conclude(report, verbose=True), ", ".join(files)]
+    first = f"{report['status']}: {last_line(found)}{folder}"
+    words = [first, *conclude(found, verbose=True), ", ".join(files)]
     figures = {
         "exit_code": done.exit_code,
         "folder": str(folder),
         "files": files,
         "verdict": report["verdict"],
         "views": [{key: view[key] for key in ("name", "iou")} for view in report["views"]],
-        "failed": list_unmet(report["checks"]),
+        "failed": plain(list_unmet(found.checks)),
         "print": report["print"],
-        "notes": report.get("notes", []),
+        "notes": report["notes"],
     }
     seen = sorted(folder.glob("compare-*.png"))[:1]
     pictures_ = tuple(path.read_bytes() for path in seen)
@@ -84,10 +85,9 @@ def validate(given: Given, hear: Hear, known: Collection[str]) -> Answer:
     """Do what `knotfab validate` does."""
     from knotfab.read_options import read_skips
     from knotfab.scene.load import load_scene
-    from knotfab.verify.checks import list_unmet
     from knotfab.verify.named import files_to_validate
     from knotfab.verify.strangers import plain_arrays
-    from knotfab.verify.verifier import VERDICT_KEYS, Verifier, load_early
+    from knotfab.verify.verifier import Verifier, load_early
 
     skip, unit = given.pop("skip", []), given.pop("unit", "mm")
     part, knots, scene = (_place(given, name) for name in ("part", "knots", "scene"))
@@ -104,10 +104,10 @@ def validate(given: Given, hear: Hear, known: Collection[str]) -> Answer:
     validators = load_early(skipped, keep=True), Verifier(skipped)
     with validators[0], validators[1] as verifier, plain_arrays(files.part) as read:
         verdict = verifier.submit(replace(files, part=read), unit=unit).result()
-    unmet = [f"{c['name']} {c['status']}: {c['detail']}" for c in list_unmet(verdict["checks"])]
-    figures = {key: verdict[key] for key in VERDICT_KEYS} | {"exit_code": verdict["exit_code"]}
-    drawn = () if verdict["picture"] is None else (Path(verdict["picture"]).read_bytes(),)
-    return Answer("\n".join([verdict["conclusion"], *verdict["notes"], *unmet]), figures, drawn)
+    unmet = [f"{check.name} {check.status}: {check.detail}" for check in list_unmet(verdict.checks)]
+    figures = {**verdict.to_dict(), "exit_code": verdict.exit_code}
+    drawn = () if verdict.picture is None else (Path(verdict.picture).read_bytes(),)
+    return Answer("\n".join([verdict.conclusion, *verdict.notes, *unmet]), figures, drawn)
 
 
 def shadow(given: Given, hear: Hear, known: Collection[str]) -> Answer:

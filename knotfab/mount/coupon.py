@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -12,6 +11,7 @@ from knotfab.mount.modeller import model
 from knotfab.mount.mount import Mounted
 from knotfab_fixtures.coupon import fit_pin, fit_strip
 from knotfab_fixtures.peg import peg
+from knotfab_formats.report import CouponFigures
 
 __all__ = ["COUPON", "PLAYS_MM", "Coupon", "plan_coupon"]
 
@@ -57,14 +57,11 @@ class Coupon:
         low = np.minimum(vertices.min(axis=0), pin.min(axis=0))
         return [(vertices - low, faces), (pin - low, pin_faces)]
 
-    def to_dict(self) -> dict[str, Any]:
-        """The report's `print.coupon`."""
-        return {
-            "file": COUPON,
-            "pin_mm": round(self.pin_mm, 3),
-            "holes_mm": [round(hole, 3) for hole in self.holes_mm],
-            "dots": list(_DOTS),
-        }
+    @property
+    def figures(self) -> CouponFigures:
+        """What a report says of it."""
+        holes = tuple(round(hole, 3) for hole in self.holes_mm)
+        return CouponFigures(file=COUPON, pin_mm=round(self.pin_mm, 3), holes_mm=holes, dots=_DOTS)
 
     def tell(self) -> str:
         """One sentence for the report."""

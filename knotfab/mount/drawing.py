@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -42,14 +42,13 @@ from knotfab.mount.wall import mark_depth_mm
 from knotfab.mount.words import costs_of, lamp_facts, level_wall, steps_of
 from knotfab.scene.camera import Camera
 from knotfab_formats.scene import ResolvedScene, View
+from knotfab_formats.verdict import Misplacement
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 __all__ = ["Sheets", "draw_sheets", "shadow_outlines", "write_setup"]
-
-Misplacement = Mapping[str, Any] | None
 
 SIDE: Box = (14.0, 176.0, 196.0, 268.0)  # the place on the page of each view's drawing
 FRONT: Box = (20.0, 62.0, 108.0, 152.0)
@@ -90,7 +89,7 @@ def draw_sheets(mounted: Mounted, scene: ResolvedScene, cameras: Sequence[Camera
 
 
 def write_setup(
-    folder: Path, sheets: Sheets, misplacements: Sequence[Misplacement], suffix: str = ""
+    folder: Path, sheets: Sheets, misplacements: Sequence[Misplacement | None], suffix: str = ""
 ) -> list[str]:
     """Write setup.pdf and setup.svg, A4, the same bytes for the same piece; returns their names.
 

@@ -21,7 +21,9 @@ from knotfab.mount.wall import WallMount, plan_wall, wall_bodies, wall_fixtures
 from knotfab.scene.camera import Camera
 from knotfab.scene.curved_wall import CurvedWall
 from knotfab.scene.require import require_mount
+from knotfab_formats.report import MountFigures
 from knotfab_formats.scene import ResolvedScene, Scene
+from knotfab_formats.verdict import Check
 from knotfab_validators.check import at_most
 
 if TYPE_CHECKING:
@@ -126,67 +128,70 @@ class Mounted:
         across = 2 * max(peg.root_radius_mm for peg in self.wall.pegs)
         return across, across, off + s.dowel_depth_mm
 
-    def report(self) -> dict[str, Any]:
-        """The report's `mount`."""
+    @property
+    def figures(self) -> MountFigures:
+        """What a report says of the mount."""
         if self.stand is not None:
-            return self._report_stand(self.stand)
+            return self._stand_figures(self.stand)
         if self.hang is not None:
-            return self._report_hang(self.hang)
+            return self._hang_figures(self.hang)
         if self.wall is None:
-            return {"kind": "none"}
+            return MountFigures(kind="none")
         lengths = [peg.length_mm for peg in self.wall.pegs]
         thick = [peg.top_radius_mm for peg in self.wall.pegs]
+        joined = self.wall.strut_knots.tolist()
         knots = range(len(self.scene.mount.pegs))
         pegs = [sum(peg.knot == k for peg in self.wall.pegs) for k in knots]
-        return {
-            "kind": "wall",
-            "foot": self.wall.settings.foot,
-            "pegs": len(self.wall.pegs),
-            "struts": len(self.wall.struts),
-            "pegs_of_knots": pegs,
-            "knots_joined": sorted({(a, b) for a, b in self.wall.strut_knots.tolist() if a != b}),
-            "peg_length_mm": [min(lengths), max(lengths)],
-            "peg_diameter_mm": 2 * max(thick),
-            "thinnest_peg_mm": 2 * min(thick),
-            "sag_mm": self.wall.sag_again_mm,
-            "max_sag_mm": self.scene.mount.max_sag_mm,
-        }
+        return MountFigures(
+            kind="wall",
+            foot=self.wall.settings.foot,
+            pegs=len(self.wall.pegs),
+            struts=len(self.wall.struts),
+            pegs_of_knots=tuple(pegs),
+            knots_joined=tuple(sorted({(a, b) for a, b in joined if a != b})),
+            peg_length_mm=(min(lengths), max(lengths)),
+            peg_diameter_mm=2 * max(thick),
+            thinnest_peg_mm=2 * min(thick),
+            sag_mm=self.wall.sag_again_mm,
+            max_sag_mm=self.scene.mount.max_sag_mm,
+        )
 
-    def _report_stand(self, stand: StandMount) -> dict[str, Any]:
+    def _stand_figures(self, stand: StandMount) -> MountFigures:
         width, depth, front, back = stand.base.size_mm
         radius = stand.members.radius
-        return {
-            "kind": "stand",
-            "posts": len(stand.posts),
-            "struts": len(stand.struts),
-            "members_of_knots": list(self.scene.mount.pegs),
-            "member_diameter_mm": [2 * float(radius.min()), 2 * float(radius.max())],
-            "base_mm": [width, depth, front],
-            "base_back_mm": back,
-            "margin_mm": stand.base.margin_mm,
-            "tip_deg": stand.base.tip_deg,
-            "predicted_intrusion": float(stand.predicted_intrusion.max()),
-            "sag_mm": stand.sag_again_mm,
-            "max_sag_mm": self.scene.mount.max_sag_mm,
-        }
+        return MountFigures(
+            kind="stand",
+            posts=len(stand.posts),
+            struts=len(stand.struts),
+            members_of_knots=self.scene.mount.pegs,
+            member_diameter_mm=(2 * float(radius.min()), 2 * float(radius.max())),
+            base_mm=(width, depth, front),
+            base_back_mm=back,
+            margin_mm=stand.base.margin_mm,
+            tip_deg=stand.base.tip_deg,
+            predicted_intrusion=float(stand.predicted_intrusion.max()),
+            sag_mm=stand.sag_again_mm,
+            max_sag_mm=self.scene.mount.max_sag_mm,
+        )
 
-    def _report_hang(self, hang: HangMount) -> dict[str, Any]:
+    def _hang_figures(self, hang: HangMount) -> MountFigures:
         radius = hang.members.radius
-        return {
-            "kind": "hang",
-            "struts": len(hang.struts),
-            "members_of_knots": list(self.scene.mount.pegs),
-            "member_diameter_mm": [2 * float(radius.min()), 2 * float(radius.max())],
-            "thread_mm": hang.eyelet.thread.tolist(),
-            "hole_mm": 2 * (hang.eyelet.ring_mm - hang.eyelet.wire_mm),
-            "tilt_deg": hang.tilt_deg,
-            "max_tilt_deg": MOST_TILT_DEG,
-            "predicted_intrusion": float(hang.predicted_intrusion.max()),
-            "sag_mm": hang.sag_again_mm,
-            "max_sag_mm": self.scene.mount.max_sag_mm,
-        }
+        x, y, z = hang.eyelet.thread.tolist()
+        return MountFigures(
+            kind="hang",
+            struts=len(hang.struts),
+            members_of_knots=self.scene.mount.pegs,
+            member_diameter_mm=(2 * float(radius.min()), 2 * float(radius.max())),
+            thread_mm=(x, y, z),
+            hole_mm=2 * (hang.eyelet.ring_mm - hang.eyelet.wire_mm),
+            tilt_deg=hang.tilt_deg,
+            max_tilt_deg=MOST_TILT_DEG,
+            predicted_intrusion=float(hang.predicted_intrusion.max()),
+            sag_mm=hang.sag_again_mm,
+            max_sag_mm=self.scene.mount.max_sag_mm,
+        )
 
-    def check_sag(self) -> dict[str, Any] | None:
+    def check_sag(self) -> Check | None:
         """`sag`: how far the piece moves under its own weight, by the frame of tubes and members."""
         mount = self.holder
         if mount is None:
@@ -210,7 +215,7 @@ class Mounted:
             f"largest displacement under the piece's own weight on {on}, "
             f"at ({x:.1f}, {y:.1f}, {z:.1f}) mm of the scene{remedy}"
         )
-        return at_most("sag", sag, limit, "mm", detail).to_dict()
+        return at_most("sag", sag, limit, "mm", detail)
 
 
 def mount_piece(

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from math import radians, sin
-from typing import Any
 
 import numpy as np
 
@@ -13,6 +11,7 @@ from knotfab.mount.mount import Mounted
 from knotfab.mount.placement import Placement
 from knotfab.mount.wall import mark_depth_mm
 from knotfab_formats.scene import View
+from knotfab_formats.verdict import Misplacement
 
 __all__ = ["LAMP_WAYS", "TURN_WAYS", "costs_of", "lamp_facts", "level_wall", "steps_of"]
 
@@ -201,18 +200,17 @@ def _lamp_shape(view: View) -> str:
     return f"a spot of {length(view.light_diameter_mm)} mm"
 
 
-def costs_of(misplacement: Mapping[str, Any] | None, view: View, *, on_wall: bool) -> list[str]:
+def costs_of(misplacement: Misplacement | None, view: View, *, on_wall: bool) -> list[str]:
     """Say what is lost when lamp or piece are off their places, a line each.
 
     A piece that is fixed to its wall turns with it, which is the lamp moving about both.
 
     Args:
-        misplacement: loss in the report's view: `lamp_iou_per_mm` and `turn_iou_per_deg`; None:
-            nobody measured it. on_wall: the piece is fixed to the wall.
+        misplacement: None: nobody measured it. on_wall: the piece is fixed to the wall.
     """
     if misplacement is None:
         return ["Not measured: too little to see, or nothing rendered."]
-    lamp, turn = misplacement["lamp_iou_per_mm"], misplacement.get("turn_iou_per_deg", {})
+    lamp, turn = misplacement.lamp_iou_per_mm, misplacement.turn_iou_per_deg or {}
     shift = LAMP_MM * view.wall_distance_mm / view.light_distance_mm
     lines = []
     for key, way in LAMP_WAYS.items():

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +13,9 @@ from knotfab.geometry.meshes import Mesh, box_of, face_normals
 from knotfab.geometry.overhang import Rules
 from knotfab.geometry.sampling import number_runs
 from knotfab.part.orient import spread_turns
+from knotfab_formats.report import SupportAccess
 
-__all__ = ["TOOLS_MM", "Access", "measure_access"]
+__all__ = ["TOOLS_MM", "measure_access", "tell_access"]
 
 # Diameters of straight round tools: a finger; the jaws of a cutter; the nose of fine pliers; a hook.
 TOOLS_MM = {"finger": 16.0, "cutter": 8.0, "pliers": 4.0, "hook": 2.0}
@@ -29,43 +28,19 @@ STEP = 0.5  # the least way from one look to the next, as a share of the tool's 
 SPACING_MM = 1.0
 
 
-@dataclass(frozen=True)
-class Access:
-    """The reach of tools to the supports under a piece.
-
-    `area_cm2`: area of the undersides that need support. `reached`: for each tool, the share of them (0 to
-    1) that it reaches. `worst`: the place (3,) that only the thinnest tool reaches, or none, deepest
-    inside of all such; `worst_tool`: which one reaches it, None where none does.
-    """
-
-    area_cm2: float
-    reached: dict[str, float]
-    worst: tuple[float, float, float] | None
-    worst_tool: str | None
-
-    def to_dict(self) -> dict[str, Any]:
-        """The report's `print.support_access`."""
-        return {
-            "area_cm2": round(self.area_cm2, 2),
-            "tools_mm": dict(TOOLS_MM),
-            "reached": {name: round(share, 3) for name, share in self.reached.items()},
-            "worst": None if self.worst is None else [round(x, 2) for x in self.worst],
-            "worst_tool": self.worst_tool,
-        }
-
-    def tell(self) -> str:
-        """One sentence for the report and the summary."""
-        by_hand, cut = self.reached["finger"], self.reached["cutter"]
-        text = f"Supports: {by_hand:.0%} come off by hand, {cut:.0%} with a cutter"
-        if self.worst is None or self.worst_tool == "finger":
-            return text + "."
-        x, y, z = self.worst
-        where = f"{x:.0f} mm from the left, {y:.0f} from the front, {z:.0f} above the bed"
-        with_ = f"a {self.worst_tool}" if self.worst_tool else "a bent tool"
-        return f"{text}; the hardest place, {where}, needs {with_}."
+def tell_access(access: SupportAccess) -> str:
+    """One sentence for the report and the summary."""
+    by_hand, cut = access.reached["finger"], access.reached["cutter"]
+    text = f"Supports: {by_hand:.0%} come off by hand, {cut:.0%} with a cutter"
+    if access.worst is None or access.worst_tool == "finger":
+        return text + "."
+    x, y, z = access.worst
+    where = f"{x:.0f} mm from the left, {y:.0f} from the front, {z:.0f} above the bed"
+    with_ = f"a {access.worst_tool}" if access.worst_tool else "a bent tool"
+    return f"{text}; the hardest place, {where}, needs {with_}."
 
 
-def measure_access(bodies: Sequence[Mesh], rules: Rules) -> Access:
+def measure_access(bodies: Sequence[Mesh], rules: Rules) -> SupportAccess:
     """Cast tools from all round at the undersides of a piece that need support.
 
     A tool is a cylinder with a ball for a tip. The tip touches the underside, the axis goes straight
@@ -78,13 +53,13 @@ def measure_access(bodies: Sequence[Mesh], rules: Rules) -> Access:
         rules: the printer's for overhangs.
     """
     if not rules.supports or rules.powder:
-        return Access(0.0, dict.fromkeys(TOOLS_MM, 1.0), None, None)
+        return _figures(0.0, dict.fromkeys(TOOLS_MM, 1.0))
     middle, normal, size = _sample(np.concatenate([v[f] for v, f in bodies]))
     steep = -normal[:, 2] > np.sin(np.radians(rules.max_overhang_deg)) + 1e-6
     under = np.flatnonzero(steep & (middle[:, 2] > 2 * rules.layer_mm))
     area = size[under] / 100
     if not len(under):
-        return Access(0.0, dict.fromkeys(TOOLS_MM, 1.0), None, None)
+        return _figures(0.0, dict.fromkeys(TOOLS_MM, 1.0))
     # look as often at each mm² of underside
     along = (np.arange(min(SAMPLES, len(under))) + 0.5) / min(SAMPLES, len(under))
     chosen = np.unique(under[np.searchsorted(area.cumsum(), along * area.sum())])
@@ -100,9 +75,24 @@ def measure_access(bodies: Sequence[Mesh], rules: Rules) -> Access:
         best[rest[hit]] = diameter
     deepest = np.lexsort((-_depth(place, low, high), best))[0]
     tool = next((name for name, d in TOOLS_MM.items() if d == best[deepest]), None)
-    x, y, z = (float(c) for c in place[deepest])
     reached = {name: float((best >= diameter).mean()) for name, diameter in TOOLS_MM.items()}
-    return Access(float(area.sum()), reached, (x, y, z), tool)
+    x, y, z = (round(float(c), 2) for c in place[deepest])
+    return _figures(float(area.sum()), reached, (x, y, z), tool)
+
+
+def _figures(
+    area: float,
+    reached: dict[str, float],
+    worst: tuple[float, float, float] | None = None,
+    tool: str | None = None,
+) -> SupportAccess:
+    return SupportAccess(
+        area_cm2=round(area, 2),
+        tools_mm=TOOLS_MM,
+        reached={name: round(share, 3) for name, share in reached.items()},
+        worst=worst,
+        worst_tool=tool,
+    )
 
 
 def _reaches(

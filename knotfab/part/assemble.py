@@ -76,10 +76,10 @@ def part_of(
     with progress.stage("part"):
         tubes = [sweep(k.points, radius, made.settings.mesh_sides) for k in made.knots.knots]
     scene = made.scene
-    own: dict[str, Any] = {"piece": scene.piece.model_copy(update={"printed": printing})}
+    own: dict[str, Any] = {"piece": scene.piece.but(printed=printing)}
     if not printing:
-        own["mount"] = scene.mount.model_copy(update={"kind": "none"})
-    scene = scene.model_copy(update=own)
+        own["mount"] = scene.mount.but(kind="none")
+    scene = scene.but(**own)
     cameras = cameras_of(scene.views, targets)
     masks = [target.mask for target in targets]
     with progress.stage("mount"):

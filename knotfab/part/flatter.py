@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -18,8 +17,9 @@ from knotfab.part.orient import (
     rank_turns,
     strands_of,
 )
+from knotfab_formats.report import Flatter
 
-__all__ = ["FLATTER", "Flattening", "Printing", "estimate_flatter", "flatter_depth"]
+__all__ = ["FLATTER", "Flattening", "estimate_flatter", "flatter_depth"]
 
 
 STEPS = 5  # halvings, to a thirty-second of the depth
@@ -74,28 +74,9 @@ def flatter_depth(knots: Knots, depth_mm: float, rules: Rules) -> float | None:
     return depth if depth > 0 else None
 
 
-@dataclass(frozen=True)
-class Printing:
-    """The cost of printing a piece, its depth as a share of the one that was made."""
-
-    depth_share: float
-    hours: float
-    grams: float
-    support_grams: float
-
-    def to_dict(self) -> dict[str, Any]:
-        """An entry of the report's `print.flatter`."""
-        return {
-            "depth_share": self.depth_share,
-            "hours": round(self.hours, 2),
-            "grams": round(self.grams, 1),
-            "support_grams": round(self.support_grams, 1),
-        }
-
-
 def estimate_flatter(
-    knots: Knots, sliced: Printing, rules: Rules, shares: Sequence[float] = FLATTER
-) -> list[Printing]:
+    knots: Knots, sliced: Flatter, rules: Rules, shares: Sequence[float] = FLATTER
+) -> list[Flatter]:
     """Estimate the cost of the same curves with less depth, each in its own best pose.
 
     An estimate from centre lines: the strands cost by their length what the slicer says of the piece as
@@ -117,7 +98,8 @@ def estimate_flatter(
         best = poses[0].estimate
         supports = scale * best.filament_cm3
         hours = length * max(strands_hours, 0.0) + estimate_print_minutes(best) / 60
-        found.append(Printing(share, hours, length * strands_grams + supports, supports))
+        grams = length * strands_grams + supports
+        found.append(Flatter(share, round(hours, 2), round(grams, 1), round(supports, 1)))
     return found
 
 

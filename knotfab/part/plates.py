@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import Any
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from knotfab.part.clean import clean_body
 from knotfab.part.connector import cut_body
 from knotfab.part.cut import CLEARANCE_MM, Line, find_cuts
 from knotfab.part.pose import PrintPose, choose_pose
+from knotfab_formats.report import PlateFile, PlatesFigures, PoseFigures
 
 __all__ = ["Plates", "PrintPlate", "Printable", "lay_on_plates"]
 
@@ -59,25 +59,26 @@ class Plates:
     plates: list[PrintPlate]
     cuts: list[int]
     pins: list[tuple[float, float]]
-    poses: list[dict[str, Any]]
+    poses: list[PoseFigures]
 
     def files(self, suffix: str = "") -> list[str]:
         """The plates' file names; `suffix` is such as "-01" of a sequence's frame."""
         return [f"plate{suffix}-{number}.3mf" for number in range(1, len(self.plates) + 1)]
 
-    def to_dict(self, suffix: str = "") -> dict[str, Any]:
-        """The report's `print.plates`."""
-        files = [
-            {"file": name, "bodies": plate.names, "size_mm": _size(plate)}
-            for name, plate in zip(self.files(suffix), self.plates, strict=True)
-        ]
-        joints = {
-            "cuts_of_knots": self.cuts,
-            "pin_diameter_mm": [min(d for d, _ in self.pins), max(d for d, _ in self.pins)],
-            "pin_length_mm": self.pins[0][1],
-            "pin_clearance_mm": CLEARANCE_MM,
-        } if self.pins else {"cuts_of_knots": self.cuts}  # fmt: skip
-        return {"files": files, **joints, "poses": self.poses}
+    def figures(self, suffix: str = "") -> PlatesFigures:
+        """What a report says of them."""
+        diameters = [diameter for diameter, _ in self.pins]
+        return PlatesFigures(
+            files=tuple(
+                PlateFile(name, tuple(plate.names), _size(plate))
+                for name, plate in zip(self.files(suffix), self.plates, strict=True)
+            ),
+            cuts_of_knots=tuple(self.cuts),
+            pin_diameter_mm=(min(diameters), max(diameters)) if self.pins else None,
+            pin_length_mm=self.pins[0][1] if self.pins else None,
+            pin_clearance_mm=CLEARANCE_MM if self.pins else None,
+            poses=tuple(self.poses),
+        )
 
 
 @dataclass(frozen=True)
@@ -124,7 +125,7 @@ def lay_on_plates(
                 raise
             found = choose_pose(knots, [mesh], build_volume_mm, None, None, rules)
         if found.account is not None:
-            poses.append({"body": name, **found.account.to_dict()})
+            poses.append(found.account.figures(name))
         body = clean_body(found.tubes[0])
         return _PosedBody(name, body, found.matrix, body[0].max(axis=0))
 
@@ -206,5 +207,5 @@ def _pack(
     return plates
 
 
-def _size(plate: PrintPlate) -> list[float]:
-    return [round(float(x), 3) for x in box_of(plate.bodies)[1]]
+def _size(plate: PrintPlate) -> tuple[float, ...]:
+    return tuple(round(float(x), 3) for x in box_of(plate.bodies)[1])

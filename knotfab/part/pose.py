@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from math import floor
-from typing import Any
 
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
@@ -17,6 +16,7 @@ from knotfab.geometry.meshes import Mesh, box_of
 from knotfab.geometry.overhang import Rules
 from knotfab.knots import Knots
 from knotfab.part.orient import AXES, Ranked, keeps_limits, propose_turns, rank_turns, strands_of
+from knotfab_formats.report import PoseFigures, TurnFigures
 
 __all__ = ["PoseAccount", "PrintPose", "choose_pose", "lay_on_bed"]
 
@@ -45,17 +45,18 @@ class PoseAccount:
     too_large: int
     within: bool
 
-    def to_dict(self) -> dict[str, Any]:
-        """The report's `print.pose`."""
-        return {
-            "chosen_by": "supports, height and footprint",
-            "tried": self.tried,
-            "too_large": self.too_large,
-            **_figures(self.chosen),
-            "within_limits": self.within,
-            "runners_up": [_figures(pose) for pose in self.runners_up],
-            "least_height": _figures(self.least_height),
-        }
+    def figures(self, body: str | None = None) -> PoseFigures:
+        """What a report says of the pose, of a body on a plate with its name."""
+        return PoseFigures(
+            **vars(_figures(self.chosen)),
+            body=body,
+            chosen_by="supports, height and footprint",
+            tried=self.tried,
+            too_large=self.too_large,
+            within_limits=self.within,
+            runners_up=tuple(_figures(pose) for pose in self.runners_up),
+            least_height=_figures(self.least_height),
+        )
 
 
 @dataclass(frozen=True)
@@ -193,17 +194,18 @@ def _fits(size: Array, room: Array) -> bool:
     return bool((size <= room + FITS_MM).all())
 
 
-def _figures(pose: Ranked) -> dict[str, Any]:
+def _figures(pose: Ranked) -> TurnFigures:
     found = pose.estimate
-    return {
-        "support_cm3_estimate": round(found.support_cm3, 2),
-        "support_filament_cm3_estimate": round(found.filament_cm3, 2),
-        "height_mm": round(found.height_mm, 2),
-        "contact_mm2": round(found.contact_mm2, 1),
-        "tips_at_deg": round(found.tip_deg, 1),
-        "cost_minutes": round(pose.minutes, 1),
-        "up": [round(float(x), 4) + 0.0 for x in pose.turn[2]],
-    }
+    x, y, z = (round(float(x), 4) + 0.0 for x in pose.turn[2])
+    return TurnFigures(
+        support_cm3_estimate=round(found.support_cm3, 2),
+        support_filament_cm3_estimate=round(found.filament_cm3, 2),
+        height_mm=round(found.height_mm, 2),
+        contact_mm2=round(found.contact_mm2, 1),
+        tips_at_deg=round(found.tip_deg, 1),
+        cost_minutes=round(pose.minutes, 1),
+        up=(x, y, z),
+    )
 
 
 def lay_on_bed(

@@ -50,8 +50,8 @@ def pose_scene(part: Part, suffix: str = "") -> ResolvedScene:
         Plate(file=sheet.name, matrices=tuple(_rows(motion) for motion in sheet.to_scene))
         for sheet in sheets
     )
-    lamps = scene.lamps.model_copy(update={"table": frame})
-    return scene.model_copy(update={"pose": pose, "lamps": lamps})
+    lamps = scene.lamps.but(table=frame)
+    return scene.but(pose=pose, lamps=lamps)
 
 
 def write_part(
@@ -116,7 +116,7 @@ def write_unbuilt(
 
     The knots are `enlarge_knots`, as a part's would be, and the scene's pose takes them back.
     """
-    scene = made.scene.model_copy(update={"pose": make_pose(shrink_of(made.scene))})
+    scene = made.scene.but(pose=make_pose(shrink_of(made.scene)))
     enlarge_knots(made).write(folder.file(f"knots{suffix}.json"))
     _write_scene(folder, scene, targets, suffix)
     return scene

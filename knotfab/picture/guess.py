@@ -43,7 +43,7 @@ def guess_reading(
     box = None if isinstance(reading.crop_px, str) else reading.crop_px
     if reading.crop_px == "none" and (thick := _frame_px(rgb)):
         box = (thick, thick, image.width - 2 * thick, image.height - 2 * thick)
-        reading = reading.model_copy(update={"crop_px": box})
+        reading = reading.but(crop_px=box)
         notes.append(
             f"the frame about it, {thick} px of {name_colour(rgb[0, 0])}, is cropped off "
             f"(--crop 0,0,{image.width},{image.height} keeps it)"
@@ -59,7 +59,7 @@ def guess_reading(
     others = np.logical_and.reduce([_away(rgb, c) > _APART for c in found.colours])
     if others.mean() >= 5 * _SHAPE:
         notes.append(f"its border is {named}, so what none of these reaches is drawn (--ink flood)")
-        return reading.model_copy(update={"ink": "flood"}), tuple(notes)
+        return reading.but(ink="flood"), tuple(notes)
     if _away(border, np.median(border, axis=0)).min() > _ALIKE:
         one, other = (name_colour(c) for c in found.colours[:2])
         raise InputError(

@@ -244,7 +244,7 @@ def silhouette(
     """
     box = None if reading.crop_px == "none" else reading.crop_px
     if box == "auto":
-        whole, *_ = silhouette(image, what, reading.model_copy(update={"crop_px": "none"}))
+        whole, *_ = silhouette(image, what, reading.but(crop_px="none"))
         box = own_box(whole)
     if box is not None:
         image = _crop(image, box, what)

@@ -27,7 +27,6 @@ from knotfab.preview.likeness import opened_share
 from knotfab.preview.refusal import find_refusal
 from knotfab.preview.sentence import count
 from knotfab.preview.survey import Survey, survey_views
-from knotfab.scene.catalogue import resolve
 from knotfab_formats.scene import Scene, View
 
 __all__ = ["TriedReading", "advise", "draw_readings", "is_unclear", "try_readings"]
@@ -174,12 +173,10 @@ def _try(
     keys: dict[str, Any], source: str | Path, scene: Scene, base: Path | None, font: str | None
 ) -> TriedReading | None:
     """The reading with these keys; None where it holds no shape."""
-    changed = scene.model_copy(update={"views": (scene.views[0].model_copy(update=keys),)})
+    changed = scene.but(views=(scene.views[0].but(**keys),))
     try:
         target = read_target(source, changed.views[0], base=base, font=font, glance=True)
-        widened, (target,) = widen_targets(resolve(changed), (target,))
-        changed = changed.model_copy(update={"views": widened.views})
-        changed = resolve(changed)
+        changed, (target,) = widen_targets(changed, (target,))
         refusal = find_refusal(survey_views(changed, (target,)), changed)
     except InputError:
         return None
@@ -216,18 +213,14 @@ def _round_up(value: float) -> int:
 def _tube_px(source: str | Path, scene: Scene, base: Path | None, font: str | None) -> float:
     """The width of the thinnest tube's shadow, in px of the picture."""
     for ink in ("auto", "dark", "light"):
-        reading = scene.views[0].model_copy(update={"ink": ink})
+        reading = scene.views[0].but(ink=ink)
         try:
             target = read_target(source, reading, base=base, font=font, glance=True)
         except InputError:
             continue
         view = frame_view(scene.views[0], target)
-        return (
-            2.0
-            * resolve(scene).printer.min_tube_radius_mm
-            * view.px_per_mm(target.width)
-            * target.shrunk
-        )
+        px_per_mm = view.px_per_mm(target.width) * target.shrunk
+        return 2.0 * scene.printer.min_tube_radius_mm * px_per_mm
     return 10.0
 
 

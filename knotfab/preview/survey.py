@@ -226,7 +226,7 @@ def _add_losses(
 
 def _drawn_by(template: Template, seen: ViewSurvey) -> Polygon | MultiPolygon:
     """Draw a template's tube, in px of the picture."""
-    own = seen.view.model_copy(update={"azimuth_deg": 0.0, "elevation_deg": 0.0})
+    own = seen.view.but(azimuth_deg=0.0, elevation_deg=0.0)
     camera = camera_of(own, seen.target.width, seen.target.height)
 
     def to_pixels(points: Array) -> Array:

@@ -130,7 +130,7 @@ def frame_at(view: ResolvedView, sheet: Sheet, precision: Precision = "single") 
         "frame_width_mm": sheet.width * sheet.pixel_mm,
         "frame_height_mm": sheet.height * sheet.pixel_mm,
     }
-    exact = view.model_copy(update=sides)
+    exact = view.but(**sides)
     return frame_of(camera_of(exact, sheet.width, sheet.height), _KINDS[precision])
 
 

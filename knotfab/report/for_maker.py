@@ -17,6 +17,7 @@ from knotfab.mount.placement import placement_of
 from knotfab.mount.words import lamp_facts, steps_of
 from knotfab.picture.data_uri import image_uri
 from knotfab.scene.camera import Camera
+from knotfab_formats.report import SetupSteps
 from knotfab_formats.scene import View
 
 __all__ = ["advise_lamp", "draw_setup", "list_files", "tell_setup"]
@@ -68,16 +69,16 @@ FILES = (
 
 def tell_setup(
     mounted: Mounted, cameras: Sequence[Camera], tube_radius_mm: float
-) -> list[dict[str, Any]]:
+) -> tuple[SetupSteps, ...]:
     """The report's `print.setup`: for each view, what to do and what lamp to take, a sentence or two each."""
-    return [
-        {
-            "view": view.name,
-            "steps": steps_of(mounted, placement_of(mounted, camera, view), view),
-            "lamp": advise_lamp(view, tube_radius_mm),
-        }
+    return tuple(
+        SetupSteps(
+            view=view.name,
+            steps=tuple(steps_of(mounted, placement_of(mounted, camera, view), view)),
+            lamp=tuple(advise_lamp(view, tube_radius_mm)),
+        )
         for view, camera in zip(mounted.scene.views, cameras, strict=True)
-    ]
+    )
 
 
 def advise_lamp(view: View, tube_radius_mm: float) -> list[str]:

@@ -2,88 +2,84 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 from knotfab.knots import count_in_words
 from knotfab.report.of_effects import tell_move
-from knotfab.verify.checks import list_unmet
+from knotfab_formats.report import Report
+from knotfab_formats.verdict import View, list_unmet
 
 __all__ = ["conclude", "last_line", "tell_colours", "tell_piece", "tell_share", "tell_views"]
 
 
-def conclude(report: Mapping[str, Any], verbose: bool = False) -> list[str]:
+def conclude(report: Report, verbose: bool = False) -> list[str]:
     """Conclude how good the piece is: failed checks, losses that a person sees, important notes.
 
     Args:
         verbose: with the IoU.
     """
-    verdict = report["verdict"] or {"reasons": (), "lost": ()}
+    verdict = report.verdict
     unmet = [
-        f"{check['name']} {'did not run' if check['status'] == 'skipped' else 'failed'}: {check['detail']}"
-        for check in list_unmet(report["checks"])
+        f"{check.name} {'did not run' if check.status == 'skipped' else 'failed'}: {check.detail}"
+        for check in list_unmet(report.checks)
     ]
-    lost = [loss["sentence"] for loss in verdict.get("lost", ())]
-    step = [report["next_step"]["sentence"]] if "next_step" in report else []
-    reasons = [r for r in verdict["reasons"] if not any(one.startswith(r) for one in lost)]
+    lost = [] if verdict is None else [loss.sentence for loss in verdict.lost]
+    step = [] if report.next_step is None else [report.next_step.sentence]
+    told = () if verdict is None else verdict.reasons
+    reasons = [r for r in told if not any(one.startswith(r) for one in lost)]
     seen = [*tell_views(report, verbose), *tell_colours(report)[: None if verbose else 1]]
     said = [*unmet, *reasons, *seen, tell_piece(report)]
-    return [*said, *lost, *report.get("notes", []), *step]
+    return [*said, *lost, *report.notes, *step]
 
 
-def tell_views(report: Mapping[str, Any], verbose: bool = False) -> list[str]:
+def tell_views(report: Report, verbose: bool = False) -> list[str]:
     """Tell how alike each view's shadow and picture are, and how legible; a sequence has one line."""
-    views = report["views"]
-    standing = report["print"].get("mount", {}).get("kind") == "stand"
+    views, mount = report.views, report.print.mount
+    standing = mount is not None and mount.kind == "stand"
     # a part that the desk hides below the frame is no fault of the picture
-    keys = [
-        "iou_frame" if standing and view.get("iou_frame") is not None else "iou" for view in views
-    ]
-    alike = [tell_share(view[key]) for view, key in zip(views, keys, strict=True)]
-    if "parts" in report["print"] and not verbose:
-        worst = min(range(len(views)), key=lambda k: views[k]["iou"])
-        best = max(range(len(views)), key=lambda k: views[k]["iou"])
+    ious = [view.iou_frame if standing else view.iou for view in views]
+    alike = [tell_share(iou) for iou in ious]
+    if report.print.parts is not None and not verbose:
+        worst = min(range(len(views)), key=lambda k: views[k].iou)
+        best = max(range(len(views)), key=lambda k: views[k].iou)
         return [f"{alike[worst]} (frame {worst + 1}) to {alike[best]} alike (frame {best + 1})"]
     lines = []
-    for view, key, share in zip(views, keys, alike, strict=True):
-        said = f"{share} alike" + (" in the frame" if key == "iou_frame" else "")
-        if "bending" in view:
-            said += f", {tell_share(view['iou_drawn'])} with it as bent"
-        if view.get("bound", 0.0) > view.get("iou_drawn", view[key]):
-            said += f" (at most {tell_share(view['bound'])} without spill)"
-        read = view["legibility"].get("45")
+    for view, iou, share in zip(views, ious, alike, strict=True):
+        said = f"{share} alike" + (" in the frame" if standing else "")
+        drawn = iou if view.iou_drawn is None else view.iou_drawn
+        if view.bending is not None:
+            said += f", {tell_share(drawn)} with it as bent"
+        if view.bound is not None and view.bound > drawn:
+            said += f" (at most {tell_share(view.bound)} without spill)"
+        read = view.legibility.get("45")
         said += _misplaced(view) + ("" if read is None else f"; from 45° aside {read:.0%} readable")
-        name = f"{view['name']}: " if len(views) > 1 else ""
-        lines.append(name + said + (f"; IoU {view[key]:.4f}" if verbose else ""))
+        name = f"{view.name}: " if len(views) > 1 else ""
+        lines.append(name + said + (f"; IoU {iou:.4f}" if verbose else ""))
     return lines
 
 
-def tell_colours(report: Mapping[str, Any]) -> list[str]:
+def tell_colours(report: Report) -> list[str]:
     """Tell how several lamps mix a picture's colours, in sentences; none where none do."""
-    found = report.get("colours")
+    found = report.colours
     if found is None:
         return []
-    count, moved, picture = len(found["lamps"]), found["misregistration"], found.get("picture")
+    count, moved, picture = len(found.lamps), found.misregistration, found.picture
     said = [
-        f"{tell_share(found['share'])} of the picture has the right one of the {2**count} colours that "
-        f"{count} lamps mix: {tell_share(found['share_inside'])} of it inside its areas, "
-        f"{tell_share(found['share_along'])} along their outlines"
+        f"{tell_share(found.share)} of the picture has the right one of the {2**count} colours that "
+        f"{count} lamps mix: {tell_share(found.share_inside)} of it inside its areas, "
+        f"{tell_share(found.share_along)} along their outlines"
     ]
-    off = f"what is seen is ΔE {found['delta_e']:.1f} from these colours on average"
+    off = f"what is seen is ΔE {found.delta_e:.1f} from these colours on average"
     if picture is not None:
-        off += (
-            f", and {picture['delta_e']:.1f} from the picture as it came, of which lamps can mix "
-        )
-        off += f"{tell_share(picture['masks_share'])} as it is taken apart"
-    uneven = f"uneven light alone makes {found['delta_e_lit']:.1f} where no lamp is hidden"
+        off += f", and {picture.delta_e:.1f} from the picture as it came, of which lamps can mix "
+        off += f"{tell_share(picture.masks_share)} as it is taken apart"
+    uneven = f"uneven light alone makes {found.delta_e_lit:.1f} where no lamp is hidden"
     said.append(f"{off}; {uneven} (2 is seen side by side, 10 at a glance)")
-    if moved["lamp_mm"] is not None:
+    if moved.lamp_mm is not None:
         said.append(
-            f"a lamp may stand {moved['lamp_mm']:.0f} mm beside its place until a strand's shadow is half of "
-            f"its width off; with every lamp {moved['moved_mm']:.0f} mm off, {tell_share(moved['share'])} of "
-            f"the picture has its right colour ({tell_share(moved['unmoved'])} with none)"
+            f"a lamp may stand {moved.lamp_mm:.0f} mm beside its place until a strand's shadow is half of "
+            f"its width off; with every lamp {moved.moved_mm:.0f} mm off, {tell_share(moved.share)} of "
+            f"the picture has its right colour ({tell_share(moved.unmoved)} with none)"
         )
-    beside = [lamp["name"] for lamp in found["lamps"] if lamp["spill_beside"] > 0]
+    beside = [lamp.name for lamp in found.lamps if lamp.spill_beside > 0]
     if beside:
         said.append(
             f"on an open wall the light of {', '.join(beside)} shows shadows beside the picture"
@@ -96,36 +92,38 @@ def tell_share(share: float) -> str:
     return "100%" if share == 1 else f"{min(100 * share, 99.9):.1f}%"
 
 
-def tell_piece(report: Mapping[str, Any]) -> str:
+def tell_piece(report: Report) -> str:
     """Its size, its weight, its knots and how thick they are."""
-    piece, knots = report["print"], report["knots"]
-    size = " × ".join(f"{s:.0f}" for s in piece["bounding_box_mm"] or ())
-    weight = f"{piece['mass_g']:.0f} g"
-    if (filament := piece.get("filament_g")) and (supports := piece.get("support_g")):
+    piece, knots = report.print, report.knots
+    size = " × ".join(f"{s:.0f}" for s in piece.bounding_box_mm or ())
+    weight = f"{piece.mass_g:.0f} g"
+    if (filament := piece.filament_g) and (supports := piece.support_g):
         weight = f"{filament - supports:.0f} g, with supports {filament:.0f} g of filament"
-    made = f"{size} mm, {weight}" if piece["mass_g"] else "no part"
-    count = count_in_words(len(knots) // piece.get("parts", 1))
-    if "parts" in piece:  # a sequence: the same knots in all of them
-        count += f" in {piece['parts']} frames"
-    return f"{made}; {count} of a tube {2 * report['settings']['tube_radius_mm']:.1f} mm thick"
+    made = f"{size} mm, {weight}" if piece.mass_g else "no part"
+    count = count_in_words(len(knots) // (piece.parts or 1))
+    if piece.parts is not None:  # a sequence: the same knots in all of them
+        count += f" in {piece.parts} frames"
+    return f"{made}; {count} of a tube {2 * report.settings.tube_radius_mm:.1f} mm thick"
 
 
-def last_line(report: Mapping[str, Any]) -> str:
+def last_line(report: Report) -> str:
     """The verdict, hours, grams and supports, as far as they are known."""
-    piece, said = report["print"], []
-    if report["verdict"] is not None:
-        said.append(report["verdict"]["word"])
-    if piece.get("time_s") is not None:
-        said.append(f"{piece['time_s'] / 3600:.1f} h")
-    mass = piece.get("filament_g") or piece["mass_g"]
+    piece, said = report.print, list[str]()
+    if report.verdict is not None:
+        said.append(report.verdict.word)
+    if piece.time_s is not None:
+        said.append(f"{piece.time_s / 3600:.1f} h")
+    mass = piece.filament_g or piece.mass_g
     if mass:
         said.append(f"{mass:.0f} g")
-    if piece.get("support_share") is not None:
-        said.append(f"{100 * piece['support_share']:.0f}% of it supports")
+    if piece.support_share is not None:
+        said.append(f"{100 * piece.support_share:.0f}% of it supports")
     return ", ".join(said) + ": " if said else ""
 
 
-def _misplaced(view: Mapping[str, Any]) -> str:
+def _misplaced(view: View) -> str:
     """Tell what a person sees of a view where lamp or piece are off the worst way."""
-    worst = (view.get("misplacement") or {}).get("worst")
-    return f"; {worst['fitted']:.0%} with {tell_move(worst, view)}" if worst is not None else ""
+    off = view.misplacement
+    if off is None or off.worst is None:
+        return ""
+    return f"; {off.worst.fitted:.0%} with {tell_move(off.worst, off, view.kind)}"

@@ -46,8 +46,8 @@ def show(result: object) -> str | None:
 
 @show.register
 def _(result: Outcome) -> str:
-    report = result.report
-    word = (report["verdict"] or {}).get("word", "")
+    report = result.found
+    word = "" if report.verdict is None else report.verdict.word
     passed = "Verified." if result.exit_code == 0 else "Not ready."
     title = f"{passed} {' '.join(VERDICTS.get(word, ()))}"
     found, room, pictures = find_pictures(result.folder), _MOST, []

@@ -6,6 +6,9 @@ from collections.abc import Mapping, Sequence
 from math import ceil
 from typing import TYPE_CHECKING, Any
 
+from knotfab_formats.report import EffectLine, LimitLine
+from knotfab_formats.verdict import Contrast, Misplacement, Sag, Verdict, View, WorstMove
+
 if TYPE_CHECKING:
     from knotfab.base.arrays import Array, Mask
     from knotfab.design.design import Design
@@ -15,75 +18,84 @@ if TYPE_CHECKING:
     from knotfab_formats.scene import Scene
 
 __all__ = [
-    "add_contrast",
-    "add_sag",
     "advise",
     "count_flattened",
     "judge_made",
     "limits_as_effects",
+    "list_contrasts",
     "list_effects",
     "list_limits",
+    "list_sags",
     "tell_contrast",
     "tell_move",
     "tell_walls",
     "tell_warnings",
 ]
 
-Record = dict[str, Any]
-
 _GAIN = 0.01  # a gain of brightness error from which on a nearer wall is worth a word
 
 
-def list_effects(result: SearchResult, verdict: Mapping[str, Any]) -> list[Record]:
+def list_effects(result: SearchResult, verdict: Verdict) -> tuple[EffectLine, ...]:
     """A line an effect: what the design did, and what the validators' `verdict` says that they did."""
     lines = []
     for name, decision in result.effects.items():
-        line = decision.to_dict()
-        runs = [view[name] for view in verdict["views"] if view.get(name)]
-        calls = sum(int(run.get("samples", 0)) for run in runs)
-        if calls:
-            line["calls"] += calls
-            line["seconds"] = round(line["seconds"] + float(verdict["seconds"].get(name, 0.0)), 4)
-            line["where"].append("verification")
-        line["simulated"] = line["calls"] > 0
-        if decision.simulated and not line["calls"]:
-            line["reason"] += "; nothing ran it"
-        lines.append(line)
-    return lines
+        runs = [getattr(view, name, None) for view in verdict.views]
+        verified = sum(getattr(run, "samples", 0) for run in runs)
+        calls, where = decision.calls + verified, tuple(decision.where)
+        seconds = round(decision.seconds, 4)
+        if verified:
+            where = (*where, "verification")
+            seconds = round(seconds + verdict.seconds.get(name, 0.0), 4)
+        lines.append(
+            EffectLine(
+                name=name,
+                simulated=calls > 0,
+                forced=decision.forced != "auto",
+                where=where,
+                magnitude=decision.magnitude,
+                threshold=decision.threshold,
+                unit=decision.effect.unit,
+                calls=calls,
+                seconds=seconds,
+                reason=decision.reason
+                + ("; nothing ran it" if decision.simulated and not calls else ""),
+            )
+        )
+    return tuple(lines)
 
 
-def list_limits(result: SearchResult) -> list[Record]:
+def list_limits(result: SearchResult) -> tuple[LimitLine, ...]:
     """A line a limit: what it is, what was measured at the end, and how often its term was called."""
-    return [
-        {
-            "name": name,
-            "limit": limit,
-            "measured": measured,
-            "unit": "mm",
-            "calls": result.guards[name].calls,
-            "seconds": round(result.guards[name].seconds, 4),
-        }
+    return tuple(
+        LimitLine(
+            name=name,
+            limit=limit,
+            measured=measured,
+            unit="mm",
+            calls=result.guards[name].calls,
+            seconds=round(result.guards[name].seconds, 4),
+        )
         for name, (measured, limit) in result.feasibility.figures.items()
-    ]
+    )
 
 
-def limits_as_effects(limits: Sequence[Mapping[str, Any]]) -> list[Record]:
+def limits_as_effects(limits: Sequence[LimitLine]) -> tuple[EffectLine, ...]:
     """The limits as lines of `effects`, where earlier readers look for them."""
-    return [
-        {
-            "name": line["name"],
-            "simulated": line["calls"] > 0,
-            "forced": False,
-            "where": ["search"] if line["calls"] else [],
-            "magnitude": line["measured"],
-            "threshold": line["limit"],
-            "unit": line["unit"],
-            "calls": line["calls"],
-            "seconds": line["seconds"],
-            "reason": "a limit is guarded always; its term is called while it can be felt",
-        }
+    return tuple(
+        EffectLine(
+            name=line.name,
+            simulated=line.calls > 0,
+            forced=False,
+            where=("search",) if line.calls else (),
+            magnitude=line.measured,
+            threshold=line.limit,
+            unit=line.unit,
+            calls=line.calls,
+            seconds=line.seconds,
+            reason="a limit is guarded always; its term is called while it can be felt",
+        )
         for line in limits
-    ]
+    )
 
 
 def tell_warnings(effects: Mapping[str, Decision]) -> list[str]:
@@ -91,22 +103,22 @@ def tell_warnings(effects: Mapping[str, Decision]) -> list[str]:
     return [decision.warning for decision in effects.values() if decision.warning is not None]
 
 
-def add_contrast(views: Sequence[Record], made: Design) -> None:
-    """Add to the views what light is where, where the scene calls for it."""
+def list_contrasts(made: Design) -> list[Contrast | None]:
+    """What light is where in each view, where the scene calls for it."""
     from knotfab.effects.base import World
     from knotfab.effects.contrast import CONTRAST, contrast_of
     from knotfab.effects.shadows import Shadows
 
     decision = made.result.effects.get(CONTRAST.name)
     if decision is None or not decision.simulated:
-        return
-    world = World.of(made.scene)
-    for view, record in zip(made.scene.views, views, strict=False):
+        return [None for _ in made.scene.views]
+    world, contrasts = World.of(made.scene), list[Contrast | None]()
+    for view in made.scene.views:
         with decision.called("report"):
             seen = Shadows.of(view, made.knots.points)
             found = contrast_of(seen, made.knots.radius_mm, world)
-        if found is not None:
-            record["contrast"] = found.to_dict()
+        contrasts.append(found)
+    return contrasts
 
 
 def judge_made(made: Design, scene: Scene, moves: Array | None, upwards: Array | None) -> None:
@@ -139,25 +151,23 @@ def count_flattened(effects: Mapping[str, Decision], targets: Sequence[Target]) 
             effects["wall"].count("picture", 1, target.flattened_s)
 
 
-def tell_walls(views: Sequence[Record]) -> list[str]:
+def tell_walls(views: Sequence[View]) -> list[str]:
     """Say which walls are round, a sentence each, where that matters."""
     said = []
     for view in views:
-        if found := view.get("wall"):
-            radius = found["radius_mm"]
+        if found := view.wall:
+            radius = found.radius_mm
             way = "hollow" if radius > 0 else "bulging"
             said.append(
-                f"The wall of {view['name']} is round, {way}, with a radius of {abs(radius):g} mm, "
+                f"The wall of {view.name} is round, {way}, with a radius of {abs(radius):g} mm, "
                 f"and the picture is as it lies on it: made for a flat one it would be up to "
-                f"{found['off_px']:.1f} px off. The 3D view shows the flat wall that touches it."
+                f"{found.off_px:.1f} px off. The 3D view shows the flat wall that touches it."
             )
     return said
 
 
-def add_sag(
-    views: Sequence[Record], made: Design, moves: Array | None, masks: Sequence[Mask]
-) -> None:
-    """Add to the views what is left of the knots' shadow where the mount lets them sag, if it shows.
+def list_sags(made: Design, moves: Array | None, masks: Sequence[Mask]) -> list[Sag | None]:
+    """What is left of the knots' shadow in each view where the mount lets them sag, if it shows.
 
     Args:
         moves: (N, 3) of each vertex, mm; None without a mount. masks: (H, W) the views' pictures.
@@ -167,52 +177,52 @@ def add_sag(
 
     decision, knots = made.result.effects.get(SAG.name), made.knots
     if decision is None or moves is None or len(moves) == 0 or not decision.simulated:
-        return
+        return [None for _ in made.scene.views]
+    sags: list[Sag | None] = []
     bent = made.result.effects.get("wall")
-    for view, mask, record in zip(made.scene.views, masks, views, strict=False):
+    for view, mask in zip(made.scene.views, masks, strict=True):
         wall = CurvedWall.of(view) if bent is not None and bent.simulated else None
         with decision.called("report"):
-            record["sag"] = measure_sag(
-                view, mask, knots.points, moves, knots.rings, knots.radius_mm, wall
-            )
+            shape = knots.rings, knots.radius_mm
+            sags.append(measure_sag(view, mask, knots.points, moves, *shape, wall))
+    return sags
 
 
-def tell_contrast(views: Sequence[Record]) -> list[str]:
+def tell_contrast(views: Sequence[View]) -> list[str]:
     """Tell how dark the shadows are, a sentence each, where that was looked at."""
     said = []
     for view in views:
-        found = view.get("contrast")
+        found = view.contrast
         if found is None:
             continue
         ghost = (
-            f" The second lamp throws a shadow {found['ghost_contrast']:.0%} as dark as can be, "
-            f"{found['ghost_shift_mm']:.0f} mm aside."
-            if found["ghost_shift_mm"] is not None
+            f" The second lamp throws a shadow {found.ghost_contrast:.0%} as dark as can be, "
+            f"{found.ghost_shift_mm:.0f} mm aside."
+            if found.ghost_shift_mm is not None
             else ""
         )
-        which = f" of {view['name']}" if len(views) > 1 else ""
+        which = f" of {view.name}" if len(views) > 1 else ""
         said.append(
-            f"Light and dark{which}: in the middle the shadow is {found['contrast']:.0%} as "
-            f"dark as can be, where it is palest {found['contrast_least']:.0%}; there the wall gets "
-            f"{found['falloff']:.0%} of the light of its middle.{ghost}"
+            f"Light and dark{which}: in the middle the shadow is {found.contrast:.0%} as "
+            f"dark as can be, where it is palest {found.contrast_least:.0%}; there the wall gets "
+            f"{found.falloff:.0%} of the light of its middle.{ghost}"
         )
     return said
 
 
-def tell_move(move: Mapping[str, Any], view: Mapping[str, Any]) -> str:
-    """A move of a view's misplacement in words: "the lamp 5 mm to the side"."""
+def tell_move(move: WorstMove, off: Misplacement, kind: str) -> str:
+    """A move of a misplacement in words: "the lamp 5 mm to the side"; `kind` is the view's."""
     from knotfab.mount.words import LAMP_WAYS, TURN_WAYS
 
-    off = view["misplacement"]
-    if move["of"] == "turn":
-        return f"the piece turned by {off['turn_deg']:g}° {TURN_WAYS[move['way']]}"
-    if move["of"] == "tilt":
-        return f"the wall tilted by {off['tilt_deg']:g}° {TURN_WAYS[move['way']]}"
-    what = "eye" if view["kind"] == "eye" else "lamp"
-    return f"the {what} {off['lamp_mm']:g} mm {LAMP_WAYS[move['way']]}"
+    if move.of == "turn":
+        return f"the piece turned by {off.turn_deg:g}° {TURN_WAYS[move.way]}"
+    if move.of == "tilt":
+        return f"the wall tilted by {off.tilt_deg:g}° {TURN_WAYS[move.way]}"
+    what = "eye" if kind == "eye" else "lamp"
+    return f"the {what} {off.lamp_mm:g} mm {LAMP_WAYS[move.way]}"
 
 
-def advise(views: Sequence[Record], made: Design) -> list[str]:
+def advise(views: Sequence[View], made: Design) -> list[str]:
     """Tell what a wide lamp's shadow would gain by a nearer wall, a sentence each.
 
     What a blur adds to the error in brightness is in proportion to it, so what the measured error is above
@@ -223,7 +233,7 @@ def advise(views: Sequence[Record], made: Design) -> list[str]:
 
     points, radius, said = made.knots.points, made.knots.radius_mm, list[str]()
     for view, found in zip(made.scene.views, views, strict=False):
-        if not found.get("penumbra") or view.wall_tilt_deg != 0 or made.scene.share_wall:
+        if found.penumbra is None or view.wall_tilt_deg != 0 or made.scene.share_wall:
             continue  # lamps before one screen have the distance at which their pieces stand apart
         z, light = points @ view_axes(view)[2], view.light_distance_mm
         depth = made.scene.piece.depth
@@ -237,8 +247,8 @@ def advise(views: Sequence[Record], made: Design) -> list[str]:
         def blur(wall: float, z: Any = z, light: float = light) -> float:
             return float(((wall + z) / (light - z)).mean()) * light / (light + wall)
 
-        error = float(found["penumbra"]["brightness_error"])
-        hard = min(float(found["penumbra"]["hard_error"]), error)
+        error = found.penumbra.brightness_error
+        hard = min(found.penumbra.hard_error, error)
         left = hard + (error - hard) * blur(near) / blur(view.wall_distance_mm)
         if error - left >= _GAIN:
             said.append(

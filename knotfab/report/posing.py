@@ -2,103 +2,121 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 from knotfab.report.of_slicer import tell_flatter
+from knotfab_formats.report import Flatter, Kept, PoseFigures, Print, SupportAccess
 
 if TYPE_CHECKING:
-    from knotfab.part.access import Access
     from knotfab.part.assemble import Part
     from knotfab.part.flatter import Flattening
 
-__all__ = ["add_posing", "find_access"]
+__all__ = ["find_access", "lay_out"]
 
 _VIEWS_FLATTENED = 1  # with several views less depth of one is less width of another
 
 
-def add_posing(
-    report: dict[str, Any],
+def lay_out(
+    print_: Print,
     part: Part,
     flattening: Flattening | None,
     suffix: str = "",
     *,
     printing: bool = False,
-    access: Access | None = None,
-) -> None:
-    """Add `print.pose`, `print.plates` where there are any, and the notes that go with them.
+    access: SupportAccess | None = None,
+) -> tuple[Print, list[str]]:
+    """The figures of a piece with its pose, plates where there are any, and supports; and notes on these.
 
     Args:
         suffix: suffix of the plates' files, such as "-01" of a sequence's frame.
         printing: it is printed: also what supports cost and whether they can be taken out.
         access: what `find_access` says of the part.
     """
-    account = part.pose.account
-    powder = part.mounted.scene.printer.process == "powder"
-    by = "the volume of its box" if powder else "least height"
-    if part.mounted.upright is not None:
-        by = "the mount"
-    pose: dict[str, Any] = {"chosen_by": by}
-    pose["height_mm"] = round(float(part.pose.size_mm[2]), 2)
-    pose["box_cm3"] = round(float(part.pose.size_mm.prod()) / 1000, 1)
-    if account is not None:
-        pose = account.to_dict()
-    report["print"]["pose"] = pose
-    notes: list[str] = report["notes"]
-    if powder and printing:
+    pose = _pose_figures(part, flattening)
+    scene, notes = part.mounted.scene, list[str]()
+    if printing and pose.box_cm3 is not None and scene.printer.process == "powder":
         notes.append(
             "It is printed in powder, which carries it: no supports, and any pose will do. Its box of "
-            f"{pose['box_cm3']:.0f} cm³ is what it takes of the powder bed."
+            f"{pose.box_cm3:.0f} cm³ is what it takes of the powder bed."
         )
-    if shrinkage := part.mounted.scene.material.shrinkage_percent:
-        pose["shrinkage_percent"] = shrinkage
+    if (shrinkage := pose.shrinkage_percent) is not None:
         larger = 100 / (1 - shrinkage / 100) - 100
         notes.append(
             f"All files are written {larger:.2f} % larger, for the material shrinks "
             f"by {shrinkage:g} %: switch off what your slicer or print service does about it."
         )
-    if flattening is not None:
-        pose["depth_mm"] = {
-            "first": round(flattening.from_mm, 2),
-            "kept": round(flattening.to_mm, 2),
-            "proposed": flattening.proposed_mm,
-        }
-        if flattening.unheld:
-            first, kept = flattening.wall_mm
-            pose["wall_distance_mm"] = {"first": round(first, 2), "kept": round(kept, 2)}
-            notes.append(
-                f"At {first:.0f} mm from the wall, {flattening.from_mm:.0f} mm deep, {flattening.unheld}: "
-                f"so it was rebuilt at {kept:.0f} mm, {flattening.to_mm:.0f} mm deep."
-            )
-        elif flattening.to_mm < flattening.from_mm:
-            notes.append(
-                f"Its depth was lowered from {flattening.from_mm:.0f} to {flattening.to_mm:.0f} mm, "
-                "as no pose kept the printer's limit for supports."
-            )
-        if flattening.proposed_mm is not None:
-            notes.append(
-                "No pose keeps the printer's limit for supports: a depth of about "
-                f"{flattening.proposed_mm:g} mm would (--depth {flattening.proposed_mm:g})."
-            )
+    notes += _tell_flattening(flattening)
     if printing:
-        _add_printing(report, part, suffix, access)
-    if part.plates is None:
-        return
-    plates = part.plates.to_dict(suffix)
-    report["print"]["plates"] = plates
-    names, cuts = part.plates.files(suffix), sum(plates["cuts_of_knots"])
-    joints = ""
-    if cuts:
-        joints = (
-            f" {cuts} cuts are joined by pins of {plates['pin_diameter_mm'][0]:.1f} mm and more: "
-            "a drop of glue each."
+        print_, told = _with_supports(print_, part, suffix, access)
+        notes += told
+    plates = None if part.plates is None else part.plates.figures(suffix)
+    if part.plates is not None and plates is not None:
+        names, cuts = part.plates.files(suffix), sum(plates.cuts_of_knots)
+        joints = ""
+        if plates.pin_diameter_mm is not None:
+            joints = (
+                f" {cuts} cuts are joined by pins of {plates.pin_diameter_mm[0]:.1f} mm and more: "
+                "a drop of glue each."
+            )
+        notes.append(
+            f"The printer does not hold the whole piece: print {names[0]} to {names[-1]}; "
+            f"part{suffix}.3mf shows how they go together.{joints}"
         )
-    notes.append(
-        f"The printer does not hold the whole piece: print {names[0]} to {names[-1]}; "
-        f"part{suffix}.3mf shows how they go together.{joints}"
+    return replace(print_, pose=pose, plates=plates), notes
+
+
+def _pose_figures(part: Part, flattening: Flattening | None) -> PoseFigures:
+    """How the piece lies, why, and what it was before it was made flatter."""
+    account, powder = part.pose.account, part.mounted.scene.printer.process == "powder"
+    if account is not None:
+        pose = account.figures()
+    else:
+        by = "the volume of its box" if powder else "least height"
+        pose = PoseFigures(
+            chosen_by="the mount" if part.mounted.upright is not None else by,
+            height_mm=round(float(part.pose.size_mm[2]), 2),
+            box_cm3=round(float(part.pose.size_mm.prod()) / 1000, 1),
+        )
+    depth = distance = None
+    if flattening is not None:
+        first, kept = round(flattening.from_mm, 2), round(flattening.to_mm, 2)
+        depth = Kept(first, kept, flattening.proposed_mm)
+        if flattening.unheld:
+            distance = Kept(round(flattening.wall_mm[0], 2), round(flattening.wall_mm[1], 2))
+    return replace(
+        pose,
+        shrinkage_percent=part.mounted.scene.material.shrinkage_percent or None,
+        depth_mm=depth,
+        wall_distance_mm=distance,
     )
 
 
-def find_access(part: Part) -> Access | None:
+def _tell_flattening(flattening: Flattening | None) -> list[str]:
+    """That a piece was built anew, nearer to the wall or flatter, or would have to be."""
+    if flattening is None:
+        return []
+    notes = []
+    if flattening.unheld:
+        first, kept = flattening.wall_mm
+        notes.append(
+            f"At {first:.0f} mm from the wall, {flattening.from_mm:.0f} mm deep, {flattening.unheld}: "
+            f"so it was rebuilt at {kept:.0f} mm, {flattening.to_mm:.0f} mm deep."
+        )
+    elif flattening.to_mm < flattening.from_mm:
+        notes.append(
+            f"Its depth was lowered from {flattening.from_mm:.0f} to {flattening.to_mm:.0f} mm, "
+            "as no pose kept the printer's limit for supports."
+        )
+    if flattening.proposed_mm is not None:
+        notes.append(
+            "No pose keeps the printer's limit for supports: a depth of about "
+            f"{flattening.proposed_mm:g} mm would (--depth {flattening.proposed_mm:g})."
+        )
+    return notes
+
+
+def find_access(part: Part) -> SupportAccess | None:
     """Say whether the supports can be taken out; None without supports, or for a part cut into plates."""
     from knotfab.part.access import measure_access
     from knotfab.part.assemble import rules_of
@@ -110,32 +128,30 @@ def find_access(part: Part) -> Access | None:
     return measure_access(part.bodies, rules)
 
 
-def _add_printing(report: dict[str, Any], part: Part, suffix: str, access: Access | None) -> None:
-    """Add `print.support_access`, `print.flatter`, and the notes on what the supports are and cost."""
+def _with_supports(
+    print_: Print, part: Part, suffix: str, access: SupportAccess | None
+) -> tuple[Print, list[str]]:
+    """The figures with a coupon, flatter pieces and what supports need; and notes on these."""
     from knotfab.mount.coupon import plan_coupon
+    from knotfab.part.access import tell_access
     from knotfab.part.assemble import rules_of
-    from knotfab.part.flatter import Printing, estimate_flatter
+    from knotfab.part.flatter import estimate_flatter
 
-    scene, figures, notes = part.mounted.scene, report["print"], report["notes"]
+    scene, notes, flatter = part.mounted.scene, list[str](), None
     coupon = plan_coupon(part.mounted, suffix)
     if coupon is not None:
-        figures["coupon"] = coupon.to_dict()
+        print_ = replace(print_, coupon=coupon.figures)
         notes.append(coupon.tell())
     if scene.material.process == "wire":
-        return
-    rules = rules_of(scene)
-    if "time_s" in figures and part.pose.account is not None:
-        sliced = Printing(
-            1.0, figures["time_s"] / 3600, figures["filament_g"], figures["support_g"]
-        )
-        open_depth = part.plates is None and scene.piece.depth != "flat"
-        if len(scene.views) == _VIEWS_FLATTENED and open_depth:
-            knots = part.pose.knots.moved(part.pose.matrix)
-            found = estimate_flatter(knots, sliced, rules)
-            figures["flatter"] = [one.to_dict() for one in found]
-            if not suffix:  # a frame's figures stand in the table
-                notes.append(tell_flatter(figures["flatter"]))
-    if access is not None:
-        figures["support_access"] = access.to_dict()
-        if access.worst is not None and not suffix:
-            notes.append(access.tell())
+        return print_, notes
+    seconds, grams, supports = print_.time_s, print_.filament_g, print_.support_g
+    tall = part.pose.account is not None and part.plates is None and scene.piece.depth != "flat"
+    if tall and len(scene.views) == _VIEWS_FLATTENED and seconds and grams and supports is not None:
+        sliced = Flatter(1.0, seconds / 3600, grams, supports)
+        knots = part.pose.knots.moved(part.pose.matrix)
+        flatter = tuple(estimate_flatter(knots, sliced, rules_of(scene)))
+        if not suffix:  # of a frame it stands in the table
+            notes.append(tell_flatter(flatter))
+    if access is not None and access.worst is not None and not suffix:
+        notes.append(tell_access(access))
+    return replace(print_, flatter=flatter, support_access=access), notes

@@ -17,7 +17,10 @@ from PIL import Image
 from knotfab.base.errors import spelled
 from knotfab.picture.data_uri import data_uri, hash_script, image_uri
 from knotfab.report.in_words import tell_colours
-from knotfab.verify.checks import list_unmet, mark_of, tally_checks
+from knotfab.verify.checks import mark_of, tally_checks
+from knotfab_formats.records import plain
+from knotfab_formats.report import Report
+from knotfab_formats.verdict import list_unmet
 
 __all__ = [
     "VIEWER",
@@ -55,13 +58,11 @@ _QUALITY = 85  # the quality of WebP, of 100
 MEDIA = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".gif": "image/gif"}
 
 
-def _verdicts(report: Mapping[str, Any]) -> dict[str, tuple[str, str]]:
+def _verdicts(report: Report) -> dict[str, tuple[str, str]]:
     """`VERDICTS`; that nobody would miss anything is said only where nothing is, speck or tip."""
-    verdict = report.get("verdict") or {}
-    made = report.get("settings") or {}
-    clean = made.get("accuracy") in _CLEAN and not made.get("time_budget_s")
-    clean = clean and not verdict.get("lost")
-    if not clean or verdict.get("specks") or verdict.get("cut_tips"):
+    verdict, made = report.verdict, report.settings
+    clean = made.accuracy in _CLEAN and not made.time_budget_s
+    if not clean or (verdict and (verdict.lost or verdict.specks or verdict.cut_tips)):
         return VERDICTS
     return {**VERDICTS, "faithful": (VERDICTS["faithful"][0], _NOTHING)}
 
@@ -108,7 +109,7 @@ def load_template() -> Template:
         "share": _share,
         "glow": _glow,
         "colours": tell_colours,
-        "flat": _flat,
+        "flat": lambda record: _flat(plain(record)),
         "mark": mark_of,
         "tally": tally_checks,
     }
@@ -116,7 +117,7 @@ def load_template() -> Template:
 
 
 def render_html(
-    report: Mapping[str, Any],
+    report: Report,
     pictures: Sequence[Picture] = (),
     title: str = "knotfab",
     *,
@@ -124,7 +125,7 @@ def render_html(
     drawings: Sequence[str] = (),
     files: Sequence[tuple[str, str]] = (),
 ) -> str:
-    """The page for `report` (as `assemble` gives it, or read from report.json).
+    """The page for `report`.
 
     Nothing is loaded from elsewhere: styles, pictures and the one script are inside, and no other script
     may run. Every text of the report is escaped.
@@ -139,8 +140,8 @@ def render_html(
         report=report,
         pictures=pictures,
         title=title,
-        failed=list_unmet(report["checks"]),
-        stages=[(k, v) for k, v in report["timings"].items() if k != "total"],
+        failed=list_unmet(report.checks),
+        stages=[(k, v) for k, v in report.timings.items() if k != "total"],
         drawings=drawings,
         files=files,
         shown=None if shown is None else Markup(encode_for_script(shown)),
@@ -152,7 +153,7 @@ def render_html(
 
 def write_report_html(
     path: Path,
-    report: Mapping[str, Any],
+    report: Report,
     pictures: Sequence[Picture] = (),
     title: str = "knotfab",
     **more: Any,

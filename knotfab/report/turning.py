@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from PIL import Image
@@ -17,9 +16,10 @@ from knotfab.knots import Knots
 from knotfab.mount.mount import Mounted
 from knotfab.render.picture import image_at
 from knotfab.scene.camera import view_axes
+from knotfab_formats.report import Turning
 from knotfab_formats.scene import ResolvedScene
 
-__all__ = ["TURN_FILE", "add_turning", "turns_of"]
+__all__ = ["TURN_FILE", "turn_piece", "turns_of"]
 
 TURN_FILE = "turn.gif"
 STEP_DEG, PIXELS = 5.0, 240
@@ -50,27 +50,24 @@ def turns_of(scene: ResolvedScene) -> dict[str, float]:
     return angles
 
 
-def add_turning(report: dict[str, Any], folder: Path, mounted: Mounted, knots: Knots) -> None:
-    """Add `print.turning` where a piece on a stand or a thread shows its pictures in turn; write turn.gif."""
+def turn_piece(folder: Path, mounted: Mounted, knots: Knots) -> tuple[Turning | None, list[str]]:
+    """How a piece on a stand or a thread shows its pictures in turn, and a note on it; write turn.gif."""
     angles = turns_of(mounted.scene)
     if not angles or (mounted.stand is None and mounted.hang is None):
-        return
+        return None, []
     axis = np.zeros(3) if mounted.hang is None else mounted.hang.eyelet.thread
     view = mounted.scene.views[0]
     aside = {}
     for name, angle in angles.items():
         moved = (axis - turn_upright(axis, angle)) @ view_axes(view)[0]
         aside[name] = float(moved) * view.magnification
-    report["print"]["turning"] = {"angles_deg": angles, "aside_mm": aside}
     words = [f"{name} at {angle:.0f}°{_beside(aside[name])}" for name, angle in angles.items()]
     about = (
         "its thread" if mounted.stand is None else "the vertical through the middle of the scene"
     )
-    report["notes"] = [
-        *report.get("notes", []),
-        f"Turned about {about} under the first lamp alone, it shows {', '.join(words)} ({TURN_FILE}).",
-    ]
+    note = f"Turned about {about} under the first lamp alone, it shows {', '.join(words)} ({TURN_FILE})."
     _write_turn(folder / TURN_FILE, mounted.scene, knots, axis, list(angles.values()))
+    return Turning(angles, aside), [note]
 
 
 def _beside(aside_mm: float) -> str:
@@ -93,9 +90,7 @@ def _write_turn(
         "frame_height_mm": max(high, view.frame_height_mm),
         "frame_up_mm": 0.0,
     }
-    image = image_at(
-        view.model_copy(update=frame), np.zeros((8, 8), dtype=bool), knots.radius_mm, PIXELS
-    )
+    image = image_at(view.but(**frame), np.zeros((8, 8), dtype=bool), knots.radius_mm, PIXELS)
     turns = sorted({*np.arange(0.0, 360.0, STEP_DEG), *shown})
     frames = []
     for angle in turns:

@@ -4,26 +4,25 @@ from __future__ import annotations
 
 import difflib
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from knotfab.base.errors import InputError
 from knotfab.scene.own_data import (
     USUAL,
-    Kind,
+    Named,
     data_folder,
     find_name,
     is_file_name,
+    kind_of,
     known_names,
     load_file,
     load_named,
 )
 from knotfab_formats.scene import Material, Printer, Scene
 
-__all__ = ["material_of", "materials", "printer_of", "printers", "resolve"]
+__all__ = ["asked_for", "materials", "printers", "resolve"]
 
 _USUAL_MATERIALS = {"filament": "pla", "resin": "resin", "powder": "pa12"}
-
-Named = TypeVar("Named", Printer, Material)
 
 
 def printers() -> dict[str, Printer]:
@@ -32,54 +31,32 @@ def printers() -> dict[str, Printer]:
     Raises:
         InputError: a person's own file is none.
     """
-    found = {name: load_named("printer", name) for name in known_names("printer")}
-    return {name: one for name, one in found.items() if isinstance(one, Printer)}
+    return {name: load_named(Printer, name) for name in known_names("printer")}
 
 
 def materials() -> dict[str, Material]:
-    """All materials with a data file, by name.
+    """All materials with a data file, by name; raises as `printers` does."""
+    return {name: load_named(Material, name) for name in known_names("material")}
+
+
+def asked_for(model: type[Named], text: str) -> Named:
+    """The printer or material of a name, whose figures `resolve` fills in, or of a file, whole.
 
     Raises:
-        InputError: a person's own file is none.
+        InputError: the file is no such thing.
     """
-    found = {name: load_named("material", name) for name in known_names("material")}
-    return {name: one for name, one in found.items() if isinstance(one, Material)}
+    return load_file(model, Path(text)) if is_file_name(text) else model(name=text)
 
 
-def printer_of(text: str) -> Printer:
-    """The printer of a name, whose figures `resolve` fills in, or of a file, whole.
-
-    Raises:
-        InputError: the file is no printer.
-    """
-    if not is_file_name(text):
-        return Printer(name=text)
-    printer = load_file("printer", Path(text))
-    assert isinstance(printer, Printer)
-    return printer
-
-
-def material_of(text: str) -> Material:
-    """The material of a name, whose figures `resolve` fills in, or of a file, whole.
-
-    Raises:
-        InputError: the file is no material.
-    """
-    if not is_file_name(text):
-        return Material(name=text)
-    material = load_file("material", Path(text))
-    assert isinstance(material, Material)
-    return material
-
-
-def _fill_in(own: Named, kind: Kind) -> Named:
+def _fill_in(own: Named) -> Named:
     """`own` with the data file's figures wherever the scene did not give a key itself."""
     written = {key: getattr(own, key) for key in own.model_fields_set if key != "name"}
     keys = set(type(own).model_fields) - {"name"}
     if keys <= set(written):
         return own  # a build writes it so: no file is needed, and none can change it
-    base = load_named(kind, find_name(kind, own.name))
-    if base is None:
+    kind = kind_of(type(own))
+    name = find_name(kind, own.name)
+    if name not in known_names(kind):
         if keys - USUAL <= set(written):
             return own  # complete without a data file
         known, typed = known_names(kind), own.name.strip().lower().replace(" ", "-")
@@ -92,7 +69,7 @@ def _fill_in(own: Named, kind: Kind) -> Named:
             f"{hint}Known: {', '.join(known)}; or give a file (--{kind} FILE.toml), put one into "
             f"{data_folder() / f'{kind}s'}, or give every key of [{kind}] in the scene.",
         )
-    return type(own)(**{**base.model_dump(), **written})
+    return type(own)(**{**load_named(type(own), name).model_dump(), **written})
 
 
 def _fill_in_auto(printer: Printer) -> Printer:
@@ -103,8 +80,8 @@ def _fill_in_auto(printer: Printer) -> Printer:
         "min_wall_mm": printer.nozzle_mm,
         "min_gap_mm": printer.nozzle_mm,
     }
-    return printer.model_copy(
-        update={key: value for key, value in auto.items() if getattr(printer, key) == "auto"}
+    return printer.but(
+        **{key: value for key, value in auto.items() if getattr(printer, key) == "auto"}
     )
 
 
@@ -116,7 +93,7 @@ def _find_material(own: Material, printer: Printer) -> Material:
     """
     if not own.model_fields_set:
         own = Material(name=_USUAL_MATERIALS[printer.process])
-    found = _fill_in(own, "material")
+    found = _fill_in(own)
     if found.process not in ("wire", printer.process) and "powder" in (
         found.process,
         printer.process,
@@ -139,7 +116,7 @@ def resolve(scene: Scene) -> Scene:
         InputError: a printer or material that has no data file, naming those that have; a person's
             own file of that name is wrong; or the one does not go with the other.
     """
-    printer = _fill_in_auto(_fill_in(scene.printer, "printer"))
+    printer = _fill_in_auto(_fill_in(scene.printer))
     material = _find_material(scene.material, printer)
     piece: dict[str, Any] = {}
     if material.process == "wire" and scene.piece.tube_radius_mm == "auto":
@@ -149,6 +126,6 @@ def resolve(scene: Scene) -> Scene:
     update = {
         "printer": printer,
         "material": material,
-        "piece": scene.piece.model_copy(update=piece),
+        "piece": scene.piece.but(**piece),
     }
-    return scene.model_copy(update=update)
+    return scene.but(**update)

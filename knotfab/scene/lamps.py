@@ -129,18 +129,11 @@ def with_lamps(scene: Scene, text: str, names: Sequence[str] = ()) -> Scene:
         lamps = lamps_named(text)
     wall = next(iter(lamps))
     views = tuple(
-        first.model_copy(
-            update={
-                "name": name,
-                "picture": "",
-                "lamp_colour": colour,
-                "wall": "" if name == wall else wall,
-            }
-        )
+        first.but(name=name, picture="", lamp_colour=colour, wall="" if name == wall else wall)
         for name, colour in lamps.items()
     )
-    table = scene.lamps.model_copy(update={"mode": mode, "picture": "", "places": "auto"})
-    return scene.model_copy(update={"views": views, "lamps": table})
+    table = scene.lamps.but(mode=mode, picture="", places="auto")
+    return scene.but(views=views, lamps=table)
 
 
 def with_small_lamps(scene: Scene) -> Scene:
@@ -148,5 +141,5 @@ def with_small_lamps(scene: Scene) -> Scene:
     if any("light_diameter_mm" in view.model_fields_set for view in scene.views):
         return scene
     small = {"light_diameter_mm": _LED_MM}
-    views = tuple(view.model_copy(update=small) for view in scene.views)
-    return scene.model_copy(update={"views": views})
+    views = tuple(view.but(**small) for view in scene.views)
+    return scene.but(views=views)

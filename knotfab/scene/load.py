@@ -34,18 +34,16 @@ def _beside(scene: Scene, folder: Path) -> Scene:
     if region.file is not None:
         path = str((folder / region.file).absolute())
         require_within(path, region.file)
-        update["region"] = region.model_copy(update={"file": path})
+        update["region"] = region.but(file=path)
     if isinstance(start, str) and start:
         require_within(folder / start, start)
         update["search"] = {**scene.search, "start": str((folder / start).absolute())}
     if any(view.subject_mask for view in scene.views):
         update["views"] = tuple(
-            v.model_copy(update={"subject_mask": str((folder / v.subject_mask).absolute())})
-            if v.subject_mask
-            else v
+            v.but(subject_mask=str((folder / v.subject_mask).absolute())) if v.subject_mask else v
             for v in scene.views
         )
-    return scene.model_copy(update=update) if update else scene
+    return scene.but(**update) if update else scene
 
 
 def parse_scene(text: str, what: str = "scene.toml") -> Scene:

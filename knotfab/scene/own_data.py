@@ -8,7 +8,7 @@ import tomllib
 from functools import cache
 from importlib import resources
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 from platformdirs import user_config_path
 
@@ -20,9 +20,11 @@ from knotfab_formats.scene import Material, Printer, Scene
 __all__ = [
     "USUAL",
     "Kind",
+    "Named",
     "data_folder",
     "find_name",
     "is_file_name",
+    "kind_of",
     "known_names",
     "load_file",
     "load_named",
@@ -30,7 +32,7 @@ __all__ = [
 ]
 
 Kind = Literal["printer", "material"]
-MODELS: dict[Kind, type[Printer] | type[Material]] = {"printer": Printer, "material": Material}
+Named = TypeVar("Named", Printer, Material)
 
 # How a part is printed: what holds for most printers and materials, so that one's own need not say.
 USUAL = {"layer_height_mm", "supports", "max_overhang_deg", "max_bridge_mm", "max_support_cm3"}
@@ -46,6 +48,11 @@ _FOR_PEOPLE = ("title", "aliases")  # keys of a data file that are none of the m
 def data_folder() -> Path:
     """A person's own data: $KNOTFAB_DATA, else knotfab in this system's folder for settings."""
     return own_folder("KNOTFAB_DATA", user_config_path, "$KNOTFAB_DATA")
+
+
+def kind_of(model: type[Printer] | type[Material]) -> Kind:
+    """The table's name."""
+    return "printer" if model is Printer else "material"
 
 
 def is_file_name(text: str) -> bool:
@@ -109,22 +116,20 @@ def known_names(kind: Kind) -> list[str]:
     return sorted({*_list_supplied(kind), *_own_files(kind)})
 
 
-def load_named(kind: Kind, name: str) -> Printer | Material | None:
-    """The printer or material of this name, one's own before one that comes along; None: no file.
+def load_named(model: type[Named], name: str) -> Named:
+    """The printer or material of this known name, one's own before one that comes along.
 
     Raises:
         InputError: one's own file is no such thing.
     """
-    own = _own_files(kind).get(name)
+    own = _own_files(kind_of(model)).get(name)
     if own is not None:
-        return load_file(kind, own)
-    table = _list_supplied(kind).get(name)
-    if table is None:
-        return None
-    return MODELS[kind](name=name, **{k: v for k, v in table.items() if k not in _FOR_PEOPLE})
+        return load_file(model, own)
+    table = _list_supplied(kind_of(model))[name]
+    return model(name=name, **{k: v for k, v in table.items() if k not in _FOR_PEOPLE})
 
 
-def load_file(kind: Kind, path: Path) -> Printer | Material:
+def load_file(model: type[Named], path: Path) -> Named:
     """The printer or material that a file describes, every key set; it is named after its file.
 
     Its keys are those of [printer] or [material] in a scene; they may stand below such a header.
@@ -133,7 +138,7 @@ def load_file(kind: Kind, path: Path) -> Printer | Material:
     Raises:
         InputError: the file cannot be read, is not TOML, or a key is missing, unknown or impossible.
     """
-    what = str(path)
+    what, kind = str(path), kind_of(model)
     missing = f"Check the path, or name one of: {', '.join(known_names(kind))}."
     raw = parse_toml(read_text(at_home(path), what, missing=missing), what)
     for key in _FOR_PEOPLE:
@@ -148,7 +153,6 @@ def load_file(kind: Kind, path: Path) -> Printer | Material:
     except InputError as error:
         why = error.why.replace(f"[{kind}] has", f"a {kind} has").replace(f"[{kind}] ", "")
         raise InputError(what, why, error.remedy) from error
-    model = MODELS[kind]
     lacking = [k for k in model.model_fields if k not in table and k not in USUAL | {"name"}]
     if lacking:
         example = _list_supplied(kind)["prusa-mk4" if kind == "printer" else "pla"]

@@ -96,6 +96,6 @@ class FreeDirections:
 
     def _views(self, problem: Problem) -> tuple[TargetView, ...]:
         return tuple(
-            replace(v, view=v.view.model_copy(update={"azimuth_deg": float(a)}))
+            replace(v, view=v.view.but(azimuth_deg=float(a)))
             for v, a in zip(problem.views, self.azimuth_deg, strict=True)
         )

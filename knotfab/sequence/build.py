@@ -17,24 +17,23 @@ from knotfab.knots import read_knots
 from knotfab.mount.modeller import keep_modeller
 from knotfab.picture.read import read_target
 from knotfab.piece import WrittenPiece, discard_piece, finish_build, report_piece, write_piece
-from knotfab.report.of_build import add_slicing
 from knotfab.request import Outcome, Request, require_device
 from knotfab.scene.catalogue import resolve
 from knotfab.sequence.chain import Chain, SequenceFrame
 from knotfab.sequence.frames import count_knots, read_frames, tell_apart
 from knotfab.sequence.kept import KeptFrames, keep_for
-from knotfab.sequence.motion import Motion, measure, outline_motion
+from knotfab.sequence.motion import measure, outline_motion
 from knotfab.sequence.report import Ring, check_closing, check_motion, check_ring, sequence_report
 from knotfab.sequence.require import require_sequence
 from knotfab.sequence.starts import POOR
 from knotfab.sequence.writing import ZOETROPE, frame_suffix, write_scene, write_zoetrope
 from knotfab.slicer.profile import write_profile
-from knotfab.slicer.result import sum_slicings
 from knotfab.slicer.run import SlicerQueue
 from knotfab.torch_forms.forms import TorchForms
-from knotfab.verify.checks import list_unmet
 from knotfab.verify.verifier import Files, Verifier
 from knotfab_formats.checks import PRINTER
+from knotfab_formats.report import Motion
+from knotfab_formats.verdict import list_unmet
 
 __all__ = ["GIF", "build_sequence"]
 
@@ -113,10 +112,8 @@ def build_sequence(request: Request, progress: Progress | None = None) -> Outcom
             if all(path.is_file() for path in shadows):
                 write_shadows_gif(folder.file(GIF), shadows, loop and motions[-1].held)
             spun = None if ring is None else ring.spun
-            report = sequence_report(reports, pieces, frames, motions, checks, spun, progress)
-            report["settings"]["sequence"] |= {"loop": loop, "resumed": chain.resumed}
-            sliced = {name: one for piece in pieces for name, one in piece.sliced.items()}
-            add_slicing(report, sum_slicings(sliced) if sliced else None, request.printing)
+            whole = reports, pieces, frames, motions, checks, spun
+            report = sequence_report(*whole, request, chain.resumed)
         outcome = finish_build(folder, request, report, "a sequence", pieces, progress)
         kept.discard()
         return outcome
@@ -137,8 +134,8 @@ def _tell_kept(kept: KeptFrames, count: int) -> Iterator[None]:
 def _fails(frame: SequenceFrame, piece: WrittenPiece) -> list[str]:
     """The required checks that a frame fails, by name."""
     limits = [] if frame.made.result.feasible else ["limits"]
-    unmet = list_unmet(piece.verdict["checks"])
-    return [*limits, *(str(c["name"]) for c in unmet if c["status"] == "fail")]
+    unmet = list_unmet(piece.verdict.checks)
+    return [*limits, *(c.name for c in unmet if c.status == "fail")]
 
 
 def _mend(

@@ -87,7 +87,7 @@ def radius_for_all(
     # another frame may need the IoU that this one can spare
     if "radius_give" not in question.scene.search:
         give = min(settings.radius_give, PRESETS["standard"].radius_give)
-        settings = settings.model_copy(update={"radius_give": give})
+        settings = settings.but(radius_give=give)
     choice = choose_radius(question, settings, knots)
     radius, thinnest = choice.radius_mm, question.scene.printer.min_tube_radius_mm
     wanted = question.opening(radius) - _GIVE
@@ -224,9 +224,9 @@ class Chain:
                 if other is not target
             ]
             radius, choice = radius_for_all(question, others, settings, self._count)
-        piece = scene.piece.model_copy(update={"knots": self._count, "tube_radius_mm": radius})
-        view = scene.views[0].model_copy(update={"name": target.name})
-        asked = scene.model_copy(update={"piece": piece, "views": (view,)})
+        piece = scene.piece.but(knots=self._count, tube_radius_mm=radius)
+        view = scene.views[0].but(name=target.name)
+        asked = scene.but(piece=piece, views=(view,))
         share = None
         if self._budget is not None:
             left = self._budget.search_s(0)
@@ -236,7 +236,7 @@ class Chain:
         # the region as it was asked for: a mesh lies where the scene says, not yet beside the result; and
         # the required IoU, unless it was given, follows from the frame's own picture
         update = {"region": question.problem.region, "accuracy": scene.accuracy}
-        within = first.scene.model_copy(update=update)
+        within = first.scene.but(**update)
         question = ask(_rename_view(within, target), [target])
         rings = first.knots.rings
         with progress.stage("search"):
@@ -307,11 +307,7 @@ class Chain:
 
 def _rename_view(scene: ResolvedScene, target: Target) -> Scene:
     """Return a resolved scene whose view is that of another frame."""
-    view = scene.views[0].model_copy(
-        update={
-            "name": target.name,
-            "title": target.name,
-            "picture": f"picture-{target.name}{target.suffix}",
-        }
+    view = scene.views[0].but(
+        name=target.name, title=target.name, picture=f"picture-{target.name}{target.suffix}"
     )
-    return scene.model_copy(update={"views": (view,)})
+    return scene.but(views=(view,))

@@ -72,11 +72,11 @@ def read_frames(
             that cannot be read.
     """
     if reading.crop_px == "auto":  # one box for all, about whatever moves in it
-        whole = reading.model_copy(update={"crop_px": "none"})
+        whole = reading.but(crop_px="none")
         moving = np.logical_or.reduce(
             [t.mask for t in read_frames(sources, whole, base=base, font=font)]
         )
-        reading = reading.model_copy(update={"crop_px": own_box(moving)})
+        reading = reading.but(crop_px=own_box(moving))
     sources = [str(s) for s in sources]
     what = sources[0] if len(sources) == 1 else "the sequence"
     if len(sources) == 1:

@@ -27,7 +27,6 @@ import knotfab
 from knotfab.base.disk import own_folder
 from knotfab.picture.read import Target
 from knotfab.request import Request
-from knotfab.scene.catalogue import resolve
 
 __all__ = ["KeptFrames", "keep_for"]
 
@@ -82,7 +81,7 @@ def keep_for(request: Request, targets: Sequence[Target]) -> KeptFrames:
 def _parts(request: Request, targets: Sequence[Target]) -> Iterator[bytes]:
     """Yield everything that decides about the knots of the frames."""
     yield _digest_program()
-    yield resolve(request.scene).model_dump_json().encode()
+    yield request.scene.model_dump_json().encode()
     yield repr((request.device, request.time_budget_s)).encode()
     if request.scene.region.file is not None:
         with contextlib.suppress(OSError):  # the search says what is wrong with it

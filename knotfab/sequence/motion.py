@@ -16,8 +16,9 @@ from shapely import MultiPolygon, Polygon
 from knotfab.base.arrays import Array
 from knotfab.limits.base import Felt, State, total_length
 from knotfab.search.objective import Term, Weights
+from knotfab_formats.report import Motion
 
-__all__ = ["Anchor", "Motion", "Tautness", "measure", "outline_motion", "pair_pieces"]
+__all__ = ["Anchor", "Tautness", "measure", "outline_motion", "pair_pieces"]
 
 
 _SPACING_MM = 0.1  # between samples on the outlines
@@ -106,22 +107,14 @@ class Tautness(Term):
         return _TAUT * excess**2, 2.0 * _TAUT * excess / self.radius_mm * slope
 
 
-@dataclass(frozen=True)
-class Motion:
-    """The motion of outlines and vertices from one frame to another, mm."""
-
-    outline_mm: float
-    limit_mm: float
-    largest_mm: float
-    mean_mm: float
-
-    @property
-    def held(self) -> bool:
-        """True if no vertex goes further than the limit."""
-        return self.largest_mm <= self.limit_mm
-
-
 def measure(old: Array, new: Array, outline_mm: float, radius: float) -> Motion:
     """The motion of vertices from `old` to `new` (N, 3), and its bound: outline and one radius."""
     length = np.linalg.norm(new - old, axis=1)
-    return Motion(outline_mm, outline_mm + radius, float(length.max()), float(length.mean()))
+    largest, limit = float(length.max()), outline_mm + radius
+    return Motion(
+        largest_mm=largest,
+        mean_mm=float(length.mean()),
+        outline_mm=outline_mm,
+        limit_mm=limit,
+        held=largest <= limit,
+    )

@@ -2,26 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar
 
-from knotfab.base.progress import Progress
 from knotfab.knots import count_in_words
 from knotfab.limits.feasibility import LEAST
 from knotfab.piece import WrittenPiece
-from knotfab.report.report_json import assemble
+from knotfab.report.of_slicer import report_slicing, tell_unsliced, with_slicing
+from knotfab.request import Request
 from knotfab.sequence.chain import SequenceFrame
-from knotfab.sequence.motion import Motion
 from knotfab.sequence.zoetrope import Zoetrope
-from knotfab.verify.checks import list_unmet
+from knotfab.slicer.result import sum_slicings
 from knotfab.verify.verifier import Answer
+from knotfab_formats.report import (
+    Certificate,
+    EffectLine,
+    FrameView,
+    LimitLine,
+    Motion,
+    MountFigures,
+    Print,
+    Report,
+    SequenceFigures,
+    ZoetropeFigures,
+)
 from knotfab_formats.scene import Printer
-from knotfab_validators.check import Check, Status, at_least, at_most
+from knotfab_formats.verdict import Check, Status, exit_code, list_unmet
+from knotfab_validators.check import at_least, at_most
+from knotfab_validators.shadows.recognition import worst_verdict
 
 __all__ = ["Ring", "advise", "check_closing", "check_motion", "check_ring", "sequence_report"]
 
-Record = dict[str, Any]
+Line = TypeVar("Line", EffectLine, LimitLine)
 # keys of a piece's `print` that go with its frame; keys that are summed over all frames
 _OF_FRAME = ("pose", "plates", "flatter", "support_access")
 _SUMMED = ("time_s", "filament_m", "filament_g", "support_g")
@@ -29,7 +42,7 @@ _ORDER = ("fail", "skipped", "pass")
 _FAR = 8.0  # tube radii that an outline goes: more than that is worth a frame in between
 
 
-def check_motion(motions: Sequence[Motion]) -> Record:
+def check_motion(motions: Sequence[Motion]) -> Check:
     """`motion`: no vertex goes further between neighbours than the pictures' outlines and one radius."""
     worst = max(motions, key=lambda m: m.largest_mm - m.limit_mm)
     number = next(k for k, m in enumerate(motions, start=2) if m is worst)
@@ -43,16 +56,16 @@ def check_motion(motions: Sequence[Motion]) -> Record:
         f"the vertex that comes nearest to its bound, on the way to frame {number}: the "
         f"outlines of the two pictures are {worst.outline_mm:.3f} mm apart (Hausdorff distance), and "
         "one tube radius is added",
-    ).to_dict()
+    )
 
 
-def check_closing(motion: Motion) -> Record:
+def check_closing(motion: Motion) -> Check:
     """`closing`: the same from the last frame back to the first, which not every sequence needs."""
     loop = "so it may be played round and round" if motion.held else "too far to play it as a loop"
     status: Status = "pass" if motion.held else "fail"
     detail = f"from the last frame to the first, {loop}"
     largest, limit = motion.largest_mm, motion.limit_mm
-    return Check("closing", status, False, largest, limit, "mm", detail).to_dict()
+    return Check("closing", status, False, largest, limit, "mm", detail)
 
 
 @dataclass(frozen=True)
@@ -64,23 +77,23 @@ class Ring:
     answer: Answer | None
 
 
-def check_ring(ring: Ring, printer: Printer) -> list[Record]:
+def check_ring(ring: Ring, printer: Printer) -> list[Check]:
     """`zoetrope_mesh`: zoetrope.stl is a sound mesh; `zoetrope`: whether the printer can print its tubes.
 
     The second is not required: the frames are as small as the bed asks, and the parts are there as well.
     """
     if ring.spun is None or ring.answer is None:
-        return [Check("zoetrope", "fail", False, None, None, "mm", ring.why).to_dict()]
+        return [Check("zoetrope", "fail", False, None, None, "mm", ring.why)]
     spun, least = ring.spun, printer.min_tube_radius_mm
-    found = ring.answer.result()["checks"]
+    found = ring.answer.result().checks
     wrong = list_unmet(found)
-    handles = next((c["measured"] for c in found if c["name"] == "mesh_genus"), None)
+    handles = next((c.measured for c in found if c.name == "mesh_genus"), None)
     mesh = at_most(
         "zoetrope_mesh",
         len(wrong),
         0,
         "checks",
-        "; ".join(f"{c['name']}: {c['detail']}" for c in wrong)
+        "; ".join(f"{c.name}: {c.detail}" for c in wrong)
         or f"zoetrope.stl is one closed surface that does not cross itself, with {handles} handles",
     )
     detail = (
@@ -95,122 +108,138 @@ def check_ring(ring: Ring, printer: Printer) -> list[Record]:
             "knots are true in the single parts"
         )
     tubes = at_least("zoetrope", spun.tube_radius_mm, least, "mm", detail, required=False)
-    return [mesh.to_dict(), tubes.to_dict()]
+    return [mesh, tubes]
 
 
 def sequence_report(
-    reports: Sequence[Record],
+    reports: Sequence[Report],
     pieces: Sequence[WrittenPiece],
     frames: Sequence[SequenceFrame],
     motions: Sequence[Motion],
-    checks: Sequence[Record],
+    checks: Sequence[Check],
     spun: Zoetrope | None,
-    progress: Progress,
-) -> Record:
+    request: Request,
+    resumed: int,
+) -> Report:
     """report.json of a sequence, from the frames' own reports.
 
     Args:
         reports: the report of each frame, as for a piece of its own. pieces: as written and verified.
         motions: into frames 2, 3, … and, last, back to the first.
-        checks: checks of the sequence as a whole.
+        checks: of the sequence as a whole. resumed: how many frames an earlier call had searched.
     """
+    views, all_checks = _list_views(reports, pieces, frames, motions), [r.checks for r in reports]
+    together = (*_together(all_checks), *checks)
+    slicings = {name: one for piece in pieces for name, one in piece.sliced.items()}
+    sliced = sum_slicings(slicings) if slicings else None
+    print_, settings = _sum_prints(reports, spun), reports[0].settings
+    knotted = count_in_words(len(pieces[0].made.knots.knots))
+    notes = [
+        f"{len(reports)} frames of {knotted}, each a part of its own (part-NN.stl); the "
+        "picture that moves is sequence.gif.",
+        *advise(views, pieces[0].made.knots.radius_mm),
+        *_shared_notes(reports),
+    ]
+    prices = tuple(
+        replace(price, frame=number)
+        for number, frame in enumerate(reports, start=1)
+        for price in frame.binding or ()
+    )
+    return Report(
+        status="fail" if exit_code(together) else "pass",
+        verdict=worst_verdict(views),
+        views=views,
+        checks=together,
+        effects=_effects(reports),
+        limits=_limits(reports),
+        knots=tuple(knot for r in reports for knot in r.knots),
+        print=with_slicing(print_, sliced) if request.printing else print_,
+        settings=replace(
+            settings,
+            certificate=None,
+            thickness_mm=min(r.settings.thickness_mm for r in reports),
+            sequence=SequenceFigures(
+                frames=len(reports),
+                closing=motions[-1],
+                verification_s=round(sum(sum(p.verdict.seconds.values()) for p in pieces), 2),
+                loop=request.scene.sequence.loop,
+                resumed=resumed,
+            ),
+        ),
+        notes=(*notes, *(tell_unsliced(sliced) if request.printing else ())),
+        binding=prices if any(r.binding is not None for r in reports) else None,
+        slicer=None if sliced is None else report_slicing(sliced),
+    )
+
+
+def _list_views(
+    reports: Sequence[Report],
+    pieces: Sequence[WrittenPiece],
+    frames: Sequence[SequenceFrame],
+    motions: Sequence[Motion],
+) -> tuple[FrameView, ...]:
+    """The views of all frames, each with what its own part comes to."""
     views = []
     each = zip(reports, frames, pieces, strict=True)
     for number, (report, frame, piece) in enumerate(each, start=1):
-        account = frame.made.result.log
-        for view in report["views"]:
+        log = frame.made.result.log
+        for view in report.views:
             views.append(
-                {
-                    **view,
-                    "frame": number,
-                    "pieces": piece.targets[0].pieces,
-                    "knots": len(piece.made.knots.knots),
-                    "part": f"part-{number:02d}.stl",
-                    "status": report["status"],
-                    "motion": None if number == 1 else _motion(motions[number - 2]),
-                    "began_as": None if frame.origin is None else frame.origin + 1,
-                    "transported": frame.transported,
-                    "certificate": {**account.__dict__, "certified": account.certified},
-                    "mount": report["print"].get("mount", {"kind": "none"}),
-                    **{
-                        k: report["print"][k]
-                        for k in (*_OF_FRAME, *_SUMMED)
-                        if k in report["print"]
-                    },
-                    "notes": _own_notes(report, reports),
-                    **{k: report[k] for k in ("bending_plan",) if k in report},
-                    "failed": [c["name"] for c in list_unmet(report["checks"])],
-                }
+                FrameView(
+                    **vars(view),
+                    frame=number,
+                    pieces=piece.targets[0].pieces,
+                    knots=len(piece.made.knots.knots),
+                    part=f"part-{number:02d}.stl",
+                    status=report.status,
+                    motion=None if number == 1 else motions[number - 2],
+                    began_as=None if frame.origin is None else frame.origin + 1,
+                    transported=frame.transported,
+                    certificate=Certificate(**vars(log), certified=log.certified),
+                    mount=report.print.mount or MountFigures(kind="none"),
+                    **{key: getattr(report.print, key) for key in (*_OF_FRAME, *_SUMMED)},
+                    notes=_own_notes(report, reports),
+                    bending_plan=report.bending_plan,
+                    failed=tuple(check.name for check in list_unmet(report.checks)),
+                )
             )
-    first = reports[0]
-    volume = sum(r["print"]["volume_mm3"] for r in reports)
-    mass = sum(r["print"]["mass_g"] for r in reports)
-    print_ = {k: v for k, v in first["print"].items() if k not in _OF_FRAME}
-    print_ |= {"volume_mm3": volume, "mass_g": mass, "parts": len(reports)}
-    for key in _SUMMED:
-        if key in print_:
-            print_[key] = sum(r["print"][key] for r in reports)
-    if print_.get("filament_g"):
-        print_["support_share"] = print_["support_g"] / print_["filament_g"]
-    print_["drawings"] = [name for r in reports for name in r["print"].get("drawings", ())]
+    return tuple(views)
+
+
+def _sum_prints(reports: Sequence[Report], spun: Zoetrope | None) -> Print:
+    """What all parts come to together, and their zoetrope."""
+    first, prints = reports[0].print, [r.print for r in reports]
+    sums: dict[str, Any] = {
+        key: sum(getattr(one, key) for one in prints)
+        for key in ("volume_mm3", "mass_g", *_SUMMED)
+        if getattr(first, key) is not None
+    }
+    if sums.get("filament_g"):
+        sums["support_share"] = sums["support_g"] / sums["filament_g"]
+    ring = None
     if spun is not None:
-        print_["zoetrope"] = {
-            "scale": spun.scale,
-            "tube_radius_mm": spun.tube_radius_mm,
-            "diameter_mm": spun.diameter_mm,
-            "height_mm": spun.height_mm,
-            "gap_mm": spun.gap_mm,
-            "posts": list(spun.posts),
-        }
-    settings = {
-        k: v for k, v in first["settings"].items() if k not in ("certificate", "thickness_mm")
-    }
-    settings["thickness_mm"] = min(r["settings"]["thickness_mm"] for r in reports)
-    settings["sequence"] = {
-        "frames": len(reports),
-        "closing": _motion(motions[-1]),
-        "verification_s": round(sum(sum(p.verdict["seconds"].values()) for p in pieces), 2),
-    }
-    knotted = count_in_words(len(pieces[0].made.knots.knots))
-    report = assemble(
-        views=views,
-        checks=[*_together([r["checks"] for r in reports]), *checks],
-        effects=_effects(reports),
-        limits=_limits(reports),
-        timings={**progress.timings, "total": progress.total},
-        knots=[knot for r in reports for knot in r["knots"]],
-        print_=print_,
-        settings=settings,
-        notes=[
-            f"{len(reports)} frames of {knotted}, each a part of its own (part-NN.stl); the "
-            "picture that moves is sequence.gif.",
-            *advise(views, pieces[0].made.knots.radius_mm),
-            *_shared_notes(reports),
-        ],
-    )
-    prices = [
-        {**price, "frame": number}
-        for number, frame in enumerate(reports, start=1)
-        for price in frame.get("binding", ())
-    ]
-    return {**report, "binding": prices} if any("binding" in r for r in reports) else report
+        told = {key: value for key, value in vars(spun).items() if key != "mesh"}
+        ring = ZoetropeFigures(**told)
+    drawings = tuple(name for one in prints for name in one.drawings or ())
+    alone: dict[str, Any] = dict.fromkeys(_OF_FRAME)
+    return replace(first, **alone, **sums, parts=len(prints), drawings=drawings, zoetrope=ring)
 
 
-def advise(views: Sequence[Record], radius: float) -> list[str]:
+def advise(views: Sequence[FrameView], radius: float) -> list[str]:
     """A sentence for each frame that fails: which checks, and what to do about it."""
     found = []
     for number, view in enumerate(views, start=1):
-        failed = view["failed"]
+        failed = view.failed
         if not failed:
             continue
         # the motion into a frame stands with it
-        ways = [(v["motion"]["outline_mm"], k) for k, v in enumerate(views, start=1) if v["motion"]]
+        ways = [(v.motion.outline_mm, k) for k, v in enumerate(views, start=1) if v.motion]
         far, into = max((way for way in ways if way[1] in (number, number + 1)), default=(0.0, 0))
         if "limits" in failed:
             remedy = "give that limit more room in the scene, or draw this frame simpler"
-        elif view["pieces"] > view["knots"]:
+        elif view.pieces > view.knots:
             remedy = (
-                f"its {view['pieces']} pieces lie apart, and the strand that joins them shows: let them "
+                f"its {view.pieces} pieces lie apart, and the strand that joins them shows: let them "
                 "touch, or build each of them as a sequence of its own"
             )
         elif far > _FAR * radius:
@@ -226,88 +255,80 @@ def advise(views: Sequence[Record], radius: float) -> list[str]:
     return found
 
 
-def _own_notes(report: Record, reports: Sequence[Record]) -> list[str]:
+def _own_notes(report: Report, reports: Sequence[Report]) -> tuple[str, ...]:
     """Return the notes of a frame that are not those of every frame."""
-    return [note for note in report.get("notes", ()) if note not in _shared_notes(reports)]
+    return tuple(note for note in report.notes if note not in _shared_notes(reports))
 
 
-def _shared_notes(reports: Sequence[Record]) -> list[str]:
+def _shared_notes(reports: Sequence[Report]) -> list[str]:
     """The notes that every frame has."""
-    first, *others = (report.get("notes", ()) for report in reports)
+    first, *others = (report.notes for report in reports)
     return [note for note in first if all(note in notes for notes in others)]
 
 
-def _motion(motion: Motion) -> Record:
-    return {
-        "largest_mm": motion.largest_mm,
-        "mean_mm": motion.mean_mm,
-        "outline_mm": motion.outline_mm,
-        "limit_mm": motion.limit_mm,
-        "held": motion.held,
-    }
-
-
-def _together(all_checks: Sequence[Sequence[Record]]) -> list[Record]:
+def _together(all_checks: Sequence[Sequence[Check]]) -> list[Check]:
     """One line a check for all frames: the worst status, and the figures of a frame that has it."""
-    names = list(dict.fromkeys(c["name"] for checks in all_checks for c in checks))
+    names = list(dict.fromkeys(c.name for checks in all_checks for c in checks))
     found = []
     for name in names:
         lines = [
             (number, c)
             for number, checks in enumerate(all_checks, start=1)
             for c in checks
-            if c["name"] == name
+            if c.name == name
         ]
-        status = min((c["status"] for _, c in lines), key=_ORDER.index)
-        same = [(number, c) for number, c in lines if c["status"] == status]
+        status = min((c.status for _, c in lines), key=_ORDER.index)
+        same = [(number, c) for number, c in lines if c.status == status]
         sign = -1.0 if status == "fail" else 1.0
         number, worst = min(same, key=lambda line: sign * _room(line[1]))
         which = ", ".join(str(n) for n, _ in same)
-        said = f"frame {number} of {len(all_checks)} has least room: {worst['detail']}"
+        said = f"frame {number} of {len(all_checks)} has least room: {worst.detail}"
         if status == "fail":
-            said = f"frames {which}: {worst['detail']}"
+            said = f"frames {which}: {worst.detail}"
         elif status == "skipped":
-            said = worst["detail"]
-        found.append({**worst, "status": status, "detail": said})
+            said = worst.detail
+        found.append(replace(worst, status=status, detail=said))
     return found
 
 
-def _room(check: Record) -> float:
+def _room(check: Check) -> float:
     """Measure how close a check is to its limit; whichever side the limit is on, less is closer."""
-    measured, limit = check["measured"], check["limit"]
+    measured, limit = check.measured, check.limit
     if not isinstance(measured, int | float) or not isinstance(limit, int | float):
         return 0.0
     return abs(float(measured) - float(limit))
 
 
-def _effects(reports: Sequence[Record]) -> list[Record]:
+def _effects(reports: Sequence[Report]) -> tuple[EffectLine, ...]:
     """Each effect at its largest magnitude; calls, seconds and stages of all frames together."""
-    limits = {line["name"] for r in reports for line in r["limits"]}
-    every = [e for r in reports for e in r["effects"] if e["name"] not in limits]
     found = []
-    for name in dict.fromkeys(line["name"] for line in every):
-        line = _sum_lines(reports, "effects", name, lambda e: (e["simulated"], e["magnitude"]))
-        stages = [stage for e in every if e["name"] == name for stage in e["where"]]
-        found.append({**line, "where": list(dict.fromkeys(stages))})
-    return found
+    for lines in _by_name([r.effects for r in reports]):
+        worst = max(lines, key=lambda line: (line.simulated, line.magnitude))
+        where = tuple(dict.fromkeys(stage for line in lines for stage in line.where))
+        found.append(replace(worst, where=where, **_spent(lines)))
+    return tuple(found)
 
 
-def _limits(reports: Sequence[Record]) -> list[Record]:
+def _limits(reports: Sequence[Report]) -> tuple[LimitLine, ...]:
     """Each limit in the frame that comes nearest to it or goes furthest beyond."""
-    names = dict.fromkeys(line["name"] for r in reports for line in r["limits"])
 
-    def beyond(line: Record) -> float:
-        over = float(line["measured"]) - float(line["limit"])
-        return -over if line["name"] in LEAST else over
+    def beyond(line: LimitLine) -> float:
+        over = line.measured - line.limit
+        return -over if line.name in LEAST else over
 
-    return [_sum_lines(reports, "limits", name, beyond) for name in names]
+    each = _by_name([r.limits for r in reports])
+    return tuple(replace(max(lines, key=beyond), **_spent(lines)) for lines in each)
 
 
-def _sum_lines(
-    reports: Sequence[Record], section: str, name: str, worst: Callable[[Any], Any]
-) -> Record:
-    """The worst of all frames' lines of a name, with the calls and seconds of all."""
-    lines = [line for r in reports for line in r[section] if line["name"] == name]
-    seconds = round(sum(line["seconds"] for line in lines), 4)
-    calls = sum(line["calls"] for line in lines)
-    return {**max(lines, key=worst), "calls": calls, "seconds": seconds}
+def _by_name(frames: Sequence[Sequence[Line]]) -> list[list[Line]]:
+    """The lines of all frames, those of one name together."""
+    found: dict[str, list[Line]] = {}
+    for line in (line for lines in frames for line in lines):
+        found.setdefault(line.name, []).append(line)
+    return list(found.values())
+
+
+def _spent(lines: Sequence[EffectLine | LimitLine]) -> dict[str, Any]:
+    """The calls and seconds of all lines together."""
+    seconds = round(sum(line.seconds for line in lines), 4)
+    return {"calls": sum(line.calls for line in lines), "seconds": seconds}

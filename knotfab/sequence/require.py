@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from knotfab.base.errors import InputError
-from knotfab.scene.catalogue import resolve
 from knotfab_formats.scene import Scene
 
 __all__ = ["require_sequence"]
@@ -33,7 +32,7 @@ def require_sequence(scene: Scene) -> None:
             "a rectangle is about the subject of one picture, not of all frames",
             "Cut the frames out beforehand, or leave out --sequence",
         )
-    if resolve(scene).material.shrinkage_percent:
+    if scene.material.shrinkage_percent:
         raise InputError(
             "scene key material.shrinkage_percent",
             "the frames on their ring are written as they are to be",

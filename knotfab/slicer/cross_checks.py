@@ -13,10 +13,10 @@ from knotfab.geometry.meshes import Mesh, box_of
 from knotfab.geometry.tube import mesh_volume
 from knotfab.slicer.gcode import Gcode, points_along
 from knotfab.slicer.profile import INFILL_PERCENT, line_width
-from knotfab.slicer.result import CrossCheck
+from knotfab_formats.report import SlicerCheck
 from knotfab_formats.scene import Scene
 
-__all__ = ["compare_gcode", "compare_info"]
+__all__ = ["compare_gcode", "compare_info", "judge"]
 
 
 SPACING_MM = 1.0  # between points that stand for a printed line
@@ -29,7 +29,14 @@ BOX_MM = 1 / 64
 VOLUME_SHARE = 1 / 1024
 
 
-def compare_info(said: str, bodies: Sequence[Mesh]) -> tuple[int, CrossCheck]:
+def judge(
+    name: str, passed: bool, measured: float, limit: float, unit: str, detail: str
+) -> SlicerCheck:
+    """The outcome of one look."""
+    return SlicerCheck(name, "pass" if passed else "fail", measured, limit, unit, detail)
+
+
+def compare_info(said: str, bodies: Sequence[Mesh]) -> tuple[int, SlicerCheck]:
     """Check that `--info` lists one object, of the bodies' size, place and volume.
 
     Several would drop onto the bed each by itself. It is the one question in which PrusaSlicer says by
@@ -48,7 +55,7 @@ def compare_info(said: str, bodies: Sequence[Mesh]) -> tuple[int, CrossCheck]:
         closed = all(o["manifold"] == "yes" for o in found)
     except (KeyError, ValueError):  # nothing listed, or not in these words
         text = "PrusaSlicer does not say what it read from the file"
-        return len(found), CrossCheck("reading", False, float("nan"), BOX_MM, "mm", text)
+        return len(found), judge("reading", False, float("nan"), BOX_MM, "mm", text)
     off = float(np.abs(np.array(corners) - [low, high]).max())
     share = abs(read - volume) / volume
     passed = len(found) == 1 and off <= BOX_MM and share <= VOLUME_SHARE and closed
@@ -60,12 +67,12 @@ def compare_info(said: str, bodies: Sequence[Mesh]) -> tuple[int, CrossCheck]:
             f"PrusaSlicer reads {len(found)} object(s), {read / 1000:.3f} cm3{what}, {off:.3g} mm from "
             f"the size and place of the one of {volume / 1000:.3f} cm3 in the file"
         )
-    return len(found), CrossCheck("reading", passed, off, BOX_MM, "mm", detail)
+    return len(found), judge("reading", passed, off, BOX_MM, "mm", detail)
 
 
 def compare_gcode(
     gcode: Gcode, bodies: Sequence[Mesh], scene: Scene, shift: Array
-) -> list[CrossCheck]:
+) -> list[SlicerCheck]:
     """The printed lines against the bodies, moved by `shift` (3,) to their place on the bed.
 
     - `bed`: every line, supports too, inside the build volume;
@@ -86,7 +93,7 @@ def compare_gcode(
     ]
 
 
-def _bed(gcode: Gcode, scene: Scene, width: float) -> CrossCheck:
+def _bed(gcode: Gcode, scene: Scene, width: float) -> SlicerCheck:
     room = np.array(scene.printer.build_volume_mm)
     half = np.array([width / 2, width / 2, 0.0])
     over = float(max((half - gcode.low)[:2].max(), (gcode.high + half - room).max()))
@@ -96,10 +103,10 @@ def _bed(gcode: Gcode, scene: Scene, width: float) -> CrossCheck:
         if over <= 0
         else f"what is printed, {what}, reaches {over:.2f} mm out of the build volume"
     )
-    return CrossCheck("bed", over <= 0, over, 0.0, "mm", detail)
+    return judge("bed", over <= 0, over, 0.0, "mm", detail)
 
 
-def _place(gcode: Gcode, low: Array, high: Array, width: float, layer: float) -> CrossCheck:
+def _place(gcode: Gcode, low: Array, high: Array, width: float, layer: float) -> SlicerCheck:
     ends = np.concatenate([gcode.start, gcode.end])
     half = np.array([width / 2, width / 2, 0.0])
     first = ends.min(axis=0) - half - [0.0, 0.0, layer]
@@ -112,10 +119,10 @@ def _place(gcode: Gcode, low: Array, high: Array, width: float, layer: float) ->
         if share <= 1
         else f"the printed part begins or ends {off.max():.2f} mm from where the mesh does"
     )
-    return CrossCheck("place", share <= 1, share, 1.0, "lines or layers", detail)
+    return judge("place", share <= 1, share, 1.0, "lines or layers", detail)
 
 
-def _surface(gcode: Gcode, bodies: Sequence[Mesh], shift: Array, limit: float) -> CrossCheck:
+def _surface(gcode: Gcode, bodies: Sequence[Mesh], shift: Array, limit: float) -> SlicerCheck:
     from scipy.spatial import cKDTree
 
     tree = cKDTree(points_along(gcode.start, gcode.end, SPACING_MM))
@@ -133,7 +140,7 @@ def _surface(gcode: Gcode, bodies: Sequence[Mesh], shift: Array, limit: float) -
         if worst <= limit
         else f"shell {shell} is not printed at ({place}): the nearest line is {worst:.2f} mm away"
     )
-    return CrossCheck("surface", worst <= limit, worst, limit, "mm", detail)
+    return judge("surface", worst <= limit, worst, limit, "mm", detail)
 
 
 def _sample(body: Mesh, wanted: int) -> Array:
@@ -145,7 +152,7 @@ def _sample(body: Mesh, wanted: int) -> Array:
     return points
 
 
-def _filament(gcode: Gcode, bodies: Sequence[Mesh]) -> CrossCheck:
+def _filament(gcode: Gcode, bodies: Sequence[Mesh]) -> SlicerCheck:
     volume = _volume_mm3(bodies) / 1000
     laid = gcode.filament_cm3 * (1 - gcode.support_share)
     share = laid / volume
@@ -153,17 +160,17 @@ def _filament(gcode: Gcode, bodies: Sequence[Mesh]) -> CrossCheck:
     detail = f"{laid:.2f} cm3 of filament for {volume:.2f} cm3 of part, supports left out"
     if not passed:
         detail += f": between {INFILL_PERCENT} % and {MOST_FILAMENT:.0%} is plausible"
-    return CrossCheck("filament", passed, share, MOST_FILAMENT, "of the mesh's volume", detail)
+    return judge("filament", passed, share, MOST_FILAMENT, "of the mesh's volume", detail)
 
 
-def _layers(gcode: Gcode, bodies: Sequence[Mesh], bottom: float, layer: float) -> CrossCheck:
+def _layers(gcode: Gcode, bodies: Sequence[Mesh], bottom: float, layer: float) -> SlicerCheck:
     """A layer is there where its middle height cuts a body."""
     tops = [(v[:, 2].min() - bottom, v[:, 2].max() - bottom) for v, _ in bodies]
     middles = (np.arange(ceil(max(high for _, high in tops) / layer) + 1) + 0.5) * layer
     wanted = sum(any(low <= z < high for low, high in tops) for z in middles)
     off = abs(gcode.layers - wanted)
     detail = f"{gcode.layers} layers of the part, where its height at {layer:g} mm makes {wanted}"
-    return CrossCheck("layers", off <= LAYERS_OFF, float(off), LAYERS_OFF, "layers", detail)
+    return judge("layers", off <= LAYERS_OFF, float(off), LAYERS_OFF, "layers", detail)
 
 
 def _volume_mm3(bodies: Sequence[Mesh]) -> float:

@@ -3,21 +3,10 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+
+from knotfab_formats.report import SlicerWarning
 
 __all__ = ["SlicerWarning", "explain_warning", "read_warnings"]
-
-
-@dataclass(frozen=True)
-class SlicerWarning:
-    """One warning: what it says; what it means for this part; whether that settles it.
-
-    `explanation` is empty where nobody knows it. A warning that is not settled fails the part.
-    """
-
-    text: str
-    explanation: str = ""
-    settled: bool = False
 
 
 # The first pattern found in the text decides; the words are those of versions 2.5 to 2.9.

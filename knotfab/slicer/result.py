@@ -7,21 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
-from knotfab.slicer.known_warnings import SlicerWarning
+from knotfab_formats.report import SlicerCheck, SlicerWarning
 
-__all__ = ["CrossCheck", "NotSliced", "Sliced", "sum_slicings"]
-
-
-@dataclass(frozen=True)
-class CrossCheck:
-    """One of knotfab's own looks at PrusaSlicer's reading of the file."""
-
-    name: str
-    passed: bool
-    measured: float
-    limit: float
-    unit: str
-    detail: str
+__all__ = ["NotSliced", "Sliced", "sum_slicings"]
 
 
 @dataclass(frozen=True)
@@ -37,7 +25,7 @@ class Sliced:
     layers: int
     objects: int  # objects counted in the 3MF
     warnings: tuple[SlicerWarning, ...]
-    checks: tuple[CrossCheck, ...]
+    checks: tuple[SlicerCheck, ...]
     command: str
     profile: dict[str, str] = field(hash=False)
     seconds: float  # seconds of slicing

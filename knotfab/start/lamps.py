@@ -82,7 +82,7 @@ def start_by_lamp(
 
 def on_axis(target: TargetView) -> TargetView:
     """The same view with its lamp on the axis."""
-    view = target.view.model_copy(update={"light_right_mm": 0.0, "light_up_mm": 0.0})
+    view = target.view.but(light_right_mm=0.0, light_up_mm=0.0)
     at = view.wall_distance_mm / (view.wall_distance_mm + view.light_distance_mm)
     aside = -at * np.array([target.view.light_right_mm, target.view.light_up_mm])
     moved = shapely.transform(target.polygon, lambda points: points + aside)

@@ -25,7 +25,6 @@ from knotfab.torch_forms.ellipse import (
 __all__ = [
     "Outlines",
     "clip_segments",
-    "contact_corners",
     "outline_capsules",
     "outline_distance",
     "tangent_normals",
@@ -91,22 +90,6 @@ def tangent_normals(
         exist = ((length > _TINY) & (square > _GRAZING))[:, 0]
         across = square.clamp_min(0.0).sqrt() * torch.linalg.cross(along, foot)
         return torch.stack([ratio * foot + across, ratio * foot - across]), exist
-
-
-def contact_corners(
-    a: Tensor,  # [n, 3]
-    b: Tensor,  # [n, 3]
-    radius: float,
-    focal_z: float,
-) -> tuple[Tensor, Tensor]:
-    """The quadrilateral: corners [n, 4, 2] P1, P2 (on a's ellipse), P4, P3 (on b's) and whether it exists.
-
-    Not differentiable. The corners are the images of the lines in which the planes touch the cylinder.
-    """
-    normals, exist = tangent_normals(a, b, radius)
-    one, two = (ends - radius * normals for ends in (a, b))
-    points = torch.stack([one[0], one[1], two[1], two[0]], 1)
-    return focal_z * points[..., :2] / points[..., 2:].clamp_min(_TINY), exist
 
 
 @dataclass(frozen=True)

@@ -251,5 +251,5 @@ class FreePose:
             "wall_distance_mm": numbers.wall_distance_mm,
         }
         one = problem.views[0]
-        view = replace(one, view=one.view.model_copy(update=lengths))
+        view = replace(one, view=one.view.but(**lengths))
         return replace(problem, views=(view,)), points @ turn_of(numbers), numbers

@@ -16,7 +16,6 @@ from knotfab_formats.search import SearchSettings
 __all__ = [
     "Measured",
     "Step",
-    "beaten_by",
     "frontier",
     "halve",
     "list_effects",
@@ -124,17 +123,6 @@ def frontier(measured: Sequence[Measured], middle: Measured | None = None) -> li
         if not best or one.error < best[-1].error:
             best.append(one)
     return best
-
-
-def beaten_by(one: Measured, others: Sequence[Measured]) -> float:
-    """Return the factor by which a point is faster at no more error, or better in no more time; or 1."""
-    factor = 1.0
-    for other in others:
-        if other.error <= one.error:
-            factor = max(factor, one.seconds / other.seconds)
-        if other.seconds <= one.seconds:
-            factor = max(factor, one.error / other.error)
-    return factor
 
 
 def _distance(one: Measured, others: Sequence[Measured]) -> float:

@@ -41,7 +41,6 @@ __all__ = [
     "find_shadows",
     "outline_error_px",
     "run_point",
-    "true_iou",
     "warm_up",
 ]
 
@@ -65,8 +64,8 @@ class Study:
     def _asked(self) -> str:
         """Digest all that a run depends on beside its settings."""
         scene = self.question.scene
-        same = {"search": {}, "accuracy": scene.accuracy.model_copy(update={"name": "standard"})}
-        digest = hashlib.sha256(scene.model_copy(update=same).model_dump_json().encode())
+        same = {"search": {}, "accuracy": scene.accuracy.but(name="standard")}
+        digest = hashlib.sha256(scene.but(**same).model_dump_json().encode())
         for target in self.question.problem.views:
             digest.update(repr(target.mask.shape).encode() + np.packbits(target.mask).tobytes())
         return digest.hexdigest()
@@ -115,11 +114,6 @@ def find_shadows(
         seen = image.seen(knots.points, knots.rings, knots.radius_mm)
         found.append((seen, image.target > 0.5))
     return found
-
-
-def true_iou(problem: Problem, knots: Knots, device: str = "cpu") -> float:
-    """IoU of the round tube's silhouette, at 1024 px, with the picture that it draws worst."""
-    return min(mask_iou(*masks) for masks in find_shadows(problem, knots, device))
 
 
 def outline_error_px(seen: Mask, wanted: Mask, slit_px: float = 0.0) -> float:
@@ -231,4 +225,4 @@ def warm_up(study: Study, settings: SearchSettings) -> None:
     """A few iterations, so that no point pays for a process's loading and compiling."""
     few: dict[str, Any] = {"coarse_iterations": 2, "fine_iterations": 2, "settle_iterations": 2}
     few |= {"method": "flow", "depth_candidates": 2, "radius_candidates": 2}
-    run_point(study, settings.model_copy(update=few))
+    run_point(study, settings.but(**few))

@@ -55,7 +55,7 @@ class Knob:
         if not self.keys:
             return settings if value == 1.0 else settings.scaled(value)
         given = value if len(self.keys) > 1 else (value,)
-        return settings.model_copy(update=dict(zip(self.keys, given, strict=True)))
+        return settings.but(**dict(zip(self.keys, given, strict=True)))
 
     def label(self, value: Any) -> str:
         """The value in words."""

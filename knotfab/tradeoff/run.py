@@ -101,7 +101,7 @@ def tradeoff(
     Raises:
         InputError: a picture or the folder is wrong; SceneError: no tube draws a picture.
     """
-    scene = scene.model_copy(update={"views": scene.views[:1]})
+    scene = scene.but(views=scene.views[:1])
     targets = [read_target(source, scene.views[0], base=base) for source in sources]
     studies = [Study(t.name, ask(scene, [t]), device) for t in targets]
     run = run_all(studies, jobs)

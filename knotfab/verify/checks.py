@@ -1,63 +1,27 @@
-"""The one rule of what passes, and the one list of check names, for checks in the report's form."""
+"""The one list of check names, and how checks are shown."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from typing import Any
+from collections.abc import Iterable
 
 from knotfab_formats.checks import FILES, HELD, KNOTS, MESH, PLATES, PRINTING, SHADOWS, TABLE, TUBE
-from knotfab_validators.check import Check
-from knotfab_validators.verdict import exit_code_of
+from knotfab_formats.verdict import Check, Verdict
 
 __all__ = [
     "CHECKS",
-    "exit_code",
-    "list_unmet",
     "mark_of",
     "place_of",
     "tally_checks",
     "verdict_without_part",
 ]
 
-Record = dict[str, Any]
-
-STATES = ("pass", "fail", "skipped")
 # names that `--skip` knows: the validators' checks, the rendering that some of them use, the slicer
-CHECKS = (
-    "shadow-render",
-    "slicer",
-    *SHADOWS,
-    *KNOTS,
-    *MESH,
-    *FILES,
-    *TUBE,
-    *HELD,
-    *PRINTING,
-    *PLATES,
-    *TABLE,
-)
+_OF_PRINT = (*HELD, *PRINTING, *PLATES, *TABLE)
+CHECKS = ("shadow-render", "slicer", *SHADOWS, *KNOTS, *MESH, *FILES, *TUBE, *_OF_PRINT)
 
 
-def exit_code(checks: Iterable[Mapping[str, Any]]) -> int:
-    """0 where every required check passed, 1 where one failed, else 3 where one could not run.
-
-    Raises:
-        ValueError: a check has no known status.
-    """
-    states = [(bool(check["required"]), str(check["status"])) for check in _list_known(checks)]
-    return exit_code_of(states)
-
-
-def list_unmet(checks: Iterable[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
-    """The required checks that did not pass: a skipped one proves nothing."""
-    return [
-        check for check in _list_known(checks) if check["required"] and check["status"] != "pass"
-    ]
-
-
-def place_of(check: Mapping[str, Any]) -> int:
-    """Return the place of a check in a report: as in `CHECKS`, and others after these."""
-    name = str(check["name"])
+def place_of(name: str) -> int:
+    """Where the check of this name stands in a report: as in `CHECKS`, and others after these."""
     return CHECKS.index(name) if name in CHECKS else len(CHECKS)
 
 
@@ -66,17 +30,17 @@ _TALLIED |= {"skipped": "skipped", "info": "for information"}
 _FEW = 4  # checks that are named
 
 
-def mark_of(check: Mapping[str, Any]) -> str:
+def mark_of(check: Check) -> str:
     """Return the mark of a check: its status, but "warn" where one fails that is not required."""
-    fails = check["status"] == "fail" and not check["required"]
-    return "warn" if fails else str(check["status"])
+    fails = check.status == "fail" and not check.required
+    return "warn" if fails else check.status
 
 
-def tally_checks(checks: Iterable[Mapping[str, Any]]) -> str:
+def tally_checks(checks: Iterable[Check]) -> str:
     """Say how many passed, and which did not: "35 passed, 1 skipped: slicer"."""
     names: dict[str, list[str]] = {}
     for check in checks:
-        names.setdefault(mark_of(check), []).append(check["name"])
+        names.setdefault(mark_of(check), []).append(check.name)
     told = []
     for mark, word in _TALLIED.items():
         if found := names.get(mark, []):
@@ -85,15 +49,17 @@ def tally_checks(checks: Iterable[Mapping[str, Any]]) -> str:
     return ", ".join(told)
 
 
-def verdict_without_part(why: str) -> Record:
+def verdict_without_part(why: str) -> Verdict:
     """The verdict on a piece of which no part could be made."""
-    part = Check("part", "fail", True, None, None, "", why).to_dict()
-    return {"status": "fail", "exit_code": 1, "checks": [part], "views": [], "seconds": {}}
-
-
-def _list_known(checks: Iterable[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
-    found = list(checks)
-    for check in found:
-        if check["status"] not in STATES:
-            raise ValueError(f"check {check['name']!r} has the status {check['status']!r}")
-    return found
+    return Verdict(
+        status="fail",
+        exit_code=1,
+        conclusion="",
+        size_mm=None,
+        notes=(),
+        checks=(Check("part", "fail", True, None, None, "", why),),
+        views=(),
+        colours=None,
+        picture=None,
+        seconds={},
+    )

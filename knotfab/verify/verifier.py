@@ -16,9 +16,11 @@ from typing import Any
 
 from knotfab.base.errors import InputError, MachineError
 from knotfab.base.pool import Crash, Workers, count_jobs
+from knotfab.verify.checks import place_of
+from knotfab_formats.records import read_as
+from knotfab_formats.verdict import Verdict
 
 __all__ = [
-    "VERDICT_KEYS",
     "Answer",
     "Files",
     "Verifier",
@@ -26,9 +28,7 @@ __all__ = [
     "load_early",
 ]
 
-# keys of a verdict, for readers
-VERDICT_KEYS = "status", "conclusion", "size_mm", "notes", "checks", "views", "colours", "picture"
-LIMIT_S = 1800.0  # seconds for one part, from when its verdict is waited for
+LIMIT_S = 1800.0  # of one part, from when its verdict is waited for
 _MODULE = "knotfab_validators.service"
 _HALVES = ("geometry", "shadows")
 # Two builds side by side, on threads, do not read each other's answers.
@@ -108,8 +108,7 @@ class Verifier:
             ...
             verdict = answer.result()
 
-    A verdict is the validators': {"status", "exit_code", "checks", "views", "picture", "seconds"}, its checks
-    in the order of `CHECKS`.
+    A verdict has its checks in the order of `CHECKS`.
 
     Args:
         skip: the checks to leave out, of every piece.
@@ -153,7 +152,7 @@ class Answer:
 
     verdict: Future[dict[str, Any]]
 
-    def result(self) -> dict[str, Any]:
+    def result(self) -> Verdict:
         """Wait for it."""
         try:
             answer = self.verdict.result(LIMIT_S)
@@ -167,9 +166,8 @@ class Answer:
             ) from late
         if "error" in answer:
             raise explain_unreadable(str(answer["error"]))
-        from knotfab.verify.checks import place_of  # imports numpy, not before the child has begun
-
-        return {**answer, "checks": sorted(answer["checks"], key=place_of)}
+        checks = sorted(answer["checks"], key=lambda check: place_of(check["name"]))
+        return read_as(Verdict, {**answer, "checks": checks})
 
 
 @contextmanager

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 from knotfab.base.arrays import Mask
 from knotfab.picture.opening import opening_iou, thickest_radius
 from knotfab.picture.silhouette import trace_polygon
 from knotfab_formats.scene import Material, ResolvedView
+from knotfab_formats.verdict import Check
 
 __all__ = ["WireFrame", "measure_frame"]
 
@@ -30,8 +30,8 @@ class WireFrame:
     most_iou: float
     enough_mm: float | None
 
-    def check(self, material: Material) -> dict[str, Any]:
-        """`wire_frame`, in the report's form; not required, since the picture's own floor is."""
+    def check(self, material: Material) -> Check:
+        """`wire_frame`; not required, since the picture's own floor is."""
         from knotfab_validators.check import at_least
 
         wide = f"a frame {self.width_mm:g} mm wide"
@@ -43,8 +43,7 @@ class WireFrame:
             text += ": too small for this wire"
             if self.enough_mm is not None:
                 text += f"; {self.enough_mm:.0f} mm and more would do"
-        check = at_least("wire_frame", self.most_iou, ENOUGH_IOU, "", text, required=False)
-        return check.to_dict()
+        return at_least("wire_frame", self.most_iou, ENOUGH_IOU, "", text, required=False)
 
 
 def measure_frame(mask: Mask, view: ResolvedView, material: Material) -> WireFrame:

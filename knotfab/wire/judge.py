@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,15 +13,15 @@ from knotfab.base.arrays import Array, Mask
 from knotfab.knots import Knots
 from knotfab.wire.bends import BendList
 from knotfab.wire.replay import (
-    Deviation,
-    Sensitivity,
     measure_deviation,
     measure_least_distance,
     measure_sensitivity,
     replay,
 )
 from knotfab.wire.residual import DEPTH_FACTOR
+from knotfab_formats.report import BentWire
 from knotfab_formats.scene import Material, ResolvedScene, ResolvedView
+from knotfab_formats.verdict import Check
 
 if TYPE_CHECKING:
     from knotfab_validators.shadows.view import ViewGeometry
@@ -30,7 +30,6 @@ __all__ = [
     "Judge",
     "PieceShadow",
     "Verdict",
-    "WireKnot",
     "cast_shadows",
     "check_type",
     "check_wire",
@@ -39,40 +38,6 @@ __all__ = [
 
 _TOUCH_MM = 0.01  # strands may come this much nearer than one diameter: they touch
 _SHORT_MM = 0.01  # the shortest straight, for rounding
-
-
-@dataclass(frozen=True)
-class WireKnot:
-    """One knot's plan as its file gives it (mm, degrees)."""
-
-    file: str
-    length_mm: float
-    bends: int
-    deviation: Deviation
-    closing_mm: float
-    shortest_straight_mm: float
-    largest_bend_deg: float
-    joint_straight_mm: float
-    joint_hidden: bool
-    sensitivity: Sensitivity
-
-    def to_dict(self) -> dict[str, Any]:
-        """Keys for the report."""
-        return {
-            "file": self.file,
-            "length_mm": self.length_mm,
-            "bends": self.bends,
-            "deviation_mm": self.deviation.largest,
-            "deviation_mean_mm": self.deviation.mean,
-            "deviation_across_mm": self.deviation.across,
-            "closing_error_mm": self.closing_mm,
-            "shortest_straight_mm": self.shortest_straight_mm,
-            "largest_bend_deg": self.largest_bend_deg,
-            "joint_straight_mm": self.joint_straight_mm,
-            "joint_hidden": self.joint_hidden,
-            "end_moves_mm_per_deg": self.sensitivity.worst,
-            "end_moves_mm_for_1_deg_everywhere": self.sensitivity.typical,
-        }
 
 
 @dataclass(frozen=True)
@@ -145,12 +110,12 @@ def _cast_shadow(curves: list[Array], radius: float, geometry: ViewGeometry) -> 
 
 @dataclass(frozen=True)
 class Verdict:
-    """The result of bending all rows; `ious` by the views' names, `checks` in the report's form."""
+    """What came of bending all rows; `ious` by the views' names, with its checks."""
 
-    knots: tuple[WireKnot, ...]
+    knots: tuple[BentWire, ...]
     ious: dict[str, float]
     least_distance_mm: float
-    checks: tuple[dict[str, Any], ...]
+    checks: tuple[Check, ...]
 
 
 @dataclass(frozen=True)
@@ -181,26 +146,30 @@ class Judge:
 
 def _measure_knot(
     name: str, plan: BendList, line: Array, curve: Array, lights: Sequence[Array], hidden: bool
-) -> WireKnot:
+) -> BentWire:
     """The result of one file, beside the knot that it stands for."""
     bent = [r for r in plan.bends if r.bend_deg > 0]
     joint = plan.bends[0].feed_mm + plan.bends[-1].feed_mm
-    return WireKnot(
+    off, error = measure_deviation(curve, line[:-1], lights), measure_sensitivity(plan)
+    return BentWire(
         file=name,
         length_mm=plan.length_mm,
         bends=len(bent),
-        deviation=measure_deviation(curve, line[:-1], lights),
-        closing_mm=float(np.linalg.norm(line[-1] - line[0])),
+        deviation_mm=off.largest,
+        deviation_mean_mm=off.mean,
+        deviation_across_mm=off.across,
+        closing_error_mm=float(np.linalg.norm(line[-1] - line[0])),
         shortest_straight_mm=min([r.feed_mm for r in bent[1:]] + [joint]),
         largest_bend_deg=max((r.bend_deg for r in bent), default=0.0),
         joint_straight_mm=joint,
         joint_hidden=hidden,
-        sensitivity=measure_sensitivity(plan),
+        end_moves_mm_per_deg=error.worst,
+        end_moves_mm_for_1_deg_everywhere=error.typical,
     )
 
 
-def check_type(plans: Sequence[BendList], types: Sequence[str]) -> dict[str, Any]:
-    """`wire_type`, in the report's form: the bent wires are the knots that they stand for, and apart.
+def check_type(plans: Sequence[BendList], types: Sequence[str]) -> Check:
+    """`wire_type`: the bent wires are the knots that they stand for, and apart.
 
     Bends are cut to chords of 20 degrees or less, which keeps the type as long as no strands touch.
     """
@@ -212,36 +181,36 @@ def check_type(plans: Sequence[BendList], types: Sequence[str]) -> dict[str, Any
     # the worse of the two checks decides; the detail quotes both
     worst = max(both, key=lambda check: ("pass", "skipped", "fail").index(check.status))
     detail = "; ".join(f"{check.name}: {check.detail}" for check in both)
-    return replace(worst, name="wire_type", detail=detail, at=()).to_dict()
+    return replace(worst, name="wire_type", detail=detail, at=())
 
 
 def check_wire(
-    found: tuple[WireKnot, ...],
+    found: tuple[BentWire, ...],
     material: Material,
     tolerance: float,
     ious: Mapping[str, float],
     floor: float,
     least: float,
-) -> tuple[dict[str, Any], ...]:
-    """The checks of a plan that was bent again, in the report's form."""
+) -> tuple[Check, ...]:
+    """The checks of a plan that was bent again."""
     from knotfab_validators.check import at_least, at_most
 
     view = min(ious, key=lambda name: ious[name])
-    across = max(found, key=lambda k: k.deviation.across)
-    along = max(found, key=lambda k: k.deviation.largest)
+    across = max(found, key=lambda k: k.deviation_across_mm)
+    along = max(found, key=lambda k: k.deviation_mm)
     straight = min(found, key=lambda k: k.shortest_straight_mm)
     sharp = max(found, key=lambda k: k.largest_bend_deg)
-    checks = [
+    return (
         at_least(
             "wire_shadow", ious[view], floor, "", "IoU of the picture and the shadow of the wire as the "
             f"bending plan's files give it, view {view}",
         ),
         at_most(
-            "wire_deviation", across.deviation.across, tolerance, "mm",
+            "wire_deviation", across.deviation_across_mm, tolerance, "mm",
             f"largest distance of the bent wire from the knot, across the light's rays ({across.file})",
         ),
         at_most(
-            "wire_depth", along.deviation.largest, DEPTH_FACTOR * tolerance, "mm",
+            "wire_depth", along.deviation_mm, DEPTH_FACTOR * tolerance, "mm",
             f"largest distance of the bent wire from the knot in any direction ({along.file})",
         ),
         at_least(
@@ -257,8 +226,7 @@ def check_wire(
             f"largest bend ({sharp.file})",
         ),
         at_most(
-            "wire_closing", max(k.closing_mm for k in found), tolerance, "mm",
+            "wire_closing", max(k.closing_error_mm for k in found), tolerance, "mm",
             "distance of the two ends that meet in the joint",
         ),
-    ]  # fmt: skip
-    return tuple(c.to_dict() for c in checks)
+    )  # fmt: skip

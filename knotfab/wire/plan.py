@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -19,12 +18,14 @@ from knotfab.wire.bends import BendList, list_bends
 from knotfab.wire.csv_file import read_bends, write_bends
 from knotfab.wire.fit import FitLimits, fit_wires
 from knotfab.wire.frame import WireFrame, measure_frame
-from knotfab.wire.judge import Judge, PieceShadow, WireKnot, cast_shadows
+from knotfab.wire.judge import Judge, PieceShadow, cast_shadows
 from knotfab.wire.likeness import GridLikeness
 from knotfab.wire.replay import replay
 from knotfab.wire.residual import DEPTH_FACTOR
 from knotfab.wire.template_pdf import draw_views, write_templates
+from knotfab_formats.report import BendingPlan, BentWire
 from knotfab_formats.scene import Material, ResolvedScene
+from knotfab_formats.verdict import Check, list_unmet
 
 __all__ = ["IOU_LOSS", "WirePlan", "bend_radius_mm", "write_bending_plan"]
 
@@ -39,10 +40,10 @@ _SLEEVE_MM = 8.0  # the length of a crimp or a soldered tube over both ends
 
 @dataclass(frozen=True)
 class WirePlan:
-    """The written files and the result of bending them; `checks` are in the report's form."""
+    """What was written and what bending it gives."""
 
     files: tuple[str, ...]
-    knots: tuple[WireKnot, ...]
+    knots: tuple[BentWire, ...]
     length_mm: float
     mass_g: float
     ious: dict[str, float]  # keyed by the view's name
@@ -50,7 +51,7 @@ class WirePlan:
     tolerance_mm: float
     pages: dict[str, int]
     frame: WireFrame
-    checks: tuple[dict[str, Any], ...]
+    checks: tuple[Check, ...]
 
     @property
     def iou(self) -> float:
@@ -58,27 +59,23 @@ class WirePlan:
         return min(self.ious.values())
 
     @property
-    def status(self) -> str:
-        failed = any(c["required"] and c["status"] != "pass" for c in self.checks)
-        return "fail" if failed else "pass"
-
-    def to_dict(self) -> dict[str, Any]:
-        """The report's `bending_plan`."""
-        return {
-            "status": self.status,
-            "files": list(self.files),
-            "length_mm": self.length_mm,
-            "mass_g": self.mass_g,
-            "bends": sum(k.bends for k in self.knots),
-            "iou": self.iou,
-            "iou_of_views": self.ious,
-            "least_distance_mm": self.least_distance_mm,
-            "tolerance_mm": self.tolerance_mm,
-            "pages": self.pages,
-            "frame_width_mm": self.frame.width_mm,
-            "enough_frame_width_mm": self.frame.enough_mm,
-            "knots": [k.to_dict() for k in self.knots],
-        }
+    def figures(self) -> BendingPlan:
+        """What a report says of it."""
+        return BendingPlan(
+            status="fail" if list_unmet(self.checks) else "pass",
+            files=self.files,
+            length_mm=self.length_mm,
+            mass_g=self.mass_g,
+            bends=sum(k.bends for k in self.knots),
+            iou=self.iou,
+            iou_of_views=self.ious,
+            least_distance_mm=self.least_distance_mm,
+            tolerance_mm=self.tolerance_mm,
+            pages=self.pages,
+            frame_width_mm=self.frame.width_mm,
+            enough_frame_width_mm=self.frame.enough_mm,
+            knots=self.knots,
+        )
 
 
 def bend_radius_mm(material: Material) -> float:
@@ -152,7 +149,7 @@ def write_bending_plan(
         ]
         hidden = [h for _, h in joints]
         tried = judge.of(rows, names, hidden)
-        failed = sum(c["status"] != "pass" for c in tried.checks)
+        failed = sum(check.status != "pass" for check in tried.checks)
         rank = (failed, -min(tried.ious.values()))
         if best is None or rank < best[0]:
             best = (rank, rows, hidden)
@@ -257,7 +254,7 @@ def _write_header(
     }
 
 
-def _list_facts(found: tuple[WireKnot, ...], material: Material, tolerance: float) -> list[str]:
+def _list_facts(found: tuple[BentWire, ...], material: Material, tolerance: float) -> list[str]:
     """The words of the templates' first page."""
     length = sum(k.length_mm for k in found)
     lines = [
@@ -272,7 +269,7 @@ def _list_facts(found: tuple[WireKnot, ...], material: Material, tolerance: floa
             f"{k.file}: {k.length_mm:.1f} mm, {k.bends} bends up to {k.largest_bend_deg:.0f} degrees, "
             f"shortest straight {k.shortest_straight_mm:.1f} mm.",
             f"    One degree of error in one bend moves the other end by up to "
-            f"{k.sensitivity.worst:.1f} mm: lay the wire on the templates after every few bends.",
+            f"{k.end_moves_mm_per_deg:.1f} mm: lay the wire on the templates after every few bends.",
         ]
     lines += [
         "",

@@ -29,10 +29,10 @@ from knotfab.design.prices import SHORT, price_limits
 from knotfab.picture.read import read_target
 from knotfab.picture.silhouette import trace_polygon
 from knotfab.report.of_build import check_limits, tell_binding
-from knotfab.report.report_json import plain
 from knotfab.start.filling import fill, template_iou
 from knotfab.start.start import make_start
 from knotfab.torch_forms.network import Coupling
+from knotfab_formats.records import plain
 from knotfab_formats.scene import Scene
 from knotfab_formats.search import PRESETS
 
@@ -191,8 +191,8 @@ def test_a_length_budget_below_need_is_named_with_its_price(
     assert made.result.feasible
     assert made.result.feasibility.length_mm <= 600.0
     assert "max_length_mm = 600 mm" in tell_binding(made)[0]
-    assert json.loads(json.dumps(plain(price.to_dict())))["keys"] == ["[material] max_length_mm"]
-    assert check_limits(made)["status"] == ("pass" if made.unmet is None else "fail")
+    assert json.loads(json.dumps(plain(price)))["keys"] == ["[material] max_length_mm"]
+    assert check_limits(made).status == ("pass" if made.unmet is None else "fail")
 
 
 @pytest.mark.parametrize("name", HUNTS)

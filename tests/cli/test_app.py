@@ -549,9 +549,9 @@ def test_a_verifier_answers_for_several_pieces(tmp_path: Path) -> None:
         with pytest.raises(InputError):
             answers[0].result()
         first, second = (answer.result() for answer in answers[1:])
-        assert first["checks"] == second["checks"] and first["exit_code"] == 0
+        assert first.checks == second.checks and first.exit_code == 0
         skipped = verifier.submit(Files(None, good), ["thickness"]).result()
-        assert {c["name"]: c["status"] for c in skipped["checks"]}["thickness"] == "skipped"
+        assert {c.name: c.status for c in skipped.checks}["thickness"] == "skipped"
         pending = [verifier.submit(Files(None, good)) for _ in range(50)]
     assert pending[-1].verdict.cancelled()
 

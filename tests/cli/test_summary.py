@@ -4,17 +4,16 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from reports import VERDICT, check_of, report_with
 
 from knotfab.cli.summary import print_checks, print_summary
 from knotfab.request import Outcome
 
 
-def outcome(word: str | None, code: int = 0) -> Outcome:
-    verdict = None if word is None else {"word": word, "reasons": ["3 gaps are bridged"]}
-    report: dict[str, Any] = {
-        "verdict": verdict, "timings": {"total": 12.0}, "views": [], "knots": [{}], "checks": [],
-        "print": {"bounding_box_mm": [1, 2, 3], "mass_g": 5.0}, "settings": {"tube_radius_mm": 2.0},
-    }  # fmt: skip
+def outcome(word: str | None, code: int = 0, **sections: Any) -> Outcome:
+    said = {**VERDICT, "word": word, "reasons": ["3 gaps are bridged"]}
+    sections["print"] = {"bounding_box_mm": [1, 2, 3], "mass_g": 5.0, **sections.get("print", {})}
+    report = report_with(**{"verdict": None if word is None else said, "views": [], **sections})
     return Outcome(code, report, Path("out"))
 
 
@@ -32,9 +31,8 @@ def test_the_first_line_says_what_the_shadow_is_like(
 def test_the_last_line_says_what_it_takes_and_where_to_look(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    done = outcome("good")
-    done.report["print"] |= {"time_s": 9000.0, "filament_g": 42.0, "support_share": 0.31}
-    print_summary(done)
+    taken = {"time_s": 9000.0, "filament_g": 42.0, "support_share": 0.31}
+    print_summary(outcome("good", print=taken))
     last = capsys.readouterr().out.splitlines()[-1].strip()
     assert last == "good, 2.5 h, 42 g, 31% of it supports: open out/report.html"
 
@@ -42,57 +40,46 @@ def test_the_last_line_says_what_it_takes_and_where_to_look(
 def test_where_there_is_no_part_it_has_neither_size_nor_weight(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    done = outcome(None, 1)
-    done.report["print"] |= {"bounding_box_mm": None, "mass_g": 0.0}
-    print_summary(done)
+    print_summary(outcome(None, 1, print={"bounding_box_mm": None, "mass_g": 0.0}))
     said = capsys.readouterr().out
     assert "  no part; one knot of a tube 4.0 mm thick\n" in said
     assert said.endswith("  open out/report.html\n")
 
 
 def test_of_a_stand_the_frame_alone_is_quoted(capsys: pytest.CaptureFixture[str]) -> None:
-    done = outcome("good")
-    view = {"name": "front", "iou": 0.7, "iou_frame": 0.95, "legibility": {}}
-    done.report["views"] = [view]
+    views = [{"iou": 0.7, "iou_frame": 0.95, "legibility": {}}]
     for kind, quoted in (("stand", "95.0% alike in the frame"), ("wall", "70.0% alike")):
-        done.report["print"]["mount"] = {"kind": kind}
-        print_summary(done)
+        print_summary(outcome("good", views=views, print={"mount": {"kind": kind}}))
         assert f"  {quoted}\n" in capsys.readouterr().out
 
 
 def test_a_check_that_is_not_required_never_fails(capsys: pytest.CaptureFixture[str]) -> None:
-    line = {"measured": 1.0, "limit": 0.5, "unit": "mm", "detail": "too far"}
-    print_checks(
-        [
-            {"name": "closing", "status": "fail", "required": False, **line},
-            {"name": "shadow", "status": "fail", "required": True, **line},
-        ]
-    )
+    print_checks([check_of("closing", "fail", required=False), check_of("shadow", "fail")])
     said = {line.split()[1]: line.split()[0] for line in capsys.readouterr().out.splitlines()[1:3]}
     assert said == {"closing": "warn", "shadow": "FAIL"}
 
 
 def test_how_gracefully_the_knots_run_is_told(capsys: pytest.CaptureFixture[str]) -> None:
-    done = outcome("good")
     keys = ("mean_curvature_radii", "curvature_90_radii", "turns")
     rows = ((0.2, 0.41, 30.0), (0.1, 0.52, 12.0))
-    done.report["knots"] = [dict(zip(keys, row, strict=True)) for row in rows]
-    print_summary(done, verbose=True)
+    knots = [dict(zip(keys, row, strict=True)) for row in rows]
+    print_summary(outcome("good", knots=knots), verbose=True)
     assert "curvature × radius 0.20 (90% below 0.52), 42 turns" in capsys.readouterr().out
 
 
 def view(name: str, iou: float, **more: Any) -> dict[str, Any]:
-    return {"name": name, "kind": "shadow", "iou": iou, "legibility": {"45": 0.482}, **more}
+    return {"name": name, "iou": iou, "legibility": {"45": 0.482}, **more}
 
 
 def test_views_are_told_by_name_in_percent(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    done = outcome("good")
-    off = {"turn_deg": 1.0, "worst": {"of": "turn", "way": "up", "fitted": 0.966}}
-    done.report["views"] = [
-        view("heart", 0.99962, bound=0.9), view("teapot", 0.957, bound=0.9976, misplacement=off)
-    ]  # fmt: skip
+    off = {
+        "parting_px": 2.0, "lamp_mm": 5.0, "turn_deg": 1.0, "iou": 0.95, "samples": 7, "lamp_iou": {},
+        "lamp_iou_per_mm": {}, "worst": {"of": "turn", "way": "up", "raw": 0.9, "fitted": 0.966},
+    }  # fmt: skip
+    teapot = view("teapot", 0.957, bound=0.9976, misplacement=off)
+    done = outcome("good", views=[view("heart", 0.99962, bound=0.9), teapot])
     print_summary(done)
     said = capsys.readouterr().out
     assert "  heart: 99.9% alike; from 45° aside 48% readable\n" in said  # no bound that it beats
@@ -106,10 +93,6 @@ def test_views_are_told_by_name_in_percent(
 
 
 def test_a_sequence_is_one_line_of_frames(capsys: pytest.CaptureFixture[str]) -> None:
-    done = outcome("good")
-    done.report["views"] = [
-        view(f"frame-{k:02d}", iou) for k, iou in ((1, 0.98), (2, 0.95), (3, 0.97))
-    ]
-    done.report["print"]["parts"] = 3
-    print_summary(done)
+    views = [view(f"frame-{k:02d}", iou) for k, iou in ((1, 0.98), (2, 0.95), (3, 0.97))]
+    print_summary(outcome("good", views=views, print={"parts": 3}))
     assert "  95.0% (frame 2) to 98.0% alike (frame 1)\n" in capsys.readouterr().out

@@ -3,8 +3,8 @@
 import pytest
 from questions import ask_heart
 
-from knotfab.scene.catalogue import material_of, printer_of
-from knotfab_formats.scene import Scene
+from knotfab.scene.catalogue import asked_for
+from knotfab_formats.scene import Material, Printer, Scene
 
 
 @pytest.mark.slow
@@ -20,7 +20,7 @@ def test_supports_are_weighed_only_where_some_are_printed(
     printer: str, material: str, overhang_deg: float | None
 ) -> None:
     scene = Scene().model_copy(
-        update={"printer": printer_of(printer), "material": material_of(material)}
+        update={"printer": asked_for(Printer, printer), "material": asked_for(Material, material)}
     )
     assert scene.printer.max_overhang_deg == 45.0
     assert ask_heart(scene).overhang_deg == overhang_deg

@@ -1,19 +1,22 @@
 """Contrast: what lights the shadow, against light followed ray by ray and the lamp moved."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 from lit_designs import design_under, view
+from reports import verdict_of, view_of_report
 
 from knotfab.base.errors import InputError
 from knotfab.effects import contrast
 from knotfab.effects.base import EffectContext, World
-from knotfab.effects.contrast import CONTRAST, Contrast, contrast_of
+from knotfab.effects.contrast import CONTRAST, contrast_of
 from knotfab.effects.shadows import Shadows
-from knotfab.report.of_effects import add_contrast, list_effects, tell_contrast
+from knotfab.report.of_effects import list_contrasts, list_effects, tell_contrast
 from knotfab.scene.load import parse_scene
 from knotfab_formats.scene import Material, Room
+from knotfab_formats.verdict import Contrast
 from tests.oracles.lighting import bounce_and_truth
 
 WHITE = Material(color="#ffffff")
@@ -60,7 +63,7 @@ def test_a_second_lamp_throws_a_ghost() -> None:
     room = World(room=Room(ambient=0.5, second_lamp_mm=(50.0, 0.0, 500.0), second_lamp_share=0.5))
     found = light(room)
     assert found.ghost_shift_mm == pytest.approx(50.0 * 100 / 500)  # similar triangles
-    assert (found.contrast, found.ghost) == pytest.approx((1 / 2, 0.5 / 2))
+    assert (found.contrast, found.ghost_contrast) == pytest.approx((1 / 2, 0.5 / 2))
 
 
 def test_a_black_piece_throws_nothing_back() -> None:
@@ -116,7 +119,7 @@ def test_what_is_thrown_back_is_bounded() -> None:
 
 def test_nothing_beside_the_lamp_and_an_eye_needs_none() -> None:
     found = light()
-    assert found.contrast == found.at(found.falloff) == 1.0 and found.ghost_shift_mm is None
+    assert found.contrast == found.contrast_least == 1.0 and found.ghost_shift_mm is None
     assert contrast_of(Shadows.of(view(kind="eye"), POINTS), 2.0, World()) is None
     context = EffectContext((view(kind="eye"),), POINTS, 2.0, 0.25)
     assert CONTRAST.magnitude(context) == 0.0
@@ -128,19 +131,17 @@ def test_it_is_told_where_it_is_called_for_and_else_runs_no_code(
     bright, dark = (
         design_under(world, POINTS) for world in (World(room=Room(ambient=0.4)), World())
     )
-    report: dict[str, Any] = {"views": [{"name": "front"}]}
-    add_contrast(report["views"], bright)
-    assert "the shadow is 71% as dark as can be" in tell_contrast(report["views"])[0]
-    line = next(x for x in list_effects(bright.result, {**report, "seconds": {}}) if x["calls"])
-    assert (line["name"], line["where"], line["calls"]) == ("contrast", ["report"], 1)
+    (found,) = list_contrasts(bright)
+    (said,) = tell_contrast([replace(view_of_report(), contrast=found)])
+    assert "the shadow is 71% as dark as can be" in said
+    line = next(x for x in list_effects(bright.result, verdict_of()) if x.calls)
+    assert (line.name, line.where, line.calls) == ("contrast", ("report",), 1)
 
     def explode(*_: object) -> None:
         raise AssertionError("contrast was looked at")
 
     monkeypatch.setattr(contrast, "contrast_of", explode)
-    views: list[dict[str, Any]] = [{"name": "front"}]
-    add_contrast(views, dark)
-    assert views == [{"name": "front"}]
+    assert list_contrasts(dark) == [None]
 
 
 def test_a_second_lamp_behind_the_piece_is_refused() -> None:

@@ -32,11 +32,9 @@ def test_on_above_the_threshold_or_by_the_scenes_word(
     found = decide(effect(magnitude), CONTEXT, {"haze": forced})  # type: ignore[dict-item]
     assert (found.threshold, found.magnitude) == (1.0, magnitude)
     assert found.simulated == simulated
-    line = found.to_dict()
-    assert line["forced"] == (forced != "auto") and line["simulated"] == simulated
     side = "exceeds" if magnitude > 1 else "stays below"
-    assert f"{magnitude:.3g} px {side} 1 px" in line["reason"]
-    assert ("the air is hazy" in line["reason"]) == (simulated and forced == "auto")
+    assert f"{magnitude:.3g} px {side} 1 px" in found.reason
+    assert ("the air is hazy" in found.reason) == (simulated and forced == "auto")
     told = tell_warnings({"haze": found})
     assert len(told) == warned
     assert not warned or "haze is switched off, though its 1.1 px exceeds 1 px" in told[0]
@@ -52,14 +50,13 @@ def test_what_it_does_grows_from_nothing_at_the_threshold() -> None:
 
 def test_calls_and_seconds_are_counted_by_stage() -> None:
     found = Decision(effect(2.0), 2.0, 1.0)
-    assert found.to_dict()["where"] == [] and found.to_dict()["calls"] == 0
+    assert found.where == [] and found.calls == 0
     for _ in range(3):
         with found.called("depth"):
             pass
     found.count("verification", 101, 0.5)
-    line = found.to_dict()
-    assert (line["calls"], line["where"]) == (104, ["depth", "verification"])
-    assert line["seconds"] >= 0.5
+    assert (found.calls, found.where) == (104, ["depth", "verification"])
+    assert found.seconds >= 0.5
 
 
 def test_judged_anew_nothing_is_taken_back() -> None:

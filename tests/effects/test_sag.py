@@ -1,17 +1,17 @@
 """Sag: a bound of how far shadows are shifted that holds and is close, and the piece moved for real."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 from lit_designs import design_under, view
+from reports import verdict_of
 
 from knotfab.effects import sag
 from knotfab.effects.base import EffectContext, World
 from knotfab.effects.sag import SAG, measure_sag
 from knotfab.geometry.polylines import polylines_of_sizes
-from knotfab.report.of_effects import add_sag, judge_made
+from knotfab.report.of_effects import judge_made, list_effects, list_sags
 from knotfab.scene.curved_wall import CurvedWall
+from knotfab_formats.verdict import Sag
 from knotfab_validators.shadows.tube_field import tube_field
 from knotfab_validators.shadows.view import ViewGeometry, view_geometry
 from tests.oracles.parting import shift_bound_and_truth
@@ -42,30 +42,27 @@ def test_the_piece_is_moved_where_it_shows_and_else_runs_no_code(
     mask = np.zeros((180, 180), dtype=bool)
     rings, down = polylines_of_sizes((200,)), np.tile([0.0, -2.0, 0.0], (200, 1))
     found = measure_sag(view(), mask, FLAT, 0 * down, rings, 2.0)
-    assert found == {"widest_px": 0.0, "iou": 0.0, "iou_designed": 0.0}
+    assert found == Sag(widest_px=0.0, iou=0.0, iou_designed=0.0)
     rows, columns = np.mgrid[:180, :180] - 89.5
-    mask |= abs(np.hypot(rows, columns) - 60) < 2.4  # the flat ring
-    views: list[dict[str, Any]] = [{}]
+    mask |= abs(np.hypot(rows, columns) - 60) < 2.4  # of the flat ring
     made = design_under(World(), FLAT)
     judge_made(made, made.scene, down, None)
-    add_sag(views, made, down, [mask])
-    sagged = views[0]["sag"]
-    assert sagged["iou"] < sagged["iou_designed"] - 0.2
+    (sagged,) = list_sags(made, down, [mask])
+    assert sagged is not None and sagged.iou < sagged.iou_designed - 0.2
     # as far as its shadow goes: 2 mm, 1.2 times larger, of 180 mm on 1024 px
-    assert sagged["widest_px"] == pytest.approx(2.4 / 180 * 1024, rel=0.05)
-    line = made.result.effects["sag"].to_dict()
-    assert (line["calls"], line["where"], line["simulated"]) == (1, ["report"], True)
+    assert sagged.widest_px == pytest.approx(2.4 / 180 * 1024, rel=0.05)
+    lines = {line.name: line for line in list_effects(made.result, verdict_of())}
+    line = lines["sag"]
+    assert (line.calls, line.where, line.simulated) == (1, ("report",), True)
 
     def explode(*_: object) -> None:
         raise AssertionError("the piece was moved")
 
     monkeypatch.setattr(sag, "measure_sag", explode)
-    views = [{}]
     for moves in (0.01 * down, None):
         made = design_under(World(), FLAT)
         judge_made(made, made.scene, moves, None)
-        add_sag(views, made, moves, [mask])
-    assert views == [{}]
+        assert list_sags(made, moves, [mask]) == [None]
 
 
 @pytest.mark.parametrize("radius", [350.0, -110.0])
@@ -84,7 +81,7 @@ def test_on_a_round_wall_it_is_the_shadow_there(radius: float) -> None:
 
     flat, wall = cast(FLAT, there.flat), CurvedWall.of(seen)
     on_flat, on_wall = (
-        measure_sag(seen, flat, FLAT, moves, rings, 2.0, w)["iou"] for w in (None, wall)
+        measure_sag(seen, flat, FLAT, moves, rings, 2.0, w).iou for w in (None, wall)
     )
     assert on_wall == pytest.approx(iou(there), abs=0.0015)
     assert on_flat == pytest.approx(iou(there.flat), abs=0.0015)

@@ -23,7 +23,7 @@ from knotfab.geometry.overhang import (
 )
 from knotfab.geometry.tube import sweep
 from knotfab.knots import Knot, Knots
-from knotfab.part.flatter import Printing, estimate_flatter, flatter_depth
+from knotfab.part.flatter import estimate_flatter, flatter_depth
 from knotfab.part.orient import (
     AXES,
     estimate_minutes,
@@ -34,6 +34,7 @@ from knotfab.part.orient import (
     strands_of,
 )
 from knotfab.part.pose import PrintPose, choose_pose
+from knotfab_formats.report import Flatter
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.printing.columns import columns
 from knotfab_validators.printing.overhang import support_volume
@@ -224,7 +225,7 @@ def test_the_pose_is_no_dearer_than_the_least_height() -> None:
         assert account.chosen.minutes <= account.least_height.minutes
         assert all(account.chosen.minutes <= other.minutes for other in account.runners_up)
         assert (pose.matrix == again.matrix).all()
-        assert account.to_dict()["support_cm3_estimate"] == round(
+        assert account.figures().support_cm3_estimate == round(
             account.chosen.estimate.support_cm3, 2
         )
 
@@ -303,14 +304,13 @@ def test_the_weights_of_a_pose() -> None:
 
 def test_less_depth_takes_less_and_as_much_depth_the_same() -> None:
     knots = knots_of(wave(deep=80.0))
-    sliced = Printing(1.0, 12.0, 100.0, 60.0)
+    sliced = Flatter(1.0, 12.0, 100.0, 60.0)
     same, less, flat = estimate_flatter(knots, sliced, Rules(), (1.0, 0.6, 0.0))
     assert (same.hours, same.grams, same.support_grams) == pytest.approx((12.0, 100.0, 60.0))
     assert flat.hours < less.hours < 12.0 and flat.support_grams < less.support_grams < 60.0
     assert 0 < flat.grams < less.grams < 100.0
-    none = estimate_flatter(knots, Printing(1.0, 5.0, 40.0, 0.0), Rules(), (0.6,))[0]
+    none = estimate_flatter(knots, Flatter(1.0, 5.0, 40.0, 0.0), Rules(), (0.6,))[0]
     assert none.support_grams == 0.0
-    assert set(less.to_dict()) == {"depth_share", "hours", "grams", "support_grams"}
 
 
 # --- the depth that would do ---

@@ -64,7 +64,7 @@ def test_a_coupon_lies_on_the_bed_in_two_bodies() -> None:
     assert strip[0][:, 2].max() == pytest.approx(3.0 + 15.0)
     assert pin[0][:, 1].min() > strip[0][:, 1].max() + 1.0
     assert COUPON.holes_mm == tuple(4.0 + play for play in PLAYS_MM)
-    assert COUPON.to_dict()["dots"] == [1, 2, 3, 4, 5] and "pin of 4.0 mm" in COUPON.tell()
+    assert COUPON.figures.dots == (1, 2, 3, 4, 5) and "pin of 4.0 mm" in COUPON.tell()
 
 
 def test_it_follows_its_mount() -> None:

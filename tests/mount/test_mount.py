@@ -8,6 +8,7 @@ from rings import EMPTY, RADIUS, VIEW, camera, knots, ring
 from knotfab.geometry.tube import sweep
 from knotfab.mount.mount import mount_piece
 from knotfab.scene.catalogue import resolve
+from knotfab_formats.report import MountFigures
 from knotfab_formats.scene import Mount, Printer, ResolvedView, Scene
 
 ONE = knots(ring(50.0))
@@ -43,10 +44,10 @@ def test_the_foot_follows_from_the_printer() -> None:
     assert mount_piece(small, ONE, tubes, [camera()]).scene.mount.foot == "dowel"
     exact = scene().model_copy(update={"printer": Printer(build_volume_mm=(196.0, 196.0, 200.0))})
     assert mount_piece(exact, ONE, tubes, [camera()]).scene.mount.foot == "plate"
-    report = mounted.report()
-    assert report["pegs"] == len(mounted.wall.pegs)  # type: ignore[union-attr]
+    report = mounted.figures
+    assert report.pegs == len(mounted.wall.pegs)  # type: ignore[union-attr]
     sag = mounted.check_sag()
-    assert sag is not None and sag["status"] == "pass" and sag["measured"] <= sag["limit"] == 0.2
+    assert sag is not None and sag.status == "pass" and sag.measured <= sag.limit == 0.2
 
 
 def test_without_a_mount_nothing_is_added() -> None:
@@ -54,7 +55,7 @@ def test_without_a_mount_nothing_is_added() -> None:
     bare = scene().model_copy(update={"mount": Mount()})
     mounted = mount_piece(bare, ONE, tubes, [camera()])
     assert mounted.bodies is tubes and mounted.upright is None and mounted.check_sag() is None
-    assert mounted.report() == {"kind": "none"}
+    assert mounted.figures == MountFigures(kind="none")
 
 
 @pytest.mark.slow
@@ -65,9 +66,11 @@ def test_the_piece_on_its_stand() -> None:
     stand = mounted.stand
     assert stand is not None and mounted.upright is not None and len(mounted.bodies) == 1
     assert mounted.scene.mount.pegs == (len(stand.members),)
-    report, sag = mounted.report(), mounted.check_sag()
-    assert report["kind"] == "stand" and report["posts"] + report["struts"] == len(stand.members)
-    assert sag is not None and sag["status"] == "pass" and sag["measured"] == stand.sag_again_mm
+    report, sag = mounted.figures, mounted.check_sag()
+    assert report.kind == "stand" and (report.posts or 0) + (report.struts or 0) == len(
+        stand.members
+    )
+    assert sag is not None and sag.status == "pass" and sag.measured == stand.sag_again_mm
     with pytest.raises(ValueError, match="silhouettes"):
         mount_piece(scene, ONE, tubes, [camera()])
 

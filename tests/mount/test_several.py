@@ -101,8 +101,8 @@ def test_an_eye_is_as_a_lamp() -> None:
     )
     assert lit.stand is not None and seen.stand is not None
     assert np.array_equal(lit.stand.members.end, seen.stand.members.end)
-    report = lit.report()
-    assert report["predicted_intrusion"] == max(lit.stand.predicted_intrusion)
+    report = lit.figures
+    assert report.predicted_intrusion == max(lit.stand.predicted_intrusion)
     # too tall for the printer: it lies down, as one body
     low = scene.model_copy(update={"printer": Printer(build_volume_mm=(250.0, 250.0, 100.0))})
     for asked, upright in ((scene, BASE_DOWN), (low, None)):

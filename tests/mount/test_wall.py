@@ -139,8 +139,8 @@ def test_a_knot_barred_from_the_wall_hangs_on_another() -> None:
     ((vertices, faces),) = wall_bodies(tubes, mount, view)
     assert mesh_volume(vertices, faces) > 0
     scene = setup("plate")[1]
-    told = Mounted(tubes, ["piece with wall plate"], scene, None, mount).report()
-    assert told["knots_joined"] == [(1, 0)]
+    told = Mounted(tubes, ["piece with wall plate"], scene, None, mount).figures
+    assert told.knots_joined == ((1, 0),)
     with pytest.raises(SceneError, match=r'no light ray from knot 1.*mount\.foot = "plate"'):
         plan_wall(piece, view, 0.4, PLA, DOWEL)
     # a place for the piece is estimated by the same rule

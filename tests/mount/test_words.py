@@ -1,5 +1,7 @@
 """Setting up in words: steps with their figures, and what it costs to be off."""
 
+from dataclasses import replace
+
 import numpy as np
 from setups import OFF, setup
 
@@ -52,7 +54,7 @@ def test_costs_are_those_of_the_report() -> None:
     assert costs_of(None, view, on_wall=True) == [
         "Not measured: too little to see, or nothing rendered."
     ]
-    least = {**OFF, "lamp_iou_per_mm": {"right": 0.0005, "up": 0.00049, "towards": 5.0}}
+    least = replace(OFF, lamp_iou_per_mm={"right": 0.0005, "up": 0.00049, "towards": 5.0})
     told = costs_of(least, view, on_wall=False)
     assert "about 0.01" in told[0] and "less than" in told[1] and "about 1.00" in told[2]
 

@@ -5,13 +5,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from reports import report_with
 from rings import knots, ring
 
 from knotfab.geometry.tube import sweep
 from knotfab.mount.mount import Mounted
 from knotfab.part.assemble import Part, _choose_poses
 from knotfab.part.write import pose_scene
-from knotfab.report.posing import add_posing
+from knotfab.report.posing import lay_out
 from knotfab.scene.camera import camera_of
 from knotfab.scene.catalogue import resolve
 from knotfab_formats.scene import Material, Printer, ResolvedView, Scene
@@ -49,10 +50,9 @@ def test_what_is_printed_is_larger_and_the_pose_takes_it_back() -> None:
     for vertices, _ in part.bodies:
         back = vertices @ turn.T + part.pose.matrix[:3, 3]
         assert np.hypot(back[:, 0], back[:, 1]).max() == pytest.approx(32.0, abs=0.1)
-    report: Any = {"print": {}, "notes": []}
-    add_posing(report, part, None)
-    assert "4.17 % larger" in report["notes"][0]
-    assert report["print"]["pose"]["shrinkage_percent"] == 4.0
+    found, (note,) = lay_out(report_with().print, part, None)
+    assert "4.17 % larger" in note
+    assert found.pose is not None and found.pose.shrinkage_percent == 4.0
 
 
 @pytest.mark.slow

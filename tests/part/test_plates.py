@@ -202,8 +202,8 @@ def test_whole_knots_that_fit_alone_are_not_cut() -> None:
     near, away = track(40.0, 40.0), track(40.0, 40.0) + [0.0, 0.0, 300.0]
     plates, _ = laid_out([near, away])
     assert plates.cuts == [0, 0] and plates.pins == []
-    report = plates.to_dict()
-    assert [f["file"] for f in report["files"]] == [
+    report = plates.figures()
+    assert [f.file for f in report.files] == [
         f"plate-{n + 1}.3mf" for n in range(len(plates.plates))
     ]
 
@@ -226,11 +226,11 @@ def test_without_room_for_supports_the_whole_printer_is_used() -> None:
 @pytest.mark.slow
 def test_the_report_names_the_pins() -> None:
     plates, _ = laid_out([track()])
-    report = plates.to_dict()
-    assert report["cuts_of_knots"] == [2]
-    assert report["pin_diameter_mm"] == pytest.approx([RADIUS, RADIUS])
-    assert report["pin_clearance_mm"] == CLEARANCE_MM
-    assert all(pose["support_cm3_estimate"] >= 0 for pose in report["poses"])
+    report = plates.figures()
+    assert report.cuts_of_knots == (2,)
+    assert report.pin_diameter_mm == pytest.approx((RADIUS, RADIUS))
+    assert report.pin_clearance_mm == CLEARANCE_MM
+    assert all((pose.support_cm3_estimate or 0) >= 0 for pose in report.poses)
 
 
 # --- the validators on the written files ---

@@ -7,9 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
+from reports import LOSS, VERDICT, report_with
 
 import knotfab
 from knotfab.picture.read import Target
+from knotfab_formats.report import Report
 
 _LOADS = ("http:", "https:", "//", "<script", "<link", "<style", "url(")
 _WORDS = '<img src=x onerror="alert(1)"> & <script>'
@@ -37,16 +39,15 @@ def _pictures(page: str) -> int:
     return len(sources)
 
 
-def _report(**more: object) -> dict[str, object]:
-    view = {"name": "front", "iou": 0.9876, "legibility": {"45": 0.3}}
-    failed = {"name": "clearance", "status": "fail", "required": True, "detail": _WORDS}
-    piece = {"bounding_box_mm": [10.0, 20.0, 30.0], "mass_g": 5.0}
-    verdict = {"word": "coarse", "reasons": [_WORDS], "lost": [{"sentence": "An ear is lost."}]}
-    knots = [{"type": "unknot"}]
-    return {
-        "views": [view], "checks": [failed], "print": piece, "verdict": verdict, "knots": knots,
-        "settings": {"tube_radius_mm": 2.0}, "notes": ["Mind the lamp."], **more,
+def _report(**more: object) -> Report:
+    failed = {"name": "clearance", "status": "fail", "detail": _WORDS}
+    lost = [{**LOSS, "sentence": "An ear is lost."}]
+    sections = {
+        "views": [{"iou": 0.9876}], "checks": [failed], "notes": ["Mind the lamp."],
+        "print": {"bounding_box_mm": [10.0, 20.0, 30.0], "mass_g": 5.0},
+        "verdict": {**VERDICT, "reasons": [_WORDS], "lost": lost},
     }  # fmt: skip
+    return report_with(**sections | more)
 
 
 def test_a_build_shows_verdict_and_pictures_with_text_escaped(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from reports import verdict_of, view_of_report
 from shapely import MultiPolygon, box
 
 from knotfab.base.errors import SceneError
@@ -14,6 +15,11 @@ from knotfab.effects.penumbra import PENUMBRA
 from knotfab.report.of_effects import advise as advise_nearer
 from knotfab.report.of_effects import list_effects, tell_move
 from knotfab_formats.scene import ResolvedView, Scene
+from knotfab_formats.verdict import WorstMove
+
+SOFT = {
+    "widest_px": 9.0, "iou": 0.99, "brightness_error": 0.0, "hard_error": 0.0, "samples": 19,
+}  # fmt: skip
 
 
 def advise(
@@ -30,8 +36,10 @@ def advise(
     piece = SimpleNamespace(depth="auto" if front_mm else 60.0)
     scene = SimpleNamespace(views=(view,), piece=piece, share_wall=False)
     made: Any = SimpleNamespace(knots=knots, scene=scene)
-    found = {"brightness_error": error, "hard_error": hard} if error is not None else None
-    return advise_nearer([{"penumbra": found}], made)
+    if error is None:
+        return advise_nearer([view_of_report()], made)
+    soft = {**SOFT, "brightness_error": error, "hard_error": hard}
+    return advise_nearer([view_of_report(penumbra=soft)], made)
 
 
 def test_a_nearer_wall_is_advised_with_its_gain() -> None:
@@ -79,30 +87,29 @@ def test_an_effects_line_counts_the_design_and_the_verification() -> None:
     decision = Decision(PENUMBRA, 9.0, 1.0)
     decision.count("depth", 300, 0.1)
     result: Any = SimpleNamespace(effects={"penumbra": decision})
-    verdict = {"views": [{"penumbra": {"samples": 19}}, {}], "seconds": {"penumbra": 1.5}}
+    verdict = verdict_of([{"penumbra": SOFT}, {}], seconds={"penumbra": 1.5})
     (line,) = list_effects(result, verdict)
-    assert (line["calls"], line["seconds"]) == (319, 1.6)
-    assert line["where"] == ["depth", "verification"]
-    (line,) = list_effects(result, {"views": [], "seconds": {}})
-    assert (line["calls"], line["where"]) == (300, ["depth"])
+    assert (line.calls, line.seconds) == (319, 1.6)
+    assert line.where == ("depth", "verification")
+    (line,) = list_effects(result, verdict_of())
+    assert (line.calls, line.where) == (300, ("depth",))
     assert decision.calls == 300
 
 
 def test_an_effect_that_nothing_ran_is_not_called_simulated() -> None:
     result: Any = SimpleNamespace(effects={"penumbra": Decision(PENUMBRA, 9.0, 1.0)})
-    (line,) = list_effects(result, {"views": [], "seconds": {}})
-    assert not line["simulated"] and line["reason"].endswith("; nothing ran it")
-    verdict = {"views": [{"penumbra": {"samples": 19}}], "seconds": {}}
-    (line,) = list_effects(result, verdict)
-    assert line["simulated"] and "nothing" not in line["reason"]
+    (line,) = list_effects(result, verdict_of())
+    assert not line.simulated and line.reason.endswith("; nothing ran it")
+    (line,) = list_effects(result, verdict_of([{"penumbra": SOFT}]))
+    assert line.simulated and "nothing" not in line.reason
 
 
 def test_a_move_is_told_in_words() -> None:
-    view = {"kind": "shadow", "misplacement": {"lamp_mm": 5.0, "turn_deg": 1.5}}
-    assert tell_move({"of": "lamp", "way": "up"}, view) == "the lamp 5 mm up or down"
-    assert tell_move({"of": "lamp", "way": "right"}, view | {"kind": "eye"}) == (
-        "the eye 5 mm to the side"
-    )
-    assert tell_move({"of": "turn", "way": "axis"}, view) == (
-        "the piece turned by 1.5° like a wheel"
-    )
+    off: Any = SimpleNamespace(lamp_mm=5.0, turn_deg=1.5)
+
+    def told(of: str, way: str, kind: str = "shadow") -> str:
+        return tell_move(WorstMove(0.9, 0.95, of, way), off, kind)
+
+    assert told("lamp", "up") == "the lamp 5 mm up or down"
+    assert told("lamp", "right", "eye") == "the eye 5 mm to the side"
+    assert told("turn", "axis") == "the piece turned by 1.5° like a wheel"

@@ -1,71 +1,67 @@
 """Where the time went, and an estimate of the next better setting by this piece's own seconds."""
 
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any
 
 import pytest
+from reports import report_with
 
-from knotfab.report.of_time import _study, add_next_step, tell_stages
+from knotfab.report.of_time import _study, plan_next_step, tell_stages
+from knotfab_formats.report import NextStep, Report
 from knotfab_formats.search import PRESETS
 
+TIMINGS = {"search": 10.0, "verify": 5.0, "picture": 0.1, "total": 15.1}
+VIEWS: list[dict[str, Any]] = [{"iou": 0.9, "iou_frame": 0.98}, {"iou": 0.99, "iou_drawn": 0.96}]
 
-def report(accuracy: str, **settings: Any) -> dict[str, Any]:
+
+def report(accuracy: str, views: Sequence[dict[str, Any]] = VIEWS, **settings: Any) -> Report:
     preset = PRESETS.get(accuracy, PRESETS["standard"])
-    settings = {"search": preset.scaled(2).model_dump(), **settings}
-    return {
-        "views": [{"iou": 0.9, "iou_frame": 0.98}, {"iou": 0.99, "iou_drawn": 0.96}],
-        "timings": {"search": 10.0, "verify": 5.0, "picture": 0.1, "total": 15.1},
-        "settings": {"accuracy": accuracy, "time_budget_s": None, **settings},
-    }
+    settings = {"accuracy": accuracy, "search": preset.scaled(2).model_dump(), **settings}
+    return report_with(views=views, settings=settings)
 
 
 def test_each_step_scales_this_piece_as_the_measured_ones() -> None:
     steps = _study()["steps"]
     for own, better in pairwise(steps):
-        told = report(own["accuracy"])
-        add_next_step(told)
-        step = told["next_step"]
-        assert step["accuracy"] == better["accuracy"] and better["accuracy"] in step["sentence"]
+        step = plan_next_step(report(own["accuracy"]), TIMINGS)
+        assert step is not None and step.accuracy == better["accuracy"]
+        assert better["accuracy"] in step.sentence and "estimate" in step.sentence
         # the view that is worst, as it was to be drawn
-        assert step["iou_gain"] == pytest.approx(0.04 * (1 - better["error"] / own["error"]))
+        assert step.iou_gain == pytest.approx(0.04 * (1 - better["error"] / own["error"]))
         ratios = {s: better["seconds"][s] / own["seconds"][s] for s in ("search", "verify")}
         more = 10.0 * (ratios["search"] - 1) + 5.0 * (ratios["verify"] - 1)
-        assert step["seconds_more"] == pytest.approx(more, abs=0.2)
-        assert "estimate" in step["sentence"]
+        assert step.seconds_more == pytest.approx(more, abs=0.2)
 
 
 def test_no_promise_is_beyond_the_views_or_of_negative_time() -> None:
-    told = report("draft")
-    told["views"][1]["bound"] = 0.961
-    told["timings"] |= {"search": 0.0, "verify": 0.0}
-    add_next_step(told)
-    assert 0 < told["next_step"]["iou_gain"] < 0.001
-    assert "in about the same time" in told["next_step"]["sentence"]
-    told["views"][1]["bound"] = 0.95
-    add_next_step(told)
-    assert told["next_step"]["iou_gain"] == 0.0
-    assert "hardly nearer" in told["next_step"]["sentence"]
+    def bounded(bound: float) -> NextStep:
+        views = [VIEWS[0], {**VIEWS[1], "bound": bound}]
+        step = plan_next_step(report("draft", views), {**TIMINGS, "search": 0.0, "verify": 0.0})
+        assert step is not None
+        return step
+
+    assert 0 < bounded(0.961).iou_gain < 0.001
+    assert "in about the same time" in bounded(0.961).sentence
+    assert bounded(0.95).iou_gain == 0.0
+    assert "hardly nearer" in bounded(0.95).sentence
 
 
 def test_nothing_is_promised_beyond_the_best_nor_in_a_budget() -> None:
     best = _study()["steps"][-1]["accuracy"]
     for told in (report(best), report("draft", time_budget_s=10.0), report("unheard of")):
-        add_next_step(told)
-        assert "next_step" not in told
+        assert plan_next_step(told, TIMINGS) is None
 
 
 @pytest.mark.parametrize(
     "key", ["coarse_px", "fine_px", "coarse_iterations", "fine_iterations", "settle_iterations"]
 )
 def test_other_iterations_or_pixels_get_no_promise(key: str) -> None:
-    told = report("standard")
-    told["settings"]["search"][key] -= 1
-    add_next_step(told)
-    assert "next_step" not in told
-    again = report("standard", search={**PRESETS["standard"].model_dump(), key: 96})
-    again["views"] = again["views"][:1]
-    add_next_step(again)
-    assert "next_step" not in again
+    search = PRESETS["standard"].scaled(2).model_dump()
+    told = report("standard", search={**search, key: search[key] - 1})
+    assert plan_next_step(told, TIMINGS) is None
+    again = report("standard", VIEWS[:1], search={**PRESETS["standard"].model_dump(), key: 96})
+    assert plan_next_step(again, TIMINGS) is None
 
 
 def test_the_stages_that_took_most_are_named_the_longest_first() -> None:

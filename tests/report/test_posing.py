@@ -1,19 +1,29 @@
 """What a report says of pose, plates and depth; and the slicing of several plates summed up."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from reports import report_with
 
 from knotfab.part.flatter import Flattening
 from knotfab.part.plates import Plates, PrintPlate
 from knotfab.report.of_slicer import tell_flatter
-from knotfab.report.posing import add_posing, find_access
+from knotfab.report.posing import find_access, lay_out
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.load import parse_scene
-from knotfab.slicer.known_warnings import SlicerWarning
-from knotfab.slicer.result import CrossCheck, NotSliced, Sliced, sum_slicings
+from knotfab.slicer.result import NotSliced, Sliced, sum_slicings
+from knotfab_formats.report import (
+    Flatter,
+    Kept,
+    PlateFile,
+    PoseFigures,
+    Print,
+    SlicerCheck,
+    SlicerWarning,
+)
 
 BOX = (np.array([[0.0, 0, 0], [10, 20, 30]]), np.zeros((0, 3), dtype=np.int32))
 
@@ -26,28 +36,22 @@ def part(plates: Plates | None = None, upright: object = None, scene: str = "") 
     return SimpleNamespace(pose=pose, plates=plates, mounted=mounted, bodies=[BOX])
 
 
-def report() -> dict[str, Any]:
-    return {"print": {}, "notes": ["One.", "Another."]}
+def told(piece: Any, flattening: Flattening | None = None, **more: Any) -> tuple[Print, list[str]]:
+    return lay_out(replace(report_with().print, **more), piece, flattening)
 
 
 def test_a_pose_that_the_mount_asks_for() -> None:
-    found = report()
-    add_posing(found, part(upright=np.eye(3)), None)
-    wanted = {"chosen_by": "the mount", "height_mm": 30.0, "box_cm3": 6.0}
-    assert found["print"]["pose"] == wanted
-    assert len(found["notes"]) == 2
+    found, notes = told(part(upright=np.eye(3)))
+    assert found.pose == PoseFigures(chosen_by="the mount", height_mm=30.0, box_cm3=6.0)
+    assert notes == []
 
 
 def test_plates_and_their_pins() -> None:
     plates = Plates([PrintPlate([BOX], ["knot 1"], [np.eye(4)])] * 3, [2, 1], [(1.5, 4.0)] * 3, [])
-    found = report()
-    add_posing(found, part(plates), None)
-    assert found["print"]["plates"]["files"][2] == {
-        "file": "plate-3.3mf", "bodies": ["knot 1"], "size_mm": [10.0, 20.0, 30.0],
-    }  # fmt: skip
-    assert found["notes"][:2] == ["One.", "Another."]
-    assert "plate-1.3mf to plate-3.3mf" in found["notes"][2]
-    assert "3 cuts are joined by pins of 1.5 mm" in found["notes"][2]
+    found, (note,) = told(part(plates))
+    assert found.plates is not None
+    assert found.plates.files[2] == PlateFile("plate-3.3mf", ("knot 1",), (10.0, 20.0, 30.0))
+    assert "plate-1.3mf to plate-3.3mf" in note and "3 cuts are joined by pins of 1.5 mm" in note
 
 
 @pytest.mark.parametrize(
@@ -61,53 +65,45 @@ def test_plates_and_their_pins() -> None:
 def test_a_depth_that_was_lowered_or_should_be(
     to: float, proposed: float | None, said: list[str]
 ) -> None:
-    found = report()
-    add_posing(found, part(), Flattening(90.0, to, proposed))
-    notes = found["notes"][2:]
+    found, notes = told(part(), Flattening(90.0, to, proposed))
     assert len(notes) == len(said)
     assert all(text in note for text, note in zip(said, notes, strict=True))
-    assert found["print"]["pose"]["depth_mm"]["kept"] == to
+    assert found.pose is not None and found.pose.depth_mm == Kept(90.0, to, proposed)
 
 
 def test_a_piece_that_was_brought_to_its_wall() -> None:
-    found = report()
-    add_posing(found, part(), Flattening(90.0, 60.0, None, "it sags 1.00 mm", (100.0, 45.0)))
-    (note,) = found["notes"][2:]
+    flattening = Flattening(90.0, 60.0, None, "it sags 1.00 mm", (100.0, 45.0))
+    found, (note,) = told(part(), flattening)
     assert "At 100 mm from the wall, 90 mm deep, it sags 1.00" in note
     assert "so it was rebuilt at 45 mm, 60 mm deep." in note
-    assert found["print"]["pose"]["wall_distance_mm"] == {"first": 100.0, "kept": 45.0}
+    assert found.pose is not None and found.pose.wall_distance_mm == Kept(100.0, 45.0)
 
 
 def test_powder_asks_for_neither_supports_nor_access() -> None:
-    found = report()
     piece = part(scene="[printer]\nname = 'hp-mjf'")
-    add_posing(found, piece, None, printing=True, access=find_access(piece))
-    assert found["print"]["pose"]["chosen_by"] == "the volume of its box"
-    assert "no supports" in found["notes"][2] and "6 cm³" in found["notes"][2]
-    assert "support_access" not in found["print"]
+    how = {"printing": True, "access": find_access(piece)}
+    found, (note,) = lay_out(report_with().print, piece, None, **how)
+    assert found.pose is not None and found.pose.chosen_by == "the volume of its box"
+    assert "no supports" in note and "6 cm³" in note
+    assert found.support_access is None
 
 
 def test_what_was_sliced_is_told_with_its_supports() -> None:
-    found = report()
-    found["print"] = {"time_s": 5400.0, "filament_g": 20.0, "support_g": 5.0, "support_share": 0.25}
-    add_posing(found, part(), None, printing=True, access=find_access(part()))
-    assert found["print"]["support_access"]["worst"] is None  # a box that has no face
-    quiet = report()
-    add_posing(quiet, part(), None)
-    assert "support_access" not in quiet["print"]
+    sliced = {"time_s": 5400.0, "filament_g": 20.0, "support_g": 5.0, "support_share": 0.25}
+    print_, how = report_with(print=sliced).print, {"printing": True, "access": find_access(part())}
+    found, _ = lay_out(print_, part(), None, **how)
+    assert found.support_access is not None
+    assert found.support_access.worst is None  # a box that has no face
+    assert lay_out(print_, part(), None)[0].support_access is None
 
 
 def test_what_less_depth_would_take_is_one_sentence() -> None:
-    less = [
-        {"depth_share": 0.6, "hours": 1.5, "grams": 20.0},
-        {"depth_share": 0, "hours": 0.5, "grams": 9.0},
-    ]
-    said = tell_flatter(less)
+    said = tell_flatter([Flatter(0.6, 1.5, 20.0, 5.0), Flatter(0, 0.5, 9.0, 0.0)])
     assert said.endswith(": with 60% of its depth 1.5 h and 20 g, flat 30 min and 9 g.")
 
 
 def make_sliced(time_s: float, *, passed: bool) -> Sliced:
-    check = CrossCheck("bed", passed, 1.0, 0.0, "mm", "over the edge")
+    check = SlicerCheck("bed", "pass" if passed else "fail", 1.0, 0.0, "mm", "over the edge")
     warning = SlicerWarning("empty layer", "", settled=True)
     return Sliced(
         "PrusaSlicer", "2.5", time_s, 1.0, 3.0, 0.5, 100, 1, (warning,), (check,),

@@ -11,68 +11,30 @@ from typing import Any
 import numpy as np
 import pytest
 from PIL import Image
+from reports import VERDICT, check_of, report_with
 
 from knotfab.drawing.part_picture import draw_part, place_eyes, turn_eye
 from knotfab.geometry.tube import sweep
 from knotfab.report import report_html
 from knotfab.report.for_maker import list_files
 from knotfab.report.in_words import tell_colours
+from knotfab.report.of_build import write_report_json
 from knotfab.report.pictures import find_pictures
 from knotfab.report.report_html import Picture, render_html, write_report_html
-from knotfab.report.report_json import assemble, plain, write_report_json
-from knotfab.verify.checks import CHECKS, exit_code, list_unmet, mark_of, tally_checks
+from knotfab.verify.checks import CHECKS, mark_of, tally_checks
 from knotfab_formats.checks import PRINTER
+from knotfab_formats.records import plain, read_as
+from knotfab_formats.report import Report
 from knotfab_formats.scene import ResolvedView
+from knotfab_formats.verdict import exit_code, list_unmet
 
-
-def check(name: str, status: str = "pass", **changes: Any) -> dict[str, Any]:
-    record = {"name": name, "status": status, "required": True, "measured": 2.2041, "limit": 2.2}
-    return {**record, "unit": "mm", "detail": "", **changes}
-
-
-def sample(fail: bool = False) -> dict[str, Any]:
-    """What a build hands to the report."""
-    effect = {"name": "penumbra", "simulated": False, "magnitude": 0.31, "threshold": 0.5}
-    return {
-        "views": [
-            {
-                "name": "front", "kind": "shadow", "picture": "front.png",
-                "width": 512, "height": 512,
-                "projection": np.eye(3, 4), "receiver": np.array([0.0, 0.0, 1.0, 100.0]),
-                "iou": 0.98765, "iou_tube": np.float64(0.98801), "precision": 0.995,
-                "recall": 0.9926, "outline_error_px": 0.0831, "outline_error_mm": 0.0147,
-                "legibility": {"15": 0.84, "30": 0.66, "45": 0.52, "60": 0.41},
-            }
-        ],
-        "checks": [
-            check("closed mesh", detail="volume 49123 mm³, as the tube's length and radius give"),
-            check("thickness", "fail" if fail else "pass", measured=1.91 if fail else 2.2041,
-                  detail="closest at (12.0, 3.1, 40.2) mm" if fail else ""),
-            check("slicer", "skipped", required=False, measured=None, limit=None, unit=None),
-        ],
-        "effects": [
-            {**effect, "unit": "px", "seconds": 0.0, "calls": 0, "forced": False, "where": [],
-             "reason": "below the threshold"},
-        ],
-        "limits": [
-            {"name": "clearance", "limit": 4.4, "measured": 4.41, "unit": "mm", "calls": 160,
-             "seconds": 1.25},
-        ],
-        "timings": {"target": 0.21, "template": 0.92, "search": 8.4, "sweep": 0.3, "verify": 3.1},
-        "knots": [
-            {"type": "unknot", "vertices": 1480, "length_mm": 3912.4, "thickness_mm": 2.2041,
-             "min_bend_radius_mm": 2.31},
-        ],
-        "print_": {
-            "volume_mm3": 49123.0, "mass_g": 60.9, "bounding_box_mm": [178.2, 171.9, 109.4],
-            "depth_ratio": 0.614, "printer": "prusa-mk4",
-        },
-        "settings": {
-            "accuracy": "standard", "seed": 0, "tube_radius_mm": 2.0,
-            "versions": {"knotfab": "0.1.0", "numpy": np.__version__},
-            "command": "knotfab build knight.png --print --out knight",
-        },
-    }  # fmt: skip
+DETAIL = "closest at (12.0, 3.1, 40.2) mm"
+CHECKS_MADE: list[dict[str, Any]] = [
+    {"name": "closed mesh", "detail": "volume 49123 mm³, as the tube's length and radius give"},
+    {"name": "thickness"},
+    {"name": "slicer", "status": "skipped", "required": False, "measured": None, "limit": None},
+]
+FAILED = {"name": "thickness", "status": "fail", "measured": 1.91, "detail": DETAIL}
 
 
 class Page(HTMLParser):
@@ -100,38 +62,26 @@ class Page(HTMLParser):
 
 
 def test_keys_of_the_contract(tmp_path: Path) -> None:
-    write_report_json(tmp_path / "report.json", assemble(**sample()))
-    report = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))
+    write_report_json(tmp_path / "report.json", report_with())
+    text = (tmp_path / "report.json").read_text(encoding="utf-8")
+    report = json.loads(text)
     assert set(report) == {
         "schema", "status", "verdict", "views", "checks", "effects", "limits", "timings", "knots", "print",
-        "settings",
+        "settings", "notes",
     }  # fmt: skip
     assert report["schema"] == 1 and report["status"] == "pass" and report["verdict"] is None
     assert np.array(report["views"][0]["projection"]).shape == (3, 4)
     assert len(report["views"][0]["receiver"]) == 4
-    stages = {k: v for k, v in report["timings"].items() if k != "total"}
-    assert report["timings"]["total"] == pytest.approx(sum(stages.values()))
-    assert assemble(**{**sample(), "timings": {"a": 1.0, "total": 9.0}})["timings"]["total"] == 9.0
-
-
-VERDICT = {
-    "word": "coarse", "reasons": ["2 pieces are lost"], "lost_pieces": 2, "filled_holes": 0,
-    "bridged_gaps": 0, "broken_strokes": 0, "outline_p95_mm": 0.4, "outline_p95_radii": 0.2,
-    "lost": [{"what": "piece", "at_px": [12.0, 40.0], "size_mm": 1.2, "needed_mm": 4.4,
-              "sentence": "a piece is lost <here>"}],
-}  # fmt: skip
+    assert plain(read_as(Report, report)) == report  # what was read is what was written
 
 
 @pytest.mark.parametrize("word", ["faithful", "coarse", "not recognisable"])
 def test_the_verdict_of_the_worst_view_stands_first(word: str) -> None:
-    data = sample()
-    data["views"] = [
-        {**data["views"][0], "name": name, "verdict": {**VERDICT, "word": said}}
-        for name, said in (("front", "faithful"), ("side", word))
-    ]
-    report = assemble(**data)
-    assert report["verdict"]["word"] == word
-    assert [loss["view"] for loss in report["verdict"]["lost"]] == ["front", "side"]
+    judged = (("front", "faithful"), ("side", word))
+    views = [{"name": name, "verdict": {**VERDICT, "word": said}} for name, said in judged]
+    report = report_with(views=views)
+    assert report.verdict is not None and report.verdict.word == word
+    assert [loss.view for loss in report.verdict.lost] == ["front", "side"]
     heading = render_html(report).split("<h1>")[1].split("</h1>")[0]
     assert word in heading and ("Warning" in heading) == (word != "faithful")
     page = render_html(report)
@@ -139,46 +89,43 @@ def test_the_verdict_of_the_worst_view_stands_first(word: str) -> None:
 
 
 def test_colours_of_lamps_are_told_in_words_and_shown_lamp_by_lamp(tmp_path: Path) -> None:
-    report = assemble(**sample())
-    assert "colours" not in report and tell_colours(report) == []
+    assert tell_colours(report_with()) == []
+    lamp = {"colour": [1.0, 0.0, 0.0], "light": [0.0, 0.0, 500.0], "spill": 0.0, "missing": 0.0}
     lamps = [
-        {"name": name, "spill_beside": beside} for name, beside in (("red", 0), ("blue", 0.02))
+        {**lamp, "name": "red", "spill_beside": 0},
+        {**lamp, "name": "blue", "spill_beside": 0.02},
     ]
-    shares = {"share": 0.9999, "share_inside": 1.0, "share_along": 0.5}
+    shares = {"share": 0.9999, "share_inside": 1.0, "share_along": 0.5, "along": 0.1}
+    shares |= {"share_half_light": 0.99, "share_drawn": 0.98, "ambient": 0.0}
+    errors = {"delta_e": 3.2, "delta_e_inside": 1.0, "delta_e_along": 9.0, "delta_e_lit": 1.1}
     moved = {"lamp_mm": None, "moved_mm": 2.0, "share": 0.96, "unmoved": 0.99}
-    picture = {"delta_e": 9.1, "masks_share": 0.8}
-    colours = {
-        "lamps": lamps,
-        **shares,
-        "delta_e": 3.2,
-        "delta_e_lit": 1.1,
-        "misregistration": moved,
-    }
-    report = assemble(**sample(), colours={**colours, "picture": picture})
+    picture = {"file": "p.png", "delta_e": 9.1, "masks_share": 0.8, "masks_delta_e": 4.0}
+    picture |= {"swapped": [], "swapped_delta_e": None}
+    colours = {"lamps": lamps, **shares, **errors, "misregistration": moved, "picture": picture}
+    views = [{"lamp_colour": [1.0, 0.0, 0.5]}]
+    report = report_with(colours=colours, views=views)
     first, error, beside = tell_colours(report)
     assert "99.9%" in first and "4 colours that 2 lamps" in first  # never rounded up to all
     assert "ΔE 3.2" in error and "9.1" in error and "80.0%" in error and "blue" in beside
-    report["colours"]["misregistration"]["lamp_mm"] = 4.6
-    assert any("5 mm beside its place" in line and "96.0%" in line for line in tell_colours(report))
-    report["views"][0]["lamp_colour"] = [1.0, 0.0, 0.5]
+    off = report_with(colours={**colours, "misregistration": {**moved, "lamp_mm": 4.6}})
+    assert any("5 mm beside its place" in line and "96.0%" in line for line in tell_colours(off))
     file = tmp_path / "shadow.png"
     Image.new("L", (4, 4), 255).save(file)
     shown = [
         Picture(file, "colours", "all"),
-        Picture(file, "alone", "", report["views"][0]["name"]),
+        Picture(file, "alone", "", report.views[0].name),
     ]
     page = render_html(report, shown)
     assert "background:rgb(255 0 186)" in page and "alone" in page and "99.9%" in page
 
 
 def test_limits_stand_apart_and_among_the_effects() -> None:
-    report = assemble(**sample())
-    (limit,), effects = report["limits"], {e["name"]: e for e in report["effects"]}
+    report = report_with()
+    (limit,), effects = report.limits, {e.name: e for e in report.effects}
     assert list(effects) == ["penumbra", "clearance"]
     old = effects["clearance"]
-    assert (old["magnitude"], old["threshold"]) == (limit["measured"], limit["limit"])
-    assert old["simulated"] and old["calls"] == limit["calls"] == 160
-    assert [set(e) for e in report["effects"]] == 2 * [set(old)]
+    assert (old.magnitude, old.threshold) == (limit.measured, limit.limit)
+    assert old.simulated and old.calls == limit.calls == 160
     page = render_html(report)
     shown = page.split("<summary>Effects ")[1]
     one, two = shown.split("<summary>Limits ")
@@ -186,10 +133,9 @@ def test_limits_stand_apart_and_among_the_effects() -> None:
 
 
 def test_settings_are_a_row_each_however_deep() -> None:
-    report = assemble(**sample())
-    report["settings"]["tube_radius"] = {
-        "trials": [{"radius_mm": 1.5, "start_iou": None}, {"radius_mm": 2.0, "start_iou": 0.97}]
-    }
+    tried = {"radius_mm": 1.5, "template_iou": 0.9, "start_iou": None}
+    trials = [tried, {**tried, "radius_mm": 2.0, "start_iou": 0.97}]
+    report = report_with(settings={"tube_radius": {"chosen_by": "trying", "trials": trials}})
     table = render_html(report).split('<table class="settings">')[1].split("</table>")[0]
     assert "{" not in table and "None" not in table
     rows = ("trials.1.radius_mm</td><td>1.5<", "trials.2.start_iou</td><td>0.97<")
@@ -197,28 +143,27 @@ def test_settings_are_a_row_each_however_deep() -> None:
 
 
 def test_what_is_not_required_warns_and_does_not_fail() -> None:
-    data = sample()
-    data["checks"] = [check("closing", "fail", required=False), check("shadow", "fail")]
-    page = render_html(assemble(**data))
+    checks = [{"name": "closing", "status": "fail", "required": False}]
+    page = render_html(report_with(checks=[*checks, {"name": "shadow", "status": "fail"}]))
     rows = {
         name: page.split(f'"s">{name}')[0].rsplit("<tr>", 1)[1] for name in ("closing", "shadow")
     }
     assert "warn" in rows["closing"] and "fail" not in rows["closing"]
     assert "✗ fail" in rows["shadow"]
     for status in ("pass", "skipped"):
-        assert mark_of(check("a", status, required=False)) == status
+        assert mark_of(check_of("a", status, required=False)) == status
 
 
 @pytest.mark.parametrize(
-    "section", ["views", "checks", "effects", "limits", "knots", "print_", "settings"]
+    "section", ["views", "checks", "effects", "limits", "knots", "print", "settings"]
 )
 def test_a_key_too_few_is_refused(section: str) -> None:
-    data = sample()
-    record = data[section] if isinstance(data[section], dict) else data[section][0]
+    told = plain(report_with(checks=CHECKS_MADE))
+    record = told[section] if isinstance(told[section], dict) else told[section][0]
     key = next(iter(record))
     del record[key]
-    with pytest.raises(ValueError, match=f"{section.rstrip('_')} lacks {key}"):
-        assemble(**data)
+    with pytest.raises(ValueError, match=rf"{section}\.(0\.)?(View\.)?{key}\n"):
+        read_as(Report, told)
 
 
 @pytest.mark.parametrize(
@@ -233,15 +178,14 @@ def test_a_key_too_few_is_refused(section: str) -> None:
 )
 def test_the_rule_of_what_passes(states: list[tuple[str, bool]], code: int) -> None:
     """A skipped check proves nothing; one that is not required decides nothing."""
-    checks = [check(f"c{k}", s, required=needed) for k, (s, needed) in enumerate(states)]
+    checks = [check_of(f"c{k}", s, needed) for k, (s, needed) in enumerate(states)]
     assert exit_code(checks) == code
     assert bool(list_unmet(checks)) == (code != 0)
-    assert assemble(**{**sample(), "checks": checks})["status"] == ("fail" if code else "pass")
 
 
 def test_an_unknown_status_is_refused() -> None:
-    with pytest.raises(ValueError, match="status 'passed'"):
-        exit_code([check("a", "passed")])
+    with pytest.raises(ValueError, match="status"):
+        check_of("a", "passed")
 
 
 def test_the_printers_checks_are_checks() -> None:
@@ -291,10 +235,10 @@ def test_a_large_picture_is_embedded_small(tmp_path: Path) -> None:
 
 
 def test_without_a_part_the_page_sends_nobody_to_print() -> None:
-    report = assemble(**sample())
+    report = report_with()
     whole = render_html(report, [], "knight")
     assert "Print <b>part.3mf</b>" in whole and "as it lies on the bed" in whole
-    report["print"] |= {"volume_mm3": 0.0, "mass_g": 0.0, "bounding_box_mm": None}
+    report = report_with(print={"volume_mm3": 0.0, "mass_g": 0.0, "bounding_box_mm": None})
     none = render_html(report, [], "knight")
     assert "There is no part" in none and not re.search("part.3mf|lies on the bed|>Material<", none)
 
@@ -307,7 +251,7 @@ def test_page_is_whole_and_loads_nothing(tmp_path: Path) -> None:
         Picture(tmp_path / "compare.png", "shadow", "The shadow alone", view="front"),
         Picture(tmp_path / "compare.png", "part", "From several sides"),
     ]
-    report = assemble(**sample())
+    report = report_with(checks=CHECKS_MADE)
     write_report_html(tmp_path / "report.html", report, pictures, "knight")
     text = (tmp_path / "report.html").read_text(encoding="utf-8")
     page = Page(text)
@@ -318,7 +262,7 @@ def test_page_is_whole_and_loads_nothing(tmp_path: Path) -> None:
     assert not re.search(r"https?://|url\(|@import", text)
     for words in ("Verified", "0.9877", "thickness", "penumbra", "8.4 s", "prusa-mk4"):
         assert words in page.text
-    assert sample()["settings"]["command"] in page.text and "versions.numpy" in page.text
+    assert report.settings.command in page.text and "versions.numpy" in page.text
     widths = [a["style"] for _, a in page.tags if a.get("class") == "fill"]
     assert widths[:4] == ["width:84.0%", "width:66.0%", "width:52.0%", "width:41.0%"]
     assert render_html(report, pictures, "knight") == text
@@ -326,9 +270,8 @@ def test_page_is_whole_and_loads_nothing(tmp_path: Path) -> None:
 
 def test_a_bent_picture_says_by_how_much_beside_its_likeness(tmp_path: Path) -> None:
     Image.new("RGB", (8, 8), "white").save(tmp_path / "bent-front.png")
-    report = assemble(**sample())
     bending = {"rms": 0.012, "most": 0.034, "stretch": 1.2, "mirrored": False}
-    report["views"][0] |= {"bending": bending, "iou_drawn": 0.9951, "bound": 0.997}
+    report = report_with(views=[{"bending": bending, "iou_drawn": 0.9951, "bound": 0.997}])
     page = " ".join(
         Page(render_html(report, find_pictures(tmp_path))).text.replace("\xa0", " ").split()
     )
@@ -337,41 +280,34 @@ def test_a_bent_picture_says_by_how_much_beside_its_likeness(tmp_path: Path) -> 
 
 
 def test_page_of_a_failed_build_says_what_and_where() -> None:
-    text = Page(render_html(assemble(**sample(fail=True)))).text
+    text = Page(render_html(report_with(checks=[FAILED]))).text
     assert "Not ready" in text and "Verified." not in text
-    assert "closest at (12.0, 3.1, 40.2) mm" in text
+    assert DETAIL in text
 
 
 def test_page_escapes_what_it_is_given() -> None:
-    data = sample()
     evil = "<script>alert('x')</script>\"&"
-    data["settings"]["command"] = data["checks"][0]["detail"] = data["views"][0]["picture"] = evil
-    page = Page(render_html(assemble(**data), title=evil))
+    check, view = {"name": "mesh", "detail": evil}, {"picture": evil}
+    report = report_with(settings={"command": evil}, checks=[check], views=[view])
+    page = Page(render_html(report, title=evil))
     assert "script" not in {tag for tag, _ in page.tags} and page.text.count(evil) == 5
 
 
 def test_page_survives_what_could_not_be_measured() -> None:
-    data = sample()
-    for key in ("iou", "iou_tube", "precision", "outline_error_px"):
-        data["views"][0][key] = float("nan")
-    data["views"][0]["legibility"] = {"15": None}
-    data["print_"].update(volume_mm3=None, mass_g=None)
-    data["timings"] = {}
-    data["knots"] = []
-    text = Page(render_html(assemble(**data))).text
+    keys = ("iou", "iou_tube", "precision", "outline_error_px")
+    view = {**dict.fromkeys(keys, float("nan")), "legibility": {}}
+    report = report_with(views=[view], timings={"total": 0.0}, knots=[])
+    text = Page(render_html(report)).text
     assert "IoU –" in text and "nan" not in text.lower() and "None" not in text
 
 
 def test_notes_are_extra() -> None:
-    report = assemble(**sample(), notes=["Nothing holds the 3 loose knots."])
-    assert report["notes"] == ["Nothing holds the 3 loose knots."]
-    assert report["notes"][0] in Page(render_html(report)).text
+    report = report_with(notes=["Nothing holds the 3 loose knots."])
+    assert report.notes[0] in Page(render_html(report)).text
 
 
 def test_optional_print_numbers() -> None:
-    data = sample()
-    data["print_"] |= {"time_s": 5400.0, "filament_m": 20.42}
-    text = Page(render_html(assemble(**data))).text
+    text = fabrication_page(print={"time_s": 5400.0, "filament_m": 20.42}).text
     assert "print time" in text and "1 h 30 min" in text and "20.4" in text
 
 
@@ -416,10 +352,7 @@ def sections(page: Page) -> list[str]:
 
 def fabrication_page(**more: Any) -> Page:
     """The page of a report with what fabrication adds to it."""
-    data = sample()
-    data["print_"] |= more.pop("print_", {})
-    report = {**assemble(**data), **more}
-    return Page(render_html(report))
+    return Page(render_html(report_with(**more)))
 
 
 WALL = {
@@ -445,19 +378,19 @@ SLICED = {
 @pytest.mark.slow
 def test_sections_of_fabrication_stand_where_they_apply() -> None:
     assert sections(fabrication_page()) == []
-    assert sections(fabrication_page(print_={"mount": {"kind": "none"}, "drawings": []})) == []
-    assert sections(fabrication_page(print_={"mount": WALL})) == ["The wall mount"]
-    assert sections(fabrication_page(print_={"mount": STAND})) == ["The stand"]
+    assert sections(fabrication_page(print={"mount": {"kind": "none"}, "drawings": []})) == []
+    assert sections(fabrication_page(print={"mount": WALL})) == ["The wall mount"]
+    assert sections(fabrication_page(print={"mount": STAND})) == ["The stand"]
     assert sections(fabrication_page(slicer=SLICED)) == ["The slicer"]
 
 
 def test_the_mounts_figures_and_drawings() -> None:
     drawings = ["setup.pdf", "setup.svg", "drill-template-a4.pdf"]
-    text = fabrication_page(print_={"mount": WALL, "drawings": drawings}).text
+    text = fabrication_page(print={"mount": WALL, "drawings": drawings}).text
     for part in ("in drilled holes", "55.9 to 127", "0.17", "limit 0.2", ", ".join(drawings)):
         assert part in text
     assert "full size" in text
-    plain = fabrication_page(print_={"mount": STAND, "drawings": drawings[:2]}).text
+    plain = fabrication_page(print={"mount": STAND, "drawings": drawings[:2]}).text
     assert "88 × 64.5 × 9" in plain and "9.5" in plain and "full size" not in plain
 
 
@@ -482,7 +415,8 @@ def test_the_bending_plan_lists_each_wire() -> None:
     }  # fmt: skip
     plan = {
         "status": "pass", "files": ["bends.csv"], "length_mm": 3912.0, "mass_g": 96.0, "bends": 300,
-        "iou": 0.98121, "least_distance_mm": 2.2, "tolerance_mm": 0.5, "pages": {}, "knots": [wire],
+        "iou": 0.98121, "iou_of_views": {}, "frame_width_mm": 180.0, "enough_frame_width_mm": None,
+        "least_distance_mm": 2.2, "tolerance_mm": 0.5, "pages": {}, "knots": [wire],
     }  # fmt: skip
     text = fabrication_page(bending_plan=plan).text
     for part in ("3.91", "0.9812", "bends.csv", "95.2", "it shows"):
@@ -495,38 +429,33 @@ def test_what_it_costs_to_be_off_is_told_with_the_view() -> None:
         return {way: {"raw": 0.858 - 0.1 * n, "fitted": 0.958} for n, way in enumerate(ways)}
 
     off = {
-        "lamp_mm": 5.0, "turn_deg": 1.0, "iou": 0.99,
+        "parting_px": 2.0, "lamp_mm": 5.0, "turn_deg": 1.0, "iou": 0.99, "worst": None, "samples": 7,
+        "lamp_iou_per_mm": {},
         "lamp_iou": ious("right", "up", "towards"), "turn_iou": ious("right", "up", "axis"),
     }  # fmt: skip
-    data = sample()
-    data["views"][0]["misplacement"] = off
-    text = Page(render_html(assemble(**data))).text
+    text = fabrication_page(views=[{"misplacement": off}]).text
     assert "lamp 5 mm to the side" in text and "0.858" in text and "0.958" in text
     assert "piece turned by 1° like a wheel" in text and "0.658" in text
     # a piece on a wall cannot be turned against it
     del off["turn_iou"]
-    assert "piece turned" not in Page(render_html(assemble(**data))).text
+    assert "piece turned" not in fabrication_page(views=[{"misplacement": off}]).text
 
 
 def test_sag_and_layers_are_told_where_they_were_measured() -> None:
-    data = sample()
-    assert "as they hang" not in Page(render_html(assemble(**data))).text
-    data["views"][0]["sag"] = {"widest_px": 1.4, "iou": 0.987, "iou_designed": 0.988}
-    data["views"][0]["layers"] = {"iou": 0.9761, "iou_smooth": 0.9859}
-    text = Page(render_html(assemble(**data))).text
+    assert "as they hang" not in fabrication_page().text
+    sag = {"widest_px": 1.4, "iou": 0.987, "iou_designed": 0.988}
+    layers = {"layer_mm": 0.2, "shift_px": 1.0, "iou": 0.9761, "iou_smooth": 0.9859, "samples": 400}
+    text = fabrication_page(views=[{"sag": sag, "layers": layers}]).text
     assert "as they hang on their mount: IoU 0.987, 0.988 as designed" in text
     assert "a stack of its layers: IoU 0.976, 0.986 as designed" in text
 
 
 def test_checks_are_tallied_and_those_that_failed_named() -> None:
-    def check(name: str, status: str, required: bool = True) -> dict[str, Any]:
-        return {"name": name, "status": status, "required": required}
-
-    passed = [check(str(k), "pass") for k in range(35)]
-    assert tally_checks([*passed, check("slicer", "skipped")]) == "35 passed, 1 skipped: slicer"
-    failed = [check("tube", "fail"), check("closing", "fail", False)]
+    passed = [check_of(str(k)) for k in range(35)]
+    assert tally_checks([*passed, check_of("slicer", "skipped")]) == "35 passed, 1 skipped: slicer"
+    failed = [check_of("tube", "fail"), check_of("closing", "fail", False)]
     assert tally_checks(failed) == "1 failed: tube, 1 not required and not met: closing"
-    many = [check(str(k), "skipped") for k in range(10)]
+    many = [check_of(str(k), "skipped") for k in range(10)]
     assert tally_checks([*passed, *many]) == "35 passed, 10 skipped"
 
 

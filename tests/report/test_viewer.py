@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from browser import open_browser
 from PIL import Image, ImageDraw
+from reports import LOSS, VERDICT, report_with
 from rings import RADIUS, ring
 from setups import OFF, setup
 from shown_pieces import (
@@ -27,12 +28,12 @@ from shown_pieces import (
 from knotfab.mount.drawing import draw_sheets, write_setup
 from knotfab.report.for_maker import draw_setup, list_files, tell_setup
 from knotfab.report.report_html import VIEWER, Picture, write_report_html
-from knotfab.report.report_json import assemble
 from knotfab.report.viewer_data import HistoryFrame, viewer_data
 from knotfab.scene.camera import camera_of
+from knotfab_formats.records import plain
 from knotfab_validators.shadows.compare import overlap
 from knotfab_validators.shadows.lamp import lamp_points
-from tests.report.test_report_json import SLICED, VERDICT, WALL, sample
+from tests.report.test_report_json import SLICED, WALL
 
 pytestmark = pytest.mark.slow
 
@@ -219,18 +220,19 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """report.html as a build writes it, of a piece on a plate, with a search behind it."""
     folder = tmp_path_factory.mktemp("report")
     mounted, scene, camera = setup("plate")
-    write_setup(folder, draw_sheets(mounted, scene, [camera]), [OFF])  # type: ignore[arg-type]
+    write_setup(folder, draw_sheets(mounted, scene, [camera]), [OFF])
     strip = Image.new("RGB", (1330, 544), "#faf8f4")
     ImageDraw.Draw(strip).ellipse((60, 60, 380, 480), fill="#2b2d33")
     strip.save(folder / "compare-front.png")
-    data = sample()
     evil = "a </script><script>alert(1)</script> piece"
-    data["views"][0]["verdict"] = {**VERDICT, "lost": [{**VERDICT["lost"][0], "sentence": evil}]}
-    data["print_"] |= {
+    verdict = {**VERDICT, "lost": [{**LOSS, "sentence": evil}]}
+    printed = {
         "mount": WALL, "time_s": 81399.0, "filament_m": 75.9, "filament_g": 226.0, "support_g": 89.5,
-        "drawings": ["setup.pdf", "setup.svg"], "setup": tell_setup(mounted, [camera], RADIUS),
+        "drawings": ["setup.pdf", "setup.svg"], "setup": plain(tell_setup(mounted, [camera], RADIUS)),
     }  # fmt: skip
-    record = assemble(**data, notes=["A finger reaches 24% of its supports, a cutter 55%."] * 3)
+    notes = ["A finger reaches 24% of its supports, a cutter 55%."] * 3
+    views = [{"verdict": verdict}]
+    record = report_with(views=views, print=printed, notes=notes, slicer=SLICED)
     view, knots = view_of(), wavy_knots()
     bodies = bodies_of(knots, post(view))
     history = [HistoryFrame(f"{k} %", wavy_knots()) for k in (0, 50)]
@@ -239,7 +241,7 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     shown["views"][0]["name"] = evil
     write_report_html(
         folder / "report.html",
-        {**record, "slicer": SLICED},
+        record,
         [Picture(folder / "compare-front.png", "compare", view="front")],
         evil,
         shown=shown,

@@ -8,7 +8,7 @@ from platformdirs.macos import MacOS
 from platformdirs.windows import Windows
 
 from knotfab.base.errors import InputError
-from knotfab.scene.catalogue import material_of, materials, printer_of, printers, resolve
+from knotfab.scene.catalogue import asked_for, materials, printers, resolve
 from knotfab.scene.load import dump_scene, parse_scene
 from knotfab.scene.own_data import data_folder, known_names, load_file
 from knotfab_formats.scene import Material, Printer, Scene
@@ -43,7 +43,9 @@ def test_ones_own_wins_over_one_of_the_same_name(own: Path) -> None:
 
 
 def test_a_written_scene_needs_no_file_any_more(own: Path) -> None:
-    scene = resolve(Scene(printer=printer_of("big"), material=material_of("own-asa")))
+    scene = resolve(
+        Scene(printer=asked_for(Printer, "big"), material=asked_for(Material, "own-asa"))
+    )
     text = dump_scene(scene)
     (own / "printers" / "big.toml").write_text("broken = [")
     (own / "materials" / "own-asa.toml").unlink()
@@ -53,15 +55,15 @@ def test_a_written_scene_needs_no_file_any_more(own: Path) -> None:
 def test_a_file_may_lie_anywhere(own: Path, tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text(f'title = "Mine"\n{PRINTER}layer_height_mm = 0.3\n')
-    printer = printer_of(str(path))
+    printer = asked_for(Printer, str(path))
     assert (printer.name, printer.layer_height_mm) == ("mine", 0.3)
     assert resolve(Scene(printer=printer)).printer.nozzle_mm == 0.6
     path.write_text(f"[material]\n{MATERIAL}")  # under the header of a scene
-    assert material_of(str(path)).density_g_cm3 == 1.04
+    assert asked_for(Material, str(path)).density_g_cm3 == 1.04
     # named like a known one, it takes nothing from that
     named = tmp_path / "form-3.toml"
     named.write_text(PRINTER)
-    assert resolve(Scene(printer=printer_of(str(named)))).printer.layer_height_mm == 0.2
+    assert resolve(Scene(printer=asked_for(Printer, str(named)))).printer.layer_height_mm == 0.2
 
 
 @pytest.mark.parametrize(
@@ -84,19 +86,19 @@ def test_errors_name_file_key_and_remedy(tmp_path: Path, text: str, says: str) -
     path = tmp_path / "mine.toml"
     path.write_text(text)
     with pytest.raises(InputError, match=says) as caught:
-        load_file("printer", path)
+        load_file(Printer, path)
     assert caught.value.what == str(path) and caught.value.exit_code == 2
     assert "[printer]" not in caught.value.why
 
 
 def test_files_that_cannot_be_read(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"no such file.*prusa-mk4"):
-        printer_of("nowhere/mine.toml")
+        asked_for(Printer, "nowhere/mine.toml")
     with pytest.raises(InputError, match="is a directory"):
-        load_file("printer", tmp_path)
+        load_file(Printer, tmp_path)
     (tmp_path / "mine.toml").write_bytes(b"\xff\xfe")
     with pytest.raises(InputError, match="UTF-8"):
-        load_file("material", tmp_path / "mine.toml")
+        load_file(Material, tmp_path / "mine.toml")
 
 
 def test_where_ones_own_are_looked_for(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -143,4 +145,6 @@ def test_the_command_line_takes_names_and_files(own: Path, tmp_path: Path) -> No
 
 
 def test_the_defaults_of_usual_keys_are_the_models(own: Path) -> None:
-    assert resolve(Scene(material=material_of("own-asa"))).material.color == Material().color
+    assert (
+        resolve(Scene(material=asked_for(Material, "own-asa"))).material.color == Material().color
+    )

@@ -15,15 +15,16 @@ import pytest
 import trimesh
 from command import knotfab
 from PIL import Image, ImageDraw
+from reports import check_of, report_with
 
 from knotfab.base.errors import InputError
 from knotfab.request import Outcome, Request
 from knotfab.sequence.build import _mend, build_sequence
-from knotfab.sequence.motion import Motion
 from knotfab.sequence.report import _effects, advise, check_closing, check_motion
 from knotfab.slicer.find import REMEDY, find_slicer
 from knotfab.verify.verifier import Files, Verifier
 from knotfab_formats.checks import KNOTS, MESH, PRINTING
+from knotfab_formats.report import Motion
 from knotfab_formats.scene import Mount, Piece, Scene, View
 
 FRAME_MM, RADIUS_MM = 90.0, 2.5  # small parts are soon sliced and verified
@@ -190,19 +191,20 @@ def test_its_scene_repeats_it_and_a_failure_is_rejected(outcome: Outcome) -> Non
 
 
 def test_motion_beyond_the_bound_fails() -> None:
-    held, not_held = Motion(5.0, 7.0, 6.9, 1.0), Motion(5.0, 7.0, 7.1, 1.0)
-    assert check_motion([held, held])["status"] == "pass"
+    bounds = {"outline_mm": 5.0, "limit_mm": 7.0, "mean_mm": 1.0}
+    held, not_held = (Motion(**bounds, largest_mm=m, held=m < 7) for m in (6.9, 7.1))
+    assert check_motion([held, held]).status == "pass"
     found = check_motion([held, not_held])
-    assert (found["status"], found["measured"], found["required"]) == ("fail", 7.1, True)
-    assert "frame 3" in found["detail"]
-    assert check_closing(not_held)["status"] == "fail"
-    assert not check_closing(not_held)["required"]
+    assert (found.status, found.measured, found.required) == ("fail", 7.1, True)
+    assert "frame 3" in found.detail
+    assert check_closing(not_held).status == "fail"
+    assert not check_closing(not_held).required
 
 
 def test_a_frame_that_fails_comes_with_a_remedy() -> None:
-    def view(outline_mm: float | None, *failed: str) -> dict[str, Any]:
-        motion = None if outline_mm is None else {"outline_mm": outline_mm}
-        return {"motion": motion, "failed": list(failed), "pieces": 1, "knots": 1}
+    def view(outline_mm: float | None, *failed: str, pieces: int = 1) -> Any:
+        motion = None if outline_mm is None else SimpleNamespace(outline_mm=outline_mm)
+        return SimpleNamespace(motion=motion, failed=failed, pieces=pieces, knots=1)
 
     passed = [view(None), view(3.0), view(4.0)]
     assert advise(passed, 2.0) == []
@@ -219,8 +221,8 @@ def test_a_frame_that_fails_comes_with_a_remedy() -> None:
         for names in (("outline",), ("clearance",), ("shadow", "limits"))
     )
     assert "stretched" in stretched and "apart" in touching and "limit" in bound
-    # another frame in between joins no pieces that lie apart
-    apart = {**view(30.0, "recognisable"), "pieces": 2}
+    # of pieces that lie apart another frame in between joins none
+    apart = view(30.0, "recognisable", pieces=2)
     assert "its 2 pieces lie apart" in advise([view(None), apart], 2.0)[0]
 
 
@@ -232,8 +234,8 @@ def _searched(iou: float = 0.8, bound: bool = False) -> Any:
 
 
 def _verified(*failed: str) -> Any:
-    checks = [{"name": name, "required": True, "status": "fail"} for name in failed]
-    return SimpleNamespace(verdict={"checks": checks}, slicings={}, suffix="-01")
+    checks = [check_of(name, "fail") for name in failed]
+    return SimpleNamespace(verdict=SimpleNamespace(checks=checks), slicings={}, suffix="-01")
 
 
 @pytest.mark.parametrize(
@@ -314,12 +316,16 @@ def test_each_frame_is_sliced_as_a_piece_of_its_own(outcome: Outcome) -> None:
     assert (outcome.folder / "slicer.ini").is_file()
 
 
+HAZE = {"name": "haze", "simulated": True, "seconds": 0.5, "threshold": 1.0, "unit": "px"}
+HAZE |= {"forced": False, "reason": ""}
+
+
 def test_an_effect_counts_in_the_stages_of_all_frames() -> None:
     """The frame that was searched first chose the depth, and another one has the larger magnitude."""
-    first, second = (
-        {"name": "haze", "simulated": True, "magnitude": m, "where": w, "calls": c, "seconds": 0.5}
+    frames = [
+        report_with(effects=[{**HAZE, "magnitude": m, "where": w, "calls": c}], limits=[])
         for m, w, c in ((2.0, ["depth", "verification"], 20), (3.0, ["verification"], 10))
-    )
-    (line,) = _effects([{"limits": [], "effects": [e]} for e in (first, second)])
-    assert (line["magnitude"], line["calls"], line["seconds"]) == (3.0, 30, 1.0)
-    assert line["where"] == ["depth", "verification"]
+    ]
+    (line,) = _effects(frames)
+    assert (line.magnitude, line.calls, line.seconds) == (3.0, 30, 1.0)
+    assert line.where == ("depth", "verification")

@@ -12,12 +12,20 @@ from knotfab.mount.struts import nothing
 from knotfab.mount.wall import Peg, WallMount
 from knotfab.scene.camera import Camera, camera_of
 from knotfab_formats.scene import Mount, ResolvedView, Scene
+from knotfab_formats.verdict import Misplacement
 
 Kind = Literal["none", "plate", "dowel", "stand"]
-OFF = {
-    "lamp_iou_per_mm": {"right": 0.0142, "up": 0.0087, "towards": 0.0001},
-    "turn_iou_per_deg": {"right": 0.5, "up": 0.25, "axis": 0.04},
-}
+OFF = Misplacement(
+    parting_px=2.0,
+    lamp_mm=5.0,
+    turn_deg=1.0,
+    iou=0.99,
+    lamp_iou={},
+    worst=None,
+    samples=7,
+    lamp_iou_per_mm={"right": 0.0142, "up": 0.0087, "towards": 0.0001},
+    turn_iou_per_deg={"right": 0.5, "up": 0.25, "axis": 0.04},
+)
 
 
 def setup(kind: Kind, margin_mm: float = 8.0, **view: float) -> tuple[Mounted, Scene, Camera]:

@@ -1,22 +1,22 @@
 """Warnings are read whole and explained; check and table say what was proven by whom."""
 
 from dataclasses import replace
-from typing import Any
 
 import pytest
+from reports import report_with
 
-from knotfab.report.of_build import add_slicing
 from knotfab.report.of_slicer import (
     OPENING,
     PROVEN,
     check_slicing,
-    print_figures,
     report_slicing,
     tell_kept,
+    with_slicing,
 )
-from knotfab.report.report_json import plain
-from knotfab.slicer.known_warnings import SlicerWarning, explain_warning, read_warnings
-from knotfab.slicer.result import CrossCheck, NotSliced, Sliced
+from knotfab.slicer.known_warnings import explain_warning, read_warnings
+from knotfab.slicer.result import NotSliced, Sliced
+from knotfab_formats.records import plain, read_as
+from knotfab_formats.report import Print, SlicerCheck, SlicerFigures, SlicerWarning
 
 SAID = """[2024-01-01 05:32:24.0] [0x00] [trace]   Initializing StaticPrintConfigs
 10 => Processing triangulated mesh
@@ -38,6 +38,7 @@ Slicing result exported to part.gcode
 a line of its own
 [2024-01-01 05:32:24.0] [0x00] [error]   Unable to open the file
 """
+PRINT: Print = report_with().print
 STABILITY = "Detected print stability issues:\n\nknot 1\n{}\n\nConsider enabling supports."
 
 GOOD = Sliced(
@@ -51,8 +52,8 @@ GOOD = Sliced(
     objects=1,
     warnings=(),
     checks=(
-        CrossCheck("bed", True, -10.0, 0.0, "mm", "inside"),
-        CrossCheck("surface", True, 0.5, 1.1, "mm", "all printed"),
+        SlicerCheck("bed", "pass", -10.0, 0.0, "mm", "inside"),
+        SlicerCheck("surface", "pass", 0.5, 1.1, "mm", "all printed"),
     ),
     command="prusa-slicer part.3mf",
     profile={"layer_height": "0.2"},
@@ -92,32 +93,29 @@ def test_what_is_known(text: str, known: bool, settled: bool) -> None:
 
 def test_a_good_part() -> None:
     check = check_slicing(GOOD)
-    assert set(check) == {"name", "status", "required", "measured", "limit", "unit", "detail"}
-    assert (check["status"], check["required"], check["measured"]) == ("pass", True, 0)
-    assert "2.5.0" in check["detail"] and "all printed" in check["detail"]
-    supports = {"support_g": 37.0 * 0.32, "support_share": 0.32}
-    wanted = {"time_s": 3600.0, "filament_m": 12.5, "filament_g": 37.0, **supports}
-    assert print_figures(GOOD) == pytest.approx(wanted)
+    assert (check.status, check.required, check.measured) == ("pass", True, 0)
+    assert "2.5.0" in check.detail and "all printed" in check.detail
+    found = with_slicing(PRINT, GOOD)
+    assert (found.time_s, found.filament_m, found.filament_g) == (3600.0, 12.5, 37.0)
+    assert (found.support_g, found.support_share) == pytest.approx((37.0 * 0.32, 0.32))
 
 
 def test_an_explained_warning_passes_and_is_shown() -> None:
     warned = replace(GOOD, warnings=(SlicerWarning("hm", "it is fine", True),))
-    assert check_slicing(warned)["status"] == "pass"
-    assert report_slicing(warned)["warnings"] == [
-        {"text": "hm", "explanation": "it is fine", "settled": True}
-    ]
+    assert check_slicing(warned).status == "pass"
+    assert report_slicing(warned).warnings == warned.warnings
 
 
 def test_what_fails() -> None:
     nobody = replace(GOOD, warnings=(SlicerWarning("odd\nthing"),))
     known = replace(GOOD, warnings=(SlicerWarning("Empty layer", "in the air"),))
-    outside = replace(GOOD, checks=(replace(GOOD.checks[0], passed=False, detail="it is out"),))
+    outside = replace(GOOD, checks=(replace(GOOD.checks[0], status="fail", detail="it is out"),))
     for result, word in ((nobody, "odd thing"), (known, "in the air"), (outside, "it is out")):
         check = check_slicing(result)
-        assert (check["status"], check["required"], check["measured"]) == ("fail", True, 1)
-        assert word in check["detail"]
-    assert "nobody explains" in check_slicing(nobody)["detail"]
-    assert report_slicing(outside)["checks"][0]["status"] == "fail"
+        assert (check.status, check.required, check.measured) == ("fail", True, 1)
+        assert word in check.detail
+    assert "nobody explains" in check_slicing(nobody).detail
+    assert report_slicing(outside).checks[0].status == "fail"
 
 
 @pytest.mark.parametrize(
@@ -132,38 +130,31 @@ def test_what_fails() -> None:
 )
 def test_parts_that_were_not_sliced(result: NotSliced, status: str) -> None:
     check = check_slicing(result)
-    assert (check["status"], check["required"]) == (status, status == "fail")
-    assert check["detail"].count(result.reason) == 1
-    assert result.remedy in check["detail"] and result.said in check["detail"]
+    assert (check.status, check.required) == (status, status == "fail")
+    assert check.detail.count(result.reason) == 1
+    assert result.remedy in check.detail and result.said in check.detail
     table = report_slicing(result)
-    assert table["program"] is None and table["time_s"] is None
-    assert table["reason"] == result.reason
+    assert table.program is None and table.time_s is None
+    assert table.reason == result.reason
     # nothing is said to be proven by a program that did not run
-    assert table["proven"] and all("part.stl" in record["by"] for record in table["proven"])
-    assert print_figures(result) == {}
+    assert table.proven and all("part.stl" in record.by for record in table.proven)
+    assert with_slicing(PRINT, result) == replace(PRINT, opening=OPENING)
 
 
 def test_the_table() -> None:
     table = report_slicing(GOOD)
-    assert plain(table) == table
-    assert {record["by"].split()[0].strip(",'s") for record in table["proven"]} == {
-        "knotfab", "PrusaSlicer",
-    }  # fmt: skip
-    assert len(table["proven"]) == len(PROVEN)
+    assert read_as(SlicerFigures, plain(table)) == table
+    assert {one.by.split()[0].strip(",'s") for one in table.proven} == {"knotfab", "PrusaSlicer"}
+    assert table.proven == PROVEN
     for key in ("program", "version", "time_s", "filament_m", "filament_g", "layers"):
-        assert table[key] == getattr(GOOD, key)
-    assert set(report_slicing(NotSliced("missing", "x"))) - {"reason", "remedy"} <= set(table)
+        assert getattr(table, key) == getattr(GOOD, key)
 
 
 def test_the_notice_of_other_slicers_is_explained() -> None:
     for word in ("one object", "Bambu Studio", "OrcaSlicer", "not from them", "geometry only"):
         assert word in OPENING
-    report: dict[str, Any] = {"print": {}}
-    add_slicing(report, None, False)
-    assert report == {"print": {}}
-    add_slicing(report, GOOD, True)
-    assert report["print"] == {"opening": OPENING, **print_figures(GOOD)}
-    assert report["slicer"]["command"] == GOOD.command
+    assert with_slicing(PRINT, None).opening == with_slicing(PRINT, GOOD).opening == OPENING
+    assert report_slicing(GOOD).command == GOOD.command
 
 
 def test_gcode_that_is_asked_for_and_not_there_is_told() -> None:

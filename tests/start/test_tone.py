@@ -9,10 +9,10 @@ from scipy import ndimage
 from knotfab.base.errors import InputError
 from knotfab.design.frames import widen_targets
 from knotfab.picture.read import Target
-from knotfab.scene.catalogue import material_of, resolve
+from knotfab.scene.catalogue import asked_for, resolve
 from knotfab.start.filling import simple_curves
 from knotfab.start.tone import draw_tones, shortest_tour, spread_points
-from knotfab_formats.scene import Scene, View
+from knotfab_formats.scene import Material, Scene, View
 
 WIDTH, GAP = 8.0, 2.0  # px
 
@@ -92,7 +92,7 @@ def test_greys_are_for_one_picture() -> None:
         with pytest.raises(InputError, match="for one picture"):
             widen_targets(scene, targets, sequence)
     one = scene.model_copy(
-        update={"views": scene.views[:1], "material": material_of("steel-wire-2mm")}
+        update={"views": scene.views[:1], "material": asked_for(Material, "steel-wire-2mm")}
     )
     with pytest.raises(InputError, match="no wire is bent"):
         widen_targets(resolve(one), [target])

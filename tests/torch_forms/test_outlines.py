@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from knotfab.render.frame import Frame
-from knotfab.torch_forms.capsule_outline import clip_segments, contact_corners
+from knotfab.torch_forms.capsule_outline import clip_segments, tangent_normals
 from knotfab.torch_forms.dense import render_dense as render_rays
 from knotfab.torch_forms.ellipse import conic, project_spheres, support, support_point
 from knotfab.torch_forms.outlines import (
@@ -23,6 +23,22 @@ from paper.camera import PaperCamera, camera_around
 
 CAMERA = PaperCamera(width=40, height=32, focal=(1.0, 0.8, 2.0))
 TAU = 60.0
+
+
+def contact_corners(
+    a: Tensor,  # [n, 3]
+    b: Tensor,  # [n, 3]
+    radius: float,
+    focal_z: float,
+) -> tuple[Tensor, Tensor]:
+    """The quadrilateral: corners [n, 4, 2] P1, P2 (on a's ellipse), P4, P3 (on b's) and whether it exists.
+
+    Not differentiable. The corners are the images of the lines in which the planes touch the cylinder.
+    """
+    normals, exist = tangent_normals(a, b, radius)
+    one, two = (ends - radius * normals for ends in (a, b))
+    points = torch.stack([one[0], one[1], two[1], two[0]], 1)
+    return focal_z * points[..., :2] / points[..., 2:].clamp_min(1e-30), exist
 
 
 def _points(count: int, seed: int, depth: float = 3.0) -> Tensor:

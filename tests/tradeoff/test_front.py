@@ -4,11 +4,10 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from fake_runs import make_measured, make_run
+from fake_runs import beaten_by, make_measured, make_run
 
 from knotfab.tradeoff.front import (
     Measured,
-    beaten_by,
     frontier,
     halve,
     list_effects,

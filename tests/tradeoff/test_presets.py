@@ -6,8 +6,8 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from fake_runs import beaten_by
 
-from knotfab.tradeoff.front import beaten_by
 from knotfab.tradeoff.points import PRESET, list_changes
 from knotfab_formats.search import PRESETS
 

@@ -5,6 +5,7 @@ import math
 
 import pytest
 
+from knotfab_formats.records import plain
 from knotfab_validators.check import at_least, at_most, skip_check
 
 
@@ -34,7 +35,7 @@ def test_a_tolerance_is_no_part_of_the_limit() -> None:
 
 def test_a_check_is_plain_data() -> None:
     check = at_least("x", 1, 2, "mm", "why", required=False, at=[(0, 1, 2)])
-    assert json.loads(json.dumps(check.to_dict())) == {
+    assert json.loads(json.dumps(plain(check))) == {
         "name": "x",
         "status": "fail",
         "required": False,

@@ -83,4 +83,4 @@ def test_a_part_in_metres_is_measured_in_its_unit(tmp_path: Path) -> None:
     assert found.to_dict()["notes"] == [] and validate(path).notes != ()
     with Verifier() as verifier:
         told = verifier.submit(Files(path), unit="m").result()
-    assert told["conclusion"] == found.conclusion
+    assert told.conclusion == found.conclusion

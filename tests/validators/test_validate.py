@@ -13,12 +13,13 @@ from small_views import needs_rendering
 from validator_parts import Array, PlainView, trefoil, tube
 
 from knotfab_formats.checks import KNOTS, PRINTING
+from knotfab_formats.records import plain, read_as
+from knotfab_formats.verdict import Verdict
 from knotfab_validators.check import skip_check
 from knotfab_validators.files.picture import read_silhouette
 from knotfab_validators.shadows.exact_shadow import shadow_lines, shadow_mask
 from knotfab_validators.shadows.view import view_geometry
 from knotfab_validators.validate import conclude_piece, read_piece, validate
-from knotfab_validators.verdict import Verdict
 from tests.corpus.files import encode
 from tests.corpus.parts import Body
 
@@ -145,7 +146,7 @@ def test_another_picture_fails_the_shadow(folder: Path) -> None:
     verdict = run(folder, skip=["shadow-render"], only="shadows")
     assert status(verdict)["shadow"] == "fail" and status(verdict)["outline"] == "pass"
     assert verdict.status == "fail" and verdict.exit_code == 1
-    assert verdict.views[0]["precision"] > 0.97 > verdict.views[0]["recall"]
+    assert verdict.views[0].precision > 0.97 > verdict.views[0].recall
 
 
 def test_a_turned_pose_fails_the_shadow(folder: Path) -> None:
@@ -249,7 +250,7 @@ def test_two_halves_are_the_whole(right: Path, tmp_path: Path, skip: Collection[
     whole = run(right, skip=skip)
     piece = read_piece(*(right / name for name in ("part.stl", "knots.json", "scene.toml")))
     halves = [run(right, skip=skip, only=only) for only in ("geometry", "shadows")]
-    told = [json.loads(json.dumps({**half.to_dict(), "seconds": half.seconds})) for half in halves]
+    told = [read_as(Verdict, json.loads(json.dumps(plain(half)))) for half in halves]
     shared = conclude_piece(piece, told, tmp_path / "failed.png")
     assert shared.to_dict() == {**whole.to_dict(), "picture": shared.picture}
     assert shared.exit_code == whole.exit_code == 0 and not shared.picture

@@ -9,10 +9,12 @@ from threading import Barrier
 from typing import Any
 
 import pytest
+from reports import check_of, verdict_of
 
 from knotfab.base.errors import InputError, MachineError
 from knotfab.verify import verifier
 from knotfab.verify.verifier import Answer, Files, Verifier, load_early
+from knotfab_formats.records import plain
 
 # It answers with its own number and the file that it was asked about.
 ECHO = """
@@ -23,7 +25,8 @@ def answer(request, told):
         seconds |= half["seconds"]
     if request["part"].endswith("bad") and request.get("only") == "shadows":
         return {"error": "part.bad: it is no mesh"}
-    return {"seconds": seconds, "views": [request["part"]], "checks": []}
+    told = {"status": "pass", "exit_code": 0, "size_mm": None, "notes": [], "checks": [], "views": []}
+    return {**told, "conclusion": request["part"], "colours": None, "picture": None, "seconds": seconds}
 """
 
 
@@ -33,15 +36,14 @@ HOLD = verifier._hold
 def answer(*names: str) -> Future[dict[str, Any]]:
     """What a process answers that measured these checks."""
     found: Future[dict[str, Any]] = Future()
-    checks = [{"name": name, "status": "pass", "required": True} for name in names]
-    found.set_result({"checks": checks, "views": [], "seconds": {}})
+    found.set_result(plain(verdict_of(checks=[plain(check_of(name)) for name in names])))
     return found
 
 
 def test_a_report_lists_checks_in_one_order() -> None:
     names = ("shadow", "centre_line", "mesh_closed", "region", "thing of tomorrow")
     (order,) = {
-        tuple(check["name"] for check in Answer(answer(*some)).result()["checks"])
+        tuple(check.name for check in Answer(answer(*some)).result().checks)
         for some in permutations(names)
     }
     assert set(order) == set(names) and order[-1] == "thing of tomorrow"
@@ -64,7 +66,7 @@ def ask(part: str = "part.stl", keep: bool = True) -> tuple[int, str]:
     """The process that answers a build, and the file that it is asked about."""
     with load_early(keep=keep), Verifier() as validators:
         answer = validators.submit(Files(Path(part))).result()
-    return answer["seconds"]["all"], answer["views"][0]
+    return int(answer.seconds["all"]), answer.conclusion
 
 
 def is_there(pid: int) -> bool:
@@ -106,7 +108,7 @@ def test_builds_of_two_threads_ask_validators_of_their_own(echo: None) -> None:
         with load_early(keep=True), Verifier() as validators:
             together.wait(20)
             answers = [validators.submit(Files(Path(name))).result() for _ in range(20)]
-        return [answer["views"][0] for answer in answers]
+        return [answer.conclusion for answer in answers]
 
     with ThreadPoolExecutor(2) as pool:
         found = list(pool.map(build, ["/a", "/b"], timeout=60))
@@ -134,8 +136,8 @@ def test_where_there_are_cores_two_processes_share_a_piece(
         alone = validators.submit(Files(Path("p.stl"))).result()
         with pytest.raises(InputError, match=r"part\.bad: it is no mesh"):
             validators.submit(Files(Path("p.bad"), scene=Path("scene.toml"))).result()
-    seconds = found["seconds"]
-    assert set(seconds) == {"all", "geometry", "shadows"} and set(alone["seconds"]) == {"all"}
+    seconds = found.seconds
+    assert set(seconds) == {"all", "geometry", "shadows"} and set(alone.seconds) == {"all"}
     assert seconds["geometry"] == seconds["all"] != seconds["shadows"]
 
 

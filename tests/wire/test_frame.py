@@ -39,9 +39,9 @@ def test_what_is_thinner_than_the_wire_is_lost() -> None:
     assert small.enough_mm == pytest.approx(large.enough_mm, rel=1e-3)
     assert small.enough_mm == pytest.approx(100.0, rel=0.05)
     check = small.check(STEEL)
-    assert (check["status"], check["required"]) == ("fail", False)
-    assert f"{small.enough_mm:.0f} mm and more would do" in check["detail"]
-    assert large.check(STEEL)["status"] == "pass" and "small" not in large.check(STEEL)["detail"]
+    assert (check.status, check.required) == ("fail", False)
+    assert f"{small.enough_mm:.0f} mm and more would do" in check.detail
+    assert large.check(STEEL).status == "pass" and "small" not in large.check(STEEL).detail
 
 
 def test_a_wall_far_behind_makes_the_wires_shadow_wider() -> None:
@@ -54,7 +54,7 @@ def test_dust_needs_a_frame_that_is_not_sought() -> None:
     mask = np.zeros((1000, 1000), dtype=bool)
     mask[100:900:40, 100:103] = True
     tiny = measure_frame(mask, view(5.0), STEEL)
-    assert tiny.enough_mm is None and "would do" not in tiny.check(STEEL)["detail"]
+    assert tiny.enough_mm is None and "would do" not in tiny.check(STEEL).detail
 
 
 def test_a_wires_tube_is_as_thick_as_the_wire() -> None:

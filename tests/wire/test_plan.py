@@ -16,10 +16,10 @@ from knotfab.scene.catalogue import materials
 from knotfab.wire.arcs import round_corners
 from knotfab.wire.bends import list_bends
 from knotfab.wire.csv_file import read_bends
-from knotfab.wire.judge import Judge, WireKnot, cast_shadows, check_type, check_wire
+from knotfab.wire.judge import Judge, cast_shadows, check_type, check_wire
 from knotfab.wire.plan import WirePlan, write_bending_plan
-from knotfab.wire.replay import Deviation, Sensitivity
 from knotfab.wire.template_pdf import WireDrawing, write_templates
+from knotfab_formats.report import BentWire
 from knotfab_formats.scene import Piece, ResolvedAccuracy, ResolvedScene, ResolvedView, Switches
 from knotfab_validators.shadows.tube_field import tube_field
 from knotfab_validators.shadows.view import view_geometry
@@ -60,17 +60,17 @@ def test_the_plan_of_two_rings(made: tuple[Path, WirePlan]) -> None:
     assert plan.files[:2] == ("bends-1.csv", "bends-2.csv")
     assert plan.files[2:4] == ("bends-1-lra.csv", "bends-2-lra.csv")
     assert all((folder / name).is_file() for name in plan.files)
-    assert plan.status == "pass"
+    assert plan.figures.status == "pass"
     for knot in plan.knots:
         # the ring is 140.8 mm long: 22.4 mm of radius, with its rise and fall
         assert knot.length_mm == pytest.approx(2 * np.pi * 22.4, rel=0.04)
-        assert 8 <= knot.bends <= 30 and knot.closing_mm < 0.05
+        assert 8 <= knot.bends <= 30 and knot.closing_error_mm < 0.05
         # by default a little more than the wire's radius: the fit draws the picture within it
-        assert knot.deviation.across <= plan.tolerance_mm == 1.1
+        assert knot.deviation_across_mm <= plan.tolerance_mm == 1.1
         assert knot.shortest_straight_mm >= 1.99
     assert plan.length_mm == pytest.approx(sum(k.length_mm for k in plan.knots))
     assert plan.mass_g == pytest.approx(plan.length_mm * np.pi * 7.85e-3)
-    assert plan.to_dict()["bends"] == sum(k.bends for k in plan.knots)
+    assert plan.figures.bends == sum(k.bends for k in plan.knots)
 
 
 def test_the_shadow_is_that_of_the_file(tmp_path: Path) -> None:
@@ -81,7 +81,7 @@ def test_the_shadow_is_that_of_the_file(tmp_path: Path) -> None:
     Image.fromarray(np.asarray(Image.open(picture))[:, ::-1][:300]).resize((600, 600)).save(other)
     bad = write_bending_plan(tmp_path, knots, scene, [other])
     assert bad.iou < 0.5 and bad.status == "fail"
-    assert [c["name"] for c in bad.checks if c["status"] == "fail"] == ["wire_shadow"]
+    assert [c.name for c in bad.checks if c.status == "fail"] == ["wire_shadow"]
 
 
 def two_view_scene(folder: Path) -> tuple[Knots, ResolvedScene, list[Path]]:
@@ -113,10 +113,10 @@ def two_view_scene(folder: Path) -> tuple[Knots, ResolvedScene, list[Path]]:
 def test_a_wire_for_two_views_is_right_in_both(tmp_path: Path) -> None:
     knots, scene, pictures = two_view_scene(tmp_path)
     plan = write_bending_plan(tmp_path, knots, scene, pictures)
-    assert plan.status == "pass" and set(plan.ious) == {"front", "side"}
+    assert plan.figures.status == "pass" and set(plan.ious) == {"front", "side"}
     assert plan.iou == min(plan.ious.values()) > 0.8
     # no direction is free: the wire stays within the tolerance in all of them
-    assert plan.knots[0].deviation.largest <= 1.1
+    assert plan.knots[0].deviation_mm <= 1.1
     assert "1.1 mm in any direction" in (tmp_path / "bends.csv").read_text()
     # a picture that is wrong is noticed in whichever view it is
     rows = read_bends(tmp_path / "bends.csv")
@@ -127,9 +127,9 @@ def test_a_wire_for_two_views_is_right_in_both(tmp_path: Path) -> None:
         shadows = cast_shadows(scene, swapped, knots)
         judge = Judge([k.points for k in knots.knots], shadows, STEEL, 1.0, 0.78, ("unknot",))
         checks = judge.of([rows], ["bends.csv"], [False]).checks
-        failed = [c for c in checks if c["status"] == "fail"]
-        assert [c["name"] for c in failed] == ["wire_shadow"]
-        assert f"view {view.name}" in failed[0]["detail"]
+        failed = [c for c in checks if c.status == "fail"]
+        assert [c.name for c in failed] == ["wire_shadow"]
+        assert f"view {view.name}" in failed[0].detail
 
 
 def test_the_plan_of_a_raised_view_is_drawn_from_its_light(tmp_path: Path) -> None:
@@ -161,20 +161,24 @@ def test_what_is_no_wire_or_of_another_thickness_is_refused(tmp_path: Path) -> N
         write_bending_plan(tmp_path, replace(knots, radius_mm=1.01), scene, [picture])
 
 
-KNOT = WireKnot("b.csv", 100.0, 9, Deviation(1.0, 0.2, 0.5, (0, 0, 0)), 0.5, 1.99, 160.0, 9.0, True,
-                Sensitivity(1.0, 2.0))  # fmt: skip
+KNOT = BentWire(
+    file="b.csv", length_mm=100.0, bends=9, deviation_mm=1.0, deviation_mean_mm=0.2,
+    deviation_across_mm=0.5, closing_error_mm=0.5, shortest_straight_mm=1.99, largest_bend_deg=160.0,
+    joint_straight_mm=9.0, joint_hidden=True, end_moves_mm_per_deg=1.0,
+    end_moves_mm_for_1_deg_everywhere=2.0,
+)  # fmt: skip
 
 
-def verdicts(knot: WireKnot, iou: float = 0.9, least: float = 1.99) -> dict[str, str]:
+def verdicts(knot: BentWire, iou: float = 0.9, least: float = 1.99) -> dict[str, str]:
     found = check_wire((knot,), STEEL, 0.5, {"near": 0.95, "far": iou}, 0.9, least)
-    return {c["name"]: c["status"] for c in found}
+    return {c.name: c.status for c in found}
 
 
 def test_each_check_passes_at_its_limit_and_fails_beyond() -> None:
     assert set(verdicts(KNOT).values()) == {"pass"}
 
-    def off(largest: float, across: float) -> WireKnot:
-        return replace(KNOT, deviation=Deviation(largest, 0.2, across, (0, 0, 0)))
+    def off(largest: float, across: float) -> BentWire:
+        return replace(KNOT, deviation_mm=largest, deviation_across_mm=across)
 
     failed = {
         "wire_shadow": verdicts(KNOT, iou=0.8999),
@@ -183,7 +187,7 @@ def test_each_check_passes_at_its_limit_and_fails_beyond() -> None:
         "wire_depth": verdicts(off(1.0001, 0.5)),
         "wire_straight": verdicts(replace(KNOT, shortest_straight_mm=1.9899)),
         "wire_bend": verdicts(replace(KNOT, largest_bend_deg=160.001)),
-        "wire_closing": verdicts(replace(KNOT, closing_mm=0.5001)),
+        "wire_closing": verdicts(replace(KNOT, closing_error_mm=0.5001)),
     }
     for name, found in failed.items():
         assert [k for k, v in found.items() if v == "fail"] == [name]
@@ -197,12 +201,12 @@ def test_a_wire_that_is_another_knot_is_refused() -> None:
     falling = trefoil * [1.0, 1.0, 0.0] - [0.0, 0.0, 8.0] * t[:, None]
     rows, other = (list_bends(round_corners(c, 1.0), 0, 4.0) for c in (trefoil, falling))
     for plan, is_one, is_not in ((rows, "3_1", "unknot"), (other, "unknot", "3_1")):
-        assert check_type([plan], [is_one])["status"] == "pass"
-        assert check_type([plan], [is_not])["status"] == "fail"
+        assert check_type([plan], [is_one]).status == "pass"
+        assert check_type([plan], [is_not]).status == "fail"
     ring = np.array([[0.0, 0, 0], [40, 0, 0], [40, 40, 0], [0, 40, 0]])
     through = ring[:, [2, 0, 1]] + [20, 20, -20]
     rings = [list_bends(round_corners(c, 2.0), 0, 4.0) for c in (ring, through)]
-    assert check_type(rings, ["unknot"] * 2)["status"] == "fail"  # one goes through the other
+    assert check_type(rings, ["unknot"] * 2).status == "fail"  # one goes through the other
 
 
 # --- templates ---------------------------------------------------------------------------------

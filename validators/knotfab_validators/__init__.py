@@ -15,20 +15,20 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from knotfab_validators.check import Check
+    from knotfab_formats.verdict import Check, Verdict
     from knotfab_validators.validate import validate
-    from knotfab_validators.verdict import Verdict
 
 __all__ = ["Check", "Verdict", "validate"]
 
-_HOME = {"Check": "check", "Verdict": "verdict", "validate": "validate"}
+_HOME = dict.fromkeys(("Check", "Verdict"), "knotfab_formats.verdict")
+_HOME["validate"] = f"{__name__}.validate"
 
 
 def __getattr__(name: str) -> Any:
     """The public names, from their modules (PEP 562)."""
     if name not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(importlib.import_module(f"{__name__}.{_HOME[name]}"), name)
+    return getattr(importlib.import_module(_HOME[name]), name)
 
 
 class _Package(ModuleType):

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import replace
 from itertools import islice
-from typing import Any, Literal
 
 import numpy as np
 
+from knotfab_formats.verdict import Check, Place, Status
 from knotfab_validators.arrays import Array, Ints
 
 __all__ = [
@@ -25,41 +25,12 @@ __all__ = [
     "worst_apart",
 ]
 
-Place = tuple[float, float, float]
-"""A point in the coordinates of the measured file, mm."""
-
-Status = Literal["pass", "fail", "skipped"]
-
 MOST_PLACES = 20  # places of one check; a picture with more of them shows nothing
 MOST_COMPARED = 2000
 
 
 # places as `spot` writes them, but for those of the scene
 _SPOT = re.compile(r"\((-?[\d.]+), (-?[\d.]+), (-?[\d.]+)\) mm(?! of the scene)")
-
-
-@dataclass(frozen=True)
-class Check:
-    """The outcome of one check.
-
-    `required` says whether a failure rejects the part; `measured` and `limit` are in `unit`, or
-    words where the thing is not a number; `detail` is one sentence for a person. `at` are the
-    places that decided, worst first: where to look when it fails, in the coordinates of the file
-    that was measured.
-    """
-
-    name: str
-    status: Status
-    required: bool
-    measured: float | str | None
-    limit: float | str | None
-    unit: str
-    detail: str
-    at: tuple[Place, ...] = ()
-
-    def to_dict(self) -> dict[str, Any]:
-        """The keys of the report's `checks`."""
-        return asdict(self)
 
 
 def at_least(

@@ -20,6 +20,9 @@ from collections.abc import Iterator
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
+from knotfab_formats.records import plain, read_as
+from knotfab_formats.verdict import Verdict
+
 if TYPE_CHECKING:
     from knotfab_validators.geometry.mesh import Mesh
     from knotfab_validators.shadows.view import ViewGeometry
@@ -120,7 +123,7 @@ def _read(piece: str, part: str | None, knots: str | None, scene: str | None, un
 def answer(request: dict[str, Any], told: object) -> dict[str, Any]:
     """The verdict on written files."""
     from knotfab_validators.files.bad_file import BadFile
-    from knotfab_validators.validate import conclude_piece, measure_piece
+    from knotfab_validators.validate import Found, conclude_piece, measure_piece
 
     del told
     part, knots, scene = (request[name] for name in ("part", "knots", "scene"))
@@ -129,10 +132,11 @@ def answer(request: dict[str, Any], told: object) -> dict[str, Any]:
             pass
     try:
         piece = _read(request["piece"], part, knots, scene, request.get("unit", "mm"))
-        found = request.get("found") or [
+        found: list[Found | Verdict] = [read_as(Verdict, half) for half in request.get("found", ())]
+        found = found or [
             measure_piece(piece, request["skip"], request["pictures_dir"], request.get("only"))
         ]
         verdict = conclude_piece(piece, found, request["failures"])
     except BadFile as error:
         return {"error": str(error)}
-    return {**verdict.to_dict(), "exit_code": verdict.exit_code, "seconds": verdict.seconds}
+    return dict(plain(verdict))

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 from knotfab_formats.checks import FILES, PRINTER, SHADOWS, TABLE
+from knotfab_formats.verdict import Colours, Verdict, View, exit_code
 from knotfab_validators.check import Check, rescale, skip_check
 from knotfab_validators.clock import time_stage
 from knotfab_validators.conclusion import ask_unit, conclude, size_of
@@ -23,7 +24,6 @@ from knotfab_validators.mesh.same_surface import check_same_3mf
 from knotfab_validators.part_checks import part_checks
 from knotfab_validators.shadows.part_shadows import verify_shadows
 from knotfab_validators.shadows.shadow_checks import skip_shadow_checks
-from knotfab_validators.verdict import Verdict, verdict_of
 
 if TYPE_CHECKING:
     from knotfab_validators.files.scene import Scene
@@ -72,9 +72,9 @@ class Found:
     """The findings on a piece: checks with their places in the file, views, costs of stages, colours."""
 
     checks: Sequence[Check]
-    views: Sequence[dict[str, Any]]
+    views: Sequence[View]
     seconds: dict[str, float]
-    colours: dict[str, Any] | None = None
+    colours: Colours | None = None
 
 
 def validate(
@@ -146,8 +146,8 @@ def measure_piece(
     """Measure a piece that was read, or a half of it (see `validate`)."""
     seconds = {"read": piece.seconds}
     checks: list[Check] = []
-    views: list[dict[str, Any]] = []
-    colours: dict[str, Any] | None = None
+    views: list[View] = []
+    colours: Colours | None = None
     asked, mesh, setting = skip, piece.mesh, piece.setting
     if setting is not None and setting.unprinted:
         skip = {*skip, *PRINTER}
@@ -169,17 +169,16 @@ def measure_piece(
 
 
 def conclude_piece(
-    piece: Piece, halves: Sequence[Found | Mapping[str, Any]], failures: FilePath | None = None
+    piece: Piece, halves: Sequence[Found | Verdict], failures: FilePath | None = None
 ) -> Verdict:
     """The verdict on a piece whose checks were measured, together or as halves, by whatever processes.
 
     Args:
-        halves: what `measure_piece` found, or the verdicts' dicts of other processes.
+        halves: what `measure_piece` found, or the verdicts of other processes.
         failures: as for `validate`.
     """
-    found = [h if isinstance(h, Found) else _found_in(h) for h in halves]
-    checks = [check for half in found for check in half.checks]
-    seconds = {stage: spent for half in found for stage, spent in half.seconds.items()}
+    checks = [check for half in halves for check in half.checks]
+    seconds = {stage: spent for half in halves for stage, spent in half.seconds.items()}
     drawn = False
     if failures is not None:
         with time_stage(seconds, "failures"):
@@ -191,24 +190,19 @@ def conclude_piece(
     if piece.mesh is not None and piece.part is not None:
         asked = ask_unit(piece.mesh, piece.part.name)
         notes += [] if asked is None else [asked]
-    return replace(
-        verdict_of(
-            checks,
-            [view for half in found for view in half.views],
-            seconds,
-            picture=str(failures) if drawn else None,
-        ),
+    code = exit_code(checks)
+    return Verdict(
+        status="fail" if code else "pass",
+        exit_code=code,
         conclusion=conclude(checks, printed, piece.curves),
         size_mm=None if printed is None else size_of(printed),
         notes=tuple(notes),
-        colours=next((half.colours for half in found if half.colours is not None), None),
+        checks=tuple(checks),
+        views=tuple(view for half in halves for view in half.views),
+        colours=next((half.colours for half in halves if half.colours is not None), None),
+        picture=str(failures) if drawn else None,
+        seconds=seconds,
     )
-
-
-def _found_in(verdict: Mapping[str, Any]) -> Found:
-    """Take over another process's findings, from its verdict as `Verdict.to_dict` has it."""
-    checks = [Check(**{**told, "at": tuple(map(tuple, told["at"]))}) for told in verdict["checks"]]
-    return Found(checks, verdict["views"], verdict["seconds"], verdict.get("colours"))
 
 
 def _check_beside(
@@ -246,7 +240,7 @@ def _read_scene(path: Path) -> Scene:
 
 def _check_shadows(
     piece: Piece, skip: Collection[str], pictures_dir: FilePath | None, seconds: dict[str, float]
-) -> tuple[list[Check], list[dict[str, Any]], dict[str, Any] | None]:
+) -> tuple[list[Check], list[View], Colours | None]:
     """The checks of the shadows, what is told of each view and of colours, or why there are none."""
     mesh, setting, scene = piece.mesh, piece.setting, piece.scene
     nameless = [v.name for v in setting.views if not v.picture] if setting is not None else []

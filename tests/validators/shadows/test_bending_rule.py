@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from reports import recognition
 
 from knotfab_validators.files.bad_file import BadFile
 from knotfab_validators.files.bent import Bent
@@ -19,22 +20,23 @@ def bent(rms: float, most: float, stretch: float) -> Bent:
 @pytest.mark.parametrize("number", range(3))
 def test_each_figure_alone_lowers_the_word(number: int) -> None:
     for word, limits in BENT.items():
-        at = judge_bending({"word": "faithful", "reasons": []}, bent(*limits))
-        assert at["word"] == word
+        at = judge_bending(recognition(word="faithful", reasons=[]), bent(*limits))
+        assert at.word == word
         above = list(limits)
         above[number] *= 1.01
-        lower = judge_bending({"word": "faithful", "reasons": []}, bent(*above))
-        assert WORDS.index(lower["word"]) == WORDS.index(word) + 1
-        assert "picture bent by" in lower["reasons"][-1]
+        lower = judge_bending(recognition(word="faithful", reasons=[]), bent(*above))
+        assert WORDS.index(lower.word) == WORDS.index(word) + 1
+        assert "picture bent by" in lower.reasons[-1]
 
 
 def test_no_bending_makes_a_verdict_better() -> None:
-    assert judge_bending({"word": UNKNOWN, "reasons": ["x"]}, bent(0, 0, 1))["word"] == UNKNOWN
+    assert judge_bending(recognition(word=UNKNOWN, reasons=[]), bent(0, 0, 1)).word == UNKNOWN
     assert (
-        judge_bending({"word": "coarse", "reasons": []}, bent(0.03, 0.1, 2.5))["word"] == "coarse"
+        judge_bending(recognition(word="coarse", reasons=[]), bent(0.03, 0.1, 2.5)).word == "coarse"
     )
     assert (
-        judge_bending({"word": "good", "reasons": []}, bent(0.01, 0.02, np.inf))["word"] == UNKNOWN
+        judge_bending(recognition(word="good", reasons=[]), bent(0.01, 0.02, np.inf)).word
+        == UNKNOWN
     )
 
 

@@ -13,6 +13,7 @@ from PIL import Image
 from validator_parts import PlainView, circle, tube
 
 from knotfab_formats.scene import Room, View
+from knotfab_formats.verdict import Colours
 from knotfab_validators.files.bad_file import BadFile
 from knotfab_validators.files.scene import parse_scene
 from knotfab_validators.shadows.cast import ShadowCaster
@@ -171,11 +172,11 @@ def test_two_rings_under_three_lamps(rings: Part, tmp_path: Path) -> None:
     dark = (shown < 40).all(axis=2)
     assert 0.001 < dark.mean() < 0.1  # where all three shadows meet
     for view, lamp in zip(verdict.views, told["lamps"], strict=True):
-        assert view["lamp_colour"] == lamp["colour"]
+        assert view.lamp_colour == tuple(lamp["colour"])
         assert lamp["spill_beside"] == 0 and lamp["spill"] < 0.01
 
 
-def measured(ambient: float = 0.0, flip: int = 0, screen: str = "ends") -> dict[str, Any]:
+def measured(ambient: float = 0.0, flip: int = 0, screen: str = "ends") -> Colours:
     """Two lamps over a ring on 64 pixels, whose shadows are their masks but for so many pixels."""
     frame = working_frame(64, 64, 64)
     geometry = view_geometry(PlainView(frame_width_mm=64.0, frame_height_mm=64.0), 64, 64)
@@ -196,26 +197,26 @@ def measured(ambient: float = 0.0, flip: int = 0, screen: str = "ends") -> dict[
         LampShadow(view, geometry, dark.astype(float), mask, 2.4)
         for view, dark in zip(scene.views, (hidden, mask), strict=True)
     ]
-    return measure_colours(lamps, scene, Path(), frame, caster, circle(60, 12.0)).told
+    return measure_colours(lamps, scene, Path(), frame, caster, circle(60, 12.0)).found
 
 
 def test_each_wrong_pixel_is_counted_once() -> None:
     told = measured(flip=37)
-    assert told["share"] == pytest.approx(1 - 37 / 64**2, abs=1e-12)
-    assert [lamp["spill"] for lamp in told["lamps"]] == [37 / 64**2, 0.0]
-    assert measured()["share"] == measured()["share_drawn"] == 1.0
+    assert told.share == pytest.approx(1 - 37 / 64**2, abs=1e-12)
+    assert [lamp.spill for lamp in told.lamps] == [37 / 64**2, 0.0]
+    assert measured().share == measured().share_drawn == 1.0
 
 
 def test_ambient_light_costs_colour_and_no_share() -> None:
     one, other = measured(), measured(ambient=0.3)
-    assert other["delta_e"] > one["delta_e"] + 1 and other["share"] == one["share"] == 1.0
-    assert other["misregistration"] == one["misregistration"]
+    assert other.delta_e > one.delta_e + 1 and other.share == one.share == 1.0
+    assert other.misregistration == one.misregistration
 
 
 def test_what_falls_beside_an_open_screen_is_told_apart() -> None:
     told = measured(screen="open")
-    assert told["share"] == 1.0
-    assert [lamp["spill_beside"] for lamp in told["lamps"]] == [15 / 64**2, 0.0]
+    assert told.share == 1.0
+    assert [lamp.spill_beside for lamp in told.lamps] == [15 / 64**2, 0.0]
 
 
 def test_matter_whose_shadow_misses_the_screen_is_nothing() -> None:
@@ -240,9 +241,10 @@ def test_lamps_that_switch_mix_nothing(rings: Part, tmp_path: Path) -> None:
 
 
 def test_shares_may_miss_what_all_lamps_together_may() -> None:
-    told = {"lamps": [{}, {}, {}], "share": 0.9, "share_drawn": 0.88}
+    one = measured()
+    told = replace(one, lamps=(one.lamps[0],) * 3, share=0.9, share_drawn=0.88)
     colours, skipped = check_colours(told, 0.96)
     assert colours.status == "pass" and colours.limit == pytest.approx(0.88)
     assert skipped.status == "skipped" and not skipped.required
-    assert check_colours({**told, "share_drawn": 0.87}, 0.96)[0].status == "fail"
-    assert check_colours({**told, "share_drawn": 0.0}, None)[0].required is False
+    assert check_colours(replace(told, share_drawn=0.87), 0.96)[0].status == "fail"
+    assert check_colours(replace(told, share_drawn=0.0), None)[0].required is False

@@ -137,7 +137,7 @@ def test_it_is_looked_at_where_it_matters() -> None:
     assert find_wall(geometry("flat")) is None
     far, near = (find_wall(geometry(radius)) for radius in (1e6, 400.0))
     assert far is not None and near is not None
-    assert far["off_px"] < 0.05 and near["off_px"] > 5
+    assert far is not None and near is not None and far.off_px < 0.05 and near.off_px > 5
     for seen, effects in ((geometry(1e6), Switches()), (geometry(400.0), Switches(wall="off"))):
         received, wall = receive(seen, effects)
         assert received.cylinder is None and wall is None

@@ -72,8 +72,8 @@ def test_thin_layers_are_the_part_and_thick_ones_are_not() -> None:
     assert apart[0] > apart[1] > apart[2] and apart[2] < 0.01 * smooth.sum()
     shift = layer_shift_px(curve.vertices, view, 1.0)
     found = measure_layers(curve, view, 1.0, smooth, smooth, shift)
-    assert found["iou_smooth"] == 1.0 > found["iou"] > 0.8
-    assert found["shift_px"] == shift
+    assert found.iou_smooth == 1.0 > found.iou > 0.8
+    assert found.shift_px == shift
 
 
 def test_matter_behind_the_wall_throws_no_shadow() -> None:

@@ -8,6 +8,7 @@ from region_meshes import box_mesh
 from small_views import PIXELS, geometry, needs_rendering
 
 from knotfab_formats.scene import Placing, Switches
+from knotfab_formats.verdict import Move
 from knotfab_validators.files.bad_file import BadFile
 from knotfab_validators.files.scene import parse_scene
 from knotfab_validators.geometry.mesh import Mesh
@@ -63,25 +64,25 @@ def test_moved_for_real_raw_and_fitted(apart: float) -> None:
     part, seen = plates(apart), geometry()
     with SilhouetteRenderer(part.vertices, part.faces) as renderer:
         target = renderer.render(seen)
-        found = measure_misplacement(renderer, part.vertices, np.zeros(3), seen, target, OFF)
-    assert found["samples"] == 13 and found["iou"] == 1.0
-    sideways = found["lamp_iou"]["right"]
-    assert sideways["raw"] < 0.9  # 4 mm of plates 24 mm wide
-    assert found["lamp_iou_per_mm"]["right"] == pytest.approx((1 - sideways["raw"]) / 20.0)
-    assert found["turn_iou_per_deg"]["axis"] == pytest.approx(
-        (1 - found["turn_iou"]["axis"]["raw"]) / 3.0
-    )
-    like_a_wheel = found["turn_iou"]["axis"]
-    assert like_a_wheel["fitted"] > 0.97 > like_a_wheel["raw"]
+        found = measure_misplacement(
+            renderer, part.vertices, np.zeros(3), seen, target, OFF, parting=2.0
+        )
+    assert found.samples == 13 and found.iou == 1.0
+    sideways = found.lamp_iou["right"]
+    assert sideways.raw < 0.9  # 4 mm of plates 24 mm wide
+    assert found.lamp_iou_per_mm["right"] == pytest.approx((1 - sideways.raw) / 20.0)
+    assert found.turn_iou_per_deg["axis"] == pytest.approx((1 - found.turn_iou["axis"].raw) / 3.0)
+    like_a_wheel = found.turn_iou["axis"]
+    assert like_a_wheel.fitted > 0.97 > like_a_wheel.raw
     if apart == 0.0:
-        assert all(way["fitted"] > 0.97 for way in found["lamp_iou"].values())
+        assert all(way.fitted > 0.97 for way in found.lamp_iou.values())
     else:
         # one plate's shadow moves by 2.6 mm, the other's by 5.5: along both, nothing brings them together
-        assert sideways["raw"] < found["worst"]["fitted"] < 0.95
-        worst = found["worst"]
-        assert found[f"{worst['of']}_iou"][worst["way"]] == {k: worst[k] for k in ("raw", "fitted")}
-    still = {way["fitted"] for of in ("lamp", "turn") for way in found[f"{of}_iou"].values()}
-    assert found["worst"]["fitted"] == min(still)
+        assert sideways.raw < found.worst.fitted < 0.95
+        worst = found.worst
+        assert getattr(found, f"{worst.of}_iou")[worst.way] == Move(worst.raw, worst.fitted)
+    still = {way.fitted for of in ("lamp", "turn") for way in getattr(found, f"{of}_iou").values()}
+    assert found.worst.fitted == min(still)
 
 
 @needs_rendering
@@ -96,16 +97,24 @@ def test_what_nobody_misplaces_is_not_moved() -> None:
             seen,
             target,
             Placing(lamp_mm=0.0, turn_deg=0.0),
+            parting=2.0,
             turns=False,
         )
         framed = np.zeros_like(target)
         framed[:, : PIXELS // 2] = True  # where one of both plates shows
         half = measure_misplacement(
-            renderer, part.vertices, np.zeros(3), seen, target & framed, OFF, within=framed
+            renderer,
+            part.vertices,
+            np.zeros(3),
+            seen,
+            target & framed,
+            OFF,
+            parting=2.0,
+            within=framed,
         )
-        assert half["iou"] == 1.0
-    assert found["samples"] == 1 and found["worst"] is None and "turn_iou" not in found
-    assert set(found["lamp_iou_per_mm"].values()) == {0.0}
+        assert half.iou == 1.0
+    assert found.samples == 1 and found.worst is None and found.turn_iou is None
+    assert set(found.lamp_iou_per_mm.values()) == {0.0}
 
 
 def test_it_is_measured_where_the_scene_calls_for_it() -> None:

@@ -15,7 +15,7 @@ from knotfab_validators.files.scene import parse_scene
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.shadows.frame import WorkingFrame
 from knotfab_validators.shadows.lamp import RINGS, lamp_points, lamp_size
-from knotfab_validators.shadows.penumbra import Penumbra, averages_lamp, blur_px, measure_penumbra
+from knotfab_validators.shadows.penumbra import SoftShadow, averages_lamp, blur_px, measure_penumbra
 from knotfab_validators.shadows.render import SilhouetteRenderer
 from knotfab_validators.shadows.view import view_geometry
 
@@ -32,7 +32,7 @@ class Lamp:
     light_leds: tuple[int, int] = (1, 1)
 
 
-def average(lamp: Lamp, part: Mesh = SLAB) -> Penumbra:
+def average(lamp: Lamp, part: Mesh = SLAB) -> SoftShadow:
     """Of the slab, whose picture is its own sharp shadow, 60 mm wide."""
     seen = geometry()
     frame = WorkingFrame(PIXELS, PIXELS, 0, 0)
@@ -97,21 +97,21 @@ def test_of_a_large_array_each_led_is_a_point_of_its_own_disc() -> None:
 @needs_rendering
 def test_the_half_light_line_is_the_sharp_one() -> None:
     found = average(Lamp(light_diameter_mm=30.0))
-    assert found.samples == 101 and found.iou > 0.995  # corners are rounded
+    assert found.found.samples == 101 and found.found.iou > 0.995  # corners are rounded
     blur = 30.0 * 100.0 / 500.0  # mm: on a wall 100 mm behind, of a lamp 500 mm before
-    assert found.widest_px == pytest.approx(blur * PIXELS / 120.0, rel=1e-2)
+    assert found.found.widest_px == pytest.approx(blur * PIXELS / 120.0, rel=1e-2)
     # 0.212 of the blur along the outline of 4 x 60 mm, over the frame
-    assert found.brightness_error == pytest.approx(
+    assert found.found.brightness_error == pytest.approx(
         4 / (3 * np.pi) / 2 * blur * 240 / 120**2, rel=0.03
     )
-    assert found.hard_error == 0.0  # the picture is the sharp shadow
+    assert found.found.hard_error == 0.0  # the picture is the sharp shadow
     row = found.soft[PIXELS // 2]
     assert row[PIXELS // 2] == 1.0 and row[5] == 0.0
     falling = row[PIXELS // 2 :]
     assert (np.diff(falling) <= 0).all()
     # the middle half of the blur holds 61 % of the light: the area of a disc between two chords
     middle = int(((falling > 0.195) & (falling < 0.805)).sum())
-    assert middle == pytest.approx(found.widest_px / 2, abs=1.0)
+    assert middle == pytest.approx(found.found.widest_px / 2, abs=1.0)
 
 
 @needs_rendering

@@ -1,13 +1,16 @@
 """The word for a shadow follows from what was done to it; what is lost is named in its place."""
 
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import pytest
 from PIL import Image, ImageDraw
+from reports import view_of_report
 from validator_parts import PlainView
 
+from knotfab_formats.verdict import Recognition, View
 from knotfab_validators.arrays import Mask
 from knotfab_validators.shadows.compare import overlap
 from knotfab_validators.shadows.frame import padded_mask, working_frame
@@ -15,7 +18,6 @@ from knotfab_validators.shadows.recognition import (
     RULES,
     UNKNOWN,
     WORDS,
-    Recognition,
     check_recognisable,
     recognise,
     worst_verdict,
@@ -62,22 +64,22 @@ def test_a_picture_shifted_by_a_pixel_is_faithful() -> None:
 
 def test_a_lost_piece_is_never_good() -> None:
     small = judge(draw(), draw(SMALL))
-    assert small.word == "coarse" and small.counts["lost_pieces"] == 1
+    assert small.word == "coarse" and small.lost_pieces == 1
     (loss,) = small.lost
-    assert loss["what"] == "piece"
-    np.testing.assert_allclose(loss["at_px"], (430, 400), atol=4)
-    np.testing.assert_allclose(loss["at_mm"], np.array([430, 400]) * 180 / SIZE, atol=1.5)
-    assert loss["size_mm"] == pytest.approx(11 * 180 / SIZE, abs=1.2)
-    assert loss["needed_mm"] == pytest.approx(2 * RADIUS_PX * 180 / SIZE, abs=0.05)
+    assert loss.what == "piece"
+    np.testing.assert_allclose(loss.at_px, (430, 400), atol=4)
+    np.testing.assert_allclose(loss.at_mm, np.array([430, 400]) * 180 / SIZE, atol=1.5)
+    assert loss.size_mm == pytest.approx(11 * 180 / SIZE, abs=1.2)
+    assert loss.needed_mm == pytest.approx(2 * RADIUS_PX * 180 / SIZE, abs=0.05)
     large = judge(draw(), draw(LARGE))
-    assert large.word == UNKNOWN and large.lost[0]["size_mm"] > large.lost[0]["needed_mm"]
+    assert large.word == UNKNOWN and large.lost[0].size_mm > large.lost[0].needed_mm
 
 
 def test_a_filled_hole_counts_as_a_lost_piece_does() -> None:
     filled = draw((180, 180, 40))
     found = judge(filled, draw())
-    assert found.word == UNKNOWN and found.counts["filled_holes"] == 1
-    narrow = draw((180, 180, 28))  # a slit all round is left of the hole
+    assert found.word == UNKNOWN and found.filled_holes == 1
+    narrow = draw((180, 180, 28))  # what is left of the hole is a slit all round
     assert judge(narrow, narrow).word == "faithful"
 
 
@@ -88,7 +90,7 @@ def test_one_gap_bridged_is_good_and_many_are_not() -> None:
     assert judge(one, target).word == "good"
     every = draw(*apart, strokes=((80, 420, 395, 420, 14),))
     found = judge(every, target)
-    assert found.counts["bridged_gaps"] == 7 and WORDS.index(found.word) >= 2
+    assert found.bridged_gaps == 7 and WORDS.index(found.word) >= 2
 
 
 def test_a_hole_that_many_strands_cross_is_one_thing_to_see() -> None:
@@ -105,7 +107,7 @@ def test_a_hole_that_many_strands_cross_is_one_thing_to_see() -> None:
 
     places = [72 + 50 * k for k in range(8)]
     slot = judge(plate(*places), plate())
-    assert slot.counts["bridged_gaps"] == 8 and slot.word == "coarse"
+    assert slot.bridged_gaps == 8 and slot.word == "coarse"
     assert "8 changes to 4 pieces and holes" in slot.reasons  # that it is not good
     # as many holes crossed once each are as many things
     for parts, repeated in ((1, 7), (2, 6), (8, 0)):
@@ -123,13 +125,14 @@ def test_a_small_piece_turned_is_coarse() -> None:
     target = eye(17, 9)
     assert judge(eye(18, 9), target).word == "faithful"
     found = judge(eye(9, 17), target)
-    # the outline says nothing of it
-    assert found.outline_p95_radii < RULES["faithful"].outline_radii
-    assert found.word == "coarse" and found.counts["misshapen"] == 1
+    assert (
+        found.outline_p95_radii < RULES["faithful"].outline_radii
+    )  # the outline says nothing of it
+    assert found.word == "coarse" and found.misshapen == 1
     (loss,) = found.lost
-    assert loss["what"] == "shape" and loss["sentence"].startswith("a piece is drawn out of shape")
-    np.testing.assert_allclose(loss["at_px"], (420, 420), atol=4)
-    assert loss["size_mm"] == pytest.approx(19 * 180 / SIZE, abs=1.2)
+    assert loss.what == "shape" and loss.sentence.startswith("a piece is drawn out of shape")
+    np.testing.assert_allclose(loss.at_px, (420, 420), atol=4)
+    assert loss.size_mm == pytest.approx(19 * 180 / SIZE, abs=1.2)
     assert any("alike, below" in reason for reason in found.reasons)
 
 
@@ -152,7 +155,7 @@ def test_one_piece_out_of_shape_is_good_and_several_coarse() -> None:
         (dots(thin), "coarse", 1),
     ):
         found = judge(shadow, target)
-        assert (found.word, found.counts["misshapen"]) == (word, misshapen)
+        assert (found.word, found.misshapen) == (word, misshapen)
 
 
 def test_the_dust_of_a_scan_is_no_outline() -> None:
@@ -162,10 +165,10 @@ def test_the_dust_of_a_scan_is_no_outline() -> None:
         x, y = 7 + 40 * (k % 12), 3 + 40 * (k // 12)
         dust[y : y + 2, x : x + 2] = True
     found = judge(clean, dust)
-    assert found.word == "faithful" and found.counts["cut_tips"] == 0
+    assert found.word == "faithful" and found.cut_tips == 0
     assert found.outline_p95_radii < 0.1
     # pieces that a person sees are
-    assert judge(clean, draw(LARGE, (430, 260, 7))).counts["lost_pieces"] == 1
+    assert judge(clean, draw(LARGE, (430, 260, 7))).lost_pieces == 1
 
 
 @pytest.mark.slow
@@ -176,25 +179,25 @@ def test_the_leg_of_a_stand_bridges_what_it_crosses() -> None:
     found = judge(leg, target, target)
     assert found.word == "good" and found.outline_p95_radii < 0.1  # the leg takes of its IoU
     across = judge(draw(LARGE, strokes=((250, 250, 420, 420, 8),)), target, target)
-    assert across.counts["bridged_gaps"] == 1 and across.word == "good"
+    assert across.bridged_gaps == 1 and across.word == "good"
 
 
 @pytest.mark.slow
 def test_small_letters_that_are_lost_are_text_in_its_place() -> None:
     found = judge(draw(LARGE), draw(LARGE, *LETTERS))
-    assert found.word == "coarse" and found.counts["lost_pieces"] == len(LETTERS)
+    assert found.word == "coarse" and found.lost_pieces == len(LETTERS)
     (loss,) = found.lost  # beads are no letters
-    assert loss["what"] == "piece" and "a row of 12 small shapes" in loss["sentence"]
+    assert loss.what == "piece" and "a row of 12 small shapes" in loss.sentence
     assert "a row of small shapes is damaged or lost" in found.reasons
     bars = tuple((86 + 48 * k, 434, 74 + 48 * k, 446, 4) for k in range(6))
     letters = draw(LARGE, *LETTERS[1::2], strokes=bars)
     found = judge(draw(LARGE), letters)
     (loss,) = found.lost
-    assert loss["what"] == "text" and "12 pieces" in loss["sentence"]
+    assert loss.what == "text" and "12 pieces" in loss.sentence
     assert "a row of text is damaged or lost" in found.reasons
-    np.testing.assert_allclose(loss["at_px"], (80 + 24 * 5.5, 440), atol=4)
+    np.testing.assert_allclose(loss.at_px, (80 + 24 * 5.5, 440), atol=4)
     blobs = draw(LARGE, *LETTERS[1::2], strokes=(*bars, (70, 440, 350, 440, 14)))
-    assert [loss["what"] for loss in judge(blobs, letters).lost] == ["text"]
+    assert [loss.what for loss in judge(blobs, letters).lost] == ["text"]
 
 
 @pytest.mark.slow
@@ -222,33 +225,33 @@ def test_the_rules_grow_laxer_from_word_to_word() -> None:
 
 
 def test_of_several_views_the_worst_counts() -> None:
-    def view(name: str, verdict: dict[str, Any] | None) -> dict[str, Any]:
-        return {"name": name} if verdict is None else {"name": name, "verdict": verdict}
+    def view(name: str, verdict: Recognition | None) -> View:
+        return replace(view_of_report(name=name), verdict=verdict)
 
     target = draw(SMALL)
-    good, coarse = judge(target, target).to_dict(), judge(draw(), target).to_dict()
+    good, coarse = judge(target, target), judge(draw(), target)
     worst = worst_verdict([view("a", good), view("b", coarse)])
-    assert worst is not None and worst["word"] == "coarse" and worst["lost_pieces"] == 1
-    assert worst["lost"][0]["view"] == "b" and "(view b)" in worst["reasons"][0]
-    worse = {**coarse, "outline_p95_radii": coarse["outline_p95_radii"] + 1.0}
-    for order in ((coarse, worse), (worse, coarse)):  # both have the same word
+    assert worst is not None and worst.word == "coarse" and worst.lost_pieces == 1
+    assert worst.lost[0].view == "b" and "(view b)" in worst.reasons[0]
+    worse = replace(coarse, outline_p95_radii=coarse.outline_p95_radii + 1.0)
+    for order in ((coarse, worse), (worse, coarse)):  # of the same word
         told = worst_verdict([view("a", order[0]), view("b", order[1])])
-        assert told is not None and told["outline_p95_radii"] == worse["outline_p95_radii"]
+        assert told is not None and told.outline_p95_radii == worse.outline_p95_radii
     assert worst_verdict([view("a", None)]) is None
     alone = worst_verdict([view("b", coarse)])
-    assert alone is not None and alone["reasons"] == coarse["reasons"]
+    assert alone is not None and alone.reasons == coarse.reasons
 
 
 def test_the_check_rejects_what_nobody_would_know() -> None:
     target = draw(LARGE)
-    unknown = worst_verdict([{"name": "a", "verdict": judge(draw(), target).to_dict()}])
+    unknown = worst_verdict([replace(view_of_report(), verdict=judge(draw(), target))])
     assert unknown is not None
     check = check_recognisable(unknown, accepted=False)
     assert (check.status, check.required) == ("fail", True) and "--accept" in check.detail
     kept = check_recognisable(unknown, accepted=True)
     assert (kept.status, kept.required) == ("fail", False)
     for word in RULES:
-        assert check_recognisable({**unknown, "word": word}, accepted=False).status == "pass"
+        assert check_recognisable(replace(unknown, word=word), accepted=False).status == "pass"
     assert check_recognisable(None, accepted=False).status == "skipped"
 
 
@@ -268,7 +271,7 @@ def test_a_tip_cut_short_by_more_than_a_tube_is_good() -> None:
         shadow = target.copy()
         shadow[: 52 + round(radii * RADIUS_PX)] = False
         found = judge(shadow, target)
-        words[radii] = found.word, found.counts["cut_tips"]
+        words[radii] = found.word, found.cut_tips
     assert words == {1.0: ("faithful", 0), 3.5: ("good", 1)}
     # among many pieces one is not seen
     many = np.zeros((SIZE, SIZE), dtype=bool)
@@ -283,7 +286,7 @@ def test_pieces_that_just_touch_are_good_and_not_faithful() -> None:
         for j in range(4):
             board[100 + 60 * i :, 100 + 60 * j :][:60, :60] = (i + j) % 2 == 0
     found = judge(board, board)
-    assert found.counts["touching"] > 0 and found.counts["broken_strokes"] == 0
+    assert found.touching > 0 and found.broken_strokes == 0
     assert found.word == "good" and "touch" in found.reasons[0]
 
 
@@ -304,12 +307,12 @@ def test_one_speck_never_lowers_the_word_and_fifty_do() -> None:
     for count, radius, word in ((1, 2, "faithful"), (50, 2, "good"), (200, 3, "coarse")):
         found = judge(spotted(count, radius), clean, blur_px=5.7)
         assert found.word == word
-        assert ("specks" in {loss["what"] for loss in found.lost}) == (count > 1)
+        assert ("specks" in {loss.what for loss in found.lost}) == (count > 1)
         assert count != 50 or "specks of light" in found.reasons[0]
     assert judge(spotted(40, 1, slit=40), clean, blur_px=5.7).word != "faithful"
     # a wide lamp washes out what a small one shows
     assert judge(spotted(50, 2), clean, blur_px=60.0).word == "faithful"
-    assert judge(spotted(1, 2), spotted(1, 2)).counts["specks"] == 0  # the picture's own
+    assert judge(spotted(1, 2), spotted(1, 2)).specks == 0  # the picture's own
 
 
 def test_more_damage_never_gives_a_better_word() -> None:
@@ -345,9 +348,9 @@ def test_what_is_lost_comes_by_its_length_and_tips_are_among_it() -> None:
     shadow[:115] = False
     target = target | draw((430, 430, 5)) & (np.indices(target.shape)[0] > 400)
     found = judge(shadow, target)
-    assert [loss["what"] for loss in found.lost] == ["tip", "piece"]
-    assert found.lost[0]["length_mm"] == pytest.approx(63 * 180 / SIZE, abs=3)
-    assert "mm long is cut off" in found.lost[0]["sentence"]
+    assert [loss.what for loss in found.lost] == ["tip", "piece"]
+    assert found.lost[0].length_mm == pytest.approx(63 * 180 / SIZE, abs=3)
+    assert "mm long is cut off" in found.lost[0].sentence
     assert any(reason == "1 tip is cut off" for reason in found.reasons)
 
 
@@ -358,7 +361,7 @@ def test_windows_are_one_line_and_no_text() -> None:
     for k in range(8):
         house[150:170, 80 + 34 * k : 98 + 34 * k] = False
     (loss,) = judge(shadow, house).lost
-    assert loss["what"] == "hole" and "8 holes are filled" in loss["sentence"]
+    assert loss.what == "hole" and "8 holes are filled" in loss.sentence
 
 
 def test_a_bridge_that_was_asked_for_is_no_loss() -> None:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import ndimage
 
+from knotfab_formats.verdict import Bending
 from knotfab_validators.arrays import Array, Mask
 
 if TYPE_CHECKING:
@@ -44,10 +45,12 @@ class Bent:
     stretch: float
     mirrored: bool
 
-    def to_dict(self) -> dict[str, Any]:
-        """The keys of the report's `bending`."""
-        found = {"rms": self.rms, "most": self.most, "stretch": self.stretch}
-        return {**found, "mirrored": True} if self.mirrored else found
+    @property
+    def figures(self) -> Bending:
+        """What a report says of it."""
+        return Bending(
+            rms=self.rms, most=self.most, stretch=self.stretch, mirrored=self.mirrored or None
+        )
 
 
 def bend_of(view: View) -> Bend | None:

@@ -99,15 +99,15 @@ def parse_scene(
     if (region.file is not None) != (region.kind == "mesh"):
         raise BadFile(f"{name}: [region] file goes with kind mesh, and with no other kind")
     if region.kind != "mesh" and "size_mm" not in region.model_fields_set:
-        update["region"] = region.model_copy(update={"size_mm": ROOM})
+        update["region"] = region.but(size_mm=ROOM)
     if scene.mount.kind == "auto":
-        update["mount"] = scene.mount.model_copy(update={"kind": "none"})
+        update["mount"] = scene.mount.but(kind="none")
     if scene.pose is not None:
         update["pose"] = _rigid(scene.pose, name, scene.material.shrinks_to)
     if scene.lamps.table:
         table = _placed(scene.lamps.table, f"{name}: [lamps] table", "table")
-        update["lamps"] = scene.lamps.model_copy(update={"table": table})
-    scene = scene.model_copy(update=update)
+        update["lamps"] = scene.lamps.but(table=table)
+    scene = scene.but(**update)
     if folder is not None and region.file is not None:
         scene._surface = read_region_mesh(folder / region.file, f"{name}: [region] file")
     return scene

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import replace
 
+from knotfab_formats.verdict import Recognition
 from knotfab_validators.files.bent import Bent
 from knotfab_validators.shadows.recognition import UNKNOWN, WORDS
 
@@ -14,7 +15,7 @@ __all__ = ["BENT", "judge_bending"]
 BENT = {"faithful": (0.02, 0.06, 2.0), "good": (0.05, 0.125, 4.0), "coarse": (0.08, 0.2, 10.0)}
 
 
-def judge_bending(verdict: dict[str, Any], bent: Bent) -> dict[str, Any]:
+def judge_bending(verdict: Recognition, bent: Bent) -> Recognition:
     """The verdict on a view with what its bending allows: the worse of the two words, and why."""
     found = (bent.rms, bent.most, bent.stretch)
     allowed = next(
@@ -32,5 +33,5 @@ def judge_bending(verdict: dict[str, Any], bent: Bent) -> dict[str, Any]:
         f"picture bent by {bent.rms:.1%} on average, {bent.most:.1%} at most, lengths changed up to "
         f"{bent.stretch:.1f} times: above {rms:.0%}, {most:.0%} or {stretch:g}"
     )
-    word = max(verdict["word"], allowed, key=WORDS.index)
-    return {**verdict, "word": word, "reasons": [*verdict["reasons"], why]}
+    word = max(verdict.word, allowed, key=WORDS.index)
+    return replace(verdict, word=word, reasons=(*verdict.reasons, why))

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from knotfab_formats.verdict import Colours, Lamp, Masks, Misregistration
 from knotfab_validators.arrays import Array, Ints, Mask
 from knotfab_validators.check import Check, at_least, at_most, skip_check
 from knotfab_validators.files.picture import read_colours
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     from knotfab_formats.scene import View
     from knotfab_validators.files.scene import Scene
 
-__all__ = ["Colours", "LampShadow", "check_colours", "measure_colours", "write_colours"]
+__all__ = ["LampShadow", "MixedPicture", "check_colours", "measure_colours", "write_colours"]
 
 # px of a frame of 1024: a pixel no farther from a border of colours is along an outline
 OUTLINE_PX = 2.0
@@ -57,10 +58,10 @@ class LampShadow:
 
 
 @dataclass(frozen=True)
-class Colours:
-    """The measured colours: `told` has the report's keys, the pictures are of the frame, (H, W, 3), sRGB."""
+class MixedPicture:
+    """What several lamps mix; the pictures are of the frame, (H, W, 3), sRGB."""
 
-    told: dict[str, Any]
+    found: Colours
     shown: Bytes
     wanted: Bytes
     picture: Bytes | None
@@ -74,7 +75,7 @@ def measure_colours(
     frame: WorkingFrame,
     caster: ShadowCaster,
     points: Array,
-) -> Colours:
+) -> MixedPicture:
     """Mix the light of all lamps, and hold what is seen against the masks' colours and the picture.
 
     Args:
@@ -103,65 +104,59 @@ def measure_colours(
     kept = alike[half, codes]
     drawn = (codes > 0) | (half > 0)
     error = colour_error(shown.reshape(-1, 3), wanted.reshape(-1, 3)).reshape(codes.shape)
-    told: dict[str, Any] = {
-        "lamps": [_tell_lamp(lamp, frame) for lamp in lamps],
-        "share": float(right.mean()),
-        "share_inside": _mean(right, ~along),
-        "share_along": _mean(right, along),
-        "along": float(along.mean()),
-        "share_half_light": float(kept.mean()),
-        "share_drawn": _mean(kept, drawn),
-        "delta_e": float(error.mean()),
-        "delta_e_inside": _mean(error, ~along),
-        "delta_e_along": _mean(error, along),
-        "delta_e_lit": float(_lit_error(light).mean()),
-        "ambient": scene.room.ambient,
-        "misregistration": _misregistration(lamps, caster, points, frame),
-    }
-    picture = None
+    picture = judged = None
     if scene.lamps.picture:
         first = lamps[0].geometry
         picture = read_colours(
             folder / scene.lamps.picture, (frame.width, frame.height), (first.width, first.height)
         )
-        off = colour_error(shown.reshape(-1, 3), picture.reshape(-1, 3))
-        told["picture"] = {
-            "file": scene.lamps.picture,
-            "delta_e": float(off.mean()),
-            **_judge_masks(codes, picture, table, names),
-        }
-    return Colours(told, shown, wanted, picture, ~right)
+        judged = _judge_masks(scene.lamps.picture, codes, shown, picture, table, names)
+    found = Colours(
+        lamps=tuple(_tell_lamp(lamp, frame) for lamp in lamps),
+        share=float(right.mean()),
+        share_inside=_mean(right, ~along),
+        share_along=_mean(right, along),
+        along=float(along.mean()),
+        share_half_light=float(kept.mean()),
+        share_drawn=_mean(kept, drawn),
+        delta_e=float(error.mean()),
+        delta_e_inside=_mean(error, ~along),
+        delta_e_along=_mean(error, along),
+        delta_e_lit=float(_lit_error(light).mean()),
+        ambient=scene.room.ambient,
+        misregistration=_misregistration(lamps, caster, points, frame),
+        picture=judged,
+    )
+    return MixedPicture(found, shown, wanted, picture, ~right)
 
 
-def check_colours(told: Mapping[str, Any], iou_floor: float | None) -> list[Check]:
+def check_colours(told: Colours, iou_floor: float | None) -> list[Check]:
     """`colours`: of what is drawn or dark, the share in the right one of the colours that the lamps can mix.
 
     A lamp is hidden where half of it is. Lamps of which each has the IoU that is asked may miss so much each;
     nothing is asked where no floor is.
     `lamp_colours`: the masks are nearer to the picture with each lamp's own colour than with two swapped.
     """
-    count = len(told["lamps"])
+    count = len(told.lamps)
     floor = None if iou_floor is None else max(1 - count * (1 - iou_floor), 0.0)
     detail = (
         f"share in the right one of the mixed colours, of what is drawn or dark under any of {count} lamps; "
-        f"of the whole picture {told['share']:.4f}"
+        f"of the whole picture {told.share:.4f}"
     )
-    found = [
-        at_least("colours", told["share_drawn"], floor, "", detail, required=floor is not None)
-    ]
-    judged = told.get("picture")
+    found = [at_least("colours", told.share_drawn, floor, "", detail, required=floor is not None)]
+    judged = told.picture
     if judged is None:
         return [*found, skip_check("lamp_colours", "the scene names no picture in colours")]
     detail = (
         "mean ΔE of picture and masks with the lamps' colours; as little with two of them swapped"
     )
-    if judged["swapped"]:
-        detail += f" ({' and '.join(judged['swapped'])})"
-    least = judged["swapped_delta_e"]
-    return [*found, at_most("lamp_colours", judged["masks_delta_e"], least, "ΔE", detail)]
+    if judged.swapped:
+        detail += f" ({' and '.join(judged.swapped)})"
+    least = judged.swapped_delta_e
+    return [*found, at_most("lamp_colours", judged.masks_delta_e, least, "ΔE", detail)]
 
 
-def write_colours(folder: Path, colours: Colours) -> None:
+def write_colours(folder: Path, colours: MixedPicture) -> None:
     """Write colours.png, what is seen on the screen, and compare-colours.png.
 
     In that picture, masks, what is seen, and what of it is wrong stand side by side.
@@ -238,27 +233,25 @@ def _lit_error(light: Light) -> Array:
     return colour_error(lit, np.full_like(lit, 255))
 
 
-def _tell_lamp(lamp: LampShadow, frame: WorkingFrame) -> dict[str, Any]:
+def _tell_lamp(lamp: LampShadow, frame: WorkingFrame) -> Lamp:
     """A lamp's colour, and what of its shadow is stray, and what is missing, in shares of the frame."""
     dark, size = lamp.hidden >= 0.5, frame.width * frame.height
     stray, inside = dark & ~lamp.mask, np.count_nonzero((dark & ~lamp.mask)[frame.window])
-    return {
-        "name": lamp.view.name,
-        "colour": list(lamp.view.lamp_colour),
-        "light": lamp.geometry.light.tolist(),
-        "spill": inside / size,
-        "spill_beside": (np.count_nonzero(stray) - inside) / size,
-        "missing": np.count_nonzero(lamp.mask & ~dark) / size,
-    }
+    x, y, z = lamp.geometry.light.tolist()
+    return Lamp(
+        name=lamp.view.name,
+        colour=lamp.view.lamp_colour,
+        light=(x, y, z),
+        spill=inside / size,
+        spill_beside=(np.count_nonzero(stray) - inside) / size,
+        missing=np.count_nonzero(lamp.mask & ~dark) / size,
+    )
 
 
-def _judge_masks(codes: Ints, picture: Bytes, table: Bytes, names: Sequence[str]) -> dict[str, Any]:
-    """Judge how the masks take the picture apart: a loss that no shadow can mend.
-
-    `masks_share` is the share of pixels where the masks ask for the mixed colour that is nearest to the
-    picture's; `masks_delta_e` is the mean ΔE of both. `swapped_delta_e` is the least mean ΔE with the colours
-    of two lamps swapped (`swapped`), which must not be nearer.
-    """
+def _judge_masks(
+    file: str, codes: Ints, shown: Bytes, picture: Bytes, table: Bytes, names: Sequence[str]
+) -> Masks:
+    """How the masks take the picture apart, which must be nearer to it than with two lamps swapped."""
     binned = np.rint(picture / STEP).astype(np.int64) * STEP
     packed = ((codes * 256 + binned[..., 0]) * 256 + binned[..., 1]) * 256 + binned[..., 2]
     pairs, counts = np.unique(packed, return_counts=True)
@@ -270,31 +263,27 @@ def _judge_masks(codes: Ints, picture: Bytes, table: Bytes, names: Sequence[str]
     )
     every = np.arange(len(pairs))
     nearest = away[every, asked] <= away.min(axis=1) + ALIKE
-    found: dict[str, Any] = {
-        "masks_share": float(np.average(nearest, weights=counts)),
-        "masks_delta_e": float(np.average(away[every, asked], weights=counts)),
-        "swapped": [],
-        "swapped_delta_e": None,
-    }
+    swapped: dict[tuple[str, str], float] = {}
     for one, other in combinations(range(len(names)), 2):
         a, b = asked >> one & 1, asked >> other & 1
         turned = asked + (b - a) * 2**one + (a - b) * 2**other
         error = float(np.average(away[every, turned], weights=counts))
-        if found["swapped_delta_e"] is None or error < found["swapped_delta_e"]:
-            found |= {"swapped": [names[one], names[other]], "swapped_delta_e": error}
-    return found
+        swapped[names[one], names[other]] = error
+    nearer = min(swapped, key=lambda pair: swapped[pair], default=())
+    return Masks(
+        file=file,
+        delta_e=float(colour_error(shown.reshape(-1, 3), picture.reshape(-1, 3)).mean()),
+        masks_share=float(np.average(nearest, weights=counts)),
+        masks_delta_e=float(np.average(away[every, asked], weights=counts)),
+        swapped=nearer,
+        swapped_delta_e=min(swapped.values(), default=None),
+    )
 
 
 def _misregistration(
     lamps: Sequence[LampShadow], renderer: Renderer, points: Array, frame: WorkingFrame
-) -> dict[str, Any]:
-    """Measure the cost of lamps that stand beside their places.
-
-    `lamp_mm` is how far one lamp may be off, in the worst direction, until its shadow is off by half a
-    strand's width anywhere; None where the knots are not known. `share` is the share of right colours once
-    every lamp is moved by `moved_mm`, each to the side, up or down, as by itself costs most; `unmoved` that
-    of none moved, on the same coarser pixels, under points of light both.
-    """
+) -> Misregistration:
+    """What it costs that lamps stand beside their places."""
     coarse = working_frame(frame.width, frame.height, MOVED_PX)
     codes = _codes(np.stack([_on(lamp.mask, frame, coarse) for lamp in lamps]))
     allowed, still, worst = [], [], []
@@ -312,12 +301,12 @@ def _misregistration(
             away = replace(seen, light=seen.light + MOVED_MM * way)
             moved.append(renderer.render(away)[coarse.window])
         worst.append(max(moved, key=lambda shadow: np.count_nonzero(shadow != mask)))
-    return {
-        "lamp_mm": min(allowed) if allowed else None,
-        "moved_mm": MOVED_MM,
-        "share": float((_codes(np.stack(worst)) == codes).mean()),
-        "unmoved": float((_codes(np.stack(still)) == codes).mean()),
-    }
+    return Misregistration(
+        lamp_mm=min(allowed, default=None),
+        moved_mm=MOVED_MM,
+        share=float((_codes(np.stack(worst)) == codes).mean()),
+        unmoved=float((_codes(np.stack(still)) == codes).mean()),
+    )
 
 
 def _on(mask: Mask, frame: WorkingFrame, coarse: WorkingFrame) -> Mask:

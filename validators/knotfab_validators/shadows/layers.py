@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from knotfab_formats.verdict import Layers
 from knotfab_validators.arrays import Array, Ints, Mask
 from knotfab_validators.compiled import compiled
 from knotfab_validators.geometry.mesh import Mesh
@@ -142,23 +143,20 @@ def measure_layers(
     smooth: Mask,
     shift_px: float,
     within: Mask | None = None,
-) -> dict[str, Any]:
+) -> Layers:
     """Measure what the steps of a printed part do to its shadow, on the pixels of `target` (H, W).
 
     Args:
         shift_px: shift of `layer_shift_px`.
+        smooth: (H, W) the shadow of the mesh itself.
         within: (H, W) where shadow counts, of a wall that ends; None: everywhere.
-
-    Returns:
-        "layer_mm"; "shift_px", that half a layer shifts a shadow, at most; "iou" of the slices' shadow and
-        the picture, "iou_smooth" of that of the mesh itself, `smooth` (H, W); "samples": slices.
     """
     layers = int(np.ceil(np.ptp(mesh.vertices[:, 2]) / layer_mm))
     shadow = layered_mask(mesh, geometry, layer_mm)
-    return {
-        "layer_mm": layer_mm,
-        "shift_px": shift_px,
-        "iou": overlap(shadow if within is None else shadow & within, target).iou,
-        "iou_smooth": overlap(smooth, target).iou,
-        "samples": layers,
-    }
+    return Layers(
+        layer_mm=layer_mm,
+        shift_px=shift_px,
+        iou=overlap(shadow if within is None else shadow & within, target).iou,
+        iou_smooth=overlap(smooth, target).iou,
+        samples=layers,
+    )

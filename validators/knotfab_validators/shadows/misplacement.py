@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from knotfab_formats.verdict import Misplacement, Move, WorstMove
 from knotfab_validators.arrays import Array, Mask
 from knotfab_validators.shadows.compare import overlap, turn_view
 from knotfab_validators.shadows.renderer import Renderer
@@ -67,7 +68,7 @@ def fit_likeness(points: Array, geometry: ViewGeometry, moved: ViewGeometry) -> 
 def _moved_views(
     middle: Array, geometry: ViewGeometry, placing: Placing, turns: bool
 ) -> Iterator[tuple[str, str, ViewGeometry]]:
-    """Yield the thing that is moved, which way, and its view (piece and wall turn about an axis).
+    """Yield the thing that is moved, which way, and the view that results (turned about an axis).
 
     What hangs on the wall (not `turns`) leans with it, which is the light turned the other way.
     """
@@ -108,9 +109,10 @@ def measure_misplacement(
     target: Mask,
     placing: Placing,
     *,
+    parting: float,
     turns: bool = True,
     within: Mask | None = None,
-) -> dict[str, Any]:
+) -> Misplacement:
     """IoU with lamp (or eye), piece and wall moved for real, each one way: as it is, and by its likeness.
 
     As it is, the picture stays where it is on the wall, so that a shadow which merely moves counts as lost
@@ -123,13 +125,7 @@ def measure_misplacement(
         target: (H, W), the picture's silhouette on the grid of `geometry`.
         turns: whether the piece can turn against the wall: not one that is mounted on it.
         within: (H, W) of it, where shadow counts: a stand's shows below the frame. None: everywhere.
-
-    Returns:
-        "lamp_mm", "turn_deg": how far; "lamp_iou", "turn_iou": {way: {"raw", "fitted"}}, turns named by
-        their axes and left out where nothing can turn; "iou": unmoved, on this grid; "worst": {"of", "way",
-        "raw", "fitted"} of where the most is lost by its likeness; "lamp_iou_per_mm", "turn_iou_per_deg":
-        {way: what is lost as it is}; "samples": shadows rendered. Where the wall's tilt is not known also
-        "tilt_deg", "tilt_iou" and "tilt_iou_per_deg".
+        parting: what `parting_px` says.
     """
 
     def iou(seen: ViewGeometry) -> float:
@@ -137,37 +133,37 @@ def measure_misplacement(
         return overlap(shadow if within is None else shadow & within, target).iou
 
     best = iou(geometry)
-    ious: dict[str, dict[str, dict[str, float]]] = {"lamp": {}, "turn": {}, "tilt": {}}
+    ious: dict[str, dict[str, Move]] = {"lamp": {}, "turn": {}, "tilt": {}}
     samples = 1
     for of, way, moved in _moved_views(middle, geometry, placing, turns):
         raw = iou(moved)
         like = fit_likeness(points, geometry, moved).move(moved)
         fitted = max(raw, iou(like))
-        ious[of][way] = {"raw": raw, "fitted": fitted}
+        ious[of][way] = Move(raw, fitted)
         samples += 2
-    each: list[dict[str, Any]] = [
-        {"of": of, "way": way, **x} for of, ways in ious.items() for way, x in ways.items()
+    each = [
+        WorstMove(move.raw, move.fitted, of, way)
+        for of, ways in ious.items()
+        for way, move in ways.items()
     ]
-    worst = min(each, key=lambda x: float(x["fitted"]), default=None)
 
     def lost(of: str, ways: tuple[str, ...], step: float) -> dict[str, float]:
-        found = {way: ious[of].get(way, {"raw": best})["raw"] for way in ways}
+        found = {way: ious[of][way].raw if way in ious[of] else best for way in ways}
         return {way: max(0.0, best - iou) / max(step, 1e-9) for way, iou in found.items()}
 
-    result = {
-        "lamp_mm": placing.lamp_mm,
-        "turn_deg": placing.turn_deg,
-        "iou": best,
-        "lamp_iou": ious["lamp"],
-        "worst": worst,
-        "samples": samples,
-        "lamp_iou_per_mm": lost("lamp", ("right", "up", "towards"), placing.lamp_mm),
-    }
-    if turns:
-        result["turn_iou"] = ious["turn"]
-        result["turn_iou_per_deg"] = lost("turn", ("right", "up", "axis"), placing.turn_deg)
-    if ious["tilt"]:
-        result["tilt_deg"] = placing.tilt_deg
-        result["tilt_iou"] = ious["tilt"]
-        result["tilt_iou_per_deg"] = lost("tilt", ("right", "up"), placing.tilt_deg)
-    return result
+    tilts = bool(ious["tilt"])
+    return Misplacement(
+        parting_px=parting,
+        lamp_mm=placing.lamp_mm,
+        turn_deg=placing.turn_deg,
+        iou=best,
+        lamp_iou=ious["lamp"],
+        worst=min(each, key=lambda move: move.fitted, default=None),
+        samples=samples,
+        lamp_iou_per_mm=lost("lamp", ("right", "up", "towards"), placing.lamp_mm),
+        turn_iou=ious["turn"] if turns else None,
+        turn_iou_per_deg=lost("turn", ("right", "up", "axis"), placing.turn_deg) if turns else None,
+        tilt_deg=placing.tilt_deg if tilts else None,
+        tilt_iou=ious["tilt"] if tilts else None,
+        tilt_iou_per_deg=lost("tilt", ("right", "up"), placing.tilt_deg) if tilts else None,
+    )

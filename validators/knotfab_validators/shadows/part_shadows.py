@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Collection
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from knotfab_formats.verdict import Colours, Recognition
+from knotfab_formats.verdict import View as ViewFound
 from knotfab_validators.arrays import Array, Mask
 from knotfab_validators.check import Check, skip_check
 from knotfab_validators.clock import time_stage
@@ -65,8 +68,8 @@ def verify_shadows(
     skip: Collection[str],
     pictures_dir: str | PathLike[str] | None,
     seconds: dict[str, float],
-) -> tuple[list[Check], list[dict[str, Any]], dict[str, Any] | None]:
-    """The checks of a part's shadows, the report's record of each view, and that of colours that lamps mix.
+) -> tuple[list[Check], list[ViewFound], Colours | None]:
+    """The checks of a part's shadows, what was found in each view, and in the colours that lamps mix.
 
     Args:
         folder: where the scene's pictures lie. skip: with `SKIP_RENDER` the exact polygons decide
@@ -75,7 +78,7 @@ def verify_shadows(
     Raises:
         ValueError: a picture cannot be read, or the part reaches the light.
     """
-    views: list[dict[str, Any]] = []
+    views: list[ViewFound] = []
     tolerance = scene.settings.tolerance_px
     pose = np.eye(4) if scene.pose is None else np.asarray(scene.pose.matrix, dtype=np.float64)
     vertices = move_points(mesh.vertices, pose)
@@ -90,13 +93,12 @@ def verify_shadows(
             except CannotRender as error:
                 why = str(error)
     verified: dict[str, VerifiedView] = {}
-    recognised: dict[str, dict[str, Any]] = {}
     drawn: dict[str, float] = {}  # IoU with the picture as it is drawn: strokes widened, bent
     tones: dict[str, Tone] = {}
     half_lit: dict[str, float] = {}  # likewise, of where half of the lamp is hidden
     ends = scene.screen_ends
     mixed: list[LampShadow] = []
-    colours: dict[str, Any] | None = None
+    colours: Colours | None = None
     coloured: list[Check] = []
     try:
         for view in scene.views:
@@ -135,6 +137,7 @@ def verify_shadows(
                 )
             verified[view.name] = found
             screen = found.frame.mask if ends else None
+            judged: Recognition | None = None
             if toned and found.tube_px is not None and radius is not None:
                 with time_stage(seconds, "tone"):
                     darkness = read_greys(folder / view.picture, view)
@@ -159,9 +162,8 @@ def verify_shadows(
                         blur_px=_blur_px(view, found, radius, geometry),
                         bridged=_count_bridged(scene.piece.knots, found.target),
                     )
-                recognised[view.name] = judged.to_dict()
                 if bent is not None:
-                    recognised[view.name] = judge_bending(recognised[view.name], bent)
+                    judged = judge_bending(judged, bent)
             soft, wanted = None, found.target if bent is None else found.drawn
             fine = geometry.resample(found.frame)
             if averages_lamp(scene.effects, vertices, fine, view, tolerance):
@@ -179,23 +181,23 @@ def verify_shadows(
                     )
             points = np.concatenate(polygons) if polygons is not None else vertices
             ratio, left = depth_ratio(points, geometry), scene.material.shrinks_to
-            views.append(_report(view, found, geometry, pose, ratio, left))
-            if wall is not None:
-                views[-1]["wall"] = wall
+            if bent is not None and view.name not in drawn:
+                drawn[view.name] = overlap(found.seen, found.drawn).iou
+            toned_error = tones[view.name].error if view.name in tones else None
+            told = replace(
+                _tell_view(view, found, geometry, pose, ratio, left),
+                wall=wall,
+                lamp_colour=view.lamp_colour if scene.share_wall else None,
+                iou_drawn=drawn.get(view.name),
+                bending=None if bent is None else bent.figures,
+                verdict=judged,
+                tone_error=toned_error,
+                penumbra=None if soft is None else soft.found,
+            )
             if scene.share_wall:
-                views[-1]["lamp_colour"] = list(view.lamp_colour)
                 hidden = found.shadow if soft is None else soft.soft
                 tube_mm = None if found.tube_px is None else found.tube_px * fine.pixel_mm
                 mixed.append(LampShadow(view, geometry, hidden, found.target, tube_mm))
-            if view.name in drawn:
-                views[-1]["iou_drawn"] = drawn[view.name]
-            if bent is not None:
-                views[-1]["bending"] = bent.to_dict()
-                views[-1].setdefault("iou_drawn", overlap(found.seen, found.drawn).iou)
-            if view.name in recognised:
-                views[-1]["verdict"] = recognised[view.name]
-            if view.name in tones:
-                views[-1]["tone_error"] = tones[view.name].error
             turns = scene.mount.kind != "wall"
             middle = _middle(points)
             parting = parting_px(points, middle, fine, scene.placing, turns=turns)
@@ -206,21 +208,19 @@ def verify_shadows(
                     # it throws its own shadow below the frame
                     if scene.mount.kind == "stand" or ends:
                         within = padded_mask(np.ones_like(target), coarse)
-                    views[-1]["misplacement"] = {
-                        "parting_px": parting,
-                        **measure_misplacement(
-                            caster,
-                            points,
-                            middle,
-                            geometry.resample(coarse),
-                            padded_mask(target if bent is None else bent.mask, coarse),
-                            scene.placing,
-                            turns=turns,
-                            within=within,
-                        ),
-                    }
+                    moved = measure_misplacement(
+                        caster,
+                        points,
+                        middle,
+                        geometry.resample(coarse),
+                        padded_mask(target if bent is None else bent.mask, coarse),
+                        scene.placing,
+                        parting=parting,
+                        turns=turns,
+                        within=within,
+                    )
+                told = replace(told, misplacement=moved)
             if soft is not None:
-                views[-1]["penumbra"] = soft.to_dict()
                 beside = found.shadow & ~found.of_tube  # the stand's part of the shadow
                 half_lit[view.name] = overlap(soft.dark & ~beside, found.drawn).iou
             if scene.piece.printed:
@@ -229,9 +229,9 @@ def verify_shadows(
                 shift = layer_shift_px(mesh.vertices, own, layer)
                 if shows_layers(scene.effects, shift, tolerance):
                     with time_stage(seconds, "layers"):
-                        views[-1]["layers"] = measure_layers(
-                            mesh, own, layer, wanted, found.exact, shift, screen
-                        )
+                        stack = measure_layers(mesh, own, layer, wanted, found.exact, shift, screen)
+                    told = replace(told, layers=stack)
+            views.append(told)
             if pictures_dir is not None:
                 with time_stage(seconds, "pictures"):
                     into = Path(pictures_dir)
@@ -243,11 +243,11 @@ def verify_shadows(
                     )
         if scene.share_wall and scene.lamps.mode == "mix":
             with time_stage(seconds, "colours"):
-                told = measure_colours(mixed, scene, folder, found.frame, caster, points)
-                coloured = check_colours(told.told, scene.iou_floor)
-                colours = told.told
+                mixture = measure_colours(mixed, scene, folder, found.frame, caster, points)
+                colours = mixture.found
+                coloured = check_colours(colours, scene.iou_floor)
                 if pictures_dir is not None:
-                    write_colours(Path(pictures_dir), told)
+                    write_colours(Path(pictures_dir), mixture)
     finally:
         if renderer is not None:
             renderer.close()
@@ -291,43 +291,45 @@ def _count_bridged(knots: int | str, target: Mask) -> int:
     return max(len(pieces) - knots, 0)
 
 
-def _report(
-    view: Any,
+def _tell_view(
+    view: View,
     found: VerifiedView,
     geometry: ViewGeometry,
     pose: Array,
     depth: float,
     left: float = 1.0,
-) -> dict[str, Any]:
-    """The report's keys of a view; `projection` and `receiver` in the coordinates of the part's file.
+) -> ViewFound:
+    """What every view has; `projection` and `receiver` in the coordinates of the part's file.
 
     Args:
         pose: pose of the part that has shrunk. left: the share that is left then of every length in the file.
     """
     own = geometry.in_part(pose)
     fine_mm = geometry.resample(found.frame).pixel_mm
-    return {
-        "name": view.name,
-        "kind": view.kind,
-        "picture": view.picture,
-        "width": geometry.width,
-        "height": geometry.height,
-        "projection": (own.projection * [left, left, left, 1.0]).tolist(),
-        "receiver": (own.receiver / [1.0, 1.0, 1.0, left]).tolist(),
-        "iou": found.whole.iou,
-        "iou_frame": found.framed.iou,
-        "iou_tube": found.tube.iou if found.tube is not None else None,
-        "precision": found.whole.precision,
-        "recall": found.whole.recall,
-        "outline_error_px": found.outline_px,
-        "outline_error_mm": found.outline.largest_mm if found.outline is not None else None,
-        "intrusion": found.intrusion,
-        "outline_stretch_px": found.wrong.length_px,
-        "outline_stretch_mm": found.wrong.length_px * fine_mm,
-        "outline_stretch_off_px": found.wrong.off_px,
-        "legibility": found.legibility,
-        "depth_ratio": depth,
-    }
+    a, b, c, d = (own.receiver / [1.0, 1.0, 1.0, left]).tolist()
+    rows = (own.projection * [left, left, left, 1.0]).tolist()
+    return ViewFound(
+        name=view.name,
+        kind=view.kind,
+        picture=view.picture,
+        width=geometry.width,
+        height=geometry.height,
+        projection=tuple((w, x, y, z) for w, x, y, z in rows),
+        receiver=(a, b, c, d),
+        iou=found.whole.iou,
+        iou_frame=found.framed.iou,
+        iou_tube=found.tube.iou if found.tube is not None else None,
+        precision=found.whole.precision,
+        recall=found.whole.recall,
+        outline_error_px=found.outline_px,
+        outline_error_mm=found.outline.largest_mm if found.outline is not None else None,
+        intrusion=found.intrusion,
+        outline_stretch_px=found.wrong.length_px,
+        outline_stretch_mm=found.wrong.length_px * fine_mm,
+        outline_stretch_off_px=found.wrong.off_px,
+        legibility=found.legibility,
+        depth_ratio=depth,
+    )
 
 
 def _say_changed(view: View) -> str:

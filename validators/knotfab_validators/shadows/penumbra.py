@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from knotfab_formats.verdict import Penumbra
 from knotfab_validators.arrays import Array, Mask
 from knotfab_validators.check import Check, at_least
 from knotfab_validators.shadows.compare import overlap
@@ -20,44 +21,23 @@ from knotfab_validators.shadows.view import ViewGeometry
 if TYPE_CHECKING:
     from knotfab_formats.scene import Switches
 
-__all__ = ["Penumbra", "averages_lamp", "blur_px", "check_half_light", "measure_penumbra"]
+__all__ = ["SoftShadow", "averages_lamp", "blur_px", "check_half_light", "measure_penumbra"]
 
 
 BLUR_TOLERANCES = 4.0  # a lamp that blurs the outline by fewer tolerances is taken as a point
 
 
 @dataclass(frozen=True)
-class Penumbra:
-    """The effect of the lamp's size on the shadow.
+class SoftShadow:
+    """What the lamp's size does; `soft` (H, W) is the share of the lamp that is hidden at each pixel."""
 
-    `widest_px` is the widest blur; `iou` compares the picture with where at least half of the lamp is
-    hidden; `brightness_error` is how much the wall differs in brightness from the picture, of 1 from lit
-    to dark, summed within the padded frame and spread over the picture's; `hard_error` is the same of the
-    shadow that the lamp's middle alone throws; `soft` (H, W) is the share of the lamp that is hidden at
-    each pixel.
-    """
-
-    widest_px: float
-    iou: float
-    brightness_error: float
-    hard_error: float
-    samples: int
+    found: Penumbra
     soft: NDArray[np.float32]
 
     @property
     def dark(self) -> Mask:
         """(H, W) where at least half of the lamp is hidden."""
         return np.asarray(self.soft >= 0.5)
-
-    def to_dict(self) -> dict[str, Any]:
-        """The report's keys."""
-        return {
-            "widest_px": self.widest_px,
-            "iou": self.iou,
-            "brightness_error": self.brightness_error,
-            "hard_error": self.hard_error,
-            "samples": self.samples,
-        }
 
 
 def blur_px(vertices: Array, geometry: ViewGeometry, size_mm: float) -> float:
@@ -100,7 +80,7 @@ def measure_penumbra(
     lamp: SceneLamp,
     tolerance_px: float,
     within: Mask | None = None,
-) -> Penumbra:
+) -> SoftShadow:
     """Average the shadows of points of the lamp, which faces the piece.
 
     Args:
@@ -123,7 +103,14 @@ def measure_penumbra(
     error = float(np.abs(soft - target).sum(dtype=np.float64)) / size
     hard = float(np.count_nonzero(sharp != target)) / size
     dark = 2 * hidden >= len(points)
-    return Penumbra(widest, overlap(dark, target).iou, error, hard, len(points), soft)
+    found = Penumbra(
+        widest_px=widest,
+        iou=overlap(dark, target).iou,
+        brightness_error=error,
+        hard_error=hard,
+        samples=len(points),
+    )
+    return SoftShadow(found, soft)
 
 
 def check_half_light(ious: Mapping[str, float], iou_floor: float | None) -> Check:

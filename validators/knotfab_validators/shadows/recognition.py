@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import inf
-from typing import Any
 
 import numpy as np
 
+from knotfab_formats.verdict import Loss, Recognition, View
 from knotfab_validators.arrays import Mask
 from knotfab_validators.check import Check, Status, skip_check
 from knotfab_validators.shadows.distance import depth_in
@@ -36,7 +36,6 @@ __all__ = [
     "RULES",
     "UNKNOWN",
     "WORDS",
-    "Recognition",
     "Rule",
     "check_recognisable",
     "recognise",
@@ -141,33 +140,6 @@ _SAID = {
 MOST_NAMED = 40  # losses with their places in a report
 
 
-@dataclass(frozen=True)
-class Recognition:
-    """A word, the reasons that it is no better one, and what was lost, worst first.
-
-    `counts` has the number of changes by kind, those of text among them, of places where pieces of the
-    picture just touch, and of tips that are cut off. `lost` are the report's records.
-    """
-
-    word: str
-    reasons: tuple[str, ...]
-    counts: dict[str, int]
-    outline_p95_mm: float
-    outline_p95_radii: float
-    lost: tuple[dict[str, Any], ...]
-
-    def to_dict(self) -> dict[str, Any]:
-        """The keys of the report's `verdict`."""
-        return {
-            "word": self.word,
-            "reasons": list(self.reasons),
-            **self.counts,
-            "outline_p95_mm": self.outline_p95_mm,
-            "outline_p95_radii": self.outline_p95_radii,
-            "lost": list(self.lost),
-        }
-
-
 def recognise(
     shadow: Mask,
     target: Mask,
@@ -255,60 +227,57 @@ def recognise(
     lost += [scale.record(c) for c in (*tips, *(c for c in single if id(c) not in of_rows))]
     if facts.specks_seen(RULES[WORDS[0]]):
         lost.append(scale.record_specks(specks, step))
-    lost.sort(key=lambda record: -record["length_mm"])
+    lost.sort(key=lambda loss: -loss.length_mm)
     return Recognition(
         word=word,
         reasons=(
             *_count_reasons(text, [*tips, *single]),
             *(facts.against(better) if word != WORDS[0] else ()),
         ),
-        counts={key: counts[kind] for kind, key in _COUNTS.items()}
-        | {"touching": touching, "cut_tips": len(tips), "specks": specks.count},
+        **{key: counts[kind] for kind, key in _COUNTS.items()},
+        touching=touching,
+        cut_tips=len(tips),
+        specks=specks.count,
         outline_p95_mm=off_px * scale.mm,
         outline_p95_radii=off_px / radius_px,
         lost=tuple(lost[:MOST_NAMED]),
     )
 
 
-def worst_verdict(views: Sequence[Mapping[str, Any]]) -> dict[str, Any] | None:
-    """The verdict on a piece from those on its views, of which the worst counts; None without any.
-
-    Args:
-        views: the report's records, with `name`, and `verdict` where there is one.
-    """
-    judged = [(view["name"], view["verdict"]) for view in views if view.get("verdict")]
+def worst_verdict(views: Sequence[View]) -> Recognition | None:
+    """The verdict on a piece from those on its views, of which the worst counts; None without any."""
+    judged = [(view.name, view.verdict) for view in views if view.verdict is not None]
     if not judged:
         return None
     # among views with one word the one that is farther off
     name, worst = max(
-        judged, key=lambda pair: (WORDS.index(pair[1]["word"]), pair[1]["outline_p95_radii"])
+        judged, key=lambda pair: (WORDS.index(pair[1].word), pair[1].outline_p95_radii)
     )
     several = len(views) > 1
-    lost = [{"view": of, **loss} for of, verdict in judged for loss in verdict["lost"]]
-    lost.sort(key=lambda loss: -loss.get("length_mm", 0.0))
+    lost = [replace(loss, view=of) for of, verdict in judged for loss in verdict.lost]
+    lost.sort(key=lambda loss: -loss.length_mm)
     told = [(name, worst), *(pair for pair in judged if pair[0] != name)]
     reasons = [
         f"{reason} (view {of})" if several else reason
         for of, verdict in told
-        for reason in verdict["reasons"]
+        for reason in verdict.reasons
     ]
-    return {**worst, "reasons": reasons, "lost": lost}
+    return replace(worst, reasons=tuple(reasons), lost=tuple(lost))
 
 
-def check_recognisable(verdict: dict[str, Any] | None, *, accepted: bool) -> Check:
+def check_recognisable(verdict: Recognition | None, *, accepted: bool) -> Check:
     """`recognisable`: whether the piece has a word of `RULES`; not required where that is `accepted`."""
     name = "recognisable"
     if verdict is None:
         return skip_check(name, "not given the knots", required=False)
-    status: Status = "fail" if verdict["word"] == UNKNOWN else "pass"
+    status: Status = "fail" if verdict.word == UNKNOWN else "pass"
     detail = (
-        "; ".join(verdict["reasons"])
-        or "all pieces, holes, gaps and strokes of the picture are there"
+        "; ".join(verdict.reasons) or "all pieces, holes, gaps and strokes of the picture are there"
     )
     if status == "fail" and not accepted:
         detail += "; --accept unrecognisable keeps it nevertheless"
     least = list(RULES)[-1]
-    return Check(name, status, not accepted, verdict["word"], least, "", detail)
+    return Check(name, status, not accepted, verdict.word, least, "", detail)
 
 
 @dataclass(frozen=True)
@@ -496,8 +465,8 @@ class _Scale:
         """The side of a compared pixel."""
         return float(np.linalg.norm(self.geometry.du)) * self.geometry.width / self.frame.width
 
-    def record(self, change: Change) -> dict[str, Any]:
-        """The report's record of one loss."""
+    def record(self, change: Change) -> Loss:
+        """One loss."""
         what = f"a {_SAID[change.kind][0]}"
         if isinstance(change, Shape):
             what = f"a {change.of} is drawn out of shape ({change.likeness:.2f} alike)"
@@ -508,8 +477,8 @@ class _Scale:
             what = f"a strand sticks out by {length * self.mm:.0f} mm"
         return self._place(change.kind, change.where, change.width_px, length, what)
 
-    def record_row(self, row: Row, inside: Sequence[Change]) -> dict[str, Any]:
-        """The report's record of the losses of a row of text, or of windows, in its place."""
+    def record_row(self, row: Row, inside: Sequence[Change]) -> Loss:
+        """What was lost of a row of text, or of windows, in its place."""
         left, top, right, bottom = row.box
         where = ((left + right) / 2, (top + bottom) / 2)
         counts = Counter[str](c.kind for c in inside)
@@ -526,8 +495,8 @@ class _Scale:
             said = f"of a row of text of {row.pieces} pieces {what}"
         return self._place(kind, where, width, length, said)
 
-    def record_specks(self, specks: Specks, step: int) -> dict[str, Any]:
-        """The report's record of all specks of light, at the largest."""
+    def record_specks(self, specks: Specks, step: int) -> Loss:
+        """All specks of light, at the largest."""
         u, v = (c * step for c in specks.at)
         width = specks.largest_mm2**0.5 / self.mm
         said = (
@@ -538,25 +507,25 @@ class _Scale:
 
     def _place(
         self, what: str, where: tuple[float, float], width: float, length: float, said: str
-    ) -> dict[str, Any]:
+    ) -> Loss:
         u, v = where[0] - self.frame.pad_x, where[1] - self.frame.pad_y
         g, f = self.geometry, self.frame
-        at_px = [
+        at_px = (
             round((u + 0.5) * g.width / f.width - 0.5, 1),
             round((v + 0.5) * g.height / f.height - 0.5, 1),
-        ]
+        )
         down = float(np.linalg.norm(g.dv)) * g.height / f.height
-        at_mm = [round((u + 0.5) * self.mm, 1), round((v + 0.5) * down, 1)]
+        at_mm = (round((u + 0.5) * self.mm, 1), round((v + 0.5) * down, 1))
         size, needed = width * self.mm, self.tube_px * self.mm
-        return {
-            "what": what,
-            "at_px": at_px,
-            "at_mm": at_mm,
-            "size_mm": round(size, 2),
-            "length_mm": round(length * self.mm, 2),
-            "size_px": round(width * g.width / f.width, 1),
-            "needed_mm": round(needed, 2),
-            "sentence": f"{said}, {at_mm[0]:.0f} mm from the left and {at_mm[1]:.0f} mm from the top "
+        return Loss(
+            what=what,
+            at_px=at_px,
+            at_mm=at_mm,
+            size_mm=round(size, 2),
+            length_mm=round(length * self.mm, 2),
+            size_px=round(width * g.width / f.width, 1),
+            needed_mm=round(needed, 2),
+            sentence=f"{said}, {at_mm[0]:.0f} mm from the left and {at_mm[1]:.0f} mm from the top "
             f"(pixel {at_px[0]:.0f}, {at_px[1]:.0f}): {size:.1f} mm wide on the wall, and the tube's "
             f"shadow is {needed:.1f} mm",
-        }
+        )

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from knotfab_formats.verdict import RoundWall
 from knotfab_validators.shadows.frame import LONGER_SIDE
 from knotfab_validators.shadows.view import ViewGeometry
 
@@ -19,13 +20,8 @@ WALL_TOLERANCES = 1.0
 PLACES = 129  # across and up the frame
 
 
-def find_wall(geometry: ViewGeometry) -> dict[str, Any] | None:
-    """Measure how far a flat wall would have the picture off its places on the round one; None of a flat
-    wall.
-
-    Returns:
-        "radius_mm"; "off_px", at most, px of a frame of 1024; "samples": 1, that it is looked at.
-    """
+def find_wall(geometry: ViewGeometry) -> RoundWall | None:
+    """How far a flat wall would have the picture off its places on the round one; None of a flat wall."""
     if geometry.cylinder is None:
         return None
     ends = (np.linspace(-0.5, n - 0.5, PLACES) for n in (geometry.width, geometry.height))
@@ -34,12 +30,12 @@ def find_wall(geometry: ViewGeometry) -> dict[str, Any] | None:
     off = geometry.flat.project(geometry.on_receiver(pixels))[0] - pixels
     share = LONGER_SIDE / max(geometry.width, geometry.height)
     most = share * float(np.linalg.norm(off, axis=1).max())
-    return {"radius_mm": geometry.cylinder.radius, "off_px": most, "samples": 1}
+    return RoundWall(radius_mm=geometry.cylinder.radius, off_px=most, samples=1)
 
 
 def receive(
     geometry: ViewGeometry, effects: Switches, tolerance_px: float = 0.25
-) -> tuple[ViewGeometry, dict[str, Any] | None]:
+) -> tuple[ViewGeometry, RoundWall | None]:
     """The view on the wall that its shadows are cast on, and what `find_wall` says of that.
 
     A round wall is taken as flat where the scene says so, or a flat one is not off by a tolerance.
@@ -49,5 +45,5 @@ def receive(
         return geometry, None
     bends = effects.wall == "on"
     if effects.wall == "auto":
-        bends = wall["off_px"] > WALL_TOLERANCES * tolerance_px
+        bends = wall.off_px > WALL_TOLERANCES * tolerance_px
     return (geometry, wall) if bends else (geometry.flat, None)

@@ -3,8 +3,9 @@
 from typing import Any
 
 import pytest
+from reports import LOSS, recognition
 
-from knotfab.report.of_verdict import advise_widening
+from knotfab.report.of_views import advise_widening
 from knotfab.scene.catalogue import resolve
 from knotfab_formats.scene import ResolvedScene, ResolvedView, Scene
 
@@ -16,8 +17,8 @@ def scene(**view: Any) -> ResolvedScene:
 
 
 def told(word: str, *lost: tuple[str, float], of: ResolvedScene | None = None) -> list[str]:
-    losses = [{"what": what, "size_mm": size, "needed_mm": 1.6} for what, size in lost]
-    return advise_widening({"word": word, "lost": losses}, of or scene())
+    losses = [{**LOSS, "what": what, "size_mm": size, "needed_mm": 1.6} for what, size in lost]
+    return advise_widening(recognition(word=word, lost=losses), of or scene())
 
 
 @pytest.mark.parametrize("word", ["coarse", "not recognisable"])

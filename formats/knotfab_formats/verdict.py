@@ -1,0 +1,354 @@
+"""Findings of the validators in written files: checks, views, colours; a build's report goes on from them.
+
+Places and lengths are in mm unless a name says otherwise, shares and IoU from 0 to 1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from knotfab_formats.records import plain
+
+Place = tuple[float, float, float]
+"""A point in the coordinates of the measured file, mm."""
+
+Status = Literal["pass", "fail", "skipped"]
+
+
+@dataclass(frozen=True)
+class Check:
+    """The outcome of one check.
+
+    `required` says whether a failure rejects the part; `measured` and `limit` are in `unit`, or
+    words where the thing is not a number; `detail` is one sentence for a person. `at` are the
+    places that decided, worst first: where to look when it fails, in the coordinates of the file
+    that was measured.
+    """
+
+    name: str
+    status: Status
+    required: bool
+    measured: float | str | None
+    limit: float | str | None
+    unit: str
+    detail: str
+    at: tuple[Place, ...] = ()
+
+
+def exit_code(checks: Iterable[Check]) -> int:
+    """The one rule of what passes: 1 where a required check failed, else 3 where one could not run, else 0.
+
+    What is not required decides nothing.
+    """
+    required = {check.status for check in checks if check.required}
+    return 1 if "fail" in required else 3 if "skipped" in required else 0
+
+
+def list_unmet(checks: Iterable[Check]) -> list[Check]:
+    """The required checks that did not pass: a skipped one proves nothing."""
+    return [check for check in checks if check.required and check.status != "pass"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Loss:
+    """One thing that the shadow lost of its picture, by its place on the picture and on the wall.
+
+    `needed_mm` is the width of the tube's shadow. A report names the `view`.
+    """
+
+    view: str | None = None
+    what: str
+    at_px: tuple[float, float]
+    at_mm: tuple[float, float]
+    size_mm: float
+    length_mm: float
+    size_px: float
+    needed_mm: float
+    sentence: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recognition:
+    """A word, the reasons that it is no better one, and what was lost, worst first.
+
+    The numbers of changes are by kind, those of text among them; `touching` counts places where pieces of the
+    picture just touch, `cut_tips` tips that are cut off.
+    """
+
+    word: str
+    reasons: tuple[str, ...]
+    lost_pieces: int
+    filled_holes: int
+    bridged_gaps: int
+    broken_strokes: int
+    stray_pieces: int
+    stray_holes: int
+    misshapen: int
+    touching: int
+    cut_tips: int
+    specks: int
+    outline_p95_mm: float
+    outline_p95_radii: float
+    lost: tuple[Loss, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RoundWall:
+    """The distance by which a flat wall would have the picture off its places, px of a frame of 1024."""
+
+    radius_mm: float
+    off_px: float
+    samples: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Penumbra:
+    """The effect of the lamp's size on the shadow.
+
+    `widest_px` is the widest blur; `iou` compares the picture with where at least half of the lamp is
+    hidden; `brightness_error` is how much the wall differs in brightness from the picture, of 1 from lit
+    to dark, summed within the padded frame and spread over the picture's; `hard_error` is the same of the
+    shadow that the lamp's middle alone throws.
+    """
+
+    widest_px: float
+    iou: float
+    brightness_error: float
+    hard_error: float
+    samples: int
+
+
+@dataclass(frozen=True)
+class Move:
+    """The IoU after a move: `raw` as it is, `fitted` by the shadow's likeness."""
+
+    raw: float
+    fitted: float
+
+
+@dataclass(frozen=True)
+class WorstMove(Move):
+    """The move by which the most is lost: `of` lamp, turn or tilt, on its `way`."""
+
+    of: str
+    way: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Misplacement:
+    """The cost of lamp (or eye), piece and wall that are off by so much, each one way.
+
+    `iou` is that unmoved, on the same grid; `samples` counts the shadows. Turns are named by their axes, and
+    left out where nothing can turn, tilts where the scene expects none.
+    """
+
+    parting_px: float
+    lamp_mm: float
+    turn_deg: float
+    iou: float
+    lamp_iou: dict[str, Move]
+    worst: WorstMove | None
+    samples: int
+    lamp_iou_per_mm: dict[str, float]
+    turn_iou: dict[str, Move] | None = None
+    turn_iou_per_deg: dict[str, float] | None = None
+    tilt_deg: float | None = None
+    tilt_iou: dict[str, Move] | None = None
+    tilt_iou_per_deg: dict[str, float] | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Layers:
+    """The effect of a printed part's steps on its shadow.
+
+    `shift_px` is the most that half a layer shifts a shadow; `iou` is that of the slices' shadow and the
+    picture, `iou_smooth` that of the mesh itself; `samples` counts the slices.
+    """
+
+    layer_mm: float
+    shift_px: float
+    iou: float
+    iou_smooth: float
+    samples: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bending:
+    """The distance of a bent picture's pixels from where they were, in shares of its height.
+
+    `stretch` is the largest change of a length, as a factor; None where the picture folds.
+    """
+
+    rms: float
+    most: float
+    stretch: float | None
+    mirrored: bool | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Contrast:
+    """The darkness of the shadow, (lit - dark) / lit, in the middle and where it is palest.
+
+    `falloff`: the lamp's least light within the frame over its largest. `ambient`, `room`, `second`: what
+    comes of elsewhere, of the room's walls, of a second lamp. Of the lamp's own, strands let `transmitted`
+    through, and throw back at most `bounced` that the wall sent them. `ghost_shift_mm`: how far from the
+    shadow of the piece's middle the second lamp throws it, with `ghost_contrast`; None without one.
+    """
+
+    contrast: float
+    contrast_least: float
+    falloff: float
+    ambient: float
+    room: float
+    second: float
+    transmitted: float
+    bounced: float
+    ghost_shift_mm: float | None
+    ghost_contrast: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sag:
+    """IoU of the knots' own shadow as they sag and as designed; the furthest that a strand's is shifted."""
+
+    widest_px: float
+    iou: float
+    iou_designed: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class View:
+    """One view of a part; `projection` and `receiver` are in the coordinates of the part's file.
+
+    The validators measure; a build adds what it knows of the picture, and the effects that it alone measures
+    (from `silhouette` on).
+    """
+
+    name: str
+    kind: str
+    picture: str
+    width: int
+    height: int
+    projection: tuple[tuple[float, float, float, float], ...]
+    receiver: tuple[float, float, float, float]
+    iou: float
+    iou_frame: float
+    iou_tube: float | None
+    precision: float
+    recall: float
+    outline_error_px: float | None
+    outline_error_mm: float | None
+    intrusion: float | None
+    outline_stretch_px: float
+    outline_stretch_mm: float
+    outline_stretch_off_px: float
+    legibility: dict[str, float]
+    depth_ratio: float | None
+    wall: RoundWall | None = None
+    lamp_colour: tuple[float, float, float] | None = None
+    iou_drawn: float | None = None
+    bending: Bending | None = None
+    verdict: Recognition | None = None
+    tone_error: float | None = None
+    misplacement: Misplacement | None = None
+    penumbra: Penumbra | None = None
+    layers: Layers | None = None
+    silhouette: str | None = None
+    picture_notes: tuple[str, ...] | None = None
+    bound: float | None = None
+    drawn: str | None = None
+    contrast: Contrast | None = None
+    sag: Sag | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Lamp:
+    """One of several lamps on a screen: what of its shadow is stray, and missing, in shares of the frame."""
+
+    name: str
+    colour: tuple[float, float, float]
+    light: Place
+    spill: float
+    spill_beside: float
+    missing: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Masks:
+    """The masks' account of a picture in colours, a loss that no shadow can mend; errors are mean ΔE.
+
+    `masks_share` is the share of pixels where the masks ask for the mixed colour that is nearest to the
+    picture's. `swapped_delta_e` is the least error with the colours of two lamps swapped (`swapped`).
+    """
+
+    file: str
+    delta_e: float
+    masks_share: float
+    masks_delta_e: float
+    swapped: tuple[str, ...]
+    swapped_delta_e: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Misregistration:
+    """The cost of lamps that stand beside their places.
+
+    `lamp_mm` is how far one lamp may be off, in the worst direction, until its shadow is off by half a
+    strand's width anywhere; None where the knots are not known. `share` is the share of right colours once
+    every lamp is moved by `moved_mm`, each to the side, up or down, as by itself costs most; `unmoved` that
+    of none moved, on the same coarser pixels, under points of light both.
+    """
+
+    lamp_mm: float | None
+    moved_mm: float
+    share: float
+    unmoved: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Colours:
+    """The mixture of several lamps on one screen: shares of pixels in the right colour, mean errors ΔE."""
+
+    lamps: tuple[Lamp, ...]
+    share: float
+    share_inside: float
+    share_along: float
+    along: float
+    share_half_light: float
+    share_drawn: float
+    delta_e: float
+    delta_e_inside: float
+    delta_e_along: float
+    delta_e_lit: float
+    ambient: float
+    misregistration: Misregistration
+    picture: Masks | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Verdict:
+    """The result of `validate`.
+
+    `status` is "pass" or "fail". `exit_code` is 0 when every required check passed, 1 when one
+    failed, 3 when one could not run on this machine. `seconds` says what each stage cost; `picture` is the
+    file in which the failures were drawn; `conclusion` one line for a person, `size_mm` the part's extents,
+    `notes` what its reader passed over or asks. `colours` is None where no lamps mix.
+    """
+
+    status: str
+    exit_code: int
+    conclusion: str
+    size_mm: tuple[float, float, float] | None
+    notes: tuple[str, ...]
+    checks: tuple[Check, ...]
+    views: tuple[View, ...]
+    colours: Colours | None
+    picture: str | None
+    seconds: dict[str, float]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Its fields but exit code and seconds, of values that JSON knows (no infinities)."""
+        told: dict[str, Any] = plain(self)
+        return {key: told[key] for key in told if key not in ("exit_code", "seconds")}
