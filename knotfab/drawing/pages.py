@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -116,7 +117,6 @@ def write_pages(path: Path, title: str, pages: Iterable[Figure]) -> int:
 
 def choose_fonts(page: Figure) -> None:
     """Give each text of a page the fonts that have its letters; letters that none has are told by number."""
-    from matplotlib.font_manager import FontProperties, fontManager
     from matplotlib.text import Text
 
     for text in page.findobj(Text):
@@ -130,12 +130,20 @@ def choose_fonts(page: Figure) -> None:
             except InputError:
                 lacking += letter
             else:
-                fontManager.addfont(path)
-                families.append(FontProperties(fname=path).get_name())
+                families.append(_family_of(path))
         text.set_fontfamily(list(dict.fromkeys(families)))
         if lacking:
             run = re.compile(f"[{re.escape(lacking)}]+")
             text.set_text(run.sub(_name_letters, text.get_text()))
+
+
+@cache
+def _family_of(path: str) -> str:
+    """The family of a font's file, of which matplotlib is told once: told again, it forgets what it found."""
+    from matplotlib.font_manager import FontProperties, fontManager
+
+    fontManager.addfont(path)
+    return FontProperties(fname=path).get_name()
 
 
 def _name_letters(found: re.Match[str]) -> str:
