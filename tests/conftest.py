@@ -4,7 +4,9 @@ import locale
 import os
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
+from typing import Any
 
 import pytest
 
@@ -17,13 +19,33 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 @pytest.fixture(scope="session", autouse=True)
 def _keep_validators() -> Iterator[None]:
-    """Validators go from one test to the next: to load VTK takes longer than most tests do."""
-    hold, told = verifier._hold, verifier._surroundings
+    """Validators go from one test to the next, whatever is skipped: loading VTK takes longer than most tests.
+
+    Those of another environment, or that crash, come and go beside them.
+    """
+    hold, usual = verifier._hold, _validators_asked(1)
+
+    @contextmanager
+    def kept(skip: Collection[str], jobs: int, keep: bool = True) -> Iterator[Any]:
+        keep, aside = _validators_asked(jobs) == usual, verifier._idle[:]
+        if not keep:
+            verifier._idle.clear()
+        try:
+            with hold({*skip} - {"shadow-render"}, jobs, keep) as held:
+                yield held
+        finally:
+            if not keep:
+                verifier._idle[:] = aside
+
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(verifier, "_hold", lambda skip, jobs, keep=True: hold(skip, jobs, True))
-        patch.setattr(verifier, "_surroundings", lambda: told() | {"PYTEST_CURRENT_TEST": "any"})
+        patch.setattr(verifier, "_hold", kept)
+        patch.setattr(verifier, "_surroundings", dict)
         yield
         verifier._end_idle()
+
+
+def _validators_asked(jobs: int) -> tuple[object, ...]:
+    return jobs, verifier._MODULE, sys.executable, os.environ.get("KNOTFAB_NO_RENDERING")
 
 
 @pytest.fixture(scope="session", autouse=True)

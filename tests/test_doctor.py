@@ -47,7 +47,6 @@ def test_loops_are_compiled_and_kept() -> None:
 @pytest.mark.slow
 def test_validators_that_do_not_start_are_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(verifier, "_MODULE", "no_such_validators")
-    verifier._end_idle()
     monkeypatch.setattr("knotfab.design.design.design_knots", lambda *_: None)
     monkeypatch.setattr("knotfab.drawing.shading.draw_faces", lambda *_: None)
     found = doctor.compile_loops()

@@ -30,7 +30,7 @@ def answer(request, told):
 """
 
 
-HOLD = verifier._hold
+HOLD, SURROUNDINGS = verifier._hold, verifier._surroundings
 
 
 def answer(*names: str) -> Future[dict[str, Any]]:
@@ -58,6 +58,7 @@ def echo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     monkeypatch.setattr(verifier, "_MODULE", "echo")
     monkeypatch.setattr(verifier, "_idle", [])
     monkeypatch.setattr(verifier, "_hold", HOLD)
+    monkeypatch.setattr(verifier, "_surroundings", SURROUNDINGS)
     yield
     verifier._end_idle()
 
