@@ -16,23 +16,15 @@ from .parts import Body
 def broken_files() -> Iterator[Broken]:
     """Faults of files beside the part; the readers must name theirs in a sentence."""
     yield from _of_3mf()
-    yield Broken(
-        "a picture that is none",
-        lambda: replace(with_scene(make_part(circle())), raw={"front.png": b"GIF89a and no more"}),
-        READ,
-        says="front.png",
-    )
-    yield Broken(
-        "a picture that is missing",
-        lambda: replace(with_scene(make_part(circle())), pictures={}),
-        READ,
-    )
-    yield Broken(
-        "a part behind the light",
-        lambda: with_scene(make_part(circle()), view={"light_distance_mm": 1.0}),
-        READ,
-        says="light",
-    )
+    yield from [
+        Broken("a picture that is none",
+         lambda: replace(with_scene(make_part(circle())), raw={"front.png": b"GIF89a and no more"}), READ,
+         says="front.png"),
+        Broken("a picture that is missing", lambda: replace(with_scene(make_part(circle())), pictures={}),
+         READ),
+        Broken("a part behind the light",
+         lambda: with_scene(make_part(circle()), view={"light_distance_mm": 1.0}), READ, says="light"),
+    ]  # fmt: skip
 
 
 def _of_3mf() -> Iterator[Broken]:

@@ -64,20 +64,12 @@ def _too_near() -> Iterator[Broken]:
             between,
             NEAR,
         )
-    yield Broken(
-        "a knot that touches itself",
-        lambda: replace(make_part(curl(0.0), 2.0), body=None),
-        "thickness",
-        lambda p: places_of(p.knots[0][[0, 80]]),
-        NEAR,
-    )
-    yield Broken(
-        "knots that touch",
-        lambda: make_part([circle(), circle()[:, [0, 2, 1]] + [60.0, 0.0, 0.0]]),
-        "knot_type",
-        lambda p: places_of(p.knots[0][0]),
-        NEAR,
-    )
+    yield from [
+        Broken("a knot that touches itself", lambda: replace(make_part(curl(0.0), 2.0), body=None),
+         "thickness", lambda p: places_of(p.knots[0][[0, 80]]), NEAR),
+        Broken("knots that touch", lambda: make_part([circle(), circle()[:, [0, 2, 1]] + [60.0, 0.0, 0.0]]),
+         "knot_type", lambda p: places_of(p.knots[0][0]), NEAR),
+    ]  # fmt: skip
 
 
 def _too_bent() -> Iterator[Broken]:
@@ -120,40 +112,24 @@ def _too_bent() -> Iterator[Broken]:
 def _of_types() -> Iterator[Broken]:
     wrong: dict[str, tuple[str, float, Callable[[], Array]]] = {
         "a trefoil where an unknot was promised": ("unknot", 3.0, lambda: torus_knot(2, 3)),
-        "a left trefoil where a right one was promised": (
-            "right-handed trefoil",
-            3.0,
-            lambda: mirror(torus_knot(2, 3)),
-        ),
-        "a right trefoil where a left one was promised": (
-            "left-handed trefoil",
-            3.0,
-            lambda: torus_knot(2, 3),
-        ),
+        "a left trefoil where a right one was promised": ("right-handed trefoil", 3.0,
+         lambda: mirror(torus_knot(2, 3))),
+        "a right trefoil where a left one was promised": ("left-handed trefoil", 3.0,
+         lambda: torus_knot(2, 3)),
         "an unknot where a trefoil was promised": ("3_1", 3.0, circle),
         "a figure-eight where a trefoil was promised": ("3_1", 3.0, figure_eight),
         "a trefoil where a figure-eight was promised": ("4_1", 3.0, lambda: torus_knot(2, 3)),
         "a cinquefoil where an unknot was promised": ("unknot", 3.0, lambda: torus_knot(2, 5)),
         "a cinquefoil where a figure-eight was promised": ("4_1", 3.0, lambda: torus_knot(2, 5)),
-        "a three-twist where a cinquefoil was promised": (
-            "5_1",
-            1.0,
-            lambda: lissajous(3, 2, 7, 0.7, 0.2),
-        ),
+        "a three-twist where a cinquefoil was promised": ("5_1", 1.0, lambda: lissajous(3, 2, 7, 0.7, 0.2)),
         "a granny where a trefoil was promised": ("3_1", 2.0, granny),
         "a granny where a square was promised": ("square", 2.0, granny),
         "a square where a granny was promised": ("granny", 2.0, square),
-        "a left cinquefoil where a right one was promised": (
-            "right-handed 5_1",
-            3.0,
-            lambda: mirror(torus_knot(2, 5)),
-        ),
-        "a torus knot of 3 and 4 where a trefoil was promised": (
-            "3_1",
-            2.0,
-            lambda: torus_knot(3, 4, n=300),
-        ),
-    }
+        "a left cinquefoil where a right one was promised": ("right-handed 5_1", 3.0,
+         lambda: mirror(torus_knot(2, 5))),
+        "a torus knot of 3 and 4 where a trefoil was promised": ("3_1", 2.0,
+         lambda: torus_knot(3, 4, n=300)),
+    }  # fmt: skip
     for name, (promise, radius, curve) in wrong.items():
         # an unknot has no place where it is not knotted
         places = None if curve is circle else _all
@@ -171,33 +147,17 @@ def _of_types() -> Iterator[Broken]:
 def _of_scene() -> Iterator[Broken]:
     """The knots keep what their own file promises, and that is not what the scene asks for."""
     wrong: dict[str, tuple[str, tuple[str, ...], Callable[[], Sequence[Array]]]] = {
-        "a left trefoil and a scene of an unknot": (
-            "unknot",
-            ("left-handed 3_1",),
-            lambda: [mirror(torus_knot(2, 3))],
-        ),
-        "a left trefoil and a scene of a right one": (
-            "right trefoil",
-            ("3_1",),
-            lambda: [mirror(torus_knot(2, 3))],
-        ),
+        "a left trefoil and a scene of an unknot": ("unknot", ("left-handed 3_1",),
+         lambda: [mirror(torus_knot(2, 3))]),
+        "a left trefoil and a scene of a right one": ("right trefoil", ("3_1",),
+         lambda: [mirror(torus_knot(2, 3))]),
         "an unknot and a scene of a trefoil": ("trefoil", ("unknown",), lambda: [circle()]),
-        "a trefoil and a scene of no knot that there is": (
-            "clover",
-            ("3_1",),
-            lambda: [torus_knot(2, 3)],
-        ),
-        "two unknots and a scene of a trefoil": (
-            "trefoil",
-            ("unknot", "unknown"),
-            lambda: [circle(), circle(18.0)],
-        ),
-        "two trefoils and a scene of one": (
-            "trefoil",
-            ("3_1", "3_1"),
-            lambda: [torus_knot(2, 3), torus_knot(2, 3) + [90.0, 0.0, 0.0]],
-        ),
-    }
+        "a trefoil and a scene of no knot that there is": ("clover", ("3_1",), lambda: [torus_knot(2, 3)]),
+        "two unknots and a scene of a trefoil": ("trefoil", ("unknot", "unknown"),
+         lambda: [circle(), circle(18.0)]),
+        "two trefoils and a scene of one": ("trefoil", ("3_1", "3_1"),
+         lambda: [torus_knot(2, 3), torus_knot(2, 3) + [90.0, 0.0, 0.0]]),
+    }  # fmt: skip
     for name, (asked, types, curves) in wrong.items():
         yield Broken(name, partial(_asked_for, asked, types, curves), "knot_type")
 
@@ -228,45 +188,29 @@ def _outside() -> Iterator[Broken]:
     regions: dict[str, tuple[dict[str, Any], Callable[[Part], Iterable[Place]]]] = {
         "box": ({"kind": "box", "size_mm": [65.8, 66.0, 6.0]}, _ends),
         "low box": ({"kind": "box", "size_mm": [70.0, 70.0, 5.8]}, _all),
-        "box off the middle": (
-            {"kind": "box", "size_mm": [66.0, 70.0, 8.0], "center_mm": [0.1, 0.0, 0.0]},
-            lambda p: places_of(p.knots[0][48]),
-        ),
+        "box off the middle": ({"kind": "box", "size_mm": [66.0, 70.0, 8.0], "center_mm": [0.1, 0.0, 0.0]},
+         lambda p: places_of(p.knots[0][48])),
         "cylinder": ({"kind": "cylinder", "size_mm": [65.8, 80.0, 65.8]}, _ends),
-        "low cylinder": (
-            {"kind": "cylinder", "size_mm": [90.0, 65.8, 90.0]},
-            lambda p: places_of(p.knots[0][[24, 72]]),
-        ),
+        "low cylinder": ({"kind": "cylinder", "size_mm": [90.0, 65.8, 90.0]},
+         lambda p: places_of(p.knots[0][[24, 72]])),
         "sphere": ({"kind": "sphere", "size_mm": [65.8] * 3}, _all),
-    }
+    }  # fmt: skip
     for name, (region, places) in regions.items():
         yield Broken(
             f"0.1 mm outside the {name}", partial(in_region, region), "region", places, NEAR
         )
     room = encode(box((-32.9, -40, -10), (32.9, 40, 10)), "stl")
     mesh = {"kind": "mesh", "file": "room.stl"}
-    yield Broken(
-        "0.1 mm outside the mesh",
-        lambda: replace(with_scene(make_part(circle()), region=mesh), raw={"room.stl": room}),
-        "region",
-        _ends,
-        NEAR,
-    )
-    yield Broken(
-        "larger than the printer by 0.1 mm",
-        lambda: _in_room(-0.1),
-        "build_volume",
-        _sides,
-        2 * NEAR,
-    )
-    yield Broken("0.1 mm below the bed", lambda: _off_bed((0, 0, -0.1)), "build_volume", _all, NEAR)
-    yield Broken(
-        "0.1 mm beside the bed",
-        lambda: _off_bed((-4.1, 0, 0)),
-        "build_volume",
-        lambda p: places_of(p.knots[0][48]),
-        NEAR,
-    )
+    yield from [
+        Broken("0.1 mm outside the mesh",
+         lambda: replace(with_scene(make_part(circle()), region=mesh), raw={"room.stl": room}), "region",
+         _ends, NEAR),
+        Broken("larger than the printer by 0.1 mm", lambda: _in_room(-0.1), "build_volume", _sides,
+         2 * NEAR),
+        Broken("0.1 mm below the bed", lambda: _off_bed((0, 0, -0.1)), "build_volume", _all, NEAR),
+        Broken("0.1 mm beside the bed", lambda: _off_bed((-4.1, 0, 0)), "build_volume",
+         lambda p: places_of(p.knots[0][48]), NEAR),
+    ]  # fmt: skip
 
 
 def _all(part: Part) -> tuple[Place, ...]:

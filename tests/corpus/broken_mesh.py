@@ -33,12 +33,16 @@ NEAR = 2 * RADIUS
 APART = np.array([80.0, 0.0, 0.0])
 
 Change = Callable[[Body], Body]
+Places = Callable[[Part], Iterable[Place]]
 
 
 def broken_mesh() -> Iterator[Broken]:
     """Faults of the mesh, made on a ring or two."""
-    yield from _of_edges()
-    yield from _of_faces()
+    for start, faults in ((_ring, FAULTS), (_rings, FAULTS_OF_TWO)):
+        for name, change, meant, places in faults:
+            yield Broken(name, _change_body(change, start), meant, places, NEAR)
+    for name, body, meant, places, within in BESIDE_A_CUBE:
+        yield Broken(name, partial(Part, join(CUBE, body)), meant, places, within)
     yield from _of_bodies()
     yield from _of_crossings()
     yield from _of_fit()
@@ -79,220 +83,119 @@ def _along(knot: int = 0) -> Callable[[Part], Iterable[Place]]:
     return lambda part: places_of(part.knots[knot])
 
 
-def _fault(
-    name: str,
-    change: Change,
-    meant: str,
-    places: Callable[[Part], Iterable[Place]] | None,
-    start: Callable[[], Part] = _ring,
-) -> Broken:
-    return Broken(name, _change_body(change, start), meant, places, NEAR)
+def _at(*place: float) -> Places:
+    return lambda _: places_of(np.array(place))
 
 
-def _of_edges() -> Iterator[Broken]:
-    closed = "mesh_closed"
-    yield _fault("one face missing", lambda b: b.without(FACE), closed, _at_face())
-    yield _fault(
-        "four faces missing", lambda b: b.without(*range(FACE, FACE + 4)), closed, _at_face()
-    )
-    around = range(2 * 10 * SIDES, 2 * 11 * SIDES)
-    yield _fault("a ring of faces missing", lambda b: b.without(*around), closed, _at_ring(10, 11))
-    half = range(len(circle()) * SIDES, 2 * len(circle()) * SIDES)
-    yield _fault("half of the tube missing", lambda b: b.without(*half), closed, _at_ring(0, 48))
-    yield _fault(
-        "a hole in the second of two", lambda b: b.without(FACE), closed, _at_face(), _rings
-    )
-    yield _fault("a vertex unmerged by 1e-4 mm", unmerge, closed, _at_face())
-    yield _fault("a T-junction", t_junction, closed, _at_face())
-    yield _fault("a fin on an edge", fin, closed, _at_face())
-    yield Broken(
-        "two boxes that share an edge",
-        lambda: Part(join(box((0, 0, 0), (10, 10, 10)), box((10, 10, 0), (20, 20, 10)))),
-        "mesh_manifold",
-        lambda _: places_of(np.array([10.0, 10.0, 5.0])),
-        NEAR,
-    )
-    yield Broken(
-        "two boxes that share a corner",
-        lambda: Part(join(box((0, 0, 0), (10, 10, 10)), box((10, 10, 10), (20, 20, 20)))),
-        "mesh_manifold",
-        lambda _: places_of(np.array([10.0, 10.0, 10.0])),
-        NEAR,
-    )
-    yield _fault(
-        "one face wound against the rest", lambda b: flip(b, [FACE]), "mesh_winding", _at_face()
-    )
-    yield _fault(
-        "half of the faces wound against the rest",
-        lambda b: flip(b, half),
-        "mesh_winding",
-        _at_ring(0, 48),
-    )
-
-
-def _of_faces() -> Iterator[Broken]:
-    flat = "mesh_degenerate"
-    yield _fault("a vertex on its neighbour", collapse, flat, _at_face())
-    yield _fault("a vertex on the line of two others", needle, flat, _at_face())
-    yield _fault("a face that names a vertex twice", repeat_corner, flat, _at_face())
-    double = "mesh_duplicate"
-    yield _fault("a face twice", lambda b: repeat_faces(b, [FACE]), double, _at_face())
-    yield _fault("a face and its back", add_back, double, _at_face())
-    yield _fault(
-        "many faces twice", lambda b: repeat_faces(b, range(200)), double, _at_ring(*range(5))
-    )
-    yield _fault("the whole body twice", lambda b: join(b, b), double, _along())
-    yield _fault(
-        "one of two bodies twice",
-        lambda b: repeat_faces(b, range(len(b.faces) // 2)),
-        double,
-        _along(),
-        _rings,
-    )
-    yield Broken(
-        "a box twice",
-        lambda: Part(join(*[box((0, 0, 0), (10, 10, 10))] * 2)),
-        double,
-        lambda _: places_of(np.array([5.0, 5.0, 5.0])),
-        9.0,
-    )
+HALF = range(len(circle()) * SIDES, 2 * len(circle()) * SIDES)
+SECOND = range(2 * len(circle()) * SIDES, 4 * len(circle()) * SIDES)
+AROUND = range(2 * 10 * SIDES, 2 * 11 * SIDES)
+# name, the change of a ring's body, the check that must reject it, and where
+FAULTS: list[tuple[str, Change, str, Places | None]] = [
+    ("one face missing", lambda b: b.without(FACE), "mesh_closed", _at_face()),
+    ("four faces missing", lambda b: b.without(*range(FACE, FACE + 4)), "mesh_closed", _at_face()),
+    ("a ring of faces missing", lambda b: b.without(*AROUND), "mesh_closed", _at_ring(10, 11)),
+    ("half of the tube missing", lambda b: b.without(*HALF), "mesh_closed", _at_ring(0, 48)),
+    ("a vertex unmerged by 1e-4 mm", unmerge, "mesh_closed", _at_face()),
+    ("a T-junction", t_junction, "mesh_closed", _at_face()),
+    ("a fin on an edge", fin, "mesh_closed", _at_face()),
+    ("one face wound against the rest", lambda b: flip(b, [FACE]), "mesh_winding", _at_face()),
+    ("half of the faces wound against the rest", lambda b: flip(b, HALF), "mesh_winding", _at_ring(0, 48)),
+    ("a vertex on its neighbour", collapse, "mesh_degenerate", _at_face()),
+    ("a vertex on the line of two others", needle, "mesh_degenerate", _at_face()),
+    ("a face that names a vertex twice", repeat_corner, "mesh_degenerate", _at_face()),
+    ("a face twice", lambda b: repeat_faces(b, [FACE]), "mesh_duplicate", _at_face()),
+    ("a face and its back", add_back, "mesh_duplicate", _at_face()),
+    ("many faces twice", lambda b: repeat_faces(b, range(200)), "mesh_duplicate", _at_ring(*range(5))),
+    ("the whole body twice", lambda b: join(b, b), "mesh_duplicate", _along()),
+    ("inside out", lambda b: Body(b.vertices, b.faces[:, ::-1]), "mesh_volume", _along()),
+    ("a tube too thin by 5 %", lambda _: _swept(0.95), "mesh_volume", _along()),
+    ("a tube too thick by 5 %", lambda _: _swept(1.05), "mesh_volume", _along()),
+    ("a ball beside the ring", lambda b: join(b, ball(5.0).move((100, 30, 5))), "mesh_bodies",
+     _at(100.0, 30.0, 5.0)),
+    ("a ring with a bar across", handle, "mesh_genus", lambda p: _on_bar(p)),
+    ("a ring cut open with capped ends", cut_and_cap, "mesh_genus", _along()),
+    ("a face pushed through the other side", spike, "mesh_self_intersection", _at_ring(10)),
+    ("a dent", lambda b: dent(b, -0.5), "tube", _at_ring(10)),
+    ("a wart", lambda b: dent(b, 0.5), "tube", _at_ring(10)),
+    ("the part in metres", lambda b: b.scale(1e-3), "tube", None),
+    ("the part in inches", lambda b: b.scale(1 / 25.4), "tube", None),
+    ("the part shifted by half a radius", lambda b: b.move((0, 1.5, 0)), "tube", None),
+]  # fmt: skip
+# the same of two rings
+FAULTS_OF_TWO: list[tuple[str, Change, str, Places | None]] = [
+    ("a hole in the second of two", lambda b: b.without(FACE), "mesh_closed", _at_face()),
+    ("one of two bodies twice", lambda b: repeat_faces(b, range(len(b.faces) // 2)), "mesh_duplicate",
+     _along()),
+    ("the second of two inside out", lambda b: flip(b, SECOND), "mesh_volume", _along(1)),
+]  # fmt: skip
+CUBE = box((0, 0, 0), (10, 10, 10))
+# name, another body beside a cube, the check that must reject them, and within how many mm of where
+BESIDE_A_CUBE: list[tuple[str, Body, str, Places, float]] = [
+    ("two boxes that share an edge", box((10, 10, 0), (20, 20, 10)), "mesh_manifold", _at(10, 10, 5), NEAR),
+    ("two boxes that share a corner", box((10, 10, 10), (20, 20, 20)), "mesh_manifold",
+     _at(10, 10, 10), NEAR),
+    ("a box twice", CUBE, "mesh_duplicate", _at(5, 5, 5), 9.0),
+    ("two boxes that overlap", box((9, 2, 2), (20, 8, 8)), "mesh_self_intersection", _at(9.5, 5, 5), 9.0),
+    ("a box against a box", box((10, 2, 2), (20, 8, 8)), "mesh_self_intersection", _at(10, 5, 5), 9.0),
+]  # fmt: skip
 
 
 def _of_bodies() -> Iterator[Broken]:
-    volume = "mesh_volume"
-    yield _fault("inside out", lambda b: Body(b.vertices, b.faces[:, ::-1]), volume, _along())
-    second = range(2 * len(circle()) * SIDES, 4 * len(circle()) * SIDES)
-    yield _fault(
-        "the second of two inside out", lambda b: flip(b, second), volume, _along(1), _rings
-    )
-    yield Broken(
-        "a ball inside out",
-        lambda: Part(Body(ball(8.0).vertices + 10, ball(8.0).faces[:, ::-1])),
-        volume,
-    )
-    yield _fault("a tube too thin by 5 %", lambda b: _swept(0.95), volume, _along())
-    yield _fault("a tube too thick by 5 %", lambda b: _swept(1.05), volume, _along())
-    yield Broken(
-        "one of two too thin by 5 %",
-        lambda: replace(_rings(), body=join(_swept(1.0), _swept(0.95).move(APART))),
-        volume,
-        _along(1),
-        NEAR,
-    )
-    yield Broken(
-        "knots.json with a radius 5 % larger", lambda: replace(_ring(), radius=3.15), volume
-    )
-    bodies = "mesh_bodies"
-    for check in ("mesh_bodies", "tube"):
-        yield Broken(
-            f"one strand of two missing: {check}",
-            lambda: replace(_rings(), body=_ring().body),
-            check,
-            _along(1) if check == "tube" else None,
-            NEAR,
-        )
-    yield Broken(
-        "a strand that knots.json does not know",
-        lambda: replace(_rings(), knots=_rings().knots[:1], types=("unknot",)),
-        bodies,
-        lambda _: places_of(_rings().knots[1]),
-        NEAR,
-    )
-    yield _fault(
-        "a ball beside the ring",
-        lambda b: join(b, ball(5.0).move((100, 30, 5))),
-        bodies,
-        lambda _: places_of(np.array([100.0, 30.0, 5.0])),
-    )
-    genus = "mesh_genus"
-    yield _fault("a ring with a bar across", handle, genus, _on_bar)
-    yield _fault(
-        "a ring cut open with capped ends", cut_and_cap, genus, lambda p: places_of(p.knots[0])
-    )
-
-    yield Broken(
-        "a knots.json that says the ring is open", lambda: replace(_ring(), closed=False), genus
-    )
+    yield from [
+        Broken("a ball inside out",
+               lambda: Part(Body(ball(8.0).vertices + 10, ball(8.0).faces[:, ::-1])), "mesh_volume"),
+        Broken("one of two too thin by 5 %",
+               lambda: replace(_rings(), body=join(_swept(1.0), _swept(0.95).move(APART))),
+               "mesh_volume", _along(1), NEAR),
+        Broken("knots.json with a radius 5 % larger", lambda: replace(_ring(), radius=3.15), "mesh_volume"),
+        Broken("one strand of two missing: mesh_bodies",
+               lambda: replace(_rings(), body=_ring().body), "mesh_bodies"),
+        Broken("one strand of two missing: tube",
+               lambda: replace(_rings(), body=_ring().body), "tube", _along(1), NEAR),
+        Broken("a strand that knots.json does not know",
+               lambda: replace(_rings(), knots=_rings().knots[:1], types=("unknot",)),
+               "mesh_bodies", lambda _: places_of(_rings().knots[1]), NEAR),
+        Broken("a knots.json that says the ring is open",
+               lambda: replace(_ring(), closed=False), "mesh_genus"),
+    ]  # fmt: skip
 
 
 def _of_crossings() -> Iterator[Broken]:
     crossing = "mesh_self_intersection"
     for factor in (0.5, 0.95, 0.99):
+        make = partial(_beside, factor * 2 * RADIUS)
         yield Broken(
-            f"two strands {factor} diameters apart",
-            partial(_beside, factor * 2 * RADIUS),
-            crossing,
-            between,
-            NEAR / factor,
+            f"two strands {factor} diameters apart", make, crossing, between, NEAR / factor
         )
-    yield Broken(
-        "a strand through another", lambda: _beside(-10.0), crossing, _where_they_meet, NEAR
-    )
-    yield Broken(
-        "a trefoil too thick for itself",
-        lambda: make_part(torus_knot(2, 3, 12.0, 5.0), RADIUS * 2, ["3_1"]),
-        crossing,
-        lambda p: places_of(p.knots[0]),
-        4 * RADIUS,
-    )
-    yield _fault("a face pushed through the other side", spike, crossing, _at_ring(10))
-    yield Broken(
-        "two boxes that overlap",
-        lambda: Part(join(box((0, 0, 0), (10, 10, 10)), box((9, 2, 2), (20, 8, 8)))),
-        crossing,
-        lambda _: places_of(np.array([9.5, 5.0, 5.0])),
-        9.0,
-    )
-    yield Broken(
-        "a box against a box",
-        lambda: Part(join(box((0, 0, 0), (10, 10, 10)), box((10, 2, 2), (20, 8, 8)))),
-        crossing,
-        lambda _: places_of(np.array([10.0, 5.0, 5.0])),
-        9.0,
-    )
+    yield from [
+        Broken("a strand through another", lambda: _beside(-10.0), crossing, _where_they_meet, NEAR),
+        Broken("a trefoil too thick for itself",
+               lambda: make_part(torus_knot(2, 3, 12.0, 5.0), RADIUS * 2, ["3_1"]),
+               crossing, _along(), 4 * RADIUS),
+    ]  # fmt: skip
 
 
 def _of_fit() -> Iterator[Broken]:
-    fit = "tube"
-    yield _fault("a dent", lambda b: dent(b, -0.5), fit, _at_ring(10))
-    yield _fault("a wart", lambda b: dent(b, 0.5), fit, _at_ring(10))
-    yield _fault("the part in metres", lambda b: b.scale(1e-3), fit, None)
-    yield _fault("the part in inches", lambda b: b.scale(1 / 25.4), fit, None)
-    yield _fault("the part shifted by half a radius", lambda b: b.move((0, 1.5, 0)), fit, None)
-    yield Broken(
-        "knots.json of another size",
-        lambda: replace(_ring(), knots=(_ring().knots[0] * 1.02,)),
-        fit,
-        lambda p: places_of(p.knots[0]),
-        NEAR,
-    )
-    yield Broken("knots.json with half the radius", lambda: replace(_ring(), radius=1.5), fit)
-    yield Broken(
-        "a corner of the knot cut off",
-        _cut_corner,
-        fit,
-        lambda p: places_of(_ring().knots[0][20:29]),
-        NEAR,
-    )
-
-    yield Broken(
-        "knots.json with a radius 3 % smaller than the scene's",
-        lambda: replace(with_scene(_ring()), radius=0.97 * RADIUS),
-        fit,
-    )
+    yield from [
+        Broken("knots.json of another size", lambda: replace(_ring(), knots=(_ring().knots[0] * 1.02,)),
+               "tube", _along(), NEAR),
+        Broken("knots.json with half the radius", lambda: replace(_ring(), radius=1.5), "tube"),
+        Broken("a corner of the knot cut off", _cut_corner, "tube",
+               lambda p: places_of(_ring().knots[0][20:29]), NEAR),
+        Broken("knots.json with a radius 3 % smaller than the scene's",
+               lambda: replace(with_scene(_ring()), radius=0.97 * RADIUS), "tube"),
+    ]  # fmt: skip
     # beside pegs there is matter about the tube, so that these are nowhere bare
     mounted: dict[str, Callable[[Part], Part]] = {
-        "too thick by 5 %": lambda part: replace(part, body=_swept(1.05)),
-        "too thick by 20 %": lambda part: replace(part, body=_swept(1.2)),
-        "swollen by a fifth of its radius along 12 radii": lambda part: replace(
-            part, body=_swollen(0.2 * RADIUS)
-        ),
-        "with four fifths of its radius in knots.json": lambda part: change_scene(
-            replace(part, radius=0.8 * RADIUS), "piece", tube_radius_mm=0.8 * RADIUS
-        ),
-    }
+        "too thick by 5 %": lambda p: replace(p, body=_swept(1.05)),
+        "too thick by 20 %": lambda p: replace(p, body=_swept(1.2)),
+        "swollen by a fifth of its radius along 12 radii": lambda p: replace(p, body=_swollen(0.2 * RADIUS)),
+        "with four fifths of its radius in knots.json": lambda p: change_scene(
+            replace(p, radius=0.8 * RADIUS), "piece", tube_radius_mm=0.8 * RADIUS),
+    }  # fmt: skip
     for name, change in mounted.items():
-        yield Broken(f"a mounted tube {name}", partial(_mounted, change), fit)
+        yield Broken(f"a mounted tube {name}", partial(_mounted, change), "tube")
 
 
 def _mounted(change: Callable[[Part], Part]) -> Part:

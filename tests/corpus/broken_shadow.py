@@ -53,22 +53,14 @@ def _of_outline() -> Iterator[Broken]:
             lambda p: places_of(p.knots[0]),
             2 * RADIUS,
         )
-    yield Broken("a bump in the outline", lambda: _bump(0.1), "outline", _at_bump, 2 * RADIUS)
-    yield Broken("a dent in the outline", lambda: _bump(-0.1), "outline", _at_bump, 2 * RADIUS)
-    yield Broken(
-        "a tube of eight sides",
-        lambda: replace(_make_lopsided(), body=_swept(_make_lopsided(), 8)),
-        "outline",
-        lambda p: places_of(p.knots[0]),
-        2 * RADIUS,
-    )
-    yield Broken(
-        "a ball in the light",
-        lambda: _with_ball((60.0, 60.0, 30.0)),
-        "outline",
-        lambda _: places_of(np.array([60.0, 60.0, 30.0])),
-        10.0,
-    )
+    yield from [
+        Broken("a bump in the outline", lambda: _bump(0.1), "outline", _at_bump, 2 * RADIUS),
+        Broken("a dent in the outline", lambda: _bump(-0.1), "outline", _at_bump, 2 * RADIUS),
+        Broken("a tube of eight sides", lambda: replace(_make_lopsided(), body=_swept(_make_lopsided(), 8)),
+         "outline", lambda p: places_of(p.knots[0]), 2 * RADIUS),
+        Broken("a ball in the light", lambda: _with_ball((60.0, 60.0, 30.0)), "outline",
+         lambda _: places_of(np.array([60.0, 60.0, 30.0])), 10.0),
+    ]  # fmt: skip
 
 
 def _of_mounts() -> Iterator[Broken]:

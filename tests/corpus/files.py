@@ -18,17 +18,10 @@ from .curves import Array
 from .parts import Body
 
 DEFAULT_VIEW = {
-    "name": "front",
-    "kind": "shadow",
-    "picture": "front.png",
-    "frame_width_mm": 120.0,
-    "frame_height_mm": 120.0,
-    "light_distance_mm": 500.0,
-    "light_diameter_mm": 2.0,
-    "wall_distance_mm": 60.0,
-    "wall_tilt_deg": 0.0,
-    "azimuth_deg": 0.0,
-}
+    "name": "front", "kind": "shadow", "picture": "front.png", "frame_width_mm": 120.0,
+    "frame_height_mm": 120.0, "light_distance_mm": 500.0, "light_diameter_mm": 2.0,
+    "wall_distance_mm": 60.0, "wall_tilt_deg": 0.0, "azimuth_deg": 0.0,
+}  # fmt: skip
 UP = np.array([0.0, 1.0, 0.0])
 OVERSAMPLED = 4  # a pixel's side in samples when a shadow is drawn
 

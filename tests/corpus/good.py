@@ -32,16 +32,9 @@ APART = np.array([80.0, 0.0, 0.0])
 def good() -> list[Good]:
     """All good cases; their names differ."""
     cases = [
-        *_knots(),
-        *_links(),
-        *_sizes(),
-        *_formats(),
-        *_scenes(),
-        *_regions(),
-        *_at_limits(),
-        *_foreign(),
+        *_knots(), *_links(), *_sizes(), *_formats(), *_scenes(), *_regions(), *_at_limits(), *_foreign(),
         *_printable(),
-    ]
+    ]  # fmt: skip
     assert len({case.name for case in cases}) == len(cases)
     return cases
 
@@ -204,18 +197,16 @@ def _regions() -> Iterator[Good]:
 
 def _at_limits() -> Iterator[Good]:
     """Exactly at a limit, which is not beyond it."""
-    yield Good("gap at the clearance", lambda: beside(6.4, 0.4))
-    yield Good("gap twice the clearance", lambda: beside(6.8, 0.4))
-    yield Good("gap without a clearance", lambda: beside(6.5, 0.0))
-    yield Good(
-        "bend at the limit",
-        lambda: with_scene(_ring(), material={"min_bend_radius_mm": bend_of_circle(30.0, 96)}),
-    )
-    yield Good(
-        "length at the budget",
-        lambda: with_scene(_ring(), material={"max_length_mm": length_of(circle())}),
-    )
-    yield Good("part as large as the printer", lambda: _with_room(0.0))
+    yield from [
+        Good("gap at the clearance", lambda: beside(6.4, 0.4)),
+        Good("gap twice the clearance", lambda: beside(6.8, 0.4)),
+        Good("gap without a clearance", lambda: beside(6.5, 0.0)),
+        Good("bend at the limit",
+         lambda: with_scene(_ring(), material={"min_bend_radius_mm": bend_of_circle(30.0, 96)})),
+        Good("length at the budget",
+         lambda: with_scene(_ring(), material={"max_length_mm": length_of(circle())})),
+        Good("part as large as the printer", lambda: _with_room(0.0)),
+    ]  # fmt: skip
     for kind, size in (("box", [66.0, 66.0, 6.0]), ("sphere", [66.0] * 3)):
         yield Good(
             f"{kind} as large as the tube", partial(in_region, {"kind": kind, "size_mm": size})
