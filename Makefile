@@ -10,7 +10,7 @@ DONE := $(VENV)/.installed
 TORCH_INDEX ?=
 TORCH := -q -c constraints.txt --no-deps $(if $(TORCH_INDEX),--index-url $(TORCH_INDEX)) torch==2.13.0
 
-.PHONY: demo lines test test-quick wheel-test docs gallery lint accuracy-table outside-suites feature-table mount-table effects-table traced-colours several-table lamps-table bending-table tied-knots paper-table paper-ablations validator-table verdict-table mutations frontier budgets worst-cases batch-throughput system slicer browser viewer pictures typed-pages clean
+.PHONY: demo lines test all-tests test-quick wheel-test docs gallery lint accuracy-table outside-suites feature-table mount-table effects-table traced-colours several-table lamps-table bending-table tied-knots paper-table paper-ablations validator-table verdict-table mutations frontier budgets worst-cases batch-throughput system slicer browser viewer pictures typed-pages clean
 
 $(DONE): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
@@ -63,7 +63,11 @@ lines: $(DONE)
 # two workers, each on one thread: two cores are what is counted on; tests/conftest.py says who gets what
 PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadgroup --no-loadscope-reorder
 
-test: system slicer browser $(DONE) lint
+# linters and tests side by side: a type checker keeps one core alone
+test: system slicer browser $(DONE)
+	@$(MAKE) --no-print-directory -j 2 lint all-tests
+
+all-tests: $(DONE)
 	$(PYTEST)
 
 # in the middle of a change: without whole builds and what else takes seconds
