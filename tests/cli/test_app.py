@@ -26,7 +26,6 @@ from knotfab.cli.commands import app
 from knotfab.doctor import Finding
 from knotfab.options import BuildOptions
 from knotfab.read_options import read_seconds
-from knotfab.verify import verifier
 from knotfab.verify.verifier import Files, Verifier
 
 SVG = '<svg xmlns="http://www.w3.org/2000/svg" width="64" height="64">{}</svg>'
@@ -519,21 +518,10 @@ def test_a_verifier_that_dies_is_a_lack_of_this_machine(
     crashing.write_text(f"#!/bin/sh\nulimit -c 0\n{script}\n")
     crashing.chmod(0o755)
     monkeypatch.setattr("sys.executable", str(crashing))
-    verifier._end_idle()
     knots = tmp_path / "knots.json"
     knots.write_text("{}")
     said = refuse(3, "validate", "--knots", knots)
     assert how in said and "--skip shadow-render" in said
-
-
-@pytest.mark.slow
-def test_the_verifier_answers_for_files_that_cannot_be_read(tmp_path: Path) -> None:
-    bad = tmp_path / "knots.json"
-    bad.write_text("{}")
-    with Verifier({"shadow-render"}) as verifier:
-        answer = verifier.submit(Files(None, bad))
-        with pytest.raises(InputError, match=r"knots\.json"):
-            answer.result()
 
 
 @pytest.mark.slow

@@ -100,7 +100,7 @@ def test_no_option_ends_in_a_traceback(place: Path, command: str) -> None:
     for option in OPTIONS[command]:
         flag = "--" + option.strip("_").replace("_", "-")
         for word in chance.sample(
-            odd_words(place), {"build": 3, "batch": 1, "preview": 2}.get(command, 9)
+            odd_words(place), {"build": 2, "batch": 1, "preview": 1}.get(command, 6)
         ):
             values = [word] * 4 if option == "corners" else [word]
             out = (

@@ -22,15 +22,8 @@ def dots(lines: str) -> Mask:
     """Find which dots are set, by the code chart of Braille patterns: 1 2 3 7 down the left, 4 5 6 8 the
     right."""
     places = {
-        0: (0, 0),
-        1: (1, 0),
-        2: (2, 0),
-        6: (3, 0),
-        3: (0, 1),
-        4: (1, 1),
-        5: (2, 1),
-        7: (3, 1),
-    }
+        0: (0, 0), 1: (1, 0), 2: (2, 0), 6: (3, 0), 3: (0, 1), 4: (1, 1), 5: (2, 1), 7: (3, 1),
+    }  # fmt: skip
     rows = lines.split("\n")
     found = np.zeros((4 * len(rows), 2 * max(map(len, rows))), dtype=bool)
     for r, row in enumerate(rows):

@@ -8,48 +8,12 @@ import shapely
 
 from benchmarks.hard.curves import circle
 from benchmarks.hard.pictures import HardPicture, hard_pictures
-from knotfab.base.errors import SceneError
 from knotfab.geometry.tube import _transport, mesh_volume, sweep
 from knotfab.picture.silhouette import trace_polygon
 from knotfab.start.filling import fill
 
 # their outlines alone take seconds
 SLOW = {"checkerboard", "noise", "page", "carpet", "koch", "rings", "lattice", "dots", "spiral"}
-
-
-def _bend(count: int, radius: float) -> float:
-    """MinRad of a regular polygon: min edge / (2 tan(theta / 2)), its inner radius."""
-    return radius * float(np.cos(pi / count))
-
-
-@pytest.mark.parametrize("share", [0.9, 0.99, 0.999])
-def test_a_tube_is_swept_up_to_its_bending_limit(share: float) -> None:
-    count, sides = 256, 64
-    points = circle(count, 10.0)
-    # the ring's corners stand out of the round tube by sqrt(a / sin a)
-    stands_out = np.sqrt(2 * pi / sides / np.sin(2 * pi / sides))
-    radius = share * _bend(count, 10.0) / stands_out
-    vertices, faces = sweep(points, radius, sides)
-    length = float(np.linalg.norm(np.roll(points, -1, 0) - points, axis=1).sum())
-    assert mesh_volume(vertices, faces) == pytest.approx(pi * radius**2 * length, rel=1e-12)
-    with pytest.raises(SceneError, match="bends to a radius"):
-        sweep(points, _bend(count, 10.0) * 1.001, sides)
-
-
-@pytest.mark.parametrize("writhe", [0.0, 0.25, 0.5, 0.75, 1.0])
-def test_any_closing_twist_closes(writhe: float) -> None:
-    # a curve that waves up and down more and more: its frame comes back turned by any angle
-    s = 2 * pi * np.arange(300) / 300
-    height = 8.0 * writhe
-    points = np.stack(
-        [10 * np.cos(s), 10 * np.sin(s), height * (np.sin(2 * s) + 0.5 * np.sin(3 * s + 1))], 1
-    )
-    for sides in (3, 4, 64):
-        vertices, faces = sweep(points, 0.5, sides)
-        length = float(np.linalg.norm(np.roll(points, -1, 0) - points, axis=1).sum())
-        assert mesh_volume(vertices, faces) == pytest.approx(pi * 0.25 * length, rel=1e-5)
-        edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), 1)
-        assert (np.unique(edges, axis=0, return_counts=True)[1] == 2).all()
 
 
 def _wave(height: float) -> tuple[np.ndarray, float]:

@@ -3,7 +3,6 @@
 import numpy as np
 import pymeshlab
 import pytest
-import trimesh
 from validator_parts import trefoil
 
 from knotfab.geometry.tube import sweep
@@ -25,13 +24,3 @@ def test_self_intersection_agrees_with_pymeshlab(size: float, clear: bool) -> No
     ours = len(self_intersections(Mesh(vertices, faces.astype(np.int64))))
     assert (ours == 0) == clear
     assert (_count_selected(vertices, faces) == 0) == clear
-
-
-def test_a_swept_knot_is_a_volume_to_trimesh() -> None:
-    points = trefoil(300, 12.0)
-    vertices, faces = sweep(points, 3.0, 24)
-    part = trimesh.Trimesh(vertices, faces, process=False)
-    length = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1).sum()
-    assert part.is_volume
-    assert part.euler_number == 0  # a torus
-    assert part.volume == pytest.approx(np.pi * 9.0 * length, rel=1e-4)

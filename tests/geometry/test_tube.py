@@ -94,13 +94,6 @@ def test_corners_reach_as_far_as_is_said_and_no_further(points: Array, sides: in
     assert 0.98 * reach < np.linalg.norm(rings, axis=2).max() <= reach * (1 + 1e-12)
 
 
-def test_knotted_curve_and_many_samples() -> None:
-    p = trefoil(3000)
-    vertices, faces = sweep(p, 2.0, 8)
-    assert genus(vertices, faces) == 1 and len(faces) == 2 * 8 * 3000
-    assert mesh_volume(vertices, faces) == pytest.approx(np.pi * 4 * length(p), rel=1e-4)
-
-
 def test_straight_stretches_and_every_axis() -> None:
     side = np.linspace(0, 30, 11)[:-1]
     zero = np.zeros(10)

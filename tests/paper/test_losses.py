@@ -20,7 +20,6 @@ from paper.losses import (
     squared_curvature,
 )
 from paper.ring import circle, even_ring, random_ring
-from paper.settings import PAPER, PaperSettings
 
 RADIUS = 0.2
 
@@ -196,13 +195,6 @@ def _strands(gap: float) -> Tensor:
     return torch.stack([x, y, 0 * x], -1)[None].double()
 
 
-def test_the_pull_on_meeting_strands_is_apart() -> None:
-    knots = _strands(0.05).requires_grad_()
-    (gradient,) = torch.autograd.grad(mobius_loss(knots, RADIUS, _every_pair(20)), knots)
-    # descending moves the upper side up and the lower one down
-    assert bool((gradient[0, 2:8, 1] > 0).all()) and bool((gradient[0, 12:18, 1] < 0).all())
-
-
 def test_random_pairs_are_of_different_points_and_reach_all() -> None:
     u, v = random_pairs(5000, 7, _generator(12))
     assert bool((u != v).all())
@@ -213,15 +205,3 @@ def test_random_rings_are_sorted_and_repeatable() -> None:
     one, two = random_ring(100, _generator(13)), random_ring(100, _generator(13))
     assert torch.equal(one, two) and bool((one.diff() >= 0).all())
     assert float(one[0]) >= 0 and float(one[-1]) < 1
-
-
-def test_the_preset_is_the_papers_tables() -> None:
-    tables = {"radius": 0.05, "samples": 1000, "pairs": 100_000, "tau": 100.0}
-    tables |= {"image_weight": 1.0, "length_weight": 1e-2, "mobius_weight": 1e-3}
-    tables |= {"occupancy_weight": 1e-2, "bending_weight": 1e-2}
-    tables |= {"depth": 8, "width": 1024, "learning_rate": 1e-5}
-    assert PAPER.model_dump().items() >= tables.items()
-    with pytest.raises(ValueError, match="greater than 0"):
-        PaperSettings(radius=0.0)
-    with pytest.raises(ValueError, match="frozen"):
-        PAPER.radius = 1.0  # type: ignore[misc]

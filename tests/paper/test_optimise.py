@@ -13,7 +13,7 @@ from paper.camera import PaperCamera, camera_around
 from paper.losses import ball
 from paper.optimise import PaperResult, PaperView, iou, search_paper
 from paper.ring import circle, even_ring
-from paper.settings import PAPER, PaperSettings
+from paper.settings import PAPER
 
 pytestmark = pytest.mark.slow
 
@@ -114,7 +114,7 @@ def test_the_length_budget_is_kept() -> None:
 
 
 @pytest.mark.parametrize("renderer", ["ellipse", "capsule"])
-@pytest.mark.parametrize("rate", [1.0, 1e3])
+@pytest.mark.parametrize("rate", [1e3])
 def test_absurd_rates_stay_finite(renderer: str, rate: float) -> None:
     settings = SMALL.model_copy(
         update={
@@ -161,8 +161,3 @@ def test_iou() -> None:
     one = torch.tensor([[1.0, 1.0, 0.0, 0.0]])
     assert iou(one, torch.tensor([[1.0, 0.0, 1.0, 0.0]])) == pytest.approx(1 / 3)
     assert iou(0 * one, 0 * one) == 1.0
-
-
-def test_settings_refuse_what_they_do_not_know() -> None:
-    with pytest.raises(ValueError, match="extra"):
-        PaperSettings(radii=0.1)  # type: ignore[call-arg]

@@ -218,7 +218,11 @@ def test_a_tube_that_folds_is_told_and_made_of_facets(tmp_path: Path) -> None:
     assert solid.Volume() == pytest.approx(mesh_volume(vertices, faces), rel=1e-6)
 
 
-def test_a_piece_with_such_a_tube_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("most", [60_000, 100])
+def test_a_piece_with_such_a_tube_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, most: int
+) -> None:
+    """A tube of more facets than can be written is left out."""
     asked: list[Any] = []
 
     def refuse_first(function: Any, path: str, *rest: Any) -> list[str]:
@@ -227,39 +231,21 @@ def test_a_piece_with_such_a_tube_says_so(tmp_path: Path, monkeypatch: pytest.Mo
         return ["knot 2"] if len(asked) == 1 else []
 
     monkeypatch.setattr(also_file, "ask", refuse_first)
+    monkeypatch.setattr(also_file, "_MOST_FACETS", most)
     (said,) = made_by_hand("none", {"step"}, tmp_path).told
-    assert said.startswith("part.step holds the tube of knot 2 as a solid of facets")
-    assert set(asked[1]["knot 1"]) == {"points", "radius_mm"}
-    assert len(asked[1]["knot 2"]["faces"]) == 2 * 12 * 200
+    if most == 100:
+        assert said.startswith("part.step lacks the tube of knot 2") and "part.stl" in said
+        assert list(asked[1]) == ["knot 1"]
+    else:
+        assert said.startswith("part.step holds the tube of knot 2 as a solid of facets")
+        assert set(asked[1]["knot 1"]) == {"points", "radius_mm"}
+        assert len(asked[1]["knot 2"]["faces"]) == 2 * 12 * 200
 
 
 def test_facets_are_as_many_as_can_be_written_soon() -> None:
     """Even numbers about the tube; a tube of very many vertices has none, and a sentence says so."""
-    assert [also_file._count_sides(n) for n in (200, 1000, 1500, 2500, 5000, 5001)] == [
-        12,
-        12,
-        8,
-        6,
-        6,
-        0,
-    ]
-
-
-def test_a_tube_of_too_many_facets_is_left_out_and_told(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    asked: list[Any] = []
-
-    def refuse_first(function: Any, path: str, *rest: Any) -> list[str]:
-        if function is write_solids:
-            asked.append(dict(rest[0]))
-        return ["knot 2"] if len(asked) == 1 else []
-
-    monkeypatch.setattr(also_file, "ask", refuse_first)
-    monkeypatch.setattr(also_file, "_MOST_FACETS", 100)
-    (said,) = made_by_hand("none", {"step"}, tmp_path).told
-    assert said.startswith("part.step lacks the tube of knot 2") and "part.stl" in said
-    assert list(asked[1]) == ["knot 1"]
+    sides = [also_file._count_sides(n) for n in (200, 1000, 1500, 2500, 5000, 5001)]
+    assert sides == [12, 12, 8, 6, 6, 0]
 
 
 def test_a_tube_moves_only_where_it_would_fold() -> None:

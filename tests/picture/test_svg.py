@@ -120,30 +120,18 @@ PIERCED = {
     "hwb and rgb": filled("hwb(0 10% 10%)", "rgb(100% 100% 100% / 100%)"),
     "light-dark": filled("light-dark(#c00, #fff)", "light-dark(white, #c00)"),
     "color-mix": filled("color-mix(in srgb, red, #000 9%)", "color-mix(in oklab, white 100%, red)"),
-    "currentColor": pierced(
-        'color="oklch(60% .2 30)" fill="currentColor"', 'color="#fff" fill="currentcolor"'
-    ),
-    "variables": pierced(
-        'style="fill:var(--a)"',
-        'class="b"',
-        f":root{{--a:{RED};--b:var(--c, #fff)}} svg .b{{fill:var(--b)}}",
-    ),
-    "variables in attributes": pierced(
-        f'fill="var(--a, {RED})"', 'fill="var(--b, var(--c, white))"', ":root{--b:var(--b)}"
-    ),
-    "selectors and importance": pierced(
-        'class="a"',
-        f'id="i" class="a" style="fill:{RED}"',
-        f"circle.a,rect:not(#i){{fill:{RED}}} .a~#i{{fill:#fff!important}}",
-    ),
-    "media": pierced(
-        'class="a"', 'class="b"', f".a{{fill:{RED}}}{DARK}@media screen{{.b{{fill:#fff}}}}"
-    ),
+    "currentColor": pierced('color="oklch(60% .2 30)" fill="currentColor"',
+     'color="#fff" fill="currentcolor"'),
+    "variables": pierced('style="fill:var(--a)"', 'class="b"',
+     f":root{{--a:{RED};--b:var(--c, #fff)}} svg .b{{fill:var(--b)}}"),
+    "variables in attributes": pierced(f'fill="var(--a, {RED})"', 'fill="var(--b, var(--c, white))"',
+     ":root{--b:var(--b)}"),
+    "selectors and importance": pierced('class="a"', f'id="i" class="a" style="fill:{RED}"',
+     f"circle.a,rect:not(#i){{fill:{RED}}} .a~#i{{fill:#fff!important}}"),
+    "media": pierced('class="a"', 'class="b"', f".a{{fill:{RED}}}{DARK}@media screen{{.b{{fill:#fff}}}}"),
     "sums": filled("rgb(calc(100 + 100) 0 0)", "rgb(calc(250 + 5) 255 calc(510 / 2))"),
-    "nested rules": pierced(
-        'class="a"', 'class="b"', f"svg{{.a{{fill:{RED}}}&amp; .b{{fill:#fff}}}}"
-    ),
-}
+    "nested rules": pierced('class="a"', 'class="b"', f"svg{{.a{{fill:{RED}}}&amp; .b{{fill:#fff}}}}"),
+}  # fmt: skip
 PLACED = {
     "geometry in CSS": (page("<style>circle{cx:50px;cy:50px;r:45px}</style><circle/>"), DISC),
     "rem and calc": (
@@ -219,30 +207,17 @@ TOLD = {
     "event": ('<g onload="alert(1)"/>', "script is not run"),
     "animation": ('<g><animate attributeName="x" from="0" to="9"/></g>', "animation is left out"),
     "keyframes": ("<style>@keyframes a{to{opacity:0}}</style>", "animation is left out"),
-    "HTML": (
-        '<foreignObject><p xmlns="http://www.w3.org/1999/xhtml">A</p></foreignObject>',
-        "HTML in it",
-    ),
+    "HTML": ('<foreignObject><p xmlns="http://www.w3.org/1999/xhtml">A</p></foreignObject>', "HTML in it"),
     "flowed text": ("<flowRoot><flowPara>Boat</flowPara></flowRoot>", "flowed text"),
     "mesh": ('<defs><meshgradient id="m"/></defs>', "mesh gradients"),
-    "shape of a clip": (
-        '<rect width="1" height="1" style="clip-path:circle(9px)"/>',
-        r"clip-path: circle\(\)",
-    ),
-    "colour": (
-        '<rect x="20" y="20" width="9" height="9" fill="device-cmyk(0 1 1 0)"/>',
-        "device-cmyk",
-    ),
-    "sum": (
-        '<rect width="1" height="1" style="transform:translate(calc(1em - 1px - 9%))"/>',
-        "sum (calc)",
-    ),
+    "shape of a clip": ('<rect width="1" height="1" style="clip-path:circle(9px)"/>',
+     r"clip-path: circle\(\)"),
+    "colour": ('<rect x="20" y="20" width="9" height="9" fill="device-cmyk(0 1 1 0)"/>', "device-cmyk"),
+    "sum": ('<rect width="1" height="1" style="transform:translate(calc(1em - 1px - 9%))"/>', "sum (calc)"),
     "transform": ('<g style="transform:matrix(1)"/>', r"matrix\(1\)"),
-    "font": (
-        '<text x="40" y="50" font-family="No Such Font">a</text>',
-        "DejaVu Sans instead of No Such Font",
-    ),
-}
+    "font": ('<text x="40" y="50" font-family="No Such Font">a</text>',
+     "DejaVu Sans instead of No Such Font"),
+}  # fmt: skip
 
 
 @pytest.mark.slow

@@ -46,6 +46,9 @@ QUICK = PRESETS["draft"].model_copy(
 )
 
 
+FILES_OF_A_VIEW = (("picture", "png"), ("shadow", "svg"))
+
+
 def scene_views() -> tuple[View, View]:
     """Two views at a right angle, as a scene has them."""
     return see_from(0.0, name="v0"), see_from(90.0, name="v1")
@@ -227,7 +230,10 @@ def test_pictures_and_views_must_be_as_many(tmp_path: Path) -> None:
 
 @pytest.mark.build
 def test_a_build_of_a_shadow_and_a_glimpse(tmp_path: Path) -> None:
-    """One light and one eye, on a stand, verified on the written file; the same again from its own scene."""
+    """One light and one eye, on a stand, verified on the written file; the same again from its own scene.
+
+    All files for other tools are there.
+    """
     for name, polygon in (("a", DISC), ("b", SQUARE)):
         Image.fromarray(~draw_mask(polygon, 100.0)).save(tmp_path / f"{name}.png")
     front, side = scene_views()
@@ -246,7 +252,8 @@ def test_a_build_of_a_shadow_and_a_glimpse(tmp_path: Path) -> None:
     )
     pictures = (str(tmp_path / "a.png"), str(tmp_path / "b.png"))
     skip = frozenset({"shadow-render", "slicer"})
-    request = Request(scene, pictures, tmp_path / "out", printing=True, skip=skip)
+    also = frozenset({"svg", "dxf", "step"})
+    request = Request(scene, pictures, tmp_path / "out", printing=True, skip=skip, also=also)
     outcome = build(request)
     report = outcome.report
     assert outcome.exit_code == 0, [c for c in report["checks"] if c["status"] == "fail"]
@@ -259,8 +266,9 @@ def test_a_build_of_a_shadow_and_a_glimpse(tmp_path: Path) -> None:
     assert checks["standing"] == checks["sag"] == checks["intrusion"] == "pass"
     assert report["print"]["mount"]["posts"] >= 3
     assert len(report["settings"]["start_ious"]) == 2
-    for name in ("picture-v0.png", "picture-v1.png"):
-        assert (tmp_path / "out" / name).is_file()
+    there = {path.name for path in (tmp_path / "out").iterdir()}
+    assert {f"{kind}-v{n}.{suffix}" for kind, suffix in FILES_OF_A_VIEW for n in (0, 1)} <= there
+    assert {"part.step", *(f"centre-lines.{kind}" for kind in also)} <= there
     written = load_scene(tmp_path / "out" / "scene.toml")
     views = written.views
     targets = read_targets([view.picture for view in views], views, base=tmp_path / "out")

@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command import knotfab, picture, square
-from PIL import Image
 
 from knotfab.files.folder import OutputFolder
 
@@ -54,41 +53,6 @@ def test_a_scene_of_two_views_is_no_sequence(tmp_path: Path) -> None:
     frames = _frames(tmp_path / "frames")
     said = _refuse(2, frames, "--scene", scene, "--out", tmp_path / "out")
     assert "2 views" in said
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("kind", "why"),
-    [
-        ("one", "one picture"),
-        ("sizes", "frame 3 is 80 x 80 px"),
-        ("blank", "3.png: it is all one colour"),
-        ("blank animation", "frame 2: it is all one colour"),
-        ("missing", "there is no such file"),
-        ("pattern", "no picture"),
-        ("still", "one picture"),
-    ],
-)
-def test_invalid_frames_are_refused(tmp_path: Path, kind: str, why: str) -> None:
-    frames = _frames(tmp_path / "frames", 1 if kind == "one" else 2)
-    if kind == "sizes":
-        picture(frames / "3.png", square(80))
-    elif kind == "blank":
-        picture(frames / "3.png", np.zeros((64, 64), dtype=bool))
-    elif kind == "blank animation":
-        ink = [Image.fromarray(np.where(m, 0, 255).astype(np.uint8)) for m in (square(), square())]
-        ink[1].paste(255, (0, 0, 64, 64))
-        frames = tmp_path / "blank.gif"
-        ink[0].save(frames, save_all=True, append_images=ink[1:])
-    elif kind == "missing":
-        frames = tmp_path / "nowhere.gif"
-    elif kind == "pattern":
-        frames = frames / "step-*.png"
-    elif kind == "still":
-        frames = frames / "1.png"
-    said = _refuse(2, frames, "--out", tmp_path / "out")
-    assert why in said, said
-    assert not (tmp_path / "out").exists()
 
 
 def test_a_device_that_is_not_there(tmp_path: Path) -> None:

@@ -69,30 +69,41 @@ def test_frames_invert(tmp_path: Path) -> None:
     assert all((a.mask ^ b.mask).all() for a, b in zip(plain, turned, strict=True))
 
 
-@pytest.mark.parametrize("kind", ["empty", "one", "still", "many", "damaged"])
-def test_what_is_no_sequence_is_refused(tmp_path: Path, kind: str) -> None:
-    source = tmp_path
-    if kind == "one":
+@pytest.mark.parametrize(
+    ("kind", "why"),
+    [
+        ("empty", "no picture"),
+        ("one", "one picture"),
+        ("still", "one picture"),
+        ("still.png", "one picture"),
+        ("many", "more than"),
+        ("damaged", "damaged"),
+        ("sizes", "frame 2 is 64 x 64 px"),
+        ("blank", "2.png: it is all one colour"),
+        ("blank animation", "frame 2: it is all one colour"),
+        ("missing", "there is no such file"),
+        ("pattern", "no picture"),
+    ],
+)
+def test_what_is_no_sequence_is_refused(tmp_path: Path, kind: str, why: str) -> None:
+    source, gif = tmp_path, tmp_path / "film.gif"
+    blank = Image.new("L", (64, 48), 255)
+    if kind in ("one", "sizes", "blank", "still.png"):
         _bar(4).save(tmp_path / "1.png")
-    elif kind == "still":
-        source = tmp_path / "still.gif"
-        _bar(4).save(source)
+    if kind in ("sizes", "blank"):
+        (_bar(4, (64, 64)) if kind == "sizes" else blank).save(tmp_path / "2.png")
     elif kind == "many":
         for number in range(MOST_FRAMES + 1):
             (tmp_path / f"{number}.png").write_bytes(b"")
-    elif kind == "damaged":
-        source = tmp_path / "damaged.gif"
-        write_gif(source, [_bar(4), _bar(20), _bar(30)], 80)
-        source.write_bytes(source.read_bytes()[:60])
-    with pytest.raises(InputError):
+    elif kind in ("still", "damaged", "blank animation"):
+        source = gif
+        frames = {"still": [], "damaged": [_bar(20), _bar(30)], "blank animation": [blank]}[kind]
+        write_gif(gif, [_bar(4), *frames], 80)
+        gif.write_bytes(gif.read_bytes()[: 60 if kind == "damaged" else None])
+    elif kind in ("still.png", "missing", "pattern"):
+        source = tmp_path / {"still.png": "1.png", "missing": "no.gif", "pattern": "a-*.png"}[kind]
+    with pytest.raises(InputError, match=why):
         read_frames([str(source)])
-
-
-def test_frames_of_two_sizes_are_refused(tmp_path: Path) -> None:
-    _bar(4).save(tmp_path / "1.png")
-    _bar(4, (64, 64)).save(tmp_path / "2.png")
-    with pytest.raises(InputError, match="frame 2 is 64 x 64 px"):
-        read_frames([str(tmp_path)])
 
 
 def test_a_gif_repeats_and_runs_back_where_it_does_not_close(tmp_path: Path) -> None:

@@ -10,13 +10,9 @@ from knotfab.sequence.chain import Chain, SequenceFrame
 from knotfab.sequence.frames import read_frames
 
 QUICK = {
-    "coarse_px": 64,
-    "fine_px": 64,
-    "coarse_iterations": 12,
-    "fine_iterations": 8,
-    "settle_iterations": 8,
+    "coarse_px": 64, "fine_px": 64, "coarse_iterations": 12, "fine_iterations": 8, "settle_iterations": 8,
     "depth_candidates": 2,
-}
+}  # fmt: skip
 
 
 def discs(folder: Path, sizes: Sequence[int]) -> tuple[Target, ...]:

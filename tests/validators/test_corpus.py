@@ -176,16 +176,12 @@ TOLERATED: dict[str, Callable[[float], Check]] = {
 # the same, and nothing is rounded: by exactly one tolerance is not beyond
 EXACT: dict[str, Callable[[float], Check]] = {
     "overhang off the bed": lambda f: _print_check("overhang", _ledge(LAYER + 1e-3 * f)),
-    "support off the bed": lambda f: _print_check(
-        "support_volume",
-        _ledge(LAYER + 1e-3 * f),
-        NO_SUPPORTS.model_copy(update={"supports": True, "max_support_cm3": 0.0}),
-    ),
+    "support off the bed": lambda f: _print_check("support_volume", _ledge(LAYER + 1e-3 * f),
+     NO_SUPPORTS.model_copy(update={"supports": True, "max_support_cm3": 0.0})),
     "floating": lambda f: _print_check("floating", box((2, 2, LAYER + 1e-3 * f), (9, 9, 9))),
-    "standing in the air": lambda f: _print_check(
-        "standing", box((2, 2, LAYER + 1e-3 * f), (9, 9, 9)), stands=True
-    ),
-}
+    "standing in the air": lambda f: _print_check("standing", box((2, 2, LAYER + 1e-3 * f), (9, 9, 9)),
+     stands=True),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", [*TOLERATED, *EXACT])

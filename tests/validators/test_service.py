@@ -1,14 +1,12 @@
 """What the worker of the validators answers: verdicts, whole or of two halves."""
 
 import json
-import re
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from validator_parts import circle
 
-import knotfab_validators
 from knotfab.base.pool import Workers
 from knotfab_validators.validate import validate
 
@@ -42,22 +40,3 @@ def test_verdicts_are_validates_and_a_bad_file_is_one_sentence(
         assert verdict["checks"] == here["checks"] and verdict["views"] == here["views"] == []
         assert all(value >= 0 for value in verdict["seconds"].values())
     assert "part.stl" in part["error"] and "absent.json" in absent["error"]
-
-
-@pytest.mark.slow
-def test_a_request_without_files_leaves_every_loop_compiled(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """So that the first part that is validated waits for none."""
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
-    with Workers("knotfab_validators.service") as workers:
-        answer = workers.answer({**EMPTY, "piece": "0"})
-    assert answer["exit_code"] in (0, 3)
-    kept = {path.name.partition("-")[0] for path in tmp_path.rglob("*.nbi")}
-    sources = Path(knotfab_validators.__file__).parent.rglob("*.py")
-    loops = {
-        f"{path.stem}.{name}"
-        for path in sources
-        for name in re.findall(r"^@compiled\ndef (\w+)", path.read_text(), re.MULTILINE)
-    }
-    assert kept == loops and len(loops) > 10

@@ -55,13 +55,8 @@ def test_a_wall_that_pokes_in_between_two_vertices_is_found() -> None:
 
     def wedge(tip: float) -> Room:  # its edge stands at (0, tip), far from every vertex
         corners = [
-            (0.0, tip),
-            (-9.0, 60.0),
-            (-60.0, 60.0),
-            (-60.0, -60.0),
-            (60.0, -60.0),
-            (60.0, 60.0),
-        ]
+            (0.0, tip), (-9.0, 60.0), (-60.0, 60.0), (-60.0, -60.0), (60.0, -60.0), (60.0, 60.0),
+        ]  # fmt: skip
         return room(prism(*corners, (9.0, 60.0)))
 
     for tip, excess in ((23.5, -0.5), (23.0, 0.0), (22.9, 0.1), (20.5, 2.5)):
