@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,7 +9,7 @@ import numpy as np
 
 from knotfab.base.arrays import Array, Indices
 
-__all__ = ["Beams", "SpaceFrame", "frame_of", "round_beams", "stiffness_of"]
+__all__ = ["Beams", "SpaceFrame", "frame_of", "loads_of", "round_beams", "stiffness_of"]
 
 
 GRAVITY_M_S2 = 9.81
@@ -82,7 +81,6 @@ def frame_of(
     young_mpa: float,
     density_g_cm3: float,
     down: Array,
-    springs: Mapping[int, tuple[Array, Array]] | None = None,
 ) -> SpaceFrame:
     """The frame of beams under their own weight, ready to be asked.
 
@@ -92,7 +90,6 @@ def frame_of(
 
     Args:
         fixed: joints that neither move nor turn. down: (3,) unit vector of gravity.
-        springs: joint -> (6, 6) stiffness and (6,) load of what else holds it.
 
     Raises:
         ValueError: something is not held (the stiffness is singular), or a beam has no length.
@@ -101,24 +98,17 @@ def frame_of(
     from scipy.sparse.linalg import splu
 
     n = len(beams.joints)
-    length, axes = _lengths_and_axes(beams)
-    if not (length > 0).all():
+    if not (_lengths_and_axes(beams)[0] > 0).all():
         raise ValueError("a beam has no length")
-    weight = beams.area * density_g_cm3 * 1e-6 * GRAVITY_M_S2  # N/mm
-    load = _loads(axes, weight, length, down)
-    freedom = (6 * beams.ends[:, :, None] + np.arange(6)).reshape(len(length), 12)
+    load = loads_of(beams, density_g_cm3, down)
+    freedom = (6 * beams.ends[:, :, None] + np.arange(6)).reshape(len(load), 12)
     force = np.zeros(6 * n)
     np.add.at(force, freedom.ravel(), load.ravel())
     rows, columns = np.repeat(freedom, 12, axis=1).ravel(), np.tile(freedom, (1, 12)).ravel()
     values = stiffness_of(beams, young_mpa).ravel()
-    for joint, (spring, push) in (springs or {}).items():
-        at = 6 * joint + np.arange(6)
-        rows, columns = np.append(rows, np.repeat(at, 6)), np.append(columns, np.tile(at, 6))
-        values = np.append(values, spring.ravel())
-        force[at] += push
     held = np.zeros(6 * n, dtype=bool)
     held[(6 * np.asarray(fixed, dtype=np.int64)[:, None] + np.arange(6)).ravel()] = True
-    if not held.any() and not springs:
+    if not held.any():
         raise ValueError("nothing is held")
     matrix = coo_matrix((values, (rows, columns)), shape=(6 * n, 6 * n)).tocsc()
     loose = np.flatnonzero(~held)
@@ -177,8 +167,10 @@ def _stiffness(beams: Beams, length: Array, young: float) -> Array:
     return k
 
 
-def _loads(axes: Array, weight: Array, length: Array, down: Array) -> Array:
-    """(m, 12) consistent loads of the weight per mm, in common axes."""
+def loads_of(beams: Beams, density_g_cm3: float, down: Array) -> Array:
+    """(m, 12) consistent loads of the beams' weight at their ends, in common axes."""
+    length, axes = _lengths_and_axes(beams)
+    weight = beams.area * density_g_cm3 * 1e-6 * GRAVITY_M_S2  # N/mm
     q = axes @ down * weight[:, None]  # (m, 3) along the beams' own axes
     f = np.zeros((len(length), 12))
     for axis in range(3):

@@ -17,8 +17,8 @@ from knotfab.base.arrays import Array, Indices, Mask
 from knotfab.base.errors import SceneError
 from knotfab.geometry.meshes import Mesh, as_manifold, as_mesh
 from knotfab.knots import Knots
-from knotfab.mount.brace import brace
 from knotfab.mount.piece_frame import Stiffness, piece_frame, sag_moves, worst_of
+from knotfab.mount.planner import plan_members
 from knotfab.mount.plinth import Masses
 from knotfab.mount.shade import MountShadows, near_struts
 from knotfab.mount.solids import Fixture, along, strut
@@ -114,7 +114,7 @@ def plan_hang(
     """Choose struts, posts and an eyelet for knots in scene coordinates (gravity: -y).
 
     The knots are joined to one piece, the eyelet is set above its centre of mass where post and ring show
-    least, struts are added until nothing sags (`brace`), and the eyelet is moved above what is then
+    least, struts are added until nothing sags (`plan_members`), and the eyelet is moved above what is then
     the centre of mass.
 
     Args:
@@ -146,7 +146,7 @@ def plan_hang(
     obstacles.add(join([posts, _around(ring)]))
     shadows.add(join([posts, _outline(ring)]))
     given = join([joints, posts])
-    braced = brace(knots, sites, obstacles, shadows, pool, visible, given, stiffness)
+    braced = plan_members(knots, sites, obstacles, shadows, pool, visible, given, stiffness)
     members, number = braced.members, len(joints)
     own = np.arange(len(members))
     is_post = (own >= number) & (own < number + len(posts))

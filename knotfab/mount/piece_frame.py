@@ -56,15 +56,13 @@ def piece_beams(
     sites: Sites,
     members: Candidates,
     pieces: int = 1,
-    end_radius_mm: Array | None = None,
 ) -> tuple[Beams, Indices]:
     """The beams of tubes and members, and the joints that the ground (desk or wall) holds.
 
     The sites are the first joints, in their order.
 
     Args:
-        pieces: that each member is cut into.
-        end_radius_mm: (n,) of members that taper towards their `end`; by default they are round bars.
+        pieces: that each member is cut into; those that taper need several.
     """
     n, m, inner = len(sites.knot), len(members), pieces - 1
     share = np.arange(pieces + 1)[:, None] / pieces
@@ -75,7 +73,6 @@ def piece_beams(
     joints[:, 0], joints[:, -1] = members.first, members.second
     joints[:, 1:-1] = n + np.arange(m * inner).reshape(m, inner)
     joints[grounded, -1] = feet
-    end = members.radius if end_radius_mm is None else end_radius_mm
     beams = round_beams(
         np.concatenate([sites.point, points[:, 1:-1].reshape(-1, 3), members.end[grounded]]),
         np.concatenate(
@@ -84,7 +81,9 @@ def piece_beams(
                 np.stack([joints[:, :-1], joints[:, 1:]], axis=2).reshape(-1, 2),
             ]
         ),
-        np.concatenate([np.full(n, radius_mm), taper(members.radius, end, pieces).ravel()]),
+        np.concatenate(
+            [np.full(n, radius_mm), taper(members.radius, members.foot_radius, pieces).ravel()]
+        ),
     )
     return beams, feet
 
@@ -92,8 +91,9 @@ def piece_beams(
 def piece_frame(
     knots: Knots, sites: Sites, members: Candidates, stiffness: Stiffness
 ) -> SpaceFrame:
-    """The frame of a piece with joints at the sites alone, ready to be asked."""
-    beams, fixed = piece_beams(knots.radius_mm, sites, members)
+    """The frame of a piece with joints at the sites, and along members that taper, ready to be asked."""
+    pieces = 1 if members.end_radius is None else PIECES
+    beams, fixed = piece_beams(knots.radius_mm, sites, members, pieces)
     return frame_of(beams, fixed, stiffness.young_mpa, stiffness.density_g_cm3, DOWN)
 
 
@@ -102,7 +102,6 @@ def sag_moves(
     sites: Sites,
     members: Candidates,
     stiffness: Stiffness,
-    end_radius_mm: Array | None = None,
     step_radii: float = JOINT_RADII,
 ) -> Array:
     """(N, 3) how far each vertex of the knots moves on their members, mm, by a frame built anew.
@@ -112,7 +111,7 @@ def sag_moves(
     interpolated by the vertices' numbers.
 
     Args:
-        sites: that the members join. end_radius_mm: (n,) of members that taper.
+        sites: that the members join.
     """
     met = np.concatenate([members.first, members.second])
     met = met[met != GROUND]
@@ -123,7 +122,7 @@ def sag_moves(
     place = np.searchsorted(fine.knot * most + fine.vertex, sites.knot * most + sites.vertex)
     there = np.append(place, GROUND)  # the last of them stands for the ground
     moved = replace(members, first=there[members.first], second=there[members.second])
-    beams, fixed = piece_beams(knots.radius_mm, fine, moved, PIECES, end_radius_mm)
+    beams, fixed = piece_beams(knots.radius_mm, fine, moved, PIECES)
     frame = frame_of(beams, fixed, stiffness.young_mpa, stiffness.density_g_cm3, DOWN)
     moves = frame.displacements()[: len(fine.knot), :3]
     found = []

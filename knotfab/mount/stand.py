@@ -14,8 +14,8 @@ import numpy as np
 from knotfab.base.arrays import Array, Indices, Mask
 from knotfab.base.errors import SceneError
 from knotfab.knots import Knots
-from knotfab.mount.brace import brace
 from knotfab.mount.piece_frame import Stiffness, sag_moves, worst_of
+from knotfab.mount.planner import plan_members
 from knotfab.mount.plinth import (
     CHAMFER_MM,
     CORNER_MM,
@@ -129,7 +129,7 @@ def plan_stand(
 
     First every knot is joined to the base, through as few lit pixels as possible (Prim's spanning
     tree, each member free where those before have darkened the picture); then members are added
-    until nothing sags (`brace`); then the base is made as large as the piece needs to stay upright.
+    until nothing sags (`plan_members`); then the base is made as large as the piece needs to stay upright.
 
     Args:
         cameras, targets: each view's camera, and its picture's silhouette (H, W) over the whole
@@ -166,7 +166,7 @@ def plan_stand(
     holds = np.concatenate([holds, sites.knot[more.first]])
     chosen = join([chosen, more])
     visible = np.arange(len(pool)) >= len(hidden)
-    braced = brace(knots, sites, obstacles, shadows, pool, visible, chosen, stiffness)
+    braced = plan_members(knots, sites, obstacles, shadows, pool, visible, chosen, stiffness)
     members = braced.members
     post = members.second == GROUND
     base = base_for(

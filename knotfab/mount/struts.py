@@ -18,6 +18,7 @@ __all__ = [
     "Candidates",
     "Obstacles",
     "Sites",
+    "Way",
     "beside_on_rings",
     "join",
     "nothing",
@@ -101,7 +102,7 @@ class Candidates:
     """Round members that are or might be.
 
     `first`, `second` (n,) are the sites of their ends (`GROUND` for a post's foot), `start`, `end`
-    (n, 3) where those are, `radius` (n,) mm.
+    (n, 3) where those are, `radius` (n,) mm; `end_radius` (n,) at the end of members that taper.
     """
 
     first: Indices
@@ -109,6 +110,12 @@ class Candidates:
     start: Array
     end: Array
     radius: Array
+    end_radius: Array | None = None
+
+    @property
+    def foot_radius(self) -> Array:
+        """(n,) mm at the ends, of members that taper and others."""
+        return self.radius if self.end_radius is None else self.end_radius
 
     def __len__(self) -> int:
         return len(self.first)
@@ -120,6 +127,7 @@ class Candidates:
             self.start[some],
             self.end[some],
             self.radius[some],
+            None if self.end_radius is None else self.end_radius[some],
         )
 
     def thicken(self, times: float, most_mm: float) -> Candidates:
@@ -153,6 +161,9 @@ def join(parts: list[Candidates]) -> Candidates:
         np.concatenate([p.start for p in parts]),
         np.concatenate([p.end for p in parts]),
         np.concatenate([p.radius for p in parts]),
+        None
+        if all(p.end_radius is None for p in parts)
+        else np.concatenate([p.foot_radius for p in parts]),
     )
 
 
@@ -186,30 +197,37 @@ def sample_strands(knots: Knots) -> tuple[Array, Indices, Array, Array]:
     return np.concatenate(points), np.concatenate(owner), np.concatenate(arcs), np.array(lengths)
 
 
-class Obstacles:
-    """Bodies that members keep clear of: all tubes but at their own joints, and the members so far."""
+class Way:
+    """Bodies that members keep clear of; `members` are those that are there already."""
 
-    def __init__(self, knots: Knots, sites: Sites, clearance_mm: float) -> None:
-        from scipy.spatial import cKDTree
-
-        self.sites, self.clearance, self.tube = sites, clearance_mm, knots.radius_mm
-        self.points, self.owner, self.arc, _ = sample_strands(knots)
-        self.beside = beside_on_rings(np.bincount(self.owner))
-        self.tree = cKDTree(self.points)
-        # between two samples a strand comes nearer by no more than this
-        self.slack = (SAMPLE_RADII * knots.radius_mm) ** 2 / (8 * (knots.radius_mm + clearance_mm))
-        self.members = nothing()
+    def __init__(self, members: Candidates) -> None:
+        self.members = members
 
     def add(self, some: Candidates) -> None:
         """More members that are there."""
         self.members = join([self.members, some])
 
     def clear(self, some: Candidates, but: int | None = None) -> Mask:
-        """(n,) whether members touch nothing; at the ground posts are wider by `ROOT_SHARE`.
+        """(n,) whether members touch nothing; `but`: the number of a member that is not in the way."""
+        raise NotImplementedError
 
-        Args:
-            but: the number of a member that is not in the way.
-        """
+
+class Obstacles(Way):
+    """All tubes, but at a member's own joints, and members that are there."""
+
+    def __init__(self, knots: Knots, sites: Sites, clearance_mm: float) -> None:
+        from scipy.spatial import cKDTree
+
+        super().__init__(nothing())
+        self.sites, self.clearance, self.tube = sites, clearance_mm, knots.radius_mm
+        self.points, self.owner, self.arc, _ = sample_strands(knots)
+        self.beside = beside_on_rings(np.bincount(self.owner))
+        self.tree = cKDTree(self.points)
+        # between two samples a strand comes nearer by no more than this
+        self.slack = (SAMPLE_RADII * knots.radius_mm) ** 2 / (8 * (knots.radius_mm + clearance_mm))
+
+    def clear(self, some: Candidates, but: int | None = None) -> Mask:
+        """As `Way.clear`; at the ground posts are wider by `ROOT_SHARE`."""
         free = np.ones(len(some), dtype=bool)
         gap = self.tube + self.clearance + self.slack
         post = some.second == GROUND

@@ -193,22 +193,20 @@ def _with_share(
         for i in chosen.rays
     )
     sites = sites_with(knots, rays, chosen.rays)
-    bare, feet, roots = pegs_on(sites, rays, chosen.rays, top), foot[chosen.rays], root[chosen.rays]
+    bare, roots = pegs_on(sites, rays, chosen.rays, top, foot), root[chosen.rays]
     ties = nothing()
     if chosen.barred:
         ties = tie_to_held(knots, camera, target, clearance_mm, sites, bare, roots, chosen.barred)
-        bare = join([bare, ties])
-        feet, roots = (np.concatenate([r, ties.radius]) for r in (feet, roots))
-    moves = sag_moves(knots, sites, bare, stiffness, feet)
+        bare, roots = join([bare, ties]), np.concatenate([roots, ties.radius])
+    moves = sag_moves(knots, sites, bare, stiffness)
     again, at = worst_of(moves, knots.points)
     joined = _joined_knots(sites, ties)
     mount = WallMount(pegs, chosen.sag_mm, at, again, settings, ties, joined, moves)
     hopeless = not thoroughly and again > HOPELESS * stiffness.max_sag_mm
     if again <= stiffness.max_sag_mm or settings.foot != "plate" or hopeless:
         return mount
-    braces = hidden_braces(knots, camera, target, clearance_mm, stiffness, sites, bare, feet, roots)
-    every, ends = join([bare, braces]), np.concatenate([feet, braces.radius])
-    moves = sag_moves(knots, sites, every, stiffness, ends)
+    braces = hidden_braces(knots, camera, target, clearance_mm, stiffness, sites, bare, roots)
+    moves = sag_moves(knots, sites, join([bare, braces]), stiffness)
     again, at = worst_of(moves, knots.points)
     leans = braces.second == GROUND
     leaning = tuple(

@@ -8,8 +8,9 @@ import numpy as np
 
 from knotfab.base.arrays import Array, Indices, Mask
 from knotfab.knots import Knots
-from knotfab.mount.brace import brace
+from knotfab.mount.choose import along
 from knotfab.mount.piece_frame import Stiffness
+from knotfab.mount.planner import plan_members
 from knotfab.mount.rays import Rays
 from knotfab.mount.shade import HIDDEN_SHARE, MountShadows, hidden_struts
 from knotfab.mount.struts import (
@@ -42,7 +43,6 @@ def hidden_braces(
     stiffness: Stiffness,
     sites: Sites,
     pegs: Candidates,
-    foot_radius_mm: Array,
     root_radius_mm: Array,
 ) -> Candidates:
     """The members that keep a piece on its pegs from sagging.
@@ -54,13 +54,13 @@ def hidden_braces(
 
     Args:
         target: (H, W) the picture's silhouette. sites: that the pegs stand on (`sites_with`).
-        foot_radius_mm, root_radius_mm: (n,) of the pegs at the wall, and with their fillets.
+        root_radius_mm: (n,) of the pegs at the wall, with their fillets.
 
     Returns:
         members of one radius: struts, and leaning pegs (their second site is `GROUND`).
     """
     obstacles = Obstacles(knots, sites, clearance_mm)
-    obstacles.add(replace(pegs, radius=root_radius_mm))
+    obstacles.add(replace(pegs, radius=root_radius_mm, end_radius=None))
     shadows = MountShadows(knots, (camera,), (target,))
     pool = join(
         [
@@ -70,9 +70,11 @@ def hidden_braces(
     )
     pool = pool.of(shadows.behind_knots(pool))
     # a peg is taken to be no stiffer than its cone, so that the struts hold in the finer model too
-    given = replace(pegs, radius=np.sqrt(pegs.radius * foot_radius_mm))
+    given = replace(pegs, radius=np.sqrt(pegs.radius * pegs.foot_radius), end_radius=None)
     none = np.zeros(len(pool), dtype=bool)
-    braced = brace(knots, sites, obstacles, shadows, pool, none, given, stiffness, settled=True)
+    braced = plan_members(
+        knots, sites, obstacles, shadows, pool, none, given, stiffness, settled=True
+    )
     return braced.members.of(np.arange(len(given), len(braced.members)))
 
 
@@ -102,7 +104,7 @@ def tie_to_held(
         ValueError: for a knot there is none; the message names it.
     """
     obstacles = Obstacles(knots, sites, clearance_mm)
-    obstacles.add(replace(pegs, radius=root_radius_mm))
+    obstacles.add(replace(pegs, radius=root_radius_mm, end_radius=None))
     shadows, reach = MountShadows(knots, (camera,), (target,)), TIE_RADII * knots.radius_mm
     left, found = list(barred), nothing()
     while left:
@@ -150,15 +152,15 @@ def sites_with(knots: Knots, rays: Rays, chosen: Indices) -> Sites:
     return sites_of(knots, also={k: rays.vertex[chosen][of == k] for k in range(len(knots.knots))})
 
 
-def pegs_on(sites: Sites, rays: Rays, chosen: Indices, top_radius_mm: Array) -> Candidates:
-    """The pegs along the chosen rays as members, as thick all along as at the tube: (n,) of each ray."""
+def pegs_on(
+    sites: Sites, rays: Rays, chosen: Indices, top_radius_mm: Array, foot_radius_mm: Array
+) -> Candidates:
+    """The pegs along the chosen rays as members: radii (n,) of each ray at the tube and at the wall."""
     first = [
         int(np.flatnonzero((sites.knot == rays.knot[i]) & (sites.vertex == rays.vertex[i]))[0])
         for i in chosen
     ]
-    ground = np.full(len(chosen), GROUND)
-    top, foot = rays.top[chosen], rays.foot[chosen]
-    return Candidates(np.array(first), ground, top, foot, top_radius_mm[chosen])
+    return along(rays, chosen, top_radius_mm, foot_radius_mm, np.array(first))
 
 
 def _leaning(sites: Sites, shadows: MountShadows, camera: Camera, tube_mm: float) -> Candidates:

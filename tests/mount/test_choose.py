@@ -1,14 +1,17 @@
 """Pegs are chosen until nothing sags, and none of them idles."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
 from rings import PLA, RADIUS, camera, knots, ring
 
-from knotfab.mount.choose import _Model, choose_pegs
-from knotfab.mount.piece_frame import Stiffness, sag_moves, worst_of
+from knotfab.mount.choose import choose_pegs
+from knotfab.mount.held_frame import HeldFrame, springs_of
+from knotfab.mount.piece_frame import Stiffness, piece_frame, sag_moves, worst_of
 from knotfab.mount.rays import Rays, free_rays
+from knotfab.mount.struts import Candidates, join
 from knotfab.mount.wall_brace import pegs_on, sites_with
 
 ONE = knots(ring(50.0))
@@ -19,8 +22,8 @@ def sag_on(
 ) -> tuple[float, np.ndarray]:
     """What `ONE` sags on the pegs of some rays."""
     sites = sites_with(ONE, rays, chosen)
-    members = pegs_on(sites, rays, chosen, top)
-    return worst_of(sag_moves(ONE, sites, members, stiffness, foot[chosen]), ONE.points)
+    members = pegs_on(sites, rays, chosen, top, foot)
+    return worst_of(sag_moves(ONE, sites, members, stiffness), ONE.points)
 
 
 @pytest.mark.slow
@@ -41,18 +44,34 @@ def test_pegs_are_added_until_the_sag_is_small_and_none_is_idle() -> None:
     assert len(stiff.rays) <= len(chosen.rays)
 
 
-def test_pegs_held_one_by_one_are_the_pegs_held_at_once() -> None:
+@pytest.mark.parametrize("tapers", [False, True])
+def test_members_held_on_a_solved_frame_are_members_of_a_frame_solved_anew(tapers: bool) -> None:
     view = camera()
     rays = free_rays(ONE, view, 0.9, 0.4)
     top = np.full(len(rays.top), 0.9 * RADIUS)
-    model = _Model(ONE, rays, 0, np.flatnonzero(rays.free), top, 1.2 * top, PLA)
-    pegs = [0]
-    for peg in range(1, len(model.candidates), len(model.candidates) // 6):
-        one_more, at_once = model.sag_with(peg), model.sag([*pegs, peg])
-        assert one_more.sag_mm == pytest.approx(at_once.sag_mm, rel=1e-9)
-        assert one_more.all_mm == pytest.approx(at_once.all_mm, rel=1e-9)
-        model.hold(peg)
-        pegs.append(peg)
+    chosen = np.flatnonzero(rays.free)[:: rays.free.sum() // 5]
+    sites = sites_with(ONE, rays, chosen)
+    pegs = pegs_on(sites, rays, chosen, top, 1.2 * top)
+    far = len(sites.knot) // 2
+    ends = sites.point[[0]], sites.point[[far]]
+    strut = Candidates(np.array([0]), np.array([far]), *ends, top[:1])
+    members = join([pegs if tapers else replace(pegs, end_radius=None), strut])
+    given, rest = members.of([0]), members.of(np.arange(1, len(members)))
+    held = HeldFrame(piece_frame(ONE, sites, given, PLA))
+    n = len(sites.knot)
+    for number in range(len(rest)):
+        some, one = rest.of(np.arange(number)), rest.of([number])
+        held.hold(some, *springs_of(some, np.zeros(number), PLA))
+        more = held.displacements_with_each(one, *springs_of(one, np.zeros(1), PLA))[0, :n]
+        anew = piece_frame(ONE, sites, join([given, some, one]), PLA).displacements()[:n]
+        assert more == pytest.approx(anew, abs=1e-7 * np.abs(anew).max())
+        force = np.random.default_rng(number).normal(size=(held.joints, 6))
+        force[n:] = 0
+        other = piece_frame(ONE, sites, join([given, some]), PLA)
+        load = np.zeros((other.joints, 6))
+        load[:n] = force[:n]
+        want = other.response(load)[:n]
+        assert held.response(force)[:n] == pytest.approx(want, abs=1e-7 * np.abs(want).max())
 
 
 def test_more_pegs_sag_less_and_a_softer_material_more() -> None:
