@@ -225,6 +225,16 @@ class View(Reading):
         return self.light_diameter_mm + (across if self.light_shape == "leds" else 0.0)
 
     @property
+    def light_has_sides(self) -> bool:
+        """Whether the lamp has width and height, which no torch or bulb stands in for."""
+        return self.light_shape in ("rectangle", "leds")
+
+    @property
+    def light_is_flat(self) -> bool:
+        """Whether the lamp shines less aside than ahead, by the cosine, and not behind itself."""
+        return self.light_shape != "ball"
+
+    @property
     def magnification(self) -> float:
         """The size of the shadow over that of a body in the middle of the piece."""
         return (self.light_distance_mm + self.wall_distance_mm) / self.light_distance_mm

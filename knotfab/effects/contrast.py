@@ -52,7 +52,7 @@ def contrast_of(seen: Shadows, radius: float, world: World) -> Contrast | None:
     view = seen.view
     if view.kind == "eye":
         return None
-    room, flat = world.room, view.light_shape != "ball"
+    room, flat = world.room, view.light_is_flat
     falloff, middle = _lamp_light(view, flat)
     spread = (np.pi if flat else 4 * np.pi) * room.reflectance / (1 - room.reflectance)
     transmittance = world.material.transmittance_per_mm

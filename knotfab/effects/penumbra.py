@@ -80,7 +80,7 @@ def _lamps_of(view: ResolvedView) -> tuple[Array, float]:
     """Places (n, 3) and diameter of balls in whose hull the lamp lies: one, or the corners of a rectangle."""
     right, up, _ = view_axes(view)
     middle = light_of(view)
-    if view.light_shape in ("disc", "ball"):
+    if not view.light_has_sides:
         return middle[None], view.light_diameter_mm
     size = view.light_diameter_mm if view.light_shape == "leds" else 0.0
     wide, high = 0.5 * view.light_width_mm * right, 0.5 * view.light_height_mm * up

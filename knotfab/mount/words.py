@@ -192,11 +192,11 @@ def lamp_facts(view: View) -> list[str]:
 
 def _lamp_shape(view: View) -> str:
     sides = f"{length(view.light_width_mm)} x {length(view.light_height_mm)} mm"
-    if view.light_shape == "rectangle":
-        return f"a rectangle of {sides}"
     if view.light_shape == "leds":
         columns, rows = view.light_leds
         return f"{columns} x {rows} LEDs of {length(view.light_diameter_mm)} mm over {sides}"
+    if view.light_has_sides:
+        return f"a {view.light_shape} of {sides}"
     return f"a spot of {length(view.light_diameter_mm)} mm"
 
 

@@ -88,7 +88,7 @@ def advise_lamp(view: View, tube_radius_mm: float) -> list[str]:
     behind and before it.
     """
     facts = lamp_facts(view)
-    if view.kind != "shadow" or view.light_shape in ("rectangle", "leds"):
+    if view.kind != "shadow" or view.light_has_sides:
         return facts  # a lamp of such a shape is at hand, and no torch or bulb stands in for it
     spread = view.wall_distance_mm / view.light_distance_mm
     strand = 2 * tube_radius_mm * view.magnification

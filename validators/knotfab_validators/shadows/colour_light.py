@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotfab_validators.arrays import Array, Ints, Mask
-from knotfab_validators.shadows.lamp import SceneLamp
+from knotfab_validators.shadows.lamp import SceneLamp, is_flat
 from knotfab_validators.shadows.view import ViewGeometry
 
 if TYPE_CHECKING:
@@ -76,7 +76,7 @@ def light_of(
         light = share_of_light(lamp, geometry)
         middle = share_of_light(lamp, _middle_pixel(geometry)).item()
         falloff.append(light.reshape(size) / middle)
-        flux = FROM_BALL if lamp.light_shape == "ball" else FROM_DISC
+        flux = FROM_DISC if is_flat(lamp) else FROM_BALL
         back = room.reflectance / (1 - room.reflectance)
         thrown.append(flux * back / (1e6 * room.area_m2 * middle) if room.area_m2 > 0 else 0.0)
     other = room.ambient * colours.sum(axis=0) + np.array(thrown) @ colours
@@ -94,7 +94,7 @@ def share_of_light(lamp: SceneLamp, geometry: ViewGeometry) -> Array:
     ray = geometry.light - at
     far = np.linalg.norm(ray, axis=1)
     light = np.maximum((ray * normal).sum(axis=1), 0.0) / far**3
-    if lamp.light_shape != "ball":
+    if is_flat(lamp):
         light = light * np.maximum(ray @ geometry.axis, 0.0) / far
     return np.asarray(light)
 

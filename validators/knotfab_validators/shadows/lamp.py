@@ -8,7 +8,7 @@ import numpy as np
 
 from knotfab_validators.arrays import Array
 
-__all__ = ["SceneLamp", "lamp_points", "lamp_size"]
+__all__ = ["SceneLamp", "is_flat", "lamp_points", "lamp_size"]
 
 # Points of a disc: the middle, and so many on rings of equal share about it. Every set looks the same from
 # the other side and has an odd number, so the half-light line of a straight edge is exact.
@@ -46,6 +46,11 @@ def lamp_size(lamp: SceneLamp) -> float:
     if lamp.light_shape == "rectangle":
         return across
     return lamp.light_diameter_mm + (across if lamp.light_shape == "leds" else 0.0)
+
+
+def is_flat(lamp: SceneLamp) -> bool:
+    """Whether the lamp shines less aside than ahead, by the cosine, and not behind itself."""
+    return lamp.light_shape != "ball"
 
 
 def lamp_points(lamp: SceneLamp, blur_px: float, tolerance_px: float) -> Array:
