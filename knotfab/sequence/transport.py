@@ -1,25 +1,41 @@
-"""Carrying a knot from one picture to the next along a smooth displacement, every step certified."""
+"""Carry a knot from one picture to the next along a smooth displacement, every step certified.
+
+The displacement is found coarse to fine, by additive demons (Thirion, "Image matching as a diffusion process:
+an analogy with Maxwell's demons", Medical Image Analysis 2(3), 1998) on clipped signed distances, which pull
+from further away than the silhouettes' own edges do. A silhouette that has left its place altogether, as a
+thrown ball does, is shifted and stretched first.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import shapely
+from scipy.ndimage import distance_transform_edt, gaussian_filter, map_coordinates, zoom
 from scipy.optimize import linear_sum_assignment
-from shapely import MultiPolygon
+from shapely import MultiPolygon, affinity
 
 from knotfab.base.arrays import Array
 from knotfab.geometry.carry import Carried, carry
 from knotfab.geometry.polylines import Polylines
+from knotfab.picture.silhouette import polygon_iou
 from knotfab.sequence.motion import pair_pieces
-from knotfab.sequence.registration import register
 
-__all__ = ["transport"]
+__all__ = ["Displacement", "register", "transport"]
 
 
-_LONGEST = 0.5  # tube radii that a vertex goes in one step
+_STEP_RADII = 0.5  # tube radii that a vertex goes in one step
 _SHORTEST = 1e-3  # the shortest step, as a share of the way
+_LONGER = 144  # grid points on the longer side at the finest level
+_LEVELS = (0.25, 0.5, 1.0)  # shares of the full resolution
+_CLIP = 0.09  # a share of the longer side: distances from the outline that the coarsest level sees
+_ITERATIONS = 80  # a level
+_SMOOTH = (2.2, 1.6, 1.2)  # grid points: width of the Gaussian that keeps the displacement smooth
+_LONGEST = 0.5  # grid points in one iteration
+_BETTER = 0.05  # IoU that a shift, or a stretch, must gain
+_ALIKE = 0.98  # IoU of silhouettes that are one, shifted or stretched
 
 
 def _pairs_of(
@@ -63,5 +79,111 @@ def transport(
     shift *= np.minimum(1.0, furthest_mm / np.maximum(length, 1e-12))[:, None]
     whole = np.column_stack([shift, np.zeros(len(points))])
     return carry(
-        points, rings, lambda at, share: points + share * whole, _LONGEST * radius, _SHORTEST
+        points, rings, lambda at, share: points + share * whole, _STEP_RADII * radius, _SHORTEST
     )
+
+
+@dataclass(frozen=True)
+class Displacement:
+    """Displacements (rows, columns, 2) mm on a grid of the plane: `low` (2,) is its first point."""
+
+    low: Array
+    pitch: float
+    values: Array
+
+    def at(self, where: Array) -> Array:
+        """(n, 2) mm: the displacement at points (n, 2) of the plane, linear between grid points."""
+        column, row = ((where - self.low) / self.pitch).T
+        found = [
+            map_coordinates(self.values[..., k], [row, column], order=1, mode="nearest")
+            for k in (0, 1)
+        ]
+        return np.stack(found, axis=1)
+
+
+def register(old: MultiPolygon, new: MultiPolygon, margin: float) -> Displacement:
+    """The displacement that takes the silhouette `old` to `new` (both in one plane, mm).
+
+    Args:
+        margin: mm around both that the grid covers as well.
+    """
+    both = np.array([old.bounds, new.bounds])
+    low, high = both[:, :2].min(0) - margin, both[:, 2:].max(0) + margin
+    finest = float((high - low).max()) / _LONGER
+    stretch, offset, overlap = _lay_over(old, new)
+    values: Array | None = None
+    before = finest
+    for level, smooth in zip(_LEVELS, _SMOOTH, strict=True):
+        pitch = finest / level
+        columns, rows = (np.ceil((high - low) / pitch).astype(int) + 1).tolist()
+        # the same clip in mm at first, finer distances as the grid becomes finer
+        clip = max(2.5, _CLIP * _LONGER * level * (0.5 if level == 1.0 else 1.0))
+        fixed, moving = (_distances(p, low, pitch, rows, columns, clip) for p in (old, new))
+        if values is None:
+            grid = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1)
+            at = low + pitch * grid
+            values = (stretch * at + offset - at) / pitch
+            before = pitch
+            # distances from the outlines of two shapes would only distort what fits already
+            if offset.any() and overlap > _ALIKE:
+                break
+        else:
+            sizes = rows / values.shape[0], columns / values.shape[1]
+            ratio = before / pitch
+            values = np.stack(
+                [ratio * zoom(values[..., k], sizes, order=1, grid_mode=False) for k in (0, 1)],
+                axis=-1,
+            )
+        values = _demons(fixed, moving, values, smooth)
+        before = pitch
+    assert values is not None
+    return Displacement(low, before, values * before)
+
+
+def _lay_over(old: MultiPolygon, new: MultiPolygon) -> tuple[Array, Array, float]:
+    """(stretch, offset mm, IoU then): what lays the silhouettes over each other, or leaves all in its place.
+
+    From middle to middle, alone or with both sides stretched to the new ones, where that gains IoU.
+    """
+    sizes = [np.subtract(p.bounds[2:], p.bounds[:2]) for p in (old, new)]
+    middles = [0.5 * np.add(p.bounds[2:], p.bounds[:2]) for p in (old, new)]
+    centroids = [np.array(p.centroid.coords[0]) for p in (old, new)]
+    best = np.ones(2), np.zeros(2), polygon_iou(old, new)
+    for stretch, (here, there) in ((np.ones(2), centroids), (sizes[1] / sizes[0], middles)):
+        offset = there - stretch * here
+        moved = affinity.affine_transform(old, [stretch[0], 0, 0, stretch[1], *offset])
+        if (iou := polygon_iou(moved, new)) > best[2] + _BETTER:
+            best = stretch, offset, iou
+    return best
+
+
+def _distances(
+    polygon: MultiPolygon, low: Array, pitch: float, rows: int, columns: int, clip: float
+) -> Array:
+    """(rows, columns) signed distances from the outline in grid points, smoothly clipped to 1."""
+    x = low[0] + pitch * np.arange(columns)
+    y = low[1] + pitch * np.arange(rows)
+    shapely.prepare(polygon)
+    inside = shapely.contains_xy(polygon, *np.meshgrid(x, y))
+    signed = distance_transform_edt(inside) - distance_transform_edt(~inside)
+    return np.asarray(np.tanh(gaussian_filter(signed, 0.7) / clip))
+
+
+def _demons(fixed: Array, moving: Array, start: Array, smooth: float) -> Array:
+    """Displacements in grid points (rows, columns, 2) with moving(p + u(p)) = fixed(p)."""
+    u = start.copy()
+    row, column = np.meshgrid(*(np.arange(n, dtype=np.float64) for n in fixed.shape), indexing="ij")
+    slope = np.gradient(fixed)
+    for _ in range(_ITERATIONS):
+        warped = map_coordinates(
+            moving, [row + u[..., 1], column + u[..., 0]], order=1, mode="nearest"
+        )
+        there = np.gradient(warped)
+        pull_y, pull_x = (0.5 * (a + b) for a, b in zip(slope, there, strict=True))
+        missing = fixed - warped
+        share = missing / (pull_x**2 + pull_y**2 + missing**2 / (4 * _LONGEST**2) + 1e-9)
+        force = np.stack([share * pull_x, share * pull_y], axis=-1)
+        force = np.clip(force, -_LONGEST, _LONGEST)
+        for k in (0, 1):
+            u[..., k] = gaussian_filter(u[..., k] + force[..., k], smooth, mode="nearest")
+    return u

@@ -7,8 +7,7 @@ from shapely import MultiPolygon, affinity
 
 from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.sequence import transport as module
-from knotfab.sequence.registration import register
-from knotfab.sequence.transport import transport
+from knotfab.sequence.transport import register, transport
 
 BODY = MultiPolygon([shapely.box(-30, -8, 30, 8).union(shapely.Point(0, 0).buffer(18))])
 

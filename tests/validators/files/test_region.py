@@ -6,8 +6,7 @@ import pytest
 from region_meshes import KNOT, box_mesh
 
 from knotfab_validators.files.bad_file import BadFile
-from knotfab_validators.files.region import read_region_mesh
-from knotfab_validators.files.scene import parse_scene, read_scene
+from knotfab_validators.files.scene import parse_scene, read_region_mesh, read_scene
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.tube.region import check_region
 from tests.corpus.files import encode

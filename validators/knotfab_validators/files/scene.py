@@ -14,10 +14,11 @@ from knotfab_formats.read import parse_toml, scene_of
 from knotfab_formats.scene import Plate, Pose, known
 from knotfab_formats.scene import Scene as AskedScene
 from knotfab_validators.files.bad_file import BadFile, read_bytes, short
-from knotfab_validators.files.region import read_region_mesh
+from knotfab_validators.files.mesh import read_mesh
 from knotfab_validators.geometry.mesh import Mesh
+from knotfab_validators.geometry.surface import survey
 
-__all__ = ["Scene", "parse_scene", "read_scene"]
+__all__ = ["Scene", "parse_scene", "read_region_mesh", "read_scene"]
 
 MOST_BYTES = 1_000_000
 # values of keys that a scene leaves out: a build writes both
@@ -147,3 +148,25 @@ def _motion(rows: Matrix, what: str, scale: float = 1.0) -> Matrix:
         raise BadFile(f"{what} is not a rigid motion{besides}")
     a, b, c, d = ((*(float(x) for x in row),) for row in matrix)
     return a, b, c, d  # type: ignore[return-value]
+
+
+def read_region_mesh(path: Path, where: str) -> Mesh:
+    """The closed mesh of an STL file, in mm.
+
+    Args:
+        where: how an error names the key of the scene.
+
+    Raises:
+        BadFile: it cannot be read, has a hole or faces wound against each other, or is inside out.
+    """
+    try:
+        mesh = read_mesh(path)
+    except BadFile as error:
+        raise BadFile(f"{where}: {error}") from error
+    found = survey(mesh)
+    if not found.closed:
+        edges = len(found.open_edges) + len(found.flipped_edges)
+        raise BadFile(f"{where}: {path.name} is not a closed surface ({edges} edges are not right)")
+    if not found.volumes_mm3.sum() > 0:
+        raise BadFile(f"{where}: {path.name} encloses nothing, or is turned inside out")
+    return mesh
