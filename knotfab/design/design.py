@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 from knotfab.base.errors import SceneError
@@ -102,71 +103,41 @@ def design_knots(
         SceneError: the scene cannot be met; InputError: the scene or a picture is wrong.
     """
     progress = progress or Progress("quiet")
-    settings = scene.settings
-    if budget is not None:
-        settings = spare(settings, budget.view_s(len(targets)), scene.search)
-    if settings.free_view:
-        place = place_start if len(targets) == 1 else place_directions
-        scene, settings = place(scene, settings)
+    scene, settings = _plan(scene, len(targets), budget)
     with progress.stage("question"):
         question = ask(scene, targets, progress)
     settings = suit(settings, question, scene.search)
     question, radius, start, choice = choose_tube(question, settings, progress, budget)
-    problem = question.problem
+    problem, knots = question.problem, _knots_asked(question.scene)
     _tell_scene(progress, question, radius)
     settings = refine_settings(question, settings, radius)
-    pose: Pose | None = None
-    pace = None if budget is None else Pace(budget.search_s)
     if budget is not None and settings.method != "flow":
         with progress.stage("calibrate"):
-
-            def trial(few: SearchSettings) -> None:
-                plan = replace(plan_of(few, len(problem.views)), repairs=0)
-                search(problem, start, radius, few, plan=plan, forms=forms)
-
-            seconds = budget.search_s(sum(len(curve) for curve in start.curves))
-            settings = scale_to_budget(seconds, settings, trial)
-    history = History()
-
-    def watch(knots: Callable[[], Knots], certified: bool) -> None:
-        progress.show(knots, certified)
-        history(knots, certified)
-
+            settings = _calibrate(problem, start, radius, settings, budget, forms)
     with progress.stage("search"):
-        if settings.free_view and len(problem.views) == 1:
-            pose, settings = start_pose(scene, problem, radius, settings, forms)
-        elif settings.free_view:
-            pose = FreeDirections(problem.views, radius, settings)
-        report = progress.update if progress.watched else None
-        knots = _knots_asked(question.scene)
-
-        def walk(start: Start) -> SearchResult:
-            return search(
-                problem,
-                start,
-                radius,
-                settings,
-                pose=pose,
-                pace=pace,
-                forms=forms,
-                report=report,
-                watch=watch,
-            )
-
-        result = walk(start)
+        pose, settings = _place(question, radius, settings, forms)
+        pace = None if budget is None else Pace(budget.search_s)
+        walk = partial(
+            search,
+            problem,
+            radius=radius,
+            settings=settings,
+            pose=pose,
+            pace=pace,
+            forms=forms,
+            report=progress.update if progress.watched else None,
+        )
+        result, history = _watch(walk, start, progress)
         if pace is not None:
             settings = resolve_iterations(settings, pace.iterations)
-        else:
-            parted = start_without_bumps(problem, result, radius, settings, knots)
-            if parted is not None:
-                progress.say("a strand stands out of the picture: searched again from parted sides")
-                earlier, past, history = result, history, History()
-                result = walk(parted)
-                if better(earlier, result):
-                    result, earlier, history = earlier, result, past
-                else:
-                    start = parted
-                add_work(result, earlier)
+        elif parted := start_without_bumps(problem, result, radius, settings, knots):
+            progress.say("a strand stands out of the picture: searched again from parted sides")
+            again, past = _watch(walk, parted, progress)
+            if better(result, again):
+                add_work(result, again)
+            else:
+                add_work(again, result)
+                start, result, history = parted, again, past
         unmet = None if result.feasible else result
         if unmet is not None:
             result = search_sparser(problem, radius, knots, settings, forms) or unmet
@@ -182,6 +153,58 @@ def design_knots(
         history=() if unmet or settings.free_view else tuple(history.states),
     )
     return price_design(made, question, start, unmet, progress, forms, budget)
+
+
+def _plan(scene: Scene, views: int, budget: Budget | None) -> tuple[Scene, SearchSettings]:
+    """The scene with views to start from, where it leaves them open, and settings that a budget allows."""
+    settings = scene.settings
+    if budget is not None:
+        settings = spare(settings, budget.view_s(views), scene.search)
+    if settings.free_view:
+        return (place_start if views == 1 else place_directions)(scene, settings)
+    return scene, settings
+
+
+def _calibrate(
+    problem: Problem,
+    start: Start,
+    radius: float,
+    settings: SearchSettings,
+    budget: Budget,
+    forms: Forms,
+) -> SearchSettings:
+    """Settings with the iterations that there is time for."""
+
+    def trial(few: SearchSettings) -> None:
+        plan = replace(plan_of(few, len(problem.views)), repairs=0)
+        search(problem, start, radius, few, plan=plan, forms=forms)
+
+    seconds = budget.search_s(sum(len(curve) for curve in start.curves))
+    return scale_to_budget(seconds, settings, trial)
+
+
+def _place(
+    question: Question, radius: float, settings: SearchSettings, forms: Forms
+) -> tuple[Pose | None, SearchSettings]:
+    """The unknown pose, or directions, where the settings ask for them."""
+    if not settings.free_view:
+        return None, settings
+    if len(question.problem.views) == 1:
+        return start_pose(question.scene, question.problem, radius, settings, forms)
+    return FreeDirections(question.problem.views, radius, settings), settings
+
+
+def _watch(
+    walk: Callable[..., SearchResult], start: Start, progress: Progress
+) -> tuple[SearchResult, History]:
+    """The result of a search from this start, and some states on its way."""
+    history = History()
+
+    def watch(knots: Callable[[], Knots], certified: bool) -> None:
+        progress.show(knots, certified)
+        history(knots, certified)
+
+    return walk(start=start, watch=watch), history
 
 
 def price_design(
