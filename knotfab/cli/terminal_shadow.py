@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from knotfab.base.arrays import Mask
-from knotfab.knots import Knots
-from knotfab.render.frame import Sheet
-from knotfab.render.picture import frame_at
-from knotfab.render.silhouette import cast
 from knotfab_formats.scene import ResolvedView
+
+if TYPE_CHECKING:
+    from knotfab.knots import Knots
 
 __all__ = ["draw_shadow"]
 
@@ -31,6 +31,11 @@ def draw_shadow(views: Sequence[ResolvedView], knots: Knots, columns: int, rows:
     Returns:
         Lines of Braille, `rows` at most.
     """
+    # loops load scipy, and calls that are refused draw nothing
+    from knotfab.render.frame import Sheet
+    from knotfab.render.picture import frame_at
+    from knotfab.render.silhouette import cast
+
     points = knots.points
     drawn: list[list[str]] = []
     left = columns
