@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import platform
 from collections.abc import Sequence
-from importlib.metadata import version
+from contextlib import suppress
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -182,7 +183,10 @@ def _settings(
 ) -> Settings:
     from knotfab_validators.tube.thickness import thickness
 
-    parts = ("torch", "numpy", "scipy", "shapely", "pyvista", "manifold3d")
+    versions = {"knotfab": __version__, "python": platform.python_version()}
+    for name in ("torch", "numpy", "scipy", "shapely", "pyvista", "manifold3d"):
+        with suppress(PackageNotFoundError):  # torch is an extra
+            versions[name] = version(name)
     return Settings(
         accuracy=made.scene.accuracy.name,
         seed=made.settings.seed,
@@ -198,11 +202,7 @@ def _settings(
         start_ious=tuple(made.start_ious) if made.bounds else None,
         thickness_mm=thickness([k.points for k in placed.knots]).value,
         certificate=Certificate(**vars(made.result.log)),
-        versions={
-            "knotfab": __version__,
-            "python": platform.python_version(),
-            **{name: version(name) for name in parts},
-        },
+        versions=versions,
     )
 
 

@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 from knotfab.knots import count_in_words
 from knotfab.limits.feasibility import LEAST
 from knotfab.piece import WrittenPiece
+from knotfab.report.of_effects import limits_as_effects
 from knotfab.report.of_slicer import report_slicing, tell_unsliced, with_slicing
 from knotfab.request import Request
 from knotfab.sequence.chain import SequenceFrame
@@ -133,6 +134,7 @@ def sequence_report(
     slicings = {name: one for piece in pieces for name, one in piece.sliced.items()}
     sliced = sum_slicings(slicings) if slicings else None
     print_, settings = _sum_prints(reports, spun), reports[0].settings
+    limits = _limits(reports)
     knotted = count_in_words(len(pieces[0].made.knots.knots))
     notes = [
         f"{len(reports)} frames of {knotted}, each a part of its own (part-NN.stl); the "
@@ -150,8 +152,8 @@ def sequence_report(
         verdict=worst_verdict(views),
         views=views,
         checks=together,
-        effects=_effects(reports),
-        limits=_limits(reports),
+        effects=(*_effects(reports), *limits_as_effects(limits)),
+        limits=limits,
         knots=tuple(knot for r in reports for knot in r.knots),
         print=with_slicing(print_, sliced) if request.printing else print_,
         settings=replace(
@@ -301,8 +303,10 @@ def _room(check: Check) -> float:
 
 def _effects(reports: Sequence[Report]) -> tuple[EffectLine, ...]:
     """Each effect at its largest magnitude; calls, seconds and stages of all frames together."""
+    limits = {line.name for r in reports for line in r.limits}
+    every = [[line for line in r.effects if line.name not in limits] for r in reports]
     found = []
-    for lines in _by_name([r.effects for r in reports]):
+    for lines in _by_name(every):
         worst = max(lines, key=lambda line: (line.simulated, line.magnitude))
         where = tuple(dict.fromkeys(stage for line in lines for stage in line.where))
         found.append(replace(worst, where=where, **_spent(lines)))

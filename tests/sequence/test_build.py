@@ -304,7 +304,7 @@ HAZE |= {"forced": False, "reason": ""}
 def test_an_effect_counts_in_the_stages_of_all_frames() -> None:
     """The frame that was searched first chose the depth, and another one has the larger magnitude."""
     frames = [
-        report_with(effects=[{**HAZE, "magnitude": m, "where": w, "calls": c}], limits=[])
+        report_with(effects=[{**HAZE, "magnitude": m, "where": w, "calls": c}])
         for m, w, c in ((2.0, ["depth", "verification"], 20), (3.0, ["verification"], 10))
     ]
     (line,) = _effects(frames)
