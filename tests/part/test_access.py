@@ -7,11 +7,12 @@ from solids import box, move, together
 
 from knotfab.geometry.overhang import Rules
 from knotfab.geometry.tube import sweep
-from knotfab.part.access import TOOLS_MM, Access, measure_access
+from knotfab.part.access import TOOLS_MM, measure_access, tell_access
+from knotfab_formats.report import SupportAccess
 from knotfab_validators.geometry.mesh import Mesh
 
 
-def measured(*bodies: Mesh) -> Access:
+def measured(*bodies: Mesh) -> SupportAccess:
     return measure_access([(b.vertices, b.faces.astype(np.int32)) for b in bodies], Rules())
 
 
@@ -32,7 +33,7 @@ def test_a_ring_in_the_air_is_open_to_all() -> None:
     found = measure_access([sweep(ring(40.0, 30.0, 120, wave=0.0), 2.0, 16)], Rules())
     assert set(found.reached) == set(TOOLS_MM)
     assert all(share == 1.0 for share in found.reached.values())
-    assert found.worst_tool == "finger" and "100%" in found.tell()
+    assert found.worst_tool == "finger" and "100%" in tell_access(found)
     # half of the underside's circumference of a quarter turn to either side
     assert found.area_cm2 == pytest.approx(2 * np.pi * 40 * 2.0 * np.pi / 2 / 100, rel=0.1)
 
@@ -42,7 +43,7 @@ def test_what_is_shut_in_is_reached_by_nothing() -> None:
     found = measured(room(0.0))
     assert all(share == 0.0 for share in found.reached.values())
     assert found.worst is not None and found.worst_tool is None
-    assert "needs a bent tool" in found.tell()
+    assert "needs a bent tool" in tell_access(found)
     x, y, z = found.worst
     assert 2 < x < 38 and 2 < y < 38 and z == pytest.approx(38.0)
 

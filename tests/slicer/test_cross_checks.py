@@ -10,13 +10,13 @@ from slicer_parts import EXACT, Mesh, box, print_boxes, scene_of
 from knotfab.geometry.meshes import box_of
 from knotfab.slicer.cross_checks import compare_gcode, compare_info
 from knotfab.slicer.gcode import Gcode
-from knotfab.slicer.result import CrossCheck
+from knotfab_formats.report import SlicerCheck
 
 SCENE = scene_of(EXACT + "build_volume_mm = [100.0, 80.0, 60.0]")
 LOW, HIGH = box((10, 10, 0), (10, 10, 5)), box((30, 10, 8), (10, 10, 5))
 
 
-def _checks(gcode: Gcode, *meshes: Mesh) -> Mapping[str, CrossCheck]:
+def _checks(gcode: Gcode, *meshes: Mesh) -> Mapping[str, SlicerCheck]:
     found = compare_gcode(gcode, meshes, SCENE, np.zeros(3))
     return {check.name: check for check in found}
 
