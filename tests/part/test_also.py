@@ -9,6 +9,7 @@ import ezdxf
 import numpy as np
 import pytest
 from rings import one
+from scipy.spatial import cKDTree
 from setups import setup
 from shapely.geometry import LinearRing, MultiPoint, Polygon
 from svgelements import SVG, Group
@@ -248,14 +249,19 @@ def test_facets_are_as_many_as_can_be_written_soon() -> None:
     assert sides == [12, 12, 8, 6, 6, 0]
 
 
-def test_a_tube_moves_only_where_it_would_fold() -> None:
-    """By less than a quarter of its radius; its spline then bends to no less than that."""
+@pytest.mark.slow
+def test_a_tube_is_cut_only_on_the_inner_side_of_bends_where_it_would_fold() -> None:
+    """An oval whose ends bend to 2.13 mm."""
     t = np.linspace(0, 2 * np.pi, 60, endpoint=False)
     oval = np.column_stack([30 * np.cos(t), 8.0 * np.sin(t), 0 * t])
-    kept = step._fair(oval, 1.9)
-    moved = step._fair(oval, 2.25)
-    assert kept is not None and np.array_equal(kept[0], oval)
-    assert moved is not None and step._fair(moved[0], 2.25) is not None
-    apart = np.linalg.norm(moved[0] - oval, axis=1)
-    assert 0 < apart.max() < 0.25 * 2.25 and (apart == 0).mean() > 0.5
-    assert step._fair(oval, 4.0) is None
+    fine = step._spline(oval)(np.linspace(*step._spline(oval).t[[3, -4]], 20_000))
+    for radius in (1.9, 2.25):
+        solid = step._sweep(oval, radius)
+        assert solid is not None and solid.isValid()
+        points = np.array([v.toTuple() for v in solid.tessellate(0.01, 0.1)[0]])
+        away = cKDTree(fine).query(points)[0]
+        cut = away < 0.995 * radius
+        assert away.max() < 1.02 * radius and away.min() > 0.85 * radius
+        assert (0 < cut.mean() < 0.1) == (radius > 2.13)
+        assert (np.abs(points[cut, 0]) > 25).all() and (np.abs(points[cut, 0]) < 30).all()
+    assert step._sweep(oval, 4.0) is None
