@@ -128,7 +128,6 @@ def _faint(alpha: NDArray[np.uint8], what: str) -> InputError:
     from scipy import ndimage
 
     peak = int(alpha.max()) / 255
-    half = max(0.01, np.floor(50 * peak) / 100)
     if not peak:
         why = "it is transparent everywhere, so there is no shape in it"
         return InputError(what, why, "Use a picture with opaque pixels where the shape is.")
@@ -137,7 +136,7 @@ def _faint(alpha: NDArray[np.uint8], what: str) -> InputError:
         why = f"its lines are thinner than a pixel: its most opaque pixel has alpha {peak:.2g}"
         return InputError(what, why, "Draw wider lines (of a wider stroke in an SVG).")
     why = f"it is faint: its most opaque pixel has alpha {peak:.2g}"
-    return InputError(what, why, f"Add --threshold {half:g}, or make the drawing opaque.")
+    return InputError(what, why, f"Add --threshold {peak / 2:.2g}, or make the drawing opaque.")
 
 
 def _take_opaque(colours: Levels, opaque: Mask, reading: Reading) -> tuple[Mask, str]:

@@ -226,7 +226,7 @@ def read_target(
         return replace(target, is_text=True)
     data, path = _read_file(source, base)
     suffix = path.suffix.lower()
-    name = name_picture(str(path))
+    name = plain_name(path.stem, "picture")
     if not raster.looks_like_raster(data) and (suffix in _DRAWN or looks_like_svg(data)):
         png, notes = render_svg(data, what)
         target = _take_target(png, what, name, "", reading, glance, path.parent)

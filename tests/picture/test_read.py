@@ -247,6 +247,14 @@ def test_names_are_safe(tmp_path: Path) -> None:
         assert View(name=name).name == name
 
 
+def test_a_file_named_as_a_text_keeps_its_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    save(tmp_path / "text:a.png", GREY)
+    monkeypatch.chdir(tmp_path)
+    assert read_target("./text:a.png").name == "text-a"
+
+
 def test_long_names_that_begin_alike_stay_apart() -> None:
     for sign in ("a", "猫", "😀"):
         one, two = (name_picture(sign * 62 + end) for end in ("1", "2"))
@@ -277,6 +285,7 @@ BAD: dict[str, tuple[bytes, str]] = {
     "clear.png": (png(Image.new("RGBA", (64, 64), 0)), "transparent everywhere"),
     "full.png": (png(Image.new("RGBA", (64, 64), (0, 0, 0, 200))), "all one colour"),
     "faint.png": (png(Image.fromarray(drawn([0, 0, 0, 0], [0, 0, 0, 102]))), "alpha 0.4.*--threshold 0.2"),
+    "hardly.png": (png(Image.fromarray(drawn([0, 0, 0, 0], [0, 0, 0, 1]))), "--threshold 0.002,"),
     "page.png": (b"%PDF-1.7", "it is a PDF"),
     "film.png": (b"\0\0\0\x20ftypisom", "it is a film"),
     "photo.png": (b"\0\0\0\x20ftypheic", "a HEIC photo, as iPhones take them"),
