@@ -42,13 +42,13 @@ PIECES = (
     Piece("floral-heart", "Floral heart, on the wall", ("text:❦",), "--mount wall"),
     Piece("cat", "A cat on the wall", ("cat",), "--mount wall"),
     Piece("knight", "A knight on a desk", ("knight",), "--mount stand"),
-    Piece("queen", "A queen beside the knight", ("text:♛",), "--mount stand"),
+    Piece("queen", "A queen on a desk", ("text:♛",), "--mount stand"),
+    Piece("teapot", "A teapot on a desk", ("teapot",), "--mount stand"),
     Piece("flower", "A flower of open petals", ("text:❀",), "--mount wall"),
     Piece("anchor", "An anchor on a desk", ("anchor",), "--mount stand"),
     Piece("yin-yang", "Yin and yang", ("text:☯",), "--mount wall"),
     Piece("trefoil-heart", "A trefoil, a heart", ("heart",), "--knot trefoil --mount stand"),
     Piece("king-and-knight", "King and knight, at right angles", ("text:♚", "knight"), "--mount stand"),
-    Piece("heart-teapot-cat", "Three pictures in one piece", ("heart", "teapot", "cat"), "--mount stand"),
 )  # fmt: skip
 
 

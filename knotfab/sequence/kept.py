@@ -16,8 +16,9 @@ import platform
 import shutil
 import time
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from functools import cache
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -97,7 +98,8 @@ def _digest_program() -> bytes:
     """Digest the program's own files and the versions of the libraries that it computes with."""
     digest = hashlib.sha256(platform.python_version().encode() + platform.machine().encode())
     for name in ("numpy", "scipy", "shapely", "torch", "numba"):
-        digest.update(f"{name} {version(name)}".encode())
+        with suppress(PackageNotFoundError):  # torch is an extra
+            digest.update(f"{name} {version(name)}".encode())
     package = Path(knotfab.__file__).parent
     for path in sorted(package.rglob("*.py")):
         digest.update(path.read_bytes())
