@@ -65,6 +65,7 @@ def test_the_wheel_says_what_it_is(wheel: zipfile.ZipFile) -> None:
         "studio",
         "pathtracer",
         "test",
+        "torch",
         "all",
     }
     wanted = [r for r in meta.get_all("Requires-Dist", []) if "extra" not in r]

@@ -27,11 +27,11 @@ def test_more_sag_than_allowed_fails_and_says_what_would_help() -> None:
     scene = resolve(Scene(mount=Mount(kind="wall")))
     mounted = mount_piece(scene, ONE, [sweep(ONE.points, RADIUS, 16)], [camera()])
     good = mounted.check_sag()
-    assert good is not None and (good["status"], good["required"]) == ("pass", True)
-    assert "max_sag_mm" not in good["detail"] and mounted.wall is not None
+    assert good is not None and (good.status, good.required) == ("pass", True)
+    assert "max_sag_mm" not in good.detail and mounted.wall is not None
     bad = replace(mounted, wall=replace(mounted.wall, sag_again_mm=0.314)).check_sag()
-    assert bad is not None and (bad["status"], bad["measured"]) == ("fail", 0.314)
-    assert "set mount.max_sag_mm to 0.32" in bad["detail"]
+    assert bad is not None and (bad.status, bad.measured) == ("fail", 0.314)
+    assert "set mount.max_sag_mm to 0.32" in bad.detail
 
 
 @pytest.mark.slow

@@ -78,9 +78,9 @@ def test_projection_and_receiver_take_the_files_coordinates(tmp_path: Path) -> N
     scene = np.random.default_rng(0).uniform(-40, 40, (30, 3))
     own = (scene - POSE[:3, 3]) @ POSE[:3, :3] / LEFT
     pixels, w = seen.project(scene)
-    told = np.column_stack([own, np.ones(30)]) @ np.array(view["projection"]).T
+    told = np.column_stack([own, np.ones(30)]) @ np.array(view.projection).T
     np.testing.assert_allclose(told, np.column_stack([pixels * w[:, None], w]), atol=1e-7)
-    plane = np.array(view["receiver"])
+    plane = np.array(view.receiver)
     assert np.linalg.norm(plane[:3]) == pytest.approx(1.0)
     before = scene @ seen.receiver[:3] + seen.receiver[3]
     np.testing.assert_allclose(LEFT * (own @ plane[:3] + plane[3]), before)

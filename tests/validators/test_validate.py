@@ -3,6 +3,7 @@
 import json
 import shutil
 from collections.abc import Collection
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -96,20 +97,21 @@ def test_a_right_part_passes_and_its_numbers_are_whole(folder: Path, exact: Verd
     }
     assert verdict.status == "pass" and verdict.exit_code == 0
     (view,) = verdict.views
-    assert view["iou"] > 0.97 and view["iou"] == view["iou_tube"]
-    assert view["precision"] > 0.97 and view["recall"] > 0.97
-    assert 0 < view["outline_error_px"] < 0.5
-    pixel_mm = view["outline_error_mm"] / view["outline_error_px"]
+    assert view.iou > 0.97 and view.iou == view.iou_tube
+    assert view.precision > 0.97 and view.recall > 0.97
+    assert view.outline_error_px is not None and view.outline_error_mm is not None
+    assert 0 < view.outline_error_px < 0.5
+    pixel_mm = view.outline_error_mm / view.outline_error_px
     assert pixel_mm == pytest.approx(150 / 1024, rel=1e-3)
-    assert (view["width"], view["height"]) == PIXELS
-    assert set(view["legibility"]) == {"15", "30", "45", "60"}
+    assert (view.width, view.height) == PIXELS
+    assert set(view.legibility) == {"15", "30", "45", "60"}
     json.dumps(verdict.to_dict(), allow_nan=False)
     seen = read_silhouette(folder / "shadow-front.png")
     assert seen.shape == (round(1024 * 780 / 900), 1024)
     assert (folder / "compare-front.png").exists()
     (polygons,) = exact.views  # which give the same numbers as what is rendered
     for key in ("iou", "precision", "recall", "legibility"):
-        assert view[key] == pytest.approx(polygons[key], abs=2e-4)
+        assert getattr(view, key) == pytest.approx(getattr(polygons, key), abs=2e-4)
 
 
 def test_a_shadow_one_pixel_off_fails_the_outline(folder: Path) -> None:
@@ -166,7 +168,8 @@ def test_what_needs_no_graphics_is_measured_without(folder: Path) -> None:
     verdict = run(folder, skip=["shadow-render"], only="shadows")
     (view,) = verdict.views
     assert status(verdict)["half_light"] == "pass"
-    assert view["penumbra"]["iou"] > 0.97 and 0.9 < view["misplacement"]["iou"] < 1.0
+    assert view.penumbra is not None and view.misplacement is not None
+    assert view.penumbra.iou > 0.97 and 0.9 < view.misplacement.iou < 1.0
 
 
 @pytest.mark.parametrize(("diameter", "expected"), [(0.0, None), (60.0, "fail")])
@@ -226,7 +229,7 @@ def test_two_halves_are_the_whole(right: Path, tmp_path: Path, skip: Collection[
     assert shared.exit_code == whole.exit_code == 0 and not shared.picture
     assert whole.seconds.keys() <= shared.seconds.keys()
     for half in told:
-        worse = {**half, "checks": [{**half["checks"][0], "status": "fail", "required": True}]}
+        worse = replace(half, checks=(replace(half.checks[0], status="fail", required=True),))
         other = told[0 if half is told[1] else 1]
         failed = conclude_piece(piece, [worse, other], tmp_path / "failed.png")
         assert (failed.status, failed.exit_code) == ("fail", 1)

@@ -68,7 +68,7 @@ def test_a_wires_tube_is_as_thick_as_the_wire() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(("material", "free"), [("steel-wire-2mm", False), ("pla", True)])
 def test_a_free_view_leaves_the_wire_as_thick_as_it_is(material: str, free: bool) -> None:
-    scene = Scene(material=Material(name=material), search={"free_view": True})
+    scene = resolve(Scene(material=Material(name=material), search={"free_view": True}))
     problem = ask(scene, [read_target("text:♥")]).problem
     settings = scene.settings
     pose, settings = start_pose(scene, problem, 1.0, settings, TorchForms())
