@@ -292,7 +292,7 @@ def widen(view: View, target: Target) -> Target:
         side = min(frame_view(view, target).frame_mm)
         raise InputError(
             f"picture {target.name}",
-            f"strokes {view.thicken_mm:g} mm wide leave nothing of a picture of {side:g} mm",
+            f"strokes {view.thicken_mm:g} mm wide leave nothing of a picture of {side:.3g} mm",
             f"Make the picture larger (--size, from about {view.thicken_mm / _WIDEST * 2:.0f}), or give a "
             "smaller --thicken.",
         )
