@@ -1,0 +1,307 @@
+"""One view of a part: what its picture asks for, what is seen there, and what the report tells of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from knotfab_formats.verdict import Layers, Misplacement, Recognition, RoundWall
+from knotfab_formats.verdict import View as ViewFound
+from knotfab_validators.arrays import Array, Mask
+from knotfab_validators.clock import time_stage
+from knotfab_validators.files.bent import Bent, bend_of, bend_silhouette
+from knotfab_validators.files.picture import read_greys, read_silhouette
+from knotfab_validators.files.strokes import widen_strokes
+from knotfab_validators.geometry.curves import Curves
+from knotfab_validators.geometry.mesh import Mesh, move_points
+from knotfab_validators.shadows.bending_rule import judge_bending
+from knotfab_validators.shadows.cast import ShadowCaster
+from knotfab_validators.shadows.compare import depth_ratio, overlap
+from knotfab_validators.shadows.frame import padded_mask, working_frame
+from knotfab_validators.shadows.lamp import lamp_size
+from knotfab_validators.shadows.layers import layer_shift_px, measure_layers, shows_layers
+from knotfab_validators.shadows.misplacement import measure_misplacement, moves_apart, parting_px
+from knotfab_validators.shadows.penumbra import SoftShadow, averages_lamp, measure_penumbra
+from knotfab_validators.shadows.recognition import recognise
+from knotfab_validators.shadows.render import SilhouetteRenderer
+from knotfab_validators.shadows.tone import Tone, measure_tone
+from knotfab_validators.shadows.topology import label_regions
+from knotfab_validators.shadows.verify_view import VerifiedView, verify_view
+from knotfab_validators.shadows.view import ViewGeometry, view_geometry
+from knotfab_validators.shadows.wall import receive
+
+if TYPE_CHECKING:
+    from knotfab_formats.scene import View
+    from knotfab_validators.files.scene import Scene
+
+__all__ = ["PosedPart", "SeenView", "pose_part", "see_view", "tell_view"]
+
+MISPLACED_PX = 512  # losses of a few per cent are told apart as well
+SPECK_PX = 4.0  # half the length of a piece that no knot needs to draw
+
+
+@dataclass(frozen=True)
+class PosedPart:
+    """A part in its scene.
+
+    `mesh` and `curves` are in the file's coordinates, mm; `pose` (4, 4) takes them to the scene, in which
+    `vertices` (n, 3), `polygons` (the centre lines, where they are known) and `caster` are. `folder` holds
+    the scene's pictures. `seconds` collects the cost of each stage.
+    """
+
+    mesh: Mesh
+    curves: Curves | None
+    scene: Scene
+    folder: Path
+    seconds: dict[str, float]
+    pose: Array
+    vertices: Array
+    polygons: list[Array] | None
+    caster: ShadowCaster
+
+    @property
+    def points(self) -> Array:
+        """(k, 3) mm of the centre lines, or of the mesh where the lines are not known."""
+        return self.vertices if self.polygons is None else np.concatenate(self.polygons)
+
+
+@dataclass(frozen=True)
+class SeenView:
+    """What a view asks for, and what is seen there.
+
+    `target` (H, W) is the silhouette in the picture's pixels, as is `geometry`; `drawn` (H, W) is that as the
+    part draws it, widened and `bent`; None: as it is. Where the centre lines are known, a picture in greys
+    has a `tone`, all others a `verdict`. `soft` is the shadow of a lamp whose width shows.
+    """
+
+    view: View
+    geometry: ViewGeometry
+    wall: RoundWall | None
+    target: Mask
+    drawn: Mask | None
+    bent: Bent | None
+    found: VerifiedView
+    tone: Tone | None = None
+    verdict: Recognition | None = None
+    soft: SoftShadow | None = None
+
+    @property
+    def fine(self) -> ViewGeometry:
+        """The view on the pixels of the padded frame, on which shadow and picture are compared."""
+        return self.geometry.resample(self.found.frame)
+
+    @property
+    def wanted(self) -> Mask:
+        """The picture on the padded frame, bent as the part bends it."""
+        return self.found.target if self.bent is None else self.found.drawn
+
+    @property
+    def iou_drawn(self) -> float | None:
+        """IoU with the picture as it is drawn; None where it is drawn as it is."""
+        if self.tone is not None:
+            return self.found.judged.iou
+        if self.drawn is None or (self.bent is None and self.found.tube_px is None):
+            return None
+        return overlap(self.found.seen, self.found.drawn).iou
+
+
+def pose_part(
+    mesh: Mesh, curves: Curves | None, scene: Scene, folder: Path, seconds: dict[str, float]
+) -> PosedPart:
+    """Move a part and its centre lines to where the scene has them."""
+    pose = np.eye(4) if scene.pose is None else np.asarray(scene.pose.matrix, dtype=np.float64)
+    vertices = move_points(mesh.vertices, pose)
+    polygons = None if curves is None else [move_points(p, pose) for p in curves.polygons]
+    caster = ShadowCaster(vertices, mesh.faces)
+    return PosedPart(mesh, curves, scene, folder, seconds, pose, vertices, polygons, caster)
+
+
+def see_view(
+    part: PosedPart, view: View, renderer: SilhouetteRenderer | None, before: Sequence[SeenView]
+) -> SeenView:
+    """Compare the part's shadow with a view's picture, judge its tone or its shape, and soften it.
+
+    Without a renderer of the part in the scene, its exact polygons stand in for the rendering. Pictures of
+    lamps on one wall have the size of those that were seen `before`.
+
+    Raises:
+        ValueError: a picture cannot be read, or the part reaches the light.
+    """
+    scene, folder, toned = part.scene, part.folder, view.tone == "lines"
+    with time_stage(part.seconds, f"view {view.name}"):
+        # a picture in greys is drawn as lines, in a picture of their own
+        file = f"picture-{view.name}-lines.png" if toned else view.picture
+        target = read_silhouette(folder / file, None if toned else view)
+        if before and scene.share_wall and target.shape != before[0].target.shape:
+            raise ValueError(f"{view.picture}: pictures of lamps on one wall have one size")
+        flat = view_geometry(view, target.shape[1], target.shape[0])
+        geometry, wall = receive(flat, scene.effects, scene.settings.tolerance_px)
+        drawn, bent, bend = None, None, bend_of(view)
+        if not isinstance(view.thicken_mm, str) and not toned:
+            drawn = widen_strokes(target, view.thicken_mm / geometry.pixel_mm)
+        if bend is not None and not toned:
+            bent = bend_silhouette(target if drawn is None else drawn, bend)
+            drawn = bent.mask
+        found = verify_view(
+            part.vertices,
+            part.mesh.faces,
+            target,
+            geometry,
+            polygons=part.polygons,
+            radius=None if part.curves is None else part.curves.radius_mm,
+            closed=None if part.curves is None else part.curves.closed,
+            mounted=scene.mount.kind != "none",
+            stand=scene.mount.kind in ("stand", "hang"),
+            renderer=renderer,
+            caster=part.caster,
+            drawn=drawn,
+            ends=scene.screen_ends,
+        )
+    seen = SeenView(view, geometry, wall, target, drawn, bent, found)
+    seen = replace(seen, tone=_measure_tone(part, seen), verdict=_recognise(part, seen))
+    return replace(seen, soft=_soften(part, seen))
+
+
+def _measure_tone(part: PosedPart, seen: SeenView) -> Tone | None:
+    """Measure the greys of a view that is drawn in greys; None of another one."""
+    view, found, curves = seen.view, seen.found, part.curves
+    if view.tone != "lines" or found.tube_px is None or curves is None or curves.radius_mm is None:
+        return None
+    with time_stage(part.seconds, "tone"):
+        darkness = read_greys(part.folder / view.picture, view)
+        clearance = part.scene.piece.clearance_mm / curves.radius_mm
+        return measure_tone(found.seen, darkness, found.frame, found.tube_px, clearance)
+
+
+def _recognise(part: PosedPart, seen: SeenView) -> Recognition | None:
+    """Judge whether a person would know the picture in the shadow; None of a picture in greys."""
+    found = seen.found
+    if seen.view.tone == "lines" or found.tube_px is None:
+        return None
+    with time_stage(part.seconds, "verdict"):
+        drawn = seen.iou_drawn
+        judged = recognise(
+            found.seen,
+            found.drawn,
+            found.framed.iou if drawn is None else drawn,
+            found.tube_px,
+            found.frame,
+            seen.geometry,
+            outlined=found.of_tube,
+            blur_px=_blur_px(part, seen),
+            bridged=_count_bridged(part.scene.piece.knots, found.target),
+        )
+    return judged if seen.bent is None else judge_bending(judged, seen.bent)
+
+
+def _blur_px(part: PosedPart, seen: SeenView) -> float:
+    """The width of the penumbra that the lamp gives the middle of the part, px of the padded frame."""
+    tube_px, fine_mm, curves = seen.found.tube_px, seen.fine.pixel_mm, part.curves
+    if tube_px is None or curves is None or not curves.radius_mm:
+        return 0.0
+    return lamp_size(seen.view) * max(tube_px * fine_mm / curves.radius_mm - 1.0, 0.0) / fine_mm
+
+
+def _count_bridged(knots: int | str, target: Mask) -> int:
+    """Count how many gaps between pieces must be bridged for so few knots to draw them."""
+    if isinstance(knots, str):
+        return 0
+    return max(len(label_regions("piece", target, SPECK_PX)[1]) - knots, 0)
+
+
+def _soften(part: PosedPart, seen: SeenView) -> SoftShadow | None:
+    """Average the shadow over the lamp; None where the lamp's width does not show."""
+    scene, found, view, fine = part.scene, seen.found, seen.view, seen.fine
+    tolerance = scene.settings.tolerance_px
+    if not averages_lamp(scene.effects, part.vertices, fine, view, tolerance):
+        return None
+    screen = found.frame.mask if scene.screen_ends else None
+    masks = seen.wanted, found.shadow, found.frame
+    with time_stage(part.seconds, "penumbra"):
+        return measure_penumbra(part.caster, part.vertices, fine, *masks, view, tolerance, screen)
+
+
+def tell_view(part: PosedPart, seen: SeenView) -> ViewFound:
+    """Tell what was found in a view, and measure what careless placing and printed layers cost there.
+
+    `projection` and `receiver` are in the part file's coordinates; the pose is that of the shrunk part.
+    """
+    found, view, geometry = seen.found, seen.view, seen.geometry
+    own, left = geometry.in_part(part.pose), part.scene.material.shrinks_to
+    a, b, c, d = (own.receiver / [1.0, 1.0, 1.0, left]).tolist()
+    rows = (own.projection * [left, left, left, 1.0]).tolist()
+    return ViewFound(
+        name=view.name,
+        kind=view.kind,
+        picture=view.picture,
+        width=geometry.width,
+        height=geometry.height,
+        projection=tuple((w, x, y, z) for w, x, y, z in rows),
+        receiver=(a, b, c, d),
+        iou=found.whole.iou,
+        iou_frame=found.framed.iou,
+        iou_tube=found.tube.iou if found.tube is not None else None,
+        precision=found.whole.precision,
+        recall=found.whole.recall,
+        outline_error_px=found.outline_px,
+        outline_error_mm=found.outline.largest_mm if found.outline is not None else None,
+        intrusion=found.intrusion,
+        outline_stretch_px=found.wrong.length_px,
+        outline_stretch_mm=found.wrong.length_px * seen.fine.pixel_mm,
+        outline_stretch_off_px=found.wrong.off_px,
+        legibility=found.legibility,
+        depth_ratio=depth_ratio(part.points, geometry),
+        wall=seen.wall,
+        lamp_colour=view.lamp_colour if part.scene.share_wall else None,
+        iou_drawn=seen.iou_drawn,
+        bending=None if seen.bent is None else seen.bent.figures,
+        verdict=seen.verdict,
+        tone_error=None if seen.tone is None else seen.tone.error,
+        misplacement=_misplace(part, seen),
+        penumbra=None if seen.soft is None else seen.soft.found,
+        layers=_measure_layers(part, seen),
+    )
+
+
+def _misplace(part: PosedPart, seen: SeenView) -> Misplacement | None:
+    """Measure the cost of careless placing; None where it does not part the shadow far enough."""
+    scene, target, points = part.scene, seen.target, part.points
+    middle: Array = (points.min(axis=0) + points.max(axis=0)) / 2
+    turns = scene.mount.kind != "wall"
+    parting = parting_px(points, middle, seen.fine, scene.placing, turns=turns)
+    if not moves_apart(scene.effects, parting, scene.settings.tolerance_px):
+        return None
+    # a stand throws its own shadow below the frame
+    inside = scene.mount.kind == "stand" or scene.screen_ends
+    with time_stage(part.seconds, "misplacement"):
+        coarse = working_frame(target.shape[1], target.shape[0], MISPLACED_PX)
+        return measure_misplacement(
+            part.caster,
+            points,
+            middle,
+            seen.geometry.resample(coarse),
+            padded_mask(target if seen.bent is None else seen.bent.mask, coarse),
+            scene.placing,
+            parting=parting,
+            turns=turns,
+            within=padded_mask(np.ones_like(target), coarse) if inside else None,
+        )
+
+
+def _measure_layers(part: PosedPart, seen: SeenView) -> Layers | None:
+    """Measure what the layers of a printed part do to its shadow; None where they do not show."""
+    scene, found = part.scene, seen.found
+    if not scene.piece.printed:
+        return None
+    own = seen.fine.in_part(part.pose)
+    layer = scene.printer.layer_height_mm * scene.material.shrinks_to
+    shift = layer_shift_px(part.mesh.vertices, own, layer)
+    if not shows_layers(scene.effects, shift, scene.settings.tolerance_px):
+        return None
+    screen = found.frame.mask if scene.screen_ends else None
+    with time_stage(part.seconds, "layers"):
+        return measure_layers(part.mesh, own, layer, seen.wanted, found.exact, shift, screen)
