@@ -126,11 +126,8 @@ def read_scene(options: PictureOptions) -> tuple[Scene, Path | None]:
     if "subject_px" in views:  # the given discs count, and no others
         views = {"keep_px": (), "drop_px": (), **views}
     if views.keys() & {"subject_px", "keep_px", "drop_px"}:
-        views = {
-            "crop_px": "auto",
-            **views,
-            "subject_mask": "",
-        }  # it is cut anew, and fills the frame
+        # the subject is cut anew, and fills the frame
+        views = {"crop_px": "auto", **views, "subject_mask": ""}
     update: dict[str, Any] = {
         table: getattr(scene, table).but(**keys)
         for table, keys in given.items()

@@ -7,7 +7,7 @@ MESH = (
     *("mesh_bodies", "mesh_genus", "mesh_volume", "mesh_self_intersection"),
 )
 FILES = ("same_3mf",)  # what is printed is what was verified
-# of the part as a tube, in its place
+# checks of the part as a tube, in the place where it is measured
 TUBE = ("centre_line", "tube", "mount", "clearance", "region", "build_volume")
 KNOTS = ("thickness", "bend", "length", "knot_type", "linking")
 PRINTING = (

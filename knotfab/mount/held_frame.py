@@ -60,7 +60,7 @@ class HeldFrame:
     def __init__(self, frame: SpaceFrame) -> None:
         self.frame, self.joints = frame, frame.joints
         self._at_rest = frame.displacements().ravel()
-        self._moves: dict[int, Array] = {}  # of joints that were asked for
+        self._moves: dict[int, Array] = {}  # the flexibility of each joint that was asked for
 
     def hold(self, members: Candidates, springs: Array, loads: Array) -> None:
         """Be held by these members alone: springs (m, 12, 12) and loads (m, 12) at their ends."""

@@ -176,7 +176,9 @@ class _Search:
         self.candidates, self.way, self.apart = candidates, way, apart_mm
         self.blocked = np.zeros(len(candidates), dtype=bool)  # something is in the way, for good
         self.free = np.zeros(len(candidates), dtype=bool)  # nothing is in the way by now
-        self.spoiled: list[int] = []  # of no use till the members change, with their neighbours
+        self.spoiled: list[
+            int
+        ] = []  # candidates that help nothing till the members change; nor do their neighbours
 
     def best(self, promise: Array, group: Mask, most: int) -> Indices:
         """Up to `most` clear candidates of a group, of high promise, and well apart."""

@@ -93,7 +93,7 @@ def _pose_figures(part: Part, flattening: Flattening | None) -> PoseFigures:
 
 
 def _tell_flattening(flattening: Flattening | None) -> list[str]:
-    """That a piece was built anew, nearer to the wall or flatter, or would have to be."""
+    """Tell that a piece was built anew, nearer to the wall or flatter, or would have to be."""
     if flattening is None:
         return []
     notes = []
@@ -150,7 +150,7 @@ def _with_supports(
         sliced = Flatter(1.0, seconds / 3600, grams, supports)
         knots = part.pose.knots.moved(part.pose.matrix)
         flatter = tuple(estimate_flatter(knots, sliced, rules_of(scene)))
-        if not suffix:  # of a frame it stands in the table
+        if not suffix:  # the table of a sequence has the note of each frame
             notes.append(tell_flatter(flatter))
     if access is not None and access.worst is not None and not suffix:
         notes.append(tell_access(access))

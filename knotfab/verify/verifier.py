@@ -28,7 +28,7 @@ __all__ = [
     "load_early",
 ]
 
-LIMIT_S = 1800.0  # of one part, from when its verdict is waited for
+LIMIT_S = 1800.0  # the longest wait for the verdict on one part
 _MODULE = "knotfab_validators.service"
 _HALVES = ("geometry", "shadows")
 # Two builds side by side, on threads, do not read each other's answers.
