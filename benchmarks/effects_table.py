@@ -278,7 +278,7 @@ def print_round(folder: Path, radii: Sequence[float], px: int = 160) -> None:
         for radius in radii:
             bent = replace(view, wall_radius_mm=radius)
             seen = view_geometry(bent, picture.shape[1], picture.shape[0]).resample(frame)
-            # by hand: mm from the frame's middle, and round the cylinder
+            # places are counted by hand: in mm from the frame's middle, and round the cylinder
             v, u = np.mgrid[: seen.height, : seen.width]
             arc = (u - (seen.width - 1) / 2).ravel() * np.linalg.norm(seen.du)
             down = (v - (seen.height - 1) / 2).ravel() * np.linalg.norm(seen.dv)

@@ -62,7 +62,7 @@ class _Worker:
         self.pipe.send(file)
 
     def outcome(self) -> Outcome | None:
-        """Of the file in hand; None while it is examined."""
+        """Tell how the file in hand ended; None while it is examined."""
         waited = time.perf_counter() - self.started
         try:
             if self.pipe.poll(0.0):

@@ -65,7 +65,7 @@ def watch_search(
 ) -> tuple[list[Array], Polylines]:
     """The vertices [(N, 3) mm] of every so many iterations of the flow, from the template on."""
     start, watch = make_start(problem, radius, _SETTINGS), Watch(every)
-    # the same vertices from the first picture to the last, and no repair after the last phase
+    # vertices stay the same from the first picture to the last, and nothing is repaired after it
     plan = replace(plan_of(_SETTINGS), keep_vertices=True, repairs=0, mendings=0)
     result = search(problem, start, radius, _SETTINGS, terms=(watch,), plan=plan)
     rings = polylines_of_sizes(tuple(len(c) for c in start.curves))

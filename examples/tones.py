@@ -84,7 +84,7 @@ def lay_beside(folder: Path, height: int = 560, gap: int = 24) -> Image.Image:
     view = scene["views"][0]
     picture = Image.open(folder / report["views"][0]["picture"]).convert("L")
     shadow = Image.open(folder / "shadow-front.png").convert("L")
-    # three times half the width of a line
+    # sigma is three times half the width of a line
     sigma = 1.5 * view["thicken_mm"] * shadow.width / view["frame_width_mm"]
     soft = gaussian_filter(255.0 - np.asarray(shadow, dtype=float), sigma, mode="constant")
     size = (round(height * picture.width / picture.height), height)

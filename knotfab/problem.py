@@ -96,7 +96,7 @@ class Problem:
     def limits(self, radius: float) -> Limits:
         """The hard limits for a tube of this radius."""
         bend = max(self.bend_radius or 0.0, radius + 0.5 * self.clearance)
-        # the region of one view ends before its wall
+        # with one view the region ends before the wall
         walls = walls_of([v.view for v in self.views]) if len(self.views) > 1 else ()
         return Limits(radius, self.clearance, bend, self.length, self.region, walls)
 

@@ -247,7 +247,7 @@ def _figure(rows: list[Row], title: str, path: Path) -> None:
     figure.suptitle(title, fontsize=9)
     for column, row in enumerate(rows):
         axes = figure.add_subplot(2, len(rows), column + 1)
-        # blue: missing; red: spilt; dark: right
+        # missing area is blue, spilt area red, right area dark
         colours = np.stack(
             [1 - row.target, 1 - np.maximum(row.target, row.image), 1 - row.image], -1
         )

@@ -89,7 +89,7 @@ def camera_around(
     elevation raises it towards the world's -y (up in the picture).
     """
     about_y, about_x = radians(azimuth_deg), -radians(elevation_deg)
-    # the camera's z in the world: R_y R_x (0, 0, 1)
+    # way is the camera's z in the world, R_y R_x (0, 0, 1)
     way = (sin(about_y) * cos(about_x), -sin(about_x), cos(about_y) * cos(about_x))
     x, y, z = (m - distance * w for m, w in zip(middle, way, strict=True))
     return PaperCamera((x, y, z), (about_x, about_y, 0.0), focal=focal, width=width, height=height)

@@ -69,7 +69,7 @@ def mobius_loss(
     n = knots.shape[1]
     lengths = _norm(_edges(knots))
     whole = lengths.sum(1)
-    # the way from each knot's first point to each of its points
+    # ways lead from each knot's first point to each of its points
     ways = lengths[:, :-1].cumsum(1)
     along = torch.cat([torch.zeros_like(ways[:, :1]), ways], 1).reshape(-1)
     flat = knots.reshape(-1, 3)

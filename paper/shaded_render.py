@@ -184,7 +184,7 @@ def _runs(pixel: Tensor, capsule: Tensor, following: Tensor) -> Tensor:
     after = pixel[order] * n + following[capsule[order]]
     at = torch.searchsorted(key, after).clamp_max(max(len(key) - 1, 0))
     joined = key[at] == after if len(key) else torch.zeros(0, dtype=torch.bool)
-    # consecutive rows first; then a ring's last capsule back to its first
+    # consecutive rows come first, then each ring's last capsule back to its first
     rows = torch.arange(len(key), device=key.device)
     onwards = joined & (at == rows + 1)
     starts = torch.ones(len(key), dtype=torch.long, device=key.device)

@@ -99,7 +99,7 @@ def test_a_result_is_short_to_look_at(tmp_path: Path) -> None:
 
 
 def test_what_a_callable_raises_ends_a_build_and_leaves_nothing(tmp_path: Path) -> None:
-    """Whatever it raises, and though an error of its kind is handled elsewhere in a build."""
+    """This holds for any error, even one whose kind is handled elsewhere in a build."""
     for error in (ZeroDivisionError, KeyboardInterrupt, lambda: knotfab.SceneError("a", "b", "c")):
         heard: list[knotfab.Event] = []
 

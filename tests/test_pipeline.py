@@ -484,7 +484,7 @@ def test_two_pieces_of_a_drawing_become_two_flat_knots(
 def test_two_pieces_bridged_into_one_of_a_given_depth(
     tmp_path: Path, quick: list[str | Path]
 ) -> None:
-    """From 16 bits of grey, light on dark."""
+    """The picture is light on dark, in 16 bits of grey."""
     png = tmp_path / "deep.png"
     Image.fromarray(np.where(two_pieces(), 60000, 300).astype(np.uint16)).save(png)
     out = tmp_path / "out"

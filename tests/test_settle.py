@@ -78,7 +78,7 @@ class Maker:
 
 @dataclass(frozen=True)
 class Made:
-    """Of a design, what is asked here."""
+    """The attributes of a design that settling asks for."""
 
     scene: Any
     knots: Knots

@@ -66,7 +66,7 @@ REFUSED = [
 
 
 def run(folder: Path, calls: list[list[str]], before: str = "") -> list[tuple[str, int, list[str]]]:
-    """Of each call its exit code, and what heavy libraries are loaded after it."""
+    """Tell each call's exit code, and the heavy libraries that are loaded after it."""
     code = f"{before}\nHEAVY = {HEAVY!r}\n{RUN}"
     done = subprocess.run(
         [sys.executable, "-c", code, json.dumps(calls)],

@@ -181,7 +181,7 @@ def forward_error(case: RenderCase, render: Render = render_tiled) -> ForwardErr
 def sampled_error(
     case: RenderCase, count: int = 2000, render: Render = render_tiled
 ) -> tuple[float, float]:
-    """Of an image too large for every pixel against every capsule: `count` pixels anywhere, `count` on edges.
+    """Sample an image too large for every pixel against every capsule: `count` pixels anywhere and on edges.
 
     Returns the largest error of the tiled single precision image in px (at the slope of an edge), and
     the largest share of its bound, as in `ForwardError.image_share`. Infinite where a pixel or the
@@ -286,7 +286,7 @@ def _ways(points: Tensor, count: int) -> list[Tensor]:
 
 
 def gradient_error(case: RenderCase, ways: int = 3, render: Render = render_tiled) -> GradientError:
-    """Of a fixed weighted sum of the image, along `ways` smooth random motions of the points."""
+    """Measure a fixed weighted sum of the image, along `ways` smooth random motions of the points."""
     points = torch.as_tensor(case.points)
     g = _gradient(lambda p: _loss(case, p, torch.float64, render), points)
     single = _gradient(lambda p: _loss(case, p, torch.float32, render), points.float())
@@ -338,6 +338,6 @@ def subgradient_excess(
             low, high = min(left, right), max(left, right)
             along = float((g * v).sum())
             excess = max(low - along, along - high, 0.0)
-            # a slope of a thousandth of a hard edge's is nothing
+            # a slope below a thousandth of a hard edge's counts as nothing
             worst = max(worst, excess / max(abs(low), abs(high), 1e-3 * case.tau / _pixel_mm(case)))
     return worst

@@ -56,7 +56,7 @@ Leds = Annotated[int, Strict(), Field(ge=1, le=100)]
 MOST_LEDS = 400  # an array has no more: the verification renders a shadow for each
 Box = tuple[Whole, Whole, Side, Side]
 Disc = tuple[Whole, Whole, Side]  # the middle's x and y, and the radius
-# signs of names of files: letters, digits and signs of any script, "_" and "-"
+# A name is that of a file: letters, digits and signs of any script, "_" and "-".
 ViewName = Annotated[
     str,
     Strict(),

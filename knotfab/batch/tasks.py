@@ -18,7 +18,7 @@ from knotfab.picture.read import TEXT_PREFIX, is_picture, name_picture
 
 __all__ = ["INDEX", "RECORDS", "Task", "content_of", "list_arguments", "list_tasks"]
 
-# files of a batch beside the folders of its pictures
+# A batch writes these files beside the folders of its pictures.
 RECORDS, INDEX = "batch.json", "index.html"
 _FILES = ("scene", "start", "printer", "material", "font")  # options that may name a file
 _MOST_READ = 2**30  # bytes of a file; of a larger one size and time tell it apart

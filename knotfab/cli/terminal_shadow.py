@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 __all__ = ["draw_shadow"]
 
 _ACROSS, _DOWN = 2, 4  # dots of a character
-# bits of a character's dots, row by row (Unicode 2800)
+# Unicode 2800 gives each dot of a character its bit, row by row.
 _BITS = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]])
 _GAP = 2  # columns between views
 

@@ -83,7 +83,7 @@ def rectify(photo: Array, corners: Array, size: tuple[int, int], pad: tuple[int,
     frame = np.array([[0, 0], [width, 0], [width, height], [0, height]]) - 0.5
     u, v = np.meshgrid(np.arange(-pad_u, width + pad_u), np.arange(-pad_v, height + pad_v))
     at = through(homography(frame, corners), np.stack([u.ravel(), v.ravel()], axis=1).astype(float))
-    # one px here to each px of the photograph
+    # where the photograph is finer, its pixels are averaged over one px here
     blur = max(0.0, 0.4 * float(np.sqrt(shapely.Polygon(corners).area / (width * height))) - 0.4)
     smooth = ndimage.gaussian_filter(photo, blur) if blur > 0 else photo
     seen = ndimage.map_coordinates(smooth, at[:, ::-1].T, order=1, cval=np.nan)

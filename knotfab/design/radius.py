@@ -55,7 +55,7 @@ class RadiusChoice:
     trials: tuple[RadiusTrial, ...]
     template: Template | None = None
     start: Start | None = None
-    # templates of one view, by radius
+    # by radius: one view keeps those that it has made
     templates: Mapping[float, Template] = field(default_factory=dict)
 
 

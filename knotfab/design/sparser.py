@@ -20,7 +20,7 @@ from knotfab_formats.search import SearchSettings
 
 __all__ = ["search_sparser"]
 
-# settings with nearly no steps
+# These settings leave the search nearly no steps.
 _STILL = {**SHORT, "coarse_iterations": 0, "fine_iterations": 0, "settle_iterations": 2}
 _WIDER = (1.5, 2.5, 4.0, 6.5, 10.0, 16.0)  # spacings of the strands that are tried, in tube radii
 _RINGS = (1.1, 1.3, 1.6)  # a last ring's size over the least that the bend limit allows

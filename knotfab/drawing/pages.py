@@ -237,7 +237,7 @@ def draw_tile(paper: Paper, tile: Tile) -> tuple[Figure, Axes, Array, Rectangle]
     x0, y0 = paper.margin, paper.margin + _HEAD_MM
     window = Rectangle((x0, y0), wide, high, fill=False, lw=0.2, ec="0.6")
     axes.add_patch(window)
-    # the same places of the drawing on both pages, in the middle of the shared strips
+    # marks in the middle of the shared strips stand at the same places of the drawing on both pages
     half = 0.5 * OVERLAP_MM
     for x in (x0 + half, x0 + wide - half):
         for y in (y0 + half, y0 + high - half):

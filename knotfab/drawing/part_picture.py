@@ -23,7 +23,7 @@ OVERSAMPLING = 2
 PAPER = (250, 248, 244)
 TUBE = (0.82, 0.46, 0.31)
 AMBIENT, DIFFUSE, SPECULAR, SHINE = 0.34, 0.8, 0.22, 18  # the tube's (Phong)
-# a key light from the upper left and a weak one from the lower right, with the eye: direction, strength
+# A key light comes from the upper left, a weak one from the lower right: (direction, strength).
 LAMPS = (((-0.5, 0.8, 1.2), 0.9), ((0.9, -0.4, 0.6), 0.25))
 MARGIN = 1.12
 SAME_DEG = 5.0  # directions nearer to each other show the same
@@ -109,7 +109,7 @@ def _render(
         steep = abs(back[1]) > STEEP
         right = np.cross((0.0, 0.0, -1.0) if steep else (0.0, 1.0, 0.0), back)
         right /= np.linalg.norm(right)
-        # axes: to the right, up, and to the eye
+        # the axes point to the right, up, and to the eye
         axes = np.stack([right, np.cross(back, right), back])
         seen, turned = points @ axes.T, normals @ axes.T
         scale = 0.5 * pixels * (away - 0.5 * reach) / (MARGIN * reach)

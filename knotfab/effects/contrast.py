@@ -200,7 +200,7 @@ def _hidden(
                 y += axes[i, j] * alongs[k, j]
             aa, ao, oo = aa + y * y, ao + y * x, oo + x * x
             at[k, i], way[k, i] = x, y
-        # the square of the distance of its middle
+        # square is that of the distance of the middle of the strand
         square = max(oo + ao + 0.25 * aa, radius * radius)
         far, to = np.sqrt(square), ao + 0.5 * aa
         aside = np.sqrt(max(aa - to * to / square, 0.0))

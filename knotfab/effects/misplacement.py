@@ -81,7 +81,7 @@ def _moves(
         slopes[n] = np.sqrt(ray[0] * ray[0] + ray[1] * ray[1]) / below[n]
         for k in range(2):
             lean = ray[k] / below[n]
-            # along the wall, of 1 mm along each axis, seen along the ray
+            # how far 1 mm along each axis moves the shadow along the wall
             for j in range(3):
                 by[j] = own[k, j] + own[2, j] * lean
                 moves[n, j, k] = (1 - share) * by[j]
@@ -181,7 +181,7 @@ def parting_mm(seen: Shadows, radius: float, world: World) -> Parting:
     off = placing.lamp_mm
     angle = float(np.radians(placing.turn_deg)) if world.turns else 0.0
     lean = float(np.tan(np.radians(placing.tilt_deg)))
-    # the lamp's
+    # the tilt moves the lamp by this
     aside = 0.0 if world.turns else lean * float(np.linalg.norm(wall.lamp - wall.middle))
     if clear <= max(off, angle * far, aside):
         return Parting(np.inf, np.inf, np.inf)  # it may be moved into the lamp

@@ -100,7 +100,7 @@ def _throw(place: Array, foot: Array, normal: Array, ball: Array, size: float, s
         height += normal[i] * (place[i] - foot[i])
         below -= normal[i] * way
         square += way * way
-    # the lamp's own ball reaches no strand
+    # no strand reaches into the lamp's own ball
     height, below = max(height, 0.0), max(below, max(0.5005 * size, 1e-9))
     square, quarter, on = max(square, below * below), 0.25 * size * size, height / below
     for i in range(3):

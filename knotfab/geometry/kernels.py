@@ -331,7 +331,7 @@ def bend_hinge(points: Array, following: Indices, radius: float) -> tuple[float,
         if hinge > 0:
             total += hinge * hinge
             slope = 2 * hinge * radius
-            # derivatives by the product, the cosine and the shorter edge
+            # the derivatives are those by the product, the cosine and the shorter edge
             by_ratio = slope / (shorter * root) / folded if ratio >= _LEAST_SQUARE else 0.0
             by_product = by_ratio * (1 - ratio * (1 if open_ else _FOLDED))
             by_cosine = -by_ratio * (1 + ratio) if open_ else -by_ratio

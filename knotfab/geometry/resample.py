@@ -57,7 +57,7 @@ def _resample_one(part: Array, edge_mm: float, smooth: bool) -> tuple[Array, Arr
     where = np.linspace(0.0, arc[-1], count + 1)
     if smooth:
         spline = CubicSpline(arc, np.concatenate([part, part[:1]]), bc_type="periodic")
-        # even in the new polygon's own length, not only in the old one's
+        # places become even in the new polygon's own length, not only in the old one's
         for _ in range(2):
             at = arc_lengths(spline(where[:-1]))
             where = np.interp(np.linspace(0.0, at[-1], count + 1), at, where)

@@ -90,7 +90,7 @@ def reach_mm(points: Array, radius_mm: float, sides: int) -> float:
     """Measure how far corners of the mesh of `sweep` stand from their vertices at most, mm."""
     along = np.roll(points, -1, axis=0) - points
     along /= np.linalg.norm(along, axis=1)[:, None]
-    # half the turn from one edge to the next
+    # the cosine is that of half the turn from one edge to the next
     cosine = 0.5 * np.linalg.norm(along + np.roll(along, 1, axis=0), axis=1)
     return _ring_radius(radius_mm, sides) / float(cosine.min())
 
@@ -138,7 +138,7 @@ def _require_room(p: Array, edges: Array, lengths: Array, radius_mm: float) -> N
     back = np.roll(edges, 1, axis=0)
     shorter = np.minimum(lengths, np.roll(lengths, 1))
     product = lengths * np.roll(lengths, 1)
-    # 2 tan(turning angle / 2) = 2 sin / (1 + cos), without the loss of an arc cosine near 0.
+    # 2 tan(turning angle / 2) = 2 sin / (1 + cos) loses no digits near 0, as an arc cosine would
     sine = np.linalg.norm(np.cross(back, edges), axis=1) / product
     cosine = np.einsum("ij,ij->i", back, edges) / product
     opening = np.maximum(1.0 + cosine, 0.0)

@@ -16,7 +16,7 @@ from knotfab_formats.report import CouponFigures
 __all__ = ["COUPON", "PLAYS_MM", "Coupon", "plan_coupon"]
 
 COUPON = "coupon.3mf"
-# play of the holes about the pin: as many dots as tenths
+# Each hole has this play about the pin, and as many dots as tenths.
 PLAYS_MM = (0.1, 0.2, 0.3, 0.4, 0.5)
 LONGEST_MM = 20.0  # the longest peg on the strip
 KNOB_MM = 4.0

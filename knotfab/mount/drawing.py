@@ -313,7 +313,7 @@ def _front_dimensions(axes: Axes, place: Placement, to: Scaled, bottom: float) -
     draw_dimension(
         axes, (right, inner[0][1]), (right, inner[1][1]), (0, 0), f"frame {length(high)}"
     )
-    # the lamp's foot, from the left and the lower edge of the body on the wall
+    # the lamp's foot is measured from the left and the lower edge of the body on the wall
     top = float(corners[1][1]) + 3.5
     draw_dimension(
         axes, (corners[0][0], top), (foot[0], top), (0, 0),

@@ -245,7 +245,7 @@ def _measure(
     depth, width = front - back, right - left
     rear, fore = thickness, thickness + slope.rise * depth
     own = (width * depth - (4 - np.pi) * CORNER_MM**2) * (rear + fore) / 2
-    # the middle of a trapezium, along and up
+    # (along, up) is the middle of a trapezium
     along = back + depth / 3 * (rear + 2 * fore) / (rear + fore)
     up = bottom + (rear**2 + rear * fore + fore**2) / (3 * (rear + fore))
     middle = np.array([(left + right) / 2, up, along])

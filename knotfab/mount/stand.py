@@ -160,7 +160,7 @@ def plan_stand(
 
     pool = join([hidden, *shown(thin)])
     chosen, holds = join_knots(len(knots.knots), sites, pool, obstacles, shadows)
-    # a member in the shadow of those shows no more now
+    # a member in the shadow of the chosen ones shows no more now
     pool = join([hidden, *shown(thin, thick)])
     more = _more_posts(chosen, pool, obstacles, shadows, APART_RADII * tube)
     holds = np.concatenate([holds, sites.knot[more.first]])

@@ -17,7 +17,7 @@ from knotfab_formats.report import SupportAccess
 
 __all__ = ["TOOLS_MM", "measure_access", "tell_access"]
 
-# Diameters of straight round tools: a finger; the jaws of a cutter; the nose of fine pliers; a hook.
+# A straight round tool has this diameter: a finger, the jaws of a cutter, the nose of pliers, a hook.
 TOOLS_MM = {"finger": 16.0, "cutter": 8.0, "pliers": 4.0, "hook": 2.0}
 SAMPLES = 300  # undersides looked at
 WAYS = 48  # directions of a tool

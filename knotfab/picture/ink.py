@@ -28,7 +28,7 @@ _NOISE = 8.0
 _JOINTS = 0.05  # the largest share of hairlines' pixels that lie where hairlines meet
 _STRAY = 0.01  # the largest share of pixels that are clear by accident
 _PLAINLY = 64.0  # levels (of 255) by which ink is plainly darker or lighter than its background
-# below so many degrees
+# A hue below so many degrees has this name.
 _HUES: tuple[tuple[int, str], ...] = (
     *((15, "red"), (45, "orange"), (68, "yellow"), (165, "green"), (195, "turquoise")),
     *((255, "blue"), (290, "purple"), (345, "pink"), (361, "red")),

@@ -211,7 +211,7 @@ def on_one_canvas(targets: tuple[Target, ...]) -> tuple[Target, ...]:
     """Pictures that lamps show one after the other, each in the middle of one canvas for all."""
     if len({target.mask.shape for target in targets}) == 1:
         return targets
-    # all as high as the first, and as wide as the widest then
+    # all become as high as the first, and then as wide as the widest
     height = targets[0].height
     widths = [round(t.width * height / t.height) for t in targets]
     found = []

@@ -30,7 +30,7 @@ _LONGEST = 200  # characters; more than this is no picture
 
 
 _STYLES = "\ufe0e\ufe0f"
-# Brahmic scripts, Thai to Tibetan, Korean letters, Khmer, Mongolian, and what of these lies further on
+# Letters join in Brahmic scripts, Thai to Tibetan, Korean, Khmer and Mongolian, further blocks included.
 _JOINED = re.compile(
     "[\u0900-\u11ff\u1780-\u1cff\ua800-\uabff\U00010a00-\U00011fff\U0001e900-\U0001e95f]"
 )

@@ -117,7 +117,7 @@ def _picture_at(
     width, height = (max(1, round(side / pixel)) + 2 * margin for side in (width_mm, height_mm))
     frame = frame_at(view, Sheet(width, height, pixel), precision)
     rows, columns = mask.shape
-    # the grown frame in the mask's own pixels
+    # wide and high are the grown frame's, in the mask's own pixels
     wide, high = width * pixel / width_mm * columns, height * pixel / height_mm * rows
     left, top = 0.5 * (columns - wide), 0.5 * (rows - high)
     coverage = resample_mask(mask, width, height, (left, top, left + wide, top + high))

@@ -34,7 +34,7 @@ __all__ = [
 
 TEMPLATE = "template.html.j2"
 VIEWER = Path(__file__).parent / "viewer" / "viewer.js"
-# a person's judgement of the shadow (docs/verdict.md), in a word and in a sentence
+# So the page says a person's judgement of the shadow (docs/verdict.md), in a word and in a sentence.
 VERDICTS = {
     "faithful": ("A faithful likeness.", "The shadow is the picture."),
     "good": (

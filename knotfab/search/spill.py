@@ -52,7 +52,7 @@ class Spill(Term):
         at = np.clip(seen.places, 0.0, last)
         cell = np.minimum(at.astype(np.int64), last - 1)
         share = at - cell
-        # bilinear between the middles of four cells
+        # the field is bilinear between the middles of four cells
         (u, v), (x, y) = cell.T, share.T
         f = self.field
         upper, lower = f[v, u], f[v + 1, u]

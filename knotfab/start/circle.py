@@ -89,7 +89,7 @@ def _facing(
     """The circle that faces one view, stretched to it, and bent in depth towards the others."""
     boxes = np.array([p.bounds for p in polygons])
     wide, high = np.maximum(0.4 * (boxes[facing, 2:] - boxes[facing, :2]), 2.0 * radius)
-    # the middle nearest to that of every silhouette, in the least-squares sense
+    # the middle is nearest to those of all silhouettes by least squares
     rows = np.concatenate([a[:2] for a in axes])
     middles = 0.5 * (boxes[:, :2] + boxes[:, 2:]).ravel()
     centre = np.linalg.lstsq(rows, middles, rcond=None)[0]

@@ -31,7 +31,7 @@ _ALONG = 2.5  # separations along the curve within which a strand is its own nei
 # a straight way less than this share of the way along it is a turn, at a stroke's end
 _TURNED = 0.5
 _HIDDEN = (1.5, 1.0)  # price of a sample in the lane of another that it hides, or half in it
-# the cost of a change by one lane; of a sample one lane off the middle
+# A change by one lane costs this; so does a sample one lane off the middle.
 _CHANGE, _ASIDE = 0.15, 0.02
 # samples whose lanes are changed together, pass by pass
 _STRETCHES = (4, 8, 16, 6, 12, 5, 10, 4, 3)

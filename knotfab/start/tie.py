@@ -265,7 +265,7 @@ def _splice(
     step = float(np.linalg.norm(np.roll(curve, -1, axis=0) - curve, axis=1).mean())
     cut = max(2, round(_CUT * unit / step))
     handle = max(1, cut - max(1, round(_HANDLE * unit / step)))
-    # the curve from the far end of the cut round to its near end
+    # the strand goes from the far end of the cut round to its near end
     turned = np.roll(curve, -site.vertex, axis=0)
     strand = turned[cut : len(curve) - cut + 1]
     feet = turned[[-handle, handle]]

@@ -41,7 +41,7 @@ _SHOWN = (
     "setup.pdf", "report.html", "sequence.gif", "turn.gif", "report.json", "scene.toml", "knots.json",
     "slicer.ini",
 )  # fmt: skip
-# beginnings of further ones
+# The names of further files begin with these.
 _ALSO = "plate-", "table-", "colours", "part-", "setup-", "shadow-", "centre-lines"
 Kind = Literal["one", "views", "frames"]
 

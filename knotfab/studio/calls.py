@@ -103,7 +103,7 @@ class _Settings(Call):
         return {}
 
 
-# below /api/
+# The page asks these below /api/.
 CALLS: dict[str, type[Call]] = {
     "text": _Text,
     "choose": _Choose,

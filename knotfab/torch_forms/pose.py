@@ -100,7 +100,7 @@ class FreePose:
         self.start, self.bounds = start, bounds
         turn = [start.azimuth_deg, start.elevation_deg, start.roll_deg]
         self.turn_deg = torch.tensor(turn, dtype=dtype, device=device, requires_grad=True)
-        # light, wall, radius
+        # logs holds those of light, wall and radius
         self.logs = torch.zeros(3, dtype=dtype, device=device, requires_grad=True)
         lengths = [start.light_distance_mm, start.wall_distance_mm, start.radius_mm]
         self._first_mm = torch.tensor(lengths, dtype=dtype, device=device)

@@ -54,7 +54,7 @@ def posed_frame(
     tilt = torch.deg2rad(turn.new_tensor(sheet.wall_tilt_deg))
     down = -(tilt.cos() * upright + tilt.sin() * back)
     axes = torch.stack([right, down, torch.linalg.cross(right, down)])
-    # the way from the light to the middle of the sheet, in the receiver's axes
+    # middle is the way from the light to the middle of the sheet, in the receiver's axes
     middle = axes @ (-(light_distance_mm + wall_distance_mm) * back)
     return Frame(
         axes,

@@ -79,7 +79,7 @@ def winners(
         tile_v = low[capsule, 1] + row
         keep = _may_win(a, b, frame, radius, reach_px, capsule, tile_u, tile_v, _COARSE)
         capsule, tile_u, tile_v = capsule[keep], tile_u[keep], tile_v[keep]
-        # tighter bounds on the four quarters of each tile
+        # the four quarters of each tile have tighter bounds
         quarter = torch.arange(4, device=a.device)
         capsule = capsule[:, None].expand(-1, 4).flatten()
         tile_u = (2 * tile_u[:, None] + quarter % 2).flatten()
@@ -215,7 +215,7 @@ def _tile_distance(
     u = (tile_u * _TILE).to(a.dtype)
     v = (tile_v * _TILE).to(a.dtype)
     x, y = (u - reference[capsule, 0])[:, None], (v - reference[capsule, 1])[:, None]
-    # the same quadratics about the tile's first pixel
+    # the quadratics are moved to the tile's first pixel
     moved = torch.stack(
         [
             c0 + x * (c1 + x * c3 + y * c4) + y * (c2 + y * c5),

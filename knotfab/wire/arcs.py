@@ -88,7 +88,7 @@ def round_corners(corners: Array, radius: float) -> Wire:
     turn = np.arctan2(sine, cosine)
     inward = after - cosine[:, None] * before
     size = np.linalg.norm(inward, axis=1)
-    # straight on: any direction across serves
+    # where the wire goes straight on, any direction across serves
     level = np.eye(3)[np.abs(before).argmin(axis=1)]
     across = np.cross(before, level)
     across /= np.linalg.norm(across, axis=1)[:, None]
@@ -128,7 +128,7 @@ def find_nearest_sites(wire: Wire, points: Array, near: Indices) -> tuple[WireSi
         y = (from_centre * wire.before[j]).sum(axis=1)
         turn = np.maximum(wire.turn[j], 1e-12)
         on_bend = np.clip(np.arctan2(y, x) / turn, 0.0, 1.0)
-        # the straight
+        # on the straight, s is the nearest place's share of its length
         along = following[j] - wire.exit[j]
         square = np.maximum((along * along).sum(axis=1), 1e-18)
         on_line = np.clip(((points - wire.exit[j]) * along).sum(axis=1) / square, 0.0, 1.0)

@@ -44,7 +44,7 @@ def test_kind_and_size_are_asked_before_a_file_is_read(tmp_path: Path) -> None:
 
 
 def test_nobody_needs_a_home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """As `docker run -u 1234` has it: no HOME, and no line in the list of users."""
+    """`docker run -u 1234` gives no HOME, and its user no line in the list of users."""
 
     def none(_: object) -> None:
         raise KeyError("uid not found")

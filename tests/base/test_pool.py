@@ -145,7 +145,7 @@ def test_as_many_as_cores_and_memory_allow(monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def test_a_system_without_sysconf_or_affinity(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As Windows has it: psutil knows the memory, where it is installed; else it is unknown."""
+    """On Windows psutil tells the memory; where psutil is not installed the memory is unknown."""
     told = ModuleType("psutil")
     told.virtual_memory = lambda: SimpleNamespace(total=3 * 2**30)  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, "psutil", told)

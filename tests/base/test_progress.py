@@ -201,7 +201,7 @@ def test_a_line_for_each_of_several_things_side_by_side(monkeypatch: pytest.Monk
 
 @pytest.mark.parametrize("mode", ["auto", "quiet", "verbose"])
 def test_every_mode_logs_its_stages(mode: Mode, caplog: pytest.LogCaptureFixture) -> None:
-    """As a library's caller reads them: logging.basicConfig(level=logging.INFO)."""
+    """A library's caller reads the stages after logging.basicConfig(level=logging.INFO)."""
     with caplog.at_level("INFO", logger="knotfab"):
         run(mode, io.StringIO())
     said = [record.getMessage().split(":")[0] for record in caplog.records]

@@ -51,7 +51,7 @@ def test_an_address_where_nobody_listens_is_refused(
 
 
 def test_a_worker_keeps_its_builders_for_a_while(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Until it has had nothing to build for some time, or a build ended otherwise than by itself."""
+    """It ends them once it has built nothing for some time, or a build ended otherwise than by itself."""
     monkeypatch.setattr(
         worker_side, "open_builders", lambda *_, share: Workers("played", early=False)
     )
@@ -100,7 +100,7 @@ def test_a_worker_that_is_killed_loses_no_picture(tmp_path: Path) -> None:
 def test_an_interrupted_client_ends_its_builds_and_goes_on_later(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """On workers that share no disk, and have memory for one build at a time."""
+    """The workers share no disk, and have memory for one build at a time."""
     monkeypatch.setattr(
         "knotfab.batch.cluster.pack_task", lambda task, _: pack_task(task, tmp_path / "elsewhere")
     )
@@ -117,7 +117,7 @@ def test_an_interrupted_client_ends_its_builds_and_goes_on_later(
             return set(count(runs)) & {"b", "c"}
 
         def interrupt() -> None:
-            """As soon as one waits, and those before it are at home."""
+            """Interrupt the client as soon as one picture waits and those before it have come back."""
             patience = time.monotonic() + 50
             while time.monotonic() < patience:
                 time.sleep(0.2)

@@ -403,7 +403,7 @@ def gone(process: int) -> bool:
 def test_an_interrupt_that_is_dropped_on_its_way(
     monkeypatch: pytest.MonkeyPatch, asked: signal.Signals
 ) -> None:
-    """In a callback of numba's compiler it goes no further, and the compiler fails a step later."""
+    """A callback of numba's compiler drops an interrupt, and the compiler fails a step later."""
 
     def examine() -> list[Finding]:
         with contextlib.suppress(KeyboardInterrupt):
@@ -443,7 +443,7 @@ def test_an_interrupt_that_is_dropped_on_its_way(
 def test_no_traceback_reaches_a_person(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, error: Exception, code: int, said: str
 ) -> None:
-    """Whatever is left becomes one sentence; of our own mistakes the traceback lies in a file to send."""
+    """Any other error becomes one sentence; the traceback of a mistake of ours lies in a file to send."""
 
     def examine() -> list[Finding]:
         raise error

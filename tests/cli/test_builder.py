@@ -19,7 +19,7 @@ def builder() -> Iterator[Workers]:
 
 @pytest.mark.slow
 def test_each_build_is_one_of_its_own(builder: Workers, tmp_path: Path) -> None:
-    """With its exit code and its own words, by one process."""
+    """One process answers several builds, each with its own exit code and words."""
     for name in ("one", "other"):
         call = ["build", str(tmp_path / f"{name}.png"), f"--out={tmp_path / 'out'}"]
         code, said = run_apart(builder, call)

@@ -1,4 +1,4 @@
-"""Where what a command says goes: no console, reader or disk changes what it does."""
+"""No console, reader or disk that a command writes to changes what the command does."""
 
 import os
 import subprocess
@@ -61,7 +61,7 @@ def test_what_cannot_be_said_for_want_of_space_is_told() -> None:
 
 @pytest.mark.parametrize("closed", [0, 1, 2])
 def test_a_closed_stream_is_nowhere(closed: int) -> None:
-    """And no file that is opened later takes its place."""
+    """No file that is opened later takes a closed stream's place."""
     check = PROGRAM.replace("for number", 'assert open("/dev/null").fileno() > 2\nfor number')
     command = ["sh", "-c", f'exec {closed}>&-; "$0" -c "$1"', sys.executable, check]
     assert subprocess.run(command, capture_output=True, timeout=60).returncode == 7

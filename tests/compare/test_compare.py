@@ -277,7 +277,7 @@ def test_the_frame_is_found_by_the_plate(unknown: Path, tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["wall", "stand"])
 def test_the_frame_is_found_by_four_marks(folder: Path, kind: str, tmp_path: Path) -> None:
-    """Of a wall mount they lie about its plate; a stand has none, and nothing else tells its frame."""
+    """The marks of a wall mount lie about its plate; a stand has none, and nothing else tells its frame."""
     margin, moved = (8.0 if kind == "wall" else 0.0), (-12.0, -10.0, 90.0)
     place = shutil.copytree(folder, tmp_path / "built")
     scene = (place / "scene.toml").read_text().replace('kind = "wall"', f'kind = "{kind}"')

@@ -193,14 +193,14 @@ def _drawn(part: Part, change: Callable[[Any], Any]) -> Part:
 
 
 def _cut(mask: Any) -> Any:
-    """Without a quarter of the picture."""
+    """Clear a quarter of the picture."""
     left = mask.copy()
     left[: len(mask) // 2, mask.shape[1] // 2 :] = False
     return left
 
 
 def _blot(mask: Any) -> Any:
-    """With a square of 30 pixels in the middle."""
+    """Fill a square of 30 pixels in the middle."""
     blot = mask.copy()
     h, w = mask.shape
     blot[h // 2 - 15 : h // 2 + 15, w // 2 - 15 : w // 2 + 15] = True

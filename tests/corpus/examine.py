@@ -38,7 +38,7 @@ def read_mesh(path: Path, unit: str = "mm", notes: list[str] | None = None) -> M
 
 @contextlib.contextmanager
 def _plain(part: Path | None) -> Iterator[Path | None]:
-    """Only what reads OBJ and PLY has its own process, which is kept."""
+    """The reader of OBJ and PLY alone has its own process, which is kept."""
     try:
         with plain_arrays(part, reader) as read:
             yield read

@@ -47,7 +47,7 @@ class Part:
 
 @dataclass(frozen=True)
 class Files:
-    """Where a case was written; None for what it does not have."""
+    """The files of a case; None stands for those that it does not have."""
 
     part: Path | None
     knots: Path | None

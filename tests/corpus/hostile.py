@@ -69,7 +69,7 @@ def _with(transform: str) -> bytes:
 
 
 def _multiply(component: str, mesh: str = MESH, levels: int = 40) -> bytes:
-    """As `_deep`, with components written in a way that a search for them may overlook."""
+    """Write components as `_deep` does, but so that a search for them may overlook them."""
     objects = [f'<object id="1" type="model">{mesh}</object>']
     for i in range(2, levels + 2):
         twice = component.format(i - 1) * 2

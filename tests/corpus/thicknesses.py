@@ -58,7 +58,7 @@ class ConvergenceRow:
 
 
 def tilt(*polygons: Array) -> list[Array]:
-    """In a position where no coordinate is a round number."""
+    """Turn the points so that no coordinate is a round number."""
     q, _ = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))
     return [p @ q + [3.1, -7.7, 11.3] for p in polygons]
 
@@ -117,7 +117,7 @@ def thickness_rows() -> list[ThicknessRow]:
 
 
 def torus_curve(p: int, q: int, large: float, small: float) -> Curve:
-    """p times round the long way while q times round the tube of radius `small`."""
+    """A curve that goes p times round the long way while it goes q times round the tube of radius `small`."""
 
     def curve(t: Array) -> Array:
         away = large + small * np.cos(q * t)
@@ -132,7 +132,7 @@ def _make_oval(t: Array) -> Array:
 
 
 def _find_reach(curve: Curve) -> float:
-    """Of the smooth curve: least radius of curvature, half the shortest critical chord."""
+    """Find the smooth curve's least radius of curvature, and half its shortest critical chord."""
     from scipy.optimize import minimize, minimize_scalar
 
     # by the trigonometric polynomial through 256 points, whose derivatives are exact

@@ -263,7 +263,7 @@ def test_a_share_of_a_height_is_a_key(text: str, key: float | str) -> None:
 
 
 def test_views_leave_equal_angles_where_that_leaves_more() -> None:
-    """At equal angles two narrow pictures, on both sides of a wide one, leave nothing of its ends."""
+    """Two narrow pictures at equal angles on both sides of a wide one leave nothing of its ends."""
     wide = picture("wide", (0.5, 0.5, 0.49, 0.3))
     narrow = [picture(name, (0.5, 0.5, 0.2, 0.42)) for name in "abc"]
     targets = [wide, *narrow]

@@ -1,4 +1,4 @@
-"""Where a search came to bumps there is another start, which draws the same picture; else there is none."""
+"""A search that came to bumps gets another start, which draws the same picture; no other search does."""
 
 from dataclasses import dataclass, replace
 

@@ -47,7 +47,7 @@ def test_what_is_fine_enough_stays() -> None:
 def test_corners_of_presets_stay_within_the_clearance_check(
     name: str,
 ) -> None:
-    """Of 14 sides they took .02 mm of a gap of .4 mm on either side, and a knight in 5 s was rejected."""
+    """Corners of 14 sides took .02 mm of a gap of .4 mm on either side: a knight in 5 s was rejected."""
     thick = fine_enough(PRESETS[name], 3.0, 3.5, 10.0)
     straight = np.zeros((400, 3))
     turn = 2.0 * np.pi * np.arange(400) / 400
@@ -56,7 +56,7 @@ def test_corners_of_presets_stay_within_the_clearance_check(
 
 
 def test_the_accuracy_sets_the_outline_limit_of_a_scene() -> None:
-    """And to the scene's own word where it gives one; the resolved scene holds the number."""
+    """A limit that the scene gives is kept; the resolved scene holds the number in either case."""
     for given, name, expected in (
         ({}, "sketch", 1.5),
         ({}, "standard", 0.5),

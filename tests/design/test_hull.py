@@ -89,7 +89,7 @@ def test_the_bound_is_that_of_voxels() -> None:
 
 
 def test_a_raised_view_sees_the_extent_in_depth() -> None:
-    """From above, a square ring leaves the front view its two sides, seen through: the whole width."""
+    """A square ring seen from above leaves the front view the whole width: light shines through its sides."""
     ring = block(30, 90) & ~block(45, 75, 45, 75)
     cameras = [shot(0.0, block(30, 90), 50000.0), shot(0.0, ring, 50000.0, 90.0)]
     front, above = hull_bounds(cameras, [block(30, 90), ring], 90.0)

@@ -20,7 +20,7 @@ def test_faces_that_share_an_edge_leave_no_gap() -> None:
 
 
 def test_the_nearer_face_hides_the_other_in_any_order() -> None:
-    """Of two faces that cut each other each is seen where it is nearer; normals are between the corners'."""
+    """Where two faces cut each other, the nearer one is seen; normals lie between the corners'."""
     side = np.array([[0.0, 0.0], [30.0, 0.0], [0.0, 30.0]])
     near = np.column_stack([side, [1.0, 3.0, 1.0]])  # comes nearer to the right
     level = np.column_stack([side, [2.0, 2.0, 2.0]])

@@ -81,7 +81,7 @@ def test_a_black_piece_throws_nothing_back() -> None:
 
 
 def thrown_back(points: np.ndarray, radius: float) -> float:
-    """Of white strands, over what the wall throws at them."""
+    """The light that white strands throw back, over what the wall throws at them."""
     found = contrast_of(
         Shadows.of(view(), points), radius, World(room=Room(reflectance=0.5), material=WHITE)
     )
@@ -97,7 +97,7 @@ def rod(height: float) -> np.ndarray:
 
 
 def test_a_long_rod_throws_back_its_radius_over_its_height() -> None:
-    """The cosines of both edges of an endless cylinder, seen from below (Howell, factor B-31)."""
+    """The share is that of both edges' cosines, seen from below (Howell, factor B-31)."""
     for height, radius in ((80.0, 2.0), (100.0, 10.0), (30.0, 4.0)):
         share = radius / height
         assert share <= thrown_back(rod(height), radius) < 1.08 * share

@@ -73,7 +73,7 @@ def test_it_bounds_the_truth_and_closely() -> None:
 
 @pytest.mark.parametrize("sides", [8, 16])
 def test_it_bounds_what_the_validators_measure_on_the_mesh(sides: int) -> None:
-    """Of bends towards the lamp, whose mitres stand out of the round tube."""
+    """Bends towards the lamp have mitres that stand out of the round tube; the bound covers them."""
     t = 2 * np.pi * np.arange(60) / 60
     points = np.column_stack([50 * np.cos(t), 50 * np.sin(t), 20 * np.sin(8 * t)])
     made, seen = design_under(World(), points), lit_view(light_diameter_mm=20.0)

@@ -44,7 +44,7 @@ def test_the_piece_is_moved_where_it_shows_and_else_runs_no_code(
     found = measure_sag(view(), mask, FLAT, 0 * down, rings, 2.0)
     assert found == Sag(widest_px=0.0, iou=0.0, iou_designed=0.0)
     rows, columns = np.mgrid[:180, :180] - 89.5
-    mask |= abs(np.hypot(rows, columns) - 60) < 2.4  # of the flat ring
+    mask |= abs(np.hypot(rows, columns) - 60) < 2.4  # the flat ring's shadow
     made = design_under(World(), FLAT)
     judge_made(made, made.scene, down, None)
     (sagged,) = list_sags(made, down, [mask])

@@ -246,7 +246,7 @@ def test_a_library_that_ignores_a_full_disk_is_caught(small_disk: Path) -> None:
 def test_without_posix_a_build_is_written_all_the_same(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As Windows has it: no statvfs, no geteuid, no folder that can be opened."""
+    """Windows has no statvfs, no geteuid, and no folder that can be opened."""
     opened, usage = os.open, shutil.disk_usage(tmp_path)
 
     def open_files(path: Path, flags: int, *more: int, **named: int) -> int:
@@ -355,7 +355,7 @@ def test_a_build_killed_at_any_moment_leaves_one_whole_result(
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs to fork")
 def test_mending_that_is_killed_is_mended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """And so is one that has to undo: something is in the way of a file."""
+    """This holds for mending that has to undo, too: something is in the way of a file."""
     monkeypatch.setattr(os, "fsync", lambda _: None)
     for way, count in ((way, count) for way in (False, True) for count in range(1, 10)):
         folder = tmp_path / f"{way}-{count}"
@@ -433,7 +433,7 @@ def test_a_folder_that_is_removed_meanwhile_is_no_success(tmp_path: Path, when: 
 def test_a_disk_that_fails_is_said_in_one_sentence(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: int
 ) -> None:
-    """By us, or by a library that has other words for it."""
+    """The write that fails is ours, or that of a library with other words for it."""
     build(tmp_path, knots__json="good")
     before = listing(tmp_path)
 

@@ -87,7 +87,7 @@ def test_3mf_is_clean_and_complete(tmp_path: Path, bodies: list[Mesh]) -> None:
 
 
 def test_what_it_is_and_a_small_picture(tmp_path: Path, bodies: list[Mesh]) -> None:
-    """By the core specification's names and its relationship; slicers and the validators read it still."""
+    """Both stand under the core specification's names; slicers and the validators read the file still."""
     drawn = io.BytesIO()
     Image.new("RGB", (30, 20), "red").save(drawn, "PNG")
     path, again = tmp_path / "part.3mf", tmp_path / "again.3mf"
@@ -135,7 +135,7 @@ def test_it_holds_no_settings_of_a_slicer(tmp_path: Path, bodies: list[Mesh]) ->
 
 
 def test_shells_are_read_as_they_were_written(tmp_path: Path, bodies: list[Mesh]) -> None:
-    """By the maker's reader, and by the one of the validators, which shares no code with it."""
+    """The maker and the validators, which share no code, read the same shells."""
     path = tmp_path / "part.3mf"
     write_3mf(path, bodies)
     found = read_shells(path)
@@ -245,7 +245,7 @@ def test_what_cannot_be_written_is_refused(tmp_path: Path, bodies: list[Mesh]) -
 
 
 def test_strict_reader_refuses_a_broken_archive(tmp_path: Path, bodies: list[Mesh]) -> None:
-    """An index beyond the vertices, a repeated index, and no archive at all."""
+    """An index beyond the vertices, a repeated index, and bytes of no archive are refused."""
     path = tmp_path / "part.3mf"
     write_3mf(path, bodies)
     with zipfile.ZipFile(path) as archive:

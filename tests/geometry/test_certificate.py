@@ -148,7 +148,7 @@ def test_subdividing_leaves_the_curve_as_it_is() -> None:
 
 
 def test_the_smallest_ring_keeps_the_clearance_of_its_hole() -> None:
-    """With twelve vertices the corners across its hole, which face each other no more, are nearer."""
+    """Twelve vertices would bring the corners across the hole nearer, though they face each other no more."""
     angle = 2 * np.pi * np.arange(12) / 12
     small = 1.035 * np.column_stack([np.cos(angle), np.sin(angle), 0.05 * np.cos(2 * angle)])
     fresh, rings, verdict = resample(small, polylines_of_sizes((12,)), 0.9)

@@ -71,7 +71,7 @@ def make_pose(
 
 
 def measure(points: Array, turn: Array) -> float:
-    """cm³ of supports by the validators' own columns through the mesh."""
+    """Measure the supports (cm³) by the validators' own columns through the mesh."""
     vertices, faces = sweep(points @ turn.T, RADIUS, 32)
     mesh = Mesh(vertices - vertices.min(axis=0), faces.astype(np.int64))
     return support_volume(mesh, columns(mesh), 45.0, 0.2)[0] / 1000
@@ -81,7 +81,7 @@ def measure(points: Array, turn: Array) -> float:
 
 
 def test_a_level_bar_above_a_lower_one() -> None:
-    """Columns under a bar at height h: 2 r sin 45° wide, from its underside down to the bed."""
+    """Columns under a bar are 2 r sin 45° wide and reach from its underside down to the bed."""
     found = estimate(rods(FOOT, BAR), np.eye(3), Rules())
     half = RADIUS * np.sin(np.pi / 4)
     # the underside's mean height above its lowest line, over the width that counts
@@ -338,7 +338,7 @@ def test_a_flatter_piece_is_proposed_where_no_pose_will_do() -> None:
 
 
 def test_below_a_span_is_the_top_of_what_stands_apart_from_it() -> None:
-    """Of all spans that overlap, one after the other, none is below another."""
+    """No span is below another with which it overlaps, be it through others between them."""
     rng = np.random.default_rng(4)
     cells, low = rng.integers(0, 6, 60), rng.uniform(0, 10, 60)
     high = low + rng.uniform(0.1, 1.5, 60)

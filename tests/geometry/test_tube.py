@@ -40,7 +40,7 @@ def edges_are_matched(faces: NDArray[np.int32]) -> bool:
 
 
 def genus(vertices: Array, faces: NDArray[np.int32]) -> int:
-    """Of a closed mesh, as another library counts it, which is empty where it is not closed."""
+    """Count the genus by another library, which finds a mesh empty where it is not closed."""
     solid = as_manifold((vertices, faces))
     assert solid.num_tri() == len(faces)
     return int(solid.genus())

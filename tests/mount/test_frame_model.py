@@ -47,7 +47,7 @@ def test_a_rod_that_hangs_is_stretched() -> None:
 
 
 def test_an_arm_twists_the_beam_that_holds_it() -> None:
-    """An L in the horizontal plane: bending of both legs, and twist of the first by the second."""
+    """Both legs of an L in the horizontal plane bend, and the second twists the first."""
     a, b = 60.0, 40.0
     joints = np.array([[0, 0, 0], [a, 0, 0], [a, 0, b]], dtype=float)
     beams = round_beams(joints, np.array([[0, 1], [1, 2]]), np.full(2, R))

@@ -1,4 +1,4 @@
-"""Where a piece is moved that its pegs do not hold: to its wall, and flatter where that is not enough."""
+"""A piece that its pegs do not hold is moved to its wall, and made flatter where that is not enough."""
 
 from dataclasses import replace
 from typing import Any

@@ -1,4 +1,4 @@
-"""Where the lamp stands: exact figures, whichever way the wall leans, and words that carry them."""
+"""The lamp's place has exact figures, whichever way the wall leans, and words that carry them."""
 
 import numpy as np
 import pytest

@@ -56,7 +56,7 @@ def test_a_base_in_a_picture_is_refused() -> None:
 
 
 def test_a_base_in_a_hollow_wall_is_refused() -> None:
-    """Beside the picture the wall comes forward: a base that is wide enough stands in it."""
+    """A hollow wall comes forward beside the picture: a base that is wide enough stands in it."""
     feet = np.array([[-75.0, 0.0, -30.0], [75.0, 0.0, -30.0], [0.0, 0.0, 30.0]])
     weights = Masses(np.array([5000.0]), np.zeros((1, 3)))
     cameras = [camera()]

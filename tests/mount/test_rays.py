@@ -33,7 +33,7 @@ def test_rays_end_on_the_wall_and_come_from_the_light(tilt: float) -> None:
 
 
 def test_free_means_that_no_other_strand_is_near_the_peg() -> None:
-    """Against brute force: points all along each free peg keep their distance from the other knot."""
+    """Points all along each free peg keep their distance from the other knot, by brute force."""
     view, share, gap = camera(), 0.9, 0.4
     near, far = ring(50.0, 30.0, wave=0.0), ring(50.5, -20.0, wave=12.0)
     far = far[:, [1, 0, 2]]

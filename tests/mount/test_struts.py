@@ -37,7 +37,7 @@ def test_clear_by_exactly_the_clearance() -> None:
 
 
 def test_a_strand_that_runs_along_its_own_strut_is_in_the_way() -> None:
-    """By 0.2 mm of air, where 0.4 are wanted, within the joint: it once passed as a part of it."""
+    """A strand with 0.2 mm of air where 0.4 are wanted once passed as a part of the joint."""
 
     def arc(x: float, y: float, start: float, end: float) -> np.ndarray:
         t = np.linspace(start, end, 20)[1:]

@@ -125,7 +125,7 @@ def test_a_united_body_survives_single_precision() -> None:
 
 @pytest.mark.slow
 def test_a_knot_barred_from_the_wall_hangs_on_another() -> None:
-    """As the dot of an i before its stem: a hidden strut runs from one to the other, on a plate alone."""
+    """A hidden strut holds the dot of an i by its stem; it needs a plate."""
     before, behind = 20.0, -10.0
     small, view = ring(12.0, before, wave=0.0), camera()
     shaded = small * (500.0 - behind) / (500.0 - before)

@@ -78,7 +78,7 @@ def wanted_lines(knots: Knots, camera: Camera) -> list[np.ndarray]:
 
 
 def svg_lines(path: Path) -> dict[str, list[np.ndarray]]:
-    """By group the closed lines of an SVG, mm from the lower left corner of the page."""
+    """The closed lines of an SVG by their groups, in mm from the lower left corner of the page."""
     page = SVG.parse(path, ppi=25.4)  # 1 px is 1 mm
     found: dict[str, list[np.ndarray]] = {}
     for group in page.select(lambda e: isinstance(e, Group) and e.id is not None):

@@ -29,7 +29,7 @@ VIEW = ResolvedView(frame_width_mm=120.0, frame_height_mm=120.0, picture="pictur
 
 
 def rings(count: int) -> Any:
-    """As much of a part as is written: loose rings one above the other."""
+    """A part of which only the mesh is written: loose rings one above the other."""
     own = ring(20.0, n=40, wave=0.0) + [25.0, 25.0, 3.0]
     knots = tuple(Knot(own + np.array([0.0, 0.0, 10.0 * k])) for k in range(count))
     return SimpleNamespace(
@@ -82,7 +82,7 @@ def test_the_files_of_a_piece(tmp_path: Path, suffix: str) -> None:
 
 
 def test_colours_are_written_beside_where_they_are_asked_for(tmp_path: Path) -> None:
-    """Every body by name, and each of up to eight in a colour of its own."""
+    """Every body has its name, and each of up to eight a colour of its own."""
     out = written(tmp_path, 8, True, "")
     assert model_of(out / "part.3mf").count("<object ") == 1
     model = model_of(out / "part-colours.3mf")

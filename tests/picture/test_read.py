@@ -237,7 +237,7 @@ def test_relative_paths_start_at_the_base(tmp_path: Path) -> None:
 
 
 def test_names_are_safe(tmp_path: Path) -> None:
-    """And as they are in any script: in folders, in pages and in the names of views."""
+    """Names of any script stay as they are in folders, in pages and in the names of views."""
     names = {
         "Ünï cödé!": "Ünï-cödé", "♞": "♞", "猫": "猫", "пёс": "пёс", "a.b": "a-b", "!": "picture", "-x": "x",
         "a\u202eb": "a-b", "x<i>&'": "x-i", "e\u0301": "é", "caf\udce9": "caf",

@@ -86,7 +86,7 @@ def test_a_radius_that_is_given_is_the_one_that_is_judged(tmp_path: Path) -> Non
 
 
 def remedies(path: Path, scene: Scene) -> tuple[int, int, float]:
-    """px, mm and nozzle that the refusal of a picture of thin lines names."""
+    """Read the px, mm and nozzle that the refusal of a picture of thin lines names."""
     with pytest.raises(SceneError) as caught:
         require_drawable(look(path, scene))
     named = re.search(

@@ -161,7 +161,7 @@ def test_points_far_out_or_nan_colour_nothing() -> None:
 
 @pytest.mark.parametrize("rows", [69, 66])
 def test_the_hard_shadow_is_where_rays_meet_the_tube(rows: int) -> None:
-    """Also where pixels are a twentieth higher than wide: a tube is then as much wider than it should be."""
+    """Where pixels are a twentieth higher than wide, a tube is drawn as much wider than it should be."""
     camera = camera_of(VIEW, 92, rows)
     p = tangle(6, 3, torch.float64).numpy()
     seen = silhouette.cast(p, np.roll(p, -1, 0), frame_of(camera, stretched=True), RADIUS)
@@ -208,7 +208,7 @@ def test_slopes_before_the_light_are_finite_differences() -> None:
 def test_a_view_looks_the_same_on_another_device(
     alone: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """By the code that knows of no device, here on the CPU by another name; alone: by torch's own form."""
+    """The code that knows of no device draws it on the CPU by another name; alone, torch's own form does."""
     if alone:
         monkeypatch.setattr(tensors, "_torch_alone", lambda *_: True)
     t = 2 * np.pi * np.arange(120) / 120

@@ -25,7 +25,7 @@ SOFT = {
 def advise(
     wall_mm: float, error: float | None, hard: float = 0.0, front_mm: float = 0.0, **keys: Any
 ) -> list[str]:
-    """For a piece of 80 mm depth, moved `front_mm` towards the lamp."""
+    """Advise on a piece of 80 mm depth that is moved `front_mm` towards the lamp."""
     view = ResolvedView(
         wall_distance_mm=wall_mm, light_diameter_mm=20.0, frame_width_mm=180.0,
         frame_height_mm=180.0, **keys,

@@ -1,4 +1,4 @@
-"""Where the time went, and an estimate of the next better setting by this piece's own seconds."""
+"""A report says where the time went, and what the next better setting would take of this piece."""
 
 from collections.abc import Sequence
 from itertools import pairwise

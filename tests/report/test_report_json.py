@@ -329,7 +329,7 @@ def ring() -> tuple[np.ndarray, np.ndarray]:
 
 
 def test_part_from_several_sides(tmp_path: Path) -> None:
-    """From the light the ring is open; turned by 90 degrees it is a narrow bar."""
+    """The ring is open as the light sees it; turned by 90 degrees it is a narrow bar."""
     draw_part(*ring(), tmp_path / "part.png", turn_eye((0.0, 0.0, 500.0), (0.0, 90.0)), 100)
     image = np.asarray(Image.open(tmp_path / "part.png").convert("RGB")).astype(int)
     assert image.shape == (100, 200, 3)

@@ -394,7 +394,7 @@ LAMPS: dict[str, dict[str, Any]] = {
 
 
 def test_lamps_of_every_shape_blur_as_they_do(bench: Any) -> None:
-    """Against the average over the validators' points of the same lamp; and no lamp as another."""
+    """Each blur is the average over the validators' points of the same lamp, and that of no other."""
     knots, seen, wanted = wavy_knots(), {}, {}
     for name, lamp in LAMPS.items():
         view = view_of(wall_distance_mm=80.0, light_distance_mm=400.0, **lamp)

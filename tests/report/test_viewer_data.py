@@ -95,7 +95,7 @@ def test_a_history_is_thinned_and_keeps_its_curves() -> None:
 
 
 def test_supports_stand_between_overhangs_and_what_is_below() -> None:
-    """A shelf of 30 x 30 at 20 mm over a plate of 60 x 60 at 2 mm: half over the plate, half over the bed."""
+    """A shelf of 30 x 30 at 20 mm lies half over a plate of 60 x 60 at 2 mm, half over the bed."""
     from solids import box
 
     shelf, plate = (
@@ -125,7 +125,7 @@ def test_nothing_in_the_data_ends_its_script() -> None:
 
 
 def test_the_bundle_is_built_from_the_sources_and_can_be_inlined() -> None:
-    """`make viewer` after every change of web/."""
+    """Run `make viewer` after every change of web/."""
     names = [
         "package-lock.json",
         "build.mjs",

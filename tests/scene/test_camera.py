@@ -1,4 +1,4 @@
-"""docs/conventions.md, line by line, on the camera that every stage uses."""
+"""The camera that every stage uses keeps docs/conventions.md, line by line."""
 
 from types import SimpleNamespace
 

@@ -36,7 +36,7 @@ def test_timing_a_phase_leaves_the_search_where_it_was(state: SearchState) -> No
 def test_the_last_phase_gets_what_the_others_left(
     state: SearchState, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """By a played clock: iterations cost so much, and the first phases half as much again as was timed."""
+    """The clock is played: the first phases cost half as much again as was timed."""
     monkeypatch.setattr(Pace, "_seconds_each", lambda *_: 0.02)
     clock = [6.0]
     pace = Pace(lambda vertices: clock[0])

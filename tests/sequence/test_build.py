@@ -220,7 +220,7 @@ def test_a_frame_that_fails_comes_with_a_remedy() -> None:
         for names in (("outline",), ("clearance",), ("shadow", "limits"))
     )
     assert "stretched" in stretched and "apart" in touching and "limit" in bound
-    # of pieces that lie apart another frame in between joins none
+    # another frame in between joins no pieces that lie apart
     apart = view(30.0, "recognisable", pieces=2)
     assert "its 2 pieces lie apart" in advise([view(None), apart], 2.0)[0]
 

@@ -28,7 +28,7 @@ def test_the_frame_with_the_most_ink_is_searched_first(tmp_path: Path) -> None:
 
 
 def test_a_frame_is_tied_to_what_is_known_on_either_side() -> None:
-    """From frame 2 onwards, then back; around the end of the sequence it need not hold."""
+    """Frames come from frame 2 onwards, then back; the tie need not hold around the end of the sequence."""
     # outlines of five frames, the last back to the first
     outlines = [1.0, 10.0, 100.0, 1000.0, 10000.0]
     assert set(list_ties(3, {2}, outlines)) == {Tie(2, 100.0), Tie(2, 11011.0, loop=True)}
@@ -84,7 +84,7 @@ def test_the_view_is_found_with_the_first_frame_and_stays(tmp_path: Path) -> Non
 
 @pytest.mark.slow
 def test_each_frame_has_its_own_floor_and_prices(tmp_path: Path) -> None:
-    """Only the large disc lacks length: the limit is priced there, and for the small one it is not."""
+    """The large disc alone lacks length: the limit has a price there, and none for the small disc."""
     targets = discs(tmp_path, (24, 40))
     material = Material(max_length_mm=250.0)
     asked = Scene(piece=Piece(tube_radius_mm=12.0), material=material, search=QUICK)

@@ -93,7 +93,7 @@ class _Follow:
 def _search(
     monkeypatch: pytest.MonkeyPatch, follow: _Follow, attempts: Sequence[Attempt]
 ) -> tuple[Trial, list[Asked]]:
-    """Of frame 3, after frames 0, 1 and 2, whose knots hold their numbers as coordinates."""
+    """Search frame 3 after frames 0, 1 and 2, whose knots hold their numbers as coordinates."""
     monkeypatch.setattr(starts, "follow", follow)
     monkeypatch.setattr(starts, "finish", lambda found, *_: FrameResult(found, -1.0))
     monkeypatch.setattr(starts, "opening_iou", lambda *_: 0.99)

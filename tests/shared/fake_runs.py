@@ -85,7 +85,7 @@ class FakeRunner:
 
 
 def beaten_by(one: Measured, others: Sequence[Measured]) -> float:
-    """By which factor another point is faster at no more error, or better in no more time; 1: by none."""
+    """The factor by which another point is faster at no more error, or better in no more time; 1: none is."""
     factor = 1.0
     for other in others:
         if other.error <= one.error:

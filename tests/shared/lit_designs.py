@@ -16,7 +16,7 @@ def view(**keys: Any) -> ResolvedView:
 
 
 def design_under(world: World, points: Array) -> Any:
-    """Of a tube of 2 mm radius about points (n, 3), looked at with a tolerance of a quarter of a pixel."""
+    """A design of a tube of 2 mm radius about points (n, 3), with a tolerance of a quarter of a pixel."""
     scene = SimpleNamespace(
         views=(view(),),
         placing=world.placing,

@@ -69,7 +69,7 @@ def test_the_bed_at_its_limit() -> None:
 
 
 def test_the_place_at_its_limit() -> None:
-    """One line to the sides, one layer and a half in height."""
+    """The limit is one line to the sides, and one layer and a half in height."""
     gcode = print_boxes(LOW)
     for axis, limit in enumerate((0.5, 0.5, 0.375)):
         for sign in (-1, 1):
@@ -84,7 +84,7 @@ def test_the_place_at_its_limit() -> None:
 
 
 def test_the_surface_at_its_limit() -> None:
-    """Two lines and a layer: 1.25 mm."""
+    """The limit is two lines and a layer: 1.25 mm."""
     corners = np.array([[2.0, 2, 1], [2.5, 2, 1], [2.5, 2.5, 1], [2.5, 2, 1.5]])
     faces = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]], dtype=np.int32)
     for reach, passes in ((1.25, True), (1.2625, False)):
@@ -120,7 +120,7 @@ def test_layers_of_bodies_with_air_between() -> None:
 
 
 def _info(*bodies: Mesh, manifold: str = "yes", off: float = 0.0, volume: float = 1.0) -> str:
-    """Of one object whose shells are boxes."""
+    """PrusaSlicer's words on one object whose shells are boxes."""
     low, high = box_of(bodies)
     text = "[2024-01-01 00:00:00.0] [0x0] [trace]   Initializing\n[part.3mf]\n"
     for axis, (least, most) in enumerate(zip(low, high, strict=True)):
@@ -151,7 +151,7 @@ def test_info_that_differs() -> None:
 
 
 def test_info_at_its_limits() -> None:
-    """1/64 mm, and 1/1024 of the volume."""
+    """The limits are 1/64 mm, and 1/1024 of the volume."""
     bodies = [box((0, 0, 0), (16, 8, 8))]
     for off, passes in ((0.015625, True), (-0.015625, True), (0.0158, False), (-0.0158, False)):
         assert compare_info(_info(*bodies, off=off), bodies)[1].passed == passes

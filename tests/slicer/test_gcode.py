@@ -89,7 +89,7 @@ def test_a_missing_file_is_refused(tmp_path: Path) -> None:
 
 
 def test_lines_that_are_no_moves_are_passed_over(tmp_path: Path) -> None:
-    """A number in no form of a number, bytes of no encoding, returns before the line's end."""
+    """Such lines hold letters for a number, bytes of no encoding, or returns before their end."""
     text = gcode_text("G1 X1.2.3 Y4 E1\nG1 Xa Y4 E1\n G1 X99 Y99 E1\nG1 X- Y4 E1")
     content = text.encode().replace(b"G92 E0", b"G92 \xff\xfe").replace(b"\n", b"\r\n")
     (tmp_path / "a.gcode").write_bytes(content)

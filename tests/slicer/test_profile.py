@@ -25,7 +25,7 @@ def test_it_follows_the_printer_and_the_material() -> None:
     ("angle", "threshold"), [(45.0, "45"), (44.9, "46"), (60.0, "30"), (0.0, "90"), (90.0, "1")]
 )
 def test_supports_start_at_the_printers_overhang(angle: float, threshold: str) -> None:
-    """From the vertical there, from the level here, and never 0, which means "choose yourself"."""
+    """The slicer counts from the level, the printer from the vertical; 0 would mean "choose yourself"."""
     found = profile(scene_of(f"[printer]\nmax_overhang_deg = {angle}"))
     assert (found["support_material"], found["support_material_threshold"]) == ("1", threshold)
 
@@ -42,7 +42,7 @@ def test_supports_start_at_the_printers_overhang(angle: float, threshold: str) -
 def test_supports_are_branches_where_the_slicer_grows_them(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, said: str, style: str
 ) -> None:
-    """And of no style that it would refuse; without a slicer, of one that all read."""
+    """The style is none that the slicer would refuse; without a slicer it is one that all read."""
     program = tmp_path / "prusa-slicer"
     program.write_text(f"#!/bin/sh\ncat <<'EOF'\n{said}\nEOF\n")
     program.chmod(0o755)

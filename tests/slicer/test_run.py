@@ -234,7 +234,7 @@ def test_a_program_where_its_installer_put_it(
 def test_without_process_groups_the_system_ends_what_was_started(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As on Windows: taskkill is called for the whole tree, and the program itself is killed."""
+    """Windows has none: taskkill is called for the whole tree, and the program itself is killed."""
     monkeypatch.delattr(process.os, "killpg")
     told = tmp_path / "told"
     for call in (f'echo "$*" > {told}', None):  # there, and not there
@@ -385,7 +385,7 @@ def test_how_far_it_is_is_told_while_it_slices(tmp_path: Path) -> None:
 
 
 def test_a_gcode_that_is_kept_has_pictures_behind_its_first_line(tmp_path: Path) -> None:
-    """In PrusaSlicer's form: each size as told, decoded by Pillow; the moves are as they were."""
+    """Pillow decodes each picture in the size that PrusaSlicer's form tells; the moves are as they were."""
     program = _fake(tmp_path / "bin", COPY)
     part = write_boxes(tmp_path / "part.3mf", CUBE)
     drawn = io.BytesIO()

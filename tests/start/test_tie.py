@@ -60,7 +60,7 @@ def shadow(points: Array) -> Array:
 
 
 def verdicts(tied: Tied, promise: str) -> list[str]:
-    """Of each curve, the one with the knot promised to be that and the others unknots."""
+    """Judge each curve: one is promised to be the knot, the others unknots."""
     types = ["unknot"] * len(tied.curves)
     types[tied.component] = promise
     curves = Curves(tied.curves, tuple(types), (True,) * len(types), 2.5)

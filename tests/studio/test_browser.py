@@ -159,7 +159,7 @@ def test_from_an_empty_page_to_a_built_part_by_mouse_alone(page: Any, tmp_path: 
 
 
 def test_a_subject_is_cut_out_by_a_rectangle_and_two_brushes(page: Any, tmp_path: Path) -> None:
-    """Of a red disc and a blue one on noise a brush takes the blue one away; Undo brings it back."""
+    """A brush takes a blue disc away that lies beside a red one on noise; Undo brings it back."""
     v, u = np.mgrid[:300, :400]
     photo = np.random.default_rng(0).integers(90, 200, (300, 400, 3))
     photo[np.hypot(u - 130, v - 150) < 60] = (200, 20, 20)

@@ -26,7 +26,7 @@ def test_a_subject_that_is_offered_fills_its_field(monkeypatch: pytest.MonkeyPat
 
 
 def test_the_cut_over_a_photograph_is_in_its_own_px(tmp_path: Path) -> None:
-    """Of 1500 px, drawn at 1024: clear on the ball, a shade elsewhere; what is dropped is a hole."""
+    """A photograph of 1500 px is drawn at 1024: clear on the ball, shaded elsewhere, a hole where dropped."""
     v, u = np.mgrid[:1000, :1500]
     ball = np.hypot(u - 900, v - 500) < 300
     photo = np.random.default_rng(1).normal(0, 9, (1000, 1500, 3)) + np.where(

@@ -158,7 +158,7 @@ def test_what_was_uploaded_is_served_as_pixels_alone(client: TestClient, tmp_pat
 
 @pytest.mark.slow
 def test_no_two_pictures_share_a_name(client: TestClient, tmp_path: Path) -> None:
-    """Of uploads and texts, of this session and earlier ones, and of what a disk may take for the same."""
+    """Uploads and texts, of earlier sessions too, have names that no disk takes for the same."""
     data = [picture(tmp_path / "p.png", square(px)).read_bytes() for px in (64, 96)]
     kept = tmp_path / "studio" / "pictures"
     kept.mkdir(parents=True)

@@ -52,12 +52,12 @@ TREFOIL = torus_knot(2, 3, 35.0, 18.0, 120)
 
 
 def _frame(values: torch.Tensor, sheet: Sheet = SHEET) -> Frame:
-    """From azimuth, elevation, roll, light and wall."""
+    """Pose a frame by (azimuth, elevation, roll, light, wall)."""
     return posed_frame(sheet, values[:3], values[3], values[4])
 
 
 def _render(values: torch.Tensor, points: torch.Tensor, tau: float, *cutoff: float) -> torch.Tensor:
-    """From azimuth, elevation, roll, light, wall and radius."""
+    """Draw by (azimuth, elevation, roll, light, wall, radius)."""
     return render_tiled(points, points.roll(-1, 0), _frame(values), values[5], tau, *cutoff)
 
 
@@ -175,7 +175,7 @@ NEAR = find_neighbours(TIGHT, polylines_of_sizes((len(TIGHT),)), 40.0, 6)
 
 
 def _state(problem: Problem, points: np.ndarray, pose: FreePose | None = None) -> SearchState:
-    """At the start of a search."""
+    """The state at the start of a search."""
     return begin(problem, Start((points,), "for its slope alone"), 4.0, QUICK, pose=pose)
 
 

@@ -31,7 +31,7 @@ def _random(seed: int, count: int = 40) -> list[Measured]:
 
 
 def _beats(one: Measured, other: Measured) -> bool:
-    """By definition: no worse in both, better in one."""
+    """A point beats another that is no better in either figure, and worse in one."""
     mine, others = (one.seconds, one.error), (other.seconds, other.error)
     return mine != others and all(a <= b for a, b in zip(mine, others, strict=True))
 

@@ -18,7 +18,7 @@ MOST = 1.2  # times what another point takes, or is off
 
 
 def excess(preset: dict[str, Any], points: list[dict[str, Any]]) -> float:
-    """By which factor a point of the study that may lie on the front beats a preset."""
+    """The factor by which a point of the study that may lie on the front beats a preset."""
     one, *others = (
         SimpleNamespace(seconds=p["seconds"], error=1 - p["iou"])
         for p in (preset, *(p for p in points if p["eligible"]))

@@ -63,7 +63,7 @@ def test_the_outline_error_is_how_far_outlines_are_apart() -> None:
 
 
 def test_facets_stand_out_as_far_as_the_sweep_makes_them() -> None:
-    """r a² / 12 is the polygon of the circle's area against the circle, to second order."""
+    """A polygon of the circle's area stands out by r a² / 12, to second order."""
 
     view = ResolvedView(wall_distance_mm=1e-3, frame_width_mm=1024.0, frame_height_mm=1024.0)
     target = TargetView(view, np.ones((2, 2), dtype=bool), MultiPolygon())

@@ -137,7 +137,7 @@ def test_a_part_behind_the_wall_throws_no_shadow_and_fails(folder: Path) -> None
 
 
 def test_an_unprinted_piece_is_not_held_against_the_printer(folder: Path) -> None:
-    """As the build that wrote `printed = false` did not; a scene that does not say is."""
+    """A scene that says `printed = false` is not; one that does not say is."""
     scene = (folder / "scene.toml").read_text()
     scene += '[printer]\nname = "toy"\nbuild_volume_mm = [9.0, 9.0, 9.0]\nnozzle_mm = 0.4\n'
     for said, expected in (("false", "skipped"), ("true", "fail"), (None, "fail")):
@@ -207,7 +207,7 @@ OF_SHADOWS = [
 def test_the_shadow_is_measured_where_any_check_of_it_is_asked(
     right: Path, monkeypatch: pytest.MonkeyPatch, asked: str | None
 ) -> None:
-    """And where none is, each is said to be left out."""
+    """Where none is asked, each of them is said to be left out."""
     measured = [skip_check("measured", "")], [], None
     monkeypatch.setitem(validate.__globals__, "verify_shadows", lambda *_: measured)
     skip = [name for name in OF_SHADOWS if name != asked]
@@ -218,7 +218,7 @@ def test_the_shadow_is_measured_where_any_check_of_it_is_asked(
 
 @pytest.mark.parametrize("skip", [PRINTING, ("shadow-render", "legibility")])
 def test_two_halves_are_the_whole(right: Path, tmp_path: Path, skip: Collection[str]) -> None:
-    """As two processes measure them, which tell each other in JSON; a failure of either is drawn."""
+    """Two processes measure them and exchange JSON; a failure of either is drawn."""
     skip = ["shadow-render", *skip]
     whole = run(right, skip=skip)
     piece = read_piece(*(right / name for name in ("part.stl", "knots.json", "scene.toml")))

@@ -130,7 +130,7 @@ def test_a_fork_leaves_its_parents_validators_alone(echo: None) -> None:
 def test_where_there_are_cores_two_processes_share_a_piece(
     echo: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """And what either cannot read is told."""
+    """A file that either process cannot read is told."""
     monkeypatch.setenv("KNOTFAB_JOBS", "2")
     with Verifier() as validators:
         found = validators.submit(Files(Path("p.stl"), scene=Path("scene.toml"))).result()

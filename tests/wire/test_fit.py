@@ -102,7 +102,7 @@ def test_a_limit_that_is_missed_loosens_no_other(
 
 
 def test_a_wire_that_reaches_too_far_misses_the_tolerance() -> None:
-    """A turn drawn out beyond its curve leaves no point of the curve far from the wire."""
+    """A turn that is drawn out beyond its curve leaves no point of the curve far from the wire."""
     t = np.linspace(0, 2 * np.pi, 240, endpoint=False)
     oval = np.column_stack([30 * np.cos(t), 4 * np.sin(t), 0 * t])
     limits = FitLimits(1.0, 0.5, 160.0, 2.0, 1.0)

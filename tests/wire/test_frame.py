@@ -1,4 +1,4 @@
-"""Whether a wire can draw a picture in its frame: bars of known width, and a material of known thickness."""
+"""A wire of known thickness can or cannot draw bars of known width in their frame."""
 
 import numpy as np
 import pytest

@@ -200,7 +200,7 @@ def _visit(
             ranked += _rank(content, (1, specificity, order))
     style = element.attrib.pop("style", "")
     ranked += _rank(_parse_declarations(style), (2,))
-    # the strongest first, and of equals the last
+    # the strongest comes first, and among equals the last
     ranked = [r for _, r in sorted(enumerate(ranked), key=lambda k: (k[1][0], k[0]), reverse=True)]
     own = dict(variables)
     own.update({name: value for _, name, value in reversed(ranked) if name.startswith("--")})

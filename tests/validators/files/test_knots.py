@@ -1,4 +1,4 @@
-"""knots.json is read bit for bit. What is no such file: test_hostile."""
+"""knots.json is read bit for bit; test_hostile.py has what is no such file."""
 
 import json
 from pathlib import Path

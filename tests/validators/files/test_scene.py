@@ -1,4 +1,4 @@
-"""scene.toml is read with the documented defaults. Impossible values: test_hostile."""
+"""scene.toml is read with the documented defaults; test_hostile.py has impossible values."""
 
 from pathlib import Path
 

@@ -44,7 +44,7 @@ def test_components_within_components_are_placed_as_by_lib3mf() -> None:
 
 
 def test_objects_may_lie_in_another_part_of_the_package() -> None:
-    """As some slicers write it (Production Extension)."""
+    """Some slicers write them so (Production Extension)."""
     production = "http://schemas.microsoft.com/3dmanufacturing/production/2015/06"
     part = model(f'<object id="7" type="model">{MESH}</object>', "")
     root = (

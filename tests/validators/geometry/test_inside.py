@@ -1,4 +1,4 @@
-"""Where points lie about closed and open surfaces."""
+"""Points lie inside or outside of closed and open surfaces."""
 
 import numpy as np
 import pytest

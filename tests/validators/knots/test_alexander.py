@@ -9,7 +9,7 @@ from knotfab_validators.knots.planar_diagram import closed_braid
 
 
 def test_the_polynomial_is_that_of_the_rational_matrix() -> None:
-    """A check of the modular arithmetic against plain expansion, with large coefficients."""
+    """Modular arithmetic finds what plain expansion does, with large coefficients."""
     for word in (WORDS[0], WORDS[3], (1, 1, 1, -2, 1, -2, -2, 3, -2, 3)):
         plain = closed_braid(word)
         if len(plain.components) == 1:

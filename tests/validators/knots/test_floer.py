@@ -1,4 +1,4 @@
-"""Where knot Floer homology is left out."""
+"""Knot Floer homology is left out where its program cannot answer."""
 
 from knotfab_validators.knots.floer import floer_homology
 from knotfab_validators.knots.planar_diagram import closed_braid

@@ -131,7 +131,7 @@ def test_rejects_a_trefoil_promised_as_an_unknot(seed: int) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_rejects_a_small_trefoil_tied_into_a_big_tangle(seed: int) -> None:
-    """On the comb's free side, one of some 4000 vertices' stretches is replaced by a knot."""
+    """A knot replaces one stretch of some 4000 vertices, on the comb's free side."""
     tangle = filling(4000, seed)
     stretch = np.flatnonzero((tangle[:, 0] == 0) & (np.abs(tangle[:, 1] - 46) < 3))
     t = np.linspace(-2.1, 2.1, 60)
@@ -196,7 +196,7 @@ def test_small_diagrams_prove_where_invariants_alone_do_not() -> None:
 
 
 def test_representations_tell_apart_what_homology_does_not() -> None:
-    """Also of curves whose diagrams are not shown to have ten crossings, where nothing is proved."""
+    """They do so, too, for curves whose diagrams are not shown to have ten crossings; none is proved."""
     for name, other in (("10_156", "8_16"), ("10_103", "10_40"), ("10_91", "left-handed 10_91")):
         knot = braid(braid_word(name))[0]
         assert found_of(knot, f"right-handed {name}").status == "pass"

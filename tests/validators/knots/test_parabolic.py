@@ -16,7 +16,7 @@ def diagram_of(name: str) -> PlanarDiagram:
 
 
 def test_the_trefoils_longitude_is_its_meridian_to_minus_six() -> None:
-    """Beside the one representation that commutes; where it is central but for its meridians."""
+    """This holds beside the one representation that commutes, where it is central but for its meridians."""
     for prime in PRIMES:
         found = cusp_counts(diagram_of("3_1"), prime)
         assert found is not None and found[0] == 1

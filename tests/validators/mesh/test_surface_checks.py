@@ -81,7 +81,7 @@ def flip(mesh: Mesh) -> Mesh:
 
 
 def weld(mesh: Mesh) -> Mesh:
-    """As a file gives it: equal corners are one vertex."""
+    """Weld equal corners into one vertex, as the reading of a file does."""
     return merge_equal(mesh.vertices[mesh.faces])
 
 

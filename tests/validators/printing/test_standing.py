@@ -1,4 +1,4 @@
-"""Whether parts reach the bed, and how far they are from toppling."""
+"""The checks tell whether parts reach the bed, and how far they are from toppling."""
 
 import numpy as np
 import pytest

@@ -54,7 +54,7 @@ def met_by_rays(g: ViewGeometry, corners: Array) -> Mask:
 
 
 def test_faces_across_the_light_and_the_wall_are_cut_there() -> None:
-    """And those that are whole before the wall are sorted once for all lights."""
+    """Faces that are whole before the wall are sorted once for all lights."""
     rng = np.random.default_rng(3)
     corners = rng.uniform([-40, -40, -90], [40, 40, 60], (12, 3, 3))
     corners[:4, 0, 2], corners[4:8, 0, 2] = 300.0, -150.0  # behind the light; behind the wall

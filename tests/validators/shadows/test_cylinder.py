@@ -152,7 +152,7 @@ def test_it_is_looked_at_where_it_matters() -> None:
 
 
 def test_light_that_falls_aslant_blurs_more() -> None:
-    """Beside the middle of a column light falls more aslant, and the wall is farther away."""
+    """Light falls more aslant beside the middle of a column, and the wall is farther away there."""
     aside = np.array([[60.0, 0.0, 0.0]])
     straight, bent = (blur_px(aside, geometry(r), 20.0) for r in ("flat", -130.0))
     wall = places(-130.0)

@@ -33,7 +33,7 @@ class Lamp:
 
 
 def average(lamp: Lamp, part: Mesh = SLAB) -> SoftShadow:
-    """Of the slab, whose picture is its own sharp shadow, 60 mm wide."""
+    """The average of the slab's soft shadow, whose picture is its sharp shadow, 60 mm wide."""
     seen = geometry()
     frame = WorkingFrame(PIXELS, PIXELS, 0, 0)
     with SilhouetteRenderer(part.vertices, part.faces) as renderer:
@@ -149,7 +149,7 @@ def test_a_lamp_is_averaged_over_where_the_scene_calls_for_it() -> None:
 
 
 def test_the_blur_of_a_tilted_wall_is_that_of_its_plane() -> None:
-    """As far off a wall, and as far from the lamp: 1/cos² wider where the rays come in at a slant."""
+    """At the same distances the blur is 1/cos² wider where the rays come in at a slant."""
     flat, tilted = (
         view_geometry(PlainView(wall_tilt_deg=t, frame_width_mm=120.0), PIXELS, PIXELS)
         for t in (0.0, 30.0)

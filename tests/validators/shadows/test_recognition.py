@@ -234,7 +234,7 @@ def test_of_several_views_the_worst_counts() -> None:
     assert worst is not None and worst.word == "coarse" and worst.lost_pieces == 1
     assert worst.lost[0].view == "b" and "(view b)" in worst.reasons[0]
     worse = replace(coarse, outline_p95_radii=coarse.outline_p95_radii + 1.0)
-    for order in ((coarse, worse), (worse, coarse)):  # of the same word
+    for order in ((coarse, worse), (worse, coarse)):  # both have the same word
         told = worst_verdict([view("a", order[0]), view("b", order[1])])
         assert told is not None and told.outline_p95_radii == worse.outline_p95_radii
     assert worst_verdict([view("a", None)]) is None

@@ -32,7 +32,7 @@ def count_euler(mask: Mask) -> int:
 
 
 def signed(changes: list[Change]) -> int:
-    """By how much changes raise pieces less holes."""
+    """The number by which changes raise pieces less holes."""
     n = Counter(c.kind for c in changes)
     return n["hole"] + n["stroke"] + n["stray"] - n["piece"] - n["gap"] - n["leak"]
 

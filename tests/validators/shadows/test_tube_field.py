@@ -130,7 +130,7 @@ def test_a_radius_far_too_large_costs_little_memory() -> None:
 
 
 def test_hulls_are_those_of_shapely() -> None:
-    """Of many lists of points, some of them on a line or twice there."""
+    """The lists of points hold some that lie on a line or occur twice."""
     rng = np.random.default_rng(3)
     points = rng.normal(size=(60, 30, 2))
     points[20:40] = np.round(2 * points[20:40])

@@ -38,7 +38,7 @@ def judge(width_mm: float | None, radius: float = RADIUS) -> VerifiedView:
 
 
 def status(view: VerifiedView, width_mm: float | None) -> tuple[str, str]:
-    """Of the check of the shadow, and what it says."""
+    """The status of the check of the shadow, and its sentence."""
     checks = shadow_checks(
         {"front": view},
         np.zeros((9999, 3)),

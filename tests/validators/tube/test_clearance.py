@@ -97,7 +97,7 @@ def test_agrees_with_the_centre_lines(name: str) -> None:
 
 
 def test_no_pair_of_triangles_is_nearer() -> None:
-    """Against all pairs of two links' triangles."""
+    """All pairs of two links' triangles are enumerated."""
     one, other = circle(20, 10.0), circle(24, 9.0)[:, [0, 2, 1]] + [9.7, 0.3, 0.4]
     mesh, curves = made(one, other, sides=8)
     first = mesh.vertices[mesh.faces[: 2 * 20 * 8]]
@@ -226,7 +226,7 @@ def test_a_crowd_of_vertices_is_refused(monkeypatch: pytest.MonkeyPatch) -> None
 
 
 def test_faces_longer_than_centre_line_edges_are_the_strands() -> None:
-    """Of a coarse tube whose line was found finely, as of parts from elsewhere."""
+    """A coarse tube whose line was found finely has them, as parts from elsewhere have."""
     fine, far = circle(400, 30.0), circle(400, 30.0) + [0, 0, 7.0]
     bodies = [tube(curve[::20], 3.0, 8) for curve in (fine, far)]
     mesh = Mesh(

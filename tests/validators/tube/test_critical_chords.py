@@ -59,7 +59,7 @@ def test_the_shortest_chord_is_a_strut(kind: str) -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_as_fractions_say(kind: str) -> None:
-    """The enumeration in extended precision and the fast search, against exact comparisons."""
+    """Enumeration in extended precision and the fast search find what exact comparisons find."""
     done = 0
     for seed in range(40):
         case = drawn(kind, seed)
@@ -104,7 +104,7 @@ def longer(kind: str, seed: int) -> Polygons:
 @pytest.mark.parametrize("kind", ["smooth", "walk", "jagged", "lattice", "rods"])
 @pytest.mark.parametrize("blocks", [False, True])
 def test_longer_polygons(kind: str, blocks: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Through the tree of arcs to its leaves, and through blocks of edges paired at once."""
+    """The search goes through the tree of arcs to its leaves, and through blocks of edges paired at once."""
     monkeypatch.setattr(critical_chords, "TOP_ARCS", 4)
     monkeypatch.setattr(critical_chords, "BLOCK_LEVEL", 3)
     monkeypatch.setattr(critical_chords, "MANY_PAIRS", 0 if blocks else 10**9)
@@ -123,7 +123,7 @@ def test_longer_polygons(kind: str, blocks: bool, monkeypatch: pytest.MonkeyPatc
 
 @pytest.mark.slow
 def test_the_tolerance_costs_no_more_than_itself(monkeypatch: pytest.MonkeyPatch) -> None:
-    """With a tolerance of 1e-3, a million times the real one, nothing is more than 1e-3 off."""
+    """A tolerance of 1e-3, a million times the real one, leaves nothing more than 1e-3 off."""
     monkeypatch.setattr(critical_chords, "ANGLE_TOLERANCE", 1e-3)
     for kind in KINDS:
         for seed in range(40):

@@ -1,4 +1,4 @@
-"""With a stand the outline is the tube's: its own shadow is no fault, a wrong tube's still is."""
+"""A stand's own shadow is no fault, since the outline is the tube's; a wrong tube's still is."""
 
 from functools import cache
 
@@ -41,7 +41,7 @@ def on_a_stand(by_mm: float = 0.0) -> Body:
 
 
 def verify(body: Body, *, stand: bool = True) -> VerifiedView:
-    """Against the ring as it should be; the picture is the ring's own shadow."""
+    """Verify a part against the ring as it should be; the picture is the ring's own shadow."""
     vertices, faces = body
     bare = sweep(CURVE, RADIUS, 96)
     picture = verify_view(bare[0], bare[1].astype(np.int64), EMPTY | True, GEOMETRY)
@@ -124,7 +124,7 @@ def test_the_floor_is_asked_of_the_tube() -> None:
 
 
 def test_what_leads_away_is_the_mount_and_what_swells_is_not() -> None:
-    """A square column on a tube, a wart, and the edges at which a column counts."""
+    """A square column on a tube counts from certain edges on; a wart does not."""
     line = np.column_stack([np.linspace(0, 40, 41), np.zeros(41), np.zeros(41)])
     curve = np.concatenate([line, line[::-1] + [0.0, 200.0, 0.0]])
     on = np.array([[10.0, 0, 1.0], [12.0, 0, 1.0], [11.0, 0.0, 1.0]])

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Bend", "Bent", "bend_of", "bend_silhouette"]
 
-# rows and columns of control points, the outermost one step outside of the frame
+# The outermost rows and columns of control points lie one step outside the frame.
 ROWS, COLUMNS = 15, 11
 UNIT = 1e-4  # a share of the picture's height
 

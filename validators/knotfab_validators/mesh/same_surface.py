@@ -44,7 +44,7 @@ def compare_surfaces(mesh: Mesh, other: Mesh) -> SurfaceDifference:
     """
     if mesh.faces.shape == other.faces.shape:
         gap = np.abs(mesh.vertices[mesh.faces] - other.vertices[other.faces])
-        # the largest difference of a coordinate
+        # most is the largest difference of a coordinate
         if (most := float(gap.max(initial=0.0))) <= LIMIT_MM / 2:
             return SurfaceDifference(most, 0, np.empty((0, 3)))
     return _match(mesh, other)

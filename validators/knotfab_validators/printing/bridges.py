@@ -84,7 +84,7 @@ def find_unsupported(grid: Columns, layer_mm: float) -> Stretches:
     anchor_of = label[np.concatenate(held)]
     length, bridged, farthest = _measure_spans(cells, label, count, anchor, anchor_of)
     places = grid.places(air)
-    # the lowest place of each island
+    # the lowest place of each island stands for it
     lowest = np.lexsort((places[:, 2], label))
     lowest = lowest[np.flatnonzero(np.diff(label[lowest], prepend=-1))]
     deciding = np.where(np.isnan(length), lowest, farthest)

@@ -33,7 +33,7 @@ class ShadowCaster(Renderer):
         super().__init__(vertices)
         self._faces = np.asarray(faces, dtype=np.int64)
         self._table = EdgeTable(self._faces, len(vertices))
-        # the faces of the last picture
+        # the next picture asks for nearly the faces of the last
         self._seen = np.ones(len(self._faces), dtype=bool), self._table
 
     def lines(self, geometry: ViewGeometry) -> Linework:

@@ -54,7 +54,7 @@ class Cylinder:
         (a,), _, (c,) = self._parts(light[None], normal)
         x, high, z = self._parts(flat, normal)
         dx, dz = x - a, z - c
-        # |(a + t dx, c + t dz - R)|² = R²: the far crossing of a hollow wall, the near one of a column
+        # |(a + t dx, c + t dz - R)|² = R² gives a hollow wall's far crossing, and a column's near one
         square, half = dx * dx + dz * dz, a * dx + (c - self.radius) * dz
         rest = a * a + (c - self.radius) ** 2 - self.radius**2
         root = np.sqrt(np.maximum(half * half - square * rest, 0.0))

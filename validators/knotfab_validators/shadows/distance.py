@@ -46,7 +46,7 @@ def _square_depth(mask: Mask) -> Array:
             if g[end] == 0:
                 end += 1
                 continue
-            # a run of the mask and the pixels beside it, nearer to it than all others
+            # a run of the mask is nearer to the pixels beside it than all others are
             begin = max(end - 1, 0)
             while end < width and g[end] > 0:
                 end += 1

@@ -94,7 +94,7 @@ def measure_penumbra(
     hidden = np.zeros(target.shape, dtype=np.int32)
     for right, up in points:
         light = geometry.light + right * geometry.right + up * geometry.up
-        # coarser pixels of a round wall lose as much to either side, which averages out
+        # coarser pixels do on a round wall: they lose as much to either side, which averages out
         hidden += renderer.render(replace(geometry, light=light), finer=1)
     if within is not None:
         hidden *= within

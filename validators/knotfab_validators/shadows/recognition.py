@@ -286,7 +286,7 @@ class _Facts:
     outline_radii: float
     tips: int
     touching: int
-    # each lost piece and hole: its width in tubes, its share of the area
+    # each lost piece and hole has its width in tubes and its share of the area
     lost: Sequence[tuple[float, float]]
     changes: int
     apart: int  # changes, all bridges across one hole as one

@@ -133,7 +133,7 @@ def _bend_radii(polygon: Array, closed: bool) -> Array:
     unit = ahead / np.where(length > 0, length, 1.0)[:, None]
     before = np.roll(unit, 1, axis=0)
     shorter = np.minimum(length, np.roll(length, 1))
-    # tan(theta/2) of two unit vectors, exact for small angles too
+    # across / along is tan(theta / 2) of two unit vectors, exact for small angles too
     across = np.linalg.norm(unit - before, axis=1)
     along = np.linalg.norm(unit + before, axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -311,7 +311,7 @@ def _lacks_surface(on: Mask, ring: Ints, curve: Ints) -> Mask:
     for number in np.unique(curve):
         own = np.flatnonzero(curve == number)
         length = min(STRETCH, len(own))
-        # the sums of all stretches, those too that go on at the curve's beginning
+        # stretches that go on at the curve's beginning are summed too
         turn = np.concatenate([own, own[: length - 1]])
         window = np.ones(length)
         bare = np.convolve(found[turn], window, "valid") < SHARE * np.convolve(
