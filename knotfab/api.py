@@ -7,15 +7,17 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+from re import Match
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from knotfab.base.errors import InputError
+from knotfab.base.errors import OPTION, InputError, KnotfabError
 from knotfab.base.progress import Event, Progress
 from knotfab.picture.read import Target, read_target
 from knotfab_formats.scene import Reading, Scene, View
@@ -88,6 +90,7 @@ def build(
     with (
         load_early(given.skip, keep=True),
         TemporaryDirectory() as folder,
+        _in_keywords(f"{folder}{os.sep}"),
         Progress("quiet", heard=progress) as told,
     ):
         files = [
@@ -99,6 +102,35 @@ def build(
         outcome = run_build(request, told)
         told.tell("end", exit_code=outcome.exit_code, folder=str(outcome.folder))
     return outcome
+
+
+@contextmanager
+def _in_keywords(place: str) -> Iterator[None]:
+    """Let errors name options as the call does, `tube_radius=2` for `--tube-radius 2`, and hide a folder."""
+
+    from knotfab.options import BuildOptions
+
+    def keyword(found: Match[str]) -> str:
+        name, value = found[1].replace("-", "_"), found[2]
+        if name != "print" and name not in BuildOptions.__dataclass_fields__:
+            return found[0]
+        return (
+            f"{name}={value!r}"
+            if value and value.islower()
+            else f"{name}={value}"
+            if value
+            else name
+        )
+
+    def plain(sentence: str) -> str:
+        sentence = sentence.replace(place, "")
+        return sentence if "knotfab " in sentence else OPTION.sub(keyword, sentence)
+
+    try:
+        yield
+    except KnotfabError as error:
+        words = (error.what, error.why, error.remedy)
+        raise type(error)(*map(plain, words)) from error
 
 
 def read_picture(source: Source, *, font: str | None = None, **reading: Any) -> Target:

@@ -53,7 +53,7 @@ def test_options_take_a_librarys_own_types(tmp_path: Path) -> None:
     with pytest.raises(knotfab.InputError, match="option mout") as error:
         knotfab.build("text:o", tmp_path / "out", mout="wall")
     assert error.value.exit_code == 2 and "mount" in str(error.value)
-    with pytest.raises(knotfab.InputError, match="tube-radius -1"):
+    with pytest.raises(knotfab.InputError, match=r"^tube_radius=-1: .*, such as tube_radius=2"):
         knotfab.build("text:o", tmp_path / "out", tube_radius=-1)
     assert not (tmp_path / "out").exists()
 

@@ -10,12 +10,14 @@ from __future__ import annotations
 
 import errno
 import os
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 
 from knotfab_formats.errors import InputError, KnotfabError, shown, spelled
 
 __all__ = [
+    "OPTION",
     "InputError",
     "KnotfabError",
     "MachineError",
@@ -28,6 +30,10 @@ __all__ = [
     "why_of",
 ]
 
+# an option in a sentence, with its value where one follows and the sentence does not go on
+OPTION = re.compile(
+    r"--([a-z][a-z-]*)(?:[ =](?!(?:and|or|is|if|to|for|takes|names|keeps)\b)([^\s,;()]*[^\s,;().]))?"
+)
 # faults that a call cannot mend by naming another file
 _OF_MACHINE = {
     "ENOSPC",

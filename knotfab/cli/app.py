@@ -112,10 +112,14 @@ def _tell_misuse(error: Any) -> str:
     """Tell cyclopts's complaint on a call, with a full stop; an option cut short may be any of its kind."""
     token = getattr(error, "token", None)
     if type(error).__name__ == "UnknownOptionError" and token is not None:
-        typed = token.keyword or token.value
+        typed = (token.keyword or token.value).partition("=")[0]
         names = [name for one in error.argument_collection or () for name in one.names]
         begun = sorted({name for name in names if name.startswith(typed)})
         if begun and len(typed) > 2:
             return f"Unknown option: {typed}. Did you mean {' or '.join(begun)}?"
+        from knotfab.options import BuildOptions
+
+        if typed.strip("-").replace("-", "_") in BuildOptions.__dataclass_fields__:
+            return f"{typed} is an option of knotfab build, not of this command."
     said = str(error).strip()
     return said if said[-1:] in ".?!" else f"{said}."

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 __all__ = ["count", "describe", "describe_readings", "list_figures"]
 
+_LARGEST_MM = 2000.0  # more than a part of many plates has
+
 
 def describe(found: Survey, exact: bool = False) -> list[str]:
     """A few lines: each picture's silhouette, what the likely tube loses of it, and a guess of the print.
@@ -91,12 +93,14 @@ def _describe_piece(found: Survey) -> str:
     wide, high = found.views[0].piece_mm
     text = f"  The piece is about {wide:.0f} × {high:.0f} mm across"
     guess = found.guess
+    if guess.hours is not None and max(wide, high) > _LARGEST_MM:
+        return f"{text}, which no printer makes: is the size meant in mm (--size 50cm)?"
     if not found.chosen:
         return text + "."
     each = " a frame" if found.frames else ""
-    text += f"; a guess: {_round(guess.mass_g)} g"
+    text += f"; a guess: {_round(guess.mass_g, 'g')}"
     if guess.hours is not None:
-        text += f" and {_round(guess.hours)} h with its supports"
+        text += f" and {_round(guess.hours, 'h')} with its supports"
     if guess.without:
         text += f"{',' if guess.hours is not None else ''} without {guess.without}"
     return text + each + "."
@@ -107,9 +111,12 @@ def count(number: int, noun: str) -> str:
     return f"{number or 'no'} {noun}{'' if number == 1 else 'es' if noun[-1] == 's' else 's'}"
 
 
-def _round(value: float) -> str:
-    """Round to the two digits that a guess has."""
-    return f"{value:.2g}" if value < 100 else f"{round(value, -1):.0f}"
+def _round(value: float, unit: str) -> str:
+    """Round to the two digits that a guess has, and to no less than a printer's own play."""
+    least = {"g": 1.0, "h": 0.1}[unit]
+    if value < least:
+        return f"less than {least:g} {unit}"
+    return f"{value:.2g} {unit}" if value < 100 else f"{round(value, -1):.0f} {unit}"
 
 
 def describe_readings(readings: Sequence[TriedReading], sheet: str) -> list[str]:

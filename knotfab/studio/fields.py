@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import cache, partial
 from typing import Any
 
-from knotfab.base.errors import InputError
+from knotfab.base.errors import OPTION, InputError
 from knotfab.base.lengths import read_length, read_number
 from knotfab.picture.fonts import list_families
 from knotfab.read_options import read_seconds
@@ -191,7 +191,6 @@ READING = (
 )  # fmt: skip
 DEFAULTS: dict[str, Value] = {"print": True, "mount": "auto", "accuracy": "standard"}
 _OTHER_WORDS = {"sequence": "Sequence", "size": "the longer side", "force": "", "out": ""}
-_OPTION = re.compile(r"--([a-z][a-z-]*)(?:[ =]([^\s,;()]*[^\s,;().]))?")
 _FLAGS = ("print", "invert", "colours", "sequence", "accept", "force")
 
 
@@ -231,4 +230,4 @@ def in_page_words(sentence: str) -> str:
 
     for placeholder in (" LEFT,TOP,WIDTH,HEIGHT", " X,Y,RADIUS", " X,Y,R"):
         sentence = sentence.replace(placeholder, "")
-    return _OPTION.sub(label, sentence.replace("--accept unrecognisable", "--accept"))
+    return OPTION.sub(label, sentence.replace("--accept unrecognisable", "--accept"))

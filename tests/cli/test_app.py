@@ -150,6 +150,12 @@ def test_what_is_no_scene(bad: Path, tmp_path: Path, scene: str) -> None:
     assert scene in said
 
 
+def test_an_option_of_build_is_named_where_it_is_none() -> None:
+    assert "--mount is an option of knotfab build" in refuse(
+        2, "preview", "cat.png", "--mount=wall"
+    )
+
+
 @pytest.mark.parametrize(("options", "why"), BAD_CALLS)
 def test_wrong_calls(bad: Path, tmp_path: Path, options: list[str], why: str) -> None:
     where = ["--out", str(tmp_path / "out")] if "--out" not in options else []

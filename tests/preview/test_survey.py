@@ -289,6 +289,14 @@ def test_the_guess_counts_the_plate_of_loose_pieces(tmp_path: Path) -> None:
     assert guess() - bare == pytest.approx(plate * resolve(Scene()).material.density_g_cm3)
 
 
+@pytest.mark.parametrize(
+    ("width", "said"), [(12.0, "less than 1 g"), (50_000.0, "no printer makes")]
+)
+def test_no_guess_is_absurd(width: float, said: str) -> None:
+    scene = Scene.model_validate({"views": [{"frame_width_mm": width}]})
+    assert said in describe(survey(scene, [read_target("text:o")]))[-1]
+
+
 def test_the_guess_adds_up_several_pictures_and_says_what_it_leaves_out() -> None:
     stands = Scene.model_validate(
         {"views": [{}, {"azimuth_deg": 90.0}], "mount": {"kind": "stand"}}

@@ -115,7 +115,10 @@ def test_from_an_empty_page_to_a_built_part_by_mouse_alone(page: Any, tmp_path: 
     page.wait_for_selector("#smooth[aria-invalid=true]:focus")
     assert "This is no number" in page.inner_text("#smooth-wrong") and page.is_hidden("#stop")
     assert violations(page) == []
-    page.fill("#smooth", "1,5")
+    page.fill("#keep_largest", "1")
+    with page.expect_response("**/api/settings"):  # what is told meanwhile leaves what is typed
+        page.fill("#smooth", "1,5")
+    page.wait_for_timeout(300)
     page.locator("input[value=wall]").check(force=True)
     page.click("#build")
     page.wait_for_selector("#result:not([hidden])")

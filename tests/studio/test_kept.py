@@ -251,6 +251,7 @@ def test_names_are_told_apart_as_disks_do() -> None:
         ("so wide (--width 120), or --invert.", "so wide (“Width on the wall”: 120), or “Invert”."),
         ("or --accept unrecognisable.", "or “Build it even if nobody would know it”."),
         ("(--sequence takes them all)", "(“Sequence” takes them all)"),
+        ("one of --height and --seed", "one of “Height on the wall” and “Seed”"),
         ("--no-such thing -- stays", "--no-such thing -- stays"),
     ],
 )  # fmt: skip

@@ -130,7 +130,7 @@ export function showFields(state) {
     const wrong = state.wrong[name];
     input.toggleAttribute("aria-invalid", Boolean(wrong));
     if (wrong) input.setAttribute("aria-invalid", "true");
-    if (input === document.activeElement && input.type === "text" && !wrong) continue;
+    if (input === document.activeElement && input.type === "text") continue; // somebody types
     const value = wrong ? wrong.text : state.settings[name];
     if (input.type === "checkbox") input.checked = Boolean(value);
     else input.value = value ?? "";

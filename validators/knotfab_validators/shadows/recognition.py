@@ -230,9 +230,13 @@ def recognise(
     lost.sort(key=lambda loss: -loss.length_mm)
     return Recognition(
         word=word,
-        reasons=(
-            *_count_reasons(text, [*tips, *single]),
-            *(facts.against(better) if word != WORDS[0] else ()),
+        reasons=tuple(
+            dict.fromkeys(  # what is counted and against the rule is said once
+                [
+                    *_count_reasons(text, [*tips, *single]),
+                    *(facts.against(better) if word != WORDS[0] else ()),
+                ]
+            )
         ),
         **{key: counts[kind] for kind, key in _COUNTS.items()},
         touching=touching,
@@ -334,9 +338,7 @@ class _Facts:
             f"a strand or gap leads off by {self.astray:.1f} tube radii, above {rule.astray_radii:g}": (
                 self.astray > rule.astray_radii
             ),
-            f"{_tell(self.tips, 'tip')} cut off, of {_tell(self.features, 'piece')} and holes": (
-                self.tips > rule.cut * self.features
-            ),
+            _name("tip", self.tips): self.tips > rule.cut * self.features,
             f"{_tell(self.specks, 'speck')} of light within the shadow": self.specks_seen(rule),
             f"pieces just touch at {_tell(self.touching, 'place')}, which no tube draws": (
                 self.touching > 0 and not rule.touching
@@ -347,9 +349,7 @@ class _Facts:
             and much,
             f"a piece or hole {self.shape:.3f} alike, below {rule.shape:g}": self.shape
             < rule.shape,
-            f"{self.misshapen} of {self.features} pieces and holes drawn out of shape": (
-                self.misshapen > rule.misshapen * self.features
-            ),
+            _name("shape", self.misshapen): self.misshapen > rule.misshapen * self.features,
             f"{_tell(self.text, 'row')} of small pieces lost": bool(self.text) and not rule.text,
         }
         return [sentence for sentence, holds in said.items() if holds]
@@ -445,11 +445,12 @@ def _count_reasons(text: Sequence[tuple[Row, list[Change]]], single: Sequence[Ch
             plural = f"{len(rows)} rows of {what} are" if len(rows) > 1 else f"a row of {what} is"
             reasons.append(f"{plural} damaged or lost")
     counts = Counter[str](c.kind for c in single)
-    for kind, (one, more) in _SAID.items():
-        if counts[kind]:
-            n = counts[kind]
-            reasons.append(f"{n} {one if n == 1 else more}")
-    return reasons
+    return [*reasons, *(_name(kind, counts[kind]) for kind in _SAID if counts[kind])]
+
+
+def _name(kind: str, number: int) -> str:
+    """Name a kind of loss with its number, always in the same words."""
+    return f"{number} {_SAID[kind][number != 1]}"
 
 
 @dataclass(frozen=True)
