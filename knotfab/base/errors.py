@@ -36,18 +36,11 @@ OPTION = re.compile(
 )
 # faults that a call cannot mend by naming another file
 _OF_MACHINE = {
-    "ENOSPC",
-    "EDQUOT",
-    "EFBIG",
-    "EROFS",
-    "EIO",
-    "EMFILE",
-    "ENFILE",
-    "ENOMEM",
-    "EAGAIN",
-    "ESTALE",
-}
-_LACKS_MEMORY = ("can't start new thread", "cannot allocate memory", "bad_alloc", "out of memory")
+    "ENOSPC", "EDQUOT", "EFBIG", "EROFS", "EIO", "EMFILE", "ENFILE", "ENOMEM", "EAGAIN", "ESTALE",
+}  # fmt: skip
+_LACKS_MEMORY = re.compile(
+    "start new thread|cannot allocate memory|bad_alloc|out of memory|memory allocation|failed to map"
+)
 _MORE_MEMORY = "Close other programs, use --accuracy draft, or a machine with 4 GB or more."
 
 
@@ -87,7 +80,7 @@ def explain_error(error: Exception) -> KnotfabError | None:
     """Explain what a person can do about an error of the machine or the input; None for a mistake of ours."""
     if isinstance(error, KnotfabError):
         return error
-    if isinstance(error, MemoryError) or any(m in str(error).lower() for m in _LACKS_MEMORY):
+    if isinstance(error, MemoryError) or _LACKS_MEMORY.search(str(error).lower()):
         return MachineError("the memory", "this machine has no more that it may use", _MORE_MEMORY)
     if isinstance(error, RecursionError):
         return InputError("the input", "something in it is nested too deep", "Make it simpler.")

@@ -130,7 +130,9 @@ def _keep(data: bytes, plain: str, suffix: str, folder: Path) -> Path:
     return path
 
 
-def too_large(what: str) -> TooLargeError:
+def too_large(what: str, largest: int = LARGEST_BYTES) -> TooLargeError:
+    if largest < LARGEST_BYTES:
+        return TooLargeError(what, f"it has more than {largest >> 10} kB", "Load the page again.")
     return TooLargeError(
         what,
         f"it has more than {LARGEST_BYTES // 2**20} MB, too much for a picture",

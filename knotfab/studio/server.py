@@ -130,7 +130,7 @@ async def _read_body(request: Request, largest: int, what: str) -> bytes:
     what = what[:80]
     told = request.headers.get("content-length", "")
     if told.isdecimal() and (len(told) > 12 or int(told) > _DRAINED_BYTES):
-        raise too_large(what)
+        raise too_large(what, largest)
     parts, size = [], 0
     try:
         async for part in request.stream():
@@ -142,7 +142,7 @@ async def _read_body(request: Request, largest: int, what: str) -> bytes:
     except ClientDisconnect as error:
         raise InputError(what, "it broke off on its way", "Hand it in again.") from error
     if size > largest:
-        raise too_large(what)
+        raise too_large(what, largest)
     return b"".join(parts)
 
 

@@ -14,7 +14,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from knotfab.base.errors import InputError, MachineError
+from knotfab.base.errors import InputError, KnotfabError, MachineError, explain_error
 from knotfab.base.pool import Crash, Workers, count_jobs
 from knotfab.verify.checks import place_of
 from knotfab_formats.records import read_as
@@ -226,7 +226,9 @@ if hasattr(os, "register_at_fork"):  # the validators of a process stay its own
     os.register_at_fork(after_in_child=lambda: _idle.clear())
 
 
-def _crashed(crash: Crash) -> MachineError:
+def _crashed(crash: Crash) -> KnotfabError:
+    if lacks := explain_error(RuntimeError(crash.said)):  # memory
+        return lacks
     how = signal.Signals(-crash.code).name if crash.code < 0 else f"exit code {crash.code}"
     last = crash.said.rstrip(".")
     return MachineError(

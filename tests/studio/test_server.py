@@ -383,7 +383,7 @@ def test_what_is_no_call(client: TestClient) -> None:
         refuse(client.post("/api/choose", content=body), 422, "the call: ")
     refuse(client.post("/api/settings", content=b'{"\\ud800": 1}'), 422, "the call: ")
     refuse(client.post("/api/settings", content=b'{"width": NaN}'), 422, "no length")
-    refuse(client.post("/api/text", content=b" " * 100_000), 413, "more than")
+    refuse(client.post("/api/text", content=b" " * 100_000), 413, "more than 64 kB")
     assert client.get("/api/state").json()["pictures"] == []
 
 

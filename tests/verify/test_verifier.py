@@ -12,6 +12,7 @@ import pytest
 from reports import check_of, verdict_of
 
 from knotfab.base.errors import InputError, MachineError
+from knotfab.base.pool import Crash
 from knotfab.verify import verifier
 from knotfab.verify.verifier import Answer, Files, Verifier, load_early
 from knotfab_formats.records import plain
@@ -155,3 +156,14 @@ def test_a_verification_that_does_not_end_is_given_up(monkeypatch: pytest.Monkey
     with pytest.raises(MachineError, match=r"did not end in .* minutes.*--skip") as caught:
         Answer(Future()).result()
     assert caught.value.exit_code == 3
+
+
+@pytest.mark.parametrize(
+    ("said", "why"),
+    [("what():  std::bad_alloc", "the memory: "), ("no display", "If graphics are")],
+)
+def test_a_process_that_ended_says_what_it_lacked(said: str, why: str) -> None:
+    ended = Future[dict[str, Any]]()
+    ended.set_exception(Crash(-6, said))
+    with pytest.raises(MachineError, match=why):
+        Answer(ended).result()
