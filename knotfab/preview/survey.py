@@ -17,6 +17,7 @@ from knotfab.design.frames import frame_view, framed_alike
 from knotfab.design.hull import HullBound
 from knotfab.design.question import Question, ask
 from knotfab.design.radius import choose_radius
+from knotfab.design.suit import suit
 from knotfab.knots import read_start
 from knotfab.picture.lamps import Separation
 from knotfab.picture.masks import holes_of, pieces_of
@@ -184,7 +185,7 @@ def _choose_tube(
         SceneError: no tube draws the pictures.
     """
     question = ask(scene, targets)
-    settings = scene.settings
+    settings = suit(scene.settings, question, scene.search)
     piece = question.scene.piece
     knots = None if isinstance(piece.knots, str) else piece.knots
     one = len(targets) == 1

@@ -50,7 +50,12 @@ def grow_curves(
     Args:
         worth: worth of each cell that is drawn. unit: unit of an edge, as for `Growth`.
         seeds: unit squares (4,), or knots (n,), whose types the curves keep.
+
+    Raises:
+        ValueError: two curves begin at one node.
     """
+    if len(np.unique(np.concatenate(seeds))) < sum(map(len, seeds)):
+        raise ValueError("two curves begin at one node")
     count = len(lattice.nodes)
     curve, place = np.zeros(count, dtype=np.int64), np.full(count, -1)
     after, before, owner = (np.full(count, -1) for _ in range(3))

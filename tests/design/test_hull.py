@@ -118,6 +118,20 @@ def test_nothing_stands_behind_a_wall() -> None:
     assert np.array(heights).min((0, 1)) == pytest.approx(0.0, abs=1e-9)
 
 
+@pytest.mark.parametrize("azimuth", [90.0, -90.0, 270.0, 450.0])
+def test_a_ray_beside_another_views_wall_is_as_long_as_its_neighbours(azimuth: float) -> None:
+    """The angle's cosine is a rounding error of either sign there."""
+    masks = [block(10, 110)] * 2
+    views = [seen(0.0), seen(azimuth)]
+    cameras = [camera_of(v, SIDE + 1, SIDE + 1) for v in views]
+    for camera in cameras:
+        on = camera.corner + np.arange(30.0, 91.0)[:, None] * camera.du + 60.0 * camera.dv
+        _, halves = rays_within(camera, on, 90.0, walls_of(views))
+        assert np.linalg.norm(halves, axis=1).min() > 80.0
+    odd = np.pad(masks[0], ((0, 1), (0, 1)))
+    assert min(b.iou for b in hull_bounds(cameras, [odd, odd], 90.0, walls=walls_of(views))) == 1.0
+
+
 def test_only_low_bounds_are_told_and_where() -> None:
     masks = [block(20, 100), block(60, 100)]
     views = [View(name="tall"), View(name="low", azimuth_deg=90.0)]

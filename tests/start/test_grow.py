@@ -91,7 +91,9 @@ def test_squares_that_share_a_node_are_two_pieces_until_joined() -> None:
     sights, _ = sights_of(ask_views([SQUARE, SQUARE], 0.0, 90.0).views, RADIUS)
     parted = draw_edges(lattice, opened, sights, RADIUS)
     even = np.ones_like(worth)
-    assert len(seed_curves(parted, even, None)) == 2
+    (alone,) = seed_curves(parted, even, None)  # the other has no square without the shared node
+    with pytest.raises(ValueError, match="begin at one node"):
+        grow_curves(parted, even, 1.0, [alone, np.append(alone[1:], node)], Growth())
     joined = join_pieces(parted, sights, even, RADIUS, None)
     (seed,) = seed_curves(joined, even, None)
     (curve,) = grow_curves(joined, even, 1.0, [seed], Growth())
