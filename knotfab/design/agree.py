@@ -276,8 +276,8 @@ def _tell_lacking(
     """A sentence for each picture of which too little is left, however it may be bent."""
     return [
         f"picture {target.name}: the others leave no room for {1 - bound.iou:.1%} of it, with no point bent "
-        f"by more than {most:g} of the height: allow more (--bend {min(0.3, round(1.6 * most, 2)):g}), or use "
-        "another picture"
+        f"by more than {most:g} of the height: allow more (--bend {min(0.3, round(1.6 * most, 2)):g}), or "
+        "use another picture"
         for target, bound in zip(targets, bounds, strict=True)
         if bound.iou < AGREED - _SAID
     ]

@@ -175,7 +175,8 @@ def rays_within(
     near, far = np.full(len(ray), -reach_mm), np.full(len(ray), reach_mm)
     for *normal, offset in walls:
         along, height = ray @ normal, begin @ normal + offset
-        along = np.where(np.abs(along) > 1e-9, along, 1e-9)  # beside a wall a ray has no end before it
+        # a ray beside the wall meets it nowhere
+        along = np.where(np.abs(along) > 1e-9, along, 1e-9)
         ends = -height / along
         near = np.where(along > 0, np.maximum(near, ends), near)
         far = np.where(along > 0, far, np.minimum(far, ends))
