@@ -72,12 +72,20 @@ def join_pieces(
         between[axis::3] &= np.roll(lattice.inner, -stride)
     squares = lattice.squares(between)
     ends = np.stack(lattice.ends(squares))
-    middles = 0.5 * lattice.nodes[ends].sum(0)  # (k, 4, 3), of the squares' edges
+    edges, at = np.unique(squares, return_inverse=True)
+    crossed = 0.5 * lattice.nodes[np.stack(lattice.ends(edges))].sum(0)  # the edges' middles
+    middles = crossed[at.reshape(squares.shape)]  # (k, 4, 3)
     centres = middles.mean(1, keepdims=True)
+
+    def room(points: Array) -> Array:
+        return np.min([s.room(points.reshape(-1, 3)) for s in sights], axis=0).reshape(
+            points.shape[:-1]
+        )
+
     # a bridge leads from the middle of an edge to that of the square, and on
-    way = np.stack([middles + share * (centres - middles) for share in (0.0, 0.5, 1.0)])
-    room = np.stack([s.room(way.reshape(-1, 3)) for s in sights]).reshape(-1, *way.shape[:3])
-    outside = np.maximum(-room.min((0, 1)), 0.0) / radius
+    least = np.minimum(room(middles + 0.5 * (centres - middles)), room(centres))
+    least = np.minimum(least, room(crossed)[at].reshape(squares.shape))
+    outside = np.maximum(-least, 0.0) / radius
     spill = lattice.spill[ends].mean((0, 2))[:, None]
     price = _STEP + spill + np.where(outside < _NECK, 10.0 * outside, 100.0)
     of = np.broadcast_to(count + np.arange(len(squares))[:, None], squares.shape)
