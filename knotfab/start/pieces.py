@@ -78,9 +78,8 @@ def join_pieces(
     centres = middles.mean(1, keepdims=True)
 
     def room(points: Array) -> Array:
-        return np.min([s.room(points.reshape(-1, 3)) for s in sights], axis=0).reshape(
-            points.shape[:-1]
-        )
+        least = np.min([s.room(points.reshape(-1, 3)) for s in sights], axis=0)
+        return np.asarray(least.reshape(points.shape[:-1]))
 
     # a bridge leads from the middle of an edge to that of the square, and on
     least = np.minimum(room(middles + 0.5 * (centres - middles)), room(centres))
