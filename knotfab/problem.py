@@ -60,7 +60,15 @@ class TargetView:
     ) -> ViewImage:
         """The picture with `pixels` on the longer side; `radius` of the tube in mm."""
         given = (radius, pixels, forms, precision, renderer)
-        return image_at(self.view, self.mask, *given, ends=self.ends)
+        if forms is not COMPILED:
+            return image_at(self.view, self.mask, *given, ends=self.ends)
+        if given not in self._images:  # each phase of a search asks for the same
+            self._images[given] = image_at(self.view, self.mask, *given, ends=self.ends)
+        return self._images[given]
+
+    @cached_property
+    def _images(self) -> dict[tuple[object, ...], ViewImage]:
+        return {}
 
     @cached_property
     def axes(self) -> Array:

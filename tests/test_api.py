@@ -68,9 +68,7 @@ def test_the_packages_are_typed() -> None:
         assert (Path(root) / "py.typed").is_file()
 
 
-def test_pil_images_and_arrays_are_pictures_others_refused(
-    tmp_path: Path,
-) -> None:
+def test_pil_images_and_arrays_are_pictures_others_refused(tmp_path: Path) -> None:
     square = np.pad(np.ones((60, 60), dtype=bool), 20)
     grey = np.where(square, 0, 255).astype(np.uint8)
     Image.fromarray(grey).save(tmp_path / "square.png")
@@ -98,6 +96,7 @@ def test_a_result_is_short_to_look_at(tmp_path: Path) -> None:
     assert len(shown) < 200 and str(tmp_path) in shown
 
 
+@pytest.mark.slow
 def test_what_a_callable_raises_ends_a_build_and_leaves_nothing(tmp_path: Path) -> None:
     """This holds for any error, even one whose kind is handled elsewhere in a build."""
     for error in (ZeroDivisionError, KeyboardInterrupt, lambda: knotfab.SceneError("a", "b", "c")):

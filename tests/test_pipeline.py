@@ -489,7 +489,7 @@ def test_two_pieces_bridged_into_one_of_a_given_depth(
     Image.fromarray(np.where(two_pieces(), 60000, 300).astype(np.uint16)).save(png)
     out = tmp_path / "out"
     done = knotfab(
-        "build", png, *quick, "--tube-radius", "3", "--knots", "1", "--depth", "40", "--out", out
+        "build", png, *quick, "--tube-radius", "5", "--knots", "1", "--depth", "40", "--out", out
     )
     assert done.code == 0, done
     (knot,) = json.loads((out / "knots.json").read_text())["knots"]
@@ -531,7 +531,7 @@ def test_an_impossible_limit_is_rejected_whole_with_the_place(tmp_path: Path) ->
     scene = tmp_path / "stiff.toml"
     scene.write_text(f"{QUICK}[material]\nmin_bend_radius_mm = 60.0\n")
     call = ["build", "text:♥", "--scene", scene, "--tube-radius", str(RADIUS)]
-    done = knotfab(*call, "--out", tmp_path / "out", "--skip", "shadow-render")
+    done = knotfab(*call, "--out", tmp_path / "out", "--skip", "shadow-render", *UNREAD)
     assert done.code == 1, done
     assert not (tmp_path / "out" / "part.stl").exists()
     report = json.loads((tmp_path / "out" / "rejected" / "report.json").read_text())

@@ -16,7 +16,7 @@ from knotfab.scene.load import dump_scene
 
 
 def prepare(*pictures: str | Path, **options: Any) -> Request:
-    given = options_from(options)
+    given = options_from({"accuracy": "sketch", "tube_radius": 5, **options})
     return prepare_build([str(p) for p in pictures], given, "", Progress("quiet"))
 
 
@@ -31,9 +31,10 @@ def square(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return picture(tmp_path / "cat.png", block)
 
 
+@pytest.mark.slow
 def test_the_default_folder_is_named_after_the_picture(square: Path) -> None:
     assert prepare(square).out == ALL_OUT / "cat"
-    assert prepare(square, "text:A", tube_radius=5).out == ALL_OUT / "cat-A"
+    assert prepare(square, "text:A").out == ALL_OUT / "cat-A"
     assert prepare(square, square, size=120).out == ALL_OUT / "cat"
     for frames in ("walk/", "walk", "walk/*.png"):
         assert prepare(frames, sequence=True).out == ALL_OUT / "walk"
@@ -70,6 +71,7 @@ def test_gcode_is_kept_only_where_something_is_sliced(square: Path) -> None:
             prepare_build([str(square)], options, "", Progress("quiet"))
 
 
+@pytest.mark.slow
 def test_a_scene_that_a_build_wrote_keeps_the_piece_its_name(square: Path, tmp_path: Path) -> None:
     written = tmp_path / "written"
     written.mkdir()

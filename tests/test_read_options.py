@@ -96,9 +96,7 @@ def test_shares_take_a_comma() -> None:
         options_from({"threshold": "3mm"})
 
 
-def test_another_accuracy_keeps_what_no_preset_decides(
-    tmp_path: Path,
-) -> None:
+def test_another_accuracy_keeps_what_no_preset_decides(tmp_path: Path) -> None:
     own = tmp_path / "own.toml"
     own.write_text(
         '[search]\nseed = 3\ngrace = 0.1\nmethod = "inn"\nfree_view = true\ncoarse_iterations = 11\n'

@@ -8,14 +8,7 @@ from pathlib import Path
 import pytest
 from command import knotfab
 
-from knotfab.base.disk import (
-    at_home,
-    hold,
-    own_folder,
-    read_file,
-    read_text,
-    temporary_folder,
-)
+from knotfab.base.disk import at_home, hold, own_folder, read_file, read_text, temporary_folder
 from knotfab.base.errors import InputError
 
 
@@ -86,9 +79,7 @@ def test_a_folder_is_held_by_one(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(os.name == "nt", reason="there are no such locks")
-def test_folders_of_killed_processes_go_and_of_living_stay(
-    tmp_path: Path,
-) -> None:
+def test_folders_of_killed_processes_go_and_of_living_stay(tmp_path: Path) -> None:
     old = time.time() - 3600
     killed, alive, young, other = (tmp_path / n for n in ("tool-a", "tool-b", "tool-c", "else"))
     for folder in (killed, alive, young, other):

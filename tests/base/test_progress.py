@@ -33,11 +33,7 @@ def run(mode: Mode, stream: io.StringIO) -> Progress:
 
 @pytest.mark.parametrize(
     ("stream", "events", "watched"),
-    [
-        (io.StringIO(), None, False),
-        (Terminal(), None, True),
-        (io.StringIO(), io.StringIO(), True),
-    ],
+    [(io.StringIO(), None, False), (Terminal(), None, True), (io.StringIO(), io.StringIO(), True)],
 )
 def test_a_search_measures_for_a_bar_and_for_events_alone(
     stream: io.StringIO, events: io.StringIO | None, watched: bool

@@ -12,6 +12,7 @@ from benchmarks.several_table import NAMED, build_set, draw_sets
 from knotfab.scene.load import load_scene
 
 
+@pytest.mark.slow
 def test_no_set_is_drawn_twice_and_all_repeat() -> None:
     drawn = draw_sets()
     assert {many: len(sets) for many, sets in drawn.items()} == {2: 12, 3: 8, 4: 2, 1: 5}
@@ -21,6 +22,7 @@ def test_no_set_is_drawn_twice_and_all_repeat() -> None:
     assert draw_sets() == drawn
 
 
+@pytest.mark.slow
 def test_a_set_is_built_once_and_by_eye_where_its_name_says_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command import knotfab, picture, small_disk, square
+from command import knotfab, picture, refuse, small_disk, square
 from PIL import Image
 
 import knotfab as package
@@ -103,16 +103,7 @@ def bad(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def refuse(code: int, *arguments: str | Path) -> str:
-    """The one line that a wrong call leaves on stderr."""
-    done = knotfab(*arguments)
-    assert done.code == code, done
-    assert done.out == ""
-    assert done.err.startswith("knotfab: ") and done.err.count("\n") == 1, done.err
-    assert done.err.rstrip()[-1] not in ":,;"
-    return done.err
-
-
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "why"), BAD_PICTURES.items())
 def test_bad_pictures(bad: Path, tmp_path: Path, name: str, why: str) -> None:
     said = refuse(2, "build", bad / name, "--out", tmp_path / "a" / "out")
@@ -183,6 +174,7 @@ def test_what_is_no_time(text: str) -> None:
         read_seconds(text, "--time-limit")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "in_scene", "printing"),
     [

@@ -71,9 +71,7 @@ def view(name: str, iou: float, **more: Any) -> dict[str, Any]:
     return {"name": name, "iou": iou, "legibility": {"45": 0.482}, **more}
 
 
-def test_views_are_told_by_name_in_percent(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_views_are_told_by_name_in_percent(capsys: pytest.CaptureFixture[str]) -> None:
     off = {
         "parting_px": 2.0, "lamp_mm": 5.0, "turn_deg": 1.0, "iou": 0.95, "samples": 7, "lamp_iou": {},
         "lamp_iou_per_mm": {}, "worst": {"of": "turn", "way": "up", "raw": 0.9, "fitted": 0.966},

@@ -40,11 +40,7 @@ class Hostile:
 
 def _deep(levels: int) -> bytes:
     """Components of components: twice as many cubes at every level."""
-    objects = [f'<object id="1" type="model">{MESH}</object>']
-    for i in range(2, levels + 2):
-        twice = f'<component objectid="{i - 1}"/>' * 2
-        objects.append(f'<object id="{i}" type="model"><components>{twice}</components></object>')
-    return as_3mf(model("".join(objects), f'<item objectid="{levels + 1}"/>'))
+    return _multiply('<component objectid="{}"/>', levels=levels)
 
 
 def _bomb() -> bytes:

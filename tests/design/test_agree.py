@@ -9,12 +9,7 @@ from PIL import Image
 
 from knotfab.base.errors import InputError, SceneError
 from knotfab.design import bend
-from knotfab.design.agree import (
-    AGREED,
-    agree,
-    apply_bending,
-    require_agreed,
-)
+from knotfab.design.agree import AGREED, agree, apply_bending, require_agreed
 from knotfab.design.bend import Tension
 from knotfab.design.frames import frame_view, framed_alike, spread_views
 from knotfab.design.hull import HullBound

@@ -43,10 +43,9 @@ def test_what_is_fine_enough_stays() -> None:
     assert fine_enough(fine, 1.5, 1.8, 0.2) == fine
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PRESETS)
-def test_corners_of_presets_stay_within_the_clearance_check(
-    name: str,
-) -> None:
+def test_corners_of_presets_stay_within_the_clearance_check(name: str) -> None:
     """Corners of 14 sides took .02 mm of a gap of .4 mm on either side: a knight in 5 s was rejected."""
     thick = fine_enough(PRESETS[name], 3.0, 3.5, 10.0)
     straight = np.zeros((400, 3))

@@ -5,13 +5,7 @@ import pytest
 
 from knotfab.base.arrays import Mask
 from knotfab.base.errors import InputError
-from knotfab.design.frames import (
-    frame_view,
-    framed_alike,
-    size_frames,
-    spread_views,
-    widen_targets,
-)
+from knotfab.design.frames import frame_view, framed_alike, size_frames, spread_views, widen_targets
 from knotfab.picture.masks import drop_specks
 from knotfab.picture.read import Target
 from knotfab.scene.catalogue import resolve

@@ -83,6 +83,7 @@ def test_lamps_that_cannot_stand_apart_share_what_is_drawn(lamps: str) -> None:
     assert len(told) == 2 and ask(placed, masks(2)).problem.apart_mm is None
 
 
+@pytest.mark.slow
 def test_each_mask_is_filled_where_its_own_lamp_sees_it() -> None:
     targets = masks()
     scene, _ = place_lamps(scene_of(), targets)

@@ -43,9 +43,7 @@ def test_the_largest_of_those_that_draw_it_well_is_taken(question: Question) -> 
 
 
 @pytest.mark.slow
-def test_a_spent_budget_takes_a_thicker_tube_within_its_give(
-    question: Question,
-) -> None:
+def test_a_spent_budget_takes_a_thicker_tube_within_its_give(question: Question) -> None:
     free = choose_radius(question, DRAFT)
     unhurried = choose_radius(question, DRAFT, budget=Budget(time.perf_counter() + 1000.0))
     assert unhurried.radius_mm == free.radius_mm
@@ -156,9 +154,7 @@ def test_thinner_tubes_are_tried_until_a_start_will_do(
     assert choice.radius_mm == begun[taken] and begun[-1] >= asked.scene.printer.min_tube_radius_mm
 
 
-def test_several_pictures_get_no_thinner_tube_than_will_do(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_several_pictures_get_no_thinner_tube_than_will_do(monkeypatch: pytest.MonkeyPatch) -> None:
     disc = MultiPolygon([Point(0, 0).buffer(40.0)])
     asked = Question(resolve(Scene()), ask_views([disc] * 2, 0.0, 90.0))
     monkeypatch.setattr(_Trials, "score", lambda _, radius: 1.0 if radius < 1.3 else 0.5)

@@ -72,9 +72,7 @@ def test_turned_regions_behind_walls_and_meshes_are_refused() -> None:
 
 
 @pytest.mark.parametrize("shape", ["ball", "disc", "rectangle"])
-def test_the_piece_stays_outside_a_lamp_of_the_largest_size(
-    shape: str,
-) -> None:
+def test_the_piece_stays_outside_a_lamp_of_the_largest_size(shape: str) -> None:
     size = {"light_diameter_mm": 960.0}
     if shape == "rectangle":
         size = {"light_width_mm": 768.0, "light_height_mm": 576.0}

@@ -126,11 +126,7 @@ def test_a_hardly_round_wall_and_one_switched_off_run_no_code(
     ("radius", "keys", "why"),
     [
         (-60.0, {}, "narrower than the picture"),
-        (
-            100.0,
-            {"wall_distance_mm": 30.0, "light_distance_mm": 120.0},
-            "forward beside",
-        ),
+        (100.0, {"wall_distance_mm": 30.0, "light_distance_mm": 120.0}, "forward beside"),
         (290.0, {}, "is not inside it"),
         (56.0, {"wall_distance_mm": 60.0, "light_distance_mm": 40.0}, "narrower"),
     ],

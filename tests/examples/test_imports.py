@@ -42,6 +42,7 @@ def is_there(module: str, name: str) -> bool:
         return False
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", SCRIPTS, ids=lambda p: f"{p.parent.name}-{p.stem}")
 def test_every_name_that_a_script_imports_is_there(path: Path) -> None:
     missing = [pair for pair in list_imports(path) if not is_there(*pair)]

@@ -9,13 +9,12 @@ import numpy as np
 import pytest
 from questions import ask_heart, start_and_search
 from region_meshes import box_mesh
+from slopes import state_at
 
 from knotfab.base.arrays import Array
 from knotfab.files.stl import write_stl
-from knotfab.geometry.neighbours import find_neighbours
-from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.limits import guards
-from knotfab.limits.base import Guard, Limit, Limits, State
+from knotfab.limits.base import Guard, Limit, Limits
 from knotfab.limits.length import LENGTH
 from knotfab.limits.region import REGION, outside
 from knotfab_formats.scene import ResolvedRegion
@@ -48,12 +47,6 @@ def limits(tmp_path: Path, kind: str = "box", length: float = 1e5) -> Limits:
         box = box_mesh(SIZES[kind])
         write_stl(tmp_path / "room.stl", [(box.vertices, box.faces.astype(np.int32))])
     return Limits(2.0, 0.4, 2.2, length, ResolvedRegion(**named))
-
-
-def state_at(points: Array) -> State:
-    rings = polylines_of_sizes((len(points),))
-    near = find_neighbours(points, rings, 12.0, 6)
-    return State.at(points, rings, near)
 
 
 def value_and_slope(term: Callable[..., Any], points: Array, lim: Limits) -> tuple[float, Array]:

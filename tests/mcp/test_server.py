@@ -128,6 +128,7 @@ def test_no_path_leads_out_of_the_folders(folder: Path) -> None:
     assert sorted(path.name for path in outside.iterdir()) == before
 
 
+@pytest.mark.slow
 def test_a_wrong_call_is_told_as_the_command_line_tells_it(folder: Path) -> None:
     def told(*words: str) -> str:
         command = [sys.executable, "-m", "knotfab", *words]

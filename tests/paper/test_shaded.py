@@ -28,6 +28,7 @@ def _strip(*points: tuple[float, float, float]) -> torch.Tensor:
     return torch.tensor(points, dtype=torch.float64)
 
 
+@pytest.mark.slow
 def test_hits_lie_on_the_surface_and_no_earlier_point_is_inside() -> None:
     generator = torch.Generator().manual_seed(3)
     a, b = torch.rand(2, 400, 3, generator=generator, dtype=torch.float64) * 40 - 20

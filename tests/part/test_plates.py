@@ -72,9 +72,7 @@ def cut_track() -> tuple[list[Cut], list[CutPiece]]:
 
 
 def laid_out(
-    curves: list[Array],
-    room: tuple[float, float, float] = ROOM,
-    rules: Rules | None = None,
+    curves: list[Array], room: tuple[float, float, float] = ROOM, rules: Rules | None = None
 ) -> tuple[Plates, PrintPose]:
     tubes = [tube(c) for c in curves]
     knots = Knots(tuple(Knot(c) for c in curves), RADIUS)
@@ -254,9 +252,7 @@ def checks_of(part: Surface, plates: list[Plate]) -> dict[str, tuple[str, object
 
 
 @pytest.mark.slow
-def test_plates_that_make_up_the_part_pass(
-    written: tuple[Surface, list[Plate], Path, str],
-) -> None:
+def test_plates_that_make_up_the_part_pass(written: tuple[Surface, list[Plate], Path, str]) -> None:
     part, plates, _, _ = written
     found = check_plates(part, plates, ROOM)
     assert [c.name for c in found] == ["build_volume", "plate_mesh", "plates", "plates_volume"]

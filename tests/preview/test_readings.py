@@ -38,6 +38,7 @@ def test_each_reading_is_another_and_is_what_its_options_say(tmp_path: Path) -> 
     assert list_readings([str(path), str(path)], BuildOptions()) == ()
 
 
+@pytest.mark.slow
 def test_a_drawing_of_lines_is_offered_without_its_dust(tmp_path: Path) -> None:
     """No usual tube draws thin lines: those of which most can be drawn along them are no worse for that."""
     image = Image.new("L", (800, 600), 255)

@@ -67,6 +67,7 @@ def test_what_is_thin_is_lost_at_its_place(tmp_path: Path) -> None:
     assert f"({longest.thickness:.0f} px) {place}" in said_of(found)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("width", [6, 30])
 def test_what_a_build_draws_is_not_marked(tmp_path: Path, width: int) -> None:
     """Lines of two thirds of the tube are drawn by it, wider than they are; a thicker tube loses them."""
@@ -137,6 +138,7 @@ def test_frames_are_surveyed_by_the_hardest(tmp_path: Path) -> None:
     assert found.frames == 3 and found.views[0].target is frames[1]
 
 
+@pytest.mark.slow
 def test_several_views_are_surveyed_each(tmp_path: Path) -> None:
     targets = [read_target(lines(tmp_path / f"{w}.png", width=w, body=True)) for w in (60, 20)]
     views = (View(name="a"), View(name="b", azimuth_deg=90.0))
@@ -156,6 +158,7 @@ def test_red_marks_what_is_lost(tmp_path: Path) -> None:
     assert first[:, panel // 2 :].sum() > 200 and not first[:, : panel // 2].any()
 
 
+@pytest.mark.slow
 def test_the_command_writes_a_picture_and_says_the_same(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -267,6 +270,7 @@ def test_a_glance_leaves_thin_strips_as_thick_as_they_are(tmp_path: Path) -> Non
         assert len(read_target(tmp_path / "strip.png", glance=True).mask) == left
 
 
+@pytest.mark.slow
 def test_the_guess_counts_the_plate_of_loose_pieces(tmp_path: Path) -> None:
     image = Image.new("L", (300, 200), 255)
     for left in (30, 180):
@@ -297,6 +301,7 @@ def test_no_guess_is_absurd(width: float, said: str) -> None:
     assert said in describe(survey(scene, [read_target("text:o")]))[-1]
 
 
+@pytest.mark.slow
 def test_the_guess_adds_up_several_pictures_and_says_what_it_leaves_out() -> None:
     stands = Scene.model_validate(
         {"views": [{}, {"azimuth_deg": 90.0}], "mount": {"kind": "stand"}}
@@ -312,6 +317,7 @@ def test_the_guess_adds_up_several_pictures_and_says_what_it_leaves_out() -> Non
     assert one.hours < two.hours < 2 * one.hours
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["cat", "knight"])
 def test_the_radius_is_that_of_the_build(name: str) -> None:
     """Here the search's own choice, made without the preview's memory, places of knots included."""

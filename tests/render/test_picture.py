@@ -11,6 +11,7 @@ from knotfab_formats.scene import ResolvedView
 RADIUS_MM = 2.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pixels", [96, 192, 250, 384, 512, 1024, 1500])
 @pytest.mark.parametrize("size", [(1023, 1024), (829, 1024), (1024, 655), (301, 200), (64, 64)])
 def test_a_picture_keeps_its_area_and_its_place_at_any_size(

@@ -159,6 +159,7 @@ def test_points_far_out_or_nan_colour_nothing() -> None:
         assert torch.equal(seen, plain)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rows", [69, 66])
 def test_the_hard_shadow_is_where_rays_meet_the_tube(rows: int) -> None:
     """Where pixels are a twentieth higher than wide, a tube is drawn as much wider than it should be."""

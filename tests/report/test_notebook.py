@@ -65,6 +65,7 @@ def test_a_build_shows_verdict_and_pictures_with_text_escaped(tmp_path: Path) ->
     assert page is not None and "Verified." in page
 
 
+@pytest.mark.slow
 def test_pictures_of_a_long_sequence_stay_within_bounds(tmp_path: Path) -> None:
     noise = np.random.default_rng(0).integers(0, 255, (600, 1500, 3), dtype=np.uint8)
     for number in range(8):

@@ -111,10 +111,7 @@ def test_colours_of_lamps_are_told_in_words_and_shown_lamp_by_lamp(tmp_path: Pat
     assert any("5 mm beside its place" in line and "96.0%" in line for line in tell_colours(off))
     file = tmp_path / "shadow.png"
     Image.new("L", (4, 4), 255).save(file)
-    shown = [
-        Picture(file, "colours", "all"),
-        Picture(file, "alone", "", report.views[0].name),
-    ]
+    shown = [Picture(file, "colours", "all"), Picture(file, "alone", "", report.views[0].name)]
     page = render_html(report, shown)
     assert "background:rgb(255 0 186)" in page and "alone" in page and "99.9%" in page
 

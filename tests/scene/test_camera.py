@@ -60,9 +60,7 @@ def test_shadow_is_larger_than_the_piece_by_similar_triangles() -> None:
 
 
 @pytest.mark.parametrize("keys", [{}, {"azimuth_deg": 37.0, "wall_tilt_deg": -25.0}])
-def test_weight_is_one_on_the_receiver_and_positive_before_light(
-    keys: dict[str, float],
-) -> None:
+def test_weight_is_one_on_the_receiver_and_positive_before_light(keys: dict[str, float]) -> None:
     cam = camera(**keys)
     points = on_receiver(cam)
     assert weight(cam, points) == pytest.approx(np.ones(4))

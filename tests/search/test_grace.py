@@ -2,21 +2,17 @@
 
 import numpy as np
 import pytest
-from slopes import assert_slope
+from slopes import assert_slope, state_at
 
 from knotfab.base.arrays import Array
 from knotfab.geometry.measures import measure_curvature
-from knotfab.geometry.neighbours import find_neighbours
-from knotfab.geometry.polylines import polylines_of_sizes
-from knotfab.limits.base import Felt, State
+from knotfab.limits.base import Felt
 from knotfab.search.grace import Grace
 from knotfab.search.objective import Weights
 
 
 def felt(points: Array, radius: float, weight: float = 1.0, bends: bool = False) -> Felt:
-    polylines = polylines_of_sizes((len(points),))
-    near = find_neighbours(points, polylines, 1.0, 6)
-    return Grace(radius, weight, bends)(State.at(points, polylines, near), Weights())
+    return Grace(radius, weight, bends)(state_at(points, 1.0), Weights())
 
 
 def energy(points: Array, radius: float, weight: float = 1.0, bends: bool = False) -> float:
@@ -30,9 +26,7 @@ def circle(radius: float, count: int = 400) -> Array:
 
 
 @pytest.mark.parametrize("size", [2.0, 7.0, 50.0])
-def test_grace_of_a_circle_is_its_turn_and_half_its_length(
-    size: float,
-) -> None:
+def test_grace_of_a_circle_is_its_turn_and_half_its_length(size: float) -> None:
     bending, stretched = 1.5 * 2 * np.pi / size, 2 * np.pi * size / 1.5
     assert energy(circle(size), 1.5) == pytest.approx(bending + 0.5 * stretched, rel=1e-4)
 

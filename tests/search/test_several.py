@@ -9,15 +9,14 @@ import shapely
 from PIL import Image
 from questions import ask_views, draw_mask, see_from, start_and_search
 from shapely import MultiPolygon, Point, box
+from slopes import state_at
 
 from knotfab.api import assemble_part, design_knots, write_files
 from knotfab.base.arrays import Array
 from knotfab.base.errors import InputError, SceneError
 from knotfab.design.hull import HullBound
 from knotfab.design.question import _crop_to_hull, ask
-from knotfab.geometry.neighbours import find_neighbours
-from knotfab.geometry.polylines import polylines_of_sizes
-from knotfab.limits.base import Felt, State
+from knotfab.limits.base import Felt
 from knotfab.picture.read import Target, read_targets
 from knotfab.pipeline import build
 from knotfab.problem import Start
@@ -56,9 +55,7 @@ def scene_views() -> tuple[View, View]:
 
 def term_at(term: Term, points: Array, weights: Weights | None = None) -> Felt:
     """A term at the vertices (N, 3) of one closed polyline."""
-    rings = polylines_of_sizes((len(points),))
-    near = find_neighbours(points, rings, 12.0, 6)
-    return term(State.at(points, rings, near), weights or Weights())
+    return term(state_at(points), weights or Weights())
 
 
 @pytest.mark.parametrize("elevation", [0.0, 35.0, 90.0, -60.0])
@@ -292,9 +289,7 @@ def test_a_circle_start_is_simple_in_one_view() -> None:
     assert slopes == pytest.approx(1 / np.tan(np.deg2rad(40.0)), rel=0.25)
 
 
-def test_a_far_start_is_brought_near_alike_by_any_budget(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_far_start_is_brought_near_alike_by_any_budget(monkeypatch: pytest.MonkeyPatch) -> None:
     walked: list[list[int]] = []
     monkeypatch.setattr(search_module, "resample_state", lambda *_: None)
     monkeypatch.setattr(

@@ -4,10 +4,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command import knotfab, picture, square
+from command import knotfab, picture, refuse, square
 
 from knotfab.files.folder import OutputFolder
 
+CALL = ("build", "--sequence")
 TWO_VIEWS = "[[views]]\nname = 'a'\n[[views]]\nname = 'b'\nazimuth_deg = 90.0\n"
 
 
@@ -19,14 +20,6 @@ def _frames(folder: Path, count: int = 2, size: int = 64) -> Path:
     return folder
 
 
-def _refuse(code: int, *arguments: str | Path) -> str:
-    done = knotfab("build", "--sequence", *arguments)
-    assert done.code == code, done
-    assert done.out == ""
-    assert done.err.startswith("knotfab: ") and done.err.count("\n") == 1, done.err
-    return done.err
-
-
 @pytest.mark.parametrize(
     ("options", "why"),
     [
@@ -36,7 +29,7 @@ def _refuse(code: int, *arguments: str | Path) -> str:
 )
 def test_what_makes_no_sense_with_a_sequence(tmp_path: Path, options: list[str], why: str) -> None:
     frames = _frames(tmp_path / "frames")
-    assert why in _refuse(2, frames, "--out", tmp_path / "out", *options)
+    assert why in refuse(2, *CALL, frames, "--out", tmp_path / "out", *options)
     assert not (tmp_path / "out").exists()
 
 
@@ -51,7 +44,7 @@ def test_a_scene_of_two_views_is_no_sequence(tmp_path: Path) -> None:
     scene = tmp_path / "scene.toml"
     scene.write_text(TWO_VIEWS)
     frames = _frames(tmp_path / "frames")
-    said = _refuse(2, frames, "--scene", scene, "--out", tmp_path / "out")
+    said = refuse(2, *CALL, frames, "--scene", scene, "--out", tmp_path / "out")
     assert "2 views" in said
 
 
@@ -61,7 +54,7 @@ def test_a_device_that_is_not_there(tmp_path: Path) -> None:
     if torch.cuda.is_available():
         pytest.skip("this machine has a CUDA device")
     frames = _frames(tmp_path / "frames")
-    said = _refuse(3, frames, "--out", tmp_path / "out", "--device", "cuda")
+    said = refuse(3, *CALL, frames, "--out", tmp_path / "out", "--device", "cuda")
     assert "no CUDA device" in said
 
 

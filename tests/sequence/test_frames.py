@@ -10,12 +10,7 @@ from knotfab.base.errors import InputError
 from knotfab.batch.tasks import list_tasks
 from knotfab.drawing.gif import write_gif, write_shadows_gif
 from knotfab.options import BuildOptions
-from knotfab.sequence.frames import (
-    MOST_FRAMES,
-    count_knots,
-    read_frames,
-    tell_apart,
-)
+from knotfab.sequence.frames import MOST_FRAMES, count_knots, read_frames, tell_apart
 from knotfab_formats.scene import Reading
 
 

@@ -4,12 +4,10 @@ import numpy as np
 import pytest
 import shapely
 from shapely import MultiPolygon
-from slopes import assert_slope
+from slopes import assert_slope, state_at
 
 from knotfab.base.arrays import Array
-from knotfab.geometry.neighbours import find_neighbours
-from knotfab.geometry.polylines import polylines_of_sizes
-from knotfab.limits.base import Felt, State
+from knotfab.limits.base import Felt
 from knotfab.search.objective import Term, Weights
 from knotfab.sequence.motion import Anchor, Tautness, measure, outline_motion, pair_pieces
 
@@ -69,9 +67,7 @@ def test_measure_holds_and_refuses() -> None:
 
 def _pull(term: Term, points: Array) -> Felt:
     """A term at the vertices (N, 3) of one closed polyline."""
-    rings = polylines_of_sizes((len(points),))
-    near = find_neighbours(points, rings, 5.0, 6)
-    return term(State.at(points, rings, near), Weights())
+    return term(state_at(points, 5.0), Weights())
 
 
 def test_anchor_is_silent_within_its_bound() -> None:

@@ -140,9 +140,7 @@ def test_the_best_of_poor_trials_is_kept(monkeypatch: pytest.MonkeyPatch) -> Non
     assert (trial.attempt.origin, trial.found.result.iou_estimate) == (2, 0.9)
 
 
-def test_a_frame_that_breaks_a_limit_ends_as_its_neighbour(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_frame_that_breaks_a_limit_ends_as_its_neighbour(monkeypatch: pytest.MonkeyPatch) -> None:
     moved = [(2, c, more, False) for c, more in ((True, False), (False, False), (False, True))]
     follow = _Follow(dict.fromkeys(moved, 0.99), unsound=moved)
     trial, asked = _search(monkeypatch, follow, list_attempts(2, 2, closes=True, same=False))

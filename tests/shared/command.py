@@ -39,6 +39,16 @@ def knotfab(*arguments: str | Path) -> Done:
     return Done(code, out.getvalue(), err.getvalue())
 
 
+def refuse(code: int, *arguments: str | Path) -> str:
+    """The one line that a wrong call leaves on stderr."""
+    done = knotfab(*arguments)
+    assert done.code == code, done
+    assert done.out == ""
+    assert done.err.startswith("knotfab: ") and done.err.count("\n") == 1, done.err
+    assert done.err.rstrip()[-1] not in ":,;"
+    return done.err
+
+
 def picture(path: Path, ink: NDArray[np.bool_]) -> Path:
     """Write `ink` (H, W) as black on white."""
     Image.fromarray(np.where(ink, 0, 255).astype(np.uint8)).save(path)

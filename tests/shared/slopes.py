@@ -6,7 +6,15 @@ import numpy as np
 import pytest
 
 from knotfab.base.arrays import Array
-from knotfab.limits.base import Felt
+from knotfab.geometry.neighbours import find_neighbours
+from knotfab.geometry.polylines import polylines_of_sizes
+from knotfab.limits.base import Felt, State
+
+
+def state_at(points: Array, reach: float = 12.0) -> State:
+    """The state of one closed polyline with vertices (N, 3), whose neighbours lie within `reach` mm."""
+    rings = polylines_of_sizes((len(points),))
+    return State.at(points, rings, find_neighbours(points, rings, reach, 6))
 
 
 def assert_slope(

@@ -355,10 +355,7 @@ def test_a_program_that_fills_the_disk(tmp_path: Path, monkeypatch: pytest.Monke
 def test_a_build_that_ends_takes_the_slicer_with_it(tmp_path: Path) -> None:
     program = _fake(tmp_path / "bin", f"echo $$ > {tmp_path}/pid.new; sleep 600")
     part = write_boxes(tmp_path / "part.3mf", CUBE)
-    with (
-        pytest.raises(KeyboardInterrupt),
-        SlicerQueue(tmp_path, program=program) as queue,
-    ):
+    with pytest.raises(KeyboardInterrupt), SlicerQueue(tmp_path, program=program) as queue:
         slicing = queue.submit(part, scene_of())
         while not (tmp_path / "pid.new").is_file() or not (tmp_path / "pid.new").read_text():
             time.sleep(0.01)

@@ -153,6 +153,7 @@ def test_what_grew_round_the_hulls_holes_is_proved_an_unknot(
     assert min(start.ious) > 0.7 and "isotopy" in start.why
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("knots", "curves"), [(None, 2), (1, 1), (2, 2), (4, 4)])
 def test_each_piece_of_the_hull_gets_a_curve_and_none_is_linked(
     knots: int | None, curves: int
@@ -201,6 +202,7 @@ def test_what_has_no_start_says_why(
         make_start(ask_views(pictures, 0.0, 90.0), RADIUS, HOW, knots)
 
 
+@pytest.mark.slow
 def test_a_start_repeats_to_the_last_bit_with_its_knots_given() -> None:
     for second in (SQUARE, APART, DOTS):
         problem = ask_views([RING, second], 0.0, 90.0)
@@ -223,6 +225,7 @@ def test_a_piece_of_the_hull_is_joined_never_across_a_gap() -> None:
 THIN = MultiPolygon([box(-3, -40, 3, 40)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("pictures", "azimuths", "above", "curves", "least"),
     [

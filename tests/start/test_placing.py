@@ -113,9 +113,7 @@ def test_what_print_costs_is_weighed_in_the_extent(
     assert extent(0.2, 5.0, 1.0) == DEPTH_MM
 
 
-def test_loose_pieces_are_as_deep_with_the_mount_left_open(
-    problem: Problem,
-) -> None:
+def test_loose_pieces_are_as_deep_with_the_mount_left_open(problem: Problem) -> None:
     loose = fill(
         shapely.MultiPolygon([shapely.box(-50, -40, -8, 40), shapely.box(8, -40, 50, 40)]), RADIUS
     )

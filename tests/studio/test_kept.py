@@ -160,6 +160,7 @@ def test_how_a_picture_is_read_goes_with_it(runs: Path, tmp_path: Path) -> None:
         assert (ask()["settings"]["specks"], ask()["settings"]["smooth"]) == (200, 2.5)
 
 
+@pytest.mark.slow
 def test_views_and_frames_keep_their_order(runs: Path, tmp_path: Path) -> None:
     with opened(tmp_path / "studio") as ask:
         for text in "abcde":
@@ -229,9 +230,7 @@ def test_a_build_that_ran_when_the_studio_was_killed(tmp_path: Path) -> None:
     assert found == {"cat": "done", "cat 2": "stopped"}  # nothing is left of the third
 
 
-def test_moves_of_a_killed_build_are_finished_before_a_list(
-    tmp_path: Path,
-) -> None:
+def test_moves_of_a_killed_build_are_finished_before_a_list(tmp_path: Path) -> None:
     hidden = tmp_path / "builds" / "cat" / ".knotfab-killed"
     (hidden / "old").mkdir(parents=True)
     (hidden / "report.json").write_text('{"verdict": {"word": "good"}}')

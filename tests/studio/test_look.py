@@ -25,6 +25,7 @@ def test_a_subject_that_is_offered_fills_its_field(monkeypatch: pytest.MonkeyPat
     assert in_page_words(told) == wanted
 
 
+@pytest.mark.slow
 def test_the_cut_over_a_photograph_is_in_its_own_px(tmp_path: Path) -> None:
     """A photograph of 1500 px is drawn at 1024: clear on the ball, shaded elsewhere, a hole where dropped."""
     v, u = np.mgrid[:1000, :1500]

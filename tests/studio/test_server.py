@@ -432,6 +432,7 @@ def test_a_slow_tab_gets_the_latest_frame_alone() -> None:
     assert asyncio.run(follow()) == ["state", "frame 999"]
 
 
+@pytest.mark.slow
 def test_a_preview_says_what_is_lost_and_draws_it() -> None:
     figures, panels = look.preview(["text:I"], options_from({"width": 150}))
     assert figures["views"][0]["frame_mm"][0] == 150 and json.dumps(figures)

@@ -24,13 +24,7 @@ from knotfab.search.phases import SETTLE, Phase
 from knotfab.search.state import SearchState, begin
 from knotfab.start.start import make_start
 from knotfab.torch_forms.forms import TorchForms
-from knotfab.torch_forms.pose import (
-    ALL,
-    Bounds,
-    FreePose,
-    ViewNumbers,
-    turn_of,
-)
+from knotfab.torch_forms.pose import ALL, Bounds, FreePose, ViewNumbers, turn_of
 from knotfab.torch_forms.posed_frame import posed_frame, tensor_frame, turn_matrix
 from knotfab.torch_forms.tiled import render_tiled
 from knotfab_formats.scene import Piece, ResolvedView, Scene

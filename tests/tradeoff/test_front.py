@@ -6,14 +6,7 @@ import numpy as np
 import pytest
 from fake_runs import beaten_by, make_measured, make_run
 
-from knotfab.tradeoff.front import (
-    Measured,
-    frontier,
-    halve,
-    list_effects,
-    list_steps,
-    merge_turns,
-)
+from knotfab.tradeoff.front import Measured, frontier, halve, list_effects, list_steps, merge_turns
 from knotfab.tradeoff.points import COMBINED, KNOBS, Point, combine, list_changes, points
 from knotfab_formats.search import PRESETS
 

@@ -99,6 +99,7 @@ def test_the_vertices_before_a_face_are_those_that_it_counts_back_from(tmp_path:
     assert sorted(map(set, mesh.vertices[mesh.faces][:, :, 2].tolist()), key=max) == [{0}, {5}]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ending", ["obj", "ply"])
 def test_the_library_reads_them_and_refuses_what_is_broken(ending: str, tmp_path: Path) -> None:
     content = {"obj": cube_obj(), "ply": cube_ply()}[ending]

@@ -188,14 +188,15 @@ def make_knotted(count: int = 900) -> np.ndarray:
 
 
 @pytest.mark.slow
-def test_a_circle_takes_as_few_bends_as_it_needs() -> None:
-    circle = ring(30.0, n=800, wave=0.0)
-    (wire,) = fit_wires([circle], None, LIMITS)
+@pytest.mark.parametrize("tolerance", [0.475, 0.2])
+def test_a_circle_takes_as_few_bends_as_it_needs(tolerance: float) -> None:
+    circle = ring(18.0, n=480, wave=0.0)
+    (wire,) = fit_wires([circle], None, replace(LIMITS, tolerance_mm=tolerance))
     # corners that stand out as far as the chords lie within: at least pi / sqrt(4 t / (R - r))
-    least = np.pi / np.sqrt(4 * 0.475 / 28)
+    least = np.pi / np.sqrt(4 * tolerance / 16)
     assert least <= len(wire.corners) <= 1.6 * least
     line, _ = replay(list_bends(wire, 0, 0.0))
-    assert measure_deviation(circle, line[:-1], []).largest <= 0.5
+    assert measure_deviation(circle, line[:-1], []).largest <= tolerance + 0.025
 
 
 @pytest.mark.slow
@@ -208,11 +209,9 @@ def test_a_trefoil_is_bent_within_all_limits() -> None:
     assert found.across <= 0.5 and found.largest <= 1.0
     assert measure_least_distance([line[:-1]], 2.0) >= 2.0
     assert len(wire.corners) < 80
-    # finer limits take more bends
-    finer = fit_wires([curve], light, replace(LIMITS, tolerance_mm=0.2))[0]
-    assert len(finer.corners) > len(wire.corners)
 
 
+@pytest.mark.slow
 def test_hairpins_become_two_bends() -> None:
     # a race track whose ends turn at the tightest that a wire's data file allows
     side = np.linspace(0, 60, 120)[:, None]

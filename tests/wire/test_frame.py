@@ -24,10 +24,7 @@ def bars(thin: int) -> np.ndarray:
 
 def view(width: float, wall: float = 0.001) -> ResolvedView:
     return ResolvedView(
-        frame_width_mm=width,
-        frame_height_mm=width,
-        light_distance_mm=500.0,
-        wall_distance_mm=wall,
+        frame_width_mm=width, frame_height_mm=width, light_distance_mm=500.0, wall_distance_mm=wall
     )
 
 

@@ -203,6 +203,7 @@ def test_representations_tell_apart_what_homology_does_not() -> None:
         assert found_of(knot, other).status == "fail"
 
 
+@pytest.mark.slow
 def test_sums_beyond_the_table_are_proved_summand_by_summand() -> None:
     word = braid_of(known_knot((Factor(6, 2, 1), Factor(6, 3, 0))))
     found = found_of(zigzag(rotate(braid(word)[0], 4), 3, 1), "6_2#6_3")
@@ -231,6 +232,7 @@ def test_what_is_proved_and_why(word: tuple[int, ...], name: str, why: str) -> N
     assert "Jones" in found.detail and "signature" in found.detail
 
 
+@pytest.mark.slow
 def test_knots_beyond_the_table() -> None:
     found = found_of(rotate(torus_knot(3, 7, 600), 1))
     assert found.status == "pass" and "not a knot of the table (determinant 1)" in found.detail
@@ -245,6 +247,7 @@ def test_knots_beyond_the_table() -> None:
 # --- promises that must be refuted, by hand and among twins ----------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("word", "promise", "measured"),
     [
@@ -467,9 +470,8 @@ def test_methods_that_disagree_fail_the_check(monkeypatch: pytest.MonkeyPatch) -
         assert "the two methods disagree" in found.detail
 
 
-def test_without_floer_homology_names_stay_consistent(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+@pytest.mark.slow
+def test_without_floer_homology_names_stay_consistent(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("knotfab_validators.knots.invariants.floer_homology", lambda *_: None)
     found = found_of(torus_knot(2, 3), "3_1")
     assert (

@@ -23,11 +23,13 @@ def test_unknots_come_down_to_nothing() -> None:
         assert not reroute(closed_braid(random_markov([1, -2, 3], 60, seed))).crossings
 
 
+@pytest.mark.slow
 def test_no_diagram_has_fewer_crossings_than_its_knot() -> None:
     assert len(reroute(closed_braid([1] * 11)).crossings) == 11
     assert len(reroute(closed_braid([1, 2] * 7)).crossings) == 14  # T(3,7)
 
 
+@pytest.mark.slow
 def test_sums_fall_into_their_summands_and_prime_diagrams_do_not() -> None:
     knot = known_knot((Factor(3, 1, 1), Factor(4, 1, 0), Factor(5, 2, -1)))
     parts = summands(reroute(closed_braid(braid_of(knot)), enough=12))

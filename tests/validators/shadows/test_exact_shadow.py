@@ -20,6 +20,7 @@ def brute_force(vertices: Array, faces: Array, geometry: ViewGeometry) -> shapel
     return shapely.union_all(triangles[shapely.area(triangles) > 1e-9])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_agrees_with_the_union_of_all_triangles(seed: int) -> None:
     g = view_geometry(PlainView(wall_tilt_deg=15.0 * (seed - 1), azimuth_deg=40.0 * seed), 300, 300)

@@ -302,6 +302,7 @@ def spotted(count: int, radius: float, slit: int = 0) -> Mask:
     return np.asarray(image)
 
 
+@pytest.mark.slow
 def test_one_speck_never_lowers_the_word_and_fifty_do() -> None:
     clean = spotted(0, 0)
     for count, radius, word in ((1, 2, "faithful"), (50, 2, "good"), (200, 3, "coarse")):
@@ -315,6 +316,7 @@ def test_one_speck_never_lowers_the_word_and_fifty_do() -> None:
     assert judge(spotted(1, 2), spotted(1, 2)).specks == 0  # the picture's own
 
 
+@pytest.mark.slow
 def test_more_damage_never_gives_a_better_word() -> None:
     clean = spotted(0, 0)
     words = [

@@ -225,9 +225,7 @@ def squares(apart: int) -> Mask:
 
 
 @pytest.mark.parametrize("reach", [1.5, 2.0, 3.0])
-def test_corners_that_touch_count_as_what_no_tube_draws(
-    reach: float,
-) -> None:
+def test_corners_that_touch_count_as_what_no_tube_draws(reach: float) -> None:
     touching = squares(0)
     for shadow in (touching, squares(2), squares(-2)):
         assert not find_changes(shadow, touching, reach)

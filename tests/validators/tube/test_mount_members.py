@@ -72,6 +72,7 @@ def test_a_whole_mount_passes_and_so_does_its_tube() -> None:
     assert check_mount(shrunk, CURVES, COUNT).status == "fail"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("cut", "place"),
     [

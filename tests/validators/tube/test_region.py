@@ -64,9 +64,7 @@ def test_the_detail_names_the_place_that_sticks_out() -> None:
     points = CURVE.copy()
     points[7] = [12.0, 34.0, 56.0]
     check = check_region(
-        Region(size_mm=(100.0, 100.0, 100.0)),
-        None,
-        Curves((points,), ("unknot",), (True,), 3.0),
+        Region(size_mm=(100.0, 100.0, 100.0)), None, Curves((points,), ("unknot",), (True,), 3.0)
     )
     assert check.measured == pytest.approx(9.0) and "(12.00, 34.00, 56.00)" in check.detail
 

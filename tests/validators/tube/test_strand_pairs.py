@@ -11,9 +11,7 @@ from knotfab_validators.tube.clearance import check_clearance
 from knotfab_validators.tube.strand_pairs import sample_curves, strand_pairs
 
 
-def test_a_spike_of_a_centre_line_leaves_a_check_not_run(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_spike_of_a_centre_line_leaves_a_check_not_run(monkeypatch: pytest.MonkeyPatch) -> None:
     points = circle(24, 20.0)
     mesh = Mesh(*tube(points, 3.0, 8))
     points[3, 2] = 100.0

@@ -7,12 +7,7 @@ from knot_curves import curves
 from knotfab_validators.arrays import Array
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.tube.critical_chords import shortest_critical_chord
-from knotfab_validators.tube.thickness import (
-    Thickness,
-    check_length,
-    check_thickness,
-    thickness,
-)
+from knotfab_validators.tube.thickness import Thickness, check_length, check_thickness, thickness
 
 
 def ngon(n: int, radius: float = 1.0, axes: tuple[int, int] = (0, 1)) -> Array:
@@ -97,6 +92,7 @@ def test_open_ends() -> None:
     assert dcsd(hook, closed=False) == pytest.approx(3.0)
 
 
+@pytest.mark.slow
 def test_vertices_on_a_straight_line_are_no_ends_of_edges() -> None:
     """The same curve has the same thickness, however its edges are cut; rounding makes no bend."""
     curve = turn(ngon(31, 10.0))
