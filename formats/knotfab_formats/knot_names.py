@@ -64,13 +64,7 @@ NICKNAMES = {
     "granny": "3_1#3_1",
     "square": "3_1#m3_1",
 }
-_WORDS = {
-    **NICKNAMES,
-    "t(2,3)": "3_1",
-    "t(2,5)": "5_1",
-    "t(2,7)": "7_1",
-    "t(3,4)": "8_19",
-}
+_WORDS = {**NICKNAMES, "t(2,3)": "3_1", "t(2,5)": "5_1", "t(2,7)": "7_1", "t(3,4)": "8_19"}
 _UNKNOT = ("unknot", "trivial", "0_1", "")
 _MOST_FACTORS = 6
 NO_SUCH_KNOT = (

@@ -4,14 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal, Self, TypeVar
 
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    ConfigDict,
-    Field,
-    Strict,
-    StrictStr,
-)
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict, StrictStr
 from pydantic_core import PydanticCustomError
 
 from knotfab_formats.bounds import (

@@ -16,13 +16,7 @@ from pydantic import (
     model_validator,
 )
 
-from knotfab_formats.bounds import (
-    Count,
-    Extent,
-    Length,
-    Number,
-    Pixels,
-)
+from knotfab_formats.bounds import Count, Extent, Length, Number, Pixels
 from knotfab_formats.piece import (
     MOST_BEND,
     About,

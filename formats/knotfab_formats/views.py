@@ -6,13 +6,7 @@ import re
 from math import hypot
 from typing import Annotated, Literal
 
-from pydantic import (
-    AfterValidator,
-    Field,
-    Strict,
-    StrictStr,
-    field_validator,
-)
+from pydantic import AfterValidator, Field, Strict, StrictStr, field_validator
 from pydantic_core import PydanticCustomError
 
 from knotfab_formats.bounds import (

@@ -22,13 +22,7 @@ from knotfab.torch_forms.ellipse import (
     support_point,
 )
 
-__all__ = [
-    "Outlines",
-    "clip_segments",
-    "outline_capsules",
-    "outline_distance",
-    "tangent_normals",
-]
+__all__ = ["Outlines", "clip_segments", "outline_capsules", "outline_distance", "tangent_normals"]
 
 _TINY = 1e-30
 _GRAZING = 1e-12  # the least 1 - (r / h)^2: below it the eye is taken to be in the cylinder

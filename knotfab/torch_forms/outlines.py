@@ -115,13 +115,7 @@ def winners(
 
 
 def _may_win(
-    shape: Outlines,
-    kind: Tensor,
-    u: Tensor,
-    v: Tensor,
-    size: int,
-    camera: Pinhole,
-    reach: float,
+    shape: Outlines, kind: Tensor, u: Tensor, v: Tensor, size: int, camera: Pinhole, reach: float
 ) -> Tensor:
     """[m] which (square, primitive) pairs may hold a winner: inside the image and not surely beaten.
 

@@ -29,13 +29,7 @@ from knotfab.torch_forms.tensors import squared_error
 from knotfab.torch_forms.threads import one_thread
 from knotfab_formats.scene import LIGHT_SHARE, WALL_SHARE
 
-__all__ = [
-    "ALL",
-    "Bounds",
-    "FreePose",
-    "Name",
-    "ViewNumbers",
-]
+__all__ = ["ALL", "Bounds", "FreePose", "Name", "ViewNumbers"]
 
 Name = Literal["azimuth", "elevation", "roll", "light", "wall", "radius"]
 

@@ -63,10 +63,7 @@ def list_rungs(pictures: int) -> list[int]:
 
 
 def explore(
-    bench: Bench,
-    points: Sequence[Point],
-    middle: SearchSettings,
-    combinations: int,
+    bench: Bench, points: Sequence[Point], middle: SearchSettings, combinations: int
 ) -> Explored | None:
     """Measure points, combinations of their good values, and ever fewer of both on ever more pictures.
 

@@ -13,15 +13,7 @@ from knotfab.tradeoff.measure import Run
 from knotfab.tradeoff.points import KNOBS, Effect, Point
 from knotfab_formats.search import SearchSettings
 
-__all__ = [
-    "Measured",
-    "Step",
-    "frontier",
-    "halve",
-    "list_effects",
-    "list_steps",
-    "merge_turns",
-]
+__all__ = ["Measured", "Step", "frontier", "halve", "list_effects", "list_steps", "merge_turns"]
 
 _LEAST = 1e-6  # an error of 0 has no logarithm
 _ROUGHER = 1.1  # the most curvature of a point on the front, over the middle's

@@ -171,12 +171,7 @@ def measure_tradeoff(
         )
     steps = list_steps(explored.measured, explored.middle.point.settings)
     found = Tradeoff(
-        explored,
-        steps,
-        tuple(study.name for study in studies),
-        jobs,
-        tuple(bench.left_out),
-        out,
+        explored, steps, tuple(study.name for study in studies), jobs, tuple(bench.left_out), out
     )
     content = to_dict(found, repeats, studies[0].device)
     write_whole(out / "tradeoff.json", json.dumps(content, indent=1).encode())

@@ -28,15 +28,7 @@ from knotfab_validators.shadows.shadow_checks import skip_shadow_checks
 if TYPE_CHECKING:
     from knotfab_validators.files.scene import Scene
 
-__all__ = [
-    "Half",
-    "Piece",
-    "Verdict",
-    "conclude_piece",
-    "measure_piece",
-    "read_piece",
-    "validate",
-]
+__all__ = ["Half", "Piece", "Verdict", "conclude_piece", "measure_piece", "read_piece", "validate"]
 
 FilePath = str | PathLike[str]
 Half = Literal["geometry", "shadows"]
@@ -206,10 +198,7 @@ def conclude_piece(
 
 
 def _check_beside(
-    mesh: Mesh | None,
-    part: Path | None,
-    skip: Collection[str],
-    seconds: dict[str, float],
+    mesh: Mesh | None, part: Path | None, skip: Collection[str], seconds: dict[str, float]
 ) -> Check:
     """Tell whether the 3MF files beside the part hold its surface."""
     (name,) = FILES

@@ -12,13 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from knotfab_validators.files.bad_file import (
-    MOST_MM,
-    MOST_TRIANGLES,
-    BadFile,
-    read_bytes,
-    short,
-)
+from knotfab_validators.files.bad_file import MOST_MM, MOST_TRIANGLES, BadFile, read_bytes, short
 from knotfab_validators.files.stl import corners_stl, is_stl
 from knotfab_validators.files.threemf import corners_3mf, is_3mf
 from knotfab_validators.geometry.mesh import Corners, Mesh, merge_equal

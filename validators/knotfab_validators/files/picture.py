@@ -144,10 +144,7 @@ def _opened(picture: Path, reading: Reading) -> Iterator[Image.Image]:
 
 def _read_subject(picture: Path, reading: Reading) -> Mask:
     """Read the mask of a picture's subject beside it, cropped as the picture is."""
-    path, whole = (
-        picture.parent / reading.subject_mask,
-        reading.but(crop_px="none"),
-    )
+    path, whole = (picture.parent / reading.subject_mask, reading.but(crop_px="none"))
     with _opened(path, whole) as mask, _opened(picture, whole) as image:
         if mask.size != image.size:
             raise PictureError(

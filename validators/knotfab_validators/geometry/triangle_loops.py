@@ -37,11 +37,7 @@ def _dot(p: Triple, q: Triple) -> float:
 @compiled
 def _cross(p: Triple, q: Triple) -> Triple:
     """The vector product."""
-    return (
-        p[1] * q[2] - p[2] * q[1],
-        p[2] * q[0] - p[0] * q[2],
-        p[0] * q[1] - p[1] * q[0],
-    )
+    return (p[1] * q[2] - p[2] * q[1], p[2] * q[0] - p[0] * q[2], p[0] * q[1] - p[1] * q[0])
 
 
 @compiled

@@ -29,12 +29,7 @@ from knotfab_validators.knots.table import (
 
 __all__ = ["Promise", "asked_knot", "promised_knot"]
 
-WORDS = {
-    "trivial": "unknot",
-    "trivial knot": "unknot",
-    "0_1": "unknot",
-    **NICKNAMES,
-}
+WORDS = {"trivial": "unknot", "trivial knot": "unknot", "0_1": "unknot", **NICKNAMES}
 OPEN = ("", "unknown", "?")  # nothing is promised
 MOST_FACTORS = 12
 MOST_TORUS_CROSSINGS = 60

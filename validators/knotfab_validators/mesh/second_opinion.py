@@ -10,12 +10,7 @@ from knotfab_validators.arrays import Ints
 from knotfab_validators.geometry.heap import overlapping_boxes, tell_heap
 from knotfab_validators.geometry.mesh import Mesh
 
-__all__ = [
-    "Opinions",
-    "crossing_faces",
-    "opinions",
-    "self_intersections",
-]
+__all__ = ["Opinions", "crossing_faces", "opinions", "self_intersections"]
 
 
 MOST_COUNTED = 5_000_000  # above so many crossings the first is enough

@@ -50,10 +50,7 @@ def check_plates(
 
 
 def check_plates_printable(
-    plates: Sequence[Plate],
-    printer: Printer,
-    before: Sequence[Check],
-    seconds: dict[str, float],
+    plates: Sequence[Plate], printer: Printer, before: Sequence[Check], seconds: dict[str, float]
 ) -> list[Check]:
     """The checks of printability, each of the plate that comes out worst."""
     broken = [c for c in before if c.name == "plate_mesh" and c.status == "fail"]

@@ -75,11 +75,7 @@ class EdgeTable:
     def find_silhouette(self, points: Array) -> Linework:
         """The silhouette edges where the vertices are seen at `points` (n, 2), as `shadow_lines` has them."""
         edge, net = _count_edges(
-            np.ascontiguousarray(points),
-            self.faces,
-            self._first,
-            self._face,
-            self._along,
+            np.ascontiguousarray(points), self.faces, self._first, self._face, self._along
         )
         ends = self._ends[edge]
         return Linework(points[ends[:, 0]], points[ends[:, 1]], net)

@@ -32,15 +32,7 @@ from knotfab_validators.shadows.topology import (
 )
 from knotfab_validators.shadows.view import ViewGeometry
 
-__all__ = [
-    "RULES",
-    "UNKNOWN",
-    "WORDS",
-    "Rule",
-    "check_recognisable",
-    "recognise",
-    "worst_verdict",
-]
+__all__ = ["RULES", "UNKNOWN", "WORDS", "Rule", "check_recognisable", "recognise", "worst_verdict"]
 
 
 @dataclass(frozen=True)

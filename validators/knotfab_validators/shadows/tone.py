@@ -31,11 +31,7 @@ class Tone:
 
 
 def measure_tone(
-    shadow: Mask,
-    darkness: Array,
-    frame: WorkingFrame,
-    radius_px: float,
-    clearance: float,
+    shadow: Mask, darkness: Array, frame: WorkingFrame, radius_px: float, clearance: float
 ) -> Tone:
     """The low-passed shadow against the picture's low-passed greys, over the picture's frame.
 

@@ -178,11 +178,7 @@ def _share_of_frame(mask: Mask, frame: WorkingFrame) -> float:
 
 
 def _legibility(
-    caster: ShadowCaster,
-    vertices: Array,
-    faces: Ints,
-    geometry: ViewGeometry,
-    target: Mask,
+    caster: ShadowCaster, vertices: Array, faces: Ints, geometry: ViewGeometry, target: Mask
 ) -> dict[str, float]:
     """`legibility` of what stands before the receiver: a plate on the wall is no part of the piece."""
     _, w = geometry.project(vertices)
