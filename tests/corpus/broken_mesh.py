@@ -122,7 +122,7 @@ FAULTS: list[tuple[str, Change, str, Places | None]] = [
     ("the part in inches", lambda b: b.scale(1 / 25.4), "tube", None),
     ("the part shifted by half a radius", lambda b: b.move((0, 1.5, 0)), "tube", None),
 ]  # fmt: skip
-# the same of two rings
+# the same faults are made in two rings
 FAULTS_OF_TWO: list[tuple[str, Change, str, Places | None]] = [
     ("a hole in the second of two", lambda b: b.without(FACE), "mesh_closed", _at_face()),
     ("one of two bodies twice", lambda b: repeat_faces(b, range(len(b.faces) // 2)), "mesh_duplicate",

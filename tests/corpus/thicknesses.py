@@ -95,7 +95,7 @@ def thickness_rows() -> list[ThicknessRow]:
             cases.append((f"two {n}-gons stacked at {gap}", stack, gap / 2))
     for n in (8, 64, 1000):  # thickness 1, ropelength 8 pi in the limit
         hopf = [circle(2.0, n), circle(2.0, n)[:, [0, 2, 1]] + [2.0, 0, 0]]
-        # between the edges beside a corner in the middle of the other polygon and the edge across
+        # the chord joins the edge across and the edges beside a corner in the other polygon's middle
         exact = np.cos(np.pi / n) / np.sqrt(1 + np.sin(np.pi / n) ** 2)
         cases.append((f"tight Hopf link of {n}-gons", hopf, exact))
     for n in (6, 21):

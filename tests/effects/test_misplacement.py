@@ -131,7 +131,7 @@ def test_the_loss_to_be_expected_is_that_of_moving_for_real(mount: str, aside: d
         one, *others = ((s - s.mean(axis=0)) @ [1, 1j] for s in (was, *moved))
         left = [s - np.vdot(one, s) / np.vdot(one, one) * one for s in others]
         parted = np.sqrt((np.abs(left) ** 2).sum() / len(t)) / view.magnification
-        # a share of the square, on both sides of its outline
+        # the move changes a share of the square on both sides of its outline
         lost = parted / np.sqrt(np.pi) * 4 / side
         assert losses[-1] == pytest.approx(lost / (1 + lost / 2), rel=0.03)
     assert losses[0] < 0.7 * losses[1]

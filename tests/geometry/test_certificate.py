@@ -22,7 +22,7 @@ def _circle(n: int, radius: float = 10.0, z: float = 0.0) -> np.ndarray:
 
 
 def test_a_strand_may_not_pass_through_another() -> None:
-    # two circles one above the other; the upper falls through the lower
+    # the upper of two circles falls through the lower
     points = np.concatenate([_circle(60), _circle(60, z=2.0)])
     rings = polylines_of_sizes((60, 60))
     near = find_neighbours(points, rings, 8.0, 6)

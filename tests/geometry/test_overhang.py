@@ -171,7 +171,7 @@ def test_starts_and_bridges_count_where_nothing_is_supported() -> None:
     assert saddle.starts == 0  # it stands on both its feet
     raised = arch + np.where((t > np.pi)[:, None], [0.0, 0.0, 5.0], 0.0)
     assert estimate(strands_of(knots_of(raised)), np.eye(3), alone).starts >= 1
-    # the top of the arch: within one layer of its highest point
+    # the arch's top lies within one layer of its highest point
     curve = 60**2 + 0.0
     way = 2 * np.sqrt(2 * 0.2 / (4 * 20 / curve))
     assert saddle.bridge_mm == pytest.approx(way, rel=0.35)

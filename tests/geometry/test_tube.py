@@ -145,7 +145,7 @@ def test_bend_limit_is_min_rad() -> None:
     for radius in (limit * (1 + 1e-9), 1.1 * limit):
         with pytest.raises(SceneError, match="bends to a radius of"):
             sweep(p, radius, 128)
-    # the corners of a coarse ring reach further
+    # a coarse ring has corners that reach further
     with pytest.raises(SceneError, match="cross near"):
         sweep(p, 0.9 * limit, 3)
 

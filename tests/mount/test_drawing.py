@@ -63,7 +63,7 @@ def test_figures_are_on_the_page(kind: Kind, tmp_path: Path) -> None:
     if kind == "dowel":
         assert {"1", "2", "3"} <= set(said)
     if kind == "stand":
-        # from the wall to the base, from the base to the lamp, the lamp above the desk
+        # the lengths lead from the wall to the base, from the base to the lamp, and from the desk to the lamp
         assert {"70", "455", "75", "desk"} <= set(said)
 
 

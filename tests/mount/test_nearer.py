@@ -157,6 +157,6 @@ def test_a_leaning_wall_keeps_clear_of_all_before_the_frame(height_mm: float, up
     there = camera_of(view.model_copy(update={"wall_distance_mm": place.wall_mm}), 90, 90)
     corners = there.corner + np.outer([0, 89.5], there.dv)
     near = 0.5 * place.depth_mm + LOOSE.radius_mm
-    # the gap of the frame's nearest edge behind the deepest strand
+    # the gap is that of the frame's nearest edge behind the deepest strand
     gap = -near - corners[:, 2].max()
     assert LEAST_PEG_MM <= gap < LEAST_PEG_MM + 3.0

@@ -72,7 +72,7 @@ def test_what_it_darkens_is_what_was_predicted(island: bool) -> None:
     inside = np.s_[frame.pad_y : -frame.pad_y, frame.pad_x : -frame.pad_x]
     more = float((dark & ~bare)[inside].mean())
     assert more == pytest.approx(float(plan(island).predicted_intrusion[0]), rel=0.1)
-    # at least a post from the frame's edge to the ring, and a bridge to the island; not ten of them
+    # there is a post from the frame's edge to the ring and a bridge to the island, but not ten of them
     pixel = 180 / 1024
     width = 2 * 0.6 * RADIUS * 1.2 / pixel
     least = width * ((90 - 63) + island * (34 - 5) * 1.2) / pixel / 1024**2
@@ -136,7 +136,7 @@ def test_members_touch_nothing_but_their_ends() -> None:
         for curve in ISLAND.knots:
             away = np.linalg.norm(line[:, None] - curve.points[None], axis=2).min(axis=1)
             near = away < RADIUS + m.radius[i] + 0.35
-            # only about its ends
+            # they are near only about its ends
             ends = np.minimum(t[:, 0], 1 - t[:, 0]) * np.linalg.norm(m.end[i] - m.start[i])
             assert ends[near].max(initial=0.0) < 4 * RADIUS
 

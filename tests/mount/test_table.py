@@ -109,7 +109,7 @@ def test_the_frame_is_checked_as_it_was_written() -> None:
         ("table", "pass", True),
         ("table_shadow", "pass", True),
     ]
-    # a lamp elsewhere, a wall elsewhere, a bar elsewhere, a bar too few, an open surface, a smaller bed
+    # each is wrong: lamp, wall or bar elsewhere, a bar too few, an open surface, a smaller bed
     aside = [*scene.views[:2], scene.views[2].model_copy(update={"light_right_mm": 72.0})]
     far = [v.model_copy(update={"wall_distance_mm": v.wall_distance_mm + 1.0}) for v in scene.views]
     for views in (aside, far):

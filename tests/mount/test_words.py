@@ -46,7 +46,7 @@ def test_costs_are_those_of_the_report() -> None:
     assert lines[4] == "Piece turned by 1° forward or back: about 0.50 IoU"
     assert len(lines) == 6
     fixed = costs_of(OFF, view, on_wall=True)
-    # 600 mm sin 1° = 10.47 mm of the lamp
+    # the lamp moves by 600 mm sin 1° = 10.47 mm
     assert fixed[3:] == [
         "Wall and piece turned by 1° left or right: about 0.15 IoU",
         "Wall and piece leaning by 1° forward or back: about 0.09 IoU",

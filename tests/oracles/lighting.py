@@ -57,7 +57,7 @@ def bounce_and_truth(rng: np.random.Generator) -> tuple[float, float]:
     assert found is not None
     start = wall.place(points)
     along = np.roll(start, -1, axis=0) - start
-    # all across the shadow of a strand
+    # places lie all across the shadow of a strand
     behind = start[:: _POINTS // _FEET] + radius * directions(_POINTS)[:: _POINTS // _FEET]
     feet = np.column_stack([wall.cast(behind), np.zeros(len(behind))])
     filled = [_filled(foot, _FEW, start, along, radius) for foot in feet]
@@ -110,7 +110,7 @@ def wall_and_truth(rng: np.random.Generator) -> tuple[float, float]:
     turn = arc / radius
     at = middle + np.outer(radius * np.sin(turn), right) + np.outer(high_up, up)
     at += np.outer(radius * (1 - np.cos(turn)), normal)
-    # the flat wall's place on the same ray, by halving
+    # halving finds the flat wall's place on the same ray
     low, top = np.zeros(len(at)), np.full(len(at), 10.0)
     for _ in range(60):
         share = 0.5 * (low + top)

@@ -91,7 +91,7 @@ def test_occupancy_is_what_sticks_out() -> None:
     spots = torch.tensor([[[0.0, 0, 0], [0.9, 0, 0], [1.5, 0, 0], [1.3, 1.4, 0]]])
     region = box((-1, -1, -1), (1, 1, 1))
     assert torch.allclose(region(spots)[0], torch.tensor([1.0, 0.1, -0.5, -0.5]))
-    # RADIUS 0.2: nothing, 0.1, 0.7, 0.7
+    # with RADIUS 0.2 they count nothing, 0.1, 0.7, 0.7
     assert float(occupancy_loss(spots, RADIUS, region)) == pytest.approx(1.5)
     assert torch.allclose(ball((0, 0, 0), 1.0)(spots)[0, :3], torch.tensor([1.0, 0.1, -0.5]))
 

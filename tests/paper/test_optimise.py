@@ -101,7 +101,7 @@ def test_terms_are_those_that_are_asked_for() -> None:
     result = search_paper([view], every, region=ball((0.0, 0.0, 3.0), 1.0))
     first = result.losses[0]
     assert set(first) == {"image", "length", "mobius", "occupancy", "bending", "total"}
-    # the circle of radius 1 as a random polygon, and every ball of 0.12 sticks out by 0.12
+    # the circle of radius 1 is a random polygon, and every ball of 0.12 sticks out by 0.12
     assert first["length"] == pytest.approx(1e-2 * (2 * math.pi - 3), rel=0.02)
     assert first["occupancy"] == pytest.approx(1e-2 * 60 * 0.12, rel=1e-6)
 

@@ -19,7 +19,7 @@ def test_the_soft_silhouette_is_that_of_the_triangle() -> None:
     area = float((image > 0.5).sum()) * (2 / 64) ** 2
     exact = 0.5 * abs(1.1 * 1.2 - 0.5 * 0.1)
     assert area == pytest.approx(exact, rel=0.02)
-    # at a known distance outside: below the lower edge's middle, straight up in the picture
+    # the point lies at a known distance below the lower edge's middle: straight up in the picture
     assert float(image[5, 32]) < 1e-3 and float(image[30, 32]) > 0.99
 
 

@@ -34,7 +34,7 @@ def test_a_ring_in_the_air_is_open_to_all() -> None:
     assert set(found.reached) == set(TOOLS_MM)
     assert all(share == 1.0 for share in found.reached.values())
     assert found.worst_tool == "finger" and "100%" in tell_access(found)
-    # half of the underside's circumference of a quarter turn to either side
+    # a quarter turn to either side sees half of the underside's circumference
     assert found.area_cm2 == pytest.approx(2 * np.pi * 40 * 2.0 * np.pi / 2 / 100, rel=0.1)
 
 

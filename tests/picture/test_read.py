@@ -95,7 +95,7 @@ def test_every_kind_gives_the_shape(tmp_path: Path, kind: str) -> None:
     assert target.png_bytes == path.read_bytes()
     assert target.file_name == f"a-shape.{suffix}"
     assert (read_target(path, Reading(invert=True)).mask == ~SHAPE).all()
-    # the validators' own reader, written from the same words
+    # the validators' own reader is written from the same words
     assert (read_silhouette(path) == SHAPE).all()
 
 

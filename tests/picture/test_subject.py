@@ -152,7 +152,7 @@ def test_a_build_goes_by_the_mask_and_so_do_the_validators(tmp_path: Path) -> No
     assert not found.mask[:10, :10].any() and (found.mask[10:] == first.mask[10:]).all()
     (seen,) = read_built(scene).views
     np.testing.assert_array_equal(read_silhouette(folder / seen.picture, seen), found.mask)
-    # strokes on the command line cut anew
+    # strokes on the command line make the cut anew
     anew = read_scene(BuildOptions(scene=scene, keep=("5,5,3",)))[0].views[0]
     assert (anew.subject_mask, anew.keep_px, anew.drop_px) == ("", ((5, 5, 3),), ((80, 70, 9),))
     assert anew.subject_px == (40, 30, 80, 80)

@@ -173,7 +173,7 @@ PLACED = {
         ), 0.20
     ),
 }  # fmt: skip
-# drawings, and their share of the page
+# each drawing covers this share of the page
 DRAWN: dict[str, tuple[str | bytes, float]] = {
     **{kind: (text, 0.36) for kind, text in SQUARES.items()},
     **{kind: (text, DISC - 0.09) for kind, text in PIERCED.items()},

@@ -51,7 +51,7 @@ def test_strokes_become_as_wide_as_asked(name: str, width: int) -> None:
     assert away[wide].max() < 0.5 * wanted + 1  # round ends reach a radius further
     middle = (away == 0) & (np.abs(np.indices(line.shape)[1] - 65) < 25)
     assert (middle & ~wide).sum() < 0.08 * middle.sum()
-    # no wider either, but for a pixel, and its round ends
+    # it is no wider either, but for a pixel and its round ends
     assert wide.sum() < 1.2 * line.sum() + wanted**2
     assert ndimage.distance_transform_edt(~thin)[wide].max() <= 0.5 * wanted
 
@@ -86,7 +86,7 @@ def test_what_the_scene_asks_for_is_drawn_and_the_picture_kept(sequence: bool) -
     targets = [Target("line", mask, b"", 200, 160)] * (3 if sequence else 1)
     scene = resolve(Scene(views=(View(thicken_mm="auto"),)))
     changed, found = widen_targets(scene, targets, sequence)
-    # 1.1 x the shadow of a tube 1.6 mm thick, on a wall 100 mm behind a piece 500 mm from the lamp
+    # 1.1 times the shadow of a 1.6 mm tube falls on a wall 100 mm behind a piece 500 mm from the lamp
     assert changed.views[0].thicken_mm == pytest.approx(1.1 * 1.6 * 1.2)
     assert len(found) == len(targets)
     for target in found:

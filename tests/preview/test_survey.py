@@ -258,7 +258,7 @@ def test_a_glance_tells_places_and_rules_in_the_pictures_own_px(tmp_path: Path) 
     assert not glanced.original[:60, :40].any() and glanced.original[:60, 40:60].any()
     rows, columns = np.nonzero(glanced.original)
     middle = glanced.to_picture((columns.max(), rows.max()))
-    # the one in the middle of the last four px across
+    # it is the one in the middle of the last four px across
     assert middle == (3599 - 1.5, 1599 - 1.5) and whole.to_picture((7, 9)) == (7, 9)
 
 

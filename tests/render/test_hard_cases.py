@@ -91,7 +91,7 @@ def test_an_invalid_gradient_is_found_out() -> None:
 
 def test_what_is_behind_the_light_is_not_seen() -> None:
     assert float(image(case_of("behind the light"), torch.float64).max()) == 0.0
-    # a segment through the light's plane looks like its part in front of it
+    # a segment that crosses the light's plane looks like its part in front of the plane
     case = case_of("through the light's plane")
     front = case.points.copy()
     front[0] = front[1] + (5.0 - front[1, 2]) / (front[0, 2] - front[1, 2]) * (front[0] - front[1])
@@ -159,7 +159,7 @@ point = st.tuples(finite, finite, st.floats(-0.5, 1.0))
     log_tau=st.floats(0, 6),
     dtype=st.sampled_from([torch.float32, torch.float64]),
 )
-# both ends nearly in the light: once an endless slope times nothing
+# where both ends nearly lie in the light, an endless slope was once multiplied by nothing
 @example([(0.0, 0.0, 0.0), (0.0, 0.0, 1e-30)], 0, 0.0, 0.0, torch.float32)
 def test_any_points_give_a_finite_picture_and_gradient(
     points: list[tuple[float, float, float]],

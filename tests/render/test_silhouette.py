@@ -80,7 +80,7 @@ def test_error_and_gradient_are_those_of_torch(tau: float) -> None:
         )
         (g,), (w,) = torch.autograd.grad(3 * ours, p), torch.autograd.grad(3 * theirs, p)
         assert float((g - w).norm()) <= most * float(w.norm())
-        # and by way of the image
+        # the image gives the same
         seen = render(p, p.roll(-1, 0), frame, RADIUS, tau)
         (g,) = torch.autograd.grad(3 * ((seen - target) ** 2).sum(), p)
         assert float((g - w).norm()) <= most * float(w.norm())

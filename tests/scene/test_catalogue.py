@@ -62,7 +62,7 @@ def test_a_u_turn_of_each_wire_can_be_bent() -> None:
             assert material.wire_diameter_mm == 0
             continue
         bend = material.tool_radius_mm + material.wire_diameter_mm / 2
-        # two bends of 90 degrees with the least straight between them
+        # two bends of 90 degrees have the least straight between them
         assert material.min_bend_radius_mm == bend + material.min_straight_mm / 2
 
 

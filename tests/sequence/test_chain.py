@@ -29,7 +29,7 @@ def test_the_frame_with_the_most_ink_is_searched_first(tmp_path: Path) -> None:
 
 def test_a_frame_is_tied_to_what_is_known_on_either_side() -> None:
     """Frames come from frame 2 onwards, then back; the tie need not hold around the end of the sequence."""
-    # outlines of five frames, the last back to the first
+    # so far the outlines of five frames move, the last back to the first
     outlines = [1.0, 10.0, 100.0, 1000.0, 10000.0]
     assert set(list_ties(3, {2}, outlines)) == {Tie(2, 100.0), Tie(2, 11011.0, loop=True)}
     assert set(list_ties(4, {2, 3}, outlines)) == {Tie(3, 1000.0), Tie(2, 10011.0, loop=True)}

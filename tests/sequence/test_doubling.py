@@ -19,7 +19,7 @@ def test_new_vertices_halve_the_edges_and_round_the_corners() -> None:
     assert both.sizes == (180,)
     ahead, behind = np.roll(points, -1, axis=0), np.roll(points, 1, axis=0)
     np.testing.assert_array_equal(fine[1::2], 0.5 * (points + ahead))
-    # the mask of the uniform cubic B-spline, in full
+    # this is the mask of the uniform cubic B-spline, in full
     np.testing.assert_allclose(fine[::2], 0.75 * points + 0.125 * (ahead + behind), atol=1e-12)
     # the curve stays as near to the true one as the middles of the old edges were
     curve = cKDTree(trefoil(90 * 400, 20.0))

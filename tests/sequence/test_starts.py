@@ -42,7 +42,7 @@ def _legs(apart: int) -> NDArray[np.bool_]:
 def test_a_frame_begins_as_the_one_before() -> None:
     alike = PictureDifferences([_legs(n) for n in (20, 14, 8, 2)])
     assert [alike.start_of(k, k - 1, range(k)) for k in (1, 2, 3)] == [0, 1, 2]
-    # and backwards: as the one behind
+    # going backwards it is as the one behind
     assert [alike.start_of(k, k + 1, range(k + 1, 4)) for k in (2, 1, 0)] == [3, 2, 1]
 
 

@@ -78,7 +78,7 @@ def test_the_ring_spins_on_the_spindle_of_a_record_player() -> None:
     spun = build_zoetrope([_frame()] * 12, (210.0, 210.0, 200.0))
     solid = Manifold(Mesh64(spun.mesh[0].copy(), spun.mesh[1].astype(np.uint64)))
     base = solid.slice(1.2)
-    # four openings between the spokes, and the hole, of a spindle 7.2 mm thick
+    # there are four openings between the spokes, and the hole of a spindle 7.2 mm thick
     assert base.num_contour() == 1 + 4 + 1
     middle = 0.5 * (spun.mesh[0][:, :2].min(0) + spun.mesh[0][:, :2].max(0))
     rings = [np.array(ring) - middle for ring in base.to_polygons()]

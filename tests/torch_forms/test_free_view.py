@@ -211,7 +211,7 @@ def test_looking_moves_no_pose_and_descending_moves_it_alone(problem: Problem) -
     moved = pose.numbers()
     for name in ("azimuth_deg", "elevation_deg", "light_distance_mm", "radius_mm"):
         assert getattr(moved, name) != getattr(start, name), name
-    # and from there the objective looks
+    # the objective looks from there
     assert objective.limits.radius == pytest.approx(pose.radius_mm)
     assert _value_and_slope(objective, TIGHT)[0] != before[0]
 

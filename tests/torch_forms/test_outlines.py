@@ -286,7 +286,7 @@ def test_what_reaches_the_eye_is_cut_and_beyond_it_unseen() -> None:
 
 
 def test_few_samples_break_ellipses_and_not_capsules() -> None:
-    # the paper's figure of renderings by N: a circle of radius 1 at depth 3
+    # the paper's figure of renderings by N shows a circle of radius 1 at depth 3
     def images(count: int) -> tuple[Tensor, Tensor]:
         s = 2 * math.pi * torch.arange(count, dtype=torch.float64) / count
         p = torch.stack([s.cos(), s.sin(), torch.full_like(s, 3.0)], -1)

@@ -31,7 +31,7 @@ def _tangle(count: int, seed: int, dtype: torch.dtype = torch.float64) -> torch.
 
 
 def test_a_sphere_is_seen_under_its_tangent_cone() -> None:
-    # a zero-length capsule on the axis: sin(angle) = r / distance, not tan (the paper's erratum)
+    # a zero-length capsule on the axis has sin(angle) = r / distance, not tan (the paper's erratum)
     frame, radius = _frame(), 12.0
     point = torch.tensor([[0.0, 0.0, 200.0]], dtype=torch.float64)
     local = frame.local(point)

@@ -213,7 +213,7 @@ def test_ruler_and_wire_are_at_full_size(tmp_path: Path) -> None:
     texts = page_contents(path)
     long = [np.abs(lines[:, 2] - lines[:, 0]) for lines in map(segments, texts)]
     assert sum((np.abs(one - 100) < 1e-3).any() for one in long) == 2  # a ruler on both pages
-    # the square's side of 60 mm, drawn as a polyline
+    # the square's side of 60 mm is drawn as a polyline
     runs = [re.findall(r"([-\d.]+) ([-\d.]+) [ml]\n", text) for text in texts]
     points = [np.array(run, dtype=float).reshape(-1, 2) / POINT for run in runs]
     side = [np.linalg.norm(np.diff(p, axis=0), axis=1) for p in points]

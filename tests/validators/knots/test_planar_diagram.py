@@ -42,7 +42,7 @@ def test_a_mirror_reverses_and_simplifying_changes_nothing(word: tuple[int, ...]
 
 def test_a_crossing_where_the_diagram_falls_in_two_goes() -> None:
     """The program for Floer homology gives a wrong answer there."""
-    # one trefoil, an isthmus, the other trefoil
+    # an isthmus joins one trefoil to the other
     over = [Passage(k, k % 2 == 0) for k in range(3)]
     under = [Passage(k, k % 2 == 1) for k in range(3)]
     one = [*over, *under]

@@ -65,7 +65,7 @@ def test_a_simple_curve_at_random_depths_is_an_unknot(seed: int) -> None:
 @pytest.mark.parametrize("sides", [3, 4, 5, 100])
 def test_a_plane_polygon_is_an_unknot_though_all_its_signs_are_0(sides: int) -> None:
     assert reduce_placed(circle(sides)).vertices == 0
-    # straight runs: many vertices on each side of a square
+    # many vertices lie on each side of a square
     s = np.linspace(0, 1, 20, endpoint=False)[:, None]
     corner = np.array([[0.0, 0, 0], [9, 0, 0], [9, 9, 0], [0, 9, 0]])
     square = np.concatenate([a + s * (corner[(i + 1) % 4] - a) for i, a in enumerate(corner)])

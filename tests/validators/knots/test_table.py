@@ -24,7 +24,7 @@ DETERMINANTS = {
 }
 
 
-# Braids of KnotInfo, most of them other words than the table's.
+# KnotInfo has these braids; most are other words than the table's.
 ELSEWHERE = {
     "5_2": (1, 1, 1, 2, -1, 2),
     "6_1": (1, 1, 2, -1, -3, 2, -3),

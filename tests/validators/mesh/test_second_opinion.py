@@ -10,7 +10,7 @@ from knotfab_validators.mesh import second_opinion
 from knotfab_validators.mesh.second_opinion import opinions
 from knotfab_validators.mesh.surface_checks import check_mesh
 
-# pairs of faces without a corner in common, about the triangle (0, 0, 0), (4, 0, 0), (0, 4, 0)
+# Each face is paired with (0, 0, 0), (4, 0, 0), (0, 4, 0), and shares no corner with it.
 TOUCHING = {
     "corner on face": [[1, 1, 0], [1, 1, 1], [2, 1, 1]],
     "corner on edge": [[2, 0, 0], [2, 0, 1], [3, 0, 1]],

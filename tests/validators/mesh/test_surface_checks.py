@@ -18,7 +18,7 @@ def test_a_right_tube_passes() -> None:
     checks = by_name(check_mesh(ring(), curves(CIRCLE)))
     assert {c.status for c in checks.values()} == {"pass"}
     assert all(c.required for c in checks.values())
-    # the polygon's area over the circle's
+    # this is the polygon's area over the circle's
     section = SIDES / (2 * np.pi) * np.sin(2 * np.pi / SIDES)
     assert checks["mesh_volume"].measured == pytest.approx(1 - section, abs=1e-3)
     assert all(not c.at for c in checks.values() if c.name != "mesh_volume")

@@ -28,7 +28,7 @@ def test_a_hollow_parts_a_column_and_an_overlap_joins_two() -> None:
 
 
 def test_an_axis_through_edges_and_corners_is_counted_once() -> None:
-    # a fan about the middle, and the grid's axes on its spokes
+    # the grid's axes lie on the spokes of a fan about the middle
     mesh = box((0, 0, 0), (4, 4, 4))
     shifted = move(mesh, shift=(-0.50137 * 0.5, -0.50079 * 0.5, 0))
     grid = columns(together(shifted, move(shifted, shift=(2.0, 2.0, 6.0))))

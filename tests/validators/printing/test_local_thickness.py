@@ -80,7 +80,7 @@ def test_a_slot_is_a_gap_and_a_crease_is_none() -> None:
     assert run(slot)["gap"].measured == pytest.approx(0.35, rel=1e-9)
     corner = blocks([0, 5, 20], [0, 10], [0, 5, 20], [[[1, 1]], [[1, 0]]])
     assert run(corner)["gap"].measured == "none"
-    # a notch of 20° from above
+    # a notch of 20° is cut from above
     a = 10 * np.tan(np.radians(10))
     left = prism([(0, 0), (15, 0), (15, 2), (15 - a, 12), (0, 12)], 30)
     right = prism([(15, 0), (30, 0), (30, 12), (15 + a, 12), (15, 2)], 30)

@@ -167,7 +167,7 @@ def test_two_rings_under_three_lamps(rings: Part, tmp_path: Path) -> None:
     assert told["picture"]["masks_share"] == 1.0 and told["picture"]["masks_delta_e"] < 0.01
     moved = told["misregistration"]
     assert 0.93 < moved["share"] < moved["unmoved"]
-    # two strands' halves on the wall over the shift for each mm of the lamp's
+    # the limit is two strands' halves on the wall over the shift for each mm of the lamp's
     assert moved["lamp_mm"] == pytest.approx(3.0 * (560 / 500) / (60 / 500), rel=0.05)
     shown = np.asarray(Image.open(tmp_path / "colours.png"))
     dark = (shown < 40).all(axis=2)

@@ -99,7 +99,7 @@ def test_past_a_misplaced_light_the_whole_shadow_is_thrown(radius: float) -> Non
     bar, light = box_mesh(tuple(high - low)), np.array([40.0, 15.0, 500.0])
     g = replace(geometry(radius), light=light)
     found = ShadowCaster(bar.vertices + (low + high) / 2, bar.faces).render(g)
-    # rays from the wall to the light against the six planes of the bar
+    # rays from the wall to the light meet the six planes of the bar, or none
     at = places(radius)
     ends = (np.stack([low, high])[:, None] - at) / (light - at)
     enter, leave = ends.min(axis=0).max(axis=1), ends.max(axis=0).min(axis=1)
@@ -156,7 +156,7 @@ def test_light_that_falls_aslant_blurs_more() -> None:
     aside = np.array([[60.0, 0.0, 0.0]])
     straight, bent = (blur_px(aside, geometry(r), 20.0) for r in ("flat", -130.0))
     wall = places(-130.0)
-    # the lamp's rim, thrown through the point onto the wall itself
+    # the lamp's rim is thrown through the point onto the wall itself
     spots = []
     for x in (-10.0, 10.0):
         lamp = np.array([x, 0.0, 500.0])

@@ -49,7 +49,7 @@ def test_slices_hide_what_points_along_the_rays_hit(turn: float, elevation: floa
     found = layered_mask(part, seen, layer)
     v, u = np.mgrid[:PIXELS, :PIXELS]
     spots = seen.on_receiver(np.column_stack([u.ravel(), v.ravel()]).astype(float))
-    # shares of the way from the wall to the light
+    # these are shares of the way from the wall to the light
     share = np.linspace(0.08, 0.28, 1000)[None, :, None]
     points = spots[:, None] + share * (seen.light - spots[:, None])
     points[..., 2] = (np.floor(points[..., 2] / layer) + 0.5) * layer
@@ -67,7 +67,7 @@ def test_thin_layers_are_the_part_and_thick_ones_are_not() -> None:
         shift = layer_shift_px(curve.vertices, view, layer)
         mask = layered_mask(curve, view, layer)
         apart.append(int((mask != smooth).sum()))
-        # half a layer, seen from 35 degrees above, about 1.2 times larger, in pixels of half a millimetre
+        # half a layer is seen from 35 degrees above, 1.2 times larger, in pixels of half a millimetre
         assert shift == pytest.approx(layer, rel=0.35)
     assert apart[0] > apart[1] > apart[2] and apart[2] < 0.01 * smooth.sum()
     shift = layer_shift_px(curve.vertices, view, 1.0)

@@ -37,7 +37,7 @@ def test_a_flat_piece_merely_moves_and_a_deep_one_parts() -> None:
     middle = np.zeros(3)
     lamp = Placing(lamp_mm=10.0, turn_deg=0.0)
     assert parting_px(flat, middle, seen, lamp) < 0.05
-    # the two halves of the spread of 10 (W + z) / (L - z), in pixels of half a millimetre; up and down
+    # these are both halves of the spread of 10 (W + z) / (L - z), up and down, in pixels of half a millimetre
     spread = 10.0 * (130 / 470 - 70 / 530)
     up = replace(seen, light=seen.light + 10.0 * seen.up)
     left = fit_likeness(deep, seen, up).left_mm

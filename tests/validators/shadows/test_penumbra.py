@@ -100,7 +100,7 @@ def test_the_half_light_line_is_the_sharp_one() -> None:
     assert found.found.samples == 101 and found.found.iou > 0.995  # corners are rounded
     blur = 30.0 * 100.0 / 500.0  # mm: on a wall 100 mm behind, of a lamp 500 mm before
     assert found.found.widest_px == pytest.approx(blur * PIXELS / 120.0, rel=1e-2)
-    # 0.212 of the blur along the outline of 4 x 60 mm, over the frame
+    # the share is 0.212 of the blur along the outline of 4 x 60 mm, over the frame
     assert found.found.brightness_error == pytest.approx(
         4 / (3 * np.pi) / 2 * blur * 240 / 120**2, rel=0.03
     )
