@@ -209,7 +209,7 @@ ROWS: tuple[Row, ...] = (
         lambda f: len(f.files("subject-*.png")) == len(f.scene["views"]),
         options=(("subject", "8,8,144,144"),),
         passes=False,
-        refused=(("sequence", "not of all frames"),),
+        refused=(("sequence", "not of all frames"), ("coloured lamps", "not a subject")),
     ),
     Row(
         "plates",
@@ -379,7 +379,7 @@ so: the few iterations do not suffice, or the row's limit leaves no room for the
 
 
 def _table(results: Mapping[Cell, Result]) -> str:
-    """The table in Markdown, with the refusals' sentences below."""
+    """The table in Markdown, with the refusals' reasons below."""
     lines = ["| | " + " | ".join(COLUMNS) + " |", "|---" * (len(COLUMNS) + 1) + "|"]
     notes: list[str] = []
     for row in ROWS:
@@ -389,7 +389,7 @@ def _table(results: Mapping[Cell, Result]) -> str:
             if cell not in results:
                 words.append("not run")
                 continue
-            good, said, _ = results[cell]
+            good, said = results[cell][0], results[cell][1].partition(". ")[0]  # without the remedy
             if good and said.startswith(("refused", "not here")):
                 if said not in notes:
                     notes.append(said)

@@ -10,7 +10,7 @@ from knotfab.base.progress import Progress
 from knotfab.options import BuildOptions
 from knotfab.read_lamps import LampsCall, read_lamps
 from knotfab.scene.load import dump_scene, parse_scene
-from knotfab_formats.scene import Scene
+from knotfab_formats.scene import Scene, View
 
 
 def draw(path: Path, *colours: str, width: int = 120) -> str:
@@ -84,9 +84,15 @@ def test_what_lamps_cannot_show_is_refused(
 
 @pytest.mark.parametrize(
     ("options", "why"),
-    [({"sequence": True}, "frames have one lamp"), ({"lamps": "rgb"}, "a free view")],
+    [
+        ({"sequence": True}, "frames have one lamp"),
+        ({"lamps": "rgb"}, "a free view"),
+        ({"subject": "1,1,5,5"}, "not a subject of it"),
+    ],
 )
 def test_what_does_not_go_with_lamps_is_refused(options: dict[str, object], why: str) -> None:
     scene = Scene(search={"free_view": True}) if "lamps" in options else Scene()
+    if options.pop("subject", None):
+        scene = Scene(views=(View(subject_px=(1, 1, 5, 5)),))
     with pytest.raises(InputError, match=why):
         call(scene, "a.png", **{"lamps": "rgb", **options})
