@@ -11,7 +11,7 @@ import numpy as np
 
 from knotfab_formats.checks import HELD, KNOTS, MESH, PRINTING
 from knotfab_validators.arrays import Array
-from knotfab_validators.check import Check, at_least, skip_check
+from knotfab_validators.check import Check, skip_check
 from knotfab_validators.clock import time_stage
 from knotfab_validators.files.plates import Plate
 from knotfab_validators.geometry.curves import Curves
@@ -26,7 +26,7 @@ from knotfab_validators.tube.clearance import check_clearance
 from knotfab_validators.tube.mount_matter import strand_faces
 from knotfab_validators.tube.mount_members import check_mount
 from knotfab_validators.tube.region import check_build_volume, check_region
-from knotfab_validators.tube.thickness import check_bend, check_length, check_thickness, thickness
+from knotfab_validators.tube.thickness import check_bend, check_length, check_thickness
 from knotfab_validators.tube.tube_fit import check_tube, measure_proud
 
 if TYPE_CHECKING:
@@ -301,9 +301,9 @@ def _check_curves(curves: Curves, scene: Scene | None) -> list[Check]:
     clearance = scene.piece.clearance_mm if scene is not None else 0.0
     required = None if radius is None else radius + clearance / 2
     if required is None:
-        value = thickness(curves.polygons, curves.closed).value
-        detail = "polygonal thickness (Rawdon), as a radius; no radius is given to compare it with"
-        checks = [at_least("thickness", value, None, "mm", detail)]
+        found = check_thickness(curves, None)
+        unknown = "no radius is given to compare it with"
+        checks = [replace(found, detail=f"{found.detail}; {unknown}")]
     else:
         checks = [check_thickness(curves, required)]
     if scene is None:

@@ -6,6 +6,7 @@ from knot_curves import curves
 
 from knotfab_validators.arrays import Array
 from knotfab_validators.geometry.curves import Curves
+from knotfab_validators.tube import critical_chords
 from knotfab_validators.tube.critical_chords import shortest_critical_chord
 from knotfab_validators.tube.thickness import Thickness, check_length, check_thickness, thickness
 
@@ -180,3 +181,11 @@ def test_check_length() -> None:
     assert short.at == ((0.0, 0.0, 5.0),) and "longest is knot 1" in short.detail
     alone = Curves((square,), ("unknot",), (False,), 1.0)
     assert check_length(alone, None).measured == pytest.approx(6.0)
+
+
+def test_a_tangle_without_end_is_told_and_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(critical_chords, "MOST_PAIRS", 1_000_000)
+    tangle = np.random.default_rng(0).uniform(0, 100, (10_000, 3))
+    found = check_thickness(curves(tangle), None)
+    assert (found.status, found.measured) == ("fail", "untested")
+    assert "over 1 million pairs of edges" in found.detail

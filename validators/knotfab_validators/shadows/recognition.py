@@ -77,26 +77,13 @@ RULES = {
         0.975, 0.6, 0.1, False, 0.0, 0.0, 0, False, 0.9, inf, False, 12, 0.002, astray_radii=4.0
     ),
     "good": Rule(
-        0.85,
-        1.5,
-        inf,
-        True,
-        0.5,
-        0.1,
-        2,
-        False,
-        0.75,
-        0.05,
-        False,
-        150,
-        0.02,
-        lost_share=0.01,
-        astray_radii=4.0,
+        0.85, 1.5, inf, True, 0.5, 0.1, 2, False, 0.75, 0.05, False, 150, 0.02,
+        lost_share=0.01, astray_radii=4.0,
     ),
     "coarse": Rule(
         0.5, 4.0, inf, True, 0.8, 0.5, 3, True, 0.0, inf, True, hurt=0.22, lost_share=0.1
     ),
-}
+}  # fmt: skip
 UNKNOWN = "not recognisable"
 WORDS = (*RULES, UNKNOWN)  # the best first
 ENOUGH_PX = 6  # px of the tube's radius: the scale at which pieces and holes are counted

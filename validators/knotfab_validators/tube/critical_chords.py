@@ -24,6 +24,9 @@ TOP_ARCS = 48
 BLOCK_LEVEL = 5  # arcs of 2^5 edges: where so many pairs are left that all their edges are paired
 MANY_PAIRS = 100  # pairs for each arc of a level
 BLOCKS_AT_ONCE = 256  # pairs of arcs of that level
+MOST_PAIRS = (
+    500_000_000  # pairs of edges tried at once, half a minute's worth; a part of 8 m has few
+)
 
 
 @dataclass(frozen=True)
@@ -100,6 +103,9 @@ def shortest_critical_chord(
 
     Returns:
         None where there is no such chord.
+
+    Raises:
+        ValueError: so many edges are near each other that it would not end soon.
     """
     elements = _elements(polygons, closed)
     levels = _levels(elements)
@@ -194,6 +200,7 @@ def _search(elements: _Elements, levels: list[_Arcs], limit: float) -> Chord | N
     stack = _portions(len(levels) - 1, i.astype(np.int64), j.astype(np.int64))
     best: Chord | None = None
     blocks: SegmentBlocks | None = None
+    tried = 0
     while stack:
         level, i, j = stack.pop()
         keep = _possible(levels[level], i, j, limit)
@@ -201,6 +208,11 @@ def _search(elements: _Elements, levels: list[_Arcs], limit: float) -> Chord | N
         if level > 0 and not _too_many(level, len(i), len(levels[level].centre)):
             stack += _portions(level - 1, *_children(levels[level].children, i, j))
             continue
+        tried += len(i) << 2 * level if level > 0 else 0
+        if tried > MOST_PAIRS:
+            raise ValueError(
+                f"over {MOST_PAIRS // 10**6} million pairs of edges are near each other"
+            )
         if level > 0 and blocks is None:
             blocks = segment_blocks(elements.point, elements.end, levels[level].first)
         size = PAIRS_AT_ONCE if level == 0 else BLOCKS_AT_ONCE

@@ -157,7 +157,11 @@ def check_thickness(curves: Curves, required_mm: float | None) -> Check:
 
     `required_mm` is the tube's radius and half the clearance.
     """
-    found = thickness(curves.polygons, curves.closed)
+    try:
+        found = thickness(curves.polygons, curves.closed)
+    except ValueError as error:
+        why = f"not tested: {error}"
+        return Check("thickness", "fail", True, "untested", required_mm, "mm", why)
     at: list[Place] = [found.point]
     if not found.bend_decides and found.dcsd_at is not None and found.dcsd_points is not None:
         one, other = map(_name_end, found.dcsd_at, found.dcsd_points)
