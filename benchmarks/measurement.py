@@ -91,16 +91,16 @@ def save_pictures(
 def read_question(picture: str | Path | Image.Image, scene: Scene | None = None) -> Question:
     """What a search is asked for one picture in a scene, the default one if none is given."""
     # torch takes seconds to load, and what only runs other commands has no use for it
-    from knotfab.design.question import ask
+    from knotfab.api import pose_question
     from knotfab.picture.read import read_target
     from knotfab_formats.scene import Scene
 
     if not isinstance(picture, Image.Image):
-        return ask(scene or Scene(), [read_target(picture)])
+        return pose_question(scene or Scene(), [read_target(picture)])
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "picture.png"
         picture.save(path)
-        return ask(scene or Scene(), [read_target(path)])
+        return pose_question(scene or Scene(), [read_target(path)])
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from typing import Literal, cast
 from benchmarks.measurement import Stopwatch, make_folder, run_study
 from knotfab.pipeline import build
 from knotfab.request import Request
+from knotfab.scene.catalogue import resolve
 from knotfab.scene.load import load_scene
 from knotfab_formats.scene import Accuracy, Piece, Scene
 from knotfab_formats.search import PRESETS
@@ -43,7 +44,9 @@ def measure(picture: str, piece: Piece, accuracy: str, out: Path) -> Row:
     """Build one piece and read its report."""
     watch = Stopwatch()
     preset = cast(Literal["sketch", "draft", "standard", "fine"], accuracy)
-    outcome = build(Request(Scene(piece=piece, accuracy=Accuracy(name=preset)), (picture,), out))
+    outcome = build(
+        Request(resolve(Scene(piece=piece, accuracy=Accuracy(name=preset))), (picture,), out)
+    )
     report = outcome.report
     check = next(c for c in report["checks"] if c["name"] == "knot_type")
     radius = load_scene(outcome.folder / "scene.toml").piece.tube_radius_mm

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from knotfab.problem import Problem, SearchResult, Start
     from knotfab.request import Outcome
     from knotfab.torch_forms.term import TorchTerm
-    from knotfab_formats.scene import ResolvedScene, Scene
+    from knotfab_formats.scene import ResolvedScene, Scene, SettledScene
 
 __version__ = "1.0.0"
 
@@ -64,7 +64,7 @@ _MODULES = {
     "knotfab.problem": ("Problem", "SearchResult", "Start"),
     "knotfab.base.progress": ("Event",),
     "knotfab.request": ("Outcome",),
-    "knotfab_formats.scene": ("ResolvedScene", "Scene"),
+    "knotfab_formats.scene": ("ResolvedScene", "Scene", "SettledScene"),
     "knotfab.picture.read": ("Target",),
     "knotfab.torch_forms.term": ("TorchTerm",),
 }
@@ -86,6 +86,7 @@ __all__ = [
     "Scene",
     "SceneError",
     "SearchResult",
+    "SettledScene",
     "Start",
     "Target",
     "TorchTerm",

@@ -192,10 +192,11 @@ def design_knots(
     """
     from knotfab.design.budget import Budget
     from knotfab.design.design import design_knots as design
+    from knotfab.scene.catalogue import resolve
     from knotfab.torch_forms.forms import TorchForms
 
     budget = None if budget_s is None else Budget(time.perf_counter() + budget_s)
-    return design(scene, targets, TorchForms(device), None, budget)
+    return design(resolve(scene), targets, TorchForms(device), None, budget)
 
 
 def pose_question(scene: Scene, targets: Sequence[Target]) -> Question:
@@ -205,8 +206,9 @@ def pose_question(scene: Scene, targets: Sequence[Target]) -> Question:
         InputError: the scene or a picture is wrong.
     """
     from knotfab.design.question import ask
+    from knotfab.scene.catalogue import resolve
 
-    return ask(scene, targets)
+    return ask(resolve(scene), targets)
 
 
 def choose_tube(question: Question, accuracy: str = "standard") -> tuple[Question, float, Start]:

@@ -111,10 +111,11 @@ def run_loops() -> None:
     from knotfab.design.design import design_knots
     from knotfab.drawing.shading import draw_faces
     from knotfab.picture.read import read_target
+    from knotfab.scene.catalogue import resolve
     from knotfab_formats.scene import Accuracy, Scene
 
     few = {"depth_candidates": 4, "radius_candidates": 2}
-    scene = Scene(accuracy=Accuracy(name="sketch"), search=few)
+    scene = resolve(Scene(accuracy=Accuracy(name="sketch"), search=few))
     design_knots(scene, [read_target("text:▬")])  # a bar: little to fill
     draw_faces(np.eye(3), np.eye(3), np.array([[0, 1, 2]]), 2)
 

@@ -65,7 +65,7 @@ from knotfab.slicer.run import SlicerQueue
 from knotfab.verify.checks import verdict_without_part
 from knotfab.verify.verifier import Files, Verifier
 from knotfab_formats.report import Report
-from knotfab_formats.scene import ResolvedScene
+from knotfab_formats.scene import SettledScene, known
 from knotfab_formats.verdict import Verdict, View, exit_code
 
 if TYPE_CHECKING:
@@ -86,7 +86,7 @@ class WrittenPiece:
     """
 
     made: Design
-    scene: ResolvedScene
+    scene: SettledScene
     part: Part | None
     targets: tuple[Target, ...]
     suffix: str
@@ -242,7 +242,7 @@ def report_piece(
             *tell_plan(plan),
             *piece.notes,
             *filter(None, [part.framing[1]]),
-            *tell_depth(request.scene.piece.depth, made),
+            *tell_depth(known(request.scene.piece.depth), made),
             *(tell_kept(sliced) if "gcode" in request.also else ()),
             *turned,
             *tell_binding(made),

@@ -12,7 +12,7 @@ from knotfab.mount.modeller import keep_modeller
 from knotfab.picture.read import read_targets
 from knotfab.request import Outcome, Request, require_device
 from knotfab.verify.verifier import Verifier
-from knotfab_formats.scene import ResolvedScene
+from knotfab_formats.scene import SettledScene
 
 if TYPE_CHECKING:
     from knotfab.part.assemble import Part
@@ -100,7 +100,7 @@ def _usual_seconds(request: Request) -> dict[str, float]:
     longer, views = _LONGER[scene.accuracy.name], len(scene.views)
     usual = {name: seconds * longer**0.5 * views for name, seconds in _USUAL_S.items()}
     usual["search"] *= longer**0.5 * (_FREE if scene.settings.free_view else 1.0)
-    if not isinstance(scene.piece.tube_radius_mm, str) or scene.settings.start:
+    if scene.piece.tube_radius_mm is not None or scene.settings.start:
         del usual["radius"]
     if request.time_budget_s is not None:
         usual["search"] = max(1.0, request.time_budget_s - sum(usual.values()) + usual["search"])
@@ -111,7 +111,7 @@ def _usual_seconds(request: Request) -> dict[str, float]:
     return usual
 
 
-def _draw(part: Part, scene: ResolvedScene, path: Path) -> None:
+def _draw(part: Part, scene: SettledScene, path: Path) -> None:
     from knotfab.drawing.part_picture import draw_part, place_eyes
 
     vertices, faces = join_meshes(part.bodies)

@@ -34,7 +34,7 @@ from knotfab.scene.require import require_several, require_start, require_tube, 
 from knotfab.sequence.frames import count_knots, name_sequence, read_frames
 from knotfab.sequence.require import require_sequence
 from knotfab.wire.bender import require_bender
-from knotfab_formats.scene import Scene
+from knotfab_formats.scene import ResolvedScene
 
 if TYPE_CHECKING:
     from knotfab.design.agree import Agreement
@@ -175,7 +175,7 @@ def list_readings(pictures: Sequence[str], options: BuildOptions) -> tuple[Tried
 class _Call:
     """A call as it was read: `base` is the folder that relative pictures start from, `name` the piece's."""
 
-    scene: Scene
+    scene: ResolvedScene
     sources: tuple[str, ...]
     base: Path | None
     targets: tuple[Target, ...]
@@ -279,12 +279,12 @@ def _survey(call: _Call, options: BuildOptions, choose: bool = True) -> Survey:
     return replace(found, bounds=call.agreed.bounds, agreed=call.agreed.lines)
 
 
-def _prints(options: BuildOptions, scene: Scene) -> bool:
+def _prints(options: BuildOptions, scene: ResolvedScene) -> bool:
     """Tell whether the piece is to be printed: a mount is, whoever asked for it."""
     return options.print_ or scene.piece.printed or scene.mount.asked
 
 
-def _sources(pictures: Sequence[str], scene: Scene, path: Path | None) -> tuple[str, ...]:
+def _sources(pictures: Sequence[str], scene: ResolvedScene, path: Path | None) -> tuple[str, ...]:
     """The pictures of the call, or those of the scene's views."""
     for name in pictures:
         if Path(name).suffix.lower() == ".toml" and os.path.isfile(name):

@@ -17,7 +17,7 @@ from knotfab.limits.feasibility import Feasibility
 from knotfab.render.forms import COMPILED, Forms
 from knotfab.render.picture import ViewImage, image_at
 from knotfab.scene.camera import view_axes, walls_of
-from knotfab_formats.scene import ResolvedRegion, ResolvedView, Switch
+from knotfab_formats.scene import ResolvedView, SettledRegion, Switch
 from knotfab_formats.search import Precision, Renderer
 
 __all__ = [
@@ -87,7 +87,7 @@ class Problem:
     clearance: float
     bend_radius: float | None  # None: the tube radius plus half the clearance
     length: float
-    region: ResolvedRegion
+    region: SettledRegion
     # the extent of the centre lines along one view's axis; None: flat
     depth_mm: float | None = None
     depth_open: bool = False  # whether less of it will do where the scene calls for that

@@ -13,7 +13,7 @@ from knotfab.options import BuildOptions
 from knotfab.picture.read import Target, name_picture, plain_name, read_bytes, read_targets
 from knotfab.scene.lamps import COLOURS_FILE, require_lamps, with_lamps, with_small_lamps
 from knotfab.scene.require import require_several, require_start, require_tube
-from knotfab_formats.scene import Reading, Scene
+from knotfab_formats.scene import Reading, ResolvedScene
 
 if TYPE_CHECKING:
     from knotfab.picture.lamps import Separation
@@ -28,7 +28,7 @@ class LampsCall:
     `parted`: how the picture in colours was taken apart, where it was.
     """
 
-    scene: Scene
+    scene: ResolvedScene
     targets: tuple[Target, ...]
     name: str
     parted: Separation | None
@@ -36,7 +36,7 @@ class LampsCall:
 
 
 def read_lamps(
-    scene: Scene,
+    scene: ResolvedScene,
     sources: tuple[str, ...],
     options: BuildOptions,
     base: Path | None,

@@ -15,13 +15,14 @@ from knotfab.base.errors import InputError
 from knotfab.base.lengths import read_length
 from knotfab.options import KEYS, PictureOptions
 from knotfab.verify.checks import CHECKS
-from knotfab_formats.bounds import why_out_of_bounds
-from knotfab_formats.key import option_of, takes_number, words_of
+from knotfab_formats.bounds import AUTO, why_out_of_bounds
+from knotfab_formats.key import leaves_open, option_of, takes_number, words_of
 from knotfab_formats.scene import (
     MOST_BEND,
     Material,
     Piece,
     Printer,
+    ResolvedScene,
     Scene,
     Switch,
     Switches,
@@ -107,7 +108,7 @@ def read_also(texts: Collection[str]) -> frozenset[str]:
     return names
 
 
-def read_scene(options: PictureOptions) -> tuple[Scene, Path | None]:
+def read_scene(options: PictureOptions) -> tuple[ResolvedScene, Path | None]:
     """The scene of a file (or the default one) with the command line's shorthands over it, resolved.
 
     Returns the scene and the folder that its pictures are relative to.
@@ -163,6 +164,8 @@ def _keys(options: PictureOptions, model: type[BaseModel]) -> dict[str, Any]:
         value = getattr(options, option[2:].replace("-", "_"), None) if option else None
         if value is not None and value is not False and value != ():
             keys[key] = _read(model, key, option, value)
+            if keys[key] == AUTO and leaves_open(model, key):
+                keys[key] = None
     return keys
 
 

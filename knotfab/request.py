@@ -14,7 +14,7 @@ from knotfab.design.budget import Budget
 from knotfab.picture.read import Target
 from knotfab_formats.records import plain
 from knotfab_formats.report import Report
-from knotfab_formats.scene import Scene
+from knotfab_formats.scene import ResolvedScene
 
 __all__ = ["Outcome", "Request", "require_device"]
 
@@ -31,7 +31,7 @@ class Request:
     they lie in `base`, the working folder by default.
     """
 
-    scene: Scene
+    scene: ResolvedScene
     pictures: tuple[str, ...]
     out: Path
     base: Path | None = None

@@ -122,7 +122,7 @@ def _open(request: Request) -> tuple[bool, bool]:
     # a free view finds its wall itself
     given = "wall_distance_mm" in scene.views[0].model_fields_set
     wall = not given and not scene.settings.free_view
-    return free and scene.piece.depth == "auto", free and wall
+    return free and scene.piece.depth is None, free and wall
 
 
 def _search(
@@ -173,9 +173,9 @@ def _depth_mm(made: Design) -> float:
     return float(np.ptp(made.knots.points @ view_axes(made.scene.views[0])[2]))
 
 
-def tell_depth(asked: float | str, made: Design) -> list[str]:
+def tell_depth(asked: float | None, made: Design) -> list[str]:
     """Say that the centre lines take more depth than was asked for; nothing where they do not."""
-    if isinstance(asked, str) or len(made.scene.views) > 1:
+    if asked is None or len(made.scene.views) > 1:
         return []
     found = _depth_mm(made)
     if found <= _MUCH_DEEPER * asked:

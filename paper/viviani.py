@@ -21,6 +21,7 @@ from knotfab.pipeline import build
 from knotfab.render.frame import frame_of
 from knotfab.request import Outcome, Request
 from knotfab.scene.camera import camera_of
+from knotfab.scene.catalogue import resolve
 from knotfab.torch_forms.posed_frame import tensor_frame
 from knotfab.torch_forms.tensors import render
 from knotfab_formats.scene import Accuracy, Piece, ResolvedView, Scene
@@ -73,7 +74,7 @@ def rebuild(folder: Path, start: str = "circle", printing: bool = False) -> Outc
         search={"network_start": start},
     )
     pictures = tuple(view.picture for view in views)
-    return build(Request(scene, pictures, folder / "built", folder, printing))
+    return build(Request(resolve(scene), pictures, folder / "built", folder, printing))
 
 
 def main(

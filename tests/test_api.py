@@ -16,8 +16,8 @@ from knotfab.options import BuildOptions, options_from
 
 PUBLIC = [
     *("Design", "Event", "InputError", "Knot", "KnotfabError", "Knots", "MachineError", "Outcome", "Part"),
-    *("Problem", "Question", "ResolvedScene", "Scene", "SceneError", "SearchResult", "Start", "Target",
-     "TorchTerm"),
+    *("Problem", "Question", "ResolvedScene", "Scene", "SceneError", "SearchResult", "SettledScene",
+     "Start", "Target", "TorchTerm"),
     *("assemble_part", "build", "choose_tube", "design_knots", "pose_question", "read_picture"),
     *("search_knots", "settle_design", "sweep_tube", "validate_part", "write_files"),
 ]  # fmt: skip

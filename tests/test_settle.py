@@ -19,9 +19,10 @@ from knotfab.mount.nearer import Place
 from knotfab.mount.wall import NotHeldError
 from knotfab.picture.read import Target, read_target
 from knotfab.request import Request
+from knotfab.scene.catalogue import resolve
 from knotfab.scene.load import dump_scene, parse_scene
 from knotfab.settle import settle_part, tell_depth
-from knotfab_formats.scene import Scene
+from knotfab_formats.scene import Scene, known
 
 MESSAGE = "it sags 1.00 mm on its pegs, 0.2 are allowed"
 
@@ -48,8 +49,8 @@ class Maker:
         if number in self.unmade:
             raise SceneError("the picture", "nothing draws it", "Use another")
         piece = scene.piece
-        depth = 90.0 if isinstance(piece.depth, str) else piece.depth
-        radius = 0.8 if isinstance(piece.tube_radius_mm, str) else piece.tube_radius_mm
+        depth = known(piece.depth) or 90.0
+        radius = piece.tube_radius_mm or 0.8
         half = 0.5 * depth - 3.0
         curves = (ring(12.0, half, 40, 3.0), ring(20.0, -half, 60, 3.0))
         view = frame_view(scene.views[0], self.target)
@@ -106,7 +107,9 @@ def settle(maker: Maker, scene: str, patch: pytest.MonkeyPatch, **keys: Any) -> 
     """The design that is kept, and what is said of it."""
     patch.setattr(settling, "design_knots", maker.design)
     patch.setattr(settling, "part_of", maker.part)
-    request = Request(parse_scene(scene), ("i",), Path("out"), **{"printing": True, **keys})
+    request = Request(
+        resolve(parse_scene(scene)), ("i",), Path("out"), **{"printing": True, **keys}
+    )
     first = replace(maker.design(request.scene), radius="chosen")
     made, _, said = settle_part(request, maker.target, first, Progress("quiet"))
     return made, said
@@ -116,7 +119,7 @@ def test_a_piece_that_came_out_deeper_than_asked_says_so(target: Target) -> None
     made = Maker(target, 100.0).design(parse_scene(""))  # its centre lines take some 87 mm
     (said,) = tell_depth(5.0, made)
     assert "5 mm was asked for" in said and "--tube-radius" in said
-    assert not tell_depth(85.0, made) and not tell_depth("flat", made)
+    assert not tell_depth(85.0, made) and not tell_depth(None, made)
 
 
 def test_a_piece_that_is_held_is_left_as_it_is(
@@ -137,7 +140,7 @@ def test_what_pegs_do_not_hold_is_searched_nearer_to_its_wall(
     assert said.from_mm == pytest.approx(90.0) and said.to_mm <= said.from_mm
     assert again.piece.depth == pytest.approx(said.to_mm, abs=0.1)
     # the piece is larger there: its tube is chosen anew
-    assert again.piece.tube_radius_mm == "auto"
+    assert again.piece.tube_radius_mm is None
 
 
 def test_it_is_searched_no_oftener_than_that(
@@ -185,7 +188,7 @@ def test_less_depth_for_supports_is_taken_where_it_is_found(
     asks = {0: 45.0}  # the supports of the first design alone
     monkeypatch.setattr(settling, "_propose_depth", lambda made, _: asks.get(made.number))
     made, said = settle(maker, "", monkeypatch)
-    assert [scene.piece.depth for scene in maker.asked] == ["auto", 45.0]
+    assert [scene.piece.depth for scene in maker.asked] == [None, 45.0]
     assert (said.from_mm, said.to_mm) == pytest.approx((90.0, kept_mm))
     assert said.proposed_mm == asks.get(made.number) and not said.unheld
     assert maker.thoroughly == [False] * (2 - len(unmade))  # a piece that holds is not made twice
@@ -251,12 +254,12 @@ def test_what_was_moved_to_its_wall_repeats_from_its_scene() -> None:
     scene = parse_scene(
         f"[accuracy]\niou_floor = 0.1\n[search]\n{lines}[[views]]\nframe_width_mm = 60.0"
     )
-    request = Request(scene, ("=",), Path("out"), printing=True)
+    request = Request(resolve(scene), ("=",), Path("out"), printing=True)
     far: Any = Maker(target, 0.0).design(scene)
     quiet = Progress("quiet")
     made = settling._search(request, target, far, Place(20.0, 60.0), quiet)
     assert made.scene.views[0].wall_distance_mm == 60.0 and made.scene.piece.depth == 20.0
-    again = design_knots(parse_scene(dump_scene(made.scene)), [target])
+    again = design_knots(resolve(parse_scene(dump_scene(made.scene))), [target])
     assert again.scene == made.scene
     for one, other in zip(made.knots.knots, again.knots.knots, strict=True):
         assert np.array_equal(one.points, other.points)

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from knotfab.base.arrays import Array
 from knotfab.torch_forms.network import Coupling, CouplingNetwork, Rigid
-from knotfab_formats.scene import ResolvedRegion
+from knotfab_formats.scene import SettledRegion
 from paper.losses import (
     ball,
     bending_loss,
@@ -72,7 +72,7 @@ def random_loss(rng: np.random.Generator) -> ValueCase:
     shape = str(rng.choice(["box", "cylinder", "sphere"]))
     extents = tuple(float(x) for x in 3 * size * rng.uniform(0.5, 1.5, 3))
     # smaller than a scene may ask for: the term itself must bear it
-    region = ResolvedRegion.model_construct(
+    region = SettledRegion.model_construct(
         kind=shape, size_mm=extents, center_mm=tuple(middle.tolist())
     )
 

@@ -22,13 +22,13 @@ from knotfab.limits.base import Limits, State
 from knotfab.search.grace import Grace
 from knotfab.search.objective import Weights
 from knotfab.torch_forms.known import known
-from knotfab_formats.scene import ResolvedRegion
+from knotfab_formats.scene import SettledRegion
 
 from .curves import circle, torus_knot
 from .values import ValueCase
 
 RADIUS = 0.2
-_REGION = ResolvedRegion(kind="box", size_mm=(1e3, 1e3, 1e3))
+_REGION = SettledRegion(kind="box", size_mm=(1e3, 1e3, 1e3))
 LIMITS = Limits(RADIUS, 0.1, 0.5, 5.0, _REGION)
 TERMS = ("grace", "bend", "clearance", "length")
 

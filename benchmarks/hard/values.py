@@ -16,7 +16,7 @@ from knotfab.limits.region import outside
 from knotfab.torch_forms.known import known
 from knotfab.torch_forms.network import CouplingNetwork
 from knotfab.torch_forms.network.rigid import rotation
-from knotfab_formats.scene import ResolvedRegion
+from knotfab_formats.scene import SettledRegion
 from paper.losses import (
     ball,
     bending_loss,
@@ -67,7 +67,7 @@ def _neighbours(count: int) -> Function:
     return lambda knots: mobius_loss(knots, 0.4, (u, (u + 1) % count))
 
 
-def spill(points: Tensor, region: ResolvedRegion, radius: float, power: int = 1) -> Tensor:
+def spill(points: Tensor, region: SettledRegion, radius: float, power: int = 1) -> Tensor:
     """Measure how far balls about points [n, 3] stick out of a region, summed, or the squares of that."""
     excess, away = outside(points.detach().numpy(), region, radius)
     over = np.maximum(excess, 0.0)
@@ -94,7 +94,7 @@ def loss_cases() -> tuple[ValueCase, ...]:
     edge = knot.copy()
     edge[0] = (0.5, 0.0, 0.0)
     bars = box((-0.9, -0.9, -0.3), (0.9, 0.9, 0.3))
-    pipe = ResolvedRegion(kind="cylinder", size_mm=(1.5, 4.0, 1.5))
+    pipe = SettledRegion(kind="cylinder", size_mm=(1.5, 4.0, 1.5))
     return (
         ValueCase(
             "length",

@@ -12,11 +12,13 @@ from typing import Annotated, Any, get_args
 
 from annotated_types import Ge, Gt, Le, Lt
 from pydantic import AfterValidator, BaseModel, Field, Strict, TypeAdapter, ValidationError
-from pydantic_core import PydanticCustomError
+from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 __all__ = [
+    "AUTO",
     "MOST_MM",
     "Angle",
+    "Auto",
     "Coordinate",
     "Count",
     "Density",
@@ -56,6 +58,22 @@ def _not_nothing(radius: float) -> float:
     return radius
 
 
+AUTO = "auto"  # the word of a file for what a build is to choose
+
+
+class _Auto:
+    """Reads the word `AUTO` as None, so that no stage compares words; a table writes that word again."""
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> CoreSchema:
+        word = core_schema.no_info_after_validator_function(
+            lambda _: None, core_schema.literal_schema([AUTO])
+        )
+        return core_schema.no_info_before_validator_function(
+            lambda value: AUTO if value is None else value, word
+        )
+
+
+Auto = Annotated[None, _Auto()]
 Number = Annotated[float, Strict()]
 Length = Annotated[float, Strict(), Field(ge=LEAST_MM, le=MOST_MM)]
 Spread = Annotated[float, Strict(), Field(ge=0, le=MOST_MM)]  # a length that may be nothing

@@ -9,8 +9,9 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from knotfab_formats.bounds import AUTO
 from knotfab_formats.explain import tables_of
-from knotfab_formats.key import sentences_of, words_of
+from knotfab_formats.key import leaves_open, sentences_of, words_of
 from knotfab_formats.scene import Scene
 from knotfab_formats.search import OF_NO_PRESET, SearchSettings
 
@@ -44,6 +45,8 @@ def dump_schema() -> str:
             node = table["properties"][key]
             node["description"] = said
             node.pop("option", None)
+            if model.model_fields[key].default is None and leaves_open(model, key):
+                node["default"] = AUTO
             if name == "search":
                 del node["default"]  # the preset that [accuracy] names has its own
     return json.dumps({"$schema": _DIALECT, **scene, "title": "scene.toml"}, indent=1) + "\n"
@@ -66,9 +69,11 @@ def _list_table(name: str, model: type[BaseModel]) -> Iterator[str]:
     for key, field in model.model_fields.items():
         if name == "search" and key not in OF_NO_PRESET:  # the schema lists them
             continue
-        value = json.dumps(field.default, ensure_ascii=False)
-        shown = f"# {key} = …" if field.default is None else f"{key} = {value}"
-        words, told = words_of(model, key), said[key]
+        words, told, default = words_of(model, key), said[key], field.default
+        if default is None and leaves_open(model, key):
+            default = AUTO
+        value = json.dumps(default, ensure_ascii=False)
+        shown = f"# {key} = …" if default is None else f"{key} = {value}"
         if len(words) > 1 and not all(word in told for word in words):
             told = f"{' | '.join(map(json.dumps, words))}. {told}"
         yield from textwrap.wrap(

@@ -11,7 +11,9 @@ from typing import Any, Literal, get_args, get_origin
 
 from pydantic import BaseModel, Field
 
-__all__ = ["option", "option_of", "sentences_of", "takes_number", "words_of"]
+from knotfab_formats.bounds import AUTO, Auto
+
+__all__ = ["leaves_open", "option", "option_of", "sentences_of", "takes_number", "words_of"]
 
 
 def option(default: Any, name: str, **bounds: float) -> Any:
@@ -33,7 +35,13 @@ def words_of(model: type[BaseModel], key: str) -> tuple[str, ...]:
     """The words that a key takes beside, or instead of, a number."""
     kind = model.model_fields[key].annotation
     parts = (kind, *get_args(kind))
-    return tuple(word for part in parts if get_origin(part) is Literal for word in get_args(part))
+    open_ = (AUTO,) if leaves_open(model, key) else ()
+    return open_ + tuple(w for part in parts if get_origin(part) is Literal for w in get_args(part))
+
+
+def leaves_open(model: type[BaseModel], key: str) -> bool:
+    """Tell whether a key may be left for the build to choose: the word "auto", read as None."""
+    return Auto in get_args(model.model_fields[key].annotation)
 
 
 def takes_number(model: type[BaseModel], key: str) -> bool:

@@ -4,12 +4,23 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal, Self, TypeVar
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict, StrictStr
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    SerializerFunctionWrapHandler,
+    Strict,
+    StrictStr,
+    model_serializer,
+)
 from pydantic_core import PydanticCustomError
 
 from knotfab_formats.bounds import (
+    AUTO,
     MOST_MM,
     Angle,
+    Auto,
     Count,
     Density,
     Extent,
@@ -23,7 +34,7 @@ from knotfab_formats.bounds import (
     Vector,
     Volume,
 )
-from knotfab_formats.key import option
+from knotfab_formats.key import leaves_open, option
 
 __all__ = [
     "MOST_BEND",
@@ -45,8 +56,8 @@ __all__ = [
 T = TypeVar("T")
 
 
-def known(value: T | Literal["auto", "none"]) -> T | None:
-    """A value that the scene settles; None where it leaves it open, or has none."""
+def known(value: T | Literal["flat", "none", "off", "auto"] | None) -> T | None:
+    """The number of a key; None where it holds a word, or is left open."""
     return None if isinstance(value, str) else value
 
 
@@ -54,6 +65,15 @@ class Table(BaseModel):
     """A table of scene.toml."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    @model_serializer(mode="wrap")
+    def _write_words(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Write "auto" for what is left open."""
+        keys: dict[str, Any] = write(self)
+        return {
+            key: AUTO if value is None and leaves_open(type(self), key) else value
+            for key, value in keys.items()
+        }
 
     def but(self, **keys: Any) -> Self:
         """Return the same table with other values of some keys, which are not checked again."""
@@ -75,18 +95,18 @@ MOST_BEND = 0.3  # share of a picture's height: the most that a point of it may 
 class Piece(Table):
     """The tube that is asked for."""
 
-    tube_radius_mm: Length | Literal["auto"] = option("auto", "Piece --tube-radius")
+    tube_radius_mm: Length | Auto = option(None, "Piece --tube-radius")
     """In mm, or auto (default): the thickest tube that draws the picture well."""
-    knots: Count | Literal["auto"] = option("auto", "Piece --knots")
+    knots: Count | Auto = option(None, "Piece --knots")
     """auto (default): one knot for each piece of the picture; N: its pieces bridged into so many."""
-    depth: Length | Literal["auto", "flat"] = option("auto", "Piece --depth")
+    depth: Length | Auto | Literal["flat"] = option(None, "Piece --depth")
     """The piece's extent along the view: mm, auto (default: unreadable from elsewhere), or flat."""
     clearance_mm: Spread = 0.4
     """Strands keep this gap between them."""
     printed: Annotated[bool, Strict()] = False
     """true: posed and checked for the printer, with its mount (--print)."""
-    bend: Annotated[float, Strict(), Field(gt=0, le=MOST_BEND)] | Literal["auto", "off"] = option(
-        "auto", "Piece --bend"
+    bend: Annotated[float, Strict(), Field(gt=0, le=MOST_BEND)] | Auto | Literal["off"] = option(
+        None, "Piece --bend"
     )
     """Bend several pictures until they agree: auto (default), off, or the most that a point may move,
     as a share of the picture's height, such as 0.05."""
@@ -114,7 +134,7 @@ class Region(Table):
     region.stl."""
     center_mm: Vector = (0.0, 0.0, 0.0)
     """The region's middle lies here in the scene."""
-    size_mm: Extent | Literal["auto"] = "auto"
+    size_mm: Extent | Auto = None
     """Box: full extents; cylinder: [diameter, height, diameter]; sphere: three times the diameter;
     mesh: not read."""
     azimuth_deg: Turn = 0.0
@@ -133,7 +153,7 @@ class Material(Table):
     """How a tube of it is made."""
     density_g_cm3: Density = 1.24
     """A cm³ of it weighs so much."""
-    min_bend_radius_mm: Length | Literal["auto"] = "auto"
+    min_bend_radius_mm: Length | Auto = None
     """The least bend radius of the centre line; auto: the tube's radius plus half the clearance."""
     max_length_mm: TubeLength = 50000.0
     """All knots together have no longer centre line."""
@@ -177,9 +197,9 @@ class Printer(Table):
     """It can hold a part of this size."""
     nozzle_mm: Length = 0.4
     """A printed line is so wide."""
-    min_wall_mm: Length | Literal["auto"] = "auto"
+    min_wall_mm: Length | Auto = None
     """The thinnest wall that may be printed; auto: the nozzle."""
-    min_gap_mm: Length | Literal["auto"] = "auto"
+    min_gap_mm: Length | Auto = None
     """The thinnest gap; auto: the nozzle. In powder, what it can be blown out of: clearance_mm is at
     least that where it is not given."""
     min_tube_radius_mm: Length = 0.8
@@ -192,13 +212,13 @@ class Printer(Table):
     """An underside that leans farther from the vertical (90: a ceiling) needs support."""
     max_bridge_mm: Spread = 10.0
     """The longest stretch over air without supports; a ledge counts double."""
-    max_support_cm3: Volume | Literal["auto"] = "auto"
+    max_support_cm3: Volume | Auto = None
     """Solid columns under the overhangs may have this volume; auto: the whole build volume."""
 
     def stated(self, key: str) -> Any:
         """A figure; None where it is open, since the scene only names another printer than the usual one."""
         given = key in self.model_fields_set or self.name == type(self).model_fields["name"].default
-        return known(getattr(self, key)) if given else None
+        return getattr(self, key) if given else None
 
 
 class Accuracy(Table):
@@ -206,9 +226,9 @@ class Accuracy(Table):
 
     name: Literal["sketch", "draft", "standard", "fine"] = option("standard", "Search --accuracy")
     """sketch, draft, standard (default) or fine: from the fastest to the most accurate."""
-    iou_floor: Annotated[float, Strict(), Field(gt=0, lt=1)] | Literal["auto"] = "auto"
+    iou_floor: Annotated[float, Strict(), Field(gt=0, lt=1)] | Auto = None
     """The IoU that the verified shadow must reach; auto: see report.md."""
-    max_outline_error_px: Pixels | Literal["auto"] = "auto"
+    max_outline_error_px: Pixels | Auto = None
     """The file's shadow against the exact tube's, at 1024 px on the longer side; auto: 1.5 in sketch, 1
     in draft, 0.5 in standard and fine."""
     accept: tuple[Literal["unrecognisable"], ...] = option((), "Output --accept")

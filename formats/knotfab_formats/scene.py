@@ -16,7 +16,7 @@ from pydantic import (
     model_validator,
 )
 
-from knotfab_formats.bounds import Count, Extent, Length, Number, Pixels
+from knotfab_formats.bounds import Count, Extent, Length, Number, Pixels, Volume
 from knotfab_formats.piece import (
     MOST_BEND,
     About,
@@ -53,15 +53,17 @@ __all__ = [
     "Printer",
     "Reading",
     "Region",
-    "ResolvedAccuracy",
-    "ResolvedMaterial",
-    "ResolvedPiece",
-    "ResolvedRegion",
+    "ResolvedPrinter",
     "ResolvedScene",
     "ResolvedView",
     "Room",
     "Scene",
     "Sequence",
+    "SettledAccuracy",
+    "SettledMaterial",
+    "SettledPiece",
+    "SettledRegion",
+    "SettledScene",
     "Switch",
     "Switches",
     "View",
@@ -128,7 +130,7 @@ class Scene(Table):
 
     def count_knots(self, pieces: int) -> int:
         """Count how many knots so many pieces of a picture become."""
-        return pieces if self.piece.knots == "auto" else self.piece.knots
+        return self.piece.knots or pieces
 
     def hangs(self, knots: int) -> bool:
         """Tell whether so many knots get a wall mount; if open: several, of one view before a flat wall."""
@@ -138,23 +140,42 @@ class Scene(Table):
         return knots > 1 and one_flat and self.material.process != "wire"
 
 
+class ResolvedPrinter(Printer):
+    """A printer with all of its figures."""
+
+    min_wall_mm: Length
+    min_gap_mm: Length
+    max_support_cm3: Volume
+
+
+class ResolvedScene(Scene):
+    """A scene as a build takes it: printer and material have figures; the design chooses what is None."""
+
+    printer: ResolvedPrinter
+
+    @property
+    def thinnest_mm(self) -> float:
+        """The tube's radius; where it is left open, that of the thinnest that the printer makes."""
+        return self.piece.tube_radius_mm or self.printer.min_tube_radius_mm
+
+
 # A design settles these: the same tables, with every size a number.
 
 
-class ResolvedPiece(Piece):
-    """A piece whose tube and number of knots are known; "auto" depth: the pictures decided it."""
+class SettledPiece(Piece):
+    """A piece whose tube and number of knots are known; a depth of None: the pictures decided it."""
 
     tube_radius_mm: Length
     knots: Count
 
 
-class ResolvedRegion(Region):
+class SettledRegion(Region):
     """A region with its extents."""
 
     size_mm: Extent
 
 
-class ResolvedMaterial(Material):
+class SettledMaterial(Material):
     """A material with its figures, and the bend radius that the tube keeps."""
 
     min_bend_radius_mm: Length
@@ -202,18 +223,18 @@ class ResolvedView(View):
         return self.magnification * width_px / self.frame_width_mm
 
 
-class ResolvedAccuracy(Accuracy):
+class SettledAccuracy(Accuracy):
     """The accuracy that the verified part must reach, as numbers."""
 
     iou_floor: Annotated[float, Strict(), Field(gt=0, lt=1)]
     max_outline_error_px: Pixels = 0.5
 
 
-class ResolvedScene(Scene):
+class SettledScene(ResolvedScene):
     """A scene with nothing left to choose: the same keys, so it is written and read as any scene is."""
 
-    piece: ResolvedPiece
-    region: ResolvedRegion
-    material: ResolvedMaterial
+    piece: SettledPiece
+    region: SettledRegion
+    material: SettledMaterial
     views: Annotated[tuple[ResolvedView, ...], Field(min_length=1)]
-    accuracy: ResolvedAccuracy
+    accuracy: SettledAccuracy

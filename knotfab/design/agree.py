@@ -34,7 +34,7 @@ from knotfab.picture.bending import (
 )
 from knotfab.picture.read import Target
 from knotfab.scene.camera import cameras_of, view_axes, walls_of
-from knotfab_formats.scene import Scene, View
+from knotfab_formats.scene import ResolvedScene, View, known
 
 __all__ = ["AGREED", "Agreement", "agree", "apply_bending", "require_agreed"]
 
@@ -56,13 +56,15 @@ _SAID = 0.001  # a share of a bound: nobody needs to be told of less
 class Agreement:
     """The scene and targets with what was moved and bent; `lines` say it; `bounds`, where one asked."""
 
-    scene: Scene
+    scene: ResolvedScene
     targets: tuple[Target, ...]
     lines: tuple[str, ...] = ()
     bounds: tuple[HullBound, ...] = ()
 
 
-def agree(scene: Scene, targets: Sequence[Target], *, azimuths_open: bool = False) -> Agreement:
+def agree(
+    scene: ResolvedScene, targets: Sequence[Target], *, azimuths_open: bool = False
+) -> Agreement:
     """Move views and bend pictures until the hull draws all of them, where that is asked for and needed.
 
     What an earlier build settled (`views.bend_points`, `views.mirrored`) is applied as it is.
@@ -179,7 +181,7 @@ def tell_bending(targets: Sequence[Target], bounds: Sequence[HullBound]) -> str:
     )
 
 
-def require_agreed(agreement: Agreement, scene: Scene) -> None:
+def require_agreed(agreement: Agreement, scene: ResolvedScene) -> None:
     """Refuse what minutes of search could not make recognisable.
 
     Raises:
@@ -216,24 +218,21 @@ def require_apart(views: Sequence[View]) -> None:
                 )
 
 
-def _most_bent(scene: Scene) -> float:
-    asked = scene.piece.bend
-    if isinstance(asked, str):
-        return MOST_BENT if asked == "auto" else 0.0
-    return asked
+def _most_bent(scene: ResolvedScene) -> float:
+    return MOST_BENT if scene.piece.bend is None else known(scene.piece.bend) or 0.0
 
 
-def _bent(scene: Scene, targets: Sequence[Target]) -> tuple[Target, ...]:
+def _bent(scene: ResolvedScene, targets: Sequence[Target]) -> tuple[Target, ...]:
     return tuple(apply_bending(v, t) for v, t in zip(scene.views, targets, strict=True))
 
 
 def _bend(
-    scene: Scene,
+    scene: ResolvedScene,
     targets: tuple[Target, ...],
     drawn: Sequence[Target],
     bounds: Sequence[HullBound],
     most: float,
-) -> tuple[Scene, tuple[Target, ...]]:
+) -> tuple[ResolvedScene, tuple[Target, ...]]:
     """The scene with its pictures bent, and they as bent; `drawn`, `bounds`: as before that."""
     from knotfab.design.bend import bend_pictures
 
@@ -271,7 +270,7 @@ def _bend(
 
 
 def _tell_lacking(
-    scene: Scene, targets: Sequence[Target], bounds: Sequence[HullBound], most: float
+    scene: ResolvedScene, targets: Sequence[Target], bounds: Sequence[HullBound], most: float
 ) -> list[str]:
     """A sentence for each picture of which too little is left, however it may be bent."""
     return [

@@ -99,14 +99,14 @@ def usual_radii(
     return radii, thin
 
 
-def most_radius(asked: float | str, view: ResolvedView, thinnest: float) -> float:
+def most_radius(asked: float | None, view: ResolvedView, thinnest: float) -> float:
     """The thickest radius, mm, that may be taken for the one view of a scene, however near its wall.
 
     Args:
-        asked: the scene's radius, or "auto". view: with `lines` settled. thinnest: as for `usual_radii`.
+        asked: the scene's radius, if it has one. view: with `lines` settled. thinnest: as for `usual_radii`.
     """
     thick = view.thicken_mm
-    if not isinstance(asked, str):
+    if asked is not None:
         return asked
     if view.lines == "on" and not isinstance(thick, str):  # a shadow is no smaller than its tube
         return 0.5 * thick

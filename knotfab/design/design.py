@@ -1,4 +1,4 @@
-"""The design: from a scene and its pictures, one or several, to feasible knots; every "auto" is resolved."""
+"""The design: from a scene and its pictures, one or several, to feasible knots; every value is settled."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ from knotfab.search.search import search
 from knotfab.start.start import go_on, make_start
 from knotfab_formats.report import Price
 from knotfab_formats.scene import (
-    ResolvedAccuracy,
-    ResolvedMaterial,
-    ResolvedPiece,
-    ResolvedRegion,
     ResolvedScene,
-    Scene,
+    SettledAccuracy,
+    SettledMaterial,
+    SettledPiece,
+    SettledRegion,
+    SettledScene,
 )
 from knotfab_formats.search import SearchSettings
 
@@ -71,7 +71,7 @@ class Design(InNotebook):
     `history`: some states of the search that led here, for looking at.
     """
 
-    scene: ResolvedScene
+    scene: SettledScene
     knots: Knots
     result: SearchResult
     radius: RadiusChoice | None
@@ -87,7 +87,7 @@ class Design(InNotebook):
 
 
 def design_knots(
-    scene: Scene,
+    scene: ResolvedScene,
     targets: Sequence[Target],
     forms: Forms = COMPILED,
     progress: Progress | None = None,
@@ -96,7 +96,7 @@ def design_knots(
     """Design feasible knots for a scene and the pictures of its views, in their order.
 
     Args:
-        scene: as a person wrote it, or resolved by an earlier build: that gives the same knots.
+        scene: what a person asked for, or settled by an earlier build: that gives the same knots.
         budget: until when the build is to be done; the iterations are those that there is time for.
 
     Raises:
@@ -108,7 +108,7 @@ def design_knots(
         question = ask(scene, targets, progress)
     settings = suit(settings, question, scene.search)
     question, radius, start, choice = choose_tube(question, settings, progress, budget)
-    problem, knots = question.problem, _knots_asked(question.scene)
+    problem, knots = question.problem, question.scene.piece.knots
     _tell_scene(progress, question, radius)
     settings = refine_settings(question, settings, radius)
     if budget is not None and settings.method != "flow":
@@ -155,7 +155,9 @@ def design_knots(
     return price_design(made, question, start, unmet, progress, forms, budget)
 
 
-def _plan(scene: Scene, views: int, budget: Budget | None) -> tuple[Scene, SearchSettings]:
+def _plan(
+    scene: ResolvedScene, views: int, budget: Budget | None
+) -> tuple[ResolvedScene, SearchSettings]:
     """The scene with views to start from, where it leaves them open, and settings that a budget allows."""
     settings = scene.settings
     if budget is not None:
@@ -268,7 +270,7 @@ def settle_design(question: Question, result: SearchResult, settings: SearchSett
         settings = settings.model_copy(update={"start": START_FILE})
     # the IoU that the part must reach: the scene's, or the one that its pictures allow
     asked = question.scene.accuracy.iou_floor
-    floor = settings.floor(question.most_iou(radius)) if isinstance(asked, str) else asked
+    floor = settings.floor(question.most_iou(radius)) if asked is None else asked
     return Design(
         _resolve(question, region, result, radius, floor, settings),
         result.knots,
@@ -309,18 +311,16 @@ def choose_tube(
         SceneError: the printer makes no tube as thin as the scene asks for, or no tube draws the pictures.
     """
     piece = question.scene.piece
-    knots = _knots_asked(question.scene)
+    knots = question.scene.piece.knots
     choice: RadiusChoice | None = None
     if settings.start:
         knots_then = read_start(Path(settings.start))
-        radius = knots_then.radius_mm
-        if not isinstance(piece.tube_radius_mm, str):
-            radius = piece.tube_radius_mm
+        radius = piece.tube_radius_mm or knots_then.radius_mm
         piece = piece.model_copy(update={"tube_radius_mm": radius})
         require_tube(question.scene.model_copy(update={"piece": piece}))
         question = question.with_depth(radius)
         return question, radius, go_on(question.problem, knots_then, radius), None
-    if isinstance(piece.tube_radius_mm, str):
+    if piece.tube_radius_mm is None:
         with progress.stage("radius"):
             _tell_scene(progress, question, None)
             choice = choose_radius(
@@ -345,10 +345,6 @@ def _tell_scene(progress: Progress, question: Question, radius: float | None) ->
     progress.set_scene(question.views, lambda: [silhouette_uri(mask) for mask in masks], radius)
 
 
-def _knots_asked(scene: Scene) -> int | None:
-    return None if isinstance(scene.piece.knots, str) else scene.piece.knots
-
-
 def refine_settings(question: Question, settings: SearchSettings, radius: float) -> SearchSettings:
     """The settings with facets and vertices fine enough for the outline's limit in every view."""
     problem: Problem = question.problem
@@ -367,12 +363,12 @@ def refine_settings(question: Question, settings: SearchSettings, radius: float)
 
 def _resolve(
     question: Question,
-    region: ResolvedRegion,
+    region: SettledRegion,
     result: SearchResult,
     radius: float,
     floor: float,
     settings: SearchSettings,
-) -> ResolvedScene:
+) -> SettledScene:
     """The scene with nothing left to choose."""
     scene, problem = question.scene, question.problem
     depth = scene.piece.depth
@@ -382,12 +378,12 @@ def _resolve(
     bend = problem.limits(radius).bend_radius
     resolved = {
         "views": question.views,
-        "piece": ResolvedPiece(**{**scene.piece.model_dump(), **piece}),
+        "piece": SettledPiece(**{**scene.piece.model_dump(), **piece}),
         "region": region,
-        "material": ResolvedMaterial(
+        "material": SettledMaterial(
             **{**scene.material.model_dump(exclude_unset=True), "min_bend_radius_mm": bend}
         ),
-        "accuracy": ResolvedAccuracy(
+        "accuracy": SettledAccuracy(
             **{
                 **scene.accuracy.model_dump(),
                 "iou_floor": floor,
@@ -399,4 +395,4 @@ def _resolve(
     kept = {
         k: getattr(scene, k) for k in type(scene).model_fields if k not in ("schema_", *resolved)
     }
-    return ResolvedScene.model_validate({"schema": 1, **kept, **resolved})
+    return SettledScene.model_validate({"schema": 1, **kept, **resolved})

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from knotfab.geometry.tube import sides_for
-from knotfab_formats.scene import Scene
+from knotfab_formats.scene import ResolvedScene
 from knotfab_formats.search import SearchSettings
 
 __all__ = ["fine_enough", "outline_px"]
@@ -28,7 +28,7 @@ def fine_enough(
     )
 
 
-def outline_px(scene: Scene, settings: SearchSettings) -> float:
+def outline_px(scene: ResolvedScene, settings: SearchSettings) -> float:
     """Return how far the file's shadow may be off the exact tube's: the scene's word, or the accuracy's."""
     asked = scene.accuracy.max_outline_error_px
-    return settings.outline_px if isinstance(asked, str) else asked
+    return settings.outline_px if asked is None else asked

@@ -20,7 +20,7 @@ from knotfab.picture.raster import check_shape
 from knotfab.picture.read import Target, name_picture
 from knotfab.picture.thicken import is_thin, thicken
 from knotfab_formats.bounds import why_out_of_bounds
-from knotfab_formats.scene import ResolvedView, Scene, View
+from knotfab_formats.scene import ResolvedScene, ResolvedView, View, known
 
 __all__ = [
     "frame_view",
@@ -49,7 +49,7 @@ _MEETING = (
 _LEVEL_DEG = 1.0  # views raised by less see the same heights
 
 
-def spread_views(scene: Scene, pictures: Sequence[str]) -> Scene:
+def spread_views(scene: ResolvedScene, pictures: Sequence[str]) -> ResolvedScene:
     """The scene with a view for each picture, named after it, at azimuths 0, 180 / count, ... degrees.
 
     Half a turn is shared out, for a silhouette from behind is its own mirror image.
@@ -95,7 +95,7 @@ def _extent(mask: NDArray[np.bool_]) -> _Extent:
     )
 
 
-def framed_alike(scene: Scene, targets: Sequence[Target]) -> Scene:
+def framed_alike(scene: ResolvedScene, targets: Sequence[Target]) -> ResolvedScene:
     """The scene with frames in which all level silhouettes are equally high, and as high up.
 
     Views with a frame of their own are left as they are. A raised view, which sees no height, gets
@@ -123,7 +123,7 @@ def framed_alike(scene: Scene, targets: Sequence[Target]) -> Scene:
     return scene.but(views=tuple(views))
 
 
-def size_frames(scene: Scene, targets: Sequence[Target]) -> Scene:
+def size_frames(scene: ResolvedScene, targets: Sequence[Target]) -> ResolvedScene:
     """Frames of several pictures of which all were given one size: that is the first's.
 
     The others are sized so that the silhouettes stay equally high.
@@ -144,7 +144,7 @@ def size_frames(scene: Scene, targets: Sequence[Target]) -> Scene:
     return scene.but(views=views)
 
 
-def size_longer(scene: Scene, target: Target, longer_mm: float) -> Scene:
+def size_longer(scene: ResolvedScene, target: Target, longer_mm: float) -> ResolvedScene:
     """Every frame so wide, or so high, as the longer side of `target` is to be."""
     key = "frame_width_mm" if target.width >= target.height else "frame_height_mm"
     none = {"frame_width_mm": None, "frame_height_mm": None}
@@ -153,8 +153,8 @@ def size_longer(scene: Scene, target: Target, longer_mm: float) -> Scene:
 
 
 def widen_targets(
-    scene: Scene, targets: Sequence[Target], sequence: bool = False
-) -> tuple[Scene, tuple[Target, ...]]:
+    scene: ResolvedScene, targets: Sequence[Target], sequence: bool = False
+) -> tuple[ResolvedScene, tuple[Target, ...]]:
     """Widen thin strokes where the scene asks for it (`thicken_mm`, on the receiver), or draws along them.
 
     The one picture of a scene is drawn along its centre lines (`lines`) where most of it is thinner than
@@ -176,8 +176,7 @@ def widen_targets(
     else:
         framed = scene
     one = len(targets) == 1 and not sequence
-    asked = scene.piece.tube_radius_mm
-    radius = scene.printer.min_tube_radius_mm if isinstance(asked, str) else asked
+    asked, radius = scene.piece.tube_radius_mm, scene.thinnest_mm
     if not sequence and not scene.share_wall:  # masks on one wall must register
         targets = [
             _without_dust(v, t, scene.printer.min_tube_radius_mm)
@@ -197,7 +196,7 @@ def widen_targets(
             lines = "on" if one and width == "none" and _is_thin(view, target, radius) else "off"
         if lines == "on" and width in ("none", "auto"):
             width = line_width(view, radius)
-        elif lines == "on" and not isinstance(asked, str) and not isinstance(width, str):
+        elif lines == "on" and asked is not None and not isinstance(width, str):
             alike = line_width(view, asked)
             if abs(width - alike) > 0.01:
                 raise InputError(
@@ -219,8 +218,8 @@ def widen_targets(
 
 
 def _draw_tones(
-    scene: Scene, targets: Sequence[Target], sequence: bool
-) -> tuple[Scene, tuple[Target, ...]]:
+    scene: ResolvedScene, targets: Sequence[Target], sequence: bool
+) -> tuple[ResolvedScene, tuple[Target, ...]]:
     """One picture's greys as lines of the tube's width, which is what is drawn and followed then."""
     from knotfab.picture.greys import read_darkness
     from knotfab.start.tone import draw_tones
@@ -239,10 +238,7 @@ def _draw_tones(
             "Print it",
         )
     (view,), (target,) = scene.views, targets
-    asked, width = scene.piece.tube_radius_mm, view.thicken_mm
-    if isinstance(width, str):
-        radius = scene.printer.min_tube_radius_mm if isinstance(asked, str) else asked
-        width = line_width(view, radius)
+    width = known(view.thicken_mm) or line_width(view, scene.thinnest_mm)
     px = target.width / frame_view(view, target).frame_width_mm
     gap = scene.piece.clearance_mm * view.magnification
     mask, line = draw_tones(read_darkness(target, view.invert), width * px, gap * px)

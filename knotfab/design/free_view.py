@@ -7,13 +7,15 @@ from typing import Any
 from knotfab.base.errors import InputError
 from knotfab.problem import Problem, ViewNumbers
 from knotfab.render.forms import COMPILED, Forms
-from knotfab_formats.scene import Material, Scene
+from knotfab_formats.scene import ResolvedScene
 from knotfab_formats.search import SearchSettings
 
 __all__ = ["place_directions", "place_start", "start_pose"]
 
 
-def place_start(scene: Scene, settings: SearchSettings) -> tuple[Scene, SearchSettings]:
+def place_start(
+    scene: ResolvedScene, settings: SearchSettings
+) -> tuple[ResolvedScene, SearchSettings]:
     """The scene and the settings with the numbers that the search starts from.
 
     A scene that a build has written holds the numbers that were found, and in its settings those that
@@ -37,16 +39,17 @@ def place_start(scene: Scene, settings: SearchSettings) -> tuple[Scene, SearchSe
     update: dict[str, object] = {"views": (view,)}
     if settings.free_radius_mm:
         bend, found = scene.material.min_bend_radius_mm, scene.piece.tube_radius_mm
-        if bend != "auto" and found != "auto" and bend <= found + 0.5 * scene.piece.clearance_mm:
+        if bend and found and bend <= found + 0.5 * scene.piece.clearance_mm:
             # a limit that came from the radius found: it goes with the radius again
-            known = scene.material.model_dump(exclude_unset=True)
-            update["material"] = Material(**{**known, "min_bend_radius_mm": "auto"})
+            update["material"] = scene.material.but(min_bend_radius_mm=None)
         radius = {"tube_radius_mm": settings.free_radius_mm}
         update["piece"] = scene.piece.but(**radius)
     return scene.but(**update), settings
 
 
-def place_directions(scene: Scene, settings: SearchSettings) -> tuple[Scene, SearchSettings]:
+def place_directions(
+    scene: ResolvedScene, settings: SearchSettings
+) -> tuple[ResolvedScene, SearchSettings]:
     """The same of several views, of which the azimuths are unknown.
 
     Raises:
@@ -73,7 +76,7 @@ def place_directions(scene: Scene, settings: SearchSettings) -> tuple[Scene, Sea
 
 
 def start_pose(
-    scene: Scene,
+    scene: ResolvedScene,
     problem: Problem,
     radius: float,
     settings: SearchSettings,
@@ -83,7 +86,7 @@ def start_pose(
 
     A tube radius (mm) that the scene gives is kept, and that of a wire.
     """
-    given = scene.piece.tube_radius_mm != "auto" and not settings.free_radius_mm
+    given = scene.piece.tube_radius_mm is not None and not settings.free_radius_mm
     view = problem.views[0].view
     start = ViewNumbers(view.light_distance_mm, view.wall_distance_mm, radius)
     pose = forms.free_pose(start, given, scene.printer.min_tube_radius_mm)

@@ -24,7 +24,7 @@ from knotfab.picture.masks import sample_mask
 from knotfab.picture.read import Target
 from knotfab.picture.silhouette import fit_size
 from knotfab.scene.camera import camera_of
-from knotfab_formats.scene import ResolvedView, Scene
+from knotfab_formats.scene import ResolvedScene, ResolvedView
 
 __all__ = ["LAMPS_FRAME_MM", "depth_apart", "place_lamps"]
 
@@ -54,7 +54,9 @@ class _Places:
     across: tuple[float, float]
 
 
-def place_lamps(scene: Scene, targets: Sequence[Target]) -> tuple[Scene, tuple[str, ...]]:
+def place_lamps(
+    scene: ResolvedScene, targets: Sequence[Target]
+) -> tuple[ResolvedScene, tuple[str, ...]]:
     """The scene with places for lamps and piece before the screen, and what a person is told of them.
 
     A distance that somebody gave is kept. Where no place within the bounds keeps stray shadows off the
@@ -81,7 +83,9 @@ def place_lamps(scene: Scene, targets: Sequence[Target]) -> tuple[Scene, tuple[s
     return scene.but(views=placed, lamps=table), (told, *lines)
 
 
-def _find_apart(scene: Scene, targets: Sequence[Target]) -> tuple[float, float, Array] | None:
+def _find_apart(
+    scene: ResolvedScene, targets: Sequence[Target]
+) -> tuple[float, float, Array] | None:
     """Distances of wall and lamps, mm, and lamps (n, 2) beside the axis, mm, at which pieces stand apart.
 
     The first that fit the printer; if none do, the first within the bounds; None: there are none.
@@ -110,7 +114,7 @@ def _find_apart(scene: Scene, targets: Sequence[Target]) -> tuple[float, float, 
     return large
 
 
-def _find_by_hull(scene: Scene, targets: Sequence[Target]) -> tuple[float, float, Array]:
+def _find_by_hull(scene: ResolvedScene, targets: Sequence[Target]) -> tuple[float, float, Array]:
     """Find places, as `_find_apart`, whose visual hull draws the worst mask best.
 
     Rows, columns and polygons are tried, as wide as the bounds and narrower, and every order of the lamps.
@@ -196,7 +200,7 @@ def _beside(far: float, one: str, other: str) -> str:
     return f"{abs(far):g} mm {one if far > 0 else other} " if far else ""
 
 
-def _distances(scene: Scene) -> Iterator[tuple[float, float]]:
+def _distances(scene: ResolvedScene) -> Iterator[tuple[float, float]]:
     """Choose distances from the piece to wall and lamps, mm: the given ones, or first those near the wall."""
     view = scene.views[0]
     given = {"wall_distance_mm", "light_distance_mm"} & view.model_fields_set

@@ -19,7 +19,7 @@ from knotfab.picture.masks import sample_mask
 from knotfab.picture.read import Target
 from knotfab.picture.silhouette import fit_size
 from knotfab.scene.camera import cameras_of, least_apart, walls_of
-from knotfab_formats.scene import ResolvedView, Scene
+from knotfab_formats.scene import ResolvedScene, ResolvedView
 
 __all__ = [
     "bounds_of",
@@ -56,13 +56,13 @@ def worst_of(bounds: Sequence[HullBound]) -> float:
     return min(b.iou for b in bounds)
 
 
-def framed_views(scene: Scene, targets: Sequence[Target]) -> list[ResolvedView]:
+def framed_views(scene: ResolvedScene, targets: Sequence[Target]) -> list[ResolvedView]:
     """The scene's views with both sides of their frames."""
     return [frame_view(v, t) for v, t in zip(scene.views, targets, strict=True)]
 
 
 def bounds_of(
-    scene: Scene,
+    scene: ResolvedScene,
     targets: Sequence[Target],
     masks: Sequence[Mask] | None = None,
     rays_px: int = 192,
@@ -98,7 +98,7 @@ def coarse_masks(targets: Sequence[Target], side_px: int) -> list[Mask]:
     return [sample_mask(t.mask, *size(t.width, t.height)) for t in targets]
 
 
-def move_views(scene: Scene, targets: Sequence[Target], bent: bool) -> Scene:
+def move_views(scene: ResolvedScene, targets: Sequence[Target], bent: bool) -> ResolvedScene:
     """The scene with its views where they leave most of each other; the same where that brings too little.
 
     Args:
@@ -107,12 +107,12 @@ def move_views(scene: Scene, targets: Sequence[Target], bent: bool) -> Scene:
     masks = coarse_masks(targets, _COARSE_PX)
     widths = (0.0, _NEAR) if bent else (0.0,)
 
-    def value(trial: Scene) -> float:
+    def value(trial: ResolvedScene) -> float:
         found = [bounds_of(trial, targets, masks, _COARSE_RAYS, _COARSE_STEPS, w) for w in widths]
         worst = float(np.mean([worst_of(bounds) for bounds in found]))
         return worst + 0.1 * float(np.mean([b.iou for bounds in found for b in bounds]))
 
-    def within_reach(trial: Scene) -> bool:
+    def within_reach(trial: ResolvedScene) -> bool:
         near = bounds_of(trial, targets, masks, _COARSE_RAYS, _COARSE_STEPS, widths[-1])
         return worst_of(near) > _REACHED
 
@@ -136,7 +136,7 @@ def move_views(scene: Scene, targets: Sequence[Target], bent: bool) -> Scene:
     return best
 
 
-def mirror_views(scene: Scene, targets: Sequence[Target]) -> Scene:
+def mirror_views(scene: ResolvedScene, targets: Sequence[Target]) -> ResolvedScene:
     """The scene with those pictures mirrored that agree better so; none of text, and the first never."""
     masks = coarse_masks(targets, _COARSE_PX)
     best, most = scene, -1.0
@@ -176,7 +176,7 @@ def _closer(azimuths: Sequence[float]) -> Iterator[tuple[float, ...]]:
         yield tuple(azimuths[0] + a - drawn[0] for a in drawn)
 
 
-def _placed(scene: Scene, azimuths: Sequence[float]) -> Scene:
+def _placed(scene: ResolvedScene, azimuths: Sequence[float]) -> ResolvedScene:
     views = tuple(
         v.model_copy(update={"azimuth_deg": float(a % 360.0)})
         for v, a in zip(scene.views, azimuths, strict=True)
@@ -185,8 +185,8 @@ def _placed(scene: Scene, azimuths: Sequence[float]) -> Scene:
 
 
 def _nearby(
-    scene: Scene, targets: Sequence[Target], number: int, turn: float, shift: float
-) -> Iterator[Scene]:
+    scene: ResolvedScene, targets: Sequence[Target], number: int, turn: float, shift: float
+) -> Iterator[ResolvedScene]:
     """The scene with one view turned, or its frame shifted, a little to either side."""
     view = scene.views[number]
     height = framed_views(scene, targets)[number].frame_height_mm

@@ -12,7 +12,7 @@ from knotfab.problem import Problem, SearchResult, Start
 from knotfab.render.forms import COMPILED, Forms
 from knotfab.search.search import search
 from knotfab_formats.report import Price
-from knotfab_formats.scene import ResolvedRegion
+from knotfab_formats.scene import SettledRegion
 from knotfab_formats.search import SearchSettings
 
 __all__ = ["SHORT", "binding_limits", "price_limits"]
@@ -46,7 +46,7 @@ def _word(value: object) -> str:
 
 
 def binding_limits(
-    problem: Problem, result: SearchResult, roomy: ResolvedRegion
+    problem: Problem, result: SearchResult, roomy: SettledRegion
 ) -> dict[str, Problem]:
     """The limits that are broken, or kept by little, each with the problem in which it is loosened.
 
@@ -66,7 +66,7 @@ def binding_limits(
     return {name: _loosen(problem, (name,), roomy) for name, binds in close.items() if binds}
 
 
-def _loosen(problem: Problem, names: Sequence[str], roomy: ResolvedRegion) -> Problem:
+def _loosen(problem: Problem, names: Sequence[str], roomy: SettledRegion) -> Problem:
     """The problem without these limits."""
     free: dict[str, tuple[str, Any]] = {
         "bend": ("bend_radius", None),
@@ -82,7 +82,7 @@ def price_limits(
     start: Start,
     result: SearchResult,
     settings: SearchSettings,
-    roomy: ResolvedRegion,
+    roomy: SettledRegion,
     forms: Forms = COMPILED,
     iou: float | None = None,
 ) -> tuple[Price, ...]:

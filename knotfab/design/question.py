@@ -29,12 +29,11 @@ from knotfab.picture.silhouette import trace_polygon
 from knotfab.picture.strokes import trace_strokes
 from knotfab.problem import Problem, Start, TargetView
 from knotfab.scene.camera import camera_of, cameras_of, walls_of
-from knotfab.scene.catalogue import resolve
 from knotfab.scene.require import require_several
 from knotfab.search.balance import goals_of
 from knotfab.start.filling import template_iou
 from knotfab.start.start import make_template
-from knotfab_formats.scene import Region, ResolvedRegion, ResolvedView, Scene
+from knotfab_formats.scene import Region, ResolvedScene, ResolvedView, SettledRegion
 
 __all__ = ["Question", "ask", "silhouette_polygon"]
 
@@ -49,7 +48,7 @@ class Question(InNotebook):
     what is drawn and what it is judged by, where they are least alike: of a picture drawn smoothed.
     """
 
-    scene: Scene
+    scene: ResolvedScene
     problem: Problem
     bounds: tuple[HullBound, ...] = ()
     likeness: float = 1.0
@@ -71,7 +70,7 @@ class Question(InNotebook):
             most = min(most, template_iou(make_template(view, radius), view.polygon))
         return most
 
-    def roomy(self) -> ResolvedRegion:
+    def roomy(self) -> SettledRegion:
         """A region in which nothing is in the pictures' way."""
         thinnest = self.scene.printer.min_tube_radius_mm
         return resolve_region(Region(), self.views, self.bounds, thinnest)
@@ -82,7 +81,7 @@ class Question(InNotebook):
             return self
         region, polygon = self.problem.region, self.problem.polygons[0]
         depth = depth_extent(self.scene, polygon, region, radius, self.problem.views[0].axes[2])
-        kept = replace(self.problem, depth_mm=depth, depth_open=self.scene.piece.depth == "auto")
+        kept = replace(self.problem, depth_mm=depth, depth_open=self.scene.piece.depth is None)
         return replace(self, problem=kept)
 
     def as_started(self, start: Start) -> Question:
@@ -107,11 +106,10 @@ class Question(InNotebook):
         return replace(self, problem=replace(self.problem, views=seen), bounds=bounds)
 
 
-def ask(scene: Scene, targets: Sequence[Target], progress: Progress | None = None) -> Question:
+def ask(
+    scene: ResolvedScene, targets: Sequence[Target], progress: Progress | None = None
+) -> Question:
     """The question of a scene and the pictures of its views, in their order.
-
-    Args:
-        scene: as a person wrote it, or resolved by an earlier build.
 
     Raises:
         InputError: a frame would squash its picture, or the scene asks for what several views cannot have.
@@ -123,7 +121,7 @@ def ask(scene: Scene, targets: Sequence[Target], progress: Progress | None = Non
         for line in agreed.lines:
             (progress or Progress("quiet")).say(line)
         scene, targets = framed_alike(agreed.scene, agreed.targets), agreed.targets
-    scene, views = resolve(scene), _frame_views(scene, targets)
+    views = _frame_views(scene, targets)
     targets = flatten_targets(scene, views, targets)
     seen = [
         TargetView(v, t.mask, _trace(v, t), lines=_strokes(v, t), ends=scene.screen_ends)
@@ -147,11 +145,10 @@ def ask(scene: Scene, targets: Sequence[Target], progress: Progress | None = Non
             replace(s, left=_crop_to_hull(s.view, t, b))
             for s, t, b in zip(seen, targets, bounds, strict=True)
         ]
-    bend = scene.material.min_bend_radius_mm
     problem = Problem(
         tuple(seen),
         scene.piece.clearance_mm,
-        None if isinstance(bend, str) else bend,
+        scene.material.min_bend_radius_mm,
         scene.material.max_length_mm,
         resolve_region(scene.region, views, bounds, room),
         apart_mm=apart,
@@ -165,7 +162,7 @@ def ask(scene: Scene, targets: Sequence[Target], progress: Progress | None = Non
     return Question(scene, problem, bounds, _likeness(targets)).with_depth(thinnest)
 
 
-def _overhang_deg(scene: Scene) -> float | None:
+def _overhang_deg(scene: ResolvedScene) -> float | None:
     """The steepest from the vertical that prints without supports; None where none are ever printed."""
     unsupported = "powder" in (scene.printer.process, scene.material.process)
     if unsupported or scene.material.process == "wire" or scene.printer.max_overhang_deg >= 90:
@@ -178,7 +175,7 @@ def _likeness(targets: Sequence[Target]) -> float:
     return min(float((t.mask & t.judged).sum() / (t.mask | t.judged).sum()) for t in targets)
 
 
-def _frame_views(scene: Scene, targets: Sequence[Target]) -> tuple[ResolvedView, ...]:
+def _frame_views(scene: ResolvedScene, targets: Sequence[Target]) -> tuple[ResolvedView, ...]:
     """The views with both sides of their frames settled, checked against their pictures."""
     if len(targets) == 1 and scene.views[0].azimuth_deg != 0:
         raise InputError(

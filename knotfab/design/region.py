@@ -14,7 +14,7 @@ from knotfab.design.hull import HullBound
 from knotfab.limits.region_mesh import region_mesh
 from knotfab.scene.camera import view_axes
 from knotfab_formats.bounds import MOST_MM
-from knotfab_formats.scene import WALL_SHARE, Region, ResolvedRegion, ResolvedView, Scene
+from knotfab_formats.scene import WALL_SHARE, Region, ResolvedScene, ResolvedView, SettledRegion
 
 __all__ = ["depth_extent", "least_wall_mm", "most_depth_mm", "resolve_region"]
 
@@ -25,7 +25,7 @@ _BESIDE_RADII = 2.0  # before and behind the centre lines
 
 def resolve_region(
     region: Region, views: Sequence[ResolvedView], bounds: Sequence[HullBound], radius: float
-) -> ResolvedRegion:
+) -> SettledRegion:
     """The region with its extents: those of the scene, or what the pictures need.
 
     Of one view, clear of wall and lamp, a quarter wider than the picture and turned as the view is; of
@@ -38,9 +38,9 @@ def resolve_region(
     if region.kind == "mesh" and region.file is not None:
         least, most = region_mesh(region.file, region.center_mm).bounds
         size = tuple(round(float(s), 4) for s in most - least)
-        return ResolvedRegion(**{**known, "size_mm": size})
-    if region.size_mm != "auto":
-        return ResolvedRegion(**known)
+        return SettledRegion(**{**known, "size_mm": size})
+    if region.size_mm is not None:
+        return SettledRegion(**known)
     if bounds:
         known |= {"azimuth_deg": 0.0, "elevation_deg": 0.0}  # the hull's extents are the scene's
         low = np.min([b.low for b in bounds], 0)
@@ -65,13 +65,13 @@ def resolve_region(
             f"it would be {max(size):.6g} mm large, and the largest is {MOST_MM:g} mm",
             "Make the picture smaller (--size), or give another lamp (--lamp-distance).",
         )
-    return ResolvedRegion(**{**known, "size_mm": tuple(round(float(s), 4) for s in size)})
+    return SettledRegion(**{**known, "size_mm": tuple(round(float(s), 4) for s in size)})
 
 
 def depth_extent(
-    scene: Scene,
+    scene: ResolvedScene,
     polygon: MultiPolygon,
-    region: ResolvedRegion,
+    region: SettledRegion,
     radius: float,
     ahead: Sequence[float] = (0.0, 0.0, 1.0),
 ) -> float | None:
@@ -85,13 +85,9 @@ def depth_extent(
     """
     if scene.piece.depth == "flat":
         return None
-    auto = scene.piece.depth == "auto"
     low_x, low_y, high_x, high_y = polygon.bounds
-    wanted = (
-        DEPTH_RATIO * (max(high_x - low_x, high_y - low_y) + 2 * radius)
-        if isinstance(scene.piece.depth, str)
-        else scene.piece.depth
-    )
+    usual = DEPTH_RATIO * (max(high_x - low_x, high_y - low_y) + 2 * radius)
+    auto, wanted = scene.piece.depth is None, scene.piece.depth or usual
     room = most_depth_mm(0.5 * _across(region, np.asarray(ahead)), radius)
     if room <= 0:
         raise SceneError(
@@ -116,7 +112,7 @@ def most_depth_mm(reach_mm: float, radius: float) -> float:
 
 
 def least_wall_mm(back_mm: float, radius: float) -> float:
-    """Return how near a flat wall may be for an "auto" region to have room, mm; the light stands far enough.
+    """Return how near a flat wall may be for a region of open size, mm; the light stands far enough.
 
     Args:
         back_mm: how far the centre lines reach behind the middle, or half of the depth that is asked for.
@@ -124,7 +120,7 @@ def least_wall_mm(back_mm: float, radius: float) -> float:
     return (back_mm + _BESIDE_RADII * radius) / WALL_SHARE
 
 
-def _across(region: ResolvedRegion, ahead: Array) -> float:
+def _across(region: SettledRegion, ahead: Array) -> float:
     """Measure how far a region reaches along a direction (3,), alike to both sides of the middle, mm."""
     if region.kind == "mesh" and region.file is not None:
         least, most = region_mesh(region.file, region.center_mm).bounds

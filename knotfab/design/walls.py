@@ -14,13 +14,13 @@ from knotfab.effects.base import EffectContext, decide
 from knotfab.effects.wall import WALL
 from knotfab.picture.read import Target
 from knotfab.scene.curved_wall import CurvedWall, require_wall
-from knotfab_formats.scene import ResolvedView, Scene
+from knotfab_formats.scene import ResolvedScene, ResolvedView
 
 __all__ = ["flatten_targets"]
 
 
 def flatten_targets(
-    scene: Scene, views: Sequence[ResolvedView], targets: Sequence[Target]
+    scene: ResolvedScene, views: Sequence[ResolvedView], targets: Sequence[Target]
 ) -> tuple[Target, ...]:
     """The targets as flat walls have them, where the scene's are round enough to tell.
 

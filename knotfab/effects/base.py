@@ -15,9 +15,9 @@ from knotfab_formats.scene import (
     Material,
     Placing,
     Printer,
+    ResolvedScene,
     ResolvedView,
     Room,
-    Scene,
     Switch,
 )
 
@@ -43,7 +43,7 @@ class World:
     loose_turns: bool = True
 
     @staticmethod
-    def of(scene: Scene) -> World:
+    def of(scene: ResolvedScene) -> World:
         """The world of a scene, as long as its piece is taken to be one knot."""
         turns, loose = (not scene.hangs(knots) for knots in (1, 2))
         return World(scene.placing, scene.room, scene.material, scene.printer, turns, loose)

@@ -12,7 +12,7 @@ from knotfab.base.arrays import Array
 from knotfab.geometry.neighbours import Neighbours
 from knotfab.geometry.polylines import Polylines
 from knotfab.scene.camera import Plane
-from knotfab_formats.scene import ResolvedRegion
+from knotfab_formats.scene import SettledRegion
 
 __all__ = [
     "Felt",
@@ -36,7 +36,7 @@ class Limits:
     clearance: float
     bend_radius: float
     length: float
-    region: ResolvedRegion
+    region: SettledRegion
     walls: tuple[Plane, ...] = ()  # before which it stands: each a normal, and an offset in mm
 
     @property

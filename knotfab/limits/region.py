@@ -12,13 +12,13 @@ from knotfab.geometry.polylines import Polylines
 from knotfab.limits.base import Felt, Limit, Limits, State
 from knotfab.limits.region_mesh import beyond, region_mesh
 from knotfab.scene.camera import Plane, view_axes
-from knotfab_formats.scene import ResolvedRegion
+from knotfab_formats.scene import SettledRegion
 
 __all__ = ["REGION", "outside", "tube_outside"]
 
 
 def outside(
-    points: Array, region: ResolvedRegion, radius: float, walls: Sequence[Plane] = ()
+    points: Array, region: SettledRegion, radius: float, walls: Sequence[Plane] = ()
 ) -> tuple[Array, Array]:
     """Measure how far a ball of `radius` about each point sticks out, mm (N,), and the gradient (N, 3).
 
@@ -34,7 +34,7 @@ def outside(
     return excess, away
 
 
-def _outside_region(points: Array, region: ResolvedRegion, radius: float) -> tuple[Array, Array]:
+def _outside_region(points: Array, region: SettledRegion, radius: float) -> tuple[Array, Array]:
     """Measure the same as `outside`, for the region alone.
 
     For a box the largest excess over its faces; cylinder (its own axis y): over mantle and ends. In the

@@ -41,7 +41,7 @@ from knotfab.mount.table import frame_of
 from knotfab.mount.wall import mark_depth_mm
 from knotfab.mount.words import costs_of, lamp_facts, level_wall, steps_of
 from knotfab.scene.camera import Camera
-from knotfab_formats.scene import ResolvedScene, View
+from knotfab_formats.scene import SettledScene, View
 from knotfab_formats.verdict import Misplacement
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ class Sheets:
     on_wall: bool
 
 
-def draw_sheets(mounted: Mounted, scene: ResolvedScene, cameras: Sequence[Camera]) -> Sheets:
+def draw_sheets(mounted: Mounted, scene: SettledScene, cameras: Sequence[Camera]) -> Sheets:
     """Draw how a piece is set up.
 
     Args:

@@ -22,7 +22,7 @@ from knotfab.scene.camera import Camera
 from knotfab.scene.curved_wall import CurvedWall
 from knotfab.scene.require import require_mount
 from knotfab_formats.report import MountFigures
-from knotfab_formats.scene import ResolvedScene, Scene
+from knotfab_formats.scene import ResolvedScene, SettledScene
 from knotfab_formats.verdict import Check
 from knotfab_validators.check import at_most
 
@@ -44,7 +44,7 @@ class Mounted:
 
     bodies: list[Mesh]
     names: list[str]
-    scene: ResolvedScene
+    scene: SettledScene
     upright: Array | None
     wall: WallMount | None
     stand: StandMount | None = None
@@ -219,7 +219,7 @@ class Mounted:
 
 
 def mount_piece(
-    scene: ResolvedScene,
+    scene: SettledScene,
     knots: Knots,
     tubes: list[Mesh],
     cameras: Sequence[Camera],
@@ -287,7 +287,7 @@ def mount_piece(
 
 
 def _on_a_stand(
-    scene: ResolvedScene,
+    scene: SettledScene,
     knots: Knots,
     tubes: list[Mesh],
     cameras: Sequence[Camera],
@@ -311,7 +311,7 @@ def _on_a_stand(
 
 
 def _on_a_thread(
-    scene: ResolvedScene,
+    scene: SettledScene,
     knots: Knots,
     tubes: list[Mesh],
     cameras: Sequence[Camera],
@@ -338,7 +338,7 @@ def _names(count: int) -> list[str]:
     return [f"knot {i + 1}" for i in range(count)]
 
 
-def _foot(scene: Scene, knots: Knots, camera: Camera) -> Literal["plate", "dowel"]:
+def _foot(scene: ResolvedScene, knots: Knots, camera: Camera) -> Literal["plate", "dowel"]:
     """A plate where the printer holds one as large as the frame, and as high as the piece stands off."""
     asked = scene.mount
     if asked.foot != "auto":

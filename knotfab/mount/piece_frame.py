@@ -10,7 +10,7 @@ from knotfab.base.arrays import Array, Indices
 from knotfab.knots import Knots
 from knotfab.mount.frame_model import Beams, SpaceFrame, frame_of, round_beams
 from knotfab.mount.struts import GROUND, Candidates, Sites, sites_of
-from knotfab_formats.scene import Scene
+from knotfab_formats.scene import ResolvedScene
 
 __all__ = [
     "DOWN",
@@ -39,7 +39,7 @@ class Stiffness:
     max_sag_mm: float
 
     @classmethod
-    def of(cls, scene: Scene) -> Stiffness:
+    def of(cls, scene: ResolvedScene) -> Stiffness:
         """The stiffness of a scene's material and mount."""
         material = scene.material
         return cls(material.young_modulus_mpa, material.density_g_cm3, scene.mount.max_sag_mm)

@@ -12,7 +12,7 @@ from knotfab.geometry.meshes import join_meshes
 from knotfab.knots import count_in_words
 from knotfab.part.assemble import Part
 from knotfab.picture.read import Target
-from knotfab_formats.scene import ResolvedScene, ResolvedView
+from knotfab_formats.scene import ResolvedView, SettledScene
 
 __all__ = ["GCODE_PX", "THUMBNAIL_PX", "about_part", "draw_thumbnail"]
 
@@ -20,7 +20,7 @@ THUMBNAIL_PX = 300
 GCODE_PX = 480  # G-code has smaller copies of this picture
 
 
-def about_part(part: Part, scene: ResolvedScene, targets: Sequence[Target]) -> About:
+def about_part(part: Part, scene: SettledScene, targets: Sequence[Target]) -> About:
     """The words of the part's 3MF files: the scene's [about], and what follows from the piece itself.
 
     Without a title it is the pictures' names; without a designer, knotfab. Terms of a licence are left out

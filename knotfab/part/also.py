@@ -18,7 +18,7 @@ from knotfab.part.assemble import Part
 from knotfab.picture.read import Target
 from knotfab.scene.camera import Camera, cameras_of
 from knotfab_fixtures.step import write_centre_lines, write_solids
-from knotfab_formats.scene import ResolvedScene
+from knotfab_formats.scene import SettledScene
 
 __all__ = ["write_also"]
 
@@ -31,7 +31,7 @@ _SHADOW_MM = 0.01  # within which a shadow's outline is a polygon
 def write_also(
     folder: OutputFolder,
     part: Part,
-    scene: ResolvedScene,
+    scene: SettledScene,
     targets: Sequence[Target],
     also: Collection[str],
     suffix: str = "",

@@ -26,7 +26,7 @@ from knotfab.part.pose import PrintPose, choose_pose
 from knotfab.part.split import can_be_split, list_printables
 from knotfab.picture.read import Target
 from knotfab.scene.camera import Camera, cameras_of
-from knotfab_formats.scene import Scene
+from knotfab_formats.scene import ResolvedScene
 
 __all__ = ["Part", "enlarge_knots", "part_of", "rules_of", "shrink_of"]
 
@@ -143,7 +143,7 @@ def _choose_poses(
     return mounted, replace(pose, matrix=shrink @ pose.matrix), plates
 
 
-def shrink_of(scene: Scene) -> Array:
+def shrink_of(scene: ResolvedScene) -> Array:
     """Return the change (4, 4) of a printed part by its material; the identity where nothing is asked."""
     return np.diag([*np.full(3, 1 - scene.material.shrinkage_percent / 100), 1.0])
 
@@ -153,17 +153,16 @@ def enlarge_knots(made: Design) -> Knots:
     return made.knots.moved(np.diag(1 / np.diag(shrink_of(made.scene))))
 
 
-def rules_of(scene: Scene) -> Rules:
+def rules_of(scene: ResolvedScene) -> Rules:
     """Return the printer's limits on overhangs, and the room that its supports take beside a piece."""
     printer = scene.printer
-    limit = printer.max_support_cm3
     powder = printer.process == "powder"
     beside = printer.supports and not powder and scene.material.process == "filament"
     return Rules(
         printer.max_overhang_deg,
         printer.layer_height_mm,
         printer.supports,
-        None if limit == "auto" else limit,
+        printer.max_support_cm3,
         printer.max_bridge_mm,
         min(BESIDE_MM, BESIDE_SHARE * min(printer.build_volume_mm)) if beside else 0.0,
         SUPPORT_LINE_NOZZLES * printer.nozzle_mm,

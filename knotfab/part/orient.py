@@ -28,7 +28,7 @@ __all__ = [
 ]
 
 
-# Scene to bed, in order of preference: back down (the light above), a side down, and the reverses.
+# ResolvedScene to bed, in order of preference: back down (the light above), a side down, and the reverses.
 AXES = (
     np.eye(3),
     np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]),

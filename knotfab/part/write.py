@@ -19,7 +19,7 @@ from knotfab.part.assemble import Part, enlarge_knots, shrink_of
 from knotfab.part.plates import Plates
 from knotfab.picture.read import Target
 from knotfab.scene.load import dump_scene
-from knotfab_formats.scene import Plate, Pose, ResolvedScene
+from knotfab_formats.scene import Plate, Pose, SettledScene
 
 __all__ = ["COLOURED", "make_pose", "pose_scene", "write_model", "write_part", "write_unbuilt"]
 
@@ -41,7 +41,7 @@ def make_pose(matrix: Array, plates: Plates | None = None, suffix: str = "") -> 
     return Pose(matrix=_rows(matrix), plates=each)
 
 
-def pose_scene(part: Part, suffix: str = "") -> ResolvedScene:
+def pose_scene(part: Part, suffix: str = "") -> SettledScene:
     """The part's scene, its mount resolved, with the pose that takes the written files to it."""
     pose, scene = make_pose(part.pose.matrix, part.plates, suffix), part.mounted.scene
     table, _ = part.framing
@@ -57,7 +57,7 @@ def pose_scene(part: Part, suffix: str = "") -> ResolvedScene:
 def write_part(
     folder: OutputFolder,
     part: Part,
-    scene: ResolvedScene,
+    scene: SettledScene,
     targets: Sequence[Target],
     colours: bool = False,
     suffix: str = "",
@@ -102,7 +102,7 @@ def write_part(
     _write_scene(folder, scene, targets, suffix)
 
 
-def write_model(folder: OutputFolder, part: Part, scene: ResolvedScene, suffix: str = "") -> None:
+def write_model(folder: OutputFolder, part: Part, scene: SettledScene, suffix: str = "") -> None:
     """Write part.glb, which is looked at and not verified. Arguments as `write_part` has them."""
     assert scene.pose is not None
     pose, color = np.array(scene.pose.matrix), scene.material.color
@@ -111,7 +111,7 @@ def write_model(folder: OutputFolder, part: Part, scene: ResolvedScene, suffix: 
 
 def write_unbuilt(
     folder: OutputFolder, made: Design, targets: Sequence[Target], suffix: str = ""
-) -> ResolvedScene:
+) -> SettledScene:
     """Write knots.json, the pictures and scene.toml of knots without a part; returns that scene.
 
     The knots are `enlarge_knots`, as a part's would be, and the scene's pose takes them back.
@@ -123,7 +123,7 @@ def write_unbuilt(
 
 
 def _write_scene(
-    folder: OutputFolder, scene: ResolvedScene, targets: Sequence[Target], suffix: str
+    folder: OutputFolder, scene: SettledScene, targets: Sequence[Target], suffix: str
 ) -> None:
     for view, target in zip(scene.views, targets, strict=True):
         folder.write(view.picture, target.png_bytes)

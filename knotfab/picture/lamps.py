@@ -28,7 +28,7 @@ from knotfab.base.errors import InputError, shown
 from knotfab.picture.data_uri import encode_image
 from knotfab.picture.read import Target, name_picture, read_image
 from knotfab.picture.silhouette import resample_mask
-from knotfab_formats.scene import Scene
+from knotfab_formats.scene import ResolvedScene
 
 __all__ = ["Separation", "mixtures_of", "on_one_canvas", "read_masks", "separate", "to_oklab"]
 
@@ -172,7 +172,7 @@ def separate(
 
 
 def read_masks(
-    source: str, scene: Scene, base: Path | None = None
+    source: str, scene: ResolvedScene, base: Path | None = None
 ) -> tuple[tuple[Target, ...], Separation]:
     """The masks of a scene's lamps, in their order, for the picture in colours at `source`.
 

@@ -10,7 +10,7 @@ import numpy as np
 from knotfab.design.candidates import DEPTH_RATIO
 from knotfab.geometry.sampling import arc_lengths
 from knotfab.start.filling import Template
-from knotfab_formats.scene import ResolvedView, Scene
+from knotfab_formats.scene import ResolvedScene, ResolvedView, known
 
 __all__ = ["Guess", "guess_print"]
 
@@ -36,7 +36,7 @@ class Guess:
 
 
 def guess_print(
-    scene: Scene,
+    scene: ResolvedScene,
     view: ResolvedView,
     areas_mm2: Sequence[float],
     size_mm: tuple[float, float],
@@ -50,7 +50,7 @@ def guess_print(
     What fills one of several pictures is hidden in the others, so that their areas add up.
 
     Args:
-        scene: resolved. areas_mm2: areas of the silhouettes. size_mm: width and height of the first one,
+        areas_mm2: areas of the silhouettes. size_mm: width and height of the first one,
             in the middle of the piece. radius_mm: radius of the tube. pieces: pieces of the picture, each a
             knot if that is open.
         template: the flat curves that the search starts from, where they are known.
@@ -72,9 +72,7 @@ def guess_print(
     if scene.material.process != "filament":
         return Guess(float(mass), None, without)
     room = 2.0 * view.reach_mm
-    depth = 0.0 if flat else min(room, DEPTH_RATIO * max(size_mm))
-    if not isinstance(scene.piece.depth, str):
-        depth = scene.piece.depth
+    depth = 0.0 if flat else known(scene.piece.depth) or min(room, DEPTH_RATIO * max(size_mm))
     hours = _HOURS * _OF_RADIUS_MM / radius_mm * tube
     hours += _HOURS_PLATE * plate + _HOURS_AROUND * sum(areas_mm2) / len(areas_mm2) * depth
     return Guess(float(mass), float(hours * 1e-3), without)

@@ -27,7 +27,7 @@ from knotfab.preview.likeness import opened_share
 from knotfab.preview.refusal import find_refusal
 from knotfab.preview.sentence import count
 from knotfab.preview.survey import Survey, survey_views
-from knotfab_formats.scene import Scene, View
+from knotfab_formats.scene import ResolvedScene, View
 
 __all__ = ["TriedReading", "advise", "draw_readings", "is_unclear", "try_readings"]
 
@@ -130,7 +130,7 @@ def advise(found: Survey, readings: Sequence[TriedReading]) -> Survey:
 
 
 def try_readings(
-    source: str | Path, scene: Scene, *, base: Path | None = None, font: str | None = None
+    source: str | Path, scene: ResolvedScene, *, base: Path | None = None, font: str | None = None
 ) -> tuple[TriedReading, ...]:
     """Try at most six readings of one picture, the best first: those that a build would take before others.
 
@@ -170,7 +170,11 @@ def try_readings(
 
 
 def _try(
-    keys: dict[str, Any], source: str | Path, scene: Scene, base: Path | None, font: str | None
+    keys: dict[str, Any],
+    source: str | Path,
+    scene: ResolvedScene,
+    base: Path | None,
+    font: str | None,
 ) -> TriedReading | None:
     """The reading with these keys; None where it holds no shape."""
     changed = scene.but(views=(scene.views[0].but(**keys),))
@@ -210,7 +214,9 @@ def _round_up(value: float) -> int:
     )
 
 
-def _tube_px(source: str | Path, scene: Scene, base: Path | None, font: str | None) -> float:
+def _tube_px(
+    source: str | Path, scene: ResolvedScene, base: Path | None, font: str | None
+) -> float:
     """The width of the thinnest tube's shadow, in px of the picture."""
     for ink in ("auto", "dark", "light"):
         reading = scene.views[0].but(ink=ink)

@@ -10,7 +10,7 @@ from knotfab.design.candidates import drawing_radius, line_radius, too_fine
 from knotfab.picture.opening import opening_iou
 from knotfab.picture.silhouette import trace_polygon
 from knotfab.preview.likeness import recognisable_radius
-from knotfab_formats.scene import Scene
+from knotfab_formats.scene import ResolvedScene
 
 if TYPE_CHECKING:
     from knotfab.preview.survey import ViewSurvey
@@ -24,7 +24,7 @@ _FEW = 200  # pieces and holes of a picture whose polygons are opened
 
 
 def find_refusal(
-    views: Sequence[ViewSurvey], scene: Scene, sequence: bool = False
+    views: Sequence[ViewSurvey], scene: ResolvedScene, sequence: bool = False
 ) -> SceneError | None:
     """The error for pictures that no tube draws so that they are known; None where a search may.
 
@@ -32,14 +32,12 @@ def find_refusal(
     thin lines: a stroke thinner than the tube is drawn too thick, at an IoU of their ratio. What the
     thinnest tube leaves out is taken to be drawn so.
 
-    Args:
-        scene: resolved.
     """
     if "unrecognisable" not in scene.accuracy.accept:
         for one in views:
             if not one.recognisable:
                 return _unlike(one, scene)
-    if len(views) > 1 or sequence or scene.piece.tube_radius_mm != "auto":
+    if len(views) > 1 or sequence or scene.piece.tube_radius_mm is not None:
         return None
     printer, (seen,) = scene.printer, views
     thinnest = printer.min_tube_radius_mm
@@ -72,13 +70,11 @@ def find_refusal(
     )
 
 
-def _unlike(seen: ViewSurvey, scene: Scene) -> SceneError:
+def _unlike(seen: ViewSurvey, scene: ResolvedScene) -> SceneError:
     """The error for a picture that nobody would know in the shadow of a tube."""
     likeness, px, printer = seen.likeness, seen.px_per_mm, scene.printer
     assert likeness is not None
-    asked = scene.piece.tube_radius_mm
-    given = not isinstance(asked, str)
-    radius = asked if not isinstance(asked, str) else printer.min_tube_radius_mm
+    given, radius = scene.piece.tube_radius_mm is not None, scene.thinnest_mm
     lost = f"which reaches an IoU of about {likeness.iou:.2f}"
     if likeness.changes:
         which = f"{likeness.changes} of its {likeness.features} pieces and holes"

@@ -29,10 +29,9 @@ from knotfab.preview.guess import Guess, guess_print
 from knotfab.preview.likeness import Likeness, compare_lines, estimate_likeness, opened_share
 from knotfab.preview.refusal import find_refusal
 from knotfab.scene.camera import camera_of
-from knotfab.scene.catalogue import resolve
 from knotfab.start.filling import Template
 from knotfab.start.start import make_template
-from knotfab_formats.scene import ResolvedView, Scene
+from knotfab_formats.scene import ResolvedScene, ResolvedView
 
 __all__ = ["Survey", "ViewSurvey", "require_drawable", "survey", "survey_views"]
 
@@ -109,7 +108,7 @@ class Survey:
 
 
 def survey(
-    scene: Scene, targets: Sequence[Target], sequence: bool = False, choose: bool = True
+    scene: ResolvedScene, targets: Sequence[Target], sequence: bool = False, choose: bool = True
 ) -> Survey:
     """Look at pictures as a build will: its own choice of the radius, and what that tube draws.
 
@@ -120,13 +119,11 @@ def survey(
     Raises:
         InputError: the pictures do not go with the scene.
     """
-    scene = resolve(scene)
     frames = len(targets) if sequence else 0
     targets = [_hardest(targets)] if sequence else targets
     views = survey_views(scene, targets)
     refusal = find_refusal(views, scene, sequence)
-    asked = scene.piece.tube_radius_mm
-    radius = scene.printer.min_tube_radius_mm if isinstance(asked, str) else asked
+    radius = scene.thinnest_mm
     templates: dict[float, Template] = {}
     if choose and refusal is None:
         try:
@@ -144,18 +141,18 @@ def survey(
         first.pieces,
         templates.get(radius),
     )
-    return Survey(views, radius, printed, frames, refusal, choose or not isinstance(asked, str))
+    known = choose or scene.piece.tube_radius_mm is not None
+    return Survey(views, radius, printed, frames, refusal, known)
 
 
-def survey_views(scene: Scene, targets: Sequence[Target]) -> tuple[ViewSurvey, ...]:
-    """Each picture by itself, and whether any tube draws it; the scene's printer is resolved."""
+def survey_views(scene: ResolvedScene, targets: Sequence[Target]) -> tuple[ViewSurvey, ...]:
+    """Each picture by itself, and whether any tube draws it."""
     if len(targets) > 1:
         scene = framed_alike(scene, targets)
-    asked, found = scene.piece.tube_radius_mm, []
+    found = []
     for view, target in zip(scene.views, targets, strict=True):
         framed = frame_view(view, target)
-        px, lines = framed.px_per_mm(target.width), framed.lines == "on"
-        radius = scene.printer.min_tube_radius_mm if isinstance(asked, str) else asked
+        px, lines, radius = framed.px_per_mm(target.width), framed.lines == "on", scene.thinnest_mm
         if lines:  # one tube for all strokes
             radius = line_radius(framed)
             likeness: Likeness | None = compare_lines(target.asked, target.judged, radius * px)
@@ -177,7 +174,7 @@ def survey_views(scene: Scene, targets: Sequence[Target]) -> tuple[ViewSurvey, .
 
 
 def _choose_tube(
-    scene: Scene, targets: Sequence[Target]
+    scene: ResolvedScene, targets: Sequence[Target]
 ) -> tuple[Question, float, dict[float, Template]]:
     """A build's own question, its choice of the radius, mm, and of one view the templates that it tried.
 
@@ -186,14 +183,13 @@ def _choose_tube(
     """
     question = ask(scene, targets)
     settings = suit(scene.settings, question, scene.search)
-    piece = question.scene.piece
-    knots = None if isinstance(piece.knots, str) else piece.knots
+    radius, knots = question.scene.piece.tube_radius_mm, question.scene.piece.knots
     one = len(targets) == 1
-    if isinstance(piece.tube_radius_mm, str) and not settings.start:
+    if radius is None and settings.start:
+        radius = read_start(Path(settings.start)).radius_mm
+    if radius is None:
         choice = choose_radius(question, settings, knots, placed=not one)
         return question, choice.radius_mm, dict(choice.templates)
-    asked = piece.tube_radius_mm
-    radius = read_start(Path(settings.start)).radius_mm if isinstance(asked, str) else asked
     if not one:
         return question, radius, {}
     return question, radius, {radius: make_template(question.problem.views[0], radius, knots)}

@@ -7,6 +7,7 @@ from math import ceil
 from typing import TYPE_CHECKING, Any
 
 from knotfab_formats.report import EffectLine, LimitLine
+from knotfab_formats.scene import known
 from knotfab_formats.verdict import Contrast, Misplacement, Sag, Verdict, View, WorstMove
 
 if TYPE_CHECKING:
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
     from knotfab.effects.base import Decision
     from knotfab.picture.read import Target
     from knotfab.problem import SearchResult
-    from knotfab_formats.scene import Scene
+    from knotfab_formats.scene import ResolvedScene
 
 __all__ = [
     "advise",
@@ -121,7 +122,9 @@ def list_contrasts(made: Design) -> list[Contrast | None]:
     return contrasts
 
 
-def judge_made(made: Design, scene: Scene, moves: Array | None, upwards: Array | None) -> None:
+def judge_made(
+    made: Design, scene: ResolvedScene, moves: Array | None, upwards: Array | None
+) -> None:
     """Judge the effects anew, once the piece is mounted and lies on the printer's bed.
 
     What is judged is the mesh that was written, whose mitres and corners stand out of the round tube.
@@ -236,10 +239,8 @@ def advise(views: Sequence[View], made: Design) -> list[str]:
         if found.penumbra is None or view.wall_tilt_deg != 0 or made.scene.share_wall:
             continue  # lamps before one screen have the distance at which their pieces stand apart
         z, light = points @ view_axes(view)[2], view.light_distance_mm
-        depth = made.scene.piece.depth
-        back = -float(z.min())
-        if not isinstance(depth, str):
-            back = max(back, 0.5 * depth)
+        depth, back = known(made.scene.piece.depth), -float(z.min())
+        back = back if depth is None else max(back, 0.5 * depth)
         near = float(ceil(least_wall_mm(back, radius)))
         if not 0 < near < view.wall_distance_mm:
             continue

@@ -9,7 +9,7 @@ from knotfab.design.agree import tell_bending
 from knotfab.design.contradictions import contradictions
 from knotfab.design.design import Design
 from knotfab.picture.read import Target
-from knotfab_formats.scene import ResolvedScene
+from knotfab_formats.scene import SettledScene
 from knotfab_formats.verdict import Contrast, Recognition, Sag, View
 
 __all__ = ["advise_widening", "list_views", "tell_bounds"]
@@ -59,7 +59,7 @@ def tell_bounds(made: Design, targets: Sequence[Target]) -> list[str]:
     return [*said, *contradictions(made.scene.views, made.bounds)]
 
 
-def advise_widening(verdict: Recognition | None, scene: ResolvedScene) -> list[str]:
+def advise_widening(verdict: Recognition | None, scene: SettledScene) -> list[str]:
     """What to do where thin strokes are lost that could be widened to what the tube draws; nothing else.
 
     A verdict's loss says how wide it is, and how wide the tube's shadow. A larger picture is not advised: its

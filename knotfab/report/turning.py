@@ -17,7 +17,7 @@ from knotfab.mount.mount import Mounted
 from knotfab.render.picture import image_at
 from knotfab.scene.camera import view_axes
 from knotfab_formats.report import Turning
-from knotfab_formats.scene import ResolvedScene
+from knotfab_formats.scene import SettledScene
 
 __all__ = ["TURN_FILE", "turn_piece", "turns_of"]
 
@@ -33,7 +33,7 @@ _SHARED = (
 )
 
 
-def turns_of(scene: ResolvedScene) -> dict[str, float]:
+def turns_of(scene: SettledScene) -> dict[str, float]:
     """The angle, degrees from 0 to 360, by which the piece is turned for each view before the first's lamp.
 
     The turn is about the vertical, anticlockwise from above. Views with lamps or walls of their own heights
@@ -77,7 +77,7 @@ def _beside(aside_mm: float) -> str:
 
 
 def _write_turn(
-    path: Path, scene: ResolvedScene, knots: Knots, axis: Array, shown: list[float]
+    path: Path, scene: SettledScene, knots: Knots, axis: Array, shown: list[float]
 ) -> None:
     view, curves = scene.views[0], [knot.points for knot in knots.knots]
     points, rings = np.concatenate(curves), polylines_of(curves)

@@ -18,7 +18,7 @@ from knotfab.geometry.sampling import sample_evenly
 from knotfab.knots import Knots
 from knotfab.part.assemble import rules_of
 from knotfab.picture.data_uri import silhouette_uri
-from knotfab_formats.scene import ResolvedScene
+from knotfab_formats.scene import SettledScene
 
 __all__ = ["HistoryFrame", "find_supports", "pack_rows", "viewer_data"]
 
@@ -60,7 +60,7 @@ class HistoryFrame:
 
 
 def viewer_data(
-    scene: ResolvedScene,
+    scene: SettledScene,
     knots: Knots,
     bodies: Sequence[Mesh],
     silhouettes: Sequence[Mask],

@@ -18,7 +18,7 @@ from knotfab.scene.own_data import (
     load_file,
     load_named,
 )
-from knotfab_formats.scene import Material, Printer, Scene
+from knotfab_formats.scene import Material, Printer, ResolvedPrinter, ResolvedScene, Scene
 
 __all__ = ["asked_for", "materials", "printers", "resolve"]
 
@@ -72,17 +72,16 @@ def _fill_in(own: Named) -> Named:
     return type(own)(**{**load_named(type(own), name).model_dump(), **written})
 
 
-def _fill_in_auto(printer: Printer) -> Printer:
+def _fill_in_open(printer: Printer) -> ResolvedPrinter:
     """The printer with numbers: supports have the room that it has, walls and gaps the nozzle's width."""
     width, depth, height = printer.build_volume_mm
-    auto = {
+    usual = {
         "max_support_cm3": width * depth * height / 1000,
         "min_wall_mm": printer.nozzle_mm,
         "min_gap_mm": printer.nozzle_mm,
     }
-    return printer.but(
-        **{key: value for key, value in auto.items() if getattr(printer, key) == "auto"}
-    )
+    known = {key: getattr(printer, key) for key in printer.model_fields_set}
+    return ResolvedPrinter(**usual | {key: x for key, x in known.items() if x is not None})
 
 
 def _find_material(own: Material, printer: Printer) -> Material:
@@ -106,8 +105,8 @@ def _find_material(own: Material, printer: Printer) -> Material:
     return found
 
 
-def resolve(scene: Scene) -> Scene:
-    """The scene with printer and material merged from their data files.
+def resolve(scene: Scene) -> ResolvedScene:
+    """The scene as a build takes it: printer and material are merged from their data files.
 
     Keys that the scene gives itself in [printer] and [material] win over the data file. Unless the scene
     says otherwise, a tube of wire is as thick as the wire, and powder comes out between strands.
@@ -116,16 +115,20 @@ def resolve(scene: Scene) -> Scene:
         InputError: a printer or material that has no data file, naming those that have; a person's
             own file of that name is wrong; or the one does not go with the other.
     """
-    printer = _fill_in_auto(_fill_in(scene.printer))
+    printer = _fill_in_open(_fill_in(scene.printer))
     material = _find_material(scene.material, printer)
     piece: dict[str, Any] = {}
-    if material.process == "wire" and scene.piece.tube_radius_mm == "auto":
+    if material.process == "wire" and scene.piece.tube_radius_mm is None:
         piece["tube_radius_mm"] = 0.5 * material.wire_diameter_mm
     if material.process == "powder" and "clearance_mm" not in scene.piece.model_fields_set:
-        piece["clearance_mm"] = max(scene.piece.clearance_mm, float(printer.min_gap_mm))
+        piece["clearance_mm"] = max(scene.piece.clearance_mm, printer.min_gap_mm)
     update = {
         "printer": printer,
         "material": material,
         "piece": scene.piece.but(**piece),
     }
-    return scene.but(**update)
+    known = {
+        key: getattr(scene, key) for key in scene.model_fields_set - update.keys() - {"schema_"}
+    }
+    kind = type(scene) if isinstance(scene, ResolvedScene) else ResolvedScene
+    return kind.model_construct(None, **known | update)

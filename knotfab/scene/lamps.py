@@ -7,7 +7,7 @@ from itertools import combinations
 from math import hypot
 
 from knotfab.base.errors import InputError
-from knotfab_formats.scene import Scene, View
+from knotfab_formats.scene import ResolvedScene, Scene, View
 
 __all__ = [
     "COLOURS_FILE",
@@ -106,7 +106,7 @@ def lamps_named(text: str) -> dict[str, tuple[float, float, float]]:
     return {name: _COLOURS[name] for name in names}
 
 
-def with_lamps(scene: Scene, text: str, names: Sequence[str] = ()) -> Scene:
+def with_lamps(scene: ResolvedScene, text: str, names: Sequence[str] = ()) -> ResolvedScene:
     """The scene with a view for each lamp of `--lamps`, all before the wall of its first view.
 
     Args:
@@ -136,7 +136,7 @@ def with_lamps(scene: Scene, text: str, names: Sequence[str] = ()) -> Scene:
     return scene.but(views=views, lamps=table)
 
 
-def with_small_lamps(scene: Scene) -> Scene:
+def with_small_lamps(scene: ResolvedScene) -> ResolvedScene:
     """The scene with lamps as small as LEDs, where nobody says their size: colours need sharp edges."""
     if any("light_diameter_mm" in view.model_fields_set for view in scene.views):
         return scene

@@ -12,7 +12,7 @@ from knotfab.scene.camera import view_axes
 from knotfab.scene.lamps import require_lamps
 from knotfab_formats.knot_names import parse_knot_name
 from knotfab_formats.read import parse_toml, scene_of
-from knotfab_formats.scene import Scene, View
+from knotfab_formats.scene import Scene, View, known
 
 __all__ = ["check_scene", "dump_scene", "load_scene", "parse_scene"]
 
@@ -65,7 +65,7 @@ def parse_scene(text: str, what: str = "scene.toml") -> Scene:
 def _depth_span(scene: Scene, view: View) -> tuple[float, float] | None:
     """Return how far the region reaches towards the light and towards the wall, mm."""
     size = scene.region.size_mm
-    if isinstance(size, str) or scene.region.kind == "mesh":
+    if size is None or scene.region.kind == "mesh":
         return None
     ahead = view_axes(view)[2]
     x, y, z = view_axes(scene.region) @ ahead
@@ -93,8 +93,8 @@ def check_scene(scene: Scene, what: str = "scene.toml") -> None:
             raise InputError(what, f"two views are named {name!r}", "Give each its own name.")
     require_lamps(scene, what)
     parse_knot_name(scene.piece.knot)
-    radius = 0.0 if isinstance(scene.piece.tube_radius_mm, str) else scene.piece.tube_radius_mm
-    depth = 0.0 if isinstance(scene.piece.depth, str) else scene.piece.depth
+    radius = scene.piece.tube_radius_mm or 0.0
+    depth = known(scene.piece.depth) or 0.0
     size = scene.region.size_mm
     if scene.region.kind == "mesh" and not scene.region.file:
         raise InputError(
@@ -112,7 +112,7 @@ def check_scene(scene: Scene, what: str = "scene.toml") -> None:
             "[region] azimuth_deg and elevation_deg turn boxes and cylinders, not a mesh",
             "Turn the mesh in its file, and leave them out.",
         )
-    if not isinstance(size, str) and 2.0 * radius >= min(size):
+    if size is not None and 2.0 * radius >= min(size):
         raise InputError(
             what,
             f"a tube of tube_radius_mm = {radius:g} does not fit into [region] size_mm = "
@@ -206,7 +206,14 @@ def dump_scene(scene: Scene) -> str:
     """
     import tomli_w
 
-    tables: dict[str, Any] = scene.model_dump(by_alias=True, exclude_none=True)
+    tables: dict[str, Any] = _without_none(scene.model_dump(by_alias=True))
     tables["printer"] = scene.printer.model_dump(exclude_unset=True)
     tables["material"] = scene.material.model_dump(exclude_unset=True)
     return tomli_w.dumps({key: value for key, value in tables.items() if value != {}})
+
+
+def _without_none(value: Any) -> Any:
+    """Leave out keys without a value, which TOML has no word for; what is open is "auto" by now."""
+    if isinstance(value, dict):
+        return {key: _without_none(one) for key, one in value.items() if one is not None}
+    return [_without_none(one) for one in value] if isinstance(value, list | tuple) else value

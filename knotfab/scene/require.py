@@ -7,7 +7,7 @@ from pathlib import Path
 from knotfab.base.errors import InputError, SceneError
 from knotfab.knots import read_start
 from knotfab_formats.knot_names import parse_knot_name
-from knotfab_formats.scene import Printer, Scene
+from knotfab_formats.scene import Printer, ResolvedScene
 
 __all__ = [
     "require_mount",
@@ -19,7 +19,7 @@ __all__ = [
 ]
 
 
-def require_mount(scene: Scene) -> None:
+def require_mount(scene: ResolvedScene) -> None:
     """Refuse a mount that cannot be, before any work is done.
 
     Raises:
@@ -40,7 +40,7 @@ def require_mount(scene: Scene) -> None:
         )
 
 
-def require_walls(scene: Scene) -> None:
+def require_walls(scene: ResolvedScene) -> None:
     """Refuse what a round wall cannot have.
 
     Raises:
@@ -65,13 +65,13 @@ def require_walls(scene: Scene) -> None:
         )
 
 
-def require_several(scene: Scene) -> None:
+def require_several(scene: ResolvedScene) -> None:
     """Refuse what several views cannot have, for a physical reason.
 
     Raises:
         InputError: naming the key and what to do.
     """
-    if scene.piece.depth != "auto":
+    if scene.piece.depth is not None:
         raise InputError(
             "scene key piece.depth",
             "with several views the pictures decide the depth: what is deep for one light is wide in the "
@@ -81,7 +81,7 @@ def require_several(scene: Scene) -> None:
     require_mount(scene)
 
 
-def require_start(scene: Scene) -> None:
+def require_start(scene: ResolvedScene) -> None:
     """Refuse a start that the search cannot go on from.
 
     Raises:
@@ -106,7 +106,7 @@ def require_start(scene: Scene) -> None:
         )
 
 
-def require_tube(scene: Scene) -> None:
+def require_tube(scene: ResolvedScene) -> None:
     """Refuse a tube that the printer cannot make.
 
     Args:
@@ -116,7 +116,7 @@ def require_tube(scene: Scene) -> None:
         SceneError: it is too thin.
     """
     radius = scene.piece.tube_radius_mm
-    if not isinstance(radius, str):
+    if radius is not None:
         require_radius(radius, scene.printer, "scene key piece.tube_radius_mm")
 
 

@@ -18,7 +18,6 @@ from knotfab.mount.modeller import keep_modeller
 from knotfab.picture.read import read_target
 from knotfab.piece import WrittenPiece, discard_piece, finish_build, report_piece, write_piece
 from knotfab.request import Outcome, Request, require_device
-from knotfab.scene.catalogue import resolve
 from knotfab.sequence.chain import Chain, SequenceFrame
 from knotfab.sequence.frames import count_knots, read_frames, tell_apart
 from knotfab.sequence.kept import KeptFrames, keep_for
@@ -67,7 +66,7 @@ def build_sequence(request: Request, progress: Progress | None = None) -> Outcom
         if (apart := tell_apart(targets, knots)) is not None:
             progress.say(apart)
         if request.printing:
-            write_profile(folder.work, resolve(request.scene))
+            write_profile(folder.work, request.scene)
         kept = keep_for(request, targets)
         if len(kept) > 0:
             progress.say(f"{len(kept)} of {len(targets)} frames were done before, and are kept.")

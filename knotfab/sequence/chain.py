@@ -32,7 +32,7 @@ from knotfab.sequence.starts import (
     list_attempts,
     list_retries,
 )
-from knotfab_formats.scene import ResolvedScene, Scene
+from knotfab_formats.scene import ResolvedScene, SettledScene
 from knotfab_formats.search import PRESETS, SearchSettings
 
 __all__ = ["Chain", "SequenceFrame", "list_ties", "pick_first", "radius_for_all"]
@@ -65,7 +65,7 @@ class SequenceFrame:
 class _Common:
     """Settings that the frame searched first gives to all, and its scene, but for the view's name."""
 
-    scene: ResolvedScene
+    scene: SettledScene
     settings: SearchSettings
     radius_mm: float
 
@@ -82,7 +82,7 @@ def radius_for_all(
         question: the frame searched first. polygons: the silhouettes of the others. knots: their number.
     """
     given = question.scene.piece.tube_radius_mm
-    if not isinstance(given, str):
+    if given is not None:
         return given, None
     # another frame may need the IoU that this one can spare
     if "radius_give" not in question.scene.search:
@@ -146,7 +146,7 @@ class Chain:
 
     def __init__(
         self,
-        scene: Scene,
+        scene: ResolvedScene,
         targets: Sequence[Target],
         forms: Forms = COMPILED,
         progress: Progress | None = None,
@@ -305,7 +305,7 @@ class Chain:
         )
 
 
-def _rename_view(scene: ResolvedScene, target: Target) -> Scene:
+def _rename_view(scene: SettledScene, target: Target) -> ResolvedScene:
     """Return a resolved scene whose view is that of another frame."""
     view = scene.views[0].but(
         name=target.name, title=target.name, picture=f"picture-{target.name}{target.suffix}"

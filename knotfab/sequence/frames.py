@@ -8,7 +8,6 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 from PIL import Image, ImageSequence
@@ -104,7 +103,7 @@ def read_frames(
     return tuple(replace(t, name=frame_name(k)) for k, t in enumerate(found, start=1))
 
 
-def count_knots(targets: Sequence[Target], asked: int | Literal["auto"] = "auto") -> int:
+def count_knots(targets: Sequence[Target], asked: int | None = None) -> int:
     """Count the knots that move through all frames: one a piece where all frames have as many, else one.
 
     Args:
@@ -114,7 +113,7 @@ def count_knots(targets: Sequence[Target], asked: int | Literal["auto"] = "auto"
         InputError: more than one, and a frame has another number of pieces.
     """
     counts = [target.pieces for target in targets]
-    if asked == "auto":
+    if asked is None:
         return counts[0] if len(set(counts)) == 1 else 1
     other = next((k for k, count in enumerate(counts, start=1) if count != asked), None)
     if asked > 1 and other is not None:

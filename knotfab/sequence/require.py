@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from knotfab.base.errors import InputError
-from knotfab_formats.scene import Scene
+from knotfab_formats.scene import ResolvedScene
 
 __all__ = ["require_sequence"]
 
 
-def require_sequence(scene: Scene) -> None:
+def require_sequence(scene: ResolvedScene) -> None:
     """Refuse what makes no sense for a sequence, or is not there for it.
 
     Raises:

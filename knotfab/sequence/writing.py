@@ -19,7 +19,7 @@ from knotfab.part.clean import clean_body
 from knotfab.picture.read import Target
 from knotfab.scene.load import dump_scene
 from knotfab.sequence.zoetrope import Zoetrope, build_zoetrope
-from knotfab_formats.scene import Scene
+from knotfab_formats.scene import ResolvedScene
 
 __all__ = ["PICTURES", "ZOETROPE", "frame_suffix", "write_scene", "write_zoetrope"]
 
@@ -35,7 +35,7 @@ def frame_suffix(target: Target) -> str:
     return "-" + target.name.removeprefix("frame-")
 
 
-def write_scene(folder: OutputFolder, asked: Scene, first: Scene) -> Path:
+def write_scene(folder: OutputFolder, asked: ResolvedScene, first: ResolvedScene) -> Path:
     """scene.toml: the first frame's, every search setting resolved, with the pictures of all frames.
 
     Its mount is what was asked for: each frame has its own.
@@ -50,7 +50,7 @@ def write_scene(folder: OutputFolder, asked: Scene, first: Scene) -> Path:
     named = {"name": asked.views[0].name, "picture": PICTURES}
     keys["views"] = [{**keys["views"][0], **named}]
     keys["accuracy"]["iou_floor"] = asked.accuracy.iou_floor
-    whole = Scene.model_validate({**keys, "mount": asked.mount})
+    whole = ResolvedScene.model_validate({**keys, "mount": asked.mount})
     return folder.write("scene.toml", dump_scene(whole))
 
 

@@ -14,7 +14,7 @@ from knotfab.geometry.tube import mesh_volume
 from knotfab.slicer.gcode import Gcode, points_along
 from knotfab.slicer.profile import INFILL_PERCENT, line_width
 from knotfab_formats.report import SlicerCheck
-from knotfab_formats.scene import Scene
+from knotfab_formats.scene import ResolvedScene
 
 __all__ = ["compare_gcode", "compare_info", "judge"]
 
@@ -71,7 +71,7 @@ def compare_info(said: str, bodies: Sequence[Mesh]) -> tuple[int, SlicerCheck]:
 
 
 def compare_gcode(
-    gcode: Gcode, bodies: Sequence[Mesh], scene: Scene, shift: Array
+    gcode: Gcode, bodies: Sequence[Mesh], scene: ResolvedScene, shift: Array
 ) -> list[SlicerCheck]:
     """The printed lines against the bodies, moved by `shift` (3,) to their place on the bed.
 
@@ -93,7 +93,7 @@ def compare_gcode(
     ]
 
 
-def _bed(gcode: Gcode, scene: Scene, width: float) -> SlicerCheck:
+def _bed(gcode: Gcode, scene: ResolvedScene, width: float) -> SlicerCheck:
     room = np.array(scene.printer.build_volume_mm)
     half = np.array([width / 2, width / 2, 0.0])
     over = float(max((half - gcode.low)[:2].max(), (gcode.high + half - room).max()))

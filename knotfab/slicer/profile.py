@@ -8,7 +8,7 @@ from pathlib import Path
 
 from knotfab.geometry.overhang import ROOF_GAP_MM, ROOF_LAYERS, SPACING_MM, SUPPORT_LINE_NOZZLES
 from knotfab.slicer.find import find_slicer, read_version
-from knotfab_formats.scene import Scene
+from knotfab_formats.scene import ResolvedScene
 
 __all__ = ["PROFILE", "line_width", "profile", "read_profile", "why_not_sliced", "write_profile"]
 
@@ -38,7 +38,7 @@ FILAMENTS = {
 }
 
 
-def why_not_sliced(scene: Scene) -> str | None:
+def why_not_sliced(scene: ResolvedScene) -> str | None:
     """Say why a slicer for filament has nothing to say of this piece; None where it has."""
     if scene.material.process == "wire":
         return "wire: bent, not sliced"
@@ -50,12 +50,12 @@ def why_not_sliced(scene: Scene) -> str | None:
     return None
 
 
-def line_width(scene: Scene) -> float:
+def line_width(scene: ResolvedScene) -> float:
     """Width of every printed line, mm."""
     return round(LINE_NOZZLES * scene.printer.nozzle_mm, 4)
 
 
-def profile(scene: Scene, program: str | None = None) -> dict[str, str]:
+def profile(scene: ResolvedScene, program: str | None = None) -> dict[str, str]:
     """PrusaSlicer's settings for a print of this scene, by their names in its .ini files.
 
     Supports are branches (organic) where the `program` that is to read it is known to grow them.
@@ -143,7 +143,7 @@ def _support_style(program: str | None) -> str:
     return "organic" if version is not None and version >= ORGANIC_SINCE else "snug"
 
 
-def write_profile(folder: Path, scene: Scene) -> None:
+def write_profile(folder: Path, scene: ResolvedScene) -> None:
     """Write slicer.ini, where a slicer for filament has something to say of the piece: for the one here."""
     if why_not_sliced(scene) is None:
         found = profile(scene, find_slicer()).items()

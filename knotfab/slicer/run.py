@@ -24,7 +24,7 @@ from knotfab.slicer.process import OUT_OF_TIME, Ended, run_limited
 from knotfab.slicer.profile import PROFILE, read_profile, why_not_sliced
 from knotfab.slicer.result import NotSliced, Sliced
 from knotfab.slicer.thumbnails import copy_with_pictures
-from knotfab_formats.scene import Scene
+from knotfab_formats.scene import ResolvedScene
 
 __all__ = ["TIMEOUT_S", "SlicerQueue", "slice_part"]
 
@@ -69,7 +69,7 @@ class SlicerQueue:
         self._threads.shutdown(cancel_futures=True)
 
     def submit(
-        self, part_3mf: Path, scene: Scene, kept_png: bytes = b""
+        self, part_3mf: Path, scene: ResolvedScene, kept_png: bytes = b""
     ) -> Future[Sliced | NotSliced]:
         """Slice a file that `write_3mf` wrote, when its turn comes. Arguments as `slice_part` has them."""
         return self._threads.submit(
@@ -93,7 +93,7 @@ class SlicerQueue:
 
 def slice_part(
     part_3mf: Path,
-    scene: Scene,
+    scene: ResolvedScene,
     work: Path | None = None,
     timeout_s: float = TIMEOUT_S,
     program: str | None = None,
@@ -142,7 +142,7 @@ class _Job:
         program: str,
         folder: Path,
         name: str,
-        scene: Scene,
+        scene: ResolvedScene,
         timeout_s: float,
         stop: threading.Event | None,
         hear: Callable[[str], None] | None,

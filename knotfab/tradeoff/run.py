@@ -25,7 +25,7 @@ from knotfab.tradeoff.front import Measured, Step, list_steps
 from knotfab.tradeoff.measure import Study
 from knotfab.tradeoff.page import render_page
 from knotfab.tradeoff.points import PRESET, Point, list_changes, points
-from knotfab_formats.scene import Scene
+from knotfab_formats.scene import ResolvedScene
 
 __all__ = ["COMBINATIONS", "JOURNAL", "Tradeoff", "measure_tradeoff", "tradeoff"]
 
@@ -77,7 +77,7 @@ class Tradeoff:
 
 
 def tradeoff(
-    scene: Scene,
+    scene: ResolvedScene,
     sources: Sequence[str],
     out: Path,
     base: Path | None = None,
@@ -112,7 +112,7 @@ def tradeoff(
 
 def measure_tradeoff(
     studies: Sequence[Study],
-    scene: Scene,
+    scene: ResolvedScene,
     out: Path,
     run: Runner,
     repeats: int = 1,

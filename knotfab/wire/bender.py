@@ -17,7 +17,7 @@ from knotfab import __version__
 from knotfab.base.disk import at_home
 from knotfab.base.errors import InputError
 from knotfab.wire.bends import Bend
-from knotfab_formats.scene import Material, Scene
+from knotfab_formats.scene import Material, ResolvedScene
 
 __all__ = ["BENDERS", "file_of_bender", "fill_template", "require_bender"]
 
@@ -37,7 +37,7 @@ _SAMPLE = (
 )
 
 
-def require_bender(scene: Scene) -> None:
+def require_bender(scene: ResolvedScene) -> None:
     """Refuse a bender that is not known, or whose template would not tell it how to bend.
 
     Raises:

@@ -20,7 +20,7 @@ from knotfab.wire.replay import (
 )
 from knotfab.wire.residual import DEPTH_FACTOR
 from knotfab_formats.report import BentWire
-from knotfab_formats.scene import Material, ResolvedScene, ResolvedView
+from knotfab_formats.scene import Material, ResolvedView, SettledScene
 from knotfab_formats.verdict import Check
 
 if TYPE_CHECKING:
@@ -71,7 +71,7 @@ class PieceShadow:
 
 
 def cast_shadows(
-    scene: ResolvedScene, pictures: Sequence[Path], knots: Knots
+    scene: SettledScene, pictures: Sequence[Path], knots: Knots
 ) -> tuple[PieceShadow, ...]:
     """The shadow of a piece in each view of a scene, beside that view's picture.
 

@@ -24,7 +24,7 @@ from knotfab.wire.replay import replay
 from knotfab.wire.residual import DEPTH_FACTOR
 from knotfab.wire.template_pdf import draw_views, write_templates
 from knotfab_formats.report import BendingPlan, BentWire
-from knotfab_formats.scene import Material, ResolvedScene
+from knotfab_formats.scene import Material, SettledScene
 from knotfab_formats.verdict import Check, list_unmet
 
 __all__ = ["IOU_LOSS", "WirePlan", "bend_radius_mm", "write_bending_plan"]
@@ -86,7 +86,7 @@ def bend_radius_mm(material: Material) -> float:
 def write_bending_plan(
     folder: Path,
     knots: Knots,
-    scene: ResolvedScene,
+    scene: SettledScene,
     pictures: Sequence[Path],
     suffix: str = "",
 ) -> WirePlan:

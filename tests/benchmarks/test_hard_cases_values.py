@@ -29,6 +29,7 @@ from knotfab.design.prices import SHORT, price_limits
 from knotfab.picture.read import read_target
 from knotfab.picture.silhouette import trace_polygon
 from knotfab.report.of_build import check_limits, tell_binding
+from knotfab.scene.catalogue import resolve
 from knotfab.start.filling import fill, template_iou
 from knotfab.start.start import make_start
 from knotfab.torch_forms.network import Coupling
@@ -183,7 +184,7 @@ def test_a_length_budget_below_need_is_named_with_its_price(
         },
         "views": [{"picture": "heart.png"}],
     }
-    made = design_knots(Scene.model_validate(given), [read_target("text:♥")])
+    made = design_knots(resolve(Scene.model_validate(given)), [read_target("text:♥")])
     [price] = made.binding
     assert price.limits == ("length",) and price.met_without
     assert price.iou_without > price.iou + 0.2

@@ -251,7 +251,7 @@ def test_no_share_of_a_height_is_refused(text: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "key"), [("auto", "auto"), ("off", "off"), ("0", "off"), ("0.05", 0.05)]
+    ("text", "key"), [("auto", None), ("off", "off"), ("0", "off"), ("0.05", 0.05)]
 )
 def test_a_share_of_a_height_is_a_key(text: str, key: float | str) -> None:
     assert read_scene(BuildOptions(bend=text))[0].piece.bend == key

@@ -14,6 +14,7 @@ from knotfab.design import design
 from knotfab.design.budget import Budget, require_budget, spare
 from knotfab.design.design import design_knots, price_design
 from knotfab.picture.read import read_target
+from knotfab.scene.catalogue import resolve
 from knotfab_formats.scene import Scene
 from knotfab_formats.search import PRESETS
 
@@ -92,7 +93,9 @@ def test_no_price_is_asked_once_the_budget_is_spent(monkeypatch: pytest.MonkeyPa
 @pytest.mark.slow
 def test_the_scene_of_a_build_by_the_clock_repeats_it() -> None:
     target = read_target("text:♥")
-    made = design_knots(Scene(search=TINY), [target], budget=Budget(time.perf_counter() + 1.5))
+    made = design_knots(
+        resolve(Scene(search=TINY)), [target], budget=Budget(time.perf_counter() + 1.5)
+    )
     again = design_knots(made.scene, [target])
     np.testing.assert_array_equal(made.knots.points, again.knots.points)
     assert again.scene == made.scene

@@ -63,10 +63,10 @@ def test_strokes_wider_than_a_quarter_of_the_picture_are_refused() -> None:
     def scene(width: float) -> Scene:
         return Scene(views=({"frame_width_mm": 160.0, "thicken_mm": width},))  # type: ignore[arg-type]
 
-    (widened,) = widen_targets(scene(18.0), [target])[1]
+    (widened,) = widen_targets(resolve(scene(18.0)), [target])[1]
     assert mask.sum() < widened.mask.sum() < 0.3 * mask.size
     with pytest.raises(InputError, match=r"30 mm wide .*larger \(--size, from about 240\)"):
-        widen_targets(scene(30.0), [target])
+        widen_targets(resolve(scene(30.0)), [target])
 
 
 def speckled(count: int, side: int, every: int) -> Mask:

@@ -10,6 +10,7 @@ from knotfab.design.lamps import depth_apart, place_lamps
 from knotfab.design.question import ask
 from knotfab.picture.read import Target
 from knotfab.scene.camera import cameras_of
+from knotfab.scene.catalogue import resolve
 from knotfab.scene.lamps import with_lamps
 from knotfab.scene.load import dump_scene, parse_scene
 from knotfab.start.start import make_start
@@ -80,14 +81,14 @@ def test_lamps_keep_their_bounds_and_given_distances() -> None:
 def test_lamps_that_cannot_stand_apart_share_what_is_drawn(lamps: str) -> None:
     scene = scene_of("red+blue", f"[lamps]\n{lamps}")
     placed, told = place_lamps(scene, masks(2))
-    assert len(told) == 2 and ask(placed, masks(2)).problem.apart_mm is None
+    assert len(told) == 2 and ask(resolve(placed), masks(2)).problem.apart_mm is None
 
 
 @pytest.mark.slow
 def test_each_mask_is_filled_where_its_own_lamp_sees_it() -> None:
     targets = masks()
     scene, _ = place_lamps(scene_of(), targets)
-    question = ask(scene, targets)
+    question = ask(resolve(scene), targets)
     assert question.problem.apart_mm is not None
     assert min(bound.iou for bound in question.bounds) > 0.999
     settings = search_settings("sketch", {})
@@ -95,6 +96,6 @@ def test_each_mask_is_filled_where_its_own_lamp_sees_it() -> None:
     assert len(start.curves) == 3 and set(start.types) == {"unknot"}
     assert min(start.ious) > 0.9
     piece = scene.piece.model_copy(update={"knot": "trefoil"})
-    asked = ask(scene.model_copy(update={"piece": piece}), targets)
+    asked = ask(resolve(scene.model_copy(update={"piece": piece})), targets)
     types = make_start(asked.problem, 1.5, settings).types
     assert sorted(types) == sorted(("unknot", "unknot", parse_knot_name("trefoil").promise))

@@ -28,7 +28,7 @@ DRAFT = PRESETS["draft"]
 
 @pytest.fixture(scope="module")
 def question() -> Question:
-    return ask(Scene(), [read_target("text:♥")])
+    return ask(resolve(Scene()), [read_target("text:♥")])
 
 
 @pytest.mark.slow
@@ -85,7 +85,7 @@ def test_a_tube_that_cannot_close_in_a_dot_is_not_taken_for_it(tmp_path: Path) -
     v, u = np.mgrid[:300, :300]
     dot = np.hypot(v - 149.5, u - 149.5) < 12.5
     Image.fromarray(np.where(dot, 0, 255).astype(np.uint8)).save(tmp_path / "dot.png")
-    question = ask(Scene(), [read_target(tmp_path / "dot.png")])
+    question = ask(resolve(Scene()), [read_target(tmp_path / "dot.png")])
     disc = 12.5 / question.views[0].px_per_mm(300)
     choice = choose_radius(question, DRAFT)
     assert choice.radius_mm < 0.55 * disc

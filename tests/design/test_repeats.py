@@ -8,6 +8,7 @@ import pytest
 from knotfab.design.design import design_knots
 from knotfab.design.suit import GRACE
 from knotfab.picture.read import read_target
+from knotfab.scene.catalogue import resolve
 from knotfab_formats.scene import Scene
 from knotfab_formats.search import SearchSettings
 
@@ -46,10 +47,10 @@ def test_the_scene_of_a_build_repeats_it(
     target = read_target("text:8")
     piece = {"tube_radius_mm": 3.0, **scene.pop("piece", {})}
     given = {"schema": 1, "views": [{"picture": "8.png"}], "search": FEW, "piece": piece, **scene}
-    made = design_knots(Scene.model_validate(given), [target])
+    made = design_knots(resolve(Scene.model_validate(given)), [target])
     assert (made.unmet is not None) == sparser
     if flatter:
-        usual = design_knots(Scene.model_validate({**given, "placing": {}}), [target])
+        usual = design_knots(resolve(Scene.model_validate({**given, "placing": {}})), [target])
         assert made.scene.piece.depth < 0.7 * usual.scene.piece.depth
     again = design_knots(made.scene, [target])
     assert again.scene.piece == made.scene.piece
@@ -67,7 +68,7 @@ def test_the_scene_of_two_views_repeats_them() -> None:
         "settle_iterations": 5,
     }
     given = {"schema": 1, "views": views, "search": few, "piece": {"tube_radius_mm": 4.0}}
-    made = design_knots(Scene.model_validate(given), targets)
+    made = design_knots(resolve(Scene.model_validate(given)), targets)
     # a given grace stays, and the one that was taken is written as that number
     assert {key: made.scene.search[key] for key in few} == few
     assert made.scene.search["grace"] == pytest.approx(GRACE["several"][0] * SearchSettings().grace)

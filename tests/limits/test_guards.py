@@ -17,7 +17,7 @@ from knotfab.limits import guards
 from knotfab.limits.base import Guard, Limit, Limits
 from knotfab.limits.length import LENGTH
 from knotfab.limits.region import REGION, outside
-from knotfab_formats.scene import ResolvedRegion
+from knotfab_formats.scene import SettledRegion
 from knotfab_formats.search import PRESETS
 
 QUICK = PRESETS["draft"].model_copy(
@@ -46,7 +46,7 @@ def limits(tmp_path: Path, kind: str = "box", length: float = 1e5) -> Limits:
         named["file"] = str(tmp_path / "room.stl")
         box = box_mesh(SIZES[kind])
         write_stl(tmp_path / "room.stl", [(box.vertices, box.faces.astype(np.int32))])
-    return Limits(2.0, 0.4, 2.2, length, ResolvedRegion(**named))
+    return Limits(2.0, 0.4, 2.2, length, SettledRegion(**named))
 
 
 def value_and_slope(term: Callable[..., Any], points: Array, lim: Limits) -> tuple[float, Array]:
@@ -68,7 +68,7 @@ def test_walls_end_the_region() -> None:
     """A wall that leans over the middle: what stands behind it is pushed straight out of it."""
     normal = np.array([0.6, 0.0, 0.8])
     walls = ((*normal.tolist(), 10.0),)
-    region = ResolvedRegion(size_mm=(200.0, 200.0, 200.0))
+    region = SettledRegion(size_mm=(200.0, 200.0, 200.0))
     points = np.random.default_rng(0).uniform(-99, 99, (500, 3))
     free, excess = outside(points, region, 2.0)[0], outside(points, region, 2.0, walls)
     assert excess[0] == pytest.approx(np.maximum(free, 2.0 - points @ normal - 10.0))
@@ -148,7 +148,7 @@ def test_an_unfelt_limit_runs_no_code(monkeypatch: pytest.MonkeyPatch) -> None:
     assert result.guards["region"].calls == 0 == result.guards["length"].calls
     assert result.guards["clearance"].calls == result.guards["bend"].calls == 22
     # and where the scene calls for it, it does run: the heart's box is 40 mm too small
-    tight = replace(problem, region=ResolvedRegion(size_mm=(100.0, 100.0, 180.0)))
+    tight = replace(problem, region=SettledRegion(size_mm=(100.0, 100.0, 180.0)))
     with pytest.raises(AssertionError, match="cannot be felt"):
         start_and_search(tight, 4.0, QUICK, repairs=0)
 

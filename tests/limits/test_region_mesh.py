@@ -18,7 +18,7 @@ from knotfab.limits.region import outside, tube_outside
 from knotfab.limits.region_mesh import beyond, region_mesh
 from knotfab.scene.load import load_scene, parse_scene
 from knotfab_formats.checks import KNOTS, MESH
-from knotfab_formats.scene import ResolvedRegion
+from knotfab_formats.scene import SettledRegion
 
 Mesh = tuple[Array, NDArray[np.int32]]
 
@@ -34,11 +34,11 @@ WEDGE = prism((0, 5), (-9, 60), (-60, 60), (-60, -60), (60, -60), (60, 60), (9, 
 
 def region(
     folder: Path, mesh: Mesh, center: tuple[float, float, float] = (0.0, 0.0, 0.0)
-) -> ResolvedRegion:
+) -> SettledRegion:
     path = folder / "room.stl"
     write_stl(path, [mesh])
     region_mesh.cache_clear()
-    return ResolvedRegion(
+    return SettledRegion(
         kind="mesh", file=str(path), center_mm=center, size_mm=(200.0, 200.0, 200.0)
     )
 

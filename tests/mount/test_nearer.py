@@ -105,7 +105,7 @@ def test_the_proposed_wall_has_room_for_depth_and_any_tube(
     view = VIEW.model_copy(update={"frame_width_mm": frame_mm, "frame_height_mm": frame_mm, **keys})
     half = 0.5 * depth_mm - 3.0
     pieces = Knots(knots(ring(12.0, half, 40, 3.0), ring(20.0, -half, 60, 3.0)).knots, radius)
-    most = most_radius("auto", view, 0.8)
+    most = most_radius(None, view, 0.8)
     sags = iter([1.0] * SHARES.index(share) + [0.0])
     monkeypatch.setattr("knotfab.mount.nearer.sag_on_pegs", lambda *_: next(sags))
     place = propose(PLA, view=view, pieces=pieces, most=most)

@@ -23,6 +23,7 @@ from knotfab.preview.likeness import (
 )
 from knotfab.preview.sentence import describe, list_figures
 from knotfab.preview.survey import require_drawable, survey
+from knotfab.scene.catalogue import resolve
 from knotfab_formats.scene import Accuracy, Piece, Scene, View
 
 HARD = {case.name: case for case in hard_pictures()}
@@ -134,7 +135,7 @@ def test_noise_is_refused_without_a_polygon_being_opened(
         monkeypatch.setattr(where, name, lambda *_, name=name: opened.append(name))
     scene = Scene()
     target = read_target(tmp_path / "noise.png")
-    found = survey(scene, [target])
+    found = survey(resolve(scene), [target])
     with pytest.raises(SceneError, match=r"nobody would know .* pieces and holes") as caught:
         require_drawable(found)
     assert opened == [] and caught.value.exit_code == 1
@@ -149,10 +150,10 @@ def test_who_accepts_it_may_build_it(tmp_path: Path) -> None:
     Image.fromarray(np.where(noise(64, 2), 0, 255).astype(np.uint8)).save(tmp_path / "few.png")
     view, target = View(frame_width_mm=40.0), read_target(tmp_path / "few.png")
     asked = Scene(views=(view,), accuracy=Accuracy(accept=("unrecognisable",)))
-    found = survey(asked, [target])
+    found = survey(resolve(asked), [target])
     assert not found.views[0].recognisable
     with pytest.raises(SceneError, match="nobody would know"):
-        require_drawable(survey(Scene(views=(view,)), [target]))
+        require_drawable(survey(resolve(Scene(views=(view,))), [target]))
     try:
         require_drawable(found)
     except SceneError as refused:  # thin lines, which none accepts
@@ -165,6 +166,6 @@ def test_a_radius_that_is_given_is_asked_for_a_thinner_one(tmp_path: Path) -> No
     target = read_target(tmp_path / "checks.png")
     thick = Scene(piece=Piece(tube_radius_mm=9.0))
     with pytest.raises(SceneError, match="18 mm thick") as caught:
-        require_drawable(survey(thick, [target]))
+        require_drawable(survey(resolve(thick), [target]))
     assert "--tube-radius" in caught.value.remedy
-    require_drawable(survey(Scene(), [target], choose=False))
+    require_drawable(survey(resolve(Scene()), [target], choose=False))

@@ -10,6 +10,7 @@ from knotfab.options import BuildOptions
 from knotfab.picture.read import read_target
 from knotfab.prepare import list_readings, survey_pictures
 from knotfab.preview.readings import MOST, draw_readings, is_unclear, try_readings
+from knotfab.scene.catalogue import resolve
 from knotfab_formats.scene import Scene
 
 
@@ -20,7 +21,7 @@ def test_each_reading_is_another_and_is_what_its_options_say(tmp_path: Path) -> 
     ImageDraw.Draw(image).ellipse((50, 30, 150, 120), fill=(20, 20, 40))
     path = tmp_path / "photo.png"
     image.save(path)
-    found = try_readings(path, Scene())
+    found = try_readings(path, resolve(Scene()))
     assert 1 <= len(found) <= MOST and found[0].refusal is None
     assert len({one.options for one in found}) == len(found)
     for one in found:
@@ -48,7 +49,7 @@ def test_a_drawing_of_lines_is_offered_without_its_dust(tmp_path: Path) -> None:
     for x, y in np.random.default_rng(1).integers(0, 590, (40, 2)):
         pen.rectangle((x, y, x + 1, y + 1), fill=110)
     image.save(tmp_path / "scan.png")
-    found = try_readings(tmp_path / "scan.png", Scene())
+    found = try_readings(tmp_path / "scan.png", resolve(Scene()))
     # the shape that stands out, without dust
     assert any(set(one.keys) == {"speck_px"} for one in found)
     assert not any(one.keys == {} for one in found)

@@ -47,7 +47,7 @@ def lines(path: Path, *, width: int, body: bool = False) -> Path:
 def look(path: Path, scene: Scene | None = None) -> Survey:
     """The survey of one picture."""
     scene = scene or Scene()
-    return survey(scene, [read_target(path, scene.views[0])])
+    return survey(resolve(scene), [read_target(path, scene.views[0])])
 
 
 def said_of(found: Survey) -> str:
@@ -134,7 +134,7 @@ def test_each_remedy_for_thin_lines_works(tmp_path: Path, width: int) -> None:
 
 def test_frames_are_surveyed_by_the_hardest(tmp_path: Path) -> None:
     frames = [read_target(lines(tmp_path / f"{w}.png", width=w, body=True)) for w in (60, 20, 40)]
-    found = survey(Scene(), frames, sequence=True)
+    found = survey(resolve(Scene()), frames, sequence=True)
     assert found.frames == 3 and found.views[0].target is frames[1]
 
 
@@ -143,7 +143,7 @@ def test_several_views_are_surveyed_each(tmp_path: Path) -> None:
     targets = [read_target(lines(tmp_path / f"{w}.png", width=w, body=True)) for w in (60, 20)]
     views = (View(name="a"), View(name="b", azimuth_deg=90.0))
     scene = Scene(views=views, piece=Piece(tube_radius_mm=3.0))
-    found = survey(scene, targets)
+    found = survey(resolve(scene), targets)
     assert [v.target for v in found.views] == targets
     assert all(list(v.losses) == [3.0] == [found.radius_mm] for v in found.views)
 
@@ -176,7 +176,7 @@ def test_the_command_writes_a_picture_and_says_the_same(
 def test_what_nobody_would_know_is_said_with_its_reason(tmp_path: Path) -> None:
     scene = Scene(views=(View(lines="off"),))
     target = read_target(lines(tmp_path / "thin.png", width=3))
-    (line,) = [t for t in describe(survey(scene, [target])) if "Nobody" in t]
+    (line,) = [t for t in describe(survey(resolve(scene), [target])) if "Nobody" in t]
     assert re.search(r"its IoU would be about 0\.[1-4]", line) and "0 of its" not in line
 
 
@@ -233,7 +233,8 @@ def test_a_glance_at_a_large_picture_says_the_same(tmp_path: Path) -> None:
     assert [t.mask.shape[0] * t.shrunk for t in found] == [3 * SIDE] * 2
     assert found[1].shrunk == 2
     whole, glanced = (
-        list_figures(survey(Scene(), [t]))["views"][0]["radii"][0]["lost"][0] for t in found
+        list_figures(survey(resolve(Scene()), [t]))["views"][0]["radii"][0]["lost"][0]
+        for t in found
     )
     assert glanced["at_px"] == pytest.approx(whole["at_px"], abs=9)
     for key in ("length_px", "thickness_px"):
@@ -278,16 +279,16 @@ def test_the_guess_counts_the_plate_of_loose_pieces(tmp_path: Path) -> None:
     image.save(tmp_path / "two.png")
     target = read_target(str(tmp_path / "two.png"))
 
-    def guess(knots: int | str = "auto", kind: str = "auto", printed: bool = True) -> float:
+    def guess(knots: int | None = None, kind: str = "auto", printed: bool = True) -> float:
         piece, mount = {"printed": printed, "knots": knots}, {"kind": kind}
         scene = Scene.model_validate({"views": [{}], "piece": piece, "mount": mount})
-        return survey(scene, [target]).guess.mass_g
+        return survey(resolve(scene), [target]).guess.mass_g
 
     bare = guess(printed=False)
     assert guess() == guess(kind="wall") > bare
     assert guess(kind="none") == guess(kind="stand") == bare > 0.0
     assert guess(1) < guess()
-    (view,) = survey(Scene(), [target]).views
+    (view,) = survey(resolve(Scene()), [target]).views
     wide = [side + 2 * Scene().mount.plate_margin_mm for side in view.view.frame_mm]
     plate = wide[0] * wide[1] * Scene().mount.plate_thickness_mm * 1e-3
     assert guess() - bare == pytest.approx(plate * resolve(Scene()).material.density_g_cm3)
@@ -307,7 +308,7 @@ def test_the_guess_adds_up_several_pictures_and_says_what_it_leaves_out() -> Non
         {"views": [{}, {"azimuth_deg": 90.0}], "mount": {"kind": "stand"}}
     )
     target = read_target("text:o")
-    seen = survey(Scene(), [target]).views[0]
+    seen = survey(resolve(Scene()), [target]).views[0]
     one, two = (
         guess_print(resolve(scene), seen.view, [seen.area_mm2] * n, seen.piece_mm, 2.0)
         for n, scene in ((1, Scene()), (2, stands))
@@ -323,10 +324,13 @@ def test_the_radius_is_that_of_the_build(name: str) -> None:
     """Here the search's own choice, made without the preview's memory, places of knots included."""
     target = read_target(Path("examples") / f"{name}.png")
     scene = Scene(accuracy=Accuracy(name="sketch"))
-    found = survey(scene, [target])
+    found = survey(resolve(scene), [target])
     radius._KEPT.clear()
     settings = search_settings("sketch", {})
-    assert choose_tube(ask(scene, [target]), settings, Progress("quiet"))[1] == found.radius_mm
+    assert (
+        choose_tube(ask(resolve(scene), [target]), settings, Progress("quiet"))[1]
+        == found.radius_mm
+    )
 
 
 @pytest.mark.slow

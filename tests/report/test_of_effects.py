@@ -33,7 +33,7 @@ def advise(
     z = np.linspace(-40, 40, 101) + front_mm
     points = np.column_stack([np.zeros((101, 2)), z])
     knots = SimpleNamespace(points=points, radius_mm=2.0)
-    piece = SimpleNamespace(depth="auto" if front_mm else 60.0)
+    piece = SimpleNamespace(depth=None if front_mm else 60.0)
     scene = SimpleNamespace(views=(view,), piece=piece, share_wall=False)
     made: Any = SimpleNamespace(knots=knots, scene=scene)
     if error is None:

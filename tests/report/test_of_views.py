@@ -7,16 +7,16 @@ from reports import LOSS, recognition
 
 from knotfab.report.of_views import advise_widening
 from knotfab.scene.catalogue import resolve
-from knotfab_formats.scene import ResolvedScene, ResolvedView, Scene
+from knotfab_formats.scene import ResolvedView, Scene, SettledScene
 
 
-def scene(**view: Any) -> ResolvedScene:
+def scene(**view: Any) -> SettledScene:
     keys: Any = {"frame_width_mm": 180.0, "frame_height_mm": 90.0, "picture": "p.png", **view}
     asked: Any = {"views": (ResolvedView(**keys),)}
     return resolve(Scene(**asked))
 
 
-def told(word: str, *lost: tuple[str, float], of: ResolvedScene | None = None) -> list[str]:
+def told(word: str, *lost: tuple[str, float], of: SettledScene | None = None) -> list[str]:
     losses = [{**LOSS, "what": what, "size_mm": size, "needed_mm": 1.6} for what, size in lost]
     return advise_widening(recognition(word=word, lost=losses), of or scene())
 

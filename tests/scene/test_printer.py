@@ -33,7 +33,7 @@ def test_a_resolved_printer_reads_the_same_on_both_sides(name: str) -> None:
 def test_both_sides_have_the_same_defaults() -> None:
     ours, theirs = Printer(), read({}).printer
     assert all(getattr(ours, key) == getattr(theirs, key) for key in SHARED)
-    assert ours.max_support_cm3 == theirs.max_support_cm3 == "auto"
+    assert ours.max_support_cm3 is theirs.max_support_cm3 is None
 
 
 def test_each_file_names_the_source_of_its_build_volume() -> None:

@@ -12,7 +12,7 @@ from knotfab.problem import Problem, TargetView
 from knotfab.scene.camera import least_apart
 from knotfab.search.directions import MOST_TURN_DEG, FreeDirections
 from knotfab.search.objective import Objective, Weights
-from knotfab_formats.scene import ResolvedRegion, ResolvedView
+from knotfab_formats.scene import ResolvedView, SettledRegion
 from knotfab_formats.search import SearchSettings
 
 RADIUS, PIXELS = 4.0, 128
@@ -35,7 +35,7 @@ def views(*azimuths: float) -> tuple[TargetView, ...]:
 
 
 def question(seen: tuple[TargetView, ...]) -> tuple[Problem, Objective]:
-    problem = Problem(seen, 0.4, None, 1e6, ResolvedRegion(size_mm=(200.0, 200.0, 200.0)))
+    problem = Problem(seen, 0.4, None, 1e6, SettledRegion(size_mm=(200.0, 200.0, 200.0)))
     images = tuple(v.image_at(RADIUS, PIXELS) for v in seen)
     double = tuple(replace(i, target=i.target.astype(np.float64)) for i in images)
     objective = Objective(double, RINGS, problem.limits(RADIUS), {}, Weights(), (3.0, 3.0))

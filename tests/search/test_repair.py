@@ -14,7 +14,7 @@ from knotfab.search.phases import plan_of, repair_phase
 from knotfab.search.repair import find_stretches, mend_stretches
 from knotfab.search.search import search
 from knotfab.search.state import SearchState, begin
-from knotfab_formats.scene import ResolvedRegion
+from knotfab_formats.scene import SettledRegion
 from knotfab_formats.search import PRESETS
 
 COUNT, RADIUS = 240, 3.0
@@ -26,7 +26,7 @@ def room(side: float = 100.0, length: float = 1e4) -> Problem:
     """A ring's own shadow, and limits that a ring keeps."""
     band = Point(0, 0).buffer(33.0, quad_segs=64).difference(Point(0, 0).buffer(27.0, quad_segs=64))
     asked = ask_views([MultiPolygon([band])], 0.0, side_mm=90.0, length=length)
-    return replace(asked, region=ResolvedRegion(size_mm=(side,) * 3))
+    return replace(asked, region=SettledRegion(size_mm=(side,) * 3))
 
 
 def ring(kink_mm: float) -> Array:

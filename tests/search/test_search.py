@@ -16,7 +16,7 @@ from knotfab.limits.feasibility import measure_feasibility
 from knotfab.problem import Problem
 from knotfab.search.phases import plan_of
 from knotfab.start.start import make_start
-from knotfab_formats.scene import ResolvedRegion, Scene
+from knotfab_formats.scene import Scene, SettledRegion
 from knotfab_formats.search import PRESETS, search_settings
 
 QUICK = PRESETS["draft"].model_copy(
@@ -98,10 +98,10 @@ def test_feasibility_finds_each_violation(problem: Problem) -> None:
     ring = np.column_stack([40 * np.cos(t), 40 * np.sin(t), 0 * t])
     both = np.concatenate([ring, ring + [0, 0, 4.3]])
     rings = polylines_of_sizes((400, 400))
-    limits = replace(problem.limits(2.0), region=ResolvedRegion(size_mm=(100.0, 100.0, 100.0)))
+    limits = replace(problem.limits(2.0), region=SettledRegion(size_mm=(100.0, 100.0, 100.0)))
     assert "within 4.300 mm" in measure_feasibility(both, rings, limits).violations[0]
     assert measure_feasibility(both, rings, replace(limits, clearance=0.2)).violations == []
-    outside = replace(limits, clearance=0.2, region=ResolvedRegion(size_mm=(83.9, 100.0, 100.0)))
+    outside = replace(limits, clearance=0.2, region=SettledRegion(size_mm=(83.9, 100.0, 100.0)))
     assert "leaves the region by 0.05" in measure_feasibility(both, rings, outside).violations[0]
     bent = replace(limits, clearance=0.2, bend_radius=41.0)
     assert "bend radius 39.99" in measure_feasibility(both, rings, bent).violations[0]
@@ -128,11 +128,11 @@ def test_a_large_clearance_is_felt_from_far_enough(problem: Problem) -> None:
 
 def test_a_resolved_depth_is_found_again(problem: Problem) -> None:
     (polygon,), scene = problem.polygons, Scene()
-    region = ResolvedRegion(size_mm=(200.0, 200.0, 72.0))
+    region = SettledRegion(size_mm=(200.0, 200.0, 72.0))
     depth = depth_extent(scene, polygon, region, 1.836)
     assert depth is not None
     piece = scene.piece.model_copy(update={"depth": depth})
     again = depth_extent(scene.model_copy(update={"piece": piece}), polygon, region, 1.836)
     assert again == depth
     with pytest.raises(SceneError, match="no room"):
-        depth_extent(scene, polygon, ResolvedRegion(size_mm=(200.0, 200.0, 7.0)), 2.0)
+        depth_extent(scene, polygon, SettledRegion(size_mm=(200.0, 200.0, 7.0)), 2.0)

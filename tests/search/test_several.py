@@ -22,6 +22,7 @@ from knotfab.pipeline import build
 from knotfab.problem import Start
 from knotfab.request import Request
 from knotfab.scene.camera import camera_of, view_axes
+from knotfab.scene.catalogue import resolve
 from knotfab.scene.load import load_scene
 from knotfab.search import search as search_module
 from knotfab.search.chamfer import TENSION, Chamfer
@@ -173,7 +174,7 @@ def test_the_network_draws_two_views_and_its_way_is_proved(begun: str, gain: flo
 def test_what_makes_no_sense_with_several_views_is_refused(scene: Scene, key: str) -> None:
     pictures = [Target(n, draw_mask(DISC, 100.0), b"", 200, 200, ".png") for n in ("a", "b")]
     with pytest.raises(InputError, match=key):
-        ask(scene.model_copy(update={"views": scene_views()}), pictures)
+        ask(resolve(scene.model_copy(update={"views": scene_views()})), pictures)
 
 
 @pytest.mark.slow
@@ -187,7 +188,7 @@ def test_what_makes_no_sense_with_several_views_is_refused(scene: Scene, key: st
 )
 def test_what_one_view_may_have_several_may_have_too(scene: Scene) -> None:
     pictures = [Target(n, draw_mask(DISC, 100.0), b"", 200, 200, ".png") for n in ("a", "b")]
-    asked = ask(scene.model_copy(update={"views": scene_views()}), pictures)
+    asked = ask(resolve(scene.model_copy(update={"views": scene_views()})), pictures)
     assert [v.view.name for v in asked.problem.views] == ["v0", "v1"]
     assert asked.problem.knot == scene.piece.knot and len(asked.bounds) == 2
 
@@ -201,7 +202,7 @@ def test_a_wall_mount_is_refused_whether_it_is_printed_or_not(
     file = str(tmp_path / "a.png")
     scene = Scene(views=scene_views(), mount=Mount(kind="wall"))
     with pytest.raises(InputError, match="mount"):
-        build(Request(scene, (file, file), tmp_path / "o", printing=printing))
+        build(Request(resolve(scene), (file, file), tmp_path / "o", printing=printing))
 
 
 def test_what_others_leave_of_a_silhouette_is_the_hulls_shadow() -> None:
@@ -222,7 +223,9 @@ def test_what_others_leave_of_a_silhouette_is_the_hulls_shadow() -> None:
 def test_pictures_and_views_must_be_as_many(tmp_path: Path) -> None:
     Image.fromarray(~draw_mask(DISC, 100.0)).save(tmp_path / "a.png")
     with pytest.raises(InputError, match="1 pictures are given for 2 views"):
-        build(Request(Scene(views=scene_views()), (str(tmp_path / "a.png"),), tmp_path / "o"))
+        build(
+            Request(resolve(Scene(views=scene_views())), (str(tmp_path / "a.png"),), tmp_path / "o")
+        )
 
 
 @pytest.mark.build
@@ -250,7 +253,9 @@ def test_a_build_of_a_shadow_and_a_glimpse(tmp_path: Path) -> None:
     pictures = (str(tmp_path / "a.png"), str(tmp_path / "b.png"))
     skip = frozenset({"shadow-render", "slicer"})
     also = frozenset({"svg", "dxf", "step"})
-    request = Request(scene, pictures, tmp_path / "out", printing=True, skip=skip, also=also)
+    request = Request(
+        resolve(scene), pictures, tmp_path / "out", printing=True, skip=skip, also=also
+    )
     outcome = build(request)
     report = outcome.report
     assert outcome.exit_code == 0, [c for c in report["checks"] if c["status"] == "fail"]

@@ -18,6 +18,7 @@ from PIL import Image, ImageDraw
 from reports import check_of, report_with
 
 from knotfab.request import Outcome, Request
+from knotfab.scene.catalogue import resolve
 from knotfab.sequence.build import _mend, build_sequence
 from knotfab.sequence.report import _effects, advise, check_closing, check_motion
 from knotfab.slicer.find import REMEDY, find_slicer
@@ -62,7 +63,7 @@ def outcome(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
     folder = tmp_path_factory.mktemp("sequence")
     names = _frames(folder, (0.0, 16.0))
     request = Request(
-        _scene(mount=Mount(kind="wall")),
+        resolve(_scene(mount=Mount(kind="wall"))),
         tuple(names),
         folder / "out",
         base=folder,

@@ -9,6 +9,7 @@ from quick_sequences import QUICK, discs, in_order
 
 from knotfab.design.question import Question, ask
 from knotfab.design.radius import RadiusChoice
+from knotfab.scene.catalogue import resolve
 from knotfab.sequence import chain
 from knotfab.sequence.chain import Chain, list_ties, pick_first
 from knotfab.sequence.frames import read_frames
@@ -43,7 +44,7 @@ def test_a_frame_is_tied_to_what_is_known_on_either_side() -> None:
 def test_the_scene_says_whether_the_frames_are_bound_to_close(tmp_path: Path) -> None:
     targets = discs(tmp_path, (40, 36))
     for loop in (True, False):
-        assert Chain(Scene(sequence=Sequence(loop=loop)), targets)._closing is loop
+        assert Chain(resolve(Scene(sequence=Sequence(loop=loop))), targets)._closing is loop
 
 
 @pytest.mark.parametrize(("search", "given"), [({}, 0.004), ({"radius_give": 0.02}, 0.02)])
@@ -58,7 +59,7 @@ def test_frames_get_no_thicker_tube_than_draws_them_well(
         return RadiusChoice(2.0, ())
 
     monkeypatch.setattr(chain, "choose_radius", choose)
-    question = ask(Scene(search=search), discs(tmp_path, (40, 36))[:1])
+    question = ask(resolve(Scene(search=search)), discs(tmp_path, (40, 36))[:1])
     settings = PRESETS["draft"].model_copy(update=search)
     assert chain.radius_for_all(question, (), settings)[0] == 2.0 and seen == [given]
 
@@ -68,7 +69,9 @@ def test_the_view_is_found_with_the_first_frame_and_stays(tmp_path: Path) -> Non
     """Lamp and wall stand still while the frames change; and what was found can be repeated."""
     targets = discs(tmp_path, (40, 42))
     asked = Scene(piece=Piece(tube_radius_mm=12.0), search={**QUICK, "free_view": True})
-    first, second = (frame.made for frame in in_order(Chain(asked, targets, forms=TorchForms())))
+    first, second = (
+        frame.made for frame in in_order(Chain(resolve(asked), targets, forms=TorchForms()))
+    )
     views = [made.scene.views[0] for made in (first, second)]
     found = {(v.light_distance_mm, v.wall_distance_mm) for v in views}
     assert len(found) == 1 and found != {(500.0, 100.0)}
@@ -88,7 +91,7 @@ def test_each_frame_has_its_own_floor_and_prices(tmp_path: Path) -> None:
     targets = discs(tmp_path, (24, 40))
     material = Material(max_length_mm=250.0)
     asked = Scene(piece=Piece(tube_radius_mm=12.0), material=material, search=QUICK)
-    first, second = (frame.made for frame in in_order(Chain(asked, targets)))
+    first, second = (frame.made for frame in in_order(Chain(resolve(asked), targets)))
     assert first.binding == ()
     assert [price.limits for price in second.binding] == [("length",)]
     assert second.binding[0].needed[0] > 250.0 > second.knots.knots[0].length_mm
@@ -107,7 +110,7 @@ def test_pieces_apart_in_all_frames_are_knots_of_their_own(tmp_path: Path) -> No
         names.append(str(tmp_path / f"{number}.png"))
         image.save(names[-1])
     asked = Scene(piece=Piece(tube_radius_mm=8.0), search=QUICK)
-    frames = in_order(Chain(asked, read_frames(names)))
+    frames = in_order(Chain(resolve(asked), read_frames(names)))
     sizes = {tuple(len(knot.points) for knot in frame.made.knots.knots) for frame in frames}
     assert len(sizes) == 1 and len(sizes.pop()) == 2
     for frame in frames:

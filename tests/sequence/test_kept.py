@@ -12,6 +12,7 @@ import pytest
 from quick_sequences import QUICK, discs, in_order
 
 from knotfab.request import Request
+from knotfab.scene.catalogue import resolve
 from knotfab.sequence import kept
 from knotfab.sequence.chain import Chain
 from knotfab.sequence.kept import KeptFrames, keep_for
@@ -29,14 +30,14 @@ def _own_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def test_an_interrupted_sequence_goes_on_to_the_same_knots(tmp_path: Path) -> None:
     targets = discs(tmp_path, (40, 36, 33))
     place = KeptFrames(tmp_path / "kept")
-    begun = Chain(SCENE, targets, kept=place).frames()
+    begun = Chain(resolve(SCENE), targets, kept=place).frames()
     first, second = next(begun), next(begun)
     begun.close()  # here the machine is switched off
     assert len(place) == 2
-    again = Chain(SCENE, targets, kept=place)
+    again = Chain(resolve(SCENE), targets, kept=place)
     resumed = in_order(again)
     assert again.resumed == 2
-    whole = in_order(Chain(SCENE, targets))
+    whole = in_order(Chain(resolve(SCENE), targets))
     for one, other in zip(resumed, whole, strict=True):
         assert one.made.knots.points.tobytes() == other.made.knots.points.tobytes()
         assert one.made.scene == other.made.scene
@@ -49,7 +50,7 @@ def test_an_interrupted_sequence_goes_on_to_the_same_knots(tmp_path: Path) -> No
 
 def _request(tmp_path: Path) -> Request:
     targets = discs(tmp_path, (40, 36))
-    return Request(SCENE, ("a", "b"), tmp_path / "out", targets=targets)
+    return Request(resolve(SCENE), ("a", "b"), tmp_path / "out", targets=targets)
 
 
 @pytest.mark.parametrize(

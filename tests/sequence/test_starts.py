@@ -24,10 +24,10 @@ from knotfab.sequence.starts import (
     list_attempts,
     list_retries,
 )
-from knotfab_formats.scene import ResolvedRegion, ResolvedView
+from knotfab_formats.scene import ResolvedView, SettledRegion
 from knotfab_formats.search import SearchSettings
 
-ROOM = ResolvedRegion(size_mm=(200.0, 200.0, 200.0))
+ROOM = SettledRegion(size_mm=(200.0, 200.0, 200.0))
 
 
 def _legs(apart: int) -> NDArray[np.bool_]:

@@ -12,17 +12,18 @@ from shapely import MultiPolygon
 from knotfab.design.question import ask
 from knotfab.picture.read import read_target
 from knotfab.problem import Problem, SearchResult, Start, TargetView
+from knotfab.scene.catalogue import resolve
 from knotfab.search.phases import plan_of
 from knotfab.search.search import search
 from knotfab.start.start import make_start
 from knotfab.torch_forms.forms import TorchForms
-from knotfab_formats.scene import ResolvedRegion, ResolvedView, Scene
+from knotfab_formats.scene import ResolvedView, Scene, SettledRegion
 from knotfab_formats.search import SearchSettings
 
 
 def ask_heart(scene: Scene | None = None) -> Problem:
     """The problem of a heart in a scene's one view."""
-    return ask(scene or Scene(), [read_target("text:♥")]).problem
+    return ask(resolve(scene or Scene()), [read_target("text:♥")]).problem
 
 
 def draw_mask(polygon: MultiPolygon, side_mm: float, pixels: int = 200) -> NDArray[np.bool_]:
@@ -55,7 +56,7 @@ def ask_views(
         )
         for n, (azimuth, polygon) in enumerate(zip(azimuths_deg, polygons, strict=True))
     )
-    room = ResolvedRegion(size_mm=(1.6 * side_mm,) * 3)
+    room = SettledRegion(size_mm=(1.6 * side_mm,) * 3)
     return Problem(views, 0.4, None, length, room, goals=goals)
 
 

@@ -18,6 +18,7 @@ from knotfab.picture.read import read_target
 from knotfab.problem import Problem, Start
 from knotfab.render.frame import Frame, Sheet, frame_of
 from knotfab.scene.camera import camera_of
+from knotfab.scene.catalogue import resolve
 from knotfab.search.flow import FlowSettings
 from knotfab.search.objective import Objective, Weights
 from knotfab.search.phases import SETTLE, Phase
@@ -291,7 +292,7 @@ TINY = {
 @pytest.mark.build
 def test_the_scene_of_a_free_view_gives_the_same_knots() -> None:
     target = read_target("text:\u2665")
-    first = design_knots(Scene(search=TINY), [target], forms=TorchForms())
+    first = design_knots(resolve(Scene(search=TINY)), [target], forms=TorchForms())
     view, found = first.scene.views[0], first.scene.search
     assert (found["free_light_mm"], found["free_wall_mm"]) == (500.0, 100.0)
     assert view.light_distance_mm != 500.0 and view.wall_distance_mm != 100.0
@@ -305,7 +306,7 @@ def test_the_scene_of_a_free_view_gives_the_same_knots() -> None:
 def test_a_radius_that_is_given_stays_given() -> None:
     piece = Piece(tube_radius_mm=4.0)
     made = design_knots(
-        Scene(piece=piece, search=TINY), [read_target("text:\u2665")], forms=TorchForms()
+        resolve(Scene(piece=piece, search=TINY)), [read_target("text:\u2665")], forms=TorchForms()
     )
     assert made.knots.radius_mm == 4.0 and made.scene.search["free_radius_mm"] == 0
 
@@ -315,7 +316,7 @@ def test_a_time_budget_holds_for_a_free_view_too() -> None:
     """The few iterations that time it leave no trace in the pose that the search starts from."""
     budget = Budget(time.perf_counter() + 1.0)
     made = design_knots(
-        Scene(search=TINY), [read_target("text:\u2665")], budget=budget, forms=TorchForms()
+        resolve(Scene(search=TINY)), [read_target("text:\u2665")], budget=budget, forms=TorchForms()
     )
     resolved = made.scene.search
     assert (resolved["free_light_mm"], resolved["free_wall_mm"]) == (500.0, 100.0)

@@ -17,7 +17,7 @@ from knotfab.tradeoff.bench import WantedRun, run_all
 from knotfab.tradeoff.measure import Study, facet_error_px, outline_error_px
 from knotfab.tradeoff.points import Point
 from knotfab.tradeoff.run import JOURNAL, Tradeoff, tradeoff
-from knotfab_formats.scene import ResolvedRegion, ResolvedView, Scene
+from knotfab_formats.scene import ResolvedView, Scene, SettledRegion
 from knotfab_formats.search import PRESETS
 
 QUICK = PRESETS["draft"].model_copy(
@@ -67,7 +67,7 @@ def test_facets_stand_out_as_far_as_the_sweep_makes_them() -> None:
 
     view = ResolvedView(wall_distance_mm=1e-3, frame_width_mm=1024.0, frame_height_mm=1024.0)
     target = TargetView(view, np.ones((2, 2), dtype=bool), MultiPolygon())
-    asked = Problem((target,), 0.4, None, 1e5, ResolvedRegion(size_mm=(1e3, 1e3, 1e3)))
+    asked = Problem((target,), 0.4, None, 1e5, SettledRegion(size_mm=(1e3, 1e3, 1e3)))
     turn = 2 * np.pi * np.arange(400) / 400
     ring = 100 * np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=1)
     for sides in (12, 48):

@@ -59,7 +59,7 @@ def test_a_wires_tube_is_as_thick_as_the_wire() -> None:
     assert wire.piece.tube_radius_mm == 1.0
     asked = Scene(material=Material(name="aluminium-wire-2mm"), piece=Piece(tube_radius_mm=1.5))
     assert resolve(asked).piece.tube_radius_mm == 1.5
-    assert resolve(Scene()).piece.tube_radius_mm == "auto"
+    assert resolve(Scene()).piece.tube_radius_mm is None
 
 
 @pytest.mark.slow

@@ -20,7 +20,7 @@ from knotfab.wire.judge import Judge, cast_shadows, check_type, check_wire
 from knotfab.wire.plan import WirePlan, write_bending_plan
 from knotfab.wire.template_pdf import WireDrawing, write_templates
 from knotfab_formats.report import BentWire
-from knotfab_formats.scene import Piece, ResolvedAccuracy, ResolvedScene, ResolvedView, Switches
+from knotfab_formats.scene import Piece, ResolvedView, SettledAccuracy, SettledScene, Switches
 from knotfab_validators.shadows.tube_field import tube_field
 from knotfab_validators.shadows.view import view_geometry
 
@@ -29,7 +29,7 @@ pytestmark = pytest.mark.slow
 STEEL = materials()["steel-wire-2mm"]
 
 
-def ring_scene(folder: Path, count: int) -> tuple[Knots, ResolvedScene, Path]:
+def ring_scene(folder: Path, count: int) -> tuple[Knots, SettledScene, Path]:
     """Polylines of 2 mm wire before a far light, and their own shadow as the picture."""
     t = np.linspace(0, 2 * np.pi, 400, endpoint=False)
     ring = np.column_stack([22 * np.cos(t), 22 * np.sin(t), 3 * np.cos(2 * t)])
@@ -37,8 +37,8 @@ def ring_scene(folder: Path, count: int) -> tuple[Knots, ResolvedScene, Path]:
         frame_width_mm=60.0 * count, frame_height_mm=60.0, light_distance_mm=5000.0,
         wall_distance_mm=10.0, picture="p.png",
     )  # fmt: skip
-    scene = ResolvedScene.model_construct(
-        piece=Piece(), material=STEEL, views=(view,), accuracy=ResolvedAccuracy(iou_floor=0.62)
+    scene = SettledScene.model_construct(
+        piece=Piece(), material=STEEL, views=(view,), accuracy=SettledAccuracy(iou_floor=0.62)
     )
     shifts = 60.0 * (np.arange(count) - (count - 1) / 2)
     knots = Knots(tuple(Knot(ring + [s, 0, 0]) for s in shifts), 1.0)
@@ -73,7 +73,7 @@ def test_the_plan_of_two_rings(made: tuple[Path, WirePlan]) -> None:
     assert plan.figures.bends == sum(k.bends for k in plan.knots)
 
 
-def two_view_scene(folder: Path) -> tuple[Knots, ResolvedScene, list[Path]]:
+def two_view_scene(folder: Path) -> tuple[Knots, SettledScene, list[Path]]:
     """A bent ring of 2 mm wire in two views at right angles, the second from above by 20 degrees.
 
     Each picture is the ring's own shadow, so that a wire which follows it is right in both.
@@ -93,8 +93,8 @@ def two_view_scene(folder: Path) -> tuple[Knots, ResolvedScene, list[Path]]:
         shadow = tube_field([ring], 1.0, geometry).mask
         pictures.append(folder / f"{view.name}.png")
         Image.fromarray(np.where(shadow, 0, 255).astype(np.uint8)).save(pictures[-1])
-    scene = ResolvedScene.model_construct(
-        piece=Piece(), material=STEEL, views=views, accuracy=ResolvedAccuracy(iou_floor=0.8)
+    scene = SettledScene.model_construct(
+        piece=Piece(), material=STEEL, views=views, accuracy=SettledAccuracy(iou_floor=0.8)
     )
     return knots, scene, pictures
 

@@ -156,7 +156,7 @@ def _check_tube(
     """Tell whether the surface is the tube of the curves."""
     if mesh is None:
         return skip_check("tube", "not given the part")
-    asked = _radius(scene)
+    asked = None if scene is None else scene.piece.tube_radius_mm
     with time_stage(seconds, "tube"):
         return check_tube(mesh, curves, mounted=_is_mounted(scene), asked_mm=asked)
 
@@ -188,12 +188,6 @@ def _check_gap(
         strands = _keep_strands(mesh, curves) if _is_mounted(scene) else mesh
         gap = check_clearance(strands, curves or found, required)
     return gap if found is None else replace(gap, required=False)
-
-
-def _radius(scene: Scene | None) -> float | None:
-    """The tube's radius that the scene asks for, mm."""
-    radius = "auto" if scene is None else scene.piece.tube_radius_mm
-    return None if isinstance(radius, str) else radius
 
 
 def _pose(scene: Scene) -> Matrix | None:
@@ -297,7 +291,9 @@ def _turn_upright(scene: Scene | None) -> Array | None:
 
 def _check_curves(curves: Curves, scene: Scene | None) -> list[Check]:
     """Thickness, bend and length."""
-    radius = _radius(scene) if curves.radius_mm is None else curves.radius_mm
+    radius = curves.radius_mm
+    if radius is None and scene is not None:
+        radius = scene.piece.tube_radius_mm
     clearance = scene.piece.clearance_mm if scene is not None else 0.0
     required = None if radius is None else radius + clearance / 2
     if required is None:

@@ -43,7 +43,7 @@ def test_auto_is_left_open() -> None:
             "accuracy": {"iou_floor": "auto"},
         }
     )
-    assert scene.iou_floor is None and scene.region.size_mm == "auto"
+    assert scene.iou_floor is None and scene.region.size_mm is None
 
 
 def test_a_view_that_shines_on_anothers_wall_has_that_wall() -> None:

@@ -11,7 +11,7 @@ from pydantic import PrivateAttr
 from knotfab_formats.bounds import Matrix
 from knotfab_formats.errors import InputError
 from knotfab_formats.read import parse_toml, scene_of
-from knotfab_formats.scene import Plate, Pose, known
+from knotfab_formats.scene import Plate, Pose
 from knotfab_formats.scene import Scene as AskedScene
 from knotfab_validators.files.bad_file import BadFile, read_bytes, short
 from knotfab_validators.files.mesh import read_mesh
@@ -51,12 +51,12 @@ class Scene(AskedScene):
         """The IoU that the shadow must reach; None where the scene leaves it open."""
         if "iou_floor" not in self.accuracy.model_fields_set:
             return FLOOR
-        return known(self.accuracy.iou_floor)
+        return self.accuracy.iou_floor
 
     @property
     def outline_px(self) -> float:
         """The largest error of the outline that the shadow may have, px."""
-        return known(self.accuracy.max_outline_error_px) or self.settings.outline_px
+        return self.accuracy.max_outline_error_px or self.settings.outline_px
 
 
 def read_scene(path: Path) -> Scene:

@@ -124,18 +124,17 @@ def printability_checks(
 def _settings(printer: Printer | None) -> _Settings:
     if printer is None:
         return _Settings()
-    from knotfab_formats.scene import known
 
     return _Settings(
         named=True,
-        wall=known(printer.min_wall_mm) or printer.stated("nozzle_mm"),
-        gap=known(printer.min_gap_mm) or printer.stated("nozzle_mm"),
+        wall=printer.min_wall_mm or printer.stated("nozzle_mm"),
+        gap=printer.min_gap_mm or printer.stated("nozzle_mm"),
         powder=printer.process == "powder",
         layer=printer.layer_height_mm,
         supports=printer.supports,
         overhang_deg=printer.max_overhang_deg,
         bridge=printer.max_bridge_mm,
-        support_cm3=known(printer.max_support_cm3),
+        support_cm3=printer.max_support_cm3,
     )
 
 

@@ -206,9 +206,9 @@ def _blur_px(part: PosedPart, seen: SeenView) -> float:
     return lamp_size(seen.view) * max(tube_px * fine_mm / curves.radius_mm - 1.0, 0.0) / fine_mm
 
 
-def _count_bridged(knots: int | str, target: Mask) -> int:
+def _count_bridged(knots: int | None, target: Mask) -> int:
     """Count how many gaps between pieces must be bridged for so few knots to draw them."""
-    if isinstance(knots, str):
+    if knots is None:
         return 0
     return max(len(label_regions("piece", target, SPECK_PX)[1]) - knots, 0)
 

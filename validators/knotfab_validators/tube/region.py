@@ -30,7 +30,7 @@ def measure_excess(points: Array, region: Region, radius_mm: float = 0.0) -> Arr
     In mm, negative inside, along the region's own axes. For a box the largest excess over its faces; for a
     cylinder (axis y) the larger one of those over its mantle and its ends. The region's size must be known.
     """
-    if isinstance(region.size_mm, str) or region.kind == "mesh":
+    if region.size_mm is None or region.kind == "mesh":
         raise ValueError("the region's size is left open, or it is a mesh")
     axes = view_axes(region.azimuth_deg, region.elevation_deg)
     p = (points - np.array(region.center_mm)) @ axes.T
@@ -65,7 +65,7 @@ def check_region(
     """
     if region.kind == "mesh" and surface is None:
         return skip_check("region", "the region's mesh is not given")
-    if region.kind != "mesh" and isinstance(region.size_mm, str):
+    if region.kind != "mesh" and region.size_mm is None:
         return skip_check("region", "the scene leaves the region's size open")
     tube = curves is not None and curves.radius_mm is not None
     if not tube and mesh is None:
