@@ -12,20 +12,21 @@ from functools import partial
 from pathlib import Path
 from statistics import median
 from typing import Any
+from urllib.parse import quote
 
 from knotfab.base.disk import at_home, locked
 from knotfab.base.errors import InputError, spelled, why_of
 from knotfab.base.pool import Workers, count_jobs
 from knotfab.base.progress import Progress
-from knotfab.batch.page import render_index
 from knotfab.batch.tasks import INDEX, RECORDS, Task, list_tasks
 from knotfab.batch.worker import Record, build_apart, open_builders
 from knotfab.files.folder import REJECTED
 from knotfab.files.moves import mend
 from knotfab.files.whole import write_whole
 from knotfab.options import ALL_OUT, BuildOptions
+from knotfab.report.report_html import make_environment
 
-__all__ = ["batch"]
+__all__ = ["batch", "render_index"]
 
 _WRITTEN_EVERY_S = 2.0
 _FINAL = (0, 1, 2)  # exit codes that the same picture and options end with again
@@ -218,3 +219,28 @@ class _Tally:
         if not left:
             return text
         return text + (f" ({rest / 60:.0f} min left)" if rest >= 90 else f" ({rest:.0f} s left)")
+
+
+def render_index(records: Sequence[Record], folder: Path) -> str:
+    """The page, which lies in `folder` and shows what lies in the folders beside it."""
+    cards = [_card(record, folder) for record in records]
+    passed = sum(record["exit_code"] == 0 for record in records)
+    template = make_environment(Path(__file__).parent).get_template("index.html.j2")
+    page: str = template.render(cards=cards, passed=passed)
+    return page
+
+
+def _card(record: Record, folder: Path) -> dict[str, Any]:
+    place = folder / record["name"]
+    if record["exit_code"] == 1:
+        place = place / REJECTED
+    built = record["exit_code"] in (0, 1) and record.get("reported", True)
+    shown = sorted(place.glob("compare-*.png"))[:3] if built else []
+    report = place / "report.html"
+    return {
+        **record,
+        "pictures": [quote(path.relative_to(folder).as_posix()) for path in shown],
+        "report": quote(report.relative_to(folder).as_posix())
+        if built and report.is_file()
+        else None,
+    }

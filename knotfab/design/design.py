@@ -12,14 +12,13 @@ from knotfab.base.notebook import InNotebook
 from knotfab.base.progress import Progress
 from knotfab.design.budget import Budget, resolve_iterations, scale_to_budget, spare
 from knotfab.design.bumps import better, start_without_bumps
-from knotfab.design.fineness import fine_enough, outline_px
 from knotfab.design.free_view import place_directions, place_start, start_pose
 from knotfab.design.hull import HullBound
 from knotfab.design.prices import price_limits
 from knotfab.design.question import Question, ask
 from knotfab.design.radius import RadiusChoice, choose_radius
 from knotfab.design.sparser import search_sparser
-from knotfab.design.suit import suit
+from knotfab.design.suit import fine_enough, outline_px, suit
 from knotfab.knots import Knots, read_start
 from knotfab.limits.feasibility import Feasibility
 from knotfab.picture.data_uri import silhouette_uri

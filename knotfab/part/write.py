@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from knotfab.base.arrays import Array
 from knotfab.design.design import Design
 from knotfab.files.folder import OutputFolder
-from knotfab.files.glb import write_glb
 from knotfab.files.stl import write_stl
 from knotfab.files.threemf import write_3mf, write_coloured_3mf
+from knotfab.geometry.meshes import Mesh
 from knotfab.mount.coupon import COUPON, plan_coupon
 from knotfab.part.about import about_part
 from knotfab.part.assemble import Part, enlarge_knots, shrink_of
@@ -21,7 +23,15 @@ from knotfab.picture.read import Target
 from knotfab.scene.load import dump_scene
 from knotfab_formats.scene import Plate, Pose, SettledScene
 
-__all__ = ["COLOURED", "make_pose", "pose_scene", "write_model", "write_part", "write_unbuilt"]
+__all__ = [
+    "COLOURED",
+    "make_pose",
+    "pose_scene",
+    "write_glb",
+    "write_model",
+    "write_part",
+    "write_unbuilt",
+]
 
 Row = tuple[float, float, float, float]
 
@@ -141,3 +151,32 @@ def _write_scene(
 def _rows(matrix: Array) -> tuple[Row, Row, Row, Row]:
     a, b, c, d = ((float(w), float(x), float(y), float(z)) for w, x, y, z in matrix)
     return a, b, c, d
+
+
+METRES = 1e-3
+ROUGHNESS = 0.7
+
+
+def write_glb(
+    path: Path, bodies: Sequence[Mesh], pose: Array, names: Sequence[str], color: str
+) -> None:
+    """Write all `bodies` (vertices (n, 3) mm, faces (m, 3)) into one file of named meshes.
+
+    Args:
+        pose: (4, 4), from the bodies' coordinates to the scene, whose y is up as glTF's is.
+        names: names of the bodies. color: their colour, "#rrggbb".
+    """
+    import trimesh as untyped
+
+    trimesh: Any = untyped
+    rgb = [int(color[k : k + 2], 16) for k in (1, 3, 5)]
+    paint = trimesh.visual.material.PBRMaterial(
+        baseColorFactor=[*rgb, 255], metallicFactor=0.0, roughnessFactor=ROUGHNESS
+    )
+    scene = trimesh.Scene()
+    for (vertices, faces), name in zip(bodies, names, strict=True):
+        placed = METRES * (vertices @ pose[:3, :3].T + pose[:3, 3])
+        mesh = trimesh.Trimesh(placed, faces, process=False)
+        mesh.visual = trimesh.visual.TextureVisuals(material=paint)
+        scene.add_geometry(mesh, node_name=name, geom_name=name)
+    path.write_bytes(bytes(scene.export(file_type="glb")))

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import io
 import re
 import shlex
 import shutil
 import threading
 import time
+from base64 import b64encode
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
+from textwrap import wrap
 
 import numpy as np
+from PIL import Image, ImageOps
 
 from knotfab.base.disk import temporary_folder
 from knotfab.files.threemf import read_shells
@@ -23,10 +27,9 @@ from knotfab.slicer.known_warnings import read_warnings
 from knotfab.slicer.process import OUT_OF_TIME, Ended, run_limited
 from knotfab.slicer.profile import PROFILE, read_profile, why_not_sliced
 from knotfab.slicer.result import NotSliced, Sliced
-from knotfab.slicer.thumbnails import copy_with_pictures
 from knotfab_formats.scene import ResolvedScene
 
-__all__ = ["TIMEOUT_S", "SlicerQueue", "slice_part"]
+__all__ = ["SIZES", "TIMEOUT_S", "SlicerQueue", "copy_with_pictures", "slice_part"]
 
 TIMEOUT_S = 300.0
 # SIGHUP, SIGINT, SIGKILL, SIGTERM, SIGXCPU, SIGXFSZ: what says nothing of the part
@@ -225,3 +228,42 @@ def _quote(ended: Ended) -> str:
     said = [*read_warnings(ended.err), *read_warnings(ended.out)]
     text = "; ".join(" ".join(warning.text.split()) for warning in said)
     return text if len(text) <= MOST_QUOTED else text[:MOST_QUOTED] + " …"
+
+
+# width, height, format: what the screens of Prusa's printers read (QOI; PNG by older ones), and what
+# Klipper's and OctoPrint's pages do (PNG)
+SIZES = (
+    (16, 16, "QOI"),
+    (313, 173, "QOI"),
+    (440, 240, "QOI"),
+    (32, 32, "PNG"),
+    (220, 124, "PNG"),
+    (300, 300, "PNG"),
+)
+_TAGS = {"QOI": "thumbnail_QOI", "PNG": "thumbnail"}
+_ROW = 78  # signs of a comment's line
+
+
+def copy_with_pictures(gcode: Path, target: Path, png: bytes) -> None:
+    """Copy a G-code to `target`, with a picture in all `SIZES` behind its first line.
+
+    Args:
+        png: the picture, which is fitted into each size on the colour of its first pixel.
+    """
+    picture = Image.open(io.BytesIO(png)).convert("RGB")
+    with gcode.open("rb") as source, target.open("wb") as copy:
+        copy.write(source.readline())
+        for width, height, kind in SIZES:
+            copy.write(_comment(picture, width, height, kind).encode("ascii"))
+        shutil.copyfileobj(source, copy)
+
+
+def _comment(picture: Image.Image, width: int, height: int, kind: str) -> str:
+    paper = "#" + picture.crop((0, 0, 1, 1)).tobytes().hex()
+    small = ImageOps.pad(picture, (width, height), color=paper)
+    packed = io.BytesIO()
+    small.save(packed, kind)
+    text = b64encode(packed.getvalue()).decode("ascii")
+    rows = "\n".join(f"; {row}" for row in wrap(text, _ROW))
+    tag = _TAGS[kind]
+    return f"\n;\n; {tag} begin {width}x{height} {len(text)}\n{rows}\n; {tag} end\n;\n"

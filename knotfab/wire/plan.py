@@ -9,25 +9,34 @@ from pathlib import Path
 import numpy as np
 
 from knotfab import __version__
+from knotfab.base.arrays import Mask
 from knotfab.base.errors import InputError
 from knotfab.drawing.pages import PAPERS
 from knotfab.knots import Knots
+from knotfab.picture.opening import opening_iou, thickest_radius
+from knotfab.picture.silhouette import trace_polygon
 from knotfab.wire.arcs import Wire
 from knotfab.wire.bender import file_of_bender, fill_template
 from knotfab.wire.bends import BendList, list_bends
 from knotfab.wire.csv_file import read_bends, write_bends
 from knotfab.wire.fit import FitLimits, fit_wires
-from knotfab.wire.frame import WireFrame, measure_frame
 from knotfab.wire.judge import Judge, PieceShadow, cast_shadows
 from knotfab.wire.likeness import GridLikeness
 from knotfab.wire.replay import replay
 from knotfab.wire.residual import DEPTH_FACTOR
 from knotfab.wire.template_pdf import draw_views, write_templates
 from knotfab_formats.report import BendingPlan, BentWire
-from knotfab_formats.scene import Material, SettledScene
+from knotfab_formats.scene import Material, ResolvedView, SettledScene
 from knotfab_formats.verdict import Check, list_unmet
 
-__all__ = ["IOU_LOSS", "WirePlan", "bend_radius_mm", "write_bending_plan"]
+__all__ = [
+    "IOU_LOSS",
+    "WireFrame",
+    "WirePlan",
+    "bend_radius_mm",
+    "measure_frame",
+    "write_bending_plan",
+]
 
 
 # wire radii from the centre line, across the light's rays; a fit keeps to less where it must
@@ -282,3 +291,53 @@ def _list_facts(found: tuple[BentWire, ...], material: Material, tolerance: floa
         f"The wire may be {tolerance:g} mm beside the line.",
     ]
     return lines
+
+
+ENOUGH_IOU = 0.95  # the IoU of the picture and the best that strands as thick as the wire can fill
+LARGEST = 64.0  # frames beyond which no width is sought
+
+
+@dataclass(frozen=True)
+class WireFrame:
+    """The part of one view's picture that a wire can draw in its frame.
+
+    `width_mm` of the frame; `most_iou` of the picture and its morphological opening by the wire's
+    shadow; `enough_mm` the least width in which that is `ENOUGH_IOU`; None where none would do.
+    """
+
+    view: str
+    width_mm: float
+    most_iou: float
+    enough_mm: float | None
+
+    def check(self, material: Material) -> Check:
+        """`wire_frame`; not required, since the picture's own floor is."""
+        from knotfab_validators.check import at_least
+
+        wide = f"a frame {self.width_mm:g} mm wide"
+        text = (
+            f"IoU of the picture and what strands {material.wire_diameter_mm:g} mm thick can fill of "
+            f"it in {wide} (view {self.view})"
+        )
+        if self.most_iou < ENOUGH_IOU:
+            text += ": too small for this wire"
+            if self.enough_mm is not None:
+                text += f"; {self.enough_mm:.0f} mm and more would do"
+        return at_least("wire_frame", self.most_iou, ENOUGH_IOU, "", text, required=False)
+
+
+def measure_frame(mask: Mask, view: ResolvedView, material: Material) -> WireFrame:
+    """Measure how much of the silhouette strands as thick as the wire can fill at most.
+
+    Where a stroke of the picture is thinner than the wire's shadow no strand can lie in it: the
+    opening of the silhouette by half that shadow is what is left. A frame s times as wide is a
+    wire s times as thin.
+
+    Args:
+        mask: (H, W) the picture's silhouette.
+    """
+    polygon = trace_polygon(mask)
+    shadow = 0.5 * material.wire_diameter_mm * view.px_per_mm(mask.shape[1])
+    drawn = thickest_radius(polygon, ENOUGH_IOU, shadow / LARGEST, shadow * LARGEST)
+    enough = None if drawn is None else view.frame_width_mm * shadow / drawn
+    return WireFrame(view.name, view.frame_width_mm, opening_iou(polygon, shadow), enough)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from knotfab.base.arrays import Array
-from knotfab.design.fineness import fine_enough, outline_px
+from knotfab.design.suit import fine_enough, outline_px
 from knotfab.geometry.tube import sweep
 from knotfab_formats.scene import Accuracy, Scene
 from knotfab_formats.search import PRESETS, SearchSettings, search_settings

@@ -298,7 +298,7 @@ def test_the_guess_counts_the_plate_of_loose_pieces(tmp_path: Path) -> None:
     ("width", "said"), [(12.0, "less than 1 g"), (50_000.0, "no printer makes")]
 )
 def test_no_guess_is_absurd(width: float, said: str) -> None:
-    scene = Scene.model_validate({"views": [{"frame_width_mm": width}]})
+    scene = resolve(Scene.model_validate({"views": [{"frame_width_mm": width}]}))
     assert said in describe(survey(scene, [read_target("text:o")]))[-1]
 
 

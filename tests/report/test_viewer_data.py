@@ -15,9 +15,9 @@ from PIL import Image
 from rings import RADIUS, ring
 from shown_pieces import bodies_of, post, scene_of, view_of, wavy_knots
 
-from knotfab.files.glb import write_glb
 from knotfab.geometry.overhang import Rules
 from knotfab.knots import Knot, Knots
+from knotfab.part.write import write_glb
 from knotfab.report.report_html import VIEWER, encode_for_script
 from knotfab.report.viewer_data import (
     HISTORY_VERTICES,

@@ -8,7 +8,7 @@ from knotfab.base.errors import InputError
 from knotfab.geometry.measures import bend_radii, strand_gap
 from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.limits.base import Limits
-from knotfab.start.tight_knots import load_knot
+from knotfab.start.tie import load_knot
 from knotfab_formats.knot_names import BRAIDS, parse_knot_name
 from knotfab_formats.scene import SettledRegion
 from knotfab_validators.knots.names import promised_knot

@@ -7,7 +7,7 @@ from validator_parts import trefoil
 
 from knotfab.geometry.measures import bend_radii
 from knotfab.geometry.polylines import polylines_of_sizes
-from knotfab.sequence.doubling import double_vertices
+from knotfab.sequence.search import double_vertices
 
 
 def test_new_vertices_halve_the_edges_and_round_the_corners() -> None:

@@ -21,8 +21,7 @@ from knotfab.slicer.find import REMEDY, find_slicer
 from knotfab.slicer.gcode import read_gcode
 from knotfab.slicer.profile import write_profile
 from knotfab.slicer.result import NotSliced, Sliced
-from knotfab.slicer.run import SlicerQueue, slice_part
-from knotfab.slicer.thumbnails import SIZES
+from knotfab.slicer.run import SIZES, SlicerQueue, slice_part
 
 needs_slicer = pytest.mark.skipif(
     find_slicer() is None, reason=f"PrusaSlicer is not installed: {REMEDY}"

@@ -19,8 +19,7 @@ from knotfab.scene.load import dump_scene, parse_scene
 from knotfab.start.depth import lift
 from knotfab.start.filling import fill, simple_curves
 from knotfab.start.start import tie_knot
-from knotfab.start.tie import KnotRoom, Tied, _poses, _sites, _splice, tie
-from knotfab.start.tight_knots import load_knot
+from knotfab.start.tie import KnotRoom, Tied, _poses, _sites, _splice, load_knot, tie
 from knotfab_formats.knot_names import parse_knot_name
 from knotfab_formats.scene import Piece, Scene
 from knotfab_formats.search import PRESETS

@@ -8,7 +8,7 @@ from knotfab.design.question import ask
 from knotfab.picture.read import read_target
 from knotfab.scene.catalogue import materials, resolve
 from knotfab.torch_forms.forms import TorchForms
-from knotfab.wire.frame import ENOUGH_IOU, measure_frame
+from knotfab.wire.plan import ENOUGH_IOU, measure_frame
 from knotfab_formats.scene import Material, Piece, ResolvedView, Scene
 
 STEEL = materials()["steel-wire-2mm"]

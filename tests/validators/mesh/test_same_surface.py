@@ -7,10 +7,14 @@ import numpy as np
 import pytest
 from validator_parts import trefoil, tube
 
-from knotfab_validators.files.beside import find_3mf
 from knotfab_validators.files.mesh import read_mesh
 from knotfab_validators.geometry.mesh import Mesh
-from knotfab_validators.mesh.same_surface import LIMIT_MM, check_same_3mf, compare_surfaces
+from knotfab_validators.mesh.same_surface import (
+    LIMIT_MM,
+    check_same_3mf,
+    compare_surfaces,
+    find_3mf,
+)
 from tests.corpus.files import encode
 from tests.corpus.parts import Body
 

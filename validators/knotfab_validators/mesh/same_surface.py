@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,11 +11,10 @@ import numpy as np
 from knotfab_validators.arrays import Array, Ints
 from knotfab_validators.check import Check, at_most, places, skip_check, spot, worst_apart
 from knotfab_validators.files.bad_file import BadFile
-from knotfab_validators.files.beside import find_3mf, is_own
 from knotfab_validators.files.mesh import read_mesh
 from knotfab_validators.geometry.mesh import Mesh
 
-__all__ = ["NAME", "SurfaceDifference", "check_same_3mf", "compare_surfaces"]
+__all__ = ["NAME", "SurfaceDifference", "check_same_3mf", "compare_surfaces", "find_3mf", "is_own"]
 
 NAME = "same_3mf"
 LIMIT_MM = 1e-3  # single precision at a metre rounds by 3e-5 mm, six decimals by 5e-7
@@ -119,3 +119,25 @@ def _first_corner_least(faces: Ints) -> Ints:
     """The same faces (m, 3), each begun at its corner of the least number."""
     first = faces.argmin(axis=1)[:, None]
     return np.asarray(np.take_along_axis(faces, (first + np.arange(3)) % 3, axis=1))
+
+
+PART = re.compile(r"part(-\d+)?")
+OWN = re.compile(r"part(-\d+)?|zoetrope")  # names that a build writes as STL and as 3MF
+
+
+def is_own(part: Path) -> bool:
+    """Tell whether a build writes files of that name: then the 3MF beside it is the same part."""
+    return OWN.fullmatch(part.stem) is not None
+
+
+def find_3mf(part: Path) -> list[Path]:
+    """The 3MF of the same name as an STL, and of a build's part its coloured one too, those there are.
+
+    `part-03.3mf` and `part-colours-03.3mf` beside `part-03.stl`; none beside other formats.
+    """
+    if part.suffix.lower() != ".stl":
+        return []
+    found = [part.with_suffix(".3mf")]
+    if own := PART.fullmatch(part.stem):
+        found.append(part.with_name(f"part-colours{own[1] or ''}.3mf"))
+    return [path for path in found if path.exists()]
