@@ -9,6 +9,7 @@ from knotfab.base.errors import InputError
 from knotfab.base.progress import Progress
 from knotfab.options import BuildOptions
 from knotfab.read_lamps import LampsCall, read_lamps
+from knotfab.scene.catalogue import resolve
 from knotfab.scene.load import dump_scene, parse_scene
 from knotfab_formats.scene import Scene, View
 
@@ -23,7 +24,7 @@ def draw(path: Path, *colours: str, width: int = 120) -> str:
 
 def call(scene: Scene, *sources: str, named: bool = False, **options: object) -> LampsCall:
     asked = BuildOptions(**options)  # type: ignore[arg-type]
-    return read_lamps(scene, sources, asked, None, Progress("quiet"), named=named)
+    return read_lamps(resolve(scene), sources, asked, None, Progress("quiet"), named=named)
 
 
 def test_one_picture_becomes_a_view_for_each_lamp(tmp_path: Path) -> None:
@@ -45,7 +46,8 @@ def test_one_picture_becomes_a_view_for_each_lamp(tmp_path: Path) -> None:
         v.model_copy(update={"picture": f.name})
         for v, f in zip(made.scene.views, files, strict=True)
     ]
-    scene = parse_scene(dump_scene(made.scene.model_copy(update={"views": tuple(views)})))
+    moved = made.scene.model_copy(update={"views": tuple(views)})
+    scene = resolve(parse_scene(dump_scene(moved)))
     names = tuple(v.picture for v in scene.views)
     again = read_lamps(scene, names, BuildOptions(), tmp_path, Progress("quiet"), named=True)
     assert again.scene == scene and again.told == ()

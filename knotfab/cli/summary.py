@@ -230,7 +230,7 @@ def print_catalogue(
         table.add_column(column, no_wrap=True)
     for name, m in materials.items():
         bend = m.min_bend_radius_mm
-        radius = f"{bend:g}" if isinstance(bend, float) else bend
+        radius = "auto" if bend is None else f"{bend:g}"
         more = (f"{m.density_g_cm3:g}", f"{m.young_modulus_mpa / 1000:g}", radius)
         table.add_row(escape(name), escape(title_of("material", name)), *more)
     console.print()

@@ -304,8 +304,7 @@ def _check_curves(curves: Curves, scene: Scene | None) -> list[Check]:
         checks = [check_thickness(curves, required)]
     if scene is None:
         return checks + [skip_check(name, "not given the scene") for name in ("bend", "length")]
-    own = scene.material.min_bend_radius_mm
-    bend = required if isinstance(own, str) else own
+    bend = scene.material.min_bend_radius_mm or required
     if bend is None:
         checks.append(skip_check("bend", "neither a bend radius nor the tube's radius is given"))
     else:
