@@ -76,7 +76,9 @@ def read_lamps(
     if mixing and len(sources) == 1 < len(scene.views):
         if any(view.cut_out for view in scene.views):
             why = "lamps that mix show all colours of their picture, and not a subject of it"
-            raise InputError("a subject (--subject)", why, "Cut it out beforehand, or leave it out.")
+            raise InputError(
+                "a subject (--subject)", why, "Cut it out beforehand, or leave it out."
+            )
         with progress.stage("picture"):
             targets, parted = read_masks(sources[0], scene, base)
         read = targets

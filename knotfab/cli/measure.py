@@ -5,7 +5,9 @@ from __future__ import annotations
 import webbrowser
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
 
 from knotfab.base.errors import InputError
 from knotfab.options import Flag, Names, Place, Whole, options_from
@@ -15,6 +17,7 @@ __all__ = ["compare", "shadow", "tradeoff", "validate"]
 
 def validate(
     part: Path | None = None,
+    /,
     *,
     knots: Path | None = None,
     scene: Path | None = None,
@@ -70,7 +73,7 @@ def validate(
     return verdict.exit_code
 
 
-def shadow(part: Path, *, scene: Path, out: Place, view: str | None = None) -> int:
+def shadow(part: Path, /, *, scene: Path, out: Place, view: str | None = None) -> int:
     """Render the shadow that a part casts in a scene, as a picture.
 
     Parameters
@@ -95,8 +98,9 @@ def shadow(part: Path, *, scene: Path, out: Place, view: str | None = None) -> i
 def compare(
     photo: Path,
     folder: Path,
+    /,
     *,
-    corners: tuple[str, str, str, str] | None = None,
+    corners: Annotated[tuple[str, str, str, str] | None, Parameter(negative="")] = None,
     click: Flag = False,
     view: str | None = None,
     out: Place = Path("knotfab-compare.png"),
