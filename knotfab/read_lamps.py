@@ -13,6 +13,7 @@ from knotfab.options import BuildOptions
 from knotfab.picture.read import Target, name_picture, plain_name, read_bytes, read_targets
 from knotfab.scene.lamps import COLOURS_FILE, require_lamps, with_lamps, with_small_lamps
 from knotfab.scene.require import require_several, require_start, require_tube
+from knotfab_formats.key import option_of
 from knotfab_formats.scene import Reading, ResolvedScene
 
 if TYPE_CHECKING:
@@ -74,11 +75,7 @@ def read_lamps(
             "Give one picture, or let lamps switch (--lamps switch).",
         )
     if mixing and len(sources) == 1 < len(scene.views):
-        if any(view.cut_out for view in scene.views):
-            why = "lamps that mix show all colours of their picture, and not a subject of it"
-            raise InputError(
-                "a subject (--subject)", why, "Cut it out beforehand, or leave it out."
-            )
+        _require_colours(scene)
         with progress.stage("picture"):
             targets, parted = read_masks(sources[0], scene, base)
         read = targets
@@ -117,3 +114,16 @@ def read_lamps(
     require_lamps(scene, "the scene's lamps")
     told = (*(() if parted is None else parted.lines), *told)
     return LampsCall(scene, targets, name, parted, told)
+
+
+def _require_colours(scene: ResolvedScene) -> None:
+    """Refuse keys that read a silhouette, but for a crop, where lamps show all colours of their picture.
+
+    Raises:
+        InputError: naming the option.
+    """
+    for key, usual in Reading():
+        if key != "crop_px" and any(getattr(view, key) != usual for view in scene.views):
+            _, name = option_of(Reading, key) or ("", "--subject")
+            why = "lamps that mix show all colours of their picture, each as it is"
+            raise InputError(name, why, "Change the picture beforehand, or leave it out.")

@@ -11,7 +11,7 @@ from knotfab.options import BuildOptions
 from knotfab.read_lamps import LampsCall, read_lamps
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.load import dump_scene, parse_scene
-from knotfab_formats.scene import Scene, View
+from knotfab_formats.scene import Reading, Scene, View
 
 
 def draw(path: Path, *colours: str, width: int = 120) -> str:
@@ -56,6 +56,16 @@ def test_one_picture_becomes_a_view_for_each_lamp(tmp_path: Path) -> None:
     assert again.targets[0].colours_png == made.parted.png
 
 
+@pytest.mark.parametrize("crop", [(0, 0, 90, 80), "auto"])
+def test_a_crop_holds_for_a_picture_in_colours(tmp_path: Path, crop: object) -> None:
+    picture = draw(tmp_path / "flag.png", "red", "blue")
+    made = call(Scene(views=(View(crop_px=crop),)), picture, lamps="rgb")
+    for target in made.targets:
+        rows, columns = target.mask.shape
+        assert (rows, columns) == (80, 90) if crop != "auto" else rows < 80 and columns < 100
+    assert all(view.crop_px == "none" for view in made.scene.views)  # the masks are cropped already
+
+
 def test_lamps_that_switch_have_a_picture_each(tmp_path: Path) -> None:
     one, other = draw(tmp_path / "a.png", "black"), draw(tmp_path / "b.png", "black", width=90)
     made = call(Scene(), one, other, lamps="switch")
@@ -89,12 +99,14 @@ def test_what_lamps_cannot_show_is_refused(
     [
         ({"sequence": True}, "frames have one lamp"),
         ({"lamps": "rgb"}, "a free view"),
-        ({"subject": "1,1,5,5"}, "not a subject of it"),
+        ({"subject_px": (1, 1, 5, 5)}, r"--subject: lamps that mix show all colours"),
+        ({"speck_px": 9}, r"--specks: lamps that mix"),
+        ({"ink": "dark"}, r"--ink: lamps that mix"),
     ],
 )
 def test_what_does_not_go_with_lamps_is_refused(options: dict[str, object], why: str) -> None:
     scene = Scene(search={"free_view": True}) if "lamps" in options else Scene()
-    if options.pop("subject", None):
-        scene = Scene(views=(View(subject_px=(1, 1, 5, 5)),))
+    reading = {k: options.pop(k) for k in [*options] if k in Reading.model_fields}
+    scene = scene.but(views=(View(**reading),)) if reading else scene
     with pytest.raises(InputError, match=why):
         call(scene, "a.png", **{"lamps": "rgb", **options})

@@ -26,6 +26,7 @@ from scipy.ndimage import (
 from knotfab.base.arrays import Array, Mask
 from knotfab.base.errors import InputError, shown
 from knotfab.picture.data_uri import encode_image
+from knotfab.picture.raster import crop_image
 from knotfab.picture.read import Target, name_picture, read_image
 from knotfab.picture.silhouette import resample_mask
 from knotfab_formats.scene import ResolvedScene
@@ -184,8 +185,9 @@ def read_masks(
     """
     names = [view.name for view in scene.views]
     colours = np.array([view.lamp_colour for view in scene.views])
+    image, _ = crop_image(read_image(source, base=base), shown(source), scene.views[0])
     found = separate(
-        read_image(source, base=base),
+        image,
         names,
         colours,
         shown(source),

@@ -25,6 +25,7 @@ __all__ = [
     "SUFFIXES",
     "check_shape",
     "count_frames",
+    "crop_image",
     "decode",
     "looks_like_raster",
     "own_box",
@@ -242,12 +243,7 @@ def silhouette(
     Raises:
         InputError: no shape, nothing but specks, or a shape that fills the whole frame.
     """
-    box = None if reading.crop_px == "none" else reading.crop_px
-    if box == "auto":
-        whole, *_ = silhouette(image, what, reading.but(crop_px="none"))
-        box = own_box(whole)
-    if box is not None:
-        image = _crop(image, box, what)
+    image, box = crop_image(image, what, reading)
     mask, rule = find_ink(image, reading, what)
     if reading.invert:
         mask, rule = ~mask, f"all but {rule}"
@@ -276,6 +272,15 @@ def own_box(mask: Mask) -> Box:
     right = min(width, int(columns[-1]) + 1 + margin)
     bottom = min(height, int(rows[-1]) + 1 + margin)
     return left, top, right - left, bottom - top
+
+
+def crop_image(image: Image.Image, what: str, reading: Reading) -> tuple[Image.Image, Box | None]:
+    """The part of a picture that is read, and its box in px; as for `silhouette`."""
+    box = None if reading.crop_px == "none" else reading.crop_px
+    if box == "auto":
+        whole, *_ = silhouette(image, what, reading.but(crop_px="none"))
+        box = own_box(whole)
+    return (image, None) if box is None else (_crop(image, box, what), box)
 
 
 def _crop(image: Image.Image, box: Box, what: str) -> Image.Image:
