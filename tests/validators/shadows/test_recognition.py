@@ -108,7 +108,7 @@ def test_a_hole_that_many_strands_cross_is_one_thing_to_see() -> None:
     places = [72 + 50 * k for k in range(8)]
     slot = judge(plate(*places), plate())
     assert slot.bridged_gaps == 8 and slot.word == "coarse"
-    assert "8 changes to 4 pieces and holes" in slot.reasons  # that it is not good
+    assert "8 changes to its 4 pieces and holes" in slot.reasons  # that it is not good
     # as many holes crossed once each are as many things
     for parts, repeated in ((1, 7), (2, 6), (8, 0)):
         gaps = find_changes(plate(*places, parts=parts), plate(parts=parts), 2.0)
@@ -339,9 +339,8 @@ def test_a_short_stray_strand_is_coarse_too() -> None:
     stray, stub = (draw(LARGE, strokes=((180, 290, 180, y, 14),)) for y in (340, 318))
     assert judge(stray, target).word == "coarse" and judge(stub, target).word != "coarse"
     (reason,) = [r for r in judge(stray, target).reasons if "leads off" in r]
-    assert float(reason.split(" tube radii")[0].split()[-1]) == pytest.approx(
-        40 / RADIUS_PX, rel=0.1
-    )
+    off_mm = float(reason.split(" mm")[0].split()[-1])
+    assert off_mm == pytest.approx(40 * 180 / SIZE, rel=0.1)
 
 
 def test_what_is_lost_comes_by_its_length_and_tips_are_among_it() -> None:

@@ -176,6 +176,7 @@ def recognise(
     shapes = [c.likeness for c in single if isinstance(c, Shape)]
     facts = _Facts(
         iou=iou,
+        radius_mm=radius_px * scale.mm,
         outline_radii=off_px / radius_px,
         tips=len(tips),
         touching=touching,
@@ -266,6 +267,7 @@ def check_recognisable(verdict: Recognition | None, *, accepted: bool) -> Check:
 @dataclass(frozen=True)
 class _Facts:
     iou: float
+    radius_mm: float  # half the width of the tube's shadow on the wall
     outline_radii: float
     tips: int
     touching: int
@@ -309,12 +311,17 @@ class _Facts:
             few = len(wide) <= LOST_FEW * self.features and share <= 0.5 * rule.lost_share
             lost = not few or sum(area for _, area in self.lost) > rule.lost_share
         much = self.hurt > rule.hurt or not rule.hurt
+        of_it = "one piece" if self.features == 1 else f"{self.features} pieces and holes"
+
+        def in_mm(radii: float) -> str:
+            return f"{radii * self.radius_mm:.1f} mm"
+
         said = {
             f"IoU {self.iou:.3f}, below {rule.iou:g}": self.iou < rule.iou,
-            f"outline off by {self.outline_radii:.1f} tube radii, above {rule.outline_radii:g}": (
+            f"the outline is off by {in_mm(self.outline_radii)}, above {in_mm(rule.outline_radii)}": (
                 self.outline_radii > rule.outline_radii and much
             ),
-            f"a strand or gap leads off by {self.astray:.1f} tube radii, above {rule.astray_radii:g}": (
+            f"a strand or gap leads off by {in_mm(self.astray)}, above {in_mm(rule.astray_radii)}": (
                 self.astray > rule.astray_radii
             ),
             _name("tip", self.tips): self.tips > rule.cut * self.features,
@@ -323,9 +330,7 @@ class _Facts:
                 self.touching > 0 and not rule.touching
             ),
             f"lost pieces or holes up to {self.widest_lost:.1f} tubes wide": lost,
-            f"{_tell(changes, 'change')} to {_tell(self.features, 'piece')} and holes": changes
-            > most
-            and much,
+            f"{_tell(changes, 'change')} to its {of_it}": changes > most and much,
             f"a piece or hole {self.shape:.3f} alike, below {rule.shape:g}": self.shape
             < rule.shape,
             _name("shape", self.misshapen): self.misshapen > rule.misshapen * self.features,
