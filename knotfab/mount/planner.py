@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -19,7 +19,7 @@ __all__ = ["PEGS", "Planned", "plan_members"]
 
 TRIED_VISIBLE = 6  # candidates that darken pixels are tried before one is added
 LOOKED_AT = 400  # candidates of highest promise among which those are sought
-IDLE_ROUNDS = 4  # rounds in which nothing helps, before the search ends
+IDLE_ROUNDS = 4  # times that nothing helps, one after another, before the search ends
 DEAR_SHARE = 1e-5  # a share of the frame: a member that darkens so much must help twice as much
 THICKER = 1.15  # factor of a visible member's radius when it is thickened
 MOST_SHARE = 0.95  # a member's largest radius over the tube's
@@ -66,79 +66,119 @@ def plan_members(
         manner: how candidates are weighed; `BRACES` by default.
     """
     manner = manner or BRACES
-    dear = DEAR_SHARE * max(shadows.pixels, 1.0)
-    shown = np.flatnonzero(visible)
-    cost = np.zeros(len(candidates))
-    cost[shown] = shadows.cost(candidates.of(shown))
-    search = _Search(candidates, way, manner.apart_radii * knots.radius_mm)
     piece = _Piece(knots, sites, given, stiffness)
+    search = _Search(candidates, way, manner.apart_radii * knots.radius_mm)
+    unasked = np.zeros(len(given) if settled else 0)  # what settled members darken matters no more
+    most_mm = MOST_SHARE * knots.radius_mm
+    plan = _Plan(way, shadows, candidates, visible, manner, given, unasked, search, most_mm)
     limit = manner.wanted * stiffness.max_sag_mm
-    members, taken = given, list[int]()
-    best, least, idle = (members, taken), np.inf, 0
-    # the share of the frames that each member alone darkens, summed; none is asked once that is settled
-    seen = np.zeros(len(given) if settled else 0)
+    best, least = (given, plan.taken), np.inf
     while True:
-        moved, sag, _ = piece.on(members)
+        moved, sag, _ = piece.on(plan.members)
         if sag < least:
-            least, best = sag, (members, taken)
-        if sag <= limit or len(members) >= len(given) + MOST or idle >= IDLE_ROUNDS:
+            least, best = sag, (plan.members, plan.taken)
+        if sag <= limit or len(plan.members) >= len(given) + MOST:
             break
-        promise = manner.rank(piece.frame, sites, candidates, moved, manner.norm)
-        promise = promise / (1 + cost / dear)
-        for n in range(len(seen), len(members)):
-            seen = np.append(seen, shadows.darken(members.of([n])).sum())
-        old = np.flatnonzero(seen > SEEN_SHARE)
-        thicker = members.of(old).thicken(THICKER, MOST_SHARE * knots.radius_mm)
-        clear = np.array([way.clear(thicker.of([i]), but=int(n))[0] for i, n in enumerate(old)])
-        use = np.flatnonzero(clear & (thicker.radius > members.radius[old])) if len(old) else old
-        old, thicker = old[use], thicker.of(use)
-        dark = seen[old] * shadows.pixels
-        while idle < IDLE_ROUNDS:
-            hidden = search.best(promise, ~visible, manner.tried)
-            tried = np.concatenate([hidden, search.best(promise, visible, TRIED_VISIBLE)])
-            every = join([candidates.of(tried), thicker])
-            before = np.concatenate([np.zeros(len(tried)), members.radius[old]])
-            gain = piece.gains(every, before, moved, manner)
-            price = np.concatenate(
-                [cost[tried], (thicker.radius / before[len(tried) :] - 1) * dark]
-            )
-            worth = np.where(gain >= manner.least_gain, gain, 0.0) / (1 + price / dear)
-            if len(worth) and worth.max() > 0:
-                break
-            search.spoiled += tried.tolist()
-            idle += 1
-        else:
-            continue
-        idle = 0
-        pick = int(worth.argmax())
-        one = every.of([pick])
-        if pick < len(tried):
-            taken = [*taken, int(tried[pick])]
-            search.blocked[taken[-1]] = True
-            way.add(one)
-            members = join([members, one])
-        else:
-            number = int(old[pick - len(tried)])
-            members = members.with_radius(number, float(one.radius[0]))
-            way.members = members
-            seen[number] = shadows.darken(one).sum()
-        search.afresh()
-        if price[pick] > 0:
-            shadows.add(one)
-            cost[shown] = shadows.cost(candidates.of(shown))
-    thinnest = float(candidates.radius[shown].min()) if len(shown) else np.inf
+        change = plan.find_change(piece, moved)
+        if change is None:
+            break
+        plan.make(change)
     members, taken = best
-    shown_by = np.array(
-        [
-            0.0 if settled and n < len(given) else shadows.darken(members.of([n])).sum()
-            for n in range(len(members))
-        ]
-    )
-    left, members = _prune(piece, members, shown_by, limit, thinnest)
+    thinnest = float(candidates.radius[visible].min(initial=np.inf))
+    left, members = _prune(piece, members, plan.seen_of(members, unasked), limit, thinnest)
     _, sag, at = piece.on(members, left)
-    return Planned(
-        members.of(left), np.array(taken, dtype=np.int64)[left[len(given) :] - len(given)], sag, at
-    )
+    new = left[len(given) :] - len(given)
+    return Planned(members.of(left), np.array(taken, dtype=np.int64)[new], sag, at)
+
+
+@dataclass(frozen=True)
+class _Change:
+    """A candidate that is added, or a member that is made thicker: its number, and how it is then."""
+
+    number: int
+    added: bool
+    member: Candidates
+    pixels: float  # that the change darkens
+
+
+@dataclass
+class _Plan:
+    """The members by now and the candidates taken for them, and what they and the candidates darken."""
+
+    way: Way
+    shadows: MountShadows
+    candidates: Candidates
+    visible: Mask
+    manner: Manner
+    members: Candidates
+    seen: Array  # what each of the first members alone darkens, as `seen_of` says
+    search: _Search
+    most_mm: float  # of a radius
+    taken: list[int] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.dear = DEAR_SHARE * max(self.shadows.pixels, 1.0)
+        self.shown = np.flatnonzero(self.visible)
+        self.cost = np.zeros(len(self.candidates))
+        self.weigh()
+
+    def weigh(self) -> None:
+        """Ask what the candidates that may show would darken now."""
+        self.cost[self.shown] = self.shadows.cost(self.candidates.of(self.shown))
+
+    def seen_of(self, members: Candidates, known: Array) -> Array:
+        """(n,) the share of the frames, summed, that each member alone darkens; `known` of the first ones."""
+        asked = range(len(known), len(members))
+        return np.append(known, [self.shadows.darken(members.of([n])).sum() for n in asked])
+
+    def find_change(self, piece: _Piece, moved: Array) -> _Change | None:
+        """The change that helps most for its price, where one helps at all."""
+        manner, search = self.manner, self.search
+        promise = manner.rank(piece.frame, piece.sites, self.candidates, moved, manner.norm)
+        promise = promise / (1 + self.cost / self.dear)
+        old, thicker, dearer = self._thicker()
+        for _ in range(IDLE_ROUNDS):
+            hidden = search.best(promise, ~self.visible, manner.tried)
+            tried = np.append(hidden, search.best(promise, self.visible, TRIED_VISIBLE))
+            every = join([self.candidates.of(tried), thicker])
+            before = np.append(np.zeros(len(tried)), self.members.radius[old])
+            price = np.append(self.cost[tried], dearer)
+            gain = piece.gains(every, before, moved, manner)
+            worth = np.where(gain >= manner.least_gain, gain, 0.0) / (1 + price / self.dear)
+            if len(worth) and worth.max() > 0:
+                pick = int(worth.argmax())
+                number = int(np.append(tried, old)[pick])
+                return _Change(number, pick < len(tried), every.of([pick]), float(price[pick]))
+            search.spoiled += tried.tolist()
+        return None
+
+    def _thicker(self) -> tuple[Indices, Candidates, Array]:
+        """The members that show and have room: their numbers, the same made thicker, the prices (pixels)."""
+        self.seen = self.seen_of(self.members, self.seen)
+        old = np.flatnonzero(self.seen > SEEN_SHARE)
+        thicker = self.members.of(old).thicken(THICKER, self.most_mm)
+        room = [self.way.clear(thicker.of([i]), but=int(n))[0] for i, n in enumerate(old)]
+        use = np.array(room, dtype=bool) & (thicker.radius > self.members.radius[old])
+        old, thicker = old[use], thicker.of(use)
+        more = thicker.radius / self.members.radius[old] - 1
+        return old, thicker, more * (self.seen[old] * self.shadows.pixels)
+
+    def make(self, change: _Change) -> None:
+        """Add the candidate, or thicken the member; what lies in its shadow costs less from now on."""
+        one, number = change.member, change.number
+        if change.added:
+            self.taken = [*self.taken, number]
+            self.search.blocked[number] = True
+            self.way.add(one)
+            self.members = join([self.members, one])
+        else:
+            self.members = self.members.with_radius(number, float(one.radius[0]))
+            self.way.members = self.members
+            self.seen[number] = self.shadows.darken(one).sum()
+        self.search.afresh()
+        if change.pixels > 0:
+            self.shadows.add(one)
+            self.weigh()
 
 
 class _Piece:
@@ -176,9 +216,8 @@ class _Search:
         self.candidates, self.way, self.apart = candidates, way, apart_mm
         self.blocked = np.zeros(len(candidates), dtype=bool)  # something is in the way, for good
         self.free = np.zeros(len(candidates), dtype=bool)  # nothing is in the way by now
-        self.spoiled: list[
-            int
-        ] = []  # candidates that help nothing till the members change; nor do their neighbours
+        # candidates that help nothing till the members change; nor do their neighbours
+        self.spoiled: list[int] = []
 
     def best(self, promise: Array, group: Mask, most: int) -> Indices:
         """Up to `most` clear candidates of a group, of high promise, and well apart."""
