@@ -319,7 +319,10 @@ def test_a_build_that_was_stopped_goes_on_from_its_knots(
     client: TestClient, runs: Path, tmp_path: Path
 ) -> None:
     refuse(ask(client, "/api/build"), 422, "no picture is chosen")
-    build(client, "wait", "running")
+    with client.websocket_connect(LIVE) as page:
+        build(client, "wait", "running")
+        while page.receive_json()["event"] != "knots":
+            pass
     client.post("/api/stop", json={})
     state = wait_for(client, "stopped")
     assert state["can_go_on"]
