@@ -12,16 +12,16 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import ValidationError
 
 from knotfab.base.disk import read_text
 from knotfab.base.errors import InputError
 from knotfab.geometry.polylines import Polylines, polylines_of
+from knotfab_formats.knots import KnotsFile, why_no_knots
 
 __all__ = ["Knot", "Knots", "count_in_words", "read_knots", "read_start"]
 
 _FEWEST = 8  # vertices of a knot that a search goes on from
-
-
 _DIGITS = 6  # digits of a radius in mm that was scaled and back
 _RIGID = 1e-9  # the error of a matrix that does not scale
 
@@ -71,26 +71,21 @@ class Knots:
             self.radius_mm if abs(scale - 1) < _RIGID else scale * self.radius_mm,
         )
 
-    def to_dict(self) -> dict[str, Any]:
-        """The content of knots.json (contract: schema 1)."""
-        return {
-            "schema": 1,
-            "unit": "mm",
-            "radius_mm": self.radius_mm,
-            "knots": [
-                {"closed": k.closed, "type": k.type, "points": k.points.tolist()}
-                for k in self.knots
-            ],
-        }
+    def to_file(self, **more: Any) -> KnotsFile:
+        """The content of knots.json, with more of its keys."""
+        knots = [
+            {"closed": k.closed, "type": k.type, "points": k.points.tolist()} for k in self.knots
+        ]
+        held = {"schema": 1, "unit": "mm", "radius_mm": self.radius_mm, "knots": knots}
+        return KnotsFile.model_validate({**held, **more})
 
     def write(self, path: Path, members: Sequence[Mapping[str, Any]] = ()) -> None:
         """Write knots.json, with the members of the part's mount if it has any (`Mounted.members`)."""
-        more = {"members": list(members)} if members else {}
-        path.write_text(json.dumps({**self.to_dict(), **more}))
+        path.write_text(self.to_file(**({"members": members} if members else {})).dumps())
 
     def dump_start(self) -> str:
         """The text of a start, for knots in the scene: at full precision, a search can go on from them."""
-        return json.dumps({**self.to_dict(), "coordinates": "scene"})
+        return self.to_file(coordinates="scene").dumps()
 
 
 def count_in_words(count: int) -> str:
@@ -102,34 +97,21 @@ def read_knots(path: Path) -> Knots:
     """The knots of a knots.json or a start, in the coordinates that they are written in.
 
     Raises:
-        OSError, ValueError, KeyError, TypeError, AttributeError: it cannot be read, or is no such file.
+        OSError, ValueError, RecursionError: it cannot be read, or is no such file.
     """
-    return _knots_from(json.loads(path.read_text(encoding="utf-8")))
+    return _knots_from(KnotsFile.model_validate(json.loads(path.read_text(encoding="utf-8"))))
 
 
-def _knots_from(raw: Any) -> Knots:
-    return Knots(
-        tuple(
-            Knot(np.array(k["points"], dtype=np.float64), str(k["type"]), k["closed"] is True)
-            for k in raw["knots"]
-        ),
-        float(raw["radius_mm"]),
-    )
+def _knots_from(held: KnotsFile) -> Knots:
+    if held.radius_mm is None:
+        raise _Unfit("it has no radius_mm")
+    points = [np.array(k.points, dtype=np.float64).reshape(-1, 3) for k in held.knots]
+    knots = zip(points, held.knots, strict=True)
+    return Knots(tuple(Knot(p, k.promise, k.closed) for p, k in knots), held.radius_mm)
 
 
 class _Unfit(ValueError):
     """Knots that a search cannot go on from."""
-
-
-_NO_KNOTS = (
-    ValueError,
-    KeyError,
-    TypeError,
-    AttributeError,
-    IndexError,
-    OverflowError,
-    RecursionError,
-)
 
 
 def read_start(path: Path) -> Knots:
@@ -146,20 +128,21 @@ def read_start(path: Path) -> Knots:
     )
     try:
         path = path / "knots.json" if os.path.isdir(path) else path
-        raw = json.loads(read_text(path, str(path), "file of knots", remedy))
-        found = _knots_from(raw)
-        closed = all(k.closed for k in found.knots) and bool(found.knots)
-        shapes = [k.points.ndim == 2 and k.points.shape[1] == 3 for k in found.knots]
-        if not (closed and all(shapes) and all(len(k.points) >= _FEWEST for k in found.knots)):
+        text = read_text(path, str(path), "file of knots", remedy)
+        held = KnotsFile.model_validate(json.loads(text))
+        found = _knots_from(held)
+        if not all(k.closed and len(k.points) >= _FEWEST for k in found.knots):
             raise _Unfit("it holds no closed knots")
-        if raw.get("coordinates") != "scene":  # they lie as their part is printed
+        if held.coordinates != "scene":  # they lie as their part is printed
             found = found.moved(_read_pose(path))
             # a printer's thinnest tube stays that when it was enlarged and is not any more
             found = Knots(found.knots, round(found.radius_mm, _DIGITS))
         if not (np.isfinite(found.points).all() and 0 < found.radius_mm < np.inf):
             raise _Unfit("a number in it is not finite")
-    except _NO_KNOTS as error:
+    except (ValueError, RecursionError) as error:
         why = str(error) if isinstance(error, _Unfit) else "it is no file of knots"
+        if isinstance(error, ValidationError):
+            why += f": {why_no_knots(error)}"
         raise InputError(str(path), why, remedy) from error
     return found
 

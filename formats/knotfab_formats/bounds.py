@@ -16,6 +16,7 @@ from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 __all__ = [
     "AUTO",
+    "MOST_COORDINATE_MM",
     "MOST_MM",
     "Angle",
     "Auto",
@@ -44,7 +45,7 @@ __all__ = [
 ]
 
 MOST_MM, LEAST_MM = 1e5, 1e-3  # the shadow on a tower; a thousandth of a hair
-_MOST_MM = 1e7  # coordinates, and a tube's length
+MOST_COORDINATE_MM = 1e7  # coordinates, and a tube's length
 _FAR_MM = 1e9  # a lamp that stands for the sun, and the radius of a wall that is all but flat
 _MOST_WHOLE = 10**9
 
@@ -78,8 +79,8 @@ Number = Annotated[float, Strict()]
 Length = Annotated[float, Strict(), Field(ge=LEAST_MM, le=MOST_MM)]
 Spread = Annotated[float, Strict(), Field(ge=0, le=MOST_MM)]  # a length that may be nothing
 LampDistance = Annotated[float, Strict(), Field(ge=LEAST_MM, le=_FAR_MM)]
-TubeLength = Annotated[float, Strict(), Field(ge=1, le=_MOST_MM)]
-Coordinate = Annotated[float, Strict(), Field(ge=-_MOST_MM, le=_MOST_MM)]
+TubeLength = Annotated[float, Strict(), Field(ge=1, le=MOST_COORDINATE_MM)]
+Coordinate = Annotated[float, Strict(), Field(ge=-MOST_COORDINATE_MM, le=MOST_COORDINATE_MM)]
 Shift = Annotated[float, Strict(), Field(ge=-MOST_MM, le=MOST_MM)]
 WallRadius = Annotated[
     float, Strict(), Field(ge=-_FAR_MM, le=_FAR_MM), AfterValidator(_not_nothing)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import re
 
-__all__ = ["InputError", "KnotfabError", "shown", "spelled"]
+__all__ = ["InputError", "KnotfabError", "short", "shown", "spelled"]
 
 _MOST_SHOWN = 600  # characters quoted of the subject of a sentence
+_MOST_QUOTED = 80  # characters quoted of a file, in a sentence about it
 
 
 def shown(text: object) -> str:
@@ -21,6 +22,17 @@ def shown(text: object) -> str:
     ]
     plain = "".join(signs)
     return plain if len(plain) <= _MOST_SHOWN else f"{plain[:_MOST_SHOWN]} …"
+
+
+def short(thing: object) -> str:
+    """Quote a file in a sentence: on one line, and cut where it is long."""
+    try:
+        text = thing if isinstance(thing, str) else str(thing)
+    except (ValueError, RecursionError):  # a number of thousands of digits; lists in lists
+        return "something too long to be shown"
+    shown = text[: _MOST_QUOTED + 1]
+    shown = "".join(c if c.isprintable() else "?" for c in shown)
+    return shown if len(text) <= _MOST_QUOTED else shown[:_MOST_QUOTED] + "..."
 
 
 def spelled(text: str) -> str:

@@ -360,7 +360,7 @@ def _read_knots(path: Path, scene: Scene) -> Knots | None:
         found = read_knots(path).moved(np.array(scene.pose.matrix))
         if not np.isfinite(found.points).all():
             raise ValueError("a number in it is not finite")
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, IndexError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise InputError(
             str(path), "it is damaged", "Remove it, or name another folder that a build wrote."
         ) from error

@@ -120,10 +120,6 @@ class _Plan:
         self.dear = DEAR_SHARE * max(self.shadows.pixels, 1.0)
         self.shown = np.flatnonzero(self.visible)
         self.cost = np.zeros(len(self.candidates))
-        self.weigh()
-
-    def weigh(self) -> None:
-        """Ask what the candidates that may show would darken now."""
         self.cost[self.shown] = self.shadows.cost(self.candidates.of(self.shown))
 
     def seen_of(self, members: Candidates, known: Array) -> Array:
@@ -178,7 +174,7 @@ class _Plan:
         self.search.afresh()
         if change.pixels > 0:
             self.shadows.add(one)
-            self.weigh()
+            self.cost[self.shown] = self.shadows.cost(self.candidates.of(self.shown))
 
 
 class _Piece:
@@ -256,8 +252,7 @@ def _norm(moved: Array, norm: float) -> Array:
     """(...,) the norm of displacements (..., n, 3)."""
     size = np.linalg.norm(moved, axis=-1)
     largest = size.max(axis=-1, keepdims=True)
-    found: Array = largest[..., 0] * ((size / largest) ** norm).sum(axis=-1) ** (1 / norm)
-    return found
+    return np.asarray(largest[..., 0] * ((size / largest) ** norm).sum(axis=-1) ** (1 / norm))
 
 
 def _promise(
@@ -280,8 +275,7 @@ def _promise(
         there = np.where(real[:, None], u[candidates.second, :3], 0.0)
         here = u[candidates.first]
         apart.append(there - here[:, :3] - np.cross(here[:, 3:], lever))
-    promise: Array = np.einsum("ij,ij->i", apart[0], apart[1])
-    return promise
+    return np.asarray(np.einsum("ij,ij->i", apart[0], apart[1]))
 
 
 def _nearness(

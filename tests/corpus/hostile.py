@@ -287,7 +287,7 @@ def _make_by_hand() -> Iterator[Hostile]:
     yield Hostile(
         "closed.json", _knots("[[0,0,0],[9,0,0],[9,9,0],[0,0,0]]"), "points 3 and 0 coincide"
     )
-    yield Hostile("plane.json", _knots("[[0,0],[1,0],[0,1]]"), "at least 3")
+    yield Hostile("plane.json", _knots("[[0,0],[1,0],[0,1]]"), "point 0 is not")
     yield Hostile("few.json", _knots("[[0,0,0],[1,0,0]]"), "at least 3")
     yield Hostile("word.json", _knots('"abc"'), None)
     yield Hostile("number.json", b'{"schema": 1, "knots": [7]}', "knot 0 has no points")

@@ -83,7 +83,7 @@ def test_a_part_without_a_pose_is_no_start(tmp_path: Path, scene: str | None) ->
     ("changed", "why"),
     [
         ({"knots": [{"closed": True, "type": "unknot", "points": []}]}, "no closed knots"),
-        ({"knots": [{"closed": True, "type": "unknot", "points": [[0, 0]] * 9}]}, "no closed knots"),
+        ({"knots": [{"closed": True, "type": "unknot", "points": [[0, 0]] * 9}]}, "knot 0: points must be"),
         ({"radius_mm": 10**400}, "no file of knots"),
     ],
 )  # fmt: skip
@@ -126,12 +126,12 @@ def test_a_start_thinner_than_the_printer_prints_is_refused(tmp_path: Path) -> N
     ("changed", "why"),
     [
         ({"coordinates": "print"}, "lie as they are printed, and no start.toml"),
-        ({"knots": []}, "no closed knots"),
+        ({"knots": []}, "no file of knots: .* at least one knot"),
         ({"knots": [{"closed": False, "type": "open", "points": TREFOIL.tolist()}]}, "no closed knots"),
         ({"knots": [{"closed": True, "type": "unknot", "points": [[0, 0, 0]]}]}, "no closed knots"),
-        ({"radius_mm": float("nan")}, "not finite"),
-        ({"radius_mm": None}, "no file of knots"),
-        ({"knots": 3}, "no file of knots"),
+        ({"radius_mm": float("nan")}, "radius_mm must be a number above 0, got nan"),
+        ({"radius_mm": None}, "no radius_mm"),
+        ({"knots": 3}, "no file of knots: knots must be a list"),
     ],
 )  # fmt: skip
 def test_what_is_no_start(tmp_path: Path, changed: dict[str, Any], why: str) -> None:

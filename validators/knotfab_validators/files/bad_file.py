@@ -5,6 +5,8 @@ from __future__ import annotations
 import stat
 from pathlib import Path
 
+from knotfab_formats.errors import short
+
 __all__ = ["DECIMAL_COMMA", "MOST_MM", "MOST_TRIANGLES", "BadFile", "read_bytes", "short"]
 
 MOST_TRIANGLES = 20_000_000
@@ -15,22 +17,9 @@ MOST_MM = 1e7
 
 DECIMAL_COMMA = "its numbers have decimal commas, such as 1,5: export it with decimal points"
 
-MOST_SHOWN = 80  # characters quoted of a file, in a sentence about it
-
 
 class BadFile(ValueError):
     """A file that cannot be read; the message is one sentence that names it."""
-
-
-def short(thing: object) -> str:
-    """Quote a file in a sentence: on one line, and cut where it is long."""
-    try:
-        text = thing if isinstance(thing, str) else str(thing)
-    except (ValueError, RecursionError):  # a number of thousands of digits; lists in lists
-        return "something too long to be shown"
-    shown = text[: MOST_SHOWN + 1]
-    shown = "".join(c if c.isprintable() else "?" for c in shown)
-    return shown if len(text) <= MOST_SHOWN else shown[:MOST_SHOWN] + "..."
 
 
 def read_bytes(path: Path, most: int) -> bytes:
