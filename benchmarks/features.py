@@ -209,7 +209,10 @@ ROWS: tuple[Row, ...] = (
         lambda f: len(f.files("subject-*.png")) == len(f.scene["views"]),
         options=(("subject", "8,8,144,144"),),
         passes=False,
-        refused=(("sequence", "not of all frames"), ("coloured lamps", "all colours of their picture")),
+        refused=(
+            ("sequence", "not of all frames"),
+            ("coloured lamps", "all colours of their picture"),
+        ),
     ),
     Row(
         "plates",
