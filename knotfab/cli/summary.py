@@ -43,7 +43,7 @@ _WORDS = {"faithful": "green", "good": "green", "coarse": "yellow", "not recogni
 _STATES = {"ok": "[green]ok[/]", "missing": "[red]missing[/]", "warning": "[yellow]warning[/]"}
 
 UNABLE = (
-    "A required check could not run on this machine: knotfab doctor says what it lacks; "
+    "A required check did not run: its line says why. What this machine lacks knotfab doctor says; "
     "--skip shadow-render goes on without rendering."
 )
 

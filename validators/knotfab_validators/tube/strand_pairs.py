@@ -15,7 +15,9 @@ __all__ = ["Samples", "StrandPairs", "sample_curves", "strand_pairs"]
 
 MOST_SAMPLES = 200_000  # the limit on absurdly long curves
 MOST_STEPS = 10_000
-MOST_MOVES = 4_000_000  # moves of pairs, all steps together; a part of 8 m takes half a million
+MOST_MOVES = (
+    20_000_000  # moves of pairs, all steps together; 11 m of a thin tube take 4 million, in 4 s
+)
 MOST_PAIRS = 20_000_000
 STEPS = tuple((a, b) for a in (-1, 0, 1) for b in (-1, 0, 1) if a or b)
 
