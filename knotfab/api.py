@@ -107,20 +107,15 @@ def build(
 @contextmanager
 def _in_keywords(place: str) -> Iterator[None]:
     """Let errors name options as the call does, `tube_radius=2` for `--tube-radius 2`, and hide a folder."""
-
     from knotfab.options import BuildOptions
 
     def keyword(found: Match[str]) -> str:
         name, value = found[1].replace("-", "_"), found[2]
         if name != "print" and name not in BuildOptions.__dataclass_fields__:
             return found[0]
-        return (
-            f"{name}={value!r}"
-            if value and value.islower()
-            else f"{name}={value}"
-            if value
-            else name
-        )
+        if not value:
+            return name
+        return f"{name}={value!r}" if value.islower() else f"{name}={value}"
 
     def plain(sentence: str) -> str:
         sentence = sentence.replace(place, "")

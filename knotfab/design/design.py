@@ -310,7 +310,7 @@ def choose_tube(
         SceneError: the printer makes no tube as thin as the scene asks for, or no tube draws the pictures.
     """
     piece = question.scene.piece
-    knots = question.scene.piece.knots
+    knots = piece.knots
     choice: RadiusChoice | None = None
     if settings.start:
         knots_then = read_start(Path(settings.start))

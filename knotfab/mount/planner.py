@@ -113,7 +113,7 @@ class _Plan:
     members: Candidates
     seen: Array  # what each of the first members alone darkens, as `seen_of` says
     search: _Search
-    most_mm: float  # of a radius
+    most_mm: float  # no member is made thicker than this radius
     taken: list[int] = field(default_factory=list)
 
     def __post_init__(self) -> None:

@@ -127,22 +127,23 @@ def seed_curves(
     if not pieces:
         return []
     corners = [_corners(lattice, p) for p in pieces]
+    every = np.concatenate(corners)
     seeds: list[Indices] = []
     taken = np.zeros(len(lattice.nodes), dtype=bool)
     if knot is not None:
         place = find_place(lattice, np.unique(pieces[0]), knot)
         if place is None:
             return []
-        seeds, corners[0] = [place], corners[0][:0]
+        seeds.append(place)
         taken[place] = True
-    for squares in corners:  # pieces may touch at a node, where no two curves may begin
+        every = every[~taken[every].any(1)]
+    for squares in corners[
+        len(seeds) :
+    ]:  # pieces may touch at a node, where no two curves may begin
         free = squares[~taken[squares].any(1)]
         if len(free):
             seeds.append(free[len(free) // 2])
             taken[seeds[-1]] = True
-    every = np.concatenate([_corners(lattice, p) for p in pieces])
-    if knot is not None:
-        every = every[~np.isin(every, seeds[0]).any(1)]
     middle = lattice.nodes[every].mean(1)
     while len(seeds) < (knots or 0) and len(every):
         apart = np.min(

@@ -41,6 +41,8 @@ __all__ = [
 
 # wire radii from the centre line, across the light's rays; a fit keeps to less where it must
 TOLERANCE_RADII = 1.1
+ENOUGH_IOU = 0.95  # the IoU of the picture and the best that strands as thick as the wire can fill
+LARGEST = 64.0  # frames beyond which no width is sought
 IOU_LOSS = 0.02  # the IoU that straights and bends of one radius may cost
 # shares of the tolerance, tried in turn while one spoils the shadow
 _FIT_SHARES = 0.97, 0.8, 0.65, 0.45
@@ -291,10 +293,6 @@ def _list_facts(found: tuple[BentWire, ...], material: Material, tolerance: floa
         f"The wire may be {tolerance:g} mm beside the line.",
     ]
     return lines
-
-
-ENOUGH_IOU = 0.95  # the IoU of the picture and the best that strands as thick as the wire can fill
-LARGEST = 64.0  # frames beyond which no width is sought
 
 
 @dataclass(frozen=True)
