@@ -25,10 +25,10 @@ from knotfab_formats.scene import Scene
 Figures = tuple[float, float, float, float, float, float, float]
 
 
-def measure(targets: list[Target], share: float | str | None) -> tuple[Figures, list[bytes]]:
+def measure(targets: list[Target], share: float | None) -> tuple[Figures, list[bytes]]:
     """Worst bounds as they come, moved and bent; rms, most and stretch; CPU seconds; and pictures of it."""
 
-    def least(bend: float | str | None, azimuths_open: bool) -> float:
+    def least(bend: float | None, azimuths_open: bool) -> float:
         done = agree(_scene(targets, bend), targets, azimuths_open=azimuths_open)
         return min(bound.iou for bound in done.bounds)
 
@@ -38,8 +38,8 @@ def measure(targets: list[Target], share: float | str | None) -> tuple[Figures, 
     bent = [t.bending for t in done.targets if t.bending is not None]
     rms = float(np.sqrt(np.mean([b.rms**2 for b in bent]))) if bent else 0.0
     found = (
-        least("off", False),
-        least("off", True),
+        least(0.0, False),
+        least(0.0, True),
         min(bound.iou for bound in done.bounds),
         rms,
         max((b.most for b in bent), default=0.0),
@@ -50,7 +50,7 @@ def measure(targets: list[Target], share: float | str | None) -> tuple[Figures, 
     return found, [draw_agreement(target, bound) for target, bound in drawn]
 
 
-def _scene(targets: list[Target], bend: float | str | None) -> Scene:
+def _scene(targets: list[Target], bend: float | None) -> Scene:
     scene = spread_views(Scene(), [t.name for t in targets])
     return scene.model_copy(update={"piece": scene.piece.model_copy(update={"bend": bend})})
 
@@ -62,7 +62,7 @@ def main(*sets: str, bend: tuple[str, ...] = ("auto",), out: Path | None = None)
     drawn = [one for many, some in draw_sets().items() if many > 1 for one in some]
     plain = [name for name in NAMED if "-by-" not in name]
     for word in bend:
-        share = {"auto": None, "off": "off"}[word] if word in ("auto", "off") else float(word)
+        share = {"auto": None, "off": 0.0}[word] if word in ("auto", "off") else float(word)
         every: dict[int, list[Figures]] = {}
         print(f"--bend {word}: bound, moved, bent, rms, most, stretch, s", flush=True)
         for name in sets or [*plain, *drawn]:

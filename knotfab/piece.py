@@ -65,7 +65,7 @@ from knotfab.slicer.run import SlicerQueue
 from knotfab.verify.checks import verdict_without_part
 from knotfab.verify.verifier import Files, Verifier
 from knotfab_formats.report import Report
-from knotfab_formats.scene import SettledScene, known
+from knotfab_formats.scene import SettledScene
 from knotfab_formats.verdict import Verdict, View, exit_code
 
 if TYPE_CHECKING:
@@ -235,14 +235,14 @@ def report_piece(
         print_ = with_slicing(print_, sliced) if filament else print_
         how = piece.flattening, piece.suffix
         print_, laid = lay_out(print_, part, *how, printing=printing, access=access)
-        flat_wall = piece.scene.views[0].wall_radius_mm == "flat"
+        flat_wall = piece.scene.views[0].wall_radius_mm is None
         notes = [
             *tell_mount(len(piece.knots.knots), mount, len(targets) == 1 and flat_wall),
             *(tell_unsliced(sliced) if filament else ()),
             *tell_plan(plan),
             *piece.notes,
             *filter(None, [part.framing[1]]),
-            *tell_depth(known(request.scene.piece.depth), made),
+            *tell_depth(request.scene.piece.depth, made),
             *(tell_kept(sliced) if "gcode" in request.also else ()),
             *turned,
             *tell_binding(made),

@@ -241,7 +241,7 @@ def _read_call(
     if not options.sequence and (options.size or options.width or options.height):
         scene = size_frames(scene, targets)
     scene, targets = widen_targets(scene, targets, options.sequence)
-    if any(view.wall_radius_mm != "flat" for view in scene.views):
+    if any(view.wall_radius_mm is not None for view in scene.views):
         scene = framed_alike(scene, targets) if len(targets) > 1 else scene
         framed = [frame_view(v, t) for v, t in zip(scene.views, targets, strict=True)]
         targets = flatten_targets(scene, framed, targets)

@@ -96,9 +96,9 @@ def read_lamps(
         update, read = {}, targets
         targets = on_one_canvas(targets)
     # masks must register with one another
-    update |= {"piece": scene.piece.but(bend="off")}
+    update |= {"piece": scene.piece.but(bend=0.0)}
     if update.get("lamps") or targets is not read:  # the drawn pictures are those of the new files
-        masks = {**Reading().model_dump(), "ink": "dark"}
+        masks = {**dict(Reading()), "ink": "dark"}
         update["views"] = tuple(v.but(**masks) for v in scene.views)
     scene = scene.but(**update)
     require_several(scene)

@@ -15,8 +15,8 @@ from knotfab.base.errors import InputError
 from knotfab.base.lengths import read_length
 from knotfab.options import KEYS, PictureOptions
 from knotfab.verify.checks import CHECKS
-from knotfab_formats.bounds import AUTO, why_out_of_bounds
-from knotfab_formats.key import leaves_open, option_of, takes_number, words_of
+from knotfab_formats.bounds import why_out_of_bounds
+from knotfab_formats.key import option_of, takes_number, values_of, words_of
 from knotfab_formats.scene import (
     MOST_BEND,
     Material,
@@ -128,7 +128,7 @@ def read_scene(options: PictureOptions) -> tuple[ResolvedScene, Path | None]:
         views = {"keep_px": (), "drop_px": (), **views}
     if views.keys() & {"subject_px", "keep_px", "drop_px"}:
         # the subject is cut anew, and fills the frame
-        views = {"crop_px": "auto", **views, "subject_mask": ""}
+        views = {"crop_px": None, **views, "subject_mask": ""}
     update: dict[str, Any] = {
         table: getattr(scene, table).but(**keys)
         for table, keys in given.items()
@@ -163,9 +163,8 @@ def _keys(options: PictureOptions, model: type[BaseModel]) -> dict[str, Any]:
         _, option = option_of(model, key) or ("", "")
         value = getattr(options, option[2:].replace("-", "_"), None) if option else None
         if value is not None and value is not False and value != ():
-            keys[key] = _read(model, key, option, value)
-            if keys[key] == AUTO and leaves_open(model, key):
-                keys[key] = None
+            read = _read(model, key, option, value)
+            keys[key] = values_of(model, key).get(read, read)
     return keys
 
 

@@ -164,7 +164,7 @@ def _propose_place(request: Request, made: Design) -> Place | None:
 
 def _propose_depth(made: Design, part: Part) -> float | None:
     account = part.pose.account
-    if account is None or account.within or made.scene.piece.depth == "flat":
+    if account is None or account.within or made.scene.piece.depth == 0:
         return None
     return flatter_depth(made.knots, _depth_mm(made), rules_of(made.scene))
 
@@ -175,7 +175,7 @@ def _depth_mm(made: Design) -> float:
 
 def tell_depth(asked: float | None, made: Design) -> list[str]:
     """Say that the centre lines take more depth than was asked for; nothing where they do not."""
-    if asked is None or len(made.scene.views) > 1:
+    if not asked or len(made.scene.views) > 1:
         return []
     found = _depth_mm(made)
     if found <= _MUCH_DEEPER * asked:

@@ -32,7 +32,7 @@ def test_one_picture_becomes_a_view_for_each_lamp(tmp_path: Path) -> None:
     made = call(Scene(), picture, lamps="rgb")
     assert [v.name for v in made.scene.views] == ["red", "green", "blue"]
     assert [v.wall for v in made.scene.views] == ["", "red", "red"] and made.name == "flag"
-    assert made.scene.lamps.places == "fixed" and made.scene.piece.bend == "off"
+    assert made.scene.lamps.places == "fixed" and made.scene.piece.bend == 0
     assert {(v.frame_width_mm, v.ink, v.light_diameter_mm) for v in made.scene.views} == {
         (120.0, "dark", 3.0)
     }
@@ -63,7 +63,7 @@ def test_a_crop_holds_for_a_picture_in_colours(tmp_path: Path, crop: object) -> 
     for target in made.targets:
         rows, columns = target.mask.shape
         assert (rows, columns) == (80, 90) if crop != "auto" else rows < 80 and columns < 100
-    assert all(view.crop_px == "none" for view in made.scene.views)  # the masks are cropped already
+    assert all(view.crop_px is False for view in made.scene.views)  # the masks are cropped already
 
 
 def test_lamps_that_switch_have_a_picture_each(tmp_path: Path) -> None:

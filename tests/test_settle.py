@@ -22,7 +22,7 @@ from knotfab.request import Request
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.load import dump_scene, parse_scene
 from knotfab.settle import settle_part, tell_depth
-from knotfab_formats.scene import Scene, known
+from knotfab_formats.scene import Scene
 
 MESSAGE = "it sags 1.00 mm on its pegs, 0.2 are allowed"
 
@@ -49,7 +49,7 @@ class Maker:
         if number in self.unmade:
             raise SceneError("the picture", "nothing draws it", "Use another")
         piece = scene.piece
-        depth = known(piece.depth) or 90.0
+        depth = piece.depth or 90.0
         radius = piece.tube_radius_mm or 0.8
         half = 0.5 * depth - 3.0
         curves = (ring(12.0, half, 40, 3.0), ring(20.0, -half, 60, 3.0))
@@ -228,13 +228,13 @@ def test_what_is_given_is_not_overruled(
     assert (len(maker.asked), maker.thoroughly, said) == (1, [True], None)
 
 
-@pytest.mark.parametrize("depth", [90.07, "flat"])
+@pytest.mark.parametrize(("depth", "mm"), [("90.07", 90.07), ("'flat'", 0.0)])
 def test_a_depth_that_is_given_stays_before_a_nearer_wall(
-    depth: float | str, target: Target, monkeypatch: pytest.MonkeyPatch
+    depth: str, mm: float, target: Target, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    maker, said = run(target, f"[piece]\ndepth = {depth!r}", 99.0, monkeypatch)
+    maker, said = run(target, f"[piece]\ndepth = {depth}", 99.0, monkeypatch)
     assert len(maker.asked) == 2 and said.wall_mm[1] < 99.0
-    assert {scene.piece.depth for scene in maker.asked} == {depth}
+    assert {scene.piece.depth for scene in maker.asked} == {mm}
 
 
 @pytest.mark.slow

@@ -7,6 +7,7 @@ shown by docs/scene.schema.json.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import cache
 from typing import Annotated, Any, get_args
 
@@ -41,6 +42,7 @@ __all__ = [
     "Volume",
     "WallRadius",
     "Whole",
+    "Word",
     "why_out_of_bounds",
 ]
 
@@ -62,19 +64,28 @@ def _not_nothing(radius: float) -> float:
 AUTO = "auto"  # the word of a file for what a build is to choose
 
 
-class _Auto:
-    """Reads the word `AUTO` as None, so that no stage compares words; a table writes that word again."""
+@dataclass(frozen=True)
+class Word:
+    """Reads a word of a file as a value, so that no stage tells words from numbers; a table writes it again.
+
+    A word for nothing is read as None; where the key may be `AUTO` too, which is None then, as 0 or False.
+    """
+
+    word: str
+    value: Any = None
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> CoreSchema:
-        word = core_schema.no_info_after_validator_function(
-            lambda _: None, core_schema.literal_schema([AUTO])
+        read = core_schema.no_info_after_validator_function(
+            lambda _: self.value, core_schema.literal_schema([self.word])
         )
         return core_schema.no_info_before_validator_function(
-            lambda value: AUTO if value is None else value, word
+            lambda value: self.word if value is None is self.value else value,
+            read,
+            serialization=core_schema.simple_ser_schema("any"),
         )
 
 
-Auto = Annotated[None, _Auto()]
+Auto = Annotated[None, Word(AUTO)]
 Number = Annotated[float, Strict()]
 Length = Annotated[float, Strict(), Field(ge=LEAST_MM, le=MOST_MM)]
 Spread = Annotated[float, Strict(), Field(ge=0, le=MOST_MM)]  # a length that may be nothing

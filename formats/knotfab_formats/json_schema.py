@@ -9,9 +9,8 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from knotfab_formats.bounds import AUTO
 from knotfab_formats.explain import tables_of
-from knotfab_formats.key import leaves_open, sentences_of, words_of
+from knotfab_formats.key import as_written, sentences_of, values_of, words_of
 from knotfab_formats.scene import Scene
 from knotfab_formats.search import OF_NO_PRESET, SearchSettings
 
@@ -45,8 +44,8 @@ def dump_schema() -> str:
             node = table["properties"][key]
             node["description"] = said
             node.pop("option", None)
-            if model.model_fields[key].default is None and leaves_open(model, key):
-                node["default"] = AUTO
+            if values_of(model, key):
+                node["default"] = as_written(model, key, model.model_fields[key].default)
             if name == "search":
                 del node["default"]  # the preset that [accuracy] names has its own
     return json.dumps({"$schema": _DIALECT, **scene, "title": "scene.toml"}, indent=1) + "\n"
@@ -69,9 +68,8 @@ def _list_table(name: str, model: type[BaseModel]) -> Iterator[str]:
     for key, field in model.model_fields.items():
         if name == "search" and key not in OF_NO_PRESET:  # the schema lists them
             continue
-        words, told, default = words_of(model, key), said[key], field.default
-        if default is None and leaves_open(model, key):
-            default = AUTO
+        words, told = words_of(model, key), said[key]
+        default = as_written(model, key, field.default)
         value = json.dumps(default, ensure_ascii=False)
         shown = f"# {key} = …" if default is None else f"{key} = {value}"
         if len(words) > 1 and not all(word in told for word in words):

@@ -11,9 +11,17 @@ from typing import Any, Literal, get_args, get_origin
 
 from pydantic import BaseModel, Field
 
-from knotfab_formats.bounds import AUTO, Auto
+from knotfab_formats.bounds import Word
 
-__all__ = ["leaves_open", "option", "option_of", "sentences_of", "takes_number", "words_of"]
+__all__ = [
+    "as_written",
+    "option",
+    "option_of",
+    "sentences_of",
+    "takes_number",
+    "values_of",
+    "words_of",
+]
 
 
 def option(default: Any, name: str, **bounds: float) -> Any:
@@ -35,13 +43,21 @@ def words_of(model: type[BaseModel], key: str) -> tuple[str, ...]:
     """The words that a key takes beside, or instead of, a number."""
     kind = model.model_fields[key].annotation
     parts = (kind, *get_args(kind))
-    open_ = (AUTO,) if leaves_open(model, key) else ()
-    return open_ + tuple(w for part in parts if get_origin(part) is Literal for w in get_args(part))
+    literal = (w for part in parts if get_origin(part) is Literal for w in get_args(part))
+    return (*values_of(model, key), *literal)
 
 
-def leaves_open(model: type[BaseModel], key: str) -> bool:
-    """Tell whether a key may be left for the build to choose: the word "auto", read as None."""
-    return Auto in get_args(model.model_fields[key].annotation)
+@cache
+def values_of(model: type[BaseModel], key: str) -> dict[str, Any]:
+    """What a key's words are read as, where they stand for another value: {"none": 0.0, "auto": None}."""
+    parts = get_args(model.model_fields[key].annotation)
+    found = (said for part in parts for said in getattr(part, "__metadata__", ()))
+    return {said.word: said.value for said in found if isinstance(said, Word)}
+
+
+def as_written(model: type[BaseModel], key: str, value: Any) -> Any:
+    """A key's value as a file holds it: the word that stands for it, where there is one."""
+    return next((word for word, read in values_of(model, key).items() if read == value), value)
 
 
 def takes_number(model: type[BaseModel], key: str) -> bool:

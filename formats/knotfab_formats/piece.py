@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal, Self, TypeVar
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
     AfterValidator,
@@ -17,7 +17,6 @@ from pydantic import (
 from pydantic_core import PydanticCustomError
 
 from knotfab_formats.bounds import (
-    AUTO,
     MOST_MM,
     Angle,
     Auto,
@@ -33,8 +32,9 @@ from knotfab_formats.bounds import (
     Turn,
     Vector,
     Volume,
+    Word,
 )
-from knotfab_formats.key import leaves_open, option
+from knotfab_formats.key import as_written, option
 
 __all__ = [
     "MOST_BEND",
@@ -50,15 +50,7 @@ __all__ = [
     "Region",
     "Sequence",
     "Table",
-    "known",
 ]
-
-T = TypeVar("T")
-
-
-def known(value: T | Literal["flat", "none", "off", "auto"] | None) -> T | None:
-    """The number of a key; None where it holds a word, or is left open."""
-    return None if isinstance(value, str) else value
 
 
 class Table(BaseModel):
@@ -68,12 +60,10 @@ class Table(BaseModel):
 
     @model_serializer(mode="wrap")
     def _write_words(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Write "auto" for what is left open."""
+        """Write the words that were read as other values."""
         keys: dict[str, Any] = write(self)
-        return {
-            key: AUTO if value is None and leaves_open(type(self), key) else value
-            for key, value in keys.items()
-        }
+        own = type(self).model_fields
+        return {k: as_written(type(self), k, v) if k in own else v for k, v in keys.items()}
 
     def but(self, **keys: Any) -> Self:
         """Return the same table with other values of some keys, which are not checked again."""
@@ -90,6 +80,7 @@ def _one_line(text: str) -> str:
 Line = Annotated[str, Strict(), Field(max_length=200), AfterValidator(_one_line)]
 Color = Annotated[str, Strict(), Field(pattern=r"^#[0-9a-fA-F]{6}$")]
 MOST_BEND = 0.3  # share of a picture's height: the most that a point of it may be allowed to move
+Bend = Annotated[float, Strict(), Field(gt=0, le=MOST_BEND)]
 
 
 class Piece(Table):
@@ -99,15 +90,13 @@ class Piece(Table):
     """In mm, or auto (default): the thickest tube that draws the picture well."""
     knots: Count | Auto = option(None, "Piece --knots")
     """auto (default): one knot for each piece of the picture; N: its pieces bridged into so many."""
-    depth: Length | Auto | Literal["flat"] = option(None, "Piece --depth")
+    depth: Length | Auto | Annotated[float, Word("flat", 0.0)] = option(None, "Piece --depth")
     """The piece's extent along the view: mm, auto (default: unreadable from elsewhere), or flat."""
     clearance_mm: Spread = 0.4
     """Strands keep this gap between them."""
     printed: Annotated[bool, Strict()] = False
     """true: posed and checked for the printer, with its mount (--print)."""
-    bend: Annotated[float, Strict(), Field(gt=0, le=MOST_BEND)] | Auto | Literal["off"] = option(
-        None, "Piece --bend"
-    )
+    bend: Bend | Auto | Annotated[float, Word("off", 0.0)] = option(None, "Piece --bend")
     """Bend several pictures until they agree: auto (default), off, or the most that a point may move,
     as a share of the picture's height, such as 0.05."""
     mirror: Literal["auto", "off"] = option("off", "Piece --mirror")
@@ -268,7 +257,7 @@ class Mount(Table):
     """A piece that sags more than this under its own weight is rejected."""
     pegs: tuple[Count, ...] = ()
     """Written by a build: how many pegs (posts and struts) hold each knot."""
-    thread_mm: Vector | Literal["none"] = "none"
+    thread_mm: Vector | Annotated[None, Word("none")] = None
     """Written by a build: where the thread carries a piece that hangs, in the scene."""
 
     @property

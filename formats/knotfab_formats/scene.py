@@ -30,7 +30,6 @@ from knotfab_formats.piece import (
     Region,
     Sequence,
     Table,
-    known,
 )
 from knotfab_formats.search import SearchSettings, search_settings
 from knotfab_formats.views import OF_WALL, Lamps, Placing, Reading, Room, Switch, Switches, View
@@ -67,7 +66,6 @@ __all__ = [
     "Switch",
     "Switches",
     "View",
-    "known",
 ]
 
 # shares of the way to the light, and to the wall, that a piece may reach where its region is "auto"
@@ -136,7 +134,7 @@ class Scene(Table):
         """Tell whether so many knots get a wall mount; if open: several, of one view before a flat wall."""
         if self.mount.kind != "auto":
             return self.mount.kind == "wall"
-        one_flat = len(self.views) == 1 and self.views[0].wall_radius_mm == "flat"
+        one_flat = len(self.views) == 1 and self.views[0].wall_radius_mm is None
         return knots > 1 and one_flat and self.material.process != "wire"
 
 
@@ -206,7 +204,7 @@ class ResolvedView(View):
     def clear_mm(self) -> float:
         """The distance from the piece's middle to the nearest place of the wall, also beside its frame."""
         radius = self.wall_radius_mm
-        if isinstance(radius, str) or radius < 0:
+        if radius is None or radius < 0:
             return self.wall_distance_mm
         return self.wall_distance_mm - radius * (
             1 - cos(min(0.5 * self.frame_width_mm / radius, pi / 2))

@@ -11,6 +11,7 @@ from pydantic_core import PydanticCustomError
 
 from knotfab_formats.bounds import (
     Angle,
+    Auto,
     LampDistance,
     Length,
     Ratio,
@@ -21,6 +22,7 @@ from knotfab_formats.bounds import (
     Vector,
     WallRadius,
     Whole,
+    Word,
 )
 from knotfab_formats.key import option
 from knotfab_formats.piece import Color, Plate, Table
@@ -79,7 +81,9 @@ class Reading(Table):
     """Where ink begins, as a share of the largest difference, or of full opacity; 0.5 by default."""
     invert: Annotated[bool, Strict()] = option(False, "Picture --invert")
     """Draw everything except what was found."""
-    crop_px: Box | Literal["none", "auto"] = option("none", "Picture --crop")
+    crop_px: Box | Annotated[Literal[False], Word("none", False)] | Auto = option(
+        False, "Picture --crop"
+    )
     """Read only this part of the picture: auto (the drawing's own box), or LEFT,TOP,WIDTH,HEIGHT in
     px."""
     keep_largest: Whole = option(0, "Picture --keep-largest")
@@ -89,7 +93,7 @@ class Reading(Table):
     smooth_px: Annotated[float, Strict(), Field(ge=0, le=100)] = option(0.0, "Picture --smooth")
     """Blur the picture by so many px and cut it at half before it is drawn; the shadow is compared with
     the picture itself."""
-    subject_px: Box | Literal["none"] = option("none", "Picture --subject")
+    subject_px: Box | Annotated[None, Word("none")] = option(None, "Picture --subject")
     """Draw what can be cut out of a photograph, in a rectangle about it, LEFT,TOP,WIDTH,HEIGHT in px. It
     fills the frame, unless --crop says otherwise."""
     keep_px: tuple[Disc, ...] = option((), "Picture --keep")
@@ -102,7 +106,7 @@ class Reading(Table):
     @property
     def cut_out(self) -> bool:
         """True if a subject is cut out of the picture, and drawn instead of ink."""
-        return bool(self.subject_mask) or self.subject_px != "none"
+        return bool(self.subject_mask) or self.subject_px is not None
 
 
 class View(Reading):
@@ -144,7 +148,7 @@ class View(Reading):
     """From the middle of the piece to the wall, in mm; 100 by default, nearer where pegs would sag."""
     wall_tilt_deg: Annotated[float, Strict(), Field(gt=-80, lt=80)] = 0.0
     """The top edge leans towards the lamp."""
-    wall_radius_mm: WallRadius | Literal["flat"] = "flat"
+    wall_radius_mm: WallRadius | Annotated[None, Word("flat")] = None
     """A wall that is a cylinder has this radius, above 0 where it is hollow towards the lamp, below 0 if
     it is a column."""
     azimuth_deg: Turn = 0.0
@@ -153,7 +157,9 @@ class View(Reading):
     """The lamp stands so far above the horizontal (90: from above)."""
     frame_up_mm: Shift = 0.0
     """The frame's middle lies so far above the axis, on the receiver."""
-    thicken_mm: Length | Literal["none", "auto"] = option("none", "Picture --thicken")
+    thicken_mm: Length | Annotated[float, Word("none", 0.0)] | Auto = option(
+        0.0, "Picture --thicken"
+    )
     """Widen strokes that are thinner to so many mm on the wall, or auto: to what can be printed."""
     lines: Literal["auto", "on", "off"] = option("auto", "Picture --lines")
     """Lay one tube along the middle of each stroke: on, off, or auto (default: where most strokes are
@@ -260,7 +266,7 @@ class Room(Table):
     """Walls, floor and ceiling together have this area; 0: no room."""
     reflectance: Annotated[float, Strict(), Field(ge=0, lt=1)] = 0.0
     """Walls, floor and ceiling throw back this share of light."""
-    second_lamp_mm: Vector | Literal["none"] = "none"
+    second_lamp_mm: Vector | Annotated[None, Word("none")] = None
     """A second lamp stands at [x, y, z] in the scene, in front of the piece."""
     second_lamp_share: Ratio = 1.0
     """Its light in the middle of the picture, over the lamp's own."""

@@ -162,7 +162,7 @@ def open_view(
         InputError: there is no such view, a file cannot be read, or the wall is round.
     """
     scene, view, suffix = _read_view(folder, name)
-    if view.wall_radius_mm != "flat":
+    if view.wall_radius_mm is not None:
         raise InputError(
             f"view {view.name}",
             "its wall is round, and a photograph is straightened as one of a flat wall",

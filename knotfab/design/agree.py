@@ -34,7 +34,7 @@ from knotfab.picture.bending import (
 )
 from knotfab.picture.read import Target
 from knotfab.scene.camera import cameras_of, view_axes, walls_of
-from knotfab_formats.scene import ResolvedScene, View, known
+from knotfab_formats.scene import ResolvedScene, View
 
 __all__ = ["AGREED", "Agreement", "agree", "apply_bending", "require_agreed"]
 
@@ -86,7 +86,7 @@ def agree(
         )
     if scene.share_wall:
         return Agreement(scene, targets)  # masks of one picture must register with one another
-    if any(v.wall_radius_mm != "flat" for v in scene.views):
+    if any(v.wall_radius_mm is not None for v in scene.views):
         return Agreement(scene, targets)  # a bent picture lies on a flat wall
     if any(v.bend_points or v.mirrored for v in scene.views):
         return Agreement(scene, _bent(scene, targets))
@@ -219,7 +219,7 @@ def require_apart(views: Sequence[View]) -> None:
 
 
 def _most_bent(scene: ResolvedScene) -> float:
-    return MOST_BENT if scene.piece.bend is None else known(scene.piece.bend) or 0.0
+    return MOST_BENT if scene.piece.bend is None else scene.piece.bend
 
 
 def _bent(scene: ResolvedScene, targets: Sequence[Target]) -> tuple[Target, ...]:

@@ -73,7 +73,7 @@ def line_width(view: View, radius: float) -> float:
 
 def line_radius(view: View) -> float:
     """The radius, mm, of the one tube that runs along strokes of a view's `thicken_mm`."""
-    if isinstance(view.thicken_mm, str):
+    if not view.thicken_mm:
         raise ValueError("the width of strokes that are drawn along their middle is known")
     return math.ceil(1e4 * view.thicken_mm / (2.0 * view.magnification) - 1e-6) / 1e4
 
@@ -108,7 +108,7 @@ def most_radius(asked: float | None, view: ResolvedView, thinnest: float) -> flo
     thick = view.thicken_mm
     if asked is not None:
         return asked
-    if view.lines == "on" and not isinstance(thick, str):  # a shadow is no smaller than its tube
+    if view.lines == "on" and thick:  # a shadow is no smaller than its tube
         return 0.5 * thick
     return usual_radii([view], thinnest, 2)[0][-1]
 

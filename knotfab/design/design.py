@@ -372,12 +372,12 @@ def _resolve(
     scene, problem = question.scene, question.problem
     depth = scene.piece.depth
     if len(problem.views) == 1:
-        depth = "flat" if problem.depth_mm is None else problem.depth_mm
+        depth = 0.0 if problem.depth_mm is None else problem.depth_mm
     piece = {"tube_radius_mm": radius, "depth": depth, "knots": len(result.knots.knots)}
     bend = problem.limits(radius).bend_radius
     resolved = {
         "views": question.views,
-        "piece": SettledPiece(**{**scene.piece.model_dump(), **piece}),
+        "piece": SettledPiece(**scene.piece.but(**piece).model_dump()),
         "region": region,
         "material": SettledMaterial(
             **{**scene.material.model_dump(exclude_unset=True), "min_bend_radius_mm": bend}

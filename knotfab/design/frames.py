@@ -20,7 +20,7 @@ from knotfab.picture.raster import check_shape
 from knotfab.picture.read import Target, name_picture
 from knotfab.picture.thicken import is_thin, thicken
 from knotfab_formats.bounds import why_out_of_bounds
-from knotfab_formats.scene import ResolvedScene, ResolvedView, View, known
+from knotfab_formats.scene import ResolvedScene, ResolvedView, View
 
 __all__ = [
     "frame_view",
@@ -190,13 +190,13 @@ def widen_targets(
             "Leave it out, widen thin strokes (--thicken auto), or build one picture",
         )
     for view, target in zip(framed.views, targets, strict=False):
-        width: float | str = view.thicken_mm
+        width = view.thicken_mm
         lines = view.lines
         if lines == "auto":
-            lines = "on" if one and width == "none" and _is_thin(view, target, radius) else "off"
-        if lines == "on" and width in ("none", "auto"):
+            lines = "on" if one and width == 0 and _is_thin(view, target, radius) else "off"
+        if lines == "on" and not width:
             width = line_width(view, radius)
-        elif lines == "on" and asked is not None and not isinstance(width, str):
+        elif lines == "on" and asked is not None and width:
             alike = line_width(view, asked)
             if abs(width - alike) > 0.01:
                 raise InputError(
@@ -204,10 +204,10 @@ def widen_targets(
                     f"one tube along each line draws it {alike:g} mm wide",
                     "Give one of the two",
                 )
-        elif width == "auto":
+        elif width is None:
             width = round(_ROOM * line_width(view, scene.printer.min_tube_radius_mm), 3)
         views.append(view.but(thicken_mm=width, lines=lines))
-    if all(view.thicken_mm == "none" for view in views):
+    if all(view.thicken_mm == 0 for view in views):
         settled = tuple(
             old.but(lines=new.lines) for old, new in zip(scene.views, views, strict=True)
         )
@@ -238,7 +238,7 @@ def _draw_tones(
             "Print it",
         )
     (view,), (target,) = scene.views, targets
-    width = known(view.thicken_mm) or line_width(view, scene.thinnest_mm)
+    width = view.thicken_mm or line_width(view, scene.thinnest_mm)
     px = target.width / frame_view(view, target).frame_width_mm
     gap = scene.piece.clearance_mm * view.magnification
     mask, line = draw_tones(read_darkness(target, view.invert), width * px, gap * px)
@@ -281,7 +281,7 @@ def widen(view: View, target: Target) -> Target:
     Raises:
         InputError: strokes so wide are no strokes.
     """
-    if isinstance(view.thicken_mm, str):
+    if not view.thicken_mm:
         return target
     width = view.thicken_mm * target.width / frame_view(view, target).frame_width_mm
     if width > _WIDEST * min(target.width, target.height):
@@ -341,4 +341,4 @@ def frame_view(view: View, target: Target) -> ResolvedView:
                 f"with its picture's shape its {key} would be {own[key]:g}, and it is {bounds}",
                 "Give another size (--size).",
             )
-    return ResolvedView(**{**view.model_dump(), **own})
+    return ResolvedView(**view.but(**own).model_dump())

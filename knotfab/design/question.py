@@ -213,7 +213,7 @@ def _trace(view: ResolvedView, target: Target) -> MultiPolygon:
 
 def _strokes(view: ResolvedView, target: Target) -> tuple[Array, ...]:
     """The centre lines of the strokes in the plane of `silhouette_polygon`; none where areas are filled."""
-    if view.lines != "on" or isinstance(view.thicken_mm, str):
+    if view.lines != "on" or not view.thicken_mm:
         return ()
     width = view.thicken_mm * target.width / view.frame_width_mm
     to_plane = _plane_of(view, target)

@@ -102,7 +102,7 @@ class _Trials:
         if not simple_curves(list(template.curves)):
             return -np.inf
         bend = self.question.problem.limits(radius).bend_radius
-        flat = self.question.scene.piece.depth == "flat"
+        flat = self.question.scene.piece.depth == 0
         return template_iou(as_bent(template, bend, flat), polygon)
 
     def _fill(self, radius: float, view: TargetView) -> float:

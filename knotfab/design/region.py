@@ -83,7 +83,7 @@ def depth_extent(
     Raises:
         SceneError: the region has no room for it.
     """
-    if scene.piece.depth == "flat":
+    if scene.piece.depth == 0:
         return None
     low_x, low_y, high_x, high_y = polygon.bounds
     usual = DEPTH_RATIO * (max(high_x - low_x, high_y - low_y) + 2 * radius)

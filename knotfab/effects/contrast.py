@@ -58,7 +58,7 @@ def contrast_of(seen: Shadows, radius: float, world: World) -> Contrast | None:
     transmittance = world.material.transmittance_per_mm
     second_mm = room.second_lamp_mm
     back = spread / (1e6 * room.area_m2 * middle) if room.area_m2 > 0 else 0.0
-    second = 0.0 if isinstance(second_mm, str) else room.second_lamp_share
+    second = 0.0 if second_mm is None else room.second_lamp_share
     transmitted = _through(transmittance, radius) if transmittance > 0 else 0.0
     bounced = _bounced(seen, radius, world) if room.reflectance > 0 else 0.0
     other = room.ambient + back + second
@@ -77,9 +77,7 @@ def contrast_of(seen: Shadows, radius: float, world: World) -> Contrast | None:
         second=second,
         transmitted=transmitted,
         bounced=bounced,
-        ghost_shift_mm=None
-        if isinstance(second_mm, str)
-        else _ghost_shift(view, np.array(second_mm)),
+        ghost_shift_mm=None if second_mm is None else _ghost_shift(view, np.array(second_mm)),
         ghost_contrast=second / (1 + other),
     )
 

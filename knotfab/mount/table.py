@@ -156,9 +156,7 @@ def plan_table(mounted: Mounted) -> Table | None:
     """
     scene = mounted.scene
     first = scene.views[0]
-    upright = (
-        first.elevation_deg == 0 and first.wall_tilt_deg == 0 and first.wall_radius_mm == "flat"
-    )
+    upright = first.elevation_deg == 0 and first.wall_tilt_deg == 0 and first.wall_radius_mm is None
     if not (any(view.wall for view in scene.views) and upright and scene.piece.printed):
         return None
     places = [placement_of(mounted, camera_of(view, 2, 2), view) for view in scene.views]

@@ -276,11 +276,11 @@ def own_box(mask: Mask) -> Box:
 
 def crop_image(image: Image.Image, what: str, reading: Reading) -> tuple[Image.Image, Box | None]:
     """The part of a picture that is read, and its box in px; as for `silhouette`."""
-    box = None if reading.crop_px == "none" else reading.crop_px
-    if box == "auto":
-        whole, *_ = silhouette(image, what, reading.but(crop_px="none"))
+    box = reading.crop_px
+    if box is None:
+        whole, *_ = silhouette(image, what, reading.but(crop_px=False))
         box = own_box(whole)
-    return (image, None) if box is None else (_crop(image, box, what), box)
+    return (image, None) if not box else (_crop(image, box, what), box)
 
 
 def _crop(image: Image.Image, box: Box, what: str) -> Image.Image:

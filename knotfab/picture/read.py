@@ -314,7 +314,7 @@ def _take_target(
     try:
         reading, told = (reading, ()) if subject else guess_reading(image, reading, what)
         notes = (*notes, *told)
-        shrunk = raster.shrink_factor(image) if glance and reading.crop_px == "none" else 1
+        shrunk = raster.shrink_factor(image) if glance and reading.crop_px is False else 1
         if shrunk > 1:
             image = raster.shrink(image, shrunk)
         mask, rule, box = raster.silhouette(image, what, reading, shrunk)

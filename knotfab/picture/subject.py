@@ -65,7 +65,7 @@ def take_subject(image: Image.Image, reading: Reading, folder: Path, what: str) 
         InputError: the rectangle or a disc lies outside, the cut finds nothing or all, or the file is none.
     """
     if not reading.subject_mask:
-        assert not isinstance(reading.subject_px, str)
+        assert reading.subject_px is not None
         return cut_subject(image, reading.subject_px, reading.keep_px, reading.drop_px, what)
     path, remedy = folder / reading.subject_mask, "Leave subject_mask out, to cut it anew."
     what = f"the mask {reading.subject_mask}"

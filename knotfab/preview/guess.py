@@ -10,7 +10,7 @@ import numpy as np
 from knotfab.design.candidates import DEPTH_RATIO
 from knotfab.geometry.sampling import arc_lengths
 from knotfab.start.filling import Template
-from knotfab_formats.scene import ResolvedScene, ResolvedView, known
+from knotfab_formats.scene import ResolvedScene, ResolvedView
 
 __all__ = ["Guess", "guess_print"]
 
@@ -55,7 +55,7 @@ def guess_print(
             knot if that is open.
         template: the flat curves that the search starts from, where they are known.
     """
-    flat = scene.piece.depth == "flat"
+    flat = scene.piece.depth == 0
     length = sum(areas_mm2) / (2 * radius_mm)
     if template is not None:
         length = sum(float(arc_lengths(curve)[-1]) for curve in template.curves)
@@ -72,7 +72,7 @@ def guess_print(
     if scene.material.process != "filament":
         return Guess(float(mass), None, without)
     room = 2.0 * view.reach_mm
-    depth = 0.0 if flat else known(scene.piece.depth) or min(room, DEPTH_RATIO * max(size_mm))
+    depth = 0.0 if flat else scene.piece.depth or min(room, DEPTH_RATIO * max(size_mm))
     hours = _HOURS * _OF_RADIUS_MM / radius_mm * tube
     hours += _HOURS_PLATE * plate + _HOURS_AROUND * sum(areas_mm2) / len(areas_mm2) * depth
     return Guess(float(mass), float(hours * 1e-3), without)

@@ -27,6 +27,7 @@ from knotfab.preview.likeness import opened_share
 from knotfab.preview.refusal import find_refusal
 from knotfab.preview.sentence import count
 from knotfab.preview.survey import Survey, survey_views
+from knotfab_formats.key import as_written
 from knotfab_formats.scene import ResolvedScene, View
 
 __all__ = ["TriedReading", "advise", "draw_readings", "is_unclear", "try_readings"]
@@ -87,7 +88,7 @@ class TriedReading:
         """The data that a page needs, without the picture."""
         return {
             "options": self.options,
-            "keys": self.keys,
+            "keys": {key: as_written(View, key, value) for key, value in self.keys.items()},
             "score": round(self.score, 3),
             "refusal": self.refusal,
             "rule": self.target.rule,
@@ -243,7 +244,7 @@ def _ways(source: str | Path, base: Path | None, view: View) -> list[dict[str, A
     ways: list[dict[str, Any]] = [{}, *({"ink": ink} for ink in inks if ink != view.ink)]
     if not _is_photo(image):
         return ways
-    frame = {"crop_px": "auto"} if view.crop_px == "none" else {}
+    frame = {"crop_px": None} if view.crop_px is False else {}
     return ways + [{"subject_px": box, **frame} for box in middle_boxes(*image.size)]
 
 

@@ -7,7 +7,6 @@ from math import ceil
 from typing import TYPE_CHECKING, Any
 
 from knotfab_formats.report import EffectLine, LimitLine
-from knotfab_formats.scene import known
 from knotfab_formats.verdict import Contrast, Misplacement, Sag, Verdict, View, WorstMove
 
 if TYPE_CHECKING:
@@ -239,8 +238,8 @@ def advise(views: Sequence[View], made: Design) -> list[str]:
         if found.penumbra is None or view.wall_tilt_deg != 0 or made.scene.share_wall:
             continue  # lamps before one screen have the distance at which their pieces stand apart
         z, light = points @ view_axes(view)[2], view.light_distance_mm
-        depth, back = known(made.scene.piece.depth), -float(z.min())
-        back = back if depth is None else max(back, 0.5 * depth)
+        depth, back = made.scene.piece.depth, -float(z.min())
+        back = max(back, 0.5 * depth) if depth else back
         near = float(ceil(least_wall_mm(back, radius)))
         if not 0 < near < view.wall_distance_mm:
             continue

@@ -68,7 +68,7 @@ def advise_widening(verdict: Recognition | None, scene: SettledScene) -> list[st
     Args:
         scene: of the piece, or of a sequence's first frame.
     """
-    if verdict is None or verdict.word in _WELL or scene.views[0].thicken_mm != "none":
+    if verdict is None or verdict.word in _WELL or scene.views[0].thicken_mm:
         return []
     thin = [
         loss

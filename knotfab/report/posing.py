@@ -145,7 +145,7 @@ def _with_supports(
     if scene.material.process == "wire":
         return print_, notes
     seconds, grams, supports = print_.time_s, print_.filament_g, print_.support_g
-    tall = part.pose.account is not None and part.plates is None and scene.piece.depth != "flat"
+    tall = part.pose.account is not None and part.plates is None and scene.piece.depth != 0
     if tall and len(scene.views) == _VIEWS_FLATTENED and seconds and grams and supports is not None:
         sliced = Flatter(1.0, seconds / 3600, grams, supports)
         knots = part.pose.knots.moved(part.pose.matrix)

@@ -36,7 +36,7 @@ class CurvedWall:
     @staticmethod
     def of(view: ResolvedView) -> CurvedWall | None:
         """The view's wall; None where it is flat."""
-        if isinstance(view.wall_radius_mm, str):
+        if view.wall_radius_mm is None:
             return None
         camera, back = camera_of(view, 1, 1), view_axes(view)[2]
         axes = np.stack([camera.du, -camera.dv, camera.receiver[:3]])

@@ -12,7 +12,7 @@ from knotfab.scene.camera import view_axes
 from knotfab.scene.lamps import require_lamps
 from knotfab_formats.knot_names import parse_knot_name
 from knotfab_formats.read import parse_toml, scene_of
-from knotfab_formats.scene import Scene, View, known
+from knotfab_formats.scene import Scene, View
 
 __all__ = ["check_scene", "dump_scene", "load_scene", "parse_scene"]
 
@@ -94,7 +94,7 @@ def check_scene(scene: Scene, what: str = "scene.toml") -> None:
     require_lamps(scene, what)
     parse_knot_name(scene.piece.knot)
     radius = scene.piece.tube_radius_mm or 0.0
-    depth = known(scene.piece.depth) or 0.0
+    depth = scene.piece.depth or 0.0
     size = scene.region.size_mm
     if scene.region.kind == "mesh" and not scene.region.file:
         raise InputError(
@@ -142,7 +142,7 @@ def check_scene(scene: Scene, what: str = "scene.toml") -> None:
                 f"wall_distance_mm is {view.wall_distance_mm:g}",
                 "Move the wall away, or make the piece flatter or its tube thinner.",
             )
-        if not isinstance(scene.room.second_lamp_mm, str) and view.kind == "shadow":
+        if scene.room.second_lamp_mm is not None and view.kind == "shadow":
             tilt, axes = math.radians(view.wall_tilt_deg), view_axes(view)
             normal = math.cos(tilt) * axes[2] - math.sin(tilt) * axes[1]
             if normal @ scene.room.second_lamp_mm <= 0:

@@ -25,7 +25,7 @@ def require_mount(scene: ResolvedScene) -> None:
     Raises:
         InputError: a wall mount of a piece with several views, or on a wall that is not flat.
     """
-    if scene.mount.kind == "wall" and any(v.wall_radius_mm != "flat" for v in scene.views):
+    if scene.mount.kind == "wall" and any(v.wall_radius_mm is not None for v in scene.views):
         raise InputError(
             "a wall mount (--mount wall)",
             "plate, pegs and drilling template are for a flat wall, and this one is round",
@@ -46,11 +46,11 @@ def require_walls(scene: ResolvedScene) -> None:
     Raises:
         InputError: a mount on it, an eye before it, or a view that is yet to be found.
     """
-    if all(view.wall_radius_mm == "flat" for view in scene.views):
+    if all(view.wall_radius_mm is None for view in scene.views):
         return
     require_mount(scene)
     what = "scene key views.wall_radius_mm"
-    if any(v.kind == "eye" and v.wall_radius_mm != "flat" for v in scene.views):
+    if any(v.kind == "eye" and v.wall_radius_mm is not None for v in scene.views):
         raise InputError(
             what,
             "an eye sees the piece itself, in a flat frame, and no shadow on a wall",

@@ -70,8 +70,8 @@ def read_frames(
         InputError: fewer than two frames, more than 240, frames of different sizes, or a picture
             that cannot be read.
     """
-    if reading.crop_px == "auto":  # one box for all, about whatever moves in it
-        whole = reading.but(crop_px="none")
+    if reading.crop_px is None:  # one box for all, about whatever moves in it
+        whole = reading.but(crop_px=False)
         moving = np.logical_or.reduce(
             [t.mask for t in read_frames(sources, whole, base=base, font=font)]
         )

@@ -20,7 +20,7 @@ def require_sequence(scene: ResolvedScene) -> None:
             f"it has {len(scene.views)} views, and a sequence is seen from one side",
             "Leave one [[views]] in it, or leave out --sequence",
         )
-    if scene.views[0].wall_radius_mm != "flat":
+    if scene.views[0].wall_radius_mm is not None:
         raise InputError(
             "scene key views.wall_radius_mm",
             "frames of a sequence are registered to each other on a flat wall",

@@ -92,7 +92,7 @@ def draw_cut(source: str, options: BuildOptions) -> bytes:
     from knotfab.read_options import read_scene
 
     view, (image, shrunk) = read_scene(options)[0].views[0], _decode(source)
-    assert not isinstance(view.subject_px, str)
+    assert view.subject_px is not None
 
     def small(sizes: tuple[int, ...]) -> Any:
         return tuple(round(size * shrunk) for size in sizes)

@@ -167,7 +167,7 @@ def test_what_bending_cannot_mend_is_said(monkeypatch: pytest.MonkeyPatch) -> No
 
 
 def test_without_bending_the_hopeless_is_refused() -> None:
-    off = Scene().model_copy(update={"piece": Scene().piece.model_copy(update={"bend": "off"})})
+    off = Scene().model_copy(update={"piece": Scene().piece.model_copy(update={"bend": 0.0})})
     low = picture("low", (0.3, 0.8, 0.1, 0.1), (0.7, 0.2, 0.1, 0.1))
     done = agree(spread_views(off, "abcdefghijklmn"[:2]), (EGG, low))
     assert all(t.bending is None for t in done.targets)
@@ -185,7 +185,7 @@ def test_an_empty_hull_is_refused() -> None:
     framed = scene.model_copy(
         update={"views": tuple(v.model_copy(update={"frame_width_mm": 150.0}) for v in scene.views)}
     )
-    off = framed.model_copy(update={"piece": scene.piece.model_copy(update={"bend": "off"})})
+    off = framed.model_copy(update={"piece": scene.piece.model_copy(update={"bend": 0.0})})
     with pytest.raises(SceneError, match="picture above: the other pictures leave nothing of it"):
         agree(off, (above, below))
 
@@ -216,7 +216,7 @@ def test_a_mirrored_picture_is_said_and_is_never_text() -> None:
     middle = picture("middle", (0.5, 0.3, 0.1, 0.2), (0.5, 0.7, 0.1, 0.22))
     right = replace(left, name="right", mask=left.mask[:, ::-1].copy())
     scene = spread_views(Scene(), "abcdefghijklmn"[:3])
-    piece = scene.piece.model_copy(update={"mirror": "auto", "bend": "off"})
+    piece = scene.piece.model_copy(update={"mirror": "auto", "bend": 0.0})
     scene = scene.model_copy(update={"piece": piece})
     done = agree(scene, (left, right, middle))
     assert [t.bending is not None for t in done.targets] == [False, True, False]
@@ -251,9 +251,9 @@ def test_no_share_of_a_height_is_refused(text: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "key"), [("auto", None), ("off", "off"), ("0", "off"), ("0.05", 0.05)]
+    ("text", "key"), [("auto", None), ("off", 0.0), ("0", 0.0), ("0.05", 0.05)]
 )
-def test_a_share_of_a_height_is_a_key(text: str, key: float | str) -> None:
+def test_a_share_of_a_height_is_a_key(text: str, key: float | None) -> None:
     assert read_scene(BuildOptions(bend=text))[0].piece.bend == key
 
 
@@ -263,7 +263,7 @@ def test_views_leave_equal_angles_where_that_leaves_more() -> None:
     narrow = [picture(name, (0.5, 0.5, 0.2, 0.42)) for name in "abc"]
     targets = [wide, *narrow]
     scene = spread_views(Scene(), [t.name for t in targets])
-    off = scene.model_copy(update={"piece": scene.piece.model_copy(update={"bend": "off"})})
+    off = scene.model_copy(update={"piece": scene.piece.model_copy(update={"bend": 0.0})})
     moved = agree(off, targets, azimuths_open=True)
     equal = agree(off, targets)
     assert min(b.iou for b in moved.bounds) > min(b.iou for b in equal.bounds) + 0.1

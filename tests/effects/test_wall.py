@@ -23,7 +23,7 @@ from knotfab_formats.scene import Mount, ResolvedView, Scene, Switches
 PLACES = np.random.default_rng(0).uniform(-80, 80, (50, 2))
 
 
-def view(radius: float | str, **keys: Any) -> ResolvedView:
+def view(radius: float | None, **keys: Any) -> ResolvedView:
     return lit_designs.view(wall_radius_mm=radius, **keys)
 
 
@@ -68,7 +68,7 @@ def test_the_magnitude_is_the_rule_and_nothing_of_a_flat_wall() -> None:
     across = up - x**3 / (6 * radius**2)
     px = 180 / 1024
     assert magnitude(view(radius)) == pytest.approx(np.hypot(up, across) / px, rel=0.02)
-    assert magnitude(view("flat")) == 0.0 < magnitude(view(1e9)) < 1e-3
+    assert magnitude(view(None)) == 0.0 < magnitude(view(1e9)) < 1e-3
     assert magnitude(view(-50.0)) == np.inf
 
 
@@ -114,7 +114,7 @@ def test_a_hardly_round_wall_and_one_switched_off_run_no_code(
 
     monkeypatch.setattr("scipy.ndimage.map_coordinates", explode)
     drawn = target(disc(view(400.0), 60)[0])
-    assert flatten_targets(Scene(), (view("flat"),), (drawn,))[0] is drawn
+    assert flatten_targets(Scene(), (view(None),), (drawn,))[0] is drawn
     assert flatten_targets(Scene(), (view(1e6),), (drawn,))[0] is drawn
     off = Scene(effects=Switches(wall="off"))
     assert flatten_targets(off, (view(400.0),), (drawn,))[0] is drawn
@@ -167,16 +167,16 @@ def test_how_near_points_come_to_a_round_wall(radius: float) -> None:
         assert wall.room_mm(points + off * normals) == pytest.approx(off, abs=1e-9)
 
 
-@pytest.mark.parametrize("radius", [350.0, -300.0, "flat"])
-def test_the_drawing_that_is_written_is_that_of_the_wall_itself(radius: float | str) -> None:
+@pytest.mark.parametrize("radius", [350.0, -300.0, None])
+def test_the_drawing_that_is_written_is_that_of_the_wall_itself(radius: float | None) -> None:
     """A line of greys is followed on the flat wall, and its picture is compared on the round one."""
     mask = np.zeros((480, 480), dtype=bool)
     mask[80:400, 60:84] = mask[80:104, 60:420] = True
     line = np.array([[72.0, 92.0], [416.0, 92.0], [72.0, 396.0]])
     drawn = replace(target(mask), line=line)
     (taken,) = flatten_targets(Scene(), [view(radius)], [drawn])
-    assert (taken.flattened_s is None) == (radius == "flat")
-    assert (taken.mask != mask).any() == (radius != "flat")
-    assert (taken.line != line).any() == (radius != "flat")
+    assert (taken.flattened_s is None) == (radius is None)
+    assert (taken.mask != mask).any() == (radius is not None)
+    assert (taken.line != line).any() == (radius is not None)
     again = np.asarray(Image.open(io.BytesIO(taken.drawing_png())).convert("L")) < 128
     assert (again == mask).all()

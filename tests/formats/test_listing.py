@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from knotfab_formats.json_schema import list_keys, list_tables
-from knotfab_formats.key import option_of, sentences_of
+from knotfab_formats.key import option_of, sentences_of, values_of
 from knotfab_formats.scene import Scene
 
 LISTED = Path(__file__).parents[2] / "docs" / "scene.toml"
@@ -20,6 +20,16 @@ def test_the_keys_are_listed_as_they_are_declared() -> None:
 def test_the_listing_is_a_scene_with_every_default() -> None:
     raw = tomllib.loads(list_keys())
     assert Scene.model_validate({**raw, "pose": None, "search": {}}) == Scene()
+
+
+@pytest.mark.parametrize("table", [t for t in list_tables() if t not in ("pose", "search")])
+def test_a_word_beside_numbers_is_read_as_no_text_and_written_as_that_word(table: str) -> None:
+    model = list_tables()[table]
+    for key in model.model_fields:
+        for word in values_of(model, key):
+            read = model.model_validate({key: word})
+            assert not isinstance(getattr(read, key), str)
+            assert read.model_dump()[key] == read.model_dump(mode="json")[key] == word
 
 
 @pytest.mark.parametrize("table", [t for t in list_tables() if t != "pose"])

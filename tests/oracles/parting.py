@@ -147,7 +147,7 @@ def cast(points: Array, lamp: Array, camera: Camera, view: ResolvedView | None =
     normal, offset = camera.receiver[:3], camera.receiver[3]
     axes = np.stack([camera.du, -camera.dv])
     axes /= np.linalg.norm(axes, axis=1)[:, None]
-    if view is None or isinstance(view.wall_radius_mm, str):
+    if view is None or view.wall_radius_mm is None:
         height, reach = points @ normal + offset, lamp @ normal + offset
         spots = lamp + (points - lamp) * (reach / (reach - height))[:, None]
         return np.asarray(spots @ axes.T)

@@ -156,9 +156,9 @@ def test_a_build_goes_by_the_mask_and_so_do_the_validators(tmp_path: Path) -> No
     anew = read_scene(BuildOptions(scene=scene, keep=("5,5,3",)))[0].views[0]
     assert (anew.subject_mask, anew.keep_px, anew.drop_px) == ("", ((5, 5, 3),), ((80, 70, 9),))
     assert anew.subject_px == (40, 30, 80, 80)
-    assert anew.crop_px == "auto"  # unless it is said
+    assert anew.crop_px is None  # unless it is said
     cropped = read_scene(BuildOptions(subject="40,30,80,80", crop="none"))[0].views[0]
-    assert cropped.crop_px == "none"
+    assert cropped.crop_px is False
 
 
 def test_a_mask_of_another_size_is_refused_by_both(tmp_path: Path) -> None:

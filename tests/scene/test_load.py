@@ -24,7 +24,7 @@ def test_keys_are_read_and_whole_numbers_are_lengths() -> None:
     scene = parse_scene("[[views]]\nlight_distance_mm = 800\n[piece]\nknots = 2\ndepth = 'flat'")
     assert scene.views[0].light_distance_mm == 800.0
     assert isinstance(scene.views[0].light_distance_mm, float)
-    assert (scene.piece.knots, scene.piece.depth) == (2, "flat")
+    assert (scene.piece.knots, scene.piece.depth) == (2, 0.0)
 
 
 # Each of these must be refused, and the message must hold these words.

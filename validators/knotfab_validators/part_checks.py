@@ -225,7 +225,7 @@ def _predict_topology(
 
 
 def _check_level(mesh: Mesh, scene: Scene) -> Check:
-    if isinstance(scene.mount.thread_mm, str) or scene.pose is None:
+    if scene.mount.thread_mm is None or scene.pose is None:
         return skip_check("level", "the scene does not say where the thread is", required=True)
     pose = np.array(scene.pose.matrix, dtype=np.float64)
     place = np.array([*scene.mount.thread_mm, 1.0])

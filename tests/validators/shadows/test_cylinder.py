@@ -32,7 +32,7 @@ RADII = [350.0, -130.0]
 PIXELS = 256
 
 
-def geometry(radius: float | str, **keys: Any) -> ViewGeometry:
+def geometry(radius: float | None, **keys: Any) -> ViewGeometry:
     return view_geometry(PlainView(wall_radius_mm=radius, **keys), PIXELS, PIXELS)
 
 
@@ -134,7 +134,7 @@ def test_walls_that_cannot_be(radius: float, why: str) -> None:
 
 
 def test_it_is_looked_at_where_it_matters() -> None:
-    assert find_wall(geometry("flat")) is None
+    assert find_wall(geometry(None)) is None
     far, near = (find_wall(geometry(radius)) for radius in (1e6, 400.0))
     assert far is not None and near is not None
     assert far is not None and near is not None and far.off_px < 0.05 and near.off_px > 5
@@ -154,7 +154,7 @@ def test_it_is_looked_at_where_it_matters() -> None:
 def test_light_that_falls_aslant_blurs_more() -> None:
     """Light falls more aslant beside the middle of a column, and the wall is farther away there."""
     aside = np.array([[60.0, 0.0, 0.0]])
-    straight, bent = (blur_px(aside, geometry(r), 20.0) for r in ("flat", -130.0))
+    straight, bent = (blur_px(aside, geometry(r), 20.0) for r in (None, -130.0))
     wall = places(-130.0)
     # the lamp's rim is thrown through the point onto the wall itself
     spots = []

@@ -144,7 +144,7 @@ def _opened(picture: Path, reading: Reading) -> Iterator[Image.Image]:
 
 def _read_subject(picture: Path, reading: Reading) -> Mask:
     """Read the mask of a picture's subject beside it, cropped as the picture is."""
-    path, whole = (picture.parent / reading.subject_mask, reading.but(crop_px="none"))
+    path, whole = (picture.parent / reading.subject_mask, reading.but(crop_px=False))
     with _opened(path, whole) as mask, _opened(picture, whole) as image:
         if mask.size != image.size:
             raise PictureError(
@@ -154,7 +154,7 @@ def _read_subject(picture: Path, reading: Reading) -> Mask:
 
 
 def _cut(image: Image.Image, reading: Reading, picture: Path) -> Image.Image:
-    if isinstance(reading.crop_px, str):
+    if not reading.crop_px:
         return image
     left, top, width, height = reading.crop_px
     if left + width > image.width or top + height > image.height:

@@ -90,9 +90,9 @@ def parse_scene(
         about = "" if error.what == name else f"{error.what}: "
         raise BadFile(f"{name}: {about}{error.why}") from error
     for view in scene.views:
-        if view.crop_px == "auto":
+        if view.crop_px is None:
             raise BadFile(f'{name}: crop_px is "auto"; a scene that a build wrote has numbers')
-        if view.subject_px != "none" and not view.subject_mask:
+        if view.subject_px is not None and not view.subject_mask:
             raise BadFile(
                 f"{name}: subject_px is given without the subject_mask that a build writes"
             )

@@ -153,7 +153,7 @@ def _check(
 def _say_changed(view: View) -> str:
     """Say in words how the picture was changed before it was drawn."""
     said = []
-    if not isinstance(view.thicken_mm, str):
+    if view.thicken_mm:
         said.append(f"its strokes widened to {view.thicken_mm:g} mm as they are drawn")
     if (bend := bend_of(view)) is not None:
         said.append("mirrored and bent" if bend.mirrored else "bent")

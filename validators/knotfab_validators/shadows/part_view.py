@@ -141,7 +141,7 @@ def see_view(
         flat = view_geometry(view, target.shape[1], target.shape[0])
         geometry, wall = receive(flat, scene.effects, scene.settings.tolerance_px)
         drawn, bent, bend = None, None, bend_of(view)
-        if not isinstance(view.thicken_mm, str) and not toned:
+        if view.thicken_mm and not toned:
             drawn = widen_strokes(target, view.thicken_mm / geometry.pixel_mm)
         if bend is not None and not toned:
             bent = bend_silhouette(target if drawn is None else drawn, bend)

@@ -38,7 +38,7 @@ class SceneView(Protocol):
     @property
     def wall_tilt_deg(self) -> float: ...
     @property
-    def wall_radius_mm(self) -> float | str: ...
+    def wall_radius_mm(self) -> float | None: ...
     @property
     def azimuth_deg(self) -> float: ...
     @property
@@ -223,7 +223,7 @@ def view_geometry(view: SceneView, width: int, height: int) -> ViewGeometry:
     centre = view.frame_up_mm * upwards - view.wall_distance_mm * axis
     light = view.light_distance_mm * axis + view.light_right_mm * right + view.light_up_mm * up
     cylinder = None
-    if not isinstance(view.wall_radius_mm, str):
+    if view.wall_radius_mm is not None:
         cylinder = Cylinder(-view.wall_distance_mm * axis, upwards, view.wall_radius_mm)
         cylinder.require(light, np.cross(right, upwards), wide)
     return ViewGeometry(
