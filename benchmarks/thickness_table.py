@@ -1,4 +1,4 @@
-"""Thickness against exact values, how fast it converges, and what it costs: rows of tables.
+"""Thickness against exact values, and what it costs: rows of tables.
 
 `python -m benchmarks.thickness_table` prints them.
 """
@@ -12,13 +12,7 @@ import numpy as np
 
 from knotfab_validators.tube.thickness import thickness
 from tests.corpus.curves import Array, circle
-from tests.corpus.thicknesses import (
-    convergence_rows,
-    racetrack,
-    thickness_rows,
-    tilt,
-    torus_curve,
-)
+from tests.corpus.thicknesses import racetrack, thickness_rows, tilt, torus_curve
 
 
 @dataclass(frozen=True)
@@ -64,20 +58,13 @@ def cost_rows(n: int = 10_000) -> list[CostRow]:
 
 
 def main() -> int:
-    """Print the three tables; 1 unless every row holds."""
-    exact, smooth, costs = thickness_rows(), convergence_rows(), cost_rows()
+    """Print both tables; 1 unless every row holds."""
+    exact, costs = thickness_rows(), cost_rows()
     print(f"{'thickness of the polygon':<34} vertices           exact  relative error")
     for row in exact:
         print(
             f"{row.name:<34} {row.vertices:>8} {row.exact:>15.12f}  {row.relative_error:14.1e}"
             f"  {'' if row.holds else 'NOT REACHED'}"
-        )
-    print(f"\n{'sampled smooth curve':<34}    reach     error at n, 2n, 4n, 8n     order  expected")
-    for line in smooth:
-        errors = " ".join(f"{e:.1e}" for e in line.relative_errors)
-        print(
-            f"{line.name:<34} {line.reach:8.5f}  {errors}  {sum(line.orders) / 3:6.2f}  "
-            f"{line.expected:>8}  {'' if line.holds else 'NOT REACHED'}"
         )
     print(f"\n{'cost':<34} vertices  thickness  seconds")
     for cost in costs:
@@ -85,8 +72,7 @@ def main() -> int:
             f"{cost.name:<34} {cost.vertices:>8}  {cost.value:9.4g}  {cost.seconds:7.2f}"
             f"  {'' if cost.holds else 'NOT REACHED'}"
         )
-    held = [r.holds for r in exact] + [r.holds for r in smooth] + [r.holds for r in costs]
-    return int(not all(held))
+    return int(not all(row.holds for row in (*exact, *costs)))
 
 
 if __name__ == "__main__":

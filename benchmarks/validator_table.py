@@ -1,6 +1,6 @@
 """What the validators can be believed: `make validator-table` prints it all (about 10 minutes).
 
-Thickness against exact values, its convergence and its cost; the corpus of broken and good parts; and
+Thickness against exact values, and its cost; the corpus of broken and good parts; and
 10,000 hostile files. Ends with 1 if anything is not as it must be.
 """
 

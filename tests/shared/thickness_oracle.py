@@ -1,9 +1,7 @@
-"""The contract's thickness by enumeration, twice: in extended precision, and in exact fractions."""
+"""The contract's thickness by enumeration of all chords, in extended precision."""
 
-import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from fractions import Fraction
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,21 +10,16 @@ from knotfab_validators.arrays import Array
 
 Long = np.longdouble
 Wide = NDArray[np.longdouble]
-Exact = tuple[Fraction, Fraction, Fraction]
 
 ROUNDING = 1e-17  # a hundred units of extended precision
 
 
 @dataclass(frozen=True)
 class Enumerated:
-    """MinRad, half the shortest doubly critical chord, and half the shortest strut.
-
-    A strut is a chord whose length falls in no direction, to first order: a local minimum.
-    """
+    """MinRad, and half the shortest doubly critical chord."""
 
     min_rad: float
     half_dcsd: float
-    half_strut: float
 
     @property
     def value(self) -> float:
@@ -70,13 +63,8 @@ def enumerate_chords(polygons: Sequence[Array], closed: Sequence[bool]) -> Enume
         offset += n
     v = _Vertices(np.concatenate(point), np.concatenate(into), np.concatenate(out))
     edges = np.concatenate(edge)
-    found = [*_vertex_vertex(v), *_vertex_edge(v, edges), *_edge_edge(v, edges)]
-    chords = [c for c, _ in found]
-    struts = [c[s] for c, s in found]
-    shortest = [
-        min((float(x.min()) for x in kind if len(x)), default=np.inf) for kind in (chords, struts)
-    ]
-    return Enumerated(rad, shortest[0] / 2, shortest[1] / 2)
+    chords = (_vertex_vertex(v), _vertex_edge(v, edges), _edge_edge(v, edges))
+    return Enumerated(rad, min(float(lengths.min(initial=np.inf)) for lengths in chords) / 2)
 
 
 @dataclass(frozen=True)
@@ -89,31 +77,24 @@ class _Vertices:
     def longest(self) -> float:
         return float(np.nanmax(np.abs(self.out)))
 
-    def turns(
-        self, k: NDArray[np.int64], chord: Wide
-    ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Tell whether the length of chords that leave vertices k turns there, and whether to rise."""
+    def turns(self, k: NDArray[np.int64], chord: Wide) -> NDArray[np.bool_]:
+        """Tell whether the length of chords that leave vertices k turns there, to rise or to fall."""
         behind = (self.into[k] * chord).sum(axis=1)
         ahead = (self.out[k] * chord).sum(axis=1)
         e = ROUNDING * np.sqrt((chord * chord).sum(axis=1)) * self.longest
         rises = (np.isnan(behind) | (behind >= -e)) & (np.isnan(ahead) | (ahead <= e))
         falls = (behind <= e) & (ahead >= -e)
-        return rises | falls, rises
+        turned: NDArray[np.bool_] = rises | falls
+        return turned
 
 
-Found = tuple[Wide, NDArray[np.bool_]]
-
-
-def _vertex_vertex(v: _Vertices) -> Iterator[Found]:
+def _vertex_vertex(v: _Vertices) -> Wide:
     i, j = np.triu_indices(len(v.point), 1)
     d = v.point[j] - v.point[i]
-    one, rises_one = v.turns(i, d)
-    other, rises_other = v.turns(j, -d)
-    keep = one & other
-    yield _norm(d)[keep], (rises_one & rises_other)[keep]
+    return _norm(d[v.turns(i, d) & v.turns(j, -d)])
 
 
-def _vertex_edge(v: _Vertices, edges: NDArray[np.int64]) -> Iterator[Found]:
+def _vertex_edge(v: _Vertices, edges: NDArray[np.int64]) -> Wide:
     i, e = (x.ravel() for x in np.indices((len(v.point), len(edges))))
     own = (edges[e] == i[:, None]).any(axis=1)
     i, e = i[~own], e[~own]
@@ -124,11 +105,10 @@ def _vertex_edge(v: _Vertices, edges: NDArray[np.int64]) -> Iterator[Found]:
     inside = (along >= -e) & (along <= square + e) & (square > 0)
     i, a, u, t = i[inside], a[inside], u[inside], (along[inside] / square[inside])[:, None]
     d = a + t * u - v.point[i]
-    turns, rises = v.turns(i, d)
-    yield _norm(d)[turns], rises[turns]
+    return _norm(d[v.turns(i, d)])
 
 
-def _edge_edge(v: _Vertices, edges: NDArray[np.int64]) -> Iterator[Found]:
+def _edge_edge(v: _Vertices, edges: NDArray[np.int64]) -> Wide:
     i, j = np.triu_indices(len(edges), 1)
     adjacent = (edges[i][:, :, None] == edges[j][:, None, :]).any(axis=(1, 2))
     i, j = i[~adjacent], j[~adjacent]
@@ -141,78 +121,9 @@ def _edge_edge(v: _Vertices, edges: NDArray[np.int64]) -> Iterator[Found]:
     s = (np.cross(b - a, w) * normal).sum(axis=1) / square
     t = (np.cross(b - a, u) * normal).sum(axis=1) / square
     inside = (s >= -ROUNDING) & (s <= 1 + ROUNDING) & (t >= -ROUNDING) & (t <= 1 + ROUNDING)
-    d = (b + t[:, None] * w - a - s[:, None] * u)[inside]
-    yield _norm(d), np.ones(len(d), dtype=np.bool_)
+    return _norm((b + t[:, None] * w - a - s[:, None] * u)[inside])
 
 
 def _norm(x: Wide) -> Wide:
     length: Wide = np.sqrt((x * x).sum(axis=1))
     return length
-
-
-# --- exactly ------------------------------------------------------------------------------------
-
-
-def exact_thickness(polygons: Sequence[Array]) -> float:
-    """The thickness of closed polygons: every comparison in fractions, one square root at the end."""
-    squares = []  # squares of thickness, twice over
-    points = [[_exact(p) for p in polygon] for polygon in polygons]
-    vertices = [(k, i) for k, p in enumerate(points) for i in range(len(p))]
-    tightest = math.inf
-    for k, i in vertices:
-        before, after = _edge(points[k], i - 1), _edge(points[k], i)
-        a, b, c = _dot(before, before), _dot(after, after), _dot(before, after)
-        # 1 / tan(theta/2) = (1 + cos) / sin, cos = c / sqrt(a b), sin = sqrt(a b - c c) / sqrt(a b)
-        root = math.sqrt(a * b)
-        sine = math.sqrt(a * b - c * c)
-        one_plus = root + float(c) if c > 0 else float(a * b - c * c) / (root - float(c))
-        if sine > 0 or c < 0:
-            half = math.sqrt(min(a, b)) / 2
-            tightest = min(tightest, half * one_plus / sine if sine > 0 else 0.0)
-    for (k, i), (m, j) in ((x, y) for x in vertices for y in vertices):
-        p, q = points[k], points[m]
-        here, there = p[i], q[j]
-        d = _minus(there, here)
-        if (k, i) < (m, j) and _turns(p, i, d) and _turns(q, j, _minus(here, there)):
-            squares.append(_dot(d, d))
-        if k != m or i not in (j, (j + 1) % len(q)):
-            u = _edge(q, j)
-            t = -_dot(d, u) / _dot(u, u)
-            foot = _along(d, u, t)
-            if 0 <= t <= 1 and _turns(p, i, foot):
-                squares.append(_dot(foot, foot))
-        apart = k != m or (i - j) % len(p) not in (0, 1, len(p) - 1)
-        if (k, i) < (m, j) and apart:
-            u, w = _edge(p, i), _edge(q, j)
-            uu, ww, uw, du, dw = _dot(u, u), _dot(w, w), _dot(u, w), _dot(d, u), _dot(d, w)
-            det = uu * ww - uw * uw
-            if det:
-                s, t = (du * ww - dw * uw) / det, (du * uw - dw * uu) / det
-                if 0 <= s <= 1 and 0 <= t <= 1:
-                    chord = _along(_along(d, w, t), u, -s)
-                    squares.append(_dot(chord, chord))
-    return min(tightest, math.sqrt(min(squares)) / 2) if squares else tightest
-
-
-def _exact(p: Array) -> Exact:
-    return Fraction(float(p[0])), Fraction(float(p[1])), Fraction(float(p[2]))
-
-
-def _minus(a: Exact, b: Exact) -> Exact:
-    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
-
-
-def _along(a: Exact, u: Exact, t: Fraction) -> Exact:
-    return a[0] + t * u[0], a[1] + t * u[1], a[2] + t * u[2]
-
-
-def _dot(a: Exact, b: Exact) -> Fraction:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-def _edge(points: list[Exact], i: int) -> Exact:
-    return _minus(points[(i + 1) % len(points)], points[i % len(points)])
-
-
-def _turns(points: list[Exact], i: int, chord: Exact) -> bool:
-    return _dot(_edge(points, i - 1), chord) * _dot(_edge(points, i), chord) <= 0

@@ -9,6 +9,7 @@ from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.tube import critical_chords
 from knotfab_validators.tube.critical_chords import shortest_critical_chord
 from knotfab_validators.tube.thickness import Thickness, check_length, check_thickness, thickness
+from tests.corpus.thicknesses import ThicknessRow, thickness_rows
 
 
 def ngon(n: int, radius: float = 1.0, axes: tuple[int, int] = (0, 1)) -> Array:
@@ -44,6 +45,14 @@ def dcsd(*polygons: Array, closed: bool = True) -> float:
 
 
 # --- values that are known ------------------------------------------------------------------
+
+
+def test_every_polygon_has_its_exact_thickness() -> None:
+    rows = thickness_rows()
+    assert len(rows) > 20
+    assert [row for row in rows if not row.holds] == []
+    assert not ThicknessRow("off by a millionth", 3, 1.0, 1.000001).holds
+    assert not ThicknessRow("not a number", 3, 1.0, float("nan")).holds
 
 
 def test_the_right_angles_of_a_square_and_of_a_slit() -> None:
