@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import deepcopy
 from dataclasses import dataclass
 from math import pi
 
@@ -14,7 +15,7 @@ from torch.func import functional_call
 from knotfab.base.arrays import Array
 from knotfab.limits.region import outside
 from knotfab.torch_forms.known import known
-from knotfab.torch_forms.network import CouplingNetwork
+from knotfab.torch_forms.network import Coupling, CouplingNetwork, Rigid
 from knotfab.torch_forms.network.rigid import rotation
 from knotfab_formats.scene import SettledRegion
 from paper.losses import (
@@ -29,6 +30,7 @@ from paper.losses import (
 )
 
 from .curves import circle, torus_knot
+from .measure import EPSILONS
 
 Function = Callable[..., Tensor]
 
@@ -272,3 +274,39 @@ def network_cases() -> tuple[ValueCase, ...]:
         turning("rotation by 0", "no axis", 0.0, 0.0, 0.0),
         turning("rotation", "none", 0.3, -0.5, 0.9),
     )
+
+
+def round_trip_share(network: CouplingNetwork, points: Tensor) -> tuple[float, float]:
+    """Measure how far inverse(forward(x)) is off in single and in double precision, as shares of the bound.
+
+    `network` is in double precision. The bound is 16 machine epsilons times the condition number: the
+    sum over all inputs, the weights on the way there and on the way back, and what each layer hands on,
+    of |df/dx| |x|.
+    """
+    share = torch.randn(points.shape, generator=torch.Generator().manual_seed(6)).double()
+    there, back = network, deepcopy(network)
+    start = points.clone().requires_grad_()
+    handed: list[Tensor] = []
+
+    def nudge(p: Tensor) -> Tensor:
+        handed.append(torch.zeros_like(p, requires_grad=True))
+        return p * (1 + handed[-1])
+
+    p = start
+    for layer in there.layers:
+        p = nudge(layer(p))
+    for layer in reversed(back.layers):
+        assert isinstance(layer, Rigid | Coupling)
+        p = nudge(layer.inverse(p))
+    inputs = [start, *there.parameters(), *back.parameters()]
+    slopes = torch.autograd.grad((share * p).sum(), [*inputs, *handed])
+    weights = [x.detach() for x in inputs] + [torch.ones_like(x) for x in handed]
+    condition = sum(float((g * x).abs().sum()) for g, x in zip(slopes, weights, strict=True))
+    found = []
+    for dtype in (torch.float32, torch.float64):
+        kind = deepcopy(network).to(dtype)
+        with torch.no_grad():
+            ended = kind.inverse(kind(points.to(dtype))).double()
+            off = abs(float((share * (ended - points)).sum()))
+        found.append(off / (EPSILONS * torch.finfo(dtype).eps * max(condition, 1e-300)))
+    return found[0], found[1]

@@ -9,23 +9,31 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from benchmarks.hard.crossing import passes_through
 from benchmarks.hard.curves import hopf_link, torus_knot
 from benchmarks.hard.light import LampCase, WallCase, wall_shares
 from benchmarks.hard.measure import FORMS, double_error, forward_error, image
 from benchmarks.hard.paper_rendering import paper_error
-from benchmarks.hard.random_values import round_trip_share
 from benchmarks.hard.rendering import RenderCase
 from benchmarks.hard.terms import TERMS, term_case
 from benchmarks.hard.value_error import value_error
-from benchmarks.hard.values import ValueCase, network_case
+from benchmarks.hard.values import ValueCase, network_case, round_trip_share
 from knotfab.base.arrays import Array
 from knotfab.geometry.certificate import certify
 from knotfab.geometry.neighbours import find_neighbours
 from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab_formats.bounds import MOST_MM
-from paper.losses import ball, box, mobius_loss, occupancy_loss, squared_curvature
+from paper.losses import (
+    ball,
+    bending_loss,
+    box,
+    length_loss,
+    mobius_loss,
+    occupancy_loss,
+    squared_curvature,
+)
 
 __all__ = ["HUNTS", "KEPT", "Hunt"]
 
@@ -123,15 +131,18 @@ def _term(kind: str, points: Array) -> ValueCase:
     return term_case(kind, kind, "", points, smooth=False)
 
 
+_LOSSES: dict[str, Callable[[Tensor], Tensor]] = {
+    "Moebius": lambda k: mobius_loss(k, 0.4, tuple(torch.triu_indices(_CORNERS, _CORNERS, 1))),
+    "curvature": lambda k: squared_curvature(k).sum(),
+    "bending": lambda k: bending_loss(k, 1.0),
+    "length budget": lambda k: length_loss(k, 1.0),
+    "box": lambda k: occupancy_loss(k, 0.2, box((-0.9, -0.9, -0.3), (0.9, 0.9, 0.3))),
+    "ball": lambda k: occupancy_loss(k, 0.2, ball((0.0, 0.0, 0.0), 0.5)),
+}
+
+
 def _loss(kind: str, points: Array) -> ValueCase:
-    u, v = torch.triu_indices(len(points), len(points), 1)
-    f = {
-        "Moebius": lambda k: mobius_loss(k, 0.4, (u, v)),
-        "curvature": lambda k: squared_curvature(k).sum(),
-        "box": lambda k: occupancy_loss(k, 0.2, box((-0.9, -0.9, -0.3), (0.9, 0.9, 0.3))),
-        "ball": lambda k: occupancy_loss(k, 0.2, ball((0.0, 0.0, 0.0), 0.5)),
-    }[kind]
-    return ValueCase(kind, "", (torch.as_tensor(points)[None],), f, smooth=False)
+    return ValueCase(kind, "", (torch.as_tensor(points)[None],), _LOSSES[kind], smooth=False)
 
 
 def _networked(x: Array) -> float:
@@ -208,10 +219,7 @@ HUNTS: dict[str, Hunt] = {
         Hunt("ellipse", 6 + 8 * _CAPSULES, partial(_papers, True)),
         Hunt("capsule", 6 + 8 * _CAPSULES, partial(_papers, False)),
         *(Hunt(kind, 4 * _CORNERS, partial(_valued, partial(_term, kind))) for kind in TERMS),
-        *(
-            Hunt(kind, 4 * _CORNERS, partial(_valued, partial(_loss, kind)))
-            for kind in ("Moebius", "curvature", "box", "ball")
-        ),
+        *(Hunt(kind, 4 * _CORNERS, partial(_valued, partial(_loss, kind))) for kind in _LOSSES),
         Hunt("network", 6, _networked),
         Hunt(
             "certificate, two rings", 12 * _RING, partial(_passed, np.concatenate(hopf_link(_RING)))

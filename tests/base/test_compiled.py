@@ -50,7 +50,7 @@ def test_a_loop_uses_nothing_of_our_own_from_another_file() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("package", ["knotfab.base", "knotfab_validators"])
-def test_a_full_disk_keeps_no_loop_from_running(
+def test_a_full_disk_or_no_place_to_write_keeps_no_loop_from_running(
     package: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """What is kept there already is used; else it is compiled for this process."""
@@ -64,10 +64,17 @@ def test_a_full_disk_keeps_no_loop_from_running(
     def full(place: str) -> SimpleNamespace:
         return SimpleNamespace(free=0)
 
-    with monkeypatch.context() as no_room:
-        no_room.setattr(module.shutil, "disk_usage", full)
-        assert module.compiled(double)(1.5) == 3.0
-        assert not list((tmp_path / "kept").rglob("*.nbi"))
+    def deny(*_: object, **__: object) -> None:
+        raise RuntimeError("no locator available")
+
+    for reason in (
+        (module.shutil, "disk_usage", full),
+        (numba.core.dispatcher, "FunctionCache", deny),
+    ):
+        with monkeypatch.context() as no_room:
+            no_room.setattr(*reason)
+            assert module.compiled(double)(1.5) == 3.0
+            assert not list((tmp_path / "kept").rglob("*.nbi"))
     assert module.compiled(double)(1.5) == 3.0  # now there is room
     monkeypatch.setattr(module.shutil, "disk_usage", full)
     again = module.compiled(double)

@@ -19,11 +19,11 @@ ELSEWHERE = {
     "network (inn)": "tests/torch_forms/test_network_search.py",
     "network, then flow (inn+flow)": "tests/torch_forms/test_network_search.py",
     "region mesh": "tests/limits/test_region_mesh.py",
-    "time budget": "tests/torch_forms/test_free_view.py",
-    "price of a limit": "tests/benchmarks/test_hard_cases_values.py",
+    "time budget": "tests/torch_forms/test_pose.py",
+    "price of a limit": "tests/benchmarks/hard/test_values.py",
     "sparser filling": "tests/test_pipeline.py",
     "wire plan": "tests/wire/test_plan.py",
-    "view found in the search": "tests/torch_forms/test_free_view.py",
+    "view found in the search": "tests/torch_forms/test_pose.py",
 }
 assert all(Path(__file__).parents[2].joinpath(place).exists() for place in ELSEWHERE.values())
 QUICKEST = [Cell(row, row.quickest) for row in ROWS if row.name not in ELSEWHERE]

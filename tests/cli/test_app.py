@@ -10,7 +10,6 @@ import sys
 import time
 from collections.abc import Iterator
 from dataclasses import fields
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -29,24 +28,13 @@ from knotfab.read_options import read_seconds
 from knotfab.verify.verifier import Files, Verifier
 
 SVG = '<svg xmlns="http://www.w3.org/2000/svg" width="64" height="64">{}</svg>'
-_GROWING = "".join(f'<!ENTITY {b} "{f"&{a};" * 10}">' for a, b in pairwise("abcdefghi"))
-BOMB = (
-    f'<?xml version="1.0"?><!DOCTYPE s [<!ENTITY a "aaaaaaaaaa">{_GROWING}]>'
-    '<svg xmlns="http://www.w3.org/2000/svg" width="64" height="64"><text>&i;</text></svg>'
-)
 BAD_PICTURES = {
     "missing.png": "there is no such file",
     "folder": "it is a directory",
     "words.png": "it is not a picture",
-    "cut.png": "damaged or cut short",
     "outside.svg": "refers to something outside the file",
-    "bomb.svg": "entities",
-    "white.png": "all one colour",
-    "black.png": "all one colour",
-    "one.png": "less than 16 on a side",
     "speck.png": "too little to be drawn",
     "checker.png": "none of these is its background",
-    "empty.png": "the file is empty",
 }
 BAD_SCENES = {
     "[piece]\ntube_radius = 3\n": "Did you mean 'tube_radius_mm'",
@@ -86,16 +74,9 @@ def bad(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("bad")
     (folder / "folder").mkdir()
     (folder / "words.png").write_text("I am no picture.\n")
-    (folder / "empty.png").write_bytes(b"")
-    good = picture(folder / "good.png", square())
-    (folder / "cut.png").write_bytes(good.read_bytes()[:-40])
+    picture(folder / "good.png", square())
     outside = '<image href="https://example.org/a.png" width="9" height="9"/>'
     (folder / "outside.svg").write_text(SVG.format(outside))
-    (folder / "bomb.svg").write_text(BOMB)
-    blank = np.zeros((64, 64), dtype=bool)
-    picture(folder / "white.png", blank)
-    picture(folder / "black.png", ~blank)
-    picture(folder / "one.png", np.ones((1, 1), dtype=bool))
     speck = np.full((64, 64), 255, dtype=np.uint8)
     speck[30, 30] = 100  # a piece that covers less than this one pixel
     Image.fromarray(speck).save(folder / "speck.png")

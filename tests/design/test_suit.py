@@ -3,12 +3,15 @@
 from types import SimpleNamespace
 from typing import cast
 
+import numpy as np
 import pytest
 
+from knotfab.base.arrays import Array
 from knotfab.design.question import Question
-from knotfab.design.suit import suit
-from knotfab_formats.scene import Material, ResolvedView
-from knotfab_formats.search import SearchSettings
+from knotfab.design.suit import fine_enough, outline_px, suit
+from knotfab.geometry.tube import sweep
+from knotfab_formats.scene import Accuracy, Material, ResolvedView, Scene
+from knotfab_formats.search import PRESETS, SearchSettings, search_settings
 
 PLAIN = SearchSettings()
 
@@ -70,3 +73,59 @@ def test_lines_get_finer_pictures_and_several_views_more_steps() -> None:
     assert (three.fine_px, three.coarse_px) == (PLAIN.fine_px, PLAIN.coarse_px)
     assert three.coarse_iterations == 3 * PLAIN.coarse_iterations
     assert three.settle_iterations == 3 * PLAIN.settle_iterations
+
+
+COARSE = SearchSettings(mesh_sides=8, settle_edge_radii=0.79)
+
+
+def stand_out(points: Array, radius: float, sides: int) -> float:
+    """The most by which the mesh swept along a closed polyline leaves the round tube about its edges, mm."""
+    vertices, _ = sweep(points, radius, sides)
+    start, edge = points, np.roll(points, -1, axis=0) - points
+    share = np.einsum("vkj,kj->vk", vertices[:, None] - start, edge) / (edge * edge).sum(axis=1)
+    nearest = start + np.clip(share, 0.0, 1.0)[..., None] * edge
+    return float(np.linalg.norm(vertices[:, None] - nearest, axis=2).min(axis=1).max()) - radius
+
+
+@pytest.mark.parametrize("allowed_mm", [0.01, 0.05, 0.2])
+@pytest.mark.parametrize("radius_mm", [0.8, 1.5, 4.0])
+def test_the_mesh_stands_out_no_further_at_the_sharpest_bend(
+    radius_mm: float, allowed_mm: float
+) -> None:
+    bend_mm = 1.15 * radius_mm
+    fine = fine_enough(COARSE, radius_mm, bend_mm, allowed_mm)
+    # a circle on which `bend_radii` is the limit: its edges touch one of that radius from outside
+    count = int(np.ceil(np.pi / np.arctan(0.5 * fine.settle_edge_radii * radius_mm / bend_mm)))
+    turn = 2.0 * np.pi * np.arange(count) / count
+    around = bend_mm / np.cos(np.pi / count)
+    ring = around * np.column_stack([np.cos(turn), np.sin(turn), 0.0 * turn])
+    found = stand_out(ring, radius_mm, fine.mesh_sides)
+    assert found <= 0.9 * allowed_mm  # some is kept for edges that are not quite even
+    assert found >= 0.3 * allowed_mm or fine.settle_edge_radii == COARSE.settle_edge_radii
+
+
+def test_what_is_fine_enough_stays() -> None:
+    fine = SearchSettings(mesh_sides=64, settle_edge_radii=0.2)
+    assert fine_enough(fine, 1.5, 1.8, 0.2) == fine
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", PRESETS)
+def test_corners_of_presets_stay_within_the_clearance_check(name: str) -> None:
+    """Corners of 14 sides took .02 mm of a gap of .4 mm on either side: a knight in 5 s was rejected."""
+    thick = fine_enough(PRESETS[name], 3.0, 3.5, 10.0)
+    straight = np.zeros((400, 3))
+    turn = 2.0 * np.pi * np.arange(400) / 400
+    straight[:, :2] = 1000.0 * np.column_stack([np.cos(turn), np.sin(turn)])
+    assert stand_out(straight, 3.0, thick.mesh_sides) <= 0.0105 * 3.0
+
+
+def test_the_accuracy_sets_the_outline_limit_of_a_scene() -> None:
+    """A limit that the scene gives is kept; the resolved scene holds the number in either case."""
+    for given, name, expected in (
+        ({}, "sketch", 1.5),
+        ({}, "standard", 0.5),
+        ({"max_outline_error_px": 0.3}, "sketch", 0.3),
+    ):
+        scene = Scene(accuracy=Accuracy(name=name, **given))
+        assert outline_px(scene, search_settings(name, {})) == expected

@@ -1,13 +1,25 @@
 """The tube: exact area times length, closed, outwards, for every closed polyline it accepts."""
 
-import numpy as np
-import pytest
-from numpy.typing import NDArray
+import contextlib
+from math import pi
 
+import numpy as np
+import pymeshlab
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from validator_parts import trefoil
+
+from benchmarks.hard.curves import circle
 from knotfab.base.arrays import Array
 from knotfab.base.errors import SceneError
+from knotfab.geometry.measures import bend_radii
 from knotfab.geometry.meshes import as_manifold
-from knotfab.geometry.tube import mesh_volume, reach_mm, sides_for, sweep
+from knotfab.geometry.polylines import polylines_of_sizes
+from knotfab.geometry.tube import _transport, mesh_volume, reach_mm, sides_for, sweep
+from knotfab_validators.geometry.mesh import Mesh
+from knotfab_validators.mesh.surface_checks import self_intersections
 
 
 def wiggle(n: int, seed: int = 0, amplitude: float = 0.3) -> Array:
@@ -19,12 +31,6 @@ def wiggle(n: int, seed: int = 0, amplitude: float = 0.3) -> Array:
         for wave in (np.cos, np.sin):
             p += wave(k * t)[:, None] * rng.normal(size=3) * 50 * amplitude / k**2
     return p
-
-
-def trefoil(n: int) -> Array:
-    t = np.linspace(0, 2 * np.pi, n, endpoint=False)
-    ring = 2 + np.cos(3 * t)
-    return 12 * np.stack([ring * np.cos(2 * t), ring * np.sin(2 * t), np.sin(3 * t)], axis=1)
 
 
 def length(p: Array) -> float:
@@ -58,6 +64,21 @@ def test_volume_is_that_of_the_round_tube(sides: int, seed: int) -> None:
     assert mesh_volume(vertices, faces) == pytest.approx(wanted, rel=3e-6 if sides > 3 else 1e-5)
     assert edges_are_matched(faces)
     assert genus(vertices, faces) == 1
+
+
+@settings(max_examples=6, deadline=None, derandomize=True)
+@given(seed=st.integers(0, 2**31), count=st.integers(40, 400), sides=st.integers(4, 64))
+def test_up_to_its_bending_limit_a_tube_has_its_volume_or_is_refused(
+    seed: int, count: int, sides: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    p = wiggle(count, seed, amplitude=float(rng.uniform(0.1, 3.0)))
+    bend = float(bend_radii(p, polylines_of_sizes((count,))).min())
+    radius = min(bend, 50.0) * float(rng.uniform(0.5, 1.05))
+    with contextlib.suppress(SceneError):
+        vertices, faces = sweep(p, radius, sides)
+        exact = np.pi * radius**2 * length(p)
+        assert mesh_volume(vertices, faces) == pytest.approx(exact, rel=1e-3)
 
 
 @pytest.mark.parametrize("corners", [3, 4, 5, 12])
@@ -184,3 +205,73 @@ def test_sides_keep_the_outline_within_the_tolerance(tolerance: float) -> None:
     corner = 3.0 * np.sqrt(step / np.sin(step))
     assert max(corner - 3.0, 3.0 - corner * np.cos(step / 2)) <= 1.1 * tolerance
     assert sides_for(3.0, 0.0) == 256
+
+
+# their outlines alone take seconds
+
+
+def _wave(height: float) -> tuple[np.ndarray, float]:
+    """A closed curve that winds about a ring, and the angle by which its frame comes back turned."""
+    s = 2 * pi * np.arange(300) / 300
+    out, up = 10 + height * np.cos(3 * s), height * np.sin(3 * s)
+    points = np.stack([out * np.cos(s), out * np.sin(s), up], 1)
+    along = np.roll(points, -1, 0) - points
+    along /= np.linalg.norm(along, axis=1)[:, None]
+    mitre = along + np.roll(along, 1, 0)
+    mitre /= np.linalg.norm(mitre, axis=1)[:, None]
+    return points, _transport(along, mitre)[1]
+
+
+def test_a_closing_twist_of_half_a_turn_closes() -> None:
+    """A frame that comes back turned by exactly pi: both ways round are as short."""
+    heights = np.linspace(0.0, 6.0, 120)
+    turns = np.array([_wave(h)[1] for h in heights])
+    jump = int(np.abs(np.diff(turns)).argmax())
+    assert abs(turns[jump + 1] - turns[jump]) > pi
+    low, high = heights[jump], heights[jump + 1]
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        if np.sign(_wave(middle)[1]) == np.sign(turns[jump]):
+            low = middle
+        else:
+            high = middle
+    for height in (low, high):
+        points, turn = _wave(height)
+        assert abs(turn) == pytest.approx(pi, abs=1e-9)
+        length = float(np.linalg.norm(np.roll(points, -1, 0) - points, axis=1).sum())
+        for sides in (3, 5, 64):
+            vertices, faces = sweep(points, 0.3, sides)
+            assert mesh_volume(vertices, faces) == pytest.approx(pi * 0.09 * length, rel=1e-5)
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
+def test_scaled_tubes_are_the_same_tube(scale: float) -> None:
+    points = circle(200, 10.0)
+    plain, faces = sweep(points, 1.0, 24)
+    scaled, same = sweep(points * scale, scale, 24)
+    assert np.array_equal(faces, same)
+    assert np.abs(scaled / scale - plain).max() <= 1e-9
+
+
+@pytest.mark.slow
+def test_a_hundred_thousand_corners_are_swept() -> None:
+    points = circle(100_000, 1000.0)
+    vertices, faces = sweep(points, 1.0, 4)
+    length = float(np.linalg.norm(np.roll(points, -1, 0) - points, axis=1).sum())
+    assert mesh_volume(vertices, faces) == pytest.approx(pi * length, rel=1e-9)
+
+
+def _count_selected(vertices: np.ndarray, faces: np.ndarray) -> int:
+    """Faces that pymeshlab finds to intersect others."""
+    meshes = pymeshlab.MeshSet()
+    meshes.add_mesh(pymeshlab.Mesh(vertices, faces))
+    meshes.apply_filter("compute_selection_by_self_intersections_per_face")
+    return int(meshes.current_mesh().selected_face_number())
+
+
+@pytest.mark.parametrize(("size", "clear"), [(12.0, True), (4.0, False)])
+def test_self_intersection_agrees_with_pymeshlab(size: float, clear: bool) -> None:
+    vertices, faces = sweep(trefoil(300, size), 3.0, 24)
+    ours = len(self_intersections(Mesh(vertices, faces.astype(np.int64))))
+    assert (ours == 0) == clear
+    assert (_count_selected(vertices, faces) == 0) == clear

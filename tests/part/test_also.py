@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import ezdxf
 import numpy as np
 import pytest
+from command import picture
 from rings import one
 from scipy.spatial import cKDTree
 from setups import setup
@@ -15,6 +16,7 @@ from shapely.geometry import LinearRing, MultiPoint, Polygon
 from svgelements import SVG, Group
 from svgelements import Path as SvgPath
 
+import knotfab
 from knotfab.base.errors import InputError
 from knotfab.files.folder import OutputFolder
 from knotfab.geometry.tube import mesh_volume, sweep
@@ -265,3 +267,23 @@ def test_a_tube_is_cut_only_on_the_inner_side_of_bends_where_it_would_fold() -> 
         assert (0 < cut.mean() < 0.1) == (radius > 2.13)
         assert (np.abs(points[cut, 0]) > 25).all() and (np.abs(points[cut, 0]) < 30).all()
     assert step._sweep(oval, 4.0) is None
+
+
+V, U = np.mgrid[:80, :80]
+RING = np.abs(np.hypot(U - 40, V - 40) - 26) < 8  # thin and small: its plan is soon found
+
+
+@pytest.mark.build
+def test_a_build_of_wire_writes_all_that_was_asked_for(tmp_path: Path) -> None:
+    file = str(picture(tmp_path / "ring.png", RING))
+    asked = {
+        "material": "steel-wire-2mm",
+        "size": 20.0,
+        "accuracy": "sketch",
+        "also": "svg,dxf",
+    }
+    made = knotfab.build([file], tmp_path / "out", **asked, skip=("slicer", "shadow-render"))
+    there = {path.name for path in made.folder.iterdir()}
+    assert {f"centre-lines.{kind}" for kind in ("svg", "dxf")} <= there
+    (view,) = (view["name"] for view in made.report["views"])
+    assert {f"shadow-{view}.svg", "bends-lra.csv"} <= there

@@ -1,14 +1,9 @@
-"""The compiled silhouette against the torch form and finite differences, and how its code is kept."""
+"""The compiled silhouette against the torch form and finite differences."""
 
-import importlib.util
 import math
-import os
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
-from types import ModuleType
 from typing import cast
 
-import numba.core.caching
 import numpy as np
 import pytest
 import torch
@@ -54,18 +49,6 @@ def target_at(frame: Frame, dtype: torch.dtype) -> Tensor:
 def torch_error(p: Tensor, frame: Frame, tau: float, target: Tensor, *rest: object) -> Tensor:
     seen = render_tiled(p, p.roll(-1, 0), frame, RADIUS, tau, *rest)  # type: ignore[arg-type]
     return ((seen - target) ** 2).sum()
-
-
-@pytest.mark.parametrize("tau", [0.3, 2.0, 30.0])
-@pytest.mark.parametrize("seed", range(4))
-def test_the_image_is_that_of_torch(tau: float, seed: int) -> None:
-    for dtype, most in ((torch.float32, 1e-5), (torch.float64, 1e-12)):
-        p, frame = tangle(80, seed, dtype), frame_at(dtype)
-        found = render(p, p.roll(-1, 0), frame, RADIUS, tau)
-        wanted = render_tiled(p, p.roll(-1, 0), frame, RADIUS, tau)
-        assert found.dtype == dtype and found.shape == wanted.shape
-        assert float((found - wanted).abs().max()) <= most
-        assert float(wanted.max()) > 0.6
 
 
 @pytest.mark.parametrize("tau", [0.3, 2.0])
@@ -291,53 +274,3 @@ def test_every_number_of_threads_gives_the_same_bits() -> None:
         torch.set_num_threads(threads)
     for error, gradient in found[1:]:
         assert torch.equal(error, found[0][0]) and torch.equal(gradient, found[0][1])
-
-
-def load(source: Path) -> ModuleType:
-    spec = importlib.util.spec_from_file_location("small", source)
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-@pytest.fixture
-def source(tmp_path: Path) -> Path:
-    path = tmp_path / "place" / "small.py"
-    path.parent.mkdir()
-    path.write_text(
-        "from knotfab.base.compiled import compiled\n"
-        "@compiled\ndef halve(x: float) -> float:\n    return x / 2\n"
-    )
-    return path
-
-
-def test_compiled_code_is_kept_and_found_again(source: Path) -> None:
-    assert load(source).halve(3.0) == 1.5
-    assert list(source.parent.rglob("*.nbc"))
-    again = load(source).halve
-    assert again(5.0) == 2.5
-    assert sum(again.stats.cache_hits.values()) == 1
-
-
-def test_a_folder_that_cannot_be_written_is_passed_over(
-    source: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    # a file where the folder would be: that nobody can write into
-    (source.parent / "__pycache__").write_text("")
-    elsewhere = tmp_path / "cache"
-    monkeypatch.setattr(numba.core.caching.config, "CACHE_DIR", str(elsewhere))
-    assert load(source).halve(3.0) == 1.5
-    assert list(elsewhere.rglob("*.nbc"))
-
-
-def test_without_any_place_to_write_it_is_compiled_all_the_same(
-    source: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (source.parent / "__pycache__").write_text("")
-    (tmp_path / "blocked").write_text("")
-    for name in ("HOME", "XDG_CACHE_HOME", "LOCALAPPDATA"):
-        monkeypatch.setenv(name, os.fspath(tmp_path / "blocked" / "no"))
-    module = load(source)
-    assert module.halve(3.0) == 1.5 and np.isinf(module.halve(np.inf))
-    assert not list(tmp_path.rglob("*.nbc"))

@@ -33,7 +33,7 @@ from knotfab.scene.camera import camera_of
 from knotfab_formats.records import plain
 from knotfab_validators.shadows.compare import overlap
 from knotfab_validators.shadows.lamp import lamp_points
-from tests.report.test_report_json import SLICED, WALL
+from tests.report.test_report_html import SLICED, WALL
 
 pytestmark = pytest.mark.slow
 

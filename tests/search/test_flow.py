@@ -5,7 +5,15 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from knotfab.search.flow import _precondition
+from benchmarks.hard.crossing import linking_number, passes_through
+from benchmarks.hard.curves import HardKnot, circle, hard_knots
+from benchmarks.hard.isotopy import fuzz, types_of
+from knotfab.base.arrays import Array
+from knotfab.geometry.certificate import certify
+from knotfab.geometry.neighbours import Neighbours, find_neighbours
+from knotfab.geometry.polylines import polylines_of_sizes
+from knotfab.limits.base import Felt
+from knotfab.search.flow import FlowSettings, _precondition, flow
 
 
 @pytest.mark.parametrize("sigma", [0.0, 0.3, 2.3, 40.0])
@@ -29,3 +37,80 @@ def test_the_h1_gradient_keeps_what_moves_a_ring_as_a_whole() -> None:
     found = _precondition(gradient, np.array([0, 50]), 4.0)
     np.testing.assert_allclose(found.mean(0), gradient.mean(0), atol=1e-13)
     assert np.ptp(np.diff(found, axis=0)) < 0.3 * np.ptp(np.diff(gradient, axis=0))
+
+
+@pytest.mark.parametrize("case", hard_knots(), ids=lambda case: case.name)
+def test_adversarial_steps_never_change_the_type(case: HardKnot) -> None:
+    found = fuzz(case, 150, seed=11)
+    assert found.accepted > 0
+    assert found.faults == 0
+    assert found.changed == 0
+
+
+def test_the_judge_sees_a_strand_pass_through_another() -> None:
+    # the fuzz is worth nothing if its own judge cannot tell
+    rings = [circle(7), circle(8) + (2.3, 0.0, 0.1)]
+    points, sizes = np.concatenate(rings), polylines_of_sizes((7, 8))
+    step = np.zeros_like(points)
+    step[7:] = (-1.0, 0.0, -0.2)
+    assert passes_through(points, step, sizes.next)
+    assert not passes_through(points, 0.1 * step, sizes.next)
+    near = find_neighbours(points, sizes, 20.0, 2)
+    assert not certify(points, step, sizes, near).valid
+    assert certify(points, 0.1 * step, sizes, near).valid
+    linked = [rings[0], rings[0][:, [0, 2, 1]] + (1.0, 0.05, 0.03)]
+    assert types_of(linked) != types_of(rings)
+
+
+def test_strands_that_touch_cannot_be_moved_together() -> None:
+    points = np.concatenate([circle(10), circle(10)])
+    rings = polylines_of_sizes((10, 10))
+    near = find_neighbours(points, rings, 10.0, 2)
+    step = np.zeros_like(points)
+    for size in (0.0, 1e-300, 1e-9, 1.0):
+        step[:10, 2] = size
+        assert not certify(points, step, rings, near).valid
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_a_step_that_is_not_finite_is_refused(bad: float) -> None:
+    points, rings = circle(10), polylines_of_sizes((10,))
+    step = np.zeros_like(points)
+    step[3, 1] = bad
+    verdict = certify(points, step, rings, find_neighbours(points, rings, 10.0, 2))
+    assert not verdict.valid and "finite" in verdict.reason
+
+
+def test_a_flow_that_is_pulled_through_itself_stops_short() -> None:
+    # two rings, one pulled to a place on the other side of the other: it must stay linked
+    one = circle(24, 10.0)
+    two = one[:, [0, 2, 1]] + (10.0, 0.0, 0.0)
+    points, rings = np.concatenate([one, two]), polylines_of_sizes((24, 24))
+    goal = np.concatenate([one, two + (30.0, 0.0, 0.0)])
+
+    def pull(p: Array, near: Neighbours, progress: float) -> Felt:
+        return float(((p - goal) ** 2).sum()), 2 * (p - goal)
+
+    before = linking_number(one, two)
+    assert abs(before) == pytest.approx(1, abs=1e-9)
+    result = flow(points, rings, pull, 1.0, FlowSettings(iterations=150, rate=0.5, rate_end=0.5))
+    assert np.isfinite(result.points).all()
+    assert linking_number(*rings.split(result.points)) == pytest.approx(before, abs=1e-6)
+    assert float(((result.points[24:] - goal[24:]) ** 2).sum(1).max()) > 1.0
+    assert result.least_margin > 0
+
+
+def test_a_flat_or_infinite_slope_moves_nothing() -> None:
+    points, rings = circle(24, 10.0), polylines_of_sizes((24,))
+
+    def nothing(p: Array, near: Neighbours, progress: float) -> Felt:
+        return 0.0, np.zeros_like(p)
+
+    def steep(p: Array, near: Neighbours, progress: float) -> Felt:
+        return 1e300 * float(p.sum()), np.full_like(p, 1e300)
+
+    settings = FlowSettings(iterations=5, evening=0.0)
+    still = flow(points, rings, nothing, 1.0, settings).points
+    assert np.array_equal(still, points)
+    moved = flow(points, rings, steep, 1.0, settings).points
+    assert np.isfinite(moved).all()

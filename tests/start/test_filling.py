@@ -3,8 +3,13 @@
 import numpy as np
 import pytest
 import shapely
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+from scipy.ndimage import gaussian_filter
 from shapely import LinearRing, MultiPolygon, Point, Polygon, box
 
+from benchmarks.hard.curves import circle
+from benchmarks.hard.pictures import HardPicture, hard_pictures
 from knotfab.geometry.sampling import sample_evenly
 from knotfab.picture.silhouette import trace_polygon
 from knotfab.start.filling import as_bent, fill, rings_of, simple_curves, template_iou
@@ -117,3 +122,59 @@ def test_strands_that_just_touch_have_the_area_they_cover() -> None:
         tube, inside = shapely.dwithin(lines, at, radius), shapely.contains(polygon, at)
         counted = (tube & inside).sum() / (tube | inside).sum()
         assert template_iou(template, polygon) == pytest.approx(counted, abs=0.01)
+
+
+SLOW = {"checkerboard", "noise", "page", "carpet", "koch", "rings", "lattice", "dots", "spiral"}
+
+
+def test_an_outline_of_a_hundred_thousand_corners_is_filled() -> None:
+    outline = shapely.MultiPolygon([shapely.Polygon(circle(100_000, 10.0)[:, :2])])
+    found = fill(outline, 2.0)
+    assert len(found.curves) == 1
+    assert all(np.isfinite(c).all() for c in found.curves)
+
+
+@pytest.mark.parametrize(
+    "case", [c for c in hard_pictures() if c.name not in SLOW], ids=lambda case: case.name
+)
+def test_hard_pictures_have_valid_outlines_and_templates(case: HardPicture) -> None:
+    mask = case.draw()
+    polygon = trace_polygon(mask)
+    assert polygon.is_valid
+    area = float(np.count_nonzero(mask))
+    assert polygon.is_empty == (case.name in {"blank", "pixel", "strip"})
+    if polygon.is_empty:
+        return
+    for radius in (4.0, 40.0):
+        found = fill(polygon, radius)
+        assert all(len(c) >= 3 and np.isfinite(c).all() for c in found.curves)
+    if area > 2000:
+        assert polygon.area == pytest.approx(area, rel=0.05)
+
+
+def test_an_inset_that_splits_gives_one_curve_all_the_same() -> None:
+    case = next(c for c in hard_pictures() if c.name == "dumbbell")
+    found = fill(trace_polygon(case.draw()), 14.0)
+    assert len(found.curves) == 1
+    assert shapely.LinearRing(found.curves[0]).is_simple
+
+
+@pytest.mark.slow
+def test_noise_is_filled_at_the_tubes_own_scale() -> None:
+    case = next(c for c in hard_pictures() if c.name == "noise")
+    found = fill(trace_polygon(case.draw()), 8.0)
+    assert 1 <= len(found.curves) < 100
+
+
+@settings(max_examples=4, deadline=None, derandomize=True)
+@given(seed=st.lists(st.integers(0, 2**31), min_size=1, max_size=1))
+@example(seed=[2613, 1])  # whose inset once crossed itself
+@pytest.mark.slow
+def test_blurred_noise_is_traced_and_filled_by_a_tube_of_any_thickness(seed: list[int]) -> None:
+    rng = np.random.default_rng(seed)
+    noise = gaussian_filter(rng.normal(size=(160, 200)), float(rng.uniform(0, 12)))
+    polygon = trace_polygon(noise > np.quantile(noise, rng.uniform(0.2, 0.95)))
+    assert polygon.is_valid
+    if not polygon.is_empty:
+        for curve in fill(polygon, float(10.0 ** rng.uniform(0.4, 1.8))).curves:
+            assert np.isfinite(curve).all() and len(curve) >= 3
