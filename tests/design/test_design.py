@@ -15,10 +15,10 @@ from knotfab_formats.search import SearchSettings
 pytestmark = pytest.mark.slow
 
 FEW = {
-    "coarse_px": 64,
-    "fine_px": 96,
-    "coarse_iterations": 20,
-    "fine_iterations": 20,
+    "coarse_px": 48,
+    "fine_px": 64,
+    "coarse_iterations": 12,
+    "fine_iterations": 8,
     "depth_candidates": 4,
 }
 

@@ -26,7 +26,7 @@ from knotfab_formats.checks import KNOTS, MESH, PRINTING
 from knotfab_formats.report import Motion
 from knotfab_formats.scene import Accuracy, Mount, Piece, Scene, View
 
-FRAME_MM, RADIUS_MM = 60.0, 1.8  # small parts are soon sliced and verified
+FRAME_MM, RADIUS_MM = 45.0, 1.8  # small parts are soon sliced and verified
 QUICK = {"coarse_px": 128, "fine_px": 192, "coarse_iterations": 25, "fine_iterations": 25}
 
 

@@ -110,7 +110,7 @@ def _knots_apart() -> list[Mesh]:
     """Three loose knots at different heights, the lowest on the bed."""
     t = np.linspace(0, 2 * np.pi, 60, endpoint=False)
     wave = np.stack([15 * np.cos(t), 15 * np.sin(t), 3 * np.sin(2 * t)], axis=1)
-    places = ((20.0, 20.0, 6.0), (60.0, 20.0, 25.0), (35.0, 55.0, 48.0))
+    places = ((20.0, 20.0, 6.0), (60.0, 20.0, 12.0), (35.0, 55.0, 18.0))
     meshes = [sweep(wave + np.array(place), 2.5, 12) for place in places]
     low = np.min([vertices.min(axis=0) for vertices, _ in meshes], axis=0)
     return [(vertices - low, faces) for vertices, faces in meshes]

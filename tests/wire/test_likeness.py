@@ -67,11 +67,11 @@ def test_slopes_are_those_of_finite_differences(azimuth: float) -> None:
 
 @pytest.mark.slow
 def test_a_wire_moves_to_where_it_draws_its_picture() -> None:
-    t = np.linspace(0, 2 * np.pi, 300, endpoint=False)
-    ring = np.column_stack([20 * np.cos(t), 20 * np.sin(t), 3 * np.sin(2 * t)])
+    t = np.linspace(0, 2 * np.pi, 200, endpoint=False)
+    ring = np.column_stack([12 * np.cos(t), 12 * np.sin(t), 3 * np.sin(2 * t)])
     geometry = look()
     # the picture's ring is 0.4 mm larger than the one that is followed
-    picture = picture_of(1.02 * ring, geometry)
+    picture = picture_of(1.033 * ring, geometry)
     limits = FitLimits(2.0, 2.0, 160.0, 2.0, 0.9)
     plain, shown = (fit_wires([ring], geometry.light, limits, pictures=p) for p in ((), (picture,)))
     before, after = ((picture.residual(w, False)[0] ** 2).sum() for w in (plain, shown))

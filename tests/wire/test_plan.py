@@ -90,7 +90,7 @@ def two_view_scene(folder: Path) -> tuple[Knots, SettledScene, list[Path]]:
 
     Each picture is the ring's own shadow, so that a wire which follows it is right in both.
     """
-    t = np.linspace(0, 2 * np.pi, 400, endpoint=False)
+    t = np.linspace(0, 2 * np.pi, 200, endpoint=False)
     ring = np.column_stack([11 * np.cos(t), 7 * np.sin(t), 9 * np.sin(t + 0.4)])
     knots = Knots((Knot(ring),), 1.0)
     common = dict(frame_width_mm=30.0, frame_height_mm=30.0, light_distance_mm=900.0,
