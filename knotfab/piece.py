@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, wait
 from dataclasses import dataclass, field, replace
@@ -74,6 +75,7 @@ if TYPE_CHECKING:
 __all__ = ["WrittenPiece", "discard_piece", "finish_build", "report_piece", "write_piece"]
 
 _TOLD_S = 0.5  # between what is said of the slicer
+_AFTER_BENDS_S = 5.0  # from the last step of a wire's plan to the end of a build
 
 
 @dataclass(frozen=True)
@@ -205,7 +207,7 @@ def report_piece(
         while piece.slicer and wait(piece.slicings.values(), _TOLD_S).not_done:
             progress.update(piece.slicer.done, even=False)
         sliced = sum_slicings(piece.sliced) if piece.sliced else None
-    plan = _plan_bends(folder, piece, progress)
+    plan = _plan_bends(folder, piece, request, progress)
     drawings: tuple[str, ...] = ()
     if sheets is not None:
         with progress.stage("drawings"):
@@ -329,7 +331,9 @@ def _show(pieces: Sequence[WrittenPiece]) -> dict[str, Any]:
     )
 
 
-def _plan_bends(folder: OutputFolder, piece: WrittenPiece, progress: Progress) -> WirePlan | None:
+def _plan_bends(
+    folder: OutputFolder, piece: WrittenPiece, request: Request, progress: Progress
+) -> WirePlan | None:
     """The bending plan, written, where the piece is of wire."""
     if piece.scene.material.process != "wire":
         return None
@@ -337,8 +341,13 @@ def _plan_bends(folder: OutputFolder, piece: WrittenPiece, progress: Progress) -
 
     with progress.stage("bending plan"):
         pictures = [folder.file(view.picture) for view in piece.scene.views]
+        left = request.budget(progress.total, mounted=False)
+        ends = np.inf
+        if left is not None:
+            seconds = replace(left, after_s=_AFTER_BENDS_S, after_vertex_s=0.0).search_s(0)
+            ends = time.perf_counter() + seconds
         return write_bending_plan(
-            folder.work, piece.made.knots, piece.scene, pictures, suffix=piece.suffix
+            folder.work, piece.made.knots, piece.scene, pictures, piece.suffix, ends
         )
 
 

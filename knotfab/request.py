@@ -20,6 +20,7 @@ __all__ = ["Outcome", "Request", "require_device"]
 
 # times after a search: s, and s for each vertex; of a piece that is printed, and mounted, as well
 _AFTER_S, _AFTER_PRINTED_S, _AFTER_MOUNT_S, _AFTER_VERTEX_S = 1.2, 3.0, 8.0, 0.55e-3
+_WIRE_SHARE = 0.6  # the share of a time budget that is for the plan of a wire's bends
 
 
 @dataclass(frozen=True)
@@ -57,6 +58,8 @@ class Request:
         after = _AFTER_S
         if self.printing:
             after += _AFTER_PRINTED_S + _AFTER_MOUNT_S * mounted
+        if self.scene.material.process == "wire":
+            after += _WIRE_SHARE * self.time_budget_s
         began = time.perf_counter() - spent_s
         return Budget(
             began + self.time_budget_s, after, _AFTER_VERTEX_S * len(self.scene.views), began

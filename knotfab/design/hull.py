@@ -19,7 +19,7 @@ from knotfab.base.arrays import Array, Indices, Mask
 from knotfab.base.compiled import compiled
 from knotfab.scene.camera import Camera, Plane
 
-__all__ = ["HullBound", "hull_bounds", "inside_hull", "rays_within"]
+__all__ = ["HullBound", "hull_bounds", "rays_within"]
 
 
 _RAYS_PX = 192  # longer side of the grid of rays
@@ -40,30 +40,6 @@ class HullBound:
     iou: float
     low: Array
     high: Array
-
-
-def inside_hull(points: Array, cameras: Sequence[Camera], masks: Sequence[Mask]) -> Mask:
-    """Find which of the points (n, 3), mm, lie in every picture's silhouette; outside a frame is outside."""
-    inside = np.ones(len(points), dtype=bool)
-    for camera, mask in zip(cameras, masks, strict=True):
-        left = np.flatnonzero(inside)
-        if len(left) == 0:
-            break
-        inside[left] = _look_up(camera, mask, points[left])
-    return inside
-
-
-def _look_up(camera: Camera, mask: Mask, points: Array) -> Mask:
-    p = camera.projection
-    h = points @ p[:, :3].T + p[:, 3]
-    before = h[:, 2] > 0
-    w = np.where(before, h[:, 2], 1.0)
-    u = np.rint(h[:, 0] / w).astype(np.int64)
-    v = np.rint(h[:, 1] / w).astype(np.int64)
-    rows, columns = mask.shape
-    seen = before & (u >= 0) & (u < columns) & (v >= 0) & (v < rows)
-    seen[seen] = mask[v[seen], u[seen]]
-    return np.asarray(seen)
 
 
 def hull_bounds(

@@ -229,9 +229,14 @@ def tell_plan(plan: WirePlan | None) -> list[str]:
     """How much wire a bending plan takes, where there is one."""
     if plan is None:
         return []
+    cut = (
+        f"The plan of its bends ended at {plan.cut}, and what is written is the best until then. A shorter "
+        "wire (a smaller --size) is planned sooner."
+    )
     return [
         f"{plan.length_mm / 1000:.2f} m of wire, {plan.mass_g:.0f} g, in "
-        f"{sum(k.bends for k in plan.knots)} bends: see bends*.csv and the templates."
+        f"{sum(k.bends for k in plan.knots)} bends: see bends*.csv and the templates.",
+        *([cut] if plan.cut else ()),
     ]
 
 

@@ -101,12 +101,6 @@ class Camera:
         height = plane[:3] @ self.eye + plane[3]
         return np.asarray(self.eye + away * (height / -(away @ plane[:3]))[:, None])
 
-    def magnify(self, points: Array) -> Array:
-        """(n, 3) points in mm -> (n,) times by which the shadow of what is there is larger than it."""
-        plane = self.receiver
-        height = plane[:3] @ self.eye + plane[3]
-        return np.asarray(height / np.maximum(height - (points @ plane[:3] + plane[3]), 1e-6))
-
     def resized(self, width: int, height: int) -> Camera:
         """The same frame sampled with `width` x `height` pixels."""
         du, dv = self.du * (self.width / width), self.dv * (self.height / height)

@@ -46,6 +46,7 @@ def adjust(
     """Move the corners of all strands by Levenberg-Marquardt steps; numbers of corners stay.
 
     Towards the curves; with `pictures` to where the wires draw these, within the tolerance of the curves.
+    Where the work of the limits is over they stay where they are.
     """
     weights = [np.ones(len(s.points)) for s in strands]
     damping = 1e-2
@@ -60,6 +61,9 @@ def adjust(
         normal, slope = (jacobian.T @ jacobian).tocsc(), jacobian.T @ residual
         size, cost = normal.diagonal().mean(), float(residual @ residual)
         for _ in range(6):
+            if limits.work.over:
+                return
+            limits.work.points -= sum(len(s.points) for s in strands)
             step = spsolve(normal + damping * size * sparse.eye(len(slope), format="csc"), -slope)
             tried, begun = [], 0
             for strand in strands:

@@ -78,32 +78,32 @@ class WireSites:
 
 def round_corners(corners: Array, radius: float) -> Wire:
     """Round the corners (m, 3), m >= 3, of a closed polygon by one bend radius (mm)."""
-    edge = np.roll(corners, -1, axis=0) - corners
-    length = np.linalg.norm(edge, axis=1)
-    after = edge / np.maximum(length, 1e-12)[:, None]
-    before = np.roll(after, 1, axis=0)
-    cosine = np.clip((before * after).sum(axis=1), -1.0, 1.0)
+    around = np.stack([np.roll(corners, 1, axis=0), corners, np.roll(corners, -1, axis=0)], axis=1)
+    before, inward, turn, entry, leave = _round_middle(around, radius)
+    # a straight of less than no length runs backwards
+    straight = (np.roll(before, -1, axis=0) * (np.roll(entry, -1, axis=0) - leave)).sum(axis=1)
+    return Wire(corners, radius, before, inward, turn, entry, leave, straight)
+
+
+def _round_middle(around: Array, radius: float) -> tuple[Array, Array, Array, Array, Array]:
+    """The fillet at the middle one of three corners (..., 3, 3): `before` to `exit` of a `Wire`."""
+    edge = around[..., 1:, :] - around[..., :-1, :]
+    edge /= np.maximum(np.linalg.norm(edge, axis=-1), 1e-12)[..., None]
+    before, after = edge[..., 0, :], edge[..., 1, :]
+    cosine = (before * after).sum(axis=-1)
+    inward = after - cosine[..., None] * before
+    size = np.linalg.norm(inward, axis=-1)
     # sine and cosine together: the arc cosine alone is blind near straight on
-    sine = np.linalg.norm(np.cross(before, after), axis=1)
-    turn = np.arctan2(sine, cosine)
-    inward = after - cosine[:, None] * before
-    size = np.linalg.norm(inward, axis=1)
+    turn = np.arctan2(size, cosine)
     # where the wire goes straight on, any direction across serves
-    level = np.eye(3)[np.abs(before).argmin(axis=1)]
-    across = np.cross(before, level)
-    across /= np.linalg.norm(across, axis=1)[:, None]
-    inward = np.where((size > 1e-12)[:, None], inward / np.maximum(size, 1e-12)[:, None], across)
-    reach = radius * np.tan(np.minimum(turn, LARGEST_TURN) / 2)
-    return Wire(
-        corners=corners,
-        radius=radius,
-        before=before,
-        inward=inward,
-        turn=turn,
-        entry=corners - reach[:, None] * before,
-        exit=corners + reach[:, None] * after,
-        straight=length - reach - np.roll(reach, -1),
+    across = np.cross(before, np.eye(3)[np.abs(before).argmin(axis=-1)])
+    across /= np.linalg.norm(across, axis=-1)[..., None]
+    inward = np.where(
+        (size > 1e-12)[..., None], inward / np.maximum(size, 1e-12)[..., None], across
     )
+    reach = radius * np.tan(np.minimum(turn, LARGEST_TURN) / 2)[..., None]
+    corner = around[..., 1, :]
+    return before, inward, turn, corner - reach * before, corner + reach * after
 
 
 def find_nearest_sites(wire: Wire, points: Array, near: Indices) -> tuple[WireSites, Array]:
@@ -146,72 +146,56 @@ def find_nearest_sites(wire: Wire, points: Array, near: Indices) -> tuple[WireSi
 
 def space_sites(wire: Wire, step: float) -> tuple[WireSites, Array]:
     """Place sites at most about `step` mm apart in order along the wire, with their places (k,), mm."""
-    pieces, bends, shares, along = [], [], [], []
-    begun = 0.0
-    for j in range(len(wire.corners)):
-        for is_bend, length in (
-            (True, wire.radius * wire.turn[j]),
-            (False, max(float(wire.straight[j]), 0.0)),
-        ):
-            n = max(1, int(np.ceil(length / step)))
-            share = (np.arange(n) + 0.5) / n
-            pieces.append(np.full(n, j))
-            bends.append(np.full(n, is_bend))
-            shares.append(share)
-            along.append(begun + share * length)
-            begun += length
-    sites = WireSites(np.concatenate(pieces), np.concatenate(bends), np.concatenate(shares))
-    return sites, np.concatenate(along)
-
-
-def _group_corners(m: int) -> list[Indices]:
-    """Corners in groups whose members are at least five apart around the wire."""
-    if m < 10:
-        return [np.array([j]) for j in range(m)]
-    whole = m - m % 5
-    groups = [np.arange(c, whole, 5) for c in range(5)]
-    return groups + [np.array([j]) for j in range(whole, m)]
+    bent = wire.radius * wire.turn
+    lengths = np.column_stack([bent, np.maximum(wire.straight, 0.0)]).ravel()
+    counts = np.maximum(1, np.ceil(lengths / step).astype(np.int64))
+    piece = np.repeat(np.arange(len(lengths)), counts)
+    first = np.repeat(np.cumsum(counts) - counts, counts)
+    share = (np.arange(len(piece)) - first + 0.5) / counts[piece]
+    along = (np.cumsum(lengths) - lengths)[piece] + share * lengths[piece]
+    return WireSites(piece // 2, piece % 2 == 0, share), along
 
 
 def differentiate_wire(wire: Wire, sites: WireSites) -> tuple[sparse.csr_matrix, sparse.csr_matrix]:
     """Differentiate points at `sites`, and the straights, by the corners: (3 k, 3 m) and (m, 3 m).
 
-    By central differences. A point of piece j depends on corners j - 1 to j + 2, so corners that
-    are five apart are moved together and the answer told apart by the piece (Curtis, Powell & Reid
-    1974).
+    The fillet at a corner depends on that corner and its two neighbours, and is differentiated by central
+    differences; a point of piece j lies between fillets j and j + 1, so it depends on corners j - 1 to j + 2.
     """
     m, step = len(wire.corners), 1e-6
-    rows, columns, values = [], [], []
-    rows_s, columns_s, values_s = [], [], []
-    number = np.arange(len(sites.piece))
-    for group in _group_corners(m):
-        owner = np.full(m, -1)
-        for shift in (-2, -1, 0, 1):
-            owner[(group + shift) % m] = group
-        hit = owner[sites.piece] >= 0
-        part = WireSites(sites.piece[hit], sites.bend[hit], sites.share[hit])
-        column, line_hit = owner[part.piece], np.flatnonzero(owner >= 0)
-        for axis in range(3):
-            shift_by = np.zeros_like(wire.corners)
-            shift_by[group, axis] = step
-            plus = round_corners(wire.corners + shift_by, wire.radius)
-            minus = round_corners(wire.corners - shift_by, wire.radius)
-            slope = (plus.at(part) - minus.at(part)) / (2 * step)
-            for k in range(3):
-                rows.append(3 * number[hit] + k)
-                columns.append(3 * column + axis)
-                values.append(slope[:, k])
-            rows_s.append(line_hit)
-            columns_s.append(3 * owner[line_hit] + axis)
-            values_s.append(((plus.straight - minus.straight) / (2 * step))[line_hit])
+    around = wire.corners[(np.arange(m)[:, None] + np.arange(-1, 2)) % m][:, None]
+    shifts = step * np.eye(9).reshape(9, 3, 3)
+    ahead, behind = (_round_middle(around + s * shifts, wire.radius) for s in (1, -1))
+    # by the three corners' coordinates: (m, 9, 3), but (m, 9) of the turn
+    before, inward, turn, entry, leave = (
+        (a - b) / (2 * step) for a, b in zip(ahead, behind, strict=True)
+    )
+    j, s = sites.piece, sites.share[:, None, None]
+    slopes = np.zeros((len(j), 12, 3))
+    slopes[:, :9] = (1.0 - s) * leave[j]
+    slopes[:, 3:] += s * entry[(j + 1) % m]
+    j, s = j[sites.bend], s[sites.bend]
+    angle = s * wire.turn[j][:, None, None]
+    sine, cosine = np.sin(angle), np.cos(angle)
+    sweep = cosine * wire.before[j][:, None] + sine * wire.inward[j][:, None]
+    swept = s * turn[j][:, :, None] * sweep + sine * before[j] + (1.0 - cosine) * inward[j]
+    slopes[sites.bend, :9] = entry[j] + wire.radius * swept
+    slopes[sites.bend, 9:] = 0.0
+    # the straight's ends move along it, and its direction does not count
+    lengths = np.zeros((m, 12))
+    along = np.roll(wire.before, -1, axis=0)[:, :, None]
+    lengths[:, :9] = -(leave @ along)[:, :, 0]
+    lengths[:, 3:] += (np.roll(entry, -1, axis=0) @ along)[:, :, 0]
+    return _by_corners(slopes, sites.piece, m), _by_corners(lengths[:, :, None], np.arange(m), m)
+
+
+def _by_corners(slopes: Array, piece: Indices, m: int) -> sparse.csr_matrix:
+    """Slopes (k, 12, d) by the coordinates of corners j - 1 to j + 2 of each piece j, as (d k, 3 m)."""
     from scipy import sparse
 
-    points = sparse.csr_matrix(
-        (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))),
-        shape=(3 * len(sites.piece), 3 * m),
-    )
-    straights = sparse.csr_matrix(
-        (np.concatenate(values_s), (np.concatenate(rows_s), np.concatenate(columns_s))),
-        shape=(m, 3 * m),
-    )
-    return points, straights
+    k, _, d = slopes.shape
+    corner = (piece[:, None] + np.arange(-1, 3)) % m
+    column = np.repeat((3 * corner[:, :, None] + np.arange(3)).reshape(k, 12), d, axis=0)
+    values = slopes.transpose(0, 2, 1).ravel()
+    begins = 12 * np.arange(d * k + 1)
+    return sparse.csr_matrix((values, column.ravel(), begins), shape=(d * k, 3 * m))

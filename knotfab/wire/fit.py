@@ -99,7 +99,7 @@ def fit_wires(
         for strand in strands:
             settle(strand, limits)
         revised = [_revise(s, light, limits, number % 2 == 1) for s in strands]
-        if not any(revised) or since >= _PATIENCE:
+        if not any(revised) or since >= _PATIENCE or limits.work.over:
             break
     for strand, (corners, index) in zip(strands, kept, strict=True):
         strand.corners, strand.index = corners, index

@@ -10,7 +10,7 @@ import numpy as np
 
 from knotfab import __version__
 from knotfab.base.arrays import Mask
-from knotfab.base.errors import InputError
+from knotfab.base.errors import InputError, SceneError
 from knotfab.drawing.pages import PAPERS
 from knotfab.knots import Knots
 from knotfab.picture.opening import opening_iou, thickest_radius
@@ -23,7 +23,7 @@ from knotfab.wire.fit import FitLimits, fit_wires
 from knotfab.wire.judge import Judge, PieceShadow, cast_shadows
 from knotfab.wire.likeness import GridLikeness
 from knotfab.wire.replay import replay
-from knotfab.wire.residual import DEPTH_FACTOR
+from knotfab.wire.residual import DEPTH_FACTOR, Work
 from knotfab.wire.template_pdf import draw_views, write_templates
 from knotfab_formats.report import BendingPlan, BentWire
 from knotfab_formats.scene import Material, ResolvedView, SettledScene
@@ -63,6 +63,7 @@ class WirePlan:
     pages: dict[str, int]
     frame: WireFrame
     checks: tuple[Check, ...]
+    cut: str  # what ended the fit before it was done, such as "--time-budget"; or empty
 
     @property
     def iou(self) -> float:
@@ -100,6 +101,7 @@ def write_bending_plan(
     scene: SettledScene,
     pictures: Sequence[Path],
     suffix: str = "",
+    ends: float = np.inf,
 ) -> WirePlan:
     """Write bends.csv and the templates of a piece of wire, and measure the wire that the files give.
 
@@ -111,9 +113,12 @@ def write_bending_plan(
         folder: where the files go. knots: in scene coordinates. scene: with its views' frames
             and its material resolved. pictures: the file that each view's shadow is compared with.
         suffix: in the names of the files, such as "-01" of a sequence's frame.
+        ends: when the fit stops (`time.perf_counter()`); it stops at its own limit of work as well, and
+            the best until then is written.
 
     Raises:
         InputError: the material is no wire, or its diameter is not the tube's.
+        SceneError: no straights and bends of the tool's radius follow the knots.
     """
     material = scene.material
     if material.process != "wire" or material.wire_diameter_mm <= 0:
@@ -143,7 +148,8 @@ def write_bending_plan(
     types = tuple(k.type for k in knots.knots)
     judge = Judge(curves, shadows, material, tolerance, floor, types)
     likenesses = [GridLikeness.of(s.geometry, s.target, s.radius) for s in shadows]
-    best: tuple[tuple[int, float], list[BendList], list[bool]] | None = None
+    best: tuple[tuple[bool, int, float], list[BendList], list[bool]] | None = None
+    work = Work(ends=ends)
     for share in _FIT_SHARES:
         limits = FitLimits(
             bend_radius_mm(material),
@@ -151,6 +157,7 @@ def write_bending_plan(
             material.max_bend_deg,
             material.wire_diameter_mm,
             share * tolerance,
+            work,
         )
         wires = fit_wires(curves, light, limits, likenesses)
         joints = [_choose_joint(wire, shadows) for wire in wires]
@@ -161,12 +168,21 @@ def write_bending_plan(
         hidden = [h for _, h in joints]
         tried = judge.of(rows, names, hidden)
         failed = sum(check.status != "pass" for check in tried.checks)
-        rank = (failed, -min(tried.ious.values()))
+        overlap = any(bend.feed_mm < 0 for row in rows for bend in row.bends)
+        rank = (overlap, failed, -min(tried.ious.values()))
         if best is None or rank < best[0]:
             best = (rank, rows, hidden)
-        if failed == 0:
+        if failed == 0 or work.over:
             break
     assert best is not None
+    if best[0][0]:
+        raise SceneError(
+            "the bending plan",
+            f"{f'it ended at {work.over}: ' if work.over else ''}two bends overlap in the best so far",
+            "Give a smaller --size, whose wire is shorter."
+            if work.over
+            else "Give a larger --size, or a wire whose tool_radius_mm is smaller.",
+        )
     tolerances = f"{tolerance:g} mm in any direction"
     if light is not None:
         along = f"{tolerance * DEPTH_FACTOR:g} mm along"
@@ -215,6 +231,7 @@ def write_bending_plan(
         pages=pages,
         frame=frame,
         checks=(*verdict.checks, frame.check(material)),
+        cut=work.over,
     )
 
 

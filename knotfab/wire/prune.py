@@ -44,7 +44,7 @@ def prune(
     for _ in range(rounds):
         before = [(s.corners, s.index) for s in strands]
         gone = [_choose(s, b, light, limits) for s, b in zip(strands, barred, strict=True)]
-        if not any(g.any() for g in gone):
+        if not any(g.any() for g in gone) or limits.work.over:
             break
         asked = [g.copy() for g in gone]
         for strand, g in zip(strands, gone, strict=True):

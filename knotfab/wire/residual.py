@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy import sparse
@@ -24,6 +25,7 @@ __all__ = [
     "DEPTH_FACTOR",
     "FitLimits",
     "Strand",
+    "Work",
     "compute_residual",
     "measure_distances",
     "measure_gaps",
@@ -47,6 +49,20 @@ _STIFF_DISTANCE = 20.0
 _NEAR_LIMIT = 0.96  # share of the tolerance from which a distance counts beside a picture
 
 
+@dataclass
+class Work:
+    """Bounds a plan's work: points of the curves that may still be asked, and until when."""
+
+    points: int = 20_000_000  # some two minutes
+    ends: float = np.inf  # by `time.perf_counter()`
+
+    @property
+    def over(self) -> str:
+        """What has ended the work; empty while there is some left."""
+        late = time.perf_counter() >= self.ends
+        return "--time-budget" if late else "its limit of work" if self.points <= 0 else ""
+
+
 @dataclass(frozen=True)
 class FitLimits:
     """The limits that material and picture set (mm, degrees).
@@ -60,6 +76,7 @@ class FitLimits:
     max_bend_deg: float
     wire_diameter_mm: float
     tolerance_mm: float
+    work: Work = field(default_factory=Work)
 
 
 @dataclass
@@ -114,7 +131,7 @@ def measure_strays(
     window = (guess[:, None] + np.arange(-reach, reach + 1)) % n
     points = wire.at(sites)
     gap = points[:, None] - strand.points[window]
-    near = window[np.arange(len(points)), (gap * gap).sum(axis=2).argmin(axis=1)]
+    near = window[np.arange(len(points)), np.einsum("kwi,kwi->kw", gap, gap).argmin(axis=1)]
     curve, along = strand.points[near], strand.points[(near + 1) % n] - strand.points[near - 1]
     gap = points - curve
     # the nearest place lies up to half a step from the nearest point

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from knotfab.base.arrays import Mask
+from knotfab.base.arrays import Array, Mask
 from knotfab.design.contradictions import contradictions
 from knotfab.design.frames import framed_alike, spread_views
-from knotfab.design.hull import hull_bounds, inside_hull, rays_within
+from knotfab.design.hull import hull_bounds, rays_within
 from knotfab.picture.read import Target
 from knotfab.scene.camera import Camera, camera_of, walls_of
 from knotfab_formats.scene import ResolvedView, Scene, View
@@ -61,6 +61,16 @@ def test_what_only_one_picture_has_is_lost() -> None:
     missing = tall.wanted & ~tall.covered
     rows = np.flatnonzero(missing.any(1)) / len(missing)
     assert rows.min() < 0.2 and rows.max() > 0.8
+
+
+def inside_hull(points: Array, cameras: list[Camera], masks: list[Mask]) -> Mask:
+    """Find which of the points (n, 3), mm, lie in every picture's silhouette."""
+    inside = np.ones(len(points), dtype=bool)
+    for camera, mask in zip(cameras, masks, strict=True):
+        u, v = np.rint(camera.project(points)).astype(int).T
+        inside &= (u >= 0) & (u < mask.shape[1]) & (v >= 0) & (v < mask.shape[0])
+        inside[inside] = mask[v[inside], u[inside]]
+    return inside
 
 
 @pytest.mark.slow

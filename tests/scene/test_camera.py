@@ -162,16 +162,6 @@ def test_a_shadow_lies_on_the_wall_where_its_point_is_seen(keys: dict[str, float
     assert (((feet - points) * away).sum(axis=1) > 0).all()
 
 
-@pytest.mark.parametrize("keys", [{}, TURNED])
-def test_shadows_are_larger_by_what_their_feet_move(keys: dict[str, float]) -> None:
-    cam = camera(**keys)
-    points = np.random.default_rng(3).uniform(-40, 40, (50, 3))
-    across = 1e-3 * cam.du / np.linalg.norm(cam.du)  # along the wall
-    moved = np.linalg.norm(cam.cast(points + across) - cam.cast(points), axis=1) / 1e-3
-    assert cam.magnify(points) == pytest.approx(moved, rel=1e-6)
-    assert (cam.magnify(points) > 1).all()
-
-
 def test_each_view_has_the_pixels_of_its_picture() -> None:
     sizes = [SimpleNamespace(width=40, height=20), SimpleNamespace(width=30, height=60)]
     found = cameras_of([view(), view(azimuth_deg=90.0)], sizes)

@@ -9,7 +9,7 @@ from knotfab.wire.arcs import round_corners, space_sites
 from knotfab.wire.fit import FitLimits, fit_wires
 from knotfab.wire.prune import prune
 from knotfab.wire.replay import measure_least_distance
-from knotfab.wire.residual import Strand, measure_distances, measure_gaps, measure_strays
+from knotfab.wire.residual import Strand, Work, measure_distances, measure_gaps, measure_strays
 
 
 def wavy(radius: float) -> Array:
@@ -35,6 +35,18 @@ def test_strands_side_by_side_cost_few_more_bends() -> None:
 
 
 LIGHT = np.array([0.0, 0.0, 500.0])
+
+
+def test_a_fit_ends_with_its_work_and_says_so() -> None:
+    def fit(work: Work) -> Array:
+        limits = FitLimits(2.0, 2.0, 160.0, 2.0, 0.1, work)
+        return fit_wires([wavy(13.0)], LIGHT, limits)[0].corners
+
+    few, again, late = Work(points=3000), Work(points=3000), Work(ends=0.0)
+    assert np.array_equal(fit(few), fit(again))  # counted, not timed
+    assert few.over == again.over == "its limit of work" and few.points > -1000
+    assert len(fit(late)) >= 3 and late.over == "--time-budget" and late.points == Work().points
+    assert not Work().over
 
 
 def make_strand(curve: Array, every: int, tolerance: float) -> Strand:

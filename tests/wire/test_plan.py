@@ -9,12 +9,13 @@ import pytest
 from pdf_pages import POINT, page_contents, page_sizes, segments
 from PIL import Image
 
-from knotfab.base.errors import InputError
+from knotfab.base.errors import InputError, SceneError
 from knotfab.design.free_view import start_pose
 from knotfab.design.question import ask
 from knotfab.drawing.pages import PAPERS
 from knotfab.knots import Knot, Knots
 from knotfab.picture.read import read_target
+from knotfab.report.of_build import tell_plan
 from knotfab.scene.catalogue import materials, resolve
 from knotfab.torch_forms.forms import TorchForms
 from knotfab.wire.arcs import round_corners
@@ -192,6 +193,17 @@ def test_each_check_passes_at_its_limit_and_fails_beyond() -> None:
     }
     for name, found in failed.items():
         assert [k for k, v in found.items() if v == "fail"] == [name]
+
+
+def test_a_plan_out_of_time_says_so_and_one_that_cannot_be_bent_is_refused(tmp_path: Path) -> None:
+    knots, scene, picture = ring_scene(tmp_path, 1)
+    plan = write_bending_plan(tmp_path, knots, scene, [picture], ends=0.0)
+    assert plan.cut == "--time-budget" and any(plan.cut in note for note in tell_plan(plan))
+    wide = scene.model_copy(update={"material": STEEL.model_copy(update={"tool_radius_mm": 40.0})})
+    with pytest.raises(SceneError, match=r"bends overlap.*tool_radius_mm"):
+        write_bending_plan(tmp_path, knots, wide, [picture])
+    with pytest.raises(SceneError, match=r"--time-budget: two bends overlap.*--size"):
+        write_bending_plan(tmp_path, knots, wide, [picture], ends=0.0)
 
 
 def test_a_wire_that_is_another_knot_is_refused() -> None:

@@ -35,8 +35,6 @@ from knotfab_validators.knots.reduction import (
 __all__ = [
     "KnotFinding",
     "KnotTypes",
-    "check_knot_type",
-    "check_linking",
     "knot_checks",
     "knot_types",
 ]
@@ -112,16 +110,6 @@ def knot_types(curves: Curves) -> KnotTypes:
         for number, promise, found in zip(numbers, promises, found_each, strict=True)
     ]
     return KnotTypes(tuple(findings), linking)
-
-
-def check_knot_type(curves: Curves, asked: str | None = None) -> Check:
-    """`knot_type`: each closed polygon is the knot that the files promise; see `knot_checks`."""
-    return _check_type(curves, knot_types(curves), asked)
-
-
-def check_linking(curves: Curves) -> Check:
-    """`linking`: no closed polygons are linked with each other; see `knot_checks`."""
-    return _check_linking(curves, knot_types(curves))
 
 
 def knot_checks(curves: Curves, asked: str | None = None) -> tuple[Check, Check]:
