@@ -23,12 +23,7 @@ from knotfab_validators.check import Check
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.knots.floer import Floer
 from knotfab_validators.knots.identity import identify
-from knotfab_validators.knots.knot_types import (
-    check_knot_type,
-    check_linking,
-    knot_checks,
-    knot_types,
-)
+from knotfab_validators.knots.knot_types import knot_checks, knot_types
 from knotfab_validators.knots.reduction import general_position, may_pierce, reduce_polygons
 from knotfab_validators.knots.table import (
     Factor,
@@ -41,6 +36,14 @@ from knotfab_validators.knots.table import (
 
 SMALL = [name for name in prime_names() if int(name.split("_")[0]) <= 8]
 LARGE = ["9_35", "9_42", "10_48", "10_132", "10_139", "10_161", "10_165"]
+
+
+def check_knot_type(found: Curves) -> Check:
+    return knot_checks(found)[0]
+
+
+def check_linking(found: Curves) -> Check:
+    return knot_checks(found)[1]
 
 
 def found_of(polygon: Array, kind: str = "unknown") -> Check:
