@@ -23,7 +23,6 @@ from knotfab.torch_forms.forms import TorchForms
 __all__ = ["settle_part", "tell_depth"]
 
 ROUNDS = 2  # searches anew
-_MUCH_DEEPER = 1.3  # depth over the one that was asked for, from which on it is told
 
 
 @dataclass(frozen=True)
@@ -137,12 +136,12 @@ def _search(
     piece, view = scene.piece, scene.views[0]
     same = place.wall_mm == _wall_mm(made)
     if same:
-        piece = piece.model_copy(update={"tube_radius_mm": made.knots.radius_mm})
+        piece = piece.but(tube_radius_mm=made.knots.radius_mm)
     if shallower:
-        piece = piece.model_copy(update={"depth": place.depth_mm})
+        piece = piece.but(depth=place.depth_mm)
     if nearer and place.wall_mm != view.wall_distance_mm:
-        view = view.model_copy(update={"wall_distance_mm": place.wall_mm})
-    scene = scene.model_copy(update={"piece": piece, "views": (view,)})
+        view = view.but(wall_distance_mm=place.wall_mm)
+    scene = scene.but(piece=piece, views=(view,))
     again = design_knots(scene, [target], TorchForms(request.device), progress)
     return replace(again, radius=made.radius) if same else again
 
@@ -178,7 +177,7 @@ def tell_depth(asked: float | None, made: Design) -> list[str]:
     if not asked or len(made.scene.views) > 1:
         return []
     found = _depth_mm(made)
-    if found <= _MUCH_DEEPER * asked:
+    if found <= 1.3 * asked:  # depth over the one that was asked for, from which on it is told
         return []
     return [
         f"A depth of {asked:g} mm was asked for, and the centre lines of a tube "

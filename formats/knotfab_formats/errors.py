@@ -6,33 +6,32 @@ import re
 
 __all__ = ["InputError", "KnotfabError", "short", "shown", "spelled"]
 
-_MOST_SHOWN = 600  # characters quoted of the subject of a sentence
-_MOST_QUOTED = 80  # characters quoted of a file, in a sentence about it
 
+def shown(thing: object, most: int = 600) -> str:
+    """Quote on one line: bytes that are no UTF-8, and signs that steer a terminal, as their numbers.
 
-def shown(text: object) -> str:
-    """A text for a line: bytes that are no UTF-8, and signs that steer a terminal, as their numbers."""
+    Args:
+        most: characters; what is longer is cut.
+    """
+    try:
+        text = str(thing)
+    except (ValueError, RecursionError):  # a number of thousands of digits; lists in lists
+        return "something too long to be shown"
     signs = [
         c
         if c.isprintable()
         else f"\\x{ord(c) - 0xDC00:02x}"
         if "\udc80" <= c <= "\udcff"
         else repr(c)[1:-1]
-        for c in str(text)
+        for c in text[: most + 1]
     ]
     plain = "".join(signs)
-    return plain if len(plain) <= _MOST_SHOWN else f"{plain[:_MOST_SHOWN]} …"
+    return plain if len(plain) <= most else f"{plain[:most]} …"
 
 
 def short(thing: object) -> str:
-    """Quote a file in a sentence: on one line, and cut where it is long."""
-    try:
-        text = thing if isinstance(thing, str) else str(thing)
-    except (ValueError, RecursionError):  # a number of thousands of digits; lists in lists
-        return "something too long to be shown"
-    shown = text[: _MOST_QUOTED + 1]
-    shown = "".join(c if c.isprintable() else "?" for c in shown)
-    return shown if len(text) <= _MOST_QUOTED else shown[:_MOST_QUOTED] + "..."
+    """Quote what a file holds, in a sentence about that file."""
+    return shown(thing, 80)
 
 
 def spelled(text: str) -> str:

@@ -9,7 +9,7 @@ from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
 
-from knotfab_formats.errors import InputError
+from knotfab_formats.errors import InputError, shown
 
 __all__ = ["explain", "tables_of"]
 
@@ -174,23 +174,14 @@ def _wrong_value(
     names = [step for step in path if isinstance(step, str)]
     key = names[-1]
     table = path[: path.index(key)]
-    shown = _show(value)
+    quoted = shown(f'"{value}"' if isinstance(value, str) else value, 60)
+    quoted = quoted.lower() if isinstance(value, bool) else quoted
     expected = list(dict.fromkeys(_describe_expected(e) for e in errors))
     if len(errors) > 1 and isinstance(path[-1], int):  # a member of a list: no other branch applies
         expected = expected[:1]
     where = f"{_name_table(table)} {key}" if table else key
-    why = f"{where} is {shown}, but must be {' or '.join(expected)}"
+    why = f"{where} is {quoted}, but must be {' or '.join(expected)}"
     return InputError(what, why, _remedy(key, value))
-
-
-def _show(value: Any) -> str:
-    try:
-        text = f'"{value}"' if isinstance(value, str) else str(value)
-    except ValueError:
-        return "a whole number of thousands of digits"
-    if isinstance(value, bool):
-        text = text.lower()
-    return text if len(text) <= 60 else text[:57] + "..."
 
 
 def _remedy(key: str, value: Any) -> str:

@@ -65,7 +65,6 @@ NICKNAMES = {
     "square": "3_1#m3_1",
 }
 _WORDS = {**NICKNAMES, "t(2,3)": "3_1", "t(2,5)": "5_1", "t(2,7)": "7_1", "t(3,4)": "8_19"}
-_UNKNOT = ("unknot", "trivial", "0_1", "")
 _MOST_FACTORS = 6
 NO_SUCH_KNOT = (
     "Use trefoil, figure-eight, cinquefoil, stevedore, granny, square, a knot of the table from 3_1 to "
@@ -102,7 +101,7 @@ def parse_knot_name(text: str) -> KnotName:
     if found := re.match(r"(left|right)(-handed)? ", name):
         left, name = found[1] == "left", name[found.end() :]
     name = name.removesuffix(" knot")
-    if name in _UNKNOT:
+    if name in ("unknot", "trivial", "0_1", ""):
         return KnotName("unknot", ())
     factors = []
     for part in (p.strip() for p in _WORDS.get(name, name).split("#")):

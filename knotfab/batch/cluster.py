@@ -30,7 +30,6 @@ __all__ = ["open_cluster"]
 _MEMORY = "MEMORY"  # a worker started with --resources MEMORY=8e9 is given as many builds as fit
 _RETRIES = 3  # retries of a build whose worker was lost
 _PATIENCE_S = 10  # seconds for the scheduler to answer
-_LOOK_EVERY_S = 0.5  # whether anybody still waits for a build
 _KEPT_S = 20.0  # seconds for which a worker keeps loaded libraries, a GB, for the next build
 _idle: list[
     tuple[Workers, threading.Timer]
@@ -131,7 +130,7 @@ def _build_on_worker(parcel: bytes, name: str, topic: str) -> tuple[Record, byte
     key = worker.get_current_task()
     with _keep_builders() as pool:
         building = pool.submit(build_parcel, parcel, pool)
-        while not wait([building], _LOOK_EVERY_S).done:
+        while not wait([building], 0.5).done:  # whether anybody still waits for a build
             task = worker.state.tasks.get(key)
             if task is None or task.state not in ("executing", "long-running"):
                 raise RuntimeError("nobody waits for it")

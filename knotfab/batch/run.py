@@ -28,7 +28,6 @@ from knotfab.report.report_html import make_environment
 
 __all__ = ["batch", "render_index"]
 
-_WRITTEN_EVERY_S = 2.0
 _FINAL = (0, 1, 2)  # exit codes that the same picture and options end with again
 _Builder = Callable[[Sequence[Task], Path], Iterator[tuple[Task, Record]]]
 
@@ -80,7 +79,7 @@ def batch(
                     records[task.name] = record
                     progress.say(tally.tell(record))
                     progress.update(tally.done / len(missing))
-                    if time.monotonic() > written + _WRITTEN_EVERY_S:
+                    if time.monotonic() > written + 2.0:  # s
                         written = _write(folder, tasks, records)
         except KeyboardInterrupt:
             built = f"{len(records)} of {len(tasks)} pictures are built and stay"

@@ -21,7 +21,6 @@ from knotfab.scene.load import dump_scene
 __all__ = ["FIXED", "Fix", "plan_fix", "tell_fix"]
 
 FIXED = "fixed.toml"  # a file beside the scene that was built, whose pictures it names
-_HEAR_MM = 2.0  # a piece is worth hanging elsewhere from so much on
 
 
 @dataclass(frozen=True)
@@ -86,7 +85,7 @@ def tell_fix(fix: Fix, found: Comparison) -> list[str]:
     ways = [
         f"{abs(by):.0f} mm {word[by > 0]}"
         for by, word in ((fix.right_mm, ("left", "right")), (fix.up_mm, ("down", "up")))
-        if abs(by) >= _HEAR_MM
+        if abs(by) >= 2.0  # a piece is worth hanging elsewhere from so much on
     ]
     if ways:
         said.append(f"It belongs {' and '.join(ways)} of where this one is, before the lamp.")

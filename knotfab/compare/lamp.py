@@ -20,8 +20,6 @@ __all__ = ["LampFit", "cast_shadow", "find_lamp"]
 
 _STEP_MM = (8.0, 8.0, 40.0)  # the simplex's steps, and the scale of the unknowns
 _COARSER = 2  # factor to the resolution of the IoU
-_SOFT_PX = (4.0, 1.5)  # blur of both pictures, first and then
-_MOST_TURNS = 90
 _FARTHEST = 1.0  # a lamp may be off by this share of its distance from the wall
 _EDGE_PER_PX = 4.0  # sharpness of outlines: as steep as the share of a pixel that an edge covers
 
@@ -69,7 +67,7 @@ def find_lamp(knots: Knots, camera: Camera, seen: Mask) -> LampFit:
     reach = float(camera.eye @ wall) + offset
     front = float((knots.points @ wall).max()) + offset + knots.radius_mm
     found = np.zeros(3)
-    for soft in _SOFT_PX:
+    for soft in (4.0, 1.5):  # blur of both pictures, first and then
         wanted = ndimage.gaussian_filter(coarse, soft)
 
         def unlike(unknown: Array, soft: float = soft, wanted: Array = wanted) -> float:
@@ -81,7 +79,7 @@ def find_lamp(knots: Knots, camera: Camera, seen: Mask) -> LampFit:
             return float(((ndimage.gaussian_filter(cast, soft) - wanted) ** 2).sum())
 
         corners = np.concatenate([found[None], found + np.eye(3)])
-        options = {"initial_simplex": corners, "maxfev": _MOST_TURNS, "xatol": 0.02, "fatol": 1e-3}
+        options = {"initial_simplex": corners, "maxfev": 90, "xatol": 0.02, "fatol": 1e-3}
         found = minimize(unlike, found, method="Nelder-Mead", options=options).x
 
     def likeness(at: Array) -> float:

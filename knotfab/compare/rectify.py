@@ -26,7 +26,6 @@ __all__ = [
 _LOOKED_PX = 500  # longer side at which the plate is looked for
 _STRIP = 0.04  # a strip along the plate's edge, as a share of its width, that is taken to be wall
 _LEAST_SHARE = 0.04  # a plate covers at least this share of the photograph
-_LIKE_A_PLATE = 0.95  # IoU of a region and the quadrilateral about it
 _FAINT = 0.12  # a shadow takes away at least this share of the light
 _ROUNDS = 6
 
@@ -161,7 +160,7 @@ def find_plate(photo: NDArray[np.float64]) -> Array | None:
         like = _likeness(corners, largest)
         if best is None or like > best[0]:
             best = like, corners
-    if best is None or best[0] < _LIKE_A_PLATE:
+    if best is None or best[0] < 0.95:  # IoU of a region and the quadrilateral about it
         return None
     return np.asarray((best[1] + 0.5) * step - 0.5)
 

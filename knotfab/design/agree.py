@@ -43,12 +43,9 @@ AGREED = 0.995  # bounds from here on are agreement: nothing is moved or bent
 MOST_BENT = 0.12
 _HOPELESS = 0.5  # a bound below which no search is begun
 _MOST_VIEWS = 12
-_ALIKE_DEG = 3.0  # lines of sight nearer to each other are one
-_CHECK_PX = 384
 # the most times that a bending is scaled back until the picture keeps its pieces and holes
 _SCALED = 12
 _SLACK = 0.0008  # a share of a bound: the error of a coarse measure
-_ADDED = 0.003  # the same for a bound that is known
 _SAID = 0.001  # a share of a bound: nobody needs to be told of less
 
 
@@ -209,7 +206,7 @@ def require_apart(views: Sequence[View]) -> None:
     for n, one in enumerate(views):
         for other in views[:n]:
             cosine = abs(float(view_axes(one)[2] @ view_axes(other)[2]))
-            if cosine > np.cos(np.deg2rad(_ALIKE_DEG)):
+            if cosine > np.cos(np.deg2rad(3.0)):  # lines of sight nearer to each other are one
                 raise InputError(
                     f"views {other.name} and {one.name}",
                     f"they look along one line ({other.azimuth_deg:g}° and {one.azimuth_deg:g}°), where a "
@@ -237,11 +234,11 @@ def _bend(
     from knotfab.design.bend import bend_pictures
 
     views = framed_views(scene, targets)
-    masks = coarse_masks(drawn, _CHECK_PX)
+    masks = coarse_masks(drawn, 384)  # px
 
     # coarser silhouettes have coarser gaps: what that adds to a bound is asked in addition
     added = [
-        float(np.clip(coarse.iou - fine.iou, 0.0, _ADDED))
+        float(np.clip(coarse.iou - fine.iou, 0.0, 0.003))  # at most so much
         for coarse, fine in zip(bounds_of(scene, targets, masks), bounds, strict=True)
     ]
 
@@ -256,10 +253,9 @@ def _bend(
     )
     for _ in range(_SCALED):
         bent_views = tuple(
-            v.model_copy(update={"bend_points": write_points(p)})
-            for v, p in zip(scene.views, points, strict=True)
+            v.but(bend_points=write_points(p)) for v, p in zip(scene.views, points, strict=True)
         )
-        bent_scene = scene.model_copy(update={"views": bent_views})
+        bent_scene = scene.but(views=bent_views)
         bent = _bent(bent_scene, targets)
         kept = [keeps_shape(t.mask, b.mask) for t, b in zip(drawn, bent, strict=True)]
         if all(kept):

@@ -17,10 +17,8 @@ _LEAST_S, _LEAST_SEVERAL_S, _LEAST_FRAME_S = 5.0, 12.0, 4.0
 # seconds for a view's design, below which it takes the draft's trials, pictures, spacing, or the sketch's
 _SHORT_S, _SHORTEST_S = 6.0, 3.0
 _SEARCH_VERTEX_S = 0.12e-3  # seconds of the least search, for each vertex
-_USUAL_VERTICES = 2500
 _MOST = 4.0  # a larger factor of slowness is no measure of anything
 _LESS = ("coarse_px", "fine_px", "depth_candidates", "radius_candidates", "mesh_sides")
-_THICKER = (0.012, 0.03)  # IoU given where what follows would not fit otherwise
 _MORE = ("settle_edge_radii", "radius_give", "radius_from", "outline_px")
 
 
@@ -68,7 +66,7 @@ class Budget:
 
     def view_s(self, views: int) -> float:
         """Seconds for the design of each view."""
-        return self.search_s(_USUAL_VERTICES * views) / views
+        return self.search_s(2500 * views) / views  # a view has some 2500 vertices
 
     def thicker(self, give: float, vertices: Callable[[float], int]) -> float:
         """The IoU to give so that what follows fits: at least `give`, and more as long as it does not.
@@ -76,7 +74,7 @@ class Budget:
         Args:
             vertices: vertices of the knots that some IoU given leads to.
         """
-        for more in _THICKER:
+        for more in (0.012, 0.03):  # IoU given where what follows would not fit otherwise
             count = vertices(give)
             if self.search_s(count) >= _SEARCH_VERTEX_S * count:
                 break

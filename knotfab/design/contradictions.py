@@ -12,7 +12,6 @@ from knotfab_formats.scene import View
 __all__ = ["WORTH_SAYING", "contradictions"]
 
 WORTH_SAYING = 0.97  # a bound below this is told
-_BAD = 0.9
 
 
 def contradictions(views: Sequence[View], bounds: Sequence[HullBound]) -> list[str]:
@@ -33,7 +32,7 @@ def contradictions(views: Sequence[View], bounds: Sequence[HullBound]) -> list[s
             f"view {view.name}: the other pictures leave no room for {share:.1%} of its silhouette, "
             f"most of it at the {where}: its IoU can be {bound.iou:.3f} at best without spilling elsewhere"
         )
-        if bound.iou < _BAD:
+        if bound.iou < 0.9:
             line += ". Use pictures whose silhouettes fill the same heights, or other azimuths"
         lines.append(line)
     return lines

@@ -55,7 +55,6 @@ __all__ = [
     "settle_design",
 ]
 
-REGION_FILE = "region.stl"
 START_FILE = "start.json"
 _FRONT = 0.2  # a piece of unknown depth is taken to reach this share of the way to the light
 
@@ -258,15 +257,15 @@ def settle_design(question: Question, result: SearchResult, settings: SearchSett
     """
     radius = result.knots.radius_mm
     fine = refine_settings(question, settings, radius)
-    settings = settings.model_copy(update={"mesh_sides": fine.mesh_sides})
+    settings = settings.but(mesh_sides=fine.mesh_sides)
     region, region_stl = question.problem.region, None
     if region.file is not None:  # the build writes it beside the scene
         region_stl = Path(region.file).read_bytes()
-        region = region.model_copy(update={"file": REGION_FILE})
+        region = region.but(file="region.stl")
     start_json = None
     if settings.start:
         start_json = read_start(Path(settings.start)).dump_start().encode()
-        settings = settings.model_copy(update={"start": START_FILE})
+        settings = settings.but(start=START_FILE)
     # the IoU that the part must reach: the scene's, or the one that its pictures allow
     asked = question.scene.accuracy.iou_floor
     floor = settings.floor(question.most_iou(radius)) if asked is None else asked
@@ -315,8 +314,7 @@ def choose_tube(
     if settings.start:
         knots_then = read_start(Path(settings.start))
         radius = piece.tube_radius_mm or knots_then.radius_mm
-        piece = piece.model_copy(update={"tube_radius_mm": radius})
-        require_tube(question.scene.model_copy(update={"piece": piece}))
+        require_tube(question.scene.but(piece=piece.but(tube_radius_mm=radius)))
         question = question.with_depth(radius)
         return question, radius, go_on(question.problem, knots_then, radius), None
     if piece.tube_radius_mm is None:

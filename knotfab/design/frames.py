@@ -147,9 +147,8 @@ def size_frames(scene: ResolvedScene, targets: Sequence[Target]) -> ResolvedScen
 def size_longer(scene: ResolvedScene, target: Target, longer_mm: float) -> ResolvedScene:
     """Every frame so wide, or so high, as the longer side of `target` is to be."""
     key = "frame_width_mm" if target.width >= target.height else "frame_height_mm"
-    none = {"frame_width_mm": None, "frame_height_mm": None}
-    views = tuple(v.model_copy(update={**none, key: longer_mm}) for v in scene.views)
-    return scene.but(views=views)
+    sides = {"frame_width_mm": None, "frame_height_mm": None, key: longer_mm}
+    return scene.but(views=tuple(view.but(**sides) for view in scene.views))
 
 
 def widen_targets(

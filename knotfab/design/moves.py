@@ -147,10 +147,9 @@ def mirror_views(scene: ResolvedScene, targets: Sequence[Target]) -> ResolvedSce
         if found > most + _WORTH:
             most = found
             views = (
-                v.model_copy(update={"mirrored": True if side else None})
-                for v, side in zip(scene.views, sides, strict=True)
+                v.but(mirrored=side or None) for v, side in zip(scene.views, sides, strict=True)
             )
-            best = scene.model_copy(update={"views": tuple(views)}) if any(sides) else scene
+            best = scene.but(views=tuple(views)) if any(sides) else scene
     return best
 
 
@@ -178,10 +177,9 @@ def _closer(azimuths: Sequence[float]) -> Iterator[tuple[float, ...]]:
 
 def _placed(scene: ResolvedScene, azimuths: Sequence[float]) -> ResolvedScene:
     views = tuple(
-        v.model_copy(update={"azimuth_deg": float(a % 360.0)})
-        for v, a in zip(scene.views, azimuths, strict=True)
+        v.but(azimuth_deg=float(a % 360.0)) for v, a in zip(scene.views, azimuths, strict=True)
     )
-    return scene.model_copy(update={"views": views})
+    return scene.but(views=views)
 
 
 def _nearby(
@@ -194,5 +192,5 @@ def _nearby(
     changes += [{"frame_up_mm": round(view.frame_up_mm + s * shift * height, 4)} for s in (1, -1)]
     for change in changes:
         views = list(scene.views)
-        views[number] = view.model_copy(update=change)
-        yield scene.model_copy(update={"views": tuple(views)})
+        views[number] = view.but(**change)
+        yield scene.but(views=tuple(views))

@@ -231,7 +231,7 @@ def silhouette_polygon(view: ResolvedView, target: Target) -> MultiPolygon:
 
 def _plane_of(view: ResolvedView, target: Target) -> Callable[[Array], Array]:
     """Map pixels (n, 2) of a picture to the plane through the origin, along the view's axes, mm."""
-    own = view.model_copy(update={"azimuth_deg": 0.0, "elevation_deg": 0.0})
+    own = view.but(azimuth_deg=0.0, elevation_deg=0.0)
     camera = camera_of(own, target.width, target.height)
 
     def to_plane(pixels: Array) -> Array:

@@ -32,7 +32,6 @@ _THINNER = 0.75  # the next radius over the thinnest so far
 _WORKERS = 2  # radii side by side; their outcome does not depend on it
 # length over its template's, of a knot of some depth; a knight, a bicycle: 1.42 to 1.46
 _LONGER = 1.4
-_USUAL_MAGNIFICATION = 1.2  # a scene's defaults have it
 _FEW = 4  # depth profiles, where only a place for a knot is looked for
 # trials of the last question: a build asks again what its preview asked
 _KEPT: dict[str, _Trials] = {}
@@ -170,21 +169,11 @@ def choose_radius(
     Raises:
         SceneError: no printable radius draws anything of the pictures.
     """
-    views = question.views
     trials = _recall(question, settings, knots)
     trials.watch = watch
-    span = range_of(1 if trials.filled else len(views))
+    span = range_of(1 if trials.filled else len(question.views))
     give = max(span.give, settings.radius_give)
-    thinnest = question.scene.printer.min_tube_radius_mm
-    least, alike = settings.radius_from, views
-    if trials.filled and not trials.one_view:  # as thick on the screen as a single view's tube
-        least, alike = least * _USUAL_MAGNIFICATION / views[0].magnification, views[:1]
-    radii, thin = usual_radii(alike, thinnest, settings.radius_candidates, least)
-    if question.problem.views[0].lines:  # strokes are as wide as one tube
-        radii, thin = [line_radius(views[0])], []
-        require_radius(
-            radii[0], question.scene.printer, "the radius of one tube along its strokes (--thicken)"
-        )
+    radii, thin = _candidates(trials)
     with ThreadPoolExecutor(_WORKERS) as pool:
         scores = dict(zip(radii, pool.map(trials.score, radii), strict=True))
         if max(scores.values()) < span.drawn:  # the picture forbids the usual thickness
@@ -198,39 +187,14 @@ def choose_radius(
         )
     if report is not None:
         report(0.2, None)
-    found: dict[float, float] = {}
     if trials.filled:
         _require_picture(question, scores)
         if budget is not None and trials.one_view and "radius_give" not in question.scene.search:
             give = budget.thicker(give, lambda less: trials.vertices(_thickest(scores, less)))
-        well = max(scores.values()) - give
-        # the largest that draws it well, then what draws it less and less well: a knot needs a place too
-        for radius in sorted(scores, key=lambda r: (min(scores[r], well), r), reverse=True):
-            found[radius] = trials.begin(radius) if placed else 1.0
-            if found[radius]:
-                break
+        found = _begin_one(trials, scores, give, placed)
     else:
-        best = max(scores.values())
-        few = [r for r in scores if scores[r] > best - span.hopeless]
-        usual, few = (
-            sorted((r for r in few if (r in radii) == one), reverse=True) for one in (True, False)
-        )
-
-        def begin(radius: float) -> None:
-            found[radius] = trials.begin(radius)
-            if report is not None:
-                report(0.2 + 0.8 * len(found) / len(scores), max(found.values()))
-
-        with ThreadPoolExecutor(_WORKERS) as pool:
-            list(pool.map(begin, usual))
-        # then thinner, until the start will do; a printer makes none thinner than `thinnest`
-        while not found or (max(found.values()) < _ENOUGH and min(found) > thinnest):
-            thinner = few.pop(0) if few else max(thinnest, _THINNER * min(found))
-            if thinner not in scores:
-                scores[thinner] = trials.score(thinner)
-            begin(thinner)
-    top = max(found.values())
-    if top == 0 and trials.failures:
+        found = _begin_many(trials, scores, radii, report)
+    if max(found.values()) == 0 and trials.failures:
         raise next(iter(trials.failures.values()))
     chosen = _thickest(found, give)
     drawn = {} if trials.filled else found
@@ -241,6 +205,66 @@ def choose_radius(
         trials.starts.get(chosen),
         trials.templates,
     )
+
+
+def _candidates(trials: _Trials) -> tuple[list[float], list[float]]:
+    """The radii, mm, that are tried at once, and thinner ones for pictures that forbid these."""
+    question, settings = trials.question, trials.settings
+    views, printer = question.views, question.scene.printer
+    if question.problem.views[0].lines:  # strokes are as wide as one tube
+        radius = line_radius(views[0])
+        require_radius(radius, printer, "the radius of one tube along its strokes (--thicken)")
+        return [radius], []
+    least, alike = settings.radius_from, views
+    if trials.filled and not trials.one_view:  # as thick on the screen as a single view's tube
+        least, alike = least * 1.2 / views[0].magnification, views[:1]  # the usual magnification
+    return usual_radii(alike, printer.min_tube_radius_mm, settings.radius_candidates, least)
+
+
+def _begin_one(
+    trials: _Trials, scores: Mapping[float, float], give: float, placed: bool
+) -> dict[float, float]:
+    """What starts of one view draw, by radius, down to the first whose knots have a place too.
+
+    The largest that draws it well comes first, then those that draw it less and less well; without `placed`
+    there is a place for any.
+    """
+    found: dict[float, float] = {}
+    well = max(scores.values()) - give
+    for radius in sorted(scores, key=lambda r: (min(scores[r], well), r), reverse=True):
+        found[radius] = trials.begin(radius) if placed else 1.0
+        if found[radius]:
+            break
+    return found
+
+
+def _begin_many(
+    trials: _Trials, scores: dict[float, float], radii: list[float], report: Report | None
+) -> dict[float, float]:
+    """What starts of several views draw, by radius: thinner ones are tried, and scored, until one will do."""
+    found: dict[float, float] = {}
+    span, thinnest = (
+        range_of(len(trials.question.views)),
+        trials.question.scene.printer.min_tube_radius_mm,
+    )
+    best = max(scores.values())
+    few = sorted((r for r in scores if scores[r] > best - span.hopeless), reverse=True)
+
+    def begin(radius: float) -> None:
+        found[radius] = trials.begin(radius)
+        if report is not None:
+            report(0.2 + 0.8 * len(found) / len(scores), max(found.values()))
+
+    with ThreadPoolExecutor(_WORKERS) as pool:
+        list(pool.map(begin, [r for r in few if r in radii]))
+    few = [r for r in few if r not in radii]
+    # a printer makes none thinner than `thinnest`
+    while not found or (max(found.values()) < _ENOUGH and min(found) > thinnest):
+        thinner = few.pop(0) if few else max(thinnest, _THINNER * min(found))
+        if thinner not in scores:
+            scores[thinner] = trials.score(thinner)
+        begin(thinner)
+    return found
 
 
 def _recall(question: Question, settings: SearchSettings, knots: int | None) -> _Trials:

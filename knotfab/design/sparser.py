@@ -23,7 +23,6 @@ __all__ = ["search_sparser"]
 # These settings leave the search nearly no steps.
 _STILL = {**SHORT, "coarse_iterations": 0, "fine_iterations": 0, "settle_iterations": 2}
 _WIDER = (1.5, 2.5, 4.0, 6.5, 10.0, 16.0)  # spacings of the strands that are tried, in tube radii
-_RINGS = (1.1, 1.3, 1.6)  # a last ring's size over the least that the bend limit allows
 
 
 def search_sparser(
@@ -69,7 +68,7 @@ def _tries(
     if not one or problem.knot != "unknot":
         return
     # a ring whose edges were evened bends more than a circle: the first size that serves
-    for size in _RINGS:
+    for size in (1.1, 1.3, 1.6):  # a last ring's size over the least that the bend limit allows
         ring = _ring(problem, size * least * radius, radius)
         yield flat, make_start(flat, radius, short, template=ring), _STILL
 

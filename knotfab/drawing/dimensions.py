@@ -24,7 +24,6 @@ _LINE = 0.35  # points
 _TEXT = 6.5
 _GAP_MM = 1.0  # between a thing and the line that leads away from it
 _ARROW_MM = 1.6
-_ROOM_MM = 9.0  # room for the text between two arrows
 
 
 def length(value: float) -> str:
@@ -90,7 +89,7 @@ def draw_dimension(
             axes.plot(*tips.T, color=color, lw=0.6 * _LINE)
     ends = np.stack([a + off, b + off])
     unit = along / reach if reach > 0 else np.array([1.0, 0.0])
-    inside = reach >= _ROOM_MM
+    inside = reach >= 9.0  # room for the text between two arrows
     axes.plot(*ends.T, color=color, lw=_LINE)
     for tip, sign in zip(ends, (1.0, -1.0) if inside else (-1.0, 1.0), strict=True):
         _arrow(axes, tip, sign * unit, color)

@@ -10,8 +10,6 @@ from PIL import Image
 __all__ = ["write_gif", "write_shadows_gif"]
 
 _LONGER_PX = 384
-_SECONDS_A_ROUND = 1.2
-_LEAST_MS = 40
 
 
 def write_gif(path: Path, images: Sequence[Image.Image], frame_ms: int | list[int]) -> None:
@@ -42,4 +40,4 @@ def write_shadows_gif(path: Path, shadows: Sequence[Path], cyclic: bool) -> None
         images.append(grey)
     if not cyclic:
         images += images[-2:0:-1]
-    write_gif(path, images, max(_LEAST_MS, round(1000 * _SECONDS_A_ROUND / max(1, len(images)))))
+    write_gif(path, images, max(40, round(1200 / max(1, len(images)))))  # 1.2 s a round, in ms

@@ -21,8 +21,6 @@ from knotfab.geometry.meshes import Mesh, join_meshes, split_shells
 
 __all__ = ["About", "read_back_strict", "read_shells", "write_3mf", "write_coloured_3mf"]
 
-DECIMALS = 6  # decimals of a millimetre, written out
-
 
 @dataclass(frozen=True)
 class About:
@@ -140,7 +138,7 @@ def _write(path: Path, model: Any, whole: Any, names: Sequence[str]) -> None:
     item.SetUUID(_uuid("item/" + "/".join(names)))
     model.SetBuildUUID(_uuid("build/" + "/".join(names)))
     writer = model.QueryWriter("3mf")
-    writer.SetDecimalPrecision(DECIMALS)
+    writer.SetDecimalPrecision(6)  # decimals of a millimetre, written out
     packed = io.BytesIO()  # lib3mf ends the process where a file of its own cannot be written
     write = lib3mf.WriteCallback(lambda data, n, _: packed.write(ctypes.string_at(data, n)) * 0)
     seek = lib3mf.SeekCallback(lambda place, _: packed.seek(place) * 0)

@@ -18,11 +18,7 @@ __all__ = ["COUPON", "PLAYS_MM", "Coupon", "plan_coupon"]
 COUPON = "coupon.3mf"
 # Each hole has this play about the pin, and as many dots as tenths.
 PLAYS_MM = (0.1, 0.2, 0.3, 0.4, 0.5)
-LONGEST_MM = 20.0  # the longest peg on the strip
-KNOB_MM = 4.0
-LEAST_STRIP_MM = 3.0
 APART_MM = 5.0
-SINK_MM = 0.3
 
 _DOTS = tuple(round(10 * play) for play in PLAYS_MM)
 
@@ -48,10 +44,10 @@ class Coupon:
         room = self.peg_foot_mm + 2 * APART_MM
         strip = as_manifold(model(fit_strip, self.holes_mm, _DOTS, self.thickness_mm, room_mm=room))
         sizes = self.peg_length_mm, self.peg_top_mm / 2, self.peg_foot_mm / 2
-        cone = model(peg, *sizes, sink_mm=SINK_MM)
+        cone = model(peg, *sizes, sink_mm=0.3)
         standing = as_manifold(cone).translate((room / 2, 0.0, self.thickness_mm))
         vertices, faces = as_mesh(strip + standing)
-        pin, pin_faces = model(fit_pin, self.pin_mm, self.depth_mm, KNOB_MM)
+        pin, pin_faces = model(fit_pin, self.pin_mm, self.depth_mm, 4.0)  # with a knob of 4 mm
         above = vertices[:, 1].max() - pin[:, 1].min() + APART_MM
         pin = pin + [vertices[:, 0].mean(), above, 0.0]
         low = np.minimum(vertices.min(axis=0), pin.min(axis=0))
@@ -97,8 +93,8 @@ def plan_coupon(mounted: Mounted, suffix: str = "") -> Coupon | None:
     return Coupon(
         pin_mm=2 * pin,
         depth_mm=asked.dowel_depth_mm,
-        thickness_mm=max(thick, LEAST_STRIP_MM),
-        peg_length_mm=min(length, LONGEST_MM),
+        thickness_mm=max(thick, 3.0),  # as thick as a strip must be
+        peg_length_mm=min(length, 20.0),  # the longest peg on the strip
         peg_top_mm=2 * top,
         peg_foot_mm=2 * foot,
     )

@@ -31,7 +31,6 @@ __all__ = ["SPARE_DEPTH_MM", "write_drill_template"]
 
 SPARE_DEPTH_MM = 1.0  # a hole is so much deeper than its dowel
 LISTED = 40  # holes on the page of words
-_EDGE_MM = 4.0  # around the frame
 
 
 def write_drill_template(
@@ -54,7 +53,7 @@ def write_drill_template(
     place = placement_of(mounted, camera)
     across = np.array([peg.drill_mm for peg in mounted.wall.pegs])
     facts = _facts(place, across, mounted.wall.settings.dowel_depth_mm + SPARE_DEPTH_MM)
-    half = np.array(place.frame_mm) / 2 + _EDGE_MM
+    half = np.array(place.frame_mm) / 2 + 4.0  # mm around the frame
     reach = np.abs(place.holes).max(axis=0) + across.max()
     x, y = (float(v) for v in np.maximum(half, reach))
     shown = Drawing("drill template", (-x, -y, x, y), partial(_draw, place, across))

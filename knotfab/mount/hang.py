@@ -51,7 +51,6 @@ _ABOVE = 0.15  # a share of the piece's height: the least from its centre of mas
 _TRIED = 400  # posts, from the one that shows least on
 MOST_POSTS = 4  # posts from strands to the eyelet
 _OVER = 0.3  # a share of a further post's length, by which it may come down to the eyelet
-_APART_COSINE = 0.7  # between posts that meet at the eyelet
 # between the ends of further posts that are weighed, and how many are
 _SPREAD_RADII, _WEIGHED = 6.0, 12
 _HELPS = 0.9  # a further post must leave at most this share of the sag before
@@ -334,7 +333,7 @@ def _more_posts(
     posts, least = post, sag(post)
     while len(posts) < MOST_POSTS and least > stiffness.max_sag_mm:
         there = (posts.start - end) / posts.length_mm[:, None]
-        parted = (away @ there.T).max(axis=1) <= _APART_COSINE
+        parted = (away @ there.T).max(axis=1) <= 0.7  # cosine between posts that meet
         open_ones = pool.of(parted)
         cost = shadows.cost(open_ones) + LENGTH_WEIGHT * open_ones.length_mm
         spread: list[int] = []

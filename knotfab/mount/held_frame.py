@@ -13,8 +13,6 @@ from knotfab.mount.struts import GROUND, Candidates
 
 __all__ = ["HeldFrame", "springs_of"]
 
-MOST_KNOWN = 300  # joints whose flexibility is kept: some 100 MB of a large piece
-
 
 def springs_of(some: Candidates, before: Array, stiffness: Stiffness) -> tuple[Array, Array]:
     """(m, 12, 12) what members add to the stiffness at their ends, and (m, 12) their weight's loads there.
@@ -117,5 +115,5 @@ class HeldFrame:
 
     def _forget(self, ends: Indices) -> None:
         """Keep what loads on these ends move, where much else is known."""
-        if len(self._moves) > MOST_KNOWN:
+        if len(self._moves) > 300:  # joints whose flexibility is kept: some 100 MB of a large piece
             self._moves = {j: self._moves[j] for j in set(ends.tolist()) & set(self._moves)}

@@ -244,14 +244,8 @@ def mount_piece(
         ValueError: a stand or a hanger without the silhouettes.
     """
     require_mount(scene)
+    scene = _resolve_mount(scene, knots, cameras)
     asked = scene.mount
-    if asked.kind == "auto":
-        hangs = scene.hangs(len(knots.knots))
-        asked = asked.model_copy(update={"kind": "wall" if hangs else "none"})
-        scene = scene.model_copy(update={"mount": asked})
-    if asked.kind != "wall" and asked.foot == "auto":  # a written scene leaves nothing open
-        asked = asked.model_copy(update={"foot": "plate"})
-        scene = scene.model_copy(update={"mount": asked})
     if asked.kind == "none":
         return Mounted(tubes, _names(len(tubes)), scene, None, None)
     if asked.kind in ("stand", "hang"):
@@ -259,12 +253,9 @@ def mount_piece(
             raise ValueError("a stand or an eyelet is placed by the silhouettes of all views")
         hold = _on_a_stand if asked.kind == "stand" else _on_a_thread
         return hold(scene, knots, tubes, cameras, targets)
-    camera = cameras[0]
-    foot = _foot(scene, knots, camera)
-    asked = asked.model_copy(update={"foot": foot})
     mount = plan_wall(
         knots,
-        camera,
+        cameras[0],
         scene.piece.clearance_mm,
         Stiffness.of(scene),
         asked,
@@ -275,13 +266,12 @@ def mount_piece(
         sum(peg.knot == k for peg in mount.pegs) + int((mount.strut_knots[:, 0] == k).sum())
         for k in range(len(tubes))
     ]
-    resolved = asked.model_copy(update={"pegs": tuple(count)})
-    bodies = wall_bodies(tubes, mount, camera)
+    bodies = wall_bodies(tubes, mount, cameras[0])
     return Mounted(
         bodies,
-        ["piece with wall plate"] if foot == "plate" else _names(len(bodies)),
-        scene.model_copy(update={"mount": resolved}),
-        camera.wall_axes,  # the wall on the bed, its front up
+        ["piece with wall plate"] if asked.foot == "plate" else _names(len(bodies)),
+        scene.but(mount=asked.but(pegs=tuple(count))),
+        cameras[0].wall_axes,  # the wall on the bed, its front up
         mount,
     )
 
@@ -306,8 +296,8 @@ def _on_a_stand(
     )
     bodies = stand_bodies(tubes, stand)
     count = [int((stand.holds == k).sum()) for k in range(len(tubes))]
-    resolved = scene.model_copy(update={"mount": asked.model_copy(update={"pegs": tuple(count)})})
-    return Mounted(bodies, ["piece on its stand"], resolved, BASE_DOWN, None, stand)
+    scene = scene.but(mount=asked.but(pegs=tuple(count)))
+    return Mounted(bodies, ["piece on its stand"], scene, BASE_DOWN, None, stand)
 
 
 def _on_a_thread(
@@ -329,8 +319,7 @@ def _on_a_thread(
     bodies = hang_bodies(tubes, hang)
     count = tuple(int((hang.holds == k).sum()) for k in range(len(tubes)))
     x, y, z = hang.eyelet.thread.tolist()
-    resolved = scene.mount.model_copy(update={"pegs": count, "thread_mm": (x, y, z)})
-    scene = scene.model_copy(update={"mount": resolved})
+    scene = scene.but(mount=scene.mount.but(pegs=count, thread_mm=(x, y, z)))
     return Mounted(bodies, ["piece with its eyelet"], scene, None, None, hang=hang)
 
 
@@ -338,11 +327,19 @@ def _names(count: int) -> list[str]:
     return [f"knot {i + 1}" for i in range(count)]
 
 
-def _foot(scene: ResolvedScene, knots: Knots, camera: Camera) -> Literal["plate", "dowel"]:
+def _resolve_mount(scene: SettledScene, knots: Knots, cameras: Sequence[Camera]) -> SettledScene:
+    """The scene with the mount's kind and foot chosen, where it leaves them open."""
+    kind, foot = scene.mount.kind, scene.mount.foot
+    if kind == "auto":
+        kind = "wall" if scene.hangs(len(knots.knots)) else "none"
+    if foot == "auto":
+        foot = _choose_foot(scene, knots, cameras[0]) if kind == "wall" else "plate"
+    return scene.but(mount=scene.mount.but(kind=kind, foot=foot))
+
+
+def _choose_foot(scene: ResolvedScene, knots: Knots, camera: Camera) -> Literal["plate", "dowel"]:
     """A plate where the printer holds one as large as the frame, and as high as the piece stands off."""
     asked = scene.mount
-    if asked.foot != "auto":
-        return asked.foot
     across, along = (side + 2 * asked.plate_margin_mm for side in camera.frame_mm)
     wall = camera.receiver
     high = float((knots.points @ wall[:3]).max() + wall[3]) + knots.radius_mm

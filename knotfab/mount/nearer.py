@@ -103,7 +103,7 @@ def _move(
 ) -> tuple[Knots, ResolvedView]:
     """The knots moved along their light rays to `share` of their heights, as large as the view there asks."""
     axes, light = view_axes(view), view.light_distance_mm
-    there = view.model_copy(update={"wall_distance_mm": place.wall_mm})
+    there = view.but(wall_distance_mm=place.wall_mm)
     scale = view.magnification / there.magnification
     moved = []
     for knot in knots.knots:

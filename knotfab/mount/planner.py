@@ -19,7 +19,6 @@ __all__ = ["PEGS", "Planned", "plan_members"]
 
 TRIED_VISIBLE = 6  # candidates that darken pixels are tried before one is added
 LOOKED_AT = 400  # candidates of highest promise among which those are sought
-IDLE_ROUNDS = 4  # times that nothing helps, one after another, before the search ends
 DEAR_SHARE = 1e-5  # a share of the frame: a member that darkens so much must help twice as much
 THICKER = 1.15  # factor of a visible member's radius when it is thickened
 MOST_SHARE = 0.95  # a member's largest radius over the tube's
@@ -133,7 +132,7 @@ class _Plan:
         promise = manner.rank(piece.frame, piece.sites, self.candidates, moved, manner.norm)
         promise = promise / (1 + self.cost / self.dear)
         old, thicker, dearer = self._thicker()
-        for _ in range(IDLE_ROUNDS):
+        for _ in range(4):  # times that nothing helps, one after another, before the search ends
             hidden = search.best(promise, ~self.visible, manner.tried)
             tried = np.append(hidden, search.best(promise, self.visible, TRIED_VISIBLE))
             every = join([self.candidates.of(tried), thicker])

@@ -36,7 +36,6 @@ SAMPLE_RADII = 0.35  # between samples of the centre lines
 LEAST_SINE = 0.65  # between tube and member: one that leaves along its tube would graze it
 JOINT_RADII = 3.5  # tube radii of arc on each side of a member's end that belong to its joint
 LEAST_OPENING = 0.62  # how fast a strand and its member part, mm per mm along the strand
-SHORTEST_RADII = 2.5  # tube radii of a strut between two centre lines
 LEAN_MM = 1.0  # leaning roots come so much nearer to each other than their middles say
 ROOT_SHARE = 1.5  # the root's radius over the post's, where it meets the base
 
@@ -176,7 +175,7 @@ def struts(sites: Sites, pairs: Indices, tube_mm: float, radius_mm: float) -> Ca
     a, b = a[far], b[far]
     along = sites.point[b] - sites.point[a]
     length = np.linalg.norm(along, axis=1)
-    square = length >= SHORTEST_RADII * tube_mm
+    square = length >= 2.5 * tube_mm  # tube radii of a strut between two centre lines
     for end in (a, b):
         cosine = np.abs(np.einsum("ij,ij->i", along, sites.tangent[end])) / np.maximum(length, 1e-9)
         square &= cosine <= np.sqrt(1 - LEAST_SINE**2)

@@ -47,7 +47,6 @@ MOST_SHARE = 0.98
 HOPELESS = 4.0  # factor of the limit from which on thinner pegs do not take away so much
 ROOT_HEIGHT_MM = 3.0
 MARK_MM = 1.5  # depth of the notches in the plate's edges
-LEAST_MARK_MM = 0.5  # a plate gets no notches where no deeper ones have room
 PLAY_MM = 0.3  # a hole is so much wider than its dowel
 DRILLS_MM = (*(0.5 * k for k in range(2, 14)), 7.0, 8.0, 9.0, 10.0, 12.0)  # bits that shops sell
 OVERLAP_MM = 0.3  # a peg goes so far into its plate or dowel, beyond what its slant needs
@@ -66,7 +65,7 @@ def mark_depth_mm(asked: Mount) -> float:
     """Depth of the notches in a plate's edges, which stay in its margin; 0 where there is no room."""
     beside = (hole_inset_mm(asked) - asked.hole_diameter_mm / 2) / 2
     deep = min(MARK_MM, asked.plate_margin_mm / 5, beside)
-    return deep if deep >= LEAST_MARK_MM else 0.0
+    return deep if deep >= 0.5 else 0.0  # a plate gets no notches where no deeper ones have room
 
 
 @dataclass(frozen=True)

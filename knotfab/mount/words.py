@@ -17,7 +17,6 @@ __all__ = ["LAMP_WAYS", "TURN_WAYS", "costs_of", "lamp_facts", "level_wall", "st
 
 LAMP_MM = 10.0  # the misplacement for which the loss is told
 HEAR_MM = 0.05  # an offset of less is none
-ASIDE_MM = 1.0  # an offset of so little to the side of a stand is none either
 
 # How the report's keys read, and what goes with them.
 LAMP_WAYS = {"right": "to the side", "up": "up or down", "towards": "nearer or farther"}
@@ -141,7 +140,7 @@ def _desk_steps(place: Placement, view: View, lamp: str) -> list[str]:
     gap = level_wall(place, base.bottom)
     across = float(place.level[0] @ place.lamp) - (base.left + base.right) / 2
     aside = ""
-    if abs(across) >= ASIDE_MM:
+    if abs(across) >= 1.0:  # an offset of so little to the side of a stand is none either
         aside = f", {length(abs(across))} mm to the {'right' if across > 0 else 'left'}"
     high = float(place.level[1] @ place.lamp) - base.bottom
     before = float(place.level[2] @ place.lamp) - base.front

@@ -22,8 +22,6 @@ __all__ = ["KERF_MM", "CutPiece", "cut_body"]
 
 KERF_MM = 0.01  # the matter that is lost at a cut
 DEEPER_MM = 0.3  # a hole is deeper than its pin is long, by this
-ROOT_RADII = 0.5  # tube radii by which a pin goes back into its own piece
-CHAMFER_SHARE = 0.3  # a share of the pin's radius, at its tip
 SIDES = 32
 
 
@@ -100,8 +98,8 @@ def _connector(cut: Cut, radius: float) -> tuple[Manifold, Manifold]:
     from manifold3d import CrossSection
 
     pin, long = cut.pin_radius, cut.pin_length
-    chamfer = CHAMFER_SHARE * pin
-    root = ROOT_RADII * radius
+    chamfer = 0.3 * pin  # a share of the pin's radius, at its tip
+    root = 0.5 * radius  # a pin goes so far back into its own piece
     profile = [(0, -root), (pin, -root), (pin, long - chamfer), (pin - chamfer, long), (0, long)]
     wide = pin + CLEARANCE_MM
     # a polygon's flats lie inside its circle: the hole's must not come nearer than the clearance

@@ -21,12 +21,10 @@ from knotfab_formats.report import PoseFigures, TurnFigures
 __all__ = ["PoseAccount", "PrintPose", "choose_pose", "lay_on_bed"]
 
 FITS_MM = 1e-6  # a part of exactly the build volume's size fits
-TURN_STEP_DEG = 0.25
 # a share of a frame that would fit: the search does not give the same piece again, only smaller
 SPARE = 0.005
 
 ORIENTATIONS = AXES[:3]
-RUNNERS_UP = 3  # poses that a report names
 QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 
 
@@ -173,7 +171,7 @@ def _fitting(
         sizes += larger
         if turn is not None:
             fitting.append((pose, turn))
-        if len(fitting) > RUNNERS_UP:
+        if len(fitting) > 3:  # poses that a report names
             break
     return fitting, sizes
 
@@ -251,7 +249,7 @@ def _compact_turns(points: Array, sides: Sequence[Array]) -> list[tuple[Array, A
 def _sweep_about(points: Array) -> tuple[Array, Array, Array]:
     """Angles about the vertical, rad, and the widths and depths of the footprint at each."""
     flat = _corners(points[:, :2])
-    angle = np.deg2rad(np.arange(0.0, 180.0, TURN_STEP_DEG))
+    angle = np.deg2rad(np.arange(0.0, 180.0, 0.25))
     c, s = np.cos(angle), np.sin(angle)
     width = np.ptp(flat[:, :1] * c - flat[:, 1:] * s, axis=0)
     depth = np.ptp(flat[:, :1] * s + flat[:, 1:] * c, axis=0)

@@ -20,7 +20,6 @@ __all__ = ["can_be_split", "list_printables", "measure_hiding"]
 
 # radii of the tube's shadow from the outline, from which on a place is well inside
 FULLY_RADII = 3.0
-PEG_RADII = 2.0  # tube radii from a peg's side
 CROSS = np.concatenate([np.eye(3), -np.eye(3)])
 
 
@@ -92,5 +91,5 @@ def _pegs(
             beside.append(box)
             beside_of.append(np.full(len(box), vertex, dtype=np.int64))
             barred |= near
-        barred |= away <= PEG_RADII * radius + wide
+        barred |= away <= 2.0 * radius + wide  # tube radii from a peg's side
     return barred, np.concatenate(beside), np.concatenate(beside_of)

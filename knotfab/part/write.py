@@ -153,10 +153,6 @@ def _rows(matrix: Array) -> tuple[Row, Row, Row, Row]:
     return a, b, c, d
 
 
-METRES = 1e-3
-ROUGHNESS = 0.7
-
-
 def write_glb(
     path: Path, bodies: Sequence[Mesh], pose: Array, names: Sequence[str], color: str
 ) -> None:
@@ -171,11 +167,11 @@ def write_glb(
     trimesh: Any = untyped
     rgb = [int(color[k : k + 2], 16) for k in (1, 3, 5)]
     paint = trimesh.visual.material.PBRMaterial(
-        baseColorFactor=[*rgb, 255], metallicFactor=0.0, roughnessFactor=ROUGHNESS
+        baseColorFactor=[*rgb, 255], metallicFactor=0.0, roughnessFactor=0.7
     )
     scene = trimesh.Scene()
     for (vertices, faces), name in zip(bodies, names, strict=True):
-        placed = METRES * (vertices @ pose[:3, :3].T + pose[:3, 3])
+        placed = 1e-3 * (vertices @ pose[:3, :3].T + pose[:3, 3])  # metres
         mesh = trimesh.Trimesh(placed, faces, process=False)
         mesh.visual = trimesh.visual.TextureVisuals(material=paint)
         scene.add_geometry(mesh, node_name=name, geom_name=name)

@@ -19,7 +19,6 @@ _REACH = 12  # bins: colours within 96 levels of a cluster's first are of its ki
 _LEAST_SHARE = 200  # a cluster has at least one pixel in 200
 _SHORE = 2  # px to either side of where two colours meet
 _WINDOW = 2 * _SHORE + 1
-_SEAM_PX = 6
 _SHARP = 48.0  # levels that they differ by across it
 
 
@@ -133,7 +132,7 @@ def _seams(main: Mask, inside: Mask, kinds: NDArray[np.uint8]) -> Mask:
         near = tuple(slice(max(0, s.start - 1), s.stop + 1) for s in box)
         beside = ndimage.binary_dilation(parts[near] == number, block) & inside[near] & ~main[near]
         counts = np.bincount(kinds[near][beside])
-        long = not touching[number] or areas[number - 1] >= _SEAM_PX
+        long = not touching[number] or areas[number - 1] >= 6  # px
         seam[number] = long and counts.max(initial=0) * 5 <= 4 * counts.sum() and counts.sum() > 0
     return np.asarray(seam[parts])
 

@@ -37,7 +37,6 @@ _SUPPLIED = (
     "STIXSizOneSymReg",
 )
 _SIZE = 1000  # points at 72 dpi, so outlines come in thousandths of an em
-_TIMEOUT_S = 20
 _PLAIN = ("regular", "book", "roman", "normal")
 
 
@@ -184,7 +183,7 @@ def _ask_fontconfig(form: str, pattern: str) -> list[str]:
     try:
         said = subprocess.run(
             [program, f"--format={form}", pattern],
-            capture_output=True, text=True, errors="replace", timeout=_TIMEOUT_S, check=False,
+            capture_output=True, text=True, errors="replace", timeout=20, check=False,
         ).stdout  # fmt: skip
     except (OSError, subprocess.TimeoutExpired):
         return []

@@ -26,7 +26,6 @@ _LUMA = (299, 587, 114)  # ITU-R BT.601, in thousandths
 # levels (of 255) by which blank paper differs from itself, once it is saved as a JPEG
 _NOISE = 8.0
 _JOINTS = 0.05  # the largest share of hairlines' pixels that lie where hairlines meet
-_STRAY = 0.01  # the largest share of pixels that are clear by accident
 _PLAINLY = 64.0  # levels (of 255) by which ink is plainly darker or lighter than its background
 # A hue below so many degrees has this name.
 _HUES: tuple[tuple[int, str], ...] = (
@@ -117,7 +116,7 @@ def takes_alpha(colours: Levels, alpha: NDArray[np.uint8] | None, reading: Readi
         return False
     clear = alpha < 255 * reading.threshold
     share = clear.mean()
-    if share > _STRAY or not share:
+    if share > 0.01 or not share:  # the largest share of pixels that are clear by accident
         return bool(share)
     seen = colours[~clear]
     return bool((seen.max(axis=0).astype(np.int64) - seen.min(axis=0)).max() <= _NOISE)

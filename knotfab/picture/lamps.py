@@ -34,13 +34,11 @@ from knotfab_formats.scene import ResolvedScene
 __all__ = ["Separation", "mixtures_of", "on_one_canvas", "read_masks", "separate", "to_oklab"]
 
 _LIGHTNESS, _CHROMA = 0.5, 0.35  # their weights beside hue's, of a colour that is strong
-_STRONG = 0.1  # chroma from which on it is
 _GREY = 0.04  # a picture with less chroma everywhere is grey (a pure red has 0.26)
 _COLOURED = 0.002  # share of the picture's pixels that must have more
 _SAME = 0.06  # two mixtures nearer to each other than this in OKLab look alike
 _FLAT = 0.05  # a pixel that differs less (sRGB) from its neighbours lies in a flat colour
 _BESIDE = 0.10  # antialiasing may lie so far (sRGB) from the line between two colours
-_REACH_PX = (2, 3, 4)  # distances at which the two colours beside a pixel are looked for
 # a share of the longer side: spots smaller than a square so wide join their surroundings
 _SPECK = 0.008
 # a picture is a photograph where this share of its pixels differs by the grain (sRGB) from its neighbours
@@ -265,7 +263,7 @@ def _distance(lab: Array, mixture: Array) -> Array:
     """
     chroma, strong = np.hypot(lab[..., 1], lab[..., 2]), float(np.hypot(*mixture[1:]))
     light = _LIGHTNESS * (lab[..., 0] - mixture[0])
-    weight = 1.0 - (1.0 - _CHROMA) * np.minimum(chroma / _STRONG, 1.0)
+    weight = 1.0 - (1.0 - _CHROMA) * np.minimum(chroma / 0.1, 1.0)  # strong from 0.1 on
     fuller = weight * (chroma - strong)
     along = lab[..., 1] * mixture[1] + lab[..., 2] * mixture[2]
     hue = 2.0 * np.maximum(chroma * strong - along, 0.0)
@@ -277,7 +275,7 @@ def _without_seams(srgb: Array, labels: Labels) -> Labels:
     rows, columns = np.nonzero(_spread(srgb) > _FLAT)
     found = labels.copy()
     height, width = labels.shape
-    for reach in _REACH_PX:
+    for reach in (2, 3, 4):  # distances at which the two colours beside a pixel are looked for
         best, name = np.full(len(rows), np.inf), np.zeros(len(rows), dtype=np.int64)
         for down, right in ((0, 1), (1, 0), (1, 1), (1, -1)):
             (a, b), (c, d) = (

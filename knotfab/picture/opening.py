@@ -23,9 +23,7 @@ __all__ = [
 
 _COARSE = 0.02  # radii that an outline may move by before it is opened
 _SLIVER = 0.03  # radii: no slivers that this leaves along edges are twice as thick
-_EDGE_ON = 0.01  # width over length of a ring seen from its edge
 _CORNERS = 64  # corners of a ring
-_WITHIN = 1.002  # how far above the largest radius the search may end, as a factor
 
 
 def _open(shape: Polygon | MultiPolygon, radius: float) -> Polygon | MultiPolygon:
@@ -69,7 +67,7 @@ def least_ring(shape: Polygon | LinearRing, inset: float, bend: float, flat: boo
     longer = int(lengths.argmax())
     along = sides[longer] / lengths[longer]
     across = np.array([-along[1], along[0]])
-    least = bend if flat else _EDGE_ON * bend
+    least = bend if flat else 0.01 * bend  # width over length of a ring seen from its edge
     minor = float(np.clip(0.5 * lengths[1 - longer] - inset, least, bend))
     turn = 2.0 * np.pi * np.arange(_CORNERS) / _CORNERS
     ring: Array = middle + np.outer(bend * np.cos(turn), along)
@@ -85,7 +83,7 @@ def thickest_radius(polygon: MultiPolygon, iou: float, low: float, high: float) 
         return None
     if opening_iou(polygon, high) >= iou:
         return high
-    while high > _WITHIN * low:
+    while high > 1.002 * low:  # how far above the largest radius the search may end, as a factor
         middle = float(np.sqrt(low * high))
         if opening_iou(polygon, middle) >= iou:
             low = middle

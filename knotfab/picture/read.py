@@ -51,7 +51,6 @@ PICTURE_SUFFIXES = frozenset(chain(*raster.SUFFIXES.values(), _DRAWN))
 PLAIN = Reading()
 _MISSING = "Check the path, or write text:… for a word or a glyph."
 MOVING = ("GIF", "WEBP", "PNG", "AVIF")  # formats that may hold an animation
-_PIXEL_BYTES = 9  # a pixel of 16-bit RGBA, and the file's other data
 
 # the longest name; file systems hold names with prefixes and suffixes
 _MOST_SIGNS, _MOST_BYTES = 60, 180
@@ -185,7 +184,7 @@ def read_bytes(
         path,
         what,
         "picture file",
-        _PIXEL_BYTES * largest**2,
+        9 * largest**2,  # a pixel of 16-bit RGBA, and the file's other data
         missing=missing,
         too_large=f"Scale the picture down to at most {largest} pixels on a side.",
     )

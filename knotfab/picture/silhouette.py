@@ -23,7 +23,6 @@ _SPECK = 2.0  # px²: smaller pieces and holes are dropped from polygons
 _REACH = 0.5  # px: how far smoothing may move the outline; half of it where coverage is known
 _MOST_RINGS = 3000  # a picture with more is noise, and smoothing it would only take time
 _SPACING = 0.5  # px between samples while smoothing
-_SIMPLIFY = 0.05  # px
 # Just below one half, so that pixels that touch only at corners stay connected.
 _LEVEL = 0.499
 
@@ -123,7 +122,9 @@ def _smooth(ring: Array, length: float, reach: float) -> Array:
         shift = smooth - points
         far = np.maximum(1.0, np.hypot(*shift.T) / reach)[:, None]
         smooth = damped(points + shift / far, scale)
-    few = np.asarray(LinearRing(smooth).simplify(_SIMPLIFY, preserve_topology=False).coords)[:-1]
+    few = np.asarray(LinearRing(smooth).simplify(0.05, preserve_topology=False).coords)[
+        :-1
+    ]  # to 0.05 px
     return smooth if len(few) < 4 else few
 
 

@@ -23,10 +23,8 @@ Levels = NDArray[np.float32]
 _Gaussian = tuple[float, NDArray[np.float64], NDArray[np.float64]]  # share, mean, covariance
 
 _CUT_PX, _FINE_PX = 320, 1600  # longer side where the cut is made, and where its outline is refined
-_MIDDLES = ((0.8, 0.8), (0.4, 0.8))  # shares of width and height
 _MARGIN = 0.25  # a share of the rectangle's longer side: pixels that near tell of the background
 _KINDS, _ROUNDS = 5, 6  # Gaussians for each of the two, and cuts at most
-_SETTLED = 1e-3  # the last cut changes at most this share of the pixels
 _COARSE_PX = 200  # longer side from which on it is cut so first
 # the first cuts are so much coarser; the last moves their outline by so much
 _COARSER, _BAND_PX = 2, 6
@@ -51,7 +49,7 @@ def middle_boxes(width: int, height: int) -> list[Box]:
             round(x * width),
             round(y * height),
         )
-        for x, y in _MIDDLES
+        for x, y in ((0.8, 0.8), (0.4, 0.8))  # shares of width and height
     ]
 
 
@@ -213,7 +211,7 @@ def _grab(
         )
         graph.maxflow()
         before, mask = mask, ~graph.get_grid_segments(nodes)
-        if (before != mask).mean() < _SETTLED:
+        if (before != mask).mean() < 1e-3:  # the last cut changes at most this share of the pixels
             break
     return np.asarray(mask)
 

@@ -35,7 +35,6 @@ __all__ = ["TriedReading", "advise", "draw_readings", "is_unclear", "try_reading
 MOST = 6  # readings that are shown
 _ALIKE = 0.93  # IoU of two silhouettes that are one choice
 _USUAL_SHARE = 0.014  # tube radius over the frame's longer side, where the picture has room
-_COMPARED_PX = 128
 _UNCLEAR = 24  # pieces and holes, from which on a picture may be meant otherwise
 _OPTIONS = {
     "ink": "--ink",
@@ -49,7 +48,6 @@ _MILD = 0.9  # the score's factor for each step of cleaning
 _LINES = 0.6  # the share that counts as drawn of lines: a usual tube draws none, a thin one all
 _LEAST_INK, _MOST_INK = 0.04, 0.7  # shares of the frame within which a likely reading lies
 _PANEL, _TEXT, _GAP, _COLUMNS = 300, 68, 14, 3  # px of the sheet
-_LETTERS = 42  # letters of a line above it
 _PAPER, _INK, _RED = (250, 248, 244), (60, 58, 56), (190, 30, 30)
 
 
@@ -283,7 +281,7 @@ def _alike(one: Mask, other: Mask) -> bool:
     """Tell whether two masks of one picture look the same at a glance."""
     if one.shape != other.shape:
         return False
-    size = fit_size(one.shape[1], one.shape[0], _COMPARED_PX)
+    size = fit_size(one.shape[1], one.shape[0], 128)  # px
     return mask_iou(*(sample_mask(mask, *size) for mask in (one, other))) >= _ALIKE
 
 
@@ -305,7 +303,7 @@ def draw_readings(readings: Sequence[TriedReading]) -> bytes:
     pen, font = ImageDraw.Draw(sheet), ImageFont.load_default(14)
     for n, (one, picture) in enumerate(zip(readings, painted, strict=True)):
         left, top = _GAP + n % _COLUMNS * (_PANEL + _GAP), _GAP + n // _COLUMNS * high
-        lines = wrap(f"{n + 1}: {one.options or 'as it is read'}", _LETTERS)
+        lines = wrap(f"{n + 1}: {one.options or 'as it is read'}", 42)  # letters of a line above it
         pen.text((left, top), "\n".join(lines), fill=_INK, font=font, spacing=2)
         said, colour = ("a build would refuse it", _RED) if one.refusal else (_parts(one), _INK)
         pen.text((left, top + 38), said, fill=colour, font=font)

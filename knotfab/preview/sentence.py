@@ -16,8 +16,6 @@ if TYPE_CHECKING:
 
 __all__ = ["count", "describe", "describe_readings", "list_figures"]
 
-_LARGEST_MM = 2000.0  # more than a part of many plates has
-
 
 def describe(found: Survey, exact: bool = False) -> list[str]:
     """A few lines: each picture's silhouette, what the likely tube loses of it, and a guess of the print.
@@ -93,7 +91,7 @@ def _describe_piece(found: Survey) -> str:
     wide, high = found.views[0].piece_mm
     text = f"  The piece is about {wide:.0f} × {high:.0f} mm across"
     guess = found.guess
-    if guess.hours is not None and max(wide, high) > _LARGEST_MM:
+    if guess.hours is not None and max(wide, high) > 2000.0:  # more than a part of many plates has
         return f"{text}, which no printer makes: is the size meant in mm (--size 50cm)?"
     if not found.chosen:
         return text + "."

@@ -39,7 +39,6 @@ _USUAL_SHARE = 0.014  # tube radius over the frame's longer side, where the pict
 _SHOWN = 3  # thicker tubes that are shown beside the one that is taken
 _SPECK = 0.5  # radii of the thinnest tube: the side of a square as large as what nobody misses
 _SPARE = 0.3  # px that an outline may move by
-_MOST_FRAMES = 24  # frames of a sequence that are looked at
 
 
 @dataclass(frozen=True)
@@ -252,7 +251,7 @@ def _trace(mask: Mask) -> MultiPolygon:
 
 def _hardest(targets: Sequence[Target]) -> Target:
     """The frame whose opening by a usual tube is worst."""
-    few = targets[:: -(-len(targets) // _MOST_FRAMES)]
+    few = targets[:: -(-len(targets) // 24)]  # frames of a sequence that are looked at
     return min(few, key=lambda t: opened_share(t.mask, _USUAL_SHARE * max(t.mask.shape)))
 
 

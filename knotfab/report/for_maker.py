@@ -24,7 +24,6 @@ __all__ = ["advise_lamp", "draw_setup", "list_files", "tell_setup"]
 
 TORCH_MM = 5.0  # across which a phone's torch shines
 BULB_MM = 60.0  # a frosted bulb
-DRAWING_DPI = 110.0
 _COLOURS = 32
 _PAPER = 250  # a grey that is as good as white
 _FEW_FILES = 3  # files of a kind that are listed one by one
@@ -131,7 +130,7 @@ def draw_setup(folder: Path) -> list[str]:
 
     png = bytes(
         resvg_py.svg_to_bytes(
-            svg_path=str(path), dpi=DRAWING_DPI, style_sheet=_NO_WORDS, background="#ffffff"
+            svg_path=str(path), dpi=110.0, style_sheet=_NO_WORDS, background="#ffffff"
         )
     )
     image = Image.open(io.BytesIO(png)).convert("RGB")

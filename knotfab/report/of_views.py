@@ -14,9 +14,6 @@ from knotfab_formats.verdict import Contrast, Recognition, Sag, View
 
 __all__ = ["advise_widening", "list_views", "tell_bounds"]
 
-_WELL = ("faithful", "good")
-_STROKES = ("piece", "stroke", "text")
-
 
 def list_views(
     views: Sequence[View],
@@ -68,12 +65,12 @@ def advise_widening(verdict: Recognition | None, scene: SettledScene) -> list[st
     Args:
         scene: of the piece, or of a sequence's first frame.
     """
-    if verdict is None or verdict.word in _WELL or scene.views[0].thicken_mm:
+    if verdict is None or verdict.word in ("faithful", "good") or scene.views[0].thicken_mm:
         return []
     thin = [
         loss
         for loss in verdict.lost
-        if loss.what in _STROKES and 0.0 < loss.size_mm < loss.needed_mm
+        if loss.what in ("piece", "stroke", "text") and 0.0 < loss.size_mm < loss.needed_mm
     ]
     if not thin:
         return []

@@ -32,7 +32,6 @@ __all__ = [
     "write_report_html",
 ]
 
-TEMPLATE = "template.html.j2"
 VIEWER = Path(__file__).parent / "viewer" / "viewer.js"
 # So the page says a person's judgement of the shadow (docs/verdict.md), in a word and in a sentence.
 VERDICTS = {
@@ -52,7 +51,6 @@ VERDICTS = {
 }
 _NOTHING = "Nobody would miss anything of the picture in its shadow."
 _CLEAN = ("standard", "fine")  # accuracies that leave a shadow as clean as this says
-DIGITS = 4
 _LARGE_BYTES = 100_000  # a picture of more bytes is embedded as WebP
 _QUALITY = 85  # the quality of WebP, of 100
 MEDIA = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".gif": "image/gif"}
@@ -113,7 +111,7 @@ def load_template() -> Template:
         "mark": mark_of,
         "tally": tally_checks,
     }
-    return environment.get_template(TEMPLATE)
+    return environment.get_template("template.html.j2")
 
 
 def render_html(
@@ -171,7 +169,7 @@ def encode_for_script(data: Mapping[str, Any]) -> str:
     return text
 
 
-def _number(value: object, digits: int = DIGITS) -> str:
+def _number(value: object, digits: int = 4) -> str:
     """A number with `digits` significant ones, whole digits never lost; a dash for nothing."""
     if value is None:
         return "–"

@@ -36,7 +36,6 @@ _SETS = {"rgb": "red+green+blue"}
 COLOURS_FILE = "picture-colours.png"
 SWITCH = "switch"  # the word for lamps that are lit one after the other
 MOST_LAMPS = 5  # five lamps mix 32 colours
-_LED_MM = 3.0
 _APART_MM = 1.0  # two lamps that stand nearer to each other throw one shadow
 _ALIKE = 0.05  # a share of a colour's length: two lamps of colours nearer to each other mix nothing
 
@@ -140,6 +139,6 @@ def with_small_lamps(scene: ResolvedScene) -> ResolvedScene:
     """The scene with lamps as small as LEDs, where nobody says their size: colours need sharp edges."""
     if any("light_diameter_mm" in view.model_fields_set for view in scene.views):
         return scene
-    small = {"light_diameter_mm": _LED_MM}
+    small = {"light_diameter_mm": 3.0}  # an LED
     views = tuple(view.but(**small) for view in scene.views)
     return scene.but(views=views)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +14,7 @@ from knotfab.scene.camera import view_axes
 from knotfab.scene.lamps import require_lamps
 from knotfab_formats.knot_names import parse_knot_name
 from knotfab_formats.read import parse_toml, scene_of
-from knotfab_formats.scene import Scene, View
+from knotfab_formats.scene import Region, Scene, View
 
 __all__ = ["check_scene", "dump_scene", "load_scene", "parse_scene"]
 
@@ -62,21 +64,20 @@ def parse_scene(text: str, what: str = "scene.toml") -> Scene:
     return scene
 
 
-def _depth_span(scene: Scene, view: View) -> tuple[float, float] | None:
-    """Return how far the region reaches towards the light and towards the wall, mm."""
-    size = scene.region.size_mm
-    if size is None or scene.region.kind == "mesh":
+def _reach_mm(region: Region, view: View) -> float | None:
+    """How far a region reaches from the scene's middle towards a view's light, mm; None: not known yet."""
+    size = region.size_mm
+    if size is None or region.kind == "mesh":
         return None
     ahead = view_axes(view)[2]
-    x, y, z = view_axes(scene.region) @ ahead
-    if scene.region.kind == "box":
+    x, y, z = view_axes(region) @ ahead
+    if region.kind == "box":
         half = 0.5 * (abs(x) * size[0] + abs(y) * size[1] + abs(z) * size[2])
-    elif scene.region.kind == "cylinder":
+    elif region.kind == "cylinder":
         half = 0.5 * (math.hypot(x, z) * size[0] + abs(y) * size[1])
     else:
         half = 0.5 * size[0]
-    middle = float(ahead @ scene.region.center_mm)
-    return middle + half, half - middle
+    return float(ahead @ region.center_mm + half)
 
 
 def check_scene(scene: Scene, what: str = "scene.toml") -> None:
@@ -93,109 +94,105 @@ def check_scene(scene: Scene, what: str = "scene.toml") -> None:
             raise InputError(what, f"two views are named {name!r}", "Give each its own name.")
     require_lamps(scene, what)
     parse_knot_name(scene.piece.knot)
-    radius = scene.piece.tube_radius_mm or 0.0
-    depth = scene.piece.depth or 0.0
-    size = scene.region.size_mm
-    if scene.region.kind == "mesh" and not scene.region.file:
-        raise InputError(
-            what, '[region] kind is "mesh", but it names no file', 'Write file = "room.stl".'
-        )
-    if scene.region.kind != "mesh" and scene.region.file is not None:
-        raise InputError(
-            what,
-            f'[region] file goes with kind = "mesh", not with "{scene.region.kind}"',
+    for why, remedy in _faults_of_region(scene):
+        raise InputError(what, why, remedy)
+    for number, view in enumerate(scene.views, start=1):
+        for why, remedy in chain(_faults_of_view(scene, view), _faults_of_place(scene, view)):
+            raise InputError(what, f"[[views]] number {number}: {why}", remedy)
+
+
+def _faults_of_region(scene: Scene) -> Iterator[tuple[str, str]]:
+    """What is wrong with a scene's region, and the remedy of each fault."""
+    region, radius = scene.region, scene.piece.tube_radius_mm or 0.0
+    if region.kind == "mesh" and not region.file:
+        yield '[region] kind is "mesh", but it names no file', 'Write file = "room.stl".'
+    if region.kind != "mesh" and region.file is not None:
+        yield (
+            f'[region] file goes with kind = "mesh", not with "{region.kind}"',
             "Leave one of the two out.",
         )
-    if scene.region.kind == "mesh" and (scene.region.azimuth_deg or scene.region.elevation_deg):
-        raise InputError(
-            what,
+    if region.kind == "mesh" and (region.azimuth_deg or region.elevation_deg):
+        yield (
             "[region] azimuth_deg and elevation_deg turn boxes and cylinders, not a mesh",
             "Turn the mesh in its file, and leave them out.",
         )
-    if size is not None and 2.0 * radius >= min(size):
-        raise InputError(
-            what,
+    if region.size_mm is not None and 2.0 * radius >= min(region.size_mm):
+        yield (
             f"a tube of tube_radius_mm = {radius:g} does not fit into [region] size_mm = "
-            f"{list(size)}",
+            f"{list(region.size_mm)}",
             "Make the region larger or the tube thinner.",
         )
-    for number, view in enumerate(scene.views, start=1):
-        where = f"[[views]] number {number}"
-        if (view.keep_px or view.drop_px) and not view.cut_out:
-            raise InputError(
-                what,
-                f"{where}: keep_px and drop_px correct what is cut out, and nothing is",
-                "Draw a rectangle about it: --subject LEFT,TOP,WIDTH,HEIGHT, in px of the picture.",
-            )
-        reach = max(0.5 * depth, radius)
-        if reach >= view.light_distance_mm:
-            raise InputError(
-                what,
-                f"{where}: the piece reaches {reach:g} mm towards the light, but "
-                f"light_distance_mm is {view.light_distance_mm:g}",
-                "Move the light away, or make the piece flatter or its tube thinner.",
-            )
-        if view.kind == "shadow" and reach >= view.wall_distance_mm:
-            raise InputError(
-                what,
-                f"{where}: the piece reaches {reach:g} mm towards the wall, but "
-                f"wall_distance_mm is {view.wall_distance_mm:g}",
-                "Move the wall away, or make the piece flatter or its tube thinner.",
-            )
-        if scene.room.second_lamp_mm is not None and view.kind == "shadow":
-            tilt, axes = math.radians(view.wall_tilt_deg), view_axes(view)
-            normal = math.cos(tilt) * axes[2] - math.sin(tilt) * axes[1]
-            if normal @ scene.room.second_lamp_mm <= 0:
-                raise InputError(
-                    what,
-                    f"{where}: the second lamp, second_lamp_mm = {list(scene.room.second_lamp_mm)}, stands "
-                    "behind the middle of the piece, where it throws no shadow on this wall",
-                    "Move it before the piece, or leave it out.",
-                )
-        room = view.light_distance_mm - reach
-        if 0.5 * view.light_size_mm >= room:
-            raise InputError(
-                what,
-                f"{where}: a lamp of {view.light_size_mm:g} mm reaches the piece, {room:g} mm from its "
-                "middle",
-                "Use a smaller lamp, or move it away.",
-            )
-        height = math.cos(math.radians(view.wall_tilt_deg)) * (
-            view.light_distance_mm + view.wall_distance_mm
+
+
+def _faults_of_view(scene: Scene, view: View) -> Iterator[tuple[str, str]]:
+    """What does not go together of a view's picture, piece and lamps, and the remedy of each fault."""
+    radius = scene.piece.tube_radius_mm or 0.0
+    reach = max(0.5 * (scene.piece.depth or 0.0), radius)
+    light, wall = view.light_distance_mm, view.wall_distance_mm
+    if (view.keep_px or view.drop_px) and not view.cut_out:
+        yield (
+            "keep_px and drop_px correct what is cut out, and nothing is",
+            "Draw a rectangle about it: --subject LEFT,TOP,WIDTH,HEIGHT, in px of the picture.",
         )
-        if 0.5 * view.light_size_mm >= height:
-            raise InputError(
-                what,
-                f"{where}: a lamp of {view.light_size_mm:g} mm whose middle is {height:g} mm before the "
-                "tilted wall is partly behind it",
-                "Use a smaller lamp, move it away, or tilt the wall less.",
+    if reach >= light:
+        yield (
+            f"the piece reaches {reach:g} mm towards the light, but light_distance_mm is {light:g}",
+            "Move the light away, or make the piece flatter or its tube thinner.",
+        )
+    if view.kind == "shadow" and reach >= wall:
+        yield (
+            f"the piece reaches {reach:g} mm towards the wall, but wall_distance_mm is {wall:g}",
+            "Move the wall away, or make the piece flatter or its tube thinner.",
+        )
+    tilt, axes, second = (
+        math.radians(view.wall_tilt_deg),
+        view_axes(view),
+        scene.room.second_lamp_mm,
+    )
+    if second is not None and view.kind == "shadow":
+        normal = math.cos(tilt) * axes[2] - math.sin(tilt) * axes[1]
+        if normal @ second <= 0:
+            yield (
+                f"the second lamp, second_lamp_mm = {list(second)}, stands behind the middle of the "
+                "piece, where it throws no shadow on this wall",
+                "Move it before the piece, or leave it out.",
             )
-        frame = [s for s in (view.frame_width_mm, view.frame_height_mm) if s is not None]
-        if frame and 2.0 * radius >= min(frame):
-            raise InputError(
-                what,
-                f"{where}: a tube of tube_radius_mm = {radius:g} is wider than the frame of "
-                f"{min(frame):g} mm",
-                "Make the frame larger or the tube thinner.",
-            )
-        span = _depth_span(scene, view)
-        if span is None:
-            continue
-        if span[0] >= view.light_distance_mm:
-            raise InputError(
-                what,
-                f"{where}: the region reaches {span[0]:g} mm towards the light, but "
-                f"light_distance_mm is {view.light_distance_mm:g}",
-                "Move the light away or make the region smaller.",
-            )
-        nearest = -span[0]  # the region's side that is furthest from the wall
-        if view.kind == "shadow" and nearest >= view.wall_distance_mm:
-            raise InputError(
-                what,
-                f"{where}: the whole region lies behind the wall (wall_distance_mm = "
-                f"{view.wall_distance_mm:g})",
-                "Move [region] center_mm towards the light.",
-            )
+    if 0.5 * view.light_size_mm >= light - reach:
+        yield (
+            f"a lamp of {view.light_size_mm:g} mm reaches the piece, {light - reach:g} mm from its "
+            "middle",
+            "Use a smaller lamp, or move it away.",
+        )
+    height = math.cos(tilt) * (light + wall)
+    if 0.5 * view.light_size_mm >= height:
+        yield (
+            f"a lamp of {view.light_size_mm:g} mm whose middle is {height:g} mm before the tilted wall "
+            "is partly behind it",
+            "Use a smaller lamp, move it away, or tilt the wall less.",
+        )
+
+
+def _faults_of_place(scene: Scene, view: View) -> Iterator[tuple[str, str]]:
+    """What the frame and the region of a view have no room for, and the remedy of each fault."""
+    radius = scene.piece.tube_radius_mm or 0.0
+    frame = [s for s in (view.frame_width_mm, view.frame_height_mm) if s is not None]
+    if frame and 2.0 * radius >= min(frame):
+        yield (
+            f"a tube of tube_radius_mm = {radius:g} is wider than the frame of {min(frame):g} mm",
+            "Make the frame larger or the tube thinner.",
+        )
+    reach = _reach_mm(scene.region, view)
+    if reach is not None and reach >= view.light_distance_mm:
+        yield (
+            f"the region reaches {reach:g} mm towards the light, but light_distance_mm is "
+            f"{view.light_distance_mm:g}",
+            "Move the light away or make the region smaller.",
+        )
+    if reach is not None and view.kind == "shadow" and -reach >= view.wall_distance_mm:
+        yield (
+            f"the whole region lies behind the wall (wall_distance_mm = {view.wall_distance_mm:g})",
+            "Move [region] center_mm towards the light.",
+        )
 
 
 def dump_scene(scene: Scene) -> str:

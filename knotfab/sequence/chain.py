@@ -40,7 +40,6 @@ __all__ = ["Chain", "SequenceFrame", "list_ties", "pick_first", "radius_for_all"
 _SLACK = 1.1  # length of a frame's knot over that of the one searched first, for a picture of the same area
 _GIVE = 0.01  # IoU that a frame's opening may lose against that one's before the tube is thinner
 _THINNER = 0.93
-_AS_MUCH = 0.98  # a share of the most ink
 _OF_FIRST = 0.8  # time of a later frame's search and finish over the search of the first
 
 
@@ -104,7 +103,7 @@ def pick_first(targets: Sequence[Target]) -> int:
     Limbs that one silhouette hides have no strands there, and no vertices: they could not come out.
     """
     inks = [int(target.mask.sum()) for target in targets]
-    return 0 if inks[0] >= _AS_MUCH * max(inks) else inks.index(max(inks))
+    return 0 if inks[0] >= 0.98 * max(inks) else inks.index(max(inks))  # a share of the most ink
 
 
 def list_ties(number: int, known: Container[int], outlines: Sequence[float]) -> tuple[Tie, ...]:

@@ -35,7 +35,6 @@ __all__ = [
 ]
 
 MOST_FRAMES = 240
-_LEAST_FRAMES = 2
 
 
 def frame_name(number: int) -> str:
@@ -158,7 +157,7 @@ def _by_number(path: Path) -> tuple[list[int], str]:
 
 
 def _count(what: str, count: int) -> None:
-    if count < _LEAST_FRAMES:
+    if count < 2:
         raise InputError(
             what,
             "it holds no sequence: " + ("one picture" if count else "no picture"),

@@ -39,7 +39,6 @@ Line = TypeVar("Line", EffectLine, LimitLine)
 # keys of a piece's `print` that go with its frame; keys that are summed over all frames
 _OF_FRAME = ("pose", "plates", "flatter", "support_access")
 _SUMMED = ("time_s", "filament_m", "filament_g", "support_g")
-_ORDER = ("fail", "skipped", "pass")
 _FAR = 8.0  # tube radii that an outline goes: more than that is worth a frame in between
 
 
@@ -279,7 +278,7 @@ def _together(all_checks: Sequence[Sequence[Check]]) -> list[Check]:
             for c in checks
             if c.name == name
         ]
-        status = min((c.status for _, c in lines), key=_ORDER.index)
+        status = min((c.status for _, c in lines), key=("fail", "skipped", "pass").index)
         same = [(number, c) for number, c in lines if c.status == status]
         sign = -1.0 if status == "fail" else 1.0
         number, worst = min(same, key=lambda line: sign * _room(line[1]))

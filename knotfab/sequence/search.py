@@ -28,7 +28,6 @@ from knotfab_formats.search import SearchSettings
 __all__ = ["FrameResult", "double_vertices", "finish", "follow", "is_far"]
 
 
-_REPAIRS = 6
 _FAR = 2.0  # tube radii
 _ROOM = 1.04  # factor of the bend radius that the part must keep
 
@@ -60,7 +59,7 @@ def _plan(settings: SearchSettings, phases: Sequence[Phase]) -> Plan:
         walk = FlowSettings(iterations=60, rate=rate, rate_end=0.1 * rate)
         return replace(repair_phase(settings, number), walk=walk)
 
-    return Plan(tuple(phases), repair, repairs=_REPAIRS, keep_vertices=True)
+    return Plan(tuple(phases), repair, repairs=6, keep_vertices=True)
 
 
 def follow(

@@ -32,14 +32,13 @@ __all__ = [
 _MORE = 2.0  # factor of the iterations, where a frame did not come out
 POOR = 0.025  # another start is tried where the IoU is so far below what the radius allows
 _ALIKE = 0.5  # a frame that differs less than this share of the neighbour's difference is the better start
-_SMALL_PX = 256  # the longer side of pictures that are compared
 
 
 class PictureDifferences:
     """Measure the share of the frame in which the pictures differ."""
 
     def __init__(self, masks: Sequence[NDArray[np.bool_]]) -> None:
-        step = max(1, max(masks[0].shape) // _SMALL_PX)
+        step = max(1, max(masks[0].shape) // 256)  # the longer side of pictures that are compared
         self._masks = np.stack([m[::step, ::step] for m in masks])
         self._whole = masks
 

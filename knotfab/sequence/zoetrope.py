@@ -32,8 +32,6 @@ _THICK_MM = 2.4  # the ring's thickness as printed
 _SPINDLE_MM = 7.4  # hole of the hub: a record player's spindle is 7.2 mm thick
 _HUB_MM = 10.0  # radius of the hub
 _SPOKES, _SPOKE_MM = 4, 10.0
-_EDGE_RADII = 0.55  # between the rings of a swept tube
-_POSTS = 4
 _APART = 0.2  # a share of a frame's width, between posts
 _LOW = 0.35  # a share of a frame's height, within which posts stand
 _POST = 0.9  # a share of the tube's radius: a post ends inside the tube
@@ -68,7 +66,7 @@ def find_footholds(points: Array, width: float, height: float) -> list[int]:
     chosen: list[int] = []
     for i in dips[np.argsort(y[dips], kind="stable")]:
         others = points[chosen][:, [0, 2]] - points[i, [0, 2]]
-        if len(chosen) < _POSTS and not (np.linalg.norm(others, axis=1) < _APART * width).any():
+        if len(chosen) < 4 and not (np.linalg.norm(others, axis=1) < _APART * width).any():
             chosen.append(int(i))
     return chosen
 
@@ -190,7 +188,7 @@ def _standing(knots: Knots, ground: float) -> tuple[Manifold, int]:
 def _tube(knot: Knot, radius: float) -> Manifold:
     """The tube with fewer rings where it bends little enough: scaled down, they are fine all the same."""
     count = len(knot.points)
-    most = max(1, int(_EDGE_RADII * radius * count / knot.length_mm))
+    most = max(1, int(0.55 * radius * count / knot.length_mm))  # tube radii between rings
     step = next(k for k in range(most, 0, -1) if count % k == 0)
     try:
         return as_manifold(sweep(knot.points[::step], radius, _SIDES))

@@ -21,7 +21,6 @@ __all__ = ["compare_gcode", "compare_info", "judge"]
 
 SPACING_MM = 1.0  # between points that stand for a printed line
 SAMPLES = 20_000  # points of the surface, over all bodies
-LEAST_SAMPLES = 200  # points of each body
 # filament over the solid volume: bridges are laid thick, gaps filled generously
 MOST_FILAMENT = 1.15
 LAYERS_OFF = 1
@@ -129,7 +128,7 @@ def _surface(gcode: Gcode, bodies: Sequence[Mesh], shift: Array, limit: float) -
     total = sum(len(vertices) for vertices, _ in bodies)
     worst, where, shell = 0.0, np.zeros(3), 1
     for number, body in enumerate(bodies, start=1):
-        wanted = max(LEAST_SAMPLES, SAMPLES * len(body[0]) // total)
+        wanted = max(200, SAMPLES * len(body[0]) // total)  # points of each body
         sample = _sample(body, wanted) + shift
         away, _ = tree.query(sample)
         if away.max() > worst:

@@ -16,7 +16,6 @@ __all__ = ["REMEDY", "ask_help", "find_slicer", "read_version"]
 NAMES = ("prusa-slicer", "PrusaSlicer", "prusaslicer", "prusa-slicer-console")
 # the place where its installers put it, which is on nobody's path
 PLACES = ("/Applications/PrusaSlicer.app/Contents/MacOS", r"C:\Program Files\Prusa3D\PrusaSlicer")
-_ANSWERS_IN_S = 20.0
 REMEDY = "apt-get install --no-install-recommends prusa-slicer"
 
 
@@ -31,7 +30,7 @@ def ask_help(program: str) -> Ended:
     """Ask for its help text, which begins with its version."""
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as home:
         try:
-            return run_limited([program, "--help"], Path(home), _ANSWERS_IN_S)
+            return run_limited([program, "--help"], Path(home), 20.0)
         except OSError as error:
             return Ended(1, "", str(error))
 

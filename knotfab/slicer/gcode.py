@@ -16,7 +16,6 @@ __all__ = ["BadGcode", "Gcode", "points_along", "read_gcode"]
 
 
 MOST_BYTES = 1_000_000_000
-TAIL_BYTES = 100_000  # the figures stand before the settings, which close the file
 NOT_PART = ("Skirt/Brim", "Wipe tower", "Custom")
 SUPPORT = "Support material"  # "Support material interface" begins so too
 
@@ -73,7 +72,7 @@ def read_gcode(path: Path) -> Gcode:
     moves, support, other, z = _moves(content)
     if not np.isfinite(moves).all() or not np.isfinite(z).all():
         raise BadGcode("the G-code has positions that are not finite numbers")
-    tail = content[-TAIL_BYTES:]
+    tail = content[-100_000:]  # the figures stand before the settings, which close the file
     laid = moves[1:, 2] > 0
     part = laid & ~support[1:] & ~other[1:]
     if not part.any():

@@ -18,7 +18,6 @@ from knotfab.base.pool import tie
 
 __all__ = ["OUT_OF_TIME", "Ended", "run_limited"]
 
-POLL_S = 0.05
 MOST_SAID = 4_000_000  # bytes on standard output or error
 MOST_WRITTEN = 1_000_000_000  # bytes in the working folder
 GRACE_S = 5.0
@@ -82,7 +81,7 @@ def run_limited(
                     stopped = f"it wrote more than {MOST_WRITTEN // 10**9} GB"
                 else:
                     with suppress(subprocess.TimeoutExpired):
-                        child.wait(POLL_S)
+                        child.wait(0.05)
                     if hear is not None:
                         hear(_text(out))
         finally:

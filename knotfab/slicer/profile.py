@@ -14,11 +14,9 @@ __all__ = ["PROFILE", "line_width", "profile", "read_profile", "why_not_sliced",
 
 PROFILE = "slicer.ini"
 
-FILAMENT_MM = 1.75
 LEAST_NOZZLE_MM = 0.1  # narrower is the spot of a laser or a pixel of a screen, not a nozzle
 LINE_NOZZLES = 1.125  # width of a printed line in nozzle diameters, as is usual
 INFILL_PERCENT = 15
-ORGANIC_SINCE = (2, 6)  # PrusaSlicer
 
 
 @dataclass(frozen=True)
@@ -76,7 +74,7 @@ def profile(scene: ResolvedScene, program: str | None = None) -> dict[str, str]:
         "bed_shape": f"0x0,{across:g}x0,{across:g}x{deep:g},0x{deep:g}",
         "max_print_height": f"{high:g}",
         "nozzle_diameter": f"{printer.nozzle_mm:g}",
-        "filament_diameter": FILAMENT_MM,
+        "filament_diameter": 1.75,
         "filament_density": f"{material.density_g_cm3:g}",
         "filament_type": material.name.upper() if material.name in FILAMENTS else "PLA",
         "temperature": heat.nozzle_c,
@@ -140,7 +138,7 @@ def _support_style(program: str | None) -> str:
     A grid would widen them to its cells: half the filament. A version without branches refuses the file.
     """
     version = None if program is None else read_version(program)
-    return "organic" if version is not None and version >= ORGANIC_SINCE else "snug"
+    return "organic" if version is not None and version >= (2, 6) else "snug"  # PrusaSlicer
 
 
 def write_profile(folder: Path, scene: ResolvedScene) -> None:

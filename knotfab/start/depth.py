@@ -34,7 +34,6 @@ _ASIDE = {45.0: 0.75, 30.0: 0.25}
 _CONFLICT = 0.6  # weight of strands that hide each other at the same depth, against legibility
 _SURELY = 0.9  # a share of the least support so far, which the next profile needs too
 _SUPPORT = 0.02  # weight of supports in print, in volumes of the tube, against legibility
-_SAMPLE_RADII = 0.8  # between the points that a profile is judged at
 _DRAWN = 6  # one candidate in so many is drawn at random; the others vary the best so far
 _KEPT = 4  # profiles that are varied in turn
 _CHANGES = (0.6, 0.1)  # shares of a wave's spread by which it is changed, at first and at last
@@ -103,7 +102,7 @@ class _Judge:
     least: float = inf  # weighted support so far
 
     def __post_init__(self) -> None:
-        step = _SAMPLE_RADII * self.radius
+        step = 0.8 * self.radius  # between the points that a profile is judged at
         self.samples = tuple(sample_evenly(c, step) for c in self.curves)
         self.arcs = [arc_lengths(s) for s in self.samples]
         self.pairs = _overlapping(self.samples, self.radius)

@@ -33,7 +33,6 @@ Flags = NDArray[np.bool_]
 
 _CELL = 0.35  # tube radii of a cell of the grids on which views are drawn
 _MARGIN = 0.25  # a share of the frame, on each side
-_NUDGES = 3  # tries to move a node to where the tube fits better
 NUDGED = 0.25  # a share of the pitch by which a node may be moved: strands stay half a pitch apart
 _SHORTEST = 0.8  # a share of the pitch: the shortest edge between moved nodes
 _FAR = 10.0  # tube radii outside, of what stands out of the region
@@ -215,7 +214,7 @@ def lattice_in(
     inner = np.asarray(((at >= low) & (at <= high)).all(1))
     nodes = pitch * (at + shift) @ axes
     room = measure(nodes)
-    for _ in range(_NUDGES):
+    for _ in range(3):  # tries to move a node to where the tube fits better
         # nodes are moved to where the tube fits better
         near = np.flatnonzero(inner & (room.min(0) < 1.0) & (room.min(0) > -1.0))
         short = np.clip(1.0 - room[:, near], 0.0, None) * (0.5 * limits.radius)

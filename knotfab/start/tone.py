@@ -22,10 +22,8 @@ _CELLS = 3.0  # cells of the grid that is spread over, to the least distance of 
 _LINE_PX = 10.0  # px to a line's width in the drawing
 _STEP = 0.125  # widths between points of the line
 _NEAR = 10  # neighbours that a tour may be led to
-_WHITE = 0.1  # a lighter place has no points
 _LEAST = 8  # points of a line
 _SEED = 1
-_RELAXED = 40  # small moves that round the tour off
 _SMOOTH = 0.35  # pitches
 _HELD = 0.1  # the share of the way back to the tour at each move
 _APART = 2.0  # pitches along the line: what is nearer is its own bend
@@ -69,7 +67,7 @@ def spread_points(density: Array, count: int) -> Array:
     """
     from scipy.spatial import cKDTree
 
-    rows, columns = np.nonzero(density > _WHITE**2)
+    rows, columns = np.nonzero(density > 0.1**2)  # a lighter place has no points
     if len(rows) == 0:
         return np.empty((0, 2))
     weight = density[rows, columns]
@@ -93,95 +91,101 @@ def shortest_tour(points: Array) -> list[int]:
     From the nearest neighbour's tour by 2-opt and Or-opt among near points until neither helps (Bentley,
     "Fast algorithms for geometric traveling salesman problems", ORSA J. Computing 4, 1992).
     """
-    from scipy.spatial import cKDTree
+    tour = _Tour(points)
+    better = True
+    while better:
+        better = False
+        for a in range(len(points)):
+            while tour.turn_round(a) or tour.move(a):
+                better = True
+        for i, j in [] if better else _crossings(points[tour.order]):
+            tour.reverse(i + 1, j)  # crossing edges are longer than edges that do not cross
+            better = True
+            break
+    return tour.order
 
-    count = len(points)
-    tree = cKDTree(points)
-    _, near = tree.query(points, k=min(_NEAR + 1, count))
-    neighbours = [row[1:] for row in near.tolist()]
-    xy = points.tolist()
 
-    def far(a: int, b: int) -> float:
-        (x, y), (u, v) = xy[a], xy[b]
+class _Tour:
+    """A closed tour through points (n, 2): their order, and the place of each in it."""
+
+    def __init__(self, points: Array) -> None:
+        from scipy.spatial import cKDTree
+
+        self.count = len(points)
+        _, near = cKDTree(points).query(points, k=min(_NEAR + 1, self.count))
+        self.neighbours = [row[1:] for row in near.tolist()]
+        self.points = points.tolist()
+        self.order = _nearest_first(points)
+        self.place = np.argsort(self.order).tolist()
+
+    def far(self, a: int, b: int) -> float:
+        (x, y), (u, v) = self.points[a], self.points[b]
         return float(((x - u) ** 2 + (y - v) ** 2) ** 0.5)
 
-    tour = _nearest_first(points)
-    place = [0] * count
-    for k, a in enumerate(tour):
-        place[a] = k
+    def at(self, place: int) -> int:
+        """The point at a place, counted round."""
+        return self.order[place % self.count]
 
-    def reverse(i: int, j: int) -> None:
-        """The stretch from place i to place j, the shorter way about."""
+    def reverse(self, i: int, j: int) -> None:
+        """Turn the stretch from place i to place j round, the shorter way about."""
+        count = self.count
         inside = (j - i) % count + 1
         if 2 * inside > count:
             i, j, inside = (j + 1) % count, (i - 1) % count, count - inside
         for _ in range(inside // 2):
-            a, b = tour[i], tour[j]
-            tour[i], tour[j] = b, a
-            place[b], place[a] = i, j
+            a, b = self.order[i], self.order[j]
+            self.order[i], self.order[j] = b, a
+            self.place[b], self.place[a] = i, j
             i, j = (i + 1) % count, (j - 1) % count
 
-    def improve(a: int) -> bool:
-        i = place[a]
+    def turn_round(self, a: int) -> bool:
+        """2-opt: turn a stretch round that begins or ends at point a, where that is shorter."""
+        far = self.far
         for way in (1, -1):
-            b = tour[(i + way) % count]
+            b = self.at(self.place[a] + way)
             first = far(a, b)
-            for c in neighbours[a]:
+            for c in self.neighbours[a]:
                 gain = first - far(a, c)
                 if gain <= 0:
                     break
-                d = tour[(place[c] + way) % count]
+                d = self.at(self.place[c] + way)
                 if gain + far(c, d) - far(b, d) > 1e-9:
-                    if way == 1:
-                        reverse(place[b], place[c])
-                    else:
-                        reverse(place[c], place[b])
+                    one, other = (b, c) if way == 1 else (c, b)
+                    self.reverse(self.place[one], self.place[other])
                     return True
-        return move(a)
+        return False
 
-    def move(a: int) -> bool:
-        """Up to three points from a on, led to between two others."""
+    def move(self, a: int) -> bool:
+        """Or-opt: lead up to three points from a on between two others, where that is shorter."""
+        far = self.far
         for way in (1, -1):
             for more in (0, 1, 2):
-                i = place[a]
-                e = tour[(i + way * more) % count]
-                p, n = tour[(i - way) % count], tour[(i + way * (more + 1)) % count]
-                held = {tour[(i + way * k) % count] for k in range(more + 1)}
+                i = self.place[a]
+                moved = [self.at(i + way * k) for k in range(more + 1)]
+                e, p, n = moved[-1], self.at(i - way), self.at(i + way * (more + 1))
                 saved = far(p, a) + far(e, n) - far(p, n)
-                for c in neighbours[a]:
+                for c in self.neighbours[a]:
                     if far(a, c) >= saved:
                         break
-                    if c in held:
+                    if c in moved:
                         continue
-                    for d in (tour[(place[c] + 1) % count], tour[(place[c] - 1) % count]):
-                        if d in held or {c, d} == {p, n}:
+                    for d in (self.at(self.place[c] + 1), self.at(self.place[c] - 1)):
+                        if d in moved or {c, d} == {p, n}:
                             continue
                         if saved - far(c, a) - far(e, d) + far(c, d) > 1e-9:
-                            moved = [tour[(i + way * k) % count] for k in range(more + 1)]
-                            rest = [x for x in tour if x not in held]
-                            at = rest.index(c)
-                            if rest[(at + 1) % len(rest)] == d:  # c, a … e, d
-                                rest[at + 1 : at + 1] = moved
-                            else:  # d, e … a, c
-                                rest[at:at] = moved[::-1]
-                            tour[:] = rest
-                            for k, x in enumerate(rest):
-                                place[x] = k
+                            self._lead(moved, c, d)
                             return True
         return False
 
-    better = True
-    while better:
-        better = False
-        for a in range(count):
-            while improve(a):
-                better = True
-        for a, c in [] if better else _crossings(points[tour]):
-            i, j = sorted((a, c))
-            reverse(i + 1, j)  # crossing edges are longer than edges that do not cross
-            better = True
-            break
-    return tour
+    def _lead(self, moved: list[int], c: int, d: int) -> None:
+        """Take points, in their order, out of the tour, and lead it from c through them to d."""
+        rest = [x for x in self.order if x not in moved]
+        at = rest.index(c)
+        if rest[(at + 1) % len(rest)] == d:  # c, a … e, d
+            rest[at + 1 : at + 1] = moved
+        else:  # d, e … a, c
+            rest[at:at] = moved[::-1]
+        self.order, self.place = rest, np.argsort(rest).tolist()
 
 
 def _crossings(points: Array) -> list[tuple[int, int]]:
@@ -224,7 +228,7 @@ def _round_off(tour: Array, width: float, pitch: float) -> Array:
     step = _STEP * width
     line = kept = origin = sample_evenly(tour, step)
     count = len(line)
-    for turn in range(1, _RELAXED + 1):
+    for turn in range(1, 41):  # small moves that round the tour off
         pairs = cKDTree(line).query_pairs(pitch, output_type="ndarray")
         along = np.abs(pairs[:, 0] - pairs[:, 1])
         pairs = pairs[np.minimum(along, count - along) * step > _APART * pitch]

@@ -26,7 +26,6 @@ __all__ = ["start_between_views", "start_ious"]
 _SEEN_PX = 160
 _REACH = 1.2  # the reach of strands from the middle, over that of silhouettes
 _TURNS = (0.0, 45.0)  # degrees of the lattices that are tried, from where its edges face no view
-_BRIEF = 5  # factor of fewer moves, where lattices are compared
 _SHIFTS = ((0.0, 0.0, 0.0), (0.5, 0.5, 0.5))  # shifts in pitches
 # tube radii that a ball of the tube may stand out of a silhouette: what it draws outside counts against
 # its edge, and strokes hardly wider than the tube get strands that go there and back; 1.0 bridges gaps
@@ -64,7 +63,7 @@ def start_between_views(
     reach = _REACH * max(float(np.abs(p.bounds).max()) for p in problem.polygons)
     images = [v.image_at(radius, _SEEN_PX) for v in problem.views]
     how = Growth(seed=settings.seed)
-    brief = replace(how, moves=how.moves // _BRIEF)
+    brief = replace(how, moves=how.moves // 5)  # factor of fewer moves, where lattices are compared
 
     def grow(lattice: Lattice, seeds: list[Indices], how: Growth) -> Start:
         curves = grow_curves(lattice, worth, edge_worth(lattice, worth), seeds, how)

@@ -33,7 +33,6 @@ __all__ = [
 
 BUILDS = "builds"
 _STARTS, _RECORDS = "starts", "records"
-_MOST_LISTED = 200
 _LONGEST_TITLE = 80  # characters
 # files of a build's folder, in the order in which a person wants them
 _SHOWN = (
@@ -178,7 +177,7 @@ class Builds:
         """All that left a result or knots, the newest first."""
         found = {path.name for path in _children(self.folder)} | set(self.records)
         listed = [name for name in found if self._is_listed(name)]
-        return sorted(listed, key=lambda name: (-self._made(name), name))[:_MOST_LISTED]
+        return sorted(listed, key=lambda name: (-self._made(name), name))[:200]
 
     def listed(self) -> list[dict[str, Any]]:
         """The builds as the page lists them."""

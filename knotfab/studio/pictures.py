@@ -28,9 +28,7 @@ __all__ = [
 
 LARGEST_BYTES = 32 * 2**20
 _LARGEST_PIXELS = 40_000_000
-_LONGEST_TEXT = 40  # characters
 _SHOWN_PX = 1024
-_THUMBNAILS = ".shown"
 
 
 class TooLargeError(InputError):
@@ -99,7 +97,7 @@ def keep_text(content: str, folder: Path, font: str | None = None) -> StudioPict
         InputError: it is empty, too long, or cannot be drawn.
     """
     content = " ".join(content.split())
-    if not 0 < len(content) <= _LONGEST_TEXT:
+    if not 0 < len(content) <= 40:  # characters
         raise InputError("the text", f"it has {len(content)} characters", "Give 1 to 40.")
     source = TEXT_PREFIX + content
     image, _ = raster.decode(text.render_text(content, font), source)
@@ -112,7 +110,7 @@ def keep_text(content: str, folder: Path, font: str | None = None) -> StudioPict
 
 def thumbnail(folder: Path, name: str) -> Path:
     """The small PNG of a picture."""
-    return folder / _THUMBNAILS / f"{name}.png"
+    return folder / ".shown" / f"{name}.png"
 
 
 def _keep(data: bytes, plain: str, suffix: str, folder: Path) -> Path:

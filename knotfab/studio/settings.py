@@ -12,8 +12,6 @@ from knotfab.studio.fields import DEFAULTS, FIELDS, READING, Value, read_field
 
 __all__ = ["Settings"]
 
-_LONGEST_SHOWN = 60  # characters quoted of a wrong field
-
 
 class Settings:
     """The contents of the page's fields.
@@ -85,5 +83,5 @@ class Settings:
             self.wrong.pop(key, None)
 
     def _mark(self, name: str, held: object, why: str) -> None:
-        text = "" if held is None else str(held)[:_LONGEST_SHOWN]
+        text = "" if held is None else str(held)[:60]  # characters quoted of a wrong field
         self.wrong[name] = {"text": text, "why": why}

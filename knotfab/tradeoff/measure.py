@@ -44,7 +44,6 @@ __all__ = [
     "warm_up",
 ]
 
-_ASIDE_DEG = 45.0
 _SHOWN_PX = 160  # longer side of the small pictures
 _SLIT = 0.5  # tube radii: gaps between strands that are no wider have no outline
 _WRONG = 0.25  # a cell with this share of wrong pixels counts as too much or missing
@@ -191,9 +190,7 @@ def _judge(run: Run, problem: Problem, knots: Knots, device: str) -> Run:
     if len(problem.views) == 1:
         view = problem.views[0]
         light_mm, mask = view.view.light_distance_mm, stretch_mask(view.mask)
-        legible = legibility(
-            knots.points @ view.axes.T, knots.radius_mm, light_mm, mask, _ASIDE_DEG
-        )
+        legible = legibility(knots.points @ view.axes.T, knots.radius_mm, light_mm, mask, 45.0)
     return replace(
         run,
         iou=mask_iou(*worst),

@@ -71,7 +71,6 @@ class Knob:
         return sorted([own, *others], reverse=self.values[0] > self.values[-1])
 
 
-_NETWORK = ("method", "network_depth", "network_width")
 KNOBS = (
     Knob("iterations", "× {:g}", (), (0.125, 0.25, 0.5, 0.75, 1.5)),
     Knob("picture size", "{:g} px", ("fine_px",), (256, 384, 512, 1024)),
@@ -97,7 +96,7 @@ KNOBS = (
     Knob(
         "search",
         "{} {:g} × {:g}",
-        _NETWORK,
+        ("method", "network_depth", "network_width"),
         (("inn", 4, 32), ("inn", 8, 128), ("inn+flow", 4, 32), ("inn+flow", 8, 128)),
         alike=True,
     ),

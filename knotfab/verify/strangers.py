@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 __all__ = ["answer", "plain_arrays"]
 
 MOST_BYTES = 2_000_000_000
-MOST_HEADER = 100_000  # bytes
 MOST_CORNERS = 10_000  # corners of one face: cutting it takes a time that grows with their square
 COMMAS = "its numbers have decimal commas, such as 1,5: export it with decimal points"
 LENGTH = (
@@ -114,7 +113,7 @@ def _read_ply(content: bytes) -> NDArray[np.float64]:
 
     head, _, body = content.partition(b"end_header")
     elements = {name: int(count) for name, count in ELEMENT.findall(head)}
-    if not body or len(head) > MOST_HEADER:
+    if not body or len(head) > 100_000:  # bytes
         raise _refuse("its PLY header has no end")
     if b"tristrips" in elements:
         raise _refuse("it has strips of triangles, which are not read")

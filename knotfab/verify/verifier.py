@@ -30,7 +30,6 @@ __all__ = [
 
 LIMIT_S = 1800.0  # the longest wait for the verdict on one part
 _MODULE = "knotfab_validators.service"
-_HALVES = ("geometry", "shadows")
 # Two builds side by side, on threads, do not read each other's answers.
 _open: ContextVar[_Validators | None] = ContextVar("validators", default=None)
 _idle: list[_Validators] = []  # one at most waits for the next build of this process
@@ -54,7 +53,7 @@ class _Validators:
             self._whole = Workers(_MODULE, "geometry", jobs=jobs)
         else:
             self._shadows = None
-            self._whole = Workers(_MODULE, *_HALVES, *drawn, jobs=jobs)
+            self._whole = Workers(_MODULE, "geometry", "shadows", *drawn, jobs=jobs)
         self._threads = ThreadPoolExecutor(jobs)
 
     def ask(self, request: dict[str, Any]) -> Future[dict[str, Any]]:

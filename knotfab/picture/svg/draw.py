@@ -17,7 +17,6 @@ __all__ = ["draw_svg"]
 
 _PYTHON = sys.executable
 _SECONDS = 20  # processor time
-_WAIT_S = 240  # wall-clock time, on a machine that is busy
 _BYTES = 2**30
 # The process loads nothing but the library that draws (20 ms).
 _CHILD = f"""
@@ -57,7 +56,7 @@ def draw_svg(svg: str, what: str, **options: Any) -> bytes:
             tie([_PYTHON, "-I", "-S", "-c", _CHILD], signal.SIGKILL),
             input=asked,
             capture_output=True,
-            timeout=_WAIT_S,
+            timeout=240,  # wall-clock time, on a machine that is busy
             check=False,
         )
     except subprocess.TimeoutExpired as error:

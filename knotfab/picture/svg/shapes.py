@@ -31,7 +31,6 @@ __all__ = ["place"]
 
 _UNEVEN = 1.01  # a stroke stretched by less is as wide to every side
 _CALLS = frozenset([*MOVING, "vector-effect"])
-_COPIES = 10_000  # elements that references may be written out to
 
 
 def place(root: Element, styles: Styles, longer_px: float) -> None:
@@ -59,7 +58,7 @@ class _Placer:
         self._root, self._styles, self._box = root, styles, box
         self._ids = {e.get("id"): e for e in root.iter() if e.get("id")}
         if any("vector-effect" in s for s in styles.of.values()):
-            self._left = _COPIES
+            self._left = 10_000  # elements that references may be written out to
             self._write_out_uses(root, ())
         self._visit(root, Transform(scale[0], 0, 0, scale[1], 0, 0), box, {})
 

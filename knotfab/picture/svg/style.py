@@ -66,7 +66,6 @@ _OPERATORS: dict[type[ast.operator], Callable[[float, float], float]] = {
     ast.Mult: operator.mul,
     ast.Div: operator.truediv,
 }
-_LONGEST_SUM = 200  # characters of a calc()
 _BLOCKS = ("media", "supports", "layer", "container", "scope")
 _DEEPEST = 32  # variables that stand for variables
 _LONGEST = 100_000  # characters of a value, its variables written out
@@ -338,7 +337,7 @@ def _work_out(match: re.Match[str]) -> str:
 
     sum_ = re.sub(r"(\d+\.?\d*|\.\d+)([a-z%]*)", bare, match[1], flags=re.I)
     try:
-        if len(sum_) > _LONGEST_SUM or len(units - {""}) > 1:
+        if len(sum_) > 200 or len(units - {""}) > 1:  # characters of a calc()
             raise ValueError
         result = _evaluate(ast.parse(sum_.strip(), mode="eval").body)
     except (ValueError, SyntaxError, ZeroDivisionError, KeyError):

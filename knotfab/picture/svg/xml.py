@@ -20,7 +20,6 @@ XLINK = "http://www.w3.org/1999/xlink"
 _DEEPEST = 100  # elements in each other; what draws and what writes them recurses
 _MOST = 300_000  # elements
 _LARGEST = 64 * 2**20  # bytes of a compressed file, unpacked
-_LONGEST_ENTITY = 10_000  # characters, all its references written out
 _BOMS = {
     codecs.BOM_UTF8: "utf-8",
     codecs.BOM_UTF32_LE: "utf-32-le",  # before UTF-16, whose mark it begins with
@@ -161,7 +160,7 @@ class _Builder:
             self._refuse_outside()
         inner = sum(self._entities.get(n, 0) for n in _REFERENCE.findall(value or ""))
         self._entities[name] = len(value or "") + inner
-        if self._entities[name] > _LONGEST_ENTITY:
+        if self._entities[name] > 10_000:  # characters, all its references written out
             raise self._bomb()
 
     def _refuse_outside(self, *_: Any) -> int:

@@ -13,7 +13,6 @@ __all__ = ["common_colours", "enclosed_by_largest", "middle_of_bin", "not_reache
 
 LEVELS = 8  # levels of a channel in one bin: 32 bins
 ALIKE = 12  # bins between a colour and the first of its cluster, at most
-RAREST = 200  # a cluster has at least one pixel in so many
 SIDE = 256 // LEVELS
 SEAM = 6  # px of a line where two colours meet, at least
 SHARP = 48.0  # levels between two colours within 2 px of where they meet
@@ -44,7 +43,7 @@ def common_colours(pixels: NDArray[np.uint8]) -> tuple[NDArray[Any], NDArray[Any
             continue
         alike = ~taken & (np.square(bins - bins[k]).sum(axis=1) <= ALIKE**2)
         taken |= alike
-        if counts[alike].sum() * RAREST >= len(pixels):
+        if counts[alike].sum() * 200 >= len(pixels):  # a cluster has at least one pixel in so many
             first.append(bins[k])
     named = np.array(first or [bins[order[0]]])
     return named, np.bincount(_nearest(bins, named), counts, len(named))

@@ -8,8 +8,6 @@ from knotfab_validators.arrays import Array, Mask
 
 __all__ = ["widen_strokes"]
 
-RIDGE = 0.7  # px
-
 
 def widen_strokes(mask: Mask, width_px: float) -> Mask:
     """The mask with a disc of this width about each point of the middle lines of its thin strokes.
@@ -32,7 +30,7 @@ def widen_strokes(mask: Mask, width_px: float) -> Mask:
             continue
         wide = tuple(slice(max(0, s.start - 1), s.stop + 1) for s in box)
         further = ndimage.grey_dilation(depth[wide], size=(3, 3))
-        line = (strokes[wide] == number) & (depth[wide] > further - RIDGE)
+        line = (strokes[wide] == number) & (depth[wide] > further - 0.7)  # px
         middle[wide] |= line
     return np.asarray(mask | _within(middle, half))
 

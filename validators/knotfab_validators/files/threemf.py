@@ -28,9 +28,7 @@ __all__ = ["corners_3mf", "is_3mf"]
 MOST_UNPACKED = 2_000_000_000  # bytes of all models together
 SUSPICIOUS = 50_000_000  # bytes above which an archive must not be packed too well
 MOST_RATIO = 50  # unpacked over packed size; meshes reach about 10
-MOST_ENTRIES = 10_000
 DEEPEST = 100  # components within each other
-SUPPORTS = ("support", "solidsupport")
 BLOCK = 1 << 18
 ENTRY = b"PK\x01\x02"  # the bytes before each entry in the archive's directory
 PACKINGS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # the two that the standard allows
@@ -70,7 +68,7 @@ def corners_3mf(content: bytes, name: str, notes: list[str] | None = None) -> Co
 
 def _open(content: bytes, name: str) -> zipfile.ZipFile:
     """The opened archive; refuses too many entries, equal names, and names that lead out of it."""
-    if (entries := content.count(ENTRY)) > MOST_ENTRIES:  # before each costs a kilobyte
+    if (entries := content.count(ENTRY)) > 10_000:  # before each costs a kilobyte
         raise BadFile(f"{name}: has some {entries} entries, too many for a 3MF")
     archive = zipfile.ZipFile(io.BytesIO(content))
     seen: set[str] = set()
@@ -203,7 +201,7 @@ class _Package:
         """Append the corners of an object and its components; `onto` (4, 4) is applied last."""
         matrix = np.column_stack([item.matrix, [0.0, 0.0, 0.0, 1.0]]) @ onto
         shape = self._shape(part, item.number)
-        if shape.kind in SUPPORTS:
+        if shape.kind in ("support", "solidsupport"):
             self.left_out.append("a support object")
             return
         if len(shape.corners):

@@ -53,7 +53,6 @@ UNITS = {  # mm
 }
 TYPES = ("model", "solidsupport", "support", "surface", "other")  # types of objects
 DEEPEST = 100  # elements within each other; a model needs six
-MOST_NAMES = 20_000  # names of elements and attributes: expat keeps each
 MOST_OBJECTS = 50_000
 MOST_PLACED = 50_000  # components and build items
 BLOCK = 1 << 18  # bytes that expat is fed at a time
@@ -231,7 +230,7 @@ def parse_xml(
                 raise BadFile(
                     f"{name}: is not a 3MF file: it has a tag of more than {LONGEST} bytes"
                 )
-            if len(parser.intern) > MOST_NAMES:
+            if len(parser.intern) > 20_000:  # names of elements and attributes: expat keeps each
                 raise BadFile(f"{name}: is not a 3MF file: its XML has too many names")
         parser.Parse(b"", True)
     except expat.ExpatError as error:

@@ -18,7 +18,6 @@ from knotfab_validators.mesh.second_opinion import opinions, self_intersections
 __all__ = ["check_mesh", "self_intersections"]
 
 
-VOLUME_LIMIT = 0.005  # relative difference from Pappus' volume
 BESIDE = 1e-3  # a share of a face's size: how far behind it one looks (in single precision)
 
 
@@ -206,7 +205,7 @@ def _check_pappus(found: Surface, curves: Curves, radius: float, where: Array) -
     return at_most(
         "mesh_volume",
         float(difference[worst]),
-        VOLUME_LIMIT,
+        0.005,  # relative difference from Pappus' volume
         "relative",
         f"{bodies[worst]:.6g} mm³ against {full[worst]:.6g} mm³, the tube's section times its "
         f"length{each}",

@@ -14,8 +14,6 @@ __all__ = ["CELL_MM", "Columns", "columns"]
 
 
 CELL_MM = 0.5
-MOST_ACROSS = 1000  # columns along the longer side
-MOST_TESTS = 20_000_000  # pairs of face and column
 HAIR = 1e-3  # cells by which a row's axes are looked for beyond the face, and edges count as level
 # the place of a column's axis in its cell: CAD parts have edges at round numbers
 OFFSET = 0.50137, 0.50079
@@ -58,12 +56,12 @@ def columns(mesh: Mesh, cell: float = CELL_MM) -> Columns:
     """
     flat = mesh.vertices[:, :2]
     low, high = flat.min(axis=0), flat.max(axis=0)
-    cell = max(cell, float((high - low).max()) / MOST_ACROSS)
+    cell = max(cell, float((high - low).max()) / 1000)  # columns along the longer side
     corner = flat[mesh.faces]  # (m, 3, 2)
     while True:
         start = low + np.array(OFFSET) * cell
         face, iy, first, count = _rows(corner, start, cell)
-        if int(count.sum()) <= MOST_TESTS:
+        if int(count.sum()) <= 20_000_000:  # pairs of face and column
             break
         cell *= 1.5
     across = int(np.floor((high - start)[0] / cell)) + 1

@@ -25,7 +25,6 @@ __all__ = ["check_plates", "check_plates_printable"]
 
 APART_MM = 0.05  # between the part's surface and that of its pieces, placed as the scene says
 VOLUME_SHARE = 0.02  # a share of the part that clearances at its connectors may take
-LARGER_IS_BETTER = ("feature", "gap", "standing")
 
 
 def check_plates(
@@ -138,7 +137,7 @@ def _pick_worst(found: Sequence[Check], plates: Sequence[Plate]) -> Check:
     def badness(number: int) -> tuple[int, float]:
         check = found[number]
         value = check.measured if isinstance(check.measured, float) else float("-inf")
-        sign = -1.0 if check.name in LARGER_IS_BETTER else 1.0
+        sign = -1.0 if check.name in ("feature", "gap", "standing") else 1.0
         if not isinstance(check.measured, float):
             sign = 1.0
         return ("pass", "skipped", "fail").index(check.status), sign * value

@@ -33,7 +33,6 @@ __all__ = ["LampShadow", "MixedPicture", "check_colours", "measure_colours", "wr
 OUTLINE_PX = 2.0
 ALIKE = 1.0  # ΔE of colours that nobody tells apart
 MOVED_MM = 2.0  # a lamp that a person has put down with care
-MOVED_PX = 512
 # the step of each channel by which colours of a picture are counted; 255 is one of the steps
 STEP = 5
 EVERY = 8  # pixels, at which the light is looked at where no lamp is hidden
@@ -284,7 +283,7 @@ def _misregistration(
     lamps: Sequence[LampShadow], renderer: Renderer, points: Array, frame: WorkingFrame
 ) -> Misregistration:
     """What it costs that lamps stand beside their places."""
-    coarse = working_frame(frame.width, frame.height, MOVED_PX)
+    coarse = working_frame(frame.width, frame.height, 512)
     codes = _codes(np.stack([_on(lamp.mask, frame, coarse) for lamp in lamps]))
     allowed, still, worst = [], [], []
     for lamp in lamps:

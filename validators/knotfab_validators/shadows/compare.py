@@ -14,7 +14,6 @@ __all__ = ["ANGLES_DEG", "Overlap", "depth_ratio", "legibility", "overlap", "tur
 
 
 ANGLES_DEG = (15, 30, 45, 60)
-LEGIBILITY_PX = 384
 
 
 @dataclass(frozen=True)
@@ -52,7 +51,7 @@ def legibility(
     target: Mask,
     *,
     angles_deg: tuple[int, ...] = ANGLES_DEG,
-    size: int = LEGIBILITY_PX,
+    size: int = 384,
 ) -> dict[str, float]:
     """Measure how much of the target is left when the part is turned: angle -> largest IoU.
 

@@ -18,7 +18,6 @@ MOST_DISCS = 100  # LEDs of which each is sampled as a disc; of a larger array a
 # steps of a sequence that fills a square evenly from wherever it begins (M. Roberts' R2: 1 / g and 1 / g²
 # with g³ = g + 1)
 STEPS = (0.7548776662466927, 0.5698402909980532)
-WIDE_PX = 10.0  # a blur from which on all points are taken
 
 
 class SceneLamp(Protocol):
@@ -64,7 +63,7 @@ def lamp_points(lamp: SceneLamp, blur_px: float, tolerance_px: float) -> Array:
         blur_px: the widest blur: below 10 px fewer points serve, the fewest where `tolerance_px` is coarse.
     """
     few = 7 if tolerance_px >= 0.5 else 25
-    count = 101 if blur_px >= WIDE_PX else few
+    count = 101 if blur_px >= 10.0 else few  # a blur from which on all points are taken
     half = np.array([lamp.light_width_mm, lamp.light_height_mm]) / 2
     if lamp.light_shape == "rectangle":
         side = GRIDS[count]

@@ -116,7 +116,6 @@ _SAID = {
     "leak": ("hole is not in the picture", "holes are not in the picture"),
     "shape": ("piece or hole is drawn out of shape", "pieces or holes are drawn out of shape"),
 }
-MOST_NAMED = 40  # losses with their places in a report
 
 
 def recognise(
@@ -143,88 +142,149 @@ def recognise(
         bridged: so many gaps, the narrowest, were to be bridged, and are no loss.
     """
     scale = _Scale(frame, geometry, 2 * radius_px)
+    found = _compare(shadow, target, radius_px, outlined, bridged)
+    rows = _Rows.of(find_rows(found.features, max(frame.width, frame.height), target), found)
+    specks = find_specks(
+        found.own,
+        found.wanted,
+        SPECK * found.reach,
+        found.reach,
+        blur_px / found.step,
+        found.step * scale.mm,
+    )
+    facts = _gather(found, rows, specks, scale, target, iou)
+    word = next((w for w, rule in RULES.items() if not facts.against(rule)), UNKNOWN)
+    better = RULES[WORDS[max(WORDS.index(word) - 1, 0)]]
+    lost = [scale.record_row(row, inside) for row, inside in rows.hit]
+    lost += [scale.record(c) for c in (*found.tips, *rows.outside(rows.hit))]
+    if facts.specks_seen(RULES[WORDS[0]]):
+        lost.append(scale.record_specks(specks, found.step))
+    lost.sort(key=lambda loss: -loss.length_mm)
+    reasons = _count_reasons(rows.text, [*found.tips, *rows.outside(rows.text)])
+    reasons += facts.against(better) if word != WORDS[0] else []
+    counts = Counter[str](c.kind for c in found.changes)
+    return Recognition(
+        word=word,
+        reasons=tuple(dict.fromkeys(reasons)),  # what is counted and against the rule is said once
+        **{key: counts[kind] for kind, key in _COUNTS.items()},
+        touching=facts.touching,
+        cut_tips=facts.tips,
+        specks=specks.count,
+        outline_p95_mm=facts.outline_radii * facts.radius_mm,
+        outline_p95_radii=facts.outline_radii,
+        lost=tuple(lost[:40]),  # losses with their places in a report
+    )
+
+
+@dataclass(frozen=True)
+class _Compared:
+    """A shadow beside its picture, on a grid of which one pixel is `step` of the masks'.
+
+    `own` is the shadow whose outline is compared, and `there` the picture without what is lost or unseen;
+    `radius_px` and `reach` are in the grid's pixels. The changes, the picture's pieces and holes
+    (`features`) and the tips that are cut off are in the masks' own.
+    """
+
+    step: int
+    radius_px: float
+    reach: float
+    own: Mask
+    wanted: Mask
+    there: Mask
+    changes: list[Change]
+    features: list[Box]
+    tips: list[Change]
+
+
+def _compare(
+    shadow: Mask, target: Mask, radius_px: float, outlined: Mask | None, bridged: int
+) -> _Compared:
+    """Find the changes, as `recognise` is asked."""
     step = max(1, int(radius_px / ENOUGH_PX))
-    reach = REACH * radius_px / step
+    radius = radius_px / step
+    reach = REACH * radius
     seen, wanted = shadow[::step, ::step], target[::step, ::step]
     own = seen if outlined is None else outlined[::step, ::step]
     if bridged:  # the bridges that were asked for are no fault of the outline
-        own = own & (depth_in(~wanted) <= 2 * radius_px / step)
+        own = own & (depth_in(~wanted) <= 2 * radius)
     found = _not_asked(find_changes(seen, wanted, reach), bridged)
     misshapen = find_misshapen(own, wanted, reach, SHAPE, found)
-    changes = [_enlarged(change, step) for change in (*found, *misshapen)]
-    features = [_enlarged_box(box, step) for box in list_pieces(wanted, reach)]
-    rows = find_rows(features, max(frame.width, frame.height), target)
     # lost pieces are counted already, and specks and slits that nobody sees are no outlines
     there = close_slits(without_specks(without_lost(wanted, found), reach), SLIT * reach)
-    off_px = step * find_wrong_stretch(close_slits(own, SLIT * reach), there).quantile_95_px
-    tips = [_enlarged(tip, step) for tip in _find_tips(there, own, TIP * radius_px / step)]
-    strays = _find_tips(own, there, TIP * radius_px / step)
-    touching = count_touching(wanted, reach)
-    in_rows = [[c for c in changes if _inside(_middle(c), row.box)] for row in rows]
-    in_row = [(row, inside) for row, inside in zip(rows, in_rows, strict=True) if inside]
-    text = [(row, inside) for row, inside in in_row if row.text]
-    windows = [(row, inside) for row, inside in in_row if not row.text]
-    of_text = {id(c) for _, inside in text for c in inside}
-    of_rows = of_text | {id(c) for _, inside in windows for c in inside}
-    single = [c for c in changes if id(c) not in of_text]
-    area = max(int(wanted.sum()), 1)
-    specks = find_specks(own, wanted, SPECK * reach, reach, blur_px / step, step * scale.mm)
-    counts = Counter[str](c.kind for c in changes)
-    drawn = sum(not any(_inside(box, row.box) for row in rows if row.text) for box in features)
+    return _Compared(
+        step=step,
+        radius_px=radius,
+        reach=reach,
+        own=own,
+        wanted=wanted,
+        there=there,
+        changes=[_enlarged(change, step) for change in (*found, *misshapen)],
+        features=[_enlarged_box(box, step) for box in list_pieces(wanted, reach)],
+        tips=[_enlarged(tip, step) for tip in _find_tips(there, own, TIP * radius)],
+    )
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """The rows of small pieces of a picture; `hit` are those with changes inside them."""
+
+    rows: list[Row]
+    hit: list[tuple[Row, list[Change]]]
+    changes: list[Change]
+
+    @staticmethod
+    def of(rows: list[Row], found: _Compared) -> _Rows:
+        inside = ((row, [c for c in found.changes if _inside(_middle(c), row.box)]) for row in rows)
+        return _Rows(rows, [(row, changes) for row, changes in inside if changes], found.changes)
+
+    @property
+    def text(self) -> list[tuple[Row, list[Change]]]:
+        """The rows of text that are hit."""
+        return [(row, inside) for row, inside in self.hit if row.text]
+
+    def outside(self, rows: Sequence[tuple[Row, list[Change]]]) -> list[Change]:
+        """The changes that are in none of these rows."""
+        inside = {id(c) for _, changes in rows for c in changes}
+        return [c for c in self.changes if id(c) not in inside]
+
+
+def _gather(
+    found: _Compared, rows: _Rows, specks: Specks, scale: _Scale, target: Mask, iou: float
+) -> _Facts:
+    """Measure what the rules ask."""
+    own, wanted, there, radius = found.own, found.wanted, found.there, found.radius_px
+    area, pixel_mm = max(int(wanted.sum()), 1), found.step * scale.mm
+    single = rows.outside(rows.text)
+    text = [row.box for row in rows.rows if row.text]
+    drawn = sum(not any(_inside(box, row) for row in text) for box in found.features)
     # the text is the drawing where there is nothing else
-    torn = [c for c in (single if drawn else changes) if not isinstance(c, Shape)]
+    torn = [c for c in (single if drawn else found.changes) if not isinstance(c, Shape)]
     shapes = [c.likeness for c in single if isinstance(c, Shape)]
-    facts = _Facts(
+    off = find_wrong_stretch(close_slits(own, SLIT * found.reach), there)
+    strays = (*_find_tips(own, there, TIP * radius), *_find_tips(there, own, 0))
+    tube_px = 2 * radius * found.step  # the width of the tube's shadow, in the masks' pixels
+    return _Facts(
         iou=iou,
-        radius_mm=radius_px * scale.mm,
-        outline_radii=off_px / radius_px,
-        tips=len(tips),
-        touching=touching,
+        radius_mm=radius * pixel_mm,
+        outline_radii=off.quantile_95_px / radius,
+        tips=len(found.tips),
+        touching=count_touching(wanted, found.reach),
         lost=[
-            (c.width_px / (2 * radius_px), _area_of(c, target) / (area * step**2))
+            (c.width_px / tube_px, _area_of(c, target) / (area * found.step**2))
             for c in single
             if _is_lost(c)
         ],
         changes=len(torn),
         apart=len(torn) - count_repeated([c for c in torn if c.kind == "gap"], target),
-        features=max(drawn or len(features), 1),
+        features=max(drawn or len(found.features), 1),
         shape=min(shapes, default=1.0),
         misshapen=len(shapes),
-        text=sum(len(inside) > TEXT * row.pieces for row, inside in text),
+        text=sum(len(inside) > TEXT * row.pieces for row, inside in rows.text),
         specks=specks.count,
-        speck_share=specks.area_mm2 / (area * (step * scale.mm) ** 2),
-        hurt=_hurt(own, wanted, reach) / area,
-        astray=max((c.width_px for c in (*strays, *_find_tips(there, own, 0))), default=0.0)
-        * step
-        / radius_px,
-        fine=sum(
-            _is_lost(c) and c.width_px < RULES["good"].lost_tubes * 2 * radius_px for c in torn
-        ),
-    )
-    word = next((w for w, rule in RULES.items() if not facts.against(rule)), UNKNOWN)
-    better = RULES[WORDS[max(WORDS.index(word) - 1, 0)]]
-    lost = [scale.record_row(row, inside) for row, inside in in_row]
-    lost += [scale.record(c) for c in (*tips, *(c for c in single if id(c) not in of_rows))]
-    if facts.specks_seen(RULES[WORDS[0]]):
-        lost.append(scale.record_specks(specks, step))
-    lost.sort(key=lambda loss: -loss.length_mm)
-    return Recognition(
-        word=word,
-        reasons=tuple(
-            dict.fromkeys(  # what is counted and against the rule is said once
-                [
-                    *_count_reasons(text, [*tips, *single]),
-                    *(facts.against(better) if word != WORDS[0] else ()),
-                ]
-            )
-        ),
-        **{key: counts[kind] for kind, key in _COUNTS.items()},
-        touching=touching,
-        cut_tips=len(tips),
-        specks=specks.count,
-        outline_p95_mm=off_px * scale.mm,
-        outline_p95_radii=off_px / radius_px,
-        lost=tuple(lost[:MOST_NAMED]),
+        speck_share=specks.area_mm2 / (area * pixel_mm**2),
+        hurt=_hurt(own, wanted, found.reach) / area,
+        astray=max((c.width_px for c in strays), default=0.0) / radius,
+        fine=sum(_is_lost(c) and c.width_px < RULES["good"].lost_tubes * tube_px for c in torn),
     )
 
 

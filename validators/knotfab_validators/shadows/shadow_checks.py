@@ -46,80 +46,92 @@ def shadow_checks(
     `MOST_INTRUSION` on a wall mount. `wrong_outline`: the longest stretch along which the outlines
     of shadow and picture are farther apart than `WRONG_PX`, for information.
     """
-    checks = []
-    if no_rendering is not None and not polygons_decide:
-        checks.append(skip_check("shadow", no_rendering, required=True))
-    else:
-        name = min(views, key=lambda n: views[n].judged.iou)
-        by = "rendered" if no_rendering is None else "exact polygons alone"
-        checks.append(
-            at_least(
-                "shadow",
-                views[name].judged.iou,
-                iou_floor,
-                "",
-                f"IoU of the file's shadow and the picture, view {name} ({by})"
-                + _say_changed(views[name], (changed or {}).get(name))
-                + (", without what its mount darkens" if mount in ("stand", "hang") else "")
-                + ("" if iou_floor is not None else "; no floor is asked"),
-                required=iou_floor is not None,
-            )
-        )
-    if no_rendering is not None:
-        checks.append(
-            skip_check("shadow_exact", f"nothing to compare with: {no_rendering}", required=False)
-        )
-    else:
-        name = max(views, key=lambda n: views[n].stray_px or 0)
-        view = views[name]
-        checks.append(
-            at_most(
-                "shadow_exact",
-                float(view.stray_px or 0),
-                0.0,
-                "px",
-                "pixels farther than one from the outline at which rendering and exact polygons "
-                f"disagree, view {name} (IoU {view.whole.iou:.5f} and {view.exact_iou:.5f})",
-            )
-        )
-    known = {n: v.outline_px for n, v in views.items() if v.outline_px is not None}
-    if not known:
-        checks.append(skip_check("outline", "not given the knots", required=False))
-    else:
-        name = max(known, key=lambda n: known[n])
-        outline = views[name].outline
-        assert outline is not None
-        u = outline.where[0] - views[name].frame.pad_x
-        v = outline.where[1] - views[name].frame.pad_y
-        checks.append(
-            at_most(
-                "outline",
-                known[name],
-                max_outline_px,
-                "px",
-                f"file's shadow against the exact tube's, worst at pixel ({u:.0f}, {v:.0f}) of "
-                f"the {views[name].frame.width} x {views[name].frame.height} frame, view {name}",
-                at=[] if (vertex := views[name].outline_vertex) is None else [vertices[vertex]],
-            )
-        )
+    checks = [
+        _check_shadow(views, iou_floor, no_rendering, polygons_decide, mount, changed or {}),
+        _check_exact(views, no_rendering),
+        _check_outline(views, vertices, max_outline_px),
+    ]
     if mount != "none":
         checks.append(_check_intrusion(views, mount))
+    return [*checks, _check_wrong_outline(views)]
+
+
+def _check_shadow(
+    views: Mapping[str, VerifiedView],
+    iou_floor: float | None,
+    no_rendering: str | None,
+    polygons_decide: bool,
+    mount: str,
+    changed: Mapping[str, str],
+) -> Check:
+    if no_rendering is not None and not polygons_decide:
+        return skip_check("shadow", no_rendering, required=True)
+    name = min(views, key=lambda n: views[n].judged.iou)
+    by = "rendered" if no_rendering is None else "exact polygons alone"
+    return at_least(
+        "shadow",
+        views[name].judged.iou,
+        iou_floor,
+        "",
+        f"IoU of the file's shadow and the picture, view {name} ({by})"
+        + _say_changed(views[name], changed.get(name))
+        + (", without what its mount darkens" if mount in ("stand", "hang") else "")
+        + ("" if iou_floor is not None else "; no floor is asked"),
+        required=iou_floor is not None,
+    )
+
+
+def _check_exact(views: Mapping[str, VerifiedView], no_rendering: str | None) -> Check:
+    if no_rendering is not None:
+        why = f"nothing to compare with: {no_rendering}"
+        return skip_check("shadow_exact", why, required=False)
+    name = max(views, key=lambda n: views[n].stray_px or 0)
+    view = views[name]
+    return at_most(
+        "shadow_exact",
+        float(view.stray_px or 0),
+        0.0,
+        "px",
+        "pixels farther than one from the outline at which rendering and exact polygons "
+        f"disagree, view {name} (IoU {view.whole.iou:.5f} and {view.exact_iou:.5f})",
+    )
+
+
+def _check_outline(
+    views: Mapping[str, VerifiedView], vertices: Array, max_outline_px: float
+) -> Check:
+    known = {n: v.outline_px for n, v in views.items() if v.outline_px is not None}
+    if not known:
+        return skip_check("outline", "not given the knots", required=False)
+    name = max(known, key=lambda n: known[n])
+    outline, frame = views[name].outline, views[name].frame
+    assert outline is not None
+    u, v = outline.where[0] - frame.pad_x, outline.where[1] - frame.pad_y
+    return at_most(
+        "outline",
+        known[name],
+        max_outline_px,
+        "px",
+        f"file's shadow against the exact tube's, worst at pixel ({u:.0f}, {v:.0f}) of "
+        f"the {frame.width} x {frame.height} frame, view {name}",
+        at=[] if (vertex := views[name].outline_vertex) is None else [vertices[vertex]],
+    )
+
+
+def _check_wrong_outline(views: Mapping[str, VerifiedView]) -> Check:
     name = max(views, key=lambda n: views[n].wrong.length_px)
     wrong, frame = views[name].wrong, views[name].frame
     u, v = wrong.where[0] - frame.pad_x, wrong.where[1] - frame.pad_y
     place = f", up to {wrong.off_px:.1f} px at pixel ({u:.0f}, {v:.0f}) of the frame, view {name}"
-    checks.append(
-        at_most(
-            "wrong_outline",
-            wrong.length_px,
-            None,
-            "px",
-            f"longest stretch of outline more than {WRONG_PX:g} px from the picture's"
-            + (place if wrong.length_px else ""),
-            required=False,
-        )
+    return at_most(
+        "wrong_outline",
+        wrong.length_px,
+        None,
+        "px",
+        f"longest stretch of outline more than {WRONG_PX:g} px from the picture's"
+        + (place if wrong.length_px else ""),
+        required=False,
     )
-    return checks
 
 
 def _say_changed(view: VerifiedView, how: str | None) -> str:

@@ -18,7 +18,6 @@ APART = 1.2  # heights between neighbours: the space between words
 ALIKE = 2.5  # the larger height over the smaller
 MOST = 2000  # small pieces: with more the picture is noise
 FILLED = 0.88  # a share of its box that a window fills and few letters do
-WINDOWS = 0.7  # a row with this share of such pieces is of windows
 OVERLAP = 0.5  # a share of the smaller height that two neighbours have in common
 SAME = 0.7  # IoU of two pieces, box laid on box, from which on they are one shape
 REPEATED = 0.8  # a row with this share of pieces of one shape is a pattern, such as stars or beads
@@ -65,7 +64,7 @@ def _is_text(row: Sequence[Box], picture: Mask | None) -> bool:
         return True
     shares = [float(picture[top:bottom, left:right].mean()) for left, top, right, bottom in row]
     full = sum(max(share, 1.0 - share) >= FILLED for share in shares)
-    return full < WINDOWS * len(row)
+    return full < 0.7 * len(row)  # a row with this share of such pieces is of windows
 
 
 def _is_repeated(row: Sequence[Box], picture: Mask | None) -> bool:

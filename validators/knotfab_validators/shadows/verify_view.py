@@ -117,7 +117,8 @@ def verify_view(
     screen = frame.mask if ends else np.ones_like(whole_exact)
     exact = whole_exact & screen
     rendered = None if rendered is None else rendered & screen
-    whole = overlap(exact if rendered is None else rendered, wanted)
+    shadow = exact if rendered is None else rendered
+    whole = overlap(shadow, wanted)
     result = VerifiedView(
         frame=frame,
         target=wanted,
@@ -125,7 +126,7 @@ def verify_view(
         rendered=rendered,
         whole=whole,
         framed=whole,
-        judged=whole if drawn is None else overlap(exact if rendered is None else rendered, wide),
+        judged=whole if drawn is None else overlap(shadow, wide),
         drawn=wide,
         exact_iou=overlap(exact, wanted).iou,
         stray_px=stray,
@@ -133,43 +134,45 @@ def verify_view(
         outline=None,
         outline_px=None,
         outline_vertex=None,
-        wrong=find_wrong_stretch(exact if rendered is None else rendered, wanted),
+        wrong=find_wrong_stretch(shadow, wanted),
         intrusion=None,
         legibility=_legibility(caster, vertices, faces, geometry, target),
-        seen=exact if rendered is None else rendered,
-        of_tube=exact if rendered is None else rendered,
+        seen=shadow,
+        of_tube=shadow,
         tube_px=None,
     )
-    if polygons is not None and radius is not None:
-        field = tube_field(polygons, radius, fine, closed)
-        own = None
-        if stand:
-            on_tube = tube_vertices(vertices, faces, polygons, radius)
-            own = fine.project(vertices[on_tube])[0]
-        error = outline_error(field, shapely.get_coordinates(polygon), whole_exact, own)
-        shadow = result.shadow
-        if stand:
-            kept, of_tube = shadow & (frame.mask | field.mask), shadow & field.mask
-            result = replace(
-                result,
-                framed=overlap(kept, wanted),
-                judged=overlap(of_tube, wide),
-                wrong=find_wrong_stretch(kept, wanted),
-                seen=kept,
-                of_tube=of_tube,
-            )
-        # w is the distance from the light over the receiver's
-        middle = float(np.median(fine.project(np.concatenate(polygons))[1]))
-        result = replace(
-            result,
-            tube=overlap(field.mask & screen, wanted) if mounted else whole,
-            outline=error,
-            outline_px=error.largest_mm / fine.pixel_mm,
-            outline_vertex=_casting(vertices, fine, error.where),
-            intrusion=_share_of_frame(shadow & ~field.mask & ~wanted, frame) if mounted else 0.0,
-            tube_px=radius / middle / fine.pixel_mm,
-        )
-    return result
+    if polygons is None or radius is None:
+        return result
+    field = tube_field(polygons, radius, fine, closed)
+    own = None
+    if stand:
+        result = _beside_stand(result, field.mask)
+        own = fine.project(vertices[tube_vertices(vertices, faces, polygons, radius)])[0]
+    error = outline_error(field, shapely.get_coordinates(polygon), whole_exact, own)
+    # w is the distance from the light over the receiver's
+    middle = float(np.median(fine.project(np.concatenate(polygons))[1]))
+    return replace(
+        result,
+        tube=overlap(field.mask & screen, wanted) if mounted else whole,
+        outline=error,
+        outline_px=error.largest_mm / fine.pixel_mm,
+        outline_vertex=_casting(vertices, fine, error.where),
+        intrusion=_share_of_frame(shadow & ~field.mask & ~wanted, frame) if mounted else 0.0,
+        tube_px=radius / middle / fine.pixel_mm,
+    )
+
+
+def _beside_stand(view: VerifiedView, tube: Mask) -> VerifiedView:
+    """The view without what a stand darkens outside the frame, or beside the tube's shadow (H, W)."""
+    kept, of_tube = view.shadow & (view.frame.mask | tube), view.shadow & tube
+    return replace(
+        view,
+        framed=overlap(kept, view.target),
+        judged=overlap(of_tube, view.drawn),
+        wrong=find_wrong_stretch(kept, view.target),
+        seen=kept,
+        of_tube=of_tube,
+    )
 
 
 def _share_of_frame(mask: Mask, frame: WorkingFrame) -> float:

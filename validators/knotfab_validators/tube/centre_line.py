@@ -27,7 +27,6 @@ MOST_FACES = 1_500_000  # a mesh of more faces takes minutes
 MOST_BODIES = 200
 LEAST_SLOPE = 0.2  # the least speed of feet along the line, as a share of the points' own
 ROUNDS = 6  # rounds of the fit; it converges in three or four
-PROBES = 24  # points of a line that must lie in the tube
 EVEN = 0.1  # a share of the radius: tubes of one thickness differ by less
 
 
@@ -110,7 +109,7 @@ def find_centre_line(mesh: Mesh) -> CentreLine | None:
     for function in circle_functions(mesh):
         ring, points, weight = _cut_rings(mesh, function, count)
         line = _centroids(ring, points, weight, count)
-        probes = line[:: max(1, count // PROBES)]
+        probes = line[:: max(1, count // 24)]  # points of a line that must lie in the tube
         if np.abs(winding_numbers(probes, mesh)).mean() > 0.75:
             break
     else:

@@ -29,7 +29,6 @@ LOOK = 8.0  # radii; strands farther apart than that are not told from strands a
 # a share of the radius: corners stand out of the exact tube by at most that; those of twelve flat sides
 # with its volume do so by 0.0233
 FACETS = 0.0235
-FACES_AT_ONCE = 20_000
 MOST_AT_ONCE = 2_000_000  # pairs of faces, without a tree of them
 MOST_NEAR = 20_000_000  # pairs of two edges
 SINGLE = 1e-6  # relative rounding of the single-precision coordinates of an STL
@@ -212,7 +211,7 @@ def _find_smallest(
     e, f, bound, apart = (x[keep][order] for x in (e, f, bound, apart))
     best: Gap | None = None
     sizes = surface.first[e + 1] - surface.first[e] + surface.first[f + 1] - surface.first[f]
-    portion = np.cumsum(sizes) // FACES_AT_ONCE
+    portion = np.cumsum(sizes) // 20_000
     for begin, stop in _find_runs(portion):
         if bound[begin] > most:
             break

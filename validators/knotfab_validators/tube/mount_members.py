@@ -16,13 +16,11 @@ from knotfab_validators.tube.tube_fit import LIMIT
 __all__ = ["check_mount"]
 
 NAME = "mount"
-FACET_MM = 0.025  # a facet of a member may lie so far inside it
 PROUD_MM = 0.035  # a corner may stand so far out of it
 INTO_FOOT_MM = 0.15  # matter is looked for so far below the foot's surface
 ROOT = 1.6, 4.0  # a member's root may be so many of its radii wide, and so many mm high
 BESIDE = 5.0  # radii along a knot: a face that spans more joins two strands
 OWN = 1.25  # radii from a centre line that matter between two strands may be
-SHORTEST_STRUT = 2.4  # radii between the centre lines that it joins
 
 
 def check_mount(mesh: Mesh, curves: Curves, pegs: tuple[int, ...] = ()) -> Check:
@@ -96,7 +94,7 @@ def _check_filled(mesh: Mesh, curves: Curves, radius: float) -> Check:
 
 def _allowed(radius: float) -> float:
     """The depth in a member, mm, at which a face may lie."""
-    return LIMIT * radius + FACET_MM
+    return LIMIT * radius + 0.025  # a facet of a member may lie so far inside it
 
 
 def _find_deepest(mesh: Mesh, member: Member, low: Array, high: Array) -> tuple[float, Array]:
@@ -237,7 +235,7 @@ def _find_fused(mesh: Mesh, curves: Curves, radius: float, own: Mask) -> Array:
     foot = middle[edge]
     # all three corners lie on strands, but of one strand they would be the strand's own face
     apart = np.linalg.norm(foot - foot[:, [1, 2, 0]], axis=2).max(axis=1, initial=0.0)
-    short: Mask = np.less(apart, SHORTEST_STRUT * radius)
+    short: Mask = np.less(apart, 2.4 * radius)  # radii between the centre lines that it joins
     return _one_of_each(mesh, rest, short & np.greater(apart, radius))
 
 

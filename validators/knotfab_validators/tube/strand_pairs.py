@@ -14,7 +14,6 @@ __all__ = ["Samples", "StrandPairs", "sample_curves", "strand_pairs"]
 
 
 MOST_SAMPLES = 200_000  # the limit on absurdly long curves
-MOST_STEPS = 10_000
 MOST_MOVES = (
     20_000_000  # moves of pairs, all steps together; 11 m of a thin tube take 4 million, in 4 s
 )
@@ -119,7 +118,7 @@ def _meet(samples: Samples, i: Ints, j: Ints) -> Mask:
     now = start.copy()
     active = np.arange(len(now))
     moves = 0
-    for _ in range(MOST_STEPS):
+    for _ in range(10_000):
         if not len(active):
             break
         moves += len(active)

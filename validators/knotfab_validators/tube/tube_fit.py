@@ -23,13 +23,11 @@ STEP = 1 / 6  # radii between the samples of the curve that find the nearest edg
 MOST_SAMPLES = 2_000_000  # the limit on absurdly long curves
 RING_STEP = 0.5  # radii between the rings of points on the exact tube
 ANGLES = 8  # points of a ring
-MOST_RINGS = 20_000
 STRETCH = 8  # rings that are looked at together of a mounted part
 SHARE = 0.5  # a share of a stretch's points that must lie on the surface; beside pegs and struts 0.78 do
 PROUD = 1.0235  # radii: twelve flat sides with the tube's volume stand out so far
 SAME = 1e-6  # a share by which the radii of two files may differ
 LEVELS = 4  # how often a face that may dip too deep is cut into four
-MOST_CUT = 50_000  # faces
 
 
 @dataclass(frozen=True)
@@ -242,7 +240,7 @@ def _from_mesh(mesh: Mesh, line: _Line, mounted: bool) -> tuple[Array, Array]:
     for _ in range(LEVELS):
         # a place that cannot be worse than the worst known needs no closer look
         deepest = max(LIMIT, *(float(v.max()) for v in values))
-        dips = np.flatnonzero(_may_dip(corner, low, at, line, deepest))[:MOST_CUT]
+        dips = np.flatnonzero(_may_dip(corner, low, at, line, deepest))[:50_000]  # faces
         if not len(dips):
             break
         corner = quarter_triangles(corner[dips])
@@ -280,7 +278,7 @@ def _on_tube(line: _Line) -> tuple[Array, Ints, Ints]:
         (k, 3) the points, (k,) the ring of each, and (rings,) the curve of each ring.
     """
     total = float(line.length.sum())
-    rings = int(np.clip(np.ceil(total / (RING_STEP * line.radius)), 1, MOST_RINGS))
+    rings = int(np.clip(np.ceil(total / (RING_STEP * line.radius)), 1, 20_000))
     until = np.cumsum(line.length)
     arc = (np.arange(rings) + 0.5) * (total / rings)
     at = np.minimum(np.searchsorted(until, arc), len(until) - 1)
