@@ -17,34 +17,10 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-__all__ = ["Ellipses", "conic", "nearest_normal", "project_spheres", "support", "support_point"]
+__all__ = ["Ellipses", "nearest_normal", "project_spheres", "support", "support_point"]
 
 _TINY = 1e-30
 _STEPS = 5  # iterations for the nearest point: from then on rounding rules
-
-
-def conic(
-    centres: Tensor,  # [..., 3]
-    radius: float,
-    focal_z: float,
-) -> Tensor:
-    """[..., 6] A..F of the silhouette A x^2 + B x y + C y^2 + D x + E y + F = 0, positive inside.
-
-    The paper's coefficients with k^2 = |p|^2 - r^2, which is cos^2(theta) |p|^2 with sin(theta) = r / |p|.
-    """
-    x, y, z = centres.unbind(-1)
-    k = x * x + y * y + z * z - radius * radius
-    return torch.stack(
-        [
-            x * x - k,
-            2 * x * y,
-            y * y - k,
-            2 * focal_z * x * z,
-            2 * focal_z * y * z,
-            focal_z * focal_z * (z * z - k),
-        ],
-        -1,
-    )
 
 
 def support(

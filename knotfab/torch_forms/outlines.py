@@ -4,7 +4,7 @@ Paper, section 3.3: at each pixel S is the largest signed distance of all primit
 ray distance (`knotfab.torch_forms.tiled`); both have the same silhouette. sigmoid(tau S) grows with S, so a
 pixel needs its winning primitive alone. It is found on squares of pixels that are halved again and again:
 a signed distance changes by at most the distance moved, so its value in a square's middle bounds it all
-over the square. `render_outlines_dense` asks every primitive at every pixel, and is the other's oracle.
+over the square.
 """
 
 from __future__ import annotations
@@ -26,7 +26,6 @@ __all__ = [
     "REACH",
     "Pinhole",
     "render_outlines",
-    "render_outlines_dense",
     "signed_distance",
     "winners",
 ]
@@ -191,26 +190,3 @@ def render_outlines(
     image = torch.zeros(camera.width * camera.height, dtype=starts.dtype, device=starts.device)
     image = image.index_put((pixel,), torch.sigmoid(tau * s))
     return image.reshape(camera.height, camera.width)
-
-
-def render_outlines_dense(
-    starts: Tensor,  # [n, 3] world
-    ends: Tensor | None,  # [n, 3]; None: the ellipse renderer
-    camera: Pinhole,
-    radius: float,
-    tau: float,
-    pixels_at_once: int = 512,
-) -> Tensor:
-    """[height, width] the same image from every primitive at every pixel; slow."""
-    b = starts if ends is None else ends
-    count, n = camera.width * camera.height, len(starts)
-    parts = []
-    for first in range(0, count, pixels_at_once):
-        pixel = torch.arange(first, min(count, first + pixels_at_once), device=starts.device)
-        u, v = (pixel % camera.width).to(starts.dtype), (pixel // camera.width).to(starts.dtype)
-        q = camera.plane(u, v).repeat_interleave(n, 0)
-        s = signed_distance(
-            starts.repeat(len(pixel), 1), b.repeat(len(pixel), 1), q, camera, radius
-        )
-        parts.append(torch.sigmoid(tau * s).reshape(len(pixel), n).amax(1))
-    return torch.cat(parts).reshape(camera.height, camera.width)

@@ -15,13 +15,8 @@ from benchmarks.hard.rendering import render_cases
 from knotfab.render.frame import Frame
 from knotfab.torch_forms.capsule_outline import clip_segments, tangent_normals
 from knotfab.torch_forms.dense import render_dense as render_rays
-from knotfab.torch_forms.ellipse import conic, project_spheres, support, support_point
-from knotfab.torch_forms.outlines import (
-    render_outlines,
-    render_outlines_dense,
-    signed_distance,
-    winners,
-)
+from knotfab.torch_forms.ellipse import project_spheres, support, support_point
+from knotfab.torch_forms.outlines import Pinhole, render_outlines, signed_distance, winners
 from paper.camera import PaperCamera, camera_around
 
 CAMERA = PaperCamera(width=40, height=32, focal=(1.0, 0.8, 2.0))
@@ -44,6 +39,53 @@ def contact_corners(
     return focal_z * points[..., :2] / points[..., 2:].clamp_min(1e-30), exist
 
 
+def render_outlines_dense(
+    starts: Tensor,  # [n, 3] world
+    ends: Tensor | None,  # [n, 3]; None: the ellipse renderer
+    camera: Pinhole,
+    radius: float,
+    tau: float,
+    pixels_at_once: int = 512,
+) -> Tensor:
+    """[height, width] the same image from every primitive at every pixel; slow."""
+    b = starts if ends is None else ends
+    count, n = camera.width * camera.height, len(starts)
+    parts = []
+    for first in range(0, count, pixels_at_once):
+        pixel = torch.arange(first, min(count, first + pixels_at_once), device=starts.device)
+        u, v = (pixel % camera.width).to(starts.dtype), (pixel // camera.width).to(starts.dtype)
+        q = camera.plane(u, v).repeat_interleave(n, 0)
+        s = signed_distance(
+            starts.repeat(len(pixel), 1), b.repeat(len(pixel), 1), q, camera, radius
+        )
+        parts.append(torch.sigmoid(tau * s).reshape(len(pixel), n).amax(1))
+    return torch.cat(parts).reshape(camera.height, camera.width)
+
+
+def conic(
+    centres: Tensor,  # [..., 3]
+    radius: float,
+    focal_z: float,
+) -> Tensor:
+    """[..., 6] A..F of the silhouette A x^2 + B x y + C y^2 + D x + E y + F = 0, positive inside.
+
+    The paper's coefficients with k^2 = |p|^2 - r^2, which is cos^2(theta) |p|^2 with sin(theta) = r / |p|.
+    """
+    x, y, z = centres.unbind(-1)
+    k = x * x + y * y + z * z - radius * radius
+    return torch.stack(
+        [
+            x * x - k,
+            2 * x * y,
+            y * y - k,
+            2 * focal_z * x * z,
+            2 * focal_z * y * z,
+            focal_z * focal_z * (z * z - k),
+        ],
+        -1,
+    )
+
+
 def _points(count: int, seed: int, depth: float = 3.0) -> Tensor:
     """Points spread over the view at depths within 0.8 of `depth`."""
     generator = torch.Generator().manual_seed(seed)
@@ -60,18 +102,9 @@ def _plane(count: int, seed: int) -> Tensor:
 
 def _printed_conic(centre: Tensor, radius: float, focal: float) -> Tensor:
     """The coefficients as printed, with k^2 = |p|^4 / (|p|^2 + r^2): a cone of tan(theta) = r / |p|."""
-    x, y, z = centre
-    k = float(centre @ centre) ** 2 / (float(centre @ centre) + radius**2)
-    return torch.stack(
-        [
-            x * x - k,
-            2 * x * y,
-            y * y - k,
-            2 * focal * x * z,
-            2 * focal * y * z,
-            focal**2 * (z * z - k),
-        ]
-    )
+    square = float(centre @ centre)
+    # the radius whose |p|^2 - r^2 is that
+    return conic(centre, math.sqrt(square - square**2 / (square + radius**2)), focal)
 
 
 @pytest.mark.parametrize(("radii", "short"), [(10.0, 0.005), (2.0, 0.134)])
