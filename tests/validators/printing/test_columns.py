@@ -6,6 +6,7 @@ from solids import box, inward, move, together
 from validator_parts import trefoil, tube
 
 from knotfab_validators.geometry.mesh import Mesh
+from knotfab_validators.printing import columns as columns_module
 from knotfab_validators.printing.columns import _heights, columns
 
 
@@ -37,6 +38,21 @@ def test_an_axis_through_edges_and_corners_is_counted_once() -> None:
 
 def test_many_columns_make_wider_cells() -> None:
     assert columns(box((0, 0, 0), (5000, 1, 1))).cell == pytest.approx(5.0)
+
+
+def test_rows_are_counted_before_they_are_looked_through(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Fibres in a row, 40 mm long: many rows of axes a face, few axes."""
+    fibres = together(*(box((x, 0, 0), (x + 0.1, 40, 0.1)) for x in np.arange(0, 10, 0.2)))
+    counted: list[int] = []
+    rows = columns_module._rows
+
+    def look(corner: np.ndarray, start: np.ndarray, cell: float) -> object:
+        counted.append(int((np.ptp(corner[:, :, 1], axis=1) / cell).sum()))
+        return rows(corner, start, cell)
+
+    monkeypatch.setattr(columns_module, "_rows", look)
+    monkeypatch.setattr(columns_module, "MOST_TESTS", 10_000)
+    assert columns(fibres).cell > 0.5 and max(counted) <= 10_000
 
 
 @pytest.mark.slow

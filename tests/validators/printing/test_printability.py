@@ -1,11 +1,15 @@
 """The checks of printability together: turned, without a printer, skipped, and their times."""
 
+import re
+from types import ModuleType
+
 import pytest
 from printed_solids import BARE, PRINTER, run
-from solids import box, bridge, move, quarter, table, together
+from solids import box, bridge, inward, move, quarter, table, together
 
 from knotfab_formats.checks import PRINTING
 from knotfab_formats.scene import Printer
+from knotfab_validators.printing import local_thickness, standing
 from knotfab_validators.printing.printability import printability_checks
 
 
@@ -33,6 +37,29 @@ def test_what_cannot_be_measured_is_skipped_with_the_reason() -> None:
     ]
     huge = run(box((0, 0, 0), (1e6, 1, 1)))
     assert {c.status for c in huge.values()} == {"skipped"}
+
+
+@pytest.mark.parametrize(
+    ("module", "limit", "said"),
+    [
+        (local_thickness, "MOST_PAIRS", "faces beside the narrowest places"),
+        (standing, "MOST_BODIES", "bodies"),
+        (standing, "MOST_AROUND", "pairs of a hollow and a face"),
+    ],
+)
+def test_a_check_ends_at_its_limit_of_work_in_a_sentence(
+    module: ModuleType, limit: str, said: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    near = together(box((0, 0, 0), (20, 20, 3)), box((0, 0, 3.5), (20, 20, 6.5)))
+    mesh = together(near, inward(box((1, 1, 1), (19, 19, 2))))
+    assert {c.status for c in run(mesh).values()} != {"skipped"}
+    monkeypatch.setattr(module, limit, 1)
+    found = run(mesh)
+    assert tuple(found) == PRINTING
+    for check in found.values():  # a printer was named: without them nothing is accepted
+        assert check.status == "skipped" and check.required
+        assert re.fullmatch(rf"not tested: \d+ {said}, more than 1", check.detail)
+    assert not any(check.required for check in run(mesh, None).values())
 
 
 def test_the_time_of_each_group_is_told() -> None:

@@ -8,12 +8,26 @@ from knotfab_validators.arrays import Array
 from knotfab_validators.compiled import compiled
 from knotfab_validators.geometry.mesh import Mesh, bound_triangles
 
-__all__ = ["overlapping_boxes", "tell_heap"]
+__all__ = ["TooMuchWork", "bound_work", "overlapping_boxes", "tell_heap"]
 
 # faces of each of some sizes whose boxes are compared with all others
 SAMPLES = 6
 MOST_BOXES = 10_000_000  # pairs of overlapping boxes that are tested, or as many as
 MOST_A_FACE = 100  # factor to the number of faces: a good part has some 10 to 40 a face
+
+
+class TooMuchWork(Exception):
+    """A part asks a check for more than the check may do; the message says of what."""
+
+
+def bound_work(count: float, most: int, what: str) -> None:
+    """Let a check go on as long as it has no more than so much to do.
+
+    Raises:
+        TooMuchWork: there is more of `what`.
+    """
+    if count > most:
+        raise TooMuchWork(f"{count:.0f} {what}, more than {most}")
 
 
 def tell_heap(mesh: Mesh, boxes: float | None = None) -> str | None:

@@ -14,6 +14,7 @@ __all__ = ["CELL_MM", "Columns", "columns"]
 
 
 CELL_MM = 0.5
+MOST_TESTS = 20_000_000  # pairs of face and row, and of face and column
 HAIR = 1e-3  # cells by which a row's axes are looked for beyond the face, and edges count as level
 # the place of a column's axis in its cell: CAD parts have edges at round numbers
 OFFSET = 0.50137, 0.50079
@@ -60,9 +61,10 @@ def columns(mesh: Mesh, cell: float = CELL_MM) -> Columns:
     corner = flat[mesh.faces]  # (m, 3, 2)
     while True:
         start = low + np.array(OFFSET) * cell
-        face, iy, first, count = _rows(corner, start, cell)
-        if int(count.sum()) <= 20_000_000:  # pairs of face and column
-            break
+        if np.ptp(corner[:, :, 1], axis=1).sum() <= MOST_TESTS * cell:
+            face, iy, first, count = _rows(corner, start, cell)
+            if int(count.sum()) <= MOST_TESTS:
+                break
         cell *= 1.5
     across = int(np.floor((high - start)[0] / cell)) + 1
     row, number = number_runs(count)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from knotfab_validators.arrays import Array, Ints, Mask
+from knotfab_validators.geometry.heap import bound_work
 from knotfab_validators.geometry.mesh import Mesh, corner_faces
 from knotfab_validators.geometry.sampling import number_runs
 from knotfab_validators.geometry.triangles import point_triangle, triangle_triangle
@@ -27,6 +28,7 @@ NEAR_MM = 1.2  # a gap wider than this is walked from only if it is the narrowes
 BATCH = 64
 MOST_BATCHES = 16
 MOST_HOPS = 60
+MOST_PAIRS = 50_000_000  # of faces, or of a face and a narrow place, that are looked at
 MET_MM = 1e-9  # nearer than this two faces meet
 START_MM = 1e-6  # a ray starts this far off its face
 
@@ -101,6 +103,7 @@ class Probe:
             self.spacing,
         )
         self._around: tuple[Ints, Ints] | None = None
+        self._pairs = 0  # of faces, looked at so far
 
     def wall(self) -> LocalThickness:
         """The thinnest wall: the smallest width seen through the material.
@@ -164,7 +167,10 @@ class Probe:
         good = np.flatnonzero(cosine >= FACING)
         if not len(seeds):
             return seen.take(good)
-        near = self._middles.query_ball_point(seen.point[seeds], 1.5 * self.spacing)
+        around = seen.point[seeds], 1.5 * self.spacing
+        beside = self._middles.query_ball_point(*around, return_length=True).sum()
+        bound_work(beside, MOST_PAIRS, "faces beside the narrowest places")
+        near = self._middles.query_ball_point(*around)
         face = np.unique(np.concatenate([np.asarray(n, dtype=np.int64) for n in near]))
         face = face[self.usable[face]]
         more, cosine = self._cast(self._middles.data[face], face, side)
@@ -227,6 +233,8 @@ class Probe:
         """Pairs in which one face of the pair gives way to a neighbour: owner, first, second."""
         a, f = self._ring(one[active])
         b, g = self._ring(two[active])
+        self._pairs += len(f) + len(g)
+        bound_work(self._pairs, MOST_PAIRS, "pairs of faces beside gaps")
         return (
             np.concatenate([active[a], active[b]]),
             np.concatenate([f, one[active[b]]]),

@@ -12,6 +12,7 @@ from knotfab_formats.checks import PRINTING
 from knotfab_validators.arrays import Array, Mask
 from knotfab_validators.check import Check, at_least, at_most, places, skip_check, spot
 from knotfab_validators.clock import time_stage
+from knotfab_validators.geometry.heap import TooMuchWork
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.printing.bridges import Stretches, find_unsupported
 from knotfab_validators.printing.columns import Columns, columns
@@ -98,6 +99,20 @@ def printability_checks(
     if lacking is not None:
         return [skip_check(name, lacking) for name in PRINTING]
     use = _settings(printer)
+    try:
+        return _measure(mesh, use, seconds, stands, desk, proud)
+    except TooMuchWork as error:
+        return [skip_check(n, f"not tested: {error}", required=use.named) for n in PRINTING]
+
+
+def _measure(
+    mesh: Mesh,
+    use: _Settings,
+    seconds: dict[str, float],
+    stands: bool,
+    desk: Array | None,
+    proud: Callable[[Array], Array] | None,
+) -> list[Check]:
     with time_stage(seconds, "feature"):
         probe = Probe(mesh)
         wall = probe.wall()

@@ -7,12 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from knotfab_validators.arrays import Array, Ints
+from knotfab_validators.geometry.heap import bound_work
 from knotfab_validators.geometry.inside import winding_numbers
 from knotfab_validators.geometry.mesh import Mesh, number_bodies
 
 __all__ = ["Body", "bodies", "footprint", "margin"]
 
 
+MOST_BODIES = 100_000
+MOST_AROUND = 2_000_000_000  # pairs of a hollow and a face that may be around it
 FLAT = 1e-9  # a footprint less wide than this share of its length is a line
 
 
@@ -36,8 +39,12 @@ def bodies(mesh: Mesh) -> list[Body]:
     Volume and middle are sums over the signed tetrahedra between the faces and one point. A surface
     that is wound inwards is a hollow and belongs to the body around it, which is found by its
     winding number.
+
+    Raises:
+        TooMuchWork: there are too many bodies, or hollows.
     """
     label, count = number_bodies(mesh)
+    bound_work(count, MOST_BODIES, "bodies")
     by_face = label[mesh.faces[:, 0]]
     middle = mesh.vertices.mean(axis=0)
     corner = mesh.vertices[mesh.faces] - middle
@@ -53,6 +60,8 @@ def bodies(mesh: Mesh) -> list[Body]:
     ends = np.cumsum(np.bincount(by_face, minlength=count))[:-1]
     faces = [mesh.faces[some] for some in np.split(order, ends)]
     solid = [k for k in range(count) if volume[k] > 0]
+    hollows = (count - len(solid)) * float(len(mesh.faces))
+    bound_work(hollows, MOST_AROUND, "pairs of a hollow and a face")
     # the smallest solid around a hollow is then found first
     solid.sort(key=lambda k: float(volume[k]))
     parts: dict[int, list[int]] = {k: [k] for k in solid}
@@ -77,12 +86,12 @@ def footprint(vertices: Array, faces: Ints, layer_mm: float) -> Array:
     Its vertices there, and where its edges leave the layer.
     """
     first, second = faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1)
-    low = vertices[:, 2] <= layer_mm
-    leaves = low[first] & ~low[second]
+    low = vertices[first, 2] <= layer_mm
+    leaves = low & (vertices[second, 2] > layer_mm)
     start, end = vertices[first[leaves]], vertices[second[leaves]]
     t = (layer_mm - start[:, 2]) / (end[:, 2] - start[:, 2])
     cut = start + t[:, None] * (end - start)
-    points: Array = np.concatenate([vertices[np.unique(first[low[first]])], cut])[:, :2]
+    points: Array = np.concatenate([vertices[np.unique(first[low])], cut])[:, :2]
     return points
 
 
