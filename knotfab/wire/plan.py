@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from knotfab import __version__
-from knotfab.base.arrays import Mask
+from knotfab.base.arrays import Array, Mask
 from knotfab.base.errors import InputError, SceneError
 from knotfab.drawing.pages import PAPERS
 from knotfab.knots import Knots
@@ -121,45 +121,92 @@ def write_bending_plan(
         SceneError: no straights and bends of the tool's radius follow the knots.
     """
     material = scene.material
+    _require_wire(material, knots.radius_mm)
+    tolerance = TOLERANCE_RADII * knots.radius_mm
+    shadows = cast_shadows(scene, pictures, knots)
+    # a deviation along the rays of one view lies across those of another
+    light = shadows[0].geometry.light if len(shadows) == 1 else None
+    curves = [k.points for k in knots.knots]
+    numbers = [""] if len(curves) == 1 else [f"-{k + 1}" for k in range(len(curves))]
+    names = [f"bends{suffix}{number}.csv" for number in numbers]
+    floor = max(0.0, scene.accuracy.iou_floor - IOU_LOSS)
+    types = tuple(k.type for k in knots.knots)
+    judge = Judge(curves, shadows, material, tolerance, floor, types)
+    work = Work(ends=ends)
+    rows, hidden = _fit(judge, names, light, work)
+    tolerances = f"{tolerance:g} mm in any direction"
+    if light is not None:
+        along = f"{tolerance * DEPTH_FACTOR:g} mm along"
+        tolerances = f"{tolerance:g} mm across the light's rays, {along}"
+    total = sum(r.length_mm for r in rows)
+    for name, row in zip(names, rows, strict=True):
+        header = _write_header(name, row, material, total, tolerances)
+        write_bends(folder / name, row, header)
+    # from here on only the files are read
+    plans = [read_bends(folder / name) for name in names]
+    bender = scene.piece.bender
+    told = [file_of_bender(bender, name) for name in names]
+    for name, plan, own in zip(names, plans, told, strict=True):
+        text = fill_template(bender, plan.bends, name, material)
+        (folder / own).write_text(text, encoding="utf-8", newline="")
+    verdict = judge.of(plans, names, hidden)
+    facts = _list_facts(verdict.knots, material, tolerance)
+    pages = _write_pages(folder, suffix, plans, shadows[0], material, facts)
+    length = sum(k.length_mm for k in verdict.knots)
+    frames = [measure_frame(s.mask, s.view, material) for s in shadows]
+    frame = min(frames, key=lambda f: f.most_iou)
+    return WirePlan(
+        files=(*names, *told, *pages),
+        knots=verdict.knots,
+        length_mm=length,
+        mass_g=_weigh(length, material),
+        ious=verdict.ious,
+        least_distance_mm=verdict.least_distance_mm,
+        tolerance_mm=tolerance,
+        pages=pages,
+        frame=frame,
+        checks=(*verdict.checks, frame.check(material)),
+        cut=work.over,
+    )
+
+
+def _require_wire(material: Material, radius_mm: float) -> None:
+    """Refuse a material that is no wire, or not as thick as the tube."""
     if material.process != "wire" or material.wire_diameter_mm <= 0:
         raise InputError(
             f"material {material.name!r}",
             "it is no wire, so there is nothing to bend",
             "Name a wire, such as steel-wire-2mm, in [material].",
         )
-    if abs(2 * knots.radius_mm - material.wire_diameter_mm) > 1e-6:
+    if abs(2 * radius_mm - material.wire_diameter_mm) > 1e-6:
         raise InputError(
             f"material {material.name!r}",
-            f"it is {material.wire_diameter_mm:g} mm thick, but the tube is "
-            f"{2 * knots.radius_mm:g} mm",
+            f"it is {material.wire_diameter_mm:g} mm thick, but the tube is {2 * radius_mm:g} mm",
             f"Set tube_radius_mm = {0.5 * material.wire_diameter_mm:g}.",
         )
-    tolerance = TOLERANCE_RADII * knots.radius_mm
-    floor = max(0.0, scene.accuracy.iou_floor - IOU_LOSS)
-    curves = [k.points for k in knots.knots]
-    shadows = cast_shadows(scene, pictures, knots)
-    # a deviation along the rays of one view lies across those of another
-    light = shadows[0].geometry.light if len(shadows) == 1 else None
-    names = (
-        [f"bends{suffix}.csv"]
-        if len(curves) == 1
-        else [f"bends{suffix}-{k + 1}.csv" for k in range(len(curves))]
-    )
-    types = tuple(k.type for k in knots.knots)
-    judge = Judge(curves, shadows, material, tolerance, floor, types)
+
+
+def _fit(
+    judge: Judge, names: list[str], light: Array | None, work: Work
+) -> tuple[list[BendList], list[bool]]:
+    """The bends of each wire, the best of those that were tried, and whether a sleeve is hidden on each.
+
+    Raises:
+        SceneError: bends overlap in the best.
+    """
+    material, shadows = judge.material, judge.shadows
     likenesses = [GridLikeness.of(s.geometry, s.target, s.radius) for s in shadows]
     best: tuple[tuple[bool, int, float], list[BendList], list[bool]] | None = None
-    work = Work(ends=ends)
     for share in _FIT_SHARES:
         limits = FitLimits(
             bend_radius_mm(material),
             material.min_straight_mm,
             material.max_bend_deg,
             material.wire_diameter_mm,
-            share * tolerance,
+            share * judge.tolerance,
             work,
         )
-        wires = fit_wires(curves, light, limits, likenesses)
+        wires = fit_wires(judge.curves, light, limits, likenesses)
         joints = [_choose_joint(wire, shadows) for wire in wires]
         rows = [
             list_bends(wire, cut, material.springback_percent)
@@ -183,22 +230,18 @@ def write_bending_plan(
             if work.over
             else "Give a larger --size, or a wire whose tool_radius_mm is smaller.",
         )
-    tolerances = f"{tolerance:g} mm in any direction"
-    if light is not None:
-        along = f"{tolerance * DEPTH_FACTOR:g} mm along"
-        tolerances = f"{tolerance:g} mm across the light's rays, {along}"
-    total = sum(r.length_mm for r in best[1])
-    for name, row in zip(names, best[1], strict=True):
-        header = _write_header(name, row, material, total, tolerances)
-        write_bends(folder / name, row, header)
-    # from here on only the files are read
-    plans = [read_bends(folder / name) for name in names]
-    bender = scene.piece.bender
-    told = [file_of_bender(bender, name) for name in names]
-    for name, plan, own in zip(names, plans, told, strict=True):
-        text = fill_template(bender, plan.bends, name, material)
-        (folder / own).write_text(text, encoding="utf-8", newline="")
-    verdict = judge.of(plans, names, best[2])
+    return best[1:]
+
+
+def _write_pages(
+    folder: Path,
+    suffix: str,
+    plans: Sequence[BendList],
+    shadow: PieceShadow,
+    material: Material,
+    facts: list[str],
+) -> dict[str, int]:
+    """Write the templates, and return how many pages each file has."""
     lines = [replay(p) for p in plans]
     drawings = [
         d
@@ -207,32 +250,16 @@ def write_bending_plan(
             "wire" if len(lines) == 1 else f"wire {k + 1}",
             line,
             begins,
-            shadows[0].geometry.right,
-            shadows[0].geometry.up,
+            shadow.geometry.right,
+            shadow.geometry.up,
             material.wire_diameter_mm,
         )
     ]
-    facts = _list_facts(verdict.knots, material, tolerance)
     pages = {}
     for key, paper in PAPERS.items():
         path = folder / f"bending-templates-{key}{suffix}.pdf"
         pages[path.name] = write_templates(path, paper, drawings, facts)
-    length = sum(k.length_mm for k in verdict.knots)
-    frames = [measure_frame(s.mask, s.view, material) for s in shadows]
-    frame = min(frames, key=lambda f: f.most_iou)
-    return WirePlan(
-        files=(*names, *told, *pages),
-        knots=verdict.knots,
-        length_mm=length,
-        mass_g=_weigh(length, material),
-        ious=verdict.ious,
-        least_distance_mm=verdict.least_distance_mm,
-        tolerance_mm=tolerance,
-        pages=pages,
-        frame=frame,
-        checks=(*verdict.checks, frame.check(material)),
-        cut=work.over,
-    )
+    return pages
 
 
 def _weigh(length_mm: float, material: Material) -> float:
