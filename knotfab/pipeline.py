@@ -56,7 +56,8 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
         with Verifier(request.skip) as verifier:
             # only now: the search is loaded while the validators load what they need
             from knotfab.design.design import design_knots
-            from knotfab.piece import finish_build, report_piece, write_piece
+            from knotfab.finish import finish_build, report_piece
+            from knotfab.piece import write_piece
             from knotfab.report.report_html import load_template
             from knotfab.slicer.profile import write_profile
             from knotfab.slicer.run import SlicerQueue

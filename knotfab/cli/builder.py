@@ -26,7 +26,7 @@ def prepare() -> Iterator[None]:
     set_environment()
     with load_early(keep=True):
         pass
-    for name in ("knotfab.pipeline", "knotfab.piece", "knotfab.preview.survey", "trimesh"):
+    for name in ("knotfab.pipeline", "knotfab.finish", "knotfab.preview.survey", "trimesh"):
         importlib.import_module(name)
         yield
     from knotfab.doctor import run_loops

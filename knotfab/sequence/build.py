@@ -13,10 +13,11 @@ from knotfab.base.progress import Progress
 from knotfab.design.question import silhouette_polygon
 from knotfab.drawing.gif import write_shadows_gif
 from knotfab.files.folder import OutputFolder
+from knotfab.finish import finish_build, report_piece
 from knotfab.knots import read_knots
 from knotfab.mount.modeller import keep_modeller
 from knotfab.picture.read import read_target
-from knotfab.piece import WrittenPiece, discard_piece, finish_build, report_piece, write_piece
+from knotfab.piece import WrittenPiece, discard_piece, write_piece
 from knotfab.request import Outcome, Request, require_device
 from knotfab.sequence.chain import Chain, SequenceFrame
 from knotfab.sequence.frames import count_knots, read_frames, tell_apart
