@@ -61,13 +61,15 @@ def guess_print(
         length = sum(float(arc_lengths(curve)[-1]) for curve in template.curves)
     length *= _LENGTH_FLAT if flat else _LENGTH
     tube, plate = np.pi * radius_mm**2 * length, 0.0
-    printed = scene.piece.printed and scene.hangs(scene.count_knots(pieces))
-    hangs = printed or scene.mount.kind == "wall"
+    loose = scene.hangs(scene.count_knots(pieces))  # a wall mount holds them if they are printed
+    hangs = scene.piece.printed and loose or scene.mount.kind == "wall"
     if hangs and scene.mount.foot != "dowel":
         margin = 2 * scene.mount.plate_margin_mm
         plate = (view.frame_width_mm + margin) * (view.frame_height_mm + margin)
         plate *= scene.mount.plate_thickness_mm
     without = {"stand": "its stand", "hang": "its eyelet"}.get(scene.mount.kind, "")
+    if loose and not hangs:
+        without = "the wall mount that --print adds"
     mass = (tube + plate) * 1e-3 * scene.material.density_g_cm3
     if scene.material.process != "filament":
         return Guess(float(mass), None, without)

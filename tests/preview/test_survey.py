@@ -314,7 +314,11 @@ def test_the_guess_adds_up_several_pictures_and_says_what_it_leaves_out() -> Non
         for n, scene in ((1, Scene()), (2, stands))
     )
     assert two.mass_g == pytest.approx(2 * one.mass_g) and two.hours and one.hours
-    assert (one.without, two.without) == ("", "its stand")
+    loose = guess_print(resolve(Scene()), seen.view, [1.0], seen.piece_mm, 2.0, pieces=3)
+    assert [one.without, two.without] == ["", "its stand"] and "--print adds" in loose.without
+    printed = resolve(Scene(piece=Piece(printed=True)))
+    held = guess_print(printed, seen.view, [1.0], seen.piece_mm, 2.0, pieces=3)
+    assert held.mass_g > 10 * loose.mass_g and not held.without
     assert one.hours < two.hours < 2 * one.hours
 
 
