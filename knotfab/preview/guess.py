@@ -62,7 +62,7 @@ def guess_print(
     length *= _LENGTH_FLAT if flat else _LENGTH
     tube, plate = np.pi * radius_mm**2 * length, 0.0
     loose = scene.hangs(scene.count_knots(pieces))  # a wall mount holds them if they are printed
-    hangs = scene.piece.printed and loose or scene.mount.kind == "wall"
+    hangs = (scene.piece.printed and loose) or scene.mount.kind == "wall"
     if hangs and scene.mount.foot != "dowel":
         margin = 2 * scene.mount.plate_margin_mm
         plate = (view.frame_width_mm + margin) * (view.frame_height_mm + margin)
