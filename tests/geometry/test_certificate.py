@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from knotfab.geometry.certificate import certify
 from knotfab.geometry.kernels import closest_parameters
@@ -58,43 +56,6 @@ def test_folding_back_is_refused() -> None:
     assert not certify(points, step, rings, near).valid
     step[7] = np.nan
     assert not certify(points, step, rings, near).valid
-
-
-def _linking(points: np.ndarray, n: int) -> int:
-    """Linking number of the first n points' ring with the rest's, by crossings along z."""
-    a, b = points[:n], points[n:]
-    total = 0
-    for i in range(len(a)):
-        p, u = a[i], a[(i + 1) % len(a)] - a[i]
-        for j in range(len(b)):
-            q, v = b[j], b[(j + 1) % len(b)] - b[j]
-            det = u[0] * v[1] - u[1] * v[0]
-            if abs(det) < 1e-12:
-                continue
-            w = q - p
-            s, t = (w[0] * v[1] - w[1] * v[0]) / det, (w[0] * u[1] - w[1] * u[0]) / det
-            if 0 <= s < 1 and 0 <= t < 1 and (p + s * u)[2] > (q + t * v)[2]:
-                total += int(np.sign(det))
-    return total
-
-
-@pytest.mark.slow
-@settings(max_examples=25, deadline=None)
-@given(st.integers(0, 10_000), st.floats(0.05, 3.0))
-def test_random_certified_steps_never_change_the_linking_number(seed: int, size: float) -> None:
-    rng = np.random.default_rng(seed)
-    n = 24
-    one = _circle(n, 5.0)
-    other = _circle(n, 5.0)[:, [0, 2, 1]] + np.array([5.0, 0.0, 0.0])
-    points, rings = np.concatenate([one, other]), polylines_of_sizes((n, n))
-    before = _linking(points + rng.normal(size=3) * 1e-6, n)
-    for _ in range(6):
-        near = find_neighbours(points, rings, 40.0, 6)
-        step = rng.normal(size=points.shape) * size
-        if certify(points, step, rings, near).valid:
-            points = points + step
-    assert _linking(points, n) == before == pytest.approx(before)
-    assert abs(before) == 1
 
 
 def test_closest_parameters_against_a_grid() -> None:

@@ -138,11 +138,6 @@ def test_random_blobs_stay_valid() -> None:
         assert (outline == mask)[inner].mean() > 0.995
 
 
-def test_noise_is_traced_without_smoothing() -> None:
-    shape = trace_polygon(np.random.default_rng(0).random((300, 300)) > 0.5)
-    assert shape.is_valid
-
-
 def test_nothing_gives_nothing() -> None:
     empty = trace_polygon(np.zeros((20, 20), dtype=bool))
     assert empty.is_empty and pieces(empty) == []
@@ -159,11 +154,6 @@ def test_coverage_is_exact_against_fine_subpixels(size: tuple[int, int]) -> None
     blocks = fine.reshape(height, 40, width, 60).mean(axis=(1, 3))
     assert coverage == pytest.approx(blocks, abs=1e-6)
     assert coverage.mean() == pytest.approx(mask.mean(), abs=1e-6)
-
-
-def test_coverage_at_its_own_size_is_the_mask() -> None:
-    mask = disc(50, 20, 25, 25)
-    assert (resample_mask(mask, 50, 50) == mask).all()
 
 
 def test_a_sampled_mask_is_that_of_the_validators() -> None:

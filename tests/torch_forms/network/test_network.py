@@ -111,47 +111,6 @@ def test_there_and_back_again(dtype: torch.dtype, depth: int, share: float) -> N
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("dtype", DTYPES)
-@pytest.mark.parametrize("size", [1.0, 30.0, 1e3])
-@pytest.mark.parametrize("depth", [1, 4, 64])
-def test_adversarial_weights(dtype: torch.dtype, size: float, depth: int) -> None:
-    # saturated scales (near exp(-b) and exp(b)), slopes and shifts up to a thousand
-    network = CouplingNetwork(depth, 16, 7, log_scale=1.0, dtype=dtype)
-    _shaken(network, size)
-    x = _points(60, dtype)
-    y = network(x)
-    assert torch.isfinite(y).all()
-    back = network.inverse(y)
-    assert torch.isfinite(back).all()
-    exact = CouplingNetwork(depth, 16, 7)
-    exact.load_state_dict(network.state_dict())
-    bound = torch.finfo(dtype).eps * _condition(exact.double(), x.double())
-    error = (back - x).norm(dim=1).double()
-    # where rounding leaves no digit the first-order bound says nothing, and nothing can be asked for
-    digits = bound < 0.1
-    assert (error[digits] <= bound[digits]).all()
-    if dtype == torch.float64:
-        assert digits.double().mean() > 0.8
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("log_scale", [1e-6, 30.0])
-def test_scales_near_zero_and_huge(log_scale: float) -> None:
-    layer = _layer((0, 1, 2))
-    layer.log_scale = log_scale
-    with torch.no_grad():
-        for sign in (-1, 1):
-            layer.scale.out.weight.zero_()
-            layer.scale.out.bias.fill_(sign * 1e9)
-            layer.shift.out.weight.zero_()
-            layer.shift.out.bias.zero_()
-            x = _points(50)
-            y = layer(x)
-            torch.testing.assert_close(y[:, 2], x[:, 2] * np.exp(sign * log_scale))
-            torch.testing.assert_close(layer.inverse(y), x, rtol=1e-14, atol=0)
-
-
-@pytest.mark.slow
 def test_every_layer_keeps_the_handedness() -> None:
     network = CouplingNetwork(6, 16, 4)
     _shaken(network, 2.0)
@@ -259,22 +218,6 @@ def test_rigid_layers_turn_about_the_origin_then_shift() -> None:
     torch.testing.assert_close(layer.inverse(layer(x)), x, rtol=0, atol=1e-15)
 
 
-@pytest.mark.slow
-def test_gradients_of_points_and_weights() -> None:
-    network = CouplingNetwork(3, 5, 1)
-    _shaken(network, 0.4)
-    x = _points(4).requires_grad_()
-    names = [name for name, _ in network.named_parameters()]
-
-    def map_points(points: Tensor, *weights: Tensor) -> Tensor:
-        found: Tensor = torch.func.functional_call(
-            network, dict(zip(names, weights, strict=True)), (points,)
-        )
-        return found
-
-    assert torch.autograd.gradcheck(map_points, (x, *network.parameters()))
-
-
 def test_seeds_and_precisions() -> None:
     one, same, other = (CouplingNetwork(6, 8, seed) for seed in (0, 0, 1))
     for a, b in zip(one.state_dict().values(), same.state_dict().values(), strict=True):
@@ -303,40 +246,3 @@ def test_layers_alternate_and_shapes_are_kept() -> None:
     for bad in ({"depth": 0}, {"width": 0}, {"log_scale": 0.0}, {"gain": float("nan")}):
         with pytest.raises(ValueError, match="positive"):
             CouplingNetwork(**bad)
-
-
-@pytest.mark.parametrize("dtype", [torch.float64, torch.float32])
-@pytest.mark.parametrize("weight", [1e-40, 1e3])
-def test_a_network_of_64_layers_is_finite_there_and_back(weight: float, dtype: torch.dtype) -> None:
-    # scales bounded by a hundredth a layer: 64 of them stay within a factor of two
-    network = CouplingNetwork(64, 4, 3, log_scale=0.01, dtype=dtype)
-    generator = torch.Generator().manual_seed(4)
-    with torch.no_grad():
-        for parameter in network.parameters():
-            noise = torch.randn(parameter.shape, generator=generator, dtype=torch.float64)
-            parameter.add_((weight * noise).to(dtype))
-    points = torch.randn(6, 3, generator=generator, dtype=torch.float64).to(dtype)
-    points[0] = 1e6
-    points = points.requires_grad_()
-    there = network(points)
-    gradients = torch.autograd.grad(there.sum(), [points, *network.parameters()])
-    with torch.no_grad():
-        back = network.inverse(there)
-    assert bool(there.isfinite().all()) and bool(back.isfinite().all())
-    assert all(bool(g.isfinite().all()) for g in gradients)
-    if weight <= 1e-3:
-        size = points.detach().abs().amax(1, keepdim=True)
-        off = ((back - points).detach().abs() / size).max()
-        assert float(off) <= 64 * 16 * torch.finfo(dtype).eps
-
-
-def test_rotations_at_and_near_half_a_turn_are_rotations() -> None:
-    for turn in ([1e300, 0, 0], [1e18, 1e18, -1e18], [1e8, 1e-8, 0], [0, 0, 0], [5e-324, 0, 0]):
-        t = torch.tensor(turn, dtype=torch.float64, requires_grad=True)
-        with torch.autograd.set_detect_anomaly(True):
-            r = rotation(t)
-            (gradient,) = torch.autograd.grad((r * torch.arange(9.0).reshape(3, 3)).sum(), t)
-        assert bool(gradient.isfinite().all())
-        r = r.detach()
-        assert torch.allclose(r @ r.T, torch.eye(3, dtype=torch.float64), atol=1e-14)
-        assert float(torch.linalg.det(r)) == pytest.approx(1.0, abs=1e-14)
