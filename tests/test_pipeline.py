@@ -529,7 +529,8 @@ def test_the_stages_one_by_one(tmp_path: Path, capsys: pytest.CaptureFixture[str
 
 def test_an_impossible_limit_is_rejected_whole_with_the_place(tmp_path: Path) -> None:
     scene = tmp_path / "stiff.toml"
-    scene.write_text(f"{QUICK}[material]\nmin_bend_radius_mm = 60.0\n")
+    few = QUICK.replace("fine_px = 160", "fine_px = 96").replace("coarse_px = 96", "coarse_px = 64")
+    scene.write_text(f"{few}[material]\nmin_bend_radius_mm = 60.0\n")
     call = ["build", "text:♥", "--scene", scene, "--tube-radius", str(RADIUS)]
     done = knotfab(*call, "--out", tmp_path / "out", "--skip", "shadow-render", *UNREAD)
     assert done.code == 1, done

@@ -2,7 +2,6 @@
 
 import json
 import shutil
-from collections.abc import Collection
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +11,7 @@ from PIL import Image
 from small_views import needs_rendering
 from validator_parts import Array, PlainView, trefoil, tube
 
-from knotfab_formats.checks import KNOTS, PRINTING
+from knotfab_formats.checks import KNOTS
 from knotfab_formats.records import plain, read_as
 from knotfab_formats.verdict import Verdict
 from knotfab_validators.check import skip_check
@@ -216,10 +215,9 @@ def test_the_shadow_is_measured_where_any_check_of_it_is_asked(
     assert found == ([("measured", "")] if asked else left)
 
 
-@pytest.mark.parametrize("skip", [PRINTING, ("shadow-render", "legibility")])
-def test_two_halves_are_the_whole(right: Path, tmp_path: Path, skip: Collection[str]) -> None:
+def test_two_halves_are_the_whole(right: Path, tmp_path: Path) -> None:
     """Two processes measure them and exchange JSON; a failure of either is drawn."""
-    skip = ["shadow-render", *skip]
+    skip = ("shadow-render", "legibility")
     whole = run(right, skip=skip)
     piece = read_piece(*(right / name for name in ("part.stl", "knots.json", "scene.toml")))
     halves = [run(right, skip=skip, only=only) for only in ("geometry", "shadows")]
