@@ -1,6 +1,5 @@
 """Reading pictures: every kind gives the shape that was drawn, every bad one a clear sentence."""
 
-import base64
 import io
 import os
 import struct
@@ -397,18 +396,19 @@ def again(tmp_path: Path, target: Target, invert: bool = False) -> Target:
 
 
 @pytest.mark.slow
-def test_svg_is_drawn_and_its_raster_reads_the_same(tmp_path: Path) -> None:
-    target = svg(tmp_path, '<circle cx="5" cy="5" r="3"/>')
-    assert (target.width, target.height, target.file_name) == (2048, 2048, "drawing.png")
-    assert target.mask.mean() == pytest.approx(np.pi * 0.09, rel=5e-4)
-    assert (again(tmp_path, target).mask == target.mask).all()
-
-
-@pytest.mark.slow
-def test_svg_with_a_background_uses_half_contrast(tmp_path: Path) -> None:
-    body = '<rect width="10" height="10" fill="#ffd"/><rect x="2" y="2" width="5" height="4"/>'
+@pytest.mark.parametrize(
+    ("body", "share"),
+    [
+        ('<circle cx="5" cy="5" r="3"/>', np.pi * 0.09),
+        ('<rect width="10" height="10" fill="#ffd"/><rect x="2" y="2" width="5" height="4"/>', 0.2),
+    ],
+)
+def test_svg_is_drawn_and_its_raster_reads_the_same(
+    tmp_path: Path, body: str, share: float
+) -> None:
     target = svg(tmp_path, body)
-    assert target.mask.mean() == pytest.approx(0.2, rel=1e-3)
+    assert (target.width, target.height, target.file_name) == (2048, 2048, "drawing.png")
+    assert target.mask.mean() == pytest.approx(share, rel=1e-3)
     assert (again(tmp_path, target).mask == target.mask).all()
 
 
@@ -426,45 +426,6 @@ def test_svg_keeps_its_aspect_ratio(tmp_path: Path, box: str, size: tuple[int, i
     target = read_target(path)
     assert (target.width, target.height) == size
     assert target.mask.mean() == pytest.approx(0.25, rel=5e-3)
-
-
-def test_svg_from_common_editors_is_fine(tmp_path: Path) -> None:
-    path = tmp_path / "editor.svg"
-    path.write_bytes(
-        '<?xml version="1.0" encoding="UTF-16"?>'
-        '<!DOCTYPE svg PUBLIC "-//W3C//DTD SVG 1.1//EN" '
-        '"http://www.w3.org/Graphics/SVG/1.1/DTD/svg11.dtd">'
-        '<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" '
-        'viewBox="0 0 10 10"><!-- drawn --><metadata about="http://example.org"/>'
-        "<style>.a { fill: url(#g); } /* url(http://x) */</style>"
-        '<defs><linearGradient id="g"><stop stop-color="red"/></linearGradient>'
-        '<rect id="r" class="a" width="5" height="5"/></defs>'
-        '<use xlink:href="#r"/></svg>'.encode("utf-16")
-    )
-    assert read_target(path).mask.mean() == pytest.approx(0.25)
-
-
-@pytest.mark.slow
-def test_svg_may_embed_a_picture(tmp_path: Path) -> None:
-    data = base64.b64encode(png(Image.new("L", (4, 4), 0))).decode()
-    size = 'width="5" height="10" preserveAspectRatio="none"'
-    image = f'<image {size} href="data:image/png;base64,{data}"/>'
-    assert svg(tmp_path, image).mask.mean() == pytest.approx(0.5, abs=0.01)
-
-
-@pytest.mark.slow
-def test_svg_text_needs_no_installed_font(tmp_path: Path) -> None:
-    target = svg(tmp_path, '<text x="1" y="9" font-size="9" font-family="No Such Font">M</text>')
-    assert 0.05 < target.mask.mean() < 0.5
-
-
-@pytest.mark.slow
-def test_svg_that_multiplies_by_use_is_refused(tmp_path: Path) -> None:
-    body = '<rect id="a0" width="1" height="1"/>' + "".join(
-        f'<g id="a{i + 1}">' + f'<use href="#a{i}"/>' * 10 + "</g>" for i in range(8)
-    )
-    with pytest.raises(InputError, match="cannot be rendered"):
-        svg(tmp_path, body)
 
 
 # --- text ------------------------------------------------------------------------------------

@@ -112,6 +112,12 @@ SQUARES: dict[str, str | bytes] = {
     "a page's colour": page(
         SQUARE.replace("/>", ' fill="#fff"/>'), 'style="background-color:#000"'
     ),
+    "what editors leave": page(
+        '<!-- drawn --><metadata about="http://example.org"/>'
+        "<style>.a{fill:url(#g)}/* url(http://x) */</style>"
+        '<defs><linearGradient id="g"><stop stop-color="red"/></linearGradient>'
+        f'<g id="r" class="a">{SQUARE}</g></defs><use {LINK}="#r"/>'
+    ),
     "a path in CSS": page("""<path style='d:path("M20 20H80V80H20Z")'/>"""),
 }
 PIERCED = {
@@ -257,6 +263,9 @@ BOMB = "<!DOCTYPE svg [<!ENTITY a 'aaaaaaaaaa'>" + "".join(
     f"<!ENTITY {x} '{f'&{y};' * 10}'>" for x, y in zip("bcdefghi", "abcdefgh", strict=True)
 )
 SPREAD = f"<!DOCTYPE svg [<!ENTITY a '{'a' * 9999}'>]>" + page("&a;" * 9999)
+MULTIPLIED = '<rect id="a0" width="1" height="1"/>' + "".join(
+    f'<g id="a{i + 1}">' + f'<use href="#a{i}"/>' * 10 + "</g>" for i in range(8)
+)
 REFUSED: dict[str, tuple[str, str]] = {
     "http": ('<image href="http://example.org/a.png"/>', "<image>.*http://example.org"),
     "file": ('<image href="file:///etc/passwd"/>', "<image>.*outside"),
@@ -292,6 +301,7 @@ def test_svg_that_reaches_outside_is_refused(tmp_path: Path, kind: str) -> None:
         ('<?xml-stylesheet href="http://x/a.css"?>' + page(SQUARE), "xml-stylesheet"),
         ('<?xml version="1.0" encoding="klingon"?>' + page(SQUARE), "encoding is not known"),
         (page("<rect a='1' a='2'/>"), "not valid XML.*duplicate attribute"),
+        (page(MULTIPLIED), "cannot be rendered"),
         *((page("<g>" * n + SQUARE + "</g>" * n), "nested more than 100 deep") for n in (101, 300, 100_000)),
     ],
     ids=lambda value: value[:30],
