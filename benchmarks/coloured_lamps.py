@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from benchmarks.measurement import build_apart, make_folder, read_report, run_study
+from benchmarks.measurement import build_once, make_folder, run_study, stack
 from benchmarks.several_table import build_set
 from examples.lamps.draw import PICTURES
 from knotfab.base.disk import read_text
@@ -34,17 +34,10 @@ _SHOWN = ("parrot-outlined", "parrot", "word")
 
 def build_picture(name: str, folder: Path, lamps: str = "rgb") -> dict[str, Any]:
     """Build a picture into `folder`/NAME, where that is not done yet: code, seconds, report, where it is."""
-    out, kept = folder / name, folder / f"{name}.json"
-    if not kept.is_file():
-        file = folder / "pictures" / f"{name}.png"
-        file.parent.mkdir(exist_ok=True)
-        PICTURES[name]().save(file)
-        options = ("--lamps", lamps, "--skip", "slicer")
-        built = build_apart(str(file), out, *options, printing=False)
-        kept.write_text(json.dumps({"code": built.code, "cpu_s": built.cpu_s, "said": built.said}))
-    found = json.loads(kept.read_text())
-    there = out if found["code"] == 0 else out / "rejected"
-    return {**found, "report": read_report(out), "folder": there}
+    file = folder / "pictures" / f"{name}.png"
+    file.parent.mkdir(exist_ok=True)
+    PICTURES[name]().save(file)
+    return build_once(file, folder / name, "--lamps", lamps)
 
 
 def share_under(built: dict[str, Any], lamp_mm: float) -> float:
@@ -91,15 +84,7 @@ def draw_sheet(built: list[dict[str, Any]], path: Path) -> None:
     """All pictures under each other: as it came, as its masks have it, as seen, and what is wrong."""
     files = [one["folder"] / "compare-colours.png" for one in built]
     rows = [Image.open(file).convert("RGB") for file in files if file.is_file()]
-    rows = [row.resize((_ROW, round(row.height * _ROW / row.width))) for row in rows]
-    if not rows:
-        return
-    sheet = Image.new("RGB", (_ROW, sum(row.height for row in rows)), "white")
-    top = 0
-    for row in rows:
-        sheet.paste(row, (0, top))
-        top += row.height
-    sheet.save(path, optimize=True)
+    stack(rows, _ROW, "white").save(path, optimize=True)
 
 
 def draw_page(folder: Path, path: Path) -> None:
@@ -121,10 +106,7 @@ def draw_page(folder: Path, path: Path) -> None:
             )
         row.paste(part.resize((2 * _PANEL, _PANEL)), (2 * _PANEL, (row.height - _PANEL) // 2))
         rows.append(row)
-    sheet = Image.new("RGB", (rows[0].width, sum(row.height for row in rows)), PAPER)
-    for n, row in enumerate(rows):
-        sheet.paste(row, (0, sum(r.height for r in rows[:n])))
-    sheet.save(path, optimize=True)  # in all its colours
+    stack(rows, 4 * _PANEL, PAPER).save(path, optimize=True)  # in all its colours
 
 
 def main(*, out: Path | None = None, only: str = "", picture: Path | None = None) -> None:

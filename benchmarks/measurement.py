@@ -10,7 +10,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -154,6 +154,21 @@ def build_apart(
     return Built(code, wall_s, watch.children_s, peak, report, said)
 
 
+def build_once(picture: Path | str, out: Path, *options: str) -> dict[str, Any]:
+    """Build into `out` without --print and slicer, where that is not done yet: code, seconds, what was said.
+
+    And the report, and the folder in which the files are.
+    """
+    kept = out.with_name(f"{out.name}.json")
+    if not kept.is_file():
+        built = build_apart(picture, out, *options, "--skip", "slicer", printing=False)
+        said = " ".join(built.said.split())[:300]
+        kept.write_text(json.dumps({"code": built.code, "cpu_s": built.cpu_s, "said": said}))
+    found = json.loads(kept.read_text())
+    there = out if found["code"] == 0 else out / "rejected"
+    return {**found, "report": read_report(out), "folder": there}
+
+
 def build_warm(picture: Path | str, out: Path, **options: Any) -> Built:
     """`knotfab.build` in this process; of memory, what is held when it ends."""
     import knotfab
@@ -209,3 +224,14 @@ def paint_comparison(seen: NDArray[np.bool_], wanted: NDArray[np.bool_]) -> NDAr
     picture[seen & ~wanted] = (210, 50, 40)
     picture[~seen & wanted] = (70, 120, 220)
     return picture
+
+
+def stack(rows: Sequence[Image.Image], wide: int, paper: str | tuple[int, ...]) -> Image.Image:
+    """Pictures under each other, each `wide` pixels wide; one row of paper where there is none."""
+    rows = [row.resize((wide, round(row.height * wide / row.width))) for row in rows]
+    sheet = Image.new("RGB", (wide, max(1, sum(row.height for row in rows))), paper)
+    top = 0
+    for row in rows:
+        sheet.paste(row, (0, top))
+        top += row.height
+    return sheet

@@ -9,13 +9,12 @@ such as heart+teapot is one piece of two views, which only a stand holds.
 
 from __future__ import annotations
 
-import json
 import statistics
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
 
-from benchmarks.measurement import build_apart, make_folder, run_study
+from benchmarks.measurement import build_apart, make_folder, read_report, run_study
 from examples.pictures import pictures
 
 
@@ -95,11 +94,8 @@ def main(
             if len(parts) > 1 and kind == "wall":
                 continue
             place = folder / f"{name}-{kind}"
-            done = next(
-                (p for p in (place / "report.json", place / "rejected/report.json") if p.is_file()),
-                None,
-            )
-            if done is None:
+            report, error = read_report(place), ""
+            if report is None:
                 paths = [folder / f"{part}.png" for part in parts]
                 for part, path in zip(parts, paths, strict=True):
                     drawn[part].save(path)
@@ -107,7 +103,6 @@ def main(
                 built = build_apart(paths[0], place, *more, "--mount", kind, *options)
                 report, code, error = built.report, built.code, built.said
             else:
-                report, error = json.loads(done.read_text()), ""
                 code = 0 if report["status"] == "pass" else 1
             if report is None or "mount" not in report["print"]:
                 print(f"{name:<10} {kind:<6} {code:>4}  {error}", flush=True)

@@ -10,7 +10,6 @@ drawn into DIR/several-N.png, picture beside shadow.
 
 from __future__ import annotations
 
-import json
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -19,7 +18,7 @@ import numpy as np
 import trimesh
 from PIL import Image, ImageDraw
 
-from benchmarks.measurement import build_apart, make_folder, read_report, run_study, save_pictures
+from benchmarks.measurement import build_once, make_folder, run_study, save_pictures, stack
 from examples.pictures import pictures
 from knotfab.drawing.part_picture import PAPER, draw_part, turn_eye
 
@@ -60,27 +59,17 @@ def draw_sets() -> dict[int, list[str]]:
 
 def build_set(name: str, folder: Path) -> dict[str, Any]:
     """Build a set into `folder`/NAME, where that is not done yet: code, seconds, what was said, report."""
-    out, kept = folder / name, folder / f"{name}.json"
-    if not kept.is_file():
-        files = save_pictures(pictures(), folder, name.removesuffix(_EYE).split("-"))
-        first, *more = (str(files[n]) for n in name.removesuffix(_EYE).split("-"))
-        options = [*more, "--skip", "slicer"]
-        if name.endswith(_EYE):
-            scene = folder / "by-eye.toml"
-            views = (
-                f'[[views]]\nname = "{n}"\nkind = "eye"\nazimuth_deg = {90 * k}'
-                for k, n in enumerate("ab")
-            )
-            scene.write_text("schema = 1\n" + "\n".join(views))
-            options += ["--scene", str(scene)]
-        built = build_apart(first, out, *options, printing=False)
-        said = " ".join(built.said.split())[:300]
-        kept.write_text(
-            json.dumps(
-                {"code": built.code, "cpu_s": built.cpu_s, "wall_s": built.wall_s, "said": said}
-            )
+    files = save_pictures(pictures(), folder, name.removesuffix(_EYE).split("-"))
+    first, *more = (str(files[n]) for n in name.removesuffix(_EYE).split("-"))
+    if name.endswith(_EYE):
+        scene = folder / "by-eye.toml"
+        views = (
+            f'[[views]]\nname = "{n}"\nkind = "eye"\nazimuth_deg = {90 * k}'
+            for k, n in enumerate("ab")
         )
-    return {**json.loads(kept.read_text()), "report": read_report(out), "folder": out}
+        scene.write_text("schema = 1\n" + "\n".join(views))
+        more += ["--scene", str(scene)]
+    return build_once(first, folder / name, *more)
 
 
 def draw_part_between(folder: Path, scratch: Path) -> Image.Image:
@@ -101,22 +90,12 @@ def draw_case(folder: Path, names: list[str], path: Path) -> None:
     """Each target with its verified shadow, and the part from the direction midway between the views."""
     panels = [Image.open(folder / f"compare-{name}.png").convert("RGB") for name in names]
     side = draw_part_between(folder, path.with_suffix(".part.png"))
-    _stack(panels, side).quantize(128, Image.Quantize.MAXCOVERAGE).save(path, optimize=True)
-
-
-def _stack(rows: list[Image.Image], side: Image.Image | None, wide: int = _WIDE) -> Image.Image:
-    """The comparisons under each other, and the part to the right of them."""
-    rows = [p.resize((wide, round(p.height * wide / p.width))) for p in rows]
-    high = sum(p.height for p in rows)
-    beside = min(high, wide) if side else 0
-    page = Image.new("RGB", (wide + beside, high), PAPER)
-    top = 0
-    for row in rows:
-        page.paste(row, (0, top))
-        top += row.height
-    if side:
-        page.paste(side.resize((beside, beside)), (wide, (high - beside) // 2))
-    return page
+    drawn = stack(panels, _WIDE, PAPER)
+    beside = min(drawn.height, _WIDE)
+    page = Image.new("RGB", (_WIDE + beside, drawn.height), PAPER)
+    page.paste(drawn, (0, 0))
+    page.paste(side.resize((beside, beside)), (_WIDE, (drawn.height - beside) // 2))
+    page.quantize(128, Image.Quantize.MAXCOVERAGE).save(path, optimize=True)
 
 
 def _views_of(built: dict[str, Any]) -> list[dict[str, Any]]:
@@ -127,10 +106,9 @@ def _draw_sheet(sets: list[tuple[str, dict[str, Any]]], path: Path) -> None:
     """All sets of one size, five in a row: each picture beside its shadow, and the verdict's word."""
     cards = []
     for name, built in sets:
-        folder = built["folder"] / ("" if built["code"] == 0 else "rejected")
-        files = [folder / f"compare-{view['name']}.png" for view in _views_of(built)]
+        files = [built["folder"] / f"compare-{view['name']}.png" for view in _views_of(built)]
         if files and all(file.is_file() for file in files):
-            card = _stack([Image.open(f).convert("RGB") for f in files], None, _SMALL)
+            card = stack([Image.open(f).convert("RGB") for f in files], _SMALL, PAPER)
             page = Image.new("RGB", (_SMALL + 8, card.height + 22), PAPER)
             page.paste(card, (4, 18))
             ImageDraw.Draw(page).text((6, 4), f"{name}: {_word(built)}", fill=(40, 40, 40))

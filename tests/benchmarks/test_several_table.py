@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from benchmarks import several_table
+from benchmarks import measurement
 from benchmarks.measurement import Built
 from benchmarks.several_table import NAMED, build_set, draw_sets
 from knotfab.scene.load import load_scene
@@ -32,7 +32,7 @@ def test_a_set_is_built_once_and_by_eye_where_its_name_says_so(
         calls.append((first, *options))
         return Built(2, 1.0, 2.0, 3.0, None, "refused")
 
-    monkeypatch.setattr(several_table, "build_apart", build)
+    monkeypatch.setattr(measurement, "build_apart", build)
     name = next(n for n in NAMED if n.endswith("by-eye"))
     for _ in range(2):
         built = build_set(name, tmp_path)
