@@ -49,6 +49,18 @@ def _validators_asked(jobs: int) -> tuple[object, ...]:
 
 
 @pytest.fixture(scope="session", autouse=True)
+def _draw_small() -> Iterator[None]:
+    """Text and SVG files are drawn 512 px wide, not 2048: a sixteenth of the work to read and to verify.
+
+    Processes of their own draw them as large as ever, and tests/picture asks for that where it matters.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+        for module in ("text", "svg.render"):
+            patch.setattr(f"knotfab.picture.{module}.LONGER_SIDE", 512)
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
 def _heed_interrupts() -> None:
     """A command begun in the background of a shell ignores Ctrl-C, and so would all that it starts."""
     signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -55,15 +55,6 @@ class Good:
         self.knots: dict[str, Any] = json.loads((folder / "knots.json").read_text())
 
 
-@pytest.fixture(scope="module", autouse=True)
-def _small_text() -> Iterator[None]:
-    """Text is drawn 512 px wide, which is read and verified in a fraction of the time."""
-    with pytest.MonkeyPatch.context() as patch:
-        for module in ("text", "svg.render"):
-            patch.setattr(f"knotfab.picture.{module}.LONGER_SIDE", 512)
-        yield
-
-
 @pytest.fixture(scope="module")
 def good(tmp_path_factory: pytest.TempPathFactory) -> Good:
     folder = tmp_path_factory.mktemp("good") / "out"

@@ -21,12 +21,6 @@ BALL = "🧶"  # in no font that comes along
 DEJAVU = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
 
 
-@pytest.fixture(autouse=True)
-def _small(monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in ("text", "svg.render"):
-        monkeypatch.setattr(f"knotfab.picture.{module}.LONGER_SIDE", 512)
-
-
 def block(width: int, height: int) -> Glyph:
     pen = TTGlyphPen(None)
     pen.moveTo((0, 0))

@@ -383,6 +383,13 @@ def test_inverting_decides_what_is_full(tmp_path: Path) -> None:
 # --- SVG -------------------------------------------------------------------------------------
 
 
+@pytest.fixture
+def large(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Drawn as large as in a build, which tests/conftest.py spares other tests."""
+    for module in ("text", "svg.render"):
+        monkeypatch.setattr(f"knotfab.picture.{module}.LONGER_SIDE", 2048)
+
+
 def svg(tmp_path: Path, body: str, attributes: str = "") -> Target:
     path = tmp_path / "drawing.svg"
     path.write_text(SVG.format(attributes, body), encoding="utf-8")
@@ -395,6 +402,7 @@ def again(tmp_path: Path, target: Target, invert: bool = False) -> Target:
     return read_target(path, Reading(invert=invert))
 
 
+@pytest.mark.usefixtures("large")
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("body", "share"),
@@ -412,6 +420,7 @@ def test_svg_is_drawn_and_its_raster_reads_the_same(
     assert (again(tmp_path, target).mask == target.mask).all()
 
 
+@pytest.mark.usefixtures("large")
 @pytest.mark.parametrize(
     ("box", "size"),
     [("0 0 30 10", (2048, 683)), ("0 0 10 40", (512, 2048)), ("0 0 1 400", (20, 8000))],
@@ -431,6 +440,7 @@ def test_svg_keeps_its_aspect_ratio(tmp_path: Path, box: str, size: tuple[int, i
 # --- text ------------------------------------------------------------------------------------
 
 
+@pytest.mark.usefixtures("large")
 @pytest.mark.slow
 @pytest.mark.parametrize("text", ["♞", "abc", "∮", "-"])
 def test_text_hugs_the_ink(tmp_path: Path, text: str) -> None:
@@ -453,15 +463,8 @@ def test_text_is_upright_and_reads_from_left_to_right() -> None:
     assert mask[mask.shape[0] // 2 :].sum() > mask[: mask.shape[0] // 2].sum()
 
 
-@pytest.fixture
-def small(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Text is drawn 512 px wide: a sixteenth of the work."""
-    for module in ("text", "svg.render"):
-        monkeypatch.setattr(f"knotfab.picture.{module}.LONGER_SIDE", 512)
-
-
 @pytest.mark.slow
-def test_text_of_every_script_is_shaped(small: None) -> None:
+def test_text_of_every_script_is_shaped() -> None:
     hebrew = read_target(
         "text:שלום"
     ).mask  # its last letter alone has a hole, and stands at the left
@@ -478,7 +481,7 @@ def test_text_of_every_script_is_shaped(small: None) -> None:
 
 
 @pytest.mark.slow
-def test_text_keeps_holes_and_kerning(small: None) -> None:
+def test_text_keeps_holes_and_kerning() -> None:
     def holes(text: str) -> int:
         return len(holes_of(read_target(f"text:{text}").mask)[1])
 
@@ -489,7 +492,7 @@ def test_text_keeps_holes_and_kerning(small: None) -> None:
 
 
 @pytest.mark.slow
-def test_text_with_a_variation_selector_or_another_font(small: None) -> None:
+def test_text_with_a_variation_selector_or_another_font() -> None:
     plain, styled = read_target("text:☺"), read_target("text:☺\ufe0f")
     assert (plain.mask == styled.mask).all()
 
