@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from knotfab.base.errors import InputError
+from knotfab.base.errors import InputError, KnotfabError
 from knotfab.base.progress import Progress
 from knotfab.design.budget import require_budget
 from knotfab.design.frames import (
@@ -47,6 +47,7 @@ __all__ = [
     "list_readings",
     "prepare_build",
     "preview_pictures",
+    "require_same_picture",
     "survey_pictures",
 ]
 
@@ -84,6 +85,12 @@ def prepare_build(
     out = options.out or ALL_OUT / call.name
     if options.out is None and not options.force:
         _keep_other_picture(out, call.targets)
+    if (out / "batch.json").is_file() and not options.force:
+        raise InputError(
+            f"--out {out}",
+            "it holds the builds of a batch",
+            f"Name a folder in it, such as {out / call.name}, or add --force.",
+        )
     with progress.stage("preview"):
         # only now: a picture that cannot be read is told without waiting for them
         from knotfab.preview.sentence import describe
@@ -111,6 +118,20 @@ def prepare_build(
         targets=call.targets,
         preview=(*describe(found, exact=options.verbose), *call.lines),
     )
+
+
+def require_same_picture(folder: Path, picture: str, options: BuildOptions) -> None:
+    """Refuse to replace what a folder holds where that was built from another picture.
+
+    Raises:
+        InputError: there is such a build. A picture that cannot be read replaces nothing.
+    """
+    if (folder / "report.json").is_file():
+        try:
+            targets = _read_call((picture,), options, Progress(options.mode)).targets
+        except KnotfabError:
+            return
+        _keep_other_picture(folder, targets)
 
 
 def check_options(options: BuildOptions) -> None:

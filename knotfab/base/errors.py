@@ -39,7 +39,7 @@ _OF_MACHINE = {
     "ENOSPC", "EDQUOT", "EFBIG", "EROFS", "EIO", "EMFILE", "ENFILE", "ENOMEM", "EAGAIN", "ESTALE",
 }  # fmt: skip
 _LACKS_MEMORY = re.compile(
-    "start new thread|cannot allocate memory|bad_alloc|out of memory|memory allocation"
+    "start new thread|cannot allocate memory|bad_alloc|out of memory|memory allocation|failed to map"
 )
 _MORE_MEMORY = "Close other programs, use --accuracy draft, or a machine with 4 GB or more."
 

@@ -37,6 +37,7 @@ def batch(
     options: BuildOptions,
     jobs: int | None = None,
     cluster: str | None = None,
+    spare: Callable[[Path, str, BuildOptions], None] = lambda folder, picture, options: None,
 ) -> list[Record]:
     """Build each picture into a folder of its name in `options.out`, but those that are there already.
 
@@ -46,13 +47,14 @@ def batch(
         pictures: files, folders of files, or `text:…`.
         jobs: builds side by side; None: as many as cores and memory allow.
         cluster: address of a Dask scheduler that builds instead of this machine.
+        spare: refuses to replace what a folder holds of another picture (`prepare.require_same_picture`).
 
     Returns:
         A record a picture, in their order.
 
     Raises:
-        InputError: wrong options or names, nobody at the address, or `options.out` cannot be written, as when
-            its disk is full; MachineError: no Dask.
+        InputError: wrong options or names, nobody at the address, `options.out` holds builds of other
+            pictures, or cannot be written, as when its disk is full; MachineError: no Dask.
     """
     if jobs is not None and jobs < 1:
         raise InputError(f"--jobs {jobs}", "it is not a positive number", "Give 1 or more")
@@ -60,6 +62,8 @@ def batch(
     tasks, folder = list_tasks(pictures, options, left_out.append), at_home(options.out or ALL_OUT)
     kept = _keep_records(folder, tasks)
     missing = [task for task in tasks if task.name not in kept]
+    if not options.force:
+        _keep_other_builds(folder, missing, lambda place, name: spare(place, name, options))
     records = dict(kept)
     side_by_side = min(jobs or count_jobs(), len(missing))
     tally = _Tally(len(missing), side_by_side if cluster is None else None)
@@ -163,6 +167,27 @@ def _keep_records(folder: Path, tasks: Sequence[Task]) -> dict[str, Record]:
         if _is_there(folder, record):
             kept[task.name] = record
     return kept
+
+
+def _keep_other_builds(
+    folder: Path, tasks: Sequence[Task], spare: Callable[[Path, str], None]
+) -> None:
+    """Refuse to replace what was built from other pictures, by another batch or alone.
+
+    Raises:
+        InputError: there is such a build.
+    """
+    if (folder / "report.json").is_file():
+        raise InputError(
+            f"--out {folder}",
+            "it holds one build itself, and those of a batch lie in folders of their own",
+            "Choose another place, or add --force.",
+        )
+    earlier = _read_records(folder)
+    for task in tasks:
+        record = earlier.get(task.name)
+        if record is None or record["picture"] != spelled(task.picture):
+            spare(folder / task.name, task.picture)
 
 
 def _write(folder: Path, tasks: Sequence[Task], records: dict[str, Record]) -> float:

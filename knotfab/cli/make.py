@@ -160,10 +160,10 @@ def batch(
         The address of a Dask scheduler, such as tcp://10.0.0.5:8786, whose workers build instead.
     """
     from knotfab.batch.run import batch as run
-    from knotfab.prepare import check_options
+    from knotfab.prepare import check_options, require_same_picture
 
     check_options(options)
-    records = run(pictures, options, jobs, cluster)
+    records = run(pictures, options, jobs, cluster, require_same_picture)
     failed = sum(record["exit_code"] != 0 for record in records)
     if not options.quiet:
         print(

@@ -284,12 +284,15 @@ def widen(view: View, target: Target) -> Target:
         return target
     width = view.thicken_mm * target.width / frame_view(view, target).frame_width_mm
     if width > _WIDEST * min(target.width, target.height):
-        side = min(frame_view(view, target).frame_mm)
+        narrow, wide = sorted(frame_view(view, target).frame_mm)
+        size = math.ceil(wide * view.thicken_mm / (_WIDEST * narrow))
+        lines = view.lines == "on"  # then they are as wide as the thinnest tube draws them
         raise InputError(
             f"picture {target.name}",
-            f"strokes {view.thicken_mm:g} mm wide leave nothing of a picture of {side:.3g} mm",
-            f"Make the picture larger (--size, from about {view.thicken_mm / _WIDEST * 2:.0f}), or give a "
-            "smaller --thicken.",
+            f"strokes {view.thicken_mm:g} mm wide{', as a tube draws them,' if lines else ''} leave nothing "
+            f"of a picture of {narrow:.3g} mm",
+            f"Make the picture larger (--size, from {size})"
+            + ("" if lines else ", or give a smaller --thicken"),
         )
     mask = thicken(target.mask, width)
     rule = target.rule

@@ -13,14 +13,17 @@ from pathlib import Path
 
 import pytest
 from command import knotfab, small_disk
+from PIL import Image
 from played_builds import PYTHON, count, draw, write_player
 
 from knotfab.base.errors import InputError
+from knotfab.base.progress import Progress
 from knotfab.batch import worker
 from knotfab.batch.run import batch
 from knotfab.batch.tasks import list_tasks
 from knotfab.cli.commands import app
 from knotfab.options import BuildOptions
+from knotfab.prepare import prepare_build, require_same_picture
 
 
 @pytest.fixture
@@ -260,3 +263,25 @@ def test_a_damaged_record_is_none(played: Path, tmp_path: Path, damage: str) -> 
     for key in ("exit_code", "iou"):
         kept.write_text(json.dumps([{k: v for k, v in whole[0].items() if k != key}]))
         assert batch([str(pictures)], options(tmp_path))[0]["exit_code"] == 0
+
+
+def test_a_batch_replaces_no_build_of_another_picture(played: Path, tmp_path: Path) -> None:
+    """Of the same name, from another folder; nor does it build into a build's own folder."""
+    one, two = draw(tmp_path / "one", a="pass"), draw(tmp_path / "two", a="pass")
+    for folder, shade in ((one, 0), (two, 90)):
+        picture = Image.new("L", (64, 64), 255)
+        picture.paste(shade, (16, 16 + shade // 10, 48, 48))
+        picture.save(folder / "a.png")
+    built = tmp_path / "out" / "a"
+    built.mkdir(parents=True)
+    shutil.copy(one / "a.png", built / "picture-front.png")
+    (built / "report.json").write_text("{}")
+    with pytest.raises(InputError, match=r"out/a: it holds what was built from another picture"):
+        batch([str(two)], options(tmp_path), spare=require_same_picture)
+    assert count(played) == {} and [p.name for p in (tmp_path / "out").iterdir()] == ["a"]
+    with pytest.raises(InputError, match=r"it holds one build itself.*--force"):
+        batch([str(two)], BuildOptions(out=built, quiet=True))
+    with pytest.raises(InputError, match=r"holds the builds of a batch.*--force"):
+        (tmp_path / "out" / "batch.json").write_text("[]")
+        prepare_build([str(one / "a.png")], options(tmp_path), "", Progress("quiet"))
+    assert len(batch([str(two)], options(tmp_path, force=True))) == 1

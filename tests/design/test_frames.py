@@ -1,5 +1,7 @@
 """Frames of several pictures: equally high silhouettes, at the size that is asked for."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -65,8 +67,27 @@ def test_strokes_wider_than_a_quarter_of_the_picture_are_refused() -> None:
 
     (widened,) = widen_targets(resolve(scene(18.0)), [target])[1]
     assert mask.sum() < widened.mask.sum() < 0.3 * mask.size
-    with pytest.raises(InputError, match=r"30 mm wide .*larger \(--size, from about 240\)"):
+    with pytest.raises(InputError, match=r"30 mm wide .*\(--size, from 240\).*smaller --thicken"):
         widen_targets(resolve(scene(30.0)), [target])
+
+
+@pytest.mark.parametrize("tall", [40, 160])
+def test_the_size_that_is_advised_is_enough_and_no_other_remedy_is_named(tall: int) -> None:
+    """Nobody gave --thicken: a picture too small for one tube along its lines is told its size alone."""
+    mask = np.zeros((tall, 160), dtype=bool)
+    mask[tall // 2 - 2 : tall // 2 + 2, 10:150] = True
+    target = Target("line", mask, b"", 160, tall)
+
+    def draw(size: float) -> tuple[Target, ...]:
+        views = ({"frame_width_mm": size, "lines": "on"},)
+        return widen_targets(resolve(Scene(views=views)), [target])[1]  # type: ignore[arg-type]
+
+    with pytest.raises(InputError, match=r"as a tube draws them.*--size, from \d+\)$") as caught:
+        draw(4.0)
+    (size,) = re.findall(r"from (\d+)", str(caught.value))
+    assert draw(float(size))[0].mask.any()
+    with pytest.raises(InputError):
+        draw(float(size) - 1.0)
 
 
 def speckled(count: int, side: int, every: int) -> Mask:

@@ -160,7 +160,11 @@ def test_a_verification_that_does_not_end_is_given_up(monkeypatch: pytest.Monkey
 
 @pytest.mark.parametrize(
     ("said", "why"),
-    [("what():  std::bad_alloc", "the memory: "), ("no display", "If graphics are")],
+    [
+        ("what():  std::bad_alloc", "the memory: "),
+        ("ImportError: a.so: failed to map segment from shared object", "the memory: "),
+        ("no display", "If graphics are"),
+    ],
 )
 def test_a_process_that_ended_says_what_it_lacked(said: str, why: str) -> None:
     ended = Future[dict[str, Any]]()
