@@ -30,9 +30,9 @@ FEW = {
         # strands as the picture's own filling has them bend more than that
         (
             {
-                "piece": {"tube_radius_mm": 5.0},
+                "piece": {"tube_radius_mm": 7.0},
                 "placing": {"lamp_mm": 80.0, "turn_deg": 8.0},
-                "material": {"min_bend_radius_mm": 34.0},
+                "material": {"min_bend_radius_mm": 45.0},
             },
             False,
             True,
