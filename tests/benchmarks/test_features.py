@@ -20,7 +20,7 @@ ELSEWHERE = {
     "network, then flow (inn+flow)": "tests/torch_forms/test_network_search.py",
     "region mesh": "tests/limits/test_region_mesh.py",
     "time budget": "tests/torch_forms/test_pose.py",
-    "price of a limit": "tests/benchmarks/hard/test_values.py",
+    "price of a limit": "tests/design/test_prices.py",
     "sparser filling": "tests/test_pipeline.py",
     "wire plan": "tests/wire/test_plan.py",
     "view found in the search": "tests/torch_forms/test_pose.py",

@@ -178,3 +178,9 @@ def test_blurred_noise_is_traced_and_filled_by_a_tube_of_any_thickness(seed: lis
     if not polygon.is_empty:
         for curve in fill(polygon, float(10.0 ** rng.uniform(0.4, 1.8))).curves:
             assert np.isfinite(curve).all() and len(curve) >= 3
+
+
+def test_a_template_that_crosses_itself_has_an_iou() -> None:
+    comb = trace_polygon(next(c for c in hard_pictures() if c.name == "comb").draw())
+    for radius in (2.0, 3.0):
+        assert 0 <= template_iou(fill(comb, radius), comb) <= 1
