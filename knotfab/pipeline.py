@@ -76,7 +76,7 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
                         _draw(piece.part, piece.scene, folder.file("part.png"))
                         load_template()
                 report = report_piece(piece, folder, request, progress)
-        title = " and ".join(target.name for target in targets)
+        title = " and ".join(target.shown for target in targets)
         return finish_build(folder, request, report, title, [piece], progress)
 
 

@@ -254,7 +254,7 @@ def _read_call(
             if not pictures:  # a build wrote it so: picture-front.png is the cat still
                 titles = [view.title for view in scene.views]
                 targets = tuple(
-                    replace(t, name=plain_name(title, t.name))
+                    replace(t, name=plain_name(title, t.name), title=title)
                     for t, title in zip(targets, titles, strict=True)
                 )
     if options.size is not None:

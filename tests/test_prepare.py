@@ -77,9 +77,10 @@ def test_a_scene_that_a_build_wrote_keeps_the_piece_its_name(square: Path, tmp_p
     written.mkdir()
     (written / "picture-front.png").write_bytes(square.read_bytes())
     scene = prepare(square).scene
-    view = scene.views[0].model_copy(update={"picture": "picture-front.png", "title": "cat"})
+    view = scene.views[0].model_copy(update={"picture": "picture-front.png", "title": "My cat"})
     (written / "scene.toml").write_text(dump_scene(scene.model_copy(update={"views": (view,)})))
     again = prepare(scene=written / "scene.toml")
-    assert [t.name for t in again.targets] == ["cat"] and again.out == ALL_OUT / "cat"
+    assert [t.name for t in again.targets] == ["My-cat"] and again.out == ALL_OUT / "My-cat"
+    assert [t.shown for t in again.targets] == ["My cat"]
     other = prepare("text:A", scene=written / "scene.toml")  # another picture has its own
     assert other.out == ALL_OUT / "A"

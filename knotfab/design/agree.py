@@ -101,7 +101,7 @@ def agree(
             bounds = bounds_of(moved, targets, extents=True)
             framed = moved
             places = ", ".join(
-                f"{t.name} {v.azimuth_deg % 360:g}°"
+                f"{t.shown} {v.azimuth_deg % 360:g}°"
                 for v, t in zip(moved.views, targets, strict=True)
             )
             lines.append(
@@ -113,7 +113,7 @@ def agree(
         if mirrored is not framed:
             framed, drawn = mirrored, _bent(mirrored, targets)
             bounds = bounds_of(framed, drawn, extents=True)
-            names = [t.name for v, t in zip(framed.views, targets, strict=True) if v.mirrored]
+            names = [t.shown for v, t in zip(framed.views, targets, strict=True) if v.mirrored]
             lines.append(f"mirrored, which changes the picture: {', '.join(names)}")
     if worst_of(bounds) < AGREED and most > 0:
         bent_scene, bent = _bend(framed, targets, drawn, bounds, most)
@@ -124,7 +124,7 @@ def agree(
     for target, bound in zip(targets, bounds, strict=True):
         if not bound.covered.any():
             raise SceneError(
-                f"picture {target.name}",
+                f"picture {target.shown}",
                 "the other pictures leave nothing of it: whatever draws it spills in their views",
                 "Use pictures that fill the same heights, other azimuths, or more bending (--bend)",
             )
@@ -270,7 +270,7 @@ def _tell_lacking(
 ) -> list[str]:
     """A sentence for each picture of which too little is left, however it may be bent."""
     return [
-        f"picture {target.name}: the others leave no room for {1 - bound.iou:.1%} of it, with no point bent "
+        f"picture {target.shown}: the others leave no room for {1 - bound.iou:.1%} of it, with no point bent "
         f"by more than {most:g} of the height: allow more (--bend {min(0.3, round(1.6 * most, 2)):g}), or "
         "use another picture"
         for target, bound in zip(targets, bounds, strict=True)

@@ -241,7 +241,7 @@ def _draw_tones(
     px = target.width / frame_view(view, target).frame_width_mm
     gap = scene.piece.clearance_mm * view.magnification
     mask, line = draw_tones(read_darkness(target, view.invert), width * px, gap * px)
-    check_shape(mask, f"picture {target.name}, in lines of {width:g} mm,")
+    check_shape(mask, f"picture {target.shown}, in lines of {width:g} mm,")
     height, across = mask.shape
     rule = f"its greys, by one line {width:g} mm wide, closer to itself where it is darker"
     drawn = replace(
@@ -288,7 +288,7 @@ def widen(view: View, target: Target) -> Target:
         size = math.ceil(wide * view.thicken_mm / (_WIDEST * narrow))
         lines = view.lines == "on"  # then they are as wide as the thinnest tube draws them
         raise InputError(
-            f"picture {target.name}",
+            f"picture {target.shown}",
             f"strokes {view.thicken_mm:g} mm wide{', as a tube draws them,' if lines else ''} leave nothing "
             f"of a picture of {narrow:.3g} mm",
             f"Make the picture larger (--size, from {size})"
@@ -327,7 +327,7 @@ def frame_view(view: View, target: Target) -> ResolvedView:
         scale = LONGER_FRAME_MM / max(target.width, target.height)
     own = {
         "picture": f"picture-{view.name}{target.suffix}",
-        "title": target.name,
+        "title": target.shown,
         "crop_px": target.crop_px or view.crop_px,
         "ink": target.ink or view.ink,
         "speck_px": target.speck_px or view.speck_px,

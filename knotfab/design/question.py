@@ -206,7 +206,7 @@ def _trace(view: ResolvedView, target: Target) -> MultiPolygon:
     polygon = silhouette_polygon(view, target)
     if polygon.is_empty:
         raise InputError(
-            f"picture {target.name}", "its silhouette vanishes when traced", "Use a bolder picture"
+            f"picture {target.shown}", "its silhouette vanishes when traced", "Use a bolder picture"
         )
     return polygon
 

@@ -67,7 +67,7 @@ def _flatten(view: ResolvedView, target: Target) -> Target:
     mask = look_up(target.mask)
     if not mask.any():
         raise InputError(
-            f"picture {target.name}", "nothing of it is left on the wall", "Use a bolder picture"
+            f"picture {target.shown}", "nothing of it is left on the wall", "Use a bolder picture"
         )
     return replace(
         target,
@@ -98,7 +98,7 @@ def _require_inside(view: ResolvedView, wall: CurvedWall, target: Target) -> Non
     if (most > 0).any():
         margin = np.ceil(np.maximum(most, 0)).astype(int) + 1
         raise InputError(
-            f"picture {target.name}",
+            f"picture {target.shown}",
             f"light that draws its edge on the hollow wall passes {most.max():.0f} px outside its frame on "
             "the flat wall behind",
             f"Leave {margin[0]} px free at both sides and {margin[1]} px above and below, or make "

@@ -26,7 +26,7 @@ def about_part(part: Part, scene: SettledScene, targets: Sequence[Target]) -> Ab
     Without a title it is the pictures' names; without a designer, knotfab. Terms of a licence are left out
     where nobody gave them: whose the picture is, no file says.
     """
-    names = " and ".join(target.name for target in targets)
+    names = " and ".join(target.shown for target in targets)
     return About(
         title=scene.about.title or names,
         designer=scene.about.designer or "knotfab",

@@ -23,7 +23,7 @@ def read_darkness(target: Target, invert: bool = False) -> Array:
     Raises:
         InputError: it is all one grey.
     """
-    what = f"picture {target.name}"
+    what = f"picture {target.shown}"
     image, _ = raster.decode(target.png_bytes, what)
     if target.crop_px is not None:
         left, top, width, height = target.crop_px

@@ -68,7 +68,8 @@ class Target(InNotebook):
     `crop_px` is the part of the picture that was read (left, top, width, height).
     `png_bytes` is the file to copy beside scene.toml: the original's bytes for a pixel picture,
     the canonical PNG for SVG and text. Reading that file again, in the same way, gives the same
-    mask. `suffix` (".png", ".jpg", ...) says what those bytes are. `name` is a `plain_name`.
+    mask. `suffix` (".png", ".jpg", ...) says what those bytes are. `name` is a
+    `plain_name`, `title` the name as it was given, where that can be shown.
     Of a picture for a round wall the masks are as a flat one has them, once
     `flattened_s`, the seconds that this took, is set; `drawing` is then what is drawn on the round one.
     `bending`: by how much it is bent (and maybe mirrored), once it is: `mask` and `widened` are as bent.
@@ -100,6 +101,12 @@ class Target(InNotebook):
     speck_px: int = 0
     subject_png: bytes | None = None
     colours_png: bytes | None = None
+    title: str = ""
+
+    @property
+    def shown(self) -> str:
+        """The name for people to read."""
+        return self.title or self.name
 
     def to_picture(self, at: tuple[float, float]) -> tuple[float, float]:
         """The px of the picture, whose centres are whole numbers, at one of the masks."""
@@ -222,15 +229,21 @@ def read_target(
         target = _take_target(
             drawn, what, name_picture(source), "", reading, glance, base or Path()
         )
-        return replace(target, is_text=True)
+        return replace(target, is_text=True, title=_titled(content))
     data, path = _read_file(source, base)
     suffix = path.suffix.lower()
     name = plain_name(path.stem, "picture")
     if not raster.looks_like_raster(data) and (suffix in _DRAWN or looks_like_svg(data)):
         png, notes = render_svg(data, what)
         target = _take_target(png, what, name, "", reading, glance, path.parent)
-        return replace(target, notes=notes + target.notes)
-    return _take_target(data, what, name, suffix, reading, glance, path.parent)
+        return replace(target, notes=notes + target.notes, title=_titled(path.stem))
+    found = _take_target(data, what, name, suffix, reading, glance, path.parent)
+    return replace(found, title=_titled(path.stem))
+
+
+def _titled(given: str) -> str:
+    """A name as it was given, where it is short and every sign of it can be shown; or nothing."""
+    return given if given.isprintable() and len(given) <= _MOST_SIGNS else ""
 
 
 def _read_file(source: str | Path, base: Path | None) -> tuple[bytes, Path]:

@@ -85,7 +85,7 @@ def _rows(found: Survey, side_px: int = _PANEL) -> list[list[Panel]]:
 
 
 def _agreement(target: Target, bound: HullBound, side_px: int) -> list[Panel]:
-    panels = [_mask_panel(f"{target.name[:30]}, as it came", target.asked, side_px)]
+    panels = [_mask_panel(f"{target.shown[:30]}, as it came", target.asked, side_px)]
     if (bent := target.bending) is not None:
         said = f"as bent: {bent.rms:.1%} on average, {bent.most:.1%} at most"
         panels.append(_mask_panel(said, target.mask, side_px))
@@ -141,7 +141,7 @@ def _panel(seen: ViewSurvey, radius: float | None, side_px: int) -> Panel:
 def _caption(seen: ViewSurvey, radius: float | None, lost: list[Loss]) -> str:
     if radius is None:
         wide, high = seen.view.frame_mm
-        name = seen.target.name[:20]
+        name = seen.target.shown[:20]
         parts = f"{count(seen.pieces, 'piece')}, {count(seen.holes, 'hole')}"
         return f"{name}, {wide:.0f} x {high:.0f} mm, {parts}"
     which = "a build's tube" if radius == next(iter(seen.losses)) else "a tube"

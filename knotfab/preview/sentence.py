@@ -25,7 +25,9 @@ def describe(found: Survey, exact: bool = False) -> list[str]:
     """
     lines = []
     if found.frames:
-        lines.append(f"{found.frames} frames; the hardest to draw is {found.views[0].target.name}.")
+        lines.append(
+            f"{found.frames} frames; the hardest to draw is {found.views[0].target.shown}."
+        )
     for seen in found.views:
         lines.append(_describe_silhouette(seen, exact))
         lines += [f"  Note: {note}." for note in seen.target.notes]
@@ -43,7 +45,7 @@ def _describe_silhouette(seen: ViewSurvey, exact: bool) -> str:
     width, height = seen.view.frame_mm
     rule = seen.target.rule if exact else re.sub(r" \[[^]]*\]", "", seen.target.rule)
     return (
-        f"{seen.target.name}: {rule}; {count(seen.pieces, 'piece')}, "
+        f"{seen.target.shown}: {rule}; {count(seen.pieces, 'piece')}, "
         f"{count(seen.holes, 'hole')}; {width:.0f} × {height:.0f} mm on the wall."
     )
 

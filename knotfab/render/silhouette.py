@@ -150,7 +150,7 @@ def render(
 ) -> Real:
     """Image (height, width) of sigmoid(tau * max over capsules of the signed distance in px).
 
-    The image of `dense.render_dense`, up to sigmoid(-cutoff). `won` takes the winners of an earlier call: a
+    Right up to sigmoid(-cutoff). `won` takes the winners of an earlier call: a
     lower bound of the image, exact for small motions wherever the winner did not change.
     """
     image = Capsules.of(starts, ends, frame, radius, tau, cutoff, won).image()

@@ -68,7 +68,7 @@ def _(result: Outcome) -> str:
 def _(target: Target) -> str:
     said = [f"{target.width} × {target.height} px, {target.pieces} piece(s)", *target.notes]
     return _page(
-        f"{target.name}: {target.rule}", said, [(silhouette_uri(target.mask), "what is drawn")]
+        f"{target.shown}: {target.rule}", said, [(silhouette_uri(target.mask), "what is drawn")]
     )
 
 

@@ -99,7 +99,7 @@ def read_frames(
                 f"{first.width} x {first.height} px",
                 "Give all frames one size",
             )
-    return tuple(replace(t, name=frame_name(k)) for k, t in enumerate(found, start=1))
+    return tuple(replace(t, name=frame_name(k), title="") for k, t in enumerate(found, start=1))
 
 
 def count_knots(targets: Sequence[Target], asked: int | None = None) -> int:

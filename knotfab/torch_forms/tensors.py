@@ -51,7 +51,7 @@ def render(
     cutoff: float = CUTOFF,
     won: Winners | None = None,
 ) -> Tensor:
-    """`silhouette.render` of tensors: the image and gradient of `dense.render_dense`, up to sigmoid(-cutoff).
+    """`silhouette.render` of tensors: the image and gradient, up to sigmoid(-cutoff).
 
     Differentiable in the points, and in the frame's numbers and the radius where these are tensors. `won`
     takes the winners of an earlier call.

@@ -295,7 +295,7 @@ def render_tiled(
     cutoff: float = CUTOFF,
     won: tuple[Tensor, Tensor] | None = None,
 ) -> Tensor:
-    """The same image and gradient as `render_dense`, up to sigmoid(-cutoff).
+    """The same image and gradient as of every capsule at every pixel, up to sigmoid(-cutoff).
 
     Differentiable in the points, and in the frame's numbers and the radius where these are tensors. `won`
     takes the winners of an earlier call: a lower bound of the image, exact for small motions wherever

@@ -253,6 +253,19 @@ def test_a_file_named_as_a_text_keeps_its_name(
     assert read_target("./text:a.png").name == "text-a"
 
 
+def test_people_read_the_name_as_it_was_given(tmp_path: Path) -> None:
+    """Its folder's name has signs that every disk takes; no sign that moves the cursor is shown."""
+    for given, folder in (("Mia & Tom", "Mia-Tom"), ("1,5 mm (new)", "1-5-mm-new"), ("cat", "cat")):
+        save(tmp_path / f"{given}.png", GREY)
+        target = read_target(tmp_path / f"{given}.png")
+        assert (target.name, target.shown) == (folder, given)
+    assert read_target("text:A & B").shown == "A & B"
+    for hidden in ("a\x1b[2J", "a\u202eb", "b" * 70):
+        save(tmp_path / f"{hidden}.png", GREY)
+        target = read_target(tmp_path / f"{hidden}.png")
+        assert target.shown == target.name
+
+
 def test_long_names_that_begin_alike_stay_apart() -> None:
     for sign in ("a", "猫", "😀"):
         one, two = (name_picture(sign * 62 + end) for end in ("1", "2"))

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from dense_rays import render_dense
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
@@ -23,7 +24,6 @@ from benchmarks.hard.measure import (
 )
 from benchmarks.hard.rendering import RenderCase, frame_at, large_case, render_cases, ring
 from knotfab.render.frame import Frame
-from knotfab.torch_forms.dense import render_dense
 from knotfab.torch_forms.tiled import winners
 
 pytestmark = pytest.mark.slow

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import shapely
 import torch
+from dense_rays import render_dense as render_rays
 from torch import Tensor
 
 from benchmarks.hard.measure import distances
@@ -14,7 +15,6 @@ from benchmarks.hard.paper_rendering import applies, paper_error, printed_corner
 from benchmarks.hard.rendering import render_cases
 from knotfab.render.frame import Frame
 from knotfab.torch_forms.capsule_outline import clip_segments, tangent_normals
-from knotfab.torch_forms.dense import render_dense as render_rays
 from knotfab.torch_forms.ellipse import project_spheres, support, support_point
 from knotfab.torch_forms.outlines import Pinhole, render_outlines, signed_distance, winners
 from paper.camera import PaperCamera, camera_around

@@ -9,8 +9,6 @@ from knotfab.render.frame import Frame
 from knotfab.torch_forms.capsule import BEHIND, capsule_distance
 from knotfab.torch_forms.clip import cut_before_light
 
-__all__ = ["render_dense"]
-
 
 def render_dense(
     starts: Tensor,  # [n, 3] scene mm
