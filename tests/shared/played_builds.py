@@ -80,8 +80,6 @@ def play(words, events):
         os.kill(os.getpid(), signal.SIGKILL)
     if told == "wait":
         time.sleep(60)
-    if told == "slow":
-        time.sleep(1.5)
     if told == "wrong":
         print("knotfab: " + str(picture) + ": no picture. Draw one.", file=sys.stderr)
         sys.exit(2)
