@@ -88,7 +88,7 @@ def agree(
     if any(v.bend_points or v.mirrored for v in scene.views):
         return Agreement(scene, _bent(scene, targets))
     framed, drawn = framed_alike(scene, targets), targets
-    bounds = bounds_of(framed, targets, extents=True)
+    bounds = bounds_of(framed.views, targets, extents=True)
     if worst_of(bounds) >= AGREED or any(t.bending is not None for t in targets):
         return Agreement(scene, targets, bounds=bounds)
     require_apart(framed.views)
@@ -98,7 +98,7 @@ def agree(
     if azimuths_open:
         moved = move_views(framed, targets, most > 0)
         if moved is not framed:
-            bounds = bounds_of(moved, targets, extents=True)
+            bounds = bounds_of(moved.views, targets, extents=True)
             framed = moved
             places = ", ".join(
                 f"{t.shown} {v.azimuth_deg % 360:g}°"
@@ -112,12 +112,12 @@ def agree(
         mirrored = mirror_views(framed, targets)
         if mirrored is not framed:
             framed, drawn = mirrored, _bent(mirrored, targets)
-            bounds = bounds_of(framed, drawn, extents=True)
+            bounds = bounds_of(framed.views, drawn, extents=True)
             names = [t.shown for v, t in zip(framed.views, targets, strict=True) if v.mirrored]
             lines.append(f"mirrored, which changes the picture: {', '.join(names)}")
     if worst_of(bounds) < AGREED and most > 0:
         bent_scene, bent = _bend(framed, targets, drawn, bounds, most)
-        after = bounds_of(bent_scene, bent, extents=True)
+        after = bounds_of(bent_scene.views, bent, extents=True)
         if worst_of(after) > worst_of(bounds):
             framed, drawn, bounds = bent_scene, bent, after
             lines.append(tell_bending(drawn, bounds))
@@ -233,18 +233,18 @@ def _bend(
     """The scene with its pictures bent, and they as bent; `drawn`, `bounds`: as before that."""
     from knotfab.design.bend import bend_pictures
 
-    views = framed_views(scene, targets)
+    views = framed_views(scene.views, targets)
     masks = coarse_masks(drawn, 384)  # px
 
     # coarser silhouettes have coarser gaps: what that adds to a bound is asked in addition
     added = [
         float(np.clip(coarse.iou - fine.iou, 0.0, 0.003))  # at most so much
-        for coarse, fine in zip(bounds_of(scene, targets, masks), bounds, strict=True)
+        for coarse, fine in zip(bounds_of(scene.views, targets, masks), bounds, strict=True)
     ]
 
     def enough(points: Array) -> bool:
         bent = [bend_mask(m, p) for m, p in zip(masks, points, strict=True)]
-        found = bounds_of(scene, targets, bent)
+        found = bounds_of(scene.views, targets, bent)
         return all(b.iou >= AGREED + _SLACK + a for b, a in zip(found, added, strict=True))
 
     cameras = cameras_of(views, targets)

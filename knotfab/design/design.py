@@ -345,7 +345,7 @@ def _tell_scene(progress: Progress, question: Question, radius: float | None) ->
 def refine_settings(question: Question, settings: SearchSettings, radius: float) -> SearchSettings:
     """The settings with facets and vertices fine enough for the outline's limit in every view."""
     problem: Problem = question.problem
-    limit_px = outline_px(question.scene, settings)
+    limit_px = outline_px(question.scene.accuracy, settings)
     allowed = []
     for view in question.views:
         light = view.light_distance_mm
@@ -384,7 +384,7 @@ def _resolve(
             **{
                 **scene.accuracy.model_dump(),
                 "iou_floor": floor,
-                "max_outline_error_px": outline_px(scene, settings),
+                "max_outline_error_px": outline_px(scene.accuracy, settings),
             }
         ),
         "search": settings.model_dump(),

@@ -19,7 +19,7 @@ from knotfab.picture.masks import sample_mask
 from knotfab.picture.read import Target
 from knotfab.picture.silhouette import fit_size
 from knotfab.scene.camera import cameras_of, least_apart, walls_of
-from knotfab_formats.scene import ResolvedScene, ResolvedView
+from knotfab_formats.scene import ResolvedScene, ResolvedView, View
 
 __all__ = [
     "bounds_of",
@@ -56,13 +56,13 @@ def worst_of(bounds: Sequence[HullBound]) -> float:
     return min(b.iou for b in bounds)
 
 
-def framed_views(scene: ResolvedScene, targets: Sequence[Target]) -> list[ResolvedView]:
-    """The scene's views with both sides of their frames."""
-    return [frame_view(v, t) for v, t in zip(scene.views, targets, strict=True)]
+def framed_views(views: Sequence[View], targets: Sequence[Target]) -> list[ResolvedView]:
+    """The views with both sides of their frames."""
+    return [frame_view(v, t) for v, t in zip(views, targets, strict=True)]
 
 
 def bounds_of(
-    scene: ResolvedScene,
+    views: Sequence[View],
     targets: Sequence[Target],
     masks: Sequence[Mask] | None = None,
     rays_px: int = 192,
@@ -70,12 +70,12 @@ def bounds_of(
     wider: float = 0.0,
     extents: bool = False,
 ) -> tuple[HullBound, ...]:
-    """The hull's bounds of the scene's views.
+    """The hull's bounds of views.
 
     Args:
         masks: silhouettes coarser than the targets'. rays_px, steps, wider, extents: as for `hull_bounds`.
     """
-    views = framed_views(scene, targets)
+    views = framed_views(views, targets)
     cameras = cameras_of(views, targets)
     if masks is None:
         masks = [t.mask for t in targets]
@@ -108,12 +108,14 @@ def move_views(scene: ResolvedScene, targets: Sequence[Target], bent: bool) -> R
     widths = (0.0, _NEAR) if bent else (0.0,)
 
     def value(trial: ResolvedScene) -> float:
-        found = [bounds_of(trial, targets, masks, _COARSE_RAYS, _COARSE_STEPS, w) for w in widths]
+        found = [
+            bounds_of(trial.views, targets, masks, _COARSE_RAYS, _COARSE_STEPS, w) for w in widths
+        ]
         worst = float(np.mean([worst_of(bounds) for bounds in found]))
         return worst + 0.1 * float(np.mean([b.iou for bounds in found for b in bounds]))
 
     def within_reach(trial: ResolvedScene) -> bool:
-        near = bounds_of(trial, targets, masks, _COARSE_RAYS, _COARSE_STEPS, widths[-1])
+        near = bounds_of(trial.views, targets, masks, _COARSE_RAYS, _COARSE_STEPS, widths[-1])
         return worst_of(near) > _REACHED
 
     first = [v.azimuth_deg for v in scene.views]
@@ -143,7 +145,7 @@ def mirror_views(scene: ResolvedScene, targets: Sequence[Target]) -> ResolvedSce
     may = [(False,) if n == 0 or t.is_text else (False, True) for n, t in enumerate(targets)]
     for sides in product(*may):
         turned = [m[:, ::-1] if side else m for m, side in zip(masks, sides, strict=True)]
-        found = worst_of(bounds_of(scene, targets, turned, _COARSE_RAYS, _COARSE_STEPS))
+        found = worst_of(bounds_of(scene.views, targets, turned, _COARSE_RAYS, _COARSE_STEPS))
         if found > most + _WORTH:
             most = found
             views = (
@@ -187,7 +189,7 @@ def _nearby(
 ) -> Iterator[ResolvedScene]:
     """The scene with one view turned, or its frame shifted, a little to either side."""
     view = scene.views[number]
-    height = framed_views(scene, targets)[number].frame_height_mm
+    height = framed_views(scene.views, targets)[number].frame_height_mm
     changes = [{"azimuth_deg": (view.azimuth_deg + s * turn) % 360.0} for s in (1, -1) if number]
     changes += [{"frame_up_mm": round(view.frame_up_mm + s * shift * height, 4)} for s in (1, -1)]
     for change in changes:

@@ -80,8 +80,9 @@ class Question(InNotebook):
         if len(self.problem.views) > 1:
             return self
         region, polygon = self.problem.region, self.problem.polygons[0]
-        depth = depth_extent(self.scene, polygon, region, radius, self.problem.views[0].axes[2])
-        kept = replace(self.problem, depth_mm=depth, depth_open=self.scene.piece.depth is None)
+        asked, ahead = self.scene.piece.depth, self.problem.views[0].axes[2]
+        depth = depth_extent(asked, polygon, region, radius, ahead)
+        kept = replace(self.problem, depth_mm=depth, depth_open=asked is None)
         return replace(self, problem=kept)
 
     def as_started(self, start: Start) -> Question:
@@ -138,7 +139,7 @@ def ask(
         bounds = hull_bounds(cameras_of(views, targets), masks, reach, ends=scene.screen_ends)
         room = thinnest if apart is None else _ROOM * views[0].longer_mm
     elif several:
-        bounds = agreed.bounds or bounds_of(scene, targets, extents=True)
+        bounds = agreed.bounds or bounds_of(scene.views, targets, extents=True)
         for line in contradictions(views, bounds):
             (progress or Progress("quiet")).say(line)
         seen = [

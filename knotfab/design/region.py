@@ -14,7 +14,7 @@ from knotfab.design.hull import HullBound
 from knotfab.limits.region_mesh import region_mesh
 from knotfab.scene.camera import view_axes
 from knotfab_formats.bounds import MOST_MM
-from knotfab_formats.scene import WALL_SHARE, Region, ResolvedScene, ResolvedView, SettledRegion
+from knotfab_formats.scene import WALL_SHARE, Region, ResolvedView, SettledRegion
 
 __all__ = ["depth_extent", "least_wall_mm", "most_depth_mm", "resolve_region"]
 
@@ -69,7 +69,7 @@ def resolve_region(
 
 
 def depth_extent(
-    scene: ResolvedScene,
+    asked: float | None,
     polygon: MultiPolygon,
     region: SettledRegion,
     radius: float,
@@ -78,16 +78,17 @@ def depth_extent(
     """Extent of the centre lines along the one view's axis in mm, None for a flat piece.
 
     Args:
+        asked: the scene's depth, mm; 0: a flat piece; None: as the pictures need it.
         ahead: that axis, towards the light.
 
     Raises:
         SceneError: the region has no room for it.
     """
-    if scene.piece.depth == 0:
+    if asked == 0:
         return None
     low_x, low_y, high_x, high_y = polygon.bounds
     usual = DEPTH_RATIO * (max(high_x - low_x, high_y - low_y) + 2 * radius)
-    auto, wanted = scene.piece.depth is None, scene.piece.depth or usual
+    wanted = asked or usual
     room = most_depth_mm(0.5 * _across(region, np.asarray(ahead)), radius)
     if room <= 0:
         raise SceneError(
@@ -96,14 +97,14 @@ def depth_extent(
             "Move the wall away (--wall-distance, wall_distance_mm), make the picture smaller (--size), or "
             "enlarge the region.",
         )
-    if not auto and wanted > room + 1e-3:
+    if asked is not None and wanted > room + 1e-3:
         raise SceneError(
             "scene key piece.depth",
             f"{wanted:g} mm do not fit a region that is {room:.1f} mm deep for it",
             "Ask for less depth, or enlarge the region and the distance to the wall",
         )
     # an auto depth is rounded down, so that a rebuild from the number finds the same room
-    return float(np.floor(min(wanted, room) * 1e4) / 1e4) if auto else wanted
+    return float(np.floor(min(wanted, room) * 1e4) / 1e4) if asked is None else wanted
 
 
 def most_depth_mm(reach_mm: float, radius: float) -> float:

@@ -9,7 +9,7 @@ import numpy as np
 from knotfab.design.candidates import line_radius
 from knotfab.design.question import Question
 from knotfab.geometry.tube import sides_for
-from knotfab_formats.scene import VERIFIED_PX, ResolvedScene
+from knotfab_formats.scene import VERIFIED_PX, Accuracy
 from knotfab_formats.search import SearchSettings
 
 __all__ = ["GRACE", "fine_enough", "outline_px", "suit"]
@@ -67,7 +67,7 @@ def fine_enough(
     )
 
 
-def outline_px(scene: ResolvedScene, settings: SearchSettings) -> float:
+def outline_px(accuracy: Accuracy, settings: SearchSettings) -> float:
     """Return how far the file's shadow may be off the exact tube's: the scene's word, or the accuracy's."""
-    asked = scene.accuracy.max_outline_error_px
+    asked = accuracy.max_outline_error_px
     return settings.outline_px if asked is None else asked

@@ -9,7 +9,7 @@ from knotfab.design.region import depth_extent, resolve_region
 from knotfab.limits.region import outside
 from knotfab.scene.camera import view_axes
 from knotfab.scene.load import parse_scene
-from knotfab_formats.scene import Region, ResolvedView, Scene
+from knotfab_formats.scene import Region, ResolvedView
 
 SQUARE = MultiPolygon([box(-70, -70, 70, 70)])
 
@@ -31,8 +31,8 @@ def test_a_piece_has_the_same_room_in_every_view(kind: str, view: ResolvedView) 
         placed = points @ view_axes(seen)
         found.append(outside(placed, region, 2.0)[0])
         ahead = tuple(view_axes(seen)[2])
-        assert depth_extent(Scene(), SQUARE, region, 2.0, ahead) == pytest.approx(
-            depth_extent(Scene(), SQUARE, resolve_region(asked, [look(0, 0)], [], 2.0), 2.0)
+        assert depth_extent(None, SQUARE, region, 2.0, ahead) == pytest.approx(
+            depth_extent(None, SQUARE, resolve_region(asked, [look(0, 0)], [], 2.0), 2.0)
         )
     assert found[1] == pytest.approx(found[0], abs=1e-9)
 
@@ -43,7 +43,7 @@ def test_a_given_region_has_the_depth_along_the_view(kind: str, view: ResolvedVi
     size = (70.0, 70.0, 70.0) if kind == "sphere" else (200.0, 60.0, 200.0)
     region = resolve_region(Region.model_validate({"kind": kind, "size_mm": size}), [view], [], 2.0)
     ahead = view_axes(view)[2]
-    depth = depth_extent(Scene(), SQUARE, region, 2.0, tuple(ahead))
+    depth = depth_extent(None, SQUARE, region, 2.0, tuple(ahead))
     assert depth is not None
     # two radii before and behind that depth the region ends, unless the piece asks for less
     ends = np.outer([-0.5, 0.5], ahead) * (depth + 4 * 2.0)
@@ -78,5 +78,5 @@ def test_the_piece_stays_outside_a_lamp_of_the_largest_size(shape: str) -> None:
         size = {"light_width_mm": 768.0, "light_height_mm": 576.0}
     view = look(0, 0).model_copy(update={"light_shape": shape, **size})
     radius, reach = 2.0, view.light_distance_mm - 480.0
-    depth = depth_extent(Scene(), SQUARE, resolve_region(Region(), [view], [], radius), radius)
+    depth = depth_extent(None, SQUARE, resolve_region(Region(), [view], [], radius), radius)
     assert depth is not None and 0 < 0.5 * depth + radius < reach

@@ -10,7 +10,7 @@ from knotfab.base.arrays import Array
 from knotfab.design.question import Question
 from knotfab.design.suit import fine_enough, outline_px, suit
 from knotfab.geometry.tube import sweep
-from knotfab_formats.scene import Accuracy, Material, ResolvedView, Scene
+from knotfab_formats.scene import Accuracy, Material, ResolvedView
 from knotfab_formats.search import PRESETS, SearchSettings, search_settings
 
 PLAIN = SearchSettings()
@@ -127,5 +127,5 @@ def test_the_accuracy_sets_the_outline_limit_of_a_scene() -> None:
         ({}, "standard", 0.5),
         ({"max_outline_error_px": 0.3}, "sketch", 0.3),
     ):
-        scene = Scene(accuracy=Accuracy(name=name, **given))
-        assert outline_px(scene, search_settings(name, {})) == expected
+        accuracy = Accuracy(name=name, **given)
+        assert outline_px(accuracy, search_settings(name, {})) == expected

@@ -16,7 +16,7 @@ from knotfab.mount.nearer import AIM, LEAST_PEG_MM, SHARES, Place, _move, propos
 from knotfab.mount.piece_frame import Stiffness
 from knotfab.mount.wall import NotHeldError, plan_wall, sag_on_pegs
 from knotfab.scene.camera import camera_of, view_axes
-from knotfab_formats.scene import Piece, Region, ResolvedView, Scene
+from knotfab_formats.scene import Region, ResolvedView
 
 LOOSE = Knots(knots(ring(12.0, 30.0, 40, 3.0), ring(20.0, -30.0, 60, 3.0)).knots, 0.8)
 DEPTH = float(np.ptp(LOOSE.points[:, 2]))
@@ -111,10 +111,10 @@ def test_the_proposed_wall_has_room_for_depth_and_any_tube(
     place = propose(PLA, view=view, pieces=pieces, most=most)
     assert place is not None and place.wall_mm < view.wall_distance_mm
     there = view.model_copy(update={"wall_distance_mm": place.wall_mm})
-    asks = Scene(piece=Piece(depth=place.depth_mm))
     chosen = [line_radius(there)] if "lines" in keys else usual_radii([there], 0.8, 16)[0]
     for r in (radius, *chosen):
-        extent = depth_extent(asks, SQUARE, resolve_region(Region(), [there], [], r), r)
+        region = resolve_region(Region(), [there], [], r)
+        extent = depth_extent(place.depth_mm, SQUARE, region, r)
         assert r > most or extent == place.depth_mm
     assert max(chosen) <= most + 1e-6
 

@@ -63,9 +63,9 @@ def test_the_advised_wall_is_one_that_a_build_accepts() -> None:
         region = resolve_region(scene.region, [view], [], 2.0)
         if refused:
             with pytest.raises(SceneError, match="do not fit"):
-                depth_extent(scene, polygon, region, 2.0)
+                depth_extent(scene.piece.depth, polygon, region, 2.0)
         else:
-            assert depth_extent(scene, polygon, region, 2.0) == 80.0
+            assert depth_extent(scene.piece.depth, polygon, region, 2.0) == 80.0
 
 
 @pytest.mark.parametrize(
