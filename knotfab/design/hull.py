@@ -18,12 +18,9 @@ from scipy.ndimage import distance_transform_edt
 from knotfab.base.arrays import Array, Indices, Mask
 from knotfab.base.compiled import compiled
 from knotfab.scene.camera import Camera, Plane
+from knotfab_formats.scene import View
 
-__all__ = ["HullBound", "hull_bounds", "rays_within"]
-
-
-_RAYS_PX = 192  # longer side of the grid of rays
-_STEPS = 240  # samples of a ray
+__all__ = ["HullBound", "contradictions", "hull_bounds", "rays_within"]
 
 
 @dataclass(frozen=True)
@@ -46,8 +43,8 @@ def hull_bounds(
     cameras: Sequence[Camera],
     masks: Sequence[Mask],
     reach_mm: float,
-    rays_px: int = _RAYS_PX,
-    steps: int = _STEPS,
+    rays_px: int = 192,
+    steps: int = 240,
     ends: bool = False,
     wider: float = 0.0,
     walls: Sequence[Plane] = (),
@@ -88,6 +85,30 @@ def hull_bounds(
         )
         for n, (camera, mask) in enumerate(zip(cameras, masks, strict=True))
     )
+
+
+def contradictions(views: Sequence[View], bounds: Sequence[HullBound]) -> list[str]:
+    """A sentence for each view whose bound is low: how low, and where most is missing."""
+    lines = []
+    for view, bound in zip(views, bounds, strict=True):
+        if bound.iou >= 0.97:  # too little to be told
+            continue
+        missing = bound.wanted & ~bound.covered
+        share = missing.sum() / max(1, bound.wanted.sum())
+        rows, columns = np.nonzero(missing)
+        height, width = missing.shape
+        up = "top" if rows.mean() < height / 3 else "bottom" if rows.mean() > 2 * height / 3 else ""
+        side = "left" if columns.mean() < width / 3 else ""
+        side = "right" if columns.mean() > 2 * width / 3 else side
+        where = " ".join(word for word in (up, side) if word) or "middle"
+        line = (
+            f"view {view.name}: the other pictures leave no room for {share:.1%} of its silhouette, "
+            f"most of it at the {where}: its IoU can be {bound.iou:.3f} at best without spilling elsewhere"
+        )
+        if bound.iou < 0.9:
+            line += ". Use pictures whose silhouettes fill the same heights, or other azimuths"
+        lines.append(line)
+    return lines
 
 
 def _widen(mask: Mask, cells: int) -> Mask:

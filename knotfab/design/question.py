@@ -15,9 +15,8 @@ from knotfab.base.errors import InputError
 from knotfab.base.notebook import InNotebook
 from knotfab.base.progress import Progress
 from knotfab.design.agree import agree
-from knotfab.design.contradictions import contradictions
 from knotfab.design.frames import frame_view, framed_alike
-from knotfab.design.hull import HullBound, hull_bounds
+from knotfab.design.hull import HullBound, contradictions, hull_bounds
 from knotfab.design.lamps import depth_apart
 from knotfab.design.moves import bounds_of, reach_of
 from knotfab.design.region import depth_extent, resolve_region

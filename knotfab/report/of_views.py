@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from knotfab.design.agree import tell_bending
-from knotfab.design.contradictions import contradictions
 from knotfab.design.design import Design
+from knotfab.design.hull import contradictions
 from knotfab.picture.read import Target
 from knotfab_formats.scene import SettledScene
 from knotfab_formats.verdict import Contrast, Recognition, Sag, View

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from knotfab.base.arrays import Array, Mask
-from knotfab.design.contradictions import contradictions
 from knotfab.design.frames import framed_alike, spread_views
-from knotfab.design.hull import hull_bounds, rays_within
+from knotfab.design.hull import contradictions, hull_bounds, rays_within
 from knotfab.picture.read import Target
 from knotfab.scene.camera import Camera, camera_of, walls_of
 from knotfab_formats.scene import ResolvedView, Scene, View
