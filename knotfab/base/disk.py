@@ -31,7 +31,6 @@ __all__ = [
 _fcntl: Any = (
     importlib.import_module("fcntl") if os.name == "posix" else None
 )  # Windows has no such locks
-_ORPHAN_S = 60.0  # a younger folder may be one that its process has not held yet
 MOST_TEXT = 64 * 2**20  # bytes of a file of settings or knots
 _walls: tuple[
     Path, ...
@@ -207,7 +206,8 @@ def temporary_folder(prefix: str, place: Path | None = None) -> Iterator[Path]:
 def _remove_orphan(folder: Path) -> None:
     """Remove a folder that no process holds."""
     found = folder.lstat()
-    if not stat.S_ISDIR(found.st_mode) or time.time() - found.st_mtime < _ORPHAN_S:
+    # a younger folder may be one that its process has not held yet
+    if not stat.S_ISDIR(found.st_mode) or time.time() - found.st_mtime < 60.0:
         return
     handle = hold(folder)
     if handle is not None:

@@ -34,8 +34,6 @@ _KEPT_S = 5.0  # between knots at full precision, which a build that is killed l
 _DOUBT_S = 3.0  # measured times count for half once they are so long
 _LEAST_COLUMNS, _LEAST_ROWS = 24, 8  # a picture on a terminal
 _MOST_COLUMNS, _MOST_ROWS = 96, 24
-_AT_LEAST = 0.1  # a share of a stage's usual time is still to come, however long it has run
-_LATE_S = 2.0  # a stage this long after its usual time takes longer than usual
 
 
 @dataclass(frozen=True)
@@ -351,8 +349,10 @@ class Progress:
             left = ran * (1.0 - self._fraction) / self._fraction
         elif self._usual:
             spent = self.timings.get(name, 0.0) + ran
-            left = max(slower * expected - spent, _AT_LEAST * slower * expected)
-            self._late = 0 < slower * expected < spent - _LATE_S
+            # a share of a stage's usual time is still to come, however long it has run
+            left = max(slower * expected - spent, 0.1 * slower * expected)
+            # a stage this long after its usual time takes longer than usual
+            self._late = 0 < slower * expected < spent - 2.0
         else:
             return self._most, None
         left += ahead

@@ -28,7 +28,6 @@ from knotfab.batch.worker import (
 __all__ = ["open_cluster"]
 
 _MEMORY = "MEMORY"  # a worker started with --resources MEMORY=8e9 is given as many builds as fit
-_RETRIES = 3  # retries of a build whose worker was lost
 _PATIENCE_S = 10  # seconds for the scheduler to answer
 _KEPT_S = 20.0  # seconds for which a worker keeps loaded libraries, a GB, for the next build
 _idle: list[
@@ -60,7 +59,8 @@ def open_cluster(
         workers = client.scheduler_info(n_workers=-1)["workers"].values()
         tagged = bool(workers) and all(_MEMORY in w["resources"] for w in workers)
         resources: dict[str, Any] = {"resources": {_MEMORY: JOB_GB * 1e9}} if tagged else {}
-        named: dict[str, Any] = {"pure": False, "retries": _RETRIES, **resources}
+        # retries of a build whose worker was lost
+        named: dict[str, Any] = {"pure": False, "retries": 3, **resources}
         lines: dict[str, contextlib.ExitStack] = {}
 
         def begun(event: tuple[Any, str]) -> None:

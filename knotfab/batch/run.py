@@ -28,7 +28,6 @@ from knotfab.report.report_html import make_environment
 
 __all__ = ["batch", "render_index"]
 
-_FINAL = (0, 1, 2)  # exit codes that the same picture and options end with again
 _Builder = Callable[[Sequence[Task], Path], Iterator[tuple[Task, Record]]]
 
 
@@ -161,7 +160,8 @@ def _keep_records(folder: Path, tasks: Sequence[Task]) -> dict[str, Record]:
     kept = {}
     for task in tasks:
         record = earlier.get(task.name)
-        if record is None or record["key"] != task.key or record["exit_code"] not in _FINAL:
+        # exit codes that the same picture and options end with again
+        if record is None or record["key"] != task.key or record["exit_code"] not in (0, 1, 2):
             continue
         mend(folder / task.name)
         if _is_there(folder, record):

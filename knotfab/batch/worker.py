@@ -32,7 +32,6 @@ __all__ = [
 Record = dict[str, Any]  # name, picture, key, exit_code, seconds, iou, verdict, reported, error
 _ENDINGS = (0, 1, 2, 3, 130)  # the exit codes of the contract; others are none of a build's own
 _ALONE = {**ONE_THREAD, "PYTHONIOENCODING": "utf-8"}  # environment of a build beside others
-_MOST_RUNS = 2  # a killed build runs again once: its memory may have been short beside another
 
 
 def open_builders(jobs: int, share: int | None = None) -> Workers:
@@ -52,7 +51,8 @@ def build_apart(task: Task, folder: Path, builders: Workers) -> Record:
     earlier = _stamp(folder / REJECTED / "report.json")
     # words behind "--" are no options, whatever they are called
     arguments = ["build", *task.arguments, f"--out={folder}", "--quiet", "--", task.picture]
-    for _ in range(_MOST_RUNS):
+    # a killed build runs again once: its memory may have been short beside another
+    for _ in range(2):
         code, error = run_apart(builders, arguments)
         if code in _ENDINGS:
             break

@@ -47,8 +47,6 @@ _LEAST_MM = (2.0, 2.0, 8.0)  # moves by which a lamp is worth moving: right, up,
 _ALIKE = 0.6
 _ROUGH = 3  # factor of fewer px and vertices where only an order of the corners is looked for
 _SURE = 0.9  # IoU after the fit from which on no other order of the corners is looked for
-_AS_GOOD = 0.02  # IoU by which orders differ that are both named
-_CLEARLY = 0.1  # an order of the corners with so much more IoU is the right one
 _PAPER, _BOTH, _MISSING, _SPILL = (250, 248, 244), (150, 146, 140), (33, 102, 172), (200, 60, 20)
 
 
@@ -213,9 +211,11 @@ def _find_orders(
         except InputError:  # no shadow stands out in that frame, whose margin is another
             continue
     tried = sorted(tried, key=lambda one: -one[0])
-    if not tried or tried[0][0] < max(_ALIKE, found + _CLEARLY):
+    # an order of the corners with so much more IoU is the right one
+    if not tried or tried[0][0] < max(_ALIKE, found + 0.1):
         return ()
-    return tuple(_tell(turned) for iou, turned in tried if iou > tried[0][0] - _AS_GOOD)
+    # IoU by which orders differ that are both named
+    return tuple(_tell(turned) for iou, turned in tried if iou > tried[0][0] - 0.02)
 
 
 def _tell(at: Array) -> tuple[str, ...]:

@@ -21,7 +21,6 @@ __all__ = ["LampFit", "cast_shadow", "find_lamp"]
 _STEP_MM = (8.0, 8.0, 40.0)  # the simplex's steps, and the scale of the unknowns
 _COARSER = 2  # factor to the resolution of the IoU
 _FARTHEST = 1.0  # a lamp may be off by this share of its distance from the wall
-_EDGE_PER_PX = 4.0  # sharpness of outlines: as steep as the share of a pixel that an edge covers
 
 
 @dataclass(frozen=True)
@@ -47,7 +46,8 @@ def cast_shadow(knots: Knots, camera: Camera, eye: Array) -> Array:
     frame = frame_of(replace(camera, eye=eye), np.float32, stretched=True)
     points = knots.points.astype(np.float32)
     ahead = points[knots.rings.next]
-    return render(points, ahead, frame, knots.radius_mm, _EDGE_PER_PX).astype(np.float64)
+    # sharpness of outlines: as steep as the share of a pixel that an edge covers
+    return render(points, ahead, frame, knots.radius_mm, 4.0).astype(np.float64)
 
 
 def find_lamp(knots: Knots, camera: Camera, seen: Mask) -> LampFit:

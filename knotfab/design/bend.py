@@ -35,7 +35,6 @@ _PACE = 0.004  # a share of the height: the length of a step
 _PLACE = 0.12  # a share of the height: moving all by this costs as much as stretching all by one
 _STIFF = 2.0  # factor for strokes and round holes
 _SLOPE = 0.45  # the field's slope, along either side, from which on it is held back
-_STEEPEST = 0.69  # the steepest slope of either side: with two of .7 some step might vanish
 _FOLD = 3.0
 _THIN = 0.07  # a share of the height: a narrower part is a stroke
 _HOLE = 0.02  # a share of the height's square: smaller holes are small
@@ -170,7 +169,8 @@ class Tension:
             )
             for p, steps in zip(points, self.steps, strict=True)
         ]
-        shares = np.minimum(1.0, _STEEPEST / np.maximum(steepest, 1e-12))
+        # the steepest slope of either side: with two of .7 some step might vanish
+        shares = np.minimum(1.0, 0.69 / np.maximum(steepest, 1e-12))
         return np.asarray(points * shares[:, None, None, None])
 
 

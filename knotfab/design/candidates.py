@@ -29,7 +29,6 @@ __all__ = [
 PICTURE = "the picture"  # the name in an error, where another reading of it may do
 # depth over the extent across: the contract asks for 0.6, the flow may take a little
 DEPTH_RATIO = 0.66
-_WIDEST_MM = 1000.0  # the widest frame that is advised: a person may hang it up
 _NOZZLES = (0.3, 0.25, 0.2, 0.15, 0.1)  # mm, that are sold
 _UNEVEN = 0.4  # px by which a line's width varies as it is drawn
 _DRAWN = 0.9  # IoU of the opening that makes a picture of lines worth drawing
@@ -142,7 +141,8 @@ def too_fine(
     ]
     if drawn is not None:
         frame = math.ceil(view.frame_width_mm * least / drawn / 10) * 10
-        if view.frame_width_mm < frame <= _WIDEST_MM:
+        # the widest frame that is advised: a person may hang it up
+        if view.frame_width_mm < frame <= 1000.0:
             remedies.append(f"or the picture {frame} mm wide (--width {frame})")
         nozzle = printer.nozzle_mm * min(drawn / least, 0.99)
         finer = next((n for n in _NOZZLES if n <= nozzle), None)

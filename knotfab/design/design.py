@@ -56,7 +56,6 @@ __all__ = [
 ]
 
 START_FILE = "start.json"
-_FRONT = 0.2  # a piece of unknown depth is taken to reach this share of the way to the light
 
 
 @dataclass(frozen=True, repr=False)
@@ -349,7 +348,8 @@ def refine_settings(question: Question, settings: SearchSettings, radius: float)
     allowed = []
     for view in question.views:
         light = view.light_distance_mm
-        front = _FRONT * light
+        # a piece of unknown depth is taken to reach this share of the way to the light
+        front = 0.2 * light
         if len(question.views) == 1:
             front = 0.5 * (problem.depth_mm or 0.0) + radius
         # the shadow is largest for the part nearest to the light

@@ -46,7 +46,6 @@ _MEETING = (
     "it is for one picture: a sequence is one knot that moves from frame to frame, and where strokes meet "
     "or part on the way strands would have to be cut and joined anew"
 )
-_LEVEL_DEG = 1.0  # views raised by less see the same heights
 
 
 def spread_views(scene: ResolvedScene, pictures: Sequence[str]) -> ResolvedScene:
@@ -106,7 +105,8 @@ def framed_alike(scene: ResolvedScene, targets: Sequence[Target]) -> ResolvedSce
         return scene
     extents = [_extent(t.mask) for t in targets]
     free = [v.frame_width_mm is None and v.frame_height_mm is None for v in scene.views]
-    level = [n for n, v in enumerate(scene.views) if abs(v.elevation_deg) < _LEVEL_DEG]
+    # views raised by less see the same heights
+    level = [n for n, v in enumerate(scene.views) if abs(v.elevation_deg) < 1.0]
     if not all(free) or len(level) < 1:
         return scene
     # the length that a longer side of 1 mm gives each view, in units of the common height

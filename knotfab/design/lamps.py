@@ -33,7 +33,6 @@ LAMPS_FRAME_MM = 120.0
 _WHOLE_MM = 800.0  # the default distance from the wall to the lamps
 _STEPS = tuple(np.round(np.arange(0.30, 1.51, 0.02), 2).tolist())  # values of k that are tried
 _SPARE_MM = 3.0  # the gap on the wall between a stray shadow and the screen
-_BESIDE_BED_MM = 12.0  # pieces leave so much of a printer's bed free
 _NEAR = (
     "no places within the bounds keep each lamp's other shadows off the screen: what stands in the middle "
     "draws several masks, and is lost where they contradict each other"
@@ -93,7 +92,8 @@ def _find_apart(
     views = [frame_view(v, t) for v, t in zip(scene.views, targets, strict=True)]
     boxes = np.array([_box(t.mask, v) for t, v in zip(targets, views, strict=True)])
     frame, first = np.array(views[0].frame_mm), views[0]
-    narrow, wide = (s - _BESIDE_BED_MM for s in sorted(scene.printer.build_volume_mm)[1:])
+    # pieces leave so much of a printer's bed free
+    narrow, wide = (s - 12.0 for s in sorted(scene.printer.build_volume_mm)[1:])
     bounds = 2.0 * np.array([scene.lamps.max_right_mm, scene.lamps.max_up_mm])
     # posts of a stand that hold a piece above another would stand in the light of that one's lamp
     most_rows = 1 if scene.mount.kind == "stand" else len(views)

@@ -33,12 +33,10 @@ __all__ = [
 
 _WORTH = 0.004  # IoU of the worst bound that a free move has to bring
 _COARSE_PX, _COARSE_RAYS, _COARSE_STEPS = 96, 56, 72
-_TRIALS = 160  # arrangements of views that are tried at most
 _TURNS_DEG = (16.0, 8.0)
 _APART_DEG = 0.6  # share of an equal part of half a turn that two lines of sight keep
 _SHIFTS = (0.03, 0.015)  # shares of the frame's height
 _NEAR = 0.03  # share of the height that a bending reaches with ease
-_REACHED = 0.97  # bending mends a worst bound above this with ease: closer angles are not tried
 _BEST = 24  # arrangements at equal angles that are tried at closer ones
 _CLOSER = 0.66  # share of equal angles: narrow pictures stand about the side of a wide one
 
@@ -116,7 +114,8 @@ def move_views(scene: ResolvedScene, targets: Sequence[Target], bent: bool) -> R
 
     def within_reach(trial: ResolvedScene) -> bool:
         near = bounds_of(trial.views, targets, masks, _COARSE_RAYS, _COARSE_STEPS, widths[-1])
-        return worst_of(near) > _REACHED
+        # bending mends a worst bound above this with ease: closer angles are not tried
+        return worst_of(near) > 0.97
 
     first = [v.azimuth_deg for v in scene.views]
     tried = [(value(_placed(scene, places)), places) for places in _arrangements(first)]
@@ -161,7 +160,8 @@ def _arrangements(azimuths: Sequence[float]) -> Iterator[tuple[float, ...]]:
     orders = ((0, *rest) for rest in permutations(range(1, count)))
     sides = list(product((0.0, 180.0), repeat=count))
     for tried, (order, side) in enumerate(product(orders, sides)):
-        if side[0] or tried >= _TRIALS * (2 if count < 6 else 1):
+        # arrangements of views that are tried at most
+        if side[0] or tried >= 160 * (2 if count < 6 else 1):
             continue
         yield tuple(azimuths[k] + s for k, s in zip(order, side, strict=True))
 

@@ -27,7 +27,6 @@ AMBIENT, DIFFUSE, SPECULAR, SHINE = 0.34, 0.8, 0.22, 18  # the tube's (Phong)
 LAMPS = (((-0.5, 0.8, 1.2), 0.9), ((0.9, -0.4, 0.6), 0.25))
 MARGIN = 1.12
 SAME_DEG = 5.0  # directions nearer to each other show the same
-STEEP = 0.999  # share of the way that is vertical, where "up" is no direction any more
 
 
 def draw_part(
@@ -106,7 +105,8 @@ def _render(
         near = float(np.linalg.norm(look))
         away = max(near, 2 * reach)
         back = look / near
-        steep = abs(back[1]) > STEEP
+        # share of the way that is vertical, where "up" is no direction any more
+        steep = abs(back[1]) > 0.999
         right = np.cross((0.0, 0.0, -1.0) if steep else (0.0, 1.0, 0.0), back)
         right /= np.linalg.norm(right)
         # the axes point to the right, up, and to the eye

@@ -50,10 +50,8 @@ _HEIGHTS = 24  # heights of the eyelet that are tried
 _ABOVE = 0.15  # a share of the piece's height: the least from its centre of mass to the eyelet
 _TRIED = 400  # posts, from the one that shows least on
 MOST_POSTS = 4  # posts from strands to the eyelet
-_OVER = 0.3  # a share of a further post's length, by which it may come down to the eyelet
 # between the ends of further posts that are weighed, and how many are
 _SPREAD_RADII, _WEIGHED = 6.0, 12
-_HELPS = 0.9  # a further post must leave at most this share of the sag before
 _ROUNDS = 4  # rounds of moving the eyelet above the centre of mass, to which post and eyelet add
 
 
@@ -312,7 +310,8 @@ def _more_posts(
     end, tube = post.end[0], knots.radius_mm
     along = end - sites.point
     length = np.maximum(np.linalg.norm(along, axis=1), 1e-9)
-    from_below = along[:, 1] >= -_OVER * length
+    # a share of a further post's length, by which it may come down to the eyelet
+    from_below = along[:, 1] >= -0.3 * length
     square = np.abs(np.einsum("ij,ij->i", along, sites.tangent)) <= MOST_COSINE * length
     some = np.flatnonzero(from_below & square & (length >= ring.ring_mm + ring.wire_mm + tube))
     pool = Candidates(
@@ -344,7 +343,8 @@ def _more_posts(
             if len(spread) == _WEIGHED:
                 break
         tried = [(sag(join([posts, open_ones.of([n])])), n) for n in spread]
-        if not tried or min(tried)[0] > _HELPS * least:
+        # a further post must leave at most this share of the sag before
+        if not tried or min(tried)[0] > 0.9 * least:
             break
         least, best = min(tried)
         posts = join([posts, open_ones.of([best])])

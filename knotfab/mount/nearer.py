@@ -26,7 +26,6 @@ LEAST_PEG_MM = 10.0  # room for fingers and a brush between the wall and what is
 AIM = 0.9  # a share of the limit: the search that follows lays the strands anew
 _PX = 64  # pixels of a camera that is asked for eye and wall alone
 _ROUND = 10  # parts of a mm
-_THERE_MM = 1.0  # a search lays the strands anew: so much nearer is no other place
 
 
 @dataclass(frozen=True)
@@ -73,7 +72,8 @@ def propose_place(
         deep = min(share * depth, deepest)
         place = _at(deep, knots.radius_mm, view, nearer, most_radius_mm)
         if share == 1.0:
-            if place.wall_mm > view.wall_distance_mm - _THERE_MM:
+            # a search lays the strands anew: so much nearer is no other place
+            if place.wall_mm > view.wall_distance_mm - 1.0:
                 continue  # it is there
             best = place  # nothing is given up for it, and struts may do the rest
         moved, there = _move(knots, view, deep / depth, place)

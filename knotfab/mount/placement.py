@@ -19,7 +19,6 @@ __all__ = ["Footing", "Mark", "Placement", "placement_of"]
 
 EDGES = ("front", "right", "back", "left")  # a base's edges, as the first light goes round it
 QUARTER_DEG = 90.0
-SQUARE_DEG = 0.5  # a base turned by so little more than quarters is square to its wall
 
 
 @dataclass(frozen=True)
@@ -145,7 +144,8 @@ def _footing(base: Base, level: Array) -> Footing:
     way = base.slope.axes @ level[2]
     turned = float(np.degrees(np.arctan2(way[0], way[2])))
     quarter = round(turned / QUARTER_DEG)
-    if abs(turned - QUARTER_DEG * quarter) <= SQUARE_DEG:
+    # a base turned by so little more than quarters is square to its wall
+    if abs(turned - QUARTER_DEG * quarter) <= 0.5:
         sides = [f"{EDGES[(quarter + n) % 4]} edge" for n in (2, 0)]
     else:
         sides = ["nearest corner", "nearest corner"]

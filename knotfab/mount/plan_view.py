@@ -37,7 +37,6 @@ __all__ = ["plan_sheet"]
 ZONE: Box = (22.0, 40.0, 188.0, 250.0)  # the drawing's place on the page
 BENDS = 41  # points along a round wall
 BESIDE_MM = 12.0  # the wall reaches so far beside its frame
-ASIDE = 4.0  # mm of the page, from a view's axis to its dimensions
 
 
 def plan_sheet(mounted: Mounted, places: Sequence[Placement], views: Sequence[View]) -> Figure:
@@ -109,7 +108,8 @@ def _view(
     hatch(axes, to(wall))
     draw_lamp(axes, axis[0], view.light_size_mm / to.ratio)
     along = (axis[1] - axis[0]) / np.linalg.norm(axis[1] - axis[0])
-    aside = ASIDE * np.array([-along[1], along[0]])
+    # mm of the page, from a view's axis to its dimensions
+    aside = 4.0 * np.array([-along[1], along[0]])
     middle = to(np.zeros(2))
     levelled = float(np.cos(np.deg2rad(view.elevation_deg)))
     draw_dimension(axes, axis[0], middle, aside, length(view.light_distance_mm * levelled))

@@ -17,9 +17,6 @@ from knotfab.mount.struts import GROUND, Candidates, Sites, Way, join
 __all__ = ["PEGS", "Planned", "plan_members"]
 
 
-TRIED_VISIBLE = 6  # candidates that darken pixels are tried before one is added
-LOOKED_AT = 400  # candidates of highest promise among which those are sought
-DEAR_SHARE = 1e-5  # a share of the frame: a member that darkens so much must help twice as much
 THICKER = 1.15  # factor of a visible member's radius when it is thickened
 MOST_SHARE = 0.95  # a member's largest radius over the tube's
 SEEN_SHARE = 1e-5  # a share of the frame: a member that darkens more shows
@@ -116,7 +113,8 @@ class _Plan:
     taken: list[int] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self.dear = DEAR_SHARE * max(self.shadows.pixels, 1.0)
+        # a share of the frame: a member that darkens so much must help twice as much
+        self.dear = 1e-5 * max(self.shadows.pixels, 1.0)
         self.shown = np.flatnonzero(self.visible)
         self.cost = np.zeros(len(self.candidates))
         self.cost[self.shown] = self.shadows.cost(self.candidates.of(self.shown))
@@ -134,7 +132,8 @@ class _Plan:
         old, thicker, dearer = self._thicker()
         for _ in range(4):  # times that nothing helps, one after another, before the search ends
             hidden = search.best(promise, ~self.visible, manner.tried)
-            tried = np.append(hidden, search.best(promise, self.visible, TRIED_VISIBLE))
+            # some candidates that darken pixels are tried before one is added
+            tried = np.append(hidden, search.best(promise, self.visible, 6))
             every = join([self.candidates.of(tried), thicker])
             before = np.append(np.zeros(len(tried)), self.members.radius[old])
             price = np.append(self.cost[tried], dearer)
@@ -217,7 +216,8 @@ class _Search:
     def best(self, promise: Array, group: Mask, most: int) -> Indices:
         """Up to `most` clear candidates of a group, of high promise, and well apart."""
         open_ones = np.flatnonzero(group & ~self.blocked & (promise > 0))
-        count = min(LOOKED_AT, len(open_ones))
+        # candidates of highest promise among which those are sought
+        count = min(400, len(open_ones))
         if not count:
             return np.empty(0, dtype=np.int64)
         order = open_ones[np.argpartition(-promise[open_ones], count - 1)[:count]]

@@ -28,7 +28,6 @@ Rectangle = tuple[float, float, float, float]  # left, right, back and front, mm
 CORNER_MM = 6.0
 # the underside's edge is cut off by this: the print on the desk is so much smaller
 CHAMFER_MM = 0.6
-LIGHT_FILL = 0.25  # a share of a printed base's volume: it must stand whether it is filled or not
 EDGE_MM = 2.0  # the least from a post's root to the edge of the base
 WALL_GAP_MM = 2.0  # between base and wall
 UNIT: Rectangle = (-1.0, 1.0, -1.0, 1.0)
@@ -250,7 +249,8 @@ def _measure(
     up = bottom + (rear**2 + rear * fore + fore**2) / (3 * (rear + fore))
     middle = np.array([(left + right) / 2, up, along])
     centers = []
-    for fill in (1.0, LIGHT_FILL):
+    # a share of a printed base's volume: it must stand whether it is filled or not
+    for fill in (1.0, 0.25):
         mass = np.append(volume, fill * own)
         centers.append(mass @ np.vstack([piece, middle]) / mass.sum())
     margins = [

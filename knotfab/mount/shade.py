@@ -28,7 +28,6 @@ __all__ = ["HIDDEN_SHARE", "MountShadow", "MountShadows", "hidden_struts", "near
 
 SLACK_PX = 1.0  # a hidden strip stays inside by this: half a pixel on each side
 HIDDEN_SHARE = 0.75  # a hidden strut's radius over the tube's
-LONGEST_RADII = 20.0  # tube radii of a hidden strut
 LOOKS = 12  # along a member, for whether it is hidden
 AT_ONCE = 2000  # members whose shadows are looked at a pixel apart
 ACROSS = (-0.8, -0.4, 0.0, 0.4, 0.8)  # places in half widths at which a strip's shadow is looked at
@@ -213,7 +212,8 @@ def near_struts(sites: Sites, tube_mm: float) -> Candidates:
     """Struts between strands that are near each other."""
     from scipy.spatial import cKDTree
 
-    pairs = cKDTree(sites.point).query_pairs(LONGEST_RADII * tube_mm, output_type="ndarray")
+    # a hidden strut has at most 20 tube radii
+    pairs = cKDTree(sites.point).query_pairs(20.0 * tube_mm, output_type="ndarray")
     return struts(sites, pairs.astype(np.int64), tube_mm, HIDDEN_SHARE * tube_mm)
 
 

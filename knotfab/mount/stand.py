@@ -66,7 +66,6 @@ DROP_MM = 4.0
 LEAN = (0.0, -0.2, 0.2, -0.4, 0.4)  # a post's lean, across and along the view: per mm of its height
 LEAST_POSTS = 3  # fewer would let a push turn the piece about one of them
 APART_RADII = 5.0  # between their feet
-POSTS = 1600  # candidates that show least: half of all, half of each stretch
 STRETCHES = 50  # stretches of about equal length along the tubes
 BRIDGES = 200  # visible struts between two knots, likewise
 FINE_RADII = 0.5  # between the joints of the frame that is the second opinion
@@ -234,7 +233,8 @@ def _posts(
                     n, np.full(len(n), GROUND), sites.point[n], foot[n], np.full(len(n), radius)
                 )
             )
-    return least_shown(join(parts), shadows, POSTS, len(sites.knot))
+    # candidates that show least: half of all, half of each stretch
+    return least_shown(join(parts), shadows, 1600, len(sites.knot))
 
 
 def least_shown(every: Candidates, shadows: MountShadows, count: int, sites: int) -> Candidates:

@@ -35,7 +35,6 @@ SITE_RADII = 1.5  # between sites along a tube
 SAMPLE_RADII = 0.35  # between samples of the centre lines
 LEAST_SINE = 0.65  # between tube and member: one that leaves along its tube would graze it
 JOINT_RADII = 3.5  # tube radii of arc on each side of a member's end that belong to its joint
-LEAST_OPENING = 0.62  # how fast a strand and its member part, mm per mm along the strand
 LEAN_MM = 1.0  # leaning roots come so much nearer to each other than their middles say
 ROOT_SHARE = 1.5  # the root's radius over the post's, where it meets the base
 
@@ -305,4 +304,5 @@ def opens_slowly(
             further from their joint; at `contact` (n,) they touch.
     """
     parted = here >= contact - 0.5 * clearance_mm
-    return np.asarray(parted & (there - here < LEAST_OPENING * step))
+    # how fast a strand and its member part, mm per mm along the strand
+    return np.asarray(parted & (there - here < 0.62 * step))

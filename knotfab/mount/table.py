@@ -33,8 +33,6 @@ FENCE_MM, FENCE_PLAY_MM = 3.0, 0.3  # about the foot of a stand
 MARK_MM = 3.0  # a hole below the middle of the piece
 CLEAR_MM = 12.0  # the least from a cut to a hole or ridge
 APART_MM, EDGE_MM = 4.0, 4.0  # between bars on the bed, and from them to its edge
-SCREEN_SHARE = 0.45  # the screen's foot reaches so far to either side, by the frame's width
-LOWEST_MM = 25.0  # height of the frame's lower edge and of the lamps above the table, where nothing else says
 
 
 @dataclass(frozen=True)
@@ -177,7 +175,8 @@ def _top(places: Sequence[Placement], lamps: Array) -> float:
     edge = float(first.level[1] @ first.middle) - first.frame_mm[1] / 2
     if first.base is not None:
         return min(first.base.bottom, edge - SLOT_MM - 1.0)
-    return min(edge, float(lamps[:, 1].min())) - LOWEST_MM
+    # height of the frame's lower edge and of the lamps above the table, where nothing else says
+    return min(edge, float(lamps[:, 1].min())) - 25.0
 
 
 class _Layout:
@@ -187,7 +186,8 @@ class _Layout:
         self.lamps, self.longest = lamps, longest
         self.spine = _spine_width(np.abs(lamps[:, 0]))
         self.screen = float(place.level[2] @ place.middle)
-        self.reach = SCREEN_SHARE * place.frame_mm[0]
+        # the screen's foot reaches so far to either side, by the frame's width
+        self.reach = 0.45 * place.frame_mm[0]
         self.base = place.base
         self.raised = 0.0 if place.base is None else place.base.bottom - top  # a stand, on pads
 

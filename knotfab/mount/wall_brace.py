@@ -32,7 +32,6 @@ STARTS = 160  # starts of leaning pegs, evenly along all tubes, and as many ends
 MOST_SLOPE = 1.0  # a leaning peg's slope: along the wall per mm towards it
 LEAST_SLOPE = 0.15
 MOST_COSINE = 0.75  # between a leaning peg and its tube
-TIE_RADII = 60.0  # tube radii: the longest strut on which a knot hangs
 
 
 def hidden_braces(
@@ -105,7 +104,8 @@ def tie_to_held(
     """
     obstacles = Obstacles(knots, sites, clearance_mm)
     obstacles.add(replace(pegs, radius=root_radius_mm, end_radius=None))
-    shadows, reach = MountShadows(knots, (camera,), (target,)), TIE_RADII * knots.radius_mm
+    # tube radii: the longest strut on which a knot hangs
+    shadows, reach = MountShadows(knots, (camera,), (target,)), 60.0 * knots.radius_mm
     left, found = list(barred), nothing()
     while left:
         tie = next(

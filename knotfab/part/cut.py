@@ -21,7 +21,6 @@ CLEARANCE_MM = 0.12  # the pin's play in its hole, all round
 WALL_NOZZLES = 1.1  # round the hole
 PIN_NOZZLES = 0.6  # the least radius of a pin, in nozzles
 STARTS = 24  # places at which the first cut is tried
-EARLY = (1.0, 0.85, 0.7)  # how far back from the last place that fits the best is sought
 TURNS = 40  # ways up in which a piece may fit
 
 
@@ -86,7 +85,8 @@ def find_cuts(
     span = _Spans(line, build_volume_mm)
     best: tuple[int, float, list[int]] | None = None
     for first in at[:: max(1, len(at) // STARTS)]:
-        for early in EARLY:
+        # how far back from the last place that fits the best is sought
+        for early in (1.0, 0.85, 0.7):
             found = _greedy(span, at, worth, int(first), early)
             if found is None:
                 continue

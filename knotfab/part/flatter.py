@@ -26,7 +26,6 @@ STEPS = 5  # halvings, to a thirty-second of the depth
 AIM = 0.95  # a share of the limit: the search that follows lays the strands anew
 ROUND_MM = 0.1
 FLATTER = (0.6, 0.0)  # shares of the depth that are estimated for the report as well
-RODS = 2000  # rods that stand for the strands
 
 
 @dataclass(frozen=True)
@@ -107,5 +106,6 @@ def _rank_flattened(knots: Knots, share: float, rules: Rules) -> tuple[Strands, 
     """The strands with their depths scaled, and their poses, the best first."""
     flat = np.array([1.0, 1.0, share])
     scaled = (Knot(k.points * flat, closed=k.closed) for k in knots.knots)
-    strands = strands_of(Knots(tuple(scaled), knots.radius_mm), most=RODS)
+    # rods that stand for the strands
+    strands = strands_of(Knots(tuple(scaled), knots.radius_mm), most=2000)
     return strands, rank_turns(strands, propose_turns(strands), rules)

@@ -38,7 +38,6 @@ AXES = (
     np.array([[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]]),
 )
 SPHERE = 64  # directions all round
-HULL_FACES = 16  # faces of the hull on which the piece could lie
 SAME_DEG = 2.0  # directions nearer to each other are one
 
 # What a pose costs, as minutes of printing on a usual filament printer: a cubic centimetre of supports is
@@ -161,7 +160,8 @@ def _hull_faces(points: Array) -> Array:
     except QhullError:  # flat: it lies on its own plane, which is a principal one
         return np.empty((0, 3))
     area = np.linalg.norm(face_normals(points[hull.simplices]), axis=1)
-    largest = np.argsort(-area, kind="stable")[:HULL_FACES]
+    # faces of the hull on which the piece could lie
+    largest = np.argsort(-area, kind="stable")[:16]
     return np.asarray(-hull.equations[largest, :3])
 
 

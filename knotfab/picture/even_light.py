@@ -19,7 +19,6 @@ _SIDE = 600  # px of the longer side on which light is estimated
 _CLOSED = (0.36, 0.22, 0.14)
 _UNEVEN = 1.3  # the brightest light over the darkest, from which on it disturbs
 _LEVELS = 24  # levels that a photographed border has at least; painted pictures have fewer
-_HUE = 0.04  # the largest standard deviation of the shares of red and green along a paper's border
 _PAPER, _INK = 0.8, 0.5  # shares of the light that paper reflects at least, and ink at most
 # shares: pixels between paper and ink, at most, to the ink; ink, at least, to the picture
 _BETWEEN, _LEAST = 0.4, 0.004
@@ -42,7 +41,8 @@ def even_out(image: Image.Image) -> Image.Image | None:
     shares = border[:, :2] / np.maximum(border.sum(axis=1, keepdims=True), 1.0)
     if np.percentile(bright, 98) < _UNEVEN * np.percentile(bright, 2):
         return None
-    if len(np.unique(bright.round())) < _LEVELS or shares.std(axis=0).max() > _HUE:
+    # the largest standard deviation of the shares of red and green along a paper's border
+    if len(np.unique(bright.round())) < _LEVELS or shares.std(axis=0).max() > 0.04:
         return None
     grey = few.mean(axis=2)
     for closed in _CLOSED:

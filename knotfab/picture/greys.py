@@ -12,8 +12,6 @@ from knotfab.picture.read import Target
 
 __all__ = ["read_darkness"]
 
-_ENDS = (1.0, 99.0)  # percentiles of the pixels that are taken for black and for white
-
 
 def read_darkness(target: Target, invert: bool = False) -> Array:
     """(H, W) 0 where the picture is white, to 1 where it is black; what is transparent is white.
@@ -37,7 +35,8 @@ def read_darkness(target: Target, invert: bool = False) -> Array:
         grey = rgb @ [0.299, 0.587, 0.114]
     if invert:
         grey = 255.0 - grey
-    black, white_at = np.percentile(grey, _ENDS)
+    # percentiles of the pixels that are taken for black and for white
+    black, white_at = np.percentile(grey, (1.0, 99.0))
     if white_at - black < 1.0:
         raise InputError(what, "it is all one grey, so there are no tones in it", "Use another.")
     return np.asarray(np.clip((white_at - grey) / (white_at - black), 0.0, 1.0))

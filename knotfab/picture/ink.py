@@ -25,14 +25,11 @@ _ROWS = 512  # rows handled at once where colours are compared, to bound the mem
 _LUMA = (299, 587, 114)  # ITU-R BT.601, in thousandths
 # levels (of 255) by which blank paper differs from itself, once it is saved as a JPEG
 _NOISE = 8.0
-_JOINTS = 0.05  # the largest share of hairlines' pixels that lie where hairlines meet
-_PLAINLY = 64.0  # levels (of 255) by which ink is plainly darker or lighter than its background
 # A hue below so many degrees has this name.
 _HUES: tuple[tuple[int, str], ...] = (
     *((15, "red"), (45, "orange"), (68, "yellow"), (165, "green"), (195, "turquoise")),
     *((255, "blue"), (290, "purple"), (345, "pink"), (361, "red")),
 )
-_WORTH_SAYING = 0.02  # share of the ink of a colour that is told
 
 
 def find_ink(image: Image.Image, reading: Reading, what: str) -> tuple[Mask, str]:
@@ -131,7 +128,8 @@ def _faint(alpha: NDArray[np.uint8], what: str) -> InputError:
         why = "it is transparent everywhere, so there is no shape in it"
         return InputError(what, why, "Use a picture with opaque pixels where the shape is.")
     drawn = alpha > 0
-    if ndimage.binary_erosion(drawn, np.ones((3, 3))).sum() < _JOINTS * drawn.sum():
+    # the largest share of hairlines' pixels that lie where hairlines meet
+    if ndimage.binary_erosion(drawn, np.ones((3, 3))).sum() < 0.05 * drawn.sum():
         why = f"its lines are thinner than a pixel: its most opaque pixel has alpha {peak:.2g}"
         return InputError(what, why, "Draw wider lines (of a wider stroke in an SVG).")
     why = f"it is faint: its most opaque pixel has alpha {peak:.2g}"
@@ -161,7 +159,8 @@ def _tell_colours(colours: Levels, mask: Mask) -> str:
     if colours.ndim == 2 or colours.dtype != np.uint8 or not mask.any():
         return ""
     found = cluster_colours(colours[mask].astype(np.uint8, copy=False))
-    told = [k for k, share in enumerate(found.shares) if share >= _WORTH_SAYING]
+    # share of the ink of a colour that is told
+    told = [k for k, share in enumerate(found.shares) if share >= 0.02]
     if len(told) < 2:
         return ""
     kinds = found.label(colours)
@@ -280,7 +279,8 @@ def _tell_shape(middle: Array, colours: Levels, mask: Mask) -> str:
     ground = np.broadcast_to(255 * middle / most, 3)
     ink = np.broadcast_to(255 * colours[mask].mean(axis=0) / most, 3)
     brighter = float((ink - ground) @ _LUMA) / sum(_LUMA)
-    which = "" if abs(brighter) < _PLAINLY else "light " if brighter > 0 else "dark "
+    # levels (of 255) by which ink is plainly darker or lighter than its background
+    which = "" if abs(brighter) < 64.0 else "light " if brighter > 0 else "dark "
     return f"the {which}shape on {_word_of(ground)}"
 
 

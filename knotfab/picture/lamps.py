@@ -38,12 +38,10 @@ _GREY = 0.04  # a picture with less chroma everywhere is grey (a pure red has 0.
 _COLOURED = 0.002  # share of the picture's pixels that must have more
 _SAME = 0.06  # two mixtures nearer to each other than this in OKLab look alike
 _FLAT = 0.05  # a pixel that differs less (sRGB) from its neighbours lies in a flat colour
-_BESIDE = 0.10  # antialiasing may lie so far (sRGB) from the line between two colours
 # a share of the longer side: spots smaller than a square so wide join their surroundings
 _SPECK = 0.008
 # a picture is a photograph where this share of its pixels differs by the grain (sRGB) from its neighbours
 _GRAIN, _PHOTOGRAPH = 0.02, 0.35
-_VOTE = 0.006  # a share of the longer side: about half as wide as the shadow of a thin strand
 # a share of the longer side: areas of twice this width are slivers beside thicker ones
 _SLIVER = 0.0045
 # a loss is told where a colour is so far off in OKLab, on this share of the picture
@@ -150,7 +148,8 @@ def separate(
         kept = np.sort(np.argsort(-counts, kind="stable")[: max(most, 2)]).astype(np.int64)
         labels = _without_seams(srgb, _nearest(lab, palette, kept))
     if (_spread(srgb) > _GRAIN).mean() > _PHOTOGRAPH:
-        labels = _voted(labels, _VOTE * max(labels.shape))
+        # a share of the longer side: about half as wide as the shadow of a thin strand
+        labels = _voted(labels, 0.006 * max(labels.shape))
     labels = _without_specks(labels, (_SPECK * max(labels.shape)) ** 2)
     labels = _without_slivers(labels, _SLIVER * max(labels.shape))
     masks = np.stack([(labels >> k & 1).astype(bool) for k in range(len(colours))])
@@ -290,7 +289,8 @@ def _without_seams(srgb: Array, labels: Labels) -> Labels:
             along = ((here - one) * way).sum(-1) / np.maximum((way * way).sum(-1), 1e-9)
             beside = np.linalg.norm(here - one - along[:, None] * way, axis=-1)
             between = (labels[a, b] != labels[c, d]) & (along > 0) & (along < 1)
-            between &= (beside < _BESIDE) & (beside < best)
+            # antialiasing may lie so far (sRGB) from the line between two colours
+            between &= (beside < 0.10) & (beside < best)
             best[between] = beside[between]
             nearer = np.where(along < 0.5, labels[a, b], labels[c, d])
             name[between] = nearer[between]

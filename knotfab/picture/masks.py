@@ -22,7 +22,6 @@ __all__ = [
 ]
 
 _MANY, _HARDLY = 6, 0.015  # the fewest specks of dust, and their largest share of the ink
-_SCATTERED = 2.5  # the distance between specks of dust over their size, at least
 _HALF = 0.5 - 1e-5  # coverage is summed in single precision
 
 
@@ -98,7 +97,8 @@ def count_dust(mask: Mask, least_px: float) -> int:
     if len(at) < _MANY or np.square(sides).sum() > _HARDLY * mask.sum():
         return 0
     apart = KDTree(at).query(at, 2)[0][:, 1]
-    return len(at) if np.median(apart) > _SCATTERED * np.median(sides) else 0
+    # the distance between specks of dust over their size, at least
+    return len(at) if np.median(apart) > 2.5 * np.median(sides) else 0
 
 
 def smooth(mask: Mask, sigma_px: float) -> Mask:

@@ -21,7 +21,6 @@ __all__ = ["LONGER_SIDE", "fit_size", "polygon_iou", "resample_mask", "trace_pol
 LONGER_SIDE = 1024  # pixels at which pictures are compared and traced
 _SPECK = 2.0  # px²: smaller pieces and holes are dropped from polygons
 _REACH = 0.5  # px: how far smoothing may move the outline; half of it where coverage is known
-_MOST_RINGS = 3000  # a picture with more is noise, and smoothing it would only take time
 _SPACING = 0.5  # px between samples while smoothing
 # Just below one half, so that pixels that touch only at corners stay connected.
 _LEVEL = 0.499
@@ -177,7 +176,8 @@ def trace_polygon(mask: Mask, smooth_px: float = 1.5) -> MultiPolygon:
     coverage = resample_mask(mask, w, h)
     binary = (w, h) == (width, height)
     traced = _trace(coverage)
-    if sum(map(len, traced)) > _MOST_RINGS:
+    # a picture with more is noise, and smoothing it would only take time
+    if sum(map(len, traced)) > 3000:
         smooth_px = 0.0
     reach = _REACH if binary else 0.5 * _REACH
     kept: list[Polygon] = []

@@ -11,7 +11,6 @@ __all__ = ["draw_discs", "is_thin", "run_together", "thicken"]
 
 _MOST = 0.5  # the share of a line drawing's middle lines that are thinner than the tube
 _SOLID = 0.2  # the largest share of its area that is twice as thick
-_RIDGE = 0.7  # px: on a slope of the distance a neighbour is further in by 0.9 or more, on a ridge by less
 
 
 def _inside(mask: Mask) -> Array:
@@ -41,7 +40,8 @@ def _ridge(mask: Mask, inside: Array) -> Mask:
     """The middle lines: pixels of which no neighbour is further in."""
     from scipy import ndimage
 
-    return np.asarray(mask & (inside > ndimage.maximum_filter(inside, 3) - _RIDGE))
+    # px: on a slope of the distance a neighbour is further in by 0.9 or more, on a ridge by less
+    return np.asarray(mask & (inside > ndimage.maximum_filter(inside, 3) - 0.7))
 
 
 def is_thin(mask: Mask, width_px: float) -> bool:

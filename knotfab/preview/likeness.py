@@ -26,12 +26,9 @@ _LEAST_PX, _MOST_PX = 256, 1024  # px of its longer side there
 _SOLID = 0.5  # radii of outline to the area, below which most of it is wider than two tubes
 _COVERED = 1.0 / 3.0  # a piece or hole of which a smaller share is covered is lost
 _SHARED = 0.25  # a piece of which a smaller share is covered merely touches the drawing
-_SCREEN = 0.5  # specks of holes that together are more than this share of the ink are a screen
 _SPECK = 0.5  # radii: the side of a square as large as what nobody misses
-_LEAST_IOU = 0.55  # the verdict asks for 0.5, but its topology for more
 _DRAWN = 0.9  # IoU of an opening that is a remedy
 _CHANGED = 0.65  # a share of all pieces and holes; the verdict allows one in two
-_SPARED = 6  # changes that are never too many; the verdict allows 3
 _DENSITIES = (0.3, 0.4, 0.5, 0.6, 0.7)  # shares of ink in a disc, from which on it is drawn
 _FINER = (0.8, 0.65, 0.5, 0.4, 0.3, 0.25, 0.2, 0.15, 0.1, 0.07, 0.05, 0.03)  # radii that are tried
 
@@ -50,8 +47,10 @@ class Likeness:
     @property
     def recognisable(self) -> bool:
         """True if a search may be worth it."""
-        most = max(_CHANGED * self.features, _SPARED)
-        return self.iou >= _LEAST_IOU and self.changes <= most
+        # changes that are never too many; the verdict allows 3
+        most = max(_CHANGED * self.features, 6)
+        # the verdict asks for 0.5, but its topology for more
+        return self.iou >= 0.55 and self.changes <= most
 
 
 def estimate_likeness(mask: Mask, radius_px: float, unions: int = 7) -> Likeness | None:
@@ -88,7 +87,8 @@ def compare_lines(asked: Mask, widened: Mask, radius_px: float) -> Likeness:
     its meshes no specks.
     """
     _, holes = holes_of(asked)
-    screen = holes[holes < (_SPECK * radius_px) ** 2].sum() > _SCREEN * asked.sum()
+    # specks of holes that together are more than this share of the ink are a screen
+    screen = holes[holes < (_SPECK * radius_px) ** 2].sum() > 0.5 * asked.sum()
     found = _Features(asked, 0.0 if screen else radius_px).compare(widened)
     return replace(found, iou=1.0)
 

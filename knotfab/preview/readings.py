@@ -35,7 +35,6 @@ __all__ = ["TriedReading", "advise", "draw_readings", "is_unclear", "try_reading
 MOST = 6  # readings that are shown
 _ALIKE = 0.93  # IoU of two silhouettes that are one choice
 _USUAL_SHARE = 0.014  # tube radius over the frame's longer side, where the picture has room
-_UNCLEAR = 24  # pieces and holes, from which on a picture may be meant otherwise
 _OPTIONS = {
     "ink": "--ink",
     "speck_px": "--specks",
@@ -43,8 +42,6 @@ _OPTIONS = {
     "keep_largest": "--keep-largest",
     "subject_px": "--subject",
 }
-_PHOTO = 100  # colours of four bits a channel, that a photograph has at least
-_MILD = 0.9  # the score's factor for each step of cleaning
 _LINES = 0.6  # the share that counts as drawn of lines: a usual tube draws none, a thin one all
 _LEAST_INK, _MOST_INK = 0.04, 0.7  # shares of the frame within which a likely reading lies
 _PANEL, _TEXT, _GAP, _COLUMNS = 300, 68, 14, 3  # px of the sheet
@@ -103,7 +100,8 @@ def is_unclear(found: Survey) -> bool:
     (seen,) = found.views
     guessed = any("--ink flood" in note for note in seen.target.notes)
     refused = found.refusal is not None and found.refusal.what == PICTURE
-    return refused or guessed or seen.pieces + seen.holes >= _UNCLEAR
+    # pieces and holes, from which on a picture may be meant otherwise
+    return refused or guessed or seen.pieces + seen.holes >= 24
 
 
 def advise(found: Survey, readings: Sequence[TriedReading]) -> Survey:
@@ -156,7 +154,8 @@ def try_readings(
             one = _try(keys, source, scene, base, font)
             if one is None:
                 break
-            tried.append((one.refusal is not None, -one.score * _MILD**level, level, one))
+            # the score's factor for each step of cleaning
+            tried.append((one.refusal is not None, -one.score * 0.9**level, level, one))
         found += [min(tried)[-1]] if tried else []
     if not found:
         raise InputError(str(source), "no reading of it holds a shape", "Draw it as dark on white.")
@@ -252,7 +251,8 @@ def _is_photo(image: Image.Image) -> bool:
         return False
     small = image.convert("RGB")
     small.thumbnail((96, 96))
-    return len(np.unique(np.asarray(small).reshape(-1, 3) >> 4, axis=0)) >= _PHOTO
+    # colours of four bits a channel, that a photograph has at least
+    return len(np.unique(np.asarray(small).reshape(-1, 3) >> 4, axis=0)) >= 100
 
 
 def _colours(image: Image.Image, most: int = 3) -> list[str]:

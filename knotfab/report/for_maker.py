@@ -26,9 +26,6 @@ TORCH_MM = 5.0  # across which a phone's torch shines
 BULB_MM = 60.0  # a frosted bulb
 _COLOURS = 32
 _PAPER = 250  # a grey that is as good as white
-_FEW_FILES = 3  # files of a kind that are listed one by one
-_GAP_PX = 16  # empty rows and columns that are kept beside the drawing
-_FAR_PX = 24  # empty rows beyond those, between two drawings: the side and the front
 _NO_WORDS = "#words { display: none }"  # they stand beside it
 
 # the file that a maker opens first comes first
@@ -115,7 +112,8 @@ def list_files(names: Iterable[str]) -> list[tuple[str, str]]:
         for name in sorted(name for name in names if re.fullmatch(pattern, name)):
             alike.setdefault(re.sub(r"-\d+\b", "-", name), []).append(name)
         for group in alike.values():
-            many = [f"{group[0]} … {group[-1]}"] if len(group) > _FEW_FILES else group
+            # files of a kind that are listed one by one
+            many = [f"{group[0]} … {group[-1]}"] if len(group) > 3 else group
             found += [(name, what) for name in many]
     return found
 
@@ -137,7 +135,8 @@ def draw_setup(folder: Path) -> list[str]:
     near = np.flatnonzero(_near_ink(image, 1))
     gaps = np.diff(near)
     cut = int(gaps.argmax()) + 1
-    bands = np.split(near, [cut]) if gaps[cut - 1] > _FAR_PX else [near]
+    # empty rows beyond those, between two drawings: the side and the front
+    bands = np.split(near, [cut]) if gaps[cut - 1] > 24 else [near]
     found = []
     for rows in bands:
         part = image.crop((0, rows[0], image.width, rows[-1] + 1))
@@ -152,4 +151,5 @@ def _near_ink(image: Any, axis: int) -> NDArray[np.bool_]:
     from scipy.ndimage import binary_dilation
 
     inked = (np.asarray(image.convert("L")) < _PAPER).any(axis=axis)
-    return np.asarray(binary_dilation(inked, iterations=_GAP_PX))
+    # empty rows and columns that are kept beside the drawing
+    return np.asarray(binary_dilation(inked, iterations=16))

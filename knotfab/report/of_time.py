@@ -19,7 +19,6 @@ _WORK = (
     *("method", "coarse_px", "fine_px"),
     *("coarse_iterations", "fine_iterations", "settle_iterations"),
 )
-_LEAST_GAIN = 5e-5  # the least IoU that a sentence can say
 
 
 def plan_next_step(report: Report, timings: Mapping[str, float]) -> NextStep | None:
@@ -51,7 +50,8 @@ def plan_next_step(report: Report, timings: Mapping[str, float]) -> NextStep | N
         timings.get(stage, 0.0) * (better["seconds"].get(stage, seconds) / seconds - 1.0)
         for stage, seconds in own["seconds"].items()
     )
-    bought = f"about {100 * gain:.1g}%" if gain > _LEAST_GAIN else "hardly"
+    # the least IoU that a sentence can say
+    bought = f"about {100 * gain:.1g}%" if gain > 5e-5 else "hardly"
     longer = f"in about {more:.0f} s more" if more >= 0.5 else "in about the same time"
     return NextStep(
         accuracy=better["accuracy"],

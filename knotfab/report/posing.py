@@ -14,8 +14,6 @@ if TYPE_CHECKING:
 
 __all__ = ["find_access", "lay_out"]
 
-_VIEWS_FLATTENED = 1  # with several views less depth of one is less width of another
-
 
 def lay_out(
     print_: Print,
@@ -146,7 +144,8 @@ def _with_supports(
         return print_, notes
     seconds, grams, supports = print_.time_s, print_.filament_g, print_.support_g
     tall = part.pose.account is not None and part.plates is None and scene.piece.depth != 0
-    if tall and len(scene.views) == _VIEWS_FLATTENED and seconds and grams and supports is not None:
+    # with several views less depth of one is less width of another
+    if tall and len(scene.views) == 1 and seconds and grams and supports is not None:
         sliced = Flatter(1.0, seconds / 3600, grams, supports)
         knots = part.pose.knots.moved(part.pose.matrix)
         flatter = tuple(estimate_flatter(knots, sliced, rules_of(scene)))

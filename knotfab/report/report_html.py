@@ -50,8 +50,6 @@ VERDICTS = {
     ),
 }
 _NOTHING = "Nobody would miss anything of the picture in its shadow."
-_CLEAN = ("standard", "fine")  # accuracies that leave a shadow as clean as this says
-_LARGE_BYTES = 100_000  # a picture of more bytes is embedded as WebP
 _QUALITY = 85  # the quality of WebP, of 100
 MEDIA = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".gif": "image/gif"}
 
@@ -59,7 +57,8 @@ MEDIA = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".gif
 def _verdicts(report: Report) -> dict[str, tuple[str, str]]:
     """`VERDICTS`; that nobody would miss anything is said only where nothing is, speck or tip."""
     verdict, made = report.verdict, report.settings
-    clean = made.accuracy in _CLEAN and not made.time_budget_s
+    # accuracies that leave a shadow as clean as this says
+    clean = made.accuracy in ("standard", "fine") and not made.time_budget_s
     if not clean or (verdict and (verdict.lost or verdict.specks or verdict.cut_tips)):
         return VERDICTS
     return {**VERDICTS, "faithful": (VERDICTS["faithful"][0], _NOTHING)}
@@ -79,7 +78,8 @@ class Picture:
     def data_uri(self) -> str:
         """The file as a data URI; a large one that does not move as WebP, so that the page stays small."""
         data = self.path.read_bytes()
-        if len(data) > _LARGE_BYTES and self.path.suffix != ".gif":
+        # a picture of more bytes is embedded as WebP
+        if len(data) > 100_000 and self.path.suffix != ".gif":
             return image_uri(Image.open(self.path), "webp", quality=_QUALITY, method=2)
         return data_uri(data, MEDIA[self.path.suffix.lower()])
 

@@ -25,7 +25,6 @@ __all__ = ["HistoryFrame", "find_supports", "pack_rows", "viewer_data"]
 Record = dict[str, Any]
 
 LEVELS = 65535  # levels of a coordinate
-OFF_TUBE = 1.02  # tube radii from the centre line: what is farther out belongs to the mount
 MOUNT_FACES = 4000
 THIN_RADII = 1.2  # between two vertices of a state of the search, about, or more:
 HISTORY_VERTICES = 30_000  # vertices of all states together, so that the page stays small
@@ -168,7 +167,8 @@ def _mount_of(knots: Knots, bodies: Sequence[Mesh], matrix: Array) -> list[Mesh]
     found: list[Mesh] = []
     for vertices, faces in bodies:
         points = vertices @ matrix[:3, :3].T + matrix[:3, 3]
-        off = middles.query(points)[0] > OFF_TUBE * knots.radius_mm
+        # tube radii from the centre line: what is farther out belongs to the mount
+        off = middles.query(points)[0] > 1.02 * knots.radius_mm
         own = faces[off[faces].any(axis=1)]
         if len(own):
             found.append(_fewer(keep_faces(points, own)))

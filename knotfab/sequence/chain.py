@@ -38,9 +38,7 @@ from knotfab_formats.search import PRESETS, SearchSettings
 __all__ = ["Chain", "SequenceFrame", "list_ties", "pick_first", "radius_for_all"]
 
 _SLACK = 1.1  # length of a frame's knot over that of the one searched first, for a picture of the same area
-_GIVE = 0.01  # IoU that a frame's opening may lose against that one's before the tube is thinner
 _THINNER = 0.93
-_OF_FIRST = 0.8  # time of a later frame's search and finish over the search of the first
 
 
 @dataclass(frozen=True)
@@ -89,7 +87,8 @@ def radius_for_all(
         settings = settings.but(radius_give=give)
     choice = choose_radius(question, settings, knots)
     radius, thinnest = choice.radius_mm, question.scene.printer.min_tube_radius_mm
-    wanted = question.opening(radius) - _GIVE
+    # IoU that a frame's opening may lose against that one's before the tube is thinner
+    wanted = question.opening(radius) - 0.01
     while radius * _THINNER >= thinnest and any(
         opening_iou(polygon, radius) < wanted for polygon in polygons
     ):
@@ -229,7 +228,8 @@ class Chain:
         share = None
         if self._budget is not None:
             left = self._budget.search_s(0)
-            frame_s = left / (1.0 + _OF_FIRST * (len(targets) - 1))
+            # time of a later frame's search and finish over the search of the first
+            frame_s = left / (1.0 + 0.8 * (len(targets) - 1))
             share = Budget(time.perf_counter() + frame_s)
         first = design_knots(asked, [target], self._forms, progress, share)
         # the region as it was asked for: a mesh lies where the scene says, not yet beside the result; and

@@ -31,8 +31,6 @@ from knotfab.request import Request
 
 __all__ = ["KeptFrames", "keep_for"]
 
-_DAYS = 30.0  # after which what nobody asked for again is removed
-
 
 class KeptFrames:
     """The frames of one sequence that are kept; a folder that cannot be written keeps nothing."""
@@ -71,7 +69,8 @@ def keep_for(request: Request, targets: Sequence[Target]) -> KeptFrames:
     folder = own_folder("KNOTFAB_CACHE", user_cache_path) / "sequences"
     with contextlib.suppress(OSError):
         for other in folder.iterdir():
-            if other.stat().st_mtime < time.time() - 86400 * _DAYS:
+            # what nobody asked for again in 30 days is removed
+            if other.stat().st_mtime < time.time() - 86400 * 30.0:
                 shutil.rmtree(other, ignore_errors=True)
     digest = hashlib.sha256()
     for part in _parts(request, targets):

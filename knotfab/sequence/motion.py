@@ -21,9 +21,7 @@ from knotfab_formats.report import Motion
 __all__ = ["Anchor", "Tautness", "measure", "outline_motion", "pair_pieces"]
 
 
-_SPACING_MM = 0.1  # between samples on the outlines
 _TAUT = 0.05  # weight of the length beyond what the picture's area calls for
-_KEEP = 0.97  # a share of a vertex's bound, from which the objective begins to hold it back
 
 
 def pair_pieces(
@@ -61,7 +59,8 @@ def outline_motion(old: MultiPolygon, new: MultiPolygon, knots: int = 1) -> floa
 
 def _furthest(one: MultiPolygon, other: MultiPolygon) -> float:
     """Measure the largest distance of a point of the outline of `one` from that of `other`."""
-    points = shapely.points(shapely.get_coordinates(one.boundary.segmentize(_SPACING_MM)))
+    # mm between samples on the outlines
+    points = shapely.points(shapely.get_coordinates(one.boundary.segmentize(0.1)))
     line = other.boundary
     shapely.prepare(line)
     return float(shapely.distance(points, line).max())
@@ -82,7 +81,8 @@ class Anchor(Term):
         away = state.points - self.points
         # the root's slope has no limit at 0, where the hinge is far from touching
         length = np.sqrt((away * away).sum(axis=1) + 1e-12)
-        beyond = np.maximum(length - _KEEP * self.limit_mm, 0.0) / self.radius_mm
+        # a share of a vertex's bound, from which the objective begins to hold it back
+        beyond = np.maximum(length - 0.97 * self.limit_mm, 0.0) / self.radius_mm
         slope = (2.0 * weights.hold / self.radius_mm * beyond / length)[:, None] * away
         return weights.hold * float((beyond * beyond).sum()), slope
 

@@ -33,7 +33,6 @@ _SPINDLE_MM = 7.4  # hole of the hub: a record player's spindle is 7.2 mm thick
 _HUB_MM = 10.0  # radius of the hub
 _SPOKES, _SPOKE_MM = 4, 10.0
 _APART = 0.2  # a share of a frame's width, between posts
-_LOW = 0.35  # a share of a frame's height, within which posts stand
 _POST = 0.9  # a share of the tube's radius: a post ends inside the tube
 
 
@@ -62,7 +61,8 @@ def find_footholds(points: Array, width: float, height: float) -> list[int]:
     """
     y = points[:, 1]
     dips = np.flatnonzero((y <= np.roll(y, 1)) & (y <= np.roll(y, -1)))
-    dips = dips[y[dips] <= y.min() + _LOW * height]
+    # a share of a frame's height, within which posts stand
+    dips = dips[y[dips] <= y.min() + 0.35 * height]
     chosen: list[int] = []
     for i in dips[np.argsort(y[dips], kind="stable")]:
         others = points[chosen][:, [0, 2]] - points[i, [0, 2]]

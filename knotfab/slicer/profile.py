@@ -14,8 +14,6 @@ __all__ = ["PROFILE", "line_width", "profile", "read_profile", "why_not_sliced",
 
 PROFILE = "slicer.ini"
 
-LEAST_NOZZLE_MM = 0.1  # narrower is the spot of a laser or a pixel of a screen, not a nozzle
-LINE_NOZZLES = 1.125  # width of a printed line in nozzle diameters, as is usual
 INFILL_PERCENT = 15
 
 
@@ -41,7 +39,8 @@ def why_not_sliced(scene: ResolvedScene) -> str | None:
     if scene.material.process == "wire":
         return "wire: bent, not sliced"
     resin = "resin" in (scene.material.process, scene.printer.process)
-    if resin or scene.printer.nozzle_mm < LEAST_NOZZLE_MM:
+    # narrower is the spot of a laser or a pixel of a screen, not a nozzle
+    if resin or scene.printer.nozzle_mm < 0.1:
         return "resin: only its own slicer can say"
     if scene.printer.process == "powder":
         return "powder: no supports, and those who print it pack it"
@@ -50,7 +49,8 @@ def why_not_sliced(scene: ResolvedScene) -> str | None:
 
 def line_width(scene: ResolvedScene) -> float:
     """Width of every printed line, mm."""
-    return round(LINE_NOZZLES * scene.printer.nozzle_mm, 4)
+    # width of a printed line in nozzle diameters, as is usual
+    return round(1.125 * scene.printer.nozzle_mm, 4)
 
 
 def profile(scene: ResolvedScene, program: str | None = None) -> dict[str, str]:

@@ -19,7 +19,6 @@ from knotfab_formats.search import SearchSettings
 __all__ = ["start_at_circles"]
 
 
-_CIRCLE = 0.35  # radius of a circle over the shorter side of its picture
 _WAVES, _OUTLINE, _FITS = 4, 300, 30  # waves, outline samples and fits of a circle bent in depth
 
 
@@ -63,7 +62,8 @@ def _circles(curves: Sequence[Array], radius: float, separation: float) -> list[
     found = []
     for k, curve in enumerate(curves):
         low, high = curve.min(0), curve.max(0)
-        around = max(_CIRCLE * float((high - low).min()), 4.0 * radius)
+        # radius of a circle over the shorter side of its picture
+        around = max(0.35 * float((high - low).min()), 4.0 * radius)
         count = max(48, round(2 * np.pi * around / (0.5 * radius)))
         angle = 2 * np.pi * np.arange(count) / count
         middle = 0.5 * (low + high)

@@ -31,12 +31,9 @@ __all__ = ["choose_depth", "lift", "lower"]
 
 # degrees that a profile is looked at from, the farthest first, and their weights
 _ASIDE = {45.0: 0.75, 30.0: 0.25}
-_CONFLICT = 0.6  # weight of strands that hide each other at the same depth, against legibility
 _SURELY = 0.9  # a share of the least support so far, which the next profile needs too
-_SUPPORT = 0.02  # weight of supports in print, in volumes of the tube, against legibility
 _DRAWN = 6  # one candidate in so many is drawn at random; the others vary the best so far
 _KEPT = 4  # profiles that are varied in turn
-_CHANGES = (0.6, 0.1)  # shares of a wave's spread by which it is changed, at first and at last
 _RODS = 600  # rods by which supports are estimated
 _EXTENTS = 20  # extents at which a profile is judged where placing is careless
 _NOISE = 0.025  # legibility differs by as much from draw to draw of profiles: less is no reason
@@ -201,7 +198,8 @@ class _Judge:
         """
         points = np.concatenate(parts)
         close = _count_close(points, *self.pairs, 2.2 * self.radius)
-        found = _CONFLICT * close / max(len(self.pairs[0]), 1)
+        # weight of strands that hide each other at the same depth, against legibility
+        found = 0.6 * close / max(len(self.pairs[0]), 1)
         centred, left = about_middle(points), sum(_ASIDE.values())
         for angle, share in _ASIDE.items():
             worst = 0.0
@@ -242,7 +240,8 @@ class _Judge:
         rules, rods = Rules(self.overhang_deg), strands_along(parts, self.radius, most=_RODS)
         tube_cm3 = np.pi * self.radius**2 * rods.length.sum() / 1000
         found = [support_cm3(rods, turn, rules) for turn in self.turns]
-        return np.asarray(_SUPPORT * np.array(found) / tube_cm3)
+        # weight of supports in print, in volumes of the tube, against legibility
+        return np.asarray(0.02 * np.array(found) / tube_cm3)
 
     def keep_best_turns(self, placed: list[list[Array]]) -> None:
         """Keep from here on only the turns in which these need least."""
@@ -306,7 +305,8 @@ def choose_depth(
     judge.keep_best_turns([parts for _, _, parts in first])
     scored = [(seen + judge.support(parts), profile) for seen, profile, parts in first]
     best = sorted(scored, key=lambda one: one[0])[:_KEPT]
-    begin, end = _CHANGES
+    # shares of a wave's spread by which it is changed, at first and at last
+    begin, end = 0.6, 0.1
     for n in range(drawn, candidates):
         change = begin + (end - begin) * (n - drawn) / (candidates - drawn)
         profile = best[n % len(best)][1].varied(rng, change)

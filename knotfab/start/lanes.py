@@ -27,7 +27,6 @@ __all__ = ["assign_lanes", "part_passes", "part_sides"]
 
 _LANES = 8  # lanes on either side of the middle
 _STEP = 0.5  # separations between samples that have a lane each
-_ALONG = 2.5  # separations along the curve within which a strand is its own neighbour
 # a straight way less than this share of the way along it is a turn, at a stroke's end
 _TURNED = 0.5
 _HIDDEN = (1.5, 1.0)  # price of a sample in the lane of another that it hides, or half in it
@@ -136,7 +135,8 @@ def _hiding(samples: list[Array], separation: float) -> tuple[Indices, Array]:
     pairs, along = pair_nearby(samples, separation)
     i, j = pairs[:, 0], pairs[:, 1]
     turned = np.hypot(*(points[i] - points[j]).T) < _TURNED * along
-    found = (along > _ALONG * separation) | turned
+    # separations along the curve within which a strand is its own neighbour
+    found = (along > 2.5 * separation) | turned
     return np.asarray(pairs[found]), along[found]
 
 

@@ -16,8 +16,6 @@ from knotfab_formats.search import SearchSettings
 __all__ = ["Measured", "Step", "frontier", "halve", "list_effects", "list_steps", "merge_turns"]
 
 _LEAST = 1e-6  # an error of 0 has no logarithm
-_ROUGHER = 1.1  # the most curvature of a point on the front, over the middle's
-_PLAINER = 0.05  # legibility from aside over the middle's, likewise
 _NEAR = log(1.15)  # points within 15 % in seconds or in error are near the front
 _DEAR = log(4.0)  # more of the middle's seconds is only worth while for less error
 
@@ -90,9 +88,11 @@ class Measured:
 
     def keeps(self, middle: Measured) -> bool:
         """Tell whether its knots are sound, as graceful as the middle's, and as well hidden."""
-        if not self.feasible or self.curvature > _ROUGHER * middle.curvature:
+        # the most curvature of a point on the front, over the middle's
+        if not self.feasible or self.curvature > 1.1 * middle.curvature:
             return False
-        return (self.legible or 0.0) <= (middle.legible or 0.0) + _PLAINER
+        # legibility from aside over the middle's, likewise
+        return (self.legible or 0.0) <= (middle.legible or 0.0) + 0.05
 
 
 def merge_turns(turns: Sequence[Run]) -> Run:

@@ -45,7 +45,6 @@ __all__ = [
 ]
 
 _SHOWN_PX = 160  # longer side of the small pictures
-_SLIT = 0.5  # tube radii: gaps between strands that are no wider have no outline
 _WRONG = 0.25  # a cell with this share of wrong pixels counts as too much or missing
 # nothing there, drawn as wanted, too much, missing
 _COLOURS = (250, 248, 244, 36, 38, 43, 196, 61, 38, 47, 111, 196)
@@ -183,7 +182,8 @@ def _judge(run: Run, problem: Problem, knots: Knots, device: str) -> Run:
     shadows = find_shadows(problem, knots, device)
     number = min(range(len(shadows)), key=lambda k: mask_iou(*shadows[k]))
     worst, drawn = shadows[number], problem.views[number].view
-    slit_px = _SLIT * knots.radius_mm * drawn.magnification / drawn.pixel_mm
+    # tube radii: gaps between strands that are no wider have no outline
+    slit_px = 0.5 * knots.radius_mm * drawn.magnification / drawn.pixel_mm
     lengths = [knot.length_mm for knot in knots.knots]
     bends = [measure_curvature(knot.points, knots.radius_mm).mean for knot in knots.knots]
     legible = None

@@ -23,7 +23,6 @@ _HERE = Path(__file__).parent
 _STYLE = Path(report_html.__file__).parent / "style.css.j2"
 _WIDTH, _HEIGHT = 760.0, 480.0
 _LEFT, _RIGHT, _TOP, _BOTTOM = 70.0, 24.0, 18.0, 52.0
-_SHADOW_BYTES = 1_300_000  # bytes of all small pictures together, so that the page stays below 2 MB
 _ROOM = 0.06  # a share of an axis beyond the last point
 _COLOURS = 12  # colours of settings; those of the second turn have triangles
 
@@ -128,7 +127,8 @@ def render_page(explored: Explored, steps: Sequence[Step], told: _Told) -> str:
 def _count_shadows(measured: Sequence[Measured]) -> int:
     """Count the pictures whose shadows of each point fit into the page."""
     for count in range(max(len(m.runs) for m in measured), 1, -1):
-        if sum(len(run.shadow) for m in measured for run in m.runs[:count]) < _SHADOW_BYTES:
+        # bytes of all small pictures together, so that the page stays below 2 MB
+        if sum(len(run.shadow) for m in measured for run in m.runs[:count]) < 1_300_000:
             return count
     return 1
 
