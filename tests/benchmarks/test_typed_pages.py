@@ -14,7 +14,7 @@ from reports import report_with
 from benchmarks.typed_pages import PAGES, ROOT, broken_promises, commands_of, take_photograph
 from knotfab import pipeline
 from knotfab.base.progress import Progress
-from knotfab.cli import options
+from knotfab.cli import make
 from knotfab.cli.commands import app
 from knotfab.design.frames import frame_view
 from knotfab.design.radius import RadiusChoice
@@ -49,7 +49,7 @@ def test_a_page_can_be_typed_from_its_first_line_to_its_last(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(pipeline, "run_build", build)
-    monkeypatch.setattr(options, "open_page", page)
+    monkeypatch.setattr(make, "open_page", page)
     # which tube several pictures take is found by drawing starts, for seconds
     monkeypatch.setattr(survey, "choose_radius", lambda *_, **__: RadiusChoice(2.0, ()))
     folder = shutil.copytree(ROOT / "examples", tmp_path / "examples")

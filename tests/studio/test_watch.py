@@ -12,7 +12,7 @@ import pytest
 pytest.importorskip("starlette", reason="the studio needs starlette: pip install 'knotfab[studio]'")
 from starlette.testclient import TestClient
 
-from knotfab.cli.options import open_page
+from knotfab.cli.make import open_page
 from knotfab.studio.server import make_app
 from knotfab.studio.watch import WatchedBuild
 

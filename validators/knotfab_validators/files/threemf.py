@@ -6,18 +6,20 @@ import io
 import zipfile
 import zlib
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from knotfab_validators.arrays import Array
 from knotfab_validators.files.bad_file import MOST_TRIANGLES, BadFile, short
-from knotfab_validators.files.slicer_settings import SETTINGS, Steering, read_steering
 from knotfab_validators.files.threemf_model import (
     MOST_PLACED,
+    WHOLE,
     Model,
     Placed,
     Shape,
+    parse_xml,
     read_model,
     read_relations,
 )
@@ -32,6 +34,13 @@ DEEPEST = 100  # components within each other
 BLOCK = 1 << 18
 ENTRY = b"PK\x01\x02"  # the bytes before each entry in the archive's directory
 PACKINGS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # the two that the standard allows
+SETTINGS = (  # settings of PrusaSlicer (SuperSlicer), and of Bambu Studio and OrcaSlicer
+    "metadata/slic3r_pe_model.config",
+    "metadata/superslicer_model.config",
+    "metadata/model_settings.config",
+)
+PRINTED = {"modelpart", "normal_part"}
+NEGATIVE = {"negativevolume", "negative_part"}
 
 
 def is_3mf(content: bytes) -> bool:
@@ -93,7 +102,7 @@ class _Package:
         self.unpacked = 0
         self.cost: dict[tuple[str, int], tuple[int, int]] = {}
         self.left_out: list[str] = []
-        self.steering = Steering()
+        self.steering = _Steering()
         self._require_plausible(sum(entry.file_size for entry in archive.filelist))
 
     def corners(self) -> Corners:
@@ -106,7 +115,7 @@ class _Package:
         model = self._model(start)
         for entry in SETTINGS:
             if entry in self.entries:
-                self.steering = read_steering(self._blocks(entry), self.name)
+                self.steering = _read_steering(self._blocks(entry), self.name)
         triangles = placed = 0
         for item in model.items:
             more = self._cost(_part(item.part, start), item.number, 0)
@@ -219,3 +228,61 @@ class _Package:
 def _part(path: str | None, here: str) -> str:
     """An entry's name as it is looked up (without regard to case); None: where the reference stands."""
     return here if path is None else path.lower().removeprefix("/")
+
+
+@dataclass
+class _Steering:
+    """Bodies that are not printed: triangles of an object from first to last, or some of its components."""
+
+    triangles: dict[int, list[tuple[int, int]]] = field(default_factory=dict)
+    components: set[tuple[int, int]] = field(default_factory=set)
+    kinds: list[str] = field(default_factory=list)
+
+
+def _read_steering(blocks: Iterable[bytes], name: str) -> _Steering:
+    """Read bodies that one of the `SETTINGS` says only steer: modifiers, places for or without supports.
+
+    Raises:
+        BadFile: a body is negative, so that a slicer prints another shape than the file holds.
+    """
+    found = _Steering()
+    at: dict[str, str] = {}  # attributes of the object, volume or part that is open
+
+    def take(kind: str, owner: str, first: str, last: str | None) -> None:
+        kind = kind.strip().lower()
+        if kind in PRINTED or not all(WHOLE.fullmatch(n) for n in (owner, first, last or "0")):
+            return
+        if kind in NEGATIVE:
+            raise BadFile(
+                f"{name}: has a negative volume, which its slicer cuts out of the part: cut it there, and "
+                "export the part as it is printed"
+            )
+        found.kinds.append(short(kind))
+        if last is None:
+            found.components.add((int(owner), int(first)))
+        else:
+            found.triangles.setdefault(int(owner), []).append((int(first), int(last)))
+
+    def start(tag: str, given: dict[str, str]) -> None:
+        if tag == "object":
+            at["object"] = given.get("id", "")
+        elif tag == "volume":
+            at["first"], at["last"] = given.get("firstid", ""), given.get("lastid", "")
+        elif tag == "part":
+            take(
+                given.get("subtype", "normal_part"), at.get("object", ""), given.get("id", ""), None
+            )
+        elif (
+            tag == "metadata" and given.get("key") in ("volume_type", "modifier") and "first" in at
+        ):
+            kind = given.get("value", "")
+            if given["key"] == "modifier":  # older files have this key
+                kind = "ModelPart" if kind == "0" else "ParameterModifier"
+            take(kind, at.get("object", ""), at["first"], at["last"])
+
+    def end(tag: str) -> None:
+        if tag == "volume":
+            at.pop("first", None)
+
+    parse_xml(blocks, name, start, end, lambda prefix, uri: None)
+    return found
