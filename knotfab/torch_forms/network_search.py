@@ -34,10 +34,8 @@ _REFRESH = 40  # iterations between even samplings of the curves
 _EDGE = 0.8  # vertex spacing of these in tube radii: coarser than the flow's, which has each vertex free
 _TAU = (1.0, 6.0)  # softer at first than the flow's: there is further to go
 _FURTHER = 2.0  # the rate from a circle over that from a filling template
-_SLOWEST = 0.1  # the last step's rate over the first's
 _SLOPE = 20.0  # the hidden units' slope: each bends about a twentieth of the piece at once
 _FINE = 0.6  # share of the iterations after which the picture is the fine one
-_REFINEMENTS = 5  # the most doublings of the samples for their certificate
 
 
 @dataclass(frozen=True)
@@ -80,7 +78,7 @@ def search_network(state: SearchState, report: Report | None = None) -> None:
     where = _descend(state, curves, mapped, report)
     best = Carried(np.concatenate(template), 0.0, 0, 0, np.inf)
     rings, doublings = polylines_of(template), 0
-    for refinement in range(_REFINEMENTS + 1):
+    for refinement in range(6):  # at most five doublings of the samples for their certificate
         start = curves.at(where)
         begun = certify_same_type(template, curves.knots, start, where, curves.periods)
         if begun.reached == 1.0:
@@ -139,7 +137,7 @@ def _descend(state: SearchState, curves: Curves, mapped: _Map, report: Report | 
         if near is None or near.moved(x) > 0.3 * radius:
             near = find_felt(x, state.rings, radius, limits.separation)
         if before is not None:
-            goal = first * _SLOWEST**progress * radius
+            goal = first * 0.1**progress * radius  # the last step's rate over the first's
             moved = float(np.sqrt(dot(x - before, x - before).mean()))
             rate *= float(np.sqrt(np.clip(goal / max(moved, 1e-300), 0.5, 2.0)))
         before = x

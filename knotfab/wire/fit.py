@@ -21,9 +21,7 @@ _STEP_MM = 0.6  # between the points of the curve that are fitted
 _LONGEST = 150  # points that one straight may stand for at first
 _CHORDS = 2.0  # tolerances that a chord may be off at first: corners will be moved outwards
 _ROUNDS = 14
-_PATIENCE = 5  # rounds without a better one
 _PRUNINGS = 12  # rounds at most of taking corners out
-_SPLIT_DEG = 70.0  # a bend that misses the curve and turns farther becomes two
 _MERGED_DEG = 110.0  # the most that one corner in place of two may turn
 
 
@@ -99,7 +97,7 @@ def fit_wires(
         for strand in strands:
             settle(strand, limits)
         revised = [_revise(s, light, limits, number % 2 == 1) for s in strands]
-        if not any(revised) or since >= _PATIENCE or limits.work.over:
+        if not any(revised) or since >= 5 or limits.work.over:  # rounds without a better one
             break
     for strand, (corners, index) in zip(strands, kept, strict=True):
         strand.corners, strand.index = corners, index
@@ -149,7 +147,7 @@ def _revise(strand: Strand, light: Array | None, limits: FitLimits, merging: boo
             if not is_bend:
                 if wire.straight[j] >= needed:
                     add[j] = float(np.clip(sites.share[worst], 0.2, 0.8))
-            elif turn[j] > _SPLIT_DEG:
+            elif turn[j] > 70.0:  # a bend that misses the curve and turns farther becomes two
                 split.add(j)
             else:
                 side = j if wire.straight[j] >= wire.straight[j - 1] else (j - 1) % m

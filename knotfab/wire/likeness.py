@@ -20,7 +20,6 @@ __all__ = ["GridLikeness"]
 
 
 _CELL = 0.4  # wire radii, as the light sees them, between the pixels that are looked at
-_SOFT = 0.25  # wire radii over which a strand's edge fades
 _STEP = 0.25  # wire radii between the places along a wire
 _REACH = 2.0  # wire radii beyond the picture that are looked at
 _FELT = 8.0  # fadings from an edge: farther, a pixel moves no strand
@@ -68,7 +67,7 @@ class GridLikeness:
         seen, w = self.geometry.project(points)
         away, near = cKDTree(seen).query(self.pixels)
         wide = (self.radius / self.geometry.pixel_mm) / w[near]
-        steep = 1.0 / (_SOFT * wide)
+        steep = 1.0 / (0.25 * wide)  # wire radii over which a strand's edge fades
         dark = expit((wide - away) * steep)
         residual = self.scale * (dark - self.wanted)
         if not with_jacobian:

@@ -18,7 +18,6 @@ _APART = 6  # corners from one that is taken out to the next: what comes of it i
 _NEAR = (2, 3, 6, 12)  # pieces to either side of a bad one whose old corners come back, in each try
 _ADJUSTED = 2  # tries in which the others are moved first: later ones only bring more back
 _STEPS = 5
-_FARTHEST_OFF = 0.1  # a wire that misses a limit by more is for another fit to mend
 _HIGHEST = 8.0  # tolerances that a corner may stand out by
 
 
@@ -39,7 +38,7 @@ def prune(
     barred = [np.zeros(len(s.corners), dtype=bool) for s in strands]
     count = sum(len(s.corners) for s in strands)
     worst = measure_worst(strands, light, limits)
-    if (worst > _FARTHEST_OFF).any():
+    if (worst > 0.1).any():  # a wire that misses a limit by more is for another fit to mend
         return 0
     for _ in range(rounds):
         before = [(s.corners, s.index) for s in strands]

@@ -18,9 +18,6 @@ if TYPE_CHECKING:
 __all__ = ["WireDrawing", "draw_views", "write_templates"]
 
 
-_LABEL_MM = 1.0
-
-
 @dataclass(frozen=True)
 class WireDrawing:
     """One view of one wire, in its own plane (mm): lines to draw at full size.
@@ -59,7 +56,7 @@ class WireDrawing:
         (x0, y0), wide, high = window.get_xy(), window.get_width(), window.get_height()
         # one path for all labels: hundreds of texts are slow
         glyphs = [
-            TextPath((x + 0.4, y + 0.3), label, size=_LABEL_MM)
+            TextPath((x + 0.4, y + 0.3), label, size=1.0)
             for (x, y), label in zip(self.bends + shift, self.labels, strict=True)
             if x0 <= x <= x0 + wide and y0 <= y <= y0 + high
         ]

@@ -144,14 +144,8 @@ def recognise(
     scale = _Scale(frame, geometry, 2 * radius_px)
     found = _compare(shadow, target, radius_px, outlined, bridged)
     rows = _Rows.of(find_rows(found.features, max(frame.width, frame.height), target), found)
-    specks = find_specks(
-        found.own,
-        found.wanted,
-        SPECK * found.reach,
-        found.reach,
-        blur_px / found.step,
-        found.step * scale.mm,
-    )
+    sizes = SPECK * found.reach, found.reach, blur_px / found.step, found.step * scale.mm
+    specks = find_specks(found.own, found.wanted, *sizes)
     facts = _gather(found, rows, specks, scale, target, iou)
     word = next((w for w, rule in RULES.items() if not facts.against(rule)), UNKNOWN)
     better = RULES[WORDS[max(WORDS.index(word) - 1, 0)]]
