@@ -34,7 +34,7 @@ __all__ = ["read_also", "read_scene", "read_seconds", "read_skips"]
 
 Format = Literal["svg", "dxf", "step", "gcode"]
 _TIME = re.compile(r"(\d+\.?\d*|\.\d+)\s*([a-z]*)\s*")
-_MOST_S = 100 * 86400.0
+_MOST_S = 100 * 86400.0  # a hundred days
 _SECONDS = {"": 1.0}
 _SECONDS |= dict.fromkeys(("s", "sec", "secs", "second", "seconds"), 1.0)
 _SECONDS |= dict.fromkeys(("m", "min", "mins", "minute", "minutes"), 60.0)

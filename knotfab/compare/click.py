@@ -14,7 +14,7 @@ from knotfab.report.report_html import make_environment
 
 __all__ = ["write_click_page"]
 
-_LONGER_PX = 2000
+_LONGER_PX = 2000  # longer side of the photograph as it is shown
 
 
 def write_click_page(photo: Path, command: list[str], out: Path) -> None:

@@ -35,7 +35,7 @@ from knotfab_formats.scene import ResolvedView, Scene
 
 __all__ = ["Comparison", "advise", "compare_photo", "open_view", "read_photo", "write_comparison"]
 
-_LONGER_PX = 640
+_LONGER_PX = 640  # longer side of the pictures that are compared
 _MARGIN = 0.15  # a share of the frame on each side, so that spill counts
 # a share of the plate's margin: its edge may be rounded, and is found to a px or two
 _PLATE_SHARE = 0.7

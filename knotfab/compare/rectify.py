@@ -27,7 +27,7 @@ _LOOKED_PX = 500  # longer side at which the plate is looked for
 _STRIP = 0.04  # a strip along the plate's edge, as a share of its width, that is taken to be wall
 _LEAST_SHARE = 0.04  # a plate covers at least this share of the photograph
 _FAINT = 0.12  # a shadow takes away at least this share of the light
-_ROUNDS = 6
+_ROUNDS = 6  # of fitting the light of the bare wall to what is lit
 
 
 def read_corners(words: Sequence[str], width: int, height: int) -> Array:

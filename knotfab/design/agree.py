@@ -42,7 +42,7 @@ AGREED = 0.995  # bounds from here on are agreement: nothing is moved or bent
 # a share of the height: how far a point moves at most by default (docs/scenarios.md)
 MOST_BENT = 0.12
 _HOPELESS = 0.5  # a bound below which no search is begun
-_MOST_VIEWS = 12
+_MOST_VIEWS = 12  # more leave nothing of each other
 # the most times that a bending is scaled back until the picture keeps its pieces and holes
 _SCALED = 12
 _SLACK = 0.0008  # a share of a bound: the error of a coarse measure

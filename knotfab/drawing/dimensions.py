@@ -21,9 +21,9 @@ __all__ = ["Scaled", "draw_dimension", "fit_scale", "length", "project_outlines"
 
 _STEPS = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)
 _LINE = 0.35  # points
-_TEXT = 6.5
+_TEXT = 6.5  # points
 _GAP_MM = 1.0  # between a thing and the line that leads away from it
-_ARROW_MM = 1.6
+_ARROW_MM = 1.6  # length of an arrow's head
 
 
 def length(value: float) -> str:

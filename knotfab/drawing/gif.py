@@ -9,7 +9,7 @@ from PIL import Image
 
 __all__ = ["write_gif", "write_shadows_gif"]
 
-_LONGER_PX = 384
+_LONGER_PX = 384  # longer side of the pictures
 
 
 def write_gif(path: Path, images: Sequence[Image.Image], frame_ms: int | list[int]) -> None:

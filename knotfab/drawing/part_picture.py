@@ -17,15 +17,15 @@ from knotfab_formats.scene import ResolvedView
 __all__ = ["draw_part", "place_eyes", "turn_eye", "turn_upright"]
 
 
-ANGLES_DEG = (0.0, 30.0, 60.0, 90.0)
-PANEL_PX = 360
+ANGLES_DEG = (0.0, 30.0, 60.0, 90.0)  # turns about the vertical, a panel each
+PANEL_PX = 360  # side of a panel
 OVERSAMPLING = 2
-PAPER = (250, 248, 244)
-TUBE = (0.82, 0.46, 0.31)
+PAPER = (250, 248, 244)  # sRGB
+TUBE = (0.82, 0.46, 0.31)  # sRGB, in 0 to 1
 AMBIENT, DIFFUSE, SPECULAR, SHINE = 0.34, 0.8, 0.22, 18  # the tube's (Phong)
 # A key light comes from the upper left, a weak one from the lower right: (direction, strength).
 LAMPS = (((-0.5, 0.8, 1.2), 0.9), ((0.9, -0.4, 0.6), 0.25))
-MARGIN = 1.12
+MARGIN = 1.12  # the frame over the part's extent
 SAME_DEG = 5.0  # directions nearer to each other show the same
 
 

@@ -18,7 +18,7 @@ __all__ = ["COUPON", "PLAYS_MM", "Coupon", "plan_coupon"]
 COUPON = "coupon.3mf"
 # Each hole has this play about the pin, and as many dots as tenths.
 PLAYS_MM = (0.1, 0.2, 0.3, 0.4, 0.5)
-APART_MM = 5.0
+APART_MM = 5.0  # between peg, strip and pin
 
 _DOTS = tuple(round(10 * play) for play in PLAYS_MM)
 

@@ -25,7 +25,7 @@ __all__ = [
 
 Rectangle = tuple[float, float, float, float]  # left, right, back and front, mm
 
-CORNER_MM = 6.0
+CORNER_MM = 6.0  # radius of the base's corners
 # the underside's edge is cut off by this: the print on the desk is so much smaller
 CHAMFER_MM = 0.6
 EDGE_MM = 2.0  # the least from a post's root to the edge of the base

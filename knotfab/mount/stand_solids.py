@@ -15,8 +15,8 @@ from knotfab_fixtures.stand import plinth
 
 __all__ = ["stand_bodies", "stand_fixtures"]
 
-ROOT_HEIGHT_MM = 3.0
-OVERLAP_MM = 0.5
+ROOT_HEIGHT_MM = 3.0  # a post widens to its root over so much
+OVERLAP_MM = 0.5  # a post goes so much deeper into the base than its root needs
 
 
 def stand_bodies(tubes: list[Mesh], mount: StandMount) -> list[Mesh]:

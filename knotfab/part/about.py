@@ -16,7 +16,7 @@ from knotfab_formats.scene import ResolvedView, SettledScene
 
 __all__ = ["GCODE_PX", "THUMBNAIL_PX", "about_part", "draw_thumbnail"]
 
-THUMBNAIL_PX = 300
+THUMBNAIL_PX = 300  # side of the picture in part.3mf
 GCODE_PX = 480  # G-code has smaller copies of this picture
 
 

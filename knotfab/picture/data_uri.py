@@ -14,7 +14,7 @@ from knotfab.picture.silhouette import fit_size
 
 __all__ = ["data_uri", "encode_image", "hash_script", "image_uri", "silhouette_uri"]
 
-_LONGER_PX = 512
+_LONGER_PX = 512  # longer side of a picture on a page
 
 
 def encode_image(image: Image.Image, kind: str = "png", **options: Any) -> bytes:

@@ -25,7 +25,7 @@ __all__ = ["Outline", "needs_shaping", "outline_text", "render_text"]
 
 _Box = tuple[float, float, float, float]  # left, top, width, height
 
-_EM = 1000
+_EM = 1000  # units to a letter's height
 _LONGEST = 200  # characters; more than this is no picture
 
 

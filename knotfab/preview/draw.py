@@ -23,7 +23,7 @@ __all__ = ["Panel", "draw_agreement", "draw_panels", "draw_survey"]
 
 _PANEL = 360  # px
 _TEXT = 34  # px of the caption above each
-_GAP = 12
+_GAP = 12  # px between panels
 _FINER = 3  # drawn so many times as large and brought down
 _PAPER, _INK, _FRAME = (250, 248, 244), (60, 58, 56), (214, 208, 198)
 _FAINT, _RED = (196, 190, 182), (212, 30, 30)

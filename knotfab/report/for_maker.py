@@ -24,7 +24,7 @@ __all__ = ["advise_lamp", "draw_setup", "list_files", "tell_setup"]
 
 TORCH_MM = 5.0  # across which a phone's torch shines
 BULB_MM = 60.0  # a frosted bulb
-_COLOURS = 32
+_COLOURS = 32  # colours of a drawing
 _PAPER = 250  # a grey that is as good as white
 _NO_WORDS = "#words { display: none }"  # they stand beside it
 

@@ -32,7 +32,7 @@ __all__ = ["show"]
 
 _MOST = 1_000_000  # characters of pictures
 _PANEL_PX, _SIDES = 240, 16
-_START_PX = 360
+_START_PX = 360  # longer side of the drawn start
 _SEEN = "from the light of each view, then turned about the vertical"
 _ROLES = ("moving", "compare", "bent", "part")
 Pictures = Sequence[tuple[str, str]]  # data URI and caption

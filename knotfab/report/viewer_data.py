@@ -25,10 +25,10 @@ __all__ = ["HistoryFrame", "find_supports", "pack_rows", "viewer_data"]
 Record = dict[str, Any]
 
 LEVELS = 65535  # levels of a coordinate
-MOUNT_FACES = 4000
+MOUNT_FACES = 4000  # faces of the mount, thinned for the page
 THIN_RADII = 1.2  # between two vertices of a state of the search, about, or more:
 HISTORY_VERTICES = 30_000  # vertices of all states together, so that the page stays small
-SUPPORT_CELL_MM = 3.0
+SUPPORT_CELL_MM = 3.0  # side of a column of supports on the page
 VIEW_KEYS = (
     "name", "kind", "frame_width_mm", "frame_height_mm", "light_distance_mm", "light_shape",
     "light_diameter_mm", "light_width_mm", "light_height_mm", "light_leds",

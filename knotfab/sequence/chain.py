@@ -38,7 +38,7 @@ from knotfab_formats.search import PRESETS, SearchSettings
 __all__ = ["Chain", "SequenceFrame", "list_ties", "pick_first", "radius_for_all"]
 
 _SLACK = 1.1  # length of a frame's knot over that of the one searched first, for a picture of the same area
-_THINNER = 0.93
+_THINNER = 0.93  # the next radius over the last
 
 
 @dataclass(frozen=True)

@@ -34,7 +34,7 @@ __all__ = [
     "tell_apart",
 ]
 
-MOST_FRAMES = 240
+MOST_FRAMES = 240  # frames of a sequence
 
 
 def frame_name(number: int) -> str:

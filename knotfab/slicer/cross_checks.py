@@ -23,9 +23,9 @@ SPACING_MM = 1.0  # between points that stand for a printed line
 SAMPLES = 20_000  # points of the surface, over all bodies
 # filament over the solid volume: bridges are laid thick, gaps filled generously
 MOST_FILAMENT = 1.15
-LAYERS_OFF = 1
-BOX_MM = 1 / 64
-VOLUME_SHARE = 1 / 1024
+LAYERS_OFF = 1  # layers by which both counts may differ
+BOX_MM = 1 / 64  # by which both boxes may differ
+VOLUME_SHARE = 1 / 1024  # by which both volumes may differ
 
 
 def judge(

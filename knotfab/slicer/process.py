@@ -20,7 +20,7 @@ __all__ = ["OUT_OF_TIME", "Ended", "run_limited"]
 
 MOST_SAID = 4_000_000  # bytes on standard output or error
 MOST_WRITTEN = 1_000_000_000  # bytes in the working folder
-GRACE_S = 5.0
+GRACE_S = 5.0  # until a killed process must be gone
 OUT_OF_TIME = "no answer in time"
 
 

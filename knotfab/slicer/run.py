@@ -31,7 +31,7 @@ from knotfab_formats.scene import ResolvedScene
 
 __all__ = ["SIZES", "TIMEOUT_S", "SlicerQueue", "copy_with_pictures", "slice_part"]
 
-TIMEOUT_S = 300.0
+TIMEOUT_S = 300.0  # a slicer that takes longer is ended
 # SIGHUP, SIGINT, SIGKILL, SIGTERM, SIGXCPU, SIGXFSZ: what says nothing of the part
 _FROM_OUTSIDE = (1, 2, 9, 15, 24, 25)
 MOST_QUOTED = 400  # characters quoted of its output

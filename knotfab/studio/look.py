@@ -29,7 +29,7 @@ _FILLED = {
 }
 # colours of the shade over the part that is cut away, and of the outline
 _SHADE, _LINE = (20, 15, 10, 150), (255, 120, 40, 255)
-_SHOWN_PX = 1024
+_SHOWN_PX = 1024  # longer side of a picture on the page
 
 
 def preview(sources: Sequence[str], options: BuildOptions) -> tuple[dict[str, Any], list[bytes]]:

@@ -26,9 +26,9 @@ __all__ = [
     "thumbnail",
 ]
 
-LARGEST_BYTES = 32 * 2**20
-_LARGEST_PIXELS = 40_000_000
-_SHOWN_PX = 1024
+LARGEST_BYTES = 32 * 2**20  # of a picture that is taken
+_LARGEST_PIXELS = 40_000_000  # of a picture that is taken
+_SHOWN_PX = 1024  # longer side of a picture on the page
 
 
 class TooLargeError(InputError):

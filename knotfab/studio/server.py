@@ -26,7 +26,7 @@ from knotfab.studio.session import Studio
 
 __all__ = ["make_app"]
 
-_LARGEST_JSON = 64 * 2**10
+_LARGEST_JSON = 64 * 2**10  # bytes of a call
 # a longer request is read so far and dropped, so that a browser hears why it was refused
 _DRAINED_BYTES = 2 * 2**30
 Answer = Callable[[Request], Awaitable[Response]]

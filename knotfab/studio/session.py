@@ -28,7 +28,7 @@ from knotfab.studio.settings import Settings
 __all__ = ["Studio"]
 
 _PICTURES, _MEMORY = "pictures", "studio.json"
-_MOST_VIEWS = 4
+_MOST_VIEWS = 4  # pictures of one part on the page
 
 
 class _Memory(BaseModel):

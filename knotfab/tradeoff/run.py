@@ -29,7 +29,7 @@ from knotfab_formats.scene import ResolvedScene
 
 __all__ = ["COMBINATIONS", "JOURNAL", "Tradeoff", "measure_tradeoff", "tradeoff"]
 
-COMBINATIONS = 16
+COMBINATIONS = 16  # points that are tried beyond those with one knob turned
 JOURNAL = "tradeoff-runs.jsonl"
 
 

@@ -16,11 +16,11 @@ from knotfab.picture.svg.xml import parse_svg
 
 __all__ = ["LONGER_SIDE", "Notes", "render", "render_svg"]
 
-LONGER_SIDE = 2048
+LONGER_SIDE = 2048  # px of what is drawn
 
 Notes = dict[str, None]  # sentences, in their order
 
-_MOST_NOTES = 8
+_MOST_NOTES = 8  # notes of the renderer that are passed on
 _NESTED = 3  # drawings in each other, as pictures
 _FONTS = {
     "font_family": "DejaVu Sans",

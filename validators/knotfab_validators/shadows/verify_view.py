@@ -51,15 +51,15 @@ class VerifiedView:
     exact_iou: float
     stray_px: int | None
     tube: Overlap | None
-    outline: OutlineError | None
-    outline_px: float | None
-    outline_vertex: int | None
     wrong: WrongStretch
-    intrusion: float | None
     legibility: dict[str, float]
     seen: Mask
     of_tube: Mask
-    tube_px: float | None
+    outline: OutlineError | None = None
+    outline_px: float | None = None
+    outline_vertex: int | None = None
+    intrusion: float | None = None
+    tube_px: float | None = None
 
     @property
     def shadow(self) -> Mask:
@@ -131,15 +131,10 @@ def verify_view(
         exact_iou=overlap(exact, wanted).iou,
         stray_px=stray,
         tube=None if mounted else whole,
-        outline=None,
-        outline_px=None,
-        outline_vertex=None,
         wrong=find_wrong_stretch(shadow, wanted),
-        intrusion=None,
         legibility=_legibility(caster, vertices, faces, geometry, target),
         seen=shadow,
         of_tube=shadow,
-        tube_px=None,
     )
     if polygons is None or radius is None:
         return result
