@@ -229,7 +229,7 @@ def read_target(
         target = _take_target(
             drawn, what, name_picture(source), "", reading, glance, base or Path()
         )
-        return replace(target, is_text=True, title=_titled(content))
+        return replace(target, is_text=True, title=_titled(content.strip()))
     data, path = _read_file(source, base)
     suffix = path.suffix.lower()
     name = plain_name(path.stem, "picture")

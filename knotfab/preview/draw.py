@@ -13,9 +13,11 @@ from shapely import MultiPolygon, Polygon
 from knotfab.base.arrays import Array, Mask
 from knotfab.design.hull import HullBound
 from knotfab.picture.data_uri import encode_image
+from knotfab.picture.fonts import supplied_folder
 from knotfab.picture.opening import Loss
 from knotfab.picture.read import Target
 from knotfab.picture.silhouette import fit_size
+from knotfab.picture.text import needs_shaping
 from knotfab.preview.sentence import count
 from knotfab.preview.survey import Survey, ViewSurvey
 
@@ -24,6 +26,7 @@ __all__ = ["Panel", "draw_agreement", "draw_panels", "draw_survey"]
 _PANEL = 360  # px
 _TEXT = 34  # px of the caption above each
 _GAP = 12  # px between panels
+_NO_SIGN = "\U0010ffff"  # no font draws it
 _FINER = 3  # drawn so many times as large and brought down
 _PAPER, _INK, _FRAME = (250, 248, 244), (60, 58, 56), (214, 208, 198)
 _FAINT, _RED = (196, 190, 182), (212, 30, 30)
@@ -115,8 +118,14 @@ def _with_caption(panel: Panel) -> Image.Image:
     picture = panel.image
     sheet = Image.new("RGB", (_PANEL, _TEXT + picture.height), _PAPER)
     sheet.paste(picture, (0, _TEXT))
-    font = ImageFont.load_default(14)
-    ImageDraw.Draw(sheet).text((0, 8), panel.caption, fill=_INK, font=font)
+    font = ImageFont.truetype(f"{supplied_folder()}/DejaVuSans.ttf", 13)
+    said, box = panel.caption, bytes(font.getmask(_NO_SIGN))
+    # a name in a script that this font lacks, or cannot set, is left out
+    while ", " in said and (
+        needs_shaping(said) or any(bytes(font.getmask(c)) == box for c in said)
+    ):
+        said = said.partition(", ")[2]
+    ImageDraw.Draw(sheet).text((0, 8), said, fill=_INK, font=font)
     return sheet
 
 

@@ -259,7 +259,7 @@ def test_people_read_the_name_as_it_was_given(tmp_path: Path) -> None:
         save(tmp_path / f"{given}.png", GREY)
         target = read_target(tmp_path / f"{given}.png")
         assert (target.name, target.shown) == (folder, given)
-    assert read_target("text:A & B").shown == "A & B"
+    assert read_target("text: A & B ").shown == "A & B"
     for hidden in ("a\x1b[2J", "a\u202eb", "b" * 70):
         save(tmp_path / f"{hidden}.png", GREY)
         target = read_target(tmp_path / f"{hidden}.png")

@@ -21,7 +21,7 @@ from knotfab.picture.opening import opening_iou
 from knotfab.picture.read import read_target
 from knotfab.picture.silhouette import trace_polygon
 from knotfab.prepare import prepare_build, survey_pictures
-from knotfab.preview.draw import draw_survey
+from knotfab.preview.draw import Panel, _with_caption, draw_survey
 from knotfab.preview.guess import guess_print
 from knotfab.preview.sentence import describe, list_figures
 from knotfab.preview.survey import Survey, require_drawable, survey
@@ -159,6 +159,13 @@ def test_red_marks_what_is_lost(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("name", ["مرحبا", "猫, 犬", "Café & Łódź"])
+def test_a_name_that_the_captions_font_lacks_is_left_out(name: str) -> None:
+    image = Image.new("RGB", (360, 20))
+    named, bare = (_with_caption(Panel(text, image)) for text in (f"{name}, 1 piece", "1 piece"))
+    assert (named.tobytes() == bare.tobytes()) == (not name.startswith("Caf"))
+
+
 def test_the_command_writes_a_picture_and_says_the_same(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
