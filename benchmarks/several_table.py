@@ -59,8 +59,10 @@ def draw_sets() -> dict[int, list[str]]:
 
 def build_set(name: str, folder: Path) -> dict[str, Any]:
     """Build a set into `folder`/NAME, where that is not done yet: code, seconds, what was said, report."""
-    files = save_pictures(pictures(), folder, name.removesuffix(_EYE).split("-"))
-    first, *more = (str(files[n]) for n in name.removesuffix(_EYE).split("-"))
+    names = name.removesuffix(_EYE).split("-")
+    first, *more = (str(folder / f"{n}.png") for n in names)
+    if not (folder / f"{name}.json").is_file():
+        save_pictures(pictures(), folder, names)
     if name.endswith(_EYE):
         scene = folder / "by-eye.toml"
         views = (
