@@ -36,7 +36,8 @@ def build_picture(name: str, folder: Path, lamps: str = "rgb") -> dict[str, Any]
     """Build a picture into `folder`/NAME, where that is not done yet: code, seconds, report, where it is."""
     file = folder / "pictures" / f"{name}.png"
     file.parent.mkdir(exist_ok=True)
-    PICTURES[name]().save(file)
+    if not file.is_file():
+        PICTURES[name]().save(file)
     return build_once(file, folder / name, "--lamps", lamps)
 
 
