@@ -26,6 +26,7 @@ AMBIENT, DIFFUSE, SPECULAR, SHINE = 0.34, 0.8, 0.22, 18  # the tube's (Phong)
 # A key light comes from the upper left, a weak one from the lower right: (direction, strength).
 LAMPS = (((-0.5, 0.8, 1.2), 0.9), ((0.9, -0.4, 0.6), 0.25))
 MARGIN = 1.12  # the frame over the part's extent
+CREASE = 0.7  # the cosine between a vertex and a face beyond which an edge is sharp
 SAME_DEG = 5.0  # directions nearer to each other show the same
 
 
@@ -93,7 +94,8 @@ def _render(
 
     middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
     points = vertices - middle
-    normals = _normals(points, faces)
+    normals, corners = _normals(points, faces), points[faces].reshape(-1, 3)
+    of_corners = np.arange(len(corners), dtype=np.int64).reshape(-1, 3)
     looks = eyes - middle
     if np.ptp(eyes[:, 1]) > 0 or eyes[0, 1] != 0:
         reach = float(np.linalg.norm(points, axis=1).max())
@@ -111,13 +113,13 @@ def _render(
         right /= np.linalg.norm(right)
         # the axes point to the right, up, and to the eye
         axes = np.stack([right, np.cross(back, right), back])
-        seen, turned = points @ axes.T, normals @ axes.T
+        seen, turned = corners @ axes.T, normals @ axes.T
         scale = 0.5 * pixels * (away - 0.5 * reach) / (MARGIN * reach)
         below = scale / (away - seen[:, 2])
         places = np.column_stack(
             [0.5 * pixels + below * seen[:, 0], 0.5 * pixels - below * seen[:, 1], below]
         )
-        found, normal = draw_faces(places, turned, np.asarray(faces, dtype=np.int64), pixels)
+        found, normal = draw_faces(places, turned, of_corners, pixels)
         panels.append(_shade(found, normal))
     return panels
 
@@ -139,15 +141,23 @@ def _shade(found: NDArray[np.bool_], normal: Array) -> NDArray[np.uint8]:
     return panel
 
 
-def _normals(points: Array, faces: NDArray[np.integer[Any]]) -> NDArray[np.float32]:
-    """(n, 3) unit vertex normals, weighted by the area of the faces around."""
+def _normals(points: Array, faces: NDArray[np.integer[Any]]) -> Array:
+    """(3 m, 3) unit normals at the corners of faces (m, 3).
+
+    A vertex has one normal, that of the faces around by their area, without those beyond a crease. A corner
+    of such a face has its own: a plate stays flat to the rim of a hole in it.
+    """
     face = face_normals(points[faces])
-    total = np.stack(
-        [
-            np.bincount(faces.ravel(), np.repeat(face[:, axis], 3), minlength=len(points))
-            for axis in range(3)
-        ],
-        axis=1,
-    )
-    length = np.sqrt(np.einsum("ij,ij->i", total, total))
-    return np.asarray(total / np.maximum(length, 1e-300)[:, None], dtype=np.float32)
+    own = np.repeat(_unit(face), 3, axis=0)
+    corner, kept = faces.ravel(), np.ones(faces.size, dtype=bool)
+    for _ in range(2):
+        share = np.where(kept[:, None], np.repeat(face, 3, axis=0), 0.0)
+        total = [np.bincount(corner, share[:, k], minlength=len(points)) for k in range(3)]
+        smooth = _unit(np.stack(total, axis=1))[corner]
+        kept = np.einsum("ij,ij->i", smooth, own) > CREASE
+    return np.where(kept[:, None], smooth, own)
+
+
+def _unit(vectors: Array) -> Array:
+    length = np.sqrt(np.einsum("ij,ij->i", vectors, vectors))
+    return np.asarray(vectors / np.maximum(length, 1e-300)[:, None])
