@@ -7,7 +7,7 @@ from damaged_rings import CIRCLE, by_name, curves, ring
 from knotfab_validators.geometry.heap import overlapping_boxes
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.mesh import second_opinion
-from knotfab_validators.mesh.second_opinion import opinions
+from knotfab_validators.mesh.second_opinion import crossing_faces, opinions
 from knotfab_validators.mesh.surface_checks import check_mesh
 
 # Each face is paired with (0, 0, 0), (4, 0, 0), (0, 4, 0), and shares no corner with it.
@@ -48,8 +48,34 @@ def test_both_libraries_see_what_crosses() -> None:
     assert "do not agree" not in by_name(check_mesh(pair))["mesh_self_intersection"].detail
 
 
+# two faces of a stand's base, apart from each other, in its aslant plane
+BESIDE = [
+    [57.14777374267578, 38.441162109375, 7.15132474899292],
+    [197.86212158203125, 62.775794982910156, 4.109495639801025],
+    [56.996315002441406, 38.42103958129883, 7.153840065002441],
+    [197.20518493652344, 45.61954879760742, 6.254026412963867],
+    [168.7625732421875, 27.10506820678711, 8.568336486816406],
+    [197.31759643554688, 45.57883834838867, 6.259115219116211],
+]
+
+
+def test_faces_beside_each_other_in_one_plane_do_not_cross() -> None:
+    pair = Mesh(np.array(BESIDE), np.array([[0, 1, 2], [3, 4, 5]]))
+    assert len(crossing_faces(pair)) == 2  # by the rounding of pymeshlab
+    assert by_name(check_mesh(pair))["mesh_self_intersection"].status == "pass"
+
+
+def test_a_crossing_is_seen_however_it_is_turned(monkeypatch: pytest.MonkeyPatch) -> None:
+    sunk = [[1, 1, -0.01], [1, 1, 1], [2, 1, 1]]
+    pair = Mesh(np.array(FIRST + sunk, dtype=np.float64), np.array([[0, 1, 2], [3, 4, 5]]))
+    monkeypatch.setattr(second_opinion, "self_intersections", lambda *a, **k: np.empty((0, 2), int))
+    found = opinions(pair)
+    assert found.seen is not None and found.seen.tolist() == [0, 1]
+
+
 def test_a_crossing_that_one_library_alone_sees_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(second_opinion, "crossing_faces", lambda mesh: np.array([3, 4]))
+    some = {True: np.array([3, 4]), False: np.array([0, 1])}  # of the mesh, and asked of them alone
+    monkeypatch.setattr(second_opinion, "crossing_faces", lambda mesh: some[len(mesh.faces) > 2])
     check = by_name(check_mesh(ring(), curves(CIRCLE)))["mesh_self_intersection"]
     assert check.status == "fail" and check.measured == 2 and len(check.at) == 2
     assert (
