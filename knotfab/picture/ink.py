@@ -70,8 +70,9 @@ def find_ink(image: Image.Image, reading: Reading, what: str) -> tuple[Mask, str
     if reading.ink in ("dark", "light"):
         return _split_brightness(colours, opaque, reading, what)
     wanted = np.array(ImageColor.getrgb(reading.ink), dtype=np.float64)
-    if colours.ndim == 2:
-        wanted = wanted[:1] * (np.iinfo(np.uint16).max / 255 if colours.dtype != np.uint8 else 1)
+    if colours.ndim == 2:  # greys are colours too: black is not green for want of red
+        most = 255.0 if colours.dtype == np.uint8 else np.iinfo(np.uint16).max
+        colours = np.stack([colours * (255.0 / most)] * 3, axis=-1)
     away = _squares(colours, wanted)
     near = away < reading.threshold**2 * away[opaque].max()
     if clear is not None and away[opaque].max() == 0:
@@ -82,7 +83,7 @@ def find_ink(image: Image.Image, reading: Reading, what: str) -> tuple[Mask, str
             f"nothing in it is near {reading.ink}",
             "Name a colour that it has; `knotfab preview` without --ink tells its colours.",
         )
-    called = _word_of(np.array(ImageColor.getrgb(reading.ink), dtype=np.float64))
+    called = _word_of(np.median(colours[near & opaque], axis=0))  # what is near need not be it
     exact = f"[what differs from {reading.ink} by less than {share}]"
     return near & opaque, f"what is {called} {exact}"
 

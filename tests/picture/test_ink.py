@@ -143,6 +143,18 @@ def test_a_colour_that_is_not_there_is_refused(tmp_path: Path) -> None:
         read(tmp_path, painted(WHITE, (BADGE, YELLOW)), ink="#0000ff")
 
 
+@pytest.mark.parametrize("mode", ["RGB", "L"])
+def test_what_is_taken_is_named_as_it_looks_and_greys_are_colours_too(
+    mode: str, tmp_path: Path
+) -> None:
+    picture = painted(WHITE, (BADGE, BLACK)).convert(mode)
+    near = read(tmp_path, picture, ink="#000080")  # nearer to it than the paper is
+    assert near.rule.startswith("what is black [what differs from #000080")
+    np.testing.assert_array_equal(near.mask, BADGE)
+    with pytest.raises(InputError, match="nothing in it is near #0000ff"):
+        read(tmp_path, picture, ink="#0000ff")
+
+
 def test_dark_and_light_ink_where_the_rest_is_clear(tmp_path: Path) -> None:
     for ink, colour in (("dark", BLACK), ("light", WHITE)):
         np.testing.assert_array_equal(

@@ -201,7 +201,7 @@ def _select_ink(image: Image.Image, reading: Reading) -> Mask:
     code = int(reading.ink.removeprefix("#"), 16)
     colour = np.array([code >> 16, code >> 8 & 255, code & 255], dtype=np.float64)
     if values.shape[2] == 1:
-        colour = colour[:1] * (1 if values.dtype == np.uint8 else 257)
+        values = np.repeat(values / (1 if values.dtype == np.uint8 else 257), 3, axis=2)
     away = np.concatenate([_squares(values[rows], colour) for rows in _blocks(values)])
     largest = away[there].max()
     return np.asarray(there & ((away < share * largest) | (largest == 0)))
