@@ -13,6 +13,7 @@ from typing import (
     Any,
     Literal,
     TypeVar,
+    cast,
     get_args,
     get_origin,
     get_type_hints,
@@ -24,7 +25,7 @@ from pydantic import BaseModel
 from knotfab.base.errors import InputError
 from knotfab.base.lengths import read_length, read_number
 from knotfab.base.progress import Mode
-from knotfab_formats.key import option_of, sentences_of
+from knotfab_formats.key import option_of, sentences_of, values_of
 from knotfab_formats.scene import About, Accuracy, Mount, Piece, View
 from knotfab_formats.search import SearchSettings
 
@@ -214,7 +215,7 @@ def _with_keys(*tables: str, only: Collection[str] = ()) -> Callable[[AClass], A
                 name = option.removeprefix("--").replace("-", "_")
                 if not option or hasattr(kind, name) or (only and name not in only):
                     continue
-                read = _type_of(key, model.model_fields[key].annotation)
+                read = _type_of(model, key)
                 shown = Parameter(group=_GROUPS[group], help=said[key])
                 found[name], HELP[name] = Annotated[read, shown], said[key]
                 setattr(kind, name, False if read is Flag else () if read is Names else None)
@@ -224,8 +225,12 @@ def _with_keys(*tables: str, only: Collection[str] = ()) -> Callable[[AClass], A
     return add
 
 
-def _type_of(key: str, kind: Any) -> Any:
-    """Return an option's type for a key of a kind: a text where the key takes words beside a number."""
+def _type_of(model: type[BaseModel], key: str) -> Any:
+    """Return the type of a key's option: a text where the key takes words beside a number."""
+    kind: Any = model.model_fields[key].annotation
+    words, literal = tuple(values_of(model, key)), cast(Any, Literal)
+    if words and len(words) == len(get_args(kind)):
+        return literal[words] | None
     if get_origin(kind) is tuple and get_args(kind)[-1] is Ellipsis:
         inner = get_args(kind)[0]
         return inner | None if get_origin(inner) is Literal else Names

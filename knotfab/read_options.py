@@ -24,7 +24,6 @@ from knotfab_formats.scene import (
     Printer,
     ResolvedScene,
     Scene,
-    Switch,
     Switches,
     View,
 )
@@ -210,10 +209,11 @@ def _switches(texts: Collection[str]) -> dict[str, Any]:
             raise InputError(
                 f"--effect {text}", "there is no such effect", f"Known: {', '.join(known)}."
             )
-        if word not in get_args(Switch):
+        words = values_of(Switches, name)
+        if word not in words:
             remedy = f"Write --effect {name}=on, {name}=off or {name}=auto."
             raise InputError(f"--effect {text}", "it is neither on, off nor auto", remedy)
-        keys[name] = word
+        keys[name] = words[word]
     return keys
 
 

@@ -202,12 +202,12 @@ def test_size_is_that_of_the_longer_side(text: str, longer: int) -> None:
 def test_effects_are_switched_by_name_and_the_last_word_counts(tmp_path: Path) -> None:
     (tmp_path / "a.toml").write_text("[effects]\npenumbra = 'off'\n")
     scene, _ = read_scene(options_from({"scene": tmp_path / "a.toml"}))
-    assert scene.effects.penumbra == "off"
+    assert scene.effects.penumbra is False
     given = {"scene": tmp_path / "a.toml", "effect": ["penumbra=on", "Penumbra = auto"]}
     scene, _ = read_scene(options_from(given))
-    assert scene.effects.penumbra == "auto"
+    assert scene.effects.penumbra is None
     scene, _ = read_scene(options_from({"effect": "penumbra=on"}))
-    assert parse_scene(dump_scene(scene)).effects.penumbra == "on"
+    assert parse_scene(dump_scene(scene)).effects.penumbra is True
 
 
 @pytest.mark.parametrize(

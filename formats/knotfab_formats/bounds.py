@@ -12,7 +12,15 @@ from functools import cache
 from typing import Annotated, Any, get_args
 
 from annotated_types import Ge, Gt, Le, Lt
-from pydantic import AfterValidator, BaseModel, Field, Strict, TypeAdapter, ValidationError
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    Field,
+    Strict,
+    TypeAdapter,
+    ValidationError,
+    ValidationInfo,
+)
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 __all__ = [
@@ -75,14 +83,17 @@ class Word:
     value: Any = None
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> CoreSchema:
-        read = core_schema.no_info_after_validator_function(
+        word = core_schema.no_info_after_validator_function(
             lambda _: self.value, core_schema.literal_schema([self.word])
         )
-        return core_schema.no_info_before_validator_function(
-            lambda value: self.word if value is None is self.value else value,
-            read,
-            serialization=core_schema.simple_ser_schema("any"),
+        return core_schema.with_info_before_validator_function(
+            self._spell, word, serialization=core_schema.simple_ser_schema("any")
         )
+
+    def _spell(self, value: Any, about: ValidationInfo) -> Any:
+        """The word for its own value, which a program may give, but no file (`about.context`)."""
+        alike = type(value) is type(self.value) and value == self.value
+        return self.word if alike and (value is None or about.context is None) else value
 
 
 Auto = Annotated[None, Word(AUTO)]

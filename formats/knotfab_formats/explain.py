@@ -180,7 +180,8 @@ def _wrong_value(
     if len(errors) > 1 and isinstance(path[-1], int):  # a member of a list: no other branch applies
         expected = expected[:1]
     where = f"{_name_table(table)} {key}" if table else key
-    why = f"{where} is {quoted}, but must be {' or '.join(expected)}"
+    last = " or ".join(expected[-2:])
+    why = f"{where} is {quoted}, but must be {', '.join([*expected[:-2], last])}"
     return InputError(what, why, _remedy(key, value))
 
 

@@ -60,7 +60,7 @@ ViewName = Annotated[
     AfterValidator(_few_bytes),
 ]
 Colour = Annotated[float, Strict(), Field(ge=0, le=1)]
-Switch = Literal["auto", "on", "off"]
+Switch = Auto | Annotated[bool, Word("on", True)] | Annotated[bool, Word("off", False)]
 # keys of a view that lie with its wall: views that share a wall share them
 OF_WALL = (
     *("azimuth_deg", "elevation_deg", "wall_distance_mm", "wall_tilt_deg", "wall_radius_mm"),
@@ -161,7 +161,7 @@ class View(Reading):
         0.0, "Picture --thicken"
     )
     """Widen strokes that are thinner to so many mm on the wall, or auto: to what can be printed."""
-    lines: Literal["auto", "on", "off"] = option("auto", "Picture --lines")
+    lines: Switch = option(None, "Picture --lines")
     """Lay one tube along the middle of each stroke: on, off, or auto (default: where most strokes are
     thinner than the tube)."""
     mirrored: Annotated[bool, Strict()] | None = None
@@ -243,17 +243,17 @@ class View(Reading):
 class Switches(Table):
     """Effects that are simulated whatever their magnitude (docs/effects.md): each by its name."""
 
-    penumbra: Switch = "auto"
+    penumbra: Switch = None
     """A lamp that has a size blurs the shadow."""
-    misplacement: Switch = "auto"
+    misplacement: Switch = None
     """People put lamp, piece and wall out of place."""
-    contrast: Switch = "auto"
+    contrast: Switch = None
     """Other light makes the shadow pale."""
-    sag: Switch = "auto"
+    sag: Switch = None
     """A mount lets the piece sag."""
-    layers: Switch = "auto"
+    layers: Switch = None
     """A printer's layers make steps."""
-    wall: Switch = "auto"
+    wall: Switch = None
     """The wall is round."""
 
 

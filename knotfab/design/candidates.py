@@ -107,7 +107,7 @@ def most_radius(asked: float | None, view: ResolvedView, thinnest: float) -> flo
     thick = view.thicken_mm
     if asked is not None:
         return asked
-    if view.lines == "on" and thick:  # a shadow is no smaller than its tube
+    if view.lines and thick:  # a shadow is no smaller than its tube
         return 0.5 * thick
     return usual_radii([view], thinnest, 2)[0][-1]
 

@@ -182,7 +182,7 @@ def widen_targets(
             for v, t in zip(framed.views, targets, strict=True)
         ]
     views = []
-    if not one and any(view.lines == "on" for view in scene.views):
+    if not one and any(view.lines for view in scene.views):
         raise InputError(
             "--lines on",
             _MEETING if sequence else _ASIDE,
@@ -191,11 +191,11 @@ def widen_targets(
     for view, target in zip(framed.views, targets, strict=False):
         width = view.thicken_mm
         lines = view.lines
-        if lines == "auto":
-            lines = "on" if one and width == 0 and _is_thin(view, target, radius) else "off"
-        if lines == "on" and not width:
+        if lines is None:
+            lines = one and width == 0 and _is_thin(view, target, radius)
+        if lines and not width:
             width = line_width(view, radius)
-        elif lines == "on" and asked is not None and width:
+        elif lines and asked is not None and width:
             alike = line_width(view, asked)
             if abs(width - alike) > 0.01:
                 raise InputError(
@@ -247,7 +247,7 @@ def _draw_tones(
     drawn = replace(
         target, mask=mask, width=across, height=height, original=None, rule=rule, line=line
     )
-    keys = {"thicken_mm": width, "lines": "on"}
+    keys = {"thicken_mm": width, "lines": True}
     return scene.but(views=(view.but(**keys),)), (drawn,)
 
 
@@ -286,7 +286,7 @@ def widen(view: View, target: Target) -> Target:
     if width > _WIDEST * min(target.width, target.height):
         narrow, wide = sorted(frame_view(view, target).frame_mm)
         size = math.ceil(wide * view.thicken_mm / (_WIDEST * narrow))
-        lines = view.lines == "on"  # then they are as wide as the thinnest tube draws them
+        lines = view.lines  # then they are as wide as the thinnest tube draws them
         raise InputError(
             f"picture {target.shown}",
             f"strokes {view.thicken_mm:g} mm wide{', as a tube draws them,' if lines else ''} leave nothing "
@@ -296,7 +296,7 @@ def widen(view: View, target: Target) -> Target:
         )
     mask = thicken(target.mask, width)
     rule = target.rule
-    if view.lines == "on":
+    if view.lines:
         rule += "; drawn along its centre lines by one tube each"
     if (mask != target.mask).any():
         rule += (

@@ -156,7 +156,7 @@ def ask(
         knot=scene.piece.knot,
         # a third picture leaves the others little room; two are drawn best as equals
         goals=goals_of([b.iou for b in bounds]) if len(views) > 2 and apart is None else None,
-        switches=scene.effects.model_dump(),
+        switches=dict(scene.effects),
         world=World.of(scene),
     )
     return Question(scene, problem, bounds, _likeness(targets)).with_depth(thinnest)
@@ -213,7 +213,7 @@ def _trace(view: ResolvedView, target: Target) -> MultiPolygon:
 
 def _strokes(view: ResolvedView, target: Target) -> tuple[Array, ...]:
     """The centre lines of the strokes in the plane of `silhouette_polygon`; none where areas are filled."""
-    if view.lines != "on" or not view.thicken_mm:
+    if not view.lines or not view.thicken_mm:
         return ()
     width = view.thicken_mm * target.width / view.frame_width_mm
     to_plane = _plane_of(view, target)

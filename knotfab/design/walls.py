@@ -34,7 +34,7 @@ def flatten_targets(
         require_wall(view)
     tolerance = scene.settings.tolerance_px
     context = EffectContext(tuple(views), np.zeros((0, 3)), 0.0, tolerance)
-    if not decide(WALL, context, scene.effects.model_dump()).simulated:
+    if not decide(WALL, context, dict(scene.effects)).simulated:
         return tuple(targets)
     return tuple(_flatten(v, t) for v, t in zip(views, targets, strict=True))
 

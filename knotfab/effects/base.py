@@ -102,13 +102,13 @@ class Effect:
 class Decision:
     """The decision whether an effect is simulated, its reason, and its cost.
 
-    `forced`: "on" or "off" by the scene's own word; "auto": by its magnitude.
+    `forced`: whether it is on by the scene's own word; None: by its magnitude.
     """
 
     effect: Effect
     magnitude: float
     threshold: float
-    forced: Switch = "auto"
+    forced: Switch = None
     calls: int = 0
     seconds: float = 0.0
     where: list[str] = field(default_factory=list)  # the stages that called it
@@ -121,7 +121,7 @@ class Decision:
     @property
     def simulated(self) -> bool:
         """True if its code runs."""
-        return self.forced == "on" or (self.forced == "auto" and self.called_for)
+        return self.called_for if self.forced is None else self.forced
 
     @property
     def excess(self) -> float:
@@ -165,7 +165,7 @@ class Decision:
     @property
     def warning(self) -> str | None:
         """A sentence where the scene's own word goes against the magnitude; None where it does not."""
-        if self.forced != "off" or not self.called_for:
+        if self.forced is not False or not self.called_for:
             return None
         return (
             f"The effect {self.effect.name} is switched off, though its {self._words}: what is printed "
@@ -180,8 +180,9 @@ class Decision:
     @property
     def reason(self) -> str:
         """The reason why it is simulated or not, in a line."""
-        if self.forced != "auto":
-            return f"{self.effect.name}: {self.forced} by the scene's own word; {self._words}"
+        if self.forced is not None:
+            word = "on" if self.forced else "off"
+            return f"{self.effect.name}: {word} by the scene's own word; {self._words}"
         why = self.effect.reason if self.simulated else self.effect.name
         return f"{why}: {self._words}"
 
@@ -189,5 +190,4 @@ class Decision:
 def decide(effect: Effect, context: EffectContext, switches: Mapping[str, Switch]) -> Decision:
     """Tell whether an effect is simulated; `switches` are the scene's own words, by name."""
     threshold = effect.threshold(context.tolerance_px)
-    forced = switches.get(effect.name, "auto")
-    return Decision(effect, effect.magnitude(context), threshold, forced)
+    return Decision(effect, effect.magnitude(context), threshold, switches.get(effect.name))

@@ -184,7 +184,7 @@ def _try(
         return None
     except SceneError as error:
         refusal = error
-    score = _score(target.mask, changed.views[0].lines == "on")
+    score = _score(target.mask, bool(changed.views[0].lines))
     return TriedReading(keys, target, score, None if refusal is None else refusal.why)
 
 

@@ -43,7 +43,7 @@ def find_refusal(
     thinnest = printer.min_tube_radius_mm
     target, pixels = seen.target, (seen.target.width, seen.target.height)
     radius = thinnest * seen.px_per_mm
-    if seen.view.lines == "on":
+    if seen.view.lines:
         if seen.together <= _BLOBS:
             return None
         return too_fine(

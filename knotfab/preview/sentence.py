@@ -53,7 +53,7 @@ def _describe_silhouette(seen: ViewSurvey, exact: bool) -> str:
 def _describe_losses(seen: ViewSurvey, found: Survey) -> str:
     """The tube that a build takes, and what it loses; or that nobody would know the picture."""
     thick = f"{2 * found.radius_mm:.1f} mm thick (radius {found.radius_mm:.2f} mm)"
-    if seen.view.lines == "on":
+    if seen.view.lines:
         text = f"  A build lays one tube {thick} along each of its strokes"
         return text + (f"; {seen.together:.0%} of them run together." if seen.together else ".")
     if not seen.recognisable and seen.likeness is not None:

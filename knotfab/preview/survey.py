@@ -151,7 +151,7 @@ def survey_views(scene: ResolvedScene, targets: Sequence[Target]) -> tuple[ViewS
     found = []
     for view, target in zip(scene.views, targets, strict=True):
         framed = frame_view(view, target)
-        px, lines, radius = framed.px_per_mm(target.width), framed.lines == "on", scene.thinnest_mm
+        px, lines, radius = framed.px_per_mm(target.width), framed.lines, scene.thinnest_mm
         if lines:  # one tube for all strokes
             radius = line_radius(framed)
             likeness: Likeness | None = compare_lines(target.asked, target.judged, radius * px)
@@ -208,7 +208,7 @@ def _add_losses(
         plain = _without_specks(seen.polygon, (_SPECK * thinnest * px) ** 2)
         thicker = [r for r in sorted(templates) if r > radius]
         tried = [radius, *thicker[:: -(-len(thicker) // _SHOWN) or 1]]
-        if seen.view.lines == "on":
+        if seen.view.lines:
             tried = []
         losses = {}
         for r in [*tried, min(templates, default=radius)]:

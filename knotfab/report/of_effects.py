@@ -50,7 +50,7 @@ def list_effects(result: SearchResult, verdict: Verdict) -> tuple[EffectLine, ..
             EffectLine(
                 name=name,
                 simulated=calls > 0,
-                forced=decision.forced != "auto",
+                forced=decision.forced is not None,
                 where=where,
                 magnitude=decision.magnitude,
                 threshold=decision.threshold,

@@ -79,7 +79,7 @@ def test_the_size_that_is_advised_is_enough_and_no_other_remedy_is_named(tall: i
     target = Target("line", mask, b"", 160, tall)
 
     def draw(size: float) -> tuple[Target, ...]:
-        views = ({"frame_width_mm": size, "lines": "on"},)
+        views = ({"frame_width_mm": size, "lines": True},)
         return widen_targets(resolve(Scene(views=views)), [target])[1]  # type: ignore[arg-type]
 
     with pytest.raises(InputError, match=r"as a tube draws them.*--size, from \d+\)$") as caught:

@@ -19,22 +19,22 @@ def effect(magnitude: float) -> Effect:
 @pytest.mark.parametrize(
     ("magnitude", "forced", "simulated", "warned"),
     [
-        (0.9, "auto", False, False),
-        (1.1, "auto", True, False),
-        (0.9, "on", True, False),
-        (1.1, "off", False, True),
-        (0.9, "off", False, False),
+        (0.9, None, False, False),
+        (1.1, None, True, False),
+        (0.9, True, True, False),
+        (1.1, False, False, True),
+        (0.9, False, False, False),
     ],
 )
 def test_on_above_the_threshold_or_by_the_scenes_word(
-    magnitude: float, forced: str, simulated: bool, warned: bool
+    magnitude: float, forced: bool | None, simulated: bool, warned: bool
 ) -> None:
-    found = decide(effect(magnitude), CONTEXT, {"haze": forced})  # type: ignore[dict-item]
+    found = decide(effect(magnitude), CONTEXT, {"haze": forced})
     assert (found.threshold, found.magnitude) == (1.0, magnitude)
     assert found.simulated == simulated
     side = "exceeds" if magnitude > 1 else "stays below"
     assert f"{magnitude:.3g} px {side} 1 px" in found.reason
-    assert ("the air is hazy" in found.reason) == (simulated and forced == "auto")
+    assert ("the air is hazy" in found.reason) == (simulated and forced is None)
     told = tell_warnings({"haze": found})
     assert len(told) == warned
     assert not warned or "haze is switched off, though its 1.1 px exceeds 1 px" in told[0]
@@ -44,8 +44,8 @@ def test_what_it_does_grows_from_nothing_at_the_threshold() -> None:
     at = [decide(effect(m), CONTEXT, {}).excess for m in (0.99, 1.0, 1.01, 2.0, 100.0)]
     assert at[0] == at[1] == 0 < at[2] < 0.01
     assert at[3] == pytest.approx(0.5) and at[4] == pytest.approx(0.99)
-    for forced in ("on", "off"):  # measured below the threshold, yet without a say
-        assert decide(effect(0.5), CONTEXT, {"haze": forced}).excess == 0  # type: ignore[dict-item]
+    for forced in (True, False):  # measured below the threshold, yet without a say
+        assert decide(effect(0.5), CONTEXT, {"haze": forced}).excess == 0
 
 
 def test_calls_and_seconds_are_counted_by_stage() -> None:
@@ -70,7 +70,7 @@ def test_judged_anew_nothing_is_taken_back() -> None:
 
 def test_every_effect_has_its_switch_and_only_these() -> None:
     assert [e.name for e in EFFECTS] == list(Switches.model_fields)
-    assert list(survey(CONTEXT, Switches().model_dump())) == [e.name for e in EFFECTS]
+    assert list(survey(CONTEXT, dict(Switches()))) == [e.name for e in EFFECTS]
 
 
 def test_what_an_earlier_search_spent_is_counted() -> None:

@@ -116,7 +116,7 @@ def test_a_hardly_round_wall_and_one_switched_off_run_no_code(
     drawn = target(disc(view(400.0), 60)[0])
     assert flatten_targets(Scene(), (view(None),), (drawn,))[0] is drawn
     assert flatten_targets(Scene(), (view(1e6),), (drawn,))[0] is drawn
-    off = Scene(effects=Switches(wall="off"))
+    off = Scene(effects=Switches(wall=False))
     assert flatten_targets(off, (view(400.0),), (drawn,))[0] is drawn
     with pytest.raises(AssertionError, match="bent"):
         flatten_targets(Scene(), (view(400.0),), (drawn,))

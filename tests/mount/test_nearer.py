@@ -90,7 +90,7 @@ def test_what_no_place_holds_is_moved_once_and_not_flattened(
         (300.0, 3.06, 168.0, {"wall_distance_mm": 150.0}),
         (300.0, 5.0, 117.0, {}),
         (420.0, 4.0, 230.0, {"wall_distance_mm": 200.0}),  # the lamp is what is near
-        (180.0, 2.0, 110.0, {"thicken_mm": 5.0, "lines": "on"}),
+        (180.0, 2.0, 110.0, {"thicken_mm": 5.0, "lines": True}),
     ],
 )
 @pytest.mark.parametrize("share", SHARES[::2])

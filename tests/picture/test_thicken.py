@@ -92,7 +92,7 @@ def test_what_the_scene_asks_for_is_drawn_and_the_picture_kept(sequence: bool) -
     for target in found:
         assert (target.asked == mask).all() and "widened" in target.rule
         assert (target.mask == thicken(mask, 1.1 * 1.6 * 1.2 * 200 / 180)).all()
-    assert widen_targets(scene.model_copy(update={"views": (View(lines="off"),)}), targets[:1])[
+    assert widen_targets(scene.model_copy(update={"views": (View(lines=False),)}), targets[:1])[
         1
     ] == (targets[0],)
 

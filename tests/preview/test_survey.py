@@ -181,7 +181,7 @@ def test_the_command_writes_a_picture_and_says_the_same(
 
 
 def test_what_nobody_would_know_is_said_with_its_reason(tmp_path: Path) -> None:
-    scene = Scene(views=(View(lines="off"),))
+    scene = Scene(views=(View(lines=False),))
     target = read_target(lines(tmp_path / "thin.png", width=3))
     (line,) = [t for t in describe(survey(resolve(scene), [target])) if "Nobody" in t]
     assert re.search(r"its IoU would be about 0\.[1-4]", line) and "0 of its" not in line
@@ -191,7 +191,7 @@ def test_thin_lines_are_drawn_along_their_middle(tmp_path: Path) -> None:
     thin = read_target(lines(tmp_path / "thin.png", width=3))
     asked = resolve(Scene())
     scene, targets = widen_targets(asked, (thin,))
-    assert scene.views[0].lines == "on"
+    assert scene.views[0].lines
     assert scene.views[0].thicken_mm == pytest.approx(2 * 0.8 * 1.2)
     found = survey(scene, targets)
     require_drawable(found)
@@ -200,9 +200,9 @@ def test_thin_lines_are_drawn_along_their_middle(tmp_path: Path) -> None:
     assert "1.6 mm thick (radius 0.80 mm)" in said
     # a thick drawing is filled, and so are several pictures
     bold = read_target(lines(tmp_path / "bold.png", width=30))
-    assert widen_targets(asked, (bold,))[0].views[0].lines == "off"
+    assert widen_targets(asked, (bold,))[0].views[0].lines is False
     two = Scene(views=(View(name="a"), View(name="b", azimuth_deg=90.0)))
-    assert [v.lines for v in widen_targets(resolve(two), (thin, thin))[0].views] == ["off", "off"]
+    assert [v.lines for v in widen_targets(resolve(two), (thin, thin))[0].views] == [False, False]
 
 
 @pytest.mark.slow

@@ -136,14 +136,14 @@ def test_what_draws_the_outline_is_told_by_the_distance_to_it(
     np.testing.assert_allclose(drawing, exact, atol=1e-3)
 
 
-def _lit_by(problem: Problem, diameter_mm: float, word: Switch = "auto") -> Problem:
+def _lit_by(problem: Problem, diameter_mm: float, word: Switch = None) -> Problem:
     one = problem.views[0]
     view = one.view.model_copy(update={"light_diameter_mm": diameter_mm})
     return replace(problem, views=(replace(one, view=view),), switches={"penumbra": word})
 
 
 def _lift_by(
-    problem: Problem, template: Template, diameter_mm: float, word: Switch = "auto"
+    problem: Problem, template: Template, diameter_mm: float, word: Switch = None
 ) -> Start:
     return lift_template(_lit_by(problem, diameter_mm, word), template, 3.0, FEW)
 
@@ -202,8 +202,8 @@ def test_a_lamp_that_is_not_called_for_runs_no_code(
 
     for name in ("drawing", "lower", "cost"):
         monkeypatch.setattr(Sharpening, name, explode)
-    for diameter, word in ((0.0, "auto"), (0.0, "on"), (20.0, "off")):
-        off = _lift_by(problem, template, diameter, word).effects["penumbra"]  # type: ignore[arg-type]
+    for diameter, word in ((0.0, None), (0.0, True), (20.0, False)):
+        off = _lift_by(problem, template, diameter, word).effects["penumbra"]
         assert off.calls == 0 and off.where == [] and off.seconds == 0.0
     with pytest.raises(AssertionError, match="simulated"):
         _lift_by(problem, template, 20.0)

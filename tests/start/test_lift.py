@@ -36,7 +36,7 @@ def template() -> Template:
 
 
 def _place(
-    problem: Problem, template: Template, lamp_mm: float, turn_deg: float, word: Switch = "auto"
+    problem: Problem, template: Template, lamp_mm: float, turn_deg: float, word: Switch = None
 ) -> Start:
     world = World(placing=Placing(lamp_mm=lamp_mm, turn_deg=turn_deg))
     placed = replace(problem, world=world, switches={"misplacement": word})
@@ -83,7 +83,7 @@ def _ious(problem: Problem, start: Start, lamp_mm: float, turn_deg: float) -> Ar
 def test_coarser_placing_makes_flatter_pieces_that_lose_less(
     problem: Problem, template: Template
 ) -> None:
-    alike = _place(problem, template, 5.0, 1.0, "off")
+    alike = _place(problem, template, 5.0, 1.0, False)
     usual, coarse = (_place(problem, template, *p) for p in ((5.0, 1.0), (50.0, 5.0)))
     assert _extent(alike) == _extent(usual) == DEPTH_MM  # there it would cost more than it gains
     for one, other in zip(alike.curves, usual.curves, strict=True):
@@ -148,8 +148,8 @@ def test_placing_that_is_not_called_for_runs_no_code(
     assert called.where == ["depth"] and called.calls > 0
     for name in ("lost", "cost"):
         monkeypatch.setattr(Steadying, name, explode)
-    for lamp_mm, word in ((0.0, "auto"), (0.0, "on"), (60.0, "off")):
-        off = _place(problem, template, lamp_mm, 0.0, word).effects["misplacement"]  # type: ignore[arg-type]
+    for lamp_mm, word in ((0.0, None), (0.0, True), (60.0, False)):
+        off = _place(problem, template, lamp_mm, 0.0, word).effects["misplacement"]
         assert off.calls == 0 and off.where == [] and off.seconds == 0.0
     with pytest.raises(AssertionError, match="moved"):
         _place(problem, template, 60.0, 0.0)

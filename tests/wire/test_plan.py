@@ -146,12 +146,12 @@ def test_the_plan_of_a_raised_view_is_drawn_from_its_light(tmp_path: Path) -> No
 def test_the_shadow_falls_on_the_wall_that_is_taken(tmp_path: Path) -> None:
     knots, scene, picture = ring_scene(tmp_path, 1)
     bent = scene.views[0].model_copy(update={"wall_radius_mm": -60.0})
-    for word in ("auto", "off"):
+    for word in (None, False):
         told = scene.model_copy(update={"views": (bent,), "effects": Switches(wall=word)})
         (shadow,) = cast_shadows(told, [picture], knots)
         # the picture is that of the flat wall
-        assert (shadow.geometry.cylinder is None) == (word == "off")
-        assert (shadow.iou([k.points for k in knots.knots]) > 0.9) == (word == "off")
+        assert (shadow.geometry.cylinder is None) == (word is False)
+        assert (shadow.iou([k.points for k in knots.knots]) > 0.9) == (word is False)
 
 
 def test_what_is_no_wire_or_of_another_thickness_is_refused(tmp_path: Path) -> None:

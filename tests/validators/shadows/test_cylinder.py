@@ -138,14 +138,14 @@ def test_it_is_looked_at_where_it_matters() -> None:
     far, near = (find_wall(geometry(radius)) for radius in (1e6, 400.0))
     assert far is not None and near is not None
     assert far is not None and near is not None and far.off_px < 0.05 and near.off_px > 5
-    for seen, effects in ((geometry(1e6), Switches()), (geometry(400.0), Switches(wall="off"))):
+    for seen, effects in ((geometry(1e6), Switches()), (geometry(400.0), Switches(wall=False))):
         received, wall = receive(seen, effects)
         assert received.cylinder is None and wall is None
-    for seen, effects in ((geometry(400.0), Switches()), (geometry(1e6), Switches(wall="on"))):
+    for seen, effects in ((geometry(400.0), Switches()), (geometry(1e6), Switches(wall=True))):
         received, wall = receive(seen, effects)
         assert received is seen and wall == find_wall(seen)
     scene = parse_scene({"views": [{"wall_radius_mm": -200.0}], "effects": {"wall": "off"}})
-    assert (scene.views[0].wall_radius_mm, scene.effects.wall) == (-200.0, "off")
+    assert (scene.views[0].wall_radius_mm, scene.effects.wall) == (-200.0, False)
     for wrong in (0, "round"):
         with pytest.raises(BadFile):
             parse_scene({"views": [{"wall_radius_mm": wrong}]})

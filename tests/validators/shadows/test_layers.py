@@ -85,6 +85,6 @@ def test_matter_behind_the_wall_throws_no_shadow() -> None:
 
 def test_it_is_looked_at_where_the_scene_calls_for_it() -> None:
     assert shows_layers(Switches(), 0.51) and not shows_layers(Switches(), 0.49)
-    assert shows_layers(Switches(layers="on"), 0.0) and not shows_layers(
-        Switches(layers="off"), 9.0
+    assert shows_layers(Switches(layers=True), 0.0) and not shows_layers(
+        Switches(layers=False), 9.0
     )

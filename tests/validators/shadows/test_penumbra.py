@@ -143,9 +143,9 @@ def test_a_lamp_is_averaged_over_where_the_scene_calls_for_it() -> None:
         return averages_lamp(Switches(penumbra=word), vertices, seen, lamp, tolerance)
 
     assert averages(wide) and not averages(narrow)
-    assert averages(narrow, "on") and not averages(wide, "off")
+    assert averages(narrow, True) and not averages(wide, False)
     assert averages(narrow, tolerance=0.01)
-    assert not averages(Lamp(kind="eye"), "on") and not averages(Lamp(light_diameter_mm=0.0), "on")
+    assert not averages(Lamp(kind="eye"), True) and not averages(Lamp(light_diameter_mm=0.0), True)
 
 
 def test_the_blur_of_a_tilted_wall_is_that_of_its_plane() -> None:

@@ -36,8 +36,8 @@ def layer_shift_px(vertices: Array, geometry: ViewGeometry, layer_mm: float) -> 
 
 def shows_layers(effects: Switches, shift_px: float, tolerance_px: float = 0.25) -> bool:
     """Tell whether the slices are looked at: the scene says so, or their steps exceed the threshold."""
-    if effects.layers != "auto":
-        return effects.layers == "on"
+    if effects.layers is not None:
+        return effects.layers
     return shift_px > LAYER_TOLERANCES * tolerance_px
 
 

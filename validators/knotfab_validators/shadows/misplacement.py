@@ -96,8 +96,8 @@ def parting_px(
 
 def moves_apart(effects: Switches, parting: float, tolerance_px: float = 0.25) -> bool:
     """Tell whether moves are rendered: the scene says so, or parts of the shadow move apart visibly."""
-    if effects.misplacement != "auto":
-        return effects.misplacement == "on"
+    if effects.misplacement is not None:
+        return effects.misplacement
     return parting > PARTING_TOLERANCES * tolerance_px
 
 

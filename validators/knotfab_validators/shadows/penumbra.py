@@ -65,8 +65,8 @@ def averages_lamp(
 ) -> bool:
     """Tell whether the lamp is averaged over: the scene says so, or the blur exceeds the threshold."""
     size = lamp_size(lamp)
-    if effects.penumbra != "auto" or size == 0:
-        return effects.penumbra == "on" and size > 0
+    if effects.penumbra is not None or size == 0:
+        return bool(effects.penumbra) and size > 0
     return blur_px(vertices, geometry, size) > BLUR_TOLERANCES * tolerance_px
 
 

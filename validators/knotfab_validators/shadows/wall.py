@@ -43,7 +43,7 @@ def receive(
     wall = find_wall(geometry)
     if wall is None:
         return geometry, None
-    bends = effects.wall == "on"
-    if effects.wall == "auto":
+    bends = bool(effects.wall)
+    if effects.wall is None:
         bends = wall.off_px > WALL_TOLERANCES * tolerance_px
     return (geometry, wall) if bends else (geometry.flat, None)
