@@ -15,7 +15,7 @@ from knotfab.prepare import survey_pictures
 from knotfab.read_options import read_scene
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.load import dump_scene, parse_scene
-from knotfab.sequence.writing import write_scene
+from knotfab.sequence.build import write_scene
 from knotfab_formats.search import OF_NO_PRESET, PRESETS
 
 KEYS = {

@@ -205,11 +205,8 @@ def _cleanings(tube_px: float) -> Iterator[dict[str, Any]]:
 def _round_up(value: float) -> int:
     """Round up to one digit, or five of the next, which is easier to say."""
     ten = 10 ** int(np.log10(max(value, 1.0)))
-    return (
-        int(5 * ten * np.ceil(value / (5 * ten)))
-        if value > 2 * ten
-        else int(ten * np.ceil(value / ten))
-    )
+    step = 5 * ten if value > 2 * ten else ten
+    return int(step * np.ceil(value / step))
 
 
 def _tube_px(
