@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotfab.base.arrays import Array
-from knotfab.geometry.meshes import face_normals
+from knotfab.geometry.meshes import face_normals, unit
 from knotfab.scene.camera import camera_of
 from knotfab_formats.scene import ResolvedView
 
@@ -148,16 +148,11 @@ def _normals(points: Array, faces: NDArray[np.integer[Any]]) -> Array:
     of such a face has its own: a plate stays flat to the rim of a hole in it.
     """
     face = face_normals(points[faces])
-    own = np.repeat(_unit(face), 3, axis=0)
+    own = np.repeat(unit(face), 3, axis=0)
     corner, kept = faces.ravel(), np.ones(faces.size, dtype=bool)
     for _ in range(2):
         share = np.where(kept[:, None], np.repeat(face, 3, axis=0), 0.0)
         total = [np.bincount(corner, share[:, k], minlength=len(points)) for k in range(3)]
-        smooth = _unit(np.stack(total, axis=1))[corner]
+        smooth = unit(np.stack(total, axis=1))[corner]
         kept = np.einsum("ij,ij->i", smooth, own) > CREASE
     return np.where(kept[:, None], smooth, own)
-
-
-def _unit(vectors: Array) -> Array:
-    length = np.sqrt(np.einsum("ij,ij->i", vectors, vectors))
-    return np.asarray(vectors / np.maximum(length, 1e-300)[:, None])

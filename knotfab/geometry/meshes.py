@@ -22,6 +22,7 @@ __all__ = [
     "join_meshes",
     "keep_faces",
     "split_shells",
+    "unit",
 ]
 
 Mesh = tuple[Array, NDArray[np.int32]]
@@ -64,6 +65,12 @@ def box_of(meshes: Sequence[Mesh]) -> tuple[Array, Array]:
 def face_normals(corners: Array) -> Array:
     """(m, 3) out of triangles (m, 3, 3), each as long as twice its area."""
     return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+
+
+def unit(vectors: Array) -> Array:
+    """(..., 3) vectors of length 1 in the same directions; what has no length stays."""
+    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return np.asarray(vectors / np.maximum(length, 1e-300))
 
 
 def keep_faces(vertices: Array, faces: NDArray[np.int32]) -> Mesh:

@@ -12,6 +12,7 @@ import numpy as np
 from knotfab.base.arrays import Array, Indices
 from knotfab.base.disk import read_file
 from knotfab.base.errors import InputError
+from knotfab.geometry.meshes import unit
 
 __all__ = ["RegionMesh", "beyond", "region_mesh"]
 
@@ -85,7 +86,7 @@ def region_mesh(file: str, center_mm: tuple[float, float, float]) -> RegionMesh:
     vertices = np.ascontiguousarray(vertices + np.array(center_mm))
     tree = igl.AABB()
     tree.init(vertices, faces)
-    normals = _unit(np.cross(*np.moveaxis(np.diff(vertices[faces], axis=1), 1, 0)))
+    normals = unit(np.cross(*np.moveaxis(np.diff(vertices[faces], axis=1), 1, 0)))
     start, end = faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1)
     key, back = start * len(vertices) + end, end * len(vertices) + start
     order = np.argsort(key)
@@ -141,11 +142,6 @@ def _shares(corner: Array, point: Array) -> Array:
 
 def _angles(corner: Array) -> Array:
     """(m, 3) the angles of triangles (m, 3, 3)."""
-    ahead = _unit(np.roll(corner, -1, axis=1) - corner)
-    behind = _unit(np.roll(corner, 1, axis=1) - corner)
+    ahead = unit(np.roll(corner, -1, axis=1) - corner)
+    behind = unit(np.roll(corner, 1, axis=1) - corner)
     return np.asarray(np.arccos(np.clip(np.einsum("mij,mij->mi", ahead, behind), -1.0, 1.0)))
-
-
-def _unit(vectors: Array) -> Array:
-    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    return np.asarray(vectors / np.maximum(length, 1e-300))

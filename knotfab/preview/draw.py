@@ -26,7 +26,6 @@ __all__ = ["Panel", "draw_agreement", "draw_panels", "draw_survey"]
 _PANEL = 360  # px
 _TEXT = 34  # px of the caption above each
 _GAP = 12  # px between panels
-_NO_SIGN = "\U0010ffff"  # no font draws it
 _FINER = 3  # drawn so many times as large and brought down
 _PAPER, _INK, _FRAME = (250, 248, 244), (60, 58, 56), (214, 208, 198)
 _FAINT, _RED = (196, 190, 182), (212, 30, 30)
@@ -118,13 +117,16 @@ def _with_caption(panel: Panel) -> Image.Image:
     picture = panel.image
     sheet = Image.new("RGB", (_PANEL, _TEXT + picture.height), _PAPER)
     sheet.paste(picture, (0, _TEXT))
-    font = ImageFont.truetype(f"{supplied_folder()}/DejaVuSans.ttf", 13)
-    said, box = panel.caption, bytes(font.getmask(_NO_SIGN))
-    # a name in a script that this font lacks, or cannot set, is left out
-    while ", " in said and (
-        needs_shaping(said) or any(bytes(font.getmask(c)) == box for c in said)
-    ):
-        said = said.partition(", ")[2]
+    said, font = panel.caption, ImageFont.load_default(14)
+    if not said.isascii():
+        wide = ImageFont.truetype(f"{supplied_folder()}/DejaVuSans.ttf", 13)
+        box = bytes(wide.getmask("\U0010ffff"))  # no font draws that sign
+        # a name in a script that this font lacks, or cannot set, is left out
+        while ", " in said and (
+            needs_shaping(said) or any(bytes(wide.getmask(c)) == box for c in said)
+        ):
+            said = said.partition(", ")[2]
+        font = font if said.isascii() else wide
     ImageDraw.Draw(sheet).text((0, 8), said, fill=_INK, font=font)
     return sheet
 
