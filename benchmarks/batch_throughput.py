@@ -33,7 +33,7 @@ FEW = 2  # pictures of the batch of one job
 
 
 def draw_pictures(count: int) -> dict[str, Image.Image]:
-    """So many different pictures: the project's own, then mirrored, then turned."""
+    """Draw so many different pictures: the project's own, then mirrored, then turned."""
     own = pictures()
     drawn = dict(own)
     drawn |= {f"{name}-mirrored": ImageOps.mirror(image) for name, image in own.items()}
@@ -42,18 +42,18 @@ def draw_pictures(count: int) -> dict[str, Image.Image]:
 
 
 def read_files(folder: Path) -> dict[str, bytes]:
-    """What a build wrote, of the files that it writes the same each time; of a rejected one its own."""
+    """Read what a build wrote, of the files that it writes the same each time; of a rejected one its own."""
     places = [folder / name for name in SAME] + [folder / "rejected" / name for name in SAME]
     return {str(p.relative_to(folder)): p.read_bytes() for p in places if p.is_file()}
 
 
 def count_same(names: Sequence[str], one: Path, other: Path) -> int:
-    """The pictures of which both ways wrote the same files, and wrote any."""
+    """Return the pictures of which both ways wrote the same files, and wrote any."""
     return sum(bool(a := read_files(one / n)) and a == read_files(other / n) for n in names)
 
 
 def run(*arguments: str | Path) -> float:
-    """Seconds that `knotfab ARGUMENTS` takes, from the start of its process to the end."""
+    """Return seconds that `knotfab ARGUMENTS` takes, from the start of its process to the end."""
     watch = Stopwatch()
     command = [sys.executable, "-P", "-m", "knotfab", *map(str, arguments), "--quiet"]
     subprocess.run(command, check=False)
@@ -61,14 +61,14 @@ def run(*arguments: str | Path) -> float:
 
 
 def run_cluster(files: Sequence[Path], out: Path, options: Sequence[str], workers: int) -> float:
-    """Seconds of a batch on a cluster of this machine, one of whose workers is killed as it builds."""
+    """Return seconds of a batch on a cluster of this machine, one of whose workers is killed as it builds."""
     from distributed import LocalCluster
 
     with LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None) as cluster:
         victim = next(iter(cluster.workers.values()))
 
         def kill() -> None:
-            """When the first picture is there, so that each worker builds its second or third."""
+            """Wait until the first picture is there, so that each worker builds its second or third."""
             while not list(out.glob("*/report.json")):
                 time.sleep(0.1)
             os.kill(victim.pid, signal.SIGKILL)

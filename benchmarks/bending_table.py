@@ -26,7 +26,7 @@ Figures = tuple[float, float, float, float, float, float, float]
 
 
 def measure(targets: list[Target], share: float | None) -> tuple[Figures, list[bytes]]:
-    """Worst bounds as they come, moved and bent; rms, most and stretch; CPU seconds; and pictures of it."""
+    """Measure worst bounds as they come, moved and bent; rms, most, stretch; CPU seconds; and pictures."""
 
     def least(bend: float | None, azimuths_open: bool) -> float:
         done = agree(_scene(targets, bend), targets, azimuths_open=azimuths_open)

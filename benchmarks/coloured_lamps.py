@@ -42,7 +42,7 @@ def build_picture(name: str, folder: Path, lamps: str = "rgb") -> dict[str, Any]
 
 
 def share_under(built: dict[str, Any], lamp_mm: float) -> float:
-    """The share of pixels in the right colour under lamps of another size, verified anew."""
+    """Return the share of pixels in the right colour under lamps of another size, verified anew."""
     moved = built["folder"] / "other-lamps"
     moved.mkdir(exist_ok=True)
     for file in built["folder"].iterdir():
@@ -82,14 +82,14 @@ def print_picture(name: str, built: dict[str, Any], unit_s: float) -> None:
 
 
 def draw_sheet(built: list[dict[str, Any]], path: Path) -> None:
-    """All pictures under each other: as it came, as its masks have it, as seen, and what is wrong."""
+    """Draw all pictures under each other: as it came, as its masks have it, as seen, and what is wrong."""
     files = [one["folder"] / "compare-colours.png" for one in built]
     rows = [Image.open(file).convert("RGB") for file in files if file.is_file()]
     stack(rows, _ROW, "white").save(path, optimize=True)
 
 
 def draw_page(folder: Path, path: Path) -> None:
-    """Three pictures for the page on lamps: each as it came, as it is seen on the screen, and its part."""
+    """Draw three pictures for the page on lamps: each as it came, as seen on the screen, and its part."""
     rows = []
     for name in _SHOWN:
         built = build_picture(name, folder)["folder"]

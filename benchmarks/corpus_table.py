@@ -31,7 +31,7 @@ def corpus_rows(
 
 
 def summary(rows: Sequence[Row]) -> dict[str, tuple[int, int]]:
-    """Counts as (how many, of how many): broken ones rejected, places named, good ones rejected."""
+    """Return counts as (how many, of how many): broken ones rejected, places named, good ones rejected."""
     bad, fine = [r for r in rows if r.meant], [r for r in rows if not r.meant]
     placed = [r.placed for r in bad if r.placed is not None]
     return {

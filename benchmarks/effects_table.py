@@ -52,7 +52,7 @@ _ROUND = 60  # points of the tube's surface about each
 
 
 def random_view(rng: np.random.Generator, kind: str) -> ResolvedView:
-    """A lamp of this kind before a wall that is tilted by up to 30 degrees."""
+    """Return a lamp of this kind before a wall that is tilted by up to 30 degrees."""
     size = rng.uniform(1, 60)
     keys: dict[str, Any] = {"light_shape": kind, "light_diameter_mm": size}
     if kind in ("rectangle", "leds"):
@@ -71,7 +71,7 @@ def random_view(rng: np.random.Generator, kind: str) -> ResolvedView:
 
 
 def edge_of_lamp(view: ResolvedView, seen_from: Array) -> Array:
-    """(n, 3) points round the lamp as a point sees it; a ball's edge depends on where from."""
+    """Return (n, 3) points round the lamp as a point sees it; a ball's edge depends on where from."""
     right, up, back = view_axes(view)
     middle = view.light_distance_mm * back
     count = _RIM // 5 if view.light_shape == "leds" else _RIM
@@ -100,13 +100,13 @@ def edge_of_lamp(view: ResolvedView, seen_from: Array) -> Array:
 
 
 def true_blur(view: ResolvedView, edge: Array) -> float:
-    """The longest line in what the lamp throws through one point onto the wall, mm."""
+    """Return the longest line in what the lamp throws through one point onto the wall, mm."""
     spots = cast(edge, edge_of_lamp(view, edge), camera_of(view, 1, 1))
     return float(np.linalg.norm(spots[:, None] - spots, axis=2).max())
 
 
 def bound_and_truth(rng: np.random.Generator, kind: str) -> tuple[float, float]:
-    """The magnitude of penumbra in a random scene, and the widest blur that was found, px."""
+    """Return the magnitude of penumbra in a random scene, and the widest blur that was found, px."""
     while True:
         view, radius = random_view(rng, kind), rng.uniform(0.5, 4)
         room = min(0.4 * view.light_distance_mm, 0.8 * view.wall_distance_mm)
@@ -124,7 +124,7 @@ def bound_and_truth(rng: np.random.Generator, kind: str) -> tuple[float, float]:
 
 
 def print_bounds(scenes: int) -> None:
-    """Violations and ratios by effect and kind."""
+    """Print violations and ratios by effect and kind."""
     print("magnitude               scenes  violations  median ratio  largest")
 
     def tell(kind: str, ratio: Array) -> None:
@@ -161,7 +161,7 @@ def print_bounds(scenes: int) -> None:
 
 
 def print_deciding() -> None:
-    """Milliseconds of CPU of deciding all effects on a curve of 5000 vertices in each of two views.
+    """Print the milliseconds of CPU of deciding all effects on a curve of 5000 vertices in each of two views.
 
     The median of many and the least, under what takes longest each by itself, and under all of it.
     """
@@ -201,7 +201,7 @@ def print_deciding() -> None:
 def trace_shadow(
     vertices: Array, faces: Array, seen: ViewGeometry, diameter: float, samples: int
 ) -> NDArray[np.float32]:
-    """(H, W) the share of a disc's light that a mesh hides, by Mitsuba's rays, weighed by cosines."""
+    """Return (H, W) the share of a disc's light that a mesh hides, by Mitsuba's rays, weighed by cosines."""
     import drjit as dr
     import mitsuba as mi
 
@@ -233,7 +233,7 @@ def trace_shadow(
 
 
 def print_traced(folder: Path, px: int, samples: int) -> None:
-    """IoU at half light and brightness of a built part, ours and Mitsuba's."""
+    """Print the IoU at half light and brightness of a built part, ours and Mitsuba's."""
     setting, mesh = read_scene(folder / "scene.toml"), read_mesh(folder / "part.stl")
     view = setting.views[0]
     picture = read_silhouette(folder / view.picture, view)
@@ -260,7 +260,7 @@ def print_traced(folder: Path, px: int, samples: int) -> None:
 
 
 def print_round(folder: Path, radii: Sequence[float], px: int = 160) -> None:
-    """A built part before round walls: its shadow by VTK's rays from each place of the wall to the lamp.
+    """Print a built part before round walls: its shadow by VTK's rays from each place of the wall.
 
     Beside them the share of pixels in which the validators' rendering and polygons, and what a flat wall
     would have, differ from that.

@@ -56,7 +56,7 @@ class Found:
         return sorted(self.outcome.folder.glob(pattern))
 
     def check(self, name: str) -> list[str]:
-        """The status of every check of that name."""
+        """Return the status of every check of that name."""
         return [c["status"] for c in self.report["checks"] if c["name"].split(" ")[0] == name]
 
     @property
@@ -283,7 +283,7 @@ CELLS = tuple(Cell(row, column) for row in ROWS for column in COLUMNS)
 
 
 def draw_disc(middle: float = 0.5, size: float = 0.34) -> Image.Image:
-    """A disc with a notch, so that it is no circle: mode "L"."""
+    """Draw a disc with a notch, so that it is no circle: mode "L"."""
     image = Image.new("L", (_PX, _PX), 255)
     draw = ImageDraw.Draw(image)
     low, high = (middle - size) * _PX, (middle + size) * _PX
@@ -293,7 +293,7 @@ def draw_disc(middle: float = 0.5, size: float = 0.34) -> Image.Image:
 
 
 def draw_house() -> Image.Image:
-    """A square with a roof, as high as the disc: mode "L"."""
+    """Draw a square with a roof, as high as the disc: mode "L"."""
     image = Image.new("L", (_PX, _PX), 255)
     corners = [(0.22, 0.84), (0.22, 0.42), (0.5, 0.16), (0.78, 0.42), (0.78, 0.84)]
     ImageDraw.Draw(image).polygon([(x * _PX, y * _PX) for x, y in corners], fill=0)
@@ -301,7 +301,7 @@ def draw_house() -> Image.Image:
 
 
 def draw_flag() -> Image.Image:
-    """A red disc beside a blue house: mode "RGB"."""
+    """Draw a red disc beside a blue house: mode "RGB"."""
     image = Image.new("RGB", (_PX, _PX), "white")
     for shape, colour, left in ((draw_disc(), "red", 0), (draw_house(), "blue", 1)):
         small = shape.resize((_PX // 2, _PX // 2))
@@ -310,14 +310,14 @@ def draw_flag() -> Image.Image:
 
 
 def _write_box(path: Path, half: tuple[float, float, float]) -> None:
-    """A box as a binary STL."""
+    """Write a box as a binary STL."""
     import trimesh
 
     trimesh.creation.box(extents=2 * np.array(half)).export(path)
 
 
 def _inputs(cell: Cell, folder: Path) -> tuple[list[str], dict[str, Any]]:
-    """The pictures of a cell and the options of its build; its scene is written into `folder`."""
+    """Return the pictures of a cell and the options of its build; its scene is written into `folder`."""
     folder.mkdir(parents=True, exist_ok=True)
     own = _QUICK
     text = cell.row.scene
@@ -389,7 +389,7 @@ so: the few iterations do not suffice, or the row's limit leaves no room for the
 
 
 def _table(results: Mapping[Cell, Result]) -> str:
-    """The table in Markdown, with the refusals' reasons below."""
+    """Return the table in Markdown, with the refusals' reasons below."""
     lines = ["| | " + " | ".join(COLUMNS) + " |", "|---" * (len(COLUMNS) + 1) + "|"]
     notes: list[str] = []
     for row in ROWS:
@@ -413,7 +413,7 @@ def _table(results: Mapping[Cell, Result]) -> str:
 
 
 def _read_kept(path: Path | None) -> dict[Cell, Result]:
-    """What an earlier run left done: cells that are as they should be."""
+    """Read what an earlier run left done: cells that are as they should be."""
     if path is None or not path.is_file():
         return {}
     kept = json.loads(path.read_text(encoding="utf-8"))

@@ -65,7 +65,7 @@ def main(
 
 
 def dump_study(found: Tradeoff) -> str:
-    """Its figures alone, a point a line."""
+    """Return its figures alone, a point a line."""
     content = to_dict(found, 1, "cpu")
     rows = [
         {
@@ -90,7 +90,7 @@ def dump_study(found: Tradeoff) -> str:
 
 
 def describe(found: Tradeoff) -> str:
-    """The front and the presets as a table in Markdown, and what each step buys."""
+    """Describe the front and the presets as a table in Markdown, and what each step buys."""
     explored = found.explored
     front = {m.point.settings for m in explored.front}
     shown = [m for m in explored.whole if m.point.settings in front or m.point.knob == PRESET]

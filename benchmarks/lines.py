@@ -12,7 +12,7 @@ PRODUCT = ("knotfab", "validators", "formats", "fixtures")
 
 
 def count_lines() -> dict[str, int]:
-    """Lines of Python in each folder, product first; files that git ignores do not count."""
+    """Return lines of Python in each folder, product first; files that git ignores do not count."""
     listed = subprocess.run(
         ["git", "ls-files", "-co", "--exclude-standard", "*.py"],
         cwd=ROOT, check=True, capture_output=True, text=True,
@@ -27,7 +27,7 @@ def count_lines() -> dict[str, int]:
 
 
 def read_budget() -> tuple[int, int]:
-    """The most lines of the product, and of everything, that CONTRIBUTING.md allows."""
+    """Read the most lines of the product, and of everything, that CONTRIBUTING.md allows."""
     text = (ROOT / "CONTRIBUTING.md").read_text("utf-8")
     told = re.search(r"at most ([\d,]+) lines of Python in the product and ([\d,]+) in all", text)
     assert told is not None, "CONTRIBUTING.md names no budget of lines"
@@ -36,7 +36,7 @@ def read_budget() -> tuple[int, int]:
 
 
 def list_lines(found: Mapping[str, int]) -> Iterator[str]:
-    """The table that `make lines` prints."""
+    """Yield the table that `make lines` prints."""
     product, everything = read_budget()
     for folder, lines in found.items():
         yield f"{folder:<12} {lines:>8,}"

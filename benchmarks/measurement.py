@@ -69,7 +69,7 @@ def run_study(main: Callable[..., int | None]) -> None:
 
 
 def make_folder(asked: Path | None, name: str) -> Path:
-    """The folder that was asked for, or a new temporary one; it exists."""
+    """Make the folder that was asked for, or a new temporary one; it exists."""
     folder = asked or Path(tempfile.mkdtemp(prefix=f"knotfab-{name}-"))
     folder.mkdir(parents=True, exist_ok=True)
     return folder
@@ -89,7 +89,7 @@ def save_pictures(
 
 
 def read_question(picture: str | Path | Image.Image, scene: Scene | None = None) -> Question:
-    """What a search is asked for one picture in a scene, the default one if none is given."""
+    """Read what a search is asked for one picture in a scene, the default one if none is given."""
     # torch takes seconds to load, and what only runs other commands has no use for it
     from knotfab.api import pose_question
     from knotfab.picture.read import read_target
@@ -170,7 +170,7 @@ def build_once(picture: Path | str, out: Path, *options: str) -> dict[str, Any]:
 
 
 def build_warm(picture: Path | str, out: Path, **options: Any) -> Built:
-    """`knotfab.build` in this process; of memory, what is held when it ends."""
+    """Return `knotfab.build` in this process; of memory, what is held when it ends."""
     import knotfab
 
     watch = Stopwatch()
@@ -193,7 +193,7 @@ def _stop(child: subprocess.Popen[str]) -> None:
 
 
 def _resident_mb(process: int | str) -> float:
-    """Memory of a process and all its descendants, MB; pages that several share are counted once."""
+    """Return memory of a process and all its descendants, MB; pages that several share are counted once."""
     folder = Path(f"/proc/{process}")
     try:
         (pages,) = re.findall(r"^Pss:\s+(\d+) kB", (folder / "smaps_rollup").read_text(), re.M)
@@ -204,7 +204,7 @@ def _resident_mb(process: int | str) -> float:
 
 
 def read_report(out: Path) -> dict[str, Any] | None:
-    """The report in a build's folder, or else of the rejected build in it; None where there is neither."""
+    """Read the report in a build's folder, or of the rejected build in it; None where there is neither."""
     for folder in (out, out / "rejected"):
         if (folder / "report.json").is_file():
             report: dict[str, Any] = json.loads((folder / "report.json").read_text())
@@ -213,12 +213,12 @@ def read_report(out: Path) -> dict[str, Any] | None:
 
 
 def failed_checks(report: Mapping[str, Any]) -> list[str]:
-    """The names of the checks that failed."""
+    """Return the names of the checks that failed."""
     return [check["name"] for check in report["checks"] if check["status"] == "fail"]
 
 
 def paint_comparison(seen: NDArray[np.bool_], wanted: NDArray[np.bool_]) -> NDArray[np.uint8]:
-    """(H, W, 3) a shadow over its target: black where both are, red too much, blue missing."""
+    """Return (H, W, 3) a shadow over its target: black where both are, red too much, blue missing."""
     picture = np.full((*wanted.shape, 3), 255, dtype=np.uint8)
     picture[seen & wanted] = (40, 40, 40)
     picture[seen & ~wanted] = (210, 50, 40)
@@ -227,7 +227,7 @@ def paint_comparison(seen: NDArray[np.bool_], wanted: NDArray[np.bool_]) -> NDAr
 
 
 def stack(rows: Sequence[Image.Image], wide: int, paper: str | tuple[int, ...]) -> Image.Image:
-    """Pictures under each other, each `wide` pixels wide; one row of paper where there is none."""
+    """Return pictures under each other, each `wide` pixels wide; one row of paper where there is none."""
     rows = [row.resize((wide, round(row.height * wide / row.width))) for row in rows]
     sheet = Image.new("RGB", (wide, max(1, sum(row.height for row in rows))), paper)
     top = 0

@@ -19,7 +19,7 @@ from examples.pictures import pictures
 
 
 def row_of(report: dict[str, Any]) -> dict[str, float]:
-    """The figures of one build, from its report.json."""
+    """Return the figures of one build, from its report.json."""
     checks = {c["name"]: c for c in report["checks"]}
     views, mount = report["views"], report["print"]["mount"]
     members = mount.get("struts", 0) + mount["pegs" if mount["kind"] == "wall" else "posts"]

@@ -50,7 +50,7 @@ class Outcome:
 
 
 def kind_of(path: Path) -> Call | None:
-    """What a file is taken for, by the end of its name; None: it is passed over."""
+    """Return what a file is taken for, by the end of its name; None: it is passed over."""
     end = path.suffix.lower()
     if end == ".json":
         return "knots"
@@ -58,14 +58,14 @@ def kind_of(path: Path) -> Call | None:
 
 
 def list_files(root: Path) -> Iterator[Path]:
-    """All files below a folder that are looked at, in order; none whose name begins with a dot."""
+    """Yield all files below a folder that are looked at, in order; none whose name begins with a dot."""
     for path in sorted(root.rglob("*")):
         if path.is_file() and not path.name.startswith(".") and kind_of(path):
             yield path
 
 
 def expected(path: Path) -> str:
-    """ "pass", "fail", or "" where no name says it; the innermost name decides."""
+    """Return  "pass", "fail", or "" where no name says it; the innermost name decides."""
     for name in (path.name, *(folder.name for folder in path.parents)):
         plain = name.upper().replace("_", "").replace("-", "").replace(" ", "")
         if "MUSTPASS" in plain or "MUSTFAIL" in plain:
@@ -74,7 +74,7 @@ def expected(path: Path) -> str:
 
 
 def call_command(path: Path, seconds: float) -> tuple[int | None, str]:
-    """The exit code of the command for a file (None: out of time), and its last line."""
+    """Return the exit code of the command for a file (None: out of time), and its last line."""
     kind = kind_of(path)
     picked = ["--knots", str(path)] if kind == "knots" else ["--", str(path)]
     with tempfile.TemporaryDirectory() as place:
@@ -101,7 +101,7 @@ def call_command(path: Path, seconds: float) -> tuple[int | None, str]:
 def run_all(
     root: Path, run: Callable[[Path], tuple[int | None, str]], say: Callable[[str], None] = print
 ) -> list[Outcome]:
-    """Each file below `root`; its suite is the folder below `root` that it lies in."""
+    """Return each file below `root`; its suite is the folder below `root` that it lies in."""
     found = []
     for path in list_files(root):
         inner = path.relative_to(root).parts
@@ -114,7 +114,7 @@ def run_all(
 
 
 def table(outcomes: Sequence[Outcome]) -> str:
-    """One row a suite: its files by how they ended, and how many of them wrongly."""
+    """Return one row a suite: its files by how they ended, and how many of them wrongly."""
     words = [*TOLD.values(), "crashes"]
     rows = [["suite", "files", *words, "wrong"]]
     for suite in dict.fromkeys(o.suite for o in outcomes):

@@ -41,7 +41,7 @@ NAMED = (
 
 
 def draw_sets() -> dict[int, list[str]]:
-    """The sets that the seed draws, by how many pictures they have, and those alone; no set twice."""
+    """Draw the sets that the seed draws, by how many pictures they have, and those alone; no set twice."""
     pick, names = np.random.default_rng(_SEED), list(pictures())
     found: dict[int, list[str]] = {}
     for many, count in {**_DRAWN, 1: _ALONE}.items():
@@ -75,7 +75,7 @@ def build_set(name: str, folder: Path) -> dict[str, Any]:
 
 
 def draw_part_between(folder: Path, scratch: Path) -> Image.Image:
-    """The part of a build from the direction midway between its first two views."""
+    """Draw the part of a build from the direction midway between its first two views."""
     mesh = trimesh.load_mesh(folder / "part.stl")
     with (folder / "scene.toml").open("rb") as file:
         scene = tomllib.load(file)
@@ -89,7 +89,7 @@ def draw_part_between(folder: Path, scratch: Path) -> Image.Image:
 
 
 def draw_case(folder: Path, names: list[str], path: Path) -> None:
-    """Each target with its verified shadow, and the part from the direction midway between the views."""
+    """Draw each target with its verified shadow, and the part from the direction midway between the views."""
     panels = [Image.open(folder / f"compare-{name}.png").convert("RGB") for name in names]
     side = draw_part_between(folder, path.with_suffix(".part.png"))
     drawn = stack(panels, _WIDE, PAPER)
@@ -105,7 +105,7 @@ def _views_of(built: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 def _draw_sheet(sets: list[tuple[str, dict[str, Any]]], path: Path) -> None:
-    """All sets of one size, five in a row: each picture beside its shadow, and the verdict's word."""
+    """Draw all sets of one size, five in a row: each picture beside its shadow, and the verdict's word."""
     cards = []
     for name, built in sets:
         files = [built["folder"] / f"compare-{view['name']}.png" for view in _views_of(built)]

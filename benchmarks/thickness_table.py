@@ -30,7 +30,7 @@ class CostRow:
 
 
 def cost_rows(n: int = 10_000) -> list[CostRow]:
-    """Seconds for n vertices of every kind, and for ten times as many of a smooth knot."""
+    """Return seconds for n vertices of every kind, and for ten times as many of a smooth knot."""
     rng = np.random.default_rng(0)
     t = 2 * np.pi * np.arange(n) / n
     strands = np.concatenate([racetrack(900.0, 1.0 + k, 25) for k in range(n // 50)])

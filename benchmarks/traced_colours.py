@@ -46,7 +46,7 @@ Picture = NDArray[np.floating[Any]]
 
 
 def light_and_mix(mesh: Mesh, scene: Scene, seen: Sequence[ViewGeometry]) -> tuple[Light, Picture]:
-    """The validators' light on the pixels of the views, and what they mix of it, (H, W, 3), white at 1.
+    """Give the validators' light on the pixels of the views, and what they mix of it, (H, W, 3), white at 1.
 
     Shadows are cast on finer pixels: a pixel of a camera sees all of its square, not its middle alone.
     """
@@ -67,7 +67,7 @@ def light_and_mix(mesh: Mesh, scene: Scene, seen: Sequence[ViewGeometry]) -> tup
 def trace_colours(
     mesh: Mesh, views: Sequence[View], seen: Sequence[ViewGeometry], samples: int, grey: float = 0.0
 ) -> Picture:
-    """(H, W, 3) the screen as Mitsuba lights it, linear, over the middle of a screen before which nothing is.
+    """Trace (H, W, 3) the screen as Mitsuba lights it, linear, over the middle of an empty screen.
 
     Args:
         mesh: in the scene. seen: the views, flat, on one grid of pixels. samples: paths of each pixel.
@@ -99,7 +99,7 @@ def _paint(reflectance: float) -> dict[str, Any]:
 
 
 def _place(x: NDArray[Any], y: NDArray[Any], z: NDArray[Any], at: NDArray[Any]) -> Any:
-    """The transform that takes the axes of a shape to vectors, and its middle to a place."""
+    """Return the transform that takes the axes of a shape to vectors, and its middle to a place."""
     import mitsuba as mi
 
     matrix = np.eye(4)
@@ -108,14 +108,14 @@ def _place(x: NDArray[Any], y: NDArray[Any], z: NDArray[Any], at: NDArray[Any]) 
 
 
 def _screen(seen: ViewGeometry) -> dict[str, Any]:
-    """A white rectangle, three times as wide as the frame."""
+    """Return a white rectangle, three times as wide as the frame."""
     right, down = 1.5 * seen.width * seen.du, 1.5 * seen.height * seen.dv
     to_world = _place(right, -down, seen.normal, seen.middle)
     return {"type": "rectangle", "to_world": to_world, "bsdf": _paint(1.0)}
 
 
 def _camera(seen: ViewGeometry, samples: int) -> dict[str, Any]:
-    """It looks straight at the screen, from between the part and the screen."""
+    """Return a camera that looks straight at the screen, from between the part and the screen."""
     import mitsuba as mi
 
     half = 0.5 * seen.width * float(np.linalg.norm(seen.du))
@@ -140,7 +140,7 @@ def _camera(seen: ViewGeometry, samples: int) -> dict[str, Any]:
 
 
 def _lamp(view: View, seen: ViewGeometry) -> dict[str, Any]:
-    """A disc across the view's axis, or a ball, which shines in the lamp's colour; a point is a tiny disc."""
+    """Model a disc across the view's axis, or a ball, in the lamp's colour; a point is a tiny disc."""
     radius = max(0.5 * view.light_diameter_mm, 1e-2)
     value = [RADIANCE * c / radius**2 for c in view.lamp_colour]
     glow = {"type": "area", "radiance": {"type": "rgb", "value": value}}
@@ -162,14 +162,14 @@ def use_mitsuba() -> bool:
 
 
 def measure_rms(ours: Picture, traced: Picture) -> NDArray[Any]:
-    """(3,) the root mean square of what each channel is off."""
+    """Measure (3,) the root mean square of what each channel is off."""
     return np.asarray(
         np.sqrt(((np.clip(ours, 0, 1) - np.clip(traced, 0, 1)) ** 2).mean(axis=(0, 1)))
     )
 
 
 def share_right(shown: Picture, light: Light, masks: NDArray[np.bool_]) -> float:
-    """The share of pixels nearest to the colour that the masks (n, H, W) ask for, under the same light."""
+    """Return share of pixels nearest to the colour that the masks (n, H, W) ask for, under the same light."""
     codes = np.tensordot(2 ** np.arange(len(masks)), masks.astype(np.int64), axes=1).ravel()
     off = []
     for code in range(2 ** len(masks)):

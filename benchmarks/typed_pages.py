@@ -38,7 +38,7 @@ _STUDIO_S = 15.0
 
 
 def commands_of(text: str) -> list[list[str]]:
-    """The words of each `knotfab …` line in a page's blocks of shell commands, without their comments."""
+    """Return words of each `knotfab …` line in a page's blocks of shell commands, without their comments."""
     blocks = re.findall(r"^```sh\n(.*?)^```", text, re.M | re.S)
     lines = [line for block in blocks for line in block.splitlines()]
     return [shlex.split(line, comments=True)[1:] for line in lines if line.startswith("knotfab ")]
@@ -101,7 +101,7 @@ def type_command(words: Sequence[str], folder: Path) -> tuple[int, str]:
 
 
 def broken_promises(page: str, said: str) -> list[str]:
-    """The lines of a page that promise more, or less, than what was printed for the same report."""
+    """Return the lines of a page that promise more, or less, than what was printed for the same report."""
     printed = {found[4]: found for found in PROMISE.findall(said)}
     wrong = []
     for found in PROMISE.findall(page):

@@ -26,7 +26,7 @@ CAMERA_PX = 4.0  # px of the shadow's 1024: 0.7 mm of 180, less than the default
 
 
 def verify(folder: Path) -> Mapping[str, Any] | None:
-    """The verdict on a build's files, measured anew without rendering; None where there are none."""
+    """Return the verdict on a build's files, measured anew without rendering; None where there are none."""
     for place in (folder, folder / "rejected"):
         if (place / "part.stl").is_file():
             files = (place / name for name in ("part.stl", "knots.json", "scene.toml"))
@@ -60,7 +60,7 @@ def _build(path: Path, folder: Path, accuracy: str | None, limit_s: float) -> st
 
 
 def _rejected_by(folder: Path) -> str:
-    """The required checks that a build failed, in words, besides the one that gives the word."""
+    """Return the required checks that a build failed, in words, besides the one that gives the word."""
     report = read_report(folder) or {"checks": []}
     failed = [c["name"] for c in report["checks"] if c["required"] and c["status"] == "fail"]
     others = [name for name in failed if name != "recognisable"]
@@ -68,7 +68,7 @@ def _rejected_by(folder: Path) -> str:
 
 
 def _row(name: str, expected: str, folder: Path, said: str) -> tuple[str, bool, Mapping[str, Any]]:
-    """A line of the table, whether it is as expected, and the verdict."""
+    """Return a line of the table, whether it is as expected, and the verdict."""
     verdict, rejected = verify(folder), _rejected_by(folder)
     if verdict is None:
         line = f"{name:<20} {expected:<9} {REFUSED:<17}  -               {said or rejected}"

@@ -37,7 +37,7 @@ build, as Ctrl-C does, and nothing stays half-written.
 
 
 def api_page(entry: Callable[[str, object], str] | None = None) -> str:
-    """The page in Markdown: functions first, then data, then errors.
+    """Return the page in Markdown: functions first, then data, then errors.
 
     Args:
         entry: what stands for each name; by default a row of a table.
@@ -55,7 +55,7 @@ def api_page(entry: Callable[[str, object], str] | None = None) -> str:
 
 
 def _row(name: str, thing: object) -> str:
-    """One function or class: its parameters, and the first sentence of its docstring."""
+    """Return one function or class: its parameters, and the first sentence of its docstring."""
     call = ""
     if inspect.isfunction(thing):
         plain = [
@@ -67,7 +67,7 @@ def _row(name: str, thing: object) -> str:
 
 
 def _entry(name: str, thing: object) -> str:
-    """One function or class: its signature and its docstring as it stands."""
+    """Return one function or class: its signature and its docstring as it stands."""
     lines = [f"### {name}\n"]
     if inspect.isfunction(thing):
         lines.append(f"```python\n{name}{inspect.signature(thing)}\n```\n")
@@ -79,7 +79,7 @@ def _entry(name: str, thing: object) -> str:
 
 
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
-    """What mkdocs shows of a page: here the two that are made from code have all of it."""
+    """Return what mkdocs shows of a page: here the two that are made from code have all of it."""
     if page.file.src_uri == PAGE.name:
         return api_page(_entry)
     if page.file.src_uri == "conventions.md":

@@ -137,7 +137,7 @@ def _facts(report: dict[str, Any], sliced: Path) -> str:
 
 
 def _draw(folder: Path, report: dict[str, Any]) -> Image.Image:
-    """The shadows as their lamps throw them, then the part from several sides, in a row."""
+    """Draw the shadows as their lamps throw them, then the part from several sides, in a row."""
     row = []
     for view in report["views"]:
         soft = folder / f"soft-{view['name']}.png"

@@ -24,7 +24,7 @@ SERIF = FONT.with_name("DejaVuSerif-Bold.ttf")
 
 
 def pictures() -> dict[str, Image.Image]:
-    """All pictures by name, in one order: mode "L", black on white, 1024 px on the longer side."""
+    """Return all pictures by name, in one order: mode "L", black on white, 1024 px on the longer side."""
     glyphs: dict[str, tuple[str, Path]] = {
         "knight": ("♞", FONT),
         "smiley": ("☺", FONT),
@@ -53,7 +53,7 @@ def pictures() -> dict[str, Image.Image]:
 
 
 def _glyph(text: str, font: Path, margin: float = 0.06) -> Image.Image:
-    """One character, cropped to its ink and set in a margin; the aspect is the character's own."""
+    """Draw one character, cropped to its ink and set in a margin; the aspect is the character's own."""
     em = SIZE * OVERSAMPLING
     sheet = Image.new("L", (2 * em, 2 * em), 0)
     letter = ImageFont.truetype(str(font), em)
@@ -78,7 +78,7 @@ class Canvas:
         self.draw = ImageDraw.Draw(self.image)
 
     def finish(self) -> Image.Image:
-        """The sheet at its final size, smooth at the edges."""
+        """Return the sheet at its final size, smooth at the edges."""
         return self.image.resize(self.size, Image.Resampling.BOX)
 
     def disc(self, x: float, y: float, radius: float, y_radius: float = 0.0, ink: int = 0) -> None:
@@ -87,7 +87,7 @@ class Canvas:
         self.draw.ellipse([c * self.unit for c in box], fill=ink)
 
     def ring(self, x: float, y: float, radius: float, width: float) -> None:
-        """A circle line whose middle has `radius`."""
+        """Draw a circle line whose middle has `radius`."""
         around = [polar(x, y, radius, 2 * pi * k / 200) for k in range(201)]
         self.stroke(around, width)
 
@@ -95,13 +95,13 @@ class Canvas:
         self.draw.polygon([(x * self.unit, y * self.unit) for x, y in outline], fill=ink)
 
     def blob(self, corners: Sequence[Point], ink: int = 0) -> None:
-        """The smooth closed curve through `corners`, filled."""
+        """Fill the smooth closed curve through `corners`."""
         self.shape(spline(corners, closed=True), ink)
 
     def stroke(
         self, line: Sequence[Point], width: float, end_width: float | None = None, ink: int = 0
     ) -> None:
-        """A line with round ends and joins; its width may change linearly along it."""
+        """Draw a line with round ends and joins; its width may change linearly along it."""
         points = np.array(line)
         step = np.linalg.norm(np.diff(points, axis=0), axis=1)
         along = np.concatenate([[0.0], np.cumsum(step)]) / step.sum()
@@ -112,7 +112,7 @@ class Canvas:
     def curve(
         self, corners: Sequence[Point], width: float, end_width: float | None = None, ink: int = 0
     ) -> None:
-        """A stroke along the smooth open curve through `corners`."""
+        """Draw a stroke along the smooth open curve through `corners`."""
         self.stroke(spline(corners, closed=False), width, end_width, ink)
 
     def _piece(self, a: np.ndarray, b: np.ndarray, start: float, end: float, ink: int) -> None:
@@ -124,7 +124,7 @@ class Canvas:
 
 
 def spline(corners: Sequence[Point], closed: bool, steps: int = 24) -> list[Point]:
-    """Centripetal Catmull-Rom spline through the corners (Yuksel et al. 2011)."""
+    """Return Centripetal Catmull-Rom spline through the corners (Yuksel et al. 2011)."""
     p = np.array(corners, dtype=np.float64)
     if closed:
         p = np.concatenate([p[-1:], p, p[:2]])
@@ -149,7 +149,7 @@ def polar(x: float, y: float, radius: float, angle: float) -> Point:
 
 
 def _cat() -> Image.Image:
-    """A sitting cat seen from behind its shoulder: pear body, ears, tail curled to the side."""
+    """Draw a sitting cat seen from behind its shoulder: pear body, ears, tail curled to the side."""
     c = Canvas(0.8, 1.0)
     c.blob([
         (0.40, 0.30), (0.50, 0.42), (0.58, 0.58), (0.62, 0.76), (0.58, 0.90), (0.48, 0.935),
@@ -170,7 +170,7 @@ def _cat() -> Image.Image:
 
 
 def _bird() -> Image.Image:
-    """A bird in flight: two raised wings with open feathers, fanned tail, beak."""
+    """Draw a bird in flight: two raised wings with open feathers, fanned tail, beak."""
     c = Canvas(1.0, 0.78)
     c.blob([
         (0.13, 0.50), (0.19, 0.44), (0.28, 0.44), (0.38, 0.47), (0.52, 0.48), (0.66, 0.515),
@@ -195,7 +195,7 @@ def _bird() -> Image.Image:
 
 
 def _wheel() -> Image.Image:
-    """A rim, a hub with a hole, six spokes."""
+    """Draw a rim, a hub with a hole, six spokes."""
     c = Canvas()
     c.ring(0.5, 0.5, 0.41, 0.075)
     for k in range(6):
@@ -206,7 +206,7 @@ def _wheel() -> Image.Image:
 
 
 def _bicycle() -> Image.Image:
-    """Two wheels, a diamond frame, saddle, handlebar and crank: thin lines and many holes."""
+    """Draw two wheels, a diamond frame, saddle, handlebar and crank: thin lines and many holes."""
     c = Canvas(1.0, 0.64)
     rear, front = (0.22, 0.42), (0.78, 0.42)
     crank, seat, head = (0.455, 0.435), (0.385, 0.20), (0.685, 0.17)
@@ -228,7 +228,7 @@ def _bicycle() -> Image.Image:
 
 
 def _tree() -> Image.Image:
-    """A bare tree: branches fork into ever thinner twigs."""
+    """Draw a bare tree: branches fork into ever thinner twigs."""
     c = Canvas(0.96, 1.0)
     c.shape([
         *spline([(0.36, 0.95), (0.425, 0.90), (0.44, 0.78), (0.445, 0.60)], False),
@@ -248,7 +248,7 @@ def _tree() -> Image.Image:
 
 
 def _pieces() -> Image.Image:
-    """Three pieces apart: a moon, a star and a mountain."""
+    """Draw three pieces apart: a moon, a star and a mountain."""
     c = Canvas(1.0, 0.75)
     c.disc(0.25, 0.25, 0.17)
     c.disc(0.325, 0.205, 0.145, ink=255)
@@ -264,7 +264,7 @@ def _pieces() -> Image.Image:
 
 
 def _spiral() -> Image.Image:
-    """One stroke that winds outwards three times, with the same gap all the way."""
+    """Draw one stroke that winds outwards three times, with the same gap all the way."""
     c = Canvas()
     angles = np.linspace(0.4 * pi, 6.6 * pi, 500)
     c.stroke([polar(0.5, 0.5, 0.43 * float(a) / (6.6 * pi), float(a)) for a in angles], 0.055)
@@ -272,7 +272,7 @@ def _spiral() -> Image.Image:
 
 
 def _stickman() -> Image.Image:
-    """A running stick man, one stroke wide throughout."""
+    """Draw a running stick man, one stroke wide throughout."""
     c = Canvas(0.86, 1.0)
     width = 0.06
     neck, hip = (0.475, 0.29), (0.41, 0.56)
@@ -286,7 +286,7 @@ def _stickman() -> Image.Image:
 
 
 def _teapot() -> Image.Image:
-    """A teapot: round body, spout, and a handle that closes a hole."""
+    """Draw a teapot: round body, spout, and a handle that closes a hole."""
     c = Canvas(1.0, 0.72)
     c.blob([
         (0.50, 0.20), (0.63, 0.225), (0.71, 0.33), (0.72, 0.45), (0.66, 0.58), (0.57, 0.635),

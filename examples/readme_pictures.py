@@ -24,7 +24,7 @@ LOGO = """<svg xmlns="http://www.w3.org/2000/svg" width="80mm" height="60mm" vie
 
 
 def badge(heart: Image.Image) -> Image.Image:
-    """A red heart (black on white) in a red ring, on a blue disc."""
+    """Return a red heart (black on white) in a red ring, on a blue disc."""
     size = 4 * PX
     sheet = Image.new("RGB", (size, size), "white")
     pen = ImageDraw.Draw(sheet)

@@ -63,7 +63,7 @@ class Watch(Term):
 def watch_search(
     problem: Problem, radius: float, every: int = EVERY
 ) -> tuple[list[Array], Polylines]:
-    """The vertices [(N, 3) mm] of every so many iterations of the flow, from the template on."""
+    """Return the vertices [(N, 3) mm] of every so many iterations of the flow, from the template on."""
     start, watch = make_start(problem, radius, _SETTINGS), Watch(every)
     # vertices stay the same from the first picture to the last, and nothing is repaired after it
     plan = replace(plan_of(_SETTINGS), keep_vertices=True, repairs=0, mendings=0)
@@ -73,7 +73,7 @@ def watch_search(
 
 
 def film(problem: Problem, radius: float, every: int = EVERY) -> list[Image.Image]:
-    """The pictures of a search: to the left the shadow, to the right the tube turned by 60 degrees."""
+    """Return the pictures of a search: to the left the shadow, to the right the tube turned by 60 degrees."""
     stages, rings = watch_search(problem, radius, every)
     (view,) = problem.views
     image = image_at(view.view, view.mask, radius, PANEL)

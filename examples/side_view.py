@@ -18,7 +18,7 @@ _HAZE = 0.45  # the share of the paper's colour on the furthest parts
 
 
 def beside(left: Image.Image, right: Image.Image) -> Image.Image:
-    """Two pictures as one, on white, as high as the left one."""
+    """Return two pictures as one, on white, as high as the left one."""
     both = Image.new("RGB", (left.width + right.width, left.height), "white")
     both.paste(left, (0, 0))
     both.paste(right, (left.width, 0))
@@ -28,7 +28,7 @@ def beside(left: Image.Image, right: Image.Image) -> Image.Image:
 def side_view(
     curves: Sequence[Array], radius: float, reach: float, size: int, turn_deg: float
 ) -> Image.Image:
-    """The tube about closed curves, turned about the vertical axis and seen without perspective.
+    """Return the tube about closed curves, turned about the vertical axis and seen without perspective.
 
     Args:
         curves: vertices [(n, 3)] mm, scene coordinates.
@@ -66,7 +66,7 @@ def side_view(
 
 
 def _dense(curve: Array, spacing: float) -> Array:
-    """Points along a closed polyline, none further apart than `spacing`."""
+    """Return points along a closed polyline, none further apart than `spacing`."""
     ahead = np.roll(curve, -1, axis=0)
     most = float(np.linalg.norm(ahead - curve, axis=1).max())
     share = np.arange(max(1, int(np.ceil(most / spacing))))[:, None, None]

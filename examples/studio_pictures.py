@@ -22,7 +22,7 @@ SHOWN_IOU = 0.95  # from which the running build is worth a picture
 
 
 def draw(page: Page, picture: Path, out: Path) -> None:
-    """Screenshots of a build from the first drop to the result: studio-preview, -live and -result.png."""
+    """Take screenshots of a build from the first drop to the result: studio-preview, -live, -result.png."""
     page.set_input_files("#file", picture)
     page.wait_for_selector("#survey:not([hidden])")
     page.wait_for_function(

@@ -21,7 +21,7 @@ LIGHT = np.array([-0.52, -0.50, 0.69])  # from the upper left, in front
 
 
 def paint_portrait(height: int = 1000) -> Image.Image:
-    """A face before a pale wall, lit from the side: hair, brows, eyes, nose, mouth, a dark jumper."""
+    """Return a face before a pale wall, lit from the side: hair, brows, eyes, nose, mouth, a dark jumper."""
     y, x = np.mgrid[0:height, 0 : round(0.84 * height)] / height
     x, y = 0.115 + 0.70 * x, 0.10 + 0.70 * y  # close up
     grey = 1.0 + 0.0 * x
@@ -66,17 +66,17 @@ def paint_portrait(height: int = 1000) -> Image.Image:
 
 
 def _soft(inside: Grey, edge: float = 0.03) -> Grey:
-    """1 where a function is above 0, 0 where it is below, with a soft edge."""
+    """Return 1 where a function is above 0, 0 where it is below, with a soft edge."""
     return np.clip(0.5 + inside / (2 * edge), 0.0, 1.0)
 
 
 def _spot(dx: Grey, dy: Grey, width: float, height: float) -> Grey:
-    """A Gaussian spot."""
+    """Return a Gaussian spot."""
     return np.exp(-0.5 * ((dx / width) ** 2 + (dy / height) ** 2))
 
 
 def lay_beside(folder: Path, height: int = 560, gap: int = 24) -> Image.Image:
-    """Picture, shadow, and the shadow as it is judged, of a build in greys."""
+    """Return picture, shadow, and the shadow as it is judged, of a build in greys."""
     from scipy.ndimage import gaussian_filter
 
     report = json.loads((folder / "report.json").read_text(encoding="utf-8"))

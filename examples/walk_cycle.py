@@ -26,7 +26,7 @@ _STRIDE = 0.56  # rad, the hip's swing to either side
 
 
 def walk_cycle(frames: int = FRAMES) -> list[Image.Image]:
-    """The frames of one whole cycle (two steps): mode "L", black on white, all of one size."""
+    """Return the frames of one whole cycle (two steps): mode "L", black on white, all of one size."""
     return [_walker(phase) for phase in _phases(frames)]
 
 
@@ -40,12 +40,12 @@ def swings(frames: int = FRAMES) -> dict[str, float]:
 
 
 def _phases(frames: int) -> list[float]:
-    """The middle of each stretch: in no frame does one leg hide the other."""
+    """Return the middle of each stretch: in no frame does one leg hide the other."""
     return [2 * pi * (k + 0.5) / frames for k in range(frames)]
 
 
 def _skeleton(phase: float) -> dict[str, list[Point]]:
-    """The joints of each limb, from the body outwards, and of the back, at `phase` of the cycle."""
+    """Return the joints of each limb, from the body outwards, and of the back, at `phase` of the cycle."""
     legs = [_leg(phase), _leg(phase + pi)]
     # the lower sole is on the ground: the hip bobs twice a cycle
     lowest = max(y for leg in legs for _, y in leg)
@@ -72,7 +72,7 @@ def _skeleton(phase: float) -> dict[str, list[Point]]:
 
 
 def _walker(phase: float) -> Image.Image:
-    """The figure at `phase` of its cycle; it walks to the right."""
+    """Return the figure at `phase` of its cycle; it walks to the right."""
     sheet, body = Canvas(_WIDTH, _HEIGHT), _skeleton(phase)
     for limb in ("leg", "other leg"):
         hip, knee, ankle, toe = body[limb]
@@ -90,7 +90,7 @@ def _walker(phase: float) -> Image.Image:
 
 
 def _leg(phase: float) -> list[Point]:
-    """Hip, knee, ankle and toe from the hip: the leg swings forward where its knee bends."""
+    """Return hip, knee, ankle and toe from the hip: the leg swings forward where its knee bends."""
     hip = _STRIDE * cos(phase)
     bend = 0.10 + 0.20 * max(0.0, -sin(phase))
     knee = polar_down((0.0, 0.0), _THIGH, hip + 0.5 * bend)
@@ -100,7 +100,7 @@ def _leg(phase: float) -> list[Point]:
 
 
 def polar_down(at: Point, length: float, angle: float) -> Point:
-    """`length` away from `at`, `angle` from straight down, towards the right."""
+    """Return `length` away from `at`, `angle` from straight down, towards the right."""
     return at[0] + length * sin(angle), at[1] + length * cos(angle)
 
 
@@ -109,7 +109,7 @@ def _add(at: Point, by: Point) -> Point:
 
 
 def print_frames(report: dict[str, Any]) -> None:
-    """A line a frame of a sequence's report, its closing, and the checks that are not passed."""
+    """Print a line a frame of a sequence's report, its closing, and the checks that are not passed."""
     print("frame   IoU    word        vertices go   at most   began as   steps certified")
     for view in report["views"]:
         moved = view["motion"] or {"largest_mm": 0.0, "limit_mm": 0.0}
@@ -128,7 +128,7 @@ def print_frames(report: dict[str, Any]) -> None:
 
 
 def main(*, out: Path = Path("walk-cycle"), draw: bool = False) -> int:
-    """Draw, build, print; 1 where a figure is missed."""
+    """Return draw, build, print; 1 where a figure is missed."""
     frames = out / "frames"
     frames.mkdir(parents=True, exist_ok=True)
     for number, image in enumerate(walk_cycle(), start=1):

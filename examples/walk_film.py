@@ -29,7 +29,7 @@ PAPER = (250, 248, 244)
 
 
 def walk_film(folder: Path) -> list[Image.Image]:
-    """One picture a frame: the shadow to the left, the part turned by 50 degrees to the right.
+    """Return one picture a frame: the shadow to the left, the part turned by 50 degrees to the right.
 
     Raises:
         FileNotFoundError: the folder is not that of a sequence.
@@ -52,7 +52,7 @@ def walk_film(folder: Path) -> list[Image.Image]:
 
 
 def zoetrope_picture(part: Path, path: Path, pixels: int = 1100) -> bool:
-    """The zoetrope from a little above, cropped; whether this machine could draw it."""
+    """Return the zoetrope from a little above, cropped; whether this machine could draw it."""
     mesh = read_mesh(part)
     a = np.deg2rad(ABOVE_DEG)
     # from z up to y up, as the pictures of parts have it, and tilted towards the eye

@@ -152,7 +152,7 @@ def read_picture(source: Source, *, font: str | None = None, **reading: Any) -> 
 
 
 def _file_of(source: Source, path: Path) -> str:
-    """The name of a picture; one that is no file is written to `path`.
+    """Return the name of a picture; one that is no file is written to `path`.
 
     Raises:
         InputError: it is no picture.
@@ -207,7 +207,7 @@ def pose_question(scene: Scene, targets: Sequence[Target]) -> Question:
 
 
 def choose_tube(question: Question, accuracy: str = "standard") -> tuple[Question, float, Start]:
-    """The tube's radius (mm), the scene's or the best, and the curves of known type to start from.
+    """Choose the tube's radius (mm), the scene's or the best, and the curves of known type to start from.
 
     Returns:
         The question with the depth that this radius leaves, the radius, and the start.
@@ -232,7 +232,7 @@ def search_knots(
     device: str = "cpu",
     **settings: Any,
 ) -> SearchResult:
-    """Knots that draw every picture of the question, by certified steps from the start.
+    """Return knots that draw every picture of the question, by certified steps from the start.
 
     Args:
         radius: radius of the tube, mm. settings: keys of [search], over the scene's own and the accuracy's.
@@ -253,14 +253,14 @@ def search_knots(
 
 
 def settle_design(question: Question, result: SearchResult, accuracy: str = "standard") -> Design:
-    """The design that a search has come to: its knots, and the scene with nothing left to choose."""
+    """Return the design that a search has come to: its knots, and the scene with nothing left to choose."""
     from knotfab.design.design import settle_design as settle
 
     return settle(question, result, _settings_for(question, accuracy, {}))
 
 
 def _settings_for(question: Question, accuracy: str, settings: Mapping[str, Any]) -> SearchSettings:
-    """The accuracy's settings as a build of this question has them, under the scene's own and these."""
+    """Give the accuracy's settings as a build of this question has them, under the scene's own and these."""
     from knotfab.design.suit import suit
     from knotfab_formats.search import search_settings
 
@@ -271,7 +271,7 @@ def _settings_for(question: Question, accuracy: str, settings: Mapping[str, Any]
 def sweep_tube(
     knot: Knot, radius: float, sides: int = 48
 ) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
-    """The tube about a closed knot, in mm: vertices (n, 3) and triangles (m, 3), watertight.
+    """Return the tube about a closed knot, in mm: vertices (n, 3) and triangles (m, 3), watertight.
 
     Raises:
         SceneError: it bends tighter than a tube of this radius can.
@@ -282,7 +282,7 @@ def sweep_tube(
 
 
 def assemble_part(design: Design, targets: Sequence[Target], *, printing: bool = True) -> Part:
-    """One watertight tube a knot with its mount, in print pose.
+    """Return one watertight tube a knot with its mount, in print pose.
 
     Raises:
         SceneError: the piece does not fit the printer, or its mount does not fit the piece.

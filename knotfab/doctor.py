@@ -167,7 +167,7 @@ def _torch() -> Finding:
 
 
 def _libraries(wanted: Sequence[tuple[str, str]]) -> list[Finding]:
-    """Installed, found by the import system, and really imported by a child."""
+    """List the libraries: installed, found by the import system, and really imported by a child."""
     found = [_look_for(distribution, module) for distribution, module in wanted]
     present = [m for (_, m), finding in zip(wanted, found, strict=True) if finding.status == "ok"]
     broken = _import_errors(present)

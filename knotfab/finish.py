@@ -112,7 +112,7 @@ def report_piece(
 
 
 def _report_unbuilt(piece: WrittenPiece, request: Request) -> Report:
-    """Report knots of which no part can be made; the verdict says why."""
+    """Return report knots of which no part can be made; the verdict says why."""
     made = piece.made
     checks = [*piece.verdict.checks, check_certificate(made), check_limits(made)]
     notes = [*tell_binding(made), *tell_warnings(made.result.effects)]
@@ -169,7 +169,7 @@ def _list_notes(
 
 
 def _list_views(piece: WrittenPiece, printing: bool, verdict: Verdict) -> list[View]:
-    """The verified views, with what the build knows and measures of them."""
+    """List the verified views, with what the build knows and measures of them."""
     made, part, lies = piece.made, piece.part, piece.scene.pose
     moves = None if part is None else part.mounted.moves
     up = None if lies is None or not printing else np.array(lies.matrix)[:3, 2]
@@ -219,7 +219,7 @@ def finish_build(
 
 
 def _show(pieces: Sequence[WrittenPiece]) -> dict[str, Any]:
-    """The viewer's data of the first piece; the slider goes through its search, or through several pieces."""
+    """Collect the viewer's data of the first piece; its slider goes through the search, or several pieces."""
     first = pieces[0]
     bodies = [] if first.part is None else first.part.bodies
     if several := len(pieces) > 1:
@@ -243,7 +243,7 @@ def _show(pieces: Sequence[WrittenPiece]) -> dict[str, Any]:
 def _plan_bends(
     folder: OutputFolder, piece: WrittenPiece, request: Request, progress: Progress
 ) -> WirePlan | None:
-    """The bending plan, written, where the piece is of wire."""
+    """Return the bending plan, written, where the piece is of wire."""
     if piece.scene.material.process != "wire":
         return None
     from knotfab.wire.plan import write_bending_plan

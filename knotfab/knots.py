@@ -63,7 +63,7 @@ class Knots:
         return polylines_of(k.points for k in self.knots)
 
     def moved(self, matrix: NDArray[np.float64]) -> Knots:
-        """The same knots under a 4x4 `matrix`, a rigid motion or a similarity."""
+        """Return the same knots under a 4x4 `matrix`, a rigid motion or a similarity."""
         turn, shift = matrix[:3, :3], matrix[:3, 3]
         scale = float(np.cbrt(np.linalg.det(turn)))
         return Knots(
@@ -72,7 +72,7 @@ class Knots:
         )
 
     def to_file(self, **more: Any) -> KnotsFile:
-        """The content of knots.json, with more of its keys."""
+        """Return the content of knots.json, with more of its keys."""
         knots = [
             {"closed": k.closed, "type": k.type, "points": k.points.tolist()} for k in self.knots
         ]
@@ -84,17 +84,17 @@ class Knots:
         path.write_text(self.to_file(**({"members": members} if members else {})).dumps())
 
     def dump_start(self) -> str:
-        """The text of a start, for knots in the scene: at full precision, a search can go on from them."""
+        """Return text of a start, for knots in the scene: at full precision, a search can go on from them."""
         return self.to_file(coordinates="scene").dumps()
 
 
 def count_in_words(count: int) -> str:
-    """ "one knot", or how many."""
+    """Return  "one knot", or how many."""
     return "one knot" if count == 1 else f"{count} knots"
 
 
 def read_knots(path: Path) -> Knots:
-    """The knots of a knots.json or a start, in the coordinates that they are written in.
+    """Read the knots of a knots.json or a start, in the coordinates that they are written in.
 
     Raises:
         OSError, ValueError, RecursionError: it cannot be read, or is no such file.
@@ -115,7 +115,7 @@ class _Unfit(ValueError):
 
 
 def read_start(path: Path) -> Knots:
-    """Knots to go on from, in the scene: of a start (`Knots.dump_start`), or of a finished part.
+    """Read knots to go on from, in the scene: of a start (`Knots.dump_start`), or of a finished part.
 
     Args:
         path: a start.json, or a knots.json that its scene.toml lies beside, or the folder of these two.
@@ -148,7 +148,7 @@ def read_start(path: Path) -> Knots:
 
 
 def _read_pose(path: Path) -> NDArray[np.float64]:
-    """(4, 4) of the scene.toml beside a knots.json (scene-NN.toml of knots-NN.json): to the scene.
+    """Read (4, 4) of the scene.toml beside a knots.json (scene-NN.toml of knots-NN.json): to the scene.
 
     Raises:
         ValueError: there is none, or it has no pose.

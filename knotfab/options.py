@@ -60,7 +60,7 @@ OUTPUT = Group.create_ordered("Output")
 
 
 def _read_whole(_: object, tokens: Sequence[Token]) -> int:
-    """A whole number, which cyclopts by itself would round others to."""
+    """Read a whole number, which cyclopts by itself would round others to."""
     value, remedy = tokens[0].value, "Give one such as 3."
     try:
         number = int(value)
@@ -82,7 +82,7 @@ def _read_decimal(_: object, tokens: Sequence[Token]) -> float:
 
 
 def _words_of(tokens: Sequence[Token]) -> str:
-    """An option with its value, as it was typed."""
+    """Return an option with its value, as it was typed."""
     return f"{tokens[0].keyword or ''} {tokens[0].value}".strip()
 
 
@@ -330,7 +330,7 @@ class BuildOptions(PictureOptions):
 
 
 def options_from(given: Mapping[str, Any], known: Collection[str] = ()) -> BuildOptions:
-    """The options by their names, as a library's caller gives them: numbers and paths in their own types.
+    """Return options by their names, as a library's caller gives them: numbers and paths in their own types.
 
     Args:
         known: those that there are; by default all.

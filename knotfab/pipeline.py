@@ -34,7 +34,7 @@ def run_build(request: Request, progress: Progress | None = None) -> Outcome:
 
 
 def build(request: Request, progress: Progress | None = None) -> Outcome:
-    """Search, sweep, mount, pose, write, verify, slice and report (contract: files in DIR).
+    """Return search, sweep, mount, pose, write, verify, slice and report (contract: files in DIR).
 
     A piece that fails a required check is written whole to DIR/rejected and leaves an earlier good
     result as it was.

@@ -168,7 +168,7 @@ def preview_pictures(
 
 
 def list_readings(pictures: Sequence[str], options: BuildOptions) -> tuple[TriedReading, ...]:
-    """Up to six ways to read the one picture of a call, the best first, each with the options that give it.
+    """List up to six ways to read the one picture of a call, best first, with the options that give each.
 
     None for several pictures, lamps, frames, greys and `text:…`, which are read in one way. It takes seconds.
 
@@ -210,7 +210,7 @@ class _Call:
 def _read_call(
     pictures: Sequence[str], options: BuildOptions, progress: Progress, glance: bool = False
 ) -> _Call:
-    """The scene with the options over it, and the pictures, large ones shrunk where they are glanced at."""
+    """Read scene with the options over it, and the pictures, large ones shrunk where they are glanced at."""
     scene, folder = read_scene(options)
     sources = _sources(pictures, scene, options.scene)
     _check_font(options.font, sources)
@@ -306,7 +306,7 @@ def _prints(options: BuildOptions, scene: ResolvedScene) -> bool:
 
 
 def _sources(pictures: Sequence[str], scene: ResolvedScene, path: Path | None) -> tuple[str, ...]:
-    """The pictures of the call, or those of the scene's views."""
+    """Return the pictures of the call, or those of the scene's views."""
     for name in pictures:
         if Path(name).suffix.lower() == ".toml" and os.path.isfile(name):
             raise InputError(

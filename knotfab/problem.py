@@ -58,7 +58,7 @@ class TargetView:
         precision: Precision = "single",
         renderer: Renderer = "ray",
     ) -> ViewImage:
-        """The picture with `pixels` on the longer side; `radius` of the tube in mm."""
+        """Return the picture with `pixels` on the longer side; `radius` of the tube in mm."""
         given = (radius, pixels, forms, precision, renderer)
         if forms is not COMPILED:
             return image_at(self.view, self.mask, *given, ends=self.ends)
@@ -102,7 +102,7 @@ class Problem:
     world: World = field(default_factory=World)
 
     def limits(self, radius: float) -> Limits:
-        """The hard limits for a tube of this radius."""
+        """Return the hard limits for a tube of this radius."""
         bend = max(self.bend_radius or 0.0, radius + 0.5 * self.clearance)
         # with one view the region ends before the wall
         walls = walls_of([v.view for v in self.views]) if len(self.views) > 1 else ()

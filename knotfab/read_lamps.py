@@ -45,7 +45,7 @@ def read_lamps(
     *,
     named: bool,
 ) -> LampsCall:
-    """The lamps of a call: one picture in colours is taken apart into a mask each, and they are placed.
+    """Read the lamps of a call: one picture in colours is taken apart into a mask each, and they are placed.
 
     Args:
         sources: that picture, or one for each lamp. base: the folder that relative ones start from.

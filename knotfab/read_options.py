@@ -43,7 +43,7 @@ _SECONDS |= dict.fromkeys(("h", "hr", "hrs", "hour", "hours"), 3600.0)
 def _millimetres(
     model: type[BaseModel], key: str, option: str, text: str, words: tuple[str, ...]
 ) -> Any:
-    """A positive length, or one of the words."""
+    """Return a positive length, or one of the words."""
     plain = text.strip().lower()
     if plain in words:
         return plain
@@ -81,7 +81,7 @@ def read_seconds(text: str, name: str = "--time-budget") -> float:
 
 
 def read_skips(names: Collection[str]) -> frozenset[str]:
-    """The checks of `--skip`, each known by name.
+    """Read the checks of `--skip`, each known by name.
 
     Raises:
         InputError: there is no such check.
@@ -95,7 +95,7 @@ def read_skips(names: Collection[str]) -> frozenset[str]:
 
 
 def read_also(texts: Collection[str]) -> frozenset[str]:
-    """The formats of `--also`, commas between them.
+    """Read the formats of `--also`, commas between them.
 
     Raises:
         InputError: there is no such format.
@@ -108,7 +108,7 @@ def read_also(texts: Collection[str]) -> frozenset[str]:
 
 
 def read_scene(options: PictureOptions) -> tuple[ResolvedScene, Path | None]:
-    """The scene of a file (or the default one) with the command line's shorthands over it, resolved.
+    """Read the scene of a file (or the default one) with the command line's shorthands over it, resolved.
 
     Returns the scene and the folder that its pictures are relative to.
 
@@ -156,7 +156,7 @@ def read_scene(options: PictureOptions) -> tuple[ResolvedScene, Path | None]:
 
 
 def _keys(options: PictureOptions, model: type[BaseModel]) -> dict[str, Any]:
-    """The keys of a table that the options give, as their declaration says."""
+    """Return the keys of a table that the options give, as their declaration says."""
     keys: dict[str, Any] = {}
     for key in model.model_fields:
         _, option = option_of(model, key) or ("", "")
@@ -168,7 +168,7 @@ def _keys(options: PictureOptions, model: type[BaseModel]) -> dict[str, Any]:
 
 
 def _read(model: type[BaseModel], key: str, option: str, value: Any) -> Any:
-    """A key's value, of what its option was given.
+    """Read a key's value, of what its option was given.
 
     Raises:
         InputError: it is none, or out of its bounds.
@@ -188,7 +188,7 @@ def _read(model: type[BaseModel], key: str, option: str, value: Any) -> Any:
 
 
 def _frame_keys(options: PictureOptions) -> dict[str, Any]:
-    """The sides of the frame: with one of them given the other follows from the picture."""
+    """Return the sides of the frame: with one of them given the other follows from the picture."""
     sided = options.width is not None or options.height is not None
     if options.size is not None:
         _check_bounds(View, "frame_width_mm", options.size, f"--size {options.size:g}")
@@ -201,7 +201,7 @@ def _frame_keys(options: PictureOptions) -> dict[str, Any]:
 
 
 def _switches(texts: Collection[str]) -> dict[str, Any]:
-    """The keys of [effects] that `--effect NAME=on|off|auto` gives; of a name twice the last counts."""
+    """Give the keys of [effects] that `--effect NAME=on|off|auto` gives; of a name twice the last counts."""
     known, keys = list(Switches.model_fields), {}
     for text in texts:
         name, _, word = (part.strip().lower() for part in text.partition("="))
@@ -227,7 +227,7 @@ def _check_bounds(model: type[BaseModel], key: str, value: Any, what: str) -> No
 
 
 def _ink(option: str, text: str) -> str:
-    """A word of the scene key `ink`, or a colour as #rrggbb."""
+    """Return a word of the scene key `ink`, or a colour as #rrggbb."""
     plain = text.strip().lower()
     words = words_of(View, "ink")
     if plain in words:
@@ -242,7 +242,7 @@ def _ink(option: str, text: str) -> str:
 
 
 def _pixels(count: int, what: str, remedy: str, words: tuple[str, ...] = ()) -> Callable[..., Any]:
-    """A reader of so many whole px, of which the sizes (all but the first two) are above 0, or of words."""
+    """Make a reader of so many whole px, the sizes (all but the first two) above 0, or of words."""
 
     def read(option: str, text: str) -> Any:
         parts = [part.strip() for part in text.strip().strip("()[]").split(",")]
@@ -275,7 +275,7 @@ def _largest(option: str, count: int) -> int:
 
 
 def _count(option: str, text: str) -> int | str:
-    """auto, or how many knots."""
+    """Return auto, or how many knots."""
     if text == "auto":
         return text
     if not re.fullmatch(r"0*[0-9]{1,9}", text) or int(text) == 0:
@@ -289,7 +289,7 @@ def _count(option: str, text: str) -> int | str:
 
 
 def _share(option: str, text: str) -> float | str:
-    """auto, off, or a share of a picture's height."""
+    """Return auto, off, or a share of a picture's height."""
     plain = text.strip().lower()
     if plain in ("auto", "off"):
         return plain
@@ -309,7 +309,7 @@ def _share(option: str, text: str) -> float | str:
 
 
 def _bender(option: str, text: str) -> str:
-    """A template's name, or its file by its whole path."""
+    """Return a template's name, or its file by its whole path."""
     return text if re.fullmatch("[a-z]+", text) else str(at_home(text).absolute())
 
 
@@ -336,7 +336,7 @@ _READERS: dict[str, Callable[..., Any]] = {
 
 
 def _search_keys(options: PictureOptions) -> dict[str, Any]:
-    """The keys of [search] that options give in other words."""
+    """Return the keys of [search] that options give in other words."""
     keys: dict[str, Any] = {}
     if options.start is not None:
         keys["start"] = str(at_home(options.start).absolute())

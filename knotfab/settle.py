@@ -43,7 +43,7 @@ class _Settled:
 def settle_part(
     request: Request, target: Target, made: Design, progress: Progress
 ) -> tuple[Design, Part, Flattening | None]:
-    """The part of a design; searched again, where the scene leaves that open, as an estimate proposes.
+    """Return the part of a design; searched again, where the scene leaves that open, as an estimate proposes.
 
     With less depth for supports; before a nearer wall, and with less depth if need be, for a mount on
     pegs. A depth and a wall that the scene gives, a view that is searched for, knots to start from, and a
@@ -127,7 +127,7 @@ def _open(request: Request) -> tuple[bool, bool]:
 def _search(
     request: Request, target: Target, made: Design, place: Place, progress: Progress
 ) -> Design:
-    """The design at another place; its tube is chosen anew where the wall, and so the size, differs.
+    """Return the design at another place; its tube is chosen anew where the wall, and so the size, differs.
 
     Raises:
         SceneError: there is none.

@@ -64,7 +64,7 @@ class Row:
 
 @cache
 def _picture(name: str) -> Tensor:
-    """Coverage [PIXELS, PIXELS] of one of the project's pictures, centred."""
+    """Return coverage [PIXELS, PIXELS] of one of the project's pictures, centred."""
     mask = np.asarray(pictures()[name]) < 128
     side = max(mask.shape)
     square = np.zeros((side, side), dtype=np.bool_)
@@ -74,7 +74,7 @@ def _picture(name: str) -> Tensor:
 
 
 def _frame() -> Tensor:
-    """A rectangle's outline as wide as the tube is in the template's plane."""
+    """Return a rectangle's outline as wide as the tube is in the template's plane."""
     camera = PaperCamera(width=PIXELS, height=PIXELS)
     s = even_ring(800) * 8
     side, along = s.floor().long() % 8 // 2, (s / 2) % 1 * 2 - 1
@@ -90,14 +90,14 @@ def _views(target: Tensor) -> list[PaperView]:
 
 
 def _viviani(places: Tensor, apart: float = 0.0) -> Tensor:
-    """Viviani's curve about the origin, of diameter 2; its crossing drawn open by `apart`."""
+    """Return Viviani's curve about the origin, of diameter 2; its crossing drawn open by `apart`."""
     t = 4 * math.pi * places
     x = 0.5 * t.cos() + 0.5 * apart * (t / 2).cos()
     return torch.stack([x, 0.5 * t.sin(), (t / 2).sin()], -1)
 
 
 def _viviani_views(radius: float) -> list[PaperView]:
-    """The curve's shadows along three axes (parallel, as in the paper), seen by cameras with perspective."""
+    """Give curve's shadows along three axes (parallel, as in the paper), seen by cameras with perspective."""
     middle = torch.tensor([0.0, 0.0, 3.0], dtype=torch.float64)
     views = []
     for axis, (azimuth, elevation) in enumerate([(90.0, 0.0), (0.0, 90.0), (0.0, 0.0)]):
@@ -111,7 +111,7 @@ def _viviani_views(radius: float) -> list[PaperView]:
 
 
 def _clearance(knot: Array, radius: float) -> float:
-    """Least distance of strands (further than pi r apart along the knot) in tube diameters."""
+    """Return least distance of strands (further than pi r apart along the knot) in tube diameters."""
     edge = np.linalg.norm(np.roll(knot, -1, 0) - knot, axis=1)
     along = np.concatenate([[0.0], np.cumsum(edge)])[:-1]
     way = np.abs(along[:, None] - along[None])
@@ -127,7 +127,7 @@ def _search(
     region: Region = VIEW,
     template: Curve | None = None,
 ) -> Row:
-    """A search and its figures."""
+    """Return a search and its figures."""
     templates = None if template is None else [template]
     found = search_paper(views, settings, templates=templates, region=region)
     knot = torch.as_tensor(found.knots[0])
@@ -174,7 +174,7 @@ def _mobius(base: PaperSettings) -> Iterator[Row]:
 
 
 def _renderings(pairs: list[tuple[str, int, float]]) -> Iterator[Row]:
-    """The circle of the template at depth 3, at the paper's radius and size: (label, samples, tau) each."""
+    """Yield circle of the template at depth 3, at the paper's radius and size: (label, samples, tau) each."""
     camera = PaperCamera()
     ring = circle(1.0, (0.0, 0.0, 3.0))
     full = ring(even_ring(4000))
@@ -242,7 +242,7 @@ def _table(rows: list[Row], path: Path) -> None:
 
 
 def _figure(rows: list[Row], title: str, path: Path) -> None:
-    """A column a row of the table: the image over its target, and the knot from the side."""
+    """Draw a column a row of the table: the image over its target, and the knot from the side."""
     figure = Figure(figsize=(2.1 * len(rows), 4.6), dpi=110, layout="constrained")
     figure.suptitle(title, fontsize=9)
     for column, row in enumerate(rows):

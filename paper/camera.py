@@ -42,7 +42,7 @@ class PaperCamera:
             raise ValueError(f"an image needs 2 x 2 pixels, got {self.width} x {self.height}")
 
     def axes(self, like: Tensor) -> Tensor:
-        """[3, 3] rows: the camera's x, y and z in the world; dtype and device of `like`."""
+        """Return [3, 3] rows: the camera's x, y and z in the world; dtype and device of `like`."""
         (a, b, c) = self.turn_rad
         about_x = [[1.0, 0.0, 0.0], [0.0, cos(a), -sin(a)], [0.0, sin(a), cos(a)]]
         about_y = [[cos(b), 0.0, sin(b)], [0.0, 1.0, 0.0], [-sin(b), 0.0, cos(b)]]
@@ -54,7 +54,7 @@ class PaperCamera:
         return (z @ y @ x).T.to(like.dtype)
 
     def local(self, points: Tensor) -> Tensor:
-        """[..., 3] world -> [..., 3] camera coordinates."""
+        """Map [..., 3] world -> [..., 3] camera coordinates."""
         place = torch.tensor(self.place, dtype=points.dtype, device=points.device)
         return (points - place) @ self.axes(points).T
 
@@ -64,7 +64,7 @@ class PaperCamera:
         return 2 * self.focal[0] / (self.width - 1), 2 * self.focal[1] / (self.height - 1)
 
     def plane(self, u: Tensor, v: Tensor) -> Tensor:
-        """[...] pixel columns and rows -> [..., 2] places on the image plane (the paper's set Q)."""
+        """Map [...] pixel columns and rows -> [..., 2] places on the image plane (the paper's set Q)."""
         across, down = self.pitch
         return torch.stack([u * across - self.focal[0], v * down - self.focal[1]], -1)
 
@@ -83,7 +83,7 @@ def camera_around(
     height: int = 256,
     focal: Triple = (1.0, 1.0, 2.0),
 ) -> PaperCamera:
-    """A camera that looks at `middle` from `distance`.
+    """Return a camera that looks at `middle` from `distance`.
 
     At azimuth and elevation 0 it looks along the world's z. Azimuth turns it about the world's y,
     elevation raises it towards the world's -y (up in the picture).

@@ -16,7 +16,7 @@ _STEPS = 6  # vertices that a braid's strand has in each letter
 
 
 def closed_braid(word: Sequence[int], spacing: float = 3.0) -> list[Array]:
-    """The components of a braid's closure, turning about the axis z, strand 1 innermost.
+    """Return the components of a braid's closure, turning about the axis z, strand 1 innermost.
 
     Letter k > 0 lets strands k and k + 1 cross right-handedly, k < 0 left-handedly. Strands at rest
     are `spacing` apart, and half of it above and below each other where they cross.

@@ -39,7 +39,7 @@ def fit_view(
     iterations: int = 120,
     tau: tuple[float, float] = (0.3, 12.0),
 ) -> Fit:
-    """The view from which knots at `points` (N, 3), mm, look like `target` [height, width].
+    """Return the view from which knots at `points` (N, 3), mm, look like `target` [height, width].
 
     Squared difference of sigmoid(tau * signed distance) of tube and target. tau grows from its first
     value to its second, in units of one over the projected tube radius: soft at first, so that a pose
@@ -64,7 +64,7 @@ def fit_view(
 
 
 def _render(pose: FreePose, sheet: Sheet, starts: Tensor, ends: Tensor, tau: float) -> Tensor:
-    """[height, width] the tube about segments [n, 3] at the present pose, with gradient."""
+    """Render [height, width] the tube about segments [n, 3] at the present pose, with gradient."""
     frame, radius = pose.frame(sheet, starts.dtype), pose.lengths[2].to(starts.dtype)
     return render(starts, ends, frame, radius, tau, CUTOFF)
 
@@ -77,7 +77,7 @@ def _polish(
     distance: Tensor,
     sharpness: float,
 ) -> float:
-    """Least squares from where Adam ended, in double precision; returns the loss.
+    """Return least squares from where Adam ended, in double precision; returns the loss.
 
     Distance and size of a piece that is not deep change its shadow in nearly the same way: along
     that valley first-order steps hardly move.
@@ -107,13 +107,13 @@ def _polish(
 
 
 def _projected_radius(numbers: ViewNumbers, sheet: Sheet) -> float:
-    """The tube's radius at the middle of the piece, in pixels on the receiver."""
+    """Return the tube's radius at the middle of the piece, in pixels on the receiver."""
     share = 1.0 + numbers.wall_distance_mm / numbers.light_distance_mm
     return numbers.radius_mm * share / sheet.pixel_mm
 
 
 def _signed_distance(target: Tensor) -> Tensor:
-    """[height, width] distance to the outline of the half-covered picture, px, positive inside."""
+    """Return [height, width] distance to the outline of the half-covered picture, px, positive inside."""
     inside = target.cpu().numpy() > 0.5
     signed = distance_transform_edt(inside) - distance_transform_edt(~inside)
     return torch.as_tensor(signed - 0.5 * np.sign(signed), dtype=target.dtype)

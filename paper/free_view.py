@@ -32,13 +32,13 @@ RADII_MM = {"heart": 3.0, "stickman": 2.0, "wheel": 2.5, "spiral": 2.2, "cat": 3
 
 
 def angle_deg(one: ViewNumbers, other: ViewNumbers) -> float:
-    """The angle of the turn between two views."""
+    """Return the angle of the turn between two views."""
     cosine = 0.5 * (np.trace(turn_of(one).T @ turn_of(other)) - 1)
     return float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
 
 
 def shadow_of(points: Array, numbers: ViewNumbers, sheet: Sheet = SHEET) -> torch.Tensor:
-    """[height, width] the hard shadow (0 or 1) of one closed knot."""
+    """Return [height, width] the hard shadow (0 or 1) of one closed knot."""
     turn = torch.tensor([numbers.azimuth_deg, numbers.elevation_deg, numbers.roll_deg]).double()
     distances = torch.tensor([numbers.light_distance_mm, numbers.wall_distance_mm]).double()
     frame = posed_frame(sheet, turn, *distances)

@@ -18,24 +18,24 @@ _LEAST = 1e-2  # a share of the radius: no distance of the Moebius loss counts a
 
 
 def _norm(v: Tensor) -> Tensor:
-    """Length over the last axis, with gradient 0 at the zero vector."""
+    """Return the length over the last axis, with gradient 0 at the zero vector."""
     square = (v * v).sum(-1)
     some = square > 0
     return torch.where(some, torch.where(some, square, 1.0).sqrt(), 0.0)
 
 
 def _edges(knots: Tensor) -> Tensor:
-    """[knots, n, 3] from each point to the next."""
+    """Return [knots, n, 3] from each point to the next."""
     return knots.roll(-1, 1) - knots
 
 
 def image_loss(image: Tensor, target: Tensor) -> Tensor:
-    """Squared norm of the difference of two images [height, width]: a sum over pixels."""
+    """Return squared norm of the difference of two images [height, width]: a sum over pixels."""
     return ((image - target) ** 2).sum()
 
 
 def knot_lengths(knots: Tensor) -> Tensor:
-    """[knots] lengths of the closed polygons."""
+    """Return [knots] lengths of the closed polygons."""
     return _norm(_edges(knots)).sum(1)
 
 
@@ -45,7 +45,7 @@ def length_loss(knots: Tensor, longest: float) -> Tensor:
 
 
 def random_pairs(count: int, points: int, generator: torch.Generator) -> tuple[Tensor, Tensor]:
-    """`count` pairs of different points out of so many, each pair as likely as any (the set B_M)."""
+    """Return `count` pairs of different points out of so many, each pair as likely as any (the set B_M)."""
     u = torch.randint(points, (count,), generator=generator)
     v = torch.randint(points - 1, (count,), generator=generator)
     return u, v + (v >= u)
@@ -56,7 +56,7 @@ def mobius_loss(
     radius: float,
     pairs: tuple[Tensor, Tensor],  # rows of knots.reshape(-1, 3)
 ) -> Tensor:
-    """Mean over the pairs of (1 / d^2 - 1 / g^2) max(2 r - d, 0).
+    """Return mean over the pairs of (1 / d^2 - 1 / g^2) max(2 r - d, 0).
 
     d is the distance in space, g the shorter way along the knot (endless between two knots, so that
     knots that touch are penalised too). d counts as at least a hundredth of the radius. Pairs nearer than
@@ -98,7 +98,7 @@ def occupancy_loss(knots: Tensor, radius: float, region: Region) -> Tensor:
 
 
 def box(low: tuple[float, float, float], high: tuple[float, float, float]) -> Region:
-    """The exact signed distance of an axis-parallel box, positive inside."""
+    """Return the exact signed distance of an axis-parallel box, positive inside."""
 
     def at(points: Tensor) -> Tensor:
         one, two = (torch.tensor(x, dtype=points.dtype, device=points.device) for x in (low, high))
@@ -109,7 +109,7 @@ def box(low: tuple[float, float, float], high: tuple[float, float, float]) -> Re
 
 
 def ball(middle: tuple[float, float, float], radius: float) -> Region:
-    """The signed distance of a ball, positive inside."""
+    """Return the signed distance of a ball, positive inside."""
 
     def at(points: Tensor) -> Tensor:
         return radius - _norm(
@@ -120,7 +120,7 @@ def ball(middle: tuple[float, float, float], radius: float) -> Region:
 
 
 def squared_curvature(knots: Tensor) -> Tensor:
-    """[knots, n] (turning angle over the mean of both edges)^2 at each point.
+    """Return [knots, n] (turning angle over the mean of both edges)^2 at each point.
 
     Exact on a circle up to the square of the spacing, for uneven spacings too. A cusp turns by half a turn.
     A point that coincides with a neighbour has 0: the direction of its edge is unknown.

@@ -31,7 +31,7 @@ SPACING = 0.8  # tube radii between the points that are written
 
 
 def row(name: str) -> list[list[float]]:
-    """The points to write of one knot, turned to its principal axes without mirroring."""
+    """Return the points to write of one knot, turned to its principal axes without mirroring."""
     tight = tighten(closed_braid(BRAIDS[name])[0])
     points, _, verdict = resample(tight.points, polylines_of_sizes((len(tight.points),)), SPACING)
     if not verdict.valid:

@@ -55,7 +55,7 @@ class PaperResult:
 
 
 def iou(image: Tensor, target: Tensor) -> float:
-    """Intersection over union of two images at half coverage; 1 where both are empty."""
+    """Return intersection over union of two images at half coverage; 1 where both are empty."""
     seen, wanted = image > 0.5, target > 0.5
     union = (seen | wanted).sum()
     return float((seen & wanted).sum() / union) if union > 0 else 1.0
@@ -146,12 +146,12 @@ def _check(views: Sequence[PaperView]) -> None:
 
 
 def _sample(curves: Sequence[Curve], places: Sequence[Tensor]) -> Tensor:
-    """[knots, n, 3] float64 points of the templates."""
+    """Return [knots, n, 3] float64 points of the templates."""
     return torch.stack([curve(place) for curve, place in zip(curves, places, strict=True)])
 
 
 def _carry(network: nn.Module, start: Tensor, settings: PaperSettings) -> Tensor:
-    """[knots, n, 3] where the network and the template's place carry the sampled points."""
+    """Return [knots, n, 3] where the network and the template's place carry the sampled points."""
     middle = torch.tensor(settings.template_middle, dtype=start.dtype)
     carried: Tensor = network(start) + middle
     return carried
@@ -160,7 +160,7 @@ def _carry(network: nn.Module, start: Tensor, settings: PaperSettings) -> Tensor
 def _seen(
     knots: Tensor, view: PaperView, settings: PaperSettings, won: Won | None
 ) -> tuple[Tensor, Won]:
-    """The image [height, width] of the knots in a view, and the winners it was made of."""
+    """Return the image [height, width] of the knots in a view, and the winners it was made of."""
     starts = knots.reshape(-1, 3)
     ends = knots.roll(-1, 1).reshape(-1, 3) if settings.renderer == "capsule" else starts
     if won is None:
@@ -177,7 +177,7 @@ def _terms(
     generator: torch.Generator,
     won: Sequence[Won | None],
 ) -> tuple[dict[str, Tensor], list[Tensor], list[Won | None]]:
-    """The weighted terms that are asked for, the images, and the winners."""
+    """Return the weighted terms that are asked for, the images, and the winners."""
     seen = [_seen(knots, view, settings, w) for view, w in zip(views, won, strict=True)]
     images = [image for image, _ in seen]
     differences = [

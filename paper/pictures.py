@@ -25,7 +25,7 @@ PUBLISHED = {
 
 
 def paper_pictures() -> dict[str, Image.Image]:
-    """One picture of each kind, by the names of `PUBLISHED`: mode "L", black on white."""
+    """Return one picture of each kind, by the names of `PUBLISHED`: mode "L", black on white."""
     own = pictures()
     drawn = {
         "bunny": _bunny(),
@@ -43,7 +43,7 @@ def paper_pictures() -> dict[str, Image.Image]:
 
 
 def _bunny() -> Image.Image:
-    """A sitting hare from the side: round back, two ears laid back, a scut."""
+    """Return a sitting hare from the side: round back, two ears laid back, a scut."""
     sheet = Canvas(0.94, 1.0)
     body = [(0.13, 0.84), (0.15, 0.58), (0.33, 0.44), (0.53, 0.46), (0.66, 0.60), (0.71, 0.80)]
     sheet.blob([*body, (0.66, 0.93), (0.40, 0.95), (0.20, 0.94)])
@@ -59,7 +59,7 @@ def _bunny() -> Image.Image:
 
 
 def _armoured_head() -> Image.Image:
-    """A closed helmet from the side: plume, visor with slits and breaths, gorget with rivets."""
+    """Return a closed helmet from the side: plume, visor with slits and breaths, gorget with rivets."""
     sheet = Canvas(0.9, 1.0)
     dome = [(0.16, 0.62), (0.15, 0.36), (0.32, 0.19), (0.52, 0.18), (0.66, 0.30), (0.70, 0.46)]
     sheet.blob([*dome, (0.84, 0.56), (0.73, 0.66), (0.64, 0.76), (0.40, 0.80), (0.20, 0.76)])
@@ -78,7 +78,7 @@ def _armoured_head() -> Image.Image:
 
 
 def _arc() -> Image.Image:
-    """Three quarters of a ring."""
+    """Return three quarters of a ring."""
     sheet = Canvas()
     turn = [pi * (0.75 + 1.5 * k / 150) for k in range(151)]
     sheet.stroke([(0.5 + 0.36 * cos(a), 0.54 + 0.36 * sin(a)) for a in turn], 0.13)
@@ -86,7 +86,7 @@ def _arc() -> Image.Image:
 
 
 def _chair() -> Image.Image:
-    """A dining chair seen a little from above: four legs, a back with three bars."""
+    """Return a dining chair seen a little from above: four legs, a back with three bars."""
     sheet = Canvas(0.72, 1.0)
     sheet.stroke([(0.14, 0.06), (0.17, 0.95)], 0.05)
     sheet.stroke([(0.46, 0.06), (0.46, 0.60)], 0.05)

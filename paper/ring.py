@@ -12,7 +12,7 @@ Curve = Callable[[Tensor], Tensor]  # places [n] in [0, 1) of a closed curve -> 
 
 
 def circle(radius: float = 1.0, middle: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Curve:
-    """The paper's template (cos s, sin s, 0), with s = 2 pi times the place in [0, 1) (section 3.2)."""
+    """Give the paper's template (cos s, sin s, 0), with s = 2 pi times the place in [0, 1) (section 3.2)."""
 
     def at(places: Tensor) -> Tensor:
         s = 2 * pi * places
@@ -23,10 +23,10 @@ def circle(radius: float = 1.0, middle: tuple[float, float, float] = (0.0, 0.0, 
 
 
 def random_ring(count: int, generator: torch.Generator) -> Tensor:
-    """[count] float64 sorted places in [0, 1), uniform (the paper's random ring-graph)."""
+    """Return [count] float64 sorted places in [0, 1), uniform (the paper's random ring-graph)."""
     return torch.rand(count, generator=generator, dtype=torch.float64).sort().values
 
 
 def even_ring(count: int) -> Tensor:
-    """[count] float64 evenly spaced places in [0, 1)."""
+    """Return [count] float64 evenly spaced places in [0, 1)."""
     return torch.arange(count, dtype=torch.float64) / count

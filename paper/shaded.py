@@ -48,16 +48,16 @@ class Trial:
     frame: Frame
 
     def shade(self, points: Tensor, tau: float) -> Tensor:
-        """[h, w] the lit picture of a knot at `points`."""
+        """Return [h, w] the lit picture of a knot at `points`."""
         return render_shaded(points, points.roll(-1, 0), self.frame, RADIUS_MM, tau, SHADING)
 
     def silhouette(self, points: Tensor, tau: float) -> Tensor:
-        """[h, w] the silhouette of a knot at `points`."""
+        """Return [h, w] the silhouette of a knot at `points`."""
         return render_tiled(points, points.roll(-1, 0), self.frame, RADIUS_MM, tau)
 
 
 def trial(samples: int = 120, pixels: int = 72, bend_mm: float = 12.0, seed: int = 1) -> Trial:
-    """A trefoil, and a copy whose points go up to `bend_mm` astray, most of it in depth, smoothly."""
+    """Return a trefoil, and a copy whose points go up to `bend_mm` astray, most of it in depth, smoothly."""
     truth = torus_knot(2, 3, 38.0, 18.0, samples)
     rng = np.random.default_rng(seed)
     s = 2 * np.pi * np.arange(samples) / samples
@@ -70,7 +70,7 @@ def trial(samples: int = 120, pixels: int = 72, bend_mm: float = 12.0, seed: int
 
 
 def fit(at: Trial, render: Render, iterations: int = 150, waves: int = 6) -> Array:
-    """The points (n, 3) that descent finds for `render`'s picture of the truth, mm.
+    """Return the points (n, 3) that descent finds for `render`'s picture of the truth, mm.
 
     Adam on the first `waves` harmonics of the displacement, so that depth, on which the picture depends
     least, moves as readily as the rest. Each step is certified to keep the knot type, or left out.
@@ -101,7 +101,7 @@ def fit(at: Trial, render: Render, iterations: int = 150, waves: int = 6) -> Arr
 
 
 def curve_distance(points: Array, truth: Array) -> float:
-    """Root-mean-square distance of the vertices `points` from the closed curve `truth`, mm."""
+    """Return Root-mean-square distance of the vertices `points` from the closed curve `truth`, mm."""
     share = np.arange(20)[:, None, None] / 20
     dense = (truth + share * (np.roll(truth, -1, axis=0) - truth)).reshape(-1, 3)
     return float(np.sqrt((cKDTree(dense).query(points)[0] ** 2).mean()))

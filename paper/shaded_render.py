@@ -76,7 +76,7 @@ def capsule_hit(
 
 
 def _enter(ray: Tensor, middle: Tensor, radius: float) -> Tensor:
-    """[..., 1] the smaller t with |t ray - middle| = radius, or of the least distance."""
+    """Return [..., 1] the smaller t with |t ray - middle| = radius, or of the least distance."""
     square = (ray * ray).sum(-1, keepdim=True).clamp_min(1e-12)
     near = (ray * middle).sum(-1, keepdim=True) / square
     gap = middle - near * ray
@@ -92,7 +92,7 @@ def layers_of(
     reach_px: float,
     following: Tensor,  # [n] the capsule after each one
 ) -> Layers:
-    """The front-most strands of each pixel. Not differentiable.
+    """Return the front-most strands of each pixel. Not differentiable.
 
     A strand is a run of capsules, one following the other, that all come within `reach_px` of the
     pixel. Its place in depth is that of its first hit, or of its nearest point where it is missed.
@@ -121,7 +121,7 @@ def layers_of(
 
 
 def _least(value: Tensor, group: Tensor, groups: int) -> Tensor:
-    """[groups] index of the least value in each group, -1 where it is empty."""
+    """Return [groups] index of the least value in each group, -1 where it is empty."""
     order = torch.argsort(value, descending=True, stable=True)
     found = torch.full((groups,), -1, dtype=torch.long, device=value.device)
     # sorted by value inside each group: the last of a group is its least
@@ -136,7 +136,7 @@ def _least(value: Tensor, group: Tensor, groups: int) -> Tensor:
 def _pairs(
     a: Tensor, b: Tensor, frame: Frame, radius: float, reach_px: float
 ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """(pixel, capsule, signed distance px, entry depth mm) with s > -reach_px, by capsule boxes."""
+    """Return (pixel, capsule, signed distance px, entry depth mm) with s > -reach_px, by capsule boxes."""
     ends = torch.stack([a, b])
     z = ends[..., 2]
     near = (z - radius).clamp_min(1e-6)
@@ -176,7 +176,7 @@ def _pairs(
 
 
 def _runs(pixel: Tensor, capsule: Tensor, following: Tensor) -> Tensor:
-    """[k] the number of the strand of each pair: capsules of one pixel that follow one another."""
+    """Return [k] the number of the strand of each pair: capsules of one pixel that follow one another."""
     n = len(following)
     key = pixel * n + capsule
     order = torch.argsort(key)
@@ -210,7 +210,7 @@ def render_shaded(
     following: Tensor | None = None,
     seen: Layers | None = None,
 ) -> Tensor:
-    """Image [height, width] of the lit tube: ambient + (1 - ambient) * cosine, over the background.
+    """Render image [height, width] of the lit tube: ambient + (1 - ambient) * cosine, over the background.
 
     A strand's coverage is sigmoid(tau * signed distance in px), as in the silhouette; strands are laid over
     each other front to back. Differentiable with respect to the points, but for which strand is where:

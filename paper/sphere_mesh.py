@@ -39,14 +39,14 @@ _CUTOFF = 8.0  # a triangle's pull ends where its sigmoid falls below 0.03 %
 
 
 def ring_picture() -> Image.Image:
-    """A plain ring, the simplest picture with a hole."""
+    """Return a plain ring, the simplest picture with a hole."""
     sheet = Canvas()
     sheet.ring(0.5, 0.5, 0.33, 0.2)
     return sheet.finish()
 
 
 def soft_silhouette(corners: Tensor, pixels: int, sigma: float) -> Tensor:
-    """[pixels, pixels] 1 - prod(1 - D) over triangles, `corners` [m, 3, 2] in the square [-1, 1]², y down.
+    """Return [pixels, pixels] 1 - prod(1 - D) over triangles `corners` [m, 3, 2] in [-1, 1]², y down.
 
     D = sigmoid(±d² / sigma), d the distance to the triangle's boundary, + inside. Pairs of pixel and
     triangle that are too far apart to matter are left out.
@@ -89,7 +89,7 @@ def _flattening(vertices: Tensor, pairs: Tensor, normals_of: Tensor) -> Tensor:
 def fit_sphere(
     target: Tensor, iterations: int = 200, subdivisions: int = 4
 ) -> tuple[Array, Indices]:
-    """Vertices (n, 3) and faces (m, 3) of a sphere deformed to the picture `target` [p, p], in [-1, 1]³.
+    """Give vertices (n, 3) and faces (m, 3) of a sphere deformed to the picture `target` [p, p], in [-1, 1]³.
 
     Parallel projection along z, y down in the picture. Loss: 1 - soft IoU, 0.01 of the squared
     uniform Laplacian a vertex, 0.0005 of the flattening an edge. Sigma falls from 1e-3 to 3e-5.
@@ -125,7 +125,7 @@ def fit_sphere(
 
 
 def hard_silhouette(vertices: Array, faces: Indices, pixels: int) -> Mask:
-    """(pixels, pixels) the union of the projected triangles."""
+    """Return (pixels, pixels) the union of the projected triangles."""
     sheet = Image.new("1", (pixels, pixels))
     draw = ImageDraw.Draw(sheet)
     at = (vertices[:, :2] + 1) * (pixels / 2) - 0.5
@@ -142,7 +142,7 @@ def holes(mask: Mask, least: int = 20) -> int:
 
 
 def _square(mask: Mask, pixels: int) -> Array:
-    """The mask's coverage on a square of its own middle, `pixels` on a side."""
+    """Return the mask's coverage on a square of its own middle, `pixels` on a side."""
     height, width = mask.shape
     side = max(mask.shape)
     left, top = 0.5 * (width - side), 0.5 * (height - side)
@@ -151,7 +151,7 @@ def _square(mask: Mask, pixels: int) -> Array:
 
 
 def _tube(picture: Image.Image) -> tuple[Mask, Mask]:
-    """(target, the tube's shadow) as squares of COMPARED_PX, by the product's own search at its draft."""
+    """Return (target, the tube's shadow), squares of COMPARED_PX, by the product's own search at draft."""
     question, settings = read_question(picture), search_settings("draft", {})
     question, radius, start, _ = choose_tube(question, settings, Progress("quiet"))
     knots = search(question.problem, start, radius, settings).knots

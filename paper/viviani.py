@@ -31,14 +31,14 @@ _FRAME_MM, _PIXELS = 160.0, 640
 
 
 def viviani(a_mm: float, count: int = 600) -> Array:
-    """(count, 3) points of the curve, mm, about its middle, with z of the formula upwards."""
+    """Return (count, 3) points of the curve, mm, about its middle, with z of the formula upwards."""
     t = 4 * np.pi * np.arange(count) / count
     x, y, z = a_mm * np.cos(t), a_mm * np.sin(t), 2 * a_mm * np.sin(t / 2)
     return np.column_stack([y, z, x])
 
 
 def views_of_viviani() -> tuple[ResolvedView, ...]:
-    """From the front (an eight), from the side (an arc) and from above (a circle)."""
+    """Look from the front (an eight), from the side (an arc) and from above (a circle)."""
     sides = {"front": (0.0, 0.0), "side": (90.0, 0.0), "above": (0.0, 90.0)}
     return tuple(
         ResolvedView(
@@ -54,7 +54,7 @@ def views_of_viviani() -> tuple[ResolvedView, ...]:
 
 
 def draw(points: Array, view: ResolvedView, path: Path) -> None:
-    """The tube's shadow in a view, black on white."""
+    """Draw the tube's shadow in a view, black on white."""
     frame = tensor_frame(frame_of(camera_of(view, _PIXELS, _PIXELS)), torch.float64)
     p = torch.as_tensor(points)
     seen = render(p, p.roll(-1, 0), frame, RADIUS_MM, 20.0, 5.0) > 0.5

@@ -56,5 +56,5 @@ KINDS = tuple(dict.fromkeys(name.split("-")[0] for name in _DRAWN))
 
 
 def draw_brought(name: str) -> Image.Image:
-    """One of the pictures, by name: in colour, in grey or with transparency, 1024 px long."""
+    """Draw one of the pictures, by name: in colour, in grey or with transparency, 1024 px long."""
     return _DRAWN[name][1]()

@@ -10,7 +10,7 @@ from examples.pictures import Canvas, polar
 
 
 def house() -> Image.Image:
-    """A child's house: walls, roof, door, window with a cross, smoke."""
+    """Draw a child's house: walls, roof, door, window with a cross, smoke."""
     c, w = Canvas(0.92, 1.0), 0.032
     c.stroke([(0.14, 0.46), (0.14, 0.92), (0.78, 0.92), (0.78, 0.46)], w)
     c.stroke([(0.06, 0.50), (0.46, 0.14), (0.86, 0.50)], w)
@@ -24,7 +24,7 @@ def house() -> Image.Image:
 
 
 def cat() -> Image.Image:
-    """A cat's face: round, two ears, eyes, a nose and whiskers."""
+    """Draw a cat's face: round, two ears, eyes, a nose and whiskers."""
     c, w = Canvas(1.0, 0.9), 0.03
     around = [(0.5 + 0.33 * cos(t), 0.52 + 0.31 * sin(t)) for t in _turn()]
     c.stroke(around, w)
@@ -46,7 +46,7 @@ def _turn() -> list[float]:
 
 
 def boat() -> Image.Image:
-    """A sailing boat on two waves, one line throughout."""
+    """Draw a sailing boat on two waves, one line throughout."""
     c, w = Canvas(1.0, 1.0), 0.026
     c.stroke([(0.16, 0.70), (0.86, 0.70), (0.74, 0.85), (0.28, 0.85), (0.16, 0.70)], w)
     c.stroke([(0.48, 0.70), (0.48, 0.06)], w)
@@ -60,7 +60,7 @@ def boat() -> Image.Image:
 
 
 def fine() -> Image.Image:
-    """A flower with veins and hatching, by a fine pen: lines of 4 px."""
+    """Draw a flower with veins and hatching, by a fine pen: lines of 4 px."""
     c, w = Canvas(0.86, 1.0), 0.004
     for k in range(9):
         turn = 2 * pi * k / 9

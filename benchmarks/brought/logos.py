@@ -11,7 +11,7 @@ from examples.pictures import SERIF, Canvas, polar
 
 
 def peak() -> Image.Image:
-    """Two peaks with snow and a sun, blue."""
+    """Draw two peaks with snow and a sun, blue."""
     c = Canvas(1.0, 0.8)
     c.disc(0.72, 0.20, 0.11)
     c.shape([(0.04, 0.74), (0.36, 0.16), (0.52, 0.45), (0.61, 0.33), (0.96, 0.74)])
@@ -22,7 +22,7 @@ def peak() -> Image.Image:
 
 
 def leaf() -> Image.Image:
-    """A leaf with a vein cut out, green on transparent."""
+    """Draw a leaf with a vein cut out, green on transparent."""
     c = Canvas(0.9, 1.0)
     c.blob([
         (0.80, 0.08), (0.84, 0.30), (0.78, 0.56), (0.60, 0.76), (0.36, 0.80), (0.18, 0.68),
@@ -36,7 +36,7 @@ def leaf() -> Image.Image:
 
 
 def mug() -> Image.Image:
-    """A coffee mug with three curls of steam."""
+    """Draw a coffee mug with three curls of steam."""
     c = Canvas(1.0, 1.0)
     c.shape([(0.18, 0.42), (0.68, 0.42), (0.64, 0.86), (0.22, 0.86)])
     c.curve([(0.66, 0.48), (0.82, 0.48), (0.85, 0.62), (0.76, 0.73), (0.64, 0.74)], 0.055)
@@ -47,7 +47,7 @@ def mug() -> Image.Image:
 
 
 def word() -> Image.Image:
-    """A compass rose over a bold word."""
+    """Draw a compass rose over a bold word."""
     c = Canvas(1.0, 0.86)
     _compass(c, 0.5, 0.29, 0.25)
     letters(c, "NORTH", (0.5, 0.72), 0.225, spread=0.06)
@@ -55,7 +55,7 @@ def word() -> Image.Image:
 
 
 def subtitle() -> Image.Image:
-    """The same with a line of small letters under it, as stationery has."""
+    """Return the same with a line of small letters under it, as stationery has."""
     c = Canvas(1.0, 0.94)
     _compass(c, 0.5, 0.29, 0.25)
     letters(c, "NORTH", (0.5, 0.70), 0.21, spread=0.08)
@@ -75,7 +75,7 @@ def _compass(c: Canvas, x: float, y: float, radius: float) -> None:
 
 
 def tick() -> Image.Image:
-    """A red disc with a white tick, on transparent: both are opaque."""
+    """Draw a red disc with a white tick, on transparent: both are opaque."""
     c = Canvas()
     c.disc(0.5, 0.5, 0.44)
     badge = tint(c.finish(), (200, 30, 40), None)
@@ -86,7 +86,7 @@ def tick() -> Image.Image:
 
 
 def star() -> Image.Image:
-    """A sheriff's star: round tips, a ring cut out of it and a star inside."""
+    """Draw a sheriff's star: round tips, a ring cut out of it and a star inside."""
     c = Canvas()
     tips = [polar(0.5, 0.52, 0.40, -pi / 2 + k * pi / 3) for k in range(6)]
     inner = [polar(0.5, 0.52, 0.25, -pi / 3 + k * pi / 3) for k in range(6)]
@@ -101,7 +101,7 @@ def star() -> Image.Image:
 
 
 def rosette() -> Image.Image:
-    """A prize rosette with ribbons and a 1 in it, blue and white."""
+    """Draw a prize rosette with ribbons and a 1 in it, blue and white."""
     c = Canvas(0.76, 1.0)
     c.shape([(0.26, 0.52), (0.14, 0.95), (0.25, 0.90), (0.33, 0.97), (0.41, 0.56)])
     c.shape([(0.50, 0.52), (0.62, 0.95), (0.51, 0.90), (0.43, 0.97), (0.35, 0.56)])
@@ -114,7 +114,7 @@ def rosette() -> Image.Image:
 
 
 def seal() -> Image.Image:
-    """A round seal: an anchor-like cross in the middle, small letters around it between two rings."""
+    """Draw a round seal: an anchor-like cross in the middle, small letters around it between two rings."""
     c = Canvas()
     c.ring(0.5, 0.5, 0.455, 0.03)
     c.ring(0.5, 0.5, 0.325, 0.02)

@@ -14,7 +14,7 @@ from examples.pictures import Canvas
 def _coast(
     x: float, y: float, radius: float, seed: int, rough: float = 0.16
 ) -> list[tuple[float, float]]:
-    """A closed coast about a point: a circle with six harmonics of chance."""
+    """Draw a closed coast about a point: a circle with six harmonics of chance."""
     rng = np.random.default_rng(seed)
     waves = [(k, rng.normal() * rough / k, rng.uniform(0, 2 * pi)) for k in range(2, 8)]
     found = []
@@ -25,7 +25,7 @@ def _coast(
 
 
 def island() -> Image.Image:
-    """An island with a lake, two bays and three smaller islands off its coast."""
+    """Draw an island with a lake, two bays and three smaller islands off its coast."""
     c = Canvas(1.0, 0.86)
     c.shape(_coast(0.44, 0.42, 0.31, 3, 0.22))
     c.shape(_coast(0.47, 0.37, 0.075, 5), 255)
@@ -36,7 +36,7 @@ def island() -> Image.Image:
 
 
 def metro() -> Image.Image:
-    """Three metro lines with rings for stations where they cross."""
+    """Draw three metro lines with rings for stations where they cross."""
     c, w = Canvas(1.0, 0.8), 0.034
     c.stroke([(0.06, 0.20), (0.30, 0.20), (0.62, 0.52), (0.94, 0.52)], w)
     c.stroke([(0.06, 0.62), (0.34, 0.62), (0.62, 0.34), (0.80, 0.16), (0.94, 0.16)], w)
@@ -57,7 +57,7 @@ def metro() -> Image.Image:
 
 
 def streets() -> Image.Image:
-    """City blocks between streets, with an avenue, a square and a roundabout."""
+    """Draw city blocks between streets, with an avenue, a square and a roundabout."""
     c = Canvas(1.0, 0.9)
     c.shape([(0.03, 0.03), (0.97, 0.03), (0.97, 0.87), (0.03, 0.87)])
     for x in (0.22, 0.42, 0.63, 0.81):
@@ -71,7 +71,7 @@ def streets() -> Image.Image:
 
 
 def archipelago() -> Image.Image:
-    """Four islands and some sixty skerries, most of them smaller than a tube is wide."""
+    """Draw four islands and some sixty skerries, most of them smaller than a tube is wide."""
     c = Canvas(1.0, 0.9)
     for k, (x, y, r) in enumerate(
         ((0.30, 0.30, 0.16), (0.66, 0.24, 0.1), (0.62, 0.64, 0.15), (0.24, 0.72, 0.08))

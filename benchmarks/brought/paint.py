@@ -13,7 +13,7 @@ Colour = tuple[int, int, int]
 
 
 def tint(drawn: Image.Image, ink: Colour, paper: Colour | None = (255, 255, 255)) -> Image.Image:
-    """A drawing, black on white, in a colour on paper of another, or on none: transparent."""
+    """Draw a drawing, black on white, in a colour on paper of another, or on none: transparent."""
     if paper is None:
         flat = Image.new("RGBA", drawn.size, (*ink, 255))
         flat.putalpha(ImageOps.invert(drawn))
@@ -30,7 +30,7 @@ def letters(
     ink: int = 0,
     spread: float = 0.0,
 ) -> None:
-    """A line of text about the point `at`: `height` of its em, letters `spread` ems farther apart."""
+    """Draw a line of text about the point `at`: `height` of its em, letters `spread` ems farther apart."""
     face = ImageFont.truetype(str(font), round(height * c.unit))
     gap = spread * height * c.unit
     widths = [face.getlength(letter) + gap for letter in text]
@@ -46,7 +46,7 @@ def letters(
 def around(
     c: Canvas, text: str, middle: tuple[float, float], radius: float, height: float, start: float
 ) -> None:
-    """Letters along a circle, clockwise from the angle `start` (radians, 0 to the right, y down)."""
+    """Draw letters along a circle, clockwise from the angle `start` (radians, 0 to the right, y down)."""
     face = ImageFont.truetype(str(BOLD), round(height * c.unit))
     angle = start
     for letter in text:

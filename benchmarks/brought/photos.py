@@ -11,7 +11,7 @@ Grey = np.ndarray
 
 
 def _layer(c: Canvas, blur: float) -> Grey:
-    """What is drawn on a canvas as coverage 0 .. 1, with an edge as soft as `blur` px."""
+    """Return what is drawn on a canvas as coverage 0 .. 1, with an edge as soft as `blur` px."""
     return 1 - np.asarray(c.finish().filter(ImageFilter.GaussianBlur(blur)), dtype=float) / 255
 
 
@@ -21,7 +21,7 @@ def _photo(colour: Grey, seed: int, grain: float = 5.0) -> Image.Image:
 
 
 def backlit() -> Image.Image:
-    """A walker and a dog under a tree against the evening sky."""
+    """Draw a walker and a dog under a tree against the evening sky."""
     c = Canvas(1.0, 0.75)
     c.shape([(0.0, 0.64), (0.3, 0.62), (0.7, 0.65), (1.0, 0.63), (1.0, 0.75), (0.0, 0.75)])
     c.stroke([(0.20, 0.66), (0.215, 0.50), (0.20, 0.34)], 0.06, 0.04)
@@ -53,7 +53,7 @@ def backlit() -> Image.Image:
 
 
 def jug() -> Image.Image:
-    """A dark jug on a pale table, with a soft shadow and a gleam."""
+    """Draw a dark jug on a pale table, with a soft shadow and a gleam."""
     c = Canvas(0.9, 1.0)
     c.blob([
         (0.34, 0.14), (0.52, 0.14), (0.55, 0.30), (0.66, 0.50), (0.67, 0.70), (0.56, 0.86), (0.34, 0.86),
@@ -79,7 +79,7 @@ def jug() -> Image.Image:
 
 
 def portrait() -> Image.Image:
-    """A face in soft light before a pale wall: dark hair, eyes and a jumper, skin half-way."""
+    """Draw a face in soft light before a pale wall: dark hair, eyes and a jumper, skin half-way."""
 
     def layer(draw: object, blur: float) -> Grey:
         c = Canvas(0.8, 1.0)

@@ -25,7 +25,7 @@ QUIET = 2  # modules of white about a QR code
 
 
 def marker() -> Image.Image:
-    """A signature by a broad marker: a first letter with a loop, waves, and a line under it."""
+    """Draw a signature by a broad marker: a first letter with a loop, waves, and a line under it."""
     c, w = Canvas(1.0, 0.56), 0.03
     c.curve([(0.10, 0.40), (0.16, 0.20), (0.22, 0.07), (0.26, 0.13), (0.22, 0.30), (0.20, 0.43)], w)
     c.curve([(0.13, 0.29), (0.24, 0.245), (0.33, 0.25)], w)
@@ -39,7 +39,7 @@ def marker() -> Image.Image:
 
 
 def initials() -> Image.Image:
-    """Two initials in one flourish, by a brush."""
+    """Draw two initials in one flourish, by a brush."""
     c = Canvas(0.94, 0.80)
     c.curve([(0.12, 0.68), (0.20, 0.36), (0.30, 0.10), (0.36, 0.36), (0.44, 0.66)], 0.03, 0.045)
     c.curve([(0.17, 0.47), (0.28, 0.43), (0.40, 0.46)], 0.028)
@@ -52,7 +52,7 @@ def initials() -> Image.Image:
 
 
 def pen() -> Image.Image:
-    """A signature by a pen: hairlines upwards, swells downwards."""
+    """Draw a signature by a pen: hairlines upwards, swells downwards."""
     c = Canvas(1.0, 0.5)
     line = spline([
         (0.05, 0.36), (0.12, 0.14), (0.18, 0.06), (0.17, 0.20), (0.14, 0.40), (0.21, 0.28), (0.26, 0.24),
@@ -68,7 +68,7 @@ def pen() -> Image.Image:
 
 
 def qr(content: str, version: int) -> Image.Image:
-    """A QR code, error correction M, with two modules of white about it."""
+    """Draw a QR code, error correction M, with two modules of white about it."""
     import segno
 
     code = segno.make(content, version=version, error="m", micro=False)
@@ -80,14 +80,14 @@ def qr(content: str, version: int) -> Image.Image:
 
 
 def large_word() -> Image.Image:
-    """One bold word across the sheet."""
+    """Draw one bold word across the sheet."""
     c = Canvas(1.0, 0.36)
     letters(c, "knots", (0.5, 0.17), 0.31)
     return c.finish()
 
 
 def two_lines() -> Image.Image:
-    """Two lines in a bold serif."""
+    """Draw two lines in a bold serif."""
     c = Canvas(1.0, 0.62)
     letters(c, "Good", (0.5, 0.17), 0.25, SERIF, spread=0.03)
     letters(c, "morning", (0.5, 0.44), 0.185, SERIF, spread=0.03)
@@ -95,7 +95,7 @@ def two_lines() -> Image.Image:
 
 
 def card() -> Image.Image:
-    """A visiting card: a large name, and three small lines under it."""
+    """Draw a visiting card: a large name, and three small lines under it."""
     c = Canvas(1.0, 0.6)
     letters(c, "Ada Byron", (0.5, 0.16), 0.155)
     c.stroke([(0.08, 0.29), (0.92, 0.29)], 0.018)
@@ -107,7 +107,7 @@ def card() -> Image.Image:
 
 
 def page() -> Image.Image:
-    """A paragraph of nine lines, as a photograph of a page has."""
+    """Draw a paragraph of nine lines, as a photograph of a page has."""
     c = Canvas(1.0, 0.8)
     for k, line in enumerate(_PAGE):
         letters(c, line, (0.5, 0.08 + 0.08 * k), 0.044, SERIF if k == 0 else FONT)

@@ -63,7 +63,7 @@ def _common_point(ends: Array) -> bool:
 
 
 def linking_number(one: Array, two: Array) -> float:
-    """Gauss's double sum for closed polygons (n, 3) and (m, 3): the solid angles of all pairs of edges.
+    """Give Gauss's double sum for closed polygons (n, 3) and (m, 3): the solid angles of all pairs of edges.
 
     A whole number up to rounding, however near the polygons are.
     """

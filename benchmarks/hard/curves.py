@@ -22,7 +22,7 @@ class HardKnot:
 
 
 def hard_knots() -> tuple[HardKnot, ...]:
-    """All of them, in one order."""
+    """Return all of them, in one order."""
     return (
         HardKnot("trefoil", "12 long edges that pass each other closely", partial(_one, 2, 3, 12)),
         HardKnot("T(2,5)", "20 edges, five crossings", partial(_one, 2, 5, 20)),
@@ -38,13 +38,13 @@ def hard_knots() -> tuple[HardKnot, ...]:
 
 
 def circle(count: int, radius: float = 1.0) -> Array:
-    """[count] a regular polygon in the plane z = 0."""
+    """Return [count] a regular polygon in the plane z = 0."""
     s = 2 * pi * np.arange(count) / count
     return radius * np.stack([np.cos(s), np.sin(s), 0 * s], 1)
 
 
 def torus_knot(p: int, q: int, count: int) -> Array:
-    """[count, 3] T(p, q) about the z axis."""
+    """Return [count, 3] T(p, q) about the z axis."""
     s = 2 * pi * np.arange(count) / count
     r = 2 + np.cos(q * s)
     return np.stack([r * np.cos(p * s), r * np.sin(p * s), np.sin(q * s)], 1)
@@ -55,7 +55,7 @@ def _one(p: int, q: int, count: int) -> list[Array]:
 
 
 def hopf_link(count: int) -> list[Array]:
-    """Two polygons [count, 3], each through the other."""
+    """Return two polygons [count, 3], each through the other."""
     ring = circle(count)
     return [ring, ring[:, [0, 2, 1]] + (1.0, 0.05, 0.03)]
 

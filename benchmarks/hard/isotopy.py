@@ -36,7 +36,7 @@ class Fuzzed:
 
 
 def types_of(polygons: list[Array]) -> str | None:
-    """Knot types and linking, as the validators find them; None where strands are too near to tell."""
+    """Return knot types and linking, as the validators find them; None where strands are too near to tell."""
     n = len(polygons)
     found = knot_types(Curves(tuple(polygons), ("unknot",) * n, (True,) * n, 1.0))
     if found.touching is not None or found.tangled:
@@ -55,7 +55,7 @@ def _same(before: list[Array], after: list[Array]) -> bool:
 
 
 def fuzz(case: HardKnot, steps: int, seed: int) -> Fuzzed:
-    """`steps` adversarial steps from the case's polygons, a fresh start every so many."""
+    """Return `steps` adversarial steps from the case's polygons, a fresh start every so many."""
     rng = np.random.default_rng(seed)
     start = case.make()
     rings = polylines_of_sizes(tuple(len(p) for p in start))
@@ -79,7 +79,7 @@ def fuzz(case: HardKnot, steps: int, seed: int) -> Fuzzed:
 
 
 def _step(x: Array, rings: Polylines, rng: np.random.Generator) -> Array:
-    """One adversarial step (N, 3)."""
+    """Return one adversarial step (N, 3)."""
     n = len(x)
     size = float(np.ptp(x, axis=0).max())
     scale = 10.0 ** rng.uniform(-6, 0.5)

@@ -41,7 +41,7 @@ class WallCase:
 
 
 def wall_cases() -> tuple[WallCase, ...]:
-    """All of them, in one order."""
+    """Return all of them, in one order."""
     return (
         WallCase(
             "hollow wall", "none: what the others are held against", 2000.0, 900.0, 50.0, 400.0
@@ -57,7 +57,7 @@ def wall_cases() -> tuple[WallCase, ...]:
 
 
 def wall_shares(case: WallCase) -> tuple[float, float]:
-    """(error mm, share of 16 epsilons times condition) of `flatten` and `unroll`, the worst of nine."""
+    """Give (error mm, share of 16 epsilons times condition) of `flatten` and `unroll`, the worst of nine."""
     arcs = case.reach * np.linspace(-1, 1, _PLACES)
     places = np.column_stack([arcs, 0.7 * case.reach * np.cos(3 * arcs / case.reach)])
     flat = case.wall.flatten(places)
@@ -130,11 +130,11 @@ class LampCase:
         )
 
     def claimed(self) -> float:
-        """The bound that the effect uses, mm."""
+        """Return the bound that the effect uses, mm."""
         return float(blurs_mm(Shadows.of(self.view, np.array([self.at])), _THIN_MM)[0])
 
     def true(self) -> float:
-        """The longer axis of the ellipse in which the wall cuts the cone of rays about the ball."""
+        """Return the longer axis of the ellipse in which the wall cuts the cone of rays about the ball."""
         with mpmath.workdps(50):
             x, y, z = (mpmath.mpf(c) for c in self.at)
             radius, far = mpmath.mpf(self.lamp_mm) / 2, mpmath.mpf(self.far_mm)
@@ -145,7 +145,7 @@ class LampCase:
 
 
 def lamp_cases() -> tuple[LampCase, ...]:
-    """All of them, in one order."""
+    """Return all of them, in one order."""
     return (
         LampCase("lamp", "none: what the others are held against", (20.0, 30.0, 0.0), 20.0),
         LampCase("lamp of a nanometre", "the tangents cancel", (20.0, 30.0, 0.0), 1e-6),

@@ -70,7 +70,7 @@ def _rays(
 
 
 def distances(case: RenderCase, dtype: torch.dtype, pixels: Tensor | None = None) -> Distances:
-    """Every pixel, or those of these flat indices, against every capsule in this precision."""
+    """Return every pixel, or those of these flat indices, against every capsule in this precision."""
     frame = frame_at(case, dtype)
     starts, ends = _ends(case, dtype)
     a, b, seen = cut_before_light(frame.local(starts), frame.local(ends), case.radius)
@@ -88,7 +88,7 @@ def distances(case: RenderCase, dtype: torch.dtype, pixels: Tensor | None = None
 def _condition(
     case: RenderCase, winner: Tensor, pixels: Tensor | None = None, epsilon: float = SINGLE
 ) -> Tensor:
-    """[P] sum over all inputs of |ds/dx| |x|, px: what one relative rounding of each can do.
+    """Return [P] sum over all inputs of |ds/dx| |x|, px: what one relative rounding of each can do.
 
     The largest of the place itself and two places within single precision of it, since a singular place
     has no gradient that would tell. Nor has one near a kink: the strand's nearest point, clamped to its ends,
@@ -120,7 +120,7 @@ def _condition(
 
 
 def _rounded(value: Tensor, inputs: list[Tensor], eye: Tensor) -> Tensor:
-    """[P] sum over inputs of |dv/dx| |x|; the first two are a strand's ends, which are less the eye and less
+    """Sum |dv/dx| |x| over inputs, [P]; the first two are a strand's ends, which are less the eye and less
     each other before they are anything else."""
     edge = (inputs[1] - inputs[0]).detach().abs()
     total = torch.zeros_like(value).detach()
@@ -134,26 +134,26 @@ def _rounded(value: Tensor, inputs: list[Tensor], eye: Tensor) -> Tensor:
 
 
 def _nearest(a: Tensor, b: Tensor, x: Tensor, y: Tensor) -> Tensor:
-    """[P] where along a-b, 0 to 1 and beyond, the line of the ray (x, y, 1) comes nearest."""
+    """Return [P] where along a-b, 0 to 1 and beyond, the line of the ray (x, y, 1) comes nearest."""
     d = torch.stack([x, y, torch.ones_like(x)], -1)
     across, way = (p - ((p * d).sum(-1) / (d * d).sum(-1))[:, None] * d for p in (a, b - a))
     return -(across * way).sum(-1) / (way * way).sum(-1).clamp_min(1e-300)
 
 
 def condition(case: RenderCase) -> Tensor:
-    """[P] the condition number of each pixel's distance, px, for the winners of both precisions."""
+    """Return [P] the condition number of each pixel's distance, px, for the winners of both precisions."""
     kinds = [distances(case, dtype).winner for dtype in (torch.float64, torch.float32)]
     return torch.maximum(*(_condition(case, kind) for kind in kinds))
 
 
 def image(case: RenderCase, dtype: torch.dtype, render: Render = render_tiled) -> Tensor:
-    """[height, width] by one form of the tiled renderer."""
+    """Return [height, width] by one form of the tiled renderer."""
     starts, ends = _ends(case, dtype)
     return render(starts, ends, frame_at(case, dtype), case.radius, case.tau, _CUTOFF)
 
 
 def forward_error(case: RenderCase, render: Render = render_tiled) -> ForwardError:
-    """Single against double precision: the distances of all pixels, and the tiled image."""
+    """Return single against double precision: the distances of all pixels, and the tiled image."""
     exact, rough = distances(case, torch.float64), distances(case, torch.float32)
     kappa = torch.maximum(_condition(case, exact.winner), _condition(case, rough.winner))
     shown = exact.s > 0.5 * BEHIND
@@ -208,7 +208,7 @@ def sampled_error(
 
 
 def double_error(case: RenderCase, count: int = 5) -> float:
-    """Largest error of double precision against 50 digits, in shares of 16 epsilons times condition."""
+    """Give largest error of double precision against 50 digits, in shares of 16 epsilons times condition."""
     exact = distances(case, torch.float64)
     kappa = _condition(case, exact.winner, epsilon=DOUBLE)
     frame = frame_at(case, torch.float64)
@@ -248,7 +248,7 @@ def gradient_condition(case: RenderCase) -> float:
 def _loss(
     case: RenderCase, points: Tensor, dtype: torch.dtype, render: Render = render_tiled
 ) -> Tensor:
-    """A weighted sum of the image's pixels; the weights are fixed."""
+    """Return a weighted sum of the image's pixels; the weights are fixed."""
     e = torch.as_tensor(case.edges)
     shown = render(
         points[e[:, 0]], points[e[:, 1]], frame_at(case, dtype), case.radius, case.tau, _CUTOFF
@@ -265,14 +265,14 @@ def _gradient(f: Callable[[Tensor], Tensor], points: Tensor) -> Tensor:
 
 
 def _pixel_mm(case: RenderCase) -> float:
-    """One pixel at the depth of the nearest point that is seen."""
+    """Return one pixel at the depth of the nearest point that is seen."""
     depth = case.points[:, 2] - case.eye[2]
     least = max(NEAREST_RADII * case.radius, 1e-9)
     return case.step * float(np.clip(depth, least, None).min())
 
 
 def _ways(points: Tensor, count: int) -> list[Tensor]:
-    """Smooth random motions of the points, each of order 1: waves in the points' order."""
+    """Return smooth random motions of the points, each of order 1: waves in the points' order."""
     generator = torch.Generator().manual_seed(3)
     turn = torch.linspace(0, 2 * np.pi, len(points) + 1, dtype=torch.float64)[:-1, None]
     found = []
@@ -313,7 +313,7 @@ def gradient_error(case: RenderCase, ways: int = 3, render: Render = render_tile
 def subgradient_excess(
     case: RenderCase, dtype: torch.dtype, directions: int = 6, render: Render = render_tiled
 ) -> float:
-    """At the case's kinks: how far the gradient leaves what the one-sided slopes allow, relative.
+    """Return at the case's kinks: how far the gradient leaves what the one-sided slopes allow, relative.
 
     A subgradient's slope along v lies between f'(x; v) and -f'(x; -v).
     """

@@ -17,7 +17,7 @@ def _dot(a: Vector, b: Vector) -> mpmath.mpf:
 def signed_distance_px(
     a: list[float], b: list[float], q: tuple[float, float], radius: float, focal_px: float
 ) -> mpmath.mpf | None:
-    """(r - d) focal / z for the ray (q, 1): d from the line to the segment a-b, z where it is nearest.
+    """Return (r - d) focal / z for the ray (q, 1): d from the line to the segment a-b, z where it is nearest.
 
     None for what lies before the light's near plane. The least distance is found from the components of
     both ends across the ray, not from moments.

@@ -36,7 +36,7 @@ def _distance(case: RenderCase, pairs: tuple[Tensor, Tensor], q: Tensor) -> Tens
 
 
 def paper_error(case: RenderCase, balls: bool, most: int = 400) -> tuple[float, float, bool]:
-    """(error px, share of 16 epsilons times condition, finite) of single against double precision.
+    """Return (error px, share of 16 epsilons times condition, finite) of single against double precision.
 
     At random pixels, each against one capsule (`balls`: one sphere) of the case.
     """
@@ -76,7 +76,7 @@ def paper_error(case: RenderCase, balls: bool, most: int = 400) -> tuple[float, 
 
 
 def _printed_conic(p: np.ndarray, radius: float) -> np.ndarray:
-    """A..F as printed (focal length 1): the cone of tan(theta) = r / |p|."""
+    """Return A..F as printed (focal length 1): the cone of tan(theta) = r / |p|."""
     x, y, z = p
     square = p @ p
     k = square**2 / (square + radius**2)
@@ -84,7 +84,7 @@ def _printed_conic(p: np.ndarray, radius: float) -> np.ndarray:
 
 
 def printed_corners(one: np.ndarray, other: np.ndarray, radius: float) -> np.ndarray:
-    """[2, 2] points of contact on the ellipse of `one`, by vanishing point and slopes, as printed."""
+    """Return [2, 2] points of contact on the ellipse of `one`, by vanishing point and slopes, as printed."""
     x0, y0 = (one - other)[:2] / (one - other)[2]
     a, b, c, d, e, f = _printed_conic(one, radius)
     first, last = b * x0 - 2 * c * y0 - e, b * y0 + d
@@ -103,7 +103,7 @@ def printed_corners(one: np.ndarray, other: np.ndarray, radius: float) -> np.nda
 
 
 def printed_fails(case: RenderCase) -> str:
-    """ "" where the printed forms serve; else what goes wrong first: not finite, or how far off, px."""
+    """Give  "" where the printed forms serve; else what goes wrong first: not finite, or how far off, px."""
     worst = 0.0
     p = (case.points - np.array(case.eye)).astype(np.float64)
     for i, j in case.edges[:100]:

@@ -27,12 +27,12 @@ class HardPicture:
     draw: Callable[[], Mask]
 
     def image(self) -> Image.Image:
-        """Black on white, mode "L"."""
+        """Return black on white, mode "L"."""
         return Image.fromarray(np.where(self.draw(), 0, 255).astype(np.uint8))
 
 
 def hard_pictures() -> tuple[HardPicture, ...]:
-    """All of them, in one order."""
+    """Return all of them, in one order."""
     return (
         HardPicture("checkerboard", "squares of one pixel: all outline, no area to fill", _checks),
         HardPicture("noise", "every pixel by the toss of a coin: thousands of specks", _noise),

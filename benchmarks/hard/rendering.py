@@ -38,7 +38,7 @@ class RenderCase:
 
 
 def frame_at(case: RenderCase, dtype: torch.dtype, pixel: tuple[int, int] | None = None) -> Frame:
-    """The view of the case, or of one of its pixels alone."""
+    """Return the view of the case, or of one of its pixels alone."""
     u0, v0 = -0.5 * (case.width - 1), -0.5 * (case.height - 1)
     size = (case.width, case.height)
     if pixel is not None:
@@ -53,7 +53,7 @@ def _pairs(*points: tuple[float, float, float]) -> tuple[Array, NDArray[np.int64
 
 
 def ring(count: int, size: float = 9.0, depth: float = 500.0, waves: int = 3) -> Array:
-    """[count, 3] a closed, wavy curve about the axis of the view."""
+    """Return [count, 3] a closed, wavy curve about the axis of the view."""
     s = 2 * pi * np.arange(count) / count
     r = size * (1 + 0.25 * np.cos(waves * s))
     return np.stack([r * np.cos(s), 0.8 * r * np.sin(s), depth + 12 * np.sin(2 * s + 0.3)], 1)
@@ -65,7 +65,7 @@ def _close(points: Array) -> tuple[Array, NDArray[np.int64]]:
 
 
 def _tangle(count: int, seed: int) -> tuple[Array, NDArray[np.int64]]:
-    """Segments anywhere in the view."""
+    """Return segments anywhere in the view."""
     rng = np.random.default_rng(seed)
     z = rng.uniform(400, 600, (2 * count, 1))
     xy = rng.uniform(-22, 22, (2 * count, 2)) * STEP * z
@@ -73,7 +73,7 @@ def _tangle(count: int, seed: int) -> tuple[Array, NDArray[np.int64]]:
 
 
 def render_cases(samples: int = 50_000) -> tuple[RenderCase, ...]:
-    """All of them, in one order; `samples` of the curve that has most."""
+    """Render all of them, in one order; `samples` of the curve that has most."""
     q, r = (5.5 * STEP, 3.5 * STEP), 4.5 * STEP
     chain = _close(ring(60))
     return (
@@ -217,7 +217,7 @@ def render_cases(samples: int = 50_000) -> tuple[RenderCase, ...]:
 
 
 def large_case(count: int, side: int) -> RenderCase:
-    """An image of so many capsules that is too large to compare every pixel with every capsule."""
+    """Return an image of so many capsules that is too large to compare every pixel with every capsule."""
     ring_of, step = _close(ring(count, waves=3 if count < 1000 else 40)), 2.0**-4 / side
     why = "no pass over every pixel and every capsule"
     return RenderCase("large", why, *ring_of, 0.1, 1.0, side, side, step, real=True)

@@ -70,7 +70,7 @@ def trace(case: StrokeCase) -> Traced:
 
 
 def stroke_cases() -> tuple[StrokeCase, ...]:
-    """All of them, in one order."""
+    """Return all of them, in one order."""
     lines = (
         ("cross", "none: what the others are held against", 9, _cross()),
         ("hairlines", "strokes of two pixels", 2, _cross()),

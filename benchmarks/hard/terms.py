@@ -36,7 +36,7 @@ TERMS = ("grace", "bend", "clearance", "length")
 def term_case(
     kind: str, name: str, why: str, points: Array, smooth: bool = True, jumps: bool = False
 ) -> ValueCase:
-    """The term `kind` of one closed polygon (n, 3), whose mean edge counts as the one that it has here."""
+    """Return term `kind` of one closed polygon (n, 3), whose mean edge counts as the one that it has here."""
     spacing = float(np.linalg.norm(np.roll(points, -1, 0) - points, axis=1).mean())
     f = partial(_value, kind, spacing)
     oracle = partial(_ORACLES[kind], spacing)
@@ -44,7 +44,7 @@ def term_case(
 
 
 def term_cases() -> tuple[ValueCase, ...]:
-    """All of them, in one order."""
+    """Return all of them, in one order."""
     knot = torus_knot(2, 3, 40) / 3
     doubled, spiked, touching = knot.copy(), knot.copy(), knot.copy()
     doubled[5] = doubled[4]
@@ -121,13 +121,13 @@ def _edges(points: Array) -> tuple[Array, Array]:
 
 
 def _units(points: Array) -> tuple[Array, Array]:
-    """Unit tangents, nothing where an edge has no length, and lengths."""
+    """Return unit tangents, nothing where an edge has no length, and lengths."""
     edge, size = _edges(points)
     return edge / np.where(size > 0, size, 1)[:, None], size
 
 
 def _grace(spacing: float, points: Array) -> float:
-    """r times the sum of |t' - t|² over the mean of both edges, and half the length in radii."""
+    """Return r times the sum of |t' - t|² over the mean of both edges, and half the length in radii."""
     unit, size = _units(points)
     turn = np.roll(unit, -1, 0) - unit
     energy = ((turn * turn).sum(1) / (0.5 * (size + np.roll(size, -1)))).sum()
@@ -172,7 +172,7 @@ def _clearance(spacing: float, points: Array) -> float:
 
 
 def _gap(a: Array, d: Array, b: Array, e: Array) -> float:
-    """The distance of segments a + s d and b + t e."""
+    """Return the distance of segments a + s d and b + t e."""
     best = [
         np.sqrt(((p - (q + np.clip((p - q) @ w / max(w @ w, 1e-300), 0, 1) * w)) ** 2).sum())
         for p, q, w in ((a, b, e), (a + d, b, e), (b, a, d), (b + e, a, d))

@@ -26,7 +26,7 @@ class Found:
 
 
 def value_error(case: ValueCase) -> Found:
-    """Single against double precision, both gradients, all that must be finite.
+    """Return single against double precision, both gradients, all that must be finite.
 
     What is only ever worked out in double precision is held against its definition in a longer one.
     """
@@ -66,7 +66,7 @@ def value_error(case: ValueCase) -> Found:
 
 
 def _size(x: Tensor, edges: bool) -> Tensor:
-    """What is rounded of each coordinate: itself, and where edges of a polygon are formed both of its."""
+    """Return what is rounded of each coordinate: itself, and both ends' where edges are formed."""
     if not edges:
         return x.abs()
     edge = (x.roll(-1, 0) - x).abs()
@@ -85,7 +85,7 @@ def _slopes(case: ValueCase, inputs: tuple[Tensor, ...]) -> tuple[Tensor, list[T
 
 
 def _against_differences(case: ValueCase, slopes: list[Tensor]) -> float:
-    """Along random motions, by central differences of the fourth order."""
+    """Return along random motions, by central differences of the fourth order."""
     generator = torch.Generator().manual_seed(3)
     worst, norm = 0.0, 1e-30
     for _ in range(2):

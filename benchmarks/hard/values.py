@@ -82,7 +82,7 @@ def _curvature(knots: Tensor) -> Tensor:
 
 
 def loss_cases() -> tuple[ValueCase, ...]:
-    """The paper's losses and the product's region, in one order."""
+    """Return the paper's losses and the product's region, in one order."""
     knot = torus_knot(2, 3, 40) / 3
     near = circle(24) * (1.0, 0.1, 1.0) + 0.01 * torus_knot(2, 3, 24)
     doubled, spiked = knot.copy(), knot.copy()
@@ -206,7 +206,7 @@ def network_case(
     back: bool = False,
     seed: int = 4,
 ) -> tuple[ValueCase, CouplingNetwork]:
-    """A weighted sum of where a network takes (or brings back) seven points, of points and weights.
+    """Return a weighted sum of where a network takes (or brings back) seven points, of points and weights.
 
     And the network itself, whose weights are those of a new one plus normal noise times `weight`.
     """
@@ -238,7 +238,7 @@ def network_case(
 
 
 def network_cases() -> tuple[ValueCase, ...]:
-    """The invertible network and its rotation, in one order."""
+    """Return the invertible network and its rotation, in one order."""
     shares = torch.arange(9.0, dtype=torch.float64).reshape(3, 3)
 
     def turn_points(turn: Tensor) -> Tensor:

@@ -59,19 +59,19 @@ class Hunt:
 
 
 def _power(x: float, low: float, high: float) -> float:
-    """10 to a power that goes from `low` to `high` as x goes from -2 to 2, and no further."""
+    """Return 10 to a power that goes from `low` to `high` as x goes from -2 to 2, and no further."""
     return float(10 ** np.clip(0.5 * (low + high) + 0.25 * (high - low) * x, low, high))
 
 
 def _aside(x: Array, low: float, high: float) -> Array:
-    """(3,) a way of four numbers: a direction and how far."""
+    """Return (3,) a way of four numbers: a direction and how far."""
     size = float(np.linalg.norm(x[:3]))
     way = x[:3] / size if size > 0.0 else np.array([1.0, 0.0, 0.0])
     return np.asarray(way * _power(x[3], low, high))
 
 
 def _capsules(x: Array) -> RenderCase:
-    """Capsules in a chain of offsets from a nanometre to a metre, so that they can meet in any way."""
+    """Return capsules in a chain of offsets from a nanometre to a metre, so that they can meet in any way."""
     depth = 500.0 + 250.0 * x[3]
     start = np.array([12 * x[4], 10 * x[5], 0.0]) * 2.0**-10 * depth + (0.0, 0.0, depth)
     points = []
@@ -117,7 +117,7 @@ def _papers(balls: bool, x: Array) -> float:
 
 
 def _polygon(x: Array) -> Array:
-    """(n, 3) corners that follow each other at a micrometre to some mm: mostly about one."""
+    """Return (n, 3) corners that follow each other at a micrometre to some mm: mostly about one."""
     ways = np.array([_aside(row + (0, 0, 0, 1.5), -6, 0.6) for row in x.reshape(-1, 4)])
     return np.asarray(np.cumsum(ways, axis=0))
 
@@ -146,7 +146,7 @@ def _loss(kind: str, points: Array) -> ValueCase:
 
 
 def _networked(x: Array) -> float:
-    """A network's value, and its way there and back."""
+    """Return a network's value, and its way there and back."""
     case, network = network_case(
         "hunted",
         "",
@@ -176,7 +176,7 @@ def _passed(start: Array, x: Array) -> float:
 
 
 def _least(holds: Callable[[float], bool]) -> float:
-    """The least factor from which on something holds, by bisection; the furthest where it never does."""
+    """Give the least factor from which on something holds, by bisection; the furthest where it never does."""
     low, high = 0.0, _FURTHEST
     if not holds(high):
         return high

@@ -27,7 +27,7 @@ class Sheet:
         self.outline = outline
 
     def area(self, spots: Spots, colour: str) -> None:
-        """A polygon, with the sheet's outline."""
+        """Draw a polygon, with the sheet's outline."""
         points = [(x * self.scale, y * self.scale) for x, y in spots]
         self.pen.polygon(points, fill=colour)
         if self.outline:
@@ -35,11 +35,11 @@ class Sheet:
             self.pen.line([*points, *points[:2]], fill=INK, width=wide, joint="curve")
 
     def disc(self, x: float, y: float, across: float, up: float, colour: str) -> None:
-        """An ellipse about a place, so far to each side."""
+        """Draw an ellipse about a place, so far to each side."""
         self.area(arc(x, y, across, up, 0, 360), colour)
 
     def line(self, spots: Spots, wide: float, colour: str = INK) -> None:
-        """A line with round ends."""
+        """Draw a line with round ends."""
         points = [(x * self.scale, y * self.scale) for x, y in spots]
         self.pen.line(points, fill=colour, width=round(wide * self.scale), joint="curve")
         half = 0.5 * wide * self.scale
@@ -47,19 +47,19 @@ class Sheet:
             self.pen.ellipse([x - half, y - half, x + half, y + half], fill=colour)
 
     def done(self) -> Image.Image:
-        """The picture, antialiased."""
+        """Return the picture, antialiased."""
         return self.image.resize((SIDE, SIDE), Image.Resampling.LANCZOS)
 
 
 def arc(x: float, y: float, across: float, up: float, start: float, end: float) -> Spots:
-    """Places on an ellipse from one angle to another, degrees clockwise from the right."""
+    """Return places on an ellipse from one angle to another, degrees clockwise from the right."""
     count = max(8, round(abs(end - start) / 3))
     turns = [math.radians(start + (end - start) * k / count) for k in range(count + 1)]
     return [(x + across * math.cos(t), y + up * math.sin(t)) for t in turns]
 
 
 def parrot(outline: float) -> Image.Image:
-    """A parrot in eight colours."""
+    """Draw a parrot in eight colours."""
     sheet = Sheet(outline)
     sheet.area([(40, 66), (55, 66), (47, 94), (33, 94)], "#0000ff")
     sheet.disc(46, 54, 21, 26, "#ff0000")
@@ -73,7 +73,7 @@ def parrot(outline: float) -> Image.Image:
 
 
 def balloon() -> Image.Image:
-    """A balloon with gores, its basket below."""
+    """Draw a balloon with gores, its basket below."""
     sheet = Sheet(2.2)
     colours = ("#ff0000", "#ffff00", "#00ff00", "#00ffff", "#0000ff")
     edges = [-34, -21, -7, 7, 21, 34]
@@ -93,7 +93,7 @@ def balloon() -> Image.Image:
 
 
 def fish() -> Image.Image:
-    """A fish in stripes, without outlines."""
+    """Draw a fish in stripes, without outlines."""
     sheet = Sheet()
     sheet.area([(62, 50), (93, 27), (88, 50), (93, 73)], "#ff00ff")
     sheet.area([(32, 26), (50, 10), (64, 30)], "#00ff00")
@@ -115,7 +115,7 @@ def fish() -> Image.Image:
 
 
 def word() -> Image.Image:
-    """A word, its letters in three colours."""
+    """Draw a word, its letters in three colours."""
     from matplotlib import font_manager
 
     sheet = Sheet()
@@ -131,7 +131,7 @@ def word() -> Image.Image:
 
 
 def flower() -> Image.Image:
-    """A flower in colours that lamps cannot mix: they are drawn in the nearest ones."""
+    """Draw a flower in colours that lamps cannot mix: they are drawn in the nearest ones."""
     sheet = Sheet()
     sheet.line([(50, 60), (52, 96)], 5, "#2e8b57")
     sheet.area([*arc(64, 82, 13, 6, 0, 360)], "#3cb371")

@@ -91,7 +91,7 @@ class Word:
         )
 
     def _spell(self, value: Any, about: ValidationInfo) -> Any:
-        """The word for its own value, which a program may give, but no file (`about.context`)."""
+        """Return the word for its own value, which a program may give, but no file (`about.context`)."""
         alike = type(value) is type(self.value) and value == self.value
         return self.word if alike and (value is None or about.context is None) else value
 
@@ -126,7 +126,7 @@ Side = Annotated[int, Strict(), Field(ge=1, le=_MOST_WHOLE)]
 
 
 def why_out_of_bounds(model: type[BaseModel], key: str, value: Any) -> str | None:
-    """The bounds of a key, in words, where a number lies beyond them; None where it does not."""
+    """Return the bounds of a key, in words, where a number lies beyond them; None where it does not."""
     kind, adapter = _kind_of(model, key)
     try:
         adapter.validate_python(value)
@@ -139,7 +139,7 @@ def why_out_of_bounds(model: type[BaseModel], key: str, value: Any) -> str | Non
 
 @cache
 def _kind_of(model: type[BaseModel], key: str) -> tuple[Any, TypeAdapter[Any]]:
-    """The type of a key with its bounds, and the adapter that checks its values."""
+    """Return the type of a key with its bounds, and the adapter that checks its values."""
     field = model.model_fields[key]
     # pydantic takes Strict, Ge, … off the field's own type, and leaves them in its branches
     kind: Any = Annotated[(field.annotation, *field.metadata, None)]
@@ -147,7 +147,7 @@ def _kind_of(model: type[BaseModel], key: str) -> tuple[Any, TypeAdapter[Any]]:
 
 
 def _bounds(kind: Any) -> Iterator[Any]:
-    """The bounds in an annotation, the lower one first."""
+    """Yield the bounds in an annotation, the lower one first."""
     for part in get_args(kind):
         for bound in getattr(part, "metadata", [part]):
             if isinstance(bound, Ge | Gt | Le | Lt):

@@ -35,7 +35,7 @@ def short(thing: object) -> str:
 
 
 def spelled(text: str) -> str:
-    """A text that any encoding of Unicode holds: bytes of a name that are no UTF-8 as their numbers."""
+    """Give a text that any encoding of Unicode holds: bytes of a name that are no UTF-8 as their numbers."""
     return re.sub("[\ud800-\udfff]", lambda found: shown(found[0]), text)
 
 

@@ -24,7 +24,7 @@ _NAMES = {"mm": "millimetres", "deg": "degrees"}
 def explain(
     error: ValidationError, raw: Mapping[str, Any], what: str, scene: type[BaseModel]
 ) -> InputError:
-    """The most telling of the errors that validation found.
+    """Return the most telling of the errors that validation found.
 
     Args:
         error: from the validation of `raw`, what a TOML file held, by the model `scene`.
@@ -43,7 +43,7 @@ def explain(
 
 
 def _path(loc: tuple[int | str, ...], raw: Any) -> tuple[int | str, ...]:
-    """The part of an error's location that names keys of the file, not branches of a type."""
+    """Return the part of an error's location that names keys of the file, not branches of a type."""
     path: list[int | str] = []
     for step in loc:
         is_key = isinstance(raw, dict) and step in raw
@@ -62,7 +62,7 @@ def _look_up(path: tuple[int | str, ...], raw: Any) -> Any:
 
 
 def _name_table(path: tuple[int | str, ...]) -> str:
-    """A table's name as the file writes it, with the view's number."""
+    """Return a table's name as the file writes it, with the view's number."""
     if not path:
         return "the top level"
     if path[0] == "views":
@@ -71,7 +71,7 @@ def _name_table(path: tuple[int | str, ...]) -> str:
 
 
 def tables_of(scene: type[BaseModel]) -> dict[str, type[BaseModel]]:
-    """Each table's name and its model."""
+    """Return each table's name and its model."""
     tables: dict[str, type[BaseModel]] = {}
     for name, field in scene.model_fields.items():
         for part in (field.annotation, *get_args(field.annotation)):
@@ -88,7 +88,7 @@ def _key_names(table: str | None, scene: type[BaseModel]) -> list[str]:
 
 
 def _convert(number: float, unit: str, target: str) -> float | None:
-    """`number` of `unit` in mm or deg, or None where the units do not fit."""
+    """Return `number` of `unit` in mm or deg, or None where the units do not fit."""
     table = _LENGTHS if target == "mm" else _ANGLES
     factor = table.get(unit if unit == '"' else unit.lower())
     return None if factor is None else float(f"{number * factor:.12g}")
@@ -186,7 +186,7 @@ def _wrong_value(
 
 
 def _remedy(key: str, value: Any) -> str:
-    """The line to write instead, where a text holds a number."""
+    """Return the line to write instead, where a text holds a number."""
     unit = key.rpartition("_")[2]
     if isinstance(value, str) and (match := _QUANTITY.fullmatch(value)):
         number = _convert(float(match[1]), match[2] or unit, unit) if unit in _NAMES else None

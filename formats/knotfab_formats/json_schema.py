@@ -28,12 +28,12 @@ matrices = [[[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]]"""
 
 
 def list_tables() -> dict[str, type[BaseModel]]:
-    """The model of each table of a scene, by its name; that of [[views]] is one view's."""
+    """List the model of each table of a scene, by its name; that of [[views]] is one view's."""
     return tables_of(Scene) | {"search": SearchSettings}
 
 
 def dump_schema() -> str:
-    """The schema as JSON, made from the models that read a scene (JSON Schema, draft 2020-12)."""
+    """Return the schema as JSON, made from the models that read a scene (JSON Schema, draft 2020-12)."""
     scene: dict[str, Any] = Scene.model_json_schema(by_alias=True)
     scene["properties"]["search"] = SearchSettings.model_json_schema()
     for name, model in list_tables().items():
@@ -52,7 +52,7 @@ def dump_schema() -> str:
 
 
 def list_keys() -> str:
-    """Every key with its default and its sentence, as TOML."""
+    """List every key with its default and its sentence, as TOML."""
     tables = [
         "\n".join(_list_table(name, model))
         for name, model in list_tables().items()

@@ -25,13 +25,13 @@ __all__ = [
 
 
 def option(default: Any, name: str, **bounds: float) -> Any:
-    """A key's default, and the option that sets it, after its group in the help: "Piece --lamp-distance"."""
+    """Return a key's default and the option that sets it, after its group: "Piece --lamp-distance"."""
     field: Any = Field
     return field(default, json_schema_extra={"option": name}, **bounds)
 
 
 def option_of(model: type[BaseModel], key: str) -> tuple[str, str] | None:
-    """The group and the name of the option that sets a key; None where there is none."""
+    """Return the group and the name of the option that sets a key; None where there is none."""
     extra = model.model_fields[key].json_schema_extra
     if not isinstance(extra, dict):
         return None
@@ -40,7 +40,7 @@ def option_of(model: type[BaseModel], key: str) -> tuple[str, str] | None:
 
 
 def words_of(model: type[BaseModel], key: str) -> tuple[str, ...]:
-    """The words that a key takes beside, or instead of, a number."""
+    """Return the words that a key takes beside, or instead of, a number."""
     kind = model.model_fields[key].annotation
     parts = (kind, *get_args(kind))
     literal = (w for part in parts if get_origin(part) is Literal for w in get_args(part))
@@ -49,14 +49,14 @@ def words_of(model: type[BaseModel], key: str) -> tuple[str, ...]:
 
 @cache
 def values_of(model: type[BaseModel], key: str) -> dict[str, Any]:
-    """What a key's words are read as, where they stand for another value: {"none": 0.0, "auto": None}."""
+    """Return what a key's words are read as, where that is another value: {"none": 0.0, "auto": None}."""
     parts = get_args(model.model_fields[key].annotation)
     found = (said for part in parts for said in getattr(part, "__metadata__", ()))
     return {said.word: said.value for said in found if isinstance(said, Word)}
 
 
 def as_written(model: type[BaseModel], key: str, value: Any) -> Any:
-    """A key's value as a file holds it: the word that stands for it, where there is one."""
+    """Return a key's value as a file holds it: the word that stands for it, where there is one."""
     return next((word for word, read in values_of(model, key).items() if read == value), value)
 
 
@@ -67,7 +67,7 @@ def takes_number(model: type[BaseModel], key: str) -> bool:
 
 
 def sentences_of(model: type[BaseModel]) -> dict[str, str]:
-    """The sentence that stands below each key of a table, read from the source when it is asked for."""
+    """Give the sentence that stands below each key of a table, read from the source when it is asked for."""
     found: dict[str, str] = {}
     for kind in reversed(model.__mro__):
         if kind.__module__.startswith("knotfab_formats"):
@@ -77,7 +77,7 @@ def sentences_of(model: type[BaseModel]) -> dict[str, str]:
 
 @cache
 def _sentences(module: str) -> dict[str, dict[str, str]]:
-    """The sentences below the fields of each class of a module."""
+    """Return the sentences below the fields of each class of a module."""
     found: dict[str, dict[str, str]] = {}
     for kind in ast.parse(inspect.getsource(sys.modules[module])).body:
         if not isinstance(kind, ast.ClassDef):

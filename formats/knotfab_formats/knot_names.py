@@ -90,7 +90,7 @@ class KnotName:
 
 
 def parse_knot_name(text: str) -> KnotName:
-    """The knot that a name stands for; without a hand, the right-handed one.
+    """Return the knot that a name stands for; without a hand, the right-handed one.
 
     Raises:
         InputError: no such name is known.
@@ -122,7 +122,7 @@ def parse_knot_name(text: str) -> KnotName:
 
 
 def _state_type(factors: tuple[Factor, ...]) -> str:
-    """The type as a file states it: with the hand, where there is one."""
+    """Return the type as a file states it: with the hand, where there is one."""
     hands = {f.mirrored for f in factors if f.name not in _AMPHICHIRAL}
     if len(hands) == 2:
         return "#".join(("m" if f.mirrored else "") + f.name for f in factors)

@@ -61,7 +61,7 @@ class KnotsFile(BaseModel):
     coordinates: str = ""
 
     def dumps(self) -> str:
-        """The text of the file, with the keys that were given."""
+        """Return the text of the file, with the keys that were given."""
         return json.dumps(self.model_dump(by_alias=True, exclude_unset=True))
 
 
@@ -76,7 +76,7 @@ _WANTED = {
 
 
 def why_no_knots(error: ValidationError) -> str:
-    """What keeps a content from being a `KnotsFile`, in words that name the knot and the point."""
+    """Return what keeps a content from being a `KnotsFile`, in words that name the knot and the point."""
     first: Any = error.errors(include_url=False)[0]
     kind, got, place = first["type"], first["input"], first["loc"]
     match place:

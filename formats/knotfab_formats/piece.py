@@ -71,7 +71,7 @@ class Table(BaseModel):
 
 
 def _one_line(text: str) -> str:
-    """A line that a file's metadata can hold."""
+    """Return a line that a file's metadata can hold."""
     if not text.isprintable():
         raise PydanticCustomError("line", "one line of signs that can be printed")
     return text
@@ -205,7 +205,7 @@ class Printer(Table):
     """Solid columns under the overhangs may have this volume; auto: the whole build volume."""
 
     def stated(self, key: str) -> Any:
-        """A figure; None where it is open, since the scene only names another printer than the usual one."""
+        """Return a figure; None where it is open, as the scene names another printer than the usual one."""
         given = key in self.model_fields_set or self.name == type(self).model_fields["name"].default
         return getattr(self, key) if given else None
 

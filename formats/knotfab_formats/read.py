@@ -19,7 +19,7 @@ AScene = TypeVar("AScene", bound=Scene)
 
 
 def scene_of(raw: Mapping[str, Any], what: str, model: type[AScene]) -> AScene:
-    """The scene in the content of a TOML file, as `model` holds it.
+    """Return the scene in the content of a TOML file, as `model` holds it.
 
     Raises:
         InputError: an unknown key, a wrong type, unit or bound; a wall that is no earlier view's.
@@ -64,7 +64,7 @@ def parse_toml(text: str, what: str) -> dict[str, Any]:
 
 
 def _share_walls(views: tuple[View, ...], what: str) -> tuple[View, ...]:
-    """The views, in which each that shines on another's wall has the keys of that wall and frame.
+    """Return the views, in which each that shines on another's wall has the keys of that wall and frame.
 
     Raises:
         InputError: the wall is none of an earlier view, or the view says otherwise of it.

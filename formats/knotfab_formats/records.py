@@ -21,7 +21,7 @@ _READERS: dict[type[Any], Any] = {}
 
 
 def plain(value: Any) -> Any:
-    """`value` in JSON's own types; numbers that are not finite become None.
+    """Return `value` in JSON's own types; numbers that are not finite become None.
 
     Raises:
         TypeError: the value has no such form.
@@ -51,7 +51,7 @@ def plain(value: Any) -> Any:
 
 
 def read_as(kind: type[T], content: Any) -> T:
-    """The record in the content of a JSON text; keys that `kind` does not know are passed over.
+    """Read the record in the content of a JSON text; keys that `kind` does not know are passed over.
 
     Raises:
         ValueError: a key lacks, or has a value of another type.

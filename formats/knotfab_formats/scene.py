@@ -217,7 +217,7 @@ class ResolvedView(View):
         return min(WALL_SHARE * self.clear_mm, LIGHT_SHARE * self.light_distance_mm, before_lamp)
 
     def px_per_mm(self, width_px: int) -> float:
-        """px of a picture so wide to a mm of a piece in the middle of the scene."""
+        """Return px of a picture so wide to a mm of a piece in the middle of the scene."""
         return self.magnification * width_px / self.frame_width_mm
 
 

@@ -108,11 +108,11 @@ class SearchSettings(Table):
         return network + (0 if self.method == "inn" else flow)
 
     def floor(self, bound: float) -> float:
-        """The IoU that a part must reach where nothing can exceed `bound`."""
+        """Return the IoU that a part must reach where nothing can exceed `bound`."""
         return round(max(0.3, bound - self.iou_slack), 4)
 
     def scaled(self, factor: float) -> SearchSettings:
-        """The same point with `factor` times the iterations (a time budget's answer)."""
+        """Return the same point with `factor` times the iterations (a time budget's answer)."""
         return self.but(
             coarse_iterations=max(10, round(self.coarse_iterations * factor)),
             fine_iterations=max(10, round(self.fine_iterations * factor)),
@@ -171,7 +171,7 @@ OF_NO_PRESET = ("seed", "start", "method", "grace", "grace_of", "network_start")
 
 
 def search_settings(accuracy: str, overrides: dict[str, Any]) -> SearchSettings:
-    """The preset of `accuracy` with the scene's own `[search]` keys over it.
+    """Return the preset of `accuracy` with the scene's own `[search]` keys over it.
 
     Raises:
         InputError: for a key that is none, or a value out of its bounds.

@@ -38,7 +38,7 @@ class Check:
 
 
 def exit_code(checks: Iterable[Check]) -> int:
-    """The one rule of what passes: 1 where a required check failed, else 3 where one could not run, else 0.
+    """Apply the one rule of what passes: 1 if a required check failed, else 3 if one could not run, else 0.
 
     What is not required decides nothing.
     """
@@ -47,7 +47,7 @@ def exit_code(checks: Iterable[Check]) -> int:
 
 
 def list_unmet(checks: Iterable[Check]) -> list[Check]:
-    """The required checks that did not pass: a skipped one proves nothing."""
+    """List the required checks that did not pass: a skipped one proves nothing."""
     return [check for check in checks if check.required and check.status != "pass"]
 
 
@@ -349,6 +349,6 @@ class Verdict:
     seconds: dict[str, float]
 
     def to_dict(self) -> dict[str, Any]:
-        """Its fields but exit code and seconds, of values that JSON knows (no infinities)."""
+        """Return its fields but exit code and seconds, of values that JSON knows (no infinities)."""
         told: dict[str, Any] = plain(self)
         return {key: told[key] for key in told if key not in ("exit_code", "seconds")}

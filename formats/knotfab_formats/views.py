@@ -42,7 +42,7 @@ __all__ = [
 
 
 def _few_bytes(name: str) -> str:
-    """A name that file systems hold, with what goes around it."""
+    """Return a name that file systems hold, with what goes around it."""
     if len(name.encode()) > 180:
         raise PydanticCustomError("name", "a shorter name, of at most 180 bytes")
     return name

@@ -38,7 +38,7 @@ _walls: tuple[
 
 
 def at_home(path: str | Path) -> Path:
-    """A path whose ~ stands for a home, unless a file of that very name is there, or nobody lives there."""
+    """Read a path whose ~ stands for a home, unless a file has that very name, or nobody lives there."""
     return Path(path) if os.path.lexists(path) else Path(os.path.expanduser(path))
 
 
@@ -77,7 +77,7 @@ def require_within(path: str | Path, what: str | None = None) -> None:
 
 
 def own_folder(variable: str, usual: Callable[..., Path], homeless: str | None = None) -> Path:
-    """A folder of the user's own: what `variable` in the environment says, else this system's usual one.
+    """Give a folder of the user's own: what `variable` in the environment says, else this system's usual one.
 
     Args:
         homeless: its path where nobody has a home; by default one in which nothing can be.
@@ -137,7 +137,7 @@ def read_file(
 
 
 def read_text(path: Path, what: str, noun: str = "file", missing: str = "Check the path.") -> str:
-    """The text of a file, in UTF-8, with a byte order mark or without.
+    """Read the text of a file, in UTF-8, with a byte order mark or without.
 
     Raises:
         InputError: as `read_file`; or it is no such text.
@@ -189,7 +189,7 @@ def locked(folder: Path) -> Iterator[None]:
 
 @contextlib.contextmanager
 def temporary_folder(prefix: str, place: Path | None = None) -> Iterator[Path]:
-    """A folder for this process alone, which goes with the block; those that killed ones left go first.
+    """Yield a folder for this process alone, which goes with the block; those that killed ones left go first.
 
     Args:
         prefix: prefix of the folder's name, and of theirs. place: where it is; the machine's by default.

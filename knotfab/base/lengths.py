@@ -17,7 +17,7 @@ _TWO_WAYS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")  # 1.5 to some, 1500 to other
 
 
 def read_number(what: str, text: str) -> float:
-    """A number with a decimal point or comma.
+    """Read a number with a decimal point or comma.
 
     Args:
         what: names it in the message, such as `--threshold 0,3`.
@@ -36,7 +36,7 @@ def read_number(what: str, text: str) -> float:
 
 
 def read_length(what: str, text: str, remedy: str = "") -> float:
-    """A length in mm: a number with or without a unit (mm, cm, m, in).
+    """Read a length in mm: a number with or without a unit (mm, cm, m, in).
 
     Args:
         remedy: what to give instead where it is no length.

@@ -27,7 +27,7 @@ class InNotebook:
 
 
 def _short(value: Any) -> str:
-    """A plain value, cut; an array by its shape, a collection by its length, others by their kind."""
+    """Return a plain value, cut; an array by its shape, a collection by its length, others by their kind."""
     if hasattr(value, "shape"):
         return f"<{'×'.join(map(str, value.shape))} {value.dtype}>"
     if value is None or isinstance(value, str | int | float | os.PathLike):

@@ -45,13 +45,13 @@ _T = TypeVar("_T")
 
 
 def count_cores() -> int:
-    """Cores that this process may use."""
+    """Return cores that this process may use."""
     affinity = getattr(os, "sched_getaffinity", None)
     return len(affinity(0)) if affinity is not None else (os.cpu_count() or 1)
 
 
 def measure_memory_gb() -> float | None:
-    """Memory of this machine, in GiB; None where that cannot be read."""
+    """Measure memory of this machine, in GiB; None where that cannot be read."""
     try:
         return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30
     except (AttributeError, OSError, ValueError):  # Windows
@@ -63,7 +63,7 @@ def measure_memory_gb() -> float | None:
 
 
 def count_jobs() -> int:
-    """Processes to run side by side: as many as this machine has cores, and 2 GB for each.
+    """Return processes to run side by side: as many as this machine has cores, and 2 GB for each.
 
     `KNOTFAB_JOBS` in the environment answers for it; a batch sets it to a build's share.
     """
@@ -76,7 +76,7 @@ def count_jobs() -> int:
 
 
 def tie(command: Sequence[str], number: int = signal.SIGTERM) -> list[str]:
-    """The command as one that does not outlive this process, whatever ends it, where the system is Linux.
+    """Return command as one that does not outlive this process, whatever ends it, where the system is Linux.
 
     The thread that starts it must live as long as it.
 

@@ -174,7 +174,7 @@ class Progress:
 
     @contextmanager
     def line(self, name: str) -> Iterator[None]:
-        """A line of its own for one of several things that run side by side, from any thread."""
+        """Yield a line of its own for one of several things that run side by side, from any thread."""
         bar = self._bar
         line = None if bar is None else bar.add_task(name, total=None, iou="")
         try:
@@ -243,7 +243,7 @@ class Progress:
             self.tell("knots", radius_mm=seen.radius_mm, curves=curves)
 
     def _room(self) -> tuple[int, int] | None:
-        """Columns and rows below the bar that a picture may fill; None where there are none."""
+        """Return columns and rows below the bar that a picture may fill; None where there are none."""
         if self._bar is None or self._draw_knots is None:
             return None
         console = self._bar.console
@@ -283,7 +283,7 @@ class Progress:
                 raise
 
     def say(self, text: str) -> None:
-        """A plain line that a person must see before the end, once; nothing where quiet."""
+        """Print a plain line that a person must see before the end, once; nothing where quiet."""
         if text in self._told:  # another frame has told it
             return
         self._told.add(text)
@@ -329,7 +329,7 @@ class Progress:
         return f"{left / 60:.0f} min left" if left >= 90 else f"{left:.0f} s left"
 
     def _whole(self) -> tuple[float, float | None]:
-        """Share of all stages that is done, and the seconds that they will take yet; None: not known.
+        """Return share of all stages that is done, and the seconds that they will take yet; None: not known.
 
         The stages to come take their usual times, scaled by how much longer than usual those took that are
         done; the one that runs, what its share of it promises.
@@ -373,7 +373,7 @@ class _Lines(logging.Handler):
 
 
 def process_age() -> float:
-    """Seconds since this process was started, as far as its system tells; else 0."""
+    """Return seconds since this process was started, as far as its system tells; else 0."""
     try:
         fields = Path("/proc/self/stat").read_text().rpartition(")")[2].split()
         started = int(fields[19]) / os.sysconf("SC_CLK_TCK")
@@ -383,7 +383,7 @@ def process_age() -> float:
 
 
 def _pack(points: Any) -> str:
-    """(n, 3) as little-endian float32 in base64: a tenth of a list of numbers, and of its time."""
+    """Return (n, 3) as little-endian float32 in base64: a tenth of a list of numbers, and of its time."""
     return base64.b64encode(points.astype("<f4").tobytes()).decode("ascii")
 
 

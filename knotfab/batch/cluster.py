@@ -39,7 +39,7 @@ _idle: list[
 def open_cluster(
     address: str, progress: Progress
 ) -> Iterator[Callable[[Sequence[Task], Path], Iterator[tuple[Task, Record]]]]:
-    """A function that builds tasks on the workers of the scheduler at `address`.
+    """Yield a function that builds tasks on the workers of the scheduler at `address`.
 
     Raises:
         InputError: nobody answers there; MachineError: Dask is not installed.
@@ -113,7 +113,7 @@ def _keep_builders() -> Iterator[Workers]:
 
 
 def _end_idle(builders: Workers) -> None:
-    """Unless it builds again."""
+    """End the process, unless it builds again."""
     for held in list(_idle):
         if held[0] is builders:
             with contextlib.suppress(ValueError):  # taken this moment

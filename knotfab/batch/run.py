@@ -94,7 +94,7 @@ def batch(
 
 @contextmanager
 def _open_builder(cluster: str | None, jobs: int, progress: Progress) -> Iterator[_Builder]:
-    """A function that builds tasks: on this machine, or on a cluster."""
+    """Yield a function that builds tasks: on this machine, or on a cluster."""
     if cluster is None and jobs == 0:  # all is built
         yield lambda tasks, folder: iter(())
         return
@@ -111,7 +111,7 @@ def _open_builder(cluster: str | None, jobs: int, progress: Progress) -> Iterato
 def _build_here(
     builders: Workers, progress: Progress, tasks: Sequence[Task], folder: Path
 ) -> Iterator[tuple[Task, Record]]:
-    """Each task in a process of its own."""
+    """Yield each task in a process of its own."""
 
     def build(task: Task) -> Record:
         with progress.line(task.name):
@@ -155,7 +155,7 @@ def _is_there(folder: Path, record: Record) -> bool:
 
 
 def _keep_records(folder: Path, tasks: Sequence[Task]) -> dict[str, Record]:
-    """The records of an earlier batch that still hold: same key, and its result is there."""
+    """Return the records of an earlier batch that still hold: same key, and its result is there."""
     earlier = _read_records(folder)
     kept = {}
     for task in tasks:
@@ -191,7 +191,7 @@ def _keep_other_builds(
 
 
 def _write(folder: Path, tasks: Sequence[Task], records: dict[str, Record]) -> float:
-    """batch.json and index.html of the builds that are done, in the order of the tasks; when that was.
+    """Return batch.json and index.html of the builds that are done, in the order of the tasks; when that was.
 
     What other batches have built into the folder, or build there now, stays in them.
 
@@ -246,7 +246,7 @@ class _Tally:
 
 
 def render_index(records: Sequence[Record], folder: Path) -> str:
-    """The page, which lies in `folder` and shows what lies in the folders beside it."""
+    """Render the page, which lies in `folder` and shows what lies in the folders beside it."""
     cards = [_card(record, folder) for record in records]
     passed = sum(record["exit_code"] == 0 for record in records)
     template = make_environment(Path(__file__).parent).get_template("index.html.j2")

@@ -45,7 +45,7 @@ def list_tasks(
     options: BuildOptions,
     leave_out: Callable[[str], None] = lambda sentence: None,
 ) -> list[Task]:
-    """The tasks of pictures and folders of pictures, in their order, for these options.
+    """List the tasks of pictures and folders of pictures, in their order, for these options.
 
     Args:
         leave_out: told of each file of a folder that bears a picture's name and cannot be one.
@@ -83,7 +83,7 @@ def list_tasks(
 
 
 def _expand(named: str, leave_out: Callable[[str], None]) -> list[str]:
-    """A picture as it is, a folder as the pictures in it, each by a path that is taken for nothing else."""
+    """Give a picture as it is, a folder as its pictures, each by a path that is taken for nothing else."""
     if named.startswith(TEXT_PREFIX):
         return [named]
     folder = at_home(named)
@@ -107,7 +107,7 @@ def _expand(named: str, leave_out: Callable[[str], None]) -> list[str]:
 
 
 def _as_path(path: Path) -> str:
-    """A path of a file that lies here with its "./": `text:a.png` is a text, and `-a.png` options."""
+    """Return a path of a file that lies here with its "./": `text:a.png` is a text, and `-a.png` options."""
     return str(path) if path.is_absolute() or len(path.parts) > 1 else f".{os.sep}{path}"
 
 
@@ -125,7 +125,7 @@ def content_of(path: Path) -> bytes:
 
 
 def _with_whole_paths(options: BuildOptions) -> tuple[BuildOptions, tuple[Path, ...]]:
-    """The options with every file that they name as a whole path, and those files."""
+    """Return the options with every file that they name as a whole path, and those files."""
     whole: dict[str, Any] = {}
     for name in _FILES:
         value = getattr(options, name)
@@ -135,7 +135,7 @@ def _with_whole_paths(options: BuildOptions) -> tuple[BuildOptions, tuple[Path, 
 
 
 def list_arguments(options: BuildOptions) -> tuple[str, ...]:
-    """The options that are not as by default, as `knotfab build` takes them."""
+    """List the options that are not as by default, as `knotfab build` takes them."""
     plain, found = BuildOptions(), []
     for field in fields(BuildOptions):
         value = getattr(options, field.name)

@@ -35,7 +35,7 @@ _ALONE = {**ONE_THREAD, "PYTHONIOENCODING": "utf-8"}  # environment of a build b
 
 
 def open_builders(jobs: int, share: int | None = None) -> Workers:
-    """`jobs` processes for `build_apart`.
+    """Return `jobs` processes for `build_apart`.
 
     Args:
         share: the processes that each build may run side by side; by default its share of this machine.
@@ -82,7 +82,7 @@ def run_apart(
 
 
 def _explain_end(code: int, said: str) -> tuple[int, str]:
-    """The exit code of a build, 128 and the signal's number where it was killed, and its last sentence."""
+    """Return exit code of a build, 128 and the signal's number where it was killed, and its last sentence."""
     if code not in _ENDINGS:
         how = f"signal {-code}" if code < 0 else f"exit code {code}"
         why = f"the build was killed ({how}); was there too little memory?"
@@ -109,7 +109,7 @@ def record_of(
 
 
 def _least_iou(report: dict[str, Any]) -> float | None:
-    """The least IoU of all views and frames; None where nothing could be measured."""
+    """Return the least IoU of all views and frames; None where nothing could be measured."""
     return min((v["iou"] for v in report["views"] if v.get("iou") is not None), default=None)
 
 
@@ -123,7 +123,7 @@ def _stamp(path: Path) -> tuple[int, int] | None:
 
 
 def read_report(folder: Path) -> dict[str, Any] | None:
-    """The report.json of a build; None where there is none that can be read."""
+    """Read the report.json of a build; None where there is none that can be read."""
     try:
         found: dict[str, Any] = json.loads((folder / "report.json").read_text("utf-8"))
     except (OSError, ValueError):
@@ -132,7 +132,7 @@ def read_report(folder: Path) -> dict[str, Any] | None:
 
 
 def pack_task(task: Task, shared: Path) -> bytes:
-    """A task with the content of its files, for a machine that may not see this one's disk.
+    """Return a task with the content of its files, for a machine that may not see this one's disk.
 
     Args:
         shared: a hidden folder beside those of the batch: who sees it writes there.

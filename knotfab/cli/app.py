@@ -62,7 +62,7 @@ def set_environment() -> None:
 
 
 def _run(arguments: list[str] | None, began: float | None) -> int:
-    """The exit code of the command that is called."""
+    """Return the exit code of the command that is called."""
     set_environment()
     # the libraries make a million things that stay: looked through seldom, they load a tenth faster
     gc.set_threshold(20_000, 20, 20)

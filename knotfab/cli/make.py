@@ -125,7 +125,7 @@ def open_events(name: str | None) -> Iterator[TextIO | None]:
 def open_page(
     out: Path, say: Callable[[str], None], grace_s: int | None = None
 ) -> Iterator[tuple[IO[str], subprocess.Popen[str]]]:
-    """A page in the browser that shows a build into `out`: where its events go, and the process it is of.
+    """Yield a page in the browser that shows a build into `out`: the queue of its events, and its process.
 
     That stays while a tab is open.
 

@@ -55,7 +55,7 @@ def _value(value: Any) -> str:
 
 
 def print_checks(checks: Sequence[Check]) -> None:
-    """A line a check that ran, the detail of those that did not pass, and why the others did not run."""
+    """Print a line a check that ran, the detail of those that failed, and why the others did not run."""
     from rich.console import Console
     from rich.markup import escape
     from rich.table import Table
@@ -209,7 +209,7 @@ def print_findings(findings: Sequence[Finding]) -> None:
 def print_catalogue(
     printers: Mapping[str, Printer], materials: Mapping[str, Material], own: Path
 ) -> None:
-    """The printers and materials that are known by name, a line each, in mm, and where one's own go."""
+    """Print the printers and materials that are known by name, a line each, in mm, and where one's own go."""
     from rich.console import Console
     from rich.markup import escape
     from rich.table import Table
@@ -242,7 +242,7 @@ def print_catalogue(
 
 
 def print_tradeoff(found: Tradeoff) -> None:
-    """A line a point, fastest first: errors, seconds, and whether nothing beats it; then the steps."""
+    """Print a line a point, fastest first: errors, seconds, and whether nothing beats it; then the steps."""
     from rich.console import Console
     from rich.markup import escape
     from rich.table import Table

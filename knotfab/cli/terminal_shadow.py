@@ -23,7 +23,7 @@ _GAP = 2  # columns between views
 
 
 def draw_shadow(views: Sequence[ResolvedView], knots: Knots, columns: int, rows: int) -> str:
-    """The shadow of `knots` (in the scene) in each view's frame, side by side while there is room.
+    """Draw the shadow of `knots` (in the scene) in each view's frame, side by side while there is room.
 
     Args:
         columns, rows: characters that there are.

@@ -119,7 +119,7 @@ def compare_photo(
         at = _corners_of_plate(image, scene, view, str(photo))
 
     def look(at: Array) -> tuple[Mask, float]:
-        """The shadow in the frame of these corners, and its IoU with the picture."""
+        """Return the shadow in the frame of these corners, and its IoU with the picture."""
         seen = rectify(grey, at, (width, height), pad)
         if marks is not None:
             cards = through(homography(at, _corners_of(view)), marks)
@@ -128,7 +128,7 @@ def compare_photo(
         return shadow, mask_iou(wanted, shadow)
 
     def look_roughly(at: Array) -> float:
-        """The best IoU in the frame of these corners, in little time."""
+        """Return the best IoU in the frame of these corners, in little time."""
         shadow, iou = look(at)
         if knots is None or iou >= _SURE:
             return iou
@@ -181,7 +181,7 @@ def open_view(
 
 
 def _best_iou(iou: float, lamp: LampFit | None) -> float:
-    """The IoU of shadow and picture, or of what the knots throw at best."""
+    """Return the IoU of shadow and picture, or of what the knots throw at best."""
     return iou if lamp is None else max(lamp.iou, lamp.iou_in_place)
 
 
@@ -196,7 +196,7 @@ def _coarsen(knots: Knots, camera: Camera, shadow: Mask) -> tuple[Knots, Camera,
 def _find_orders(
     at: Array, found: float, look: Callable[[Array], float]
 ) -> tuple[tuple[str, ...], ...]:
-    """The corners begun at another of the four, where that is clearly better; several of a symmetric shadow.
+    """Find corners begun at another of the four, where that is clearly better; several of a symmetric shadow.
 
     Args:
         at: (4, 2) px. found: the best IoU in the order that was given. look: the best IoU in another order.
@@ -219,7 +219,7 @@ def _find_orders(
 
 
 def _tell(at: Array) -> tuple[str, ...]:
-    """Corners as `--corners` takes them."""
+    """Return corners as `--corners` takes them."""
     return tuple(f"{x:.0f},{y:.0f}" for x, y in at)
 
 
@@ -266,7 +266,7 @@ def write_comparison(found: Comparison, out: Path) -> None:
 
 
 def _read_view(folder: Path, name: str | None) -> tuple[Scene, ResolvedView, str]:
-    """The scene, its view of that name, or the first, and the suffix of its files: a frame's own."""
+    """Read the scene, its view of that name, or the first, and the suffix of its files: a frame's own."""
     if not folder.is_dir():
         raise InputError(str(folder), "it is no folder", "Name a folder that a build wrote.")
     suffix = ""
@@ -307,7 +307,7 @@ def _plate_margin(scene: Scene) -> float:
 
 
 def read_photo(path: Path) -> Array:
-    """(H, W, 3), 0 to 1, upright.
+    """Read (H, W, 3), 0 to 1, upright.
 
     Raises:
         InputError: there is no such file, or it is no photograph that can be read (`read_bytes`, `decode`).
@@ -318,13 +318,13 @@ def read_photo(path: Path) -> Array:
 
 
 def _corners_of(view: ResolvedView) -> Array:
-    """(4, 2) the frame's corners, mm right and down from the first, clockwise."""
+    """Return (4, 2) the frame's corners, mm right and down from the first, clockwise."""
     w, h = view.frame_mm
     return np.array([[0.0, 0.0], [w, 0.0], [w, h], [0.0, h]])
 
 
 def _corners_of_plate(image: Array, scene: Scene, view: ResolvedView, what: str) -> Array:
-    """The frame's corners in the photograph, a margin inside those of the plate."""
+    """Return the frame's corners in the photograph, a margin inside those of the plate."""
     remedy = (
         "Put the four marks of setup.pdf about it, or point at the frame's corners (--click), or name them: "
         "--corners x,y x,y x,y x,y."
@@ -349,7 +349,7 @@ def _leave_out(seen: Array, middles: Array, scale: float) -> None:
 
 
 def _read_knots(path: Path, scene: Scene) -> Knots | None:
-    """The knots in the scene; None where there are none, or no pose that leads there.
+    """Read the knots in the scene; None where there are none, or no pose that leads there.
 
     Raises:
         InputError: the file is damaged.
@@ -368,7 +368,7 @@ def _read_knots(path: Path, scene: Scene) -> Knots | None:
 
 
 def _draw(wanted: Mask, shadow: Mask) -> bytes:
-    """Grey: both; blue: the picture alone; red: the shadow alone."""
+    """Draw grey: both; blue: the picture alone; red: the shadow alone."""
     sheet = np.full((*wanted.shape, 3), _PAPER, dtype=np.uint8)
     sheet[wanted & shadow] = _BOTH
     sheet[wanted & ~shadow] = _MISSING

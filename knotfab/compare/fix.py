@@ -40,7 +40,7 @@ class Fix:
     up_mm: float
 
     def to_dict(self) -> dict[str, object]:
-        """The key `fix` of `knotfab compare --json`."""
+        """Return the key `fix` of `knotfab compare --json`."""
         numbers = {k: round(v, 4) for k, v in self.__dict__.items() if k != "scene"}
         return {"scene": str(self.scene), **numbers}
 
@@ -97,13 +97,13 @@ def _percent(share: float) -> str:
 
 
 def _displaced(camera: Camera, lamp: LampFit) -> Array:
-    """(3,) how far the lamp is off its place."""
+    """Return (3,) how far the lamp is off its place."""
     found: Array = np.array([lamp.right_mm, lamp.up_mm, lamp.away_mm]) @ camera.wall_axes
     return found
 
 
 def _led(knots: Knots, camera: Camera, eye: Array) -> Knots:
-    """The knots, each point led along the wall until a lamp at `eye` throws it where the camera's does."""
+    """Return knots, each point led along the wall until a lamp at `eye` throws it where the camera's does."""
     wall, offset = camera.receiver[:3], float(camera.receiver[3])
 
     def led(points: Array) -> Array:

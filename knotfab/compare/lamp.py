@@ -38,7 +38,7 @@ class LampFit:
 
 
 def cast_shadow(knots: Knots, camera: Camera, eye: Array) -> Array:
-    """(H, W) share of each pixel of `camera`'s frame that the knots darken for a lamp at `eye`.
+    """Return (H, W) share of each pixel of `camera`'s frame that the knots darken for a lamp at `eye`.
 
     Args:
         knots: in the scene.

@@ -38,7 +38,7 @@ class _Found:
 
 
 def find_marks(grey: Array) -> Array | None:
-    """(4, 2) px of the marks' middles, clockwise from the top left; None where there are not just four.
+    """Find (4, 2) px of the marks' middles, clockwise from the top left; None where there are not just four.
 
     What is darker than the light about it is taken apart into pieces; a mark is a piece with one hole, and
     another piece in the middle of that, whose areas are in the proportions of the drawing. A circle becomes
@@ -61,7 +61,7 @@ def find_marks(grey: Array) -> Array | None:
 
 
 def _rings(dark: Mask) -> list[_Found]:
-    """The marks among the dark pieces."""
+    """Return the marks among the dark pieces."""
     # grains of noise would join separate pieces, and make holes of their own
     labels, _ = ndimage.label(ndimage.median_filter(dark, 3))
     found = []

@@ -31,7 +31,7 @@ _ROUNDS = 6  # of fitting the light of the bare wall to what is lit
 
 
 def read_corners(words: Sequence[str], width: int, height: int) -> Array:
-    """(4, 2) px from `x,y` four times: top left, top right, bottom right, bottom left of the frame.
+    """Read (4, 2) px from `x,y` four times: top left, top right, bottom right, bottom left of the frame.
 
     Raises:
         InputError: they are no four corners of something that could be seen as a frame.
@@ -57,7 +57,7 @@ def read_corners(words: Sequence[str], width: int, height: int) -> Array:
 
 
 def homography(source: Array, target: Array) -> Array:
-    """(3, 3) that takes four points (4, 2) to four others (Hartley and Zisserman, section 4.1)."""
+    """Return (3, 3) that takes four points (4, 2) to four others (Hartley and Zisserman, section 4.1)."""
     rows = []
     for (x, y), (u, v) in zip(source, target, strict=True):
         rows.append([x, y, 1, 0, 0, 0, -u * x, -u * y, -u])
@@ -66,13 +66,13 @@ def homography(source: Array, target: Array) -> Array:
 
 
 def through(matrix: Array, points: Array) -> Array:
-    """(n, 2) points through a homography."""
+    """Return (n, 2) points through a homography."""
     h = np.concatenate([points, np.ones((len(points), 1))], axis=1) @ matrix.T
     return np.asarray(h[:, :2] / h[:, 2:])
 
 
 def rectify(photo: Array, corners: Array, size: tuple[int, int], pad: tuple[int, int]) -> Array:
-    """The frame seen square on, with a margin: what lies outside the photograph is NaN.
+    """Return the frame seen square on, with a margin: what lies outside the photograph is NaN.
 
     Args:
         photo: (H, W) brightness. corners: (4, 2) px of the frame in it.
@@ -121,7 +121,7 @@ def find_shadow(seen: Array, what: str) -> Mask:
 
 
 def _threshold(values: Array) -> float:
-    """Otsu's: the cut that leaves the least variance on both sides, half-way between their means (1979)."""
+    """Return Otsu's cut (1979), with the least variance on both sides, half-way between their means."""
     counts, edges = np.histogram(values, 256, range=(0.0, 1.3))
     middle = 0.5 * (edges[1:] + edges[:-1])
     below = np.cumsum(counts)
@@ -135,7 +135,7 @@ def _threshold(values: Array) -> float:
 
 
 def find_plate(photo: NDArray[np.float64]) -> Array | None:
-    """(4, 2) px of a mount's plate: the quadrilateral that stands out from the wall about it.
+    """Find (4, 2) px of a mount's plate: the quadrilateral that stands out from the wall about it.
 
     Args:
         photo: (H, W, 3), 0 to 1.
@@ -166,7 +166,7 @@ def find_plate(photo: NDArray[np.float64]) -> Array | None:
 
 
 def _light_of_wall(photo: Array) -> Array:
-    """The wall's colour in its light: a quadratic in x and y through a strip along the photograph's edge."""
+    """Give wall's colour in its light: a quadratic in x and y through a strip along the photograph's edge."""
     height, width = photo.shape[:2]
     y, x = np.mgrid[-1 : 1 : height * 1j, -1 : 1 : width * 1j]
     terms = np.stack([x**i * y**j for i in range(3) for j in range(3 - i)], axis=-1)
@@ -176,7 +176,7 @@ def _light_of_wall(photo: Array) -> Array:
 
 
 def _quadrilateral(region: Mask) -> Array | None:
-    """The four sides about a region: each a line through that side of its hull."""
+    """Return the four sides about a region: each a line through that side of its hull."""
     rows, columns = np.nonzero(region)
     hull = shapely.convex_hull(shapely.MultiPoint(np.stack([columns, rows], axis=1)))
     if not isinstance(hull, shapely.Polygon):
@@ -213,7 +213,7 @@ def _quadrilateral(region: Mask) -> Array | None:
 
 
 def from_top_left(corners: Array) -> Array:
-    """The corners clockwise as seen, from the one at the top left."""
+    """Return the corners clockwise as seen, from the one at the top left."""
     middle = corners.mean(axis=0)
     ordered = corners[np.argsort(np.arctan2(*(corners - middle).T[::-1]))]
     return np.roll(ordered, -int((ordered.sum(axis=1)).argmin()), axis=0)

@@ -136,7 +136,7 @@ def agree(
 
 
 def apply_bending(view: View, target: Target) -> Target:
-    """The target with its picture mirrored and bent as the view says; one that is already stays as it is."""
+    """Give target with its picture mirrored and bent as the view says; one that is already stays as it is."""
     if target.bending is not None or not (view.mirrored or view.bend_points):
         return target
     points = read_points(view.bend_points) if view.bend_points else None
@@ -230,7 +230,7 @@ def _bend(
     bounds: Sequence[HullBound],
     most: float,
 ) -> tuple[ResolvedScene, tuple[Target, ...]]:
-    """The scene with its pictures bent, and they as bent; `drawn`, `bounds`: as before that."""
+    """Return the scene with its pictures bent, and they as bent; `drawn`, `bounds`: as before that."""
     from knotfab.design.bend import bend_pictures
 
     views = framed_views(scene.views, targets)
@@ -268,7 +268,7 @@ def _bend(
 def _tell_lacking(
     scene: ResolvedScene, targets: Sequence[Target], bounds: Sequence[HullBound], most: float
 ) -> list[str]:
-    """A sentence for each picture of which too little is left, however it may be bent."""
+    """Return a sentence for each picture of which too little is left, however it may be bent."""
     return [
         f"picture {target.shown}: the others leave no room for {1 - bound.iou:.1%} of it, with no point bent "
         f"by more than {most:g} of the height: allow more (--bend {min(0.3, round(1.6 * most, 2)):g}), or "

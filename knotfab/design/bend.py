@@ -122,7 +122,7 @@ class Tension:
         return s * s * (3 - 2 * s), slope * (3 * s * (1 - s) / blur_px)[:, None]
 
     def contradiction(self, points: Array, blur_px: float) -> tuple[float, Array]:
-        """The share of the pictures that is uncovered (of its squares), and its gradient in the points."""
+        """Return share of the pictures that is uncovered (of its squares), and its gradient in the points."""
         cover, slope = self.covers(points, blur_px)
         pull = np.zeros(len(cover))
         total = uncovered(cover, self.firsts, self.shapes, *self.rays, self.winner, pull)
@@ -136,7 +136,7 @@ class Tension:
         return total / self.ink, gradient / self.ink
 
     def strain(self, points: Array, weight: float, stiff: float = 1.0) -> tuple[float, Array]:
-        """The elastic energy of all pictures, times `weight`, with what forbids folds, and its gradient.
+        """Give the elastic energy of all pictures, times `weight`, with what forbids folds, and its gradient.
 
         `stiff`: from 1, where strokes and small holes are as stiff as can be, to 0, where all is alike.
         """
@@ -161,7 +161,7 @@ class Tension:
         return total, gradient
 
     def without_folds(self, points: Array) -> Array:
-        """The points, those of a picture scaled down where its field might fold, or nearly."""
+        """Return the points, those of a picture scaled down where its field might fold, or nearly."""
         steepest = [
             max(
                 np.linalg.norm(np.diff(p, axis=axis), axis=2).max() / step
@@ -182,7 +182,7 @@ def bend_pictures(
     enough: Callable[[Array], bool],
     walls: Sequence[Plane] = (),
 ) -> Array:
-    """The control points (m, ROWS, COLUMNS, 2) of all pictures, bent until that is `enough`.
+    """Return the control points (m, ROWS, COLUMNS, 2) of all pictures, bent until that is `enough`.
 
     Args:
         cameras, masks, reach_mm, walls: as for `hull_bounds`.
@@ -224,7 +224,7 @@ def _beyond(shape: tuple[int, ...], pad: int) -> Array:
 
 
 def _distance(mask: Mask, width: int, height: int) -> Array:
-    """Signed distance from the outline, px of a picture so large: positive inside."""
+    """Return signed distance from the outline, px of a picture so large: positive inside."""
     from PIL import Image
 
     wide, high = fit_size(width, height, _FINE_PX)
@@ -237,7 +237,7 @@ def _distance(mask: Mask, width: int, height: int) -> Array:
 
 
 def _stiffness(mask: Mask) -> Array:
-    """(ROWS, COLUMNS): how stiff the picture is about control points: 1, more by strokes and small holes.
+    """Return (ROWS, COLUMNS): how stiff the picture is there; 1, more by strokes and small holes.
 
     What is thin is crooked sooner than an area is, and a round hole soon is no longer round.
     """

@@ -12,7 +12,7 @@ __all__ = ["sample_field", "uncovered"]
 
 @compiled
 def sample_field(field: Array, u: Array, v: Array, value: Array, slope: Array) -> None:
-    """Bilinear values (n,) of a field (h, w), and their slopes (n, 2), at (u, v); at its ends as there."""
+    """Write bilinear values (n,) of a field (h, w), and slopes (n, 2), at (u, v); at its ends as there."""
     rows, columns = field.shape
     for n in range(len(u)):
         x, y = min(max(u[n], 0.0), columns - 1.001), min(max(v[n], 0.0), rows - 1.001)
@@ -39,7 +39,7 @@ def uncovered(
     winner: Indices,
     pull: Array,
 ) -> float:
-    """The sum of squares of the pictures' parts that the shadow of the others' hull does not cover.
+    """Return the sum of squares of the pictures' parts that the shadow of the others' hull does not cover.
 
     The hull's shadow on a ray is the most, along it, of the least that the others cover there.
 

@@ -60,16 +60,16 @@ class Budget:
     began: float | None = None
 
     def search_s(self, vertices: int) -> float:
-        """Seconds that are left for a search that ends with so many vertices."""
+        """Return seconds that are left for a search that ends with so many vertices."""
         after = self.after_s + self.after_vertex_s * vertices
         return self.ends - time.perf_counter() - self._slower() * after
 
     def view_s(self, views: int) -> float:
-        """Seconds for the design of each view."""
+        """Return seconds for the design of each view."""
         return self.search_s(2500 * views) / views  # a view has some 2500 vertices
 
     def thicker(self, give: float, vertices: Callable[[float], int]) -> float:
-        """The IoU to give so that what follows fits: at least `give`, and more as long as it does not.
+        """Return the IoU to give so that what follows fits: at least `give`, and more as long as it does not.
 
         Args:
             vertices: vertices of the knots that some IoU given leads to.
@@ -89,7 +89,7 @@ class Budget:
 
 
 def spare(settings: SearchSettings, seconds: float, given: Collection[str] = ()) -> SearchSettings:
-    """The settings with smaller pictures, fewer trials, a thicker tube where the seconds for a view are few.
+    """Give settings with smaller pictures, fewer trials, a thicker tube where the seconds for a view are few.
 
     Args:
         given: keys that the scene gives, which stay.
@@ -103,7 +103,7 @@ def spare(settings: SearchSettings, seconds: float, given: Collection[str] = ())
 
 
 def resolve_iterations(settings: SearchSettings, iterations: Mapping[int, int]) -> SearchSettings:
-    """The settings with the iterations that the phases of a search by the clock came to, by their numbers."""
+    """Return the settings with the iterations that the phases of a search by the clock came to."""
     names = ("coarse_iterations", "fine_iterations", "settle_iterations")
     return settings.but(**{names[k]: n for k, n in iterations.items()})
 
@@ -111,7 +111,7 @@ def resolve_iterations(settings: SearchSettings, iterations: Mapping[int, int]) 
 def scale_to_budget(
     seconds: float, settings: SearchSettings, trial: Callable[[SearchSettings], object]
 ) -> SearchSettings:
-    """The settings of a search by the network with their iterations scaled to the seconds, by one short run.
+    """Give settings of a search by the network with their iterations scaled to the seconds, by one short run.
 
     Args:
         trial: searches by the few iterations that it is given.

@@ -29,7 +29,7 @@ def start_without_bumps(
     settings: SearchSettings,
     knots: int | None,
 ) -> Start | None:
-    """Another start for a search that came to bumps, whose strands keep their order; None without bumps.
+    """Give another start for a search that came to bumps, whose strands keep their order; None without bumps.
 
     Args:
         radius: radius of the tube, mm. knots: as for `make_start`.

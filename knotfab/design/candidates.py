@@ -58,12 +58,12 @@ _RANGES = {
 
 
 def range_of(views: int) -> RadiusRange:
-    """The range for so many views."""
+    """Return the range for so many views."""
     return _RANGES[min(views, 3)]
 
 
 def line_width(view: View, radius: float) -> float:
-    """mm on the receiver of strokes that are drawn along their middle by one tube of this radius, mm.
+    """Return mm on the receiver of strokes that are drawn along their middle by one tube of this radius, mm.
 
     Rounded up, so that the radius of that width is no smaller: it may be the least that is printed.
     """
@@ -71,7 +71,7 @@ def line_width(view: View, radius: float) -> float:
 
 
 def line_radius(view: View) -> float:
-    """The radius, mm, of the one tube that runs along strokes of a view's `thicken_mm`."""
+    """Return the radius, mm, of the one tube that runs along strokes of a view's `thicken_mm`."""
     if not view.thicken_mm:
         raise ValueError("the width of strokes that are drawn along their middle is known")
     return math.ceil(1e4 * view.thicken_mm / (2.0 * view.magnification) - 1e-6) / 1e4
@@ -80,7 +80,7 @@ def line_radius(view: View) -> float:
 def usual_radii(
     views: Sequence[ResolvedView], thinnest: float, count: int, least: float = 1.0
 ) -> tuple[list[float], list[float]]:
-    """The radii, mm, that are tried at once, thinnest first, and thinner ones for fine pictures.
+    """Return the radii, mm, that are tried at once, thinnest first, and thinner ones for fine pictures.
 
     Args:
         thinnest: that the printer makes, mm. count: how many for one view.
@@ -99,7 +99,7 @@ def usual_radii(
 
 
 def most_radius(asked: float | None, view: ResolvedView, thinnest: float) -> float:
-    """The thickest radius, mm, that may be taken for the one view of a scene, however near its wall.
+    """Return the thickest radius, mm, that may be taken for the one view of a scene, however near its wall.
 
     Args:
         asked: the scene's radius, if it has one. view: with `lines` settled. thinnest: as for `usual_radii`.
@@ -113,7 +113,7 @@ def most_radius(asked: float | None, view: ResolvedView, thinnest: float) -> flo
 
 
 def drawing_radius(polygon: MultiPolygon, least: float) -> float | None:
-    """The thickest radius below `least`, in the polygon's unit, that draws most of it; None: it is dust."""
+    """Give thickest radius below `least`, in the polygon's unit, that draws most of it; None: it is dust."""
     return thickest_radius(polygon, _DRAWN, least / 64, least)
 
 
@@ -126,7 +126,7 @@ def too_fine(
     otherwise: str = "--lines on, or --thicken auto",
     parts: str = "lines",
 ) -> SceneError:
-    """The error for a picture whose lines no printable tube draws, with remedies that each suffice.
+    """Return the error for a picture whose lines no printable tube draws, with remedies that each suffice.
 
     Args:
         drawn: the radius, px, of a tube that would draw it, its shadow's size; None: none that is known.

@@ -155,7 +155,7 @@ def design_knots(
 def _plan(
     scene: ResolvedScene, views: int, budget: Budget | None
 ) -> tuple[ResolvedScene, SearchSettings]:
-    """The scene with views to start from, where it leaves them open, and settings that a budget allows."""
+    """Return scene with views to start from, where it leaves them open, and settings that a budget allows."""
     settings = scene.settings
     if budget is not None:
         settings = spare(settings, budget.view_s(views), scene.search)
@@ -172,7 +172,7 @@ def _calibrate(
     budget: Budget,
     forms: Forms,
 ) -> SearchSettings:
-    """Settings with the iterations that there is time for."""
+    """Return settings with the iterations that there is time for."""
 
     def trial(few: SearchSettings) -> None:
         plan = replace(plan_of(few, len(problem.views)), repairs=0)
@@ -185,7 +185,7 @@ def _calibrate(
 def _place(
     question: Question, radius: float, settings: SearchSettings, forms: Forms
 ) -> tuple[Pose | None, SearchSettings]:
-    """The unknown pose, or directions, where the settings ask for them."""
+    """Return the unknown pose, or directions, where the settings ask for them."""
     if not settings.free_view:
         return None, settings
     if len(question.problem.views) == 1:
@@ -196,7 +196,7 @@ def _place(
 def _watch(
     walk: Callable[..., SearchResult], start: Start, progress: Progress
 ) -> tuple[SearchResult, History]:
-    """The result of a search from this start, and some states on its way."""
+    """Return the result of a search from this start, and some states on its way."""
     history = History()
 
     def watch(knots: Callable[[], Knots], certified: bool) -> None:
@@ -215,7 +215,7 @@ def price_design(
     forms: Forms = COMPILED,
     budget: Budget | None = None,
 ) -> Design:
-    """The design with the prices of its limits, where they cost the pictures their IoU.
+    """Return the design with the prices of its limits, where they cost the pictures their IoU.
 
     Args:
         question: seen from where the search ended.
@@ -249,7 +249,7 @@ def price_design(
 
 
 def settle_design(question: Question, result: SearchResult, settings: SearchSettings) -> Design:
-    """The design that a search has come to: its scene with nothing left to choose.
+    """Return the design that a search has come to: its scene with nothing left to choose.
 
     Args:
         question: seen from where the search ended.
@@ -295,7 +295,7 @@ def choose_tube(
     progress: Progress,
     budget: Budget | None = None,
 ) -> tuple[Question, float, Start, RadiusChoice | None]:
-    """The tube's radius, mm, the one that the scene gives or the best, and the start with it.
+    """Choose the tube's radius, mm, the one that the scene gives or the best, and the start with it.
 
     Args:
         budget: as for `choose_radius`.
@@ -342,7 +342,7 @@ def _tell_scene(progress: Progress, question: Question, radius: float | None) ->
 
 
 def refine_settings(question: Question, settings: SearchSettings, radius: float) -> SearchSettings:
-    """The settings with facets and vertices fine enough for the outline's limit in every view."""
+    """Return the settings with facets and vertices fine enough for the outline's limit in every view."""
     problem: Problem = question.problem
     limit_px = outline_px(question.scene.accuracy, settings)
     allowed = []
@@ -366,7 +366,7 @@ def _resolve(
     floor: float,
     settings: SearchSettings,
 ) -> SettledScene:
-    """The scene with nothing left to choose."""
+    """Return the scene with nothing left to choose."""
     scene, problem = question.scene, question.problem
     depth = scene.piece.depth
     if len(problem.views) == 1:

@@ -49,7 +49,7 @@ _MEETING = (
 
 
 def spread_views(scene: ResolvedScene, pictures: Sequence[str]) -> ResolvedScene:
-    """The scene with a view for each picture, named after it, at azimuths 0, 180 / count, ... degrees.
+    """Return the scene with a view for each picture, named after it, at azimuths 0, 180 / count, ... degrees.
 
     Half a turn is shared out, for a silhouette from behind is its own mirror image.
     """
@@ -63,7 +63,7 @@ def spread_views(scene: ResolvedScene, pictures: Sequence[str]) -> ResolvedScene
 
 
 def name_views(pictures: Sequence[str]) -> list[str]:
-    """A view's name for each picture, no two alike."""
+    """Return a view's name for each picture, no two alike."""
     names = list[str]()
     for picture in pictures:
         plain, number = name_picture(picture), 1
@@ -95,7 +95,7 @@ def _extent(mask: NDArray[np.bool_]) -> _Extent:
 
 
 def framed_alike(scene: ResolvedScene, targets: Sequence[Target]) -> ResolvedScene:
-    """The scene with frames in which all level silhouettes are equally high, and as high up.
+    """Return the scene with frames in which all level silhouettes are equally high, and as high up.
 
     Views with a frame of their own are left as they are. A raised view, which sees no height, gets
     the width of the first level silhouette. No frame is longer than 180 mm on a side. Views that share a
@@ -124,7 +124,7 @@ def framed_alike(scene: ResolvedScene, targets: Sequence[Target]) -> ResolvedSce
 
 
 def size_frames(scene: ResolvedScene, targets: Sequence[Target]) -> ResolvedScene:
-    """Frames of several pictures of which all were given one size: that is the first's.
+    """Return frames of several pictures of which all were given one size: that is the first's.
 
     The others are sized so that the silhouettes stay equally high.
     """
@@ -145,7 +145,7 @@ def size_frames(scene: ResolvedScene, targets: Sequence[Target]) -> ResolvedScen
 
 
 def size_longer(scene: ResolvedScene, target: Target, longer_mm: float) -> ResolvedScene:
-    """Every frame so wide, or so high, as the longer side of `target` is to be."""
+    """Return every frame so wide, or so high, as the longer side of `target` is to be."""
     key = "frame_width_mm" if target.width >= target.height else "frame_height_mm"
     sides = {"frame_width_mm": None, "frame_height_mm": None, key: longer_mm}
     return scene.but(views=tuple(view.but(**sides) for view in scene.views))
@@ -219,7 +219,7 @@ def widen_targets(
 def _draw_tones(
     scene: ResolvedScene, targets: Sequence[Target], sequence: bool
 ) -> tuple[ResolvedScene, tuple[Target, ...]]:
-    """One picture's greys as lines of the tube's width, which is what is drawn and followed then."""
+    """Draw one picture's greys as lines of the tube's width, which is what is drawn and followed then."""
     from knotfab.picture.greys import read_darkness
     from knotfab.start.tone import draw_tones
 
@@ -252,7 +252,7 @@ def _draw_tones(
 
 
 def _without_dust(view: View, target: Target, thinnest: float) -> Target:
-    """The picture without its dust, which no tube draws, unless a person says how it is cleaned."""
+    """Return the picture without its dust, which no tube draws, unless a person says how it is cleaned."""
     if view.speck_px or view.keep_largest or view.smooth_px or view.cut_out or target.is_text:
         return target
     least = (2.0 * thinnest * frame_view(view, target).px_per_mm(target.width)) ** 2
@@ -275,7 +275,7 @@ def _is_thin(view: View, target: Target, radius: float) -> bool:
 
 
 def widen(view: View, target: Target) -> Target:
-    """The target with its thin strokes as wide as its view says, where that is a number.
+    """Return the target with its thin strokes as wide as its view says, where that is a number.
 
     Raises:
         InputError: strokes so wide are no strokes.
@@ -317,7 +317,7 @@ def _resize_frame(view: View, target: Target, longer_mm: float, up_mm: float) ->
 
 
 def frame_view(view: View, target: Target) -> ResolvedView:
-    """The view with both sides of its frame, by the picture's aspect ratio where not given."""
+    """Return the view with both sides of its frame, by the picture's aspect ratio where not given."""
     across, up = view.frame_width_mm, view.frame_height_mm
     if across is not None:
         scale = across / target.width

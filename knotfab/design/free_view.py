@@ -16,7 +16,7 @@ __all__ = ["place_directions", "place_start", "start_pose"]
 def place_start(
     scene: ResolvedScene, settings: SearchSettings
 ) -> tuple[ResolvedScene, SearchSettings]:
-    """The scene and the settings with the numbers that the search starts from.
+    """Return the scene and the settings with the numbers that the search starts from.
 
     A scene that a build has written holds the numbers that were found, and in its settings those that
     were started from: started there, the search finds the same again.
@@ -50,7 +50,7 @@ def place_start(
 def place_directions(
     scene: ResolvedScene, settings: SearchSettings
 ) -> tuple[ResolvedScene, SearchSettings]:
-    """The same of several views, of which the azimuths are unknown.
+    """Return the same of several views, of which the azimuths are unknown.
 
     Raises:
         InputError: the settings name not as many azimuths as there are views.
@@ -82,7 +82,7 @@ def start_pose(
     settings: SearchSettings,
     forms: Forms = COMPILED,
 ) -> tuple[Any, SearchSettings]:
-    """The pose of the one view as an unknown, and the settings that say where it started.
+    """Return the pose of the one view as an unknown, and the settings that say where it started.
 
     A tube radius (mm) that the scene gives is kept, and that of a wire.
     """

@@ -50,7 +50,7 @@ def hull_bounds(
     walls: Sequence[Plane] = (),
     extents: bool = True,
 ) -> tuple[HullBound, ...]:
-    """The bound of each view, in their order.
+    """Return the bound of each view, in their order.
 
     Args:
         cameras: one a view, at its mask's resolution.
@@ -88,7 +88,7 @@ def hull_bounds(
 
 
 def contradictions(views: Sequence[View], bounds: Sequence[HullBound]) -> list[str]:
-    """A sentence for each view whose bound is low: how low, and where most is missing."""
+    """Return a sentence for each view whose bound is low: how low, and where most is missing."""
     lines = []
     for view, bound in zip(views, bounds, strict=True):
         if bound.iou >= 0.97:  # too little to be told
@@ -112,7 +112,7 @@ def contradictions(views: Sequence[View], bounds: Sequence[HullBound]) -> list[s
 
 
 def _widen(mask: Mask, cells: int) -> Mask:
-    """The mask and all within so many pixels of it."""
+    """Return the mask and all within so many pixels of it."""
     return np.asarray(_beyond(mask.tobytes(), mask.shape) <= cells)
 
 
@@ -162,7 +162,7 @@ def _bound(
 def rays_within(
     camera: Camera, on: Array, reach_mm: float, walls: Sequence[Plane]
 ) -> tuple[Array, Array]:
-    """Middles and halves (n, 3) of the lines through the eye and points `on` (n, 3) of the receiver.
+    """Return middles and halves (n, 3) of the lines through the eye and points `on` (n, 3) of the receiver.
 
     Each reaches `reach_mm` to both sides of its point nearest to the origin, or as far as the walls let it.
     """

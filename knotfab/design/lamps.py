@@ -56,7 +56,7 @@ class _Places:
 def place_lamps(
     scene: ResolvedScene, targets: Sequence[Target]
 ) -> tuple[ResolvedScene, tuple[str, ...]]:
-    """The scene with places for lamps and piece before the screen, and what a person is told of them.
+    """Return the scene with places for lamps and piece before the screen, and what a person is told of them.
 
     A distance that somebody gave is kept. Where no place within the bounds keeps stray shadows off the
     screen, the lamps stand as far apart as the bounds let them, and a line says so.
@@ -85,7 +85,7 @@ def place_lamps(
 def _find_apart(
     scene: ResolvedScene, targets: Sequence[Target]
 ) -> tuple[float, float, Array] | None:
-    """Distances of wall and lamps, mm, and lamps (n, 2) beside the axis, mm, at which pieces stand apart.
+    """Find distances of wall and lamps, and lamps (n, 2) beside the axis, mm, at which pieces stand apart.
 
     The first that fit the printer; if none do, the first within the bounds; None: there are none.
     """
@@ -147,7 +147,7 @@ def _find_by_hull(scene: ResolvedScene, targets: Sequence[Target]) -> tuple[floa
 
 
 def _layouts(count: int) -> Iterator[Array]:
-    """(n, 2) lamps within the unit square about the axis: in a row, in a column, on a circle from its top."""
+    """Yield (n, 2) lamps in the unit square about the axis: in a row, a column, on a circle from its top."""
     along = np.linspace(-1.0, 1.0, count)
     yield np.column_stack([along, np.zeros(count)])
     yield np.column_stack([np.zeros(count), along])
@@ -185,7 +185,7 @@ def depth_apart(views: Sequence[ResolvedView], masks: Sequence[Mask]) -> float |
 
 
 def depth_of_lamps(boxes: Array, view: ResolvedView) -> float:
-    """Extent along the axis, mm, of the pieces that draw masks with these boxes (n, 2, 2), mm on the wall."""
+    """Measure the depth, mm, of the pieces that draw masks with these boxes (n, 2, 2), mm on the wall."""
     across = float((boxes[:, 1] - boxes[:, 0]).max()) / view.magnification
     most = 2.0 * _MOST_DEPTH * min(view.wall_distance_mm, view.light_distance_mm)
     return math.floor(10 * min(DEPTH_RATIO * across, most)) / 10
@@ -218,7 +218,7 @@ def _distances(scene: ResolvedScene) -> Iterator[tuple[float, float]]:
 
 
 def _box(mask: Mask, view: ResolvedView) -> Array:
-    """(2, 2) least and most right and up of a mask, mm on the wall from the frame's middle."""
+    """Return (2, 2) least and most right and up of a mask, mm on the wall from the frame's middle."""
     rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
     height, width = mask.shape
     w, h = view.frame_mm
@@ -230,7 +230,7 @@ def _box(mask: Mask, view: ResolvedView) -> Array:
 def _arrangements(
     boxes: Array, frame: Array, depth: float, distances: tuple[float, float], most_rows: int
 ) -> Iterator[_Places]:
-    """The closest places in rows and columns at which no stray shadow meets the screen."""
+    """Yield the closest places in rows and columns at which no stray shadow meets the screen."""
     count = len(boxes)
     for rows in range(1, most_rows + 1):
         for order in permutations(range(count)):
@@ -245,7 +245,7 @@ def _in_rows(
     order: Sequence[int],
     rows: int,
 ) -> _Places:
-    """Lamps in so many rows, from below and from the left, each as near to the others as may be.
+    """Return lamps in so many rows, from below and from the left, each as near to the others as may be.
 
     Args:
         distances: distances of wall and lamps from the middle of the piece, mm.

@@ -50,12 +50,12 @@ def reach_of(views: Sequence[ResolvedView]) -> float:
 
 
 def worst_of(bounds: Sequence[HullBound]) -> float:
-    """The bound of the view that the others leave least of."""
+    """Return the bound of the view that the others leave least of."""
     return min(b.iou for b in bounds)
 
 
 def framed_views(views: Sequence[View], targets: Sequence[Target]) -> list[ResolvedView]:
-    """The views with both sides of their frames."""
+    """Return the views with both sides of their frames."""
     return [frame_view(v, t) for v, t in zip(views, targets, strict=True)]
 
 
@@ -68,7 +68,7 @@ def bounds_of(
     wider: float = 0.0,
     extents: bool = False,
 ) -> tuple[HullBound, ...]:
-    """The hull's bounds of views.
+    """Return the hull's bounds of views.
 
     Args:
         masks: silhouettes coarser than the targets'. rays_px, steps, wider, extents: as for `hull_bounds`.
@@ -91,13 +91,13 @@ def bounds_of(
 
 
 def coarse_masks(targets: Sequence[Target], side_px: int) -> list[Mask]:
-    """The silhouettes with longer sides of so many pixels."""
+    """Return the silhouettes with longer sides of so many pixels."""
     size = partial(fit_size, longer=side_px)
     return [sample_mask(t.mask, *size(t.width, t.height)) for t in targets]
 
 
 def move_views(scene: ResolvedScene, targets: Sequence[Target], bent: bool) -> ResolvedScene:
-    """The scene with its views where they leave most of each other; the same where that brings too little.
+    """Return scene with its views where they leave most of each other; the same where that brings too little.
 
     Args:
         bent: whether pictures may be bent afterwards.
@@ -138,7 +138,7 @@ def move_views(scene: ResolvedScene, targets: Sequence[Target], bent: bool) -> R
 
 
 def mirror_views(scene: ResolvedScene, targets: Sequence[Target]) -> ResolvedScene:
-    """The scene with those pictures mirrored that agree better so; none of text, and the first never."""
+    """Give the scene with those pictures mirrored that agree better so; none of text, and the first never."""
     masks = coarse_masks(targets, _COARSE_PX)
     best, most = scene, -1.0
     may = [(False,) if n == 0 or t.is_text else (False, True) for n, t in enumerate(targets)]
@@ -155,7 +155,7 @@ def mirror_views(scene: ResolvedScene, targets: Sequence[Target]) -> ResolvedSce
 
 
 def _arrangements(azimuths: Sequence[float]) -> Iterator[tuple[float, ...]]:
-    """Other orders of the views, each from before or from behind; all of few, of many some."""
+    """Yield other orders of the views, each from before or from behind; all of few, of many some."""
     count = len(azimuths)
     orders = ((0, *rest) for rest in permutations(range(1, count)))
     sides = list(product((0.0, 180.0), repeat=count))
@@ -167,7 +167,7 @@ def _arrangements(azimuths: Sequence[float]) -> Iterator[tuple[float, ...]]:
 
 
 def _closer(azimuths: Sequence[float]) -> Iterator[tuple[float, ...]]:
-    """The views' lines of sight drawn together, away from each gap between two of them in turn."""
+    """Yield the views' lines of sight drawn together, away from each gap between two of them in turn."""
     order = sorted(range(len(azimuths)), key=lambda n: azimuths[n] % 180.0)
     for cut in range(len(order)):
         # behind the cut a line of sight is taken half a turn further on
@@ -187,7 +187,7 @@ def _placed(scene: ResolvedScene, azimuths: Sequence[float]) -> ResolvedScene:
 def _nearby(
     scene: ResolvedScene, targets: Sequence[Target], number: int, turn: float, shift: float
 ) -> Iterator[ResolvedScene]:
-    """The scene with one view turned, or its frame shifted, a little to either side."""
+    """Yield the scene with one view turned, or its frame shifted, a little to either side."""
     view = scene.views[number]
     height = framed_views(scene.views, targets)[number].frame_height_mm
     changes = [{"azimuth_deg": (view.azimuth_deg + s * turn) % 360.0} for s in (1, -1) if number]

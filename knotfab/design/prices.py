@@ -48,7 +48,7 @@ def _word(value: object) -> str:
 def binding_limits(
     problem: Problem, result: SearchResult, roomy: SettledRegion
 ) -> dict[str, Problem]:
-    """The limits that are broken, or kept by little, each with the problem in which it is loosened.
+    """Return the limits that are broken, or kept by little, each with the problem in which it is loosened.
 
     The tube's own bend limit and the usual clearance are no choice of the scene's, so they are not among
     them. `roomy`: a region in which nothing is in the picture's way.
@@ -67,7 +67,7 @@ def binding_limits(
 
 
 def _loosen(problem: Problem, names: Sequence[str], roomy: SettledRegion) -> Problem:
-    """The problem without these limits."""
+    """Return the problem without these limits."""
     free: dict[str, tuple[str, Any]] = {
         "bend": ("bend_radius", None),
         "clearance": ("clearance", _USUAL_CLEARANCE),
@@ -156,7 +156,7 @@ def _tell(
     here: float,
     other: SearchResult,
 ) -> str:
-    """What limits cost, in a sentence."""
+    """Return what limits cost, in a sentence."""
     named = " and ".join(f"{_KEYS[n][1]} ({_KEYS[n][0]} = {_word(asked[n])} mm)" for n in names)
     each = zip(names, needed, strict=True)
     found = " and ".join(_KEYS[name][2].format(_word(value)) for name, value in each)

@@ -58,11 +58,11 @@ class Question(InNotebook):
         return tuple(v.view for v in self.problem.views)
 
     def opening(self, radius: float) -> float:
-        """IoU of the silhouette that a tube of this radius (mm) draws worst, at best."""
+        """Return the IoU of the silhouette that a tube of this radius (mm) draws worst, at best."""
         return min(opening_iou(p, radius) for p in self.problem.polygons)
 
     def most_iou(self, radius: float) -> float:
-        """The IoU that no such tube can exceed in all views; about, if smoothed or drawn along its lines."""
+        """Give IoU that no such tube can exceed in all views; about, if smoothed or drawn along its lines."""
         most = min(self.opening(radius), *(b.iou for b in self.bounds), 1.0) * self.likeness
         view = self.problem.views[0]
         if view.lines:  # the search may draw a little more than tubes that lie along them
@@ -70,12 +70,12 @@ class Question(InNotebook):
         return most
 
     def roomy(self) -> SettledRegion:
-        """A region in which nothing is in the pictures' way."""
+        """Return a region in which nothing is in the pictures' way."""
         thinnest = self.scene.printer.min_tube_radius_mm
         return resolve_region(Region(), self.views, self.bounds, thinnest)
 
     def with_depth(self, radius: float) -> Question:
-        """The question for a tube of this radius (mm), whose thickness takes room in depth."""
+        """Return the question for a tube of this radius (mm), whose thickness takes room in depth."""
         if len(self.problem.views) > 1:
             return self
         region, polygon = self.problem.region, self.problem.polygons[0]
@@ -85,14 +85,14 @@ class Question(InNotebook):
         return replace(self, problem=kept)
 
     def as_started(self, start: Start) -> Question:
-        """The question with the depth that the start chose for itself, which is open no more."""
+        """Return the question with the depth that the start chose for itself, which is open no more."""
         if not self.problem.depth_open or start.depth is None:
             return self
         depth = start.depth.extent_mm or self.problem.depth_mm
         return replace(self, problem=replace(self.problem, depth_mm=depth, depth_open=False))
 
     def seen_from(self, views: Sequence[ResolvedView], targets: Sequence[Target]) -> Question:
-        """The same question from other views of the same pictures."""
+        """Return the same question from other views of the same pictures."""
         seen = tuple(
             TargetView(v, t.mask, silhouette_polygon(v, t), lines=_strokes(v, t))
             for v, t in zip(views, targets, strict=True)
@@ -109,7 +109,7 @@ class Question(InNotebook):
 def ask(
     scene: ResolvedScene, targets: Sequence[Target], progress: Progress | None = None
 ) -> Question:
-    """The question of a scene and the pictures of its views, in their order.
+    """Return the question of a scene and the pictures of its views, in their order.
 
     Raises:
         InputError: a frame would squash its picture, or the scene asks for what several views cannot have.
@@ -163,7 +163,7 @@ def ask(
 
 
 def _overhang_deg(scene: ResolvedScene) -> float | None:
-    """The steepest from the vertical that prints without supports; None where none are ever printed."""
+    """Give the steepest from the vertical that prints without supports; None where none are ever printed."""
     unsupported = "powder" in (scene.printer.process, scene.material.process)
     if unsupported or scene.material.process == "wire" or scene.printer.max_overhang_deg >= 90:
         return None
@@ -171,12 +171,12 @@ def _overhang_deg(scene: ResolvedScene) -> float | None:
 
 
 def _likeness(targets: Sequence[Target]) -> float:
-    """IoU of the drawn silhouette and the one that its shadow is judged by, the least of all pictures."""
+    """Return the least IoU of a drawn silhouette and the one that its shadow is judged by."""
     return min(float((t.mask & t.judged).sum() / (t.mask | t.judged).sum()) for t in targets)
 
 
 def _frame_views(scene: ResolvedScene, targets: Sequence[Target]) -> tuple[ResolvedView, ...]:
-    """The views with both sides of their frames settled, checked against their pictures."""
+    """Return the views with both sides of their frames settled, checked against their pictures."""
     if len(targets) == 1 and scene.views[0].azimuth_deg != 0:
         raise InputError(
             "scene key views.azimuth_deg",
@@ -198,7 +198,7 @@ def _frame_views(scene: ResolvedScene, targets: Sequence[Target]) -> tuple[Resol
 
 
 def _trace(view: ResolvedView, target: Target) -> MultiPolygon:
-    """The silhouette's polygon.
+    """Return the silhouette's polygon.
 
     Raises:
         InputError: nothing is left of it.
@@ -212,7 +212,7 @@ def _trace(view: ResolvedView, target: Target) -> MultiPolygon:
 
 
 def _strokes(view: ResolvedView, target: Target) -> tuple[Array, ...]:
-    """The centre lines of the strokes in the plane of `silhouette_polygon`; none where areas are filled."""
+    """Give centre lines of the strokes in the plane of `silhouette_polygon`; none where areas are filled."""
     if not view.lines or not view.thicken_mm:
         return ()
     width = view.thicken_mm * target.width / view.frame_width_mm
@@ -223,7 +223,7 @@ def _strokes(view: ResolvedView, target: Target) -> tuple[Array, ...]:
 
 
 def silhouette_polygon(view: ResolvedView, target: Target) -> MultiPolygon:
-    """The silhouette as a polygon, mm, in the plane through the origin, along the view's axes."""
+    """Return the silhouette as a polygon, mm, in the plane through the origin, along the view's axes."""
     moved = shapely.transform(trace_polygon(target.mask), _plane_of(view, target))
     parts = [p for p in shapely.get_parts(moved.buffer(0)) if isinstance(p, Polygon)]
     return MultiPolygon([shapely.geometry.polygon.orient(p) for p in parts if p.area > 0])

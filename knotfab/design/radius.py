@@ -82,7 +82,7 @@ class _Trials:
         return self.one_view or self.question.problem.apart_mm is not None
 
     def score(self, radius: float) -> float:
-        """The IoU that a tube of this radius can draw in its worst view; -inf: none."""
+        """Return the IoU that a tube of this radius can draw in its worst view; -inf: none."""
         if radius not in self.scores:
             self.scores[radius] = self._score(radius)
         return self.scores[radius]
@@ -113,12 +113,12 @@ class _Trials:
         return template_iou(as_bent(template, bend, False), view.polygon)
 
     def vertices(self, radius: float) -> int:
-        """About how many the knots of this radius will have, by its template."""
+        """Return about how many the knots of this radius will have, by its template."""
         length = sum(arc_lengths(curve)[-1] for curve in self.templates[radius].curves)
         return int(_LONGER * length / (self.settings.settle_edge_radii * radius))
 
     def begin(self, radius: float) -> float:
-        """The IoU of a start, in the view that it draws worst; 0 where there is none."""
+        """Return the IoU of a start, in the view that it draws worst; 0 where there is none."""
         if radius not in self.begun:
             self.begun[radius] = self._begin(radius)
         return self.begun[radius]
@@ -151,7 +151,7 @@ def choose_radius(
     budget: Budget | None = None,
     placed: bool = True,
 ) -> RadiusChoice:
-    """The largest tube radius that draws the pictures nearly as well as the best one.
+    """Choose the largest tube radius that draws the pictures nearly as well as the best one.
 
     Of one view the planar template tells: the largest whose IoU comes near the best. A loop smaller than any
     closed tube of that radius counts as the least ring that there is. Short searches,
@@ -208,7 +208,7 @@ def choose_radius(
 
 
 def _candidates(trials: _Trials) -> tuple[list[float], list[float]]:
-    """The radii, mm, that are tried at once, and thinner ones for pictures that forbid these."""
+    """Return the radii, mm, that are tried at once, and thinner ones for pictures that forbid these."""
     question, settings = trials.question, trials.settings
     views, printer = question.views, question.scene.printer
     if question.problem.views[0].lines:  # strokes are as wide as one tube
@@ -224,7 +224,7 @@ def _candidates(trials: _Trials) -> tuple[list[float], list[float]]:
 def _begin_one(
     trials: _Trials, scores: Mapping[float, float], give: float, placed: bool
 ) -> dict[float, float]:
-    """What starts of one view draw, by radius, down to the first whose knots have a place too.
+    """Return what starts of one view draw, by radius, down to the first whose knots have a place too.
 
     The largest that draws it well comes first, then those that draw it less and less well; without `placed`
     there is a place for any.
@@ -241,7 +241,7 @@ def _begin_one(
 def _begin_many(
     trials: _Trials, scores: dict[float, float], radii: list[float], report: Report | None
 ) -> dict[float, float]:
-    """What starts of several views draw, by radius: thinner ones are tried, and scored, until one will do."""
+    """Draw starts of several views, by radius: thinner ones are tried, and scored, until one will do."""
     found: dict[float, float] = {}
     span, thinnest = (
         range_of(len(trials.question.views)),
@@ -268,7 +268,7 @@ def _begin_many(
 
 
 def _recall(question: Question, settings: SearchSettings, knots: int | None) -> _Trials:
-    """The trials of the last question, if it was this one, or none yet; what is printed changes none."""
+    """Give the trials of the last question, if it was this one, or none yet; what is printed changes none."""
     piece = question.scene.piece.but(printed=False)
     scene = question.scene.but(piece=piece)
     parts = [repr((scene, settings, knots, question.views)).encode()]
@@ -284,7 +284,7 @@ def _recall(question: Question, settings: SearchSettings, knots: int | None) -> 
 
 
 def _thickest(scores: Mapping[float, float], give: float) -> float:
-    """The largest radius whose score is at most `give` below the best."""
+    """Return the largest radius whose score is at most `give` below the best."""
     return max(radius for radius, score in scores.items() if score >= max(scores.values()) - give)
 
 
@@ -314,6 +314,6 @@ def _require_picture(question: Question, scores: dict[float, float]) -> None:
 
 
 def _flat_knots(template: Template) -> Knots:
-    """The filling where it is drawn, in the middle of the scene."""
+    """Return the filling where it is drawn, in the middle of the scene."""
     laid = (np.pad(curve, ((0, 0), (0, 1))) for curve in template.curves)
     return Knots(tuple(Knot(curve) for curve in laid), template.radius)

@@ -26,7 +26,7 @@ _BESIDE_RADII = 2.0  # before and behind the centre lines
 def resolve_region(
     region: Region, views: Sequence[ResolvedView], bounds: Sequence[HullBound], radius: float
 ) -> SettledRegion:
-    """The region with its extents: those of the scene, or what the pictures need.
+    """Return the region with its extents: those of the scene, or what the pictures need.
 
     Of one view, clear of wall and lamp, a quarter wider than the picture and turned as the view is; of
     several, the visual hull's extents about its middle, with a tube radius (mm) of play.
@@ -75,7 +75,7 @@ def depth_extent(
     radius: float,
     ahead: Sequence[float] = (0.0, 0.0, 1.0),
 ) -> float | None:
-    """Extent of the centre lines along the one view's axis in mm, None for a flat piece.
+    """Return the extent of the centre lines along the one view's axis in mm, None for a flat piece.
 
     Args:
         asked: the scene's depth, mm; 0: a flat piece; None: as the pictures need it.
@@ -108,7 +108,7 @@ def depth_extent(
 
 
 def most_depth_mm(reach_mm: float, radius: float) -> float:
-    """Extent of the centre lines in a region that reaches so far to either side, mm."""
+    """Return the extent of the centre lines in a region that reaches so far to either side, mm."""
     return 2.0 * (reach_mm - _BESIDE_RADII * radius)
 
 
@@ -138,6 +138,6 @@ def _across(region: SettledRegion, ahead: Array) -> float:
 
 
 def _chord(half: Array, ahead: Array) -> float:
-    """Half of the line through a box's middle; `half` (n,): of its sides, `ahead` (n,) a unit vector."""
+    """Give half of the line through a box's middle; `half` (n,): of its sides, `ahead` (n,) a unit vector."""
     steep = np.abs(ahead) > 1e-9
     return float((half[steep] / np.abs(ahead[steep])).min())

@@ -32,7 +32,7 @@ def search_sparser(
     settings: SearchSettings,
     forms: Forms = COMPILED,
 ) -> SearchResult | None:
-    """The first result that is feasible, None where there is none.
+    """Return the first result that is feasible, None where there is none.
 
     The pictures are filled as by ever thicker tubes, whose strands lie further apart and bend less; a
     piece of one view at its depth and then flat. The last tries are rings.
@@ -50,7 +50,7 @@ def search_sparser(
 def _tries(
     problem: Problem, radius: float, knots: int | None, settings: SearchSettings
 ) -> Iterator[tuple[Problem, Start, dict[str, Any]]]:
-    """(problem, start, steps) in the order in which they are tried."""
+    """Yield (problem, start, steps) in the order in which they are tried."""
     limits = problem.limits(radius)
     least = max(0.5 * limits.separation, limits.bend_radius) / radius
     wide = {*(w for w in _WIDER if w < least), *(least * w for w in _WIDER)}
@@ -74,7 +74,7 @@ def _tries(
 
 
 def _ring(problem: Problem, least: float, radius: float) -> Template:
-    """The largest circle in the silhouette, or about its middle a larger one that may be bent so."""
+    """Return the largest circle in the silhouette, or about its middle a larger one that may be bent so."""
     polygon = problem.polygons[0]
     line = shapely.maximum_inscribed_circle(polygon)
     middle = np.asarray(line.coords[0])

@@ -24,7 +24,7 @@ _LINE_PX = 5.0  # px of the fine picture to the width of a line
 
 
 def suit(settings: SearchSettings, question: Question, given: Collection[str]) -> SearchSettings:
-    """The settings for this question; those of the names `given` stay as they are.
+    """Return the settings for this question; those of the names `given` stay as they are.
 
     A build's own scene gives all of them: what is resolved once means the same again.
     """
@@ -41,7 +41,7 @@ def suit(settings: SearchSettings, question: Question, given: Collection[str]) -
 
 
 def _fine_lines(settings: SearchSettings, question: Question) -> dict[str, int]:
-    """Pictures fine enough for lines, which are thinner than what the presets were measured on."""
+    """Return pictures fine enough for lines, which are thinner than what the presets were measured on."""
     view = question.views[0]
     pixels = _LINE_PX * view.longer_mm / (2.0 * line_radius(view) * view.magnification)
     return {
@@ -53,7 +53,7 @@ def _fine_lines(settings: SearchSettings, question: Question) -> dict[str, int]:
 def fine_enough(
     settings: SearchSettings, radius_mm: float, bend_mm: float, allowed_mm: float
 ) -> SearchSettings:
-    """The settings with facets and vertices close enough for the outline to stay within `allowed_mm`.
+    """Return the settings with facets and vertices close enough for the outline to stay within `allowed_mm`.
 
     A ring of m corners stands out from the round tube by r a² / 12, a = 2 pi / m, and a mitre between
     edges e that turn by the most a bend radius R allows, tan(angle / 2) = e / 2R, by

@@ -22,7 +22,7 @@ __all__ = ["flatten_targets"]
 def flatten_targets(
     scene: ResolvedScene, views: Sequence[ResolvedView], targets: Sequence[Target]
 ) -> tuple[Target, ...]:
-    """The targets as flat walls have them, where the scene's are round enough to tell.
+    """Return the targets as flat walls have them, where the scene's are round enough to tell.
 
     Light is straight: what is dark on a round wall is dark on the flat one behind it or before it, at
     another place. Targets that have been taken there already stay as they are.
@@ -112,7 +112,7 @@ def _to_flat(view: ResolvedView, wall: CurvedWall, target: Target, pixels: Array
 
 
 def _to_wall(view: ResolvedView, target: Target, pixels: Array) -> Array:
-    """Places (n, 2), mm to the right of and above where the view's axis meets its wall, of pixels (n, 2)."""
+    """Take pixels (n, 2) to places (n, 2), mm right of and above where the view's axis meets its wall."""
     wide, high = view.frame_mm
     right = (pixels[:, 0] - (target.width - 1) / 2) * wide / target.width
     down = (pixels[:, 1] - (target.height - 1) / 2) * high / target.height
@@ -120,7 +120,7 @@ def _to_wall(view: ResolvedView, target: Target, pixels: Array) -> Array:
 
 
 def _to_pixels(view: ResolvedView, target: Target, places: Array) -> Array:
-    """The inverse of `_to_wall`."""
+    """Return the inverse of `_to_wall`."""
     wide, high = view.frame_mm
     across = places[:, 0] * target.width / wide + (target.width - 1) / 2
     down = (view.frame_up_mm - places[:, 1]) * target.height / high + (target.height - 1) / 2

@@ -27,7 +27,7 @@ _ARROW_MM = 1.6  # length of an arrow's head
 
 
 def length(value: float) -> str:
-    """A length as a person reads it off a ruler: to the tenth of a mm, whole ones without a point."""
+    """Return a length as a person reads it off a ruler: to the tenth of a mm, whole ones without a point."""
     return f"{value:.1f}".removesuffix(".0").replace("-0", "0" if abs(value) < 0.05 else "-0")
 
 
@@ -39,7 +39,7 @@ class Scaled:
     shift: tuple[float, float]
 
     def __call__(self, points: Array) -> Array:
-        """(..., 2) mm of the thing -> mm of the page."""
+        """Map (..., 2) mm of the thing -> mm of the page."""
         page: Array = np.asarray(points, dtype=np.float64) / self.ratio + np.asarray(self.shift)
         return page
 
@@ -49,7 +49,7 @@ class Scaled:
 
 
 def fit_scale(points: Array, zone: Box) -> Scaled:
-    """The largest usual scale at which points (n, 2), mm, fit `zone` (mm of the page): in its middle."""
+    """Give the largest usual scale at which points (n, 2), mm, fit `zone` (mm of the page): in its middle."""
     low, high = points.min(axis=0), points.max(axis=0)
     size = high - low
     room = np.array([zone[2] - zone[0], zone[3] - zone[1]])
@@ -74,7 +74,7 @@ def draw_dimension(
     *,
     color: str = "#06c",
 ) -> None:
-    """A dimension of two points of the page (mm), its line moved from them by the vector `away`.
+    """Draw a dimension of two points of the page (mm), its line moved from them by the vector `away`.
 
     The text stands above the line as one reads it, or beside it where there is no room between.
     """
@@ -118,7 +118,7 @@ def draw_dimension(
 
 
 def _arrow(axes: Axes, tip: Array, into: Array, color: str) -> None:
-    """A filled head whose point is at `tip`, its shaft in the direction `into`."""
+    """Draw a filled head whose point is at `tip`, its shaft in the direction `into`."""
     side = np.array([-into[1], into[0]])
     back = tip + _ARROW_MM * into
     head = np.stack([tip, back + 0.25 * _ARROW_MM * side, back - 0.25 * _ARROW_MM * side])
@@ -126,7 +126,7 @@ def _arrow(axes: Axes, tip: Array, into: Array, color: str) -> None:
 
 
 def project_outlines(solids: Iterable[Manifold], axes: Array) -> list[Array]:
-    """The outlines (n, 2) of solids seen along `axes[2]`, in the coordinates of `axes[:2]` (mm).
+    """Return the outlines (n, 2) of solids seen along `axes[2]`, in the coordinates of `axes[:2]` (mm).
 
     Args:
         axes: (3, 3) orthonormal rows, right-handed; the last one points to the viewer.

@@ -27,7 +27,7 @@ def write_gif(path: Path, images: Sequence[Image.Image], frame_ms: int | list[in
 
 
 def write_shadows_gif(path: Path, shadows: Sequence[Path], cyclic: bool) -> None:
-    """The verified shadows, one after the other, and back again where the sequence does not close.
+    """Write the verified shadows, one after the other, and back again where the sequence does not close.
 
     Raises:
         ValueError: no shadow.

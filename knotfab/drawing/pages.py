@@ -77,7 +77,7 @@ class Tile:
 
 
 def lay_tiles(box: Box, paper: Paper) -> list[Tile]:
-    """The pages that cover `box` of a drawing (mm).
+    """Return the pages that cover `box` of a drawing (mm).
 
     Pages overlap by `OVERLAP_MM`, rows run from the top, and the whole is centred.
     """
@@ -96,7 +96,7 @@ def lay_tiles(box: Box, paper: Paper) -> list[Tile]:
 
 
 def write_pages(path: Path, title: str, pages: Iterable[Figure]) -> int:
-    """One PDF of these pages, the same bytes for the same pages; returns how many there are."""
+    """Return one PDF of these pages, the same bytes for the same pages; returns how many there are."""
     from matplotlib import rc_context
     from matplotlib.backends.backend_pdf import PdfPages
 
@@ -139,7 +139,7 @@ def choose_fonts(page: Figure) -> None:
 
 @cache
 def _family_of(path: str) -> str:
-    """The family of a font's file, of which matplotlib is told once: told again, it forgets what it found."""
+    """Name the family of a font's file; matplotlib is told of it once, or it forgets what it found."""
     from matplotlib.font_manager import FontProperties, fontManager
 
     fontManager.addfont(path)
@@ -153,7 +153,7 @@ def _name_letters(found: re.Match[str]) -> str:
 
 
 def make_page(paper: Paper) -> tuple[Figure, Axes]:
-    """A figure of exactly the paper's size, whose axes are millimetres from its lower left."""
+    """Make a figure of exactly the paper's size, whose axes are millimetres from its lower left."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(paper.width / 25.4, paper.height / 25.4))
@@ -164,7 +164,7 @@ def make_page(paper: Paper) -> tuple[Figure, Axes]:
 
 
 def draw_ruler(axes: Axes, paper: Paper, before: str) -> None:
-    """100 mm at the lower left, to be measured before one `before`s."""
+    """Draw 100 mm at the lower left, to be measured before one `before`s."""
     x, y = paper.margin, paper.margin + 6
     axes.plot([x, x + RULER_MM], [y, y], color="black", lw=0.5, solid_capstyle="butt")
     for k in range(int(RULER_MM) // 10 + 1):
@@ -181,7 +181,7 @@ def draw_foot(axes: Axes, paper: Paper, page: str, what: str, note: str = "") ->
 
 
 def draw_facts(paper: Paper, title: str, facts: Sequence[str], page: str, before: str) -> Figure:
-    """A page of words, with a ruler."""
+    """Draw a page of words, with a ruler."""
     figure, axes = make_page(paper)
     top = paper.height - paper.margin
     axes.text(paper.margin, top, title, size=14, va="top")
@@ -207,7 +207,7 @@ class Drawing:
 def draw_tiled(
     paper: Paper, title: str, facts: Sequence[str], drawings: Sequence[Drawing], before: str
 ) -> Iterator[Figure]:
-    """A page of words, and the pages that cover each drawing; its ruler is measured before one `before`s."""
+    """Draw a page of words and pages that cover each drawing; the ruler is measured before one `before`s."""
     tiled = [(drawing, lay_tiles(drawing.box, paper)) for drawing in drawings]
     total = 1 + sum(len(tiles) for _, tiles in tiled)
     yield draw_facts(paper, title, facts, f"page 1 of {total}", before)
@@ -225,7 +225,7 @@ def draw_tiled(
 
 
 def draw_tile(paper: Paper, tile: Tile) -> tuple[Figure, Axes, Array, Rectangle]:
-    """A page for one tile of a drawing: its window, and crosses to lay on each other.
+    """Draw a page for one tile of a drawing: its window, and crosses to lay on each other.
 
     Returns:
         The figure, its axes, the shift (2,), mm, from the drawing to the page, and the window to clip by.

@@ -54,7 +54,7 @@ def draw_part(
 
 
 def place_eyes(views: Sequence[ResolvedView]) -> Array:
-    """(k, 3) mm: where each view's light (or eye) is, and others about the vertical that make up four.
+    """Return (k, 3) mm: where each view's light (or eye) is, and others about the vertical that make up four.
 
     From a view's light the part shows its picture; the others begin at the first view's.
     """
@@ -66,19 +66,19 @@ def place_eyes(views: Sequence[ResolvedView]) -> Array:
 
 
 def turn_eye(eye: Sequence[float] | Array, angles_deg: Sequence[float]) -> Array:
-    """(k, 3): `eye` turned about the vertical by each angle, to the right as the part sees it."""
+    """Return (k, 3): `eye` turned about the vertical by each angle, to the right as the part sees it."""
     one = np.asarray(eye, dtype=np.float64)
     return np.array([turn_upright(one, angle) for angle in angles_deg])
 
 
 def turn_upright(points: Array, angle_deg: float) -> Array:
-    """Points (..., 3) turned about the vertical through the origin, anticlockwise from above."""
+    """Return points (..., 3) turned about the vertical through the origin, anticlockwise from above."""
     c, s = np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))
     return np.asarray(points @ np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]]))
 
 
 def _level(eyes: Array) -> Array:
-    """(k, 2) unit directions of eyes in the horizontal."""
+    """Return (k, 2) unit directions of eyes in the horizontal."""
     flat = eyes[:, [0, 2]]
     return np.asarray(flat / np.maximum(np.linalg.norm(flat, axis=1), 1e-9)[:, None])
 
@@ -89,7 +89,7 @@ def _render(
     eyes: Array,
     pixels: int,
 ) -> list[NDArray[np.uint8]]:
-    """A picture (pixels, pixels, 3) of the part from each eye."""
+    """Render a picture (pixels, pixels, 3) of the part from each eye."""
     from knotfab.drawing.shading import draw_faces
 
     middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
@@ -125,7 +125,7 @@ def _render(
 
 
 def _shade(found: NDArray[np.bool_], normal: Array) -> NDArray[np.uint8]:
-    """Pixels (h, w, 3) of what was `found` (h, w), by its normals (h, w, 3) as the eye has them (Phong)."""
+    """Shade what was `found` (h, w) by its normals (h, w, 3) as the eye has them (Phong): (h, w, 3)."""
     n = normal[found]
     n = n / np.maximum(np.linalg.norm(n, axis=1), 1e-12)[:, None]
     lit, shine = np.zeros(len(n)), np.zeros(len(n))
@@ -142,7 +142,7 @@ def _shade(found: NDArray[np.bool_], normal: Array) -> NDArray[np.uint8]:
 
 
 def _normals(points: Array, faces: NDArray[np.integer[Any]]) -> Array:
-    """(3 m, 3) unit normals at the corners of faces (m, 3).
+    """Return (3 m, 3) unit normals at the corners of faces (m, 3).
 
     A vertex has one normal, that of the faces around by their area, without those beyond a crease. A corner
     of such a face has its own: a plate stays flat to the rim of a hole in it.

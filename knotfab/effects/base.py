@@ -44,12 +44,12 @@ class World:
 
     @staticmethod
     def of(scene: ResolvedScene) -> World:
-        """The world of a scene, as long as its piece is taken to be one knot."""
+        """Return the world of a scene, as long as its piece is taken to be one knot."""
         turns, loose = (not scene.hangs(knots) for knots in (1, 2))
         return World(scene.placing, scene.room, scene.material, scene.printer, turns, loose)
 
     def holding(self, knots: int) -> World:
-        """The same world once it is known of how many knots its piece is."""
+        """Return the same world once it is known of how many knots its piece is."""
         return replace(self, turns=self.turns and self.loose_turns) if knots > 1 else self
 
 
@@ -94,7 +94,7 @@ class Effect:
     reason: str  # the sentence that says why it is simulated
 
     def threshold(self, tolerance_px: float) -> float:
-        """The magnitude above which the effect is simulated."""
+        """Return the magnitude above which the effect is simulated."""
         return self.tolerances * tolerance_px
 
 
@@ -158,7 +158,7 @@ class Decision:
         self.where = list(dict.fromkeys([*earlier.where, *self.where]))
 
     def keep_largest(self, fresh: Decision) -> None:
-        """Judged anew: the larger magnitude counts, for nothing that was simulated is taken back."""
+        """Judge it anew: the larger magnitude counts, for nothing that was simulated is taken back."""
         if fresh.magnitude > self.magnitude:
             self.magnitude, self.threshold = fresh.magnitude, fresh.threshold
 

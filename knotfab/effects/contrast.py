@@ -64,7 +64,7 @@ def contrast_of(seen: Shadows, radius: float, world: World) -> Contrast | None:
     other = room.ambient + back + second
 
     def contrast(share: float) -> float:
-        """(lit - dark) / lit where the lamp gives `share` of its light in the middle."""
+        """Return (lit - dark) / lit where the lamp gives `share` of its light in the middle."""
         own = share * (1 - transmitted) - bounced  # which the brightest of the wall sent
         return max(own, 0.0) / (share + other)
 
@@ -84,7 +84,7 @@ def contrast_of(seen: Shadows, radius: float, world: World) -> Contrast | None:
 
 @lru_cache(maxsize=8)  # the same views are asked for many times
 def _lamp_light(view: ResolvedView, flat: bool) -> tuple[float, float]:
-    """Least light over largest within the frame; and in its middle, of a lamp of intensity 1, per mm²."""
+    """Return the least light over the most in the frame, and that in its middle by a lamp of 1, per mm²."""
     camera = camera_of(view, *_PLACES)
     ends = (np.linspace(-0.5, n - 0.5, n) for n in _PLACES)
     u, v = (grid.reshape(-1, 1) for grid in np.meshgrid(*ends))
@@ -137,7 +137,7 @@ def _bounced(seen: Shadows, radius: float, world: World) -> float:
 
 
 def _pieces(places: Array, radius: float) -> tuple[Array, Array]:
-    """Starts (n, 3) of pieces of the strands through places (N, 3), and what leads to their ends."""
+    """Return starts (n, 3) of pieces of the strands through places (N, 3), and what leads to their ends."""
     steps = np.diff(places, axis=0)
     step = float(np.sqrt(np.median(np.einsum("ni,ni->n", steps, steps))))
     some = places[:: max(1, int(_PIECE_RADII * radius / max(step, 1e-9)))]
@@ -149,7 +149,7 @@ def _pieces(places: Array, radius: float) -> tuple[Array, Array]:
 
 @compiled
 def _filled(feet: Array, axes: Array, starts: Array, alongs: Array, radius: float) -> Array:
-    """(m,) in proportion to what pieces (n, 3) fill of what lights feet (m, 3), as if none hid another."""
+    """Return (m,) in proportion to what pieces (n, 3) fill of what lights feet (m, 3), none hidden."""
     found = np.zeros(len(feet))
     for m in range(len(feet)):
         normal = axes[min(m, len(axes) - 1), 2]

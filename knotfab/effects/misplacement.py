@@ -54,7 +54,7 @@ class _Field:
 
     @staticmethod
     def of(seen: Shadows, middle: Array, turns: bool) -> _Field:
-        """The field for shadows about `middle`, in the wall's axes, that `turns` or hangs there."""
+        """Return the field for shadows about `middle`, in the wall's axes, that `turns` or hangs there."""
         wall = seen.wall
         found = _moves(seen.places, seen.feet, seen.axes, wall.lamp, middle, wall.middle, turns)
         return _Field(seen.unrolled, *found)
@@ -128,7 +128,7 @@ def _likeness(moves: Array, shadows: Array) -> tuple[Array, Array, Array]:
 
 @compiled
 def _left(moves: Array, shadows: Array, likeness: Array, centre: Array) -> Array:
-    """(n, 8, 2) what a likeness (4, 8) about `centre` of shadows (n, 2) leaves of moves (n, 8, 2)."""
+    """Return (n, 8, 2) what a likeness (4, 8) about `centre` of shadows (n, 2) leaves of moves (n, 8, 2)."""
     found = np.empty_like(moves)
     for n in range(len(moves)):
         x, y = shadows[n, 0] - centre[0], shadows[n, 1] - centre[1]
@@ -141,7 +141,7 @@ def _left(moves: Array, shadows: Array, likeness: Array, centre: Array) -> Array
 
 @compiled
 def _largest(moves: Array) -> Array:
-    """(3, n) the largest singular value of moves (n, 8, 2) by the lamp, the piece and the wall."""
+    """Return (3, n) the largest singular value of moves (n, 8, 2) by the lamp, the piece and the wall."""
     found, ends = np.empty((3, len(moves))), (0, 3, 6, 8)
     for n in range(len(moves)):
         for of in range(3):
@@ -231,7 +231,7 @@ def parting_mm(seen: Shadows, radius: float, world: World) -> Parting:
 
 
 def _worst_of(size: Array) -> Indices:
-    """The largest few of (n,); the slope of others does not make them the worst."""
+    """Return the largest few of (n,); the slope of others does not make them the worst."""
     some = np.flatnonzero(size >= _WORST * size.max())
     if len(some) > _MOST:
         some = some[np.argpartition(size[some], -_MOST)[-_MOST:]]
@@ -262,12 +262,12 @@ class Steadying:
     world: World
 
     def cost(self, parts: list[Array]) -> float:
-        """The IoU that lifted points (n, 3) of each curve are expected to lose; from the threshold on."""
+        """Return IoU that lifted points (n, 3) of each curve are expected to lose; from the threshold on."""
         with self.decision.called("depth"):
             return self.decision.excess * self.lost(np.concatenate(parts))
 
     def lost(self, points: Array) -> float:
-        """The IoU that careless placing is expected to cost strands at points (n, 3) of the view's axes.
+        """Give the IoU that careless placing is expected to cost strands at points (n, 3) of the view's axes.
 
         Lamp, piece and wall are off by as much as the scene expects along and about each axis, one regardless
         of the other. What the best likeness leaves of the moves, to first order, has a root mean square u

@@ -34,7 +34,7 @@ _WEIGHT_PX = 16.0  # px of blur above the threshold, from which on it has its fu
 
 
 def magnitude(context: EffectContext) -> float:
-    """The widest blur that any strand's surface has on a wall, px; the view counts where it is widest."""
+    """Return widest blur that any strand's surface has on a wall, px; the view counts where it is widest."""
     return max(
         float(blurs_mm(seen, context.radius).max(initial=0.0)) / seen.view.pixel_mm
         for seen in context.shadows
@@ -42,7 +42,7 @@ def magnitude(context: EffectContext) -> float:
 
 
 def blurs_mm(shadows: Shadows, radius: float) -> Array:
-    """(N,) an upper bound of the blur, mm, of every edge within `radius` of (N, 3) places.
+    """Return (N,) an upper bound of the blur, mm, of every edge within `radius` of (N, 3) places.
 
     An edge at distance D from the middle of a lamp, at height h over the wall's plane where the lamp is at H,
     is blurred over the section of a cone: the rays through it that touch the ball of radius R about
@@ -77,7 +77,7 @@ def blurs_mm(shadows: Shadows, radius: float) -> Array:
 
 
 def _lamps_of(view: ResolvedView) -> tuple[Array, float]:
-    """Places (n, 3) and diameter of balls in whose hull the lamp lies: one, or the corners of a rectangle."""
+    """Give centres (n, 3) and diameter of balls whose hull holds the lamp: one, or a rectangle's corners."""
     right, up, _ = view_axes(view)
     middle = light_of(view)
     if not view.light_has_sides:
@@ -112,7 +112,7 @@ def _throw(place: Array, foot: Array, normal: Array, ball: Array, size: float, s
 
 @compiled
 def _longest(one: Array, other: Array, same: bool) -> Any:
-    """The longest line in the hull of two ellipses; of one its axis."""
+    """Return the longest line in the hull of two ellipses; of one its axis."""
     if same:
         return 2 * one[3]
     u, v, w = one[0] - other[0], one[1] - other[1], one[2] - other[2]
@@ -123,7 +123,7 @@ def _longest(one: Array, other: Array, same: bool) -> Any:
 def _blurs(
     places: Array, feet: Array, normals: Array, balls: Array, pairs: Indices, size: float
 ) -> Array:
-    """(n,) the widest blur of edges at places (n, 3), on planes through `feet`, by pairs (p, 2) of balls."""
+    """Bound (n,) the blur of edges at places (n, 3), on planes through `feet`, by pairs (p, 2) of balls."""
     spots, found = np.empty((len(balls), 5)), np.zeros(len(places))
     for n in range(len(places)):
         normal = normals[min(n, len(normals) - 1)]
@@ -145,7 +145,7 @@ def _blurs_about(
     size: float,
     radius: float,
 ) -> Array:
-    """The same of edges within `radius` of places: of each pair that in the direction of its slope."""
+    """Return the same of edges within `radius` of places: of each pair that in the direction of its slope."""
     spots, ends, found = np.empty((4, len(balls), 5)), np.empty((2, 5)), np.zeros(len(places))
     near, slope = np.empty(3), np.empty(3)
     for n in range(len(places)):
@@ -192,7 +192,7 @@ class Sharpening:
     radius: float
 
     def strength(self, full_px: float) -> float:
-        """The strength, from 0 at the threshold to 1 from so many pixels of blur above it on."""
+        """Return the strength, from 0 at the threshold to 1 from so many pixels of blur above it on."""
         if not self.decision.simulated:
             return 0.0
         over = self.decision.magnitude - self.decision.threshold
@@ -215,13 +215,13 @@ class Sharpening:
         return found
 
     def lower(self, heights: list[Array], drawing: list[Array]) -> list[Array]:
-        """Heights of each curve, mm, those of its outline strands nearer to the lowest of all."""
+        """Return heights of each curve, mm, those of its outline strands nearer to the lowest of all."""
         low = min(float(h.min()) for h in heights)
         share = _LOWERED * self.strength(_LOWERED_PX)
         return [h + share * d * (low - h) for h, d in zip(heights, drawing, strict=True)]
 
     def cost(self, parts: list[Array], drawing: list[Array]) -> float:
-        """The weighted brightness error to be expected of lifted points (n, 3), evenly spaced on each curve.
+        """Give weighted brightness error to be expected of lifted points (n, 3), evenly spaced on each curve.
 
         0.212 times the mean blur of what draws the outline, times its length, over the silhouette's area.
         """

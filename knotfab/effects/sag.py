@@ -17,7 +17,7 @@ __all__ = ["SAG", "measure_sag", "shifts_mm"]
 
 
 def magnitude(context: EffectContext) -> float:
-    """The furthest that any strand's shadow is shifted, px; 0 of a piece without a mount."""
+    """Return the furthest that any strand's shadow is shifted, px; 0 of a piece without a mount."""
     if context.moves is None or len(context.moves) == 0:
         return 0.0
     return max(
@@ -27,7 +27,7 @@ def magnitude(context: EffectContext) -> float:
 
 
 def shifts_mm(shadows: Shadows, moves: Array, radius: float) -> Array:
-    """(m, N) bounds, mm, of how far shadows of what is within `radius` of (N, 3) places are shifted.
+    """Return (m, N) bounds, mm, of how far shadows of what is within `radius` of (N, 3) places are shifted.
 
     By moves (m, N, 3) in the scene, or (m, 1, 3) of all places alike.
 
@@ -55,7 +55,7 @@ def shifts_mm(shadows: Shadows, moves: Array, radius: float) -> Array:
 def _shifts(
     places: Array, feet: Array, axes: Array, lamp: Array, moves: Array, radius: float, bend: float
 ) -> Array:
-    """(m, n) what `shifts_mm` says of places (n, 3) moved by (m, n or 1, 3), in the axes of their wall."""
+    """Return (m, n) `shifts_mm` of places (n, 3) moved by (m, n or 1, 3), in the axes of their wall."""
     found = np.empty((len(moves), len(places)))
     ray, move = np.empty(3), np.empty(3)
     for n in range(len(places)):
@@ -90,7 +90,7 @@ def measure_sag(
     radius: float,
     wall: CurvedWall | None = None,
 ) -> Sag:
-    """IoU of the knots' own shadow with a picture's mask (H, W) as they are designed and as they sag.
+    """Measure IoU of the knots' own shadow with a picture's mask (H, W) as they are designed and as they sag.
 
     `widest_px`: the furthest that a centre line's shadow is shifted. `wall`: the round one that the shadow
     falls on, the mask being its picture as the flat wall that touches it has it; there each place counts by

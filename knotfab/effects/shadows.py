@@ -46,11 +46,11 @@ class OnWall:
         return 0.0 if self.round is None else 1 / abs(self.round.radius)
 
     def place(self, points: Array) -> Array:
-        """(n, 3) points (n, 3) of the scene in the wall's axes."""
+        """Return (n, 3) points (n, 3) of the scene in the wall's axes."""
         return np.asarray((points - self.foot) @ self.axes.T)
 
     def cast(self, places: Array, lamp: Array | None = None) -> Array:
-        """(n, 2) shadows of (n, 3) on the flat wall, in its axes, of its own lamp or one at (3,) in them."""
+        """Cast points (n, 3) on the flat wall, in its axes, by its lamp or one at (3,) in them: (n, 2)."""
         return _cast(places, self.lamp if lamp is None else lamp)
 
 
@@ -64,12 +64,12 @@ class Shadows:
 
     @staticmethod
     def of(view: ResolvedView, points: Array) -> Shadows:
-        """The shadows of points (n, 3) of the scene."""
+        """Return the shadows of points (n, 3) of the scene."""
         wall = OnWall.of(view)
         return Shadows(view, wall, wall.place(points))
 
     def of_places(self, places: Array) -> Shadows:
-        """The shadows of other places (n, 3) before the same wall."""
+        """Return the shadows of other places (n, 3) before the same wall."""
         return Shadows(self.view, self.wall, places)
 
     @cached_property
@@ -107,7 +107,7 @@ class Shadows:
 
 @compiled
 def _cast(places: Array, lamp: Array) -> Array:
-    """(n, 2) shadows on the plane z = 0 of places (n, 3)."""
+    """Return (n, 2) shadows on the plane z = 0 of places (n, 3)."""
     found = np.empty((len(places), 2))
     for n in range(len(places)):
         share = lamp[2] / (lamp[2] - places[n, 2])
@@ -118,7 +118,7 @@ def _cast(places: Array, lamp: Array) -> Array:
 
 @compiled
 def _bend(flat: Array, on: Array, line: Array, radius: float) -> tuple[Array, Array, Array]:
-    """Feet, axes and places unrolled of (n, 2) on a flat wall; a round one has them `on` from a line."""
+    """Give feet, axes and places unrolled of (n, 2) on a flat wall; a round one has them `on` from a line."""
     feet, axes = np.zeros((len(flat), 3)), np.zeros((len(flat), 3, 3))
     unrolled = flat.copy()
     for n in range(len(flat)):
@@ -139,7 +139,7 @@ def _bend(flat: Array, on: Array, line: Array, radius: float) -> tuple[Array, Ar
 
 @compiled
 def _span(places: Array) -> tuple[Array, float]:
-    """The middle of the box about places (n, 3), and how far from it they reach."""
+    """Return the middle of the box about places (n, 3), and how far from it they reach."""
     low, high, square = places[0].copy(), places[0].copy(), 0.0
     for n in range(len(places)):
         for i in range(3):

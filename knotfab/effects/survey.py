@@ -19,5 +19,5 @@ EFFECTS: tuple[Effect, ...] = (PENUMBRA, MISPLACEMENT, CONTRAST, SAG, LAYERS, WA
 
 
 def survey(context: EffectContext, switches: Mapping[str, Switch]) -> dict[str, Decision]:
-    """Each effect's magnitude against its threshold, by name; `switches` are the scene's own words."""
+    """Return each effect's magnitude against its threshold, by name; `switches` are the scene's own words."""
     return {effect.name: decide(effect, context, switches) for effect in EFFECTS}

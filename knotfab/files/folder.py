@@ -156,7 +156,7 @@ class OutputFolder:
             )
 
     def _settle(self) -> list[str]:
-        """Names of the new files, once every byte of them is on the disk."""
+        """Return names of the new files, once every byte of them is on the disk."""
         if self._is_full():
             # A library that does not look at its writes may have cut a file short.
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

@@ -61,7 +61,7 @@ def mend(folder: Path) -> None:
 
 
 def mend_locked(folder: Path) -> None:
-    """The same, by one who has locked `folder`."""
+    """Do the same, by one who has locked `folder`."""
     for hidden in sorted(folder.glob(f"{HIDDEN}*")):
         with contextlib.suppress(OSError):  # another's who still lives, or nobody's to change
             handle = hold(hidden)
@@ -116,7 +116,7 @@ def _undo(folder: Path, hidden: Path, steps: Sequence[Step]) -> None:
 
 
 def _keep(path: Path, aside: Path) -> None:
-    """A second name for a file, so that it can be put back; a move where links are unknown."""
+    """Give a second name for a file, so that it can be put back; a move where links are unknown."""
     if path.name == REJECTED:
         os.replace(path, aside)
         return

@@ -96,7 +96,7 @@ def _require_positive(bodies: Sequence[Mesh]) -> None:
 
 
 def _new_model(about: About) -> tuple[Any, Any]:
-    """A model in millimetres that says what it is, and lib3mf's wrapper."""
+    """Return a model in millimetres that says what it is, and lib3mf's wrapper."""
     import lib3mf
 
     wrapper = lib3mf.get_wrapper()
@@ -162,7 +162,7 @@ def read_back_strict(path: Path) -> list[str]:
 
 
 def read_shells(path: Path) -> list[Mesh]:
-    """The closed surfaces of a file that `write_3mf` wrote, in its order.
+    """Read the closed surfaces of a file that `write_3mf` wrote, in its order.
 
     Transforms are not applied: it writes none but the identity.
 
@@ -188,7 +188,7 @@ def read_shells(path: Path) -> list[Mesh]:
 
 
 def _palette(wrapper: Any, model: Any, colors: Sequence[str]) -> dict[str, tuple[int, int]]:
-    """Resource and property of each colour that occurs, as base materials of the model."""
+    """Return resource and property of each colour that occurs, as base materials of the model."""
     wanted = dict.fromkeys(color.lower() for color in colors)
     for color in wanted:
         if not re.fullmatch("#[0-9a-f]{6}", color):
@@ -225,7 +225,7 @@ def _set_geometry(
 
 
 def _geometry(wrapper: Any, body: Any) -> Mesh:
-    """Vertices (n, 3) and faces (m, 3), into arrays at once for the same reason."""
+    """Return vertices (n, 3) and faces (m, 3), into arrays at once for the same reason."""
     import lib3mf
 
     vertices = np.empty((body.GetVertexCount(), 3), dtype=np.float32)

@@ -40,7 +40,7 @@ class Curves:
 
     @classmethod
     def through(cls, polygons: Sequence[Array]) -> Curves:
-        """The curves through the vertices of closed polygons [(n, 3) mm]."""
+        """Return the curves through the vertices of closed polygons [(n, 3) mm]."""
         knots, periods, splines = [], [], []
         for polygon in polygons:
             closed = np.concatenate([polygon, polygon[:1]])
@@ -51,12 +51,12 @@ class Curves:
         return cls(tuple(knots), tuple(periods), tuple(splines))
 
     def at(self, where: Parameters) -> list[Array]:
-        """[(n, 3)] points of each curve at its parameters."""
+        """Return [(n, 3)] points of each curve at its parameters."""
         return [np.asarray(s(w)) for s, w in zip(self.splines, where, strict=True)]
 
 
 def refine_parameters(where: Parameters, periods: Sequence[float]) -> Parameters:
-    """A parameter in the middle between every two: twice as many."""
+    """Return a parameter in the middle between every two: twice as many."""
     out = []
     for w, period in zip(where, periods, strict=True):
         ahead = np.append(w[1:], w[0] + period)
@@ -67,7 +67,7 @@ def refine_parameters(where: Parameters, periods: Sequence[float]) -> Parameters
 def space_evenly(
     where: Parameters, image: Sequence[Array], periods: Sequence[float], edge_mm: float
 ) -> Parameters:
-    """Parameters of even vertices, `edge_mm` apart, on polygons `image` with vertices at `where`."""
+    """Return parameters of even vertices, `edge_mm` apart, on polygons `image` with vertices at `where`."""
     out = []
     for w, polygon, period in zip(where, image, periods, strict=True):
         arc = arc_lengths(polygon)
@@ -78,7 +78,7 @@ def space_evenly(
 
 
 def _on_polygon(polygon: Array, where: Array, period: float, wanted: Array) -> Array:
-    """Points of the closed polygon with vertices at `where`, linear in between, at `wanted`."""
+    """Return points of the closed polygon with vertices at `where`, linear in between, at `wanted`."""
     return np.stack(
         [np.interp(wanted, where, polygon[:, k], period=period) for k in range(3)], axis=1
     )

@@ -52,5 +52,5 @@ def certify(points: Array, step: Array, rings: Polylines, near: Neighbours) -> C
 
 
 def step_limits(points: Array, rings: Polylines, near: Neighbours, largest: float) -> Array:
-    """[N] how far each vertex may go so that strands in `near` cannot meet: 0.45 of their gap."""
+    """Return [N] how far each vertex may go so that strands in `near` cannot meet: 0.45 of their gap."""
     return 0.45 * kernels.step_limits(points, rings.next, near.i, near.j, largest / 0.45)

@@ -86,7 +86,7 @@ def closest_parameters(p: Array, u: Array, q: Array, v: Array) -> tuple[Array, A
 
 @compiled
 def _apart(points: Array, following: Indices, i: int, j: int) -> Any:
-    """The nearest places (s, t) of segments i and j, and what is between them."""
+    """Return the nearest places (s, t) of segments i and j, and what is between them."""
     p, q = _row(points, i), _row(points, j)
     u, v = _minus(_row(points, following[i]), p), _minus(_row(points, following[j]), q)
     s, t = _closest(p, u, q, v)
@@ -101,7 +101,7 @@ def _apart(points: Array, following: Indices, i: int, j: int) -> Any:
 
 @compiled
 def _middles(points: Array, following: Indices) -> tuple[Array, Array]:
-    """The middle of each segment and half its length."""
+    """Return the middle of each segment and half its length."""
     middle, half = np.empty_like(points), np.empty(len(points))
     for k in range(len(points)):
         edge = _minus(_row(points, following[k]), _row(points, k))
@@ -129,7 +129,7 @@ def least_gap(
     arc: float,  # pairs nearer along the curve are neighbours
     straight: float,  # pairs further apart than this share of the arc between them are, too
 ) -> tuple[float, int]:
-    """The least distance of paired segments that are no neighbours, and the pair; infinite and -1: none."""
+    """Give least distance of paired segments that are no neighbours, and the pair; infinite and -1: none."""
     least, which = np.inf, -1
     for pair in range(len(i)):
         a, b = i[pair], j[pair]
@@ -155,7 +155,7 @@ def _slack(
     between_middles: float,
     half: Array,
 ) -> float:
-    """Distance of segments i and j less the largest relative displacement of their ends, a lower bound.
+    """Give distance of segments i and j less the largest relative displacement of their ends, a lower bound.
 
     First by the distance of their middles less their halves; where that does not do, exactly.
     """
@@ -247,7 +247,7 @@ def step_margin(
 
 @compiled
 def step_limits(points: Array, following: Indices, i: Indices, j: Indices, most: float) -> Array:
-    """[N] the least distance of each vertex's segments to those that they are paired with, at most `most`."""
+    """Return [N] the least distance, up to `most`, of each vertex's segments to those paired with them."""
     middle, half = _middles(points, following)
     gap = np.full(len(points), most)
     for pair in range(len(i)):
@@ -274,7 +274,7 @@ def gap_hinge(
     steps: float,  # along the curve: pairs nearer than these are neighbours
     distance: float,
 ) -> tuple[float, Array]:
-    """The sum over pairs of segments of (distance - gap)+^2, mm^2, and its gradient [N, 3]."""
+    """Return the sum over pairs of segments of (distance - gap)+^2, mm^2, and its gradient [N, 3]."""
     middle, _ = _middles(points, following)
     total, gradient = 0.0, np.zeros_like(points)
     for pair in range(len(i)):
@@ -304,7 +304,7 @@ def gap_hinge(
 
 @compiled
 def bend_hinge(points: Array, following: Indices, radius: float) -> tuple[float, Array]:
-    """The sum over vertices of (radius times curvature - 1)+^2, and its gradient [N, 3].
+    """Return the sum over vertices of (radius times curvature - 1)+^2, and its gradient [N, 3].
 
     The bend radius of a vertex is min(adjacent edges) / (2 tan(turning angle / 2)) (Rawdon 1998);
     2 tan(theta / 2) = 2 sqrt((1 - cos theta) / (1 + cos theta)).

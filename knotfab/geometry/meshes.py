@@ -30,7 +30,7 @@ Mesh = tuple[Array, NDArray[np.int32]]
 
 
 def as_manifold(mesh: Mesh) -> Manifold:
-    """A watertight mesh as a solid of manifold3d, in double precision."""
+    """Return a watertight mesh as a solid of manifold3d, in double precision."""
     from manifold3d import Manifold, Mesh64
 
     vertices, faces = mesh
@@ -43,44 +43,44 @@ def as_manifold(mesh: Mesh) -> Manifold:
 
 
 def as_mesh(solid: Manifold) -> Mesh:
-    """The surface of a solid."""
+    """Return the surface of a solid."""
     mesh = solid.to_mesh64()
     vertices = np.array(mesh.vert_properties[:, :3], dtype=np.float64)
     return vertices, np.array(mesh.tri_verts, dtype=np.int32)
 
 
 def join_meshes(meshes: Sequence[Mesh]) -> Mesh:
-    """All meshes as one, in their order; no vertex is shared between them."""
+    """Return all meshes as one, in their order; no vertex is shared between them."""
     first = np.cumsum([0, *(len(vertices) for vertices, _ in meshes[:-1])])
     faces = [faces + shift for (_, faces), shift in zip(meshes, first, strict=True)]
     return np.concatenate([v for v, _ in meshes]), np.concatenate(faces).astype(np.int32)
 
 
 def box_of(meshes: Sequence[Mesh]) -> tuple[Array, Array]:
-    """Lowest and highest corner (3,) of all meshes together, mm."""
+    """Return lowest and highest corner (3,) of all meshes together, mm."""
     low = np.min([vertices.min(axis=0) for vertices, _ in meshes], axis=0)
     return low, np.max([vertices.max(axis=0) for vertices, _ in meshes], axis=0)
 
 
 def face_normals(corners: Array) -> Array:
-    """(m, 3) out of triangles (m, 3, 3), each as long as twice its area."""
+    """Return (m, 3) out of triangles (m, 3, 3), each as long as twice its area."""
     return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
 
 
 def unit(vectors: Array) -> Array:
-    """(..., 3) vectors of length 1 in the same directions; what has no length stays."""
+    """Return (..., 3) vectors of length 1 in the same directions; what has no length stays."""
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return np.asarray(vectors / np.maximum(length, 1e-300))
 
 
 def keep_faces(vertices: Array, faces: NDArray[np.int32]) -> Mesh:
-    """Some of a mesh's faces (k, 3) with the vertices that they use."""
+    """Return some of a mesh's faces (k, 3) with the vertices that they use."""
     used, renumbered = np.unique(faces, return_inverse=True)
     return vertices[used], renumbered.reshape(-1, 3).astype(np.int32)
 
 
 def split_shells(mesh: Mesh) -> list[Mesh]:
-    """The connected surfaces of a mesh, in the order of their first faces.
+    """Return the connected surfaces of a mesh, in the order of their first faces.
 
     Faces that share a vertex are connected; vertices that belong to no face are dropped.
     """

@@ -25,12 +25,12 @@ class Neighbours:
     skip: int  # pairs closer than this many steps along the curve are left out
 
     def moved(self, points: Array) -> float:
-        """The largest distance a vertex has gone since the pairs were found."""
+        """Return the largest distance a vertex has gone since the pairs were found."""
         return float(np.sqrt(dot(points - self.points, points - self.points).max()))
 
 
 def find_neighbours(points: Array, rings: Polylines, reach: float, skip: int) -> Neighbours:
-    """All segment pairs with middles within `reach` and at least `skip` steps apart."""
+    """Find all segment pairs with middles within `reach` and at least `skip` steps apart."""
     middle = 0.5 * (points + points[rings.next])
     pairs = cKDTree(middle).query_pairs(reach, output_type="ndarray").astype(np.int64)
     i, j = pairs[:, 0], pairs[:, 1]
@@ -39,7 +39,7 @@ def find_neighbours(points: Array, rings: Polylines, reach: float, skip: int) ->
 
 
 def segment_distance(a: Array, b: Array, c: Array, d: Array) -> Array:
-    """[M] distance between the segments a-b and c-d, [M, 3] each, none of them without length."""
+    """Return [M] distance between the segments a-b and c-d, [M, 3] each, none of them without length."""
     s, t = closest_parameters(a, b - a, c, d - c)
     gap = a + s[:, None] * (b - a) - c - t[:, None] * (d - c)
     return np.asarray(np.linalg.norm(gap, axis=1))

@@ -98,7 +98,7 @@ class Estimate:
 def strands_along(
     curves: Sequence[Array], radius: float, closed: Sequence[bool] | None = None, most: int = 6000
 ) -> Strands:
-    """Rods of even length along every curve (n, 3), mm, about `FINEST_RADII` of the radius, `most` in all.
+    """Lay rods of even length along every curve (n, 3), mm, about `FINEST_RADII` radii, `most` in all.
 
     Args:
         closed: which of the curves are; None: all.
@@ -153,7 +153,7 @@ def estimate(strands: Strands, turn: Array, rules: Rules) -> Estimate:
 
 
 def support_cm3(strands: Strands, turn: Array, rules: Rules) -> float:
-    """The `support_cm3` of `estimate` alone, for whoever asks it of thousands of curves."""
+    """Return the `support_cm3` of `estimate` alone, for whoever asks it of thousands of curves."""
     return _PosedStrands.of(strands, turn, rules).columns(rules).volume_cm3
 
 
@@ -199,7 +199,7 @@ class _PosedStrands:
 
 
 def _weigh_supports(volume: float, curtain: float, roof: float, rules: Rules) -> float:
-    """mm³ of filament in supports of a `volume`, below undersides of an area `roof`, mm² and mm³.
+    """Return mm³ of filament in supports of a `volume`, below undersides of an area `roof`, mm² and mm³.
 
     A strand's support is a wall as narrow as its underside: a line along either edge, and lines across
     it. `curtain`, mm², is its length times its height.
@@ -232,7 +232,7 @@ def _strips(
     radius: float,
     cell: float,
 ) -> tuple[Indices, Array, Array, Array]:
-    """For strips of rods: the grid's cell, the lower and upper end of a vertical line there, the area.
+    """Return for strips of rods: the grid's cell, the lower and upper end of a vertical line there, the area.
 
     Two more strips at the tube's sides carry nothing, but others may stand on them.
     """
@@ -265,7 +265,7 @@ def _strips(
 
 @compiled
 def _floors(cells: Indices, low: Array, high: Array) -> Array:
-    """(n,) the top of what stands apart below each span of heights in its cell; 0, the bed, of none."""
+    """Give (n,) the top of what stands apart below each span of heights in its cell; 0, the bed, of none."""
     begins = np.zeros(cells.max() + 2, dtype=np.int64)
     for n in range(len(cells)):
         begins[cells[n] + 1] += 1
@@ -290,7 +290,7 @@ def _floors(cells: Indices, low: Array, high: Array) -> Array:
 
 
 def _tip(flat: Array, z: Array, weight: Array, on_bed: NDArray[np.bool_], radius: float) -> float:
-    """Degrees by which the piece may lean before its middle leaves the hull of its feet."""
+    """Return degrees by which the piece may lean before its middle leaves the hull of its feet."""
     center = weight @ np.column_stack([flat, z]) / weight.sum()
     points = flat[on_bed]
     if len(points) < 3:

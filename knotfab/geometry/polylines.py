@@ -14,7 +14,7 @@ __all__ = ["Polylines", "dot", "polylines_of", "polylines_of_sizes", "split_alik
 
 
 def dot(a: Array, b: Array) -> Array:
-    """[N] row-wise scalar products of (N, 3) arrays (einsum: sums over three are slow otherwise)."""
+    """Return [N] row-wise scalar products of (N, 3) arrays (einsum: sums over three are slow otherwise)."""
     return np.asarray(np.einsum("ij,ij->i", a, b))
 
 
@@ -30,12 +30,12 @@ class Polylines:
     previous: Indices  # [N]
 
     def ahead(self, steps: int) -> Indices:
-        """[N] the row `steps` further along each row's ring."""
+        """Return [N] the row `steps` further along each row's ring."""
         rows = np.arange(len(self.start))
         return self.start + (rows - self.start + steps) % self.size
 
     def index_distance(self, i: Indices, j: Indices) -> Indices:
-        """Steps between rows along the curve; a huge number between different rings."""
+        """Return steps between rows along the curve; a huge number between different rings."""
         apart = np.abs(i - j)
         apart = np.minimum(apart, self.size[i] - apart)
         return np.where(self.ring[i] == self.ring[j], apart, np.iinfo(np.int64).max)
@@ -46,22 +46,22 @@ class Polylines:
         return np.cumsum([0, *self.sizes], dtype=np.int64)
 
     def split(self, rows: Array) -> list[Array]:
-        """The (N, k) array cut into its rings."""
+        """Return the (N, k) array cut into its rings."""
         return np.split(rows, self.bounds[1:-1])
 
 
 def split_alike(rows: Array, curves: Sequence[Array]) -> list[Array]:
-    """The (N, k) array cut into runs as long as the curves, one after the other."""
+    """Return the (N, k) array cut into runs as long as the curves, one after the other."""
     return np.split(rows, np.cumsum([len(curve) for curve in curves])[:-1])
 
 
 def polylines_of(curves: Iterable[Array]) -> Polylines:
-    """The index arithmetic of closed polylines (n, k), laid behind each other."""
+    """Return the index arithmetic of closed polylines (n, k), laid behind each other."""
     return polylines_of_sizes(tuple(len(curve) for curve in curves))
 
 
 def polylines_of_sizes(sizes: tuple[int, ...]) -> Polylines:
-    """The index arithmetic of closed polylines with these numbers of vertices."""
+    """Return the index arithmetic of closed polylines with these numbers of vertices."""
     starts = np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int64)
     size = np.repeat(np.asarray(sizes, dtype=np.int64), sizes)
     start = np.repeat(starts, sizes)

@@ -20,13 +20,13 @@ class Seen:
     matrix: Array
 
     def pull(self, slope: Array) -> Array:
-        """A gradient (N, 2) in the places as one (N, 3) in the points."""
+        """Return a gradient (N, 2) in the places as one (N, 3) in the points."""
         aside = slope / self.depth[:, None]
         along = (aside * self.places).sum(axis=1)
         return np.asarray(aside @ self.matrix[:2, :3] - np.outer(along, self.matrix[2, :3]))
 
 
 def project(points: Array, matrix: Array) -> Seen:
-    """Points (N, 3) through (u w, v w, w) = matrix (x, y, z, 1)."""
+    """Return points (N, 3) through (u w, v w, w) = matrix (x, y, z, 1)."""
     h = points @ matrix[:, :3].T + matrix[:, 3]
     return Seen(h[:, :2] / h[:, 2:], h[:, 2], matrix)

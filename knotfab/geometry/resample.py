@@ -18,7 +18,7 @@ _LEAST = 24
 
 
 def _at(points: Array, parameter: Array, where: Array) -> Array:
-    """The closed polyline with vertices at `parameter` [n + 1], evaluated at `where`."""
+    """Return the closed polyline with vertices at `parameter` [n + 1], evaluated at `where`."""
     closed = np.concatenate([points, points[:1]])
     return np.stack([np.interp(where, parameter, closed[:, k]) for k in range(3)], axis=1)
 
@@ -26,7 +26,7 @@ def _at(points: Array, parameter: Array, where: Array) -> Array:
 def resample(
     points: Array, rings: Polylines, edge_mm: float
 ) -> tuple[Array, Polylines, Certificate]:
-    """Even vertices about `edge_mm` apart on the cubic spline through the old ones.
+    """Return even vertices about `edge_mm` apart on the cubic spline through the old ones.
 
     The straight-line motion from the old polygons to the new, matched by arc length and refined to the
     vertices of both, is certified as an isotopy. Where it is not, the same is tried along the old
@@ -51,7 +51,7 @@ def resample(
 
 
 def _resample_one(part: Array, edge_mm: float, smooth: bool) -> tuple[Array, Array, Array]:
-    """One ring resampled: new vertices, and old and new positions at the vertices of both."""
+    """Return one ring resampled: new vertices, and old and new positions at the vertices of both."""
     arc = arc_lengths(part)
     count = max(_LEAST, round(arc[-1] / edge_mm))
     where = np.linspace(0.0, arc[-1], count + 1)
@@ -70,7 +70,7 @@ def _resample_one(part: Array, edge_mm: float, smooth: bool) -> tuple[Array, Arr
 
 
 def subdivide(points: Array, rings: Polylines, edge_mm: float) -> tuple[Array, Polylines]:
-    """New vertices on edges that are longer than `edge_mm`: the same curves, so nothing to certify."""
+    """Return new vertices on edges that are longer than `edge_mm`: the same curves, so nothing to certify."""
     fresh = []
     for part in rings.split(points):
         edge = np.roll(part, -1, axis=0) - part

@@ -12,14 +12,14 @@ __all__ = ["arc_lengths", "number_runs", "pair_nearby", "sample_evenly"]
 
 
 def arc_lengths(points: Array, *, closed: bool = True) -> Array:
-    """(n + 1,) arc length at each vertex of a polyline (n, k), the whole length last; (n,) of an open one."""
+    """Return (n + 1,) arc length at each vertex of a polyline (n, k), the whole last; (n,) of an open one."""
     steps = np.diff(points, axis=0, append=points[:1]) if closed else np.diff(points, axis=0)
     edges = np.linalg.norm(steps, axis=1)
     return np.concatenate([[0.0], np.cumsum(edges)])
 
 
 def sample_evenly(points: Array, step: float, *, at_most: bool = False, fewest: int = 8) -> Array:
-    """Points at equal distances along a closed polyline, from its first vertex on.
+    """Return points at equal distances along a closed polyline, from its first vertex on.
 
     Args:
         points: (n, k), the first not repeated.
@@ -39,13 +39,13 @@ def sample_evenly(points: Array, step: float, *, at_most: bool = False, fewest: 
 
 
 def number_runs(counts: Indices) -> tuple[Indices, Indices]:
-    """For runs of so many members each, (n,): the run that each member belongs to, and its number there."""
+    """Number the members of runs of lengths (n,): the run that each belongs to, and its number there."""
     run = np.repeat(np.arange(len(counts)), counts)
     return run, np.arange(len(run)) - np.repeat(np.cumsum(counts) - counts, counts)
 
 
 def pair_nearby(curves: Sequence[Array], reach: float) -> tuple[Indices, Array]:
-    """(m, 2) pairs of points closer than `reach`, and (m,) how far apart they are along their curve.
+    """Return (m, 2) pairs of points closer than `reach`, and (m,) how far apart they are along their curve.
 
     Args:
         curves: closed polylines [(n, k)], whose points are numbered one after the other.

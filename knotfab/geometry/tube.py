@@ -24,7 +24,7 @@ Faces = NDArray[np.int32]
 
 
 def sweep(points: Array, radius_mm: float, sides: int) -> tuple[Array, Faces]:
-    """The tube of `radius_mm` around the closed polyline `points`, as a watertight mesh.
+    """Return the tube of `radius_mm` around the closed polyline `points`, as a watertight mesh.
 
     Polylines have `sides` corners on a circle that is larger than the tube's by sqrt(a / sin a),
     a = 2 pi / sides, so that the section has the tube's area. What the frame lacks to close is
@@ -96,13 +96,13 @@ def reach_mm(points: Array, radius_mm: float, sides: int) -> float:
 
 
 def _ring_radius(radius_mm: float, sides: int) -> float:
-    """The radius of the circle on which a section has its corners."""
+    """Return the radius of the circle on which a section has its corners."""
     step = 2 * pi / sides
     return radius_mm * sqrt(step / sin(step))
 
 
 def sides_for(radius_mm: float, tolerance_mm: float, least: int = 16, most: int = 256) -> int:
-    """Corners of a ring whose outline is within `tolerance_mm` of the round tube's, an even number.
+    """Return corners of a ring whose outline is within `tolerance_mm` of the round tube's, an even number.
 
     A corner stands out by radius * a² / 12 in lowest order, twice as far as a face stays behind.
     """
@@ -111,13 +111,13 @@ def sides_for(radius_mm: float, tolerance_mm: float, least: int = 16, most: int 
 
 
 def mesh_volume(vertices: Array, faces: Faces) -> float:
-    """Signed volume (mm³) of a closed mesh; positive when the faces are turned outwards."""
+    """Return signed volume (mm³) of a closed mesh; positive when the faces are turned outwards."""
     corner = (vertices - vertices.mean(axis=0))[faces]
     return float(np.einsum("ij,ij->", corner[:, 0], np.cross(corner[:, 1], corner[:, 2])) / 6.0)
 
 
 def _check_points(points: Array, radius_mm: float, sides: int) -> Array:
-    """The points as (n, 3) float64, of which there are three or more."""
+    """Return the points as (n, 3) float64, of which there are three or more."""
     p = np.asarray(points, dtype=np.float64)
     if p.ndim != 2 or p.shape[1:] != (3,) or len(p) < 3 or not np.isfinite(p).all():
         raise ValueError(f"points must be (n >= 3, 3) and finite, got shape {p.shape}")
@@ -201,8 +201,8 @@ def _transport(along: Array, mitre: Array) -> tuple[Array, float]:
 
 
 def _side_faces(rings: int, sides: int, offset: int) -> Faces:
-    """(2 * rings * sides, 3): two triangles for each side face, its diagonal alternating along
-    and around the tube so that what the twist takes from one face it gives to its neighbour."""
+    """Return (2 * rings * sides, 3): two triangles a side face; diagonals alternate along and around the
+    tube, so that what the twist takes from one face it gives to its neighbour."""
     k, ring = np.arange(sides), np.arange(rings)[:, None]
     here = ring * sides
     there = np.roll(here, -1, axis=0)

@@ -57,19 +57,19 @@ class State:
 
     @classmethod
     def at(cls, points: Array, rings: Polylines, near: Neighbours) -> State:
-        """The state of closed polylines whose vertices are `points` (N, 3)."""
+        """Return the state of closed polylines whose vertices are `points` (N, 3)."""
         edge = points[rings.next] - points
         spacing = float(np.sqrt((edge * edge).sum(axis=1)).mean())
         return cls(points, edge, rings, near, spacing)
 
 
 def follow_edges(slope: Array, rings: Polylines) -> Array:
-    """The gradient (N, 3) in the vertices of what has the gradient `slope` (N, 3) in the edges."""
+    """Return the gradient (N, 3) in the vertices of what has the gradient `slope` (N, 3) in the edges."""
     return np.asarray(slope[rings.previous] - slope)
 
 
 def weigh(parts: Iterable[tuple[float, Felt]], points: Array) -> Felt:
-    """The sum of weighted terms, and its gradient, of vertices `points` (N, 3)."""
+    """Return the sum of weighted terms, and its gradient, of vertices `points` (N, 3)."""
     total, slope = 0.0, np.zeros_like(points)
     for weight, (value, pull) in parts:
         total += weight * value
@@ -78,7 +78,7 @@ def weigh(parts: Iterable[tuple[float, Felt]], points: Array) -> Felt:
 
 
 def total_length(state: State) -> Felt:
-    """The length of all edges, mm; one without length has no direction, and pulls nowhere."""
+    """Return the length of all edges, mm; one without length has no direction, and pulls nowhere."""
     length = np.sqrt((state.edge * state.edge).sum(axis=1))
     along = state.edge / np.maximum(length, 1e-300)[:, None]
     return float(length.sum()), follow_edges(along, state.rings)
@@ -116,7 +116,7 @@ class Guard:
     _slack: float = 0.0
 
     def term(self, state: State, limits: Limits) -> Felt | None:
-        """The limit's term and its gradient; None where it cannot be felt."""
+        """Return the limit's term and its gradient; None where it cannot be felt."""
         begun = time.perf_counter()
         found = None
         if self._felt(state, limits):

@@ -14,5 +14,5 @@ LIMITS: tuple[Limit, ...] = (CLEARANCE, BEND, REGION, LENGTH)
 
 
 def guard_limits() -> dict[str, Guard]:
-    """A fresh watch over every limit, by name."""
+    """Return a fresh watch over every limit, by name."""
     return {limit.name: Guard(limit) for limit in LIMITS}

@@ -71,7 +71,7 @@ def _outside_region(points: Array, region: SettledRegion, radius: float) -> tupl
 
 
 def tube_outside(points: Array, ahead: Array, limits: Limits) -> tuple[Array, Array]:
-    """Points (k, 3) of a centre line, and how far the tube sticks out there at most, mm (k,).
+    """Return points (k, 3) of a centre line, and how far the tube sticks out there at most, mm (k,).
 
     Convex regions: the vertices `points` (n, 3) decide. Into a tube in a mesh a wall may poke between
     them, so the middles of the edges to `ahead` (n, 3) are measured too. A wall point at distance d
@@ -90,7 +90,7 @@ def _outside(points: Array, limits: Limits, radius: float) -> tuple[Array, Array
 
 
 def term(state: State, limits: Limits) -> Felt:
-    """Squared hinge of the excess outside, in squared tube radii (paper, occupancy loss)."""
+    """Return squared hinge of the excess outside, in squared tube radii (paper, occupancy loss)."""
     excess, away = _outside(state.points, limits, _felt_radius(limits, state.spacing))
     hinge = np.maximum(excess / limits.radius, 0.0)
     scale = state.spacing / limits.radius

@@ -45,7 +45,7 @@ class RegionMesh:
         return self.vertices.min(axis=0), self.vertices.max(axis=0)
 
     def nearest(self, points: Array) -> tuple[Array, Array]:
-        """The nearest points (k, 3) of the surface, and 1 outside or -1 inside (k,)."""
+        """Return the nearest points (k, 3) of the surface, and 1 outside or -1 inside (k,)."""
         p = np.ascontiguousarray(points, dtype=np.float64)
         _, face, foot = self.tree.squared_distance(self.vertices, self.faces, p)
         share = _shares(self.vertices[self.faces[face]], foot)
@@ -100,7 +100,7 @@ def region_mesh(file: str, center_mm: tuple[float, float, float]) -> RegionMesh:
 
 
 def _corners(path: Path, what: str) -> Array:
-    """(3m, 3) the corners of an STL file's triangles, binary or of words."""
+    """Return (3m, 3) the corners of an STL file's triangles, binary or of words."""
     content = read_file(path, what, "closed STL", _MOST_BYTES, missing="Check [region] file.")
     count = int.from_bytes(content[80:84], "little")
     if len(content) >= 84 and len(content) == 84 + 50 * count:
@@ -132,7 +132,7 @@ def _require_closed(vertices: Array, faces: Indices, what: str) -> None:
 
 
 def _shares(corner: Array, point: Array) -> Array:
-    """(k, 3) barycentric coordinates of points (k, 3) in their triangles (k, 3, 3)."""
+    """Return (k, 3) barycentric coordinates of points (k, 3) in their triangles (k, 3, 3)."""
     area = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     square = np.maximum(np.einsum("ij,ij->i", area, area), 1e-300)
     to = corner - point[:, None]
@@ -141,7 +141,7 @@ def _shares(corner: Array, point: Array) -> Array:
 
 
 def _angles(corner: Array) -> Array:
-    """(m, 3) the angles of triangles (m, 3, 3)."""
+    """Return (m, 3) the angles of triangles (m, 3, 3)."""
     ahead = unit(np.roll(corner, -1, axis=1) - corner)
     behind = unit(np.roll(corner, 1, axis=1) - corner)
     return np.asarray(np.arccos(np.clip(np.einsum("mij,mij->mi", ahead, behind), -1.0, 1.0)))

@@ -111,7 +111,7 @@ def validate(given: Given, hear: Hear, known: Collection[str]) -> Answer:
 
 
 def shadow(given: Given, hear: Hear, known: Collection[str]) -> Answer:
-    """The picture that `knotfab shadow` renders; it stays where `out` names a file."""
+    """Return the picture that `knotfab shadow` renders; it stays where `out` names a file."""
     from knotfab.verify.shadow import render_shadow
 
     out, view = _png(given), given.pop("view", None)
@@ -133,7 +133,7 @@ def shadow(given: Given, hear: Hear, known: Collection[str]) -> Answer:
 
 
 def _pictures(given: Given) -> list[str]:
-    """The pictures of a call, taken out of it; a folder or file must lie where it may be read."""
+    """Return the pictures of a call, taken out of it; a folder or file must lie where it may be read."""
     found = given.pop("pictures", [])
     named = [found] if isinstance(found, str) else found
     if not isinstance(named, list) or not all(isinstance(name, str) for name in named):
@@ -145,7 +145,7 @@ def _pictures(given: Given) -> list[str]:
 
 
 def _place(given: Given, name: str) -> Path | None:
-    """The path of an argument, taken out of the call; None where there is none."""
+    """Return the path of an argument, taken out of the call; None where there is none."""
     value = given.pop(name, None)
     if value is None:
         return None

@@ -59,7 +59,7 @@ class _Tool:
 
 
 def _kind(hint: Any) -> dict[str, Any]:
-    """The JSON schema of an option."""
+    """Return the JSON schema of an option."""
     inner = (
         [one for one in get_args(hint) if one is not NoneType]
         if NoneType in get_args(hint)
@@ -126,7 +126,7 @@ def _tools() -> dict[str, _Tool]:
 
 
 def make_server() -> Server[Any]:
-    """The server with its tools; what they may read and write is up to `confined`."""
+    """Make the server with its tools; what they may read and write is up to `confined`."""
     tools, builds = _tools(), anyio.CapacityLimiter(1)  # each build takes all cores
 
     async def list_tools(ctx: Any, params: Any) -> ListToolsResult:
@@ -200,7 +200,7 @@ async def _serve() -> None:
 
 
 async def _end_when_asked() -> None:
-    """Asked to end (Ctrl-C), end the jobs, then the process: a thread of it waits for standard input."""
+    """When asked to end (Ctrl-C), end the jobs, then the process: a thread of it waits for standard input."""
     with (
         suppress(NotImplementedError),  # Windows has no such signals
         anyio.open_signal_receiver(signal.SIGINT, signal.SIGTERM) as asked,

@@ -90,14 +90,14 @@ class Feet(Way):
         self.apart_mm = apart_mm
 
     def clear(self, some: Candidates, but: int | None = None) -> Mask:
-        """(n,) whether the feet of pegs are apart from those that are there."""
+        """Tell (n,) whether the feet of pegs are apart from those that are there."""
         there = self.members.end if but is None else np.delete(self.members.end, but, axis=0)
         gaps = np.linalg.norm(some.end[:, None] - there[None], axis=2)
         return np.asarray((gaps >= self.apart_mm).all(axis=1))
 
 
 def _spread(one: Knots, rays: Rays, own: Indices) -> Indices:
-    """The shortest of a knot's rays in each stretch of its length; that of its first peg comes first."""
+    """Give the shortest of a knot's rays in each stretch of its length; that of its first peg comes first."""
     every = sites_of(one, JOINT_RADII, {0: rays.vertex[own]})
     arc = every.arc[np.searchsorted(every.vertex, rays.vertex[own])]
     bins = (arc / float(every.perimeter[0]) * CANDIDATES).astype(np.int64)
@@ -111,7 +111,7 @@ def _spread(one: Knots, rays: Rays, own: Indices) -> Indices:
 def along(
     rays: Rays, some: Indices, top: Array, foot: Array, sites: Indices | None = None
 ) -> Candidates:
-    """Pegs along rays, of radii (n,) at top and foot of each ray, from sites where those are given."""
+    """Return pegs along rays, of radii (n,) at top and foot of each ray, from sites where those are given."""
     ground = np.full(len(some), GROUND)
     first = ground if sites is None else sites
     return Candidates(first, ground, rays.top[some], rays.foot[some], top[some], foot[some])

@@ -40,7 +40,7 @@ class Coupon:
         return tuple(self.pin_mm + play for play in PLAYS_MM)
 
     def make_bodies(self) -> list[Mesh]:
-        """The strip with its peg, and the loose pin, side by side on the bed."""
+        """Make the strip with its peg, and the loose pin, side by side on the bed."""
         room = self.peg_foot_mm + 2 * APART_MM
         strip = as_manifold(model(fit_strip, self.holes_mm, _DOTS, self.thickness_mm, room_mm=room))
         sizes = self.peg_length_mm, self.peg_top_mm / 2, self.peg_foot_mm / 2
@@ -60,7 +60,7 @@ class Coupon:
         return CouponFigures(file=COUPON, pin_mm=round(self.pin_mm, 3), holes_mm=holes, dots=_DOTS)
 
     def tell(self) -> str:
-        """One sentence for the report."""
+        """Return one sentence for the report."""
         return (
             f"Print {COUPON} first, in half an hour: its pin of {self.pin_mm:.1f} mm and its holes, "
             f"{PLAYS_MM[0]:g} to {PLAYS_MM[-1]:g} mm wider, show what play your printer needs."
@@ -68,7 +68,7 @@ class Coupon:
 
 
 def plan_coupon(mounted: Mounted, suffix: str = "") -> Coupon | None:
-    """The coupon of a wall mount or a stand, None without a mount.
+    """Return the coupon of a wall mount or a stand, None without a mount.
 
     Args:
         suffix: suffix of the piece's files, such as "-01" of a frame, which has no coupon.

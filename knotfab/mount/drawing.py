@@ -144,7 +144,7 @@ def _sheet(
 def _words(
     axes: Axes, top: float, title: str, lines: Sequence[str], *, numbered: bool = False
 ) -> float:
-    """Lines of the column of words, from `top` down; returns where they end."""
+    """Return lines of the column of words, from `top` down; returns where they end."""
     axes.text(WORDS_X, top, title, size=9, va="top", gid=WORDS, weight="bold")
     y = top - 6.0
     for number, line in enumerate(lines, start=1):
@@ -173,7 +173,7 @@ def _costs(axes: Axes, left: float, lines: Sequence[str]) -> None:
 
 
 def _side_view(axes: Axes, mounted: Mounted, place: Placement, view: View) -> Scaled:
-    """Lamp, piece and wall from the left of someone at the lamp: the lamp is at the right."""
+    """Return lamp, piece and wall from the left of someone at the lamp: the lamp is at the right."""
     # axes to the right of the page: level towards the lamp; the viewer is at the piece's left
     seen = np.stack([place.level[2], place.level[1], -place.level[0]])
     piece = project_outlines(mounted.solids, seen)
@@ -216,7 +216,7 @@ def _side_view(axes: Axes, mounted: Mounted, place: Placement, view: View) -> Sc
 
 
 def _wall_lines(place: Placement, seen: Array) -> tuple[Array, Array]:
-    """The frame and the wall seen from the side, (2, 2) each, from below."""
+    """Return the frame and the wall seen from the side, (2, 2) each, from below."""
     middle, up = seen[:2] @ place.middle, seen[:2] @ place.wall[1]
     half = place.frame_mm[1] / 2
     shown = (half if place.plate_mm is None else place.plate_mm[1] / 2) + 12.0
@@ -229,7 +229,7 @@ def _wall_lines(place: Placement, seen: Array) -> tuple[Array, Array]:
 
 
 def _tilt(axes: Axes, place: Placement, seen: Array, to: Scaled, tilt: float) -> None:
-    """A tilted wall: its angle, and the lamp's distance square to it."""
+    """Draw a tilted wall: its angle, and the lamp's distance square to it."""
     foot = place.lamp - place.off_wall_mm * place.wall[2]
     a, b = to(np.stack([foot, place.lamp]) @ seen[:2].T)
     axes.plot(*np.stack([a, b]).T, color="#06c", lw=0.3, ls=":")
@@ -243,7 +243,7 @@ def _tilt(axes: Axes, place: Placement, seen: Array, to: Scaled, tilt: float) ->
 
 
 def _desk(axes: Axes, place: Placement, seen: Array, to: Scaled, desk: float) -> None:
-    """The desk, the lamp's height above it, and where the base stands."""
+    """Draw the desk, the lamp's height above it, and where the base stands."""
     assert place.base is not None
     lamp = seen[:2] @ place.lamp
     gap = level_wall(place, desk)
@@ -260,7 +260,7 @@ def _desk(axes: Axes, place: Placement, seen: Array, to: Scaled, desk: float) ->
 
 
 def _front_view(axes: Axes, mounted: Mounted, place: Placement) -> Scaled:
-    """The wall as seen from the lamp's side: frame, shadow, plate, marks, holes, the lamp's foot."""
+    """Return the wall as seen from the lamp's side: frame, shadow, plate, marks, holes, the lamp's foot."""
     from matplotlib.patches import Rectangle
 
     wide, high = place.frame_mm
@@ -373,7 +373,7 @@ def _marks(axes: Axes, mounted: Mounted, place: Placement, to: Scaled) -> None:
 
 
 def shadow_outlines(mounted: Mounted, place: Placement, within_mm: float = 0.05) -> list[Array]:
-    """The outlines (n, 2) of the shadow on the wall, right and up from the frame's middle, mm."""
+    """Return the outlines (n, 2) of the shadow on the wall, right and up from the frame's middle, mm."""
     from manifold3d import CrossSection
 
     flat = CrossSection()

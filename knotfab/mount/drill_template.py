@@ -66,7 +66,7 @@ def write_drill_template(
 
 
 def _facts(place: Placement, across: Array, deep: float) -> list[str]:
-    """The page of words: what to do, and the table of the holes."""
+    """Return the page of words: what to do, and the table of the holes."""
     bits = sorted({ceil(10 * a - 1e-6) / 10 for a in across})  # bits are sold with no more digits
     lines = [
         "Print all pages at 100 %, not fitted to the page.",
@@ -87,7 +87,7 @@ def _facts(place: Placement, across: Array, deep: float) -> list[str]:
 
 
 def _draw(place: Placement, across: Array, axes: Axes, off: Array, window: Rectangle) -> None:
-    """Frame, holes and arrows on a page, moved by `off` (2,), mm, and clipped to the window."""
+    """Draw frame, holes and arrows on a page, moved by `off` (2,), mm, and clipped to the window."""
     from matplotlib.patches import Circle, Rectangle
 
     x, y = place.frame_mm[0] / 2, place.frame_mm[1] / 2

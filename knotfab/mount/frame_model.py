@@ -34,7 +34,7 @@ class Beams:
 
 
 def round_beams(joints: Array, ends: Indices, radius: Array) -> Beams:
-    """Beams of round section, `radius` (m,) mm."""
+    """Return beams of round section, `radius` (m,) mm."""
     area = np.pi * radius**2
     return Beams(joints, ends, area, np.pi / 4 * radius**4, np.pi / 2 * radius**4)
 
@@ -53,11 +53,11 @@ class SpaceFrame:
     factor: Any
 
     def displacements(self) -> Array:
-        """(n, 6) displacements and turns of the joints under the frame's own weight."""
+        """Return (n, 6) displacements and turns of the joints under the frame's own weight."""
         return self._solve(self.weight[:, None]).reshape(self.joints, 6)
 
     def flexibility(self, joints: Indices) -> Array:
-        """(6 n, c, 6): how everything moves for a unit force or couple on each of c joints."""
+        """Return (6 n, c, 6): how everything moves for a unit force or couple on each of c joints."""
         unit = np.zeros((6 * self.joints, len(joints), 6))
         for number, joint in enumerate(joints):
             unit[6 * joint + np.arange(6), number, np.arange(6)] = 1.0
@@ -66,7 +66,7 @@ class SpaceFrame:
         return moves
 
     def response(self, force: Array) -> Array:
-        """(n, 6) displacements and turns under forces and couples (n, 6) instead of the weight."""
+        """Return (n, 6) displacements and turns under forces and couples (n, 6) instead of the weight."""
         return self._solve(force.reshape(-1, 1)).reshape(self.joints, 6)
 
     def _solve(self, force: Array) -> Array:
@@ -82,7 +82,7 @@ def frame_of(
     density_g_cm3: float,
     down: Array,
 ) -> SpaceFrame:
-    """The frame of beams under their own weight, ready to be asked.
+    """Return the frame of beams under their own weight, ready to be asked.
 
     The direct stiffness method with 12 x 12 element matrices and consistent loads (Przemieniecki,
     "Theory of Matrix Structural Analysis", 1968, ch. 5): exact at the joints for small
@@ -120,7 +120,7 @@ def frame_of(
 
 
 def stiffness_of(beams: Beams, young_mpa: float) -> Array:
-    """(m, 12, 12) the beams' stiffness matrices in common axes: six unknowns of each end."""
+    """Return (m, 12, 12) the beams' stiffness matrices in common axes: six unknowns of each end."""
     length, axes = _lengths_and_axes(beams)
     turn = _turns(axes)
     found: Array = np.swapaxes(turn, 1, 2) @ _stiffness(beams, length, young_mpa) @ turn
@@ -128,7 +128,7 @@ def stiffness_of(beams: Beams, young_mpa: float) -> Array:
 
 
 def _turns(axes: Array) -> Array:
-    """(m, 12, 12) from common axes to the beams' own (m, 3, 3)."""
+    """Return (m, 12, 12) from common axes to the beams' own (m, 3, 3)."""
     turn = np.zeros((len(axes), 12, 12))
     for block in range(4):
         turn[:, 3 * block : 3 * block + 3, 3 * block : 3 * block + 3] = axes
@@ -136,7 +136,7 @@ def _turns(axes: Array) -> Array:
 
 
 def _lengths_and_axes(beams: Beams) -> tuple[Array, Array]:
-    """(m,) lengths of the beams, mm, and (m, 3, 3) their axes in rows: along each, and two across it."""
+    """Give (m,) lengths of the beams, mm, and (m, 3, 3) their axes in rows: along each, and two across it."""
     along = beams.joints[beams.ends[:, 1]] - beams.joints[beams.ends[:, 0]]
     length = np.linalg.norm(along, axis=1)
     unit = along / np.maximum(length, 1e-300)[:, None]
@@ -148,7 +148,7 @@ def _lengths_and_axes(beams: Beams) -> tuple[Array, Array]:
 
 
 def _stiffness(beams: Beams, length: Array, young: float) -> Array:
-    """(m, 12, 12) element matrices in the beams' own axes."""
+    """Return (m, 12, 12) element matrices in the beams' own axes."""
     shear = young / (2 * (1 + POISSON))
     k = np.zeros((len(length), 12, 12))
     stretch, twist = young * beams.area / length, shear * beams.twist / length
@@ -168,7 +168,7 @@ def _stiffness(beams: Beams, length: Array, young: float) -> Array:
 
 
 def loads_of(beams: Beams, density_g_cm3: float, down: Array) -> Array:
-    """(m, 12) consistent loads of the beams' weight at their ends, in common axes."""
+    """Return (m, 12) consistent loads of the beams' weight at their ends, in common axes."""
     length, axes = _lengths_and_axes(beams)
     weight = beams.area * density_g_cm3 * 1e-6 * GRAVITY_M_S2  # N/mm
     q = axes @ down * weight[:, None]  # (m, 3) along the beams' own axes

@@ -175,7 +175,7 @@ def plan_hang(
 
 
 def _swing(points: Array, moves: Array, thread: Array) -> Array:
-    """(N, 3) moves of a piece that is free to turn about its thread, from those of one clamped there.
+    """Return (N, 3) moves of a piece that is free to turn about its thread, from those of one clamped there.
 
     What sags to one side turns the piece until its centre of mass is below the thread again: by the two
     small angles about level axes that take the mean of the moves back to the plumb line.
@@ -195,13 +195,13 @@ def _no_place() -> SceneError:
 
 
 def _centre(*several: Masses) -> Array:
-    """(3,) the common centre of mass."""
+    """Return (3,) the common centre of mass."""
     volume = np.concatenate([m.volume for m in several])
     return np.asarray(volume @ np.concatenate([m.center for m in several]) / volume.sum())
 
 
 def _around(ring: Eyelet) -> Candidates:
-    """A member as thick as the whole ring is wide: what struts must keep clear of."""
+    """Return a member as thick as the whole ring is wide: what struts must keep clear of."""
     reach = ring.ring_mm + ring.wire_mm
     beside = ring.through * ring.wire_mm
     none = np.array([GROUND])
@@ -215,7 +215,7 @@ def _around(ring: Eyelet) -> Candidates:
 
 
 def _outline(ring: Eyelet) -> Candidates:
-    """Bars along the ring, for its shadow."""
+    """Return bars along the ring, for its shadow."""
     across = np.cross(UP, ring.through)
     turn = np.linspace(0.0, 2 * np.pi, 9)[:, None]
     at = ring.middle + ring.ring_mm * (np.cos(turn) * UP + np.sin(turn) * across)
@@ -224,7 +224,7 @@ def _outline(ring: Eyelet) -> Candidates:
 
 
 def _aim(posts: Candidates, ring: Eyelet, middle: Array) -> tuple[Candidates, Eyelet]:
-    """Posts and eyelet with the eyelet straight above the centre of mass `middle`, as high as before.
+    """Return posts and eyelet with the eyelet straight above the centre of mass `middle`, as high as before.
 
     All posts end where the first one meets the ring.
     """
@@ -238,7 +238,7 @@ def _aim(posts: Candidates, ring: Eyelet, middle: Array) -> tuple[Candidates, Ey
 
 
 def _free(obstacles: Obstacles, *rings: Eyelet) -> Mask:
-    """(n,) whether no strand is near the ring, nor in the thread's way above it."""
+    """Tell (n,) whether no strand is near the ring, nor in the thread's way above it."""
     tube, points = obstacles.tube, obstacles.points
     free = np.ones(len(rings), dtype=bool)
     for n, ring in enumerate(rings):
@@ -260,7 +260,7 @@ def _post(
     obstacles: Obstacles,
     shadows: MountShadows,
 ) -> tuple[Candidates, Eyelet]:
-    """The post from a strand to an eyelet above `middle` (3,) that shows least, and its eyelet.
+    """Return the post from a strand to an eyelet above `middle` (3,) that shows least, and its eyelet.
 
     Raises:
         SceneError: there is none.
@@ -303,7 +303,7 @@ def _more_posts(
     obstacles: Obstacles,
     shadows: MountShadows,
 ) -> Candidates:
-    """The post, and others from elsewhere to the same place of the ring, as long as they help.
+    """Return the post, and others from elsewhere to the same place of the ring, as long as they help.
 
     One strand alone, by which all the weight hangs, yields under it.
     """
@@ -352,7 +352,7 @@ def _more_posts(
 
 
 def hang_bodies(tubes: list[Mesh], mount: HangMount) -> list[Mesh]:
-    """Tubes, struts, post and eyelet as one watertight body, scene coordinates.
+    """Return tubes, struts, post and eyelet as one watertight body, scene coordinates.
 
     Raises:
         SceneError: the union is not what the members predict: something else touches.
@@ -373,7 +373,7 @@ def hang_bodies(tubes: list[Mesh], mount: HangMount) -> list[Mesh]:
 
 
 def hang_fixtures(mount: HangMount) -> list[Fixture]:
-    """Struts, post and eyelet, scene coordinates."""
+    """Return struts, post and eyelet, scene coordinates."""
     members, ring = mount.members, mount.eyelet
     ends = zip(members.start, members.end, members.radius, strict=True)
     bars = [strut(start, end, float(radius)) for start, end, radius in ends]

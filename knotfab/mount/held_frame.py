@@ -15,7 +15,7 @@ __all__ = ["HeldFrame", "springs_of"]
 
 
 def springs_of(some: Candidates, before: Array, stiffness: Stiffness) -> tuple[Array, Array]:
-    """(m, 12, 12) what members add to the stiffness at their ends, and (m, 12) their weight's loads there.
+    """Return (m, 12, 12) what members add to the stiffness at their ends, (m, 12) their weight's loads there.
 
     Args:
         before: (m,) mm, the radius that each had; 0 where it was not there.
@@ -26,7 +26,7 @@ def springs_of(some: Candidates, before: Array, stiffness: Stiffness) -> tuple[A
 
 
 def _of_bars(some: Candidates, stiffness: Stiffness) -> tuple[Array, Array]:
-    """Stiffness and loads of members; those that taper are chains, whose inner joints are worked out."""
+    """Give stiffness and loads of members; those that taper are chains, whose inner joints are worked out."""
     pieces = 1 if some.end_radius is None else PIECES
     m, every = len(some), 6 * (pieces + 1)
     share = np.arange(pieces + 1)[:, None] / pieces
@@ -76,16 +76,16 @@ class HeldFrame:
         self._now = self._at_rest + exerted @ self._by
 
     def displacements(self) -> Array:
-        """(n, 6) displacements and turns of the joints under the weight of frame and members."""
+        """Return (n, 6) displacements and turns of the joints under the weight of frame and members."""
         return self._now.reshape(self.joints, 6)
 
     def response(self, force: Array) -> Array:
-        """(n, 6) displacements and turns under forces and couples (n, 6) instead of the weight."""
+        """Return (n, 6) displacements and turns under forces and couples (n, 6) instead of the weight."""
         moved = self.frame.response(force).ravel()
         return (moved - (self._stiff @ moved[self._rows]) @ self._by).reshape(self.joints, 6)
 
     def displacements_with_each(self, members: Candidates, springs: Array, loads: Array) -> Array:
-        """(m, n, 6) displacements and turns with each one of these members besides."""
+        """Return (m, n, 6) displacements and turns with each one of these members besides."""
         moved = np.repeat(self._now[None], len(members), axis=0)
         back = np.zeros((len(members), len(self._rows)))
         for n in range(len(members)):
@@ -100,7 +100,7 @@ class HeldFrame:
         return (moved - back @ self._by).reshape(len(members), self.joints, 6)
 
     def _moved_by(self, ends: Indices) -> tuple[Indices, Array, Indices]:
-        """Unknowns (e,) of those ends that the ground does not hold, what a unit load on each moves (e, 6 n).
+        """Return the unknowns (e,) of ends that the ground does not hold, and what a unit load on each moves.
 
         And which of all ends' unknowns they are, (e,).
         """

@@ -31,7 +31,7 @@ BAR = "0.9"
 def lamps_sheet(
     mounted: Mounted, places: Sequence[Placement], views: Sequence[View], table: Table | None
 ) -> Figure:
-    """One page of A4: screen, piece, lamps and frame from above, and where each lamp stands in words.
+    """Return one page of A4: screen, piece, lamps and frame from above, and where each lamp stands in words.
 
     Args:
         places, views: places and views of the lamps, in the scene's order. table: the frame, if there is one.
@@ -86,7 +86,7 @@ def _words(
     views: Sequence[View],
     table: Table | None,
 ) -> None:
-    """Title and, below the drawing, where each lamp stands."""
+    """Write the title and, below the drawing, where each lamp stands."""
     text = axes.text  # type: ignore[attr-defined]
     text(14.0, height - 12.0, "Setting up: the lamps", size=15, va="top", gid=WORDS)
     text(
@@ -142,13 +142,13 @@ def _above(value: float) -> str:
 
 
 def _across(place: Placement, above: Array) -> Array:
-    """(2, 2) the frame's ends on the wall, seen from above."""
+    """Return (2, 2) the frame's ends on the wall, seen from above."""
     reach = np.array([[-0.5], [0.5]]) * place.frame_mm[0]
     return np.asarray((place.middle + reach * place.wall[0]) @ above[:2].T)
 
 
 def _outline(bar: Bar) -> Array:
-    """(4, 2) a bar on the page: to the right and, as it lies before the wall, down."""
+    """Return (4, 2) a bar on the page: to the right and, as it lies before the wall, down."""
     aside = 0.5 * bar.width_mm * np.array([-bar.along[1], bar.along[0]])
     end = bar.start + bar.length_mm * bar.along
     return np.stack([bar.start + aside, end + aside, end - aside, bar.start - aside]) * [1.0, -1.0]

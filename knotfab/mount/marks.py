@@ -23,7 +23,7 @@ _INNER = ((1, -1), (-1, -1), (-1, 1), (1, 1))
 
 
 def card_middles(frame_mm: tuple[float, float], margin_mm: float) -> Array:
-    """(4, 2) mm right and down from the frame's top left corner, clockwise from there: the marks' middles.
+    """Return (4, 2) the marks' middles, mm right and down from the frame's top left corner, clockwise.
 
     Args:
         margin_mm: margin of the plate about the frame, whose corners the cards touch; 0: they touch the
@@ -34,7 +34,7 @@ def card_middles(frame_mm: tuple[float, float], margin_mm: float) -> Array:
 
 
 def draw_marks_page(paper: Paper, plate: bool) -> Figure:
-    """The page of the four cards."""
+    """Draw the page of the four cards."""
     from matplotlib.patches import Circle, Rectangle
 
     figure, axes = make_page(paper)

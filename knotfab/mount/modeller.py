@@ -41,7 +41,7 @@ def keep_modeller(early: bool) -> Iterator[None]:
 
 
 def model(fixture: Callable[_In, Mesh], *sizes: _In.args, **named: _In.kwargs) -> Mesh:
-    """The mesh of a fixture, a function of `knotfab_fixtures`: as `ask` has it."""
+    """Return the mesh of a fixture, a function of `knotfab_fixtures`: as `ask` has it."""
     vertices, faces = ask(fixture, *sizes, **named)
     return np.array(vertices), np.array(faces, dtype=np.int32)
 

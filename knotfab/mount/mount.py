@@ -61,7 +61,7 @@ class Mounted:
         return [as_manifold(body) for body in self.bodies]
 
     def fixtures(self, camera: Camera) -> list[Fixture]:
-        """The parts that the mount is united from, scene coordinates; `camera`: of the first view."""
+        """Return the parts that the mount is united from, scene coordinates; `camera`: of the first view."""
         if self.wall is not None:
             groups = wall_fixtures(self.wall, camera, max(len(self.scene.mount.pegs), 1))
             return [fixture for group in groups for fixture in group]
@@ -75,7 +75,7 @@ class Mounted:
         return None if self.holder is None else self.holder.moves
 
     def members(self, to_part: Array) -> list[dict[str, Any]]:
-        """The members of knots.json: pegs or posts, and struts, by a (4, 4) similarity from the scene.
+        """Return the members of knots.json: pegs or posts, and struts, by a (4, 4) similarity from the scene.
 
         Each goes `from` a centre line `to` the mount's foot or another centre line; `radius_mm` are those of
         its ends, `foot` the unit normal of the plate, wall or base that it stands on, if it does.
@@ -192,7 +192,7 @@ class Mounted:
         )
 
     def check_sag(self) -> Check | None:
-        """`sag`: how far the piece moves under its own weight, by the frame of tubes and members."""
+        """Check `sag`: how far the piece moves under its own weight, by the frame of tubes and members."""
         mount = self.holder
         if mount is None:
             return None
@@ -328,7 +328,7 @@ def _names(count: int) -> list[str]:
 
 
 def _resolve_mount(scene: SettledScene, knots: Knots, cameras: Sequence[Camera]) -> SettledScene:
-    """The scene with the mount's kind and foot chosen, where it leaves them open."""
+    """Return the scene with the mount's kind and foot chosen, where it leaves them open."""
     kind, foot = scene.mount.kind, scene.mount.foot
     if kind == "auto":
         kind = "wall" if scene.hangs(len(knots.knots)) else "none"
@@ -338,7 +338,7 @@ def _resolve_mount(scene: SettledScene, knots: Knots, cameras: Sequence[Camera])
 
 
 def _choose_foot(scene: ResolvedScene, knots: Knots, camera: Camera) -> Literal["plate", "dowel"]:
-    """A plate where the printer holds one as large as the frame, and as high as the piece stands off."""
+    """Give a plate where the printer holds one as large as the frame, and as high as the piece stands off."""
     asked = scene.mount
     across, along = (side + 2 * asked.plate_margin_mm for side in camera.frame_mm)
     wall = camera.receiver

@@ -47,7 +47,7 @@ def propose_place(
     most_radius_mm: float,
     foot: Literal["plate", "dowel"] = "plate",
 ) -> Place | None:
-    """The deepest place at which pegs are estimated to hold a piece; if none is, the nearest for its depth.
+    """Give deepest place at which pegs are estimated to hold a piece; if none is, the nearest for its depth.
 
     The curves are moved along their light rays, so that their shadow stays; a new search at that place lays
     them anew.
@@ -87,7 +87,7 @@ def propose_place(
 
 
 def _at(depth: float, radius: float, view: ResolvedView, nearer: bool, most_radius: float) -> Place:
-    """The place of a piece so deep; a wall that leans comes nearer where the frame is highest or lowest."""
+    """Give place of a piece so deep; a wall that leans comes nearer where the frame is highest or lowest."""
     wall = view.wall_distance_mm
     if nearer:
         steep = float(np.tan(np.deg2rad(view.wall_tilt_deg)))
@@ -101,7 +101,7 @@ def _at(depth: float, radius: float, view: ResolvedView, nearer: bool, most_radi
 def _move(
     knots: Knots, view: ResolvedView, share: float, place: Place
 ) -> tuple[Knots, ResolvedView]:
-    """The knots moved along their light rays to `share` of their heights, as large as the view there asks."""
+    """Move the knots along their light rays to `share` of their heights, as large as the view asks there."""
     axes, light = view_axes(view), view.light_distance_mm
     there = view.but(wall_distance_mm=place.wall_mm)
     scale = view.magnification / there.magnification

@@ -40,13 +40,13 @@ class Stiffness:
 
     @classmethod
     def of(cls, scene: ResolvedScene) -> Stiffness:
-        """The stiffness of a scene's material and mount."""
+        """Return the stiffness of a scene's material and mount."""
         material = scene.material
         return cls(material.young_modulus_mpa, material.density_g_cm3, scene.mount.max_sag_mm)
 
 
 def taper(top: Array, foot: Array, pieces: int = PIECES) -> Array:
-    """(..., pieces) radii of cones cut into round pieces, from their tops (...,) to their feet."""
+    """Return (..., pieces) radii of cones cut into round pieces, from their tops (...,) to their feet."""
     share = (np.arange(pieces) + 0.5) / pieces
     return np.asarray(top[..., None] + share * (foot - top)[..., None])
 
@@ -57,7 +57,7 @@ def piece_beams(
     members: Candidates,
     pieces: int = 1,
 ) -> tuple[Beams, Indices]:
-    """The beams of tubes and members, and the joints that the ground (desk or wall) holds.
+    """Return the beams of tubes and members, and the joints that the ground (desk or wall) holds.
 
     The sites are the first joints, in their order.
 
@@ -91,7 +91,7 @@ def piece_beams(
 def piece_frame(
     knots: Knots, sites: Sites, members: Candidates, stiffness: Stiffness
 ) -> SpaceFrame:
-    """The frame of a piece with joints at the sites, and along members that taper, ready to be asked."""
+    """Give the frame of a piece with joints at the sites, and along members that taper, ready to be asked."""
     pieces = 1 if members.end_radius is None else PIECES
     beams, fixed = piece_beams(knots.radius_mm, sites, members, pieces)
     return frame_of(beams, fixed, stiffness.young_mpa, stiffness.density_g_cm3, DOWN)
@@ -104,7 +104,7 @@ def sag_moves(
     stiffness: Stiffness,
     step_radii: float = JOINT_RADII,
 ) -> Array:
-    """(N, 3) how far each vertex of the knots moves on their members, mm, by a frame built anew.
+    """Return (N, 3) how far each vertex of the knots moves on their members, mm, by a frame built anew.
 
     Its joints are `step_radii` tube radii apart and wherever a member ends, and members are cut in
     pieces: a second opinion on those who choose members by a coarser frame. Between joints moves are
@@ -134,7 +134,7 @@ def sag_moves(
 
 
 def worst_of(moves: Array, points: Array) -> tuple[float, Array]:
-    """The largest of moves (N, 3), mm, and at which of the points (3,)."""
+    """Return the largest of moves (N, 3), mm, and at which of the points (3,)."""
     size = np.linalg.norm(moves, axis=1)
     worst = int(size.argmax())
     return float(size[worst]), points[worst]

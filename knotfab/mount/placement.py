@@ -76,30 +76,30 @@ class Placement:
     round: CurvedWall | None = None
 
     def on_wall(self, points: Array) -> Array:
-        """(..., 3) scene -> (..., 2) right and up from the frame's middle, square to the wall."""
+        """Map (..., 3) scene -> (..., 2) right and up from the frame's middle, square to the wall."""
         return np.asarray((points - self.middle) @ self.wall[:2].T)
 
     def throw(self, points: Array) -> Array:
-        """(n, 3) in the wall's axes about `middle`, as the light throws them: the last stays a height."""
+        """Take points (n, 3) into the wall's axes about `middle`, as light throws them; a height last."""
         lamp = self.wall @ (self.lamp - self.middle)
         reach = lamp[2] / (lamp[2] - points[:, 2:])
         moved = lamp[:2] + (points[:, :2] - lamp[:2]) * reach
         return np.column_stack([moved, points[:, 2] * reach[:, 0]])
 
     def lay_flat(self, thrown: Array) -> Array:
-        """(n, 2) on the flat wall -> where the light meets a round one, along it, mm."""
+        """Map (n, 2) on the flat wall -> where the light meets a round one, along it, mm."""
         if self.round is None:
             return thrown
         middle = self.wall[:2] @ (self.middle - self.round.foot)
         return np.asarray(self.round.unroll(thrown + middle) - middle)
 
     def cast(self, points: Array) -> Array:
-        """(n, 3) scene -> (n, 2) of their shadow, right and up from the frame's middle along the wall, mm."""
+        """Cast points (n, 3): (n, 2) right and up from the frame's middle along the wall, mm."""
         return self.lay_flat(self.throw((points - self.middle) @ self.wall.T)[:, :2])
 
 
 def placement_of(mounted: Mounted, camera: Camera, view: ResolvedView | None = None) -> Placement:
-    """The placement of a mounted piece's lamp, by the scene alone; `view`: whose wall may be round."""
+    """Return the placement of a mounted piece's lamp, by the scene alone; `view`: whose wall may be round."""
     wall, level, middle = camera.wall_axes, camera.level_axes, camera.middle
     width, height = camera.frame_mm
     plate: tuple[float, float] | None = None
@@ -139,7 +139,7 @@ def placement_of(mounted: Mounted, camera: Camera, view: ResolvedView | None = N
 
 
 def _footing(base: Base, level: Array) -> Footing:
-    """The bounds of a base in the level axes (3, 3) of a view."""
+    """Return the bounds of a base in the level axes (3, 3) of a view."""
     low, high = (f(base.corners @ level.T, axis=0) for f in (np.min, np.max))
     way = base.slope.axes @ level[2]
     turned = float(np.degrees(np.arctan2(way[0], way[2])))
@@ -160,7 +160,7 @@ def _places(
     plate: tuple[float, float] | None,
     base: Base | None,
 ) -> dict[str, Array]:
-    """Four places to measure from: the middles of the base's or the plate's edges, or the frame's corners."""
+    """Return four places to measure from: middles of the base's or plate's edges, or the frame's corners."""
     if base is not None:
         x, z = (base.left + base.right) / 2, (base.back + base.front) / 2
         sides = {

@@ -40,7 +40,7 @@ BESIDE_MM = 12.0  # the wall reaches so far beside its frame
 
 
 def plan_sheet(mounted: Mounted, places: Sequence[Placement], views: Sequence[View]) -> Figure:
-    """One page of A4 with everything from above, the first lamp below the piece.
+    """Return one page of A4 with everything from above, the first lamp below the piece.
 
     Args:
         places, views: places and views of the piece, one each in the scene's order.
@@ -77,7 +77,7 @@ def plan_sheet(mounted: Mounted, places: Sequence[Placement], views: Sequence[Vi
 
 
 def _wall(place: Placement, above: Array, beside: float = BESIDE_MM) -> Array:
-    """(n, 2) a wall seen from above, so far beside its frame, at the height of the frame's middle."""
+    """Return (n, 2) a wall seen from above, so far beside its frame, at the height of the frame's middle."""
     reach = place.frame_mm[0] / 2 + beside
     across = np.linspace(-reach, reach, 2 if place.round is None else BENDS)
     if place.round is None:
@@ -97,7 +97,7 @@ def _view(
     above: Array,
     to: Scaled,
 ) -> None:
-    """One view's lamp, wall, frame and rays, with how far lamp and wall are from the middle."""
+    """Draw one view's lamp, wall, frame and rays, with how far lamp and wall are from the middle."""
     frame = _wall(place, above, 0.0)
     for end in frame[[0, -1]]:
         axes.plot(*to(np.stack([lamp, end])).T, color=LIGHT, lw=0.4)

@@ -120,12 +120,12 @@ class _Plan:
         self.cost[self.shown] = self.shadows.cost(self.candidates.of(self.shown))
 
     def seen_of(self, members: Candidates, known: Array) -> Array:
-        """(n,) the share of the frames, summed, that each member alone darkens; `known` of the first ones."""
+        """Give (n,) the share of the frames, summed, that members alone darken; `known` of the first ones."""
         asked = range(len(known), len(members))
         return np.append(known, [self.shadows.darken(members.of([n])).sum() for n in asked])
 
     def find_change(self, piece: _Piece, moved: Array) -> _Change | None:
-        """The change that helps most for its price, where one helps at all."""
+        """Find the change that helps most for its price, where one helps at all."""
         manner, search = self.manner, self.search
         promise = manner.rank(piece.frame, piece.sites, self.candidates, moved, manner.norm)
         promise = promise / (1 + self.cost / self.dear)
@@ -147,7 +147,7 @@ class _Plan:
         return None
 
     def _thicker(self) -> tuple[Indices, Candidates, Array]:
-        """The members that show and have room: their numbers, the same made thicker, the prices (pixels)."""
+        """Give members that show and have room: their numbers, the same made thicker, the prices (pixels)."""
         self.seen = self.seen_of(self.members, self.seen)
         old = np.flatnonzero(self.seen > SEEN_SHARE)
         thicker = self.members.of(old).thicken(THICKER, self.most_mm)
@@ -183,7 +183,7 @@ class _Piece:
         self.frame = HeldFrame(piece_frame(knots, sites, given, stiffness))
 
     def on(self, members: Candidates, left: Indices | None = None) -> tuple[Array, float, Array]:
-        """(n, 6) how the sites move, how far at most (mm), and where (3,); on those of `left`, or on all."""
+        """Return (n, 6) how sites move, how far at most (mm), and where (3,); on those of `left`, or all."""
         before = np.zeros(len(members))
         before[: len(self.given)] = self.given.radius
         changed = members.radius != before
@@ -196,7 +196,7 @@ class _Piece:
         return moved, float(size.max()), self.sites.point[int(size.argmax())]
 
     def gains(self, tried: Candidates, before: Array, moved: Array, manner: Manner) -> Array:
-        """(m,) the share of the displacements' norm that each takes away, of radius `before` till now."""
+        """Return (m,) the share of the displacements' norm that each takes away, from radius `before` on."""
         springs, loads = springs_of(tried, before, self.stiffness)
         loads *= manner.weighed
         after = self.frame.displacements_with_each(tried, springs, loads)[:, : len(moved), :3]
@@ -214,7 +214,7 @@ class _Search:
         self.spoiled: list[int] = []
 
     def best(self, promise: Array, group: Mask, most: int) -> Indices:
-        """Up to `most` clear candidates of a group, of high promise, and well apart."""
+        """Return up to `most` clear candidates of a group, of high promise, and well apart."""
         open_ones = np.flatnonzero(group & ~self.blocked & (promise > 0))
         # candidates of highest promise among which those are sought
         count = min(400, len(open_ones))
@@ -242,13 +242,13 @@ class _Search:
         return bool(((start < self.apart) & (end < self.apart)).any())
 
     def afresh(self) -> None:
-        """The members have changed."""
+        """Forget what was measured: the members have changed."""
         self.free[:] = False
         self.spoiled = []
 
 
 def _norm(moved: Array, norm: float) -> Array:
-    """(...,) the norm of displacements (..., n, 3)."""
+    """Return (...,) the norm of displacements (..., n, 3)."""
     size = np.linalg.norm(moved, axis=-1)
     largest = size.max(axis=-1, keepdims=True)
     return np.asarray(largest[..., 0] * ((size / largest) ** norm).sum(axis=-1) ** (1 / norm))
@@ -257,7 +257,7 @@ def _norm(moved: Array, norm: float) -> Array:
 def _promise(
     frame: HeldFrame, sites: Sites, candidates: Candidates, moved: Array, norm: float
 ) -> Array:
-    """(n,) how much a stiff link at each candidate would take from the norm, to first order.
+    """Return (n,) how much a stiff link at each candidate would take from the norm, to first order.
 
     The product of how far its ends move apart under the weight and how far they do under the norm's
     gradient as a load.
@@ -280,7 +280,7 @@ def _promise(
 def _nearness(
     frame: HeldFrame, sites: Sites, candidates: Candidates, moved: Array, norm: float
 ) -> Array:
-    """(n,) larger where a candidate begins nearer, along its knot, to the site that moves farthest."""
+    """Return (n,) larger where a candidate begins nearer, along its knot, to the site that moves farthest."""
     worst = int(np.linalg.norm(moved[:, :3], axis=1).argmax())
     gap = np.abs(sites.arc[candidates.first] - sites.arc[worst])
     gap = np.minimum(gap, sites.perimeter[sites.knot[worst]] - gap)
@@ -318,7 +318,7 @@ PEGS = Manner(_nearness, 4.0, 32, 0.0, 0.005, True, 1.0)
 def _prune(
     piece: _Piece, members: Candidates, dark: Array, limit: float, thinnest_mm: float
 ) -> tuple[Indices, Candidates]:
-    """Which members the limit needs, the given ones among them, and all, those that show made thin.
+    """Return which members the limit needs, the given ones among them, and all, those that show made thin.
 
     Args:
         dark: (n,) the share of the frames, summed, that each member alone darkens.

@@ -53,23 +53,23 @@ class Slope:
         return np.asarray(up / np.linalg.norm(up))
 
     def above(self, points: Array) -> Array:
-        """(n,) how far above the plane points (n, 3) lie, straight up, mm."""
+        """Return (n,) how far above the plane points (n, 3) lie, straight up, mm."""
         own = points @ self.axes.T
         return np.asarray(own[:, 1] - self.height_mm - self.rise * own[:, 2])
 
     def lower(self, by_mm: float) -> Slope:
-        """The same plane farther down."""
+        """Return the same plane farther down."""
         return Slope(self.axes, self.height_mm - by_mm, self.rise)
 
     def no_fall(self, front: float) -> Slope:
-        """The same plane; where it falls towards a low light, level and as low as at its front."""
+        """Return the same plane; where it falls towards a low light, level and as low as at its front."""
         if self.rise >= 0:
             return self
         return Slope(self.axes, self.height_mm + self.rise * front, 0.0)
 
 
 def slope_below(cameras: Sequence[Camera], rectangle: Rectangle = UNIT) -> Slope:
-    """The highest plane, level across the first view, that lies below all frames over a rectangle.
+    """Return the highest plane, level across the first view, that lies below all frames over a rectangle.
 
     With one view that is the plane through the light and the lower edge of the frame, wherever the
     rectangle is.
@@ -97,7 +97,7 @@ def slope_below(cameras: Sequence[Camera], rectangle: Rectangle = UNIT) -> Slope
 
 
 def _slope_of(camera: Camera) -> Slope:
-    """The plane through one light and the lower edge of its frame."""
+    """Return the plane through one light and the lower edge of its frame."""
     axes = camera.level_axes
     edge = axes @ (camera.corner + (camera.height - 0.5) * camera.dv)
     light = axes @ camera.eye
@@ -170,7 +170,7 @@ def base_for(
     tip_deg: float,
     walls: Sequence[CurvedWall] = (),
 ) -> Base:
-    """The smallest base that holds all feet and does not tip before `tip_deg`.
+    """Return the smallest base that holds all feet and does not tip before `tip_deg`.
 
     Args:
         feet: (n, 3) where posts meet the top. root_mm: their radius there.
@@ -239,7 +239,7 @@ def _measure(
     piece: Array,
     thickness: float,
 ) -> tuple[Base, float, tuple[tuple[float, float], tuple[float, float]]]:
-    """A base, the largest height of the centre of mass, and the ranges of its place across and along."""
+    """Give a base, the largest height of the centre of mass, and the ranges of its place across and along."""
     bottom = slope.height_mm + slope.rise * back - thickness
     depth, width = front - back, right - left
     rear, fore = thickness, thickness + slope.rise * depth

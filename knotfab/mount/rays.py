@@ -88,7 +88,7 @@ def _clear(
     share: float,
     clearance: float,
 ) -> Mask:
-    """(n,) whether all tubes but a peg's own joint keep their clearance from it.
+    """Tell (n,) whether all tubes but a peg's own joint keep their clearance from it.
 
     Seen from the light a ray is a point, and what may touch it lies near that point: samples of
     the centre lines are looked up on the unit sphere about the light, and measured in space.

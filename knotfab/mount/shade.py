@@ -59,19 +59,19 @@ class MountShadows:
             view.add(some)
 
     def darken(self, some: Candidates) -> Array:
-        """(views,) share of each frame that members alone darken outside picture and knots."""
+        """Return (views,) share of each frame that members alone darken outside picture and knots."""
         return np.array([view.darken(some) for view in self.views])
 
     def hidden(self, some: Candidates) -> Mask:
-        """(n,) whether a member's whole shadow lies, in every view, where it is dark anyway."""
+        """Tell (n,) whether a member's whole shadow lies, in every view, where it is dark anyway."""
         return self._in_all(some, MountShadow.hidden)
 
     def behind_knots(self, some: Candidates) -> Mask:
-        """(n,) whether a member's whole shadow lies, in every view, in that of the knots."""
+        """Tell (n,) whether a member's whole shadow lies, in every view, in that of the knots."""
         return self._in_all(some, MountShadow.behind_knots)
 
     def _in_all(self, some: Candidates, unseen: Callable[[MountShadow, Candidates], Mask]) -> Mask:
-        """(n,) of which every view says so; the next view is asked only about those that are left."""
+        """Return (n,) of which every view says so; the next view is asked only about those that are left."""
         found = np.ones(len(some), dtype=bool)
         for view in self.views:
             left = np.flatnonzero(found)
@@ -81,7 +81,7 @@ class MountShadows:
     def cost(
         self, some: Candidates, samples: int = 40, across: tuple[float, ...] = ACROSS
     ) -> Array:
-        """(n,) pixels, about, that members would darken in all views beyond those dark by now."""
+        """Return (n,) pixels, about, that members would darken in all views beyond those dark by now."""
         return np.asarray(sum(view.cost(some, samples, across) for view in self.views))
 
 
@@ -124,12 +124,12 @@ class MountShadow:
         self.dark |= self._cast(some)
 
     def darken(self, some: Candidates) -> float:
-        """Share of the frame that members alone darken outside picture and knots."""
+        """Return the share of the frame that members alone darken outside picture and knots."""
         more = self._cast(some) & ~self.before
         return float(more[1:-1, 1:-1].sum()) / self.pixels
 
     def hidden(self, some: Candidates) -> Mask:
-        """(n,) whether a member's whole shadow lies where picture or knots darken anyway."""
+        """Tell (n,) whether a member's whole shadow lies where picture or knots darken anyway."""
         found = np.ones(len(some), dtype=bool)
         # the middle first: few candidates are left for the rest
         for t in np.argsort(np.abs(np.linspace(0, 1, LOOKS) - 0.5)) / (LOOKS - 1):
@@ -140,7 +140,7 @@ class MountShadow:
         return found
 
     def behind_knots(self, some: Candidates) -> Mask:
-        """(n,) whether a member's whole shadow lies in that of the knots: it draws nothing itself.
+        """Tell (n,) whether a member's whole shadow lies in that of the knots: it draws nothing itself.
 
         Looked at no more than a pixel apart along the member.
         """
@@ -161,7 +161,7 @@ class MountShadow:
     def cost(
         self, some: Candidates, samples: int = 40, across: tuple[float, ...] = ACROSS
     ) -> Array:
-        """(n,) pixels of the frame, about, that members would darken beyond those dark by now.
+        """Return (n,) pixels of the frame, about, that members would darken beyond those dark by now.
 
         Each shadow is looked at in `samples` places along it and `across` half its width.
         """
@@ -181,12 +181,12 @@ class MountShadow:
         return cost
 
     def _seen(self, points: Array, radius: Array | float) -> tuple[Array, Array]:
-        """Pixels (n, 2) where points are seen, and how many pixels (n,) the radius there covers."""
+        """Return pixels (n, 2) where points are seen, and how many pixels (n,) the radius there covers."""
         seen = project(points, self.camera.projection)
         return seen.places, radius * self.magnification / seen.depth
 
     def _magnification(self) -> float:
-        """Pixels that a millimetre across the view covers on the receiver, at most."""
+        """Return pixels that a millimetre across the view covers on the receiver, at most."""
         c = self.camera
         across, down = np.linalg.norm(c.du), np.linalg.norm(c.dv)
         out = c.receiver[:3]
@@ -200,7 +200,7 @@ class MountShadow:
         return np.clip(whole[..., 1], 0, height - 1), np.clip(whole[..., 0], 0, width - 1)
 
     def _cast(self, some: Candidates) -> Mask:
-        """The pixels that members cover; the margins stay light."""
+        """Return the pixels that members cover; the margins stay light."""
         covered = np.zeros_like(self.before)
         for radius in np.unique(some.radius):
             own = some.of(some.radius == radius)
@@ -209,7 +209,7 @@ class MountShadow:
 
 
 def near_struts(sites: Sites, tube_mm: float) -> Candidates:
-    """Struts between strands that are near each other."""
+    """Return struts between strands that are near each other."""
     from scipy.spatial import cKDTree
 
     # a hidden strut has at most 20 tube radii
@@ -218,6 +218,6 @@ def near_struts(sites: Sites, tube_mm: float) -> Candidates:
 
 
 def hidden_struts(sites: Sites, shadows: MountShadows, tube_mm: float) -> Candidates:
-    """Struts between strands that are near each other, in every view's shadow from end to end."""
+    """Return struts between strands that are near each other, in every view's shadow from end to end."""
     every = near_struts(sites, tube_mm)
     return every.of(shadows.hidden(every))

@@ -34,12 +34,12 @@ class Fixture:
     above: tuple[Array, float] | None = None
 
     def solid(self) -> Manifold:
-        """The solid as facets, ready to be united."""
+        """Return the solid as facets, ready to be united."""
         solid = as_manifold(model(self.of, *self.sizes, **self.named)).transform(self.motion)
         return solid if self.above is None else solid.trim_by_plane(*self.above)
 
     def to_dict(self) -> dict[str, Any]:
-        """The solid as `knotfab_fixtures.step.write_solids` takes it."""
+        """Return the solid as `knotfab_fixtures.step.write_solids` takes it."""
         return {
             "module": self.of.__module__,
             "fixture": self.of.__name__,
@@ -51,7 +51,7 @@ class Fixture:
 
 
 def along(axis: Array, point: Array, helper: Array | None = None) -> Array:
-    """(3, 4) the motion that takes the origin to a point (3,), and z to the unit vector `axis`.
+    """Return (3, 4) the motion that takes the origin to a point (3,), and z to the unit vector `axis`.
 
     Args:
         helper: (3,) not along the axis; x comes to lie square to both.
@@ -63,11 +63,11 @@ def along(axis: Array, point: Array, helper: Array | None = None) -> Array:
 
 
 def place_along(solid: Manifold, axis: Array, point: Array) -> Manifold:
-    """A solid moved `along` an axis to a point."""
+    """Return a solid moved `along` an axis to a point."""
     return solid.transform(along(axis, point))
 
 
 def strut(start: Array, end: Array, radius_mm: float) -> Fixture:
-    """A round bar between two points (3,) mm."""
+    """Return a round bar between two points (3,) mm."""
     length = float(np.linalg.norm(start - end))
     return Fixture("strut", peg, (length, radius_mm, radius_mm), along((start - end) / length, end))

@@ -210,7 +210,7 @@ def _footprint(knots: Knots, cameras: Sequence[Camera], settings: StandSettings)
 def _posts(
     sites: Sites, slope: Slope, cameras: Sequence[Camera], shadows: MountShadows, radius: float
 ) -> Candidates:
-    """Posts from every site to the base, upright or leaning a little; those that show least."""
+    """Return posts from every site to the base, upright or leaning a little; those that show least."""
     right, up, out = slope.axes
     deep = sites.point @ out
     parts = []
@@ -251,7 +251,7 @@ def least_shown(every: Candidates, shadows: MountShadows, count: int, sites: int
 
 
 def bridges(sites: Sites, shadows: MountShadows, tube: float, radius: float) -> Candidates:
-    """Struts between two knots, however visible; those that show least."""
+    """Return struts between two knots, however visible; those that show least."""
     parts = [nothing()]
     for a in range(len(sites.perimeter)):
         for b in range(a):
@@ -271,7 +271,7 @@ def join_knots(
     shadows: MountShadows,
     root: int | None = None,
 ) -> tuple[Candidates, Indices]:
-    """The members that join every knot to the ground, and which knot each was taken for.
+    """Return the members that join every knot to the ground, and which knot each was taken for.
 
     Args:
         root: the knot to which all others are joined instead, where there is no ground.
@@ -328,7 +328,7 @@ def _more_posts(
     shadows: MountShadows,
     apart_mm: float,
 ) -> Candidates:
-    """Posts up to `LEAST_POSTS`, their feet apart, wherever they show least; as many as there are."""
+    """Return posts up to `LEAST_POSTS`, their feet apart, wherever they show least; as many as there are."""
     more = nothing()
     while True:
         there = join([chosen, more])
@@ -349,7 +349,7 @@ def _more_posts(
 
 
 def masses_of(knots: Knots, members: Candidates) -> Masses:
-    """All tubes, posts and struts by volume and centre of mass."""
+    """Return all tubes, posts and struts by volume and centre of mass."""
     volume, center = [], []
     for knot in knots.knots:
         after = np.roll(knot.points, -1, axis=0)

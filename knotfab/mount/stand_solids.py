@@ -20,7 +20,7 @@ OVERLAP_MM = 0.5  # a post goes so much deeper into the base than its root needs
 
 
 def stand_bodies(tubes: list[Mesh], mount: StandMount) -> list[Mesh]:
-    """Tubes, posts, struts and base as one watertight body, scene coordinates.
+    """Return tubes, posts, struts and base as one watertight body, scene coordinates.
 
     Raises:
         SceneError: the union is not what the members predict: something else touches.
@@ -41,7 +41,7 @@ def stand_bodies(tubes: list[Mesh], mount: StandMount) -> list[Mesh]:
 
 
 def stand_fixtures(mount: StandMount) -> list[Fixture]:
-    """Posts, struts and base, scene coordinates."""
+    """Return posts, struts and base, scene coordinates."""
     normal, members = mount.base.slope.normal, mount.members
     found = []
     for i in range(len(members)):

@@ -35,7 +35,7 @@ WORDS = "words"  # the name, in an SVG, of parts beside the drawing that are tol
 
 
 def fill(axes: Axes, polygons: Sequence[Array], color: str, above: float | None = None) -> None:
-    """Polygons and their holes as one path, cut off below a height of the page."""
+    """Fill polygons and their holes as one path, cut off below a height of the page."""
     from matplotlib.patches import PathPatch, Rectangle
     from matplotlib.path import Path as Outline
 
@@ -48,13 +48,13 @@ def fill(axes: Axes, polygons: Sequence[Array], color: str, above: float | None 
 
 
 def cross(axes: Axes, at: Array, reach: float, width: float) -> None:
-    """Two strokes through a point (2,) of the page, so many mm to each side and so many points wide."""
+    """Draw two strokes through a point (2,) of the page, so many mm to each side and so many points wide."""
     for arm in (np.array([reach, 0.0]), np.array([0.0, reach])):
         axes.plot(*np.stack([at - arm, at + arm]).T, color=INK, lw=width)
 
 
 def draw_lamp(axes: Axes, at: Array, across: float) -> None:
-    """A lamp `across` mm of the page wide, with its axes."""
+    """Draw a lamp `across` mm of the page wide, with its axes."""
     from matplotlib.patches import Circle
 
     axes.add_patch(
@@ -64,7 +64,7 @@ def draw_lamp(axes: Axes, at: Array, across: float) -> None:
 
 
 def hatch(axes: Axes, wall: Array) -> None:
-    """Short strokes behind the wall's line (n, 2)."""
+    """Draw short strokes behind the wall's line (n, 2)."""
     steps = np.diff(wall, axis=0)
     ends = arc_lengths(wall, closed=False)
     for s in np.arange(1.5, ends[-1], 2.5):
@@ -76,12 +76,12 @@ def hatch(axes: Axes, wall: Array) -> None:
 
 
 def note(axes: Axes, at: Array, text: str, **style: Any) -> None:
-    """A text at a point (2,) of the page, mm."""
+    """Write a text at a point (2,) of the page, mm."""
     axes.text(float(at[0]), float(at[1]), text, **style)
 
 
 def lamp_name(view: View) -> str:
-    """The lamp and its size, or the eye."""
+    """Return the lamp and its size, or the eye."""
     if view.kind != "shadow":
         return "eye"
     return f"lamp, {length(view.light_size_mm)} mm" if view.light_size_mm > 0 else "lamp"

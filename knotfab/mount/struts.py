@@ -59,7 +59,7 @@ class Sites:
 def sites_of(
     knots: Knots, step_radii: float = SITE_RADII, also: Mapping[int, Indices] | None = None
 ) -> Sites:
-    """Vertices about `step_radii` tube radii apart, at least 8 on each knot, and those in `also`, by knot."""
+    """Give vertices about `step_radii` tube radii apart, at least 8 a knot, and those in `also`, by knot."""
     knot, vertex, point, tangent, arcs, following, perimeter = [], [], [], [], [], [], []
     first = 0
     for k, curve in enumerate(knots.knots):
@@ -90,7 +90,7 @@ def sites_of(
 
 
 def tangents(points: Array) -> Array:
-    """(n, 3) unit directions of a closed polyline at its vertices, by both neighbours."""
+    """Return (n, 3) unit directions of a closed polyline at its vertices, by both neighbours."""
     ahead = np.roll(points, -1, axis=0) - np.roll(points, 1, axis=0)
     return np.asarray(ahead / np.linalg.norm(ahead, axis=1)[:, None])
 
@@ -129,13 +129,13 @@ class Candidates:
         )
 
     def thicken(self, times: float, most_mm: float) -> Candidates:
-        """All of them, their radius so many times larger, but at most `most_mm`."""
+        """Return all of them, their radius so many times larger, but at most `most_mm`."""
         return replace(
             self, radius=np.maximum(self.radius, np.minimum(times * self.radius, most_mm))
         )
 
     def with_radius(self, number: int, radius_mm: float) -> Candidates:
-        """The same with another radius of one."""
+        """Return the same with another radius of one."""
         radius = self.radius.copy()
         radius[number] = radius_mm
         return replace(self, radius=radius)
@@ -146,13 +146,13 @@ class Candidates:
 
 
 def nothing() -> Candidates:
-    """No members at all."""
+    """Return no members at all."""
     none = np.empty(0, dtype=np.int64)
     return Candidates(none, none, np.empty((0, 3)), np.empty((0, 3)), np.empty(0))
 
 
 def join(parts: list[Candidates]) -> Candidates:
-    """All of them, in order."""
+    """Return all of them, in order."""
     return Candidates(
         np.concatenate([p.first for p in parts]),
         np.concatenate([p.second for p in parts]),
@@ -166,7 +166,7 @@ def join(parts: list[Candidates]) -> Candidates:
 
 
 def struts(sites: Sites, pairs: Indices, tube_mm: float, radius_mm: float) -> Candidates:
-    """The straight members of one radius between pairs (m, 2) of sites that meet both tubes squarely."""
+    """Give the straight members of one radius between pairs (m, 2) of sites that meet both tubes squarely."""
     a, b = pairs[:, 0], pairs[:, 1]
     gap = np.abs(sites.arc[a] - sites.arc[b])
     gap = np.minimum(gap, sites.perimeter[sites.knot[a]] - gap)
@@ -183,7 +183,7 @@ def struts(sites: Sites, pairs: Indices, tube_mm: float, radius_mm: float) -> Ca
 
 
 def sample_strands(knots: Knots) -> tuple[Array, Indices, Array, Array]:
-    """Points (m, 3) along all knots, whose they are, their arc length, and each knot's length."""
+    """Return points (m, 3) along all knots, whose they are, their arc length, and each knot's length."""
     points, owner, arcs, lengths = [], [], [], []
     for i, k in enumerate(knots.knots):
         even = sample_evenly(k.points, SAMPLE_RADII * knots.radius_mm, at_most=True)
@@ -202,11 +202,11 @@ class Way:
         self.members = members
 
     def add(self, some: Candidates) -> None:
-        """More members that are there."""
+        """Take up more members that are there."""
         self.members = join([self.members, some])
 
     def clear(self, some: Candidates, but: int | None = None) -> Mask:
-        """(n,) whether members touch nothing; `but`: the number of a member that is not in the way."""
+        """Tell (n,) whether members touch nothing; `but`: the number of a member that is not in the way."""
         raise NotImplementedError
 
 
@@ -225,7 +225,7 @@ class Obstacles(Way):
         self.slack = (SAMPLE_RADII * knots.radius_mm) ** 2 / (8 * (knots.radius_mm + clearance_mm))
 
     def clear(self, some: Candidates, but: int | None = None) -> Mask:
-        """As `Way.clear`; at the ground posts are wider by `ROOT_SHARE`."""
+        """Do as `Way.clear`; at the ground posts are wider by `ROOT_SHARE`."""
         free = np.ones(len(some), dtype=bool)
         gap = self.tube + self.clearance + self.slack
         post = some.second == GROUND
@@ -269,7 +269,7 @@ class Obstacles(Way):
     def _narrow(
         self, some: Candidates, i: Indices, j: Indices, ahead: Mask, unit: Array, length: Array
     ) -> Mask:
-        """(m,) whether a strand leaves its joint with member i too slowly at its sample j, or comes back."""
+        """Tell (m,) whether a strand leaves its joint with member i slowly at its sample j, or comes back."""
         onward = self.beside[np.where(ahead, 1, 0), j]
         (_, here), (_, there) = (
             off_segments(self.points[of], some.start[i], unit[i], length[i]) for of in (j, onward)
@@ -279,14 +279,14 @@ class Obstacles(Way):
 
 
 def off_segments(points: Array, start: Array, unit: Array, length: Array) -> tuple[Array, Array]:
-    """(n,) how far along its segment from `start` each point is next to it, and how far off it."""
+    """Return (n,) how far along its segment from `start` each point is next to it, and how far off it."""
     to = points - start
     along = np.clip(np.einsum("ij,ij->i", to, unit), 0.0, length)
     return along, np.asarray(np.linalg.norm(to - along[:, None] * unit, axis=1))
 
 
 def beside_on_rings(counts: Indices) -> Indices:
-    """(2, n) the samples before and after each one on its ring, for rings of so many samples each."""
+    """Return (2, n) the samples before and after each one on its ring, for rings of so many samples each."""
     ring, place = number_runs(counts)
     first, around = np.arange(len(place)) - place, counts[ring]
     return np.stack([first + (place - 1) % around, first + (place + 1) % around])
@@ -295,7 +295,7 @@ def beside_on_rings(counts: Indices) -> Indices:
 def opens_slowly(
     here: Array, there: Array, step: Array, contact: Array, clearance_mm: float
 ) -> Mask:
-    """(n,) whether a strand and its member part so slowly that the printer closes the gap between them.
+    """Tell (n,) whether a strand and its member part so slowly that the printer closes the gap between them.
 
     From just before the two come apart until they are clear of each other it must open along the strand.
 

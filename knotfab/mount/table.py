@@ -54,7 +54,7 @@ class Bar:
     ridges: tuple[tuple[float, float, float, float, float], ...] = ()
 
     def make(self) -> Mesh:
-        """The piece as it is printed: along x, from its own beginning."""
+        """Make the piece as it is printed: along x, from its own beginning."""
         named: dict[str, Any] = {
             key: getattr(self, key) for key in ("tail", "socket", "sockets", "holes", "ridges")
         }
@@ -129,7 +129,7 @@ class Table:
         return Sheet(name, bodies, motions)
 
     def _into_scene(self, bar: Bar) -> Array:
-        """(4, 4) from a bar as it is made to the scene; its own z is up."""
+        """Return (4, 4) from a bar as it is made to the scene; its own z is up."""
         right, up, out = self.level
         along = bar.along[0] * right + bar.along[1] * out
         motion = np.eye(4)
@@ -139,7 +139,7 @@ class Table:
 
 
 def frame_of(mounted: Mounted) -> tuple[Table | None, str]:
-    """The frame, or None where the scene asks for none; and why none can be made, where it asks for one."""
+    """Give frame, or None where the scene asks for none; and why none can be made, where it asks for one."""
     try:
         return plan_table(mounted), ""
     except ValueError as error:
@@ -147,7 +147,7 @@ def frame_of(mounted: Mounted) -> tuple[Table | None, str]:
 
 
 def plan_table(mounted: Mounted) -> Table | None:
-    """The frame for lamps on one upright, flat screen; None where there are no such lamps, or no printer.
+    """Return frame for lamps on one upright, flat screen; None where there are no such lamps, or no printer.
 
     Raises:
         ValueError: no bars of these kinds hold the lamps.
@@ -170,7 +170,7 @@ def plan_table(mounted: Mounted) -> Table | None:
 
 
 def _top(places: Sequence[Placement], lamps: Array) -> float:
-    """The height of the frame's top: below a stand and the picture, of which the slot hides nothing."""
+    """Give the height of the frame's top: below a stand and the picture, of which the slot hides nothing."""
     first = places[0]
     edge = float(first.level[1] @ first.middle) - first.frame_mm[1] / 2
     if first.base is not None:
@@ -192,7 +192,7 @@ class _Layout:
         self.raised = 0.0 if place.base is None else place.base.bottom - top  # a stand, on pads
 
     def bars(self) -> list[Bar]:
-        """All of them."""
+        """Return all of them."""
         arms, holes = self._arms()
         begin = self._begin
         end = max(*(float(z) for z in self.lamps[:, 2]), 0.0) + WIDTH_MM / 2
@@ -213,7 +213,7 @@ class _Layout:
         return [*spine, *(piece for arm in arms for piece in _cut(arm, self.longest))]
 
     def _arms(self) -> tuple[list[Bar], list[tuple[float, float, float, float]]]:
-        """Arms beside the spine, each from its far end, and the holes (right, out, diameter, boss) in it.
+        """Model arms beside the spine, each from its far end, and its holes (right, out, diameter, boss).
 
         Raises:
             ValueError: a lamp stands so near to the spine, or to another, that nothing can hold it.
@@ -245,7 +245,7 @@ class _Layout:
         return arms, holes
 
     def _screen_arm(self, side: int) -> Bar:
-        """An arm with the screen's slot along it."""
+        """Return an arm with the screen's slot along it."""
         middle = self._begin + WIDTH_MM / 2
         length = max(self.reach - self.spine / 2, 30.0)
         ridges = []
@@ -255,7 +255,7 @@ class _Layout:
         return self._arm(side, middle, length, ridges=tuple(ridges))
 
     def _stand_arm(self, side: int) -> Bar | None:
-        """An arm with a fence beside a stand's foot; None where the foot is no wider than the spine."""
+        """Give an arm with a fence beside a stand's foot; None where the foot is no wider than the spine."""
         if self.base is None:
             return None
         edge = (self.base.right if side > 0 else -self.base.left) + FENCE_PLAY_MM
@@ -271,7 +271,7 @@ class _Layout:
         return self._arm(side, (self.base.back + self.base.front) / 2, length, ridges=tuple(ridges))
 
     def _arm(self, side: int, z: float, length: float, **own: Any) -> Bar:
-        """An arm to one side, from its far end to the spine, which its dovetail enters."""
+        """Return an arm to one side, from its far end to the spine, which its dovetail enters."""
         start = np.array([side * (self.spine / 2 + length), z])
         return Bar(start, np.array([-float(side), 0.0]), length, tail=True, **own)
 
@@ -281,7 +281,7 @@ class _Layout:
         return self.screen - CARD_MM - CARD_PLAY_MM - RIDGE_MM - 4.0
 
     def _across(self) -> list[tuple[float, float, float]]:
-        """Ridges across the spine, (from, to, height): the screen's slot, and before and behind a stand."""
+        """List ridges across the spine, (from, to, height): the screen's slot, and about a stand."""
         front, back = self.screen, self.screen - CARD_MM - CARD_PLAY_MM
         found = [(front, front + RIDGE_MM, SLOT_MM), (back - RIDGE_MM, back, SLOT_MM)]
         if self.base is not None:
@@ -310,7 +310,7 @@ def _spine_width(aside: Array) -> float:
 
 
 def _cut(bar: Bar, longest: float) -> list[Bar]:
-    """A bar as pieces that the bed holds, none of them cut where something stands on it."""
+    """Return a bar as pieces that the bed holds, none of them cut where something stands on it."""
     taken = [
         (x - wide / 2 - BOSS_WALL_MM, x + wide / 2 + BOSS_WALL_MM) for x, _, wide, _ in bar.holes
     ]

@@ -57,12 +57,12 @@ class NotHeldError(SceneError):
 
 
 def hole_inset_mm(asked: Mount) -> float:
-    """The distance from a plate's left and right edge to the middle of a screw hole."""
+    """Return the distance from a plate's left and right edge to the middle of a screw hole."""
     return asked.plate_margin_mm / 2 + asked.hole_diameter_mm / 4
 
 
 def mark_depth_mm(asked: Mount) -> float:
-    """Depth of the notches in a plate's edges, which stay in its margin; 0 where there is no room."""
+    """Return depth of the notches in a plate's edges, which stay in its margin; 0 where there is no room."""
     beside = (hole_inset_mm(asked) - asked.hole_diameter_mm / 2) / 2
     deep = min(MARK_MM, asked.plate_margin_mm / 5, beside)
     return deep if deep >= 0.5 else 0.0  # a plate gets no notches where no deeper ones have room
@@ -172,7 +172,7 @@ def _with_share(
     target: Mask | None,
     thoroughly: bool,
 ) -> WallMount:
-    """Pegs that fill `share` of the tube's shadow; raises ValueError where nothing holds a knot."""
+    """Return pegs that fill `share` of the tube's shadow; raises ValueError where nothing holds a knot."""
     rays, chosen, top, foot = _choose(share, knots, camera, clearance_mm, stiffness)
     if settings.foot != "plate":
         _require_rays(chosen)
@@ -231,7 +231,7 @@ def _with_share(
 
 
 def _joined_knots(sites: Sites, struts: Candidates) -> NDArray[np.int64]:
-    """(n, 2) the knots of the strands that each strut runs from and to."""
+    """Return (n, 2) the knots of the strands that each strut runs from and to."""
     return np.stack([sites.knot[struts.first], sites.knot[struts.second]], axis=1)
 
 
@@ -263,7 +263,7 @@ def _require_rays(chosen: Pegs) -> None:
 def _choose(
     share: float, knots: Knots, camera: Camera, clearance_mm: float, stiffness: Stiffness
 ) -> tuple[Rays, Pegs, Array, Array]:
-    """Rays, the pegs chosen among them, and (n,) the radii of a peg along each at its tube and at the wall.
+    """Choose pegs among the rays; give the rays too, and (n,) the radii of pegs at the tube and at the wall.
 
     Pegs fill `share` of the tube's shadow, and less of a knot that leaves none as thick a way: what is
     hardly larger than its tube is in the way itself.
@@ -283,13 +283,13 @@ def _choose(
 
 
 def _spread(rays: Rays, light: Array) -> Array:
-    """(n,) how many times larger the tube's shadow is than the tube, at each ray."""
+    """Return (n,) how many times larger the tube's shadow is than the tube, at each ray."""
     far, near = (np.linalg.norm(p - light, axis=1) for p in (rays.foot, rays.top))
     return np.asarray(far / near)
 
 
 def wall_bodies(tubes: list[Mesh], mount: WallMount, camera: Camera) -> list[Mesh]:
-    """The tubes with their pegs and plate or dowels as watertight bodies, scene coordinates.
+    """Return the tubes with their pegs and plate or dowels as watertight bodies, scene coordinates.
 
     On a plate everything is one body; on dowels each knot is one with its own.
 
@@ -314,7 +314,7 @@ def wall_bodies(tubes: list[Mesh], mount: WallMount, camera: Camera) -> list[Mes
 
 
 def _require_predicted(solid: Manifold, number: int, knots: int, mount: WallMount) -> None:
-    """One body; a handle for each knot and for each member that closes a loop, and the plate's two holes."""
+    """Require one body with a handle for each knot, each member that closes a loop, and both holes."""
     plate = mount.settings.foot == "plate"
     genus = len(mount.pegs) + len(mount.struts) + 2 if plate else 1
     parts = len(solid.decompose())
@@ -328,7 +328,7 @@ def _require_predicted(solid: Manifold, number: int, knots: int, mount: WallMoun
 
 
 def wall_fixtures(mount: WallMount, camera: Camera, knots: int) -> list[list[Fixture]]:
-    """Pegs, dowels and struts of each of so many knots, and at last a plate alone; scene coordinates."""
+    """Give pegs, dowels and struts of each of so many knots, and at last a plate alone; scene coordinates."""
     wall = np.column_stack(list(camera.wall_axes))
     groups: list[list[Fixture]] = [[] for _ in range(knots)]
     for peg in mount.pegs:
@@ -341,7 +341,7 @@ def wall_fixtures(mount: WallMount, camera: Camera, knots: int) -> list[list[Fix
 
 
 def _peg_fixtures(peg: Peg, wall: Array, settings: Mount) -> list[Fixture]:
-    """A peg from tube to wall, and what holds it there."""
+    """Return a peg from tube to wall, and what holds it there."""
     axis = (peg.top - peg.foot) / peg.length_mm
     cosine = float(axis @ wall[:, 2])
     slant = float(np.sqrt(max(0.0, 1.0 - cosine**2)) / cosine)
@@ -363,7 +363,7 @@ def _peg_fixtures(peg: Peg, wall: Array, settings: Mount) -> list[Fixture]:
 
 
 def _plate(camera: Camera, wall: Array, mount: WallMount) -> Fixture:
-    """The plate, its face on the receiver plane, a margin wider than the frame on every side."""
+    """Return the plate, its face on the receiver plane, a margin wider than the frame on every side."""
     s = mount.settings
     width, height = camera.frame_mm
     sizes = (

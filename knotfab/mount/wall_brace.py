@@ -44,7 +44,7 @@ def hidden_braces(
     pegs: Candidates,
     root_radius_mm: Array,
 ) -> Candidates:
-    """The members that keep a piece on its pegs from sagging.
+    """Return the members that keep a piece on its pegs from sagging.
 
     A light ray to the wall is often barred by a strand behind; a strut to that strand is not. And a
     peg along a ray only bends, where one that leans is pulled or pressed, which it resists many
@@ -87,7 +87,7 @@ def tie_to_held(
     root_radius_mm: Array,
     barred: tuple[int, ...],
 ) -> Candidates:
-    """A strut from each knot that has no peg to one that is held: the shortest that is hidden.
+    """Return a strut from each knot that has no peg to one that is held: the shortest that is hidden.
 
     Such a knot lies in front of another, as the dot of an i may before its stem: the strut runs from one to
     the other, as a peg would to the wall.
@@ -130,7 +130,7 @@ def _tie(
     shadows: MountShadows,
     reach: float,
 ) -> Candidates:
-    """The shortest hidden strut from a knot to one that is not barred: one, or none."""
+    """Return the shortest hidden strut from a knot to one that is not barred: one, or none."""
     own, held = np.flatnonzero(sites.knot == knot), np.flatnonzero(~np.isin(sites.knot, barred))
     gaps = np.linalg.norm(sites.point[own][:, None] - sites.point[held][None], axis=2)
     near = np.argwhere(gaps <= reach)
@@ -147,7 +147,7 @@ def _tie(
 
 
 def sites_with(knots: Knots, rays: Rays, chosen: Indices) -> Sites:
-    """Sites along all tubes, and those where the chosen rays begin."""
+    """Return sites along all tubes, and those where the chosen rays begin."""
     of = rays.knot[chosen]
     return sites_of(knots, also={k: rays.vertex[chosen][of == k] for k in range(len(knots.knots))})
 
@@ -155,7 +155,7 @@ def sites_with(knots: Knots, rays: Rays, chosen: Indices) -> Sites:
 def pegs_on(
     sites: Sites, rays: Rays, chosen: Indices, top_radius_mm: Array, foot_radius_mm: Array
 ) -> Candidates:
-    """The pegs along the chosen rays as members: radii (n,) of each ray at the tube and at the wall."""
+    """Give the pegs along the chosen rays as members: radii (n,) of each ray at the tube and at the wall."""
     first = [
         int(np.flatnonzero((sites.knot == rays.knot[i]) & (sites.vertex == rays.vertex[i]))[0])
         for i in chosen
@@ -164,7 +164,7 @@ def pegs_on(
 
 
 def _leaning(sites: Sites, shadows: MountShadows, camera: Camera, tube_mm: float) -> Candidates:
-    """Pegs from sites to the wall that end in the shadow of other sites, and stay in the dark on the way."""
+    """Lead pegs from sites to the wall so that they stay in the shadow of other sites all the way."""
     normal = camera.receiver[:3]
     some = np.unique(np.linspace(0, len(sites.knot) - 1, STARTS).astype(np.int64))
     feet = camera.cast(sites.point[some])

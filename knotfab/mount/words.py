@@ -24,7 +24,7 @@ TURN_WAYS = {"up": "left or right", "right": "forward or back", "axis": "like a 
 
 
 def _opposite(place: Placement) -> str:
-    """Words for the point of the wall that lies square opposite the lamp."""
+    """Return words for the point of the wall that lies square opposite the lamp."""
     parts = []
     for value, (more, less) in (
         (place.up_mm, ("above", "below")),
@@ -37,7 +37,7 @@ def _opposite(place: Placement) -> str:
 
 
 def steps_of(mounted: Mounted, place: Placement, view: View) -> list[str]:
-    """The steps, one sentence or two each."""
+    """Return the steps, one sentence or two each."""
     lamp = "lamp" if view.kind == "shadow" else "eye"
     off = f"{length(place.off_wall_mm)} mm off"
     if place.base is not None:
@@ -103,7 +103,7 @@ def _common(place: Placement) -> str:
 
 
 def _names(place: Placement, lamp_mm: float) -> str:
-    """The marks that are so far from the lamp."""
+    """Return the marks that are so far from the lamp."""
     alike = [m.name for m in place.marks if abs(m.lamp_mm - lamp_mm) < HEAR_MM]
     thing = max((f" {w} " for w in ("edge", "corner")), key=lambda w: w in alike[0])
     last = alike[-1] if len(alike) == 1 else alike[-1].replace(thing, f"{thing.rstrip()}s ")
@@ -112,7 +112,7 @@ def _names(place: Placement, lamp_mm: float) -> str:
 
 
 def _reach(mounted: Mounted, place: Placement) -> str:
-    """Between which places a piece that hangs free must be."""
+    """Say between which places a piece that hangs free must be."""
     points = np.concatenate([vertices for vertices, _ in mounted.bodies]) - place.middle
     (x0, y0, z0), (x1, y1, z1) = (f(points @ place.wall.T, axis=0) for f in (np.min, np.max))
     up = f"from {_sign(y0, 'below')} to {_sign(y1, 'above')}"

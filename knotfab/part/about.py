@@ -21,7 +21,7 @@ GCODE_PX = 480  # G-code has smaller copies of this picture
 
 
 def about_part(part: Part, scene: SettledScene, targets: Sequence[Target]) -> About:
-    """The words of the part's 3MF files: the scene's [about], and what follows from the piece itself.
+    """Return the words of the part's 3MF files: the scene's [about], and what follows from the piece itself.
 
     Without a title it is the pictures' names; without a designer, knotfab. Terms of a licence are left out
     where nobody gave them: whose the picture is, no file says.
@@ -37,7 +37,7 @@ def about_part(part: Part, scene: SettledScene, targets: Sequence[Target]) -> Ab
 
 
 def draw_thumbnail(part: Part, views: Sequence[ResolvedView], pixels: int) -> bytes:
-    """The part as the first view's light sees it, so that its picture shows: a PNG, square."""
+    """Draw the part as the first view's light sees it, so that its picture shows: a PNG, square."""
     vertices, faces = join_meshes(part.bodies)
     seen = vertices @ part.pose.matrix[:3, :3].T + part.pose.matrix[:3, 3]
     found = io.BytesIO()

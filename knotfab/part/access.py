@@ -29,7 +29,7 @@ SPACING_MM = 1.0
 
 
 def tell_access(access: SupportAccess) -> str:
-    """One sentence for the report and the summary."""
+    """Return one sentence for the report and the summary."""
     by_hand, cut = access.reached["finger"], access.reached["cutter"]
     text = f"Supports: {by_hand:.0%} come off by hand, {cut:.0%} with a cutter"
     if access.worst is None or access.worst_tool == "finger":
@@ -104,7 +104,7 @@ def _reaches(
     low: Array,
     high: Array,
 ) -> NDArray[np.bool_]:
-    """(n,) whether a tool of this radius, its tip at a place, gets out of the box on some way."""
+    """Tell (n,) whether a tool of this radius, its tip at a place, gets out of the box on some way."""
     found = np.zeros(len(place), dtype=np.bool_)
     tip = place + radius * out
     free, _ = surface.query(tip)
@@ -123,7 +123,7 @@ def _reaches(
 
 
 def _sample(corners: Array) -> tuple[Array, Array, Array]:
-    """Points (k, 3) of triangles (m, 3, 3), unit normals (k, 3), and the areas (k,) that they stand for, mm².
+    """Sample triangles (m, 3, 3): points (k, 3), unit normals (k, 3), and areas (k,), mm², of each.
 
     Rows along each triangle's longest edge, at most `SPACING_MM` apart, as are the points of a row: a sliver
     is sampled along its length alone.
@@ -150,7 +150,7 @@ def _sample(corners: Array) -> tuple[Array, Array, Array]:
 
 
 def _thin(points: Array) -> Array:
-    """One point of each cell of half the spacing."""
+    """Return one point of each cell of half the spacing."""
     cell = np.floor(2 * (points - points.min(axis=0)) / SPACING_MM).astype(np.int64)
     wide, high = cell[:, 1].max() + 1, cell[:, 2].max() + 1
     _, kept = np.unique((cell[:, 0] * wide + cell[:, 1]) * high + cell[:, 2], return_index=True)

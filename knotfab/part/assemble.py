@@ -61,7 +61,7 @@ def part_of(
     *,
     thoroughly: bool = True,
 ) -> Part:
-    """One watertight tube per knot, its mount if it is to be printed, in print pose.
+    """Return one watertight tube per knot, its mount if it is to be printed, in print pose.
 
     Args:
         targets: the pictures of all views.
@@ -103,7 +103,7 @@ def _choose_poses(
     cameras: Sequence[Camera],
     masks: Sequence[Mask],
 ) -> tuple[Mounted, PrintPose, Plates | None]:
-    """The print pose of the whole, and the plates if only they can be printed.
+    """Choose the print pose of the whole, and the plates if only they can be printed.
 
     A mount that may lie down is returned without its `upright` where the printer does not hold it so.
     """
@@ -149,7 +149,7 @@ def shrink_of(scene: ResolvedScene) -> Array:
 
 
 def enlarge_knots(made: Design) -> Knots:
-    """The knots of a design in the scene's axes, larger by their material's shrinkage."""
+    """Return the knots of a design in the scene's axes, larger by their material's shrinkage."""
     return made.knots.moved(np.diag(1 / np.diag(shrink_of(made.scene))))
 
 

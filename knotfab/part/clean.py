@@ -19,7 +19,7 @@ TOLERANCES_MM = (1e-3, 2e-3, 5e-3, 1e-2, 2e-2)
 
 
 def clean_body(body: Mesh) -> Mesh:
-    """The body with corners that single precision (STL) holds exactly, without crossings if possible.
+    """Return the body with corners that single precision (STL) holds exactly, without crossings if possible.
 
     Each tolerance is tried until libigl's exact predicates find no two faces that cross and none
     without an area; where none is enough, the last is returned and the validators will say so.

@@ -94,7 +94,7 @@ def cut_body(
 
 
 def _connector(cut: Cut, radius: float) -> tuple[Manifold, Manifold]:
-    """The pin and the hole along z, the cut at z = 0."""
+    """Return the pin and the hole along z, the cut at z = 0."""
     from manifold3d import CrossSection
 
     pin, long = cut.pin_radius, cut.pin_length
@@ -115,7 +115,7 @@ def _connector(cut: Cut, radius: float) -> tuple[Manifold, Manifold]:
 def _in_order(
     parts: list[Manifold], points: Array, radius: float, cuts: Sequence[Cut]
 ) -> list[Manifold] | None:
-    """The parts by the cut that each begins at; None where they are not one for each cut."""
+    """Return the parts by the cut that each begins at; None where they are not one for each cut."""
     if len(parts) != len(cuts):
         return None
     tree = cKDTree(points)

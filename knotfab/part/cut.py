@@ -105,7 +105,7 @@ def find_cuts(
 
 
 def _places(line: Line, nozzle: float) -> dict[int, tuple[int, float, float]]:
-    """The vertices that may be cut: side of the pin, its radius, and how good the place is."""
+    """Return the vertices that may be cut: side of the pin, its radius, and how good the place is."""
     p, r = line.points, line.radius
     edge = np.linalg.norm(np.roll(p, -1, axis=0) - p, axis=1)
     reach = PIN_RADII * r + 0.5 * r
@@ -141,7 +141,7 @@ def _places(line: Line, nozzle: float) -> dict[int, tuple[int, float, float]]:
 
 
 def _tangents(points: Array) -> Array:
-    """(n, 3) normals of the planes that bisect the angles."""
+    """Return (n, 3) normals of the planes that bisect the angles."""
     ahead = np.roll(points, -1, axis=0) - points
     ahead /= np.linalg.norm(ahead, axis=1)[:, None]
     along = ahead + np.roll(ahead, 1, axis=0)
@@ -172,7 +172,7 @@ class _Spans:
         self.known: dict[int, int] = {}
 
     def fits(self, first: int) -> int:
-        """The number of vertices from `first` on of the longest piece that fits, its pins included."""
+        """Return the number of vertices from `first` on of the longest piece that fits, its pins included."""
         if first in self.known:
             return self.known[first]
         n = self.count
@@ -187,7 +187,7 @@ class _Spans:
 
 
 def _greedy(span: _Spans, at: Indices, worth: Array, first: int, early: float) -> list[int] | None:
-    """Vertices of cuts from `first` all round; None where a piece would not reach the next place."""
+    """Return vertices of cuts from `first` all round; None where a piece would not reach the next place."""
     n, cuts, here, gone = span.count, [first], first, 0
     while True:
         reach = span.fits(here)

@@ -45,7 +45,7 @@ class Flattening:
 
 
 def flatter_depth(knots: Knots, depth_mm: float, rules: Rules) -> float | None:
-    """The largest extent along z, mm, at which some pose is estimated to keep `max_support_cm3`.
+    """Return the largest extent along z, mm, at which some pose is estimated to keep `max_support_cm3`.
 
     The curves' depths are scaled, all else stays; so the number is a proposal, for a new search.
 
@@ -103,7 +103,7 @@ def estimate_flatter(
 
 
 def _rank_flattened(knots: Knots, share: float, rules: Rules) -> tuple[Strands, list[Ranked]]:
-    """The strands with their depths scaled, and their poses, the best first."""
+    """Return the strands with their depths scaled, and their poses, the best first."""
     flat = np.array([1.0, 1.0, share])
     scaled = (Knot(k.points * flat, closed=k.closed) for k in knots.knots)
     # rods that stand for the strands

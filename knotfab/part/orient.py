@@ -64,7 +64,7 @@ class Ranked:
 
 
 def estimate_minutes(found: Estimate) -> float:
-    """The cost of a pose in minutes (see the constants of this module)."""
+    """Estimate the cost of a pose in minutes (see the constants of this module)."""
     return (
         estimate_print_minutes(found)
         + MINUTES_TIPSY * max(0.0, 1.0 - found.tip_deg / TIPSY_DEG)
@@ -73,20 +73,20 @@ def estimate_minutes(found: Estimate) -> float:
 
 
 def strands_of(knots: Knots, most: int = 6000) -> Strands:
-    """The centre lines as short rods."""
+    """Return the centre lines as short rods."""
     curves, closed = [k.points for k in knots.knots], [k.closed for k in knots.knots]
     return strands_along(curves, knots.radius_mm, closed, most)
 
 
 def estimate_print_minutes(found: Estimate) -> float:
-    """Minutes for supports and layers; the strands themselves take the same in every pose."""
+    """Estimate minutes for supports and layers; the strands themselves take the same in every pose."""
     return (
         MINUTES_PER_CM3 * found.filament_cm3 + MINUTES_PER_LAYER * found.height_mm / USUAL_LAYER_MM
     )
 
 
 def propose_turns(strands: Strands) -> list[Array]:
-    """The turns (3, 3) that are tried: axes, principal axes, faces of the hull, and all round.
+    """Return the turns (3, 3) that are tried: axes, principal axes, faces of the hull, and all round.
 
     All but the scene's axes are tied to the piece: it does not matter how it was turned before.
     """
@@ -102,7 +102,7 @@ def propose_turns(strands: Strands) -> list[Array]:
 
 
 def rank_turns(strands: Strands, turns: Sequence[Array], rules: Rules) -> list[Ranked]:
-    """The turns with their estimates, the best first.
+    """Return the turns with their estimates, the best first.
 
     Those that keep the printer's limits come first, by their cost; the others by their supports.
     Ties keep the order of `turns`.
@@ -115,7 +115,7 @@ def rank_turns(strands: Strands, turns: Sequence[Array], rules: Rules) -> list[R
 
 
 def estimate_supports_cm3(found: Estimate) -> float:
-    """The supports of a pose, with a margin for the error of estimates."""
+    """Estimate the supports of a pose, with a margin for the error of estimates."""
     return SHORT * found.support_cm3
 
 
@@ -129,7 +129,7 @@ def keeps_limits(found: Estimate, rules: Rules) -> bool:
 
 
 def spread_turns(count: int) -> Array:
-    """(count + 3, 3, 3) turns of the scene's axes, and of directions all round, onto the vertical."""
+    """Return (count + 3, 3, 3) turns of the scene's axes, and of directions all round, onto the vertical."""
     right = np.array([1.0, 0.0, 0.0])
     return np.stack([*AXES[:3], *(_turn_to(up, right) for up in _sphere(count))])
 
@@ -140,7 +140,7 @@ def _order(pose: Ranked, rules: Rules) -> tuple[bool, float]:
 
 
 def _principal(strands: Strands) -> Array:
-    """(3, 3) rows: the directions of most, middle and least extent, right-handed.
+    """Return (3, 3) rows: the directions of most, middle and least extent, right-handed.
 
     Each of the first two points to the side of the longer tail, so that they turn with the piece.
     """
@@ -154,7 +154,7 @@ def _principal(strands: Strands) -> Array:
 
 
 def _hull_faces(points: Array) -> Array:
-    """(k, 3) the upward directions of a piece that lies on the largest faces of its hull."""
+    """Return (k, 3) the upward directions of a piece that lies on the largest faces of its hull."""
     try:
         hull = ConvexHull(points)
     except QhullError:  # flat: it lies on its own plane, which is a principal one
@@ -166,7 +166,7 @@ def _hull_faces(points: Array) -> Array:
 
 
 def _sphere(count: int) -> Array:
-    """(count, 3) directions spread evenly: a spiral of golden angles."""
+    """Return (count, 3) directions spread evenly: a spiral of golden angles."""
     k = np.arange(count)
     z = 1.0 - (2 * k + 1) / count
     around = k * pi * (3.0 - sqrt(5.0))
@@ -175,7 +175,7 @@ def _sphere(count: int) -> Array:
 
 
 def _turn_to(up: Array, right: Array) -> Array:
-    """The turn that brings `up` upwards, and `right`, as far as it can be, to the right."""
+    """Return the turn that brings `up` upwards, and `right`, as far as it can be, to the right."""
     across = right - (right @ up) * up
     if np.linalg.norm(across) < 1e-6:
         other = np.eye(3)[int(np.abs(up).argmin())]

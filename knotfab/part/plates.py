@@ -62,11 +62,11 @@ class Plates:
     poses: list[PoseFigures]
 
     def files(self, suffix: str = "") -> list[str]:
-        """The plates' file names; `suffix` is such as "-01" of a sequence's frame."""
+        """Return the plates' file names; `suffix` is such as "-01" of a sequence's frame."""
         return [f"plate{suffix}-{number}.3mf" for number in range(1, len(self.plates) + 1)]
 
     def figures(self, suffix: str = "") -> PlatesFigures:
-        """What a report says of them."""
+        """Return what a report says of them."""
         diameters = [diameter for diameter, _ in self.pins]
         return PlatesFigures(
             files=tuple(
@@ -151,7 +151,7 @@ def _cut_to_fit(
     gap: float,
     pose: Callable[[str, Mesh, Array, float, bool], _PosedBody],
 ) -> tuple[list[_PosedBody], list[tuple[float, float]]]:
-    """The posed pieces of a body, and their pins; a little smaller where one misses the printer.
+    """Return the posed pieces of a body, and their pins; a little smaller where one misses the printer.
 
     `rooms` are tried in their order; where none serves, the error says why the last does not.
     """
@@ -176,7 +176,7 @@ def _cut_to_fit(
 def _pack(
     posed: Sequence[_PosedBody], room: tuple[float, float, float], to_part: Array
 ) -> list[PrintPlate]:
-    """Rows of bodies, the deepest first, on as few plates as that takes."""
+    """Return rows of bodies, the deepest first, on as few plates as that takes."""
     order = sorted(range(len(posed)), key=lambda k: -round(float(posed[k].size[1]), 3))
     plates: list[PrintPlate] = []
     spots: list[list[float]] = []  # for each plate: x and y of the next body, and the row's depth

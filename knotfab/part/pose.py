@@ -44,7 +44,7 @@ class PoseAccount:
     within: bool
 
     def figures(self, body: str | None = None) -> PoseFigures:
-        """What a report says of the pose, of a body on a plate with its name."""
+        """Return what a report says of the pose, of a body on a plate with its name."""
         return PoseFigures(
             **vars(_figures(self.chosen)),
             body=body,
@@ -85,7 +85,7 @@ def choose_pose(
     rules: Rules | None = None,
     fixed_mm: tuple[float, float, float] | None = None,
 ) -> PrintPose:
-    """The pose that costs least to print among those that the build volume holds.
+    """Choose the pose that costs least to print among those that the build volume holds.
 
     With `rules` some ninety turns are weighed by an estimate of their supports, their height and
     how they stand (`knotfab.part.orient`), from the centre lines alone; the cheapest that fits is
@@ -135,7 +135,7 @@ def _weigh(
     rules: Rules,
     frame: tuple[float, float] | None,
 ) -> PrintPose:
-    """The first of the poses in `order` that fits, with its supports if one does.
+    """Return the first of the poses in `order` that fits, with its supports if one does.
 
     `points` are the corners of the hull.
     """
@@ -163,7 +163,7 @@ def _weigh(
 def _fitting(
     points: Array, room: Array, order: Sequence[Ranked]
 ) -> tuple[list[tuple[Ranked, Array]], list[Array]]:
-    """The first poses that fit, with the turns in which they do; and the sizes of what did not."""
+    """Return the first poses that fit, with the turns in which they do; and the sizes of what did not."""
     fitting: list[tuple[Ranked, Array]] = []
     sizes: list[Array] = []
     for pose in order:
@@ -179,7 +179,7 @@ def _fitting(
 def _find_turn(
     points: Array, room: Array, sides: Sequence[Array]
 ) -> tuple[Array | None, list[Array]]:
-    """The first turn with one of `sides` up that fits, square to the bed or not; and the sizes before it."""
+    """Find first turn with one of `sides` up that fits, square to the bed or not; and the sizes before it."""
     sizes: list[Array] = []
     for turn, size in chain(_square_turns(points, sides), _oblique_turns(points, room, sides)):
         if _fits(size, room):
@@ -209,7 +209,7 @@ def _figures(pose: Ranked) -> TurnFigures:
 def lay_on_bed(
     knots: Knots, tubes: Sequence[Mesh], turn: Array, account: PoseAccount | None = None
 ) -> PrintPose:
-    """The piece turned by `turn` (3, 3) from the scene and laid on the bed's corner."""
+    """Return the piece turned by `turn` (3, 3) from the scene and laid on the bed's corner."""
     turned = [(vertices @ turn.T, faces) for vertices, faces in tubes]
     corner, _ = box_of(turned)
     to_print, to_scene = np.eye(4), np.eye(4)
@@ -221,7 +221,7 @@ def lay_on_bed(
 
 
 def _square_turns(points: Array, sides: Sequence[Array]) -> list[tuple[Array, Array]]:
-    """The turns (3, 3) of `sides`, and a quarter further, and the sizes they give; least height first.
+    """Return the turns (3, 3) of `sides`, and a quarter further, and the sizes they give; least height first.
 
     Ties keep the order of preference.
     """
@@ -231,7 +231,7 @@ def _square_turns(points: Array, sides: Sequence[Array]) -> list[tuple[Array, Ar
 
 
 def _compact_turns(points: Array, sides: Sequence[Array]) -> list[tuple[Array, Array]]:
-    """Each side up, turned about the vertical to the least footprint; the least box first.
+    """Return each side up, turned about the vertical to the least footprint; the least box first.
 
     Each way round: the bed may be longer in one direction.
     """
@@ -247,7 +247,7 @@ def _compact_turns(points: Array, sides: Sequence[Array]) -> list[tuple[Array, A
 
 
 def _sweep_about(points: Array) -> tuple[Array, Array, Array]:
-    """Angles about the vertical, rad, and the widths and depths of the footprint at each."""
+    """Return angles about the vertical, rad, and the widths and depths of the footprint at each."""
     flat = _corners(points[:, :2])
     angle = np.deg2rad(np.arange(0.0, 180.0, 0.25))
     c, s = np.cos(angle), np.sin(angle)
@@ -322,7 +322,7 @@ def _by(size: Array) -> str:
 
 
 def _corners(points: Array) -> Array:
-    """The corners of the convex hull of points; all points where they are flat."""
+    """Return the corners of the convex hull of points; all points where they are flat."""
     try:
         return np.asarray(points[ConvexHull(points).vertices])
     except QhullError:

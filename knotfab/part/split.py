@@ -34,7 +34,7 @@ def list_printables(
     cameras: Sequence[Camera],
     masks: Sequence[NDArray[np.bool_]],
 ) -> list[Printable]:
-    """The bodies of a piece that can be split, with their centre lines (scene coordinates).
+    """List the bodies of a piece that can be split, with their centre lines (scene coordinates).
 
     Args:
         masks: (H, W) the silhouette of each view, in its camera's pixels.
@@ -58,7 +58,7 @@ def list_printables(
 def measure_hiding(
     points: Array, radius_mm: float, camera: Camera, mask: NDArray[np.bool_]
 ) -> Array:
-    """(n,) from 0 on the picture's outline, or off the picture, to 1 three tube radii inside it."""
+    """Measure (n,) from 0 on the picture's outline, or off the picture, to 1 three tube radii inside it."""
     pixel = float(np.linalg.norm(camera.du))
     depth = np.asarray(distance_transform_edt(mask)) * pixel
     uv = np.rint(camera.project(points)).astype(np.int64)

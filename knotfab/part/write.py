@@ -41,7 +41,7 @@ _PALETTE = ("#e69f00", "#56b4e9", "#009e73", "#f0e442", "#0072b2", "#d55e00", "#
 
 
 def make_pose(matrix: Array, plates: Plates | None = None, suffix: str = "") -> Pose:
-    """The scene's [pose]: `matrix` (4, 4) takes part.stl to the scene."""
+    """Make the scene's [pose]: `matrix` (4, 4) takes part.stl to the scene."""
     if plates is None:
         return Pose(matrix=_rows(matrix))
     each = tuple(
@@ -52,7 +52,7 @@ def make_pose(matrix: Array, plates: Plates | None = None, suffix: str = "") -> 
 
 
 def pose_scene(part: Part, suffix: str = "") -> SettledScene:
-    """The part's scene, its mount resolved, with the pose that takes the written files to it."""
+    """Return the part's scene, its mount resolved, with the pose that takes the written files to it."""
     pose, scene = make_pose(part.pose.matrix, part.plates, suffix), part.mounted.scene
     table, _ = part.framing
     sheets = () if table is None else table.sheets

@@ -46,7 +46,7 @@ class Bending:
 
 
 def read_points(rows: Sequence[str]) -> Array:
-    """(ROWS, COLUMNS, 2) control points, right and down, as shares of the picture's height."""
+    """Read (ROWS, COLUMNS, 2) control points, right and down, as shares of the picture's height."""
     return _UNIT * np.array(
         [[pair.split(",") for pair in row.split()] for row in rows], dtype=float
     )
@@ -59,7 +59,7 @@ def write_points(points: Array) -> tuple[str, ...]:
 
 
 def spline_basis(at: Array, length: float, count: int) -> Array:
-    """(len(at), count): weights of control points at places along a side, px; beyond it as at its end."""
+    """Return (len(at), count): weights of control points at places along a side, px; its ends go on."""
     s = 1.0 + np.clip((at + 0.5) / length, 0.0, 1.0) * (count - 3)
     away = np.abs(s[:, None] - np.arange(count))
     near, far = 2.0 / 3.0 - away**2 + 0.5 * away**3, np.maximum(2.0 - away, 0.0) ** 3 / 6.0
@@ -67,14 +67,14 @@ def spline_basis(at: Array, length: float, count: int) -> Array:
 
 
 def displace(points: Array, height: int, width: int) -> Array:
-    """(height, width, 2): how far to the right and down of each pixel its picture is found, px."""
+    """Return (height, width, 2): how far to the right and down of each pixel its picture is found, px."""
     down = spline_basis(np.arange(height, dtype=float), height, ROWS)
     across = spline_basis(np.arange(width, dtype=float), width, COLUMNS)
     return np.asarray(height * np.einsum("ri,ijd,cj->rcd", down, points, across, optimize=True))
 
 
 def bend_mask(mask: Mask, points: Array) -> Mask:
-    """The mask as bent: each pixel holds what the mask has where the field says; outside it is nothing."""
+    """Return mask as bent: each pixel holds what the mask has where the field says; outside it is nothing."""
     from knotfab.picture.bending_loop import look_up  # compiled: only where something is bent
 
     bent = np.empty(mask.shape, dtype=np.bool_)
@@ -83,7 +83,7 @@ def bend_mask(mask: Mask, points: Array) -> Mask:
 
 
 def stretch_of(points: Array, aspect: float) -> tuple[float, float]:
-    """The longest and the shortest that a step of one becomes under the field; negative where it folds.
+    """Give the longest and the shortest that a step of one becomes under the field; negative where it folds.
 
     Args:
         aspect: the picture's width over its height.

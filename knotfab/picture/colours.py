@@ -35,7 +35,7 @@ class Clusters:
     of_bin: NDArray[np.uint8]
 
     def label(self, colours: Colours) -> NDArray[np.uint8]:
-        """(...,) the cluster of each colour (..., 3)."""
+        """Return (...,) the cluster of each colour (..., 3)."""
         return np.asarray(self.of_bin[_bins(colours)])
 
 
@@ -80,7 +80,7 @@ def cluster_colours(colours: Colours) -> Clusters:
 
 
 def enclosed_parts(colours: Colours, inside: Mask) -> tuple[Mask, Clusters | None]:
-    """The parts of another colour that the largest cluster of colours encloses.
+    """Return the parts of another colour that the largest cluster of colours encloses.
 
     A part counts where it is 3 px thick somewhere, and where the two colours meet sharply: a shade that
     fades into another is no part.
@@ -115,7 +115,7 @@ def enclosed_parts(colours: Colours, inside: Mask) -> tuple[Mask, Clusters | Non
 
 
 def _seams(main: Mask, inside: Mask, kinds: NDArray[np.uint8]) -> Mask:
-    """Pixels of the largest colour by accident alone: where two others meet, their mixture is like it.
+    """Return pixels of the largest colour by accident alone: where two others meet, their mixture is like it.
 
     A seam is nowhere 3 px thick, lies alone or has 6 px, and no other colour makes up more than four fifths
     of the pixels beside it.

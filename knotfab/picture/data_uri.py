@@ -18,24 +18,24 @@ _LONGER_PX = 512  # longer side of a picture on a page
 
 
 def encode_image(image: Image.Image, kind: str = "png", **options: Any) -> bytes:
-    """The bytes of a picture's file, by Pillow's name of the format and with its options."""
+    """Return the bytes of a picture's file, by Pillow's name of the format and with its options."""
     with io.BytesIO() as file:
         image.save(file, kind.upper(), **options)
         return file.getvalue()
 
 
 def data_uri(data: bytes, media: str) -> str:
-    """A file as a URI that holds all of it; `media` such as "image/png"."""
+    """Return a file as a URI that holds all of it; `media` such as "image/png"."""
     return f"data:{media};base64,{base64.b64encode(data).decode('ascii')}"
 
 
 def image_uri(image: Image.Image, kind: str = "png", **options: Any) -> str:
-    """A picture as a data URI; arguments as `encode_image` has them."""
+    """Return a picture as a data URI; arguments as `encode_image` has them."""
     return data_uri(encode_image(image, kind, **options), f"image/{kind}")
 
 
 def silhouette_uri(mask: Mask) -> str:
-    """A silhouette (H, W) as a data URI: a PNG of two colours, dark on white, 512 px long at most."""
+    """Return a silhouette (H, W) as a data URI: a PNG of two colours, dark on white, 512 px long at most."""
     image = Image.fromarray(~mask)
     if max(image.size) > _LONGER_PX:
         size = fit_size(*image.size, _LONGER_PX)
@@ -45,5 +45,5 @@ def silhouette_uri(mask: Mask) -> str:
 
 
 def hash_script(script: str) -> str:
-    """The digest that a page's content security policy allows a script by (SHA-256, in base64)."""
+    """Return the digest that a page's content security policy allows a script by (SHA-256, in base64)."""
     return base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()

@@ -28,7 +28,7 @@ _EDGE, _EDGES = 0.3, 0.85
 
 
 def even_out(image: Image.Image) -> Image.Image | None:
-    """The picture under even light; None where it is no dark drawing on paper, or the light will do.
+    """Return the picture under even light; None where it is no dark drawing on paper, or the light will do.
 
     It is one only if what is dark after the division has clear edges in the picture itself, little is
     neither dark nor light, and the border is paper of one hue.
@@ -56,7 +56,7 @@ def even_out(image: Image.Image) -> Image.Image | None:
 
 
 def _light(grey: Array, closed: float) -> Array | None:
-    """The brightness (h, w) that paper has, or would have under the ink; None where there is no paper."""
+    """Return brightness (h, w) that paper has, or would have under the ink; None where there is no paper."""
     from scipy import ndimage
 
     coarse = max(1, max(grey.shape) // 150)

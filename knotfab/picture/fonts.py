@@ -62,7 +62,7 @@ def supplied_folder() -> str:
 
 
 def supply_fonts(asked: str | None) -> tuple[str, ...]:
-    """Files of the fonts to draw with, the one asked for first, then those that come along.
+    """Return files of the fonts to draw with, the one asked for first, then those that come along.
 
     Args:
         asked: a family's name, such as "DejaVu Serif", or a font file; None: no matter which.
@@ -75,7 +75,7 @@ def supply_fonts(asked: str | None) -> tuple[str, ...]:
 
 
 def find_font(character: str, fonts: tuple[str, ...], what: str) -> str:
-    """The file of the first font that has a character: of `fonts`, or else of this machine's.
+    """Find the file of the first font that has a character: of `fonts`, or else of this machine's.
 
     Raises:
         InputError: no font has it; `what` is how the message names the picture.
@@ -108,7 +108,7 @@ def _draws(path: str, character: str) -> bool:
 
 
 def _named_font(asked: str) -> str:
-    """The file of a font asked for by name or file; InputError where there is none."""
+    """Return the file of a font asked for by name or file; InputError where there is none."""
     what = f"--font {asked}"
     path = at_home(asked)
     if path.suffix.lower() in (".ttf", ".otf", ".ttc", ".otc", ".pfb", ".woff") or os.path.isfile(
@@ -134,7 +134,7 @@ def _named_font(asked: str) -> str:
 
 @cache
 def find_family(asked: str) -> tuple[str, ...] | None:
-    """Files of a family's fonts, upright and regular ones first; None where this machine has none."""
+    """Find files of a family's fonts, upright and regular ones first; None where this machine has none."""
     family = asked.replace("\\", "\\\\").replace(":", "\\:").replace("-", "\\-").replace(",", "\\,")
     files = []
     for found in _system_fonts(family) if asked.strip() else ():
@@ -154,7 +154,7 @@ def find_family(asked: str) -> tuple[str, ...] | None:
 
 
 def _system_fonts(pattern: str) -> Iterator[str]:
-    """Files of this machine's fonts that match a fontconfig pattern, upright and regular ones first.
+    """Yield files of this machine's fonts that match a fontconfig pattern, upright and regular ones first.
 
     Where there is no fontconfig: of all fonts that matplotlib finds, if a character is looked for.
     """
@@ -170,13 +170,13 @@ def _system_fonts(pattern: str) -> Iterator[str]:
 
 
 def list_families() -> tuple[str, ...]:
-    """The families that a text can be drawn in, by name."""
+    """List the families that a text can be drawn in, by name."""
     found = _ask_fontconfig("%{family[0]}\n", ":outline=true")
     return tuple(sorted({*found, "DejaVu Sans", "DejaVu Sans Mono", "DejaVu Serif"}))
 
 
 def _ask_fontconfig(form: str, pattern: str) -> list[str]:
-    """Lines of this form, one for each font that matches; none where there is no fontconfig."""
+    """Return lines of this form, one for each font that matches; none where there is no fontconfig."""
     program = shutil.which("fc-list")
     if program is None:
         return []

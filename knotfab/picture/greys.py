@@ -14,7 +14,7 @@ __all__ = ["read_darkness"]
 
 
 def read_darkness(target: Target, invert: bool = False) -> Array:
-    """(H, W) 0 where the picture is white, to 1 where it is black; what is transparent is white.
+    """Read (H, W) 0 where the picture is white, to 1 where it is black; what is transparent is white.
 
     Luma of ITU-R BT.601 as the file has it, from its first percentile (black) to its last (white).
 

@@ -71,7 +71,7 @@ def guess_reading(
 
 
 def _away(colours: NDArray[np.uint8], colour: Array | NDArray[np.uint8]) -> NDArray[np.float32]:
-    """(...) how far colours (..., 3) are from one, in levels."""
+    """Return (...) how far colours (..., 3) are from one, in levels."""
     apart = colours.astype(np.float32) - np.asarray(colour, np.float32)
     return np.asarray(np.sqrt(np.einsum("...k,...k->...", apart, apart)))
 

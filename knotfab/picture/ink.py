@@ -33,7 +33,7 @@ _HUES: tuple[tuple[int, str], ...] = (
 
 
 def find_ink(image: Image.Image, reading: Reading, what: str) -> tuple[Mask, str]:
-    """The pixels of a decoded picture that are ink, and the rule in words, its figures in brackets.
+    """Find the pixels of a decoded picture that are ink, and the rule in words, its figures in brackets.
 
     Args:
         image: upright, and cropped already; where a subject is cut out, its mask. what: how an error names
@@ -89,7 +89,7 @@ def find_ink(image: Image.Image, reading: Reading, what: str) -> tuple[Mask, str
 
 
 def split_channels(image: Image.Image) -> tuple[Levels, NDArray[np.uint8] | None]:
-    """Colours (H, W) or (H, W, 3), and alpha (H, W), None without any."""
+    """Return colours (H, W) or (H, W, 3), and alpha (H, W), None without any."""
     key = image.info.get("transparency")
     if image.mode.startswith("I"):  # 16-bit grey, kept at full precision
         grey = np.asarray(image)
@@ -176,14 +176,14 @@ def _tell_colours(colours: Levels, mask: Mask) -> str:
 
 
 def take_border(colours: Levels) -> Levels:
-    """(n, channels) the outermost pixels, each once."""
+    """Return (n, channels) the outermost pixels, each once."""
     rows = [colours[0], colours[-1], colours[1:-1, 0], colours[1:-1, -1]]
     channels = 1 if colours.ndim == 2 else colours.shape[2]
     return np.concatenate([r.reshape(-1, channels) for r in rows])
 
 
 def _by_rows(colours: Levels, measure: Callable[[NDArray[Any]], NDArray[Any]]) -> NDArray[Any]:
-    """(H, W) what `measure` makes of colours (h, W, channels), some rows at a time.
+    """Return (H, W) what `measure` makes of colours (h, W, channels), some rows at a time.
 
     In single precision where the colours have 8 bits: doubled differences, squared and summed, stay
     below 2^24, so that they are exact, and levels on either side of the half fall where they belong.
@@ -197,7 +197,7 @@ def _by_rows(colours: Levels, measure: Callable[[NDArray[Any]], NDArray[Any]]) -
 
 
 def _squares(colours: Levels, middle: Array) -> NDArray[Any]:
-    """(H, W) squared Euclidean differences from one colour."""
+    """Return (H, W) squared Euclidean differences from one colour."""
 
     def measure(part: NDArray[Any]) -> NDArray[Any]:
         away = part - middle.astype(part.dtype)
@@ -209,7 +209,7 @@ def _squares(colours: Levels, middle: Array) -> NDArray[Any]:
 def _differ(
     colours: Levels, middle: Array, threshold: float, what: str, clear: Mask | None
 ) -> Mask:
-    """Pixels that differ from a colour by more than a share of the largest difference; clear ones do not."""
+    """Find pixels that differ from a colour by more than a share of the largest difference; no clear ones."""
     squared = _squares(colours, middle)
     if clear is not None:
         squared[clear] = 0
@@ -227,7 +227,7 @@ def _differ(
 
 
 def _flood(colours: Levels, threshold: float, what: str) -> Mask:
-    """The background: pixels near one of the border's colours, joined to the border."""
+    """Return the background: pixels near one of the border's colours, joined to the border."""
     if colours.dtype != np.uint8:
         colours = (colours >> 8).astype(np.uint8)
     rgb = np.stack([colours] * 3, axis=-1) if colours.ndim == 2 else colours
@@ -242,7 +242,7 @@ def _flood(colours: Levels, threshold: float, what: str) -> Mask:
 def _split_brightness(
     colours: Levels, opaque: Mask, reading: Reading, what: str
 ) -> tuple[Mask, str]:
-    """Pixels darker, or lighter, than a share of the way between the extremes; clear ones never are."""
+    """Give pixels darker, or lighter, than a share of the way between the extremes; clear ones never are."""
     if colours.ndim == 2:
         bright = colours.astype(np.int64)
     else:
@@ -270,7 +270,7 @@ def _one_colour(what: str) -> InputError:
 
 
 def name_colour(colour: Array | NDArray[np.uint8]) -> str:
-    """A colour as #rrggbb."""
+    """Return a colour as #rrggbb."""
     return "#" + "".join(f"{int(c):02x}" for c in colour)
 
 
@@ -295,7 +295,7 @@ def _word_of(colour: Array) -> str:
 
 
 def _name(middle: Array, colours: Levels) -> str:
-    """A border's colour as a person writes it."""
+    """Return a border's colour as a person writes it."""
     if colours.dtype != np.uint8:
         return f"grey {middle[0]:g}"
     return name_colour(np.repeat(middle, 3) if len(middle) == 1 else middle)

@@ -82,29 +82,29 @@ class Separation:
     png: bytes  # the picture in the masks' size
 
     def seen_png(self) -> bytes:
-        """The colours that are seen, as a PNG."""
+        """Return the colours that are seen, as a PNG."""
         return encode_image(Image.fromarray(np.rint(255 * self.seen).astype(np.uint8)))
 
 
 def to_linear(srgb: Array) -> Array:
-    """Linear light of sRGB from 0 to 1 (IEC 61966-2-1)."""
+    """Return linear light of sRGB from 0 to 1 (IEC 61966-2-1)."""
     return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
 
 
 def to_srgb(linear: Array) -> Array:
-    """The inverse of `to_linear`."""
+    """Return the inverse of `to_linear`."""
     return np.where(
         linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 1e-9) ** (1 / 2.4) - 0.055
     )
 
 
 def to_oklab(srgb: Array) -> Array:
-    """OKLab (..., 3): lightness, and two axes of hue and chroma."""
+    """Return OKLab (..., 3): lightness, and two axes of hue and chroma."""
     return np.asarray(np.cbrt(to_linear(srgb) @ _TO_LMS.T) @ _TO_LAB.T)
 
 
 def mixtures_of(colours: Array, ambient: float = 0.0) -> Array:
-    """(2^n, 3) sRGB of what n lamps of these colours (n, 3, linear) show; bit k of a row: lamp k is hidden.
+    """Return (2^n, 3) sRGB of what n lamps of colours (n, 3, linear) show; bit k of a row: lamp k is hidden.
 
     The screen is white where all are lit; `ambient` is white light beside theirs, as a share of it.
     """
@@ -122,7 +122,7 @@ def separate(
     ambient: float = 0.0,
     most: int = 0,
 ) -> Separation:
-    """The masks of lamps of these linear colours (n, 3) for a picture, which an error names as `what`.
+    """Return the masks of lamps of these linear colours (n, 3) for a picture, which an error names as `what`.
 
     Args:
         most: no more mixtures than that are used, those that take most of the picture; 0: all.
@@ -172,7 +172,7 @@ def separate(
 def read_masks(
     source: str, scene: ResolvedScene, base: Path | None = None
 ) -> tuple[tuple[Target, ...], Separation]:
-    """The masks of a scene's lamps, in their order, for the picture in colours at `source`.
+    """Read the masks of a scene's lamps, in their order, for the picture in colours at `source`.
 
     Args:
         base: as `read_target` takes it.
@@ -207,7 +207,7 @@ def read_masks(
 
 
 def on_one_canvas(targets: tuple[Target, ...]) -> tuple[Target, ...]:
-    """Pictures that lamps show one after the other, each in the middle of one canvas for all."""
+    """Return pictures that lamps show one after the other, each in the middle of one canvas for all."""
     if len({target.mask.shape for target in targets}) == 1:
         return targets
     # all become as high as the first, and then as wide as the widest
@@ -225,7 +225,7 @@ def on_one_canvas(targets: tuple[Target, ...]) -> tuple[Target, ...]:
 
 
 def _flatten(image: Image.Image) -> Image.Image:
-    """The picture on white paper, in RGB, of at most `_LARGEST_PX` on its longer side."""
+    """Return the picture on white paper, in RGB, of at most `_LARGEST_PX` on its longer side."""
     image = image.convert("RGBA")
     paper = Image.new("RGBA", image.size, "white")
     paper.alpha_composite(image)
@@ -239,7 +239,7 @@ def _bits(label_: int, count: int) -> tuple[int, ...]:
 
 
 def _nearest(lab: Array, palette: Array, kept: Labels) -> Labels:
-    """(H, W) which row of the palette each pixel is nearest to, of those in `kept`; alike ones are one."""
+    """Return (H, W) the row of the palette each pixel is nearest to, of those `kept`; alike ones are one."""
     apart = [
         k
         for n, k in enumerate(kept.tolist())
@@ -255,7 +255,7 @@ def _nearest(lab: Array, palette: Array, kept: Labels) -> Labels:
 
 
 def _distance(lab: Array, mixture: Array) -> Array:
-    """(H, W) how unlike a mixture (3,) the pixels' colours (H, W, 3) look, squared; both in OKLab.
+    """Return (H, W) how unlike a mixture (3,) the pixels' colours (H, W, 3) look, squared; both in OKLab.
 
     Hue counts in full, lightness and chroma less, for lamps mix only strong colours. But what has little
     chroma of its own is to get none: a grey must not turn blue because it is as dark.
@@ -270,7 +270,7 @@ def _distance(lab: Array, mixture: Array) -> Array:
 
 
 def _without_seams(srgb: Array, labels: Labels) -> Labels:
-    """The labels, where a pixel that lies between two flat colours beside it has that of the nearer one."""
+    """Give labels, where a pixel that lies between two flat colours beside it has that of the nearer one."""
     rows, columns = np.nonzero(_spread(srgb) > _FLAT)
     found = labels.copy()
     height, width = labels.shape
@@ -301,20 +301,20 @@ def _without_seams(srgb: Array, labels: Labels) -> Labels:
 
 
 def _spread(srgb: Array) -> Array:
-    """(H, W) how much the pixels about each differ, in the channel that differs most."""
+    """Return (H, W) how much the pixels about each differ, in the channel that differs most."""
     channels = [maximum_filter(c, 3) - minimum_filter(c, 3) for c in np.moveaxis(srgb, -1, 0)]
     return np.asarray(np.max(channels, axis=0))
 
 
 def _voted(labels: Labels, reach_px: float) -> Labels:
-    """The labels, each the one that most about it have: what is finer than the tube is let go."""
+    """Return the labels, each the one that most about it have: what is finer than the tube is let go."""
     names = np.unique(labels)
     votes = [gaussian_filter((labels == k).astype(np.float32), reach_px) for k in names]
     return np.asarray(names[np.argmax(votes, axis=0)])
 
 
 def _without_specks(labels: Labels, least_px: float) -> Labels:
-    """The labels with spots of fewer pixels given to their surroundings."""
+    """Return the labels with spots of fewer pixels given to their surroundings."""
     small = np.zeros(labels.shape, dtype=bool)
     for k in np.unique(labels):
         parts, count = label(labels == k)
@@ -328,7 +328,7 @@ def _without_specks(labels: Labels, least_px: float) -> Labels:
 
 
 def _without_slivers(labels: Labels, reach_px: float) -> Labels:
-    """The labels, with ends that taper off thinner than twice the reach given to their neighbours.
+    """Return the labels, with ends that taper off thinner than twice the reach given to their neighbours.
 
     No strand is as thin as a crescent's horn. An area that is so thin all over, as a line is, stays.
     """
@@ -370,5 +370,5 @@ def _tell(srgb: Array, off: Array, seen: Array) -> tuple[str, ...]:
 
 
 def _hex(pixels: Array) -> str:
-    """The middle one of some colours (n, 3), as #rrggbb."""
+    """Return the middle one of some colours (n, 3), as #rrggbb."""
     return "#{:02x}{:02x}{:02x}".format(*np.rint(255 * np.median(pixels, axis=0)).astype(int))

@@ -26,7 +26,7 @@ _HALF = 0.5 - 1e-5  # coverage is summed in single precision
 
 
 def mask_iou(one: Mask, other: Mask) -> float:
-    """Intersection over union of two masks (H, W) of one grid; 1 where both are empty."""
+    """Return intersection over union of two masks (H, W) of one grid; 1 where both are empty."""
     union = int((one | other).sum())
     return float((one & other).sum() / union) if union else 1.0
 
@@ -38,12 +38,12 @@ def outline_px(mask: Mask) -> int:
 
 
 def sample_mask(mask: Mask, width: int, height: int) -> Mask:
-    """(height, width) the mask (H, W) at another resolution: where it covers half of a pixel or more."""
+    """Give (height, width) the mask (H, W) at another resolution: where it covers half of a pixel or more."""
     return resample_mask(mask, width, height) >= _HALF
 
 
 def pieces_of(mask: Mask) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
-    """(H, W) each piece's number, from 1, and (n,) its pixels; two that touch at a corner are one."""
+    """Return (H, W) each piece's number, from 1, and (n,) its pixels; two that touch at a corner are one."""
     from scipy import ndimage
 
     labels, _ = ndimage.label(mask, np.ones((3, 3)))
@@ -51,7 +51,7 @@ def pieces_of(mask: Mask) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
 
 
 def holes_of(mask: Mask) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
-    """(H, W) each hole's number, from 1, and (n,) its pixels: background that the frame does not reach."""
+    """Number holes, from 1, (H, W), and count their pixels (n,): background that the frame does not reach."""
     from scipy import ndimage
 
     around, count = ndimage.label(np.pad(~mask, 1, constant_values=True))
@@ -62,7 +62,7 @@ def holes_of(mask: Mask) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
 
 
 def keep_largest(mask: Mask, count: int) -> Mask:
-    """The `count` largest pieces; of equals those that come first, row by row."""
+    """Return the `count` largest pieces; of equals those that come first, row by row."""
     labels, areas = pieces_of(mask)
     kept = np.zeros(len(areas) + 1, dtype=bool)
     kept[1 + np.argsort(-areas, kind="stable")[:count]] = True
@@ -102,7 +102,7 @@ def count_dust(mask: Mask, least_px: float) -> int:
 
 
 def smooth(mask: Mask, sigma_px: float) -> Mask:
-    """The mask blurred by a Gaussian, at half; what lies at the frame goes on beyond it."""
+    """Return the mask blurred by a Gaussian, at half; what lies at the frame goes on beyond it."""
     from scipy import ndimage
 
     blurred = ndimage.gaussian_filter(mask.astype(np.float32), sigma_px, mode="nearest")

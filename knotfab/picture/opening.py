@@ -31,29 +31,29 @@ def _open(shape: Polygon | MultiPolygon, radius: float) -> Polygon | MultiPolygo
 
 
 def open_by(shape: Polygon | MultiPolygon, radius: float) -> Polygon | MultiPolygon:
-    """The opening by a disc, to a fiftieth of its radius; the same of an opening by a smaller disc."""
+    """Return the opening by a disc, to a fiftieth of its radius; the same of an opening by a smaller disc."""
     return _open(shape.simplify(_COARSE * radius), radius)
 
 
 def opening_iou(polygon: MultiPolygon, radius: float) -> float:
-    """IoU of the silhouette with its morphological opening: what a tube draws without spilling."""
+    """Return the IoU of the silhouette with its morphological opening: what a tube draws without spilling."""
     opened = _open(polygon, radius)
     return polygon_iou(opened, polygon)
 
 
 def longer_side(shape: Polygon | LinearRing) -> float:
-    """The longer side of the narrowest rectangle about a shape."""
+    """Return the longer side of the narrowest rectangle about a shape."""
     return float(max(np.linalg.norm(side) for side in _rectangle(shape)[1]))
 
 
 def _rectangle(shape: Polygon | LinearRing) -> tuple[Array, Array]:
-    """The middle (2,) of the narrowest rectangle about a shape, and its sides (2, 2)."""
+    """Return the middle (2,) of the narrowest rectangle about a shape, and its sides (2, 2)."""
     corners = np.asarray(shapely.minimum_rotated_rectangle(shape).exterior.coords)[:4]
     return corners.mean(axis=0), np.diff(corners[:3], axis=0)
 
 
 def least_ring(shape: Polygon | LinearRing, inset: float, bend: float, flat: bool = False) -> Array:
-    """(m, 2) The centre line, as it is seen, of the least closed tube in a shape's place.
+    """Return (m, 2) The centre line, as it is seen, of the least closed tube in a shape's place.
 
     A closed tube is no smaller across than a circle of its least bend radius; seen from aside that is an
     ellipse, which lies along the shape and is as wide as fits.
@@ -75,7 +75,7 @@ def least_ring(shape: Polygon | LinearRing, inset: float, bend: float, flat: boo
 
 
 def thickest_radius(polygon: MultiPolygon, iou: float, low: float, high: float) -> float | None:
-    """The largest radius between two with which the opening has this IoU, None where `low` has not.
+    """Return the largest radius between two with which the opening has this IoU, None where `low` has not.
 
     In the polygon's own unit; a frame s times as large allows a tube s times as thick.
     """
@@ -106,7 +106,7 @@ class Loss:
 
 
 def find_losses(polygon: MultiPolygon, opened: Polygon | MultiPolygon, radius: float) -> list[Loss]:
-    """The parts that a tube of this radius loses, largest first; `opened` is what it draws (`open_by`).
+    """Find the parts that a tube of this radius loses, largest first; `opened` is what it draws (`open_by`).
 
     A part counts that reaches more than a radius beyond what is drawn: rounded corners are no loss.
     """

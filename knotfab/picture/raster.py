@@ -112,7 +112,7 @@ def _unreadable(data: bytes, what: str) -> InputError:
 
 
 def _formats() -> tuple[str, ...]:
-    """The formats of `_FORMATS` that this machine's Pillow reads."""
+    """Return the formats of `_FORMATS` that this machine's Pillow reads."""
     Image.init()
     return tuple(kind for kind in _FORMATS if kind in Image.OPEN)
 
@@ -187,20 +187,20 @@ def shrink_factor(image: Image.Image) -> int:
 
 
 def shrink(image: Image.Image, factor: int) -> Image.Image:
-    """The means of squares of px."""
+    """Return the means of squares of px."""
     if image.mode not in ("L", "LA", "RGB", "RGBA"):
         image = image.convert("RGBA" if image.has_transparency_data else "RGB")
     return image.reduce(factor)
 
 
 def count_frames(data: bytes) -> int:
-    """Frames of a pixel picture that `decode` can read; 1 where it does not move."""
+    """Return frames of a pixel picture that `decode` can read; 1 where it does not move."""
     with Image.open(io.BytesIO(data), formats=_formats()) as image:
         return int(getattr(image, "n_frames", 1))
 
 
 def take_frame(data: bytes, number: int) -> Image.Image:
-    """A frame of a moving picture, counted from 0.
+    """Return a frame of a moving picture, counted from 0.
 
     Raises:
         EOFError, OSError, ValueError: there is none, or it is damaged.
@@ -211,7 +211,7 @@ def take_frame(data: bytes, number: int) -> Image.Image:
 
 
 def to_plain(image: Image.Image) -> Image.Image:
-    """A picture in a mode that a PNG holds, nothing of the file about it."""
+    """Return a picture in a mode that a PNG holds, nothing of the file about it."""
     if image.mode == "F":
         levels = np.asarray(image, dtype=np.float64)
         low, high = np.nanmin(levels), np.nanmax(levels)
@@ -227,7 +227,7 @@ def to_plain(image: Image.Image) -> Image.Image:
 def silhouette(
     image: Image.Image, what: str, reading: Reading, shrunk: int = 1
 ) -> tuple[Mask, str, Box | None]:
-    """The silhouette of a decoded picture, by the rules of docs/silhouette.md.
+    """Return the silhouette of a decoded picture, by the rules of docs/silhouette.md.
 
     Cropped first; then the ink, inverted where that is asked for, its largest pieces, without specks.
 
@@ -263,7 +263,7 @@ def silhouette(
 
 
 def own_box(mask: Mask) -> Box:
-    """The box of a silhouette with a margin about it, as far as the picture reaches."""
+    """Return the box of a silhouette with a margin about it, as far as the picture reaches."""
     rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
     height, width = mask.shape
     longer = max(rows[-1] - rows[0], columns[-1] - columns[0]) + 1
@@ -275,7 +275,7 @@ def own_box(mask: Mask) -> Box:
 
 
 def crop_image(image: Image.Image, what: str, reading: Reading) -> tuple[Image.Image, Box | None]:
-    """The part of a picture that is read, and its box in px; as for `silhouette`."""
+    """Return the part of a picture that is read, and its box in px; as for `silhouette`."""
     box = reading.crop_px
     if box is None:
         whole, *_ = silhouette(image, what, reading.but(crop_px=False))

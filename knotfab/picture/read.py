@@ -109,7 +109,7 @@ class Target(InNotebook):
         return self.title or self.name
 
     def to_picture(self, at: tuple[float, float]) -> tuple[float, float]:
-        """The px of the picture, whose centres are whole numbers, at one of the masks."""
+        """Return the px of the picture, whose centres are whole numbers, at one of the masks."""
         x, y = ((c + 0.5) * self.shrunk - 0.5 for c in at)
         return x, y
 
@@ -130,7 +130,7 @@ class Target(InNotebook):
         return self.mask if self.original is None else self.original
 
     def drawing_png(self) -> bytes:
-        """The drawn silhouette, black on white, as the view's own wall has it, as a PNG."""
+        """Return the drawn silhouette, black on white, as the view's own wall has it, as a PNG."""
         return encode_image(Image.fromarray(~(self.mask if self.drawing is None else self.drawing)))
 
     @property
@@ -140,7 +140,7 @@ class Target(InNotebook):
 
 
 def plain_name(raw: str, fallback: str) -> str:
-    """`raw` in letters, digits and signs of any script, "_" and "-"; `fallback` where nothing is left of it.
+    """Keep of `raw` letters, digits and signs of any script, "_" and "-"; give `fallback` if nothing is left.
 
     A longer one ends in a digest of the whole: two that begin alike stay two.
     """
@@ -162,7 +162,7 @@ def _name_text(content: str) -> str:
 
 
 def name_picture(source: str) -> str:
-    """The name that a picture's target has (`plain_name`)."""
+    """Return the name that a picture's target has (`plain_name`)."""
     if source.startswith(TEXT_PREFIX):
         return _name_text(source.removeprefix(TEXT_PREFIX))
     return plain_name(Path(source).stem, "picture")
@@ -242,7 +242,7 @@ def read_target(
 
 
 def _titled(given: str) -> str:
-    """A name as it was given, where it is short and every sign of it can be shown; or nothing."""
+    """Return a name as it was given, where it is short and every sign of it can be shown; or nothing."""
     return given if given.isprintable() and len(given) <= _MOST_SIGNS else ""
 
 
@@ -260,7 +260,7 @@ def _read_file(source: str | Path, base: Path | None) -> tuple[bytes, Path]:
 
 
 def read_image(source: str | Path, *, base: Path | None = None) -> Image.Image:
-    """A picture in its colours; arguments as `read_target` takes them.
+    """Read a picture in its colours; arguments as `read_target` takes them.
 
     Raises:
         InputError: it cannot be read.
@@ -365,7 +365,7 @@ def _take_target(
 def _first_drawn(
     data: bytes, what: str, name: str, reading: Reading, glance: bool, frames: int, folder: Path
 ) -> Target:
-    """The first frame of a moving picture that holds a shape, where its very first holds none."""
+    """Return the first frame of a moving picture that holds a shape, where its very first holds none."""
     refused = None
     for number in range(frames):
         try:

@@ -27,7 +27,7 @@ _LEVEL = 0.499
 
 
 def _overlaps(source: int, wanted: int, low: float, high: float) -> scipy.sparse.csr_array:
-    """(wanted, source) box weights: how target pixels, evenly from low to high, cover source pixels.
+    """Return (wanted, source) box weights: how target pixels, evenly from low to high, cover source pixels.
 
     Rows sum to 1 where low to high lies in the source, to less where a target pixel stands out of it.
     """
@@ -49,7 +49,7 @@ def resample_mask(
     height: int,
     window: tuple[float, float, float, float] | None = None,
 ) -> NDArray[np.float32]:
-    """The mask's coverage at another resolution, by an exact box filter.
+    """Return the mask's coverage at another resolution, by an exact box filter.
 
     Args:
         mask: (H, W); or greys in 0 .. 1, whose means are taken.
@@ -74,12 +74,12 @@ def resample_mask(
 
 
 def polygon_iou(one: BaseGeometry, other: BaseGeometry) -> float:
-    """Area that two shapes share over that of both."""
+    """Return the area that two shapes share over that of both."""
     return float(one.intersection(other).area / one.union(other).area)
 
 
 def fit_size(width: int, height: int, longer: int) -> tuple[int, int]:
-    """Width and height, px, of the same frame with so many on its longer side."""
+    """Return the width and height, px, of the same frame with so many on its longer side."""
     scale = longer / max(width, height)
     return max(1, round(width * scale)), max(1, round(height * scale))
 
@@ -90,7 +90,7 @@ def _area(ring: Array) -> float:
 
 
 def _smooth(ring: Array, length: float, reach: float) -> Array:
-    """A closed ring without its stair steps, never further than about `reach` from where it was.
+    """Return a closed ring without its stair steps, never further than about `reach` from where it was.
 
     Strong smoothing alone would round corners: so moves are clipped to `reach`, and the clipped
     ring is smoothed again, more lightly, twice. Vertices that straight runs can spare are dropped.
@@ -128,7 +128,7 @@ def _smooth(ring: Array, length: float, reach: float) -> Array:
 
 
 def _restore_area(ring: Array, area: float, reach: float) -> Array:
-    """The ring offset along its normals, by at most `reach` px, so that it encloses `area`."""
+    """Return the ring offset along its normals, by at most `reach` px, so that it encloses `area`."""
     for _ in range(2):  # the second takes care of the offset's curvature term
         tangent = np.roll(ring, -1, axis=0) - np.roll(ring, 1, axis=0)
         tangent /= np.maximum(np.hypot(*tangent.T), 1e-9)[:, None]
@@ -141,7 +141,7 @@ def _restore_area(ring: Array, area: float, reach: float) -> Array:
 
 
 def _trace(coverage: NDArray[np.float32]) -> list[list[Array]]:
-    """Outlines at half coverage: for each piece its outer ring and its holes, none repeated."""
+    """Return outlines at half coverage: for each piece its outer ring and its holes, none repeated."""
     import contourpy
 
     generator = contourpy.contour_generator(
@@ -155,7 +155,7 @@ def _trace(coverage: NDArray[np.float32]) -> list[list[Array]]:
 
 
 def trace_polygon(mask: Mask, smooth_px: float = 1.5) -> MultiPolygon:
-    """The silhouette as smooth polygons with holes, in the mask's pixel coordinates.
+    """Return the silhouette as smooth polygons with holes, in the mask's pixel coordinates.
 
     The half-coverage outline (marching squares) of the mask, brought down to 1024 px on the longer
     side first where it is larger, with the stair steps of its pixels smoothed away.
@@ -198,7 +198,7 @@ def trace_polygon(mask: Mask, smooth_px: float = 1.5) -> MultiPolygon:
 def _smooth_piece(
     rings: list[tuple[Array, float]], smooth_px: float, reach: float
 ) -> list[Polygon]:
-    """One piece, smoothed as much as its thin parts allow without running into themselves."""
+    """Return one piece, smoothed as much as its thin parts allow without running into themselves."""
     import shapely
     from shapely import Polygon
 

@@ -28,7 +28,7 @@ _DOT = 0.5  # half widths: length of the line that stands for a dot
 
 
 def trace_strokes(mask: Mask, width_px: float) -> list[Line]:
-    """The centre lines of strokes, all of which are about `width_px` wide or wider.
+    """Return the centre lines of strokes, all of which are about `width_px` wide or wider.
 
     The skeleton by thinning (Zhang and Suen 1984, of scikit-image) is taken as a graph of pixels. Its chains
     are lines; spurs are dropped, junctions nearer than a stroke is wide become one, stair steps are smoothed.
@@ -56,7 +56,7 @@ def trace_strokes(mask: Mask, width_px: float) -> list[Line]:
 
 
 def _link_pixels(skeleton: Mask) -> tuple[Indices, Indices]:
-    """The pixels (n, 2) of a skeleton as (x, y) in order, and the pairs (m, 2) that touch.
+    """Return the pixels (n, 2) of a skeleton as (x, y) in order, and the pairs (m, 2) that touch.
 
     Pixels touch corner to corner only where no third pixel joins them.
     """
@@ -93,7 +93,7 @@ def _degrees(links: Indices, count: int) -> Indices:
 
 
 def _chains(pixels: Indices, links: Indices) -> nx.MultiGraph:
-    """Ends and junctions as nodes, the chains between them as edges with their points."""
+    """Return ends and junctions as nodes, the chains between them as edges with their points."""
     import networkx as nx
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import connected_components
@@ -163,7 +163,7 @@ def _tidy(graph: nx.MultiGraph) -> None:
 
 
 def _contract(graph: nx.MultiGraph, one: Any, other: Any, key: int) -> None:
-    """The two ends of an edge become one node in its middle; of a loop only the edge goes."""
+    """Make the two ends of an edge become one node in its middle; of a loop only the edge goes."""
     graph.remove_edge(one, other, key)
     if one == other:
         return
@@ -188,7 +188,7 @@ def _starts_at(data: dict[str, Any], graph: nx.MultiGraph, node: Any) -> bool:
 
 
 def _join_through(graph: nx.MultiGraph, node: Any) -> None:
-    """Lines that meet where no third does are one."""
+    """Join lines that meet where no third does."""
     if node not in graph or graph.degree(node) != 2:
         return
     edges = list(graph.edges(node, keys=True, data=True))
@@ -203,7 +203,7 @@ def _join_through(graph: nx.MultiGraph, node: Any) -> None:
 
 
 def _lines(graph: nx.MultiGraph) -> list[Line]:
-    """The edges, smoothed with their ends where they are; a dot as a short line."""
+    """Return the edges, smoothed with their ends where they are; a dot as a short line."""
     found = []
     for node in graph:
         if graph.degree(node) == 0:
@@ -216,7 +216,7 @@ def _lines(graph: nx.MultiGraph) -> list[Line]:
 
 
 def _smooth(points: Line, closed: bool) -> Line:
-    """Evenly sampled and smoothed; the ends stay, but for a ring's."""
+    """Sample a line evenly and smooth it; the ends stay, but for a ring's."""
     from scipy.ndimage import gaussian_filter1d
 
     arc = arc_lengths(points, closed=False)

@@ -41,7 +41,7 @@ _SIDES = ((0, 1), (1, 0), (1, 1), (1, -1))  # steps to half of a pixel's eight n
 
 
 def middle_boxes(width: int, height: int) -> list[Box]:
-    """Rectangles in the middle of a picture to begin with: 80 % of it, and an upright one."""
+    """Return rectangles in the middle of a picture to begin with: 80 % of it, and an upright one."""
     return [
         (
             round((1 - x) / 2 * width),
@@ -54,7 +54,7 @@ def middle_boxes(width: int, height: int) -> list[Box]:
 
 
 def take_subject(image: Image.Image, reading: Reading, folder: Path, what: str) -> Mask:
-    """(H, W) what was cut out of an upright picture: as its mask's file has it, or else by a new cut.
+    """Return (H, W) what was cut out of an upright picture: as its mask's file has it, or else by a new cut.
 
     Args:
         folder: what the name of the mask's file is relative to.
@@ -82,7 +82,7 @@ def take_subject(image: Image.Image, reading: Reading, folder: Path, what: str) 
 def cut_subject(
     image: Image.Image, box: Box, keep: Sequence[Disc], drop: Sequence[Disc], what: str
 ) -> Mask:
-    """(H, W) the thing in a rectangle of a picture, without crumbs, its outline smooth; the same each time.
+    """Cut out the thing in a rectangle of a picture: (H, W), no crumbs, smooth, the same each time.
 
     Mixtures of Gaussians tell the colours of the thing from those of its surroundings, which are known
     outside the rectangle. The outline is a minimal cut of the grid's graph. Both are repeated until they
@@ -148,7 +148,7 @@ def cut_subject(
 
 
 def _discs(x: Array, y: Array, discs: Sequence[Disc]) -> Mask:
-    """(len(y), len(x)) what the discs cover."""
+    """Return (len(y), len(x)) what the discs cover."""
     covered = np.zeros((len(y), len(x)), dtype=bool)
     for u, v, radius in discs:
         covered |= (x - u) ** 2 + (y[:, None] - v) ** 2 <= radius**2
@@ -217,7 +217,7 @@ def _grab(
 
 
 def _edge_weights(levels: Levels, edge: float) -> dict[tuple[int, int], NDArray[np.float64]]:
-    """(H, W) for each direction, what an outline between a pixel and that neighbour weighs."""
+    """Return (H, W) for each direction, what an outline between a pixel and that neighbour weighs."""
     squares = {}
     for down, right in _SIDES:
         shifted = np.roll(levels, (-down, -right), (0, 1))  # beyond the grid there is no edge
@@ -229,7 +229,7 @@ def _edge_weights(levels: Levels, edge: float) -> dict[tuple[int, int], NDArray[
 
 
 def _learn(pixels: Levels, old: list[_Gaussian]) -> list[_Gaussian]:
-    """Gaussians of pixels (n, 3), which go to the nearest of the old ones; at first the widest is split."""
+    """Fit Gaussians to pixels (n, 3), each by the nearest of the old ones; at first split the widest."""
     if old:
         kind = _costs(pixels, old).argmin(1)
     else:
@@ -257,7 +257,7 @@ def _learn(pixels: Levels, old: list[_Gaussian]) -> list[_Gaussian]:
 
 
 def _costs(pixels: Levels, mixture: list[_Gaussian]) -> Levels:
-    """(n, kinds) how unlikely each pixel is in each Gaussian: minus the logarithm of its density."""
+    """Return (n, kinds) how unlikely each pixel is in each Gaussian: minus the logarithm of its density."""
     columns = []
     for share, middle, cov in mixture:
         root = np.linalg.cholesky(np.linalg.inv(cov))
@@ -268,7 +268,7 @@ def _costs(pixels: Levels, mixture: list[_Gaussian]) -> Levels:
 
 
 def _finish(mask: Mask, part: Image.Image, kept: Mask, dropped: Mask, round_px: float) -> Mask:
-    """The cut at the size of the picture's part: along its edges, smooth, no crumbs, holes where real."""
+    """Return cut at the size of the picture's part: along its edges, smooth, no crumbs, holes where real."""
     size = fit_size(*part.size, min(_FINE_PX, max(part.size)))
     scale = size[0] / mask.shape[1]
     mask = _follow_edges(mask, part.convert("L").resize(size, Image.Resampling.BOX), scale)
@@ -287,7 +287,7 @@ def _finish(mask: Mask, part: Image.Image, kept: Mask, dropped: Mask, round_px: 
 
 
 def _follow_edges(mask: Mask, grey: Image.Image, scale: float) -> Mask:
-    """The mask in the size of a grey picture, along its edges: a guided filter (He, Sun, Tang 2010)."""
+    """Give the mask in the size of a grey picture, along its edges: a guided filter (He, Sun, Tang 2010)."""
     from scipy.ndimage import uniform_filter
 
     guide = np.asarray(grey, dtype=np.float32)

@@ -52,7 +52,7 @@ class Outline:
 
 
 def outline_text(text: str, font: str | None = None) -> Outline:
-    """Glyph outlines of one line of text.
+    """Return glyph outlines of one line of text.
 
     Args:
         text: characters in the order they are drawn, left to right, each by itself (not `needs_shaping`).
@@ -97,7 +97,7 @@ def outline_text(text: str, font: str | None = None) -> Outline:
 
 
 def _path_data(vertices: NDArray[np.float64], codes: Any) -> str:
-    """SVG path data from vertices and codes (1 move, 2 line, 3 and 4 curves, 79 end)."""
+    """Return SVG path data from vertices and codes (1 move, 2 line, 3 and 4 curves, 79 end)."""
     data: list[str] = []
     i = 0
     while i < len(codes):
@@ -127,7 +127,7 @@ def _name(text: str) -> str:
 
 
 def _shape_text(text: str, font: str | None) -> tuple[str, tuple[str, ...], _Box]:
-    """An SVG <text> that resvg shapes (HarfBuzz's rules), its fonts, and the box of its ink.
+    """Return an SVG <text> that resvg shapes (HarfBuzz's rules), its fonts, and the box of its ink.
 
     Raises:
         InputError: no ink, no such font, or a character that no font has.
@@ -169,7 +169,7 @@ def _has(path: str, character: str) -> bool:
 
 
 def _frame(body: str, box: _Box, longer: int) -> str:
-    """An SVG of a part of the plane, whole pixels wide and high."""
+    """Return an SVG of a part of the plane, whole pixels wide and high."""
     step = max(box[2:]) / longer
     columns, rows = (max(1, round(side / step)) for side in box[2:])
     x, y, w, h = (f"{v:.9f}" for v in box)
@@ -229,7 +229,7 @@ def render_text(text: str, font: str | None = None) -> bytes:
 
 
 def _with_note(png: bytes, key: str, value: str) -> bytes:
-    """The PNG with a tEXt entry behind its header (PNG specification, 11.3.4.3)."""
+    """Return the PNG with a tEXt entry behind its header (PNG specification, 11.3.4.3)."""
     entry = b"tEXt" + f"{key}\0{value}".encode("latin-1", "replace")
     chunk = struct.pack(">I", len(entry) - 4) + entry + struct.pack(">I", zlib.crc32(entry))
     end = 8 + 25  # the signature and the header, which comes first

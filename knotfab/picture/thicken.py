@@ -14,7 +14,7 @@ _SOLID = 0.2  # the largest share of its area that is twice as thick
 
 
 def _inside(mask: Mask) -> Array:
-    """(H, W) distance of each pixel's middle from the background, px."""
+    """Return (H, W) distance of each pixel's middle from the background, px."""
     from scipy import ndimage
 
     # a pixel's middle is half a pixel inside its side
@@ -37,7 +37,7 @@ def _opened(inside: Array, radius: float) -> Mask:
 
 
 def _ridge(mask: Mask, inside: Array) -> Mask:
-    """The middle lines: pixels of which no neighbour is further in."""
+    """Return the middle lines: pixels of which no neighbour is further in."""
     from scipy import ndimage
 
     # px: on a slope of the distance a neighbour is further in by 0.9 or more, on a ridge by less
@@ -67,7 +67,7 @@ def run_together(mask: Mask, widened: Mask, width_px: float) -> float:
 
 
 def thicken(mask: Mask, width_px: float) -> Mask:
-    """The silhouette with its strokes at least `width_px` wide, along their middle lines.
+    """Return the silhouette with its strokes at least `width_px` wide, along their middle lines.
 
     What an opening by a disc of that width leaves out, and is longer than the disc is wide, is a stroke: a
     disc is added at every point of its middle line, which is where the distance to the background is

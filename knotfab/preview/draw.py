@@ -41,17 +41,17 @@ class Panel(NamedTuple):
 
 
 def draw_survey(found: Survey) -> bytes:
-    """A PNG: a row for each picture, with its silhouette and one panel for each radius."""
+    """Draw a PNG: a row for each picture, with its silhouette and one panel for each radius."""
     return _lay_out(_rows(found))
 
 
 def draw_agreement(target: Target, bound: HullBound) -> bytes:
-    """A PNG of one of several pictures: as it came, as it is bent, and what all leave of it."""
+    """Draw a PNG of one of several pictures: as it came, as it is bent, and what all leave of it."""
     return _lay_out([_agreement(target, bound, _PANEL)])
 
 
 def _lay_out(panels: Sequence[Sequence[Panel]]) -> bytes:
-    """Rows of panels with their captions on one sheet, as a PNG."""
+    """Return rows of panels with their captions on one sheet, as a PNG."""
     rows = [[_with_caption(panel) for panel in row] for row in panels]
     width = _GAP + max(len(row) for row in rows) * (_PANEL + _GAP)
     heights = [max(p.height for p in row) + _GAP for row in rows]
@@ -65,12 +65,12 @@ def _lay_out(panels: Sequence[Sequence[Panel]]) -> bytes:
 
 
 def draw_panels(found: Survey, side_px: int = 2 * _PANEL) -> list[Panel]:
-    """The panels of all pictures in their order, so many px on the longer side."""
+    """Draw the panels of all pictures in their order, so many px on the longer side."""
     return [panel for row in _rows(found, side_px) for panel in row]
 
 
 def _rows(found: Survey, side_px: int = _PANEL) -> list[list[Panel]]:
-    """The panels of each picture: it, what of it agrees with the others, and what tubes lose of that."""
+    """Give the panels of each picture: it, what of it agrees with the others, and what tubes lose of that."""
     colours = []
     if (parted := found.parted) is not None:
         came = Image.open(io.BytesIO(parted.png))
@@ -97,7 +97,7 @@ def _agreement(target: Target, bound: HullBound, side_px: int) -> list[Panel]:
 
 
 def _mask_panel(caption: str, mask: Mask, side_px: int, lost: Mask | None = None) -> Panel:
-    """A mask in ink; what is `lost` in red."""
+    """Return a mask in ink; what is `lost` in red."""
     colours = np.where(mask[..., None], _INK, _PAPER)
     if lost is not None:
         colours = np.where(lost[..., None], _RED, colours)
@@ -105,7 +105,7 @@ def _mask_panel(caption: str, mask: Mask, side_px: int, lost: Mask | None = None
 
 
 def _picture_panel(caption: str, picture: Image.Image, side_px: int) -> Panel:
-    """A picture with a frame."""
+    """Return a picture with a frame."""
     picture = picture.convert("RGB")
     picture = picture.resize(fit_size(*picture.size, side_px), Image.Resampling.LANCZOS)
     ends = (0, 0, picture.width - 1, picture.height - 1)
@@ -132,7 +132,7 @@ def _with_caption(panel: Panel) -> Image.Image:
 
 
 def _panel(seen: ViewSurvey, radius: float | None, side_px: int) -> Panel:
-    """The silhouette, or what is left of it for a tube of this radius (mm) and what is lost."""
+    """Return the silhouette, or what is left of it for a tube of this radius (mm) and what is lost."""
     width, height = seen.target.width, seen.target.height
     scale = side_px * _FINER / max(width, height)
     size = fit_size(width, height, side_px * _FINER)

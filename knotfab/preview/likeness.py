@@ -74,7 +74,7 @@ def estimate_likeness(mask: Mask, radius_px: float, unions: int = 7) -> Likeness
 
 
 def opened_share(mask: Mask, radius_px: float) -> float:
-    """The share of a silhouette that its opening by a disc keeps."""
+    """Return the share of a silhouette that its opening by a disc keeps."""
     seen, scale = _resample(mask, radius_px)
     return float((next(_unions_of_discs(seen, radius_px * scale)) & seen).sum() / seen.sum())
 
@@ -94,7 +94,7 @@ def compare_lines(asked: Mask, widened: Mask, radius_px: float) -> Likeness:
 
 
 def recognisable_radius(mask: Mask, radius_px: float) -> float | None:
-    """The largest of a few smaller radii whose opening draws the picture; None where none does.
+    """Return the largest of a few smaller radii whose opening draws the picture; None where none does.
 
     A picture s times as large is to the same tube what this one is to a tube of a radius 1 / s.
     """
@@ -110,7 +110,7 @@ def recognisable_radius(mask: Mask, radius_px: float) -> float | None:
 
 
 def _resample(mask: Mask, radius_px: float) -> tuple[Mask, float]:
-    """The mask by nearest sampling, as fine as the radius needs it, and its px to one of the picture."""
+    """Give the mask by nearest sampling, as fine as the radius needs it, and its px to one of the picture."""
     longer = max(mask.shape)
     side = float(np.clip(longer * _PIXELS / radius_px, _LEAST_PX, _MOST_PX))
     height, width = (max(1, round(n * side / longer)) for n in mask.shape)
@@ -147,7 +147,7 @@ class _Features:
         )
 
     def compare(self, drawn: Mask) -> Likeness:
-        """IoU, and what is lost or run together."""
+        """Return IoU, and what is lost or run together."""
         pieces, areas = self._pieces
         kept = _share(pieces, areas, drawn) >= _COVERED
         lost = int((~kept).sum())
@@ -169,13 +169,13 @@ class _Features:
 def _drop_specks(
     labels: NDArray[np.int32], areas: NDArray[np.int64], least: float
 ) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
-    """Labels and areas of the regions of at least so many pixels, numbered anew."""
+    """Return labels and areas of the regions of at least so many pixels, numbered anew."""
     kept = np.concatenate([[False], areas >= least])
     number = np.where(kept, np.cumsum(kept), 0).astype(np.int32)
     return number[labels], areas[kept[1:]]
 
 
 def _share(labels: NDArray[np.int32], areas: NDArray[np.int64], covered: Mask) -> Array:
-    """(n,) what share of each region is covered."""
+    """Return (n,) what share of each region is covered."""
     counts = np.bincount(labels[covered], minlength=len(areas) + 1)[1:]
     return np.asarray(counts / np.maximum(areas, 1))

@@ -76,11 +76,11 @@ class TriedReading:
         return shlex.join(word for pair in named for word in pair)
 
     def thumbnail(self, longest_px: int = _PANEL) -> bytes:
-        """The drawn silhouette, dark on light, as a PNG of at most so many px."""
+        """Return the drawn silhouette, dark on light, as a PNG of at most so many px."""
         return encode_image(_paint(self.target.mask, longest_px))
 
     def to_dict(self) -> dict[str, Any]:
-        """The data that a page needs, without the picture."""
+        """Return the data that a page needs, without the picture."""
         return {
             "options": self.options,
             "keys": {key: as_written(View, key, value) for key, value in self.keys.items()},
@@ -105,7 +105,7 @@ def is_unclear(found: Survey) -> bool:
 
 
 def advise(found: Survey, readings: Sequence[TriedReading]) -> Survey:
-    """The survey whose refusal names what would do: a subject cut out of a photograph, or another reading."""
+    """Return the survey whose refusal names what would do: a subject cut out, or another reading."""
     error, seen = found.refusal, found.views[0]
     if error is None or len(found.views) > 1 or found.frames or error.what != PICTURE:
         return found
@@ -174,7 +174,7 @@ def _try(
     base: Path | None,
     font: str | None,
 ) -> TriedReading | None:
-    """The reading with these keys; None where it holds no shape."""
+    """Return the reading with these keys; None where it holds no shape."""
     changed = scene.but(views=(scene.views[0].but(**keys),))
     try:
         target = read_target(source, changed.views[0], base=base, font=font, glance=True)
@@ -189,7 +189,7 @@ def _try(
 
 
 def _cleanings(tube_px: float) -> Iterator[dict[str, Any]]:
-    """Keys that clean a silhouette, mildest first; `tube_px` of the picture is the thinnest tube's shadow."""
+    """Yield keys that clean a silhouette, mildest first; `tube_px`: the thinnest tube's shadow there."""
     specks = _round_up(tube_px**2)
     yield {}
     yield {"speck_px": specks}
@@ -212,7 +212,7 @@ def _round_up(value: float) -> int:
 def _tube_px(
     source: str | Path, scene: ResolvedScene, base: Path | None, font: str | None
 ) -> float:
-    """The width of the thinnest tube's shadow, in px of the picture."""
+    """Return the width of the thinnest tube's shadow, in px of the picture."""
     for ink in ("auto", "dark", "light"):
         reading = scene.views[0].but(ink=ink)
         try:
@@ -226,7 +226,7 @@ def _tube_px(
 
 
 def _ways(source: str | Path, base: Path | None, view: View) -> list[dict[str, Any]]:
-    """Keys that say what is ink, those of the scene first, then the others that may be meant."""
+    """Return keys that say what is ink, those of the scene first, then the others that may be meant."""
     if view.cut_out:
         return [{}]
     path = at_home(source) if base is None else base / source
@@ -253,7 +253,7 @@ def _is_photo(image: Image.Image) -> bool:
 
 
 def _colours(image: Image.Image, most: int = 3) -> list[str]:
-    """The commonest colours of a pixel picture that are neither dark nor light, as #rrggbb."""
+    """Return the commonest colours of a pixel picture that are neither dark nor light, as #rrggbb."""
     small = image.convert("RGB")
     small.thumbnail((96, 96))
     few = small.quantize(8, Image.Quantize.MEDIANCUT)
@@ -291,7 +291,7 @@ def _paint(mask: Mask, longest_px: int) -> Image.Image:
 
 
 def draw_readings(readings: Sequence[TriedReading]) -> bytes:
-    """A PNG: the silhouette of each reading, numbered, with the options that give it."""
+    """Draw a PNG: the silhouette of each reading, numbered, with the options that give it."""
     rows = -(-len(readings) // _COLUMNS)
     painted = [_paint(one.target.mask, _PANEL) for one in readings]
     high = max(picture.height for picture in painted) + _TEXT + _GAP

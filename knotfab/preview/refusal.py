@@ -26,7 +26,7 @@ _FEW = 200  # pieces and holes of a picture whose polygons are opened
 def find_refusal(
     views: Sequence[ViewSurvey], scene: ResolvedScene, sequence: bool = False
 ) -> SceneError | None:
-    """The error for pictures that no tube draws so that they are known; None where a search may.
+    """Find the error for pictures that no tube draws so that they are known; None where a search may.
 
     That is a picture that nobody would know in the shadow of any tube, unless that is accepted. And one of
     thin lines: a stroke thinner than the tube is drawn too thick, at an IoU of their ratio. What the
@@ -71,7 +71,7 @@ def find_refusal(
 
 
 def _unlike(seen: ViewSurvey, scene: ResolvedScene) -> SceneError:
-    """The error for a picture that nobody would know in the shadow of a tube."""
+    """Return the error for a picture that nobody would know in the shadow of a tube."""
     likeness, px, printer = seen.likeness, seen.px_per_mm, scene.printer
     assert likeness is not None
     given, radius = scene.piece.tube_radius_mm is not None, scene.thinnest_mm

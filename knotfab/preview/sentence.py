@@ -18,7 +18,7 @@ __all__ = ["count", "describe", "describe_readings", "list_figures"]
 
 
 def describe(found: Survey, exact: bool = False) -> list[str]:
-    """A few lines: each picture's silhouette, what the likely tube loses of it, and a guess of the print.
+    """Say in a few lines what each picture draws, what the likely tube loses of it, and a guess of the print.
 
     Args:
         exact: with the figures of the rule by which each picture was read.
@@ -51,7 +51,7 @@ def _describe_silhouette(seen: ViewSurvey, exact: bool) -> str:
 
 
 def _describe_losses(seen: ViewSurvey, found: Survey) -> str:
-    """The tube that a build takes, and what it loses; or that nobody would know the picture."""
+    """Describe the tube that a build takes, and what it loses; or that nobody would know the picture."""
     thick = f"{2 * found.radius_mm:.1f} mm thick (radius {found.radius_mm:.2f} mm)"
     if seen.view.lines:
         text = f"  A build lays one tube {thick} along each of its strokes"
@@ -80,7 +80,7 @@ def _describe_losses(seen: ViewSurvey, found: Survey) -> str:
 
 
 def _describe_loss(loss: Loss, seen: ViewSurvey) -> str:
-    """Its size, and its place in the picture."""
+    """Describe its size, and its place in the picture."""
     scale, px = seen.wall_mm_per_px, seen.target.shrunk
     x, y = seen.target.to_picture(loss.at)
     return (
@@ -137,7 +137,7 @@ def describe_readings(readings: Sequence[TriedReading], sheet: str) -> list[str]
 
 
 def list_figures(found: Survey, readings: Sequence[TriedReading] = ()) -> dict[str, Any]:
-    """The survey as plain data: lengths in mm, places in px of the picture."""
+    """List the survey as plain data: lengths in mm, places in px of the picture."""
     views = []
     bounds = found.bounds or (None,) * len(found.views)
     for seen, bound in zip(found.views, bounds, strict=True):

@@ -145,7 +145,7 @@ def survey(
 
 
 def survey_views(scene: ResolvedScene, targets: Sequence[Target]) -> tuple[ViewSurvey, ...]:
-    """Each picture by itself, and whether any tube draws it."""
+    """Return each picture by itself, and whether any tube draws it."""
     if len(targets) > 1:
         scene = framed_alike(scene, targets)
     found = []
@@ -175,7 +175,7 @@ def survey_views(scene: ResolvedScene, targets: Sequence[Target]) -> tuple[ViewS
 def _choose_tube(
     scene: ResolvedScene, targets: Sequence[Target]
 ) -> tuple[Question, float, dict[float, Template]]:
-    """A build's own question, its choice of the radius, mm, and of one view the templates that it tried.
+    """Give a build's own question, its choice of the radius, mm, and of one view the templates that it tried.
 
     Raises:
         SceneError: no tube draws the pictures.
@@ -200,7 +200,7 @@ def _add_losses(
     radius: float,
     templates: Mapping[float, Template],
 ) -> tuple[ViewSurvey, ...]:
-    """The views with what tubes lose of them: of one view by the templates, which a search starts from."""
+    """Return views with what tubes lose of them: of one view by the templates, which a search starts from."""
     thinnest = question.scene.printer.min_tube_radius_mm
     found = []
     for seen in views:
@@ -233,7 +233,7 @@ def _drawn_by(template: Template, seen: ViewSurvey) -> Polygon | MultiPolygon:
 
 
 def _without_specks(polygon: MultiPolygon, least: float) -> MultiPolygon:
-    """The pieces and holes of at least this area, px²; all, where no piece is as large."""
+    """Return the pieces and holes of at least this area, px²; all, where no piece is as large."""
     kept = [
         Polygon(piece.exterior, [hole for hole in piece.interiors if Polygon(hole).area >= least])
         for piece in polygon.geoms
@@ -244,13 +244,13 @@ def _without_specks(polygon: MultiPolygon, least: float) -> MultiPolygon:
 
 
 def _trace(mask: Mask) -> MultiPolygon:
-    """The silhouette in px, without vertices that a preview can spare."""
+    """Return the silhouette in px, without vertices that a preview can spare."""
     shape = trace_polygon(mask).simplify(_SPARE)
     return shape if isinstance(shape, MultiPolygon) else MultiPolygon([shape])
 
 
 def _hardest(targets: Sequence[Target]) -> Target:
-    """The frame whose opening by a usual tube is worst."""
+    """Return the frame whose opening by a usual tube is worst."""
     few = targets[:: -(-len(targets) // 24)]  # frames of a sequence that are looked at
     return min(few, key=lambda t: opened_share(t.mask, _USUAL_SHARE * max(t.mask.shape)))
 

@@ -19,12 +19,12 @@ class DrawnImage(Protocol):
     """A view's picture that something else than the compiled loops draws; arrays in, arrays out."""
 
     def from_frame(self, frame: Frame) -> DrawnImage:
-        """The same picture, seen from another frame."""
+        """Return the same picture, seen from another frame."""
 
     def squared_error(
         self, points: Real, rings: Polylines, radius: float, tau: float, cutoff: float, won: Any
     ) -> tuple[float, Array]:
-        """The squared difference of tube and picture, and its gradient in the vertices (N, 3)."""
+        """Return the squared difference of tube and picture, and its gradient in the vertices (N, 3)."""
 
     def find_winners(self, points: Real, rings: Polylines, radius: float, reach_px: float) -> Any:
         """Find the capsule that colours each pixel, for `squared_error` of vertices that moved little."""
@@ -32,7 +32,7 @@ class DrawnImage(Protocol):
     def render(
         self, points: Real, rings: Polylines, radius: float, tau: float, cutoff: float
     ) -> Real:
-        """The image (H, W) of the tube about vertices (N, 3)."""
+        """Render the image (H, W) of the tube about vertices (N, 3)."""
 
 
 class Forms:
@@ -56,7 +56,7 @@ class Forms:
         raise ValueError("a search of the network needs forms=TorchForms()")
 
     def free_pose(self, start: Any, given: bool, least_radius_mm: float) -> Any:
-        """The pose of one view as an unknown, from `ViewNumbers`; a `given` tube radius is none."""
+        """Return the pose of one view as an unknown, from `ViewNumbers`; a `given` tube radius is none."""
         raise ValueError("a free view needs forms=TorchForms()")
 
 

@@ -17,13 +17,13 @@ Number: TypeAlias = Any  # a float, or a tensor [] where it has a gradient
 
 
 def number(value: Number) -> float:
-    """The value without its gradient."""
+    """Return the value without its gradient."""
     return float(value if isinstance(value, float | int) else value.detach())
 
 
 @compiled
 def _turn_to(points: Real, axes: Real, eye: Real) -> Real:
-    """(n, 3) points about `eye` in these axes (3, 3), rounded as `Frame.local` says it."""
+    """Return (n, 3) points about `eye` in these axes (3, 3), rounded as `Frame.local` says it."""
     out = np.empty_like(points)
     for n in range(len(points)):
         x, y, z = points[n, 0] - eye[0], points[n, 1] - eye[1], points[n, 2] - eye[2]
@@ -56,7 +56,7 @@ class Frame:
         return 1.0 / self.step
 
     def local(self, points: Any) -> Any:
-        """(..., 3) scene mm -> (..., 3) receiver axes, mm from the light."""
+        """Map (..., 3) scene mm -> (..., 3) receiver axes, mm from the light."""
         if isinstance(points, np.ndarray) and points.ndim == 2 and points.dtype == self.axes.dtype:
             return _turn_to(points, self.axes, self.eye)
         away = points - self.eye
@@ -66,7 +66,7 @@ class Frame:
         return x * across + y * along + z * deep
 
     def pixels(self, local: Any) -> Any:
-        """(..., 3) receiver axes -> (..., 2) pixel coordinates."""
+        """Map (..., 3) receiver axes -> (..., 2) pixel coordinates."""
         uv = local[..., :2] / local[..., 2:] * self.focal_px
         corner = [number(self.u0), number(self.v0)]
         if isinstance(uv, np.ndarray):
@@ -74,7 +74,7 @@ class Frame:
         return uv - uv.new_tensor(corner)
 
     def arrays(self) -> Frame:
-        """The same view for arrays: its present numbers, without gradient."""
+        """Return the same view for arrays: its present numbers, without gradient."""
         if isinstance(self.axes, np.ndarray):
             return self
         axes, eye = (x.detach().cpu().numpy() for x in (self.axes, self.eye))
@@ -95,7 +95,7 @@ class Sheet:
 def frame_of(
     camera: Camera, dtype: type[np.floating[Any]] = np.float64, *, stretched: bool = False
 ) -> Frame:
-    """The frame, of arrays, of a camera with square pixels.
+    """Return the frame, of arrays, of a camera with square pixels.
 
     Args:
         stretched: where pixels are not quite square, the axis that points down is stretched until they are.

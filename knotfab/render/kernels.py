@@ -35,7 +35,7 @@ _LOST = 4.0  # machine epsilons
 
 
 def _exp(x: float) -> float:
-    """e^x for x <= 0, to an ulp or two."""
+    """Return e^x for x <= 0, to an ulp or two."""
     return math.exp(x)
 
 
@@ -97,7 +97,7 @@ def _meet(a: Any, b: Any, qx: Any, qy: Any, lost: Any, tiny: Any, zero: Any, one
 def _boxes(
     a: Real, b: Real, seen: NDArray[np.bool_], numbers: Array, columns: int, rows: int, reach: float
 ) -> NDArray[np.int32]:
-    """[n, 4] first column and row of the tiles that each capsule can colour, and how many of them.
+    """Return [n, 4] first column and row of the tiles that each capsule can colour, and how many of them.
 
     A sphere's silhouette reaches less than r / (z - 2r) * (1 + |q|)^2 * focal beyond its centre's
     pixel, and the signed distance falls by at least one pixel in 1 + |q| beyond that.
@@ -137,7 +137,7 @@ def _candidates(
     rows: tuple[int, int],  # tiles: the first row, and the first that is not asked for
     reach: float,
 ) -> tuple[NDArray[np.int64], Places]:
-    """The capsules that can win a pixel of each tile t of these rows: first[t] to first[t + 1] of a list.
+    """Return capsules that can win a pixel of each tile t of these rows: first[t] to first[t + 1] of a list.
 
     The distance of a pixel's ray to a segment changes by at most |p| per unit of direction (p the
     farther end), so its value at the tile's middle bounds it over the tile; depths between the ends'
@@ -197,7 +197,7 @@ def find_winners(
     height: int,
     reach: float,
 ) -> tuple[Places, Places]:
-    """(pixel, capsule): flat indices of pixels with s > -reach (px), and the last capsule of largest s."""
+    """Find flat indices of pixels with s > -reach (px), and for each the last capsule of largest s."""
     real = a.dtype.type
     u0, v0, step, radius = _four(real, numbers)
     focal = real(1.0 / numbers[2])
@@ -263,7 +263,7 @@ def evaluate(
     slopes: Array,  # [n, 6] with respect to a and b, added to
     image: Real,  # [height * width], or empty: where g goes
 ) -> float:
-    """The sum over pixels of own g^2 / 2 + other g f, f the field there, and its gradient.
+    """Return the sum over pixels of own g^2 / 2 + other g f, f the field there, and its gradient.
 
     g is the silhouette sigmoid(tau s) of the pixel's winning capsule.
     """

@@ -46,7 +46,7 @@ class ViewImage:
         return self.forms.draw(self.frame, self.target, self.renderer)
 
     def from_frame(self, frame: Frame) -> ViewImage:
-        """The same picture where another frame looks from; what is on a device stays there."""
+        """Return the same picture where another frame looks from; what is on a device stays there."""
         moved = replace(self, frame=frame)
         if self._drawn is not None:
             # a cached property keeps it so
@@ -72,14 +72,14 @@ class ViewImage:
         return silhouette.winners(p, p[rings.next], self.frame, radius, CUTOFF / tau)
 
     def seen(self, points: Array, rings: Polylines, radius: float) -> Mask:
-        """(H, W) the tube's hard silhouette about vertices (N, 3), mm, at half coverage."""
+        """Return (H, W) the tube's hard silhouette about vertices (N, 3), mm, at half coverage."""
         if self._drawn is not None:
             p = points.astype(self.target.dtype)
             return self._drawn.render(p, rings, radius, _HARD, CUTOFF) > 0.5
         return silhouette.cast(points, points[rings.next], self.frame, radius)
 
     def iou(self, points: Array, rings: Polylines, radius: float) -> float:
-        """IoU of `seen` with the target's half coverage; `radius` in mm."""
+        """Return the IoU of `seen` with the target's half coverage; `radius` in mm."""
         return mask_iou(self.seen(points, rings, radius), self.target > 0.5)
 
 
@@ -93,7 +93,7 @@ def image_at(
     renderer: Renderer = "ray",
     ends: bool = False,
 ) -> ViewImage:
-    """The picture of a view with `pixels` on the longer side; `radius` of the tube in mm.
+    """Return the picture of a view with `pixels` on the longer side; `radius` of the tube in mm.
 
     With `ends` the screen ends at the frame: what is seen beside it is not in the picture.
     """
@@ -106,7 +106,7 @@ def image_at(
 def _picture_at(
     view: ResolvedView, mask: Mask, pixels: int, precision: Precision, ends: bool
 ) -> tuple[Frame, NDArray[np.floating[Any]], float]:
-    """(frame, target, pixel in mm) with square pixels, `pixels` on the longer side; a margin without `ends`.
+    """Return (frame, target, pixel in mm), `pixels` on the longer side; with a margin if without `ends`.
 
     The target is the exact share of each pixel that the mask covers. Pixels need not fit the frame's
     sides a whole number of times: the margin takes up the rest.
@@ -125,7 +125,7 @@ def _picture_at(
 
 
 def frame_at(view: ResolvedView, sheet: Sheet, precision: Precision = "single") -> Frame:
-    """The frame in which a view sees a sheet's raster, whose middle is that of the view's frame."""
+    """Return the frame in which a view sees a sheet's raster, whose middle is that of the view's frame."""
     sides = {
         "frame_width_mm": sheet.width * sheet.pixel_mm,
         "frame_height_mm": sheet.height * sheet.pixel_mm,
@@ -142,7 +142,7 @@ def grid_at(
     more: int = 0,
     beside: bool = False,
 ) -> tuple[Mask, Camera]:
-    """The mask looked up on about square cells, and the camera whose pixels they are.
+    """Return the mask looked up on about square cells, and the camera whose pixels they are.
 
     Args:
         margin: margin of the frame on each side, and `more` cells beyond: all outside the mask, or inside it

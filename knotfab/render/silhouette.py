@@ -50,7 +50,7 @@ class _Cut:
     swapped: NDArray[np.bool_] | None = None
 
     def pull(self, slopes: Array, least: float) -> tuple[Array, Array]:
-        """A gradient (n, 6) in a and b as gradients (n, 3) in the ends that were cut."""
+        """Return a gradient (n, 6) in a and b as gradients (n, 3) in the ends that were cut."""
         one, two = slopes[:, :3], slopes[:, 3:]
         if self.swapped is not None:
             other = self.swapped[:, None]
@@ -107,7 +107,7 @@ def _place(starts: Real, ends: Real, frame: Frame, radius: float) -> _Cut:
 
 
 def least_depth(radius: float) -> float:
-    """The least depth that is seen, mm: what is nearer to the light's plane is cut away."""
+    """Return the least depth that is seen, mm: what is nearer to the light's plane is cut away."""
     return max(NEAREST_RADII * radius, _LEAST_MM)
 
 
@@ -118,12 +118,12 @@ def winners(
     radius: float,
     reach_px: float,
 ) -> Winners:
-    """(pixel, capsule): flat indices of pixels with s > -reach_px, and the capsule of largest s."""
+    """Return (pixel, capsule): flat indices of pixels with s > -reach_px, and the capsule of largest s."""
     return _find_winners(_place(starts, ends, frame, radius), frame, radius, reach_px)
 
 
 def cast(starts: Array, ends: Array, frame: Frame, radius: float) -> Mask:
-    """(height, width) the pixels whose rays meet a capsule of `radius` mm about a segment: the hard shadow.
+    """Mark (height, width) pixels whose rays meet a capsule of `radius` mm about a segment: the hard shadow.
 
     Args:
         starts, ends: (n, 3) mm in the scene.
@@ -148,7 +148,7 @@ def render(
     cutoff: float = CUTOFF,
     won: Winners | None = None,
 ) -> Real:
-    """Image (height, width) of sigmoid(tau * max over capsules of the signed distance in px).
+    """Render image (height, width) of sigmoid(tau * max over capsules of the signed distance in px).
 
     Right up to sigmoid(-cutoff). `won` takes the winners of an earlier call: a
     lower bound of the image, exact for small motions wherever the winner did not change.
@@ -167,7 +167,7 @@ def squared_error(
     cutoff: float = CUTOFF,
     won: Winners | None = None,
 ) -> tuple[float, Array, Array]:
-    """The squared difference of `render` and the target, summed over the pixels.
+    """Return the squared difference of `render` and the target, summed over the pixels.
 
     Returns:
         It, and its gradients (n, 3) in `starts` and `ends`.
@@ -180,7 +180,7 @@ def squared_error(
 
 
 def _numbers(frame: Frame, radius: float) -> Array:
-    """The numbers that the kernels go by: u0, v0, step, radius."""
+    """Return the numbers that the kernels go by: u0, v0, step, radius."""
     return np.array([number(frame.u0), number(frame.v0), number(frame.step), radius])
 
 
@@ -221,13 +221,13 @@ class Capsules:
         return cls(cut, won, frame, radius, tau)
 
     def image(self) -> Real:
-        """(height * width,) the silhouette."""
+        """Return (height * width,) the silhouette."""
         image = np.zeros(self.frame.width * self.frame.height, self.cut.a.dtype)
         self._evaluate(image, 0.0, 0.0, image)
         return image
 
     def evaluate(self, field: Real, own: float, other: float) -> tuple[float, Array, Array]:
-        """The sum of `kernels.evaluate`, and its gradients (n, 3) in starts and ends, in the scene."""
+        """Return the sum of `kernels.evaluate`, and its gradients (n, 3) in starts and ends, in the scene."""
         total, slopes = self._evaluate(field, own, other, np.empty(0, self.cut.a.dtype))
         one, two = self.cut.pull(slopes, least_depth(self.radius))
         axes = self.frame.axes.astype(np.float64)

@@ -66,7 +66,7 @@ FILES = (
 def tell_setup(
     mounted: Mounted, cameras: Sequence[Camera], tube_radius_mm: float
 ) -> tuple[SetupSteps, ...]:
-    """The report's `print.setup`: for each view, what to do and what lamp to take, a sentence or two each."""
+    """Write the report's `print.setup`: what to do for each view, and what lamp to take, in two sentences."""
     return tuple(
         SetupSteps(
             view=view.name,
@@ -102,7 +102,7 @@ def advise_lamp(view: View, tube_radius_mm: float) -> list[str]:
 
 
 def list_files(names: Iterable[str]) -> list[tuple[str, str]]:
-    """The files beside a report with what each is for, those that a maker opens first.
+    """List the files beside a report with what each is for, those that a maker opens first.
 
     Of the numbered ones of a sequence the first and the last stand for all: "part-01.3mf … part-12.3mf".
     """
@@ -119,7 +119,7 @@ def list_files(names: Iterable[str]) -> list[tuple[str, str]]:
 
 
 def draw_setup(folder: Path) -> list[str]:
-    """The drawings of setup.svg without their words, as data URIs: one, or two that stand far apart."""
+    """Draw the drawings of setup.svg without their words, as data URIs: one, or two that stand far apart."""
     path = next(iter(sorted(folder.glob("setup*.svg"))), None)
     if path is None:
         return []

@@ -88,12 +88,12 @@ def tell_colours(report: Report) -> list[str]:
 
 
 def tell_share(share: float) -> str:
-    """A share in percent with a decimal, which it is not rounded up to the whole by."""
+    """Return a share in percent with a decimal, which it is not rounded up to the whole by."""
     return "100%" if share == 1 else f"{min(100 * share, 99.9):.1f}%"
 
 
 def tell_piece(report: Report) -> str:
-    """Its size, its weight, its knots and how thick they are."""
+    """Return its size, its weight, its knots and how thick they are."""
     piece, knots = report.print, report.knots
     size = " × ".join(f"{s:.0f}" for s in piece.bounding_box_mm or ())
     weight = f"{piece.mass_g:.0f} g"
@@ -107,7 +107,7 @@ def tell_piece(report: Report) -> str:
 
 
 def last_line(report: Report) -> str:
-    """The verdict, hours, grams and supports, as far as they are known."""
+    """Return the verdict, hours, grams and supports, as far as they are known."""
     piece, said = report.print, list[str]()
     if report.verdict is not None:
         said.append(report.verdict.word)

@@ -40,7 +40,7 @@ Pictures = Sequence[tuple[str, str]]  # data URI and caption
 
 @singledispatch
 def show(result: object) -> str | None:
-    """The piece of a page for a result of a public function; None for others, which show their `repr`."""
+    """Return piece of a page for a result of a public function; None for others, which show their `repr`."""
     return None
 
 
@@ -134,7 +134,7 @@ def _tell_knots(knots: Knots) -> str:
 
 
 def _draw_knots(knots: Knots, views: Sequence[ResolvedView]) -> Pictures:
-    """The tubes; none where a knot bends tighter than they can."""
+    """Draw the tubes; none where a knot bends tighter than they can."""
     try:
         tubes = [sweep(knot.points, knots.radius_mm, _SIDES) for knot in knots.knots]
     except SceneError:
@@ -143,7 +143,7 @@ def _draw_knots(knots: Knots, views: Sequence[ResolvedView]) -> Pictures:
 
 
 def _draw(mesh: Mesh, views: Sequence[ResolvedView]) -> Pictures:
-    """A mesh in scene coordinates, from four sides."""
+    """Draw a mesh in scene coordinates, from four sides."""
     eyes: Array = place_eyes(views)
     with io.BytesIO() as file:
         draw_part(*mesh, file, eyes, _PANEL_PX)

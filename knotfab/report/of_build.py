@@ -52,14 +52,14 @@ __all__ = [
 
 
 def check_3mf(warnings: list[str]) -> Check:
-    """`3mf`: what lib3mf's strict reader says of the files for the slicer."""
+    """Check `3mf`: what lib3mf's strict reader says of the files for the slicer."""
     good = "lib3mf reads part.3mf back in strict mode without a warning"
     detail = "; ".join(warnings) or good
     return at_most("3mf", len(warnings), 0, "warnings", detail)
 
 
 def check_certificate(made: Design) -> Check:
-    """`isotopy`: the maker's own proof of the knot type: every step of the search an isotopy."""
+    """Check `isotopy`: the maker's own proof of the knot type: every step of the search an isotopy."""
     a = made.result.log
     return Check(
         "isotopy",
@@ -76,7 +76,7 @@ def check_certificate(made: Design) -> Check:
 
 
 def check_limits(made: Design) -> Check:
-    """`limits`: the search's own measure of them; failed too where they cost the picture its IoU."""
+    """Check `limits`: the search's own measure of them; failed too where they cost the picture its IoU."""
     broken = made.result.feasibility.violations
     detail = "; ".join(broken) or "bend, clearance, region and length, as the search measured them"
     floor = made.scene.accuracy.iou_floor
@@ -95,7 +95,7 @@ def tell_binding(made: Design) -> list[str]:
 
 
 def print_of(made: Design, bodies: Sequence[Mesh], views: Sequence[View]) -> Print:
-    """What is known of a piece before its mount, its pose and its slicing are told."""
+    """Return what is known of a piece before its mount, its pose and its slicing are told."""
     scene, volume = made.scene, sum(mesh_volume(v, f) for v, f in bodies)
     box = None
     if bodies:
@@ -125,7 +125,7 @@ def report_of(
     sliced: Sliced | NotSliced | None = None,
     plan: WirePlan | None = None,
 ) -> Report:
-    """The report of a build: what was made, and what the validators' `verdict` says of its files.
+    """Return the report of a build: what was made, and what the validators' `verdict` says of its files.
 
     Args:
         placed: the knots as they are in their file; they are reported as they will have shrunk.
@@ -226,7 +226,7 @@ def write_report_json(path: Path, report: Report) -> None:
 
 
 def tell_plan(plan: WirePlan | None) -> list[str]:
-    """How much wire a bending plan takes, where there is one."""
+    """Return how much wire a bending plan takes, where there is one."""
     if plan is None:
         return []
     cut = (
@@ -241,7 +241,7 @@ def tell_plan(plan: WirePlan | None) -> list[str]:
 
 
 def tell_mount(knots: int, mount: MountFigures, hangs: bool) -> list[str]:
-    """What a reader must not miss of a mount, or of a piece without one.
+    """Return what a reader must not miss of a mount, or of a piece without one.
 
     Args:
         knots: how many. hangs: a wall mount could hold the piece.

@@ -36,7 +36,7 @@ _GAIN = 0.01  # a gain of brightness error from which on a nearer wall is worth 
 
 
 def list_effects(result: SearchResult, verdict: Verdict) -> tuple[EffectLine, ...]:
-    """A line an effect: what the design did, and what the validators' `verdict` says that they did."""
+    """List a line an effect: what the design did, and what the validators' `verdict` says that they did."""
     lines = []
     for name, decision in result.effects.items():
         runs = [getattr(view, name, None) for view in verdict.views]
@@ -65,7 +65,7 @@ def list_effects(result: SearchResult, verdict: Verdict) -> tuple[EffectLine, ..
 
 
 def list_limits(result: SearchResult) -> tuple[LimitLine, ...]:
-    """A line a limit: what it is, what was measured at the end, and how often its term was called."""
+    """List a line a limit: what it is, what was measured at the end, and how often its term was called."""
     return tuple(
         LimitLine(
             name=name,
@@ -80,7 +80,7 @@ def list_limits(result: SearchResult) -> tuple[LimitLine, ...]:
 
 
 def limits_as_effects(limits: Sequence[LimitLine]) -> tuple[EffectLine, ...]:
-    """The limits as lines of `effects`, where earlier readers look for them."""
+    """Return the limits as lines of `effects`, where earlier readers look for them."""
     return tuple(
         EffectLine(
             name=line.name,
@@ -104,7 +104,7 @@ def tell_warnings(effects: Mapping[str, Decision]) -> list[str]:
 
 
 def list_contrasts(made: Design) -> list[Contrast | None]:
-    """What light is where in each view, where the scene calls for it."""
+    """List what light is where in each view, where the scene calls for it."""
     from knotfab.effects.base import World
     from knotfab.effects.contrast import CONTRAST, contrast_of
     from knotfab.effects.shadows import Shadows
@@ -169,7 +169,7 @@ def tell_walls(views: Sequence[View]) -> list[str]:
 
 
 def list_sags(made: Design, moves: Array | None, masks: Sequence[Mask]) -> list[Sag | None]:
-    """What is left of the knots' shadow in each view where the mount lets them sag, if it shows.
+    """List what is left of the knots' shadow in each view where the mount lets them sag, if it shows.
 
     Args:
         moves: (N, 3) of each vertex, mm; None without a mount. masks: (H, W) the views' pictures.
@@ -213,7 +213,7 @@ def tell_contrast(views: Sequence[View]) -> list[str]:
 
 
 def tell_move(move: WorstMove, off: Misplacement, kind: str) -> str:
-    """A move of a misplacement in words: "the lamp 5 mm to the side"; `kind` is the view's."""
+    """Return a move of a misplacement in words: "the lamp 5 mm to the side"; `kind` is the view's."""
     from knotfab.mount.words import LAMP_WAYS, TURN_WAYS
 
     if move.of == "turn":

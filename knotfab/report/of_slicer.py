@@ -52,14 +52,14 @@ def tell_kept(result: Sliced | NotSliced | None) -> list[str]:
 
 
 def tell_unsliced(result: Sliced | NotSliced | None) -> list[str]:
-    """Why hours and supports of a piece that is printed are not known; nothing where they are."""
+    """Return why hours and supports of a piece that is printed are not known; nothing where they are."""
     if not isinstance(result, NotSliced) or result.kind == "process":
         return []
     return [f"Hours and supports are not known: {result.reason}. {result.remedy}".strip()]
 
 
 def check_slicing(result: Sliced | NotSliced) -> Check:
-    """The check `slicer`.
+    """Return the check `slicer`.
 
     It fails for a part that PrusaSlicer refuses or dies of, for a warning that nothing settles, and
     for G-code that does not print the part. Where there was no slicer to ask, or no answer in
@@ -83,7 +83,7 @@ def check_slicing(result: Sliced | NotSliced) -> Check:
 
 
 def report_slicing(result: Sliced | NotSliced) -> SlicerFigures:
-    """The report's table `slicer`; its figures are None where the part was not sliced."""
+    """Return the report's table `slicer`; its figures are None where the part was not sliced."""
     if isinstance(result, NotSliced):
         figures = (
             "program",
@@ -106,7 +106,7 @@ def report_slicing(result: Sliced | NotSliced) -> SlicerFigures:
 
 
 def with_slicing(print_: Print, result: Sliced | NotSliced | None) -> Print:
-    """The figures of a piece that is printed: how its files are opened, and what the slicer says it takes."""
+    """Add to a printed piece's figures how its files are opened, and what the slicer says it takes."""
     if not isinstance(result, Sliced):
         return replace(print_, opening=OPENING)
     return replace(

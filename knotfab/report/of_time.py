@@ -22,7 +22,7 @@ _WORK = (
 
 
 def plan_next_step(report: Report, timings: Mapping[str, float]) -> NextStep | None:
-    """What a better accuracy would bring, where a build took the settings of one that has a better one.
+    """Give what a better accuracy would bring, where a build took the settings of one that has a better one.
 
     There is none with a budget, nor where the search had other iterations or pixels than the accuracy's. An
     estimate: the stages take as many times longer as they did on the pictures that were measured, and the
@@ -70,7 +70,7 @@ def _as_preset(settings: Settings, views: int) -> bool:
 
 
 def tell_stages(timings: Mapping[str, float]) -> str:
-    """The seconds in all, and of the stages that took most of them."""
+    """Return the seconds in all, and of the stages that took most of them."""
     total = timings["total"]
     most = sorted(((s, name) for name, s in timings.items() if name != "total"), reverse=True)
     stages = ", ".join(f"{name} {s:.1f}" for s, name in most if s > _SHARE * total)

@@ -22,7 +22,7 @@ def list_views(
     contrasts: Sequence[Contrast | None],
     sags: Sequence[Sag | None],
 ) -> list[View]:
-    """The validators' views, each with what the maker knows of its picture and measured of its effects.
+    """List the validators' views, each with what the maker knows of its picture and measured of its effects.
 
     That is the rule by which the picture was read, of several views the `bound`, the IoU that no part without
     spill can beat, and the file of what is drawn where that is bent. A part may have no views.
@@ -45,7 +45,7 @@ def list_views(
 
 
 def tell_bounds(made: Design, targets: Sequence[Target]) -> list[str]:
-    """How several pictures were made to agree, and where they contradict each other.
+    """Return how several pictures were made to agree, and where they contradict each other.
 
     A design for one view has nothing to tell: nothing contradicts a single picture.
     """
@@ -57,7 +57,7 @@ def tell_bounds(made: Design, targets: Sequence[Target]) -> list[str]:
 
 
 def advise_widening(verdict: Recognition | None, scene: SettledScene) -> list[str]:
-    """What to do where thin strokes are lost that could be widened to what the tube draws; nothing else.
+    """Give what to do where thin strokes are lost that could be widened to what the tube draws; nothing else.
 
     A verdict's loss says how wide it is, and how wide the tube's shadow. A larger picture is not advised: its
     strokes, once they are wider than one tube and not yet as wide as two, are drawn no better.

@@ -11,7 +11,7 @@ __all__ = ["find_pictures"]
 
 
 def find_pictures(folder: Path) -> list[Picture]:
-    """The report's pictures that lie in a folder, with their captions."""
+    """Find the report's pictures that lie in a folder, with their captions."""
     found = []
     part = folder / "part.png"
     for path in sorted(folder.glob("failures*.png")):

@@ -24,7 +24,7 @@ def lay_out(
     printing: bool = False,
     access: SupportAccess | None = None,
 ) -> tuple[Print, list[str]]:
-    """The figures of a piece with its pose, plates where there are any, and supports; and notes on these.
+    """Return figures of a piece with its pose, plates where there are any, and supports; and notes on these.
 
     Args:
         suffix: suffix of the plates' files, such as "-01" of a sequence's frame.
@@ -65,7 +65,7 @@ def lay_out(
 
 
 def _pose_figures(part: Part, flattening: Flattening | None) -> PoseFigures:
-    """How the piece lies, why, and what it was before it was made flatter."""
+    """Return how the piece lies, why, and what it was before it was made flatter."""
     account, powder = part.pose.account, part.mounted.scene.printer.process == "powder"
     if account is not None:
         pose = account.figures()
@@ -129,7 +129,7 @@ def find_access(part: Part) -> SupportAccess | None:
 def _with_supports(
     print_: Print, part: Part, suffix: str, access: SupportAccess | None
 ) -> tuple[Print, list[str]]:
-    """The figures with a coupon, flatter pieces and what supports need; and notes on these."""
+    """Return the figures with a coupon, flatter pieces and what supports need; and notes on these."""
     from knotfab.mount.coupon import plan_coupon
     from knotfab.part.access import tell_access
     from knotfab.part.assemble import rules_of

@@ -55,7 +55,7 @@ MEDIA = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".gif
 
 
 def _verdicts(report: Report) -> dict[str, tuple[str, str]]:
-    """`VERDICTS`; that nobody would miss anything is said only where nothing is, speck or tip."""
+    """Return `VERDICTS`; that nobody would miss anything is said only where nothing is, speck or tip."""
     verdict, made = report.verdict, report.settings
     # accuracies that leave a shadow as clean as this says
     clean = made.accuracy in ("standard", "fine") and not made.time_budget_s
@@ -85,7 +85,7 @@ class Picture:
 
 
 def make_environment(folder: Path) -> Environment:
-    """For the pages of a folder: every text is escaped, and what is not given is an error."""
+    """Make the environment of a folder's pages: every text is escaped, a missing one is an error."""
     return Environment(
         loader=FileSystemLoader(folder),
         autoescape=True,
@@ -97,7 +97,7 @@ def make_environment(folder: Path) -> Environment:
 
 @cache
 def load_template() -> Template:
-    """The page's template, compiled; a build does so while its part is verified."""
+    """Load the page's template, compiled; a build does so while its part is verified."""
     environment = make_environment(Path(__file__).parent)
     environment.filters |= {
         "number": _number,
@@ -123,7 +123,7 @@ def render_html(
     drawings: Sequence[str] = (),
     files: Sequence[tuple[str, str]] = (),
 ) -> str:
-    """The page for `report`.
+    """Render the page for `report`.
 
     Nothing is loaded from elsewhere: styles, pictures and the one script are inside, and no other script
     may run. Every text of the report is escaped.
@@ -162,7 +162,7 @@ def write_report_html(
 
 
 def encode_for_script(data: Mapping[str, Any]) -> str:
-    """JSON that no text of the data can end a <script> or begin a comment with."""
+    """Return JSON that no text of the data can end a <script> or begin a comment with."""
     text = json.dumps(data, allow_nan=False, separators=(",", ":"))
     for character in "<>&":
         text = text.replace(character, f"\\u{ord(character):04x}")
@@ -170,7 +170,7 @@ def encode_for_script(data: Mapping[str, Any]) -> str:
 
 
 def _number(value: object, digits: int = 4) -> str:
-    """A number with `digits` significant ones, whole digits never lost; a dash for nothing."""
+    """Return a number with `digits` significant ones, whole digits never lost; a dash for nothing."""
     if value is None:
         return "–"
     if isinstance(value, bool):
@@ -194,31 +194,31 @@ def _number(value: object, digits: int = 4) -> str:
 
 
 def _format_fixed(value: object, places: int) -> str:
-    """A number with so many decimals, for columns that are compared."""
+    """Return a number with so many decimals, for columns that are compared."""
     return f"{value:.{places}f}" if isinstance(value, float | int) and isfinite(value) else "–"
 
 
 def _share(value: object) -> str:
-    """A fraction in percent, with a decimal that it does not round up to the whole."""
+    """Return a fraction in percent, with a decimal that it does not round up to the whole."""
     if not isinstance(value, float | int) or not isfinite(value):
         return "–"
     return "100\u00a0%" if value == 1 else f"{min(100 * value, 99.9):.1f}\u00a0%"
 
 
 def _glow(colour: Sequence[float]) -> str:
-    """A lamp's linear red, green and blue as CSS has it."""
+    """Return a lamp's linear red, green and blue as CSS has it."""
     most = max(*colour, 1e-9)
     return f"rgb({' '.join(str(round(255 * (c / most) ** (1 / 2.2))) for c in colour)})"
 
 
 def _percent(value: object) -> float:
-    """A fraction as a width in percent, within 0 to 100."""
+    """Return a fraction as a width in percent, within 0 to 100."""
     ok = isinstance(value, int | float) and isfinite(value)
     return round(100 * min(max(float(value), 0.0), 1.0), 2) if ok else 0.0  # type: ignore[arg-type]
 
 
 def _duration(seconds: object) -> str:
-    """Hours and minutes, rounded up to the next minute."""
+    """Return hours and minutes, rounded up to the next minute."""
     if not isinstance(seconds, int | float) or not isfinite(seconds):
         return "–"
     hours, minutes = divmod(ceil(seconds / 60), 60)
@@ -226,7 +226,7 @@ def _duration(seconds: object) -> str:
 
 
 def _flat(value: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
-    """Nested tables as (dotted key, value) rows, those of a list numbered from 1."""
+    """Return nested tables as (dotted key, value) rows, those of a list numbered from 1."""
     rows: list[tuple[str, Any]] = []
     for key, item in value.items():
         if isinstance(item, list) and item and all(isinstance(one, Mapping) for one in item):

@@ -34,7 +34,7 @@ _SHARED = (
 
 
 def turns_of(scene: SettledScene) -> dict[str, float]:
-    """The angle, degrees from 0 to 360, by which the piece is turned for each view before the first's lamp.
+    """Give angle, degrees from 0 to 360, by which the piece is turned for each view before the first's lamp.
 
     The turn is about the vertical, anticlockwise from above. Views with lamps or walls of their own heights
     and distances share no lamp, and have no angles; nor has an eye, nor one view alone.
@@ -51,7 +51,7 @@ def turns_of(scene: SettledScene) -> dict[str, float]:
 
 
 def turn_piece(folder: Path, mounted: Mounted, knots: Knots) -> tuple[Turning | None, list[str]]:
-    """How a piece on a stand or a thread shows its pictures in turn, and a note on it; write turn.gif."""
+    """Tell how a piece on a stand or thread shows its pictures in turn, with a note; write turn.gif."""
     angles = turns_of(mounted.scene)
     if not angles or (mounted.stand is None and mounted.hang is None):
         return None, []

@@ -47,7 +47,7 @@ class HistoryFrame:
     silhouette: Mask | None = None
 
     def to_dict(self, most: int) -> Record:
-        """For the viewer, with about `most` vertices and no more than can be told apart."""
+        """Return for the viewer, with about `most` vertices and no more than can be told apart."""
         length = sum(knot.length_mm for knot in self.knots.knots)
         step = max(THIN_RADII * self.knots.radius_mm, length / most)
         curves = [_thin(knot.points, step) for knot in self.knots.knots]
@@ -67,7 +67,7 @@ def viewer_data(
     history: Sequence[HistoryFrame] = (),
     history_label: str = "search",
 ) -> Record:
-    """The viewer's data (docs/viewer.md) of a written piece.
+    """Return the viewer's data (docs/viewer.md) of a written piece.
 
     Args:
         scene: with its pose. knots, bodies: as they are in the file, the bodies with their mount.
@@ -110,7 +110,7 @@ def viewer_data(
 
 
 def pack_rows(rows: Array) -> Record:
-    """Rows (n, k) of mm as whole steps in 16 bits, each column from its least on."""
+    """Return rows (n, k) of mm as whole steps in 16 bits, each column from its least on."""
     low = np.round(rows.min(axis=0), 4)
     step = max(float((rows - low).max()), 1e-6) / LEVELS
     q = np.round((rows - low) / step).clip(0, LEVELS).astype("<u2")
@@ -118,7 +118,7 @@ def pack_rows(rows: Array) -> Record:
 
 
 def find_supports(bodies: Sequence[Mesh], rules: Rules) -> Array:
-    """Columns (n, 4) mm under a piece in print pose: x, y, from z, to z, in cells of SUPPORT_CELL_MM.
+    """Find columns (n, 4) mm under a piece in print pose: x, y, from z, to z, in cells of SUPPORT_CELL_MM.
 
     Each stands under a face steeper than the printer's limit, on the next face below it that looks
     up, or on the bed. Faces count where their middles are: an estimate to look at.
@@ -144,7 +144,7 @@ def find_supports(bodies: Sequence[Mesh], rules: Rules) -> Array:
 
 
 def _thin(points: Array, step_mm: float) -> Array:
-    """Every so many of a curve's points, about `step_mm` apart, and eight at least."""
+    """Return every so many of a curve's points, about `step_mm` apart, and eight at least."""
     edges = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)
     stride = round(step_mm / max(float(edges.mean()), 1e-9))
     return points[:: max(1, min(stride, len(points) // 8))]
@@ -160,7 +160,7 @@ def _pack_mesh(mesh: Mesh) -> Record:
 
 
 def _mount_of(knots: Knots, bodies: Sequence[Mesh], matrix: Array) -> list[Mesh]:
-    """The faces of bodies (file coordinates) that stick out of the tubes about `knots` (scene)."""
+    """Return the faces of bodies (file coordinates) that stick out of the tubes about `knots` (scene)."""
     step = 0.1 * knots.radius_mm
     fine = [sample_evenly(knot.points, step, at_most=True) for knot in knots.knots]
     middles = cKDTree(np.concatenate(fine))
@@ -176,7 +176,7 @@ def _mount_of(knots: Knots, bodies: Sequence[Mesh], matrix: Array) -> list[Mesh]
 
 
 def _fewer(mesh: Mesh) -> Mesh:
-    """The mesh with MOUNT_FACES at most, by quadric decimation."""
+    """Return the mesh with MOUNT_FACES at most, by quadric decimation."""
     vertices, faces = mesh
     if len(faces) <= MOUNT_FACES:
         return mesh

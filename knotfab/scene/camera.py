@@ -91,24 +91,24 @@ class Camera:
         return np.stack([right, up, np.cross(right, up)])
 
     def project(self, points: Array) -> Array:
-        """(n, 3) points in mm -> (n, 2) pixels."""
+        """Map (n, 3) points in mm -> (n, 2) pixels."""
         return project(points, self.projection).places
 
     def cast(self, points: Array) -> Array:
-        """(n, 3) points in mm -> (n, 3) where the rays through them meet the receiver's plane."""
+        """Map (n, 3) points in mm -> (n, 3) where the rays through them meet the receiver's plane."""
         plane = self.receiver
         away = points - self.eye
         height = plane[:3] @ self.eye + plane[3]
         return np.asarray(self.eye + away * (height / -(away @ plane[:3]))[:, None])
 
     def resized(self, width: int, height: int) -> Camera:
-        """The same frame sampled with `width` x `height` pixels."""
+        """Return the same frame sampled with `width` x `height` pixels."""
         du, dv = self.du * (self.width / width), self.dv * (self.height / height)
         corner = self.corner - 0.5 * (self.du + self.dv) + 0.5 * (du + dv)
         return Camera(self.eye, corner, du, dv, width, height)
 
     def padded(self, pad_u: int, pad_v: int) -> Camera:
-        """The frame grown by whole pixels on each side."""
+        """Return the frame grown by whole pixels on each side."""
         corner = self.corner - pad_u * self.du - pad_v * self.dv
         return Camera(
             self.eye, corner, self.du, self.dv, self.width + 2 * pad_u, self.height + 2 * pad_v
@@ -116,7 +116,7 @@ class Camera:
 
 
 def camera_of(view: ResolvedView, width: int, height: int) -> Camera:
-    """The camera of `view` whose frame has `width` x `height` pixels."""
+    """Return the camera of `view` whose frame has `width` x `height` pixels."""
     right, across, back = view_axes(view)
     tilt = np.deg2rad(view.wall_tilt_deg)
     up = np.cos(tilt) * across + np.sin(tilt) * back
@@ -128,18 +128,18 @@ def camera_of(view: ResolvedView, width: int, height: int) -> Camera:
 
 
 def light_of(view: View) -> Array:
-    """(3,) the middle of the view's lamp (or its eye), in the scene."""
+    """Return (3,) the middle of the view's lamp (or its eye), in the scene."""
     beside = (view.light_right_mm, view.light_up_mm, view.light_distance_mm)
     return np.asarray(beside @ view_axes(view))
 
 
 def cameras_of(views: Iterable[ResolvedView], pictures: Iterable[_Sized]) -> list[Camera]:
-    """The cameras of views, each with the pixels of its picture."""
+    """Return the cameras of views, each with the pixels of its picture."""
     return [camera_of(v, p.width, p.height) for v, p in zip(views, pictures, strict=True)]
 
 
 def walls_of(views: Iterable[ResolvedView]) -> tuple[Plane, ...]:
-    """(nx, ny, nz, d) of each wall: n · p + d is how far a point stands before what is clear of it, mm."""
+    """Return (nx, ny, nz, d) of each wall: n · p + d is how far p stands before what is clear of it, mm."""
     walls = []
     for view in views:
         if view.kind == "shadow":
@@ -150,7 +150,7 @@ def walls_of(views: Iterable[ResolvedView]) -> tuple[Plane, ...]:
 
 
 def view_axes(view: View | Region) -> Array:
-    """(3, 3) rows: the view's right, up and towards its light, in the scene; of a region its own axes."""
+    """Return (3, 3) rows: the view's right, up and towards its light; a region's own axes."""
     azimuth, elevation = np.deg2rad(view.azimuth_deg), np.deg2rad(view.elevation_deg)
     right = np.array([np.cos(azimuth), 0.0, -np.sin(azimuth)])
     level = np.array([np.sin(azimuth), 0.0, np.cos(azimuth)])
@@ -161,7 +161,7 @@ def view_axes(view: View | Region) -> Array:
 
 
 def least_apart(views: Sequence[View]) -> float:
-    """The least angle between two lines of sight, degrees; from behind a line is the same."""
+    """Return the least angle between two lines of sight, degrees; from behind a line is the same."""
     axes = np.array([view_axes(v)[2] for v in views])
     cosine = np.abs(axes @ axes.T)[np.triu_indices(len(axes), 1)]
     return float(np.rad2deg(np.arccos(np.clip(cosine.max(), 0.0, 1.0))))

@@ -26,7 +26,7 @@ _USUAL_MATERIALS = {"filament": "pla", "resin": "resin", "powder": "pa12"}
 
 
 def printers() -> dict[str, Printer]:
-    """All printers with a data file, by name.
+    """Return all printers with a data file, by name.
 
     Raises:
         InputError: a person's own file is none.
@@ -35,12 +35,12 @@ def printers() -> dict[str, Printer]:
 
 
 def materials() -> dict[str, Material]:
-    """All materials with a data file, by name; raises as `printers` does."""
+    """Return all materials with a data file, by name; raises as `printers` does."""
     return {name: load_named(Material, name) for name in known_names("material")}
 
 
 def asked_for(model: type[Named], text: str) -> Named:
-    """The printer or material of a name, whose figures `resolve` fills in, or of a file, whole.
+    """Return the printer or material of a name, whose figures `resolve` fills in, or of a file, whole.
 
     Raises:
         InputError: the file is no such thing.
@@ -49,7 +49,7 @@ def asked_for(model: type[Named], text: str) -> Named:
 
 
 def _fill_in(own: Named) -> Named:
-    """`own` with the data file's figures wherever the scene did not give a key itself."""
+    """Return `own` with the data file's figures wherever the scene did not give a key itself."""
     written = {key: getattr(own, key) for key in own.model_fields_set if key != "name"}
     keys = set(type(own).model_fields) - {"name"}
     if keys <= set(written):
@@ -73,7 +73,7 @@ def _fill_in(own: Named) -> Named:
 
 
 def _fill_in_open(printer: Printer) -> ResolvedPrinter:
-    """The printer with numbers: supports have the room that it has, walls and gaps the nozzle's width."""
+    """Return printer with numbers: supports have the room that it has, walls and gaps the nozzle's width."""
     width, depth, height = printer.build_volume_mm
     usual = {
         "max_support_cm3": width * depth * height / 1000,
@@ -85,7 +85,7 @@ def _fill_in_open(printer: Printer) -> ResolvedPrinter:
 
 
 def _find_material(own: Material, printer: Printer) -> Material:
-    """The scene's material with its figures; where it names none, the usual one of the printer.
+    """Find the scene's material with its figures; where it names none, the usual one of the printer.
 
     Raises:
         InputError: the printer does not print with such a material.
@@ -106,7 +106,7 @@ def _find_material(own: Material, printer: Printer) -> Material:
 
 
 def resolve(scene: Scene) -> ResolvedScene:
-    """The scene as a build takes it: printer and material are merged from their data files.
+    """Return the scene as a build takes it: printer and material are merged from their data files.
 
     Keys that the scene gives itself in [printer] and [material] win over the data file. Unless the scene
     says otherwise, a tube of wire is as thick as the wire, and powder comes out between strands.

@@ -35,7 +35,7 @@ class CurvedWall:
 
     @staticmethod
     def of(view: ResolvedView) -> CurvedWall | None:
-        """The view's wall; None where it is flat."""
+        """Return the view's wall; None where it is flat."""
         if view.wall_radius_mm is None:
             return None
         camera, back = camera_of(view, 1, 1), view_axes(view)[2]
@@ -46,7 +46,7 @@ class CurvedWall:
         return CurvedWall(view.wall_radius_mm, axes, foot, axes @ (camera.eye - foot), frame)
 
     def flatten(self, places: Array) -> Array:
-        """Places (n, 2) of the flat wall on the rays through places (n, 2) of this one."""
+        """Return places (n, 2) of the flat wall on the rays through places (n, 2) of this one."""
         turn = places[:, 0] / self.radius
         before = self.before(turn)
         on = before / (self.light[2] - before)
@@ -54,7 +54,7 @@ class CurvedWall:
         return np.column_stack([across, places[:, 1] + (places[:, 1] - self.light[1]) * on])
 
     def unroll(self, flat: Array) -> Array:
-        """The inverse of `flatten`; NaN where a ray passes beside a column.
+        """Return the inverse of `flatten`; NaN where a ray passes beside a column.
 
         A ray to (x, y) is at x (1 - u) across and H u before the flat wall, and on the circle where
         (x² + H²) u² - 2 (x² + R H) u + x² = 0; of both roots the one near u = 0, from their product, for a
@@ -70,7 +70,7 @@ class CurvedWall:
         return np.column_stack([arc, flat[:, 1] - (flat[:, 1] - self.light[1]) * u])
 
     def areas(self, across: Array, half: float) -> Array:
-        """(n,) what strips about places `across` (n,) of the flat wall stand for of this one, over their own.
+        """Return (n,) what strips about places `across` (n,) of the flat wall stand for here, over their own.
 
         Each is from `half` mm before its place to as far behind; 0 of what light does not bring here.
         """
@@ -83,7 +83,7 @@ class CurvedWall:
         return np.nan_to_num((ends[1] - ends[0])[:, 0] / (2 * half) * (above - level))
 
     def stand(self, places: Array) -> tuple[Array, Array]:
-        """Points (n, 3) in the scene of places (n, 2), and the wall's unit normals (n, 3) there."""
+        """Return points (n, 3) in the scene of places (n, 2), and the wall's unit normals (n, 3) there."""
         turn = places[:, 0] / self.radius
         before = self.before(turn)
         local = np.column_stack([self.radius * np.sin(turn), places[:, 1], before])
@@ -95,7 +95,7 @@ class CurvedWall:
         return np.asarray(2 * self.radius * np.sin(0.5 * turn) ** 2)
 
     def touching(self, points: Array) -> Array:
-        """(n, 4) the planes that touch the wall where points (n, 3) cast their shadows; NaN beside it."""
+        """Find (n, 4) the planes that touch the wall at the shadows of points (n, 3); NaN beside it."""
         local = (points - self.foot) @ self.axes.T
         share = self.light[2] / (self.light[2] - local[:, 2:])
         at, normal = self.stand(
@@ -131,7 +131,7 @@ class CurvedWall:
         return float(np.linalg.norm(np.concatenate(off), axis=1).max())
 
     def slant_deg(self, arc: float) -> float:
-        """The angle from the wall's normal at which light falls on it so far aside, level with the light."""
+        """Give angle from the wall's normal at which light falls on it so far aside, level with the light."""
         turn = arc / self.radius
         if abs(turn) >= 0.5 * np.pi:
             return 180.0

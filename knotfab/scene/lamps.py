@@ -77,7 +77,7 @@ def _apart_mm(one: View, other: View) -> float:
 
 
 def lamps_named(text: str) -> dict[str, tuple[float, float, float]]:
-    """The lamps of `--lamps`, each by its name with its colour: rgb, or names with + between them.
+    """Return the lamps of `--lamps`, each by its name with its colour: rgb, or names with + between them.
 
     Raises:
         InputError: there is no such lamp, or fewer than two.
@@ -106,7 +106,7 @@ def lamps_named(text: str) -> dict[str, tuple[float, float, float]]:
 
 
 def with_lamps(scene: ResolvedScene, text: str, names: Sequence[str] = ()) -> ResolvedScene:
-    """The scene with a view for each lamp of `--lamps`, all before the wall of its first view.
+    """Return the scene with a view for each lamp of `--lamps`, all before the wall of its first view.
 
     Args:
         names: names of the pictures of lamps that are switched, one each.
@@ -136,7 +136,7 @@ def with_lamps(scene: ResolvedScene, text: str, names: Sequence[str] = ()) -> Re
 
 
 def with_small_lamps(scene: ResolvedScene) -> ResolvedScene:
-    """The scene with lamps as small as LEDs, where nobody says their size: colours need sharp edges."""
+    """Give the scene with lamps as small as LEDs, where nobody says their size: colours need sharp edges."""
     if any("light_diameter_mm" in view.model_fields_set for view in scene.views):
         return scene
     small = {"light_diameter_mm": 3.0}  # an LED

@@ -30,7 +30,7 @@ def load_scene(path: str | Path) -> Scene:
 
 
 def _beside(scene: Scene, folder: Path) -> Scene:
-    """The scene with all files but pictures named by whole paths: a build may run elsewhere."""
+    """Return the scene with all files but pictures named by whole paths: a build may run elsewhere."""
     update: dict[str, Any] = {}
     region, start = scene.region, scene.search.get("start")
     if region.file is not None:
@@ -49,7 +49,7 @@ def _beside(scene: Scene, folder: Path) -> Scene:
 
 
 def parse_scene(text: str, what: str = "scene.toml") -> Scene:
-    """The Scene that a TOML text describes.
+    """Return the Scene that a TOML text describes.
 
     Args:
         text: content of a scene file (docs/conventions.md, schema 1).
@@ -65,7 +65,7 @@ def parse_scene(text: str, what: str = "scene.toml") -> Scene:
 
 
 def _reach_mm(region: Region, view: View) -> float | None:
-    """How far a region reaches from the scene's middle towards a view's light, mm; None: not known yet."""
+    """Measure how far a region reaches from the scene's middle towards a view's light, mm; None: open."""
     size = region.size_mm
     if size is None or region.kind == "mesh":
         return None
@@ -102,7 +102,7 @@ def check_scene(scene: Scene, what: str = "scene.toml") -> None:
 
 
 def _faults_of_region(scene: Scene) -> Iterator[tuple[str, str]]:
-    """What is wrong with a scene's region, and the remedy of each fault."""
+    """Yield what is wrong with a scene's region, and the remedy of each fault."""
     region, radius = scene.region, scene.piece.tube_radius_mm or 0.0
     if region.kind == "mesh" and not region.file:
         yield '[region] kind is "mesh", but it names no file', 'Write file = "room.stl".'
@@ -125,7 +125,7 @@ def _faults_of_region(scene: Scene) -> Iterator[tuple[str, str]]:
 
 
 def _faults_of_view(scene: Scene, view: View) -> Iterator[tuple[str, str]]:
-    """What does not go together of a view's picture, piece and lamps, and the remedy of each fault."""
+    """Yield what does not go together of a view's picture, piece and lamps, and the remedy of each fault."""
     radius = scene.piece.tube_radius_mm or 0.0
     reach = max(0.5 * (scene.piece.depth or 0.0), radius)
     light, wall = view.light_distance_mm, view.wall_distance_mm
@@ -173,7 +173,7 @@ def _faults_of_view(scene: Scene, view: View) -> Iterator[tuple[str, str]]:
 
 
 def _faults_of_place(scene: Scene, view: View) -> Iterator[tuple[str, str]]:
-    """What the frame and the region of a view have no room for, and the remedy of each fault."""
+    """Yield what the frame and the region of a view have no room for, and the remedy of each fault."""
     radius = scene.piece.tube_radius_mm or 0.0
     frame = [s for s in (view.frame_width_mm, view.frame_height_mm) if s is not None]
     if frame and 2.0 * radius >= min(frame):
@@ -196,7 +196,7 @@ def _faults_of_place(scene: Scene, view: View) -> Iterator[tuple[str, str]]:
 
 
 def dump_scene(scene: Scene) -> str:
-    """The TOML text whose reading gives `scene` again, every float at full precision.
+    """Return the TOML text whose reading gives `scene` again, every float at full precision.
 
     Every key is written, except those of [printer] and [material] that nobody set: their values
     come from the data files that their names stand for (`resolve` sets them all).

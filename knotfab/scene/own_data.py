@@ -46,12 +46,12 @@ _FOR_PEOPLE = ("title", "aliases")  # keys of a data file that are none of the m
 
 
 def data_folder() -> Path:
-    """A person's own data: $KNOTFAB_DATA, else knotfab in this system's folder for settings."""
+    """Return a person's own data: $KNOTFAB_DATA, else knotfab in this system's folder for settings."""
     return own_folder("KNOTFAB_DATA", user_config_path, "$KNOTFAB_DATA")
 
 
 def kind_of(model: type[Printer] | type[Material]) -> Kind:
-    """The table's name."""
+    """Return the table's name."""
     return "printer" if model is Printer else "material"
 
 
@@ -62,7 +62,7 @@ def is_file_name(text: str) -> bool:
 
 @cache
 def _list_supplied(kind: Kind) -> dict[str, dict[str, Any]]:
-    """Content of each data file that comes along, by its name; the title is left out."""
+    """List content of each data file that comes along, by its name; the title is left out."""
     files = resources.files("knotfab.scene").joinpath("data", f"{kind}s").iterdir()
     found: dict[str, dict[str, Any]] = {}
     for file in sorted(files, key=lambda f: f.name):
@@ -77,7 +77,7 @@ def title_of(kind: Kind, name: str) -> str:
 
 
 def find_name(kind: Kind, text: str) -> str:
-    """The known name that a person means by `text`; `text` itself where none is meant or several are.
+    """Find the known name that a person means by `text`; `text` itself where none is meant or several are.
 
     Case, spaces, hyphens and a maker's name before it do not matter: "Bambu P1S", "P1S", "pla".
     """
@@ -98,12 +98,12 @@ def find_name(kind: Kind, text: str) -> str:
 
 
 def _squeeze(text: str) -> str:
-    """Only its letters and digits, small."""
+    """Return only its letters and digits, small."""
     return "".join(c for c in text.lower() if c.isalnum())
 
 
 def _own_files(kind: Kind) -> dict[str, Path]:
-    """A person's own files by name; none where the folder is not there."""
+    """Return a person's own files by name; none where the folder is not there."""
     folder = data_folder() / f"{kind}s"
     try:
         return {path.stem: path for path in sorted(folder.glob("*.toml"))}
@@ -112,12 +112,12 @@ def _own_files(kind: Kind) -> dict[str, Path]:
 
 
 def known_names(kind: Kind) -> list[str]:
-    """The names of all printers or materials that have a file."""
+    """Return the names of all printers or materials that have a file."""
     return sorted({*_list_supplied(kind), *_own_files(kind)})
 
 
 def load_named(model: type[Named], name: str) -> Named:
-    """The printer or material of this known name, one's own before one that comes along.
+    """Load the printer or material of this known name, one's own before one that comes along.
 
     Raises:
         InputError: one's own file is no such thing.
@@ -130,7 +130,7 @@ def load_named(model: type[Named], name: str) -> Named:
 
 
 def load_file(model: type[Named], path: Path) -> Named:
-    """The printer or material that a file describes, every key set; it is named after its file.
+    """Load the printer or material that a file describes, every key set; it is named after its file.
 
     Its keys are those of [printer] or [material] in a scene; they may stand below such a header.
     Those of `USUAL` may be left out for the model's defaults.

@@ -121,7 +121,7 @@ def require_tube(scene: ResolvedScene) -> None:
 
 
 def require_radius(radius: float, printer: Printer, what: str) -> None:
-    """The same of a radius, mm, that `what` asks for."""
+    """Require the same of a radius, mm, that `what` asks for."""
     if radius < printer.min_tube_radius_mm:
         raise SceneError(
             what,

@@ -23,7 +23,7 @@ _MOST = 4.0  # a view counts at most so many times more or less than among equal
 
 
 def goals_of(bounds: Sequence[float]) -> tuple[float, ...]:
-    """The IoU that each view is to reach, from the IoU of the hull's own shadows."""
+    """Return the IoU that each view is to reach, from the IoU of the hull's own shadows."""
     return tuple(bound - _SHORT for bound in bounds)
 
 
@@ -43,7 +43,7 @@ class Balance:
         self.shares = np.ones(len(self.goals))
 
     def update(self, ious: Sequence[float]) -> NDArray[np.float64]:
-        """New shares (n,) from the IoU of each view as it stands."""
+        """Return new shares (n,) from the IoU of each view as it stands."""
         short = np.maximum(np.array(self.goals) - np.array(ious), 0.0)
         moved = self.shares**_KEPT * np.exp(_GAIN * (short - short.mean()))
         moved = np.clip(moved, 1.0 / _MOST, _MOST)

@@ -46,7 +46,7 @@ class Chamfer(Term):
 
     @classmethod
     def of(cls, views: Sequence[TargetView], radius: float) -> Chamfer:
-        """The term of all views, their silhouettes thinned by a tube radius where they can be."""
+        """Return the term of all views, their silhouettes thinned by a tube radius where they can be."""
         sides = []
         for target in views:
             height, width = target.mask.shape

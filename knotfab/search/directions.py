@@ -82,7 +82,7 @@ class FreeDirections:
             self.azimuth_deg = before
 
     def slope(self, objective: Objective, number: int, points: Array, progress: float) -> float:
-        """The slope of a view's image term in its azimuth, per degree."""
+        """Return the slope of a view's image term in its azimuth, per degree."""
         tau = objective.tau_px(number, progress)
         pull = objective.image_term(number, points, tau)[1]
         # turned by a positive angle about y, a point moves by (z, 0, -x); the view's own turn undoes that
@@ -90,7 +90,7 @@ class FreeDirections:
         return float(np.radians(torque))
 
     def settle(self, problem: Problem, points: Array) -> tuple[Problem, Array, ViewNumbers | None]:
-        """The problem with its views in the directions found, rounded as a scene file would have them."""
+        """Return problem with its views in the directions found, rounded as a scene file would have them."""
         self.azimuth_deg = np.round(self.azimuth_deg, 3)
         return replace(problem, views=self._views(problem)), points, None
 

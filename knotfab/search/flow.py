@@ -60,7 +60,7 @@ def _filter(ring: Array, share: float) -> None:
 
 @compiled
 def _precondition(gradient: Array, bounds: Indices, sigma: float) -> Array:
-    """H1 gradient: of each ring the x that solves x - sigma^2 x'' = smooth gradient, sigma in samples.
+    """Return H1 gradient: of each ring the x that solves x - sigma^2 x'' = smooth gradient, sigma in samples.
 
     Smoothed by (1, 2, 1) / 4: what changes sides from vertex to vertex is the pixels' noise. By differences
     the matrix is, but for a factor, (1 - r S)(1 - r S^-1), S the shift along the ring: a filter forth
@@ -88,7 +88,7 @@ def _precondition(gradient: Array, bounds: Indices, sigma: float) -> Array:
 
 
 def _along(points: Array, rings: Polylines) -> Array:
-    """Tangential motion of each vertex to the middle of its two neighbours."""
+    """Return tangential motion of each vertex to the middle of its two neighbours."""
     ahead, behind = points[rings.next] - points, points - points[rings.previous]
     tangent = ahead + behind
     tangent /= np.sqrt(dot(tangent, tangent))[:, None]
@@ -99,7 +99,7 @@ def _along(points: Array, rings: Polylines) -> Array:
 def find_felt(
     points: Array, rings: Polylines, radius: float, separation: float, reach: float = 4.0
 ) -> Neighbours:
-    """Everything that the clearance term can feel before the list is made anew, after 0.3 radii.
+    """Find everything that the clearance term can feel before the list is made anew, after 0.3 radii.
 
     Args:
         separation: least distance of centre lines that is asked for, mm.

@@ -84,5 +84,5 @@ def _count_bends(squares: Array) -> tuple[Array, Array]:
 
 
 def _divisor(lengths: Array) -> Array:
-    """Lengths, 1 where there is none: an edge without length turns by no angle that is known."""
+    """Return lengths, 1 where there is none: an edge without length turns by no angle that is known."""
     return np.where(lengths > 0, lengths, 1.0)

@@ -38,7 +38,7 @@ class Term:
     """One more part of an objective. A subclass may also be a hard limit: `kept` is then asked at the end."""
 
     def __call__(self, state: State, weights: Weights) -> Felt:
-        """A number, in the units of the other terms, and its gradient (N, 3) in the vertices.
+        """Return a number, in the units of the other terms, and its gradient (N, 3) in the vertices.
 
         `state` holds the walk's own arrays, which are not to be changed.
         """
@@ -94,13 +94,13 @@ class Objective:
         return total, slope
 
     def tau_px(self, number: int, progress: float) -> float:
-        """Sharpness of a view's image, per px, where a share `progress` of the phase is done."""
+        """Return sharpness of a view's image, per px, where a share `progress` of the phase is done."""
         start, end = self.tau
         sharp = start * (end / start) ** progress / self.images[number].radius_px
         return float(min(sharp, SHARPEST))
 
     def image_term(self, number: int, points: Array, tau: float) -> Felt:
-        """Squared difference of a view's images, integrated, in squared projected tube radii; tau per px."""
+        """Integrate the squared difference of a view's images, in squared projected radii; tau per px."""
         image = self.images[number]
         error, slope = image.squared_error(
             points, self.rings, self.limits.radius, tau, self.won[number]
@@ -116,7 +116,7 @@ class Objective:
         weights: Weights,
         turn: Array,
     ) -> Felt:
-        """The weighted terms of all limits that can be felt, in the axes of `turn` (3, 3)."""
+        """Return the weighted terms of all limits that can be felt, in the axes of `turn` (3, 3)."""
         state = State.at(points @ turn, self.rings, near)
         total, slope = add_limits(state, limits, self.guards, weights)
         return total, slope @ turn.T
@@ -135,11 +135,11 @@ class Objective:
         self.limits, self._turn = limits, turn
 
     def ious(self, points: Array) -> tuple[float, ...]:
-        """The hard silhouettes' IoU with the target, view by view."""
+        """Return the hard silhouettes' IoU with the target, view by view."""
         return tuple(i.iou(points, self.rings, self.limits.radius) for i in self.images)
 
 
 def add_limits(state: State, limits: Limits, guards: dict[str, Guard], weights: Weights) -> Felt:
-    """The weighted sum of the terms of all limits that can be felt; calls and seconds are counted."""
+    """Return the weighted sum of the terms of all limits that can be felt; calls and seconds are counted."""
     found = ((getattr(weights, name), guard.term(state, limits)) for name, guard in guards.items())
     return weigh(((weight, felt) for weight, felt in found if felt is not None), state.points)

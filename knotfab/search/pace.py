@@ -37,7 +37,7 @@ class Pace:
     iterations: dict[int, int] = field(default_factory=dict)  # keyed by the phase's number
 
     def fit(self, state: SearchState, phases: Sequence[Phase], number: int) -> Phase:
-        """The phase of this number with as many iterations as there is time for."""
+        """Return the phase of this number with as many iterations as there is time for."""
         each = self._seconds_each(state, phases[number])
         ahead = [
             phase.iterations * each * _cost(phase) / _cost(phases[number])
@@ -51,7 +51,7 @@ class Pace:
         return replace(asked, walk=replace(asked.walk, iterations=count))
 
     def _seconds_each(self, state: SearchState, phase: Phase) -> float:
-        """Seconds of an iteration of a phase from where the search stands, which is left as it is."""
+        """Return seconds of an iteration of a phase from where the search stands, which is left as it is."""
         spent = []
         # the first loads what is compiled; what every phase does at its beginning falls out of the others
         for count in (1, 1, 1 + _TRIED):

@@ -50,7 +50,7 @@ class Plan:
 
 
 def plan_of(settings: SearchSettings, views: int = 1) -> Plan:
-    """The plan of a search from a template for so many views; without phases for the network alone."""
+    """Return the plan of a search from a template for so many views; without phases for the network alone."""
     phases: tuple[Phase, ...] = ()
     if settings.method != "inn":
         phases = three_phases(settings, views)
@@ -61,7 +61,7 @@ def plan_of(settings: SearchSettings, views: int = 1) -> Plan:
 def three_phases(
     settings: SearchSettings, views: int = 1, rates: tuple[float, float, float] | None = None
 ) -> tuple[Phase, Phase, Phase]:
-    """A coarse picture, a fine one, and one that weighs the limits most.
+    """Return a coarse picture, a fine one, and one that weighs the limits most.
 
     Args:
         views: several begin softer and with longer steps, for there is further to go, and first pull in what
@@ -98,7 +98,7 @@ def three_phases(
 
 
 def repair_phase(settings: SearchSettings, number: int) -> Phase:
-    """The repair of this number, from 0; every second one gives the picture less weight."""
+    """Return the repair of this number, from 0; every second one gives the picture less weight."""
     weights = Weights(
         image=0.3 ** (number // 2),
         clearance=40.0,

@@ -36,4 +36,4 @@ class Pose(Protocol):
         """Move one step against the objective at vertices (N, 3), and let it see from there."""
 
     def settle(self, problem: Problem, points: Array) -> tuple[Problem, Array, ViewNumbers | None]:
-        """The problem with its views here, and the points (N, 3) in their axes."""
+        """Return the problem with its views here, and the points (N, 3) in their axes."""

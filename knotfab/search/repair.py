@@ -72,7 +72,7 @@ def _cut_long_edges(state: SearchState, edge_mm: float) -> None:
 
 
 def find_stretches(points: Array, rings: Polylines, feasibility: Feasibility) -> NDArray[np.bool_]:
-    """[N] True near a violated bend, the narrowest violated gap or the place furthest outside."""
+    """Find [N] True near a violated bend, the narrowest violated gap or the place furthest outside."""
     limits = feasibility.limits
     places = [points[bend_radii(points, rings) < limits.bend_radius]]
     if "clearance" in feasibility.broken:

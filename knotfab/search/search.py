@@ -45,7 +45,7 @@ def search(
     report: Report | None = None,
     watch: Watch | None = None,
 ) -> SearchResult:
-    """Knots that draw every picture of the problem, carried there from the start by certified steps.
+    """Return knots that draw every picture of the problem, carried there from the start by certified steps.
 
     Three phases: coarse picture, fine picture, and one that weighs the limits most; then, while a limit
     is violated, mending and repairs, which give the picture ever less weight. With `settings.method`
@@ -107,7 +107,7 @@ def search(
 def _run_phases(
     state: SearchState, phases: tuple[Phase, ...], report: Report | None, pace: Pace | None = None
 ) -> None:
-    """The phases that have iterations, each from evenly spaced vertices on."""
+    """Run the phases that have iterations, each from evenly spaced vertices on."""
     settings = state.settings
     total, done = sum(phase.iterations for phase in phases), 0
     seen: float | None = None

@@ -39,7 +39,7 @@ class Spill(Term):
 
     @classmethod
     def of(cls, target: TargetView, radius: float) -> Spill:
-        """The term of one view; the tube's radius in mm."""
+        """Return the term of one view; the tube's radius in mm."""
         view = target.view
         cell = view.longer_mm / _CELLS
         wanted, camera = grid_at(view, target.mask, cell, _MARGIN, beside=target.ends)

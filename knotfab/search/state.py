@@ -65,12 +65,12 @@ class SearchState:
         return self.problem.limits(self.radius)
 
     def knots_at(self, points: Array, rings: Polylines) -> Knots:
-        """Vertices (N, 3) of polylines as knots of their types."""
+        """Return vertices (N, 3) of polylines as knots of their types."""
         parts = zip(rings.split(points), self.log.types, strict=True)
         return Knots(tuple(Knot(part, kind) for part, kind in parts), self.radius)
 
     def feasibility(self) -> Feasibility:
-        """The hard limits measured on the polylines as they are."""
+        """Return the hard limits measured on the polylines as they are."""
         return measure_feasibility(self.points, self.rings, self.limits)
 
     def wanting(self, points: Array) -> bool:
@@ -92,7 +92,7 @@ class SearchState:
                 self.effects[name] = fresh
 
     def ious(self) -> tuple[float, ...]:
-        """IoU of each view at the resolution of the fine phase."""
+        """Return the IoU of each view at the resolution of the fine phase."""
         images = self._images(self.settings.fine_px)
         return tuple(i.iou(self.points, self.rings, self.radius) for i in images)
 
@@ -102,7 +102,7 @@ class SearchState:
         return tuple(v.image_at(*given) for v in self.problem.views)
 
     def objective(self, phase: Phase, loose: NDArray[np.bool_] | None = None) -> Objective:
-        """The objective of a phase on the polylines as they are; `loose` (N,): the vertices that may move."""
+        """Weigh the objective of a phase on the polylines; `loose` (N,): vertices that may move."""
         terms = self.terms
         if phase.spill:
             terms += tuple(Spill.of(v, self.radius) for v in self.problem.views)
@@ -147,7 +147,7 @@ def begin(
     log: CertificateLog | None = None,
     forms: Forms = COMPILED,
 ) -> SearchState:
-    """The state at the start of a search, its effects judged there."""
+    """Return the state at the start of a search, its effects judged there."""
     if settings.grace > 0:
         terms += (Grace(radius, settings.grace, settings.grace_of == "bends"),)
     state = SearchState(
@@ -170,7 +170,7 @@ def begin(
 
 
 def resample_state(state: SearchState, edge_mm: float) -> None:
-    """Certified resampling; where it cannot be certified, new vertices on the long edges only."""
+    """Resample with a certificate; where it cannot be certified, new vertices on the long edges only."""
     if state.keep_vertices:
         return
     points, rings, verdict = resample(state.points, state.rings, edge_mm)
@@ -190,7 +190,7 @@ def run_phase(
     until_kept: bool = False,
     loose: NDArray[np.bool_] | None = None,
 ) -> Objective:
-    """One phase of the certified flow; `until_kept` ends it as soon as every limit holds.
+    """Return one phase of the certified flow; `until_kept` ends it as soon as every limit holds.
 
     Args:
         report: called each iteration with (share of the phase, what measures the least IoU).

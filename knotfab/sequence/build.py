@@ -146,7 +146,7 @@ def _tell_kept(kept: KeptFrames, count: int) -> Iterator[None]:
 
 
 def _fails(frame: SequenceFrame, piece: WrittenPiece) -> list[str]:
-    """The required checks that a frame fails, by name."""
+    """Return the required checks that a frame fails, by name."""
     limits = [] if frame.made.result.feasible else ["limits"]
     unmet = list_unmet(piece.verdict.checks)
     return [*limits, *(c.name for c in unmet if c.status == "fail")]
@@ -159,7 +159,7 @@ def _mend(
     write: Callable[[SequenceFrame], WrittenPiece],
     folder: OutputFolder,
 ) -> tuple[SequenceFrame, WrittenPiece]:
-    """A frame that fails, from another start where that is better; none helps against limits or a floor."""
+    """Search a failed frame from another start if that is better; none helps against limits or a floor."""
     failed, made = _fails(frame, piece), frame.made
     shadows = bool(failed) and set(failed) <= {"shadow", "half_light"}
     best = shadows and made.result.iou_estimate >= made.opening_iou - POOR
@@ -176,7 +176,7 @@ def _mend(
 
 
 def _make_ring(folder: OutputFolder, pieces: Sequence[WrittenPiece], verifier: Verifier) -> Ring:
-    """The zoetrope, and the verdict to come on its written file."""
+    """Make the zoetrope, and the verdict to come on its written file."""
     try:
         spun = write_zoetrope(folder, [piece.made for piece in pieces])
     except SceneError as error:
@@ -186,7 +186,7 @@ def _make_ring(folder: OutputFolder, pieces: Sequence[WrittenPiece], verifier: V
 
 
 def _motions(folder: OutputFolder, pieces: Sequence[WrittenPiece]) -> list[Motion]:
-    """The motion into each frame but the first, and at the end that back to it, from the written knots."""
+    """Return motion into each frame but the first, and at the end that back to it, from the written knots."""
     points, outlines = [], []
     for piece in pieces:
         assert piece.scene.pose is not None
@@ -214,7 +214,7 @@ def frame_suffix(target: Target) -> str:
 
 
 def write_scene(folder: OutputFolder, asked: ResolvedScene, first: ResolvedScene) -> Path:
-    """scene.toml: the first frame's, every search setting resolved, with the pictures of all frames.
+    """Write the first frame's scene.toml, every search setting resolved, with the pictures of all frames.
 
     Its mount is what was asked for: each frame has its own.
 
@@ -233,7 +233,7 @@ def write_scene(folder: OutputFolder, asked: ResolvedScene, first: ResolvedScene
 
 
 def write_zoetrope(folder: OutputFolder, frames: Sequence[Design]) -> Zoetrope:
-    """All frames on one ring, as zoetrope.stl and zoetrope.3mf.
+    """Return all frames on one ring, as zoetrope.stl and zoetrope.3mf.
 
     Raises:
         SceneError: they make no one closed body.

@@ -73,7 +73,7 @@ def radius_for_all(
     settings: SearchSettings,
     knots: int = 1,
 ) -> tuple[float, RadiusChoice | None]:
-    """A tube radius (mm) that draws that frame well, and no other much worse.
+    """Return a tube radius (mm) that draws that frame well, and no other much worse.
 
     Args:
         question: the frame searched first. polygons: the silhouettes of the others. knots: their number.
@@ -97,7 +97,7 @@ def radius_for_all(
 
 
 def pick_first(targets: Sequence[Target]) -> int:
-    """The frame (from 0) to search first: the one with the most ink, or frame 0 where it has all but as much.
+    """Choose frame (from 0) to search first: the one with the most ink, or frame 0 if it has nearly as much.
 
     Limbs that one silhouette hides have no strands there, and no vertices: they could not come out.
     """
@@ -165,7 +165,7 @@ class Chain:
         self._origins: dict[int, int | None] = {}
 
     def frames(self) -> Iterator[SequenceFrame]:
-        """The frames, each final as it comes; the one with the most ink comes first."""
+        """Yield the frames, each final as it comes; the one with the most ink comes first."""
         common, frame = self._recall(self._first) or self._begin()
         self._settle(common)
         self._why = frame.made.result.log.template
@@ -176,7 +176,7 @@ class Chain:
             yield self._add(common, recalled[1] if recalled else self._follow(number))
 
     def retry(self, number: int) -> SequenceFrame:
-        """A frame that did not come out once more, from another start, near its neighbours as they are.
+        """Give a frame that did not come out once more, from another start, near its neighbours as they are.
 
         It takes its place where it is given to `accept`.
         """
@@ -208,7 +208,7 @@ class Chain:
         return found
 
     def _begin(self) -> tuple[_Common, SequenceFrame]:
-        """The frame with the most ink, from a template, and with it all that holds for all frames."""
+        """Return the frame with the most ink, from a template, and with it all that holds for all frames."""
         scene, targets, progress = self._scene, self._targets, self._progress
         settings = scene.settings
         if settings.free_view:
@@ -261,14 +261,14 @@ class Chain:
             ]
 
     def _follow(self, number: int) -> SequenceFrame:
-        """The next frame, from its neighbour or one more like it."""
+        """Return the next frame, from its neighbour or one more like it."""
         neighbour = number - 1 if number > self._first else number + 1
         nearest = self._alike.start_of(number, neighbour, self._known)
         same = self._alike.same(nearest, number)
         return self._search(number, list_attempts(nearest, neighbour, self._closing, same))
 
     def _search(self, number: int, attempts: Sequence[Attempt]) -> SequenceFrame:
-        """A frame by the best of some attempts."""
+        """Return a frame by the best of some attempts."""
         first, count, common = self._first, len(self._targets), self._common
         areas = [problem.polygons[0].area for problem in self._problems]
         longest = _SLACK * sum(knot.length_mm for knot in self._known[first].knots)

@@ -38,7 +38,7 @@ MOST_FRAMES = 240  # frames of a sequence
 
 
 def frame_name(number: int) -> str:
-    """The name of a frame's view, from 1: "frame-01"."""
+    """Return the name of a frame's view, from 1: "frame-01"."""
     return f"frame-{number:02d}"
 
 
@@ -55,7 +55,7 @@ def read_frames(
     base: Path | None = None,
     font: str | None = None,
 ) -> tuple[Target, ...]:
-    """The frames of a sequence, in order, named frame-01, frame-02, …
+    """Read the frames of a sequence, in order, named frame-01, frame-02, …
 
     Args:
         sources: a folder (its pictures in the order of the numbers in their names), a pattern such
@@ -139,7 +139,7 @@ def tell_apart(targets: Sequence[Target], knots: int) -> str | None:
 
 
 def _files(path: Path, what: str) -> list[Path]:
-    """The pictures of a folder, or the files that a pattern stands for."""
+    """Return the pictures of a folder, or the files that a pattern stands for."""
     try:
         if path.is_dir():
             frames = PICTURE_SUFFIXES - {".gif"}  # a GIF moves by itself
@@ -170,7 +170,7 @@ def _count(what: str, count: int) -> None:
 
 
 def _of_animation(path: Path, what: str, reading: Reading) -> list[Target]:
-    """The frames of an animated picture, each as a PNG of its own."""
+    """Return the frames of an animated picture, each as a PNG of its own."""
     read_target(path, reading)  # says what is wrong with a file that is no picture
     found: list[Target] = []
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():

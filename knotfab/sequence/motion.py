@@ -42,12 +42,12 @@ def pair_pieces(
 
 
 def _way(one: Polygon, other: Polygon) -> float:
-    """mm that a piece's middle goes, and its size changes."""
+    """Return mm that a piece's middle goes, and its size changes."""
     return float(one.centroid.distance(other.centroid) + abs(one.area**0.5 - other.area**0.5))
 
 
 def outline_motion(old: MultiPolygon, new: MultiPolygon, knots: int = 1) -> float:
-    """Hausdorff distance (mm) of two silhouettes' outlines, holes included.
+    """Return Hausdorff distance (mm) of two silhouettes' outlines, holes included.
 
     Where several `knots` draw a piece each it is that of the piece which goes furthest: another one on its
     way brings it no nearer. Each sample's distance is to the other outline itself, so the result is never
@@ -108,7 +108,7 @@ class Tautness(Term):
 
 
 def measure(old: Array, new: Array, outline_mm: float, radius: float) -> Motion:
-    """The motion of vertices from `old` to `new` (N, 3), and its bound: outline and one radius."""
+    """Measure the motion of vertices from `old` to `new` (N, 3), and its bound: outline and one radius."""
     length = np.linalg.norm(new - old, axis=1)
     largest, limit = float(length.max()), outline_mm + radius
     return Motion(

@@ -43,7 +43,7 @@ _FAR = 8.0  # tube radii that an outline goes: more than that is worth a frame i
 
 
 def check_motion(motions: Sequence[Motion]) -> Check:
-    """`motion`: no vertex goes further between neighbours than the pictures' outlines and one radius."""
+    """Check `motion`: no vertex goes further between neighbours than the outlines and one radius."""
     worst = max(motions, key=lambda m: m.largest_mm - m.limit_mm)
     number = next(k for k, m in enumerate(motions, start=2) if m is worst)
     return Check(
@@ -60,7 +60,7 @@ def check_motion(motions: Sequence[Motion]) -> Check:
 
 
 def check_closing(motion: Motion) -> Check:
-    """`closing`: the same from the last frame back to the first, which not every sequence needs."""
+    """Check `closing`: the same from the last frame back to the first, which not every sequence needs."""
     loop = "so it may be played round and round" if motion.held else "too far to play it as a loop"
     status: Status = "pass" if motion.held else "fail"
     detail = f"from the last frame to the first, {loop}"
@@ -78,7 +78,7 @@ class Ring:
 
 
 def check_ring(ring: Ring, printer: Printer) -> list[Check]:
-    """`zoetrope_mesh`: zoetrope.stl is a sound mesh; `zoetrope`: whether the printer can print its tubes.
+    """Check `zoetrope_mesh`: zoetrope.stl is sound; `zoetrope`: the printer can print its tubes.
 
     The second is not required: the frames are as small as the bed asks, and the parts are there as well.
     """
@@ -121,7 +121,7 @@ def sequence_report(
     request: Request,
     resumed: int,
 ) -> Report:
-    """report.json of a sequence, from the frames' own reports.
+    """Return report.json of a sequence, from the frames' own reports.
 
     Args:
         reports: the report of each frame, as for a piece of its own. pieces: as written and verified.
@@ -179,7 +179,7 @@ def _list_views(
     frames: Sequence[SequenceFrame],
     motions: Sequence[Motion],
 ) -> tuple[FrameView, ...]:
-    """The views of all frames, each with what its own part comes to."""
+    """List the views of all frames, each with what its own part comes to."""
     views = []
     each = zip(reports, frames, pieces, strict=True)
     for number, (report, frame, piece) in enumerate(each, start=1):
@@ -208,7 +208,7 @@ def _list_views(
 
 
 def _sum_prints(reports: Sequence[Report], spun: Zoetrope | None) -> Print:
-    """What all parts come to together, and their zoetrope."""
+    """Return what all parts come to together, and their zoetrope."""
     first, prints = reports[0].print, [r.print for r in reports]
     sums: dict[str, Any] = {
         key: sum(getattr(one, key) for one in prints)
@@ -227,7 +227,7 @@ def _sum_prints(reports: Sequence[Report], spun: Zoetrope | None) -> Print:
 
 
 def advise(views: Sequence[FrameView], radius: float) -> list[str]:
-    """A sentence for each frame that fails: which checks, and what to do about it."""
+    """Return a sentence for each frame that fails: which checks, and what to do about it."""
     found = []
     for number, view in enumerate(views, start=1):
         failed = view.failed
@@ -262,13 +262,13 @@ def _own_notes(report: Report, reports: Sequence[Report]) -> tuple[str, ...]:
 
 
 def _shared_notes(reports: Sequence[Report]) -> list[str]:
-    """The notes that every frame has."""
+    """Return the notes that every frame has."""
     first, *others = (report.notes for report in reports)
     return [note for note in first if all(note in notes for notes in others)]
 
 
 def _together(all_checks: Sequence[Sequence[Check]]) -> list[Check]:
-    """One line a check for all frames: the worst status, and the figures of a frame that has it."""
+    """Return one line a check for all frames: the worst status, and the figures of a frame that has it."""
     names = list(dict.fromkeys(c.name for checks in all_checks for c in checks))
     found = []
     for name in names:
@@ -301,7 +301,7 @@ def _room(check: Check) -> float:
 
 
 def _effects(reports: Sequence[Report]) -> tuple[EffectLine, ...]:
-    """Each effect at its largest magnitude; calls, seconds and stages of all frames together."""
+    """Return each effect at its largest magnitude; calls, seconds and stages of all frames together."""
     limits = {line.name for r in reports for line in r.limits}
     every = [[line for line in r.effects if line.name not in limits] for r in reports]
     found = []
@@ -313,7 +313,7 @@ def _effects(reports: Sequence[Report]) -> tuple[EffectLine, ...]:
 
 
 def _limits(reports: Sequence[Report]) -> tuple[LimitLine, ...]:
-    """Each limit in the frame that comes nearest to it or goes furthest beyond."""
+    """Return each limit in the frame that comes nearest to it or goes furthest beyond."""
 
     def beyond(line: LimitLine) -> float:
         over = line.measured - line.limit
@@ -324,7 +324,7 @@ def _limits(reports: Sequence[Report]) -> tuple[LimitLine, ...]:
 
 
 def _by_name(frames: Sequence[Sequence[Line]]) -> list[list[Line]]:
-    """The lines of all frames, those of one name together."""
+    """Return the lines of all frames, those of one name together."""
     found: dict[str, list[Line]] = {}
     for line in (line for lines in frames for line in lines):
         found.setdefault(line.name, []).append(line)
@@ -332,6 +332,6 @@ def _by_name(frames: Sequence[Sequence[Line]]) -> list[list[Line]]:
 
 
 def _spent(lines: Sequence[EffectLine | LimitLine]) -> dict[str, Any]:
-    """The calls and seconds of all lines together."""
+    """Return the calls and seconds of all lines together."""
     seconds = round(sum(line.seconds for line in lines), 4)
     return {"calls": sum(line.calls for line in lines), "seconds": seconds}

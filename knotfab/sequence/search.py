@@ -149,7 +149,7 @@ def finish(
     anchors: Sequence[Anchor],
     forms: Forms = COMPILED,
 ) -> FrameResult:
-    """A frame for its part: twice as many vertices, and the limits repaired where that broke one.
+    """Return a frame for its part: twice as many vertices, and the limits repaired where that broke one.
 
     Args:
         earlier: the search that found the frame, whose log goes on, and whose calls are counted with these.
@@ -183,7 +183,7 @@ _SHORTEST = 1 / 32  # the shortest step, as a share of the way to the spline
 
 
 def double_vertices(points: Array, rings: Polylines) -> tuple[Carried, Polylines]:
-    """Closed polylines with a vertex more on each edge (2 N, 3), and the certificate of the way there.
+    """Return closed polylines with a vertex more on each edge (2 N, 3), and the certificate of the way there.
 
     The new vertices lie in the middles of the edges, which changes nothing; then the old ones move.
     Where that cannot be certified they stop on the way.

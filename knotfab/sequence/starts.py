@@ -43,7 +43,7 @@ class PictureDifferences:
         self._whole = masks
 
     def start_of(self, k: int, neighbour: int, known: Iterable[int]) -> int:
-        """The known frame to begin frame k from: its neighbour, or one much more like it.
+        """Return the known frame to begin frame k from: its neighbour, or one much more like it.
 
         Where limbs part that one silhouette had hidden, the knot of a frame in which they were apart
         knows which strand goes where.
@@ -140,7 +140,7 @@ class Following:
     def search(
         self, attempts: Iterable[Attempt], report: Callable[[float, float | None], None]
     ) -> Trial:
-        """The first trial that keeps every limit and draws the picture well, else the best of all."""
+        """Return the first trial that keeps every limit and draws the picture well, else the best of all."""
         wanted = opening_iou(self.problems[self.number].polygons[0], self.radius) - POOR
         best: Trial | None = None
         for attempt in attempts:

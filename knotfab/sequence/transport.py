@@ -92,7 +92,7 @@ class Displacement:
     values: Array
 
     def at(self, where: Array) -> Array:
-        """(n, 2) mm: the displacement at points (n, 2) of the plane, linear between grid points."""
+        """Return (n, 2) mm: the displacement at points (n, 2) of the plane, linear between grid points."""
         column, row = ((where - self.low) / self.pitch).T
         found = [
             map_coordinates(self.values[..., k], [row, column], order=1, mode="nearest")
@@ -102,7 +102,7 @@ class Displacement:
 
 
 def register(old: MultiPolygon, new: MultiPolygon, margin: float) -> Displacement:
-    """The displacement that takes the silhouette `old` to `new` (both in one plane, mm).
+    """Return the displacement that takes the silhouette `old` to `new` (both in one plane, mm).
 
     Args:
         margin: mm around both that the grid covers as well.
@@ -141,7 +141,7 @@ def register(old: MultiPolygon, new: MultiPolygon, margin: float) -> Displacemen
 
 
 def _lay_over(old: MultiPolygon, new: MultiPolygon) -> tuple[Array, Array, float]:
-    """(stretch, offset mm, IoU then): what lays the silhouettes over each other, or leaves all in its place.
+    """Find what lays the silhouettes over each other, or leaves them: (stretch, offset mm, IoU then).
 
     From middle to middle, alone or with both sides stretched to the new ones, where that gains IoU.
     """
@@ -160,7 +160,7 @@ def _lay_over(old: MultiPolygon, new: MultiPolygon) -> tuple[Array, Array, float
 def _distances(
     polygon: MultiPolygon, low: Array, pitch: float, rows: int, columns: int, clip: float
 ) -> Array:
-    """(rows, columns) signed distances from the outline in grid points, smoothly clipped to 1."""
+    """Return (rows, columns) signed distances from the outline in grid points, smoothly clipped to 1."""
     x = low[0] + pitch * np.arange(columns)
     y = low[1] + pitch * np.arange(rows)
     shapely.prepare(polygon)
@@ -170,7 +170,7 @@ def _distances(
 
 
 def _demons(fixed: Array, moving: Array, start: Array, smooth: float) -> Array:
-    """Displacements in grid points (rows, columns, 2) with moving(p + u(p)) = fixed(p)."""
+    """Return displacements in grid points (rows, columns, 2) with moving(p + u(p)) = fixed(p)."""
     u = start.copy()
     row, column = np.meshgrid(*(np.arange(n, dtype=np.float64) for n in fixed.shape), indexing="ij")
     slope = np.gradient(fixed)

@@ -54,7 +54,7 @@ class Zoetrope:
 
 
 def find_footholds(points: Array, width: float, height: float) -> list[int]:
-    """Up to four vertices for posts: the lowest dips of the curve, spread out.
+    """Find up to four vertices for posts: the lowest dips of the curve, spread out.
 
     Args:
         points: (n, 3) mm, y up. width, height: width and height of the frame's knot, mm.
@@ -150,7 +150,7 @@ def _distance(count: int, beside: float, nearest: float, radius: float) -> float
 
 
 def _ring(outer: float, inner: float) -> Manifold:
-    """The ring with its hub and spokes, in mm as printed, its top at z = 0."""
+    """Return the ring with its hub and spokes, in mm as printed, its top at z = 0."""
     from manifold3d import Manifold
 
     ring = Manifold.cylinder(_THICK_MM, outer, outer, 256)
@@ -169,7 +169,7 @@ def _ring(outer: float, inner: float) -> Manifold:
 
 
 def _standing(knots: Knots, ground: float) -> tuple[Manifold, int]:
-    """A frame's tube with its posts down to the height `ground`, y up; and how many posts."""
+    """Return a frame's tube with its posts down to the height `ground`, y up; and how many posts."""
     from manifold3d import Manifold
 
     knot, radius = knots.knots[0], knots.radius_mm
@@ -186,7 +186,7 @@ def _standing(knots: Knots, ground: float) -> tuple[Manifold, int]:
 
 
 def _tube(knot: Knot, radius: float) -> Manifold:
-    """The tube with fewer rings where it bends little enough: scaled down, they are fine all the same."""
+    """Return tube with fewer rings where it bends little enough: scaled down, they are fine all the same."""
     count = len(knot.points)
     most = max(1, int(0.55 * radius * count / knot.length_mm))  # tube radii between rings
     step = next(k for k in range(most, 0, -1) if count % k == 0)

@@ -31,7 +31,7 @@ VOLUME_SHARE = 1 / 1024  # by which both volumes may differ
 def judge(
     name: str, passed: bool, measured: float, limit: float, unit: str, detail: str
 ) -> SlicerCheck:
-    """The outcome of one look."""
+    """Return the outcome of one look."""
     return SlicerCheck(name, "pass" if passed else "fail", measured, limit, unit, detail)
 
 
@@ -72,7 +72,7 @@ def compare_info(said: str, bodies: Sequence[Mesh]) -> tuple[int, SlicerCheck]:
 def compare_gcode(
     gcode: Gcode, bodies: Sequence[Mesh], scene: ResolvedScene, shift: Array
 ) -> list[SlicerCheck]:
-    """The printed lines against the bodies, moved by `shift` (3,) to their place on the bed.
+    """Return the printed lines against the bodies, moved by `shift` (3,) to their place on the bed.
 
     - `bed`: every line, supports too, inside the build volume;
     - `place`: the lines of the part reach as far as the mesh, in each direction;
@@ -143,7 +143,7 @@ def _surface(gcode: Gcode, bodies: Sequence[Mesh], shift: Array, limit: float) -
 
 
 def _sample(body: Mesh, wanted: int) -> Array:
-    """Points (k, 3) of the surface: corners and middles of faces, evenly taken from the lists."""
+    """Return points (k, 3) of the surface: corners and middles of faces, evenly taken from the lists."""
     vertices, faces = body
     corners = vertices[:: max(1, 2 * len(vertices) // wanted)]
     some = faces[:: max(1, 2 * len(faces) // wanted)]

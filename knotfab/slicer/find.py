@@ -20,7 +20,7 @@ REMEDY = "apt-get install --no-install-recommends prusa-slicer"
 
 
 def find_slicer() -> str | None:
-    """The program's path, where it is installed."""
+    """Find the program's path, where it is installed."""
     path = os.pathsep.join([os.environ.get("PATH", os.defpath), *PLACES])
     return next(filter(None, (shutil.which(name, path=path) for name in NAMES)), None)
 
@@ -36,6 +36,6 @@ def ask_help(program: str) -> Ended:
 
 
 def read_version(program: str) -> tuple[int, int] | None:
-    """Its version's first two numbers, as it says them itself; None where it does not."""
+    """Read its version's first two numbers, as it says them itself; None where it does not."""
     found = re.search(r"PrusaSlicer-(\d+)\.(\d+)", ask_help(program).out)
     return None if found is None else (int(found[1]), int(found[2]))

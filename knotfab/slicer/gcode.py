@@ -55,7 +55,7 @@ class Gcode:
 
 
 def read_gcode(path: Path) -> Gcode:
-    """Figures and lines of a G-code with relative extrusion lengths (`profile` asks for them).
+    """Read figures and lines of a G-code with relative extrusion lengths (`profile` asks for them).
 
     Raises:
         BadGcode: the file is missing, cut off, too large, or not from PrusaSlicer.
@@ -98,7 +98,7 @@ def read_gcode(path: Path) -> Gcode:
 
 
 def points_along(start: Array, end: Array, spacing: float) -> Array:
-    """(k, 3) points on the lines from `start` to `end`, (n, 3) each: the middles of equal pieces.
+    """Return (k, 3) points on the lines from `start` to `end`, (n, 3) each: the middles of equal pieces.
 
     No piece is longer than `spacing`, so no place of a line is further than half of it from a point.
     """
@@ -111,8 +111,8 @@ def points_along(start: Array, end: Array, spacing: float) -> Array:
 
 
 def _moves(content: bytes) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_], Array]:
-    """Moves (n, 3): x, y and filament fed (negative: none); whether each is support, neither
-    support nor part; and its height."""
+    """Read moves (n, 3): x, y and filament fed (negative: none); whether each is support, neither support nor
+    part; its height."""
     pieces = _MARK.split(content)
     found: list[tuple[bytes, bytes]] = []
     counts, kinds, heights = [], [], []
@@ -140,7 +140,7 @@ def _moves(content: bytes) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_],
 
 
 def _duration(tail: bytes) -> float:
-    """Seconds of "1d 2h 3m 4s"."""
+    """Return seconds of "1d 2h 3m 4s"."""
     found = _TIME.search(tail)
     if found is None:
         raise BadGcode("the G-code is cut off: it gives no printing time")

@@ -56,7 +56,7 @@ _START = re.compile(r"^print(?:_object)? warning: ")
 
 
 def explain_warning(text: str) -> SlicerWarning:
-    """`text` with what is known of it."""
+    """Return `text` with what is known of it."""
     for pattern, explanation, settled in _KNOWN:
         if re.search(pattern, text):
             return SlicerWarning(text, explanation, settled)
@@ -64,7 +64,7 @@ def explain_warning(text: str) -> SlicerWarning:
 
 
 def read_warnings(said: str) -> list[SlicerWarning]:
-    """The warnings in what PrusaSlicer said: all that is not its report of progress.
+    """Read the warnings in what PrusaSlicer said: all that is not its report of progress.
 
     A warning runs over several lines, up to the next line of progress; the same one is given once.
     Lines that belong to no warning stand for themselves.

@@ -90,7 +90,7 @@ def run_limited(
 
 
 def _environment(folder: Path) -> dict[str, str]:
-    """This process's environment, but with a home of its own, no display and no other language."""
+    """Return this process's environment, but with a home of its own, no display and no other language."""
     kept = {
         key: value
         for key, value in os.environ.items()

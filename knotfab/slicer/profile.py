@@ -48,13 +48,13 @@ def why_not_sliced(scene: ResolvedScene) -> str | None:
 
 
 def line_width(scene: ResolvedScene) -> float:
-    """Width of every printed line, mm."""
+    """Return the width of every printed line, mm."""
     # width of a printed line in nozzle diameters, as is usual
     return round(1.125 * scene.printer.nozzle_mm, 4)
 
 
 def profile(scene: ResolvedScene, program: str | None = None) -> dict[str, str]:
-    """PrusaSlicer's settings for a print of this scene, by their names in its .ini files.
+    """Return PrusaSlicer's settings for a print of this scene, by their names in its .ini files.
 
     Supports are branches (organic) where the `program` that is to read it is known to grow them.
     Bed, height, nozzle, layers and supports are the printer's; density and temperatures the
@@ -133,7 +133,7 @@ def profile(scene: ResolvedScene, program: str | None = None) -> dict[str, str]:
 
 
 def _support_style(program: str | None) -> str:
-    """Branches that touch a strand's underside alone, or else walls no wider than it.
+    """Return branches that touch a strand's underside alone, or else walls no wider than it.
 
     A grid would widen them to its cells: half the filament. A version without branches refuses the file.
     """
@@ -150,6 +150,6 @@ def write_profile(folder: Path, scene: ResolvedScene) -> None:
 
 
 def read_profile(folder: Path) -> dict[str, str]:
-    """The settings that `write_profile` wrote."""
+    """Read the settings that `write_profile` wrote."""
     lines = (folder / PROFILE).read_text(encoding="utf-8").splitlines()
     return dict(line.split(" = ", 1) for line in lines)

@@ -25,7 +25,7 @@ _WAVES, _OUTLINE, _FITS = 4, 300, 30  # waves, outline samples and fits of a cir
 def start_at_circles(
     problem: Problem, radius: float, settings: SearchSettings, template: Template | None = None
 ) -> Start:
-    """A circle for each of the template's curves; for several views one that is bent towards all of them.
+    """Make a circle for each curve of the template; for several views one that is bent towards all of them.
 
     Raises:
         SceneError: a knot is asked for that no circle is.
@@ -50,7 +50,7 @@ def start_at_circles(
 
 
 def _circles(curves: Sequence[Array], radius: float, separation: float) -> list[Array]:
-    """A circle for each planar curve [(n, 2) mm], each in a plane of its own: [(m, 3) mm].
+    """Return a circle for each planar curve [(n, 2) mm], each in a plane of its own: [(m, 3) mm].
 
     Convex polygons in parallel planes: an unlink of unknots, by inspection (paper, sec. 3.2, whose
     template (cos s, sin s, 0) wants s from 0 to 2 pi, not to 1).
@@ -86,7 +86,7 @@ def _facing(
     radius: float,
     settings: SearchSettings,
 ) -> Array:
-    """The circle that faces one view, stretched to it, and bent in depth towards the others."""
+    """Return the circle that faces one view, stretched to it, and bent in depth towards the others."""
     boxes = np.array([p.bounds for p in polygons])
     wide, high = np.maximum(0.4 * (boxes[facing, 2:] - boxes[facing, :2]), 2.0 * radius)
     # the middle is nearest to those of all silhouettes by least squares
@@ -103,7 +103,7 @@ def _facing(
 
 
 def _outline(polygon: MultiPolygon) -> Array:
-    """Even samples (n, 2) of a silhouette's outline, mm."""
+    """Return even samples (n, 2) of a silhouette's outline, mm."""
     edge = polygon.boundary
     at = shapely.line_interpolate_point(edge, np.linspace(0, edge.length, _OUTLINE))
     return np.asarray(shapely.get_coordinates(at))
@@ -112,7 +112,7 @@ def _outline(polygon: MultiPolygon) -> Array:
 def _bent(
     points: Array, t: Array, towards: Array, axes: list[Array], polygons: list[MultiPolygon]
 ) -> Array:
-    """Depths (n,), waves of a few orders, that bring the curve nearest to the other views' outlines.
+    """Return depths (n,), waves of a few orders, that bring the curve nearest to the other views' outlines.
 
     Nearest points both ways, and a linear fit of the waves to them, in turn; parallel light.
     """

@@ -41,17 +41,17 @@ _TURNS = 3  # turns to the bed, in which supports are weighed: the best of the f
 
 
 def lift(curve: Array, depth: Array, light_distance: float) -> Array:
-    """(n, 2) points of the plane z = 0 moved along their rays to height `depth`: (n, 3)."""
+    """Return (n, 2) points of the plane z = 0 moved along their rays to height `depth`: (n, 3)."""
     return np.column_stack([curve * (1.0 - depth / light_distance)[:, None], depth])
 
 
 def lower(points: Array, light_distance: float) -> Array:
-    """(..., 2) where rays from the light through (..., 3) points meet the plane z = 0: `lift` undone."""
+    """Give (..., 2) where rays from the light through (..., 3) points meet the plane z = 0: `lift` undone."""
     return np.asarray(points[..., :2] / (1.0 - points[..., 2:] / light_distance))
 
 
 def _overlapping(samples: tuple[Array, ...], radius: float) -> tuple[Indices, Indices]:
-    """Pairs of samples that hide each other seen from the light, so that they must differ in depth.
+    """Return pairs of samples that hide each other seen from the light, so that they must differ in depth.
 
     Where two strands run in a stroke about one tube wide, neither can step aside without a trace.
     """
@@ -73,7 +73,7 @@ def _count_close(points: Array, one: Indices, other: Indices, reach: float) -> i
 
 
 def _turns() -> Array:
-    """(18, 3, 3) turns to the bed whose ways up lie along the axes and between two of them."""
+    """Return (18, 3, 3) turns to the bed whose ways up lie along the axes and between two of them."""
     ups = np.stack(np.meshgrid(*3 * [[-1.0, 0.0, 1.0]], indexing="ij"), axis=-1).reshape(-1, 3)
     ups = ups[np.isin(np.abs(ups).sum(1), (1, 2))]
     ups /= np.linalg.norm(ups, axis=1)[:, None]
@@ -113,7 +113,7 @@ class _Judge:
             ]
 
     def draw(self, rng: np.random.Generator, number: int, across_mm: float) -> Profile | Relief:
-        """A profile by chance; a relief where strands have lanes."""
+        """Draw a profile by chance; a relief where strands have lanes."""
         if self.lanes is not None:
             return draw_relief(rng, number, across_mm)
         return draw_profile(rng, number, across_mm, self.arcs)
@@ -121,13 +121,13 @@ class _Judge:
     def heights(
         self, profile: Profile | Relief, curves: tuple[Array, ...], drawing: list[Array]
     ) -> list[Array]:
-        """The depth of each vertex of the curves, lanes left out."""
+        """Return the depth of each vertex of the curves, lanes left out."""
         if isinstance(profile, Relief):
             return self.fit(profile.heights(list(curves)), drawing)
         return self.fit(profile.heights([arc_lengths(c) for c in curves]), drawing)
 
     def place(self, profile: Profile | Relief) -> list[Array]:
-        """The samples lifted."""
+        """Return the samples lifted."""
         heights = self.heights(profile, self.samples, self.drawing)
         if self.beside is not None:
             heights = [h + b for h, b in zip(heights, self.beside, strict=True)]
@@ -136,7 +136,7 @@ class _Judge:
     def part(
         self, profile: Profile | Relief, heights: list[Array], separation: float
     ) -> tuple[list[Array], list[Array]]:
-        """The curves' heights, and the samples lifted, with strands that hide each other parted."""
+        """Return the curves' heights, and the samples lifted, with strands that hide each other parted."""
         own = self.heights(profile, self.samples, self.drawing)
         moves = part_sides(
             self.samples, np.concatenate(own), self.pairs, separation, self.light_distance
@@ -155,20 +155,20 @@ class _Judge:
         return parted, parts
 
     def fit(self, heights: list[Array], drawing: list[Array]) -> list[Array]:
-        """The heights of all curves, scaled to the extent; what draws the outline nearer to the wall."""
+        """Give the heights of all curves, scaled to the extent; what draws the outline nearer to the wall."""
         fitted = _fit(heights, self.extent_mm)
         if self.sharpening is None:
             return fitted
         return _fit(self.sharpening.lower(fitted, drawing), self.extent_mm)
 
     def blur(self, parts: list[Array]) -> float:
-        """The weighted brightness error of a wide lamp; 0 where none is called for."""
+        """Return the weighted brightness error of a wide lamp; 0 where none is called for."""
         return 0.0 if self.sharpening is None else self.sharpening.cost(parts, self.drawing)
 
     def find_extent(
         self, profile: Profile | Relief, least_mm: float, steadying: Steadying
     ) -> float:
-        """The extent, mm, from `least_mm` to its own, at which a profile is best.
+        """Find the extent, mm, from `least_mm` to its own, at which a profile is best.
 
         Shadows part by how far apart strands are in depth: the cost of careless placing depends on a
         profile's extent, and little on its shape. An IoU that is lost counts as one that is read from
@@ -216,7 +216,7 @@ class _Judge:
         return found
 
     def cost(self, parts: list[Array], at_most: float, supported: bool = True) -> float:
-        """The sum of all judgements, with supports or without; part of it where that exceeds `at_most`.
+        """Give the sum of all judgements, with supports or without; part of it where that exceeds `at_most`.
 
         Supports take as long as all else: they are worked out only where what is judged sooner leaves
         room for `_SURELY` of the least so far.
@@ -228,13 +228,13 @@ class _Judge:
         return cost + self.support(parts)
 
     def support(self, parts: list[Array]) -> float:
-        """The least of `supports`."""
+        """Return the least of `supports`."""
         found = float(self.supports(parts).min())
         self.least = min(self.least, found)
         return found
 
     def supports(self, parts: list[Array]) -> Array:
-        """(turns,) The weighted volume of the supports, over the tube's."""
+        """Return (turns,) The weighted volume of the supports, over the tube's."""
         if self.overhang_deg is None:
             return np.zeros(1)
         rules, rods = Rules(self.overhang_deg), strands_along(parts, self.radius, most=_RODS)
@@ -250,7 +250,7 @@ class _Judge:
 
 
 def _fit(heights: list[Array], extent_mm: float) -> list[Array]:
-    """The heights of all curves, shifted and scaled to the extent about zero."""
+    """Return the heights of all curves, shifted and scaled to the extent about zero."""
     joined = np.concatenate(heights)
     low, high = float(joined.min()), float(joined.max())
     scale = extent_mm / max(high - low, 1e-9)
@@ -272,7 +272,7 @@ def choose_depth(
     least_mm: float = 0.0,
     separation: float | None = None,
 ) -> DepthChoice:
-    """The best of `candidates` profiles of the given extent: some random, the others varied from those.
+    """Choose best of `candidates` profiles of the given extent: some random, the others varied from those.
 
     Args:
         curves: closed planar polylines [(n, 2) mm], evenly sampled.

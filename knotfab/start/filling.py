@@ -70,7 +70,7 @@ def _polygons(shape: BaseGeometry) -> list[Polygon]:
 
 
 def _without_noise(piece: Polygon, radius: float) -> list[Polygon]:
-    """The piece, or where it is all outline to the tube, what is left of it at the tube's own scale.
+    """Return the piece, or where it is all outline to the tube, what is left of it at the tube's own scale.
 
     Insets of noise take minutes and leave nothing that a tube could draw.
     """
@@ -98,7 +98,7 @@ def _ring_region(region: BaseGeometry, radius: float, thin: float) -> BaseGeomet
 
 
 def rings_of(piece: Polygon, radius: float, spacing: float = 2.0) -> list[LinearRing]:
-    """The centre lines of concentric tubes that cover `piece`, outermost first; none where no tube draws it.
+    """Give centre lines of concentric tubes that cover `piece`, outermost first; none where no tube draws it.
 
     Args:
         piece: silhouette, mm.
@@ -126,13 +126,13 @@ def rings_of(piece: Polygon, radius: float, spacing: float = 2.0) -> list[Linear
 
 
 def _small_loop(piece: Polygon, radius: float) -> LinearRing:
-    """A loop in the middle of a piece, smaller than the tube can bend."""
+    """Return a loop in the middle of a piece, smaller than the tube can bend."""
     middle = piece.representative_point() if piece.is_empty else piece.centroid
     return middle.buffer(radius * 0.35).exterior
 
 
 def _turning(points: Array) -> Array:
-    """Unsigned turning angle at each vertex, averaged over a few neighbours."""
+    """Return unsigned turning angle at each vertex, averaged over a few neighbours."""
     edge = np.diff(points, axis=0, append=points[:1])
     angle = np.arctan2(edge[:, 1], edge[:, 0])
     turn = np.abs((np.diff(angle, prepend=angle[-1:]) + np.pi) % (2 * np.pi) - np.pi)
@@ -163,7 +163,7 @@ class _Loop:
 
 
 def _closest(one: _Loop, other: _Loop, radius: float) -> tuple[float, int, int]:
-    """The best place for a bridge: nearly the shortest, where both curves are straight."""
+    """Return the best place for a bridge: nearly the shortest, where both curves are straight."""
     near, index = other.tree.query(one.points)
     shortest = float(near.min())
     turns = np.minimum(one.turning, 2.0) + np.minimum(other.turning[index], 2.0)
@@ -174,14 +174,14 @@ def _closest(one: _Loop, other: _Loop, radius: float) -> tuple[float, int, int]:
 
 
 def _cut_open(points: Array, at: int, gap: int) -> Array:
-    """The closed polyline cut open around vertex `at`, `gap` steps wide."""
+    """Return the closed polyline cut open around vertex `at`, `gap` steps wide."""
     gap = max(1, min(gap, len(points) // 3))
     start = at + (gap + 1) // 2
     return np.roll(points, -start, axis=0)[: len(points) - gap + 1]
 
 
 def _bridge(one: Array, at: int, other: Array, to: int, gap: int, step: float) -> Array:
-    """Both closed polylines joined by two parallel strands."""
+    """Return both closed polylines joined by two parallel strands."""
     a, b = _cut_open(one, at, gap), _cut_open(other, to, gap)
     straight = np.linalg.norm(a[-1] - b[0]) + np.linalg.norm(b[-1] - a[0])
     turned = np.linalg.norm(a[-1] - b[-1]) + np.linalg.norm(b[0] - a[0])
@@ -207,7 +207,7 @@ def simple_curves(curves: list[Array]) -> bool:
 def join_curves(
     curves: list[Array], radius: float, step: float, until: int = 1, keep: bool = False
 ) -> list[Array]:
-    """Closed curves joined, smallest first and each to its nearest, until so many are left.
+    """Return closed curves joined, smallest first and each to its nearest, until so many are left.
 
     What is joined is simple, and clear of the others. A curve that no bridge reaches is left out, or with
     `keep` stays as it is.
@@ -255,7 +255,7 @@ def join_curves(
 
 
 def smooth_closed(curve: Array, sigma: float) -> Array:
-    """Gaussian smoothing along an evenly sampled closed curve, sigma in samples."""
+    """Return Gaussian smoothing along an evenly sampled closed curve, sigma in samples."""
     frequency = np.fft.rfftfreq(len(curve)) * 2 * np.pi
     damp = np.exp(-0.5 * (sigma * frequency) ** 2)[:, None]
     return np.asarray(np.fft.irfft(np.fft.rfft(curve, axis=0) * damp, len(curve), axis=0))
@@ -264,7 +264,7 @@ def smooth_closed(curve: Array, sigma: float) -> Array:
 def fill(
     polygon: MultiPolygon, radius: float, knots: int | None = None, spacing: float = 2.0
 ) -> Template:
-    """The filling template of a silhouette.
+    """Return the filling template of a silhouette.
 
     A piece that no tube draws, as a thin frame, gets no curve: a loop in its middle would stand where the
     picture has nothing. Where that is all of them each gets its loop, for whoever measures how little
@@ -297,7 +297,7 @@ def fill(
 
 
 def as_bent(template: Template, bend: float, flat: bool = False) -> Template:
-    """The template with the least ring in place of each curve that is smaller than any closed tube.
+    """Return the template with the least ring in place of each curve that is smaller than any closed tube.
 
     Args:
         bend: the tube's least bend radius, mm. flat: as for `least_ring`.
@@ -321,7 +321,7 @@ def _is_smaller(curve: Array, bend: float) -> bool:
 
 
 def template_iou(template: Template, polygon: MultiPolygon) -> float:
-    """IoU of the planar tube with the silhouette, exact on polygons."""
+    """Return the IoU of the planar tube with the silhouette, exact on polygons."""
     return polygon_iou(template.tube, polygon)
 
 

@@ -45,7 +45,7 @@ class Growth:
 def grow_curves(
     lattice: Lattice, worth: Array, unit: float, seeds: Sequence[Indices], how: Growth
 ) -> list[Indices]:
-    """The nodes (n,) of closed lattice curves, one grown from each of the disjoint ones that are given.
+    """Give the nodes (n,) of closed lattice curves, one grown from each of the disjoint ones that are given.
 
     Args:
         worth: worth of each cell that is drawn. unit: unit of an edge, as for `Growth`.
@@ -80,7 +80,7 @@ def grow_curves(
 
 @compiled
 def _edge(a: int, b: int, strides: Indices) -> int:
-    """The edge between neighbouring nodes."""
+    """Return the edge between neighbouring nodes."""
     apart = abs(b - a)
     axis = 0 if apart == strides[0] else 1 if apart == strides[1] else 2
     return 3 * min(a, b) + axis
@@ -106,7 +106,7 @@ def _count(edge: Any, sign: int, drawing: Any, drawn: Indices) -> float:
 def _plan(
     a: int, u: int, loops: Any, drawing: Any, old: Indices, new: Indices, path: Indices
 ) -> int:
-    """The move over the square beside the edge after node a, towards u: edges `old`, `new`, nodes `path`.
+    """Return move over the square beside the edge after node a, towards u: edges `old`, `new`, nodes `path`.
 
     Returns:
         How many nodes the path has, along which the curve is to run; 0: the square is not empty.
@@ -259,7 +259,7 @@ def _reach(least: float, loops: Any, size: int, drawing: Any) -> int:
 
 @compiled
 def _random(state: Any) -> Any:
-    """The next state of a linear congruential generator (Knuth 1997)."""
+    """Return the next state of a linear congruential generator (Knuth 1997)."""
     return state * np.uint64(6364136223846793005) + np.uint64(1442695040888963407)
 
 

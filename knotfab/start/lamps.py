@@ -35,7 +35,7 @@ def start_by_lamp(
     spacing: float = 1.0,
     tie: Callable[[Problem, Start, float], Start] | None = None,
 ) -> Start:
-    """Each lamp's own filling at its depths, sheared to where that lamp sees it as its mask.
+    """Return each lamp's own filling at its depths, sheared to where that lamp sees it as its mask.
 
     Args:
         radius: radius of the tube, mm.
@@ -81,7 +81,7 @@ def start_by_lamp(
 
 
 def on_axis(target: TargetView) -> TargetView:
-    """The same view with its lamp on the axis."""
+    """Return the same view with its lamp on the axis."""
     view = target.view.but(light_right_mm=0.0, light_up_mm=0.0)
     at = view.wall_distance_mm / (view.wall_distance_mm + view.light_distance_mm)
     aside = -at * np.array([target.view.light_right_mm, target.view.light_up_mm])

@@ -42,7 +42,7 @@ _PASSES, _SIDES = 0.3, 1.0
 
 
 def assign_lanes(curves: tuple[Array, ...], separation: float) -> tuple[Array, ...]:
-    """A lane for each vertex of closed planar curves [(n, 2) mm]: (n,) in half separations, smooth."""
+    """Return a lane for each vertex of closed planar curves [(n, 2) mm]: (n,) in half separations, smooth."""
     samples = [sample_evenly(curve, _STEP * separation) for curve in curves]
     near = _Neighbours(samples, separation)
     lanes: Array = np.full(near.count, np.nan)
@@ -78,14 +78,14 @@ class _Neighbours:
         self.others = both[:, 1]
 
     def curves(self) -> Iterator[tuple[int, int]]:
-        """The first sample of each curve and how many it has."""
+        """Yield the first sample of each curve and how many it has."""
         first = 0
         for size in self.sizes:
             yield first, size
             first += size
 
     def prices(self, block: Indices, lanes: Array) -> Array:
-        """(k, lanes) what each sample of a stretch costs in each lane, for the others as they stand."""
+        """Give (k, lanes) what each sample of a stretch costs in each lane, for the others as they stand."""
         levels = np.arange(-_LANES, _LANES + 1)
         prices = np.tile(_ASIDE * np.abs(levels), (len(block), 1))
         inside = set(block.tolist())
@@ -99,7 +99,7 @@ class _Neighbours:
 
 
 def _best_lanes(prices: Array, before: float, after: float) -> Array:
-    """The cheapest lanes of a stretch, each at most one from the last.
+    """Return the cheapest lanes of a stretch, each at most one from the last.
 
     `before`, `after`: the lanes beside it; nan where they are free.
     """
@@ -127,7 +127,7 @@ def _best_lanes(prices: Array, before: float, after: float) -> Array:
 
 
 def _hiding(samples: list[Array], separation: float) -> tuple[Indices, Array]:
-    """(k, 2) pairs of samples closer than the separation in the plane, and how far apart along their curve.
+    """Find (k, 2) pairs of samples nearer than the separation in the plane, and how far along their curve.
 
     Neighbours along a curve are left out, but where it turns on the spot. Infinite: of different curves.
     """
@@ -147,7 +147,7 @@ def part_passes(
     separation: float,
     light_distance: float,
 ) -> tuple[Array, ...]:
-    """The depths moved until strands that hide each other are a separation apart, as their lanes lie.
+    """Return the depths moved until strands that hide each other are a separation apart, as their lanes lie.
 
     Args:
         curves: closed planar polylines [(n, 2) mm], evenly sampled. depths: [(n,) mm] towards the light.
@@ -174,7 +174,7 @@ def part_sides(
     separation: float,
     light_distance: float,
 ) -> Array:
-    """(N,) By how much samples move along their rays for those that hide each other to be a separation apart.
+    """Measure (N,) how far samples move along their rays until those that hide each other are apart.
 
     Args:
         samples: closed planar polylines [(n, 2) mm], evenly sampled, N points in all.
@@ -203,7 +203,7 @@ def part_sides(
 
 
 def _number_stretches(one: Indices, other: Indices, sizes: list[int]) -> Indices:
-    """(m,) For each ordered pair of samples, the stretch along which two strands hide each other."""
+    """Return (m,) For each ordered pair of samples, the stretch along which two strands hide each other."""
     count = sum(sizes)
     ends = np.cumsum(sizes)
     after = np.arange(1, count + 1)
@@ -240,7 +240,7 @@ def _move_apart(
     light_distance: float,
     along_mm: float,
 ) -> Array:
-    """(N,) The depths moved until each point of `above` is `apart` over that of `below`, as far as it goes.
+    """Move depths (N,) until each point of `above` is `apart` over that of `below`, as far as it goes.
 
     Args:
         plane: (N, 2) the curves' points in a row, of which `depth` (N,) are the depths.

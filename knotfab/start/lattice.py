@@ -70,7 +70,7 @@ class Sight:
         return self._at(self.depth, seen) / scale
 
     def inwards(self, points: Array) -> Array:
-        """(n, 3) unit steps from points to where they are seen further inside; 0 where there is no slope."""
+        """Give (n, 3) unit steps from points to where they are seen further inside; 0 without a slope."""
         seen, _ = self.look(points)
         down, right = (self._at(np.asarray(g), seen) for g in np.gradient(self.depth))
         away = seen[:, :, None] * self.projection[2, :3]
@@ -109,11 +109,11 @@ class Lattice:
         return np.array([self.shape[1] * self.shape[2], self.shape[2], 1], dtype=np.int64)
 
     def ends(self, edges: Indices) -> tuple[Indices, Indices]:
-        """The nodes of edges (k,)."""
+        """Return the nodes of edges (k,)."""
         return edges // 3, edges // 3 + self.strides[edges % 3]
 
     def squares(self, opened: Flags) -> Indices:
-        """(k, 4) the edges of the unit squares whose edges are all `opened` (3 n,)."""
+        """Return (k, 4) the edges of the unit squares whose edges are all `opened` (3 n,)."""
         found = []
         per_node = opened.reshape(-1, 3)
         for i, j in ((0, 1), (0, 2), (1, 2)):
@@ -126,7 +126,7 @@ class Lattice:
         return np.concatenate(found)
 
     def drawn_by(self, edges: Indices) -> Indices:
-        """The cells that these edges draw, each once."""
+        """Return the cells that these edges draw, each once."""
         starts, stops = self.starts[edges], self.starts[edges + 1]
         drawn = np.zeros(int(self.cells.max(initial=0)) + 1, dtype=bool)
         for first, stop in zip(starts.tolist(), stops.tolist(), strict=True):
@@ -135,7 +135,7 @@ class Lattice:
 
 
 def sights_of(views: Sequence[TargetView], radius: float) -> tuple[list[Sight], Array]:
-    """The views as grids for a tube of this radius, mm; and the worth of each cell that is drawn.
+    """Return the views as grids for a tube of this radius, mm; and the worth of each cell that is drawn.
 
     A view's wanted cells are worth one together, and what it does not want as much less.
     """
@@ -185,7 +185,7 @@ def lattice_in(
     limits: Limits,
     spill: float,
 ) -> Lattice:
-    """The lattice where a tube fits all silhouettes, along `axes` (3, 3 rows); empty where it fits nowhere.
+    """Give lattice where a tube fits all silhouettes, along `axes` (3, 3 rows); empty where it fits nowhere.
 
     Args:
         shift: shift of a node from the origin, in pitches (3,). reach: reach of the box about the origin, mm.
@@ -247,7 +247,7 @@ def lattice_in(
 
 
 def draw_edges(lattice: Lattice, opened: Flags, sights: Sequence[Sight], radius: float) -> Lattice:
-    """The lattice with these edges (3 n,) open, and what a tube of this radius, mm, draws along each."""
+    """Draw the lattice with these edges (3 n,) open, and what a tube of this radius, mm, draws along each."""
     edges = np.flatnonzero(opened)
     one, two = (lattice.nodes[end] for end in lattice.ends(edges))
     counts = np.zeros(len(edges), dtype=np.int64)

@@ -27,7 +27,7 @@ _SHRINK = Growth(edge=1.0, corner=0.05, least=1.0, heat=0.6, rounds=2, moves=150
 
 @cache
 def lattice_knot(factors: tuple[Factor, ...]) -> Indices:
-    """(n, 3) nodes of a short closed lattice polygon, the connected sum of these knots of the table."""
+    """Give (n, 3) nodes of a short closed lattice polygon, the connected sum of these knots of the table."""
     word: list[int] = []
     strands = 1
     for factor in factors:
@@ -45,7 +45,7 @@ def lattice_knot(factors: tuple[Factor, ...]) -> Indices:
 
 
 def find_place(lattice: Lattice, edges: Indices, knot: Indices) -> Indices | None:
-    """The nodes (n,) along the knot where it lies within these edges and least outside the pictures.
+    """Find the nodes (n,) along the knot where it lies within these edges and least outside the pictures.
 
     It is turned in all 24 ways. None: it fits nowhere.
     """
@@ -73,7 +73,7 @@ def find_place(lattice: Lattice, edges: Indices, knot: Indices) -> Indices | Non
 
 
 def _turns() -> list[Indices]:
-    """The 24 rotations (3, 3) of the lattice."""
+    """Return the 24 rotations (3, 3) of the lattice."""
     found = []
     for order, signs in product(permutations(range(3)), product((1, -1), repeat=3)):
         turn = np.zeros((3, 3), dtype=np.int64)
@@ -84,7 +84,7 @@ def _turns() -> list[Indices]:
 
 
 def _close_braid(word: Sequence[int], strands: int) -> Indices:
-    """(n, 3) nodes of the closed braid: x along it, y across it; a letter takes three edges of x."""
+    """Return (n, 3) nodes of the closed braid: x along it, y across it; a letter takes three edges of x."""
     paths: list[list[tuple[int, int, int]]] = []
     end, row = 3 * len(word), 0
     while True:  # round and round, until the strand is met that was begun with
@@ -113,7 +113,7 @@ def _close_braid(word: Sequence[int], strands: int) -> Indices:
 
 
 def _free_lattice(shape: tuple[int, ...]) -> Lattice:
-    """A box of nodes of which all edges within its padding may be taken, and none draws anything."""
+    """Return a box of nodes of which all edges within its padding may be taken, and none draws anything."""
     nodes = np.stack(np.meshgrid(*map(np.arange, shape), indexing="ij"), -1).reshape(-1, 3)
     inner = np.asarray(((nodes > 0) & (nodes < np.array(shape) - 1)).all(1))
     opened = np.zeros((len(nodes), 3), dtype=bool)

@@ -20,7 +20,7 @@ _GRID = 128  # cells on a side: with 64 the estimate is off by up to 0.06, with 
 
 
 def stretch_mask(mask: Mask) -> Mask:
-    """The mask cropped to its bounding box and stretched to the estimate's grid."""
+    """Return the mask cropped to its bounding box and stretched to the estimate's grid."""
     rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
     at = (np.arange(_GRID) + 0.5) / _GRID
     v = rows[0] + (at * (rows[-1] + 1 - rows[0])).astype(int)
@@ -30,7 +30,7 @@ def stretch_mask(mask: Mask) -> Mask:
 
 @compiled
 def _cover(points: Array, radius: float, grid: int) -> Mask:
-    """(grid, grid) cells, row 0 at the top, whose middles lie within discs (n, 2), on their common box."""
+    """Fill (grid, grid) cells, row 0 at the top, whose middles lie in discs (n, 2), on their common box."""
     covered = np.zeros((grid, grid), dtype=np.bool_)
     left, low = points[:, 0].min() - radius, points[:, 1].min() - radius
     wide = (points[:, 0].max() + radius - left) / grid
@@ -53,7 +53,7 @@ def _cover(points: Array, radius: float, grid: int) -> Mask:
 def _iou_aside(
     centred: Array, radius: float, light_distance: float, target: Mask, turn: Array
 ) -> float:
-    """The IoU of the tube through `centred` (axis view, dense samples), turned and stretched to the grid."""
+    """Give IoU of the tube through `centred` (axis view, dense samples), turned and stretched to the grid."""
     flat = np.empty((len(centred), 2))
     for n in range(len(centred)):
         x, y, z = centred[n, 0], centred[n, 1], centred[n, 2]
@@ -72,7 +72,7 @@ def _iou_aside(
 
 @lru_cache
 def turns_aside(angle_deg: float) -> list[Array]:
-    """(4) turns (3, 3) of a piece by this angle: to both sides, up and down."""
+    """Return (4) turns (3, 3) of a piece by this angle: to both sides, up and down."""
     a = np.deg2rad(angle_deg)
     c, s = np.cos(a), np.sin(a)
     sideways = [np.array([[c, 0, d], [0, 1, 0], [-d, 0, c]]) for d in (s, -s)]
@@ -82,7 +82,7 @@ def turns_aside(angle_deg: float) -> list[Array]:
 def legibility(
     points: Array, radius: float, light_distance: float, target: Mask, angle_deg: float
 ) -> float:
-    """Largest IoU of the turned part's silhouette with the target's.
+    """Return largest IoU of the turned part's silhouette with the target's.
 
     Args:
         points: (n, 3) mm in the view's own axes (z towards the light), less than a radius apart.
@@ -96,7 +96,7 @@ def legibility(
 
 
 def about_middle(points: Array) -> Array:
-    """Points (n, 3) about the middle of their box, about which a part is turned."""
+    """Return points (n, 3) about the middle of their box, about which a part is turned."""
     middle = [0.5 * (column.min() + column.max()) for column in points.T]
     return np.asarray(points - np.array(middle))
 
@@ -104,7 +104,7 @@ def about_middle(points: Array) -> Array:
 def legibility_from(
     centred: Array, radius: float, light_distance: float, target: Mask, turn: Array
 ) -> float:
-    """The same of points about their middle, from one side.
+    """Return the same of points about their middle, from one side.
 
     Raises:
         ValueError: the target is none of `stretch_mask`.

@@ -31,7 +31,7 @@ def lift_template(
     settings: SearchSettings,
     parted: bool = False,
 ) -> Start:
-    """The template's curves at their depths, evenly sampled, in the scene: unknots by inspection.
+    """Return the template's curves at their depths, evenly sampled, in the scene: unknots by inspection.
 
     With `parted` the sides of a stroke that hide each other keep their order in depth all along.
     """

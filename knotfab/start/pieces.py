@@ -28,7 +28,7 @@ def edge_worth(lattice: Lattice, worth: Array) -> float:
 
 
 def _pieces(lattice: Lattice, worth: Array) -> list[Indices]:
-    """The squares (k, 4) of each piece that draws what larger ones leave, those of the largest first."""
+    """Give the squares (k, 4) of each piece that draws what larger ones leave, those of the largest first."""
     squares = lattice.squares(lattice.open)
     # a curve grows from square to square over the edge that they share
     one, two = np.repeat(squares[:, 0], 3), squares[:, 1:].ravel()
@@ -47,7 +47,7 @@ def _pieces(lattice: Lattice, worth: Array) -> list[Indices]:
 
 
 def _corners(lattice: Lattice, squares: Indices) -> Indices:
-    """(k, 4) the nodes of squares, one after the other."""
+    """Return (k, 4) the nodes of squares, one after the other."""
     one, two, three, _ = (lattice.ends(edges) for edges in squares.T)
     return np.stack([one[0], one[1], two[1], three[0]], axis=1)
 
@@ -55,7 +55,7 @@ def _corners(lattice: Lattice, squares: Indices) -> Indices:
 def join_pieces(
     lattice: Lattice, sights: Sequence[Sight], worth: Array, radius: float, knots: int | None
 ) -> Lattice:
-    """The lattice with edges opened that join pieces, over squares that show least.
+    """Return the lattice with edges opened that join pieces, over squares that show least.
 
     Args:
         radius: radius of the tube, mm.
@@ -115,7 +115,7 @@ def join_pieces(
 def seed_curves(
     lattice: Lattice, worth: Array, knots: int | None, knot: Indices | None = None
 ) -> list[Indices]:
-    """The nodes that each curve grows from; no two curves share one.
+    """Return the nodes that each curve grows from; no two curves share one.
 
     All are unit squares (4,), but for the first where a `knot` (n, 3) of the lattice is asked for.
 

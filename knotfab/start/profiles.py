@@ -22,7 +22,7 @@ _BLOCK = 256  # points whose waves are summed at once: they stay in the processo
 
 @compiled
 def sum_waves(angles: Array, cosines: Array, sines: Array) -> Array:
-    """(n,) the sum over k of cosines[k - 1] cos(k angle) - sines[k - 1] sin(k angle), by Horner's rule.
+    """Give (n,) the sum over k of cosines[k - 1] cos(k angle) - sines[k - 1] sin(k angle), by Horner's rule.
 
     It is the real part of a polynomial in exp(i angle), whose coefficients are cosines + i sines.
     """
@@ -51,7 +51,7 @@ class Profile:
     shortest: float
 
     def heights(self, arcs: list[Array]) -> list[Array]:
-        """Between about -2 and 2 at arc lengths (n + 1,) of each curve, the last of which is its length."""
+        """Give heights between about -2 and 2 at arc lengths (n + 1,) of each curve, its length last."""
         out = []
         for (cosines, sines), offset, arc in zip(self.waves, self.offsets, arcs, strict=True):
             length = float(arc[-1])
@@ -65,7 +65,7 @@ class Profile:
         return out
 
     def varied(self, rng: np.random.Generator, change: float) -> Profile:
-        """Another of the same spread, in which about half of the waves are changed by this share."""
+        """Return another of the same spread, in which about half of the waves are changed by this share."""
 
         def mix(wave: Array) -> Array:
             step = rng.normal(size=wave.shape) * (rng.random(wave.shape[-1]) < _CHANGED)
@@ -83,7 +83,7 @@ class Relief:
     waves: Array
 
     def heights(self, places: list[Array]) -> list[Array]:
-        """Between about -2 and 2 at points (n, 2) of each curve: of a place, whichever strand."""
+        """Return between about -2 and 2 at points (n, 2) of each curve: of a place, whichever strand."""
         out = []
         for points in places:
             angle = points @ self.vectors.T
@@ -92,13 +92,13 @@ class Relief:
         return out
 
     def varied(self, rng: np.random.Generator, change: float) -> Relief:
-        """Another of the same wave vectors, in which each wave is changed by this share."""
+        """Return another of the same wave vectors, in which each wave is changed by this share."""
         step = rng.normal(size=self.waves.shape)
         return Relief(self.vectors, np.sqrt(1.0 - change**2) * self.waves + change * step)
 
 
 def draw_relief(rng: np.random.Generator, number: int, across_mm: float) -> Relief:
-    """The relief of this number, by chance, of a piece so wide."""
+    """Draw the relief of this number, by chance, of a piece so wide."""
     turn = rng.uniform(0.0, 2 * np.pi, _RELIEF_WAVES)
     length = _RELIEF[number % len(_RELIEF)] * across_mm * rng.uniform(1.0, 2.0, _RELIEF_WAVES)
     vectors = 2 * np.pi / length[:, None] * np.stack([np.cos(turn), np.sin(turn)], axis=1)
@@ -108,7 +108,7 @@ def draw_relief(rng: np.random.Generator, number: int, across_mm: float) -> Reli
 def draw_profile(
     rng: np.random.Generator, number: int, across_mm: float, arcs: list[Array]
 ) -> Profile:
-    """The profile of this number, by chance, of curves of these arc lengths (n + 1,)."""
+    """Draw the profile of this number, by chance, of curves of these arc lengths (n + 1,)."""
     shortest = _WAVELENGTHS[number % len(_WAVELENGTHS)] * across_mm
     counts = [max(1, int(arc[-1] / shortest)) for arc in arcs]
     return Profile(

@@ -32,7 +32,7 @@ def make_start(
     template: Template | None = None,
     parted: bool = False,
 ) -> Start:
-    """The start for a tube of this radius, mm: a filling at its depths, or circles where the settings say so.
+    """Make the start for a tube of this radius, mm: a filling at its depths, or circles if settings say so.
 
     Args:
         knots: None for one curve a piece of the picture; a number to bridge pieces until so many are left.
@@ -62,14 +62,14 @@ def make_start(
 
 
 def make_template(target: TargetView, radius: float, knots: int | None = None) -> Template:
-    """Closed planar curves that fill one view's picture, or follow its lines; `knots` as for `make_start`."""
+    """Make closed planar curves that fill one view's picture or follow its lines; `knots`: `make_start`'s."""
     if target.lines:
         return follow_strokes(list(target.lines), target.polygon, radius, knots)
     return fill(target.polygon, radius, knots)
 
 
 def go_on(problem: Problem, knots: Knots, radius: float) -> Start:
-    """A start from knots whose types are known, in the scene; `radius` of the tube in mm."""
+    """Return a start from knots whose types are known, in the scene; `radius` of the tube in mm."""
     start = Start(
         tuple(knot.points for knot in knots.knots),
         "knots that an earlier search had come to by certified steps, as their file states their types",
@@ -81,7 +81,7 @@ def go_on(problem: Problem, knots: Knots, radius: float) -> Start:
 
 
 def tie_knot(problem: Problem, start: Start, radius: float) -> Start:
-    """The start with the problem's knot tied into the longest of its curves, seen from the view they face."""
+    """Tie the problem's knot into the longest of the start's curves, seen from the view they face."""
     wanted = parse_knot_name(problem.knot)
     if not wanted.factors:
         return start

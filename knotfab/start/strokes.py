@@ -33,7 +33,7 @@ _WIDE = 1.2  # radii of half a stroke that two passes side by side draw better t
 def follow_strokes(
     lines: list[Array], polygon: MultiPolygon, radius: float, knots: int | None = None
 ) -> Template:
-    """One simple closed curve along the lines of each connected drawing.
+    """Return one simple closed curve along the lines of each connected drawing.
 
     Args:
         lines: [(n, 2) mm] of `target.strokes.trace_strokes`, which meet in common ends only.
@@ -56,7 +56,7 @@ def follow_strokes(
 
 
 def _connected(lines: list[Array]) -> list[list[LineString]]:
-    """The lines in groups that hang together by their ends."""
+    """Return the lines in groups that hang together by their ends."""
     groups: dict[tuple[float, float], int] = {}
     members: dict[int, list[LineString]] = {}
     for number, points in enumerate(lines):
@@ -79,7 +79,7 @@ class _Plane:
     sides: list[tuple[int, int]]
 
     def face_at(self, x: float, y: float) -> int:
-        """The number of the face that holds a point."""
+        """Return the number of the face that holds a point."""
         point = Point(x, y)
         return next((n for n, f in enumerate(self.faces, 1) if f.covers(point)), 0)
 
@@ -136,7 +136,7 @@ def _is_wide(line: LineString, edge: BaseGeometry, radius: float) -> bool:
 def _outline_disc(
     lines: list[LineString], polygon: MultiPolygon, radius: float
 ) -> shapely.LinearRing:
-    """The closed curve along lines that hang together."""
+    """Return the closed curve along lines that hang together."""
     plane = _part_plane(lines, radius)
     edge = polygon.boundary
     filled = _fill_faces(plane, [_is_wide(line, edge, radius) for line in lines])
@@ -166,7 +166,7 @@ def _outline_disc(
 def _join_at_ends(
     plane: _Plane, filled: list[bool], reach: float
 ) -> dict[tuple[float, float], list[Array]]:
-    """For each place where filled faces or ribbons meet, the points about it that are joined to it.
+    """Return for each place where filled faces or ribbons meet, the points about it that are joined to it.
 
     They are joined unless they hang together already.
     """

@@ -95,7 +95,7 @@ class _Site:
 
 
 def tie(curves: tuple[Array, ...], factors: tuple[Factor, ...], room: KnotRoom) -> Tied:
-    """The sum of these knots tied into the longest curve, one after the other.
+    """Return the sum of these knots tied into the longest curve, one after the other.
 
     Args:
         curves: closed polylines (n, 3) mm, simple and disjoint seen from the light at (0, 0, light).
@@ -118,7 +118,7 @@ def tie(curves: tuple[Array, ...], factors: tuple[Factor, ...], room: KnotRoom) 
 def _tie_one(
     tied: Tied, plain: Mask, poses: _Poses, name: str, room: KnotRoom
 ) -> tuple[Tied, Mask]:
-    """The knot in the best of its places where the construction holds."""
+    """Return the knot in the best of its places where the construction holds."""
     curve = tied.curves[tied.component]
     rest = [c for k, c in enumerate(tied.curves) if k != tied.component]
     for site in sorted(_sites(curve, rest, plain, poses, room), key=lambda s: s.cost):
@@ -140,7 +140,7 @@ def _tie_one(
 
 
 def _poses(knot: Array, unit: float) -> _Poses:
-    """The knot turned many ways, each time opened at what is then its lowest point."""
+    """Return the knot turned many ways, each time opened at what is then its lowest point."""
     n = len(knot)
     k = np.arange(_WAYS) + 0.5
     z = 1.0 - 2.0 * k / _WAYS
@@ -171,7 +171,7 @@ def _poses(knot: Array, unit: float) -> _Poses:
 def _sites(
     curve: Array, rest: list[Array], plain: Mask, poses: _Poses, room: KnotRoom
 ) -> Iterator[_Site]:
-    """Every pose at every promising place, with its cost: spill first, then depth."""
+    """Yield every pose at every promising place, with its cost: spill first, then depth."""
     unit, light = room.unit, room.light
     step = float(np.linalg.norm(_next(curve) - curve, axis=1).mean())
     cut = max(2, round(_CUT * unit / step))
@@ -234,7 +234,7 @@ class _Inside:
 def _places(
     curve: Array, shadows: list[Array], plain: Mask, inside: _Inside, cut: int
 ) -> Iterator[int]:
-    """Vertices where the strand may be cut, those deepest in the silhouette first.
+    """Yield vertices where the strand may be cut, those deepest in the silhouette first.
 
     The arc is the template's own and nearly straight, and its shadow's hull meets no other strand's.
     `shadows` are those of `curve` and of all others.
@@ -263,7 +263,7 @@ def _places(
 def _splice(
     curve: Array, rest: list[Array], plain: Mask, site: _Site, room: KnotRoom
 ) -> tuple[Array, Mask] | None:
-    """The curve with the knot in it, and which vertices are the template's; None: not proved."""
+    """Return the curve with the knot in it, and which vertices are the template's; None: not proved."""
     unit, light, side = room.unit, room.light, site.side
     step = float(np.linalg.norm(np.roll(curve, -1, axis=0) - curve, axis=1).mean())
     cut = max(2, round(_CUT * unit / step))
@@ -313,12 +313,12 @@ def _next(points: Array) -> Array:
 
 
 def _edges(shadow: Array) -> NDArray[np.object_]:
-    """[n] the edges of a closed polyline."""
+    """Return [n] the edges of a closed polyline."""
     return np.asarray(shapely.linestrings(np.stack([shadow, _next(shadow)], axis=1)))
 
 
 def _round_corners(corners: Array, step: float) -> Array:
-    """The polyline with its corners cut three times (Chaikin 1974), evenly sampled, both ends kept.
+    """Return the polyline with its corners cut three times (Chaikin 1974), evenly sampled, both ends kept.
 
     Each corner is replaced within the triangle of it and the middles of its two edges.
     """
@@ -343,7 +343,7 @@ def _table() -> dict[str, Any]:
 
 
 def load_knot(name: str, mirrored: bool = False, step: float = 0.4) -> Array:
-    """The tight centre line of a knot of the table, (n, 3) in tube radii, about its middle.
+    """Load the tight centre line of a knot of the table, (n, 3) in tube radii, about its middle.
 
     Vertices are about `step` apart. Strands keep 2 between them and bends a radius of 1.
 

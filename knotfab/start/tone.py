@@ -30,7 +30,7 @@ _APART = 2.0  # pitches along the line: what is nearer is its own bend
 
 
 def draw_tones(darkness: Array, width: float, gap: float) -> tuple[Mask, Array]:
-    """One closed line of a width, whose distance from itself gives the tones.
+    """Draw one closed line of a width, whose distance from itself gives the tones.
 
     Args:
         darkness: (H, W) 0 .. 1; 1 is drawn as lines `gap` apart. width, gap: in px of it.
@@ -60,7 +60,7 @@ def draw_tones(darkness: Array, width: float, gap: float) -> tuple[Mask, Array]:
 
 
 def spread_points(density: Array, count: int) -> Array:
-    """(n, 2) points, x and y in cells, as dense as asked for and evenly spread, n at most `count`.
+    """Return (n, 2) points, x and y in cells, as dense as asked for and evenly spread, n at most `count`.
 
     Lloyd's method with the density as weight (Secord, "Weighted Voronoi stippling", NPAR 2002). There are
     none where all of it is pale.
@@ -86,7 +86,7 @@ def spread_points(density: Array, count: int) -> Array:
 
 
 def shortest_tour(points: Array) -> list[int]:
-    """(n,) the order of a short closed tour through points (n, 2), which crosses itself nowhere.
+    """Return (n,) the order of a short closed tour through points (n, 2), which crosses itself nowhere.
 
     From the nearest neighbour's tour by 2-opt and Or-opt among near points until neither helps (Bentley,
     "Fast algorithms for geometric traveling salesman problems", ORSA J. Computing 4, 1992).
@@ -123,7 +123,7 @@ class _Tour:
         return float(((x - u) ** 2 + (y - v) ** 2) ** 0.5)
 
     def at(self, place: int) -> int:
-        """The point at a place, counted round."""
+        """Return the point at a place, counted round."""
         return self.order[place % self.count]
 
     def reverse(self, i: int, j: int) -> None:
@@ -139,7 +139,7 @@ class _Tour:
             i, j = (i + 1) % count, (j - 1) % count
 
     def turn_round(self, a: int) -> bool:
-        """2-opt: turn a stretch round that begins or ends at point a, where that is shorter."""
+        """Return 2-opt: turn a stretch round that begins or ends at point a, where that is shorter."""
         far = self.far
         for way in (1, -1):
             b = self.at(self.place[a] + way)
@@ -156,7 +156,7 @@ class _Tour:
         return False
 
     def move(self, a: int) -> bool:
-        """Or-opt: lead up to three points from a on between two others, where that is shorter."""
+        """Return Or-opt: lead up to three points from a on between two others, where that is shorter."""
         far = self.far
         for way in (1, -1):
             for more in (0, 1, 2):
@@ -189,7 +189,7 @@ class _Tour:
 
 
 def _crossings(points: Array) -> list[tuple[int, int]]:
-    """The edges of a closed polygon (n, 2) that cross, by the numbers of their first points."""
+    """Return the edges of a closed polygon (n, 2) that cross, by the numbers of their first points."""
     import shapely
 
     edges = shapely.linestrings(np.stack([points, np.roll(points, -1, axis=0)], axis=1))
@@ -198,7 +198,7 @@ def _crossings(points: Array) -> list[tuple[int, int]]:
 
 
 def _nearest_first(points: Array) -> list[int]:
-    """A tour that goes on to the nearest point that is left."""
+    """Return a tour that goes on to the nearest point that is left."""
     left = np.ones(len(points), dtype=bool)
     tour = [0]
     left[0] = False
@@ -210,7 +210,7 @@ def _nearest_first(points: Array) -> list[int]:
 
 
 def _shrink(darkness: Array, cell: float) -> tuple[Array, Array]:
-    """The mean darkness over cells of about so many px, and their width and height."""
+    """Return the mean darkness over cells of about so many px, and their width and height."""
     height, width = darkness.shape
     size = (max(8, round(width / cell)), max(8, round(height / cell)))
     small = resample_mask(darkness, *size).astype(np.float64)
@@ -218,7 +218,7 @@ def _shrink(darkness: Array, cell: float) -> tuple[Array, Array]:
 
 
 def _round_off(tour: Array, width: float, pitch: float) -> Array:
-    """A closed polygon as an evenly sampled curve without corners, that nearly keeps `pitch` from itself.
+    """Round a closed polygon off: evenly sampled, without corners, and nearly `pitch` from itself.
 
     Smoothing and the polygon itself pull at every point, and strands nearer than that push each other away, a
     little at a time; the last is taken that crosses itself nowhere.
@@ -249,7 +249,7 @@ def _round_off(tour: Array, width: float, pitch: float) -> Array:
 
 
 def _draw(line: Array, size: tuple[int, int]) -> Mask:
-    """(h, w) what a pen of 10 px covers along a closed line, x and y in px."""
+    """Draw (h, w) what a pen of 10 px covers along a closed line, x and y in px."""
     from scipy import ndimage
 
     off = np.ones(size, dtype=bool)

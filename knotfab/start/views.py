@@ -44,7 +44,7 @@ def start_between_views(
     knots: int | None = None,
     spacing: float = 1.0,
 ) -> Start:
-    """The start that grows in the visual hull, on the lattice whose curves draw best the worst picture.
+    """Give the start that grows in the visual hull, on the lattice whose curves draw best the worst picture.
 
     Args:
         radius: radius of the tube, mm.
@@ -104,7 +104,7 @@ def start_between_views(
 
 
 def start_ious(problem: Problem, start: Start, radius: float) -> tuple[float, ...]:
-    """IoU of the tube about the start's curves with each view's picture, on a coarse image."""
+    """Return the IoU of the tube about the start's curves with each view's picture, on a coarse image."""
     return _compare([v.image_at(radius, _SEEN_PX) for v in problem.views], start, radius)
 
 
@@ -115,7 +115,7 @@ def _compare(images: Sequence[ViewImage], start: Start, radius: float) -> tuple[
 
 
 def _lattices(views: Sequence[TargetView]) -> Iterator[tuple[Array, Array]]:
-    """Axes (3, 3 rows) and shift (3,) of the lattices that are tried: upright, edges aslant to all views."""
+    """Yield axes (3, 3 rows) and shifts (3,) of lattices to try: upright, edges aslant to all views."""
     along = np.array([np.degrees(np.arctan2(v.axes[2, 0], v.axes[2, 2])) for v in views])
     every = np.arange(0.0, 90.0, 7.5)
     off = np.abs((every[:, None] - along + 45.0) % 90.0 - 45.0).min(1)
@@ -127,7 +127,7 @@ def _lattices(views: Sequence[TargetView]) -> Iterator[tuple[Array, Array]]:
 
 
 def _round_corners(curve: Array) -> Array:
-    """A closed polyline with its corners cut twice (Chaikin 1974): each within its own unit square."""
+    """Return a closed polyline with its corners cut twice (Chaikin 1974): each within its own unit square."""
     for _ in range(2):
         ahead = np.roll(curve, -1, axis=0)
         curve = np.stack([0.75 * curve + 0.25 * ahead, 0.25 * curve + 0.75 * ahead], 1).reshape(

@@ -75,11 +75,11 @@ class Broadcast:
         return {"build": self.status, "watching": self.watching}
 
     def folder_of(self, where: str) -> Path | None:
-        """The folder of a build; None where there is none of that name."""
+        """Return the folder of a build; None where there is none of that name."""
         return self.out if where == self.out.name else None
 
     def plain(self, sentence: str) -> str:
-        """A sentence as the page says it."""
+        """Return a sentence as the page says it."""
         return sentence
 
     @property
@@ -87,7 +87,7 @@ class Broadcast:
         return False
 
     def listen(self) -> Listener:
-        """A listener, which is told at once how things stand."""
+        """Return a listener, which is told at once how things stand."""
         listener = Listener()
         listener.put(json.dumps({"event": "state", **self.describe()}))
         if self.scene is not None:
@@ -106,7 +106,7 @@ class Broadcast:
             listener.put(text, frame)
 
     def begin(self, out: Path, title: str) -> None:
-        """A build begins, which will leave the folder `out`."""
+        """Tell that a build begins, which will leave the folder `out`."""
         self.scene = self.frame = None
         self.out, self._pressed, self._reported = out, time.monotonic(), False
         self.status = {

@@ -162,7 +162,7 @@ class Builds:
         self._forget(name)
 
     def require(self, name: str) -> str:
-        """The name of a build that is there.
+        """Return the name of a build that is there.
 
         Raises:
             InputError: there is none of that name.
@@ -174,17 +174,17 @@ class Builds:
         return name
 
     def names(self) -> list[str]:
-        """All that left a result or knots, the newest first."""
+        """Return all that left a result or knots, the newest first."""
         found = {path.name for path in _children(self.folder)} | set(self.records)
         listed = [name for name in found if self._is_listed(name)]
         return sorted(listed, key=lambda name: (-self._made(name), name))[:200]
 
     def listed(self) -> list[dict[str, Any]]:
-        """The builds as the page lists them."""
+        """Return the builds as the page lists them."""
         return [self.describe(name) for name in self.names()]
 
     def describe(self, name: str) -> dict[str, Any]:
-        """A build in its folder, or one that left knots alone, as the page shows it."""
+        """Describe a build in its folder, or one that left knots alone, as the page shows it."""
         record, folder = self.records.get(name), self.folder / name
         passed = (folder / "report.json").is_file()
         held = passed or (folder / REJECTED / "report.json").is_file()
@@ -201,7 +201,7 @@ class Builds:
         return self.records[name].title if name in self.records else name
 
     def start_of(self, name: str) -> Path | None:
-        """The file of the knots that a further build can go on from."""
+        """Return the file of the knots that a further build can go on from."""
         places = (self.start_path(name), self.folder / name / "knots.json")
         return next((path for path in places if name and path.is_file()), None)
 
@@ -234,7 +234,7 @@ class Builds:
 
 
 def number(base: str, taken: Iterable[str], joint: str) -> str:
-    """`base`, or with the first number from 2 that makes it a name of its own, also where A is a."""
+    """Return `base`, or with the first number from 2 that makes it a name of its own, also where A is a."""
     held, name, count = {one.casefold() for one in taken}, base, 2
     while name.casefold() in held:
         name, count = f"{base}{joint}{count}", count + 1
@@ -242,7 +242,7 @@ def number(base: str, taken: Iterable[str], joint: str) -> str:
 
 
 def describe_folder(folder: Path, rejected: bool) -> dict[str, Any]:
-    """A folder of a build: what it holds, and the figures that a person asks for first."""
+    """Describe a folder of a build: what it holds, and the figures that a person asks for first."""
     where = folder / REJECTED if rejected else folder
     held = plain_files(where)
     further = sorted(n for n in held if n.endswith((".pdf", ".csv")) or n.startswith(_ALSO))
@@ -276,7 +276,7 @@ def _read_report(path: Path, changed: int) -> _Report | None:
 
 
 def plain_files(folder: Path) -> set[str]:
-    """The names of the files that are really there: no link, nothing hidden."""
+    """Return the names of the files that are really there: no link, nothing hidden."""
     return {path.name for path in _children(folder) if path.is_file()}
 
 
@@ -296,13 +296,13 @@ def _children(folder: Path) -> list[Path]:
 
 
 def title_after(titles: Sequence[str], kind: Kind) -> str:
-    """A build's title, after its pictures."""
+    """Return a build's title, after its pictures."""
     title = f"{titles[0]}, moving" if kind == "frames" else " and ".join(titles)
     return title if len(title) <= _LONGEST_TITLE else title[: _LONGEST_TITLE - 1] + "…"
 
 
 def folder_after(chosen: Sequence[str], kind: Kind) -> str:
-    """A build's folder, after its pictures."""
+    """Return a build's folder, after its pictures."""
     if kind == "frames":
         return f"{chosen[0][:_LONGEST_TITLE]}-frames"
     name = "-and-".join(chosen)

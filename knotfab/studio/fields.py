@@ -29,7 +29,7 @@ class _Field:
 
 
 def _length(text: str, least: float, most: float, words: tuple[str, ...] = ()) -> Value:
-    """Millimetres of a length with any usual unit, or one of the words."""
+    """Return millimetres of a length with any usual unit, or one of the words."""
     if text in words:
         return text
     example = f"Give one such as {_round(max(2.0, least))} mm"
@@ -81,7 +81,7 @@ def _subject(text: str) -> Value:
 
 
 def _discs(text: str) -> Value:
-    """Discs as x,y,radius, semicolons between them, as brushes paint them."""
+    """Return discs as x,y,radius, semicolons between them, as brushes paint them."""
     discs = [disc.split(",") for disc in text.replace(" ", "").split(";")]
     if not all(len(d) == 3 and all(p.isdecimal() and len(p) < 6 for p in d) for d in discs):
         raise ValueError("Give discs as x, y and radius in px: 320,240,12; 350,240,12.")
@@ -217,7 +217,7 @@ def read_field(name: str, given: object) -> Value | None:
 
 
 def in_page_words(sentence: str) -> str:
-    """A sentence of the command line as the page says it: the labels of fields instead of options."""
+    """Return a sentence of the command line as the page says it: the labels of fields instead of options."""
 
     def label(found: re.Match[str]) -> str:
         name, value = found[1].replace("-", "_"), found[2]

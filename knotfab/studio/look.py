@@ -33,7 +33,7 @@ _SHOWN_PX = 1024  # longer side of a picture on the page
 
 
 def preview(sources: Sequence[str], options: BuildOptions) -> tuple[dict[str, Any], list[bytes]]:
-    """The figures, and the pictures of tubes' losses, each with its caption.
+    """Return the figures, and the pictures of tubes' losses, each with its caption.
 
     Raises:
         KnotfabError: the pictures cannot be read, or do not go with the options.
@@ -53,7 +53,7 @@ def preview(sources: Sequence[str], options: BuildOptions) -> tuple[dict[str, An
 def list_ways(
     sources: Sequence[str], options: BuildOptions, values: Mapping[str, Value]
 ) -> tuple[list[dict[str, Any]], list[bytes]]:
-    """Up to six ways to read a picture, as the fields' contents, and a thumbnail of each.
+    """List up to six ways to read a picture, as the fields' contents, and a thumbnail of each.
 
     Raises:
         KnotfabError: it cannot be read in any.
@@ -73,7 +73,7 @@ def list_ways(
 
 
 def _as_field(value: Any) -> Value:
-    """A key of a view as a field holds it."""
+    """Return a key of a view as a field holds it."""
     return ",".join(map(str, value)) if isinstance(value, tuple) else value
 
 
@@ -110,7 +110,7 @@ def draw_cut(source: str, options: BuildOptions) -> bytes:
 
 @lru_cache(maxsize=1)
 def _decode(source: str) -> tuple[Image.Image, float]:
-    """The picture of a file, upright and as large as it is shown, and by what factor it was made smaller.
+    """Return picture of a file, upright and as large as it is shown, and by what factor it was made smaller.
 
     The last one is kept, for strokes come one after the other.
     """

@@ -66,7 +66,7 @@ async def show_choices(_: Request) -> Response:
 
 
 def _titled(kind: Kind, found: Mapping[str, Any]) -> list[dict[str, object]]:
-    """Names and titles; of printers the volume that they print, too."""
+    """Return names and titles; of printers the volume that they print, too."""
     return [
         {
             "name": name,
@@ -84,7 +84,7 @@ async def show_picture(request: Request) -> Response:
 
 
 async def show_panel(request: Request) -> Response:
-    """A panel of the preview."""
+    """Return a panel of the preview."""
     panels, number = request.app.state.studio.panels, request.path_params["panel"]
     if number >= len(panels):
         return PlainTextResponse(_LOST, 404)
@@ -92,7 +92,7 @@ async def show_panel(request: Request) -> Response:
 
 
 async def show_file(request: Request) -> Response:
-    """A file of a build's folder: pictures and the report are shown, everything else is saved."""
+    """Return a file of a build's folder: pictures and the report are shown, everything else is saved."""
     where, name = request.path_params["where"], request.path_params["name"]
     rejected = where.endswith(f"/{REJECTED}")
     folder = request.app.state.studio.folder_of(where.removesuffix(f"/{REJECTED}"))

@@ -52,7 +52,7 @@ class StudioPicture(BaseModel):
     frames: int = 1
 
     def source(self, folder: Path) -> str:
-        """The picture as the command line takes it."""
+        """Return the picture as the command line takes it."""
         return str(folder / self.file) if self.text is None else TEXT_PREFIX + self.text
 
 
@@ -91,7 +91,7 @@ def keep_picture(data: bytes, file_name: str, folder: Path) -> StudioPicture:
 
 
 def keep_text(content: str, folder: Path, font: str | None = None) -> StudioPicture:
-    """A text as a picture, kept in `folder` so that no other takes its name.
+    """Return a text as a picture, kept in `folder` so that no other takes its name.
 
     Raises:
         InputError: it is empty, too long, or cannot be drawn.
@@ -109,7 +109,7 @@ def keep_text(content: str, folder: Path, font: str | None = None) -> StudioPict
 
 
 def thumbnail(folder: Path, name: str) -> Path:
-    """The small PNG of a picture."""
+    """Return the small PNG of a picture."""
     return folder / ".shown" / f"{name}.png"
 
 

@@ -33,7 +33,7 @@ Answer = Callable[[Request], Awaitable[Response]]
 
 
 def make_app(studio: Broadcast, token: str, hosts: tuple[str, ...]) -> Starlette:
-    """The application.
+    """Make the application.
 
     Args:
         token: what the address must have once. hosts: what the Host header may be, with the port.
@@ -80,7 +80,7 @@ async def _live(app: Starlette) -> AsyncIterator[None]:
 
 
 def _answered(answer: Answer) -> Answer:
-    """The answer to a request, or the sentence why there is none: nothing else reaches page or terminal."""
+    """Give answer to a request, or the sentence why there is none: nothing else reaches page or terminal."""
 
     async def answered(request: Request) -> Response:
         try:
@@ -122,7 +122,7 @@ async def _call(call: type[Call], request: Request) -> Response:
 
 
 async def _read_body(request: Request, largest: int, what: str) -> bytes:
-    """The body, if it is no larger than that.
+    """Read the body, if it is no larger than that.
 
     Raises:
         InputError: it is, or it broke off.

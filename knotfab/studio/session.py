@@ -89,7 +89,7 @@ class Studio(Broadcast):
         return self.builds.start_of(self.current) is not None
 
     def describe(self) -> dict[str, Any]:
-        """All of it, for a page that was opened or loaded anew."""
+        """Describe all of it, for a page that was opened or loaded anew."""
         tray = [picture.model_dump(exclude={"file"}) for picture in self.pictures.values()]
         return {
             **super().describe(),
@@ -108,7 +108,7 @@ class Studio(Broadcast):
         return child_of(self.builds.folder, where)
 
     def plain(self, sentence: str) -> str:
-        """A sentence without this machine's folders, and with the page's words for options."""
+        """Return a sentence without this machine's folders, and with the page's words for options."""
         for folder in (self.picture_folder, self.builds.folder, self.folder):
             sentence = sentence.replace(f"{folder}/", "")
         return in_page_words(sentence)
@@ -224,7 +224,7 @@ class Studio(Broadcast):
         self.tell_state()
 
     async def _look(self, number: int) -> None:
-        """The preview of the chosen pictures; of several in a row only the last is made."""
+        """Make the preview of the chosen pictures; of several in a row only the last is made."""
         await asyncio.sleep(0.15)
         if number != self._previews:
             return

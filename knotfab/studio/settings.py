@@ -65,7 +65,7 @@ class Settings:
             self._mark(changed, self.values.get(changed), plain(str(error)))
 
     def options(self, text: bool, sequence: bool) -> BuildOptions:
-        """The options of a build of such pictures."""
+        """Return the options of a build of such pictures."""
         given: dict[str, Any] = {k: v for k, v in self.values.items() if k != "font" or text}
         strokes = {key: given.pop(key) for key in ("keep", "drop") if key in given}
         if "subject" in given:  # without it discs correct nothing

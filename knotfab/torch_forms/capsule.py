@@ -19,7 +19,7 @@ _NEAREST = 1e-12  # mm; what is seen is deeper (clip.py), and the square of the 
 
 
 def _moment(p: Tensor, qx: Tensor, qy: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """p x D for p = (x, y, z) on the last axis and D = (qx, qy, 1), differences first."""
+    """Return p x D for p = (x, y, z) on the last axis and D = (qx, qy, 1), differences first."""
     z = p[..., 2]
     mx = z * qy - p[..., 1]
     my = p[..., 0] - z * qx
@@ -60,7 +60,7 @@ def capsule_distance(
     radius: float | Tensor,
     focal_px: float | Tensor,
 ) -> Tensor:
-    """Signed distance in pixels of rays to the silhouettes of capsules, positive inside.
+    """Return signed distance in pixels of rays to the silhouettes of capsules, positive inside.
 
     All arguments broadcast; differentiable with respect to every tensor among them (the ray-distance
     form; equals the paper's capsule silhouette, sec. 3.3, in sign everywhere).

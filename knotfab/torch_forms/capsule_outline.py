@@ -35,7 +35,7 @@ def clip_segments(
     near: float,
     far: float,
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """Segments cut to where their spheres lie wholly beyond `near` and their centres before `far`.
+    """Return segments cut to where their spheres lie wholly beyond `near` and their centres before `far`.
 
     Returns the ends of those that are left and their indices [m]. Differentiable. A sphere that reached
     the eye's own plane would have an unbounded silhouette.
@@ -57,7 +57,7 @@ def clip_segments(
 
 
 def _at_least(points: Tensor, low: float) -> Tensor:
-    """Points whose rounding put them before the clipping depth, put back on it."""
+    """Return points whose rounding put them before the clipping depth, put back on it."""
     return torch.cat([points[:, :2], points[:, 2:].clamp_min(low)], -1)
 
 
@@ -66,7 +66,7 @@ def tangent_normals(
     b: Tensor,  # [n, 3]
     radius: float,
 ) -> tuple[Tensor, Tensor]:
-    """The two planes through the eye that touch the cylinder about a-b: unit normals and whether they exist.
+    """Give two planes through the eye that touch the cylinder about a-b: unit normals and whether they exist.
 
     Returns [2, n, 3] normals, pointing to the axis (n . a = n . b = r), and [n] bool: not where the segment
     has no length or the eye is inside the endless cylinder, so that one ellipse holds the other. Not
@@ -98,7 +98,7 @@ class Outlines:
     exist: Tensor  # [n]
 
     def at(self, index: Tensor) -> Outlines:
-        """The capsules of `index`, in its order."""
+        """Return the capsules of `index`, in its order."""
         return Outlines(
             self.a[index],
             self.b[index],
@@ -110,7 +110,7 @@ class Outlines:
 
 
 def outline_capsules(a: Tensor, b: Tensor, radius: float, focal_z: float) -> Outlines:
-    """The silhouettes of capsules a-b [n, 3] wholly in front of the eye; spheres where a = b."""
+    """Return the silhouettes of capsules a-b [n, 3] wholly in front of the eye; spheres where a = b."""
     with torch.no_grad():
         a, b = a.detach(), b.detach()
         normals, exist = tangent_normals(a, b, radius)
@@ -132,7 +132,7 @@ def outline_distance(
     radius: float,
     focal_z: float,
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """Signed distance [n] (positive inside), its direction u [n, 2] and the share t [n] of b's end in it.
+    """Return signed distance [n] (positive inside), its direction u [n, 2], and b's share t [n] in it.
 
     Not differentiable: the gradient is that of (1 - t) h_a(u) + t h_b(u) with u and t held.
 

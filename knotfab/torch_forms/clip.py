@@ -15,7 +15,7 @@ def cut_before_light(
     b: Tensor,  # [n, 3]
     radius: float,
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """The parts of segments a-b deeper than `silhouette.NEAREST_RADII` tube radii, and [n] which have any.
+    """Return parts of segments a-b deeper than `silhouette.NEAREST_RADII` tube radii, and [n] which have any.
 
     A ray's line goes on behind the light, so without the cut a segment that crosses the light's plane
     would be hit there. What is not cut comes back to the last bit; what has no part left comes back as
@@ -44,14 +44,14 @@ def cut_before_light(
 
 
 def _size(p: Tensor) -> Tensor:
-    """[n] how far across times how deep."""
+    """Return [n] how far across times how deep."""
     return p[:, :2].abs().amax(1) * p[:, 2]
 
 
 def _cut(
     a: Tensor, b: Tensor, near_a: Tensor, near_b: Tensor, least: float
 ) -> tuple[Tensor, Tensor]:
-    """Segments with an end at the depth `least` where they cross it."""
+    """Return segments with an end at the depth `least` where they cross it."""
     change = b[:, 2] - a[:, 2]
     crossing = near_a ^ near_b
     t = (least - a[:, 2]) / torch.where(crossing, change, 1.0)

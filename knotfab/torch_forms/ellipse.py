@@ -29,7 +29,7 @@ def support(
     radius: float,
     focal_z: float,
 ) -> Tensor:
-    """[...] how far the silhouettes reach along `u`: the root of the dual conic.
+    """Return [...] how far the silhouettes reach along `u`: the root of the dual conic.
 
     All arguments broadcast; differentiable with respect to `centres` wherever z > r.
     """
@@ -40,7 +40,7 @@ def support(
 
 
 def support_point(u: Tensor, centres: Tensor, radius: float, focal_z: float) -> Tensor:
-    """[..., 2] the point of the outline whose outward normal is `u` (arguments as in `support`)."""
+    """Return [..., 2] the point of the outline whose outward normal is `u` (arguments as in `support`)."""
     xy, z = centres[..., :2], centres[..., 2:]
     along = (u * xy).sum(-1, keepdim=True)
     beyond = (z - radius) * (z + radius)
@@ -58,7 +58,7 @@ class Ellipses:
     minor: Tensor  # [n]
 
     def at(self, index: Tensor) -> Ellipses:
-        """The ellipses of `index`, in its order."""
+        """Return the ellipses of `index`, in its order."""
         return Ellipses(self.middle[index], self.axis[index], self.major[index], self.minor[index])
 
 
@@ -67,7 +67,7 @@ def project_spheres(
     radius: float,
     focal_z: float,
 ) -> Ellipses:
-    """The silhouettes of spheres, in principal axes. The major axis points away from the picture's middle."""
+    """Project spheres to ellipses in principal axes; the major axis points away from the picture's middle."""
     xy, z = centres[..., :2], centres[..., 2]
     beyond = (z - radius) * (z + radius)
     aside = (xy * xy).sum(-1)
@@ -82,7 +82,7 @@ def project_spheres(
 
 
 def nearest_normal(shape: Ellipses, q: Tensor, steps: int = _STEPS) -> Tensor:
-    """[n, 2] the outward normal at each ellipse's point that is nearest to `q` [n, 2].
+    """Return [n, 2] the outward normal at each ellipse's point that is nearest to `q` [n, 2].
 
     Not differentiable. The outline near a point is replaced by its circle of curvature, and the nearest
     point of that circle by the point of the ellipse in its direction; again from there.

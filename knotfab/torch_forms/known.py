@@ -14,7 +14,7 @@ __all__ = ["known"]
 
 
 def known(value: float, *parts: tuple[Tensor, Array]) -> Tensor:
-    """The scalar `value`; `parts` are tensors that it depends on, and its gradient in each."""
+    """Return the scalar `value`; `parts` are tensors that it depends on, and its gradient in each."""
     tensors = [tensor for tensor, _ in parts]
     gradients = [gradient for _, gradient in parts]
     return _Known.apply(value, gradients, *tensors)  # type: ignore[no-untyped-call,no-any-return]

@@ -47,13 +47,13 @@ class _Map:
     device: str
 
     def __call__(self, points: Array, share: float = 1.0) -> Array:
-        """Points (N, 3) at a share of the way from the identity, 0, to the network, 1."""
+        """Return points (N, 3) at a share of the way from the identity, 0, to the network, 1."""
         with torch.no_grad():
             there = self.network(torch.as_tensor(points / self.size, device=self.device), share)
         return np.asarray((self.size * there).cpu().numpy())
 
     def images(self, curves: Curves, where: Parameters) -> list[Array]:
-        """[(n, 3)] the images of each curve's points at its parameters."""
+        """Return [(n, 3)] the images of each curve's points at its parameters."""
         start = curves.at(where)
         return split_alike(self(np.concatenate(start)), start)
 
@@ -107,7 +107,7 @@ def _describe(way: Carried, doublings: int) -> str:
 
 
 def _descend(state: SearchState, curves: Curves, mapped: _Map, report: Report | None) -> Parameters:
-    """Adam on the network's weights; the parameters of even samples at the end."""
+    """Return Adam on the network's weights; the parameters of even samples at the end."""
     network, settings, limits = mapped.network, state.settings, state.limits
     rate = 1e-3 / settings.network_width
     adam = Adam(network.parameters(), betas=(0.9, 0.99))
@@ -159,7 +159,7 @@ def _descend(state: SearchState, curves: Curves, mapped: _Map, report: Report | 
 def _sample(
     state: SearchState, curves: Curves, mapped: _Map, where: Parameters, edge_mm: float
 ) -> Parameters:
-    """Even samples on the images of the curves, which the state then holds; their parameters."""
+    """Return even samples on the images of the curves, which the state then holds; their parameters."""
     where = space_evenly(where, mapped.images(curves, where), curves.periods, edge_mm)
     state.rings = polylines_of(where)
     state.points = np.concatenate(mapped.images(curves, where))

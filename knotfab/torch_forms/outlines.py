@@ -55,11 +55,11 @@ class Pinhole(Protocol):
     @property
     def far(self) -> float: ...
     def local(self, points: Tensor) -> Tensor:
-        """[..., 3] world -> [..., 3] camera coordinates."""
+        """Map [..., 3] world -> [..., 3] camera coordinates."""
         ...
 
     def plane(self, u: Tensor, v: Tensor) -> Tensor:
-        """[...] pixel columns and rows -> [..., 2] points of the image plane."""
+        """Map [...] pixel columns and rows -> [..., 2] points of the image plane."""
         ...
 
     def half_diagonal(self, pixels: int) -> float:
@@ -74,7 +74,7 @@ def winners(
     radius: float,
     reach: float,
 ) -> Won:
-    """(pixel [m], primitive [m]): the pixels with S > -reach, and which primitive is the largest there.
+    """Give (pixel [m], primitive [m]): the pixels with S > -reach, and which primitive is the largest there.
 
     Not differentiable. Capsules start-end; spheres where they are the same points.
     """
@@ -116,7 +116,7 @@ def winners(
 def _may_win(
     shape: Outlines, kind: Tensor, u: Tensor, v: Tensor, size: int, camera: Pinhole, reach: float
 ) -> Tensor:
-    """[m] which (square, primitive) pairs may hold a winner: inside the image and not surely beaten.
+    """Return [m] which (square, primitive) pairs may hold a winner: inside the image and not surely beaten.
 
     An outline holds the flat capsule about its ellipses' middles with the smallest half axis, and lies in
     the one with the largest.
@@ -149,7 +149,7 @@ def signed_distance(
     camera: Pinhole,
     radius: float,
 ) -> Tensor:
-    """[m] signed distance of q to the silhouettes of capsules (spheres where start = end), positive inside.
+    """Return [m] signed distance of q to outlines of capsules (spheres if start = end), positive inside.
 
     In the image plane's unit; exact. Differentiable with respect to the points: an exact gradient, or a
     subgradient where two places of the outline are equally near. -1e9 for points that are clipped away.
@@ -176,7 +176,7 @@ def render_outlines(
     reach: float = REACH,
     won: Won | None = None,
 ) -> Tensor:
-    """[height, width] the image of capsules start-end, or of spheres, up to sigmoid(-reach).
+    """Render [height, width] the image of capsules start-end, or of spheres, up to sigmoid(-reach).
 
     Differentiable with respect to the points. `tau` is per unit of the image plane. `won` takes the winners
     of an earlier call: a lower bound of the image, exact wherever the winner is still the same.

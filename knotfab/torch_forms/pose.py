@@ -69,7 +69,7 @@ class Bounds:
 
 
 def turn_of(numbers: ViewNumbers) -> Array:
-    """(3, 3) columns are the view's x, y, z in the scene: `points @ turn` are points in view axes."""
+    """Return (3, 3) columns are the view's x, y, z in the scene: `points @ turn` are points in view axes."""
     turn = torch.tensor([numbers.azimuth_deg, numbers.elevation_deg, numbers.roll_deg]).double()
     return np.asarray(turn_matrix(turn).numpy())
 
@@ -128,24 +128,24 @@ class FreePose:
         return float(self.lengths[2].detach())
 
     def frame(self, sheet: Sheet, dtype: torch.dtype) -> Frame:
-        """The sheet's frame at the present numbers, with gradient."""
+        """Return the sheet's frame at the present numbers, with gradient."""
         light, wall, _ = self.lengths.to(dtype)
         return posed_frame(sheet, self.turn_deg.to(dtype), light, wall)
 
     def numbers(self) -> ViewNumbers:
-        """The present numbers."""
+        """Return the present numbers."""
         light, wall, radius = self.lengths.detach().tolist()
         return ViewNumbers(light, wall, radius, *self.turn_deg.detach().tolist())
 
     def move(self, gradients: tuple[Tensor, Tensor], points: Array, progress: float) -> None:
-        """One step of Adam against `gradients` of `tensors`, then back into the bounds."""
+        """Take one step of Adam against `gradients` of `tensors`, then back into the bounds."""
         share = _LAST**progress
         free = [torch.where(m, g, 0.0) for m, g in zip(self._mask, gradients, strict=True)]
         self._adam.step(free, (_TURN_RATE * share, _LENGTH_RATE * share))
         self.keep(points)
 
     def keep(self, points: Array) -> None:
-        """Into the bounds: the light in front of the points (N, 3), the wall behind, a printable radius."""
+        """Bring the light before the points (N, 3), the wall behind, and the radius to one that prints."""
         b, s = self.bounds, self.start
         with torch.no_grad():
             self.turn_deg.clamp_(self._first_turn - b.turn_deg, self._first_turn + b.turn_deg)
@@ -196,7 +196,7 @@ class FreePose:
         self.show(objective, problem)
 
     def picture_term(self, objective: Objective, points: Array) -> Tensor:
-        """The objective's image term of its one view at vertices (N, 3), sharp, with slopes in the pose."""
+        """Give objective's image term of its one view at vertices (N, 3), sharp, with slopes in the pose."""
         image = objective.images[0]
         if self._of is not image.target:
             target = torch.as_tensor(image.target, device=self.logs.device)
@@ -227,7 +227,7 @@ class FreePose:
         objective.look_from(frame, problem.limits(self.radius_mm), turn)
 
     def settle(self, problem: Problem, points: Array) -> tuple[Problem, Array, ViewNumbers]:
-        """The problem with its view here, its lengths rounded as a scene file would have them.
+        """Return the problem with its view here, its lengths rounded as a scene file would have them.
 
         The points (N, 3) are turned into the view's axes: a scene with one view looks along z.
         """

@@ -16,13 +16,13 @@ __all__ = ["posed_frame", "tensor_frame", "turn_matrix"]
 
 
 def tensor_frame(frame: Frame, dtype: torch.dtype, device: str | torch.device = "cpu") -> Frame:
-    """The view of a frame for tensors."""
+    """Return the view of a frame for tensors."""
     axes, eye = (torch.as_tensor(x, dtype=dtype, device=device) for x in (frame.axes, frame.eye))
     return replace(frame, axes=axes, eye=eye)
 
 
 def turn_matrix(turn_deg: Tensor) -> Tensor:
-    """[3, 3] the turn of a view by [3] azimuth, elevation and roll: columns are its x, y, z in the scene.
+    """Return [3, 3] the turn of a view by [3] azimuth, elevation, roll: columns are its x, y, z there.
 
     Azimuth turns light, wall and picture about the scene's y axis (docs/conventions.md); then
     elevation raises the light, and roll turns the picture counter-clockwise seen from the light.
@@ -45,7 +45,7 @@ def posed_frame(
     light_distance_mm: Tensor,  # [] light to the middle of the piece
     wall_distance_mm: Tensor,  # [] middle of the piece to the wall
 ) -> Frame:
-    """The frame of `sheet` seen from a light at these numbers, differentiable in all of them.
+    """Return the frame of `sheet` seen from a light at these numbers, differentiable in all of them.
 
     Without elevation and roll it equals `frame_of(camera_of(view, ...))`.
     """

@@ -32,7 +32,7 @@ def winners(
     radius: float,
     reach_px: float,
 ) -> Winners:
-    """`silhouette.winners` of tensors. Not differentiable."""
+    """Return `silhouette.winners` of tensors. Not differentiable."""
     if starts.device.type == "cpu":
         found = silhouette.winners(_rows(starts), _rows(ends), frame.arrays(), radius, reach_px)
         pixel, capsule = (torch.from_numpy(x).long() for x in found)
@@ -51,7 +51,7 @@ def render(
     cutoff: float = CUTOFF,
     won: Winners | None = None,
 ) -> Tensor:
-    """`silhouette.render` of tensors: the image and gradient, up to sigmoid(-cutoff).
+    """Render tensors by `silhouette.render`: the image of `dense.render_dense`, up to sigmoid(-cutoff).
 
     Differentiable in the points, and in the frame's numbers and the radius where these are tensors. `won`
     takes the winners of an earlier call.
@@ -75,7 +75,7 @@ def squared_error(
     cutoff: float = CUTOFF,
     won: Winners | None = None,
 ) -> Tensor:
-    """Scalar: the squared difference of `render` and the target, summed over the pixels."""
+    """Return a scalar, the squared difference of `render` and the target, summed over the pixels."""
     if _torch_alone(starts, frame, radius):
         return ((render(starts, ends, frame, radius, tau, cutoff, won) - target) ** 2).sum()
     given = (frame.arrays(), number(radius), tau, _rows(target), cutoff, _places(won))
@@ -111,19 +111,19 @@ class DeviceImage:
 
     @classmethod
     def of(cls, frame: Frame, target: Real, device: str) -> DeviceImage:
-        """The picture of arrays."""
+        """Return the picture of arrays."""
         there = torch.as_tensor(target, device=device)
         return cls(tensor_frame(frame, there.dtype, device), there)
 
     def from_frame(self, frame: Frame) -> DeviceImage:
-        """The same picture, seen from another frame of arrays."""
+        """Return the same picture, seen from another frame of arrays."""
         there = self.target
         return replace(self, frame=tensor_frame(frame, there.dtype, there.device))
 
     def squared_error(
         self, points: Real, rings: Polylines, radius: float, tau: float, cutoff: float, won: Any
     ) -> tuple[float, Array]:
-        """The squared difference of tube and picture, and its gradient in the vertices (N, 3)."""
+        """Return the squared difference of tube and picture, and its gradient in the vertices (N, 3)."""
         p, q = self._ends(points, rings, slopes=True)
         error = self._error(p, q, radius, tau, cutoff, won)
         (slope,) = torch.autograd.grad(error, p)
@@ -132,13 +132,13 @@ class DeviceImage:
     def find_winners(
         self, points: Real, rings: Polylines, radius: float, reach_px: float
     ) -> Winners:
-        """`winners` of the tube about vertices (N, 3)."""
+        """Find `winners` of the tube about vertices (N, 3)."""
         return winners(*self._ends(points, rings), self.frame, radius, reach_px)
 
     def render(
         self, points: Real, rings: Polylines, radius: float, tau: float, cutoff: float
     ) -> Real:
-        """`render` of the tube about vertices (N, 3)."""
+        """Render `render` of the tube about vertices (N, 3)."""
         with torch.no_grad():
             image = self._image(*self._ends(points, rings), radius, tau, cutoff)
         return np.asarray(image.cpu().numpy())

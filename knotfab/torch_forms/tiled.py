@@ -30,7 +30,7 @@ _CHUNK = 1 << 15  # (capsule, tile) pairs evaluated at once, to stay in cache
 def _bounds(
     a: Tensor, b: Tensor, seen: Tensor, frame: Frame, radius: float, margin_px: float
 ) -> tuple[Tensor, Tensor]:
-    """First coarse tile [n, 2] of each capsule and how many [n, 2] it can colour along u and v.
+    """Return first coarse tile [n, 2] of each capsule and how many [n, 2] it can colour along u and v.
 
     A sphere's silhouette reaches less than r / (z - 2r) * (1 + |q|)^2 * focal beyond its centre's
     pixel, and the signed distance falls by at least one pixel in 1 + |q| beyond that. Capsules that are not
@@ -61,7 +61,7 @@ def winners(
     radius: float,
     reach_px: float,
 ) -> tuple[Tensor, Tensor]:
-    """(pixel, capsule): flat indices of pixels with s > -reach_px, and the capsule of largest s.
+    """Return (pixel, capsule): flat indices of pixels with s > -reach_px, and the capsule of largest s.
 
     Not differentiable.
     """
@@ -125,7 +125,7 @@ def _settle(
     radius: float,
     columns: int,
 ) -> None:
-    """The winner of each place among its rivals: where there are several, by the image's own formula."""
+    """Settle the winner of each place among its rivals; among several, by the image's own formula."""
     winner[place] = rival
     other = (winner[place] != rival).nonzero()[:, 0]
     place, rival = place[other], rival[other]
@@ -143,7 +143,7 @@ def _settle(
 
 
 def _pixel(place: Tensor, columns: int) -> tuple[Tensor, Tensor]:
-    """(u, v) of places in the list of all tiles' pixels, `columns` tiles a row."""
+    """Return (u, v) of places in the list of all tiles' pixels, `columns` tiles a row."""
     # tiles are 4 x 4: shifts are much faster than divisions
     tile, inner = place >> 4, place & 15
     row = tile // columns
@@ -151,7 +151,7 @@ def _pixel(place: Tensor, columns: int) -> tuple[Tensor, Tensor]:
 
 
 def _quadratics(a: Tensor, b: Tensor, frame: Frame) -> tuple[Tensor, Tensor, Tensor]:
-    """Each capsule's reference pixel [n, 2] and the coefficients [n, 3, 6] of three quadratics there.
+    """Return each capsule's reference pixel [n, 2] and the coefficients [n, 3, 6] of three quadratics there.
 
     And what rounding can take from a square: [n, 2] at the reference, and more by so much times the
     square of the way from there in pixels.
@@ -170,7 +170,7 @@ def _quadratics(a: Tensor, b: Tensor, frame: Frame) -> tuple[Tensor, Tensor, Ten
     zero = torch.zeros_like(qx)
 
     def moment(p: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """D x p at the reference, and its change per pixel along u and along v: [3, n] each."""
+        """Return d x p at the reference, and its change per pixel along u and along v: [3, n] each."""
         x, y, z = p.T
         dx, dy = x - z * qx, y - z * qy
         at = torch.stack([-dy, dx, dy * qx - dx * qy])
@@ -203,7 +203,7 @@ def _tile_distance(
     frame: Frame,
     radius: float,
 ) -> tuple[Tensor, Tensor]:
-    """Bounds of `capsule_distance` of [m] capsules at the [m, 16] pixels of their tiles, by few operations.
+    """Bound `capsule_distance` of [m] capsules at the [m, 16] pixels of their tiles, by few operations.
 
     Returns the lower bounds, and how far [m] the upper ones lie above them at most. The squares lose
     what is small against the way from the reference to the tile and along the capsule, which is much
@@ -295,7 +295,7 @@ def render_tiled(
     cutoff: float = CUTOFF,
     won: tuple[Tensor, Tensor] | None = None,
 ) -> Tensor:
-    """The same image and gradient as of every capsule at every pixel, up to sigmoid(-cutoff).
+    """Render the same image and gradient as of every capsule at every pixel, up to sigmoid(-cutoff).
 
     Differentiable in the points, and in the frame's numbers and the radius where these are tensors. `won`
     takes the winners of an earlier call: a lower bound of the image, exact for small motions wherever

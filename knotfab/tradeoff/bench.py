@@ -65,7 +65,7 @@ class Journal:
             raise InputError(f"{path}", f"it is no journal ({error})", "Move it away") from error
 
     def find(self, key: str) -> Run | None:
-        """The run of this key, if it was measured."""
+        """Find the run of this key, if it was measured."""
         self.used.add(key)
         return self.runs.get(key)
 
@@ -112,7 +112,7 @@ class Bench:
         self.left_out: dict[WantedRun, None] = {}
 
     def measure(self, points: Sequence[Point], pictures: int) -> list[Measured]:
-        """The points on the first so many pictures, as far as time is left; what came of them.
+        """Measure the points on the first so many pictures, as far as time is left; what came of them.
 
         Picture by picture and turn by turn, so that what else the machine does falls on all alike.
         """
@@ -144,7 +144,7 @@ class Bench:
         return self.measured(points)
 
     def measured(self, points: Iterable[Point]) -> list[Measured]:
-        """The runs of each point, on as many of the first pictures as it was measured on."""
+        """Return the runs of each point, on as many of the first pictures as it was measured on."""
         found = []
         for point in points:
             runs: list[Run] = []
@@ -173,7 +173,7 @@ class Bench:
 
 
 def run_all(studies: Sequence[Study], jobs: int = 1) -> Runner:
-    """A runner that searches: here one after the other, or `jobs` at a time, in processes of one thread.
+    """Give a runner that searches: here one after the other, or `jobs` at a time, in processes of one thread.
 
     Raises (the runner):
         MachineError: a process ended.

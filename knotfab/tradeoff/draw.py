@@ -19,7 +19,7 @@ _SAID = {"cpu": "CPU seconds", "wall": "seconds"}
 
 
 def draw(explored: Explored, title: str) -> bytes:
-    """PNG of the points, knob by knob, with the frontier as a line and the presets by name.
+    """Draw a PNG of the points, knob by knob, with the frontier as a line and the presets by name.
 
     Hollow: measured on fewer pictures than the frontier, or bending more, or read more plainly from aside,
     than the frontier's may.

@@ -45,7 +45,7 @@ class Explored:
         return len(one.runs) < self.compared or not one.over(self.compared).keeps(middle)
 
     def place(self, one: Measured) -> tuple[float, float]:
-        """(seconds, error) over the pictures compared; of a point that has seen fewer what they would be.
+        """Return (seconds, error) over the pictures compared; for a point with fewer, what they would be.
 
         It is taken to stand to the middle as it does on the pictures that it has seen.
         """

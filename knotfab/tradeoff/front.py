@@ -32,7 +32,7 @@ class Measured:
     clock: str = "cpu"
 
     def mean(self, key: str) -> float:
-        """The mean of a figure of its runs."""
+        """Return the mean of a figure of its runs."""
         return statistics.fmean(getattr(run, key) for run in self.runs)
 
     @property
@@ -83,7 +83,7 @@ class Measured:
         return sum(run.repairs for run in self.runs)
 
     def over(self, pictures: int) -> Measured:
-        """The same on the first so many pictures."""
+        """Return the same on the first so many pictures."""
         return replace(self, runs=self.runs[:pictures])
 
     def keeps(self, middle: Measured) -> bool:
@@ -96,14 +96,14 @@ class Measured:
 
 
 def merge_turns(turns: Sequence[Run]) -> Run:
-    """One run of several of the same point and picture: the first one's knots, the median of the seconds."""
+    """Merge runs of the same point and picture into one: the first one's knots, the median of the seconds."""
     keys = ("radius_s", "search_s", "sweep_s", "cpu_s")
     times = {key: statistics.median(getattr(run, key) for run in turns) for key in keys}
     return replace(turns[0], feasible=all(run.feasible for run in turns), **times)
 
 
 def frontier(measured: Sequence[Measured], middle: Measured | None = None) -> list[Measured]:
-    """The points that no other beats in both error and seconds, fastest first.
+    """Return the points that no other beats in both error and seconds, fastest first.
 
     Args:
         measured: on the same pictures.
@@ -118,7 +118,7 @@ def frontier(measured: Sequence[Measured], middle: Measured | None = None) -> li
 
 
 def _distance(one: Measured, others: Sequence[Measured]) -> float:
-    """Logarithm of the factor by which both its seconds and its error would have to shrink to be unbeaten.
+    """Return the logarithm of the factor by which its seconds and its error must shrink to be unbeaten.
 
     Below 0 on the front: by so much they might grow. The additive epsilon indicator (Zitzler et al. 2003).
     """
@@ -139,7 +139,7 @@ def _in_vain(one: Measured, middle: Measured) -> bool:
 def halve(
     measured: Sequence[Measured], middle: Measured, beside: Sequence[Measured]
 ) -> list[Point]:
-    """The half of the points that are nearest to the front, the best and the fastest on it first.
+    """Return the half of the points that are nearest to the front, the best and the fastest on it first.
 
     What takes several times the middle's seconds and is no better is known well enough.
 

@@ -98,14 +98,14 @@ class Run:
     shadow: str = ""  # small, as PNG in base64
 
     def to_dict(self) -> dict[str, Any]:
-        """The run as JSON has it."""
+        """Return the run as JSON has it."""
         return asdict(self)
 
 
 def find_shadows(
     problem: Problem, knots: Knots, device: str = "cpu", pixels: int = VERIFIED_PX
 ) -> list[tuple[Mask, Mask]]:
-    """(shadow, picture) of the round tube in each view, `pixels` on its longer side."""
+    """Find (shadow, picture) of the round tube in each view, `pixels` on its longer side."""
     found = []
     for view in problem.views:
         image = view.image_at(knots.radius_mm, pixels, TorchForms(device))
@@ -115,7 +115,7 @@ def find_shadows(
 
 
 def outline_error_px(seen: Mask, wanted: Mask, slit_px: float = 0.0) -> float:
-    """The distance, px, from the other's outline that 95 % of either outline keep, the larger of the two.
+    """Return distance, px, from the other's outline that 95 % of either outline keep, the larger of the two.
 
     Slits of the shadow no wider than `slit_px`, which nobody sees, have no outline. An outline is the last
     pixels within, so distances are good to a pixel. Without an outline: the picture's diagonal.
@@ -143,7 +143,7 @@ def facet_error_px(problem: Problem, radius: float, sides: int) -> float:
 
 
 def run_point(study: Study, settings: SearchSettings, judge: bool = True) -> Run:
-    """Radius, search and sweep of a picture at these settings, as a build has them.
+    """Return radius, search and sweep of a picture at these settings, as a build has them.
 
     Raises:
         SceneError: no tube draws the picture.
@@ -178,7 +178,7 @@ def run_point(study: Study, settings: SearchSettings, judge: bool = True) -> Run
 
 
 def _judge(run: Run, problem: Problem, knots: Knots, device: str) -> Run:
-    """The run with what its knots are worth, in the view that they draw worst."""
+    """Return the run with what its knots are worth, in the view that they draw worst."""
     shadows = find_shadows(problem, knots, device)
     number = min(range(len(shadows)), key=lambda k: mask_iou(*shadows[k]))
     worst, drawn = shadows[number], problem.views[number].view
@@ -202,7 +202,7 @@ def _judge(run: Run, problem: Problem, knots: Knots, device: str) -> Run:
 
 
 def _shrink(seen: Mask, wanted: Mask) -> str:
-    """Both as a PNG of four colours in base64: what is right, too much and missing."""
+    """Return both as a PNG of four colours in base64: what is right, too much and missing."""
     height, width = seen.shape
     size = fit_size(width, height, _SHOWN_PX)
 
@@ -219,7 +219,7 @@ def _shrink(seen: Mask, wanted: Mask) -> str:
 
 
 def warm_up(study: Study, settings: SearchSettings) -> None:
-    """A few iterations, so that no point pays for a process's loading and compiling."""
+    """Run a few iterations, so that no point pays for a process's loading and compiling."""
     few: dict[str, Any] = {"coarse_iterations": 2, "fine_iterations": 2, "settle_iterations": 2}
     few |= {"method": "flow", "depth_candidates": 2, "radius_candidates": 2}
     run_point(study, settings.but(**few))

@@ -60,7 +60,7 @@ class _Axis:
 
 
 def render_page(explored: Explored, steps: Sequence[Step], told: _Told) -> str:
-    """The page: it opens offline, loads nothing, and runs one script of its own.
+    """Render the page: it opens offline, loads nothing, and runs one script of its own.
 
     Every text, names of pictures among them, is escaped.
     """
@@ -160,7 +160,7 @@ def _figures(m: Measured) -> list[tuple[str, str]]:
 
 
 def _staircase(corners: Sequence[tuple[float, float]]) -> str:
-    """The front as the points of an SVG polyline: what can be had within so many seconds."""
+    """Return the front as the points of an SVG polyline: what can be had within so many seconds."""
     path: list[str] = []
     for number, (x, y) in enumerate(corners):
         if number:

@@ -44,26 +44,26 @@ class Knob:
     alike: bool = False
 
     def own(self, settings: SearchSettings) -> Any:
-        """The value that settings have."""
+        """Return the value that settings have."""
         if not self.keys:
             return 1.0
         found = tuple(getattr(settings, key) for key in self.keys)
         return found if len(found) > 1 else found[0]
 
     def turn(self, settings: SearchSettings, value: Any) -> SearchSettings:
-        """The settings with this value."""
+        """Return the settings with this value."""
         if not self.keys:
             return settings if value == 1.0 else settings.scaled(value)
         given = value if len(self.keys) > 1 else (value,)
         return settings.but(**dict(zip(self.keys, given, strict=True)))
 
     def label(self, value: Any) -> str:
-        """The value in words."""
+        """Return the value in words."""
         parts = value if isinstance(value, tuple) else (value,)
         return "flow" if parts[0] == "flow" else self.unit.format(*parts)
 
     def ordered(self, settings: SearchSettings) -> list[Any]:
-        """All values with the settings' own among them, cheapest first; of `alike` ones that comes first."""
+        """Sort all values, the settings' own among them, cheapest first; `alike` ones in that order."""
         own = self.own(settings)
         others = [v for v in self.values if v != own]
         if self.alike:
@@ -104,7 +104,7 @@ KNOBS = (
 
 
 def points(own: SearchSettings | None = None) -> list[Point]:
-    """The presets, and one knob at a time turned around `own` (`standard` by default)."""
+    """Return the presets, and one knob at a time turned around `own` (`standard` by default)."""
     middle = own or PRESETS["standard"]
     found = [Point(PRESET, name, settings) for name, settings in PRESETS.items()]
     if middle not in PRESETS.values():
@@ -123,7 +123,7 @@ def combine(
     count: int,
     seed: int = 0,
 ) -> list[Point]:
-    """Combinations of values worth trying, spread over what they are expected to take.
+    """Return combinations of values worth trying, spread over what they are expected to take.
 
     Of many random ones, deterministic by the seed, the most promising for their cost: what single knobs did
     to seconds and error is taken to multiply. That is a guess, which measuring then corrects.
@@ -164,7 +164,7 @@ def _combined(
     effects: Mapping[str, Mapping[Any, Effect]],
     chosen: Sequence[int],
 ) -> Point:
-    """The middle with the values of these numbers, from 1; 0 leaves a knob as it is."""
+    """Return the middle with the values of these numbers, from 1; 0 leaves a knob as it is."""
     settings, labels = middle, []
     for knob, choice in zip(turned, chosen, strict=True):
         if choice:

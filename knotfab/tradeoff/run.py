@@ -123,7 +123,7 @@ def measure_tradeoff(
     combinations: int = COMBINATIONS,
     clock: Callable[[], float] = time.monotonic,
 ) -> Tradeoff:
-    """The same of pictures that were read, by this runner and clock."""
+    """Measure the same of pictures that were read, by this runner and clock."""
     progress = progress or Progress("quiet")
     if not studies:
         raise InputError("tradeoff", "no picture is named", "Name one or several")
@@ -181,7 +181,7 @@ def measure_tradeoff(
 
 
 def to_dict(found: Tradeoff, repeats: int, device: str) -> dict[str, Any]:
-    """tradeoff.json."""
+    """Return tradeoff.json."""
     explored = found.explored
     return {
         "schema": 1,
@@ -202,7 +202,7 @@ def to_dict(found: Tradeoff, repeats: int, device: str) -> dict[str, Any]:
 
 
 def list_rows(explored: Explored) -> list[dict[str, Any]]:
-    """A row a point, over the pictures that it was measured on, at most those that are compared."""
+    """List a row a point, over the pictures that it was measured on, at most those that are compared."""
     on = {m.point.settings for m in explored.front}
     middle = explored.middle.point.settings
 

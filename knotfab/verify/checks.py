@@ -21,7 +21,7 @@ CHECKS = ("shadow-render", "slicer", *SHADOWS, *KNOTS, *MESH, *FILES, *TUBE, *_O
 
 
 def place_of(name: str) -> int:
-    """Where the check of this name stands in a report: as in `CHECKS`, and others after these."""
+    """Return where the check of this name stands in a report: as in `CHECKS`, and others after these."""
     return CHECKS.index(name) if name in CHECKS else len(CHECKS)
 
 
@@ -50,7 +50,7 @@ def tally_checks(checks: Iterable[Check]) -> str:
 
 
 def verdict_without_part(why: str) -> Verdict:
-    """The verdict on a piece of which no part could be made."""
+    """Return the verdict on a piece of which no part could be made."""
     return Verdict(
         status="fail",
         exit_code=1,

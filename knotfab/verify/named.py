@@ -15,7 +15,7 @@ __all__ = ["files_to_validate"]
 def files_to_validate(
     part: Path | None, knots: Path | None, scene: Path | None, failures: Path | None = None
 ) -> Files:
-    """The files of a call: a folder stands for the part, knots and scene in it.
+    """Return the files of a call: a folder stands for the part, knots and scene in it.
 
     Failures are drawn beside what is measured, unless another place is named.
 
@@ -60,7 +60,7 @@ def files_to_validate(
 
 
 def _beside(measured: Path | None) -> Path | None:
-    """NAME-failures.png beside a file, where one may write there."""
+    """Return NAME-failures.png beside a file, where one may write there."""
     if measured is None or not os.access(measured.parent, os.W_OK):
         return None
     return measured.with_name(f"{measured.stem}-failures.png")

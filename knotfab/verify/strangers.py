@@ -53,7 +53,7 @@ ELEMENT = re.compile(rb"^element[ \t]+(\S+)[ \t]+(\d+)", re.MULTILINE)
 
 @contextmanager
 def plain_arrays(part: Path | None, reader: Workers | None = None) -> Iterator[Path | None]:
-    """A part as the validators read it: an OBJ or PLY stands meanwhile as arrays in a file of its name.
+    """Yield a part as the validators read it: an OBJ or PLY stands meanwhile as arrays in a file of its name.
 
     Args:
         reader: a worker of this module, where one is kept.
@@ -107,7 +107,7 @@ def answer(request: dict[str, Any], told: object) -> dict[str, Any]:
 
 
 def _read_ply(content: bytes) -> NDArray[np.float64]:
-    """(n, 3, 3) corners; polygons become fans. What trimesh does not count itself is counted here."""
+    """Read (n, 3, 3) corners; polygons become fans. What trimesh does not count itself is counted here."""
     import numpy as np
     import trimesh
 
@@ -139,7 +139,7 @@ def _read_ply(content: bytes) -> NDArray[np.float64]:
 
 
 def _read_obj(content: bytes, tidy: Path) -> NDArray[np.float64]:
-    """(n, 3, 3) corners; a polygon becomes triangles within it, or a fan where it crosses itself."""
+    """Read (n, 3, 3) corners; a polygon becomes triangles within it, or a fan where it crosses itself."""
     import numpy as np
     import pyvista
 

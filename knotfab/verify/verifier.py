@@ -171,7 +171,7 @@ class Answer:
 
 @contextmanager
 def load_early(skip: Collection[str] = (), keep: bool = False) -> Iterator[None]:
-    """Validators for the build of a call that is still to be read: they load meanwhile.
+    """Yield validators for the build of a call that is still to be read: they load meanwhile.
 
     Args:
         keep: let them stay for the next call of this process, and end with it: loading takes longer than
@@ -183,7 +183,7 @@ def load_early(skip: Collection[str] = (), keep: bool = False) -> Iterator[None]
 
 @contextmanager
 def _hold(skip: Collection[str], jobs: int, keep: bool = False) -> Iterator[_Validators]:
-    """The validators that this thread holds already, where they are enough, or else others."""
+    """Yield the validators that this thread holds already, where they are enough, or else others."""
     held = _open.get()
     if held is not None and held.jobs >= jobs:
         yield held
@@ -202,7 +202,7 @@ def _hold(skip: Collection[str], jobs: int, keep: bool = False) -> Iterator[_Val
 
 
 def _take_idle(kind: object) -> _Validators | None:
-    """Kept validators of this kind; others end."""
+    """Return kept validators of this kind; others end."""
     while _idle:
         validators = _idle.pop()
         if validators.kind == kind:
@@ -212,7 +212,7 @@ def _take_idle(kind: object) -> _Validators | None:
 
 
 def _surroundings() -> dict[str, str]:
-    """The environment, which says where graphics are, and how many processes may run."""
+    """Return the environment, which says where graphics are, and how many processes may run."""
     return dict(os.environ)
 
 
@@ -239,7 +239,7 @@ def _crashed(crash: Crash) -> KnotfabError:
 
 
 def explain_unreadable(sentence: str) -> InputError:
-    """The error of the validators' `NAME: reason` about a file that they cannot read, or write."""
+    """Return the error of the validators' `NAME: reason` about a file that they cannot read, or write."""
     name, _, reason = sentence.partition(": ")
     if not reason:
         name, reason = "the files", sentence

@@ -85,7 +85,7 @@ def _reweight(
     light: Array | None,
     limits: FitLimits,
 ) -> None:
-    """More weight where the distance is large: towards the smallest maximum (Lawson 1961)."""
+    """Give more weight where the distance is large: towards the smallest maximum (Lawson 1961)."""
     for number, strand in enumerate(strands):
         wire = round_corners(strand.corners, limits.bend_radius_mm)
         _, size = measure_distances(strand, wire, light)
@@ -94,7 +94,7 @@ def _reweight(
 
 
 def measure_misses(strands: list[Strand], light: Array | None, limits: FitLimits) -> list[Array]:
-    """(m, 4) for each strand: by how much its bend and straight j miss each limit; below 0: kept.
+    """Measure (m, 4) for each strand: by how much its bend and straight j miss each limit; below 0: kept.
 
     In columns: distance beyond the tolerance (share of it), length that the straight lacks (mm), angle
     that the bend turns too far (degrees), how much nearer than a diameter another strand is (mm).
@@ -144,7 +144,7 @@ def settle(strand: Strand, limits: FitLimits) -> None:
 
 
 def in_order(corners: Array, index: Indices, n: int) -> tuple[Array, Indices]:
-    """Corners in the wire's order from the curve's first point on, each with a point of its own."""
+    """Return corners in the wire's order from the curve's first point on, each with a point of its own."""
     rising = (index - index[0]) % n
     for k in range(1, len(rising)):
         rising[k] = max(rising[k], rising[k - 1] + 1)

@@ -50,7 +50,7 @@ class Wire:
         return float(self.straight.sum() + self.radius * self.turn.sum())
 
     def at(self, sites: WireSites) -> Array:
-        """The points (k, 3) at `sites`."""
+        """Return the points (k, 3) at `sites`."""
         j, s = sites.piece, sites.share[:, None]
         following = np.roll(self.entry, -1, axis=0)
         points = self.exit[j] + s * (following[j] - self.exit[j])
@@ -61,7 +61,7 @@ class Wire:
         return np.asarray(points)
 
     def tangent(self, sites: WireSites) -> Array:
-        """Unit directions (k, 3) along the wire at `sites`."""
+        """Return unit directions (k, 3) along the wire at `sites`."""
         j = sites.piece
         angle = np.where(sites.bend, sites.share, 1.0)[:, None] * self.turn[j][:, None]
         return np.asarray(np.cos(angle) * self.before[j] + np.sin(angle) * self.inward[j])
@@ -86,7 +86,7 @@ def round_corners(corners: Array, radius: float) -> Wire:
 
 
 def _round_middle(around: Array, radius: float) -> tuple[Array, Array, Array, Array, Array]:
-    """The fillet at the middle one of three corners (..., 3, 3): `before` to `exit` of a `Wire`."""
+    """Return the fillet at the middle one of three corners (..., 3, 3): `before` to `exit` of a `Wire`."""
     edge = around[..., 1:, :] - around[..., :-1, :]
     edge /= np.maximum(np.linalg.norm(edge, axis=-1), 1e-12)[..., None]
     before, after = edge[..., 0, :], edge[..., 1, :]
@@ -107,7 +107,7 @@ def _round_middle(around: Array, radius: float) -> tuple[Array, Array, Array, Ar
 
 
 def find_nearest_sites(wire: Wire, points: Array, near: Indices) -> tuple[WireSites, Array]:
-    """The place on the wire nearest to each of the points (k, 3), and the distance (k,).
+    """Find the place on the wire nearest to each of the points (k, 3), and the distance (k,).
 
     Args:
         near: (k,) the straight that each point is known to lie about; the search looks from one
@@ -190,7 +190,7 @@ def differentiate_wire(wire: Wire, sites: WireSites) -> tuple[sparse.csr_matrix,
 
 
 def _by_corners(slopes: Array, piece: Indices, m: int) -> sparse.csr_matrix:
-    """Slopes (k, 12, d) by the coordinates of corners j - 1 to j + 2 of each piece j, as (d k, 3 m)."""
+    """Give slopes (k, 12, d) by the coordinates of corners j - 1 to j + 2 of each piece j, as (d k, 3 m)."""
     from scipy import sparse
 
     k, _, d = slopes.shape

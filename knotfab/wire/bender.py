@@ -56,7 +56,7 @@ def require_bender(scene: ResolvedScene) -> None:
 
 
 def _change(bend: Bend, key: str) -> Bend:
-    """The bend with another length, rotation or angle, in all the words for it."""
+    """Return the bend with another length, rotation or angle, in all the words for it."""
     if key == "feed_mm":
         return replace(bend, feed_mm=bend.feed_mm + 1.0, distance_mm=bend.distance_mm + 1.0)
     if key == "rotation_deg":
@@ -66,7 +66,7 @@ def _change(bend: Bend, key: str) -> Bend:
 
 
 def file_of_bender(name: str, plan: str) -> str:
-    """The name of the file for a bender, beside the plan of that name: bends-1.csv → bends-1-lra.csv."""
+    """Give the name of the file for a bender, beside the plan of that name: bends-1.csv → bends-1-lra.csv."""
     own = Path(BENDERS.get(name, name))
     stem = "".join(c if c.isalnum() and c.isascii() else "-" for c in own.stem)
     return f"{Path(plan).stem}-{stem}{own.suffix.lower() or '.txt'}"
@@ -75,7 +75,7 @@ def file_of_bender(name: str, plan: str) -> str:
 def fill_template(
     name: str, bends: tuple[Bend, ...] | list[Bend], plan: str, wire: Material
 ) -> str:
-    """A bender's template filled in with the bends.
+    """Return a bender's template filled in with the bends.
 
     Args:
         plan: what it calls the plan. wire: the material.
@@ -121,7 +121,7 @@ def _told(bends: tuple[Bend, ...] | list[Bend], plan: str, wire: Material) -> Ma
 
 
 def _read(name: str) -> str:
-    """The template's text.
+    """Read the template's text.
 
     Raises:
         InputError: there is none of that name, or it is no text.

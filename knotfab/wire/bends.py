@@ -64,7 +64,7 @@ def tool_angle_deg(bend_deg: float, springback_percent: float) -> float:
 
 
 def list_bends(wire: Wire, straight: int, springback_percent: float) -> BendList:
-    """The rows of a closed wire that starts and ends in the middle of a straight.
+    """List the rows of a closed wire that starts and ends in the middle of a straight.
 
     Args:
         straight: the number of the straight that is cut. Bends of less than `LEAST_TURN_DEG` would

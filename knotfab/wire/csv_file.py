@@ -54,7 +54,7 @@ def write_bends(path: Path, bends: BendList, header: dict[str, str]) -> None:
 
 
 def read_bends(path: Path) -> BendList:
-    """The rows of a bends.csv, exactly as written.
+    """Read the rows of a bends.csv, exactly as written.
 
     Raises:
         InputError: the file cannot be read, lacks its columns or placing, or a number is impossible.

@@ -26,7 +26,7 @@ _MERGED_DEG = 110.0  # the most that one corner in place of two may turn
 
 
 def _first_corners(points: Array, scaled: Array, tolerance: float) -> Indices:
-    """Corners (indices) of a polygon on the curve whose chords stay within a tolerance.
+    """Return corners (indices) of a polygon on the curve whose chords stay within a tolerance.
 
     The longest chord from each point is taken in turn, from each of the first points as a start,
     and the shortest chain kept: the greedy form of minimum-link approximation (Imai & Iri 1988).
@@ -64,7 +64,7 @@ def fit_wires(
     limits: FitLimits,
     pictures: Sequence[GridLikeness] = (),
 ) -> list[Wire]:
-    """Wires of straights and bends that follow closed curves, with few bends.
+    """Return wires of straights and bends that follow closed curves, with few bends.
 
     Corners start on the curve (greedy chords), and are moved by damped Gauss-Newton steps so that the
     largest weighted distances shrink (iteratively reweighted), straights keep the length that the bender
@@ -118,7 +118,7 @@ def fit_wires(
 
 
 def _flatten_depth(points: Array, light: Array | None) -> Array:
-    """The curve flattened along the light's axis, so that plain distances weigh depth less."""
+    """Return the curve flattened along the light's axis, so that plain distances weigh depth less."""
     if light is None:
         return points
     axis = light / np.linalg.norm(light)

@@ -57,7 +57,7 @@ class PieceShadow:
     inside_mm: Array
 
     def iou(self, curves: list[Array]) -> float:
-        """The IoU of the wires' shadow and the picture, at the validators' resolution."""
+        """Return the IoU of the wires' shadow and the picture, at the validators' resolution."""
         from knotfab_validators.shadows.compare import overlap
 
         return overlap(_cast_shadow(curves, self.radius, self.geometry), self.target).iou
@@ -73,7 +73,7 @@ class PieceShadow:
 def cast_shadows(
     scene: SettledScene, pictures: Sequence[Path], knots: Knots
 ) -> tuple[PieceShadow, ...]:
-    """The shadow of a piece in each view of a scene, beside that view's picture.
+    """Return the shadow of a piece in each view of a scene, beside that view's picture.
 
     On the wall that the validators take: a flat one where the scene's effect `wall` is off, or does not show.
 
@@ -130,7 +130,7 @@ class Judge:
     types: tuple[str, ...]  # the knots' types
 
     def of(self, plans: list[BendList], names: list[str], hidden: list[bool]) -> Verdict:
-        """The verdict on the rows of all knots; names of their files; whether each joint is hidden."""
+        """Return the verdict on the rows of all knots; names of their files; whether each joint is hidden."""
         lines = [replay(p)[0] for p in plans]
         lights = [s.geometry.light for s in self.shadows]
         knots = tuple(
@@ -147,7 +147,7 @@ class Judge:
 def _measure_knot(
     name: str, plan: BendList, line: Array, curve: Array, lights: Sequence[Array], hidden: bool
 ) -> BentWire:
-    """The result of one file, beside the knot that it stands for."""
+    """Measure the result of one file, beside the knot that it stands for."""
     bent = [r for r in plan.bends if r.bend_deg > 0]
     joint = plan.bends[0].feed_mm + plan.bends[-1].feed_mm
     off, error = measure_deviation(curve, line[:-1], lights), measure_sensitivity(plan)
@@ -169,7 +169,7 @@ def _measure_knot(
 
 
 def check_type(plans: Sequence[BendList], types: Sequence[str]) -> Check:
-    """`wire_type`: the bent wires are the knots that they stand for, and apart.
+    """Check `wire_type`: the bent wires are the knots that they stand for, and apart.
 
     Bends are cut to chords of 20 degrees or less, which keeps the type as long as no strands touch.
     """
@@ -192,7 +192,7 @@ def check_wire(
     floor: float,
     least: float,
 ) -> tuple[Check, ...]:
-    """The checks of a plan that was bent again."""
+    """Return the checks of a plan that was bent again."""
     from knotfab_validators.check import at_least, at_most
 
     view = min(ious, key=lambda name: ious[name])

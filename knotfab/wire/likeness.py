@@ -41,7 +41,7 @@ class GridLikeness:
 
     @classmethod
     def of(cls, geometry: ViewGeometry, target: Mask, radius: float) -> GridLikeness:
-        """The likeness to a silhouette (height, width) on the pixels of a view; the wire's radius in mm."""
+        """Give likeness to a silhouette (height, width) on the pixels of a view; the wire's radius in mm."""
         _, (w,) = geometry.project(np.zeros((1, 3)))
         wide = radius / (w * geometry.pixel_mm)  # the wire's, in pixels
         size = max(1, round(_CELL * wide))
@@ -60,7 +60,7 @@ class GridLikeness:
     def residual(
         self, wires: list[Wire], with_jacobian: bool
     ) -> tuple[Array, list[sparse.csr_matrix]]:
-        """(k,) of all cells, and how they follow the corners of each wire (k, 3 m)."""
+        """Return (k,) of all cells, and how they follow the corners of each wire (k, 3 m)."""
         sampled = [space_sites(w, _STEP * self.radius)[0] for w in wires]
         counts = [len(s.piece) for s in sampled]
         points = np.concatenate([w.at(s) for w, s in zip(wires, sampled, strict=True)])
@@ -95,7 +95,7 @@ class GridLikeness:
         return residual, blocks
 
     def _project_slopes(self, points: Array) -> Array:
-        """(k, 2, 3) how the pixels of points (k, 3) follow them, by central differences."""
+        """Return (k, 2, 3) how the pixels of points (k, 3) follow them, by central differences."""
         step = 1e-4
         columns = []
         for axis in step * np.eye(3):

@@ -91,7 +91,7 @@ class WirePlan:
 
 
 def bend_radius_mm(material: Material) -> float:
-    """Radius (mm) of the centre line about the bender's pin."""
+    """Return radius (mm) of the centre line about the bender's pin."""
     return material.tool_radius_mm + 0.5 * material.wire_diameter_mm
 
 
@@ -189,7 +189,7 @@ def _require_wire(material: Material, radius_mm: float) -> None:
 def _fit(
     judge: Judge, names: list[str], light: Array | None, work: Work
 ) -> tuple[list[BendList], list[bool]]:
-    """The bends of each wire, the best of those that were tried, and whether a sleeve is hidden on each.
+    """Give the bends of each wire, the best of those that were tried, and whether a sleeve is hidden on each.
 
     Raises:
         SceneError: bends overlap in the best.
@@ -268,7 +268,7 @@ def _weigh(length_mm: float, material: Material) -> float:
 
 
 def _choose_joint(wire: Wire, shadows: Sequence[PieceShadow]) -> tuple[int, bool]:
-    """The straight whose middle is cut, and whether a sleeve there stays within all shadows.
+    """Choose the straight whose middle is cut, and whether a sleeve there stays within all shadows.
 
     The sleeve is half a radius thicker than the wire. The longest straight that hides it, or the
     longest of all where none is long enough.
@@ -310,7 +310,7 @@ def _write_header(
 
 
 def _list_facts(found: tuple[BentWire, ...], material: Material, tolerance: float) -> list[str]:
-    """The words of the templates' first page."""
+    """List the words of the templates' first page."""
     length = sum(k.length_mm for k in found)
     lines = [
         f"{material.name}: {material.wire_diameter_mm:g} mm wire, {length:.0f} mm in all, "
@@ -353,7 +353,7 @@ class WireFrame:
     enough_mm: float | None
 
     def check(self, material: Material) -> Check:
-        """`wire_frame`; not required, since the picture's own floor is."""
+        """Return `wire_frame`; not required, since the picture's own floor is."""
         from knotfab_validators.check import at_least
 
         wide = f"a frame {self.width_mm:g} mm wide"

@@ -66,7 +66,7 @@ def prune(
 
 
 def _choose(strand: Strand, barred: Mask, light: Array | None, limits: FitLimits) -> Mask:
-    """Corners (m,) to take out together: those that stand out least from their neighbours' chord."""
+    """Choose corners (m,) to take out together: those that stand out least from their neighbours' chord."""
     corners, m = strand.corners, len(strand.corners)
     chosen, free = np.zeros(m, dtype=bool), ~barred
     if m < 2 * _APART:

@@ -29,7 +29,7 @@ _APART_MM = 0.25  # between the places of which distances of strands are taken
 
 
 def replay(rows: BendList, step_deg: float = 4.0, step_mm: float = 0.5) -> tuple[Array, Array]:
-    """The centre line that the rows give, from the start to the other end.
+    """Return the centre line that the rows give, from the start to the other end.
 
     Carries a frame along: `t` the direction of the wire and `n` the side it bends to. A rotation
     by a takes n to n cos a + (t x n) sin a; a bend by b moves along an arc of the row's radius to
@@ -86,7 +86,7 @@ class Deviation:
 
 
 def measure_deviation(curve: Array, other: Array, lights: Sequence[Array]) -> Deviation:
-    """Distances of the points of a closed curve (n, 3) from another (k, 3), both ways.
+    """Measure distances of the points of a closed curve (n, 3) from another (k, 3), both ways.
 
     Points answer to about the same share of the way around, so that another strand that passes
     close by does not excuse one that strayed.
@@ -140,7 +140,7 @@ def _find_nearest(points: Array, others: Array) -> NDArray[np.int64]:
 
 
 def measure_least_distance(curves: list[Array], diameter: float) -> float:
-    """Least distance (mm) of centre lines where they are different strands.
+    """Measure least distance (mm) of centre lines where they are different strands.
 
     Two places of one curve count as different strands when the way between them along the wire is
     longer than a half circle about one diameter: shorter ones are one bend. Distances above three
@@ -168,7 +168,7 @@ class Sensitivity:
 
 
 def measure_sensitivity(rows: BendList) -> Sensitivity:
-    """Movement of the wire's far end for errors of one degree in bend angles."""
+    """Measure movement of the wire's far end for errors of one degree in bend angles."""
     points, begins = replay(rows)
     pairs = zip(rows.bends, _carry_frames(rows), strict=True)
     axes = np.array([np.cross(t, n) for row, (t, n) in pairs if row.bend_deg > 0])

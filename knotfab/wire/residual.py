@@ -90,14 +90,14 @@ class Strand:
     tolerance: Array  # (n,) mm, at each point
 
     def near(self) -> Indices:
-        """(n,) the corner whose straight each point lies about."""
+        """Return (n,) the corner whose straight each point lies about."""
         n = len(self.points)
         number = np.searchsorted(self.index, np.arange(n), side="right") - 1
         return np.asarray(number % len(self.index))
 
 
 def weigh_depth(offsets: Array, points: Array, light: Array | None) -> Array:
-    """Offsets (k, 3) with their part along the light's ray through each point divided."""
+    """Return offsets (k, 3) with their part along the light's ray through each point divided."""
     if light is None:
         return offsets
     ray = light - points
@@ -116,8 +116,8 @@ def measure_distances(strand: Strand, wire: Wire, light: Array | None) -> tuple[
 def measure_strays(
     strand: Strand, wire: Wire, light: Array | None, limits: FitLimits
 ) -> tuple[WireSites, Array, Array]:
-    """Places along the wire, their offsets (k, 3) from the curve in tolerances, and the map (k, 3, 3) from a
-    displacement there to that.
+    """Measure places along the wire, their offsets (k, 3) from the curve in tolerances, and the map (k, 3, 3)
+    from a displacement there to that.
 
     The other way round than `measure_distances`: a wire may reach farther than its curve, as in a turn.
     """
@@ -151,7 +151,7 @@ def compute_residual(
     with_jacobian: bool,
     pictures: Sequence[GridLikeness] = (),
 ) -> tuple[Array, sparse.csr_matrix | None]:
-    """Weighted distances, straights too short and contacts, and how they follow the corners.
+    """Return weighted distances, straights too short and contacts, and how they follow the corners.
 
     With pictures it is these that the wire is to draw, and only distances near the tolerance count, as
     those of the wire from the curve always do.
@@ -209,7 +209,7 @@ def _beyond(offset: Array, metric: Array) -> tuple[Array, Array]:
 
 
 def _make_metric(points: Array, along: Array, light: Array | None) -> Array:
-    """(k, 3, 3) the map from a displacement of the wire to its weighted offset across itself."""
+    """Make (k, 3, 3) the map from a displacement of the wire to its weighted offset across itself."""
     across = np.eye(3) - along[:, :, None] * along[:, None, :]
     if light is None:
         return np.asarray(across)
@@ -228,14 +228,14 @@ def _join_blocks(blocks: Array) -> sparse.csr_matrix:
 
 
 def _put_in_columns(block: sparse.spmatrix, offsets: Indices, number: int) -> sparse.csr_matrix:
-    """A strand's block in the columns of all strands."""
+    """Return a strand's block in the columns of all strands."""
     left = sparse.csr_matrix((block.shape[0], int(offsets[number])))
     right = sparse.csr_matrix((block.shape[0], int(offsets[-1] - offsets[number + 1])))
     return sparse.hstack([left, block, right]).tocsr()
 
 
 def measure_gaps(wires: list[Wire], limits: FitLimits) -> list[Array]:
-    """(m,) for each wire: how near its bend and straight j come to another strand (mm).
+    """Measure (m,) for each wire: how near its bend and straight j come to another strand (mm).
 
     Infinite where that is farther than what the fit keeps, a diameter and a gap.
     """
@@ -253,7 +253,7 @@ def measure_gaps(wires: list[Wire], limits: FitLimits) -> list[Array]:
 def _find_contacts(
     wires: list[Wire], limits: FitLimits, step: float
 ) -> tuple[list[WireSites], Array, Indices, Indices]:
-    """Places along all wires, their points and wires, and the pairs (k, 2) that are too near."""
+    """Find places along all wires, their points and wires, and the pairs (k, 2) that are too near."""
     least = limits.wire_diameter_mm + _GAP_MM
     spaced = [space_sites(w, step * limits.wire_diameter_mm) for w in wires]
     sampled = [sites for sites, _ in spaced]
@@ -272,7 +272,7 @@ def _find_contacts(
 def _push_apart(
     wires: list[Wire], offsets: Indices, limits: FitLimits, with_jacobian: bool
 ) -> tuple[Array, sparse.csr_matrix | None]:
-    """Residuals that push apart strands nearer than the wire's diameter."""
+    """Return residuals that push apart strands nearer than the wire's diameter."""
     sampled, points, owner, pairs = _find_contacts(wires, limits, _CONTACT_STEP)
     if not len(pairs):
         return np.zeros(0), None

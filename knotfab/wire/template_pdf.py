@@ -67,7 +67,7 @@ class WireDrawing:
 def draw_views(
     name: str, line: Array, begins: Array, right: Array, up: Array, diameter: float
 ) -> tuple[WireDrawing, WireDrawing]:
-    """Front view (as seen from the light, without perspective) and side view (from the right).
+    """Draw front view (as seen from the light, without perspective) and side view (from the right).
 
     Args:
         line: (k, 3) the wire, bent again. begins: (m, 3) where its bends begin.
@@ -96,7 +96,7 @@ def draw_views(
 def write_templates(
     path: pathlib.Path, paper: Paper, drawings: list[WireDrawing], facts: list[str]
 ) -> int:
-    """One PDF whose pages print at full size (100 %, no fitting to the page).
+    """Return one PDF whose pages print at full size (100 %, no fitting to the page).
 
     Args:
         facts: lines of the first page.

@@ -25,7 +25,7 @@ _HOME["validate"] = f"{__name__}.validate"
 
 
 def __getattr__(name: str) -> Any:
-    """The public names, from their modules (PEP 562)."""
+    """Return the public names, from their modules (PEP 562)."""
     if name not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(importlib.import_module(_HOME[name]), name)

@@ -44,7 +44,7 @@ def at_least(
     tolerance: float = 0.0,
     at: Iterable[Sequence[float] | Array] = (),
 ) -> Check:
-    """Passes when `measured` >= `limit` - `tolerance`, or there is no limit; NaN always fails.
+    """Make a check that passes if `measured` >= `limit` - `tolerance`, or without a limit; NaN fails.
 
     `tolerance` is for the rounding of what was written, in `unit`; it is no part of the limit.
     """
@@ -63,13 +63,13 @@ def at_most(
     tolerance: float = 0.0,
     at: Iterable[Sequence[float] | Array] = (),
 ) -> Check:
-    """Passes when `measured` <= `limit` + `tolerance`, or there is no limit; NaN always fails."""
+    """Make a check that passes if `measured` <= `limit` + `tolerance`, or without a limit; NaN fails."""
     holds = measured == measured and (limit is None or measured <= limit + tolerance)
     return _judge(name, holds, required, measured, limit, unit, detail, at)
 
 
 def skip_check(name: str, why: str, *, required: bool = False) -> Check:
-    """A check that could not run; `required` when the part cannot be accepted without it."""
+    """Return a check that could not run; `required` when the part cannot be accepted without it."""
     return Check(name, "skipped", required, None, None, "", why)
 
 
@@ -91,17 +91,17 @@ def _judge(
 
 
 def places(points: Iterable[Sequence[float] | Array]) -> tuple[Place, ...]:
-    """The first `MOST_PLACES` of some points (3,), mm, as plain numbers."""
+    """Return the first `MOST_PLACES` of some points (3,), mm, as plain numbers."""
     return tuple((float(x), float(y), float(z)) for x, y, z in islice(points, MOST_PLACES))
 
 
 def spot(point: Sequence[float] | Array) -> str:
-    """A place (3,), mm, as it stands in a sentence."""
+    """Return a place (3,), mm, as it stands in a sentence."""
     return f"({point[0]:.2f}, {point[1]:.2f}, {point[2]:.2f}) mm"
 
 
 def rescale(check: Check, share: float) -> Check:
-    """The same check with its places, those in its sentence too, at `share` of their coordinates.
+    """Return the same check with its places, those in its sentence too, at `share` of their coordinates.
 
     Not in its sentence where that says that they are those of the scene.
     """
@@ -114,7 +114,7 @@ def rescale(check: Check, share: float) -> Check:
 
 
 def worst_apart(values: Array, points: Array, apart: float, above: float) -> Ints:
-    """The number of the largest value (or of a NaN), then of others `above`, worst first.
+    """Return the number of the largest value (or of a NaN), then of others `above`, worst first.
 
     Of `points` (n, 3) nearer than `apart` to each other only the worst is named.
     """

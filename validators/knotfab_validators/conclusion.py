@@ -19,13 +19,13 @@ NUMBERS = ("No", "One", "Two", "Three", "Four", "Five", "Six", "Seven", "Eight",
 
 
 def size_of(mesh: Mesh) -> tuple[float, float, float]:
-    """The extents along x, y and z, mm."""
+    """Return the extents along x, y and z, mm."""
     x, y, z = (float(side) for side in np.ptp(mesh.vertices, axis=0))
     return x, y, z
 
 
 def ask_unit(mesh: Mesh, name: str) -> str | None:
-    """A question about a part that is smaller or larger than parts are, in mm; None about others."""
+    """Return a question about a part that is smaller or larger than parts are, in mm; None about others."""
     longest = max(size_of(mesh))
     if not np.isfinite(longest) or SMALL_MM <= longest <= LARGE_MM:
         return None
@@ -38,7 +38,7 @@ def ask_unit(mesh: Mesh, name: str) -> str | None:
 
 
 def knot_in_words(name: str, form: str = "{0}") -> str:
-    """A knot's name with the word that people know it by: "left-handed 3_1" is "left-handed trefoil".
+    """Return a knot's name with the word that people know it by: "left-handed 3_1" is "left-handed trefoil".
 
     Args:
         form: form of the word, and of the name: "{1} ({0})" puts one beside the other.

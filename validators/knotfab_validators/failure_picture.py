@@ -119,7 +119,7 @@ def _cloud(mesh: Mesh | None, curves: Curves | None) -> _Cloud | None:
 
 
 def _of_faces(corners: Array) -> _Cloud:
-    """Points of triangles (m, 3, 3), more on large ones, drawn at random with a fixed seed."""
+    """Return points of triangles (m, 3, 3), more on large ones, drawn at random with a fixed seed."""
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     twice = np.linalg.norm(normal, axis=1)
     unit = normal / np.where(twice > 0, twice, 1.0)[:, None]
@@ -137,13 +137,13 @@ def _of_faces(corners: Array) -> _Cloud:
 
 
 def _on_page(points: Array, axes: Array, middle: Array, scale: float) -> Array:
-    """(n, 2) pixels of points (n, 3) in a panel."""
+    """Return (n, 2) pixels of points (n, 3) in a panel."""
     seen = (points - middle) @ axes.T * scale
     return np.column_stack([PANEL_PX / 2 + seen[:, 0], PANEL_PX / 2 - seen[:, 1]])
 
 
 def _panel(cloud: _Cloud, axes: Array, middle: Array, scale: float) -> NDArray[np.uint8]:
-    """The cloud in one panel (PANEL_PX, PANEL_PX, 3): nearest point in each pixel, shaded."""
+    """Return the cloud in one panel (PANEL_PX, PANEL_PX, 3): nearest point in each pixel, shaded."""
     page = np.floor(_on_page(cloud.points, axes, middle, scale)).astype(np.int64)
     inside = ((page >= 0) & (page < PANEL_PX)).all(axis=1)
     depth = cloud.points @ axes[2]
@@ -156,7 +156,7 @@ def _panel(cloud: _Cloud, axes: Array, middle: Array, scale: float) -> NDArray[n
 
 
 def _place(draw: Any, x: float, y: float, label: str, font: Any) -> None:
-    """A ring about a place, and its number beside it, so that neither hides the place."""
+    """Draw a ring about a place, and its number beside it, so that neither hides the place."""
     aside = 16 if x < PANEL_PX * len(SIDES) else -16
     draw.line((x + np.sign(aside) * 5, y - 5, x + aside, y - 16), fill=MARK, width=2)
     draw.ellipse((x - 7, y - 7, x + 7, y + 7), outline=MARK, width=2)
@@ -164,7 +164,7 @@ def _place(draw: Any, x: float, y: float, label: str, font: Any) -> None:
 
 
 def _mark(draw: Any, x: float, y: float, label: str, font: Any) -> None:
-    """A disc with a number."""
+    """Draw a disc with a number."""
     draw.ellipse((x - 8, y - 8, x + 8, y + 8), fill=MARK)
     box = draw.textbbox((0, 0), label, font=font)
     at = (x - (box[0] + box[2]) / 2, y - (box[1] + box[3]) / 2)
@@ -172,7 +172,7 @@ def _mark(draw: Any, x: float, y: float, label: str, font: Any) -> None:
 
 
 def _sentences(failed: Sequence[Check], font: Any, width: float) -> list[tuple[Check, list[str]]]:
-    """Each check's sentence, broken into lines of the sheet's width."""
+    """Return each check's sentence, broken into lines of the sheet's width."""
     result = []
     for check in failed:
         measured, limit = _value(check.measured), _value(check.limit)

@@ -49,7 +49,7 @@ def part_checks(
     skip: Collection[str] = (),
     printed: Mesh | None = None,
 ) -> list[Check]:
-    """Everything but the shadow: mesh, tube, curves, knot type, region, printer.
+    """Return everything but the shadow: mesh, tube, curves, knot type, region, printer.
 
     The thickness must reach the tube's radius, and with a scene half its clearance more; where no
     radius is known it is measured only. A check whose file is not given is skipped, and says so.
@@ -76,7 +76,7 @@ def _check_surface(
     skip: Collection[str],
     printed: Mesh | None,
 ) -> list[Check]:
-    """Mesh, region and printer."""
+    """Return mesh, region and printer."""
     left = _leave_out(PRINTING, skip)
     # printability means nothing for a broken surface: where it is asked, the surface is checked too
     checks = (left and _leave_out(MESH, skip)) or _check_mesh(mesh, curves, scene, seconds)
@@ -98,7 +98,7 @@ def _check_surface(
 
 
 def _leave_out(names: Collection[str], skip: Collection[str]) -> list[Check]:
-    """A group of checks, none of which is asked for; empty where any is."""
+    """Return a group of checks, none of which is asked for; empty where any is."""
     asked = not set(names) <= set(skip)
     return [] if asked else [skip_check(name, "left out on request") for name in names]
 
@@ -128,7 +128,7 @@ def _find_lines(
     seconds: dict[str, float],
     skip: Collection[str],
 ) -> tuple[Check, Curves | None]:
-    """The centre lines of a part that came without any, and what there is to say of them."""
+    """Find the centre lines of a part that came without any, and what there is to say of them."""
     why = "not given the part" if mesh is None else "given with the knots" if curves else None
     if why is None and _is_mounted(scene):
         why = "a part with a mount is more than tubes"
@@ -180,7 +180,7 @@ def _check_gap(
     seconds: dict[str, float],
     found: Curves | None,
 ) -> Check:
-    """The gaps between strands, which those that were `found` tell apart where the part has no curves."""
+    """Return gaps between strands, which those that were `found` tell apart where the part has no curves."""
     if mesh is None:
         return skip_check("clearance", "not given the part")
     with time_stage(seconds, "clearance"):
@@ -199,7 +199,7 @@ def _is_mounted(scene: Scene | None) -> bool:
 
 
 def _keep_strands(mesh: Mesh, curves: Curves | None) -> Mesh:
-    """The mesh without the mount's faces, which lead from strand to strand."""
+    """Return the mesh without the mount's faces, which lead from strand to strand."""
     if curves is None or curves.radius_mm is None or not all(curves.closed):
         return mesh
     if not np.isfinite(mesh.vertices).all():
@@ -264,7 +264,7 @@ def _check_printability(
     before: Sequence[Check],
     seconds: dict[str, float],
 ) -> list[Check]:
-    """Printability, where the surface is sound enough for the words to mean something."""
+    """Return printability, where the surface is sound enough for the words to mean something."""
     if mesh is None:
         return [skip_check(name, "not given the part") for name in PRINTING]
     broken = [c.name for c in before if c.name in MESH and c.status == "fail" and c.required]
@@ -282,7 +282,7 @@ def _check_printability(
 
 
 def _turn_upright(scene: Scene | None) -> Array | None:
-    """The turn (3, 3) that puts a stand upright (the scene's y up); None where it is printed so."""
+    """Return the turn (3, 3) that puts a stand upright (the scene's y up); None where it is printed so."""
     if scene is None or scene.pose is None:
         return None
     turn = Y_UP @ np.array(scene.pose.matrix, dtype=np.float64)[:3, :3]
@@ -290,7 +290,7 @@ def _turn_upright(scene: Scene | None) -> Array | None:
 
 
 def _check_curves(curves: Curves, scene: Scene | None) -> list[Check]:
-    """Thickness, bend and length."""
+    """Return thickness, bend and length."""
     radius = curves.radius_mm
     if radius is None and scene is not None:
         radius = scene.piece.tube_radius_mm

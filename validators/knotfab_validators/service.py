@@ -113,7 +113,7 @@ def _draw() -> None:
 
 @lru_cache(maxsize=1)
 def _read(piece: str, part: str | None, knots: str | None, scene: str | None, unit: str) -> Piece:
-    """The files of the piece that was asked about last; its name is never given twice."""
+    """Read the files of the piece that was asked about last; its name is never given twice."""
     from knotfab_validators.validate import read_piece
 
     del piece
@@ -121,7 +121,7 @@ def _read(piece: str, part: str | None, knots: str | None, scene: str | None, un
 
 
 def answer(request: dict[str, Any], told: object) -> dict[str, Any]:
-    """The verdict on written files."""
+    """Return the verdict on written files."""
     from knotfab_validators.files.bad_file import BadFile
     from knotfab_validators.validate import Found, conclude_piece, measure_piece
 

@@ -163,7 +163,7 @@ def measure_piece(
 def conclude_piece(
     piece: Piece, halves: Sequence[Found | Verdict], failures: FilePath | None = None
 ) -> Verdict:
-    """The verdict on a piece whose checks were measured, together or as halves, by whatever processes.
+    """Return the verdict on a piece whose checks were measured, together or as halves, by whatever processes.
 
     Args:
         halves: what `measure_piece` found, or the verdicts of other processes.
@@ -211,7 +211,7 @@ def _check_beside(
 
 
 def _check_table(piece: Piece, skip: Collection[str], seconds: dict[str, float]) -> list[Check]:
-    """The frame that holds lamps, where the scene names one."""
+    """Return the frame that holds lamps, where the scene names one."""
     if not piece.table or piece.setting is None or set(TABLE) <= set(skip):
         return []
     from knotfab_validators.shadows.table import check_table
@@ -221,7 +221,7 @@ def _check_table(piece: Piece, skip: Collection[str], seconds: dict[str, float])
 
 
 def _read_scene(path: Path) -> Scene:
-    """The scene of a file; what reads it is loaded for it alone."""
+    """Read the scene of a file; what reads it is loaded for it alone."""
     from knotfab_validators.files.scene import read_scene
 
     return read_scene(path)
@@ -230,7 +230,7 @@ def _read_scene(path: Path) -> Scene:
 def _check_shadows(
     piece: Piece, skip: Collection[str], pictures_dir: FilePath | None, seconds: dict[str, float]
 ) -> tuple[list[Check], list[View], Colours | None]:
-    """The checks of the shadows, what is told of each view and of colours, or why there are none."""
+    """Return the checks of the shadows, what is told of each view and of colours, or why there are none."""
     mesh, setting, scene = piece.mesh, piece.setting, piece.scene
     nameless = [v.name for v in setting.views if not v.picture] if setting is not None else []
     if mesh is None or setting is None or scene is None:
@@ -248,14 +248,14 @@ def _check_shadows(
 def _shrink(
     mesh: Mesh | None, curves: Curves | None, share: float
 ) -> tuple[Mesh | None, Curves | None]:
-    """Part and centre lines as they are once the material has shrunk to a share of every length."""
+    """Return part and centre lines as they are once the material has shrunk to a share of every length."""
     if mesh is not None:
         mesh = Mesh(share * mesh.vertices, mesh.faces)
     return mesh, None if curves is None else curves.scaled(share)
 
 
 def _in_file(check: Check, left: float) -> Check:
-    """A check with its places in the file, of which the material leaves a share of every length."""
+    """Return a check with its places in the file, of which the material leaves a share of every length."""
     if left == 1.0 or check.name in AS_PRINTED:
         return check
     return rescale(check, 1 / left)

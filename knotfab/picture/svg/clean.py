@@ -150,7 +150,7 @@ def _has_text(element: Element) -> bool:
 
 
 def _embed(link: str, what: str, draw: Callable[[bytes, str], bytes]) -> str:
-    """The data URI of an embedded picture as that of a PNG, whatever it holds."""
+    """Return the data URI of an embedded picture as that of a PNG, whatever it holds."""
     head, _, body = link.partition(",")
     try:
         data = unquote_to_bytes(body)

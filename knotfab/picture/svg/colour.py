@@ -24,7 +24,7 @@ _SYSTEM = {  # CSS Color 4, section 6.2, in a light scheme
 
 @lru_cache(4096)
 def to_hex(text: str) -> str | None:
-    """A colour as `#rrggbb` or `#rrggbbaa`, clipped to sRGB; the words that name none, as they are.
+    """Return a colour as `#rrggbb` or `#rrggbbaa`, clipped to sRGB; the words that name none, as they are.
 
     A scheme of light and dark counts as light. None where it is no colour.
     """
@@ -44,7 +44,7 @@ def to_hex(text: str) -> str | None:
 
 
 def _parse(text: str) -> Any:
-    """A colour of coloraide's, or None."""
+    """Return a colour of coloraide's, or None."""
     from coloraide import Color
 
     try:
@@ -90,7 +90,7 @@ def _mix(text: str) -> Any:
 
 
 def _split(text: str) -> list[str]:
-    """The arguments of a function, parted by the commas outside its brackets."""
+    """Return the arguments of a function, parted by the commas outside its brackets."""
     parts: list[list[Any]] = [[]]
     for token in tinycss2.parse_component_value_list(text):
         if token.type == "literal" and token.value == ",":

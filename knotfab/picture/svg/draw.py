@@ -41,7 +41,7 @@ _SIMPLER = "Simplify it in an SVG editor (fewer points, no filters), or save it 
 
 
 def draw_svg(svg: str, what: str, **options: Any) -> bytes:
-    """The PNG of an SVG text, by resvg; `options` are those of `resvg_py.svg_to_bytes`.
+    """Draw the PNG of an SVG text, by resvg; `options` are those of `resvg_py.svg_to_bytes`.
 
     Raises:
         InputError: it cannot be drawn, or takes more than 20 s or 1 GB (`what` names the picture).

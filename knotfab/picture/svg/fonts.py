@@ -73,7 +73,7 @@ def choose_fonts(root: Element, styles: Styles, what: str) -> tuple[str, ...] | 
 
 
 def _choose(named: str) -> tuple[str, tuple[str, ...]]:
-    """The first family of a list that there is, and its files where it does not come along."""
+    """Choose the first family of a list that there is, and its files where it does not come along."""
     for part in named.split(","):
         family = part.strip(" \"'")
         if family.lower() in _GENERIC:

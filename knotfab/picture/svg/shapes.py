@@ -122,7 +122,7 @@ class _Placer:
             self._visit(child, matrix, box, strokes)
 
     def _transform(self, element: Element, own: dict[str, str], box: Box) -> Transform | None:
-        """The transform of an element, which it then carries as a matrix where CSS had a word in it.
+        """Return the transform of an element, which it then carries as a matrix where CSS had a word in it.
 
         CSS Transforms 1 and 2: about the origin, `translate`, `rotate`, `scale`, then `transform`.
         """
@@ -157,7 +157,7 @@ class _Placer:
         return None
 
     def _bounds(self, element: Element, own: dict[str, str]) -> Box:
-        """The box of what an element draws, in its own units, with its stroke where that counts."""
+        """Return the box of what an element draws, in its own units, with its stroke where that counts."""
         pen = BoundsPen(None)
         if not self._trace(element, pen, Identity) or pen.bounds is None:
             raise UnreadableError(f"{own['transform-box']} of <{local_name(element)}>")
@@ -255,7 +255,7 @@ def _view_box(element: Element) -> Box | None:
 
 
 def _enter(element: Element, matrix: Transform, box: Box) -> tuple[Transform, Box]:
-    """The units inside a nested <svg> or the like, by its viewBox."""
+    """Return the units inside a nested <svg> or the like, by its viewBox."""
     inner = _view_box(element)
     if inner is None:
         return matrix, box
@@ -268,7 +268,7 @@ def _enter(element: Element, matrix: Transform, box: Box) -> tuple[Transform, Bo
 
 
 def _path_data(element: Element, box: Box) -> str | None:
-    """The outline of a basic shape or path as path data; None where it has none."""
+    """Return the outline of a basic shape or path as path data; None where it has none."""
     name = local_name(element)
     if name == "path":
         return element.get("d", "")

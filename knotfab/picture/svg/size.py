@@ -28,7 +28,7 @@ _LENGTH = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([A-Za-z
 
 
 def read_length(text: str, whole: float | None = None) -> float | None:
-    """A length in px, or None where it is in no known unit; `whole` is what % refers to."""
+    """Read a length in px, or None where it is in no known unit; `whole` is what % refers to."""
     found = _LENGTH.fullmatch(text)
     if found is None:
         return None
@@ -80,7 +80,7 @@ def set_pixel_size(root: Element, longer: int, what: str) -> float:
 
 
 def _view_box(root: Element, what: str) -> tuple[float, float] | None:
-    """Width and height of the viewBox, or None where there is none that can be read."""
+    """Return the width and height of the viewBox, or None where there is none that can be read."""
     try:
         numbers = [float(n) for n in root.get("viewBox", "").replace(",", " ").split()]
     except ValueError:
@@ -92,7 +92,7 @@ def _view_box(root: Element, what: str) -> tuple[float, float] | None:
 
 
 def _pixels(root: Element, side: str, whole: float | None, what: str) -> float | None:
-    """A side in px, or None where it is not given, in no known unit, or a share of nothing known.
+    """Return a side in px, or None where it is not given, in no known unit, or a share of nothing known.
 
     `whole` is what % refers to: that side of the viewBox.
     """

@@ -231,7 +231,7 @@ def _parse_declarations(style: str) -> Tokens:
 
 
 def _rank(content: Tokens, rank: tuple[Any, ...]) -> list[tuple[tuple[Any, ...], str, Tokens]]:
-    """Declarations with their place in the cascade; !important declarations come above all others."""
+    """Return declarations with their place in the cascade; !important declarations come above all others."""
     return [
         (
             (3, *rank) if d.important else rank,
@@ -244,7 +244,7 @@ def _rank(content: Tokens, rank: tuple[Any, ...]) -> list[tuple[tuple[Any, ...],
 
 
 def _write_out(tokens: Tokens, variables: dict[str, Tokens], depth: int) -> Iterator[Any]:
-    """The tokens of a value with its var() written out."""
+    """Yield the tokens of a value with its var() written out."""
     if depth > _DEEPEST:
         raise _UnknownVariable
     for token in tokens:
@@ -275,7 +275,7 @@ def _write_out(tokens: Tokens, variables: dict[str, Tokens], depth: int) -> Iter
 
 
 def _read_value(name: str, text: str, styles: Styles) -> str | None:
-    """A value as the library knows it; None where there is none that it knows."""
+    """Read a value as the library knows it; None where there is none that it knows."""
     if name != "d" and re.search(r"[\d.]rem\b|\b(?:calc|min|max|clamp)\(", text, re.I):
         text = _read_lengths(text)
         if re.search(r"\b(?:calc|min|max|clamp|unknown)\(", text, re.I):
@@ -299,7 +299,7 @@ def _read_value(name: str, text: str, styles: Styles) -> str | None:
 
 
 def _read_paint(name: str, text: str, styles: Styles) -> str | None:
-    """A paint: a colour, or a reference with a colour to fall back to."""
+    """Read a paint: a colour, or a reference with a colour to fall back to."""
     if text.lower() == "initial":
         return "none" if name == "stroke" else "#ffffff" if name == "lighting-color" else "#000000"
     reference = re.match(r"url\([^)]*\)\s*", text, re.I)
@@ -314,7 +314,7 @@ def _read_paint(name: str, text: str, styles: Styles) -> str | None:
 
 
 def _read_lengths(text: str) -> str:
-    """Lengths in rem in px, and sums (calc) worked out where their units allow it."""
+    """Read lengths in rem in px, and sums (calc) worked out where their units allow it."""
     text = re.sub(r"(?<![\w.])([\d.]+)rem\b", lambda m: f"{16 * float(m[1]):g}px", text)
     for _ in range(_DEEPEST):  # the innermost first
         text, changed = re.subn(
@@ -346,7 +346,7 @@ def _work_out(match: re.Match[str]) -> str:
 
 
 def _evaluate(node: ast.expr) -> float:
-    """The value of an expression of numbers and + - * /; KeyError or ValueError where it is another."""
+    """Give the value of an expression of numbers and + - * /; KeyError or ValueError where it is another."""
     if isinstance(node, ast.Constant) and isinstance(node.value, int | float):
         return float(node.value)
     if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
@@ -357,7 +357,7 @@ def _evaluate(node: ast.expr) -> float:
 
 
 def _expand_font(text: str) -> dict[str, str]:
-    """The parts of the shorthand `font`."""
+    """Return the parts of the shorthand `font`."""
     found = _FONT.fullmatch(text.strip())
     if found is None:
         return {}

@@ -33,7 +33,7 @@ class UnreadableError(ValueError):
 
 
 def as_function(name: str, value: str) -> str:
-    """A property such as `rotate: z 30deg` as the function of the same name."""
+    """Return a property such as `rotate: z 30deg` as the function of the same name."""
     parts = value.replace(",", " ").split()
     if name == "rotate" and len(parts) > 1:
         axis = " ".join(p for p in parts if not p.lower().endswith(tuple(_ANGLES)[1:]))
@@ -49,7 +49,7 @@ def as_function(name: str, value: str) -> str:
 
 
 def read_list(text: str, box: Box) -> Transform:
-    """The matrix of a list of transform functions, of SVG or CSS.
+    """Read the matrix of a list of transform functions, of SVG or CSS.
 
     Raises:
         UnreadableError: a function or an argument is not known.
@@ -96,7 +96,7 @@ def _read_function(name: str, arguments: str, box: Box) -> Transform:
 
 
 def spread(text: str) -> list[str]:
-    """Numbers that follow each other unparted, as in 1-2.5.5."""
+    """Return numbers that follow each other unparted, as in 1-2.5.5."""
     if NUMBER.sub("", text).strip(" ,\t\r\n"):
         raise UnreadableError(text)
     return [m[0] for m in NUMBER.finditer(text)]

@@ -50,12 +50,12 @@ def looks_like_svg(data: bytes) -> bool:
 
 
 def local_name(element: Element) -> str:
-    """An element's name without its namespace."""
+    """Return an element's name without its namespace."""
     return str(element.tag).rpartition("}")[2]
 
 
 def unzip(data: bytes, what: str) -> bytes:
-    """A compressed SVG (.svgz) unpacked, other data as they are."""
+    """Return a compressed SVG (.svgz) unpacked, other data as they are."""
     if not data.startswith(b"\x1f\x8b"):
         return data
     packed = zlib.decompressobj(31)
@@ -75,7 +75,7 @@ def unzip(data: bytes, what: str) -> bytes:
 
 
 def _decode(data: bytes, what: str) -> str:
-    """The text of an XML file, without its declaration and blank lines before it."""
+    """Return the text of an XML file, without its declaration and blank lines before it."""
     data = data.lstrip(b" \t\r\n")
     mark = next((m for m in _BOMS if data.startswith(m)), None)
     said = _ENCODING.match(data)
@@ -198,7 +198,7 @@ def _bind_prefixes(text: str) -> str:
 
 
 def parse_svg(data: bytes, what: str) -> Element:
-    """The outermost element of an SVG file, all of whose drawing has SVG's namespace.
+    """Return the outermost element of an SVG file, all of whose drawing has SVG's namespace.
 
     Blank lines before the declaration, prefixes that are not declared and a namespace that is left out
     are mended. Internal entities are written out under a limit.

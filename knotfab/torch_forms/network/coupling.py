@@ -33,7 +33,7 @@ class Perceptron(nn.Module):
         self,
         uv: Tensor,  # [..., 2]
     ) -> Tensor:
-        """[..., 1]"""
+        """Return [..., 1]"""
         found: Tensor = self.out(torch.tanh(self.hidden(uv)))
         return found
 
@@ -78,7 +78,7 @@ class Coupling(nn.Module):
         return log.exp(), share * self.shift(uv)
 
     def _parts(self, points: Tensor, share: float) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """(u, v) [..., 2], w, its scale and its shift [..., 1]."""
+        """Return (u, v) [..., 2], w, its scale and its shift [..., 1]."""
         ordered = points[..., self.order]
         uv, w = ordered[..., :2], ordered[..., 2:]
         return uv, w, *self._affine(uv, share)
@@ -88,7 +88,7 @@ class Coupling(nn.Module):
         points: Tensor,  # [..., 3]
         share: float = 1.0,
     ) -> Tensor:
-        """[..., 3] mapped; with a `share` below 1 by that much of the way from the identity."""
+        """Return [..., 3] mapped; with a `share` below 1 by that much of the way from the identity."""
         uv, w, scale, shift = self._parts(points, share)
         return torch.cat([uv, w * scale + shift], -1)[..., self.back]
 
@@ -97,6 +97,6 @@ class Coupling(nn.Module):
         points: Tensor,  # [..., 3]
         share: float = 1.0,
     ) -> Tensor:
-        """[..., 3] mapped back."""
+        """Return [..., 3] mapped back."""
         uv, w, scale, shift = self._parts(points, share)
         return torch.cat([uv, (w - shift) / scale], -1)[..., self.back]

@@ -59,7 +59,7 @@ class CouplingNetwork(nn.Module):
         points: Tensor,  # [..., 3]
         share: float = 1.0,
     ) -> Tensor:
-        """[..., 3] mapped.
+        """Return [..., 3] mapped.
 
         `share` leads through homeomorphisms from the identity (0) to the network (1), continuously:
         an ambient isotopy.
@@ -73,7 +73,7 @@ class CouplingNetwork(nn.Module):
         points: Tensor,  # [..., 3]
         share: float = 1.0,
     ) -> Tensor:
-        """[..., 3] mapped back: `inverse(forward(x)) = x` up to rounding times the map's condition."""
+        """Return [..., 3] mapped back: `inverse(forward(x)) = x` up to rounding times the map's condition."""
         for layer in reversed(self.layers):
             assert isinstance(layer, Rigid | Coupling)
             points = layer.inverse(points, share)

@@ -9,7 +9,7 @@ __all__ = ["Rigid", "rotation"]
 
 
 def rotation(turn: Tensor) -> Tensor:
-    """The rotation matrix [3, 3] of the quaternion (1, turn) / |(1, turn)|, `turn` [3].
+    """Return the rotation matrix [3, 3] of the quaternion (1, turn) / |(1, turn)|, `turn` [3].
 
     Its axis is that of `turn`, its angle 2 atan |turn| (Cayley). Unlike Euler angles or an axis
     with an angle it has no singular place: every `turn` gives one rotation, smoothly.
@@ -39,7 +39,7 @@ class Rigid(nn.Module):
         points: Tensor,  # [..., 3]
         share: float = 1.0,
     ) -> Tensor:
-        """[..., 3] moved; with a `share` below 1 by that much of the way from the identity."""
+        """Return [..., 3] moved; with a `share` below 1 by that much of the way from the identity."""
         return points @ rotation(share * self.turn).T + share * self.shift
 
     def inverse(
@@ -47,5 +47,5 @@ class Rigid(nn.Module):
         points: Tensor,  # [..., 3]
         share: float = 1.0,
     ) -> Tensor:
-        """[..., 3] moved back."""
+        """Return [..., 3] moved back."""
         return (points - share * self.shift) @ rotation(share * self.turn)

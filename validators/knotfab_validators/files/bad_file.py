@@ -23,7 +23,7 @@ class BadFile(ValueError):
 
 
 def read_bytes(path: Path, most: int) -> bytes:
-    """The content of a regular file of at most `most` bytes; anything else would hang or never end.
+    """Read the content of a regular file of at most `most` bytes; anything else would hang or never end.
 
     Raises:
         BadFile: it is a folder, a device or a pipe, is too large, or cannot be read.

@@ -63,7 +63,7 @@ def bend_of(view: View) -> Bend | None:
 
 
 def bend_silhouette(mask: Mask, bend: Bend) -> Bent:
-    """The silhouette as its view has it drawn."""
+    """Return the silhouette as its view has it drawn."""
     height, width = mask.shape
     if bend.mirrored:
         mask = np.fliplr(mask)
@@ -85,7 +85,7 @@ def bend_silhouette(mask: Mask, bend: Bend) -> Bent:
 
 
 def _stretch(dx: Array, dy: Array) -> float:
-    """The largest factor by which a field changes a length, or its inverse; infinite where it folds."""
+    """Give the largest factor by which a field changes a length, or its inverse; infinite where it folds."""
     (xy, xx), (yy, yx) = np.gradient(dx), np.gradient(dy)
     jacobian = np.stack([1 + xx, xy, yx, 1 + yy], axis=-1).reshape(-1, 2, 2)
     if np.linalg.det(jacobian).min() <= 0:

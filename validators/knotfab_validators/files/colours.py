@@ -19,7 +19,7 @@ SHARP = 48.0  # levels between two colours within 2 px of where they meet
 
 
 def common_colours(pixels: NDArray[np.uint8]) -> tuple[NDArray[Any], NDArray[Any]]:
-    """The colours that a picture's clusters are named after, in bins of 8 levels, and their pixels.
+    """Return the colours that a picture's clusters are named after, in bins of 8 levels, and their pixels.
 
     Colours are taken by how common they are (the darker first of equals), each with all that are
     within 12 bins and not taken yet; those with at least half a per cent count.
@@ -50,7 +50,7 @@ def common_colours(pixels: NDArray[np.uint8]) -> tuple[NDArray[Any], NDArray[Any
 
 
 def middle_of_bin(place: NDArray[Any]) -> NDArray[np.float64]:
-    """(3,) the colour in the middle of a bin; the first and last bins stand for 0 and 255."""
+    """Return (3,) the colour in the middle of a bin; the first and last bins stand for 0 and 255."""
     middle = np.asarray(place, dtype=np.float64) * LEVELS + LEVELS / 2
     middle[place == 0], middle[place == SIDE - 1] = 0.0, 255.0
     return middle
@@ -125,7 +125,7 @@ def _between_others(largest: Mask, others: NDArray[Any]) -> Mask:
 
 
 def not_reached(barrier: Mask) -> Mask:
-    """All that the frame does not reach, from pixel to pixel along sides, without crossing the barrier."""
+    """Mark what the frame does not reach, from pixel to pixel along sides, without crossing the barrier."""
     from scipy import ndimage
 
     labels, _ = ndimage.label(np.pad(~barrier, 1, constant_values=True))
@@ -133,7 +133,7 @@ def not_reached(barrier: Mask) -> Mask:
 
 
 def _nearest(bins: NDArray[Any], named: NDArray[Any]) -> NDArray[Any]:
-    """(n,) the place in `named` (k, 3) that each of `bins` (n, 3) is nearest to."""
+    """Return (n,) the place in `named` (k, 3) that each of `bins` (n, 3) is nearest to."""
     best = np.full(len(bins), np.iinfo(np.int64).max)
     chosen = np.zeros(len(bins), dtype=np.int64)
     for k, colour in enumerate(named):

@@ -19,7 +19,7 @@ MOST_BYTES = 24_000_000  # 400,000 points; Python holds `[],` in thirty times it
 
 
 def read_knots(path: Path) -> Curves:
-    """The curves of a knots.json of schema 1.
+    """Read the curves of a knots.json of schema 1.
 
     Raises:
         BadFile: the file cannot be read, or is not such a file: the message names the knot and the
@@ -38,7 +38,7 @@ def read_knots(path: Path) -> Curves:
 
 
 def parse_knots(data: Any, name: str = "knots.json") -> Curves:
-    """The curves in the parsed content of a knots.json; raises BadFile as `read_knots` does."""
+    """Return the curves in the parsed content of a knots.json; raises BadFile as `read_knots` does."""
     from pydantic import ValidationError
 
     from knotfab_formats.knots import KnotsFile, why_no_knots

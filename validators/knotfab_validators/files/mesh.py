@@ -24,7 +24,7 @@ UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}
 
 
 def read_mesh(path: Path, unit: str = "mm", notes: list[str] | None = None) -> Mesh:
-    """The mesh of a file, all its bodies together; the content tells the format, then the name.
+    """Read the mesh of a file, all its bodies together; the content tells the format, then the name.
 
     A 3MF's objects are placed as its build items say, and its unit is brought to mm. The other
     formats know no unit: their numbers are of the given one (`UNITS_MM`).
@@ -81,7 +81,7 @@ def _corners(content: bytes, path: Path, notes: list[str]) -> Corners:
 
 
 def _corners_plain(content: bytes, name: str) -> Corners:
-    """The corners (n, 3, 3) that numpy's own format holds."""
+    """Return the corners (n, 3, 3) that numpy's own format holds."""
     try:
         corners = np.load(io.BytesIO(content), allow_pickle=False)
     except Exception as error:  # numpy reads the header as Python, and raises what that raises

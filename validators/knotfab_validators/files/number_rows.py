@@ -27,7 +27,7 @@ class Rows:
 
 
 def cut_rows(text: bytes) -> tuple[bytes, dict[int, Rows]]:
-    """The text without the rows that could be read, and these by the place in it of the tag before them.
+    """Give the text without the rows that could be read, and these by the place in it of the tag before them.
 
     Rows are `<vertex x="1.5" y="-2" z="0" />` within <vertices>, and `<triangle v1="0" v2="1" v3="2"/>`
     within <triangles>: plain decimals, no other attributes. Where anything else stands between two such
@@ -51,7 +51,7 @@ def cut_rows(text: bytes) -> tuple[bytes, dict[int, Rows]]:
 
 
 def _read_rows(rows: bytes, kind: str) -> NDArray[Any] | None:
-    """The numbers (n, 3) of rows; None where there is anything else."""
+    """Read the numbers (n, 3) of rows; None where there is anything else."""
     element, keys = KINDS[kind]
     first, second, third = keys.split()
     count = rows.count(b"<")

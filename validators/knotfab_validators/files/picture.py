@@ -48,7 +48,7 @@ def _plain() -> Reading:
 
 
 def read_silhouette(path: str | PathLike[str], reading: Reading | None = None) -> Mask:
-    """The silhouette (H, W) of a picture file, in the pixels of the picture, or of its crop.
+    """Read the silhouette (H, W) of a picture file, in the pixels of the picture, or of its crop.
 
     Where the picture has transparency, opaque pixels (alpha at least the threshold, of 255) less the
     parts that the largest colour encloses of others; otherwise the pixels whose colour differs from the
@@ -103,7 +103,7 @@ def read_greys(path: str | PathLike[str], reading: Reading | None = None) -> Arr
 
 
 def read_colours(path: Path, size: tuple[int, int], drawn: tuple[int, int]) -> NDArray[np.uint8]:
-    """A picture in sRGB (H, W, 3), on white where it is transparent, resampled to `size`, width and height.
+    """Read a picture in sRGB (H, W, 3), on white if transparent, resampled to `size`, width and height.
 
     Args:
         drawn: width and height of the masks that it was taken apart into; it must be as large.
@@ -122,7 +122,7 @@ def read_colours(path: Path, size: tuple[int, int], drawn: tuple[int, int]) -> N
 
 @contextmanager
 def _opened(picture: Path, reading: Reading) -> Iterator[Image.Image]:
-    """A picture file, upright, and cropped as `reading` says; its errors are PictureErrors."""
+    """Yield a picture file, upright, and cropped as `reading` says; its errors are PictureErrors."""
     if picture.exists() and not picture.is_file():  # a pipe or a device may never end
         raise PictureError(f"{picture}: is not a plain file")
     try:
@@ -219,14 +219,14 @@ def _is_stray(values: NDArray[Any], alpha: NDArray[np.uint8], reading: Reading) 
 
 
 def _outermost(values: NDArray[Any]) -> NDArray[Any]:
-    """(n, channels) the pixels at the frame, each once."""
+    """Return (n, channels) the pixels at the frame, each once."""
     return np.concatenate([values[0], values[-1], values[1:-1, 0], values[1:-1, -1]])
 
 
 def _far(
     values: NDArray[Any], colours: list[Array], share: float, never: Mask | None = None
 ) -> Mask:
-    """Pixels whose squared difference from the nearest colour is more than a share of the largest."""
+    """Return pixels whose squared difference from the nearest colour is more than a share of the largest."""
     rows = [
         np.min([_squares(values[block], colour) for colour in colours], axis=0)
         for block in _blocks(values)
@@ -238,7 +238,7 @@ def _far(
 
 
 def _by_brightness(values: NDArray[Any], there: Mask, reading: Reading) -> Mask:
-    """Pixels on the darker or lighter side; where the picture is clear there is none."""
+    """Return pixels on the darker or lighter side; where the picture is clear there is none."""
     if values.shape[2] == 1:
         bright, most = values[..., 0].astype(np.int64), 255 if values.dtype == np.uint8 else 65535
     else:
@@ -253,7 +253,7 @@ def _by_brightness(values: NDArray[Any], there: Mask, reading: Reading) -> Mask:
 
 
 def _without_small(mask: Mask, least: int, joined: Mask, frame_counts: bool = False) -> Mask:
-    """The mask without parts of fewer pixels; those at the frame stay where they reach beyond it."""
+    """Return the mask without parts of fewer pixels; those at the frame stay where they reach beyond it."""
     parts, count = ndimage.label(np.pad(mask, 1, constant_values=frame_counts), joined)
     sizes = np.bincount(parts.ravel(), minlength=count + 1)
     stays = sizes >= least
@@ -264,7 +264,7 @@ def _without_small(mask: Mask, least: int, joined: Mask, frame_counts: bool = Fa
 
 
 def _largest(mask: Mask, count: int) -> Mask:
-    """Its largest parts; of equals those that come first, row by row."""
+    """Return its largest parts; of equals those that come first, row by row."""
     parts, found = ndimage.label(mask, EIGHT)
     sizes = np.bincount(parts.ravel(), minlength=found + 1)[1:]
     by_size = sorted(range(1, found + 1), key=lambda part: (-sizes[part - 1], part))
@@ -272,7 +272,7 @@ def _largest(mask: Mask, count: int) -> Mask:
 
 
 def _blocks(values: NDArray[Any]) -> list[slice]:
-    """Some rows at a time: squares are exact, and a picture may have 8000 x 8000 pixels."""
+    """Yield some rows at a time: squares are exact, and a picture may have 8000 x 8000 pixels."""
     step = max(1, ROWS_AT_ONCE // values.shape[1])
     return [slice(i, i + step) for i in range(0, len(values), step)]
 

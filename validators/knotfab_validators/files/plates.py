@@ -37,13 +37,13 @@ class Plate:
         return int(self.body.max()) + 1
 
     def in_part(self, points: Array, body: Ints) -> Array:
-        """Points (n, 3) of the plate, on the bodies (n,), where they are in the part."""
+        """Return points (n, 3) of the plate, on the bodies (n,), where they are in the part."""
         motion = self.to_part[body.clip(max=len(self.to_part) - 1)]
         moved: Array = np.einsum("nij,nj->ni", motion[:, :3, :3], points) + motion[:, :3, 3]
         return moved
 
     def places(self, points: Array) -> Array:
-        """(n, 3) the same, of points anywhere on the plate: each goes with its nearest vertex."""
+        """Return (n, 3) the same, of points anywhere on the plate: each goes with its nearest vertex."""
         from scipy.spatial import cKDTree
 
         _, nearest = cKDTree(self.mesh.vertices).query(points)
@@ -51,7 +51,7 @@ class Plate:
 
 
 def read_plates(folder: Path, scene: Scene) -> list[Plate]:
-    """The plates that the scene names, from `folder`.
+    """Read the plates that the scene names, from `folder`.
 
     Raises:
         BadFile: a plate cannot be read.
@@ -60,7 +60,7 @@ def read_plates(folder: Path, scene: Scene) -> list[Plate]:
 
 
 def read_table(folder: Path, scene: Scene) -> list[Plate]:
-    """The plates of the frame that holds lamps; `to_part` takes their bodies to the scene."""
+    """Read the plates of the frame that holds lamps; `to_part` takes their bodies to the scene."""
     return _read(folder, scene.lamps.table)
 
 

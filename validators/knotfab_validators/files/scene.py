@@ -60,7 +60,7 @@ class Scene(AskedScene):
 
 
 def read_scene(path: Path) -> Scene:
-    """The scene of a scene.toml of schema 1; keys that are absent have their documented defaults.
+    """Read the scene of a scene.toml of schema 1; keys that are absent have their documented defaults.
 
     Raises:
         BadFile: the file cannot be read, or a key has an impossible value.
@@ -78,7 +78,7 @@ def read_scene(path: Path) -> Scene:
 def parse_scene(
     data: dict[str, Any], name: str = "scene.toml", folder: Path | None = None
 ) -> Scene:
-    """The scene in the parsed content of a scene.toml; raises BadFile as `read_scene` does.
+    """Return the scene in the parsed content of a scene.toml; raises BadFile as `read_scene` does.
 
     Args:
         folder: where the mesh of a region lies; None: it is not read.
@@ -115,14 +115,14 @@ def parse_scene(
 
 
 def _rigid(pose: Pose, name: str, shrinks_to: float) -> Pose:
-    """The pose less what the material shrinks, and the plates with the names of their files."""
+    """Return the pose less what the material shrinks, and the plates with the names of their files."""
     plates = _placed(pose.plates, f"{name}: [pose] plates", "plate")
     matrix = _motion(pose.matrix, f"{name}: [pose] matrix", shrinks_to)
     return Pose.model_construct(matrix=matrix, plates=plates)
 
 
 def _placed(plates: tuple[Plate, ...], where: str, stem: str) -> tuple[Plate, ...]:
-    """Plates with the names of their files, each beside the scene, and rigid motions."""
+    """Return plates with the names of their files, each beside the scene, and rigid motions."""
     found = []
     for number, plate in enumerate(plates, start=1):
         file = plate.file or f"{stem}-{number}.3mf"
@@ -134,7 +134,7 @@ def _placed(plates: tuple[Plate, ...], where: str, stem: str) -> tuple[Plate, ..
 
 
 def _motion(rows: Matrix, what: str, scale: float = 1.0) -> Matrix:
-    """The rigid motion in one that scales so much besides, given as 4 rows of 4 numbers."""
+    """Return the rigid motion in one that scales so much besides, given as 4 rows of 4 numbers."""
     matrix = np.array(rows, dtype=np.float64)
     matrix[:3, :3] /= scale
     turn = matrix[:3, :3]
@@ -151,7 +151,7 @@ def _motion(rows: Matrix, what: str, scale: float = 1.0) -> Matrix:
 
 
 def read_region_mesh(path: Path, where: str) -> Mesh:
-    """The closed mesh of an STL file, in mm.
+    """Read the closed mesh of an STL file, in mm.
 
     Args:
         where: how an error names the key of the scene.

@@ -43,7 +43,7 @@ def _length(content: bytes) -> int:
 
 
 def corners_stl(content: bytes, name: str, notes: list[str] | None = None) -> Corners:
-    """(m, 3, 3) corners as stored: single precision when binary.
+    """Return (m, 3, 3) corners as stored: single precision when binary.
 
     The length decides before the first word, since some binary files begin with `solid` too. Up to
     `MOST_BEHIND` bytes behind a binary file's last triangle are no triangles, and are passed over with a
@@ -76,7 +76,7 @@ def corners_stl(content: bytes, name: str, notes: list[str] | None = None) -> Co
 
 
 def _corners_text(content: bytes, name: str) -> Corners:
-    """(m, 3, 3) corners of an STL file of words; several solids may follow each other."""
+    """Return (m, 3, 3) corners of an STL file of words; several solids may follow each other."""
     numbers, at, inside = array("d"), 0, False
     while True:
         if facet := TEXT_FACET.match(content, at):

@@ -10,7 +10,7 @@ __all__ = ["widen_strokes"]
 
 
 def widen_strokes(mask: Mask, width_px: float) -> Mask:
-    """The mask with a disc of this width about each point of the middle lines of its thin strokes.
+    """Return the mask with a disc of this width about each point of the middle lines of its thin strokes.
 
     A stroke is what no such disc inside the mask covers, where it goes further from what they cover than
     half the width. On its middle line no neighbour lies 0.7 px further in.
@@ -36,7 +36,7 @@ def widen_strokes(mask: Mask, width_px: float) -> Mask:
 
 
 def _within(mask: Mask, reach: float) -> Mask:
-    """Pixels whose middle is at most so far from one of the mask."""
+    """Return pixels whose middle is at most so far from one of the mask."""
     from scipy import ndimage
 
     if not mask.any():

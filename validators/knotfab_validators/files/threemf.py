@@ -48,7 +48,7 @@ def is_3mf(content: bytes) -> bool:
 
 
 def corners_3mf(content: bytes, name: str, notes: list[str] | None = None) -> Corners:
-    """(m, 3, 3) corners of the faces that the build items print, mm, in the file's order.
+    """Return (m, 3, 3) corners of the faces that the build items print, mm, in the file's order.
 
     Support objects, items that are not printable and the modifiers of a slicer's project are left out, and
     `notes` gets a sentence that says so.
@@ -76,7 +76,7 @@ def corners_3mf(content: bytes, name: str, notes: list[str] | None = None) -> Co
 
 
 def _open(content: bytes, name: str) -> zipfile.ZipFile:
-    """The opened archive; refuses too many entries, equal names, and names that lead out of it."""
+    """Return the opened archive; refuses too many entries, equal names, and names that lead out of it."""
     if (entries := content.count(ENTRY)) > 10_000:  # before each costs a kilobyte
         raise BadFile(f"{name}: has some {entries} entries, too many for a 3MF")
     archive = zipfile.ZipFile(io.BytesIO(content))
@@ -147,7 +147,7 @@ class _Package:
         )
 
     def _blocks(self, part: str) -> Iterator[bytes]:
-        """An entry's bytes, counted as they come: what an archive says of its sizes proves nothing."""
+        """Yield an entry's bytes, counted as they come: what an archive says of its sizes proves nothing."""
         entry = self.entries.get(part)
         if entry is None:
             raise BadFile(f"{self.name}: is not a 3MF file: it has no {short(part)}")
@@ -182,7 +182,7 @@ class _Package:
         return shape
 
     def _cost(self, part: str, number: int, depth: int) -> tuple[int, int]:
-        """Triangles and placed objects of an object with all its components; each is counted once.
+        """Return triangles and placed objects of an object with all its components; each is counted once.
 
         Components within themselves are found by their depth.
         """
@@ -226,7 +226,7 @@ class _Package:
 
 
 def _part(path: str | None, here: str) -> str:
-    """An entry's name as it is looked up (without regard to case); None: where the reference stands."""
+    """Give an entry's name as it is looked up (without regard to case); None: where the reference stands."""
     return here if path is None else path.lower().removeprefix("/")
 
 

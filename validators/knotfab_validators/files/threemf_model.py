@@ -128,7 +128,7 @@ class Model:
 
 
 def read_model(blocks: Iterable[bytes], name: str) -> Model:
-    """The model in the XML that comes in blocks.
+    """Read the model in the XML that comes in blocks.
 
     The long rows of vertices and triangles are read apart where they are written the usual way, which is ten
     times as fast as an element at a time, and are taken in where expat comes to the tag before them; where
@@ -162,7 +162,7 @@ def read_model(blocks: Iterable[bytes], name: str) -> Model:
 
 
 def _gather(stream: Iterator[bytes]) -> bytes:
-    """The first blocks together, all of them or somewhat more than `MOST_AT_ONCE` bytes."""
+    """Return the first blocks together, all of them or somewhat more than `MOST_AT_ONCE` bytes."""
     taken, size = [], 0
     for block in stream:
         taken.append(block)
@@ -173,12 +173,12 @@ def _gather(stream: Iterator[bytes]) -> bytes:
 
 
 def _slice(text: bytes) -> Iterator[bytes]:
-    """The text in blocks: a tag without an end is noticed by how much has been fed since it began."""
+    """Return the text in blocks: a tag without an end is noticed by how much has been fed since it began."""
     return (text[k : k + BLOCK] for k in range(0, len(text), BLOCK))
 
 
 def read_relations(blocks: Iterable[bytes], name: str) -> str:
-    """The part of the package where reading starts, of the XML of `_rels/.rels`; "" where it names none.
+    """Read the part of the package where reading starts, of the XML of `_rels/.rels`; "" where it names none.
 
     Raises:
         BadFile: it leads out of the package, or names several.
@@ -252,7 +252,7 @@ class _Reader:
         self.told: set[str] = set()
 
     def watch(self, parser: Any) -> None:
-        """The parser, which knows at which byte it is."""
+        """Take the parser, which knows at which byte it is."""
         self.parser = parser
 
     def declare(self, prefix: str, uri: str) -> None:
@@ -288,7 +288,7 @@ class _Reader:
             raise BadFile(f"{self.name}: its XML is nested more than {DEEPEST} deep")
 
     def _take_rows(self, tag: str) -> None:
-        """The rows that were cut out behind this tag, if any were."""
+        """Take the rows that were cut out behind this tag, if any were."""
         rows = self.rows.get(self.parser.CurrentByteIndex)
         if rows is None or tag != f"{CORE} {rows.kind}":
             return

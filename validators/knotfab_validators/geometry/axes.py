@@ -10,7 +10,7 @@ __all__ = ["view_axes"]
 
 
 def view_axes(azimuth_deg: float, elevation_deg: float) -> Array:
-    """(3, 3) rows right, up and towards the light, in the scene; x, y and z where both angles are 0."""
+    """Give (3, 3) rows right, up and towards the light, in the scene; x, y and z where both angles are 0."""
     a, e = np.radians(azimuth_deg), np.radians(elevation_deg)
     return np.array(
         [

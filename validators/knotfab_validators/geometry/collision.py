@@ -13,7 +13,7 @@ __all__ = ["collision_body", "collision_distance"]
 
 
 def collision_body(mesh: Mesh) -> Any:
-    """The mesh as FCL holds it; its triangles may be edges (two equal corners)."""
+    """Return the mesh as FCL holds it; its triangles may be edges (two equal corners)."""
     import fcl
 
     model = fcl.BVHModel()
@@ -24,7 +24,7 @@ def collision_body(mesh: Mesh) -> Any:
 
 
 def collision_distance(one: Any, other: Any) -> tuple[float, Array]:
-    """Least distance between two bodies, 0 where they cross, and the nearest points (2, 3) of them."""
+    """Return least distance between two bodies, 0 where they cross, and the nearest points (2, 3) of them."""
     import fcl
 
     request, result = fcl.DistanceRequest(enable_nearest_points=True), fcl.DistanceResult()

@@ -68,7 +68,7 @@ class Curves:
         return tuple(np.bincount(self.edges.curve, length, minlength=len(self.polygons)).tolist())
 
     def scaled(self, share: float) -> Curves:
-        """The same curves, radii and members at a share of every length."""
+        """Return the same curves, radii and members at a share of every length."""
         return replace(
             self,
             polygons=tuple(share * polygon for polygon in self.polygons),
@@ -86,7 +86,7 @@ class Curves:
 
 
 def edges_of(polygons: Sequence[Array], closed: Sequence[bool] | None = None) -> CurveEdges:
-    """The edges of polygons (n, 3), in their order; `closed`: all by default.
+    """Return the edges of polygons (n, 3), in their order; `closed`: all by default.
 
     A closed polygon's last edge leads to its first point; an open one has no such edge.
     """

@@ -55,7 +55,7 @@ def _count_met(low: Array, high: Array, face: int) -> int:
 
 
 def overlapping_boxes(mesh: Mesh) -> float:
-    """About how many pairs of faces have bounding boxes that overlap, from a few faces of every size.
+    """Return about how many pairs of faces have bounding boxes that overlap, from a few faces of every size.
 
     A few long faces aslant may have more overlaps than all others together: by size the faces are told
     apart in layers, each 16 times as many as the one before.

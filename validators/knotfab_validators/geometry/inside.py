@@ -14,7 +14,7 @@ __all__ = ["surface_distance", "winding_numbers"]
 
 
 def surface_distance(points: Array, mesh: Mesh) -> Array:
-    """(n,) distance of points (n, 3) from the nearest face, mm."""
+    """Return (n,) distance of points (n, 3) from the nearest face, mm."""
     from igl import point_mesh_squared_distance
 
     square = point_mesh_squared_distance(*_contiguous(points, mesh.vertices, mesh.faces))[0]
@@ -22,7 +22,7 @@ def surface_distance(points: Array, mesh: Mesh) -> Array:
 
 
 def winding_numbers(points: Array, mesh: Mesh, *, exact: bool = True) -> Array:
-    """(n,) generalised winding numbers of points (n, 3): in matter of a closed mesh 1, outside 0.
+    """Return (n,) generalised winding numbers of points (n, 3): in matter of a closed mesh 1, outside 0.
 
     Exact ones sum up the solid angles of all faces; the others have an error of about a thousandth,
     and more near the surface (Barill et al., "Fast winding numbers for soups and clouds", ACM TOG

@@ -99,13 +99,13 @@ def _number_equal(rows: NDArray[np.uint64]) -> tuple[Ints, Ints]:
 
 
 def bound_triangles(a: Array, b: Array, c: Array) -> tuple[Array, Array]:
-    """The least and the greatest coordinates (m, k) of triangles with these corners, each (m, k)."""
+    """Return the least and the greatest coordinates (m, k) of triangles with these corners, each (m, k)."""
     # much faster than numpy's own minimum along so short an axis
     return np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
 
 
 def corner_faces(mesh: Mesh) -> tuple[Ints, Ints]:
-    """Faces around each vertex: `faces` (3 m,) and `first` (n + 1,), where each vertex's begin."""
+    """Return faces around each vertex: `faces` (3 m,) and `first` (n + 1,), where each vertex's begin."""
     corner = mesh.faces.reshape(-1)
     order = np.argsort(corner, kind="stable")
     count = np.bincount(corner, minlength=len(mesh.vertices))
@@ -113,7 +113,7 @@ def corner_faces(mesh: Mesh) -> tuple[Ints, Ints]:
 
 
 def connect(start: Ints, end: Ints, count: int) -> tuple[Ints, int]:
-    """Connected components of a graph: the component (count,) of each node, and how many there are.
+    """Return connected components of a graph: the component (count,) of each node, and how many there are.
 
     Args:
         start, end: (k,) the nodes that each edge joins.
@@ -127,7 +127,7 @@ def connect(start: Ints, end: Ints, count: int) -> tuple[Ints, int]:
 
 
 def number_bodies(mesh: Mesh) -> tuple[Ints, int]:
-    """The connected surface (n,) of each vertex, in the order of their first faces; how many there are.
+    """Give the connected surface (n,) of each vertex, in the order of their first faces; how many there are.
 
     -1 for vertices that no face uses.
     """
@@ -146,5 +146,5 @@ def enclosed_volume(mesh: Mesh) -> float:
 
 
 def move_points(points: Array, motion: Array) -> Array:
-    """Points (n, 3) moved by a rigid motion (4, 4)."""
+    """Return points (n, 3) moved by a rigid motion (4, 4)."""
     return np.asarray(points @ motion[:3, :3].T + motion[:3, 3])

@@ -27,7 +27,7 @@ class SegmentBlocks:
 
 
 def segment_blocks(start: Array, end: Array, first: Ints) -> SegmentBlocks:
-    """Blocks of consecutive segments (n, 3); `first` (m,) is where each begins, ascending.
+    """Return blocks of consecutive segments (n, 3); `first` (m,) is where each begins, ascending.
 
     Coordinates should be relative to a point among them.
     """
@@ -44,7 +44,7 @@ def segment_blocks(start: Array, end: Array, first: Ints) -> SegmentBlocks:
 
 
 def near_segments(blocks: SegmentBlocks, i: Ints, j: Ints, limit: float) -> tuple[Ints, Ints]:
-    """Pairs of segments of blocks i and j (k,) that may be `limit` or less apart.
+    """Return pairs of segments of blocks i and j (k,) that may be `limit` or less apart.
 
     Left out are pairs whose lines are farther apart (the products of their Plücker coordinates),
     whose balls are, or one of which leaves the cylinder of the other's line. Each is a few matrix
@@ -59,7 +59,7 @@ def near_segments(blocks: SegmentBlocks, i: Ints, j: Ints, limit: float) -> tupl
 
 
 def _near(blocks: SegmentBlocks, a: Ints, b: Ints, limit: float) -> Mask:
-    """(k, b, b) of blocks a and b (k,)."""
+    """Return (k, b, b) of blocks a and b (k,)."""
     slack = ROUNDING * blocks.extent * max(blocks.extent, limit)
     u, v = blocks.unit[a], blocks.unit[b].transpose(0, 2, 1)
     p, q = blocks.centre[a], blocks.centre[b].transpose(0, 2, 1)

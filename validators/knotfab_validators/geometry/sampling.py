@@ -10,7 +10,7 @@ __all__ = ["cut_edges", "number_runs", "quarter_triangles"]
 
 
 def number_runs(count: Ints) -> tuple[Ints, Ints]:
-    """For runs of `count` (n,) entries in a row: the run of each entry, and its number in the run.
+    """Number the members of runs of lengths (n,): the run that each belongs to, and its number there.
 
     Both (sum of `count`,), from 0: counts (2, 0, 3) give (0, 0, 2, 2, 2) and (0, 1, 0, 1, 2).
     """
@@ -19,7 +19,7 @@ def number_runs(count: Ints) -> tuple[Ints, Ints]:
 
 
 def cut_edges(start: Array, end: Array, step: float) -> tuple[Ints, Array, Array]:
-    """Edges (n, 3) cut into equal pieces, of at most `step` and at least one an edge.
+    """Return edges (n, 3) cut into equal pieces, of at most `step` and at least one an edge.
 
     Returns:
         The edge of each piece, where on it the piece begins (0 to 1) and how much of it the piece is.
@@ -30,7 +30,7 @@ def cut_edges(start: Array, end: Array, step: float) -> tuple[Ints, Array, Array
 
 
 def quarter_triangles(corner: Array) -> Array:
-    """(4m, 3, 3) four triangles half as large in place of each triangle (m, 3, 3)."""
+    """Return (4m, 3, 3) four triangles half as large in place of each triangle (m, 3, 3)."""
     a, b, c = corner[:, 0], corner[:, 1], corner[:, 2]
     ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
     pieces = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]

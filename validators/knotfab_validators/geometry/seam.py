@@ -14,7 +14,7 @@ ALIKE = 0.2  # a share of the rims' radius, between their radii
 
 
 def sew_rims(mesh: Mesh) -> Mesh | None:
-    """A surface with two like rims in one place, closed by a strip of faces; None where it is not so.
+    """Return a surface with two like rims in one place, closed by a strip of faces; None where it is not so.
 
     VTK's tubes about closed lines are so: the rings at the seam are turned against each other.
 
@@ -36,7 +36,7 @@ def sew_rims(mesh: Mesh) -> Mesh | None:
 
 
 def _rims(mesh: Mesh) -> list[Ints]:
-    """The closed lines of half-edges without a twin, as vertices in their order; none where they branch."""
+    """Give closed lines of half-edges without a twin, as vertices in their order; none where they branch."""
     start, end = mesh.faces.reshape(-1), np.roll(mesh.faces, -1, axis=1).reshape(-1)
     count = np.int64(len(mesh.vertices))
     bare = ~np.isin(start * count + end, end * count + start)
@@ -58,7 +58,7 @@ def _rims(mesh: Mesh) -> list[Ints]:
 
 
 def _zip(one: Ints, other: Ints, a: Array, b: Array) -> Ints:
-    """The faces of a strip between two rings of vertices (n,) and (m,), at points a and b.
+    """Return the faces of a strip between two rings of vertices (n,) and (m,), at points a and b.
 
     Each step goes on along the ring of which the smaller share of the length is done.
     """

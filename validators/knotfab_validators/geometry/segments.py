@@ -10,7 +10,7 @@ __all__ = ["nearest_on_segment", "nearest_on_two", "point_segment", "segment_seg
 
 
 def nearest_on_segment(points: Array, start: Array, end: Array) -> Array:
-    """The nearest point (n, 3) of each segment to a point (n, 3); a segment may have no length."""
+    """Return the nearest point (n, 3) of each segment to a point (n, 3); a segment may have no length."""
     span = end - start
     square = np.einsum("ij,ij->i", span, span)
     along = np.einsum("ij,ij->i", points - start, span) / np.where(square > 0, square, 1.0)
@@ -18,12 +18,12 @@ def nearest_on_segment(points: Array, start: Array, end: Array) -> Array:
 
 
 def point_segment(points: Array, start: Array, end: Array) -> Array:
-    """Distances (n,) of points (n, 3) from segments."""
+    """Return distances (n,) of points (n, 3) from segments."""
     return _length(points - nearest_on_segment(points, start, end))
 
 
 def nearest_on_two(a: Array, b: Array, c: Array, d: Array) -> tuple[Array, Array]:
-    """The nearest points (n, 3) of the segments a b and c d (Ericson, "Real-time collision detection",
+    """Return the nearest points (n, 3) of the segments a b and c d (Ericson, "Real-time collision detection",
     2005, 5.1.9). Of parallel ones some pair of nearest points, up to rounding.
     """
     u, v, w = b - a, d - c, c - a
@@ -37,7 +37,7 @@ def nearest_on_two(a: Array, b: Array, c: Array, d: Array) -> tuple[Array, Array
 
 
 def segment_segment(a: Array, b: Array, c: Array, d: Array) -> Array:
-    """Distances (n,) between segments a b and c d: inside to inside, or at an end.
+    """Return distances (n,) between segments a b and c d: inside to inside, or at an end.
 
     The ends are measured too, for rounding moves the nearest points of nearly parallel segments.
     """

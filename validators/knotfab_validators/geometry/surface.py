@@ -53,7 +53,7 @@ class Surface:
 
 
 def survey(mesh: Mesh) -> Surface:
-    """Edges, corners, bodies, genera and volumes of a mesh with finite vertices and some faces.
+    """Return edges, corners, bodies, genera and volumes of a mesh with finite vertices and some faces.
 
     The genus g follows from V - E + F = 2 - 2g of each body, the volume from the divergence
     theorem: a sixth of the sum of det(a, b, c) over its faces.
@@ -97,12 +97,12 @@ def survey(mesh: Mesh) -> Surface:
 
 
 def flat_faces(mesh: Mesh) -> Ints:
-    """Faces without an area: a corner twice, or three corners in a line (but for rounding)."""
+    """Return faces without an area: a corner twice, or three corners in a line (but for rounding)."""
     return np.flatnonzero(find_flat(mesh.vertices, mesh.faces, FLAT))
 
 
 def duplicate_faces(mesh: Mesh) -> Ints:
-    """Faces whose three corners are exactly an earlier face's, in any order.
+    """Return faces whose three corners are exactly an earlier face's, in any order.
 
     A hash of each corner's coordinates, added up over the face, finds the candidates; they are
     then compared by their coordinates.
@@ -125,7 +125,7 @@ def duplicate_faces(mesh: Mesh) -> Ints:
 
 
 def _scramble(x: NDArray[np.uint64]) -> NDArray[np.uint64]:
-    """Scrambles 64 bits (the finalizer of SplitMix64: Steele, Lea and Flood, OOPSLA 2014)."""
+    """Scramble 64 bits (the finalizer of SplitMix64: Steele, Lea and Flood, OOPSLA 2014)."""
     x = x + np.uint64(0x9E3779B97F4A7C15)
     x = (x ^ (x >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     x = (x ^ (x >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
@@ -133,7 +133,7 @@ def _scramble(x: NDArray[np.uint64]) -> NDArray[np.uint64]:
 
 
 def _find_pinched(faces: Ints, one: Ints, other: Ints, count: int) -> Ints:
-    """Vertices whose faces form more than one fan; `one` and `other` are paired half-edges.
+    """Find vertices whose faces form more than one fan; `one` and `other` are paired half-edges.
 
     Half-edge 3f + i leads from corner i of face f to the next. From a half-edge one turns about
     its start to the twin of the half-edge before it; the round must meet every face there.

@@ -41,7 +41,7 @@ class _Edges:
 
 
 def circle_functions(mesh: Mesh) -> tuple[CircleFunction, CircleFunction]:
-    """The two harmonic functions of least energy from a closed oriented surface of genus 1 to the circle.
+    """Return two harmonic functions of least energy from a closed oriented surface of genus 1 to the circle.
 
     Of a long tube the first goes once along it, and hardly changes round it. A discrete harmonic 1-form
     of positive weights has no zero on such a surface (Gortler, Gotsman and Thurston, "Discrete one-forms
@@ -76,7 +76,7 @@ def _edges(mesh: Mesh) -> _Edges:
 
 
 def _weigh(mesh: Mesh, edges: _Edges) -> Array:
-    """(k,) half the sum of the two cotangents across each edge, kept positive."""
+    """Return (k,) half the sum of the two cotangents across each edge, kept positive."""
     corner = mesh.vertices[mesh.faces]
     one, other = np.roll(corner, -1, axis=1) - corner, np.roll(corner, 1, axis=1) - corner
     area = np.linalg.norm(np.cross(one, other), axis=2)
@@ -88,7 +88,7 @@ def _weigh(mesh: Mesh, edges: _Edges) -> Array:
 
 
 def _closed_forms(edges: _Edges, vertices: int) -> Array:
-    """(2, k) closed integer 1-forms, a basis of the surface's cohomology: by tree and cotree.
+    """Return (2, k) closed integer 1-forms, a basis of the surface's cohomology: by tree and cotree.
 
     A tree of the vertices, a tree of the faces across the other edges, and two edges in neither
     (Erickson and Whittlesey, "Greedy optimal homotopy and homology generators", SODA 2005). Each
@@ -98,7 +98,7 @@ def _closed_forms(edges: _Edges, vertices: int) -> Array:
     from scipy.sparse.csgraph import breadth_first_order
 
     def tree(one: Ints, other: Ints, number: Ints, count: int) -> tuple[Ints, Ints]:
-        """For each node the node before it on the way from the first, and the edge to it; -1: none."""
+        """Return for each node the node before it on the way from the first, and the edge to it; -1: none."""
         pair, first = np.unique(
             np.minimum(one, other) * np.int64(count) + np.maximum(one, other), return_index=True
         )
@@ -135,7 +135,7 @@ def _closed_forms(edges: _Edges, vertices: int) -> Array:
 
 
 def _solve(vertices: int, edges: _Edges, weight: Array, forms: Array) -> Array:
-    """(2, n) the functions whose differences make closed forms harmonic: a Laplace equation each."""
+    """Return (2, n) the functions whose differences make closed forms harmonic: a Laplace equation each."""
     from scipy.sparse import coo_matrix, diags
     from scipy.sparse.linalg import splu
 
@@ -151,7 +151,7 @@ def _solve(vertices: int, edges: _Edges, weight: Array, forms: Array) -> Array:
 
 
 def _reduce(gram: Array) -> tuple[Ints, Ints]:
-    """The two shortest independent pairs of integers by a quadratic form (2, 2): Gauss's reduction."""
+    """Return the two shortest independent pairs of integers by a quadratic form (2, 2): Gauss's reduction."""
     short, long = np.array([1, 0]), np.array([0, 1])
     for _ in range(100):
         if short @ gram @ short > long @ gram @ long:

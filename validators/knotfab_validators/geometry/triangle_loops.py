@@ -18,37 +18,37 @@ Triple = tuple[float, float, float]
 
 @compiled
 def _corner_of(rows: Array, k: int) -> Triple:
-    """Row k of (n, 3)."""
+    """Return row k of (n, 3)."""
     return rows[k, 0], rows[k, 1], rows[k, 2]
 
 
 @compiled
 def _minus(p: Triple, q: Triple) -> Triple:
-    """p - q."""
+    """Return p - q."""
     return p[0] - q[0], p[1] - q[1], p[2] - q[2]
 
 
 @compiled
 def _dot(p: Triple, q: Triple) -> float:
-    """The scalar product."""
+    """Return the scalar product."""
     return p[0] * q[0] + p[1] * q[1] + p[2] * q[2]
 
 
 @compiled
 def _cross(p: Triple, q: Triple) -> Triple:
-    """The vector product."""
+    """Return the vector product."""
     return (p[1] * q[2] - p[2] * q[1], p[2] * q[0] - p[0] * q[2], p[0] * q[1] - p[1] * q[0])
 
 
 @compiled
 def _step(p: Triple, far: float, along: Triple) -> Triple:
-    """p + far * along."""
+    """Return p + far * along."""
     return p[0] + far * along[0], p[1] + far * along[1], p[2] + far * along[2]
 
 
 @compiled
 def _from_segment(p: Triple, a: Triple, b: Triple) -> float:
-    """The distance of p from the segment a b, as `point_segment` has it."""
+    """Return the distance of p from the segment a b, as `point_segment` has it."""
     span = _minus(b, a)
     square = _dot(span, span)
     along = _dot(_minus(p, a), span) / (square if square > 0.0 else 1.0)
@@ -69,7 +69,7 @@ def _nearest_parameters(u: Triple, v: Triple, w: Triple) -> tuple[float, float]:
 
 @compiled
 def nearest_of_two(first: Array, second: Array) -> tuple[Array, Array, Array]:
-    """The distances of pairs of triangles (n, 3, 3), and the nearest points (n, 3) of each."""
+    """Return the distances of pairs of triangles (n, 3, 3), and the nearest points (n, 3) of each."""
     count = len(first)
     distance, near = np.empty(count), np.empty((2, count, 3))
     for k in range(count):
@@ -130,7 +130,7 @@ def find_flat(vertices: Array, faces: Ints, least: float) -> Mask:
 def nearest_edges(
     corners: Array, middle: Array, options: Ints, known: Mask, start: Array, end: Array
 ) -> tuple[Ints, Array, Array]:
-    """The nearest (m,) of the edges that a face may belong to, how far it is from its middle, and the
+    """Return the nearest (m,) of the edges that a face may belong to, how far it is from its middle, and the
     farthest of the face's corners from it.
 
     Args:

@@ -12,7 +12,7 @@ __all__ = ["point_triangle", "triangle_triangle", "triangles_cross"]
 
 
 def point_triangle(point: Array, triangle: Array) -> tuple[Array, Array]:
-    """Distances (n,) and nearest points (n, 3) of triangles (n, 3, 3) to points (n, 3)."""
+    """Return distances (n,) and nearest points (n, 3) of triangles (n, 3, 3) to points (n, 3)."""
     inner, foot = _inside(point, triangle)
     best, near = inner, foot
     for k in range(3):
@@ -22,7 +22,7 @@ def point_triangle(point: Array, triangle: Array) -> tuple[Array, Array]:
 
 
 def triangle_triangle(first: Array, second: Array) -> tuple[Array, Array, Array]:
-    """Distances (n,) and the nearest points (n, 3) of each of two lists of triangles (n, 3, 3).
+    """Return distances (n,) and the nearest points (n, 3) of each of two lists of triangles (n, 3, 3).
 
     The nearest points of two triangles that do not cross are a corner and a point inside the
     other, or lie on two edges: all 6 + 9 cases are computed.
@@ -60,7 +60,7 @@ def triangles_cross(first: Array, second: Array) -> Mask:
 
 
 def _inside(point: Array, triangle: Array) -> tuple[Array, Array]:
-    """Distance to the triangle's plane where the foot lies inside it, else infinity; the foot."""
+    """Return the distance to the triangle's plane where the foot lies inside it, else infinity; the foot."""
     a, u, v = triangle[:, 0], triangle[:, 1] - triangle[:, 0], triangle[:, 2] - triangle[:, 0]
     normal = np.cross(u, v)
     square = np.einsum("ij,ij->i", normal, normal)

@@ -23,7 +23,7 @@ LARGEST_PRIME = 2**31 - 1  # products of two remainders fit in 64 bits
 
 
 def alexander_polynomial(diagram: PlanarDiagram) -> Laurent:
-    """Δ(t) in one variable, 0 for every split link, made symmetric and positive.
+    """Return Δ(t) in one variable, 0 for every split link, made symmetric and positive.
 
     For a knot: Δ(1) = 1 and Δ(t) = Δ(1/t). For a link it is fixed up to sign and powers of t only:
     here the lowest exponent is 0 and the first coefficient positive.
@@ -50,7 +50,7 @@ def alexander_polynomial(diagram: PlanarDiagram) -> Laurent:
 
 
 def colouring_number(diagram: PlanarDiagram) -> int:
-    """±Δ(-1) modulo the prime 2^31 - 1, the smaller of the two: a quick look at large diagrams.
+    """Return ±Δ(-1) modulo the prime 2^31 - 1, the smaller of the two: a quick look at large diagrams.
 
     Not 1 for a knot: it is not the unknot. Not 0 for a link: it is not split.
     """
@@ -63,7 +63,7 @@ def colouring_number(diagram: PlanarDiagram) -> int:
 
 
 def colouring_remainder(determinant: int) -> int:
-    """The `colouring_number` of a knot with this determinant."""
+    """Return the `colouring_number` of a knot with this determinant."""
     value = determinant % LARGEST_PRIME
     return min(value, LARGEST_PRIME - value)
 
@@ -76,7 +76,7 @@ class _Wirtinger(tuple[Ints, Ints]):
 
 
 def _wirtinger(diagram: PlanarDiagram) -> _Wirtinger | None:
-    """The minor of Fox's matrix; None where it is empty or a component lies above all others."""
+    """Return the minor of Fox's matrix; None where it is empty or a component lies above all others."""
     count = len(diagram.crossings)
     if diagram.loops or not count:
         return None
@@ -106,14 +106,14 @@ def _wirtinger(diagram: PlanarDiagram) -> _Wirtinger | None:
 
 
 def _determinant_modulo(matrix: _Wirtinger, p: int) -> list[int]:
-    """Coefficients of the determinant modulo a prime, from its values at 0, 1, ..., n."""
+    """Return coefficients of the determinant modulo a prime, from its values at 0, 1, ..., n."""
     at = np.arange(len(matrix) + 1, dtype=np.int64)
     values = _determinants((matrix[0] + at[:, None, None] * matrix[1]) % p, p)
     return _interpolate([int(v) for v in values], p)
 
 
 def _determinants(matrices: Ints, p: int) -> Ints:
-    """Determinants modulo p of matrices (k, n, n), all at once."""
+    """Return determinants modulo p of matrices (k, n, n), all at once."""
     work = matrices.copy()
     many, size, _ = work.shape
     result = np.ones(many, dtype=np.int64)
@@ -138,12 +138,12 @@ def _determinants(matrices: Ints, p: int) -> Ints:
 
 
 def _invert(values: Ints, p: int) -> Ints:
-    """1 / v modulo p; 0 for 0."""
+    """Return 1 / v modulo p; 0 for 0."""
     return np.array([pow(int(v), -1, p) if v else 0 for v in values], dtype=np.int64)
 
 
 def _interpolate(values: list[int], p: int) -> list[int]:
-    """Coefficients modulo p of the polynomial with these values at 0, 1, ... (Newton)."""
+    """Return coefficients modulo p of the polynomial with these values at 0, 1, ... (Newton)."""
     differences = list(values)
     for step in range(1, len(values)):
         inverse = pow(step, -1, p)
@@ -160,7 +160,7 @@ def _interpolate(values: list[int], p: int) -> list[int]:
 
 
 def _combine(residues: list[list[int]], primes: list[int]) -> list[int]:
-    """Whole numbers from their remainders, of the smallest size (Chinese remainder theorem)."""
+    """Return whole numbers from their remainders, of the smallest size (Chinese remainder theorem)."""
     product = math.prod(primes)
     weights = [product // p * pow(product // p, -1, p) for p in primes]
     result = []
@@ -171,7 +171,7 @@ def _combine(residues: list[list[int]], primes: list[int]) -> list[int]:
 
 
 def _prime_below(n: int) -> int:
-    """The largest prime below n (of some 31 bits), by trial division."""
+    """Return the largest prime below n (of some 31 bits), by trial division."""
     while True:
         n -= 1
         if all(n % d for d in (2, 3, 5, 7)) and _is_prime(n):
@@ -179,7 +179,7 @@ def _prime_below(n: int) -> int:
 
 
 def _is_prime(n: int) -> bool:
-    """Miller and Rabin's test with the bases 2, 3, 5, 7, which decide below 3.2e9 (Jaeschke 1993)."""
+    """Return miller and Rabin's test with the bases 2, 3, 5, 7, which decide below 3.2e9 (Jaeschke 1993)."""
     odd, twos = n - 1, 0
     while odd % 2 == 0:
         odd, twos = odd // 2, twos + 1

@@ -44,7 +44,7 @@ class Floer:
         return sum(rank for (a, _), rank in self.ranks if a == self.genus) == 1
 
     def euler(self) -> Laurent:
-        """Alternating sum of the ranks, which is the Alexander polynomial."""
+        """Return alternating sum of the ranks, which is the Alexander polynomial."""
         genus = self.genus
         sums = [0] * (2 * genus + 1)
         for (alexander, maslov), rank in self.ranks:
@@ -58,11 +58,11 @@ class Floer:
         return all(ranks.get((-a, m - 2 * a)) == rank for (a, m), rank in self.ranks)
 
     def mirror(self) -> Floer:
-        """The homology of the mirror image."""
+        """Return the homology of the mirror image."""
         return Floer(tuple(sorted(((-a, -m), rank) for (a, m), rank in self.ranks)))
 
     def __mul__(self, other: Floer) -> Floer:
-        """The homology of the sum of two knots."""
+        """Return the homology of the sum of two knots."""
         sums: dict[tuple[int, int], int] = {}
         for (a, m), rank in self.ranks:
             for (b, n), more in other.ranks:
@@ -71,7 +71,7 @@ class Floer:
 
 
 def floer_homology(diagram: PlanarDiagram, alexander: Laurent) -> Floer | None:
-    """The homology of a knot's simplified diagram (`planar_diagram.simplify`), or None.
+    """Return the homology of a knot's simplified diagram (`planar_diagram.simplify`), or None.
 
     None means: too many crossings, a rank too large (the coefficients of the Alexander polynomial
     bound it from below), or the program is not installed or refuses. It errs on diagrams that fall

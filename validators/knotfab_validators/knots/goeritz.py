@@ -17,7 +17,7 @@ Corner = tuple[int, int]  # (crossing, side): the face between that side and the
 
 
 def determinant_and_signature(diagram: PlanarDiagram) -> tuple[int, int]:
-    """Determinant and signature of a knot's diagram: (3, -2) for the right-handed trefoil."""
+    """Return the determinant and signature of a knot's diagram: (3, -2) for the right-handed trefoil."""
     if not diagram.crossings:
         return 1, 0
     face = faces(diagram)
@@ -44,7 +44,7 @@ def determinant_and_signature(diagram: PlanarDiagram) -> tuple[int, int]:
 
 
 def _inertia(matrix: list[list[int]], correction: int) -> tuple[int, int]:
-    """|det| and signature, less the correction, by exact symmetric elimination."""
+    """Return |det| and signature, less the correction, by exact symmetric elimination."""
     rows = [[Fraction(x) for x in row] for row in matrix]
     size, determinant, signature = len(rows), Fraction(1), 0
     for k in range(size):

@@ -114,7 +114,7 @@ def _identify_diagram(diagram: PlanarDiagram, places: Array) -> Identity:
 
 
 def _sum_of_parts(diagram: PlanarDiagram, places: Array) -> Knot | None:
-    """The sum of its diagram's summands where each of these is proved; None where it shows none."""
+    """Return the sum of its diagram's summands where each of these is proved; None where it shows none."""
     parts = summands(diagram)
     if len(parts) < 2:
         return None

@@ -33,7 +33,7 @@ class Invariants:
     floer: Floer | None
 
     def mirror(self) -> Invariants:
-        """The invariants of the mirror image."""
+        """Return the invariants of the mirror image."""
         return Invariants(
             self.alexander,
             -self.signature,
@@ -42,7 +42,7 @@ class Invariants:
         )
 
     def __mul__(self, other: Invariants) -> Invariants:
-        """The invariants of the sum of two knots."""
+        """Return the invariants of the sum of two knots."""
         both_jones = self.jones is not None and other.jones is not None
         both_floer = self.floer is not None and other.floer is not None
         return Invariants(
@@ -93,7 +93,7 @@ UNKNOT = Invariants(Laurent(0, (1,)), 0, Laurent(0, (1,)), Floer((((0, 0), 1),))
 
 
 def invariants(diagram: PlanarDiagram) -> Invariants:
-    """All invariants of a knot's diagram, of some 60 crossings at most once it is simplified.
+    """Return all invariants of a knot's diagram, of some 60 crossings at most once it is simplified.
 
     Raises:
         Disagreement: the Alexander polynomial is not what Floer homology or Goeritz' matrix say.

@@ -21,7 +21,7 @@ A_SMOOTHING, B_SMOOTHING = (1, 0, 3, 2), (3, 2, 1, 0)
 
 
 def jones_polynomial(diagram: PlanarDiagram) -> Laurent | None:
-    """V(t) with the exponents of t doubled: 2 stands for t, 1 for its square root.
+    """Return V(t) with the exponents of t doubled: 2 stands for t, 1 for its square root.
 
     1 for the unknot, t + t^3 - t^4 for the right-handed trefoil; exponents are odd for an even
     number of components. None where it would take too long.
@@ -39,8 +39,8 @@ def jones_polynomial(diagram: PlanarDiagram) -> Laurent | None:
 
 
 def _bracket(diagram: PlanarDiagram) -> Laurent | None:
-    """The state sum in x = A^2: a smoothing gives x or 1, a crossing that closes k loops
-    (-x^2 - 1)^k x^(2 - k), a free loop -x^2 - 1."""
+    """Sum the states in x = A^2: a smoothing gives x or 1, a crossing that closes k loops (-x^2 - 1)^k x^(2 -
+    k), a free loop -x^2 - 1."""
     count = len(diagram.crossings)
     # the sum of all coefficients' sizes is at most 2^crossings states of 2^loops each
     bits = 2 * count + len(diagram.loops) + 4
@@ -73,8 +73,8 @@ def _bracket(diagram: PlanarDiagram) -> Laurent | None:
 
 
 def _outside(quad: tuple[int, ...], side: int, mate: dict[int, int]) -> tuple[bool, int]:
-    """The end of a strand that leaves a crossing by a side: (True, another side of the crossing) or
-    (False, an open arc)."""
+    """Find the end of a strand that leaves a crossing by a side: (True, a crossing's side) or (False, an open
+    arc)."""
     arc = quad[side]
     if arc in mate:
         end = mate[arc]
@@ -118,7 +118,7 @@ def _connect(
 
 
 def _loop_factors(bits: int) -> tuple[tuple[tuple[int, int], ...], ...]:
-    """(sign, shift) of the terms of (-x^2 - 1)^k x^(2 - k) for k = 0, 1, 2 loops."""
+    """Return (sign, shift) of the terms of (-x^2 - 1)^k x^(2 - k) for k = 0, 1, 2 loops."""
     return (
         ((1, 2 * bits),),
         ((-1, 3 * bits), (-1, bits)),
@@ -131,7 +131,7 @@ def _times(value: int, terms: tuple[tuple[int, int], ...]) -> int:
 
 
 def _digits(value: int, bits: int) -> Laurent:
-    """The coefficients, of either sign, of a polynomial from its value at 2^bits."""
+    """Return the coefficients, of either sign, of a polynomial from its value at 2^bits."""
     base, half = 1 << bits, 1 << (bits - 1)
     coefficients = []
     while value:
@@ -144,7 +144,7 @@ def _digits(value: int, bits: int) -> Laurent:
 
 
 def _over_loop(polynomial: Laurent) -> Laurent:
-    """Divided by -x^2 - 1, which leaves nothing."""
+    """Divide a polynomial by -x^2 - 1, which leaves nothing."""
     rest = list(polynomial.coefficients)
     quotient = [0] * max(len(rest) - 2, 0)
     for k in range(len(rest) - 1, 1, -1):
@@ -154,7 +154,7 @@ def _over_loop(polynomial: Laurent) -> Laurent:
 
 
 def _order(diagram: PlanarDiagram) -> list[int]:
-    """Crossings so that few arcs are open at any time: greedily, from several beginnings."""
+    """Return crossings so that few arcs are open at any time: greedily, from several beginnings."""
     count = len(diagram.crossings)
     best: tuple[int, list[int]] | None = None
     for start in range(0, count, max(1, count // STARTS)):

@@ -113,7 +113,7 @@ def knot_types(curves: Curves) -> KnotTypes:
 
 
 def knot_checks(curves: Curves, asked: str | None = None) -> tuple[Check, Check]:
-    """The checks `knot_type` and `linking`, from one search for the types.
+    """Return the checks `knot_type` and `linking`, from one search for the types.
 
     Args:
         asked: the scene's `[piece] knot`, where it has one: one of the knots is of that type, and all
@@ -306,7 +306,7 @@ def _word_finding(knot: KnotFinding) -> str:
 
 
 def _word_either(found: Identity) -> str:
-    """The names of the knots that it may be; both hands of one in one word."""
+    """Return the names of the knots that it may be; both hands of one in one word."""
     names = [knot.name for knot in found.knots]
     both = {name.removeprefix("left-handed ") for name in names if name.startswith("left-handed ")}
     both &= {
@@ -335,7 +335,7 @@ def _word_detail(knot: KnotFinding, several: bool) -> str:
 
 
 def _word_numbers(found: Invariants) -> str:
-    """The invariants, for people."""
+    """Return the invariants, for people."""
     jones = "not found" if found.jones is None else found.jones.text(half=True)
     text = f"Alexander {found.alexander.text()}, Jones {jones}, signature {found.signature}"
     if found.floer is None:

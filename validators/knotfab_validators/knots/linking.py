@@ -129,7 +129,7 @@ def _worst(found: Sequence[Linking]) -> Linking:
 
 
 def _jones_apart(polygons: Mapping[int, Array]) -> Laurent | None:
-    """The Jones polynomial that the polygons would have, were they apart."""
+    """Return the Jones polynomial that the polygons would have, were they apart."""
     product = Laurent(0, (1,))
     for k, polygon in enumerate(polygons.values()):
         alone = reduce_polygons([polygon], seed=1)
@@ -146,7 +146,7 @@ def _jones_apart(polygons: Mapping[int, Array]) -> Laurent | None:
 def _diagram(
     polygons: Mapping[int, Array], most: int, directions: int = 40
 ) -> PlanarDiagram | None:
-    """The diagram with the components' own numbers."""
+    """Return the diagram with the components' own numbers."""
     found = diagram_of(list(polygons.values()), most=most, directions=directions)
     if found is None:
         return None

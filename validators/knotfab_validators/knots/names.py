@@ -54,7 +54,7 @@ class Promise:
 
 
 def promised_knot(text: str) -> Promise:
-    """The promise in a knot's "type"."""
+    """Return the promise in a knot's "type"."""
     name = " ".join(text.lower().split())
     hand = 0
     for word, sign in (("left-handed ", -1), ("right-handed ", 1)):
@@ -75,7 +75,7 @@ def promised_knot(text: str) -> Promise:
 
 
 def asked_knot(text: str) -> Promise:
-    """The promise in a scene's `[piece] knot`: one of a knot's "type", or as people write it.
+    """Return the promise in a scene's `[piece] knot`: one of a knot's "type", or as people write it.
 
     That is "left 5_2" for "left-handed 5_2", "3_{1}", "T( 2, 3 )"; and no name at all is the unknot. Of a
     factor that is mirrored, "left" and "right" do not say which hand is meant: both keep that promise.
@@ -93,7 +93,7 @@ def asked_knot(text: str) -> Promise:
 
 
 def _hand(knot: Knot) -> int:
-    """The hand that all its factors have, or 0."""
+    """Return the hand that all its factors have, or 0."""
     if knot.title:
         return knot.invariants.hand
     hands = {factor.hand for factor in knot.factors} - {0}
@@ -120,7 +120,7 @@ def _sum(name: str) -> Knot | None:
 
 @cache
 def _torus(name: str) -> Knot | None:
-    """T(p, q) from its braid; a knot of the table where it is one."""
+    """Return T(p, q) from its braid; a knot of the table where it is one."""
     found = re.fullmatch(r"t\((-?\d{1,3}), ?(-?\d{1,3})\)", name)
     if found is None:
         return None

@@ -56,7 +56,7 @@ def cusp_counts(knot: PlanarDiagram, prime: int) -> tuple[int, ...] | None:
 
 
 def _wirtinger(knot: PlanarDiagram) -> tuple[list[int], list[Relation]]:
-    """The number of the strand between two passages below that each arc is of, and the relations of these."""
+    """Number the strand between two passages below that each arc is of, and list their relations."""
     begins = {quad[2] for quad in knot.crossings}
     numbers = np.cumsum([arc in begins for arc in range(len(knot.component))])
     strand = [int(n) % len(begins) for n in numbers]
@@ -68,7 +68,7 @@ def _wirtinger(knot: PlanarDiagram) -> tuple[list[int], list[Relation]]:
 
 
 def _guesses(count: int, relations: Sequence[Relation], first: int) -> tuple[int, ...] | None:
-    """The fewest strands whose colours, with that of the first one, give all `count` colours."""
+    """Return the fewest strands whose colours, with that of the first one, give all `count` colours."""
     others = [arc for arc in range(count) if arc != first]
     for size in range(MOST_GUESSES + 1):
         for guessed in combinations(others, size):
@@ -80,7 +80,7 @@ def _guesses(count: int, relations: Sequence[Relation], first: int) -> tuple[int
 
 
 def _order(known: set[int], relations: Sequence[Relation]) -> list[Relation]:
-    """The relations in an order in which each gives one colour more; `known` grows by these."""
+    """Return the relations in an order in which each gives one colour more; `known` grows by these."""
     order: list[Relation] = []
     grown = True
     while grown:
@@ -95,7 +95,7 @@ def _order(known: set[int], relations: Sequence[Relation]) -> list[Relation]:
 
 
 def _turn(vectors: Ints, about: Ints, sign: int, prime: int) -> Ints:
-    """The vectors (n, 2) carried by the parabolic elements of `about`, or by their inverses."""
+    """Return the vectors (n, 2) carried by the parabolic elements of `about`, or by their inverses."""
     area = about[:, 0] * vectors[:, 1] - about[:, 1] * vectors[:, 0]
     return np.asarray((vectors + sign * area[:, None] * about) % prime)
 
@@ -103,7 +103,7 @@ def _turn(vectors: Ints, about: Ints, sign: int, prime: int) -> Ints:
 def _longitude(
     knot: PlanarDiagram, strand: list[int], colours: dict[int, Ints], prime: int
 ) -> Ints:
-    """The k of z -> z + k that each representation sends the longitude of the first strand to."""
+    """Map the k of z -> z + k that each representation sends the longitude of the first strand to."""
     below = {a: (strand[b], s) for (a, b, _, _), s in zip(knot.crossings, knot.signs, strict=True)}
     first = colours[strand[0]]
     images = [np.broadcast_to(v, first.shape) for v in ([1, 0], [0, 1])]

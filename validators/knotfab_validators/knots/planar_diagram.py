@@ -47,7 +47,7 @@ class PlanarDiagram:
         return sum(self.signs)
 
     def mirror(self) -> PlanarDiagram:
-        """Seen in a mirror: above and below change places."""
+        """Return the diagram seen in a mirror: above and below change places."""
         turned = [
             (d, a, b, c) if sign > 0 else (b, c, d, a)
             for (a, b, c, d), sign in zip(self.crossings, self.signs, strict=True)
@@ -57,7 +57,7 @@ class PlanarDiagram:
         )
 
     def linking_numbers(self) -> dict[tuple[int, int], int]:
-        """Linking numbers other than 0, by pair of components: half the signs of their crossings (Gauss)."""
+        """Sum half the signs of crossings by pair of components (Gauss); pairs with 0 are left out."""
         twice: dict[tuple[int, int], int] = {}
         for (a, b, _, _), sign in zip(self.crossings, self.signs, strict=True):
             i, j = sorted((self.component[a], self.component[b]))
@@ -66,7 +66,7 @@ class PlanarDiagram:
         return {pair: number // 2 for pair, number in sorted(twice.items()) if number}
 
     def pieces(self) -> tuple[tuple[int, ...], ...]:
-        """Components that cross each other, in groups; different groups are split links."""
+        """Return components that cross each other, in groups; different groups are split links."""
         group = {k: k for k in self.components}
 
         def root(k: int) -> int:
@@ -82,7 +82,7 @@ class PlanarDiagram:
         return tuple(tuple(piece) for piece in sorted(found.values()))
 
     def ends(self) -> tuple[tuple[int, int], ...]:
-        """The crossing where each arc begins and the one where it ends."""
+        """Return the crossing where each arc begins and the one where it ends."""
         begin, end = [0] * len(self.component), [0] * len(self.component)
         for i, ((a, b, c, d), sign) in enumerate(zip(self.crossings, self.signs, strict=True)):
             end[a] = begin[c] = i
@@ -94,7 +94,7 @@ class PlanarDiagram:
 def from_passages(
     components: Mapping[int, Sequence[Passage]], signs: Sequence[int]
 ) -> PlanarDiagram:
-    """The diagram of components, each given by its passages in order (a signed Gauss code)."""
+    """Return the diagram of components, each given by its passages in order (a signed Gauss code)."""
     under: dict[int, tuple[int, int]] = {}
     over: dict[int, tuple[int, int]] = {}
     of_arc: list[int] = []
@@ -115,7 +115,7 @@ def from_passages(
 
 
 def closed_braid(word: Iterable[int], strands: int | None = None) -> PlanarDiagram:
-    """The closure of a braid: letter i > 0 is a right-handed crossing of strands i and i + 1.
+    """Return the closure of a braid: letter i > 0 is a right-handed crossing of strands i and i + 1.
 
     Components are numbered by their lowest strand.
     """
@@ -148,8 +148,8 @@ def closed_braid(word: Iterable[int], strands: int | None = None) -> PlanarDiagr
 
 
 def simplify(diagram: PlanarDiagram) -> PlanarDiagram:
-    """The diagram without what can be undone at once: loops and bigons with one strand above the other
-    (Reidemeister's first and second moves), and crossings where the diagram falls in two."""
+    """Undo what can be undone at once: loops and bigons with one strand above the other (Reidemeister's first
+    and second moves), and crossings where the diagram falls in two."""
     while True:
         work = _Untangling(diagram)
         while work.untwist() or work.pull_apart():
@@ -201,7 +201,7 @@ class _Untangling:
                 self.places.setdefault(arc, []).append(i)
 
     def untwist(self) -> bool:
-        """First move, wherever it can be done."""
+        """Make the first move, wherever it can be done."""
         found = False
         waiting = list(self.quads)
         while waiting:
@@ -220,7 +220,7 @@ class _Untangling:
         return found
 
     def pull_apart(self) -> bool:
-        """Second move, wherever it can be done: one strand lies above the other at both corners."""
+        """Make the second move, wherever it can be done: one strand lies above the other at both corners."""
         found = False
         for i in list(self.quads):
             while i in self.quads and self._pull_apart_at(i):
@@ -251,7 +251,7 @@ class _Untangling:
         return False
 
     def _other_end(self, arc: int, i: int) -> int | None:
-        """The crossing at the other end of an arc from i; None where it is i again."""
+        """Return the crossing at the other end of an arc from i; None where it is i again."""
         rest = [j for j in self.places[arc] if j != i]
         return rest[0] if len(rest) == 1 else None
 
@@ -284,7 +284,7 @@ class _Untangling:
         return self.diagram()
 
     def diagram(self) -> PlanarDiagram:
-        """The diagram that is left, its arcs numbered anew along each component."""
+        """Return the diagram that is left, its arcs numbered anew along each component."""
         going: dict[int, tuple[int, bool, int]] = {}  # arc -> crossing at its end, above, next arc
         for i, (a, b, c, d) in self.quads.items():
             going[a] = (i, False, c)

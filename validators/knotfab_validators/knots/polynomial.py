@@ -33,28 +33,28 @@ class Laurent:
         return laurent(self.lowest + other.lowest, product)
 
     def reverse(self) -> Laurent:
-        """The polynomial with 1/t for t."""
+        """Return the polynomial with 1/t for t."""
         return Laurent(-self.highest if self else 0, self.coefficients[::-1])
 
     def shift(self, by: int) -> Laurent:
-        """Times t ** by."""
+        """Multiply by t ** by."""
         return Laurent(self.lowest + by if self else 0, self.coefficients)
 
     def negate(self) -> Laurent:
-        """Times -1."""
+        """Multiply by -1."""
         return Laurent(self.lowest, tuple(-c for c in self.coefficients))
 
     def at_minus_one(self) -> int:
-        """The value at t = -1."""
+        """Return the value at t = -1."""
         value = sum(c if k % 2 == 0 else -c for k, c in enumerate(self.coefficients))
         return -value if self.lowest % 2 else value
 
     def at_one(self) -> int:
-        """The value at t = 1."""
+        """Return the value at t = 1."""
         return sum(self.coefficients)
 
     def text(self, variable: str = "t", half: bool = False) -> str:
-        """For people, highest power first; `half`: exponents count half powers."""
+        """Write it for people, highest power first; `half`: exponents count half powers."""
         terms = []
         for k in range(len(self.coefficients) - 1, -1, -1):
             c, power = self.coefficients[k], self.lowest + k
@@ -76,7 +76,7 @@ class Laurent:
 
 
 def laurent(lowest: int, coefficients: Iterable[int]) -> Laurent:
-    """The polynomial with the zeros at both ends taken off."""
+    """Return the polynomial with the zeros at both ends taken off."""
     kept = list(coefficients)
     while kept and not kept[-1]:
         kept.pop()

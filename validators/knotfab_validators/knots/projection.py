@@ -39,7 +39,7 @@ ALL_PAIRS = 150  # edges up to which all pairs are looked at
 def diagram_of(
     polygons: Sequence[Array], *, directions: int = DIRECTIONS, most: int, seed: int = 0
 ) -> PlanarDiagram | None:
-    """The simplest diagram of closed polygons (n, 3) among those from random directions.
+    """Return the simplest diagram of closed polygons (n, 3) among those from random directions.
 
     Component k of the diagram is polygons[k]. None where all have more than `most` crossings before
     they are simplified, or where no direction is certain.
@@ -69,7 +69,7 @@ def diagram_of(
 
 
 def seen_from(polygons: Sequence[Array], towards: Array) -> PlanarDiagram | None:
-    """The diagram seen by an eye far off in the direction (3,), or None where a sign is uncertain."""
+    """Return the diagram seen by an eye far off in the direction (3,), or None where a sign is uncertain."""
     ring = ring_of(polygons)
     crossings = _crossings(ring, towards)
     if crossings is None:
@@ -100,7 +100,7 @@ class _Crossings:
 
 
 def _in_order(crossings: _Crossings) -> Ints | None:
-    """All passages along the edges in turn: number i is crossing i above, count + i below."""
+    """Return all passages along the edges in turn: number i is crossing i above, count + i below."""
     edge = np.concatenate([crossings.over, crossings.under])
     at = np.concatenate([crossings.over_at, crossings.under_at])
     error = np.concatenate([crossings.over_error, crossings.under_error])
@@ -150,7 +150,7 @@ def _signs(u: Array, v: Array, w: Array) -> NDArray[np.int8]:
 
 
 def _pairs(ring: Ring, towards: Array) -> tuple[Ints, Ints]:
-    """Pairs of edges i < j that may cross: not adjacent, and their boxes in the picture meet."""
+    """Return pairs of edges i < j that may cross: not adjacent, and their boxes in the picture meet."""
     flat = ring.at @ _across(towards)
     end = flat[ring.after]
     margin = 1e-12 * float(np.abs(flat).max())  # many times the rounding of the product above
@@ -183,5 +183,5 @@ def _about(ring: Ring, towards: Array) -> int:
 
 
 def _across(towards: Array) -> Array:
-    """Two axes (3, 2) across a direction."""
+    """Return two axes (3, 2) across a direction."""
     return np.asarray(np.linalg.svd(towards[None])[2][1:].T)

@@ -59,7 +59,7 @@ class Budget:
     pairs: int = MOST_PAIRS
 
     def spend(self, pairs: int) -> None:
-        """Raises TooTangled once there are too many."""
+        """Raise TooTangled once there are too many."""
         self.pairs -= pairs
         if self.pairs < 0:
             raise TooTangled
@@ -126,7 +126,7 @@ def reduce_polygons(
 
 
 def general_position(polygons: Sequence[Array], seed: int = 0) -> tuple[Array, ...] | None:
-    """The polygons with each vertex shifted at random by 1e-5 of the shortest edge, or by less.
+    """Return the polygons with each vertex shifted at random by 1e-5 of the shortest edge, or by less.
 
     The shift is an isotopy: while no vertex moves by more than d, edges that are not adjacent and
     more than 2 d apart do not meet, and adjacent ones that open by more than what d can close do
@@ -161,13 +161,12 @@ def _shift(ring: Ring, nudge: float, seed: int) -> Array | None:
 
 
 def orientation(a: Array, b: Array, c: Array, d: Array) -> Signs:
-    """Sign of det(a - d, b - d, c - d) for rows of points (n, 3); 0 where rounding might decide."""
+    """Give the sign of det(a - d, b - d, c - d) for rows of points (n, 3); 0 where rounding might decide."""
     return certain_sign(a - d, b - d, c - d)
 
 
 def certain_sign(u: Array, v: Array, w: Array) -> Signs:
-    """Sign of det(u, v, w) for rows (n, 3) that are differences of points; 0 where rounding might
-    decide."""
+    """Return the sign of det(u, v, w) for rows (n, 3) of differences; 0 where rounding might decide."""
     det = determinants(u, v, w)
     size2 = np.einsum("ij,ij->i", u, u) * np.einsum("ij,ij->i", v, v) * np.einsum("ij,ij->i", w, w)
     certain = np.abs(det) > UNCERTAIN * np.sqrt(size2)
@@ -175,7 +174,7 @@ def certain_sign(u: Array, v: Array, w: Array) -> Signs:
 
 
 def determinants(u: Array, v: Array, w: Array) -> Array:
-    """det(u, v, w) for rows (n, 3)."""
+    """Return det(u, v, w) for rows (n, 3)."""
     return np.asarray(
         u[:, 0] * (v[:, 1] * w[:, 2] - v[:, 2] * w[:, 1])
         + u[:, 1] * (v[:, 2] * w[:, 0] - v[:, 0] * w[:, 2])
@@ -204,7 +203,7 @@ def may_pierce(a: Array, b: Array, c: Array, p: Array, q: Array) -> Mask:
 
 
 def ring_of(polygons: Sequence[Array]) -> Ring:
-    """All vertices in a row, polygon after polygon."""
+    """Return all vertices in a row, polygon after polygon."""
     sizes = [len(p) for p in polygons]
     return _link(
         np.concatenate(polygons).astype(np.float64), np.repeat(np.arange(len(sizes)), sizes)
@@ -243,7 +242,7 @@ def _remove_triangles(ring: Ring) -> Ring:
 
 
 def _find_removable(ring: Ring, share: float, rng: np.random.Generator, budget: Budget) -> Mask:
-    """Vertices that can go together: free ones of the smallest triangles, no two adjacent.
+    """Find vertices that can go together: free ones of the smallest triangles, no two adjacent.
 
     After one has gone its triangle's third side is an edge; so those must not meet the triangles
     of the others that go.
@@ -280,7 +279,7 @@ def _find_removable(ring: Ring, share: float, rng: np.random.Generator, budget: 
 def _pair_near(
     a: Array, b: Array, c: Array, p: Array, q: Array, budget: Budget
 ) -> Iterator[tuple[Ints, Ints]]:
-    """Pairs (triangle, segment) whose boxes overlap, some at a time."""
+    """Yield pairs (triangle, segment) whose boxes overlap, some at a time."""
     low, high = bound_triangles(a, b, c)
     low_e, high_e = np.minimum(p, q), np.maximum(p, q)
     tree = shapely.STRtree(shapely.box(low_e[:, 0], low_e[:, 1], high_e[:, 0], high_e[:, 1]))
@@ -333,7 +332,7 @@ def touching_place(polygons: Sequence[Array]) -> Array:
 
 
 def nearest_approach(one: Array, other: Array) -> Array:
-    """The middle between two polygons (n, 3), (m, 3) where they are nearest to each other, (3,)."""
+    """Return the middle between two polygons (n, 3), (m, 3) where they are nearest to each other, (3,)."""
     ring = ring_of([one, other])
     from scipy.spatial import cKDTree
 
@@ -355,13 +354,13 @@ def nearest_approach(one: Array, other: Array) -> Array:
 
 
 def _middle_between(ring: Ring, i: int, j: int) -> Array:
-    """Middle of the shortest way between the edges i and j, (3,)."""
+    """Return middle of the shortest way between the edges i and j, (3,)."""
     at, end = ring.at, ring.at[ring.after]
     return np.asarray(np.mean(nearest_on_two(at[[i]], end[[i]], at[[j]], end[[j]]), axis=0)[0])
 
 
 def _find_closest(ring: Ring, reach: float) -> tuple[float, int, int]:
-    """Distance and numbers of the two closest edges that share no vertex; infinity if none is in `reach`."""
+    """Find the two closest edges that share no vertex: distance and numbers; infinity beyond `reach`."""
     p, q = ring.at, ring.at[ring.after]
     best = float("inf"), 0, 0
     low, high = np.minimum(p, q) - reach, np.maximum(p, q) + reach

@@ -38,7 +38,7 @@ class _Run:
 
 
 def reroute(knot: PlanarDiagram, enough: int = 0, seed: int = 0) -> PlanarDiagram:
-    """The knot's diagram with the fewest crossings that is met; the search ends at `enough` of them."""
+    """Give the knot's diagram with the fewest crossings that is met; the search ends at `enough` of them."""
     walk = _Walk(WORK, random.Random(seed))
     best = first = walk.shorten(simplify(knot))
     share = walk.left / STARTS
@@ -54,7 +54,7 @@ def reroute(knot: PlanarDiagram, enough: int = 0, seed: int = 0) -> PlanarDiagra
 
 
 def summands(knot: PlanarDiagram) -> list[PlanarDiagram]:
-    """The diagrams of which a circle that meets a knot's diagram in two arcs alone shows it to be the sum."""
+    """Split a knot's diagram by circles that meet it in two arcs alone, which show it to be a sum."""
     passages = _passages(knot)
     left, right = _sides(knot)
     between: dict[tuple[int, int], int] = {}
@@ -68,7 +68,7 @@ def summands(knot: PlanarDiagram) -> list[PlanarDiagram]:
 
 
 def _close(passages: list[Passage], knot: PlanarDiagram) -> PlanarDiagram:
-    """The diagram of a part of the knot's passages, which holds both passages of each of its crossings."""
+    """Return diagram of a part of the knot's passages, which holds both passages of each of its crossings."""
     kept = {i: n for n, i in enumerate(dict.fromkeys(p.crossing for p in passages))}
     run = [Passage(kept[p.crossing], p.above) for p in passages]
     return from_passages({knot.components[0]: run}, [knot.signs[i] for i in kept])
@@ -82,7 +82,7 @@ class _Walk:
     chance: random.Random
 
     def shorten(self, knot: PlanarDiagram) -> PlanarDiagram:
-        """The diagram after every run was laid along a shorter way, where it has one."""
+        """Return the diagram after every run was laid along a shorter way, where it has one."""
         again = True
         while again:
             again = False
@@ -94,7 +94,7 @@ class _Walk:
         return knot
 
     def aside(self, knot: PlanarDiagram) -> PlanarDiagram:
-        """The diagram with a part of a run, by chance, laid along a way no longer."""
+        """Return the diagram with a part of a run, by chance, laid along a way no longer."""
         run = self.chance.choice(list(_runs(knot)))
         begin = self.chance.randrange(len(run.crossings))
         end = self.chance.randrange(begin, len(run.crossings)) + 1
@@ -116,7 +116,7 @@ def _passages(knot: PlanarDiagram) -> list[Passage]:
 
 
 def _runs(knot: PlanarDiagram) -> Iterator[_Run]:
-    """The longest runs of a knot's diagram: between its first passage above and the next below, and so on."""
+    """Yield longest runs of a knot's diagram: from its first passage above to the next below, and so on."""
     passages = _passages(knot)
     count = len(passages)
     turns = [k for k in range(count) if passages[k].above != passages[k - 1].above]
@@ -129,7 +129,7 @@ def _runs(knot: PlanarDiagram) -> Iterator[_Run]:
 def _lay(
     knot: PlanarDiagram, run: _Run, chance: random.Random, fewer: bool = False
 ) -> PlanarDiagram | None:
-    """The diagram with the run laid along a shortest way; None: there is no other way (or none `fewer`)."""
+    """Give diagram with the run laid along a shortest way; None: there is no other way (or none `fewer`)."""
     left, right = _sides(knot)
     way = _way(left, right, run, chance)
     if way is None or len(way) > len(run.crossings) - fewer:
@@ -157,7 +157,7 @@ def _lay(
 
 
 def _sides(knot: PlanarDiagram) -> tuple[list[int], list[int]]:
-    """The faces at the left and at the right of each arc."""
+    """Return the faces at the left and at the right of each arc."""
     face = faces(knot)
     left, right = ([0] * len(knot.component) for _ in range(2))
     for i, (quad, sign) in enumerate(zip(knot.crossings, knot.signs, strict=True)):
@@ -170,7 +170,7 @@ def _sides(knot: PlanarDiagram) -> tuple[list[int], list[int]]:
 def _way(
     left: list[int], right: list[int], run: _Run, chance: random.Random
 ) -> list[tuple[int, bool]] | None:
-    """The arcs that a shortest way between the run's ends crosses, each with whether to its right."""
+    """Return the arcs that a shortest way between the run's ends crosses, each with whether to its right."""
     ends, inner = (run.arcs[0], run.arcs[-1]), set(run.arcs[1:-1])
     beside: dict[int, list[tuple[int, int]]] = {}
     for arc in range(len(left)):

@@ -41,7 +41,7 @@ class Factor:
         return f"{self.crossings}_{self.number}"
 
     def mirror(self) -> Factor:
-        """Its mirror image."""
+        """Return its mirror image."""
         return Factor(self.crossings, self.number, -self.hand)
 
 
@@ -62,7 +62,7 @@ class Knot:
         return sum(factor.crossings for factor in self.factors)
 
     def mirror(self) -> Knot:
-        """Its mirror image."""
+        """Return its mirror image."""
         factors = tuple(sorted(factor.mirror() for factor in self.factors))
         mirrored = self.title.replace(",", ",-").replace("--", "")
         return Knot(factors, self.invariants.mirror(), mirrored)
@@ -81,7 +81,7 @@ class Knot:
 
 
 def known_knot(factors: tuple[Factor, ...]) -> Knot:
-    """A sum of prime knots of the table."""
+    """Return a sum of prime knots of the table."""
     result = UNKNOT
     for factor in factors:
         result = result * _prime(factor)
@@ -89,7 +89,7 @@ def known_knot(factors: tuple[Factor, ...]) -> Knot:
 
 
 def candidates(found: Invariants) -> tuple[Knot, ...]:
-    """The knots of the table, and sums of them with 12 crossings at most, that fit, simplest first."""
+    """Return the knots of the table, and sums of them with 12 crossings at most, that fit, simplest first."""
     return tuple(
         knot for knot in _by_alexander().get(found.alexander, ()) if knot.invariants.fits(found)
     )
@@ -122,17 +122,17 @@ def _factors() -> tuple[Factor, ...]:
 
 
 def prime_names() -> tuple[str, ...]:
-    """The names in the table."""
+    """Return the names in the table."""
     return tuple(_table()["knots"])
 
 
 def braid_word(name: str) -> tuple[int, ...]:
-    """A braid whose closure is the right-handed knot of that name (see planar_diagram.closed_braid)."""
+    """Give a braid whose closure is the right-handed knot of that name (see planar_diagram.closed_braid)."""
     return tuple(_table()["knots"][name]["braid"])
 
 
 def braid_of(knot: Knot) -> tuple[int, ...]:
-    """A braid whose closure is a knot of the table or a sum of such."""
+    """Return a braid whose closure is a knot of the table or a sum of such."""
     word: list[int] = []
     strands = 0
     for factor in knot.factors:

@@ -51,7 +51,7 @@ def compare_surfaces(mesh: Mesh, other: Mesh) -> SurfaceDifference:
 
 
 def check_same_3mf(mesh: Mesh, part: Path) -> Check:
-    """`same_3mf`: every 3MF beside the part is the same surface, faces with their sides.
+    """Check `same_3mf`: every 3MF beside the part is the same surface, faces with their sides.
 
     `measured` is the largest distance of a vertex from the other file's nearest, mm; words where the faces
     differ between the same vertices, or where a file cannot be read. Skipped where there are none. Required
@@ -116,7 +116,7 @@ def _match(mesh: Mesh, other: Mesh) -> SurfaceDifference:
 
 
 def _first_corner_least(faces: Ints) -> Ints:
-    """The same faces (m, 3), each begun at its corner of the least number."""
+    """Return the same faces (m, 3), each begun at its corner of the least number."""
     first = faces.argmin(axis=1)[:, None]
     return np.asarray(np.take_along_axis(faces, (first + np.arange(3)) % 3, axis=1))
 
@@ -131,7 +131,7 @@ def is_own(part: Path) -> bool:
 
 
 def find_3mf(part: Path) -> list[Path]:
-    """The 3MF of the same name as an STL, and of a build's part its coloured one too, those there are.
+    """Find the 3MF of the same name as an STL, and of a build's part its coloured one too, those there are.
 
     `part-03.3mf` and `part-colours-03.3mf` beside `part-03.stl`; none beside other formats.
     """

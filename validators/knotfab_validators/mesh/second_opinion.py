@@ -76,7 +76,7 @@ def _ask_again(mesh: Mesh, seen: Ints) -> Ints:
 
 
 def self_intersections(mesh: Mesh, first_only: bool = False) -> Ints:
-    """Pairs (k, 2) of faces that meet elsewhere than in shared corners and edges, by exact predicates."""
+    """Find pairs (k, 2) of faces that meet outside shared corners and edges, by exact predicates."""
     from igl import predicates
 
     _, pairs, _ = predicates.find_self_intersections(
@@ -88,7 +88,7 @@ def self_intersections(mesh: Mesh, first_only: bool = False) -> Ints:
 
 
 def crossing_faces(mesh: Mesh) -> Ints:
-    """Faces that cross others by pymeshlab's filter, which repairs nothing.
+    """Return faces that cross others by pymeshlab's filter, which repairs nothing.
 
     Raises:
         ImportError: pymeshlab, or a library of the system that it needs, is missing.

@@ -28,7 +28,7 @@ def check_mesh(
     bodies: int | None = None,
     genus: Sequence[int] | None = None,
 ) -> list[Check]:
-    """All checks of the surface, in the order of `names.MESH`; what a failure makes meaningless is skipped.
+    """Make all checks of the surface, in the order of `names.MESH`; what a failure makes void is skipped.
 
     Args:
         mesh: the part.
@@ -63,7 +63,7 @@ def check_mesh(
 
 
 def _count_defects(mesh: Mesh, found: Surface) -> list[Check]:
-    """The checks that count edges, corners and faces which must not be."""
+    """Return the checks that count edges, corners and faces which must not be."""
     rims, crowded = found.open_edges, found.crowded_edges
     folded, pinched = found.flipped_edges, found.pinched
     manifold = np.concatenate([_middles(mesh, crowded), mesh.vertices[pinched]])
@@ -100,7 +100,7 @@ def _count_defects(mesh: Mesh, found: Surface) -> list[Check]:
 
 
 def _check_none(name: str, at: Array, unit: str, detail: str) -> Check:
-    """A check that passes when there is nothing of that kind; `at` (k, 3) are the places."""
+    """Return a check that passes when there is nothing of that kind; `at` (k, 3) are the places."""
     if len(at):
         detail += f", the first at {spot(at[0])}"
     return at_most(name, len(at), 0, unit, detail, at=at)
@@ -214,7 +214,7 @@ def _check_pappus(found: Surface, curves: Curves, radius: float, where: Array) -
 
 
 def _find_misplaced(mesh: Mesh, largest: Ints) -> Mask:
-    """(b,) whether a body is turned inside out, or lies in the matter of others.
+    """Tell (b,) whether a body is turned inside out, or lies in the matter of others.
 
     Behind a face of a solid's surface the winding number is 1. That holds for the surface of a
     cavity too, and for a body inside a cavity. It is 0 where a body is inside out (in front of its
@@ -265,7 +265,7 @@ def _check_crossings(mesh: Mesh, found: Surface) -> Check:
 
 
 def _largest_faces(mesh: Mesh, found: Surface) -> Ints:
-    """(b,) the largest face of each body: where to look for it."""
+    """Return (b,) the largest face of each body: where to look for it."""
     a, b, c = (mesh.vertices[mesh.faces[:, i]] for i in range(3))
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
     order = np.lexsort([-area, found.body])
@@ -274,12 +274,12 @@ def _largest_faces(mesh: Mesh, found: Surface) -> Ints:
 
 
 def _middles(mesh: Mesh, edges: Ints) -> Array:
-    """(k, 3) the middles of edges (k, 2)."""
+    """Return (k, 3) the middles of edges (k, 2)."""
     return np.asarray(mesh.vertices[edges].mean(axis=1), dtype=np.float64)
 
 
 def _centres(mesh: Mesh, faces: Ints) -> Array:
-    """(k, 3) the centres of faces, by their numbers (k,)."""
+    """Return (k, 3) the centres of faces, by their numbers (k,)."""
     return np.asarray(mesh.vertices[mesh.faces[faces]].mean(axis=1), dtype=np.float64)
 
 

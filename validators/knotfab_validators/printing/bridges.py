@@ -45,7 +45,7 @@ class Stretches:
 
 
 def find_unsupported(grid: Columns, layer_mm: float) -> Stretches:
-    """The stretches of each layer over air, as a slicer sees them.
+    """Find the stretches of each layer over air, as a slicer sees them.
 
     Layer k is the material between k and k + 1 layer heights. A column is over air in the layer
     in which its material begins, where that is not the first. Neighbouring columns (of eight) over
@@ -95,7 +95,7 @@ def find_unsupported(grid: Columns, layer_mm: float) -> Stretches:
 def _measure_spans(
     cells: Array, label: Ints, count: int, anchor: Array, anchor_of: Ints
 ) -> tuple[Array, Mask, Ints]:
-    """Length in cells, whether it is a bridge, and the deciding cell, of each stretch."""
+    """Measure the length in cells, whether it is a bridge, and the deciding cell, of each stretch."""
     apart = 4.0 * (1.0 + max(np.ptp(cells), 1.0))  # stretches on levels that cannot be confused
     length, bridged = np.full(count, np.nan), np.zeros(count, dtype=np.bool_)
     farthest = np.zeros(count, dtype=np.int64)
@@ -136,7 +136,7 @@ class _Index:
         return rank.clip(min=-1, max=self.height - 1)
 
     def is_filled(self, column: Ints, layer: Ints, layer_mm: float) -> Mask:
-        """(k,) whether `column` (k,), -1 for none, has material between layer and layer + 1.
+        """Tell (k,) whether `column` (k,), -1 for none, has material between layer and layer + 1.
 
         A stretch of material that begins at the layer's very top is not counted.
         """
@@ -154,7 +154,7 @@ class _Index:
 
 
 def _key(layer: Ints, ix: Ints, iy: Ints, across: int) -> Ints:
-    """One number for a column of a layer; those outside the grid get one that no column has."""
+    """Return one number for a column of a layer; those outside the grid get one that no column has."""
     wide = np.int64(across + 2)
     tall = np.int64(1_000_000)
     return (layer * tall + iy + 1) * wide + ix + 1

@@ -37,14 +37,14 @@ class Columns:
     face: Ints
 
     def places(self, which: Ints) -> Array:
-        """(k, 3) mm, the lower ends of the stretches `which` (k,)."""
+        """Return (k, 3) mm, the lower ends of the stretches `which` (k,)."""
         x = self.origin[0] + self.cell * (self.column[which] % self.across)
         y = self.origin[1] + self.cell * (self.column[which] // self.across)
         return np.column_stack([x, y, self.low[which]])
 
 
 def columns(mesh: Mesh, cell: float = CELL_MM) -> Columns:
-    """The columns of a closed mesh on a grid of `cell` mm from the corner of its bounding box.
+    """Return the columns of a closed mesh on a grid of `cell` mm from the corner of its bounding box.
 
     Each face is tested against the axes of the rows that cross it; an axis through an edge belongs
     to one of the edge's faces (the rule of rasterisation: an edge owns what it meets when it goes
@@ -114,7 +114,7 @@ def _rows(corner: Array, start: Array, cell: float) -> tuple[Ints, Ints, Ints, I
 
 
 def _heights(mesh: Mesh, face: Ints, x: Array, y: Array) -> tuple[Array, Ints]:
-    """z (k,) of the points of `face` (k,) at (x, y), and +1 where it looks down, -1 up, 0 missed."""
+    """Return z (k,) of the points of `face` (k,) at (x, y), and +1 where it looks down, -1 up, 0 missed."""
     area = np.zeros(len(face))
     inside = [np.ones(len(face), dtype=np.bool_) for _ in range(2)]
     weight = np.empty((3, len(face)))
@@ -143,7 +143,7 @@ def _heights(mesh: Mesh, face: Ints, x: Array, y: Array) -> tuple[Array, Ints]:
 
 
 def _stretches(column: Ints, z: Array, facing: Ints, face: Ints) -> tuple[Ints, Array, Array, Ints]:
-    """column, low, high and lower face of each stretch, of sorted crossings."""
+    """Return column, low, high and lower face of each stretch, of sorted crossings."""
     if not len(column):
         return column, z, z.copy(), face
     new = np.flatnonzero(np.diff(column, prepend=column[0] - 1))

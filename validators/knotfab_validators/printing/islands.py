@@ -16,7 +16,7 @@ LEVEL_MM = 1e-6  # corners joined by an edge this level are one place
 
 
 def find_islands(mesh: Mesh, air: Stretches, layer_mm: float) -> Array:
-    """(n, 3) the tips in mid-air, lowest first: local minima of the surface, material above.
+    """Find (n, 3) the tips in mid-air, lowest first: local minima of the surface, material above.
 
     The grid of columns sees a stretch that nothing holds, but it does not see a tip or a leg that
     is thinner than its cells. So from the column's face the way leads down along the surface, each
@@ -50,7 +50,7 @@ def find_islands(mesh: Mesh, air: Stretches, layer_mm: float) -> Array:
 
 
 def _level_places(mesh: Mesh) -> Ints:
-    """(n,) one vertex of those that a vertex is joined to by level edges."""
+    """Return (n,) one vertex of those that a vertex is joined to by level edges."""
     n, z = len(mesh.vertices), mesh.vertices[:, 2]
     start, end = mesh.faces.reshape(-1), np.roll(mesh.faces, -1, axis=1).reshape(-1)
     level = np.abs(z[start] - z[end]) <= LEVEL_MM

@@ -17,7 +17,7 @@ PROBE_MM = 0.4  # above and below the thread's place: matter there, and a hole h
 
 
 def check_level(mesh: Mesh, thread: Array, up: Array) -> Check:
-    """`level`: how far askew the part hangs, of one material throughout, by its centre of mass.
+    """Check `level`: how far askew the part hangs, of one material throughout, by its centre of mass.
 
     Args:
         thread: (3,) where the thread carries the part; up: the unit vector (3,) that is to be upright,

@@ -106,7 +106,7 @@ class Probe:
         self._pairs = 0  # of faces, looked at so far
 
     def wall(self) -> LocalThickness:
-        """The thinnest wall: the smallest width seen through the material.
+        """Return the thinnest wall: the smallest width seen through the material.
 
         A tube's is its diameter between opposite sides; an edge sharper than 30° counts as a wall
         that thins out, as thin as at the nearest sample.
@@ -115,7 +115,7 @@ class Probe:
         return self._narrowest(seen.width, (seen.point + seen.hit) / 2)
 
     def gap(self, near_mm: float = NEAR_MM) -> LocalThickness:
-        """The thinnest gap: the smallest width seen through the air.
+        """Return the thinnest gap: the smallest width seen through the air.
 
         From each narrow place the pair of faces walks to neighbours as long as they come closer,
         by exact distances between triangles. Where it ends in a true local minimum that distance
@@ -201,7 +201,7 @@ class Probe:
         return Facing(point[good], face[good], hit, other[good], t), cosine[good]
 
     def _closest(self, some: Facing) -> tuple[Array, Array]:
-        """Gap (k,), infinite where the sides meet, and its middle (k, 3), from pairs of faces."""
+        """Return gap (k,), infinite where the sides meet, and its middle (k, 3), from pairs of faces."""
         corner = self.mesh.vertices[self.mesh.faces]
         one, two = some.face.copy(), some.other.copy()
         distance, p, q = triangle_triangle(corner[one], corner[two])
@@ -230,7 +230,7 @@ class Probe:
         return width, middle
 
     def _neighbouring(self, active: Ints, one: Ints, two: Ints) -> tuple[Ints, Ints, Ints]:
-        """Pairs in which one face of the pair gives way to a neighbour: owner, first, second."""
+        """Return pairs in which one face of the pair gives way to a neighbour: owner, first, second."""
         a, f = self._ring(one[active])
         b, g = self._ring(two[active])
         self._pairs += len(f) + len(g)
@@ -260,7 +260,7 @@ class Probe:
         return true
 
     def _ring(self, face: Ints) -> tuple[Ints, Ints]:
-        """All faces that share a corner with `face` (k,), itself too: number in it, and face."""
+        """Return all faces that share a corner with `face` (k,), itself too: number in it, and face."""
         if self._around is None:
             self._around = corner_faces(self.mesh)
         faces, first = self._around
@@ -273,7 +273,7 @@ class Probe:
 def _sample_lattice(
     corner: Array, edges: Array, height: Array, usable: Mask, spacing: float
 ) -> tuple[Array, Ints]:
-    """Points (n, 3) on the usable faces, rows along the longest edge, and the face of each."""
+    """Return points (n, 3) on the usable faces, rows along the longest edge, and the face of each."""
     face = np.flatnonzero(usable)
     longest = edges[face].argmax(axis=1)
     a, b, c = (corner[face, (longest + k) % 3] for k in range(3))
@@ -293,7 +293,7 @@ def _sample_lattice(
 
 
 def _thin(point: Array, face: Ints, normals: Array, spacing: float) -> tuple[Array, Ints]:
-    """One sample for each cube of `spacing` and each of the six ways that its face may look."""
+    """Return one sample for each cube of `spacing` and each of the six ways that its face may look."""
     normal = normals[face]
     axis = np.abs(normal).argmax(axis=1)
     way = 2 * axis + (np.take_along_axis(normal, axis[:, None], axis=1)[:, 0] > 0)
@@ -305,7 +305,7 @@ def _thin(point: Array, face: Ints, normals: Array, spacing: float) -> tuple[Arr
 
 
 def _first_in_cube(point: Array, size: float, way: Ints | None = None) -> Ints:
-    """Numbers, in order, of the first point in each cube of `size` mm (and of each `way`)."""
+    """Return numbers, in order, of the first point in each cube of `size` mm (and of each `way`)."""
     if not len(point):
         return np.empty(0, dtype=np.int64)
     cell = np.floor((point - point.min(axis=0)) / size).astype(np.int64)

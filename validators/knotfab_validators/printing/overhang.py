@@ -16,7 +16,7 @@ BED_MM = 1e-3  # the first layer's top may be read so far off the bed
 
 
 def overhang_areas(mesh: Mesh, max_overhang_deg: float, layer_mm: float) -> Array:
-    """(m,) mm², how much of each face overhangs: looks down, steeper than the limit, off the bed.
+    """Return (m,) mm², how much of each face overhangs: looks down, steeper than the limit, off the bed.
 
     A face overhangs by 90° less the angle between its normal and straight down: a vertical wall by
     0°, a ceiling by 90°. It counts from above the first layer on (z > `layer_mm`), where it is cut.
@@ -31,7 +31,7 @@ def overhang_areas(mesh: Mesh, max_overhang_deg: float, layer_mm: float) -> Arra
 def support_volume(
     mesh: Mesh, grid: Columns, max_overhang_deg: float, layer_mm: float
 ) -> tuple[float, Array]:
-    """Volume, mm³, of the columns from overhanging faces down to the surface below or the bed.
+    """Return volume, mm³, of the columns from overhanging faces down to the surface below or the bed.
 
     Solid columns: what a slicer prints of them is a sparse grating. Per column of the grid its
     height times the cell's area (the midpoint rule: off by about half a cell along the rim of each
@@ -49,7 +49,7 @@ def support_volume(
 
 
 def above(z: Array, level: float) -> Array:
-    """(k,) the share of triangles, heights of corners (k, 3), that lies above a level."""
+    """Return (k,) the share of triangles, heights of corners (k, 3), that lies above a level."""
     low, middle, high = np.sort(z, axis=1).T
     with np.errstate(divide="ignore", invalid="ignore"):
         upper = (high - level) ** 2 / ((high - low) * (high - middle))

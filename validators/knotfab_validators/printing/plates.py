@@ -30,7 +30,7 @@ VOLUME_SHARE = 0.02  # a share of the part that clearances at its connectors may
 def check_plates(
     part: Mesh, plates: Sequence[Plate], build_volume_mm: tuple[float, float, float] | None
 ) -> list[Check]:
-    """`build_volume`, of each plate instead of the part, and the checks of `names.PLATES`, all required.
+    """Give `build_volume`, of each plate instead of the part, and the checks of `names.PLATES`, all required.
 
     - `plate_mesh`: how many of the surface's checks any plate fails.
     - `plates`: with every body moved as the scene says, how far the part's vertices are from the
@@ -51,7 +51,7 @@ def check_plates(
 def check_plates_printable(
     plates: Sequence[Plate], printer: Printer, before: Sequence[Check], seconds: dict[str, float]
 ) -> list[Check]:
-    """The checks of printability, each of the plate that comes out worst."""
+    """Return the checks of printability, each of the plate that comes out worst."""
     broken = [c for c in before if c.name == "plate_mesh" and c.status == "fail"]
     if broken:
         return [skip_check(name, "the surface of a plate is broken") for name in PRINTING]
@@ -132,7 +132,7 @@ def _check_whole(part: Mesh, plates: Sequence[Plate]) -> list[Check]:
 
 
 def _pick_worst(found: Sequence[Check], plates: Sequence[Plate]) -> Check:
-    """The check of the plate that fails, or comes nearest to failing; its places are moved to the part."""
+    """Return check of the plate that fails, or comes nearest to failing; its places are moved to the part."""
 
     def badness(number: int) -> tuple[int, float]:
         check = found[number]

@@ -66,7 +66,7 @@ def printability_checks(
     lacking: str | None = None,
     proud: Callable[[Array], Array] | None = None,
 ) -> list[Check]:
-    """All checks of `names.PRINTING`, of a closed mesh in print coordinates (z up, the bed at z = 0), mm.
+    """Make all checks of `names.PRINTING`, of a closed mesh in print coordinates (z up, bed at z = 0), mm.
 
     - `feature`, `gap`: the thinnest wall and gap against the printer's, required. Gaps may be 8 %
       narrower: a tube of m flat sides with the round one's volume stands out by r a² / 12 at its
@@ -247,7 +247,7 @@ def _check_overhang(mesh: Mesh, grid: Columns, air: Stretches, use: _Settings) -
 
 
 def _find_bridged(mesh: Mesh, areas: Array, air: Stretches, cell: float, use: _Settings) -> Mask:
-    """(m,) whether a face lies in a bridge that is short enough."""
+    """Tell (m,) whether a face lies in a bridge that is short enough."""
     from scipy.spatial import cKDTree
 
     short = air.bridged & (air.length <= _longest_bridge(use))
@@ -327,7 +327,7 @@ def _check_bed(
 
 
 def _check_turned(mesh: Mesh, desk: Array, layer: float, stands: bool) -> Check:
-    """`standing` of a part that is printed otherwise than it stands; places as it is printed."""
+    """Return `standing` of a part that is printed otherwise than it stands; places as it is printed."""
     turned = mesh.vertices @ desk.T
     lowest = np.array([0.0, 0.0, turned[:, 2].min()])
     stood = Mesh(turned - lowest, mesh.faces)

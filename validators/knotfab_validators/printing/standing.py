@@ -34,7 +34,7 @@ class Body:
 
 
 def bodies(mesh: Mesh) -> list[Body]:
-    """The bodies of a closed, consistently wound mesh, in the order of their first faces.
+    """Return the bodies of a closed, consistently wound mesh, in the order of their first faces.
 
     Volume and middle are sums over the signed tetrahedra between the faces and one point. A surface
     that is wound inwards is a hollow and belongs to the body around it, which is found by its
@@ -81,7 +81,7 @@ def bodies(mesh: Mesh) -> list[Body]:
 
 
 def footprint(vertices: Array, faces: Ints, layer_mm: float) -> Array:
-    """(n, 2) the points of a body's first layer (z <= `layer_mm`) that may be corners of its hull.
+    """Return (n, 2) the points of a body's first layer (z <= `layer_mm`) that may be corners of its hull.
 
     Its vertices there, and where its edges leave the layer.
     """
@@ -116,6 +116,6 @@ def margin(center: Array, points: Array) -> float:
 def _find_container(
     vertices: Array, faces: list[Ints], solid: list[int], point: Array
 ) -> int | None:
-    """The smallest body around a point (1, 3) that lies on none of them."""
+    """Find the smallest body around a point (1, 3) that lies on none of them."""
     around = (k for k in solid if winding_numbers(point, Mesh(vertices, faces[k]))[0] > 0.5)
     return next(around, None)

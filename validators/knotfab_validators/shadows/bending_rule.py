@@ -16,7 +16,7 @@ BENT = {"faithful": (0.02, 0.06, 2.0), "good": (0.05, 0.125, 4.0), "coarse": (0.
 
 
 def judge_bending(verdict: Recognition, bent: Bent) -> Recognition:
-    """The verdict on a view with what its bending allows: the worse of the two words, and why."""
+    """Return the verdict on a view with what its bending allows: the worse of the two words, and why."""
     found = (bent.rms, bent.most, bent.stretch)
     allowed = next(
         (

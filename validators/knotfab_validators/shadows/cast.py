@@ -37,7 +37,7 @@ class ShadowCaster(Renderer):
         self._seen = np.ones(len(self._faces), dtype=bool), self._table
 
     def lines(self, geometry: ViewGeometry) -> Linework:
-        """`shadow_lines` of the mesh.
+        """Return `shadow_lines` of the mesh.
 
         Raises:
             ShadowError: the part reaches the light or lies behind it.
@@ -68,7 +68,7 @@ class ShadowCaster(Renderer):
         return wound_mask([lines], geometry.width, geometry.height)
 
     def _find_table(self, whole: Mask) -> EdgeTable:
-        """The table of the faces that are seen whole: one for all places of the light before a receiver."""
+        """Find table of the faces that are seen whole: one for all places of the light before a receiver."""
         known, table = self._seen
         if not np.array_equal(known, whole):
             table = EdgeTable(self._faces[whole], len(self._vertices))

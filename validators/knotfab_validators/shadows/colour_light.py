@@ -39,16 +39,16 @@ class Light:
         return np.asarray(self.colours.sum(axis=0) + self.other)
 
     def mix(self, lit: Array) -> Array:
-        """(H, W, 3) what is seen where shares `lit` (n, H, W) of the lamps are seen; white is 1."""
+        """Return (H, W, 3) what is seen where shares `lit` (n, H, W) of the lamps are seen; white is 1."""
         shape = self.falloff.shape[1:]
         return self._mix(lit.reshape(len(lit), -1), slice(None)).reshape(*shape, 3)
 
     def mix_at(self, lit: Array, where: Mask) -> Array:
-        """`mix` for the k pixels of a mask alone, of shares (n, k): (k, 3)."""
+        """Return `mix` for the k pixels of a mask alone, of shares (n, k): (k, 3)."""
         return self._mix(lit, where.ravel())
 
     def flat(self, codes: Ints) -> Array:
-        """(..., 3) the colour in the middle where the lamps of a code's bits are hidden."""
+        """Return (..., 3) the colour in the middle where the lamps of a code's bits are hidden."""
         bits = np.arange(len(self.colours))
         lit = 1 - (codes[..., None] >> bits & 1)
         return self._white(lit @ self.colours + self.other)
@@ -58,7 +58,7 @@ class Light:
         return self._white((lit * falloff).T @ self.colours + self.other)
 
     def _white(self, light: Array) -> Array:
-        """Relative to white, channel by channel; a channel in which nothing shines stays dark."""
+        """Scale by white, channel by channel; a channel in which nothing shines stays dark."""
         white = self.white
         return np.asarray(np.where(white > 0, light / np.where(white > 0, white, 1.0), 0.0))
 
@@ -66,7 +66,7 @@ class Light:
 def light_of(
     lamps: list[tuple[SceneLamp, Array, ViewGeometry]], room: Room, size: tuple[int, int]
 ) -> Light:
-    """The light of lamps, each with its colour (3,) and view, on the pixels (H, W) of their common frame.
+    """Return light of lamps, each with its colour (3,) and view, on the pixels (H, W) of their common frame.
 
     Grey walls of a room throw back of each lamp's light what an integrating sphere does: q / (A (1 - q)).
     """
@@ -84,7 +84,7 @@ def light_of(
 
 
 def share_of_light(lamp: SceneLamp, geometry: ViewGeometry) -> Array:
-    """(H W,) what a lamp of intensity 1 gives each pixel, per mm²: the cosine on the screen over d².
+    """Return (H W,) what a lamp of intensity 1 gives each pixel, per mm²: the cosine on the screen over d².
 
     A flat lamp, which faces along the view's axis, is dimmer at an angle, by its cosine.
     """
@@ -100,26 +100,26 @@ def share_of_light(lamp: SceneLamp, geometry: ViewGeometry) -> Array:
 
 
 def _middle_pixel(geometry: ViewGeometry) -> ViewGeometry:
-    """The view of the frame's middle alone."""
+    """Return the view of the frame's middle alone."""
     return replace(geometry, origin=geometry.middle, width=1, height=1)
 
 
 def to_srgb(light: Array) -> Bytes:
-    """Linear light (..., 3), white at 1, as sRGB of 8 bits (IEC 61966-2-1); what is brighter is white."""
+    """Turn linear light (..., 3), white at 1, into sRGB of 8 bits (IEC 61966-2-1); brighter is white."""
     kept = np.clip(light, 0.0, 1.0)
     coded = np.where(kept <= 0.0031308, 12.92 * kept, 1.055 * kept ** (1 / 2.4) - 0.055)
     return np.rint(255.0 * coded).astype(np.uint8)
 
 
 def to_lab(srgb: Bytes) -> Array:
-    """sRGB of 8 bits (..., 3) in CIELAB of D65."""
+    """Return sRGB of 8 bits (..., 3) in CIELAB of D65."""
     from skimage.color import rgb2lab
 
     return np.asarray(rgb2lab(srgb))
 
 
 def colour_error(seen: Bytes, wanted: Bytes) -> Array:
-    """(n,) the differences ΔE (CIEDE2000) of colours (n, 3) in sRGB of 8 bits, each pair worked out once."""
+    """Give (n,) differences ΔE (CIEDE2000) of colours (n, 3) in sRGB of 8 bits, each pair worked out once."""
     from skimage.color import deltaE_ciede2000
 
     weights = 256 ** np.arange(6, dtype=np.int64)

@@ -130,7 +130,7 @@ def measure_colours(
 
 
 def check_colours(told: Colours, iou_floor: float | None) -> list[Check]:
-    """`colours`: of what is drawn or dark, the share in the right one of the colours that the lamps can mix.
+    """Check `colours`: of what is drawn or dark, the share in the right one of the colours that lamps mix.
 
     A lamp is hidden where half of it is. Lamps of which each has the IoU that is asked may miss so much each;
     nothing is asked where no floor is.
@@ -176,7 +176,7 @@ def write_colours(folder: Path, colours: MixedPicture) -> None:
 
 
 def _light(lamps: Sequence[LampShadow], scene: Scene, frame: WorkingFrame) -> Light:
-    """The lamps' light on the pixels of the frame, without its padding."""
+    """Return the lamps' light on the pixels of the frame, without its padding."""
     inside = WorkingFrame(frame.width, frame.height, 0, 0)
     views = [
         (lamp.view, np.array(lamp.view.lamp_colour), lamp.geometry.resample(inside))
@@ -186,12 +186,12 @@ def _light(lamps: Sequence[LampShadow], scene: Scene, frame: WorkingFrame) -> Li
 
 
 def _codes(hidden: Mask) -> Ints:
-    """(H, W) of n masks (n, H, W) the sum of 2^k of those that hold."""
+    """Return (H, W) of n masks (n, H, W) the sum of 2^k of those that hold."""
     return np.asarray(np.tensordot(2 ** np.arange(len(hidden)), hidden.astype(np.int64), axes=1))
 
 
 def _seen_codes(hidden: Array, light: Light) -> Ints:
-    """(H, W) the set of hidden lamps whose colour is nearest to what is seen, in CIELAB.
+    """Return (H, W) the set of hidden lamps whose colour is nearest to what is seen, in CIELAB.
 
     Under the same light: in the middle of a penumbra the colour decides, not the share of the lamp.
     """
@@ -212,28 +212,28 @@ def _seen_codes(hidden: Array, light: Light) -> Ints:
 
 
 def _alike(table: Bytes) -> Mask:
-    """(m, m) of colours (m, 3) in sRGB, which of them nobody tells apart."""
+    """Return (m, m) of colours (m, 3) in sRGB, which of them nobody tells apart."""
     count = len(table)
     one, other = np.repeat(table, count, axis=0), np.tile(table, (count, 1))
     return np.asarray(colour_error(one, other).reshape(count, count) < ALIKE)
 
 
 def _mean(values: Array | Mask, where: Mask) -> float:
-    """The mean of some of them; 1 of no marks at all, and 0 of no errors."""
+    """Return the mean of some of them; 1 of no marks at all, and 0 of no errors."""
     if not where.any():
         return 1.0 if values.dtype == bool else 0.0
     return float(values[where].mean())
 
 
 def _lit_error(light: Light) -> Array:
-    """(n,) ΔE from white, at places all over the screen, where no lamp is hidden: the light is uneven."""
+    """Return (n,) ΔE from white, at places all over the screen, where no lamp is hidden."""
     some = replace(light, falloff=light.falloff[:, ::EVERY, ::EVERY])
     lit = to_srgb(some.mix(np.ones_like(some.falloff))).reshape(-1, 3)
     return colour_error(lit, np.full_like(lit, 255))
 
 
 def _tell_lamp(lamp: LampShadow, frame: WorkingFrame) -> Lamp:
-    """A lamp's colour, and what of its shadow is stray, and what is missing, in shares of the frame."""
+    """Give a lamp's colour, and what of its shadow is stray, and what is missing, in shares of the frame."""
     dark, size = lamp.hidden >= 0.5, frame.width * frame.height
     stray, inside = dark & ~lamp.mask, np.count_nonzero((dark & ~lamp.mask)[frame.window])
     x, y, z = lamp.geometry.light.tolist()
@@ -250,7 +250,7 @@ def _tell_lamp(lamp: LampShadow, frame: WorkingFrame) -> Lamp:
 def _judge_masks(
     file: str, codes: Ints, shown: Bytes, picture: Bytes, table: Bytes, names: Sequence[str]
 ) -> Masks:
-    """How the masks take the picture apart, which must be nearer to it than with two lamps swapped."""
+    """Return how the masks take the picture apart, which must be nearer to it than with two lamps swapped."""
     binned = np.rint(picture / STEP).astype(np.int64) * STEP
     packed = ((codes * 256 + binned[..., 0]) * 256 + binned[..., 1]) * 256 + binned[..., 2]
     pairs, counts = np.unique(packed, return_counts=True)
@@ -282,7 +282,7 @@ def _judge_masks(
 def _misregistration(
     lamps: Sequence[LampShadow], renderer: Renderer, points: Array, frame: WorkingFrame
 ) -> Misregistration:
-    """What it costs that lamps stand beside their places."""
+    """Return what it costs that lamps stand beside their places."""
     coarse = working_frame(frame.width, frame.height, 512)
     codes = _codes(np.stack([_on(lamp.mask, frame, coarse) for lamp in lamps]))
     allowed, still, worst = [], [], []
@@ -309,5 +309,5 @@ def _misregistration(
 
 
 def _on(mask: Mask, frame: WorkingFrame, coarse: WorkingFrame) -> Mask:
-    """The frame's part of a mask on coarser pixels, without padding."""
+    """Return the frame's part of a mask on coarser pixels, without padding."""
     return padded_mask(mask[frame.window], coarse)[coarse.window]

@@ -38,7 +38,7 @@ def overlap(shadow: Mask, target: Mask) -> Overlap:
 
 
 def depth_ratio(points: Array, geometry: ViewGeometry) -> float:
-    """Extent of points (n, 3) along the view's axis over the larger of their extents across it."""
+    """Return the extent of points (n, 3) along the view's axis over the larger of their extents across it."""
     along = float(np.ptp(points @ geometry.axis))
     across = max(float(np.ptp(points @ geometry.right)), float(np.ptp(points @ geometry.up)))
     return along / across if across > 0 else float("inf")
@@ -86,7 +86,7 @@ def legibility(
 
 
 def turn_view(geometry: ViewGeometry, middle: Array, axis: Array, angle: float) -> ViewGeometry:
-    """The view as the part sees it when turned by `angle` (radians): turned the other way instead."""
+    """Return the view as the part sees it when turned by `angle` (radians): turned the other way instead."""
     k = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
     rotation = np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * (k @ k)  # Rodrigues
     pose = np.eye(4)
@@ -96,7 +96,7 @@ def turn_view(geometry: ViewGeometry, middle: Array, axis: Array, angle: float) 
 
 
 def _window(geometry: ViewGeometry, low: Array, high: Array, size: int) -> ViewGeometry:
-    """The view of the rectangle `low` to `high` (pixels) alone, on `size` x `size` pixels."""
+    """Return the view of the rectangle `low` to `high` (pixels) alone, on `size` x `size` pixels."""
     su, sv = np.maximum(high - low, 1e-9) / size
     return replace(
         geometry,
@@ -109,7 +109,7 @@ def _window(geometry: ViewGeometry, low: Array, high: Array, size: int) -> ViewG
 
 
 def _stretch(mask: Mask, size: int) -> Mask:
-    """The mask's bounding box on `size` x `size` pixels, each the pixel square under its centre."""
+    """Return the mask's bounding box on `size` x `size` pixels, each the pixel square under its centre."""
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     at = (np.arange(size) + 0.5) / size
     i = rows[0] + (at * (rows[-1] - rows[0] + 1)).astype(int)

@@ -27,7 +27,7 @@ class Cylinder:
     radius: float
 
     def in_part(self, pose: Array) -> Cylinder:
-        """The same in a part's coordinates: `x_scene = pose @ x_part` (4, 4)."""
+        """Return the same in a part's coordinates: `x_scene = pose @ x_part` (4, 4)."""
         turn = pose[:3, :3]
         return replace(self, foot=(self.foot - pose[:3, 3]) @ turn, along=self.along @ turn)
 
@@ -70,7 +70,7 @@ class Cylinder:
         return place
 
     def is_beyond(self, points: Array, normal: Array) -> Mask:
-        """(n,) whether points (n, 3) before the flat receiver lie in or behind a hollow wall."""
+        """Tell (n,) whether points (n, 3) before the flat receiver lie in or behind a hollow wall."""
         right, _, before = self._parts(points, normal)
         beyond: Mask = np.hypot(right, before - self.radius) > self.radius
         return beyond & (self.radius > 0) & (before > 0)

@@ -11,7 +11,7 @@ __all__ = ["depth_in"]
 
 
 def depth_in(mask: Mask) -> Array:
-    """(H, W) the distance of each pixel of a mask to the nearest one outside it, 0 outside; pixels.
+    """Return (H, W) the distance of each pixel of a mask to the nearest one outside it, 0 outside; pixels.
 
     The diagonal of the grid where nothing is outside.
     """
@@ -22,7 +22,7 @@ def depth_in(mask: Mask) -> Array:
 
 @compiled
 def _square_depth(mask: Mask) -> Array:
-    """Squares of the distances: of each column first, then the lower envelope of parabolas in each row.
+    """Give squares of the distances: of each column first, then the lower envelope of parabolas in each row.
 
     A. Meijster, J. B. T. M. Roerdink and W. H. Hesselink, "A general algorithm for computing distance
     transforms in linear time", 2000; all in whole numbers.

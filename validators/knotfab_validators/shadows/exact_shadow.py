@@ -35,7 +35,7 @@ class ShadowError(BadFile):
 
 
 def _cut(homogeneous: Array, faces: Ints, inside: Mask, limit: float) -> tuple[Array, Ints]:
-    """The part with w < `limit` of faces (m, 3) that have corners on both sides, as triangles.
+    """Return the part with w < `limit` of faces (m, 3) that have corners on both sides, as triangles.
 
     `homogeneous` (n, 3) holds (u w, v w, w), in which a straight edge stays straight; new corners are
     appended, one for each edge that is cut. `inside` (m, 3): which corners are on this side.
@@ -73,7 +73,7 @@ class EdgeTable:
         self._face, self._along = order // 3, np.where(a < b, 1, -1)[order]
 
     def find_silhouette(self, points: Array) -> Linework:
-        """The silhouette edges where the vertices are seen at `points` (n, 2), as `shadow_lines` has them."""
+        """Find silhouette edges, the vertices seen at `points` (n, 2), as `shadow_lines` has them."""
         edge, net = _count_edges(
             np.ascontiguousarray(points), self.faces, self._first, self._face, self._along
         )
@@ -85,7 +85,7 @@ class EdgeTable:
 def _count_edges(
     points: Array, faces: Ints, first: Ints, face: Ints, along: Ints
 ) -> tuple[Ints, Ints]:
-    """The edges through which faces, turned to positive area, run more often one way, and how much more."""
+    """Give edges through which faces, turned to positive area, run more often one way, and how much more."""
     turned = np.zeros(len(faces), dtype=np.int64)
     for k in range(len(faces)):
         a, b, c = faces[k, 0], faces[k, 1], faces[k, 2]
@@ -107,7 +107,7 @@ def _count_edges(
 
 
 def cut_before(homogeneous: Array, faces: Ints, limit: float) -> tuple[Array, Ints] | None:
-    """The part of a mesh with w < `limit`, its new corners appended; None where that is all of it.
+    """Return the part of a mesh with w < `limit`, its new corners appended; None where that is all of it.
 
     `homogeneous` (n, 3) holds (u w, v w, w).
     """
@@ -125,7 +125,7 @@ def cut_before(homogeneous: Array, faces: Ints, limit: float) -> tuple[Array, In
 def shadow_lines(
     vertices: Array, faces: Ints, geometry: ViewGeometry, table: EdgeTable | None = None
 ) -> Linework:
-    """The silhouette edges of a mesh as oriented linework, in pixels of the flat receiver of `geometry`.
+    """Give the silhouette edges of a mesh as oriented linework, in pixels of the flat receiver of `geometry`.
 
     Every face is turned to positive area in the picture; an edge that two faces run through in
     opposite directions cancels. What is left (silhouette edges, and free edges of a mesh that is
@@ -157,7 +157,7 @@ def shadow_lines(
 
 
 def on_page(homogeneous: Array) -> Array:
-    """Pixels (n, 2) of (u w, v w, w) (n, 3)."""
+    """Return pixels (n, 2) of (u w, v w, w) (n, 3)."""
     return _divide(np.ascontiguousarray(homogeneous))
 
 
@@ -172,7 +172,7 @@ def _divide(homogeneous: Array) -> Array:
 
 
 def shadow_mask(lines: Linework, geometry: ViewGeometry) -> Mask:
-    """The shadow (height, width) at the pixel centres of `geometry`."""
+    """Return the shadow (height, width) at the pixel centres of `geometry`."""
     if geometry.cylinder is not None:
         along = lines.end - lines.start
         long = np.linalg.norm(along, axis=1) / STRAIGHT_PX
@@ -186,7 +186,7 @@ def shadow_mask(lines: Linework, geometry: ViewGeometry) -> Mask:
 
 
 def shadow_polygon(lines: Linework, geometry: ViewGeometry | None = None) -> Any:
-    """The shadow as a shapely polygon or multipolygon, in pixels; `geometry`: whose receiver may be curved.
+    """Give shadow as a shapely polygon or multipolygon, in pixels; `geometry`: whose receiver may be curved.
 
     The linework is noded and polygonised; of the faces of that arrangement those with a nonzero
     winding number at an inner point are the shadow.

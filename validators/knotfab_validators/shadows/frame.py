@@ -55,14 +55,14 @@ class WorkingFrame:
 
 
 def working_frame(width: int, height: int, longer: int = LONGER_SIDE) -> WorkingFrame:
-    """The working frame of a picture of `width` x `height` pixels: `longer` on its longer side."""
+    """Return the working frame of a picture of `width` x `height` pixels: `longer` on its longer side."""
     scale = longer / max(width, height)
     w, h = max(1, round(width * scale)), max(1, round(height * scale))
     return WorkingFrame(w, h, max(1, round(w / 4)), max(1, round(h / 4)))
 
 
 def padded_mask(mask: Mask, frame: WorkingFrame) -> Mask:
-    """The mask (H, W) on the padded working frame: True where it covers half of a pixel or more.
+    """Return the mask (H, W) on the padded working frame: True where it covers half of a pixel or more.
 
     Looked up under a working pixel's centre instead, a picture of twice as many pixels would lie aside by
     half of one of its own. The padding is False.
@@ -76,7 +76,7 @@ def padded_mask(mask: Mask, frame: WorkingFrame) -> Mask:
 
 
 def _overlaps(pixels: int, wanted: int) -> csr_array:
-    """(wanted, pixels) how much of each of `pixels` each of `wanted` covers, times `wanted`.
+    """Return (wanted, pixels) how much of each of `pixels` each of `wanted` covers, times `wanted`.
 
     Whole numbers, so that ties are ties; each row sums to `pixels`.
     """

@@ -38,7 +38,7 @@ class SceneLamp(Protocol):
 
 
 def lamp_size(lamp: SceneLamp) -> float:
-    """The longest line within the lamp, mm; 0 of an eye."""
+    """Return the longest line within the lamp, mm; 0 of an eye."""
     if lamp.kind == "eye":
         return 0.0
     across = float(np.hypot(lamp.light_width_mm, lamp.light_height_mm))
@@ -48,12 +48,12 @@ def lamp_size(lamp: SceneLamp) -> float:
 
 
 def is_flat(lamp: SceneLamp) -> bool:
-    """Whether the lamp shines less aside than ahead, by the cosine, and not behind itself."""
+    """Tell whether the lamp shines less aside than ahead, by the cosine, and not behind itself."""
     return lamp.light_shape != "ball"
 
 
 def lamp_points(lamp: SceneLamp, blur_px: float, tolerance_px: float) -> Array:
-    """(n, 2) offsets to the right and up from the lamp's middle, mm, each for the same share of its light.
+    """Return (n, 2) offsets right and up from the lamp's middle, mm, each for the same share of its light.
 
     A disc and a ball, which looks like one, are sampled on rings; a rectangle on a grid; of an array every
     LED, for each throws a shadow of its own: a large array by a point of each, elsewhere on it than on the
@@ -85,7 +85,7 @@ def lamp_points(lamp: SceneLamp, blur_px: float, tolerance_px: float) -> Array:
 
 
 def _disc(rings: tuple[int, ...]) -> Array:
-    """Points of the unit disc that each stand for the same area: one in the middle, the others on rings."""
+    """Place points of the unit disc that each stand for the same area: one in the middle, others on rings."""
     counts = np.array([1, *rings])
     ends = np.cumsum(counts) / counts.sum()
     found = [np.zeros((1, 2))]

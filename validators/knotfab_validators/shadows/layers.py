@@ -45,7 +45,7 @@ def shows_layers(effects: Switches, shift_px: float, tolerance_px: float = 0.25)
 def _contours(
     vertices: Array, faces: Ints, first: Ints, begin: int, stop: int, layer_mm: float
 ) -> tuple[Array, Array, Ints]:
-    """Starts and ends (k, 3) of slices' edges, matter on their left from above, and their layers (k,).
+    """Return starts and ends (k, 3) of slices' edges, matter on their left from above, and their layers (k,).
 
     A slice is cut in the middle of its layer. Of a face that turns anticlockwise about its outward normal the
     slice runs from the side that leads down through it to the one that leads up. Both faces at a side cut it
@@ -83,7 +83,7 @@ def _contours(
 
 
 def layered_mask(mesh: Mesh, geometry: ViewGeometry, layer_mm: float) -> Mask:
-    """(height, width) the shadow of a closed mesh's slices, each drawn up by half a layer and down by half.
+    """Draw (height, width) the shadow of a closed mesh's slices, each drawn half a layer up and half down.
 
     A ray that meets a slice enters by that of its faces which is turned to the light, or by a wall that is.
     The sum of all of these, each turned to positive area in the picture, is not zero exactly there; the
@@ -106,7 +106,7 @@ def layered_mask(mesh: Mesh, geometry: ViewGeometry, layer_mm: float) -> Mask:
 def _slice_lines(
     start: Array, end: Array, layer: Ints, geometry: ViewGeometry, layer_mm: float
 ) -> Linework:
-    """The boundaries of the parts of whole slices that rays meet, in the picture."""
+    """Return the boundaries of the parts of whole slices that rays meet, in the picture."""
     # the way to the face that is turned to the light
     half = np.where(geometry.light[2] > start[:, 2:], 0.5, -0.5) * [0.0, 0.0, layer_mm]
     number = layer - layer.min(initial=0)
@@ -130,7 +130,7 @@ def _slice_lines(
 
 
 def _cross(a: Array, b: Array) -> Array:
-    """(n,) of vectors (n, 2)."""
+    """Return (n,) of vectors (n, 2)."""
     result: Array = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
     return result
 

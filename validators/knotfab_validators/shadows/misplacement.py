@@ -35,7 +35,7 @@ class Likeness:
     left_mm: float
 
     def move(self, geometry: ViewGeometry) -> ViewGeometry:
-        """A view whose pixels lie where the likeness takes those of `geometry`."""
+        """Return a view whose pixels lie where the likeness takes those of `geometry`."""
         across = np.stack([geometry.du, geometry.dv])
         long = np.linalg.norm(across, axis=1)
         unit = across / long[:, None]
@@ -113,7 +113,7 @@ def measure_misplacement(
     turns: bool = True,
     within: Mask | None = None,
 ) -> Misplacement:
-    """IoU with lamp (or eye), piece and wall moved for real, each one way: as it is, and by its likeness.
+    """Measure the IoU with lamp (or eye), piece and wall moved for real, each one way; and by its likeness.
 
     As it is, the picture stays where it is on the wall, so that a shadow which merely moves counts as lost
     too. By its likeness the picture is shifted, scaled and turned as the shadow of `points` was, which is

@@ -33,7 +33,7 @@ class WrongStretch:
 
 
 def find_wrong_stretch(shadow: Mask, target: Mask, wrong_px: float = WRONG_PX) -> WrongStretch:
-    """The longest stretch along which one outline stays farther than `wrong_px` from the other.
+    """Find the longest stretch along which one outline stays farther than `wrong_px` from the other.
 
     Both outlines are walked: the shadow's, which finds spill and blobs, and the target's, which
     finds what is missing (Hausdorff distances are two-sided for the same reason). An outline is
@@ -69,7 +69,7 @@ def find_wrong_stretch(shadow: Mask, target: Mask, wrong_px: float = WRONG_PX) -
 
 
 def _outlines(mask: Mask) -> list[Array]:
-    """Closed polylines (n, 2) of (u, v), the last point equal to the first."""
+    """Return closed polylines (n, 2) of (u, v), the last point equal to the first."""
     from contourpy import LineType, contour_generator
 
     generator = contour_generator(z=mask.astype(np.float64), line_type=LineType.Separate)
@@ -78,7 +78,7 @@ def _outlines(mask: Mask) -> list[Array]:
 
 
 def _distance_to_outline(mask: Mask) -> Array:
-    """(H, W) distance of each pixel centre to the mask's outline, px; the diagonal without one."""
+    """Return (H, W) distance of each pixel centre to the mask's outline, px; the diagonal without one."""
     if not mask.any() or mask.all():
         return np.full(mask.shape, float(np.hypot(*mask.shape)))
     # the outline lies half a pixel before the nearest centre of the other side
@@ -86,7 +86,7 @@ def _distance_to_outline(mask: Mask) -> Array:
 
 
 def _sample(field: Array, points: Array) -> Array:
-    """The field at points (n, 2) of (u, v): the smaller of the two pixels that a point lies between."""
+    """Give the field at points (n, 2) of (u, v): the smaller of the two pixels that a point lies between."""
     u, v = points.T
     low = field[np.floor(v).astype(int), np.floor(u).astype(int)]
     high = field[np.ceil(v).astype(int), np.ceil(u).astype(int)]
@@ -95,7 +95,7 @@ def _sample(field: Array, points: Array) -> Array:
 
 
 def _longest_run(line: Array, off: Array, wrong_px: float) -> WrongStretch:
-    """The longest run of edges with both ends wrong, along one closed polyline."""
+    """Return the longest run of edges with both ends wrong, along one closed polyline."""
     wrong = off > wrong_px
     steps = np.linalg.norm(np.diff(line, axis=0), axis=1)
     bad = wrong[:-1] & wrong[1:]

@@ -47,7 +47,7 @@ def verify_shadows(
     pictures_dir: str | PathLike[str] | None,
     seconds: dict[str, float],
 ) -> tuple[list[Check], list[ViewFound], Colours | None]:
-    """The checks of a part's shadows, what was found in each view, and in the colours that lamps mix.
+    """Return the checks of a part's shadows, what was found in each view, and in the colours that lamps mix.
 
     Args:
         folder: where the scene's pictures lie. skip: with `SKIP_RENDER` the exact polygons decide

@@ -199,7 +199,7 @@ def _recognise(part: PosedPart, seen: SeenView) -> Recognition | None:
 
 
 def _blur_px(part: PosedPart, seen: SeenView) -> float:
-    """The width of the penumbra that the lamp gives the middle of the part, px of the padded frame."""
+    """Return the width of the penumbra that the lamp gives the middle of the part, px of the padded frame."""
     tube_px, fine_mm, curves = seen.found.tube_px, seen.fine.pixel_mm, part.curves
     if tube_px is None or curves is None or not curves.radius_mm:
         return 0.0

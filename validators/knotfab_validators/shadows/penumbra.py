@@ -41,7 +41,7 @@ class SoftShadow:
 
 
 def blur_px(vertices: Array, geometry: ViewGeometry, size_mm: float) -> float:
-    """Widest blur on the receiver by a ball of `size_mm`, pixels, of any edge at vertices (n, 3).
+    """Return widest blur on the receiver by a ball of `size_mm`, pixels, of any edge at vertices (n, 3).
 
     An edge at height h over the receiver and distance D from a lamp at height H: the rays through it that
     touch the ball, a cone, meet the receiver in an ellipse that is d h D / ((H - h)² - d²/4) long. Of a
@@ -114,7 +114,7 @@ def measure_penumbra(
 
 
 def check_half_light(ious: Mapping[str, float], iou_floor: float | None) -> Check:
-    """`half_light`: of what a lamp leaves dark as wide as it is the same is asked as of its middle's shadow.
+    """Check `half_light`: of what a lamp leaves dark as wide as it is as much is asked as of its middle's.
 
     Args:
         ious: IoU of the picture with the places where half of the lamp is hidden, by the view's name.

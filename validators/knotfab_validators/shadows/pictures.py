@@ -25,7 +25,7 @@ MISSING = (38, 110, 168)  # the colour of missing shadow
 
 
 def write_shadow(path: Path, shadow: Mask | NDArray[np.float32], frame: WorkingFrame) -> None:
-    """The shadow inside the picture's frame, black on white, at the working resolution.
+    """Write the shadow inside the picture's frame, black on white, at the working resolution.
 
     Args:
         shadow: (H, W), on the padded working frame; a soft one from 0 to 1.
@@ -35,7 +35,7 @@ def write_shadow(path: Path, shadow: Mask | NDArray[np.float32], frame: WorkingF
 
 
 def write_compare(path: Path, target: Mask, shadow: Mask, frame: WorkingFrame) -> None:
-    """Target, shadow and their difference side by side, on the padded frame.
+    """Write target, shadow and their difference side by side, on the padded frame.
 
     In the difference grey is what both have, orange is spill, and blue is missing.
     """
@@ -59,7 +59,7 @@ def write_compare(path: Path, target: Mask, shadow: Mask, frame: WorkingFrame) -
 
 
 def _crop_window(drawn: Mask, frame: WorkingFrame) -> tuple[slice, slice]:
-    """The frame with a narrow margin, and as much of the padding as something is drawn in."""
+    """Return the frame with a narrow margin, and as much of the padding as something is drawn in."""
 
     def span(occupied: Mask, pad: int, length: int) -> slice:
         margin = min(pad, max(frame.width, frame.height) // 24)

@@ -237,7 +237,7 @@ class _Rows:
         return [(row, inside) for row, inside in self.hit if row.text]
 
     def outside(self, rows: Sequence[tuple[Row, list[Change]]]) -> list[Change]:
-        """The changes that are in none of these rows."""
+        """Return the changes that are in none of these rows."""
         inside = {id(c) for _, changes in rows for c in changes}
         return [c for c in self.changes if id(c) not in inside]
 
@@ -283,7 +283,7 @@ def _gather(
 
 
 def worst_verdict(views: Sequence[View]) -> Recognition | None:
-    """The verdict on a piece from those on its views, of which the worst counts; None without any."""
+    """Return the verdict on a piece from those on its views, of which the worst counts; None without any."""
     judged = [(view.name, view.verdict) for view in views if view.verdict is not None]
     if not judged:
         return None
@@ -304,7 +304,7 @@ def worst_verdict(views: Sequence[View]) -> Recognition | None:
 
 
 def check_recognisable(verdict: Recognition | None, *, accepted: bool) -> Check:
-    """`recognisable`: whether the piece has a word of `RULES`; not required where that is `accepted`."""
+    """Check `recognisable`: whether the piece has a word of `RULES`; not required if it is `accepted`."""
     name = "recognisable"
     if verdict is None:
         return skip_check(name, "not given the knots", required=False)
@@ -399,7 +399,7 @@ def _tell(number: int, noun: str) -> str:
 
 
 def _not_asked(changes: Sequence[Change], bridged: int) -> list[Change]:
-    """The changes without so many bridged gaps, the narrowest, which the scene asked for."""
+    """Return the changes without so many bridged gaps, the narrowest, which the scene asked for."""
     gaps = sorted((c for c in changes if c.kind == "gap"), key=lambda c: c.width_px)[:bridged]
     return [c for c in changes if not any(c is gap for gap in gaps)]
 
@@ -420,13 +420,13 @@ def _find_tips(there: Mask, own: Mask, least_px: float) -> list[Change]:
 
 
 def _hurt(shadow: Mask, target: Mask, reach: float) -> float:
-    """Pixels that are missing or spilled farther than a reach from the outline that they miss."""
+    """Return pixels that are missing or spilled farther than a reach from the outline that they miss."""
     missing = target & (depth_in(~shadow) > reach)
     return float((missing | (shadow & (depth_in(~target) > reach))).sum())
 
 
 def _area_of(change: Change, target: Mask) -> int:
-    """Pixels of a lost piece or hole in its box, at most."""
+    """Return pixels of a lost piece or hole in its box, at most."""
     left, top, right, bottom = change.box
     here = target[top:bottom, left:right]
     return int(here.sum() if change.kind == "piece" else (~here).sum())
@@ -458,7 +458,7 @@ def _enlarged_box(box: Box, step: int) -> Box:
 
 
 def _middle(change: Change) -> Box:
-    """The place of a change, as a box; of what is lost or out of shape the whole of it."""
+    """Return the place of a change, as a box; of what is lost or out of shape the whole of it."""
     if _is_lost(change) or isinstance(change, Shape):
         return change.box
     u, v = (round(c) for c in change.where)
@@ -505,7 +505,7 @@ class _Scale:
         return float(np.linalg.norm(self.geometry.du)) * self.geometry.width / self.frame.width
 
     def record(self, change: Change) -> Loss:
-        """One loss."""
+        """Return one loss."""
         what = f"a {_SAID[change.kind][0]}"
         if isinstance(change, Shape):
             what = f"a {change.of} is drawn out of shape ({change.likeness:.2f} alike)"
@@ -517,7 +517,7 @@ class _Scale:
         return self._place(change.kind, change.where, change.width_px, length, what)
 
     def record_row(self, row: Row, inside: Sequence[Change]) -> Loss:
-        """What was lost of a row of text, or of windows, in its place."""
+        """Return what was lost of a row of text, or of windows, in its place."""
         left, top, right, bottom = row.box
         where = ((left + right) / 2, (top + bottom) / 2)
         counts = Counter[str](c.kind for c in inside)
@@ -535,7 +535,7 @@ class _Scale:
         return self._place(kind, where, width, length, said)
 
     def record_specks(self, specks: Specks, step: int) -> Loss:
-        """All specks of light, at the largest."""
+        """Return all specks of light, at the largest."""
         u, v = (c * step for c in specks.at)
         width = specks.largest_mm2**0.5 / self.mm
         said = (

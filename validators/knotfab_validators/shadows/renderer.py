@@ -28,10 +28,10 @@ class Renderer(ABC):
 
     @abstractmethod
     def _render_flat(self, geometry: ViewGeometry, behind: bool) -> Mask:
-        """`render` on a flat receiver."""
+        """Render `render` on a flat receiver."""
 
     def render(self, geometry: ViewGeometry, *, behind: bool = False, finer: int = FINER) -> Mask:
-        """The silhouette (height, width) on the pixels of `geometry`, in the mesh's coordinates.
+        """Render the silhouette (height, width) on the pixels of `geometry`, in the mesh's coordinates.
 
         Matter on or behind the receiver plane is clipped away unless `behind`. Before a cylinder that is
         done for the flat receiver, on pixels so many times `finer`; each of the curved one's is dark where
@@ -64,7 +64,7 @@ class Renderer(ABC):
         return shadow.reshape(geometry.height, geometry.width)
 
     def _places(self, geometry: ViewGeometry) -> tuple[Array, Array]:
-        """The points of the receiver under all pixels, and its normals; kept, for many lamps see the same."""
+        """Find the receiver's points under all pixels, and its normals; kept, for many lamps see the same."""
         wall = geometry.cylinder
         assert wall is not None
         lattice = (

@@ -17,7 +17,7 @@ MOST_INTRUSION = 0.001
 
 
 def skip_shadow_checks(why: str, *, required: bool) -> list[Check]:
-    """All of them, skipped for one reason."""
+    """Return all of them, skipped for one reason."""
     return [skip_check(name, why, required=required) for name in SHADOWS]
 
 
@@ -32,7 +32,7 @@ def shadow_checks(
     mount: str = "none",
     changed: Mapping[str, str] | None = None,
 ) -> list[Check]:
-    """The shadow's checks; each takes the worst view, and its detail names it.
+    """Return the shadow's checks; each takes the worst view, and its detail names it.
 
     `shadow`: IoU of the rendered shadow and the picture, at least `iou_floor` (None: no floor is
     asked); what a stand darkens beside the tube is left out, for `intrusion` says it, and

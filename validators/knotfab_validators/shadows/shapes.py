@@ -39,7 +39,7 @@ class Shape(Change):
 def find_misshapen(
     shadow: Mask, target: Mask, reach_px: float, least: float, lost: Sequence[Change] = ()
 ) -> list[Shape]:
-    """The pieces and holes that are less alike in picture and shadow than `least`, the worst first.
+    """Find the pieces and holes that are less alike in picture and shadow than `least`, the worst first.
 
     The likeness is the IoU of a piece with what the shadow has nearest to it, no farther than `AROUND`
     reaches, where an outline that is off by no more than a reach is right. A piece no wider than the tube's
@@ -67,7 +67,7 @@ def find_misshapen(
 
 
 def _compare(of: Feature, has: Mask, wants: Mask, reach: float) -> Iterator[Shape]:
-    """The likeness of every piece of `wants`, or of every hole that is wide enough."""
+    """Yield the likeness of every piece of `wants`, or of every hole that is wide enough."""
     from scipy.ndimage import distance_transform_edt
 
     labels, found = label_regions(of, wants, reach)

@@ -29,7 +29,7 @@ class Specks:
 def find_specks(
     shadow: Mask, target: Mask, slit_px: float, reach_px: float, blur_px: float, pixel_mm: float
 ) -> Specks:
-    """The specks of light that a person sees where the picture is dark.
+    """Find the specks of light that a person sees where the picture is dark.
 
     A speck is light that the shadow closed by `slit_px` covers, farther than `reach_px` within the picture:
     pinholes and slits, but no tip that is cut off and no outline that is off. The lamp's penumbra blurs it;

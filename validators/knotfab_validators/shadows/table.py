@@ -31,7 +31,7 @@ BELOW_MM = 0.6  # depth under the frame's top at which its holes are looked for
 
 
 def check_table(plates: Sequence[Plate], scene: Scene) -> list[Check]:
-    """`table_mesh`, `table`, `table_shadow` of the frame's files, all required.
+    """Return `table_mesh`, `table`, `table_shadow` of the frame's files, all required.
 
     - `table_mesh`: how many of the surface's checks any plate fails, and how many do not fit the bed.
     - `table`: with every body moved as the scene says, how far the hole that is right below each lamp lies
@@ -58,7 +58,7 @@ def check_table(plates: Sequence[Plate], scene: Scene) -> list[Check]:
 
 
 def _assemble(plates: Sequence[Plate]) -> Mesh:
-    """All bodies where the scene puts them."""
+    """Return all bodies where the scene puts them."""
     vertices = np.concatenate([p.in_part(p.mesh.vertices, p.body) for p in plates])
     shift = np.cumsum([0] + [len(p.mesh.vertices) for p in plates[:-1]])
     faces = np.concatenate([p.mesh.faces + s for p, s in zip(plates, shift, strict=True)])
@@ -66,7 +66,7 @@ def _assemble(plates: Sequence[Plate]) -> Mesh:
 
 
 def _check_shadow(frame: Mesh, scene: Scene) -> Check:
-    """`table_shadow`, under each lamp."""
+    """Return `table_shadow`, under each lamp."""
     caster = ShadowCaster(frame.vertices, frame.faces)
     dark = {v.name: float(caster.render(view_geometry(v, PX, PX)).mean()) for v in scene.views}
     worst = max(dark, key=lambda name: dark[name])
@@ -75,7 +75,7 @@ def _check_shadow(frame: Mesh, scene: Scene) -> Check:
 
 
 def _check_places(frame: Mesh, scene: Scene) -> Check:
-    """`table`, of bodies that are where the scene puts them."""
+    """Return `table`, of bodies that are where the scene puts them."""
     views = [view_geometry(view, 2, 2) for view in scene.views]
     up = views[0].up
     top = _find_top(frame, up)
@@ -92,7 +92,7 @@ def _check_places(frame: Mesh, scene: Scene) -> Check:
 
 
 def _find_top(frame: Mesh, up: Array) -> float:
-    """The height at which most of the frame's surface looks up: all ridges are narrow."""
+    """Find the height at which most of the frame's surface looks up: all ridges are narrow."""
     a, b, c = np.moveaxis(frame.vertices[frame.faces], 1, 0)
     twice = np.cross(b - a, c - a) @ up
     level = (twice > 0) & (np.abs((b - a) @ up) + np.abs((c - a) @ up) < 1e-3)
@@ -125,5 +125,5 @@ def _off_slot(frame: Mesh, geometry: ViewGeometry, top: float) -> float:
 
 
 def _is_solid(frame: Mesh, points: Array) -> Mask:
-    """(n,) whether points (n, 3) lie in the frame."""
+    """Tell (n,) whether points (n, 3) lie in the frame."""
     return np.asarray(winding_numbers(points, frame, exact=False) > 0.5)

@@ -38,7 +38,7 @@ class Row:
 
 
 def find_rows(boxes: Sequence[Box], longer_px: float, picture: Mask | None = None) -> list[Row]:
-    """The rows of three or more small pieces that stand side by side.
+    """Find the rows of three or more small pieces that stand side by side.
 
     Args:
         boxes: boxes of the pieces of a picture. longer_px: the longer side of its frame.

@@ -33,7 +33,7 @@ class Tone:
 def measure_tone(
     shadow: Mask, darkness: Array, frame: WorkingFrame, radius_px: float, clearance: float
 ) -> Tone:
-    """The low-passed shadow against the picture's low-passed greys, over the picture's frame.
+    """Measure the low-passed shadow against the picture's low-passed greys, over the picture's frame.
 
     Where the picture is white no shadow is wanted, where it is black the densest: strands of radius r and
     clearance c side by side darken 2r / (2r + c). Nothing is fitted to the shadow.
@@ -59,7 +59,7 @@ def measure_tone(
 
 
 def check_tone(tones: dict[str, Tone]) -> Check:
-    """`tone`: the greys of a picture are nearer to those asked for than an even grey would be, by half."""
+    """Check `tone`: the greys are nearer to those asked for than an even grey would be, by half."""
     name = "tone"
     if not tones:
         return skip_check(name, "no view asks for greys")

@@ -62,7 +62,7 @@ SomeChange = TypeVar("SomeChange", bound=Change)
 
 
 def find_changes(shadow: Mask, target: Mask, reach_px: float) -> list[Change]:
-    """Every change of topology from the picture to its shadow that `reach_px` does not undo.
+    """Find every change of topology from the picture to its shadow that `reach_px` does not undo.
 
     Pieces (8-connected) and holes (4-connected) no longer than 2 `reach_px` are specks, which do not count. A
     piece is lost where less than `COVERED` of it lies within `reach_px` of the shadow, and a hole where less
@@ -107,7 +107,7 @@ def find_changes(shadow: Mask, target: Mask, reach_px: float) -> list[Change]:
 def crop_to_ink(
     shadow: Mask, target: Mask, edge_px: float
 ) -> tuple[Mask, Mask, tuple[int, int]] | None:
-    """Both masks where either has ink, with an edge of background, and where their corner was; None without.
+    """Crop both masks to their ink and an edge of background, and tell their corner; None without ink.
 
     The edge, a little wider than `edge_px`, makes the outside one region and cuts no dilation by as much.
     """
@@ -121,14 +121,14 @@ def crop_to_ink(
 
 
 def close_slits(mask: Mask, reach_px: float) -> Mask:
-    """The mask closed by a disc: without slits and pinholes no wider than 2 `reach_px`."""
+    """Return the mask closed by a disc: without slits and pinholes no wider than 2 `reach_px`."""
     padded = np.pad(mask, int(np.ceil(reach_px)) + 2)
     edge = slice(int(np.ceil(reach_px)) + 2, -int(np.ceil(reach_px)) - 2)
     return (_shrink(_grow(padded, reach_px), reach_px) | padded)[edge, edge]
 
 
 def without_lost(target: Mask, changes: Sequence[Change]) -> Mask:
-    """The picture without its lost pieces, and with its lost holes filled."""
+    """Return the picture without its lost pieces, and with its lost holes filled."""
     kept = target.copy()
     for kind, ink, neighbours in (("piece", True, _EIGHT), ("hole", False, _FOUR)):
         labels, _ = _label(target == ink, neighbours)
@@ -138,7 +138,7 @@ def without_lost(target: Mask, changes: Sequence[Change]) -> Mask:
 
 
 def without_specks(target: Mask, reach_px: float) -> Mask:
-    """The picture without pieces no longer than 2 `reach_px`, such as the dust of a scan."""
+    """Return the picture without pieces no longer than 2 `reach_px`, such as the dust of a scan."""
     labels, found = label_regions("piece", target, reach_px)
     return np.isin(labels, [number for number, _ in found])
 
@@ -182,7 +182,7 @@ def count_touching(target: Mask, reach_px: float) -> int:
 
 
 def list_pieces(mask: Mask, reach_px: float) -> list[Box]:
-    """The boxes of a mask's pieces and of its holes that are longer than 2 `reach_px`."""
+    """List the boxes of a mask's pieces and of its holes that are longer than 2 `reach_px`."""
     padded = np.pad(mask, 1)
     boxes = [
         *(box for _, box in label_regions("piece", padded, reach_px)[1]),
@@ -192,7 +192,7 @@ def list_pieces(mask: Mask, reach_px: float) -> list[Box]:
 
 
 def find_widest(region: Mask) -> tuple[tuple[float, float], float]:
-    """The middle (u, v) of the widest disc that a region (H, W) holds, and how wide that is; pixels."""
+    """Find the middle (u, v) of the widest disc that a region (H, W) holds, and how wide that is; pixels."""
     depth = depth_in(np.pad(region, 1))[1:-1, 1:-1]
     v, u = np.unravel_index(int(depth.argmax()), depth.shape)
     return (float(u), float(v)), 2 * float(depth.max()) - 1
@@ -216,7 +216,7 @@ def _label(mask: Mask, neighbours: Mask) -> tuple[Ints, int]:
 
 
 def _regions(labels: Ints, count: int, reach: float) -> list[tuple[int, Box]]:
-    """The regions longer than 2 `reach`, by number, with their boxes."""
+    """Return the regions longer than 2 `reach`, by number, with their boxes."""
     from scipy.ndimage import find_objects
 
     found = []
@@ -228,7 +228,7 @@ def _regions(labels: Ints, count: int, reach: float) -> list[tuple[int, Box]]:
 
 
 def label_regions(kind: Kind, regions: Mask, reach: float) -> tuple[Ints, list[tuple[int, Box]]]:
-    """A number for each region, and those longer than 2 `reach`, with their boxes.
+    """Return a number for each region, and those longer than 2 `reach`, with their boxes.
 
     Of the background, which holes and leaks are in, without the region that the frame's corner lies in.
     """
@@ -239,7 +239,7 @@ def label_regions(kind: Kind, regions: Mask, reach: float) -> tuple[Ints, list[t
 
 
 def _lost(kind: Kind, regions: Mask, kept: Mask, reach: float) -> Iterator[Change]:
-    """The pieces (or holes) in `regions` of which less than `COVERED` is in `kept`."""
+    """Yield the pieces (or holes) in `regions` of which less than `COVERED` is in `kept`."""
     labels, found = label_regions(kind, regions, reach)
     for number, (left, top, right, bottom) in found:
         inside = labels[top:bottom, left:right] == number
@@ -303,7 +303,7 @@ def _joined(kind: Kind, parts: Mask, wholes: Mask, matter: Mask, reach: float) -
 def _narrowest(
     kind: Kind, part: Ints, inside: set[int], room: Mask, across: Array, pieces: bool
 ) -> Iterator[Change]:
-    """The places of the joins between the regions `inside`, n - 1 of them."""
+    """Yield the places of the joins between the regions `inside`, n - 1 of them."""
     from scipy.ndimage import distance_transform_edt
 
     rows, columns = np.nonzero(room)
@@ -352,7 +352,7 @@ def _narrowest(
 
 
 def shift_change(change: SomeChange, du: int, dv: int) -> SomeChange:
-    """The change on a grid whose origin lies (du, dv) before that of its own."""
+    """Return the change on a grid whose origin lies (du, dv) before that of its own."""
     (u, v), (left, top, right, bottom) = change.where, change.box
     box = (left + du, top + dv, right + du, bottom + dv)
     return replace(change, where=(u + du, v + dv), box=box)

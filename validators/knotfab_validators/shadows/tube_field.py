@@ -37,7 +37,7 @@ class TubeField:
     mask: Mask  # (height, width): the tube's picture at the pixel centres
 
     def signed_distance(self, pixels: Array) -> Array:
-        """Signed distance (m,), in mm on the receiver, of pixels (m, 2) to the tube's outline.
+        """Return signed distance (m,), in mm on the receiver, of pixels (m, 2) to the tube's outline.
 
         Positive inside. The distance of the ray through a pixel from a segment, less the radius,
         is turned into a distance on the receiver by its gradient there: moving the pixel by dQ
@@ -91,7 +91,7 @@ def tube_field(
     geometry: ViewGeometry,
     closed: Sequence[bool] | None = None,
 ) -> TubeField:
-    """The exact tube of polygons [(n, 3), ...], mm, as seen in `geometry`; `closed`: all by default."""
+    """Give the exact tube of polygons [(n, 3), ...], mm, as seen in `geometry`; `closed`: all by default."""
     edges = edges_of(polygons, closed)
     start, end = edges.start - geometry.light, edges.end - geometry.light
     pictures = _picture_balls(start, end, radius, geometry)
@@ -104,7 +104,7 @@ def tube_field(
 
 
 def _picture_balls(start: Array, end: Array, radius: float, geometry: ViewGeometry) -> Array:
-    """Pixels (n, 2 ROUND, 2) of the outlines of each capsule's two balls; its picture is their hull.
+    """Return pixels (n, 2 ROUND, 2) of the outlines of each capsule's two balls; its picture is their hull.
 
     A ball at c is touched by the light's rays in the circle with centre c (1 - r²/|c|²), radius
     r sqrt(1 - r²/|c|²), across c; a capsule is the convex hull of its balls, and so is its picture.
@@ -130,7 +130,7 @@ def _picture_balls(start: Array, end: Array, radius: float, geometry: ViewGeomet
 
 @compiled
 def _trace_hulls(points: Array) -> tuple[Array, Array]:
-    """The edges, from and to (k, 2), of the convex hulls of n lists of points (n, m, 2), all one way round.
+    """Give edges, from and to (k, 2), of the convex hulls of n lists of points (n, m, 2), all one way round.
 
     Andrew's monotone chain ("Another efficient algorithm for convex hulls in two dimensions", 1979).
     """
@@ -185,7 +185,7 @@ class OutlineError:
 def outline_error(
     field: TubeField, outline: Array, shadow: Mask, own: Array | None = None
 ) -> OutlineError:
-    """Largest distance between a shadow and the exact tube's.
+    """Return largest distance between a shadow and the exact tube's.
 
     Spill is the largest distance outside the tube of any point of the shadow, missing the
     largest distance inside the tube of any point that is not in the shadow. Both are taken over
@@ -219,14 +219,14 @@ def outline_error(
 
 
 def _sample_mask(mask: Mask) -> Array:
-    """(n, 2) pixel centres at which a mask holds, evenly thinned where they are very many."""
+    """Return (n, 2) pixel centres at which a mask holds, evenly thinned where they are very many."""
     rows, columns = np.nonzero(mask)
     stride = -(-len(rows) // MOST_PIXELS) or 1
     return np.column_stack([columns, rows])[::stride].astype(np.float64)
 
 
 def _find_well_inside(mask: Mask, pixels: Array) -> Mask:
-    """(m,) whether a pixel and all around it are dark, so that nothing there can be spill."""
+    """Tell (m,) whether a pixel and all around it are dark, so that nothing there can be spill."""
     inner = mask.copy()
     for axis in (0, 1):
         inner &= np.roll(inner, 1, axis) & np.roll(inner, -1, axis)

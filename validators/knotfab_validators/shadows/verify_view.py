@@ -158,7 +158,7 @@ def verify_view(
 
 
 def _beside_stand(view: VerifiedView, tube: Mask) -> VerifiedView:
-    """The view without what a stand darkens outside the frame, or beside the tube's shadow (H, W)."""
+    """Return the view without what a stand darkens outside the frame, or beside the tube's shadow (H, W)."""
     kept, of_tube = view.shadow & (view.frame.mask | tube), view.shadow & tube
     return replace(
         view,
@@ -178,7 +178,7 @@ def _share_of_frame(mask: Mask, frame: WorkingFrame) -> float:
 def _legibility(
     caster: ShadowCaster, vertices: Array, faces: Ints, geometry: ViewGeometry, target: Mask
 ) -> dict[str, float]:
-    """`legibility` of what stands before the receiver: a plate on the wall is no part of the piece."""
+    """Return `legibility` of what stands before the receiver: a plate on the wall is no part of the piece."""
     _, w = geometry.project(vertices)
     before = (w < geometry.w_of_receiver)[faces].any(axis=1)
     if before.all():
@@ -188,13 +188,13 @@ def _legibility(
 
 
 def _casting(vertices: Array, geometry: ViewGeometry, pixel: tuple[float, float]) -> int:
-    """The number of the vertex that is seen nearest to a pixel."""
+    """Return the number of the vertex that is seen nearest to a pixel."""
     seen, _ = geometry.project(vertices)
     return int(((seen - np.array(pixel)) ** 2).sum(axis=1).argmin())
 
 
 def count_stray(rendered: Mask, exact: Mask, polygon: Any) -> int:
-    """Pixels at which two masks disagree, but which are farther than a pixel from the outline.
+    """Return pixels at which two masks disagree, but which are farther than a pixel from the outline.
 
     Args:
         rendered, exact: (H, W). polygon: what `exact` was rastered from, in pixels. Its own boundary

@@ -127,13 +127,13 @@ class ViewGeometry:
         return np.column_stack([inverse, -inverse @ self.light])
 
     def project(self, points: Array) -> tuple[Array, Array]:
-        """Pixel coordinates (n, 2) and w (n,) of points (n, 3); 0 < w < 1 before the flat receiver."""
+        """Return pixel coordinates (n, 2) and w (n,) of points (n, 3); 0 < w < 1 before the flat receiver."""
         h = self.lift(points)
         w = h[:, 2]
         return self.bend(h[:, :2] / w[:, None]), w
 
     def lift(self, points: Array) -> Array:
-        """(u w, v w, w) (n, 3) of points (n, 3), on the flat receiver: straight lines stay straight in it."""
+        """Give (u w, v w, w) (n, 3) of points (n, 3), on the flat receiver; straight lines stay straight."""
         return _lift(np.ascontiguousarray(points, dtype=np.float64), self.projection)
 
     def bend(self, pixels: Array) -> Array:
@@ -144,27 +144,27 @@ class ViewGeometry:
         return np.asarray((places - self.origin) @ np.linalg.pinv(np.stack([self.du, self.dv])))
 
     def on_receiver(self, pixels: Array) -> Array:
-        """The receiver's points (n, 3), mm, under pixel coordinates (n, 2)."""
+        """Return the receiver's points (n, 3), mm, under pixel coordinates (n, 2)."""
         flat = self.origin + pixels[:, :1] * self.du + pixels[:, 1:] * self.dv
         if self.cylinder is None:
             return np.asarray(flat)
         return self.cylinder.roll(flat, self.normal)[0]
 
     def touching(self, pixels: Array) -> tuple[Array, Array]:
-        """Points (n, 3) of the receiver under pixels (n, 2), and its unit normals there, (n, 3) or (3,)."""
+        """Give points (n, 3) of the receiver under pixels (n, 2), and unit normals there, (n, 3) or (3,)."""
         if self.cylinder is None:
             return self.on_receiver(pixels), self.normal
         return self.cylinder.roll(self.flat.on_receiver(pixels), self.normal)
 
     def across(self, pixels: Array) -> tuple[Array, Array]:
-        """Unit vectors along `du` and `dv` on the receiver, (n, 3) or (3,), under pixels (n, 2)."""
+        """Return unit vectors along `du` and `dv` on the receiver, (n, 3) or (3,), under pixels (n, 2)."""
         u, v = self.du / np.linalg.norm(self.du), self.dv / np.linalg.norm(self.dv)
         if self.cylinder is None:
             return u, v
         return np.cross(self.touching(pixels)[1], v), v
 
     def resample(self, frame: WorkingFrame) -> ViewGeometry:
-        """The same view on the padded working frame's pixels."""
+        """Return the same view on the padded working frame's pixels."""
         scale_u, scale_v = self.width / frame.width, self.height / frame.height
         u0, v0 = (0.5 - frame.pad_x) * scale_u - 0.5, (0.5 - frame.pad_y) * scale_v - 0.5
         return replace(
@@ -177,7 +177,7 @@ class ViewGeometry:
         )
 
     def in_part(self, pose: Array) -> ViewGeometry:
-        """This view of the scene in the part's coordinates: `x_scene = pose @ x_part` (4, 4)."""
+        """Return this view of the scene in the part's coordinates: `x_scene = pose @ x_part` (4, 4)."""
         rotation, shift = pose[:3, :3], pose[:3, 3]
         return replace(
             self,
@@ -193,7 +193,7 @@ class ViewGeometry:
 
 @compiled
 def _lift(points: Array, matrix: Array) -> Array:
-    """`matrix` (3, 4) times (x, y, z, 1), of points (n, 3)."""
+    """Return `matrix` (3, 4) times (x, y, z, 1), of points (n, 3)."""
     lifted = np.empty((len(points), 3))
     for k in range(len(points)):
         x, y, z = points[k, 0], points[k, 1], points[k, 2]
@@ -203,7 +203,7 @@ def _lift(points: Array, matrix: Array) -> Array:
 
 
 def view_geometry(view: SceneView, width: int, height: int) -> ViewGeometry:
-    """The view in scene coordinates, for a picture of `width` x `height` pixels.
+    """Return the view in scene coordinates, for a picture of `width` x `height` pixels.
 
     The light stands at `light_distance_mm` from the scene's origin in the direction of the azimuth, raised
     by the elevation, and `light_right_mm` and `light_up_mm` beside that axis; the receiver's centre lies
@@ -240,7 +240,7 @@ def view_geometry(view: SceneView, width: int, height: int) -> ViewGeometry:
 
 
 def _frame_size(view: SceneView, width: int, height: int) -> tuple[float, float]:
-    """Width and height, mm, of the frame of a picture of `width` x `height` pixels."""
+    """Return the width and height, mm, of the frame of a picture of `width` x `height` pixels."""
     wide, high = view.frame_width_mm, view.frame_height_mm
     if wide is None and high is None:
         scale = FRAME_MM / max(width, height)

@@ -21,7 +21,7 @@ PLACES = 129  # across and up the frame
 
 
 def find_wall(geometry: ViewGeometry) -> RoundWall | None:
-    """How far a flat wall would have the picture off its places on the round one; None of a flat wall."""
+    """Find how far a flat wall would put the picture off its places on the round one; None of a flat one."""
     if geometry.cylinder is None:
         return None
     ends = (np.linspace(-0.5, n - 0.5, PLACES) for n in (geometry.width, geometry.height))
@@ -36,7 +36,7 @@ def find_wall(geometry: ViewGeometry) -> RoundWall | None:
 def receive(
     geometry: ViewGeometry, effects: Switches, tolerance_px: float = 0.25
 ) -> tuple[ViewGeometry, RoundWall | None]:
-    """The view on the wall that its shadows are cast on, and what `find_wall` says of that.
+    """Return the view on the wall that its shadows are cast on, and what `find_wall` says of that.
 
     A round wall is taken as flat where the scene says so, or a flat one is not off by a tolerance.
     """

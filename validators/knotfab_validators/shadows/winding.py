@@ -28,7 +28,7 @@ class Linework:
 
 
 def _rising_edges(lines: Linework) -> tuple[Linework, Array]:
-    """The edges that cross a row at all, turned so that y grows, and dx/dy of each."""
+    """Return the edges that cross a row at all, turned so that y grows, and dx/dy of each."""
     up = lines.end[:, 1] < lines.start[:, 1]
     low = np.where(up[:, None], lines.end, lines.start)
     high = np.where(up[:, None], lines.start, lines.end)
@@ -87,7 +87,7 @@ def _find_wound(raster: NDArray[np.int32]) -> Mask:
 
 
 def winding_at(points: Array, lines: Linework) -> Ints:
-    """Winding numbers (m,) at points (m, 2); a tree over the edges finds those left of a point."""
+    """Return winding numbers (m,) at points (m, 2); a tree over the edges finds those left of a point."""
     if len(points) == 0 or len(lines.start) == 0:
         return np.zeros(len(points), dtype=np.int64)
     edges, slope = _rising_edges(lines)

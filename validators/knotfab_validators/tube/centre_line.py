@@ -46,7 +46,7 @@ class CentreLine:
 
 
 def check_centre_lines(mesh: Mesh) -> tuple[Check, Curves | None]:
-    """`centre_line`: the mesh is closed tubes and nothing else; and what lines were found, None: none.
+    """Check `centre_line`: the mesh is closed tubes and nothing else; and what lines were found, None: none.
 
     Not required: what is no tube may well be a good part. `measured` is the largest rms residual of
     the bodies, in radii. Tubes of unlike or of varying thickness have no radius.
@@ -87,7 +87,7 @@ def check_centre_lines(mesh: Mesh) -> tuple[Check, Curves | None]:
 
 
 def find_centre_line(mesh: Mesh) -> CentreLine | None:
-    """The centre line of one body of genus 1; None where no line within it has rings about it.
+    """Find the centre line of one body of genus 1; None where no line within it has rings about it.
 
     Level sets of a harmonic function along the tube are rings about it, and their centroids the
     first line. Then each stretch is moved to the centre of the circle that fits the surface about it,
@@ -128,7 +128,7 @@ def find_centre_line(mesh: Mesh) -> CentreLine | None:
 
 
 def _find_all(mesh: Mesh, found: Surface) -> tuple[list[CentreLine], dict[int, CentreLine | str]]:
-    """The lines of the bodies that are tubes; of the others, by number, what they are."""
+    """Find the lines of the bodies that are tubes; of the others, by number, what they are."""
     lines: list[CentreLine] = []
     faults: dict[int, CentreLine | str] = {}
     for number, genus in enumerate(found.genus.tolist()):
@@ -148,7 +148,7 @@ def _find_all(mesh: Mesh, found: Surface) -> tuple[list[CentreLine], dict[int, C
 
 
 def _find_or_none(body: Mesh) -> CentreLine | None:
-    """Its centre line; None too where faces are so degenerate that no function along it can be solved."""
+    """Find a body's centre line; None too if its faces are too degenerate for a function along it."""
     try:
         return find_centre_line(body)
     except (ArithmeticError, RuntimeError, np.linalg.LinAlgError):
@@ -156,7 +156,7 @@ def _find_or_none(body: Mesh) -> CentreLine | None:
 
 
 def _take_body(mesh: Mesh, found: Surface, number: int) -> Mesh | None:
-    """One body, sewn where its two ends meet; None where it is no closed surface."""
+    """Return one body, sewn where its two ends meet; None where it is no closed surface."""
     used, index = np.unique(mesh.faces[found.body == number], return_inverse=True)
     body = Mesh(mesh.vertices[used], index.reshape(-1, 3))
     if found.manifold or (own := survey(body)).manifold:
@@ -211,7 +211,7 @@ def _centroids(ring: Ints, points: Array, weight: Array, count: int) -> Array:
 
 
 def _mean_radii(far: Array, at: Ints, weight: Array, line: Array, wave: float) -> Array:
-    """The mean distance (n,) of the surface next to each point of a line, smoothed."""
+    """Return the mean distance (n,) of the surface next to each point of a line, smoothed."""
     count = len(line)
     total = np.bincount(at, weight, count)
     radii = np.bincount(at, weight * far, count) / np.maximum(total, 1e-300)
@@ -221,7 +221,7 @@ def _mean_radii(far: Array, at: Ints, weight: Array, line: Array, wave: float) -
 
 
 def _smooth(values: Array, shortest: float, line: Array | None = None) -> Array:
-    """Values (n, k) of an even closed line (by default its points) without waves shorter than this, mm.
+    """Give values (n, k) of an even closed line (by default its points) without waves shorter than this, mm.
 
     Whittaker's smoothing with third differences, in closed form on a circle: a wave of length w
     keeps 1 / (1 + (`shortest` / w)^6) of itself.
@@ -236,7 +236,7 @@ def _smooth(values: Array, shortest: float, line: Array | None = None) -> Array:
 
 
 def _space_evenly(line: Array, place: Array) -> tuple[Array, Array]:
-    """A closed line sampled evenly by a periodic cubic spline, and places along it in its new numbers."""
+    """Sample a closed line evenly by a periodic cubic spline, and give places along it in its new numbers."""
     from scipy.interpolate import CubicSpline
 
     count = len(line)
@@ -249,7 +249,7 @@ def _space_evenly(line: Array, place: Array) -> tuple[Array, Array]:
 
 
 def _frames(line: Array) -> tuple[Array, Array, Array, float]:
-    """Unit tangents and two unit normals (n, 3) at the points of an even closed line, and its step."""
+    """Return unit tangents and two unit normals (n, 3) at the points of an even closed line, and its step."""
     along = np.roll(line, -1, axis=0) - np.roll(line, 1, axis=0)
     length = np.linalg.norm(along, axis=1)
     tangent = along / np.maximum(length, 1e-300)[:, None]
@@ -259,7 +259,7 @@ def _frames(line: Array) -> tuple[Array, Array, Array, float]:
 
 
 def _project(line: Array, points: Array, place: Array) -> tuple[Ints, Array]:
-    """Points from their feet on the line: the number of its point next to it (k,), two coordinates across.
+    """Refer points to their feet on the line: the number of its nearest point (k,), two coordinates across.
 
     Between its points the line is taken as the parabola with the curvature there: chords would put
     a bend as tight as the tube half a hundredth of the radius off, and make waves of it. `place` (k,) is
@@ -285,7 +285,7 @@ def _project(line: Array, points: Array, place: Array) -> tuple[Ints, Array]:
 
 
 def _recentre(line: Array, points: Array, weight: Array, place: Array) -> Array:
-    """The line with each point moved to the centre of the circle about it, by linear least squares.
+    """Return the line with each point moved to the centre of the circle about it, by linear least squares.
 
     |p - c|² = r² is linear in c and r² - |c|² (Kåsa, "A circle fitting procedure", IEEE Trans.
     Instrum. Meas. 25, 1976). `place` is brought up to date.
@@ -312,7 +312,7 @@ def _recentre(line: Array, points: Array, weight: Array, place: Array) -> Array:
 
 
 def _distances(line: Array, points: Array, place: Array) -> tuple[Array, Ints]:
-    """Distance (k,) of points from the line near `place`, and the number of the nearest of its points."""
+    """Measure the distance (k,) of points from the line near `place`; give the nearest of its points."""
     at, across = _project(line, points, place)
     return np.linalg.norm(across, axis=1), at
 

@@ -66,7 +66,7 @@ class _Surface:
 
 
 def check_clearance(mesh: Mesh, curves: Curves | None, required_mm: float | None) -> Check:
-    """`clearance`: no two strands' surfaces come nearer than `required_mm`; None measures only.
+    """Check `clearance`: no two strands' surfaces come nearer than `required_mm`; None measures only.
 
     With curves, strands are told apart by them (`strand_gap`); without, only the distance between
     separate bodies is seen. A tube of flat facets with rings of m corners at radius r has gaps up
@@ -114,7 +114,7 @@ def check_clearance(mesh: Mesh, curves: Curves | None, required_mm: float | None
 def strand_gap(
     mesh: Mesh, curves: Curves, required_mm: float = 0.0
 ) -> tuple[Gap | None, float, int]:
-    """The smallest distance between surfaces of strands that face each other.
+    """Return the smallest distance between surfaces of strands that face each other.
 
     Every face belongs to the edge of the centre lines that its middle is nearest to. Triangles of
     two edges are measured exactly if places on these edges face each other (`strand_pairs`), that
@@ -155,7 +155,7 @@ def strand_gap(
 
 
 def _sort_faces(mesh: Mesh, curves: Curves, samples: Samples, radius: float) -> _Surface:
-    """The mesh's faces by edges; faces that no strand is near are left out."""
+    """Return the mesh's faces by edges; faces that no strand is near are left out."""
     from scipy.spatial import cKDTree
 
     start, end = curves.edges.start, curves.edges.end
@@ -196,7 +196,7 @@ def _sort_faces(mesh: Mesh, curves: Curves, samples: Samples, radius: float) -> 
 def _find_smallest(
     surface: _Surface, samples: Samples, pairs: StrandPairs, which: Mask, most: float, radius: float
 ) -> Gap | None:
-    """The nearest triangles of the edges of some pairs of samples, up to `most` apart."""
+    """Find the nearest triangles of the edges of some pairs of samples, up to `most` apart."""
     count = np.int64(len(surface.start))
     # the piece of the curve before a sample is as near to it as the one after
     here = [samples.edge[pairs.i[which]], samples.edge[samples.behind[pairs.i[which]]]]
@@ -245,7 +245,7 @@ def _find_runs(portion: Ints) -> list[tuple[int, int]]:
 
 
 def _face_pairs(surface: _Surface, e: Ints, f: Ints, most: float) -> tuple[Ints, Ints, Ints]:
-    """Faces of edges e and f that may be `most` apart, and which pair of edges they are of."""
+    """Return faces of edges e and f that may be `most` apart, and which pair of edges they are of."""
     (row, one), (column, other) = _faces_near(surface, e, f, most), _faces_near(surface, f, e, most)
     rows, columns = np.bincount(row, minlength=len(e)), np.bincount(column, minlength=len(e))
     sizes = rows * columns
@@ -267,7 +267,7 @@ def _face_pairs(surface: _Surface, e: Ints, f: Ints, most: float) -> tuple[Ints,
 
 
 def _centres_near(surface: _Surface, one: Ints, other: Ints, most: float) -> tuple[Ints, Ints]:
-    """Pairs of faces of two long lists that may be `most` apart, by trees of their centres."""
+    """Return pairs of faces of two long lists that may be `most` apart, by trees of their centres."""
     from scipy.spatial import cKDTree
 
     reach = most + float(surface.size[one].max() + surface.size[other].max())
@@ -280,7 +280,7 @@ def _centres_near(surface: _Surface, one: Ints, other: Ints, most: float) -> tup
 
 
 def _faces_near(surface: _Surface, e: Ints, f: Ints, most: float) -> tuple[Ints, Ints]:
-    """Faces of edges e that may be `most` from a face of edges f, and the number of their edge."""
+    """Return faces of edges e that may be `most` from a face of edges f, and the number of their edge."""
     counts = surface.first[e + 1] - surface.first[e]
     own, number = number_runs(counts)
     face, to = surface.first[e][own] + number, f[own]
@@ -310,7 +310,7 @@ def _spots(points: Array) -> str:
 
 
 def nearest_bodies(mesh: Mesh) -> tuple[float, Array] | str:
-    """Least distance between two connected pieces of the surface, and the nearest points (2, 3).
+    """Return least distance between two connected pieces of the surface, and the nearest points (2, 3).
 
     0 where two cross. By python-fcl's trees of boxes, whose triangle distances are exact; pairs of
     bodies are taken in the order of their bounding boxes' distance. Returns a sentence instead

@@ -78,7 +78,7 @@ class _Arcs:
 def shortest_critical_chord(
     polygons: Sequence[Array], closed: Sequence[bool], *, up_to: float = float("inf")
 ) -> Chord | None:
-    """The shortest chord that is critical at both ends, over all polygons together.
+    """Return the shortest chord that is critical at both ends, over all polygons together.
 
     A chord is critical at an interior point of an edge if it is perpendicular to it, and at a
     vertex if its length turns there, to rise or to fall: its products with the two adjacent edges
@@ -156,7 +156,7 @@ def _elements(polygons: Sequence[Array], closed: Sequence[bool]) -> _Elements:
 
 
 def _levels(elements: _Elements) -> list[_Arcs]:
-    """Arcs of 1, 2, 4, ... elements, finest first, until few are left."""
+    """Yield arcs of 1, 2, 4, ... elements, finest first, until few are left."""
     counts = np.bincount(elements.knot)
     starts = np.concatenate([[0], np.cumsum(counts)[:-1]])
     levels: list[_Arcs] = []
@@ -195,7 +195,7 @@ def _arcs(elements: _Elements, first: Ints, children: Ints) -> _Arcs:
 
 
 def _search(elements: _Elements, levels: list[_Arcs], limit: float) -> Chord | None:
-    """The shortest critical chord of length up to `limit`."""
+    """Return the shortest critical chord of length up to `limit`."""
     i, j = np.triu_indices(len(levels[-1].centre))
     stack = _portions(len(levels) - 1, i.astype(np.int64), j.astype(np.int64))
     best: Chord | None = None
@@ -232,7 +232,7 @@ def _too_many(level: int, pairs: int, arcs: int) -> bool:
 
 
 def _portions(level: int, i: Ints, j: Ints) -> list[tuple[int, Ints, Ints]]:
-    """Pairs of a level, `PAIRS_AT_ONCE` at a time."""
+    """Return pairs of a level, `PAIRS_AT_ONCE` at a time."""
     size = PAIRS_AT_ONCE
     return [(level, i[k : k + size], j[k : k + size]) for k in range(0, len(i), size)]
 
@@ -268,7 +268,7 @@ def _possible(arcs: _Arcs, i: Ints, j: Ints, limit: float) -> Mask:
 
 
 def _distance_bound(arcs: _Arcs, i: Ints, j: Ints, between: Array) -> Array:
-    """A distance that two arcs keep at least, from their cylinders (long edges fill few balls).
+    """Return a distance that two arcs keep at least, from their cylinders (long edges fill few balls).
 
     Along a direction, the arcs' centres are apart by its product with `between`, and each arc
     reaches as far as its cylinder does: `across` if the direction is perpendicular to its axis.
@@ -287,7 +287,7 @@ def _distance_bound(arcs: _Arcs, i: Ints, j: Ints, between: Array) -> Array:
 
 
 def _evaluate(elements: _Elements, i: Ints, j: Ints, limit: float) -> Chord | None:
-    """The shortest critical chord between edges (or their first vertices) of pairs i, j."""
+    """Return the shortest critical chord between edges (or their first vertices) of pairs i, j."""
     apart = i != j
     i, j = i[apart], j[apart]
     if len(i) == 0:
@@ -360,7 +360,7 @@ def _curve_point(elements: _Elements, k: int, s: float) -> CurvePoint:
 
 
 def _off_axis(a: Array, axis: Array) -> Array:
-    """Distance (n,) of points (n, 3) from the lines through 0 along unit vectors (n, 3)."""
+    """Return the distance (n,) of points (n, 3) from the lines through 0 along unit vectors (n, 3)."""
     return _norm(a - _dot(a, axis)[:, None] * axis)
 
 

@@ -22,7 +22,7 @@ ALONG = 1.2  # times a face's side: the strand between its ends, where it runs a
 
 
 def tube_vertices(vertices: Array, faces: Ints, polygons: Sequence[Array], radius: float) -> Mask:
-    """(n,) whether each vertex is the tube's: all but those of matter that leads away from it.
+    """Tell (n,) whether each vertex is the tube's: all but those of matter that leads away from it.
 
     A vertex within `OFF` radii of the centre lines lies on the tube. Those farther out are the mount's
     where some vertex that is joined to them by edges, without touching the tube, is farther than
@@ -57,7 +57,7 @@ def strand_faces(
     proud: float = PROUD,
     beside: float = BESIDE,
 ) -> Mask:
-    """(m,) whether each face is the tube's surface and no mount's: close to it, and to one strand alone.
+    """Tell (m,) whether each face is the tube's surface and no mount's: close to it, and to one strand alone.
 
     Args:
         vertices, faces: (n, 3) and (m, 3), mm. polygons: closed, [(k, 3), ...] mm, one radius.
@@ -84,7 +84,7 @@ def strand_faces(
 
 
 def _sample(polygon: Array, radius: float) -> Array:
-    """(n, 3) points along a closed polygon, at most `SPACING` radii apart."""
+    """Return (n, 3) points along a closed polygon, at most `SPACING` radii apart."""
     end = np.roll(polygon, -1, axis=0)
     which, begin, _ = cut_edges(polygon, end, SPACING * radius)
     return np.asarray(polygon[which] + begin[:, None] * (end - polygon)[which])

@@ -24,7 +24,7 @@ OWN = 1.25  # radii from a centre line that matter between two strands may be
 
 
 def check_mount(mesh: Mesh, curves: Curves, pegs: tuple[int, ...] = ()) -> Check:
-    """`mount`: matter fills every member of the mount, as `tube` measures it, and no other joins strands.
+    """Check `mount`: matter fills every member of the mount, as `tube` measures it; no other joins strands.
 
     A member is full where no face lies in it, from a centre line to just below the foot's surface, and one
     of its points is in matter: in the union of a part's solids there are no faces. All faces of the
@@ -93,7 +93,7 @@ def _check_filled(mesh: Mesh, curves: Curves, radius: float) -> Check:
 
 
 def _allowed(radius: float) -> float:
-    """The depth in a member, mm, at which a face may lie."""
+    """Return the depth in a member, mm, at which a face may lie."""
     return LIMIT * radius + 0.025  # a facet of a member may lie so far inside it
 
 
@@ -151,7 +151,7 @@ def _unit(member: Member) -> tuple[Array, float]:
 
 
 def _planes(member: Member) -> list[tuple[Array, float]]:
-    """The half spaces (n · p >= offset) between which a member must be full."""
+    """Return the half spaces (n · p >= offset) between which a member must be full."""
     unit, _ = _unit(member)
     begin = (unit, float(unit @ member.start))
     if member.foot is None:
@@ -160,7 +160,7 @@ def _planes(member: Member) -> list[tuple[Array, float]]:
 
 
 def _measure(points: Array, member: Member) -> tuple[Array, Array]:
-    """For points (n, 3): how far along a member they are, mm, and how far from its axis."""
+    """Measure, for points (n, 3), how far along a member they are, mm, and how far from its axis."""
     unit, _ = _unit(member)
     to = points - member.start
     along = to @ unit
@@ -173,7 +173,7 @@ def _radius_at(member: Member, along: Array) -> Array:
 
 
 def _clip(polygon: Array, normal: Array, offset: float) -> Array:
-    """The part (k, 3) of a convex polygon (n, 3) where normal · p >= offset (Sutherland, Hodgman, 1974)."""
+    """Give part (k, 3) of a convex polygon (n, 3) where normal · p >= offset (Sutherland, Hodgman, 1974)."""
     side = polygon @ normal - offset
     kept = []
     for k in range(len(polygon)):
@@ -187,7 +187,7 @@ def _clip(polygon: Array, normal: Array, offset: float) -> Array:
 
 
 def _find_joints(mesh: Mesh, curves: Curves, radius: float) -> Array:
-    """(k, 3) places where faces that are neither a strand's nor a member's touch a strand.
+    """Find (k, 3) places where faces that are neither a strand's nor a member's touch a strand.
 
     Without members: where a face leads from one strand to another that is too near for a strut.
     """
@@ -209,7 +209,7 @@ def _find_joints(mesh: Mesh, curves: Curves, radius: float) -> Array:
 
 
 def _in_member(points: Array, member: Member) -> Mask:
-    """(n,) whether points (n, 3) are in a member, or in its root."""
+    """Tell (n,) whether points (n, 3) are in a member, or in its root."""
     _, length = _unit(member)
     along, radial = _measure(points, member)
     wide, high = ROOT
@@ -219,7 +219,7 @@ def _in_member(points: Array, member: Member) -> Mask:
 
 
 def _find_fused(mesh: Mesh, curves: Curves, radius: float, own: Mask) -> Array:
-    """(k, 3) places where faces lead from one strand to another that is too near for a strut."""
+    """Find (k, 3) places where faces lead from one strand to another that is too near for a strut."""
     from scipy.spatial import cKDTree
 
     rest = np.flatnonzero(~own)
@@ -240,7 +240,7 @@ def _find_fused(mesh: Mesh, curves: Curves, radius: float, own: Mask) -> Array:
 
 
 def _one_of_each(mesh: Mesh, some: Ints, bad: Mask) -> Array:
-    """(k, 3) the middle of one bad face of each patch that connected faces form."""
+    """Return (k, 3) the middle of one bad face of each patch that connected faces form."""
     if not bad.any():
         return np.empty((0, 3))
     faces = mesh.faces[some]

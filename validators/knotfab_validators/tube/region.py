@@ -32,7 +32,7 @@ MOST_EXACT = 5_000_000  # points times faces of exact winding numbers
 
 
 def measure_excess(points: Array, region: Region, radius_mm: float = 0.0) -> Array:
-    """(n,) how far balls of `radius_mm` about `points` (n, 3) stick out of a box, cylinder or sphere.
+    """Measure (n,) how far balls of `radius_mm` about `points` (n, 3) stick out of a box, cylinder or sphere.
 
     In mm, negative inside, along the region's own axes. For a box the largest excess over its faces; for a
     cylinder (axis y) the larger one of those over its mantle and its ends. The region's size must be known.
@@ -60,7 +60,7 @@ def check_region(
     mesh: Mesh | None = None,
     surface: Mesh | None = None,
 ) -> Check:
-    """`region`: the tubes around `curves`, or else the whole `mesh`, stay inside.
+    """Check `region`: the tubes around `curves`, or else the whole `mesh`, stay inside.
 
     Box, cylinder and sphere are convex, so that the vertices of centre line or mesh decide; of a
     region that is a mesh the least distance between centre line and surface does, and a part without
@@ -105,7 +105,7 @@ def check_region(
 def _tube(
     region: Region, surface: Mesh | None, curves: Curves, radius: float, matrix: Array
 ) -> tuple[Array, Array]:
-    """Points of the centre lines in the scene, and how far the tube sticks out there."""
+    """Return points of the centre lines in the scene, and how far the tube sticks out there."""
     if surface is None:
         points = move_points(np.concatenate(curves.polygons), matrix)
         return points, measure_excess(points, region, radius)
@@ -114,7 +114,7 @@ def _tube(
 
 
 def _part(region: Region, surface: Mesh | None, mesh: Mesh, matrix: Array) -> tuple[Array, Array]:
-    """Points of the part in the scene, and how far it sticks out there."""
+    """Return points of the part in the scene, and how far it sticks out there."""
     vertices = move_points(mesh.vertices, matrix)
     if surface is None:
         return vertices, measure_excess(vertices, region)
@@ -122,7 +122,7 @@ def _part(region: Region, surface: Mesh | None, mesh: Mesh, matrix: Array) -> tu
 
 
 def check_build_volume(mesh: Mesh, build_volume_mm: tuple[float, float, float]) -> Check:
-    """`build_volume`: the part lies on the bed's positive octant and inside the printer's volume."""
+    """Check `build_volume`: the part lies on the bed's positive octant and inside the printer's volume."""
     vertices = mesh.vertices
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     excess = np.maximum(vertices - np.array(build_volume_mm), -vertices).max(axis=1)
@@ -183,7 +183,7 @@ def measure_part_excess(surface: Mesh, part: Mesh) -> tuple[Array, Array]:
 
 
 def _depth(surface: Mesh, points: Array) -> Array:
-    """(n,) distance to the surface, positive inside (where the winding number is above 1/2).
+    """Return (n,) distance to the surface, positive inside (where the winding number is above 1/2).
 
     libigl's own signed distances are not asked: they are distances times 1 - 2 w, and its fast
     winding number w has an error of a thousandth. Near the surface w is summed up exactly.
@@ -198,7 +198,7 @@ def _depth(surface: Mesh, points: Array) -> Array:
 
 
 def _least_distance(surface: Mesh, start: Array, end: Array) -> tuple[float, Array]:
-    """Least distance between edges and faces, and its place (3,) on the edges, which are thin triangles."""
+    """Measure the least distance of edges and faces, and its place (3,) on the edges, thin triangles."""
     number = np.arange(len(start))
     corners = np.stack([number, number + len(start), number + len(start)], axis=1)
     edges = Mesh(np.concatenate([start, end]), corners)

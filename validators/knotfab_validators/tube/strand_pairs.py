@@ -50,7 +50,7 @@ class StrandPairs:
 
 
 def sample_curves(polygons: Sequence[Array], step: float) -> Samples:
-    """Samples at most `step` apart on the edges of closed polygons, and all their vertices."""
+    """Return samples at most `step` apart on the edges of closed polygons, and all their vertices."""
     total = sum(float(np.linalg.norm(np.roll(p, -1, axis=0) - p, axis=1).sum()) for p in polygons)
     step = max(step, total / MOST_SAMPLES)
     point, knot, edge, arc, ahead, behind, lengths = [], [], [], [], [], [], []
@@ -82,7 +82,7 @@ def sample_curves(polygons: Sequence[Array], step: float) -> Samples:
 
 
 def strand_pairs(samples: Samples, reach: float, apart: float) -> StrandPairs:
-    """Pairs of samples up to `reach` from each other that face each other or are `apart`.
+    """Return pairs of samples up to `reach` from each other that face each other or are `apart`.
 
     Whether two places of a knot face each other is found by descent: both are moved along the
     curve, sample by sample, as long as that lowers their distance. Neighbours meet; what does not
@@ -137,7 +137,7 @@ def _meet(samples: Samples, i: Ints, j: Ints) -> Mask:
 
 
 def _lower(samples: Samples, i: Ints, j: Ints, count: np.int64) -> Ints:
-    """The pair, among each pair's eight neighbours and itself, with the least distance."""
+    """Return the pair, among each pair's eight neighbours and itself, with the least distance."""
     to_i = {-1: samples.behind[i], 0: i, 1: samples.ahead[i]}
     to_j = {-1: samples.behind[j], 0: j, 1: samples.ahead[j]}
     best, at = _square(samples, i, j) * (1 - 1e-12), i * count + j

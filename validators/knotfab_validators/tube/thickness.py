@@ -45,7 +45,7 @@ class Thickness:
 
 
 def thickness(polygons: Sequence[Array], closed: Sequence[bool] | None = None) -> Thickness:
-    """Polygonal thickness of all polygons together, as a radius, at full double precision.
+    """Return polygonal thickness of all polygons together, as a radius, at full double precision.
 
     The minimum of MinRad over the vertices, min(adjacent edges) / (2 tan(theta/2)) with theta the
     turning angle, and half the shortest doubly critical chord (Rawdon, "Approximating the
@@ -91,7 +91,7 @@ def thickness(polygons: Sequence[Array], closed: Sequence[bool] | None = None) -
 def _find_min_rad(
     polygons: Sequence[Array], closed: Sequence[bool]
 ) -> tuple[float, tuple[int, int] | None]:
-    """The smallest MinRad and its (knot, vertex); inf and None where nothing bends.
+    """Find the smallest MinRad and its (knot, vertex); inf and None where nothing bends.
 
     Vertices at which nothing turns are no ends of edges: another program may have put them there.
     """
@@ -108,7 +108,7 @@ def _find_min_rad(
 
 
 def _find_turning(polygon: Array, closed: bool) -> Ints:
-    """The vertices of a polygon (n, 3) at which it turns, and open ends.
+    """Find the vertices of a polygon (n, 3) at which it turns, and open ends.
 
     Where many in a row turn by next to nothing, some of them, so that a bend spread over thousands stays one.
     """
@@ -127,7 +127,7 @@ def _find_turning(polygon: Array, closed: bool) -> Ints:
 
 
 def _bend_radii(polygon: Array, closed: bool) -> Array:
-    """MinRad (n,) at each vertex: 0 beside an edge of no length, inf where it is straight."""
+    """Return MinRad (n,) at each vertex: 0 beside an edge of no length, inf where it is straight."""
     ahead = np.roll(polygon, -1, axis=0) - polygon
     length = np.linalg.norm(ahead, axis=1)
     unit = ahead / np.where(length > 0, length, 1.0)[:, None]
@@ -148,12 +148,12 @@ def _name_end(end: CurvePoint, place: Place) -> str:
 
 
 def _allow_rounding(limit: float | None) -> float:
-    """The amount by which rounding may make a measured number fall short of its limit."""
+    """Return the amount by which rounding may make a measured number fall short of its limit."""
     return ROUNDING * (limit or 0.0)
 
 
 def check_thickness(curves: Curves, required_mm: float | None) -> Check:
-    """`thickness`: the polygonal thickness is at least `required_mm`; None measures only.
+    """Check `thickness`: the polygonal thickness is at least `required_mm`; None measures only.
 
     `required_mm` is the tube's radius and half the clearance.
     """
@@ -176,7 +176,7 @@ def check_thickness(curves: Curves, required_mm: float | None) -> Check:
 
 
 def check_bend(curves: Curves, min_bend_radius_mm: float | None) -> Check:
-    """`bend`: no bend radius (MinRad) of the centre lines is below `min_bend_radius_mm`."""
+    """Check `bend`: no bend radius (MinRad) of the centre lines is below `min_bend_radius_mm`."""
     radius, found = _find_min_rad(curves.polygons, curves.closed)
     at: list[Place] = []
     detail = "nothing bends"
@@ -188,7 +188,7 @@ def check_bend(curves: Curves, min_bend_radius_mm: float | None) -> Check:
 
 
 def check_length(curves: Curves, max_mm: float | None) -> Check:
-    """`length`: the centre lines together are no longer than `max_mm`; at: where the longest is."""
+    """Check `length`: the centre lines together are no longer than `max_mm`; at: where the longest is."""
     lengths = curves.lengths_mm
     longest = lengths.index(max(lengths))
     (start,) = places([curves.polygons[longest][0]])

@@ -45,7 +45,7 @@ class TubeFit:
 
 
 def tube_fit(mesh: Mesh, curves: Curves, *, mounted: bool = False) -> TubeFit:
-    """The distances between a part's surface and the exact tube, both ways; the radius must be known.
+    """Return the distances between a part's surface and the exact tube, both ways; the radius must be known.
 
     The exact tube is all that lies one radius from the centre lines. Where the edges of a centre line
     meet at an angle it is round outside; the two edges' cylinders, extended until they meet (a mitre),
@@ -81,7 +81,7 @@ def tube_fit(mesh: Mesh, curves: Curves, *, mounted: bool = False) -> TubeFit:
 def check_tube(
     mesh: Mesh, curves: Curves | None, *, mounted: bool = False, asked_mm: float | None = None
 ) -> Check:
-    """`tube`: the mesh is the tube about these curves, within 4 % of its radius both ways.
+    """Check `tube`: the mesh is the tube about these curves, within 4 % of its radius both ways.
 
     What is proved of the knots (thickness, bend, type) holds for the part only if it is. A `mounted`
     part has more matter than the tube: then the exact tube must lie on its surface or, where the
@@ -114,7 +114,7 @@ def check_tube(
 
 
 def measure_proud(mesh: Mesh, curves: Curves, places: Array) -> Array:
-    """(k,) mm: how far corners of the mesh beside places (k, 3) stand out of the exact tube, at most.
+    """Measure (k,) mm: how far corners of the mesh beside places (k, 3) stand out of the exact tube, at most.
 
     Of corners within a diameter of each place, those nearer to a centre line than `PROUD` radii count.
     """
@@ -160,7 +160,7 @@ class _Line:
         self.past_start = np.where(joined[self.before], self.past_end[self.before], 0.0)
 
     def distance(self, points: Array) -> tuple[Array, Array, Ints]:
-        """Distance (n,) of points (n, 3), at most `REACH` radii, and the number of the edge there.
+        """Return the distance (n,) of points (n, 3), at most `REACH` radii, and the number of the edge there.
 
         Between the two stands the distance from the straight line through that edge for points that
         may belong to a mitre, and the distance itself for all others.
@@ -198,7 +198,7 @@ class _Line:
         return best, np.minimum(mitred, best), edge
 
     def off(self, points: Array, distance: Array, mitred: Array) -> Array:
-        """Deviation (n,) of points from the exact tube, in radii, from their distances."""
+        """Return deviation (n,) of points from the exact tube, in radii, from their distances."""
         off = np.minimum(np.abs(distance - self.radius), np.abs(mitred - self.radius))
         for end, outwards in self.ends:
             near = np.flatnonzero(distance < 2 * self.radius)
@@ -212,7 +212,7 @@ class _Line:
 
 
 def _open_ends(curves: Curves) -> list[tuple[Array, Array]]:
-    """The ends of the open curves: point (3,) and unit vector (3,) outwards."""
+    """Return the ends of the open curves: point (3,) and unit vector (3,) outwards."""
     ends = []
     for polygon, closed in zip(curves.polygons, curves.closed, strict=True):
         if closed:
@@ -223,7 +223,7 @@ def _open_ends(curves: Curves) -> list[tuple[Array, Array]]:
 
 
 def _from_mesh(mesh: Mesh, line: _Line, mounted: bool) -> tuple[Array, Array]:
-    """Points of the mesh (n, 3): its vertices and more where they are needed; and how far off (n,).
+    """Return points of the mesh (n, 3): its vertices and more where they are needed; and how far off (n,).
 
     Of a `mounted` part what lies outside the tube is off by nothing.
     """
@@ -253,7 +253,7 @@ def _from_mesh(mesh: Mesh, line: _Line, mounted: bool) -> tuple[Array, Array]:
 
 
 def _may_dip(corner: Array, low: Array, at: Ints, line: _Line, deep: float) -> Mask:
-    """(m,) whether a face (m, 3, 3) may come nearer to the curve than radius (1 - `deep`).
+    """Tell (m,) whether a face (m, 3, 3) may come nearer to the curve than radius (1 - `deep`).
 
     The distance d from a straight line is convex, curved by at most 1/d across it and not at all along
     it. So over a triangle whose sides are at most h long across the line it dips by at most
@@ -272,7 +272,7 @@ def _may_dip(corner: Array, low: Array, at: Ints, line: _Line, deep: float) -> M
 
 
 def _on_tube(line: _Line) -> tuple[Array, Ints, Ints]:
-    """Points of the exact tube, in rings at even steps along the curves.
+    """Return points of the exact tube, in rings at even steps along the curves.
 
     Returns:
         (k, 3) the points, (k,) the ring of each, and (rings,) the curve of each ring.
@@ -298,7 +298,7 @@ def _on_tube(line: _Line) -> tuple[Array, Ints, Ints]:
 
 
 def _lacks_surface(on: Mask, ring: Ints, curve: Ints) -> Mask:
-    """(rings,) whether a ring is in some stretch of its curve of whose points too few are on the surface.
+    """Tell (rings,) whether a ring is in a stretch of its curve with too few points on the surface.
 
     Args:
         on: (k,) of each point. ring: (k,) its ring. curve: (rings,) of each ring, in order.
