@@ -145,8 +145,8 @@ class OutputFolder:
             missing.append(folder)
             folder = folder.parent
         for new in reversed(missing):
+            self._created.append(new)  # first: it goes too where a signal comes in between
             new.mkdir(exist_ok=True)
-            self._created.append(new)
         if not self.path.is_dir():
             raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), str(self.path))
         rejected = self.path / REJECTED
