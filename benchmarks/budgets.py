@@ -48,7 +48,7 @@ def measure(path: Path, seconds: float, runs: int, folder: Path) -> Record:
 
 
 def draw(found: dict[str, dict[str, Record]], path: Path) -> None:
-    """Draw IoU and seconds against the budget, a line a picture."""
+    """Draw the IoU and seconds against the budget, a line a picture."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9, 4), layout="constrained")

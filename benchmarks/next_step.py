@@ -24,7 +24,7 @@ LEAST_S = 0.05  # a stage below this says nothing
 
 
 def measure(names: tuple[str, ...], folder: Path) -> list[dict[str, Any]]:
-    """Give steps from accuracy to accuracy, by their mean seconds in all; what is beaten in both is none."""
+    """List the steps from accuracy to accuracy, by their mean seconds; what is beaten in both is none."""
     reports = defaultdict[str, list[dict[str, Any]]](list)
     for path in save_pictures(pictures(), folder, names).values():
         for accuracy in PRESETS:

@@ -65,7 +65,7 @@ def list_files(root: Path) -> Iterator[Path]:
 
 
 def expected(path: Path) -> str:
-    """Return  "pass", "fail", or "" where no name says it; the innermost name decides."""
+    """Return "pass", "fail", or "" where no name says it; the innermost name decides."""
     for name in (path.name, *(folder.name for folder in path.parents)):
         plain = name.upper().replace("_", "").replace("-", "").replace(" ", "")
         if "MUSTPASS" in plain or "MUSTFAIL" in plain:

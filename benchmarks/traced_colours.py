@@ -169,7 +169,7 @@ def measure_rms(ours: Picture, traced: Picture) -> NDArray[Any]:
 
 
 def share_right(shown: Picture, light: Light, masks: NDArray[np.bool_]) -> float:
-    """Return share of pixels nearest to the colour that the masks (n, H, W) ask for, under the same light."""
+    """Return the share of pixels nearest to the colour that masks (n, H, W) ask for, under the same light."""
     codes = np.tensordot(2 ** np.arange(len(masks)), masks.astype(np.int64), axes=1).ravel()
     off = []
     for code in range(2 ** len(masks)):

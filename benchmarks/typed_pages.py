@@ -38,7 +38,7 @@ _STUDIO_S = 15.0
 
 
 def commands_of(text: str) -> list[list[str]]:
-    """Return words of each `knotfab …` line in a page's blocks of shell commands, without their comments."""
+    """Read the words of each `knotfab …` line in a page's blocks of shell commands, without comments."""
     blocks = re.findall(r"^```sh\n(.*?)^```", text, re.M | re.S)
     lines = [line for block in blocks for line in block.splitlines()]
     return [shlex.split(line, comments=True)[1:] for line in lines if line.startswith("knotfab ")]

@@ -128,7 +128,7 @@ def print_frames(report: dict[str, Any]) -> None:
 
 
 def main(*, out: Path = Path("walk-cycle"), draw: bool = False) -> int:
-    """Return draw, build, print; 1 where a figure is missed."""
+    """Draw, build, print; return 1 where a figure is missed."""
     frames = out / "frames"
     frames.mkdir(parents=True, exist_ok=True)
     for number, image in enumerate(walk_cycle(), start=1):

@@ -84,12 +84,12 @@ class Knots:
         path.write_text(self.to_file(**({"members": members} if members else {})).dumps())
 
     def dump_start(self) -> str:
-        """Return text of a start, for knots in the scene: at full precision, a search can go on from them."""
+        """Write the text of a start, for knots in the scene: at full precision, a search can go on there."""
         return self.to_file(coordinates="scene").dumps()
 
 
 def count_in_words(count: int) -> str:
-    """Return  "one knot", or how many."""
+    """Say "one knot", or how many."""
     return "one knot" if count == 1 else f"{count} knots"
 
 

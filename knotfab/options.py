@@ -330,7 +330,7 @@ class BuildOptions(PictureOptions):
 
 
 def options_from(given: Mapping[str, Any], known: Collection[str] = ()) -> BuildOptions:
-    """Return options by their names, as a library's caller gives them: numbers and paths in their own types.
+    """Read options by their names, as a library's caller gives them: numbers and paths in their own types.
 
     Args:
         known: those that there are; by default all.

@@ -210,7 +210,7 @@ class _Call:
 def _read_call(
     pictures: Sequence[str], options: BuildOptions, progress: Progress, glance: bool = False
 ) -> _Call:
-    """Read scene with the options over it, and the pictures, large ones shrunk where they are glanced at."""
+    """Read the scene with the options over it, and the pictures, large ones shrunk if they are glanced at."""
     scene, folder = read_scene(options)
     sources = _sources(pictures, scene, options.scene)
     _check_font(options.font, sources)

@@ -97,7 +97,7 @@ def _viviani(places: Tensor, apart: float = 0.0) -> Tensor:
 
 
 def _viviani_views(radius: float) -> list[PaperView]:
-    """Give curve's shadows along three axes (parallel, as in the paper), seen by cameras with perspective."""
+    """Cast the curve's shadows along three axes (parallel, as in the paper), seen in perspective."""
     middle = torch.tensor([0.0, 0.0, 3.0], dtype=torch.float64)
     views = []
     for axis, (azimuth, elevation) in enumerate([(90.0, 0.0), (0.0, 90.0), (0.0, 0.0)]):
@@ -111,7 +111,7 @@ def _viviani_views(radius: float) -> list[PaperView]:
 
 
 def _clearance(knot: Array, radius: float) -> float:
-    """Return least distance of strands (further than pi r apart along the knot) in tube diameters."""
+    """Return the least distance of strands (further than pi r apart along the knot) in tube diameters."""
     edge = np.linalg.norm(np.roll(knot, -1, 0) - knot, axis=1)
     along = np.concatenate([[0.0], np.cumsum(edge)])[:-1]
     way = np.abs(along[:, None] - along[None])
@@ -174,7 +174,7 @@ def _mobius(base: PaperSettings) -> Iterator[Row]:
 
 
 def _renderings(pairs: list[tuple[str, int, float]]) -> Iterator[Row]:
-    """Yield circle of the template at depth 3, at the paper's radius and size: (label, samples, tau) each."""
+    """Yield the template's circle at depth 3, at the paper's radius and size: (label, samples, tau) each."""
     camera = PaperCamera()
     ring = circle(1.0, (0.0, 0.0, 3.0))
     full = ring(even_ring(4000))

@@ -77,7 +77,7 @@ def _polish(
     distance: Tensor,
     sharpness: float,
 ) -> float:
-    """Return least squares from where Adam ended, in double precision; returns the loss.
+    """Fit by least squares from where Adam ended, in double precision; return the loss.
 
     Distance and size of a piece that is not deep change its shadow in nearly the same way: along
     that valley first-order steps hardly move.

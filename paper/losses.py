@@ -30,7 +30,7 @@ def _edges(knots: Tensor) -> Tensor:
 
 
 def image_loss(image: Tensor, target: Tensor) -> Tensor:
-    """Return squared norm of the difference of two images [height, width]: a sum over pixels."""
+    """Return the squared norm of the difference of two images [height, width]: a sum over pixels."""
     return ((image - target) ** 2).sum()
 
 
@@ -56,7 +56,7 @@ def mobius_loss(
     radius: float,
     pairs: tuple[Tensor, Tensor],  # rows of knots.reshape(-1, 3)
 ) -> Tensor:
-    """Return mean over the pairs of (1 / d^2 - 1 / g^2) max(2 r - d, 0).
+    """Return the mean over the pairs of (1 / d^2 - 1 / g^2) max(2 r - d, 0).
 
     d is the distance in space, g the shorter way along the knot (endless between two knots, so that
     knots that touch are penalised too). d counts as at least a hundredth of the radius. Pairs nearer than

@@ -100,7 +100,7 @@ def _line(one: Run) -> str:
 
 
 def _draw(problem: Problem, runs: list[Run], path: Path) -> None:
-    """Draw IoU against seconds, and under it each way's shadow at scale 1 without repairs."""
+    """Draw the IoU against seconds, and under it each way's shadow at scale 1 without repairs."""
     figure = plt.figure(figsize=(9, 7.5), layout="constrained")
     grid = figure.add_gridspec(2, len(WAYS), height_ratios=[1.6, 1])
     plot = figure.add_subplot(grid[0, :])

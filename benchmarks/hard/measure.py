@@ -208,7 +208,7 @@ def sampled_error(
 
 
 def double_error(case: RenderCase, count: int = 5) -> float:
-    """Give largest error of double precision against 50 digits, in shares of 16 epsilons times condition."""
+    """Measure the largest error of double precision against 50 digits, in 16 epsilons times condition."""
     exact = distances(case, torch.float64)
     kappa = _condition(case, exact.winner, epsilon=DOUBLE)
     frame = frame_at(case, torch.float64)

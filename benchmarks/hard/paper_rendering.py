@@ -103,7 +103,7 @@ def printed_corners(one: np.ndarray, other: np.ndarray, radius: float) -> np.nda
 
 
 def printed_fails(case: RenderCase) -> str:
-    """Give  "" where the printed forms serve; else what goes wrong first: not finite, or how far off, px."""
+    """Give "" where the printed forms serve; else what goes wrong first: not finite, or how far off, px."""
     worst = 0.0
     p = (case.points - np.array(case.eye)).astype(np.float64)
     for i, j in case.edges[:100]:

@@ -36,7 +36,7 @@ TERMS = ("grace", "bend", "clearance", "length")
 def term_case(
     kind: str, name: str, why: str, points: Array, smooth: bool = True, jumps: bool = False
 ) -> ValueCase:
-    """Return term `kind` of one closed polygon (n, 3), whose mean edge counts as the one that it has here."""
+    """Make the term `kind` of one closed polygon (n, 3), whose mean edge counts as the one it has here."""
     spacing = float(np.linalg.norm(np.roll(points, -1, 0) - points, axis=1).mean())
     f = partial(_value, kind, spacing)
     oracle = partial(_ORACLES[kind], spacing)

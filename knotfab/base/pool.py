@@ -76,7 +76,7 @@ def count_jobs() -> int:
 
 
 def tie(command: Sequence[str], number: int = signal.SIGTERM) -> list[str]:
-    """Return command as one that does not outlive this process, whatever ends it, where the system is Linux.
+    """Return the command as one that does not outlive this process, whatever ends it, if the system is Linux.
 
     The thread that starts it must live as long as it.
 

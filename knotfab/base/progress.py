@@ -329,7 +329,7 @@ class Progress:
         return f"{left / 60:.0f} min left" if left >= 90 else f"{left:.0f} s left"
 
     def _whole(self) -> tuple[float, float | None]:
-        """Return share of all stages that is done, and the seconds that they will take yet; None: not known.
+        """Return the share of all stages that is done, and the seconds that they take yet; None: not known.
 
         The stages to come take their usual times, scaled by how much longer than usual those took that are
         done; the one that runs, what its share of it promises.

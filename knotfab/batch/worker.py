@@ -82,7 +82,7 @@ def run_apart(
 
 
 def _explain_end(code: int, said: str) -> tuple[int, str]:
-    """Return exit code of a build, 128 and the signal's number where it was killed, and its last sentence."""
+    """Give the exit code of a build, 128 and the signal's number if it was killed, and its last sentence."""
     if code not in _ENDINGS:
         how = f"signal {-code}" if code < 0 else f"exit code {code}"
         why = f"the build was killed ({how}); was there too little memory?"

@@ -196,7 +196,7 @@ def _coarsen(knots: Knots, camera: Camera, shadow: Mask) -> tuple[Knots, Camera,
 def _find_orders(
     at: Array, found: float, look: Callable[[Array], float]
 ) -> tuple[tuple[str, ...], ...]:
-    """Find corners begun at another of the four, where that is clearly better; several of a symmetric shadow.
+    """Find the corners begun at another of the four, if clearly better; several of a symmetric shadow.
 
     Args:
         at: (4, 2) px. found: the best IoU in the order that was given. look: the best IoU in another order.

@@ -103,7 +103,7 @@ def _displaced(camera: Camera, lamp: LampFit) -> Array:
 
 
 def _led(knots: Knots, camera: Camera, eye: Array) -> Knots:
-    """Return knots, each point led along the wall until a lamp at `eye` throws it where the camera's does."""
+    """Give the knots, each point led along the wall until a lamp at `eye` throws it if the camera's does."""
     wall, offset = camera.receiver[:3], float(camera.receiver[3])
 
     def led(points: Array) -> Array:

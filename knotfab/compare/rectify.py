@@ -27,7 +27,7 @@ _LOOKED_PX = 500  # longer side at which the plate is looked for
 _STRIP = 0.04  # a strip along the plate's edge, as a share of its width, that is taken to be wall
 _LEAST_SHARE = 0.04  # a plate covers at least this share of the photograph
 _FAINT = 0.12  # a shadow takes away at least this share of the light
-_ROUNDS = 6  # of fitting the light of the bare wall to what is lit
+_ROUNDS = 6  # the light of the bare wall is fitted to what is lit so often
 
 
 def read_corners(words: Sequence[str], width: int, height: int) -> Array:
@@ -166,7 +166,7 @@ def find_plate(photo: NDArray[np.float64]) -> Array | None:
 
 
 def _light_of_wall(photo: Array) -> Array:
-    """Give wall's colour in its light: a quadratic in x and y through a strip along the photograph's edge."""
+    """Fit the wall's colour in its light: a quadratic in x and y through a strip along the photo's edge."""
     height, width = photo.shape[:2]
     y, x = np.mgrid[-1 : 1 : height * 1j, -1 : 1 : width * 1j]
     terms = np.stack([x**i * y**j for i in range(3) for j in range(3 - i)], axis=-1)

@@ -136,7 +136,7 @@ def agree(
 
 
 def apply_bending(view: View, target: Target) -> Target:
-    """Give target with its picture mirrored and bent as the view says; one that is already stays as it is."""
+    """Mirror and bend the target's picture as the view says; one that is bent already stays as it is."""
     if target.bending is not None or not (view.mirrored or view.bend_points):
         return target
     points = read_points(view.bend_points) if view.bend_points else None

@@ -122,7 +122,7 @@ class Tension:
         return s * s * (3 - 2 * s), slope * (3 * s * (1 - s) / blur_px)[:, None]
 
     def contradiction(self, points: Array, blur_px: float) -> tuple[float, Array]:
-        """Return share of the pictures that is uncovered (of its squares), and its gradient in the points."""
+        """Return the share of the pictures that is uncovered (of its squares), and its gradient."""
         cover, slope = self.covers(points, blur_px)
         pull = np.zeros(len(cover))
         total = uncovered(cover, self.firsts, self.shapes, *self.rays, self.winner, pull)
@@ -224,7 +224,7 @@ def _beyond(shape: tuple[int, ...], pad: int) -> Array:
 
 
 def _distance(mask: Mask, width: int, height: int) -> Array:
-    """Return signed distance from the outline, px of a picture so large: positive inside."""
+    """Return the signed distance from the outline, px of a picture so large: positive inside."""
     from PIL import Image
 
     wide, high = fit_size(width, height, _FINE_PX)

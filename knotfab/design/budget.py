@@ -89,7 +89,7 @@ class Budget:
 
 
 def spare(settings: SearchSettings, seconds: float, given: Collection[str] = ()) -> SearchSettings:
-    """Give settings with smaller pictures, fewer trials, a thicker tube where the seconds for a view are few.
+    """Make pictures smaller, trials fewer and the tube thicker if the seconds for a view are few.
 
     Args:
         given: keys that the scene gives, which stay.
@@ -111,7 +111,7 @@ def resolve_iterations(settings: SearchSettings, iterations: Mapping[int, int]) 
 def scale_to_budget(
     seconds: float, settings: SearchSettings, trial: Callable[[SearchSettings], object]
 ) -> SearchSettings:
-    """Give settings of a search by the network with their iterations scaled to the seconds, by one short run.
+    """Scale the iterations of a search by the network to the seconds, by one short run.
 
     Args:
         trial: searches by the few iterations that it is given.

@@ -113,7 +113,7 @@ def most_radius(asked: float | None, view: ResolvedView, thinnest: float) -> flo
 
 
 def drawing_radius(polygon: MultiPolygon, least: float) -> float | None:
-    """Give thickest radius below `least`, in the polygon's unit, that draws most of it; None: it is dust."""
+    """Find the thickest radius below `least`, in the polygon's unit, that draws most of it; None: dust."""
     return thickest_radius(polygon, _DRAWN, least / 64, least)
 
 

@@ -155,7 +155,7 @@ def design_knots(
 def _plan(
     scene: ResolvedScene, views: int, budget: Budget | None
 ) -> tuple[ResolvedScene, SearchSettings]:
-    """Return scene with views to start from, where it leaves them open, and settings that a budget allows."""
+    """Give the scene with views to start from, if it leaves them open, and settings that a budget allows."""
     settings = scene.settings
     if budget is not None:
         settings = spare(settings, budget.view_s(views), scene.search)

@@ -97,7 +97,7 @@ def coarse_masks(targets: Sequence[Target], side_px: int) -> list[Mask]:
 
 
 def move_views(scene: ResolvedScene, targets: Sequence[Target], bent: bool) -> ResolvedScene:
-    """Return scene with its views where they leave most of each other; the same where that brings too little.
+    """Return the scene with its views if they leave most of each other; the same if that brings too little.
 
     Args:
         bent: whether pictures may be bent afterwards.

@@ -62,7 +62,7 @@ class Question(InNotebook):
         return min(opening_iou(p, radius) for p in self.problem.polygons)
 
     def most_iou(self, radius: float) -> float:
-        """Give IoU that no such tube can exceed in all views; about, if smoothed or drawn along its lines."""
+        """Give the IoU that no such tube exceeds in all views; about, if smoothed or drawn along lines."""
         most = min(self.opening(radius), *(b.iou for b in self.bounds), 1.0) * self.likeness
         view = self.problem.views[0]
         if view.lines:  # the search may draw a little more than tubes that lie along them
@@ -212,7 +212,7 @@ def _trace(view: ResolvedView, target: Target) -> MultiPolygon:
 
 
 def _strokes(view: ResolvedView, target: Target) -> tuple[Array, ...]:
-    """Give centre lines of the strokes in the plane of `silhouette_polygon`; none where areas are filled."""
+    """Give the centre lines of the strokes in the plane of `silhouette_polygon`; none if areas are filled."""
     if not view.lines or not view.thicken_mm:
         return ()
     width = view.thicken_mm * target.width / view.frame_width_mm

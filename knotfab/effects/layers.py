@@ -13,7 +13,7 @@ __all__ = ["LAYERS"]
 
 
 def magnitude(context: EffectContext) -> float:
-    """Return furthest that half a layer shifts any strand's shadow, px; 0 where it is not known how it lies.
+    """Return the furthest that half a layer shifts any strand's shadow, px; 0 if it is not known how it lies.
 
     A slice of thickness h is cut in its middle: a point of the stack has one of the part within h / 2 up or
     down, and the other way round; but for a rim of a round tube of radius r, which a middle misses by up to

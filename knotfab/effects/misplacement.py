@@ -262,7 +262,7 @@ class Steadying:
     world: World
 
     def cost(self, parts: list[Array]) -> float:
-        """Return IoU that lifted points (n, 3) of each curve are expected to lose; from the threshold on."""
+        """Return the IoU that lifted points (n, 3) of each curve may lose, from the threshold on."""
         with self.decision.called("depth"):
             return self.decision.excess * self.lost(np.concatenate(parts))
 

@@ -34,7 +34,7 @@ _WEIGHT_PX = 16.0  # px of blur above the threshold, from which on it has its fu
 
 
 def magnitude(context: EffectContext) -> float:
-    """Return widest blur that any strand's surface has on a wall, px; the view counts where it is widest."""
+    """Return the widest blur that any strand's surface has on a wall, px; the view counts if it is widest."""
     return max(
         float(blurs_mm(seen, context.radius).max(initial=0.0)) / seen.view.pixel_mm
         for seen in context.shadows
@@ -221,7 +221,7 @@ class Sharpening:
         return [h + share * d * (low - h) for h, d in zip(heights, drawing, strict=True)]
 
     def cost(self, parts: list[Array], drawing: list[Array]) -> float:
-        """Give weighted brightness error to be expected of lifted points (n, 3), evenly spaced on each curve.
+        """Weigh the brightness error to be expected of lifted points (n, 3), evenly spaced on each curve.
 
         0.212 times the mean blur of what draws the outline, times its length, over the silhouette's area.
         """

@@ -90,7 +90,7 @@ def measure_sag(
     radius: float,
     wall: CurvedWall | None = None,
 ) -> Sag:
-    """Measure IoU of the knots' own shadow with a picture's mask (H, W) as they are designed and as they sag.
+    """Measure the IoU of the knots' own shadow with a mask (H, W) as they are designed and as they sag.
 
     `widest_px`: the furthest that a centre line's shadow is shifted. `wall`: the round one that the shadow
     falls on, the mask being its picture as the flat wall that touches it has it; there each place counts by

@@ -129,7 +129,7 @@ def least_gap(
     arc: float,  # pairs nearer along the curve are neighbours
     straight: float,  # pairs further apart than this share of the arc between them are, too
 ) -> tuple[float, int]:
-    """Give least distance of paired segments that are no neighbours, and the pair; infinite and -1: none."""
+    """Find the least distance of paired segments, no neighbours, and the pair; infinite and -1: none."""
     least, which = np.inf, -1
     for pair in range(len(i)):
         a, b = i[pair], j[pair]
@@ -155,7 +155,7 @@ def _slack(
     between_middles: float,
     half: Array,
 ) -> float:
-    """Give distance of segments i and j less the largest relative displacement of their ends, a lower bound.
+    """Bound from below how near segments i and j come: their distance less their ends' relative displacement.
 
     First by the distance of their middles less their halves; where that does not do, exactly.
     """

@@ -35,7 +35,7 @@ def bend_radii(points: Array, rings: Polylines) -> Array:
 def strand_gap(
     points: Array, rings: Polylines, separation: float, reach: float, straight: float = np.inf
 ) -> StrandGap:
-    """Return least distance of centre lines over pairs further than pi (r + c/2) along the curve.
+    """Return the least distance of centre lines over pairs further than pi (r + c/2) along the curve.
 
     With bends no tighter than r + c/2 nearer pairs have no doubly critical chord below 2r + c (Schur),
     so half of this is a lower bound of that part of the polygonal thickness. `reach`: distances
@@ -71,7 +71,7 @@ class Curvature:
 
 
 def measure_curvature(points: Array, radius: float) -> Curvature:
-    """Give curvature of a closed polyline (n, 3): at a vertex, turning angle over the mean of its edges."""
+    """Measure the curvature of a closed polyline (n, 3): at a vertex, turning angle over its mean edge."""
     ahead = np.roll(points, -1, axis=0) - points
     length = np.linalg.norm(ahead, axis=1)
     unit = ahead / length[:, None]

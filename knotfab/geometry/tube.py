@@ -111,7 +111,7 @@ def sides_for(radius_mm: float, tolerance_mm: float, least: int = 16, most: int 
 
 
 def mesh_volume(vertices: Array, faces: Faces) -> float:
-    """Return signed volume (mm³) of a closed mesh; positive when the faces are turned outwards."""
+    """Return the signed volume (mm³) of a closed mesh; positive when the faces are turned outwards."""
     corner = (vertices - vertices.mean(axis=0))[faces]
     return float(np.einsum("ij,ij->", corner[:, 0], np.cross(corner[:, 1], corner[:, 2])) / 6.0)
 

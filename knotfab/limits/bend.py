@@ -11,7 +11,7 @@ _OVERSHOOT = 1.06
 
 
 def term(state: State, limits: Limits) -> Felt:
-    """Return squared hinge of curvature over what is allowed, and its gradient."""
+    """Return the squared hinge of curvature over what is allowed, and its gradient."""
     total, gradient = bend_hinge(state.points, state.rings.next, limits.bend_radius * _OVERSHOOT)
     scale = state.spacing / limits.radius
     return scale * total, scale * gradient

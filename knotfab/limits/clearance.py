@@ -13,7 +13,7 @@ _OVERSHOOT = 1.02  # aim a little wider than required, so the end is on the safe
 
 
 def term(state: State, limits: Limits) -> Felt:
-    """Return squared hinge over segment pairs whose arc distance exceeds pi (r + c/2), in squared radii.
+    """Return the squared hinge over segment pairs whose arc distance exceeds pi (r + c/2), in squared radii.
 
     (2r + c - d)+^2, with exact distances d between segments; 2 % are added to aim a little wide.
     """

@@ -14,7 +14,7 @@ _AIM = 0.99  # share of the budget, so the end is on the safe side
 
 
 def term(state: State, limits: Limits) -> Felt:
-    """Return squared hinge of the excess in tube radii (paper, length loss)."""
+    """Return the squared hinge of the excess in tube radii (paper, length loss)."""
     length, slope = total_length(state)
     excess = max(0.0, length - _AIM * limits.length) / limits.radius
     return excess**2, (2 * excess / limits.radius) * slope

@@ -90,7 +90,7 @@ def _outside(points: Array, limits: Limits, radius: float) -> tuple[Array, Array
 
 
 def term(state: State, limits: Limits) -> Felt:
-    """Return squared hinge of the excess outside, in squared tube radii (paper, occupancy loss)."""
+    """Return the squared hinge of the excess outside, in squared tube radii (paper, occupancy loss)."""
     excess, away = _outside(state.points, limits, _felt_radius(limits, state.spacing))
     hinge = np.maximum(excess / limits.radius, 0.0)
     scale = state.spacing / limits.radius

@@ -47,7 +47,7 @@ def propose_place(
     most_radius_mm: float,
     foot: Literal["plate", "dowel"] = "plate",
 ) -> Place | None:
-    """Give deepest place at which pegs are estimated to hold a piece; if none is, the nearest for its depth.
+    """Find the deepest place at which pegs may hold a piece, by an estimate; else the nearest for its depth.
 
     The curves are moved along their light rays, so that their shadow stays; a new search at that place lays
     them anew.
@@ -87,7 +87,7 @@ def propose_place(
 
 
 def _at(depth: float, radius: float, view: ResolvedView, nearer: bool, most_radius: float) -> Place:
-    """Give place of a piece so deep; a wall that leans comes nearer where the frame is highest or lowest."""
+    """Give the place of a piece so deep; a wall that leans comes nearer if the frame is highest or lowest."""
     wall = view.wall_distance_mm
     if nearer:
         steep = float(np.tan(np.deg2rad(view.wall_tilt_deg)))

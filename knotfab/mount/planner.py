@@ -147,7 +147,7 @@ class _Plan:
         return None
 
     def _thicker(self) -> tuple[Indices, Candidates, Array]:
-        """Give members that show and have room: their numbers, the same made thicker, the prices (pixels)."""
+        """Thicken the members that show and have room: their numbers, they themselves, prices (pixels)."""
         self.seen = self.seen_of(self.members, self.seen)
         old = np.flatnonzero(self.seen > SEEN_SHARE)
         thicker = self.members.of(old).thicken(THICKER, self.most_mm)

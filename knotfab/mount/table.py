@@ -139,7 +139,7 @@ class Table:
 
 
 def frame_of(mounted: Mounted) -> tuple[Table | None, str]:
-    """Give frame, or None where the scene asks for none; and why none can be made, where it asks for one."""
+    """Give the frame, or None if the scene asks for none; and why none can be made, where it asks for one."""
     try:
         return plan_table(mounted), ""
     except ValueError as error:
@@ -147,7 +147,7 @@ def frame_of(mounted: Mounted) -> tuple[Table | None, str]:
 
 
 def plan_table(mounted: Mounted) -> Table | None:
-    """Return frame for lamps on one upright, flat screen; None where there are no such lamps, or no printer.
+    """Return the frame for lamps on one upright, flat screen; None if there are no such lamps, or no printer.
 
     Raises:
         ValueError: no bars of these kinds hold the lamps.

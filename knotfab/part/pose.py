@@ -179,7 +179,7 @@ def _fitting(
 def _find_turn(
     points: Array, room: Array, sides: Sequence[Array]
 ) -> tuple[Array | None, list[Array]]:
-    """Find first turn with one of `sides` up that fits, square to the bed or not; and the sizes before it."""
+    """Find the first turn with one of `sides` up that fits, square to the bed or not; and sizes before it."""
     sizes: list[Array] = []
     for turn, size in chain(_square_turns(points, sides), _oblique_turns(points, room, sides)):
         if _fits(size, room):

@@ -74,7 +74,7 @@ def displace(points: Array, height: int, width: int) -> Array:
 
 
 def bend_mask(mask: Mask, points: Array) -> Mask:
-    """Return mask as bent: each pixel holds what the mask has where the field says; outside it is nothing."""
+    """Give the mask as bent: each pixel holds what the mask has if the field says; outside it is nothing."""
     from knotfab.picture.bending_loop import look_up  # compiled: only where something is bent
 
     bent = np.empty(mask.shape, dtype=np.bool_)

@@ -56,7 +56,7 @@ def even_out(image: Image.Image) -> Image.Image | None:
 
 
 def _light(grey: Array, closed: float) -> Array | None:
-    """Return brightness (h, w) that paper has, or would have under the ink; None where there is no paper."""
+    """Return the brightness (h, w) that paper has, or would have under the ink; None if there is no paper."""
     from scipy import ndimage
 
     coarse = max(1, max(grey.shape) // 150)

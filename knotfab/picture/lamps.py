@@ -270,7 +270,7 @@ def _distance(lab: Array, mixture: Array) -> Array:
 
 
 def _without_seams(srgb: Array, labels: Labels) -> Labels:
-    """Give labels, where a pixel that lies between two flat colours beside it has that of the nearer one."""
+    """Give the labels, if a pixel that lies between two flat colours beside it has that of the nearer one."""
     rows, columns = np.nonzero(_spread(srgb) > _FLAT)
     found = labels.copy()
     height, width = labels.shape

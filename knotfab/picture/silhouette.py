@@ -121,9 +121,8 @@ def _smooth(ring: Array, length: float, reach: float) -> Array:
         shift = smooth - points
         far = np.maximum(1.0, np.hypot(*shift.T) / reach)[:, None]
         smooth = damped(points + shift / far, scale)
-    few = np.asarray(LinearRing(smooth).simplify(0.05, preserve_topology=False).coords)[
-        :-1
-    ]  # to 0.05 px
+    line = LinearRing(smooth).simplify(0.05, preserve_topology=False)  # px
+    few = np.asarray(line.coords)[:-1]
     return smooth if len(few) < 4 else few
 
 

@@ -268,7 +268,7 @@ def _costs(pixels: Levels, mixture: list[_Gaussian]) -> Levels:
 
 
 def _finish(mask: Mask, part: Image.Image, kept: Mask, dropped: Mask, round_px: float) -> Mask:
-    """Return cut at the size of the picture's part: along its edges, smooth, no crumbs, holes where real."""
+    """Return the cut at the size of the picture's part: along its edges, smooth, no crumbs, holes if real."""
     size = fit_size(*part.size, min(_FINE_PX, max(part.size)))
     scale = size[0] / mask.shape[1]
     mask = _follow_edges(mask, part.convert("L").resize(size, Image.Resampling.BOX), scale)

@@ -147,7 +147,7 @@ class _Features:
         )
 
     def compare(self, drawn: Mask) -> Likeness:
-        """Return IoU, and what is lost or run together."""
+        """Return the IoU, and what is lost or run together."""
         pieces, areas = self._pieces
         kept = _share(pieces, areas, drawn) >= _COVERED
         lost = int((~kept).sum())

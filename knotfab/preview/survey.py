@@ -200,7 +200,7 @@ def _add_losses(
     radius: float,
     templates: Mapping[float, Template],
 ) -> tuple[ViewSurvey, ...]:
-    """Return views with what tubes lose of them: of one view by the templates, which a search starts from."""
+    """Add to the views what tubes lose of them: of one view by the templates, which a search starts from."""
     thinnest = question.scene.printer.min_tube_radius_mm
     found = []
     for seen in views:

@@ -137,7 +137,7 @@ def _candidates(
     rows: tuple[int, int],  # tiles: the first row, and the first that is not asked for
     reach: float,
 ) -> tuple[NDArray[np.int64], Places]:
-    """Return capsules that can win a pixel of each tile t of these rows: first[t] to first[t + 1] of a list.
+    """List the capsules that can win a pixel of each tile t of these rows, from first[t] to first[t + 1].
 
     The distance of a pixel's ray to a segment changes by at most |p| per unit of direction (p the
     farther end), so its value at the tile's middle bounds it over the tile; depths between the ends'

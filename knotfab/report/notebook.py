@@ -40,7 +40,7 @@ Pictures = Sequence[tuple[str, str]]  # data URI and caption
 
 @singledispatch
 def show(result: object) -> str | None:
-    """Return piece of a page for a result of a public function; None for others, which show their `repr`."""
+    """Give the piece of a page for a result of a public function; None for others, that show their `repr`."""
     return None
 
 

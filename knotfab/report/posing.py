@@ -24,7 +24,7 @@ def lay_out(
     printing: bool = False,
     access: SupportAccess | None = None,
 ) -> tuple[Print, list[str]]:
-    """Return figures of a piece with its pose, plates where there are any, and supports; and notes on these.
+    """Return the figures of a piece with its pose, plates if there are any, and supports; and notes on these.
 
     Args:
         suffix: suffix of the plates' files, such as "-01" of a sequence's frame.

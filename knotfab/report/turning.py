@@ -34,7 +34,7 @@ _SHARED = (
 
 
 def turns_of(scene: SettledScene) -> dict[str, float]:
-    """Give angle, degrees from 0 to 360, by which the piece is turned for each view before the first's lamp.
+    """Give the angle, 0 to 360 degrees, by which the piece is turned for each view before the first's lamp.
 
     The turn is about the vertical, anticlockwise from above. Views with lamps or walls of their own heights
     and distances share no lamp, and have no angles; nor has an eye, nor one view alone.

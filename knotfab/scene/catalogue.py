@@ -73,7 +73,7 @@ def _fill_in(own: Named) -> Named:
 
 
 def _fill_in_open(printer: Printer) -> ResolvedPrinter:
-    """Return printer with numbers: supports have the room that it has, walls and gaps the nozzle's width."""
+    """Fill in the printer's numbers: supports have its room, walls and gaps its nozzle's width."""
     width, depth, height = printer.build_volume_mm
     usual = {
         "max_support_cm3": width * depth * height / 1000,

@@ -131,7 +131,7 @@ class CurvedWall:
         return float(np.linalg.norm(np.concatenate(off), axis=1).max())
 
     def slant_deg(self, arc: float) -> float:
-        """Give angle from the wall's normal at which light falls on it so far aside, level with the light."""
+        """Give the angle from the wall's normal at which light falls so far aside, level with the light."""
         turn = arc / self.radius
         if abs(turn) >= 0.5 * np.pi:
             return 180.0

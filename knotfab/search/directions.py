@@ -90,7 +90,7 @@ class FreeDirections:
         return float(np.radians(torque))
 
     def settle(self, problem: Problem, points: Array) -> tuple[Problem, Array, ViewNumbers | None]:
-        """Return problem with its views in the directions found, rounded as a scene file would have them."""
+        """Turn the problem's views to the directions found, rounded as a scene file would have them."""
         self.azimuth_deg = np.round(self.azimuth_deg, 3)
         return replace(problem, views=self._views(problem)), points, None
 

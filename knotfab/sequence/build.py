@@ -186,7 +186,7 @@ def _make_ring(folder: OutputFolder, pieces: Sequence[WrittenPiece], verifier: V
 
 
 def _motions(folder: OutputFolder, pieces: Sequence[WrittenPiece]) -> list[Motion]:
-    """Return motion into each frame but the first, and at the end that back to it, from the written knots."""
+    """Measure the motion into each frame but the first, then that back to it, from the written knots."""
     points, outlines = [], []
     for piece in pieces:
         assert piece.scene.pose is not None

@@ -97,7 +97,7 @@ def radius_for_all(
 
 
 def pick_first(targets: Sequence[Target]) -> int:
-    """Choose frame (from 0) to search first: the one with the most ink, or frame 0 if it has nearly as much.
+    """Choose the frame (from 0) to search first: that with the most ink, or frame 0 if it has nearly as much.
 
     Limbs that one silhouette hides have no strands there, and no vertices: they could not come out.
     """

@@ -15,7 +15,7 @@ from knotfab.geometry.sampling import number_runs
 __all__ = ["BadGcode", "Gcode", "points_along", "read_gcode"]
 
 
-MOST_BYTES = 1_000_000_000  # of a file that is read
+MOST_BYTES = 1_000_000_000  # a larger file is not read
 NOT_PART = ("Skirt/Brim", "Wipe tower", "Custom")
 SUPPORT = "Support material"  # "Support material interface" begins so too
 

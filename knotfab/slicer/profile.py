@@ -14,7 +14,7 @@ __all__ = ["PROFILE", "line_width", "profile", "read_profile", "why_not_sliced",
 
 PROFILE = "slicer.ini"
 
-INFILL_PERCENT = 15  # of the inner space
+INFILL_PERCENT = 15  # share of the inner space
 
 
 @dataclass(frozen=True)

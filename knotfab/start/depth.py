@@ -272,7 +272,7 @@ def choose_depth(
     least_mm: float = 0.0,
     separation: float | None = None,
 ) -> DepthChoice:
-    """Choose best of `candidates` profiles of the given extent: some random, the others varied from those.
+    """Give the best of `candidates` profiles of the given extent: some random, the others varied from those.
 
     Args:
         curves: closed planar polylines [(n, 2) mm], evenly sampled.

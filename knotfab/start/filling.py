@@ -98,7 +98,7 @@ def _ring_region(region: BaseGeometry, radius: float, thin: float) -> BaseGeomet
 
 
 def rings_of(piece: Polygon, radius: float, spacing: float = 2.0) -> list[LinearRing]:
-    """Give centre lines of concentric tubes that cover `piece`, outermost first; none where no tube draws it.
+    """Draw the centre lines of concentric tubes that cover `piece`, outermost first; none: no tube draws it.
 
     Args:
         piece: silhouette, mm.
@@ -132,7 +132,7 @@ def _small_loop(piece: Polygon, radius: float) -> LinearRing:
 
 
 def _turning(points: Array) -> Array:
-    """Return unsigned turning angle at each vertex, averaged over a few neighbours."""
+    """Return the unsigned turning angle at each vertex, averaged over a few neighbours."""
     edge = np.diff(points, axis=0, append=points[:1])
     angle = np.arctan2(edge[:, 1], edge[:, 0])
     turn = np.abs((np.diff(angle, prepend=angle[-1:]) + np.pi) % (2 * np.pi) - np.pi)

@@ -106,7 +106,7 @@ def _count(edge: Any, sign: int, drawing: Any, drawn: Indices) -> float:
 def _plan(
     a: int, u: int, loops: Any, drawing: Any, old: Indices, new: Indices, path: Indices
 ) -> int:
-    """Return move over the square beside the edge after node a, towards u: edges `old`, `new`, nodes `path`.
+    """Find the move over the square by the edge after node a, towards u: edges `old`, `new`, nodes `path`.
 
     Returns:
         How many nodes the path has, along which the curve is to run; 0: the square is not empty.

@@ -185,7 +185,7 @@ def lattice_in(
     limits: Limits,
     spill: float,
 ) -> Lattice:
-    """Give lattice where a tube fits all silhouettes, along `axes` (3, 3 rows); empty where it fits nowhere.
+    """Give the lattice if a tube fits all silhouettes, along `axes` (3, 3 rows); empty where it fits nowhere.
 
     Args:
         shift: shift of a node from the origin, in pitches (3,). reach: reach of the box about the origin, mm.

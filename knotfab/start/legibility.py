@@ -53,7 +53,7 @@ def _cover(points: Array, radius: float, grid: int) -> Mask:
 def _iou_aside(
     centred: Array, radius: float, light_distance: float, target: Mask, turn: Array
 ) -> float:
-    """Give IoU of the tube through `centred` (axis view, dense samples), turned and stretched to the grid."""
+    """Give the IoU of the tube through `centred` (axis view, dense samples), turned, scaled to the grid."""
     flat = np.empty((len(centred), 2))
     for n in range(len(centred)):
         x, y, z = centred[n, 0], centred[n, 1], centred[n, 2]
@@ -82,7 +82,7 @@ def turns_aside(angle_deg: float) -> list[Array]:
 def legibility(
     points: Array, radius: float, light_distance: float, target: Mask, angle_deg: float
 ) -> float:
-    """Return largest IoU of the turned part's silhouette with the target's.
+    """Return the largest IoU of the turned part's silhouette with the target's.
 
     Args:
         points: (n, 3) mm in the view's own axes (z towards the light), less than a radius apart.

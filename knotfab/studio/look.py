@@ -110,7 +110,7 @@ def draw_cut(source: str, options: BuildOptions) -> bytes:
 
 @lru_cache(maxsize=1)
 def _decode(source: str) -> tuple[Image.Image, float]:
-    """Return picture of a file, upright and as large as it is shown, and by what factor it was made smaller.
+    """Read the picture of a file, upright and as large as it is shown, and by what factor it was shrunk.
 
     The last one is kept, for strokes come one after the other.
     """

@@ -26,8 +26,8 @@ __all__ = [
     "thumbnail",
 ]
 
-LARGEST_BYTES = 32 * 2**20  # of a picture that is taken
-_LARGEST_PIXELS = 40_000_000  # of a picture that is taken
+LARGEST_BYTES = 32 * 2**20  # a larger picture is not taken
+_LARGEST_PIXELS = 40_000_000  # a picture with more is not taken
 _SHOWN_PX = 1024  # longer side of a picture on the page
 
 

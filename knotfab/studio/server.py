@@ -80,7 +80,7 @@ async def _live(app: Starlette) -> AsyncIterator[None]:
 
 
 def _answered(answer: Answer) -> Answer:
-    """Give answer to a request, or the sentence why there is none: nothing else reaches page or terminal."""
+    """Answer a request, or say in a sentence why not: nothing else reaches the page or the terminal."""
 
     async def answered(request: Request) -> Response:
         try:

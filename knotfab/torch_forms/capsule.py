@@ -60,7 +60,7 @@ def capsule_distance(
     radius: float | Tensor,
     focal_px: float | Tensor,
 ) -> Tensor:
-    """Return signed distance in pixels of rays to the silhouettes of capsules, positive inside.
+    """Return the signed distance in pixels of rays to the silhouettes of capsules, positive inside.
 
     All arguments broadcast; differentiable with respect to every tensor among them (the ray-distance
     form; equals the paper's capsule silhouette, sec. 3.3, in sign everywhere).

@@ -66,7 +66,7 @@ def tangent_normals(
     b: Tensor,  # [n, 3]
     radius: float,
 ) -> tuple[Tensor, Tensor]:
-    """Give two planes through the eye that touch the cylinder about a-b: unit normals and whether they exist.
+    """Find the two planes through the eye that touch the cylinder about a-b: unit normals, if they exist.
 
     Returns [2, n, 3] normals, pointing to the axis (n . a = n . b = r), and [n] bool: not where the segment
     has no length or the eye is inside the endless cylinder, so that one ellipse holds the other. Not
@@ -132,7 +132,7 @@ def outline_distance(
     radius: float,
     focal_z: float,
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """Return signed distance [n] (positive inside), its direction u [n, 2], and b's share t [n] in it.
+    """Return the signed distance [n] (positive inside), its direction u [n, 2], and b's share t [n] in it.
 
     Not differentiable: the gradient is that of (1 - t) h_a(u) + t h_b(u) with u and t held.
 

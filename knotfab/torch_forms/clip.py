@@ -15,7 +15,7 @@ def cut_before_light(
     b: Tensor,  # [n, 3]
     radius: float,
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """Return parts of segments a-b deeper than `silhouette.NEAREST_RADII` tube radii, and [n] which have any.
+    """Keep of segments a-b what is deeper than `silhouette.NEAREST_RADII` tube radii; [n] which have any.
 
     A ray's line goes on behind the light, so without the cut a segment that crosses the light's plane
     would be hit there. What is not cut comes back to the last bit; what has no part left comes back as

@@ -196,7 +196,7 @@ class FreePose:
         self.show(objective, problem)
 
     def picture_term(self, objective: Objective, points: Array) -> Tensor:
-        """Give objective's image term of its one view at vertices (N, 3), sharp, with slopes in the pose."""
+        """Give the objective's image term of its one view at vertices (N, 3), sharp, with its slopes."""
         image = objective.images[0]
         if self._of is not image.target:
             target = torch.as_tensor(image.target, device=self.logs.device)

@@ -30,7 +30,7 @@ _CHUNK = 1 << 15  # (capsule, tile) pairs evaluated at once, to stay in cache
 def _bounds(
     a: Tensor, b: Tensor, seen: Tensor, frame: Frame, radius: float, margin_px: float
 ) -> tuple[Tensor, Tensor]:
-    """Return first coarse tile [n, 2] of each capsule and how many [n, 2] it can colour along u and v.
+    """Return the first coarse tile [n, 2] of each capsule and how many [n, 2] it can colour along u and v.
 
     A sphere's silhouette reaches less than r / (z - 2r) * (1 + |q|)^2 * focal beyond its centre's
     pixel, and the signed distance falls by at least one pixel in 1 + |q| beyond that. Capsules that are not

@@ -115,7 +115,7 @@ def find_shadows(
 
 
 def outline_error_px(seen: Mask, wanted: Mask, slit_px: float = 0.0) -> float:
-    """Return distance, px, from the other's outline that 95 % of either outline keep, the larger of the two.
+    """Measure the distance, px, from the other's outline that 95 % of either outline keep, the larger one.
 
     Slits of the shadow no wider than `slit_px`, which nobody sees, have no outline. An outline is the last
     pixels within, so distances are good to a pixel. Without an outline: the picture's diagonal.

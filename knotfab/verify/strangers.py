@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 __all__ = ["answer", "plain_arrays"]
 
-MOST_BYTES = 2_000_000_000  # of a part that is read
+MOST_BYTES = 2_000_000_000  # a larger part is not read
 MOST_CORNERS = 10_000  # corners of one face: cutting it takes a time that grows with their square
 COMMAS = "its numbers have decimal commas, such as 1,5: export it with decimal points"
 LENGTH = (

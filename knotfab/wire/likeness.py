@@ -41,7 +41,7 @@ class GridLikeness:
 
     @classmethod
     def of(cls, geometry: ViewGeometry, target: Mask, radius: float) -> GridLikeness:
-        """Give likeness to a silhouette (height, width) on the pixels of a view; the wire's radius in mm."""
+        """Make the likeness to a silhouette (height, width) on a view's pixels; the wire's radius in mm."""
         _, (w,) = geometry.project(np.zeros((1, 3)))
         wide = radius / (w * geometry.pixel_mm)  # the wire's, in pixels
         size = max(1, round(_CELL * wide))

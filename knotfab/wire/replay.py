@@ -140,7 +140,7 @@ def _find_nearest(points: Array, others: Array) -> NDArray[np.int64]:
 
 
 def measure_least_distance(curves: list[Array], diameter: float) -> float:
-    """Measure least distance (mm) of centre lines where they are different strands.
+    """Measure the least distance (mm) of centre lines where they are different strands.
 
     Two places of one curve count as different strands when the way between them along the wire is
     longer than a half circle about one diameter: shorter ones are one bend. Distances above three

@@ -180,7 +180,7 @@ def _check_gap(
     seconds: dict[str, float],
     found: Curves | None,
 ) -> Check:
-    """Return gaps between strands, which those that were `found` tell apart where the part has no curves."""
+    """Return the gaps between strands, which those that were `found` tell apart if the part has no curves."""
     if mesh is None:
         return skip_check("clearance", "not given the part")
     with time_stage(seconds, "clearance"):

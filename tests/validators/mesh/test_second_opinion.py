@@ -74,7 +74,7 @@ def test_a_crossing_is_seen_however_it_is_turned(monkeypatch: pytest.MonkeyPatch
 
 
 def test_a_crossing_that_one_library_alone_sees_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    some = {True: np.array([3, 4]), False: np.array([0, 1])}  # of the mesh, and asked of them alone
+    some = {True: np.array([3, 4]), False: np.array([0, 1])}  # by the mesh, and by them alone
     monkeypatch.setattr(second_opinion, "crossing_faces", lambda mesh: some[len(mesh.faces) > 2])
     check = by_name(check_mesh(ring(), curves(CIRCLE)))["mesh_self_intersection"]
     assert check.status == "fail" and check.measured == 2 and len(check.at) == 2

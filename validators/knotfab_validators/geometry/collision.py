@@ -24,7 +24,7 @@ def collision_body(mesh: Mesh) -> Any:
 
 
 def collision_distance(one: Any, other: Any) -> tuple[float, Array]:
-    """Return least distance between two bodies, 0 where they cross, and the nearest points (2, 3) of them."""
+    """Give the least distance between two bodies, 0 if they cross, and the nearest points (2, 3) of them."""
     import fcl
 
     request, result = fcl.DistanceRequest(enable_nearest_points=True), fcl.DistanceResult()

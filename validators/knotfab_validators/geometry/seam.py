@@ -36,7 +36,7 @@ def sew_rims(mesh: Mesh) -> Mesh | None:
 
 
 def _rims(mesh: Mesh) -> list[Ints]:
-    """Give closed lines of half-edges without a twin, as vertices in their order; none where they branch."""
+    """Give the closed lines of half-edges without a twin, as vertices in their order; none if they branch."""
     start, end = mesh.faces.reshape(-1), np.roll(mesh.faces, -1, axis=1).reshape(-1)
     count = np.int64(len(mesh.vertices))
     bare = ~np.isin(start * count + end, end * count + start)

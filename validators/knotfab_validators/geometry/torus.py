@@ -41,7 +41,7 @@ class _Edges:
 
 
 def circle_functions(mesh: Mesh) -> tuple[CircleFunction, CircleFunction]:
-    """Return two harmonic functions of least energy from a closed oriented surface of genus 1 to the circle.
+    """Find the two harmonic functions of least energy from a closed oriented surface of genus 1 to a circle.
 
     Of a long tube the first goes once along it, and hardly changes round it. A discrete harmonic 1-form
     of positive weights has no zero on such a surface (Gortler, Gotsman and Thurston, "Discrete one-forms

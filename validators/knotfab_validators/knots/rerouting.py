@@ -68,7 +68,7 @@ def summands(knot: PlanarDiagram) -> list[PlanarDiagram]:
 
 
 def _close(passages: list[Passage], knot: PlanarDiagram) -> PlanarDiagram:
-    """Return diagram of a part of the knot's passages, which holds both passages of each of its crossings."""
+    """Draw the diagram of a part of the knot's passages, which holds both passages of its crossings."""
     kept = {i: n for n, i in enumerate(dict.fromkeys(p.crossing for p in passages))}
     run = [Passage(kept[p.crossing], p.above) for p in passages]
     return from_passages({knot.components[0]: run}, [knot.signs[i] for i in kept])
@@ -116,7 +116,7 @@ def _passages(knot: PlanarDiagram) -> list[Passage]:
 
 
 def _runs(knot: PlanarDiagram) -> Iterator[_Run]:
-    """Yield longest runs of a knot's diagram: from its first passage above to the next below, and so on."""
+    """Yield the longest runs of a knot's diagram: from its first passage above to the next below, etc."""
     passages = _passages(knot)
     count = len(passages)
     turns = [k for k in range(count) if passages[k].above != passages[k - 1].above]
@@ -129,7 +129,7 @@ def _runs(knot: PlanarDiagram) -> Iterator[_Run]:
 def _lay(
     knot: PlanarDiagram, run: _Run, chance: random.Random, fewer: bool = False
 ) -> PlanarDiagram | None:
-    """Give diagram with the run laid along a shortest way; None: there is no other way (or none `fewer`)."""
+    """Lay the diagram's run along a shortest way; None: there is no other way (or none `fewer`)."""
     left, right = _sides(knot)
     way = _way(left, right, run, chance)
     if way is None or len(way) > len(run.crossings) - fewer:

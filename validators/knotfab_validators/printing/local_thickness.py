@@ -28,7 +28,7 @@ NEAR_MM = 1.2  # a gap wider than this is walked from only if it is the narrowes
 BATCH = 64
 MOST_BATCHES = 16
 MOST_HOPS = 60
-MOST_PAIRS = 50_000_000  # of faces, or of a face and a narrow place, that are looked at
+MOST_PAIRS = 50_000_000  # pairs of faces, or of a face and a narrow place, that are looked at
 MET_MM = 1e-9  # nearer than this two faces meet
 START_MM = 1e-6  # a ray starts this far off its face
 
@@ -103,7 +103,7 @@ class Probe:
             self.spacing,
         )
         self._around: tuple[Ints, Ints] | None = None
-        self._pairs = 0  # of faces, looked at so far
+        self._pairs = 0  # pairs of faces looked at so far
 
     def wall(self) -> LocalThickness:
         """Return the thinnest wall: the smallest width seen through the material.

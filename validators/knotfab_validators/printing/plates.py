@@ -132,7 +132,7 @@ def _check_whole(part: Mesh, plates: Sequence[Plate]) -> list[Check]:
 
 
 def _pick_worst(found: Sequence[Check], plates: Sequence[Plate]) -> Check:
-    """Return check of the plate that fails, or comes nearest to failing; its places are moved to the part."""
+    """Choose the check of the plate that fails, or nearest to failing; its places are moved to the part."""
 
     def badness(number: int) -> tuple[int, float]:
         check = found[number]

@@ -68,7 +68,7 @@ class ShadowCaster(Renderer):
         return wound_mask([lines], geometry.width, geometry.height)
 
     def _find_table(self, whole: Mask) -> EdgeTable:
-        """Find table of the faces that are seen whole: one for all places of the light before a receiver."""
+        """Make the table of faces that are seen whole: one for all places of the light before a receiver."""
         known, table = self._seen
         if not np.array_equal(known, whole):
             table = EdgeTable(self._faces[whole], len(self._vertices))

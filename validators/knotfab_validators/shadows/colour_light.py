@@ -66,7 +66,7 @@ class Light:
 def light_of(
     lamps: list[tuple[SceneLamp, Array, ViewGeometry]], room: Room, size: tuple[int, int]
 ) -> Light:
-    """Return light of lamps, each with its colour (3,) and view, on the pixels (H, W) of their common frame.
+    """Give the light of lamps, each with its colour (3,) and view, on the pixels (H, W) of a common frame.
 
     Grey walls of a room throw back of each lamp's light what an integrating sphere does: q / (A (1 - q)).
     """

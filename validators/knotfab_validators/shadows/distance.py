@@ -22,7 +22,7 @@ def depth_in(mask: Mask) -> Array:
 
 @compiled
 def _square_depth(mask: Mask) -> Array:
-    """Give squares of the distances: of each column first, then the lower envelope of parabolas in each row.
+    """Square the distances: in each column first, then by the lower envelope of parabolas in each row.
 
     A. Meijster, J. B. T. M. Roerdink and W. H. Hesselink, "A general algorithm for computing distance
     transforms in linear time", 2000; all in whole numbers.

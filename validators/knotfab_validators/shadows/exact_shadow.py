@@ -73,7 +73,7 @@ class EdgeTable:
         self._face, self._along = order // 3, np.where(a < b, 1, -1)[order]
 
     def find_silhouette(self, points: Array) -> Linework:
-        """Find silhouette edges, the vertices seen at `points` (n, 2), as `shadow_lines` has them."""
+        """Find the silhouette edges, the vertices seen at `points` (n, 2), as `shadow_lines` has them."""
         edge, net = _count_edges(
             np.ascontiguousarray(points), self.faces, self._first, self._face, self._along
         )
@@ -85,7 +85,7 @@ class EdgeTable:
 def _count_edges(
     points: Array, faces: Ints, first: Ints, face: Ints, along: Ints
 ) -> tuple[Ints, Ints]:
-    """Give edges through which faces, turned to positive area, run more often one way, and how much more."""
+    """Find edges through which faces, turned to positive area, run more often one way, and how much more."""
     turned = np.zeros(len(faces), dtype=np.int64)
     for k in range(len(faces)):
         a, b, c = faces[k, 0], faces[k, 1], faces[k, 2]
@@ -186,7 +186,7 @@ def shadow_mask(lines: Linework, geometry: ViewGeometry) -> Mask:
 
 
 def shadow_polygon(lines: Linework, geometry: ViewGeometry | None = None) -> Any:
-    """Give shadow as a shapely polygon or multipolygon, in pixels; `geometry`: whose receiver may be curved.
+    """Give the shadow as a shapely (multi)polygon, in pixels; `geometry`: whose receiver may be curved.
 
     The linework is noded and polygonised; of the faces of that arrangement those with a nonzero
     winding number at an inner point are the shadow.

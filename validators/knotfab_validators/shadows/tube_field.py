@@ -37,7 +37,7 @@ class TubeField:
     mask: Mask  # (height, width): the tube's picture at the pixel centres
 
     def signed_distance(self, pixels: Array) -> Array:
-        """Return signed distance (m,), in mm on the receiver, of pixels (m, 2) to the tube's outline.
+        """Return the signed distance (m,), in mm on the receiver, of pixels (m, 2) to the tube's outline.
 
         Positive inside. The distance of the ray through a pixel from a segment, less the radius,
         is turned into a distance on the receiver by its gradient there: moving the pixel by dQ
@@ -130,7 +130,7 @@ def _picture_balls(start: Array, end: Array, radius: float, geometry: ViewGeomet
 
 @compiled
 def _trace_hulls(points: Array) -> tuple[Array, Array]:
-    """Give edges, from and to (k, 2), of the convex hulls of n lists of points (n, m, 2), all one way round.
+    """List edges, from and to (k, 2), of the convex hulls of n lists of points (n, m, 2), all one way round.
 
     Andrew's monotone chain ("Another efficient algorithm for convex hulls in two dimensions", 1979).
     """
@@ -185,7 +185,7 @@ class OutlineError:
 def outline_error(
     field: TubeField, outline: Array, shadow: Mask, own: Array | None = None
 ) -> OutlineError:
-    """Return largest distance between a shadow and the exact tube's.
+    """Return the largest distance between a shadow and the exact tube's.
 
     Spill is the largest distance outside the tube of any point of the shadow, missing the
     largest distance inside the tube of any point that is not in the shadow. Both are taken over

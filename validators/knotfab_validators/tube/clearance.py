@@ -310,7 +310,7 @@ def _spots(points: Array) -> str:
 
 
 def nearest_bodies(mesh: Mesh) -> tuple[float, Array] | str:
-    """Return least distance between two connected pieces of the surface, and the nearest points (2, 3).
+    """Return the least distance between two connected pieces of the surface, and the nearest points (2, 3).
 
     0 where two cross. By python-fcl's trees of boxes, whose triangle distances are exact; pairs of
     bodies are taken in the order of their bounding boxes' distance. Returns a sentence instead

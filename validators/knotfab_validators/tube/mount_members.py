@@ -173,7 +173,7 @@ def _radius_at(member: Member, along: Array) -> Array:
 
 
 def _clip(polygon: Array, normal: Array, offset: float) -> Array:
-    """Give part (k, 3) of a convex polygon (n, 3) where normal · p >= offset (Sutherland, Hodgman, 1974)."""
+    """Give the part (k, 3) of a convex polygon (n, 3) if normal · p >= offset (Sutherland, Hodgman, 1974)."""
     side = polygon @ normal - offset
     kept = []
     for k in range(len(polygon)):
