@@ -19,7 +19,7 @@ from examples.pictures import pictures
 from knotfab.design.agree import agree
 from knotfab.design.frames import spread_views
 from knotfab.picture.read import Target, read_target
-from knotfab.preview.draw import draw_agreement
+from knotfab.report.pictures import draw_agreement
 from knotfab_formats.scene import Scene
 
 Figures = tuple[float, float, float, float, float, float, float]

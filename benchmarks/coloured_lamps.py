@@ -24,7 +24,7 @@ from benchmarks.measurement import build_once, make_folder, run_study, stack
 from benchmarks.several_table import build_set
 from examples.lamps.draw import PICTURES
 from knotfab.base.disk import read_text
-from knotfab.drawing.part_picture import PAPER
+from knotfab.render.part_picture import PAPER
 
 _ALONE = ("heart", "cat", "knight")
 _WIDE_MM = 5.0

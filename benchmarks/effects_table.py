@@ -21,12 +21,13 @@ from numpy.typing import NDArray
 
 from benchmarks.measurement import build_apart, run_study
 from knotfab.base.arrays import Array
-from knotfab.effects.base import EffectContext, World
+from knotfab.effects.base import EffectContext, Shadows, World
 from knotfab.effects.penumbra import PENUMBRA, blurs_mm
-from knotfab.effects.shadows import Shadows
 from knotfab.effects.survey import survey
 from knotfab.scene.camera import camera_of, view_axes
-from knotfab_formats.scene import Material, Placing, ResolvedView, Room
+from knotfab_formats.piece import Material
+from knotfab_formats.scene import ResolvedView
+from knotfab_formats.views import Placing, Room
 from knotfab_validators.files.mesh import read_mesh
 from knotfab_validators.files.picture import read_silhouette
 from knotfab_validators.files.scene import read_scene
@@ -34,7 +35,7 @@ from knotfab_validators.geometry.mesh import move_points
 from knotfab_validators.shadows.compare import overlap
 from knotfab_validators.shadows.exact_shadow import shadow_lines, shadow_mask
 from knotfab_validators.shadows.frame import padded_mask, working_frame
-from knotfab_validators.shadows.penumbra import measure_penumbra
+from knotfab_validators.shadows.lamp import measure_penumbra
 from knotfab_validators.shadows.render import SilhouetteRenderer
 from knotfab_validators.shadows.view import ViewGeometry, view_geometry
 from tests.oracles.lighting import bounce_and_truth, uneven_and_truth, wall_and_truth

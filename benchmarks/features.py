@@ -24,7 +24,7 @@ from PIL import Image, ImageDraw
 
 import knotfab
 from benchmarks.measurement import run_study
-from knotfab_formats.checks import PRINTING
+from knotfab_formats.verdict import PRINTING
 
 _PX = 160
 _QUICK = """

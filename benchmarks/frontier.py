@@ -14,15 +14,14 @@ from pathlib import Path
 
 from benchmarks.measurement import read_question, run_study
 from examples.pictures import pictures
+from knotfab.apps.tradeoff.bench import run_all
+from knotfab.apps.tradeoff.measure import Study
+from knotfab.apps.tradeoff.page import draw
+from knotfab.apps.tradeoff.points import PRESET, Measured
+from knotfab.apps.tradeoff.run import Tradeoff, measure_tradeoff, to_dict
+from knotfab.base.disk import write_whole
 from knotfab.base.progress import Progress
-from knotfab.files.whole import write_whole
-from knotfab.read_options import read_seconds
-from knotfab.tradeoff.bench import run_all
-from knotfab.tradeoff.draw import draw
-from knotfab.tradeoff.front import Measured
-from knotfab.tradeoff.measure import Study
-from knotfab.tradeoff.points import PRESET
-from knotfab.tradeoff.run import Tradeoff, measure_tradeoff, to_dict
+from knotfab.pipeline.read_options import read_seconds
 from knotfab_formats.scene import Scene
 
 COMMAND = "python -m benchmarks.frontier"

@@ -20,7 +20,7 @@ from PIL import Image, ImageDraw
 
 from benchmarks.measurement import build_once, make_folder, run_study, save_pictures, stack
 from examples.pictures import pictures
-from knotfab.drawing.part_picture import PAPER, draw_part, turn_eye
+from knotfab.render.part_picture import PAPER, draw_part, turn_eye
 
 _WIDE = 760  # pixels of a comparison
 _SMALL = 300  # px: the longer side of a picture on a sheet of many

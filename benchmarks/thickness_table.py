@@ -10,8 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from knotfab_validators.arrays import Array
 from knotfab_validators.tube.thickness import thickness
-from tests.corpus.curves import Array, circle
+from tests.corpus.curves import circle
 from tests.corpus.thicknesses import racetrack, thickness_rows, tilt, torus_curve
 
 

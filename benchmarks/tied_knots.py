@@ -12,11 +12,12 @@ from pathlib import Path
 from typing import Literal, cast
 
 from benchmarks.measurement import Stopwatch, make_folder, run_study
-from knotfab.pipeline import build
+from knotfab.pipeline.build import build
 from knotfab.request import Request
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.load import load_scene
-from knotfab_formats.scene import Accuracy, Piece, Scene
+from knotfab_formats.piece import Accuracy, Piece
+from knotfab_formats.scene import Scene
 from knotfab_formats.search import PRESETS
 
 KNOTS = ("3_1", "left 3_1", "4_1", "5_1", "5_2", "6_1", "6_2", "6_3", "7_1", "7_4", "8_18", "8_19")

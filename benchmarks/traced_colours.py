@@ -21,15 +21,14 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from benchmarks.measurement import run_study
-from knotfab_formats.scene import View
+from knotfab_formats.views import View
 from knotfab_validators.files.mesh import read_mesh
 from knotfab_validators.files.picture import read_colours, read_silhouette
 from knotfab_validators.files.scene import Scene, read_scene
 from knotfab_validators.geometry.mesh import Mesh, move_points
-from knotfab_validators.shadows.cast import ShadowCaster
-from knotfab_validators.shadows.colour_light import Light, colour_error, light_of, to_srgb
+from knotfab_validators.shadows.exact_shadow import ShadowCaster
 from knotfab_validators.shadows.frame import WorkingFrame, padded_mask, working_frame
-from knotfab_validators.shadows.lamp import lamp_points
+from knotfab_validators.shadows.lamp import Light, colour_error, lamp_points, light_of, to_srgb
 from knotfab_validators.shadows.view import ViewGeometry, view_geometry
 from tests.corpus.files import encode
 from tests.corpus.parts import Body

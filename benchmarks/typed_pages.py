@@ -22,9 +22,9 @@ import numpy as np
 from PIL import Image, ImageDraw
 
 from benchmarks.measurement import run_study
-from knotfab.compare.rectify import homography
-from knotfab.mount.marks import CARD_MM, MARK_RADII_MM, card_middles
+from knotfab.apps.compare.rectify import homography
 from knotfab.picture.read import read_target
+from knotfab.report.drill_template import CARD_MM, MARK_RADII_MM, card_middles
 from knotfab.scene.load import load_scene
 
 ROOT = Path(__file__).resolve().parents[1]

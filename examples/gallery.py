@@ -18,10 +18,10 @@ from PIL import Image, ImageOps
 import knotfab
 from benchmarks.measurement import run_study
 from examples.pictures import pictures
+from knotfab.part.slicer import slice_part
+from knotfab.part.slicer_process import Sliced
 from knotfab.report.in_words import tell_share
 from knotfab.scene.load import load_scene
-from knotfab.slicer.result import Sliced
-from knotfab.slicer.run import slice_part
 
 HEIGHT, WIDTH = 360, 1400  # px of a row of panels; of the page's pictures
 PAPER, SHADOW = (250, 248, 244), (52, 49, 45)

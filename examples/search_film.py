@@ -19,13 +19,13 @@ from PIL import Image
 from benchmarks.measurement import paint_comparison, read_question, run_study
 from examples.side_view import beside, side_view
 from knotfab.base.arrays import Array
-from knotfab.drawing.gif import write_gif
 from knotfab.geometry.polylines import Polylines, polylines_of_sizes
-from knotfab.limits.base import Felt, State
+from knotfab.limits.terms import Felt, State
 from knotfab.problem import Problem
-from knotfab.render.picture import image_at
+from knotfab.render.image import image_at
+from knotfab.render.part_picture import write_gif
+from knotfab.search.flow import plan_of
 from knotfab.search.objective import Term, Weights
-from knotfab.search.phases import plan_of
 from knotfab.search.search import search
 from knotfab.start.start import make_start
 from knotfab_formats.search import PRESETS

@@ -151,7 +151,7 @@ def main(*, out: Path = Path("walk-cycle"), draw: bool = False) -> int:
     )
     if code == 0:
         from examples.walk_film import walk_film, zoetrope_picture
-        from knotfab.drawing.gif import write_gif
+        from knotfab.render.part_picture import write_gif
 
         write_gif(out / "walk.gif", walk_film(out / "parts"), 100)
         zoetrope_picture(out / "parts" / "zoetrope.stl", out / "zoetrope.png")

@@ -15,9 +15,8 @@ from PIL import Image, ImageChops, ImageOps
 
 from benchmarks.measurement import run_study
 from examples.side_view import beside, side_view
-from knotfab.drawing.gif import write_gif
-from knotfab.drawing.part_picture import draw_part
 from knotfab.knots import read_start
+from knotfab.render.part_picture import draw_part, write_gif
 from knotfab_validators.files.mesh import read_mesh
 from knotfab_validators.shadows.render import why_no_rendering
 

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
         validate_part,
         write_files,
     )
-    from knotfab.base.errors import InputError, KnotfabError, MachineError, SceneError
+    from knotfab.base.errors import MachineError, SceneError
     from knotfab.base.progress import Event
     from knotfab.design.design import Design
     from knotfab.design.question import Question
@@ -37,7 +37,8 @@ if TYPE_CHECKING:
     from knotfab.picture.read import Target
     from knotfab.problem import Problem, SearchResult, Start
     from knotfab.request import Outcome
-    from knotfab.torch_forms.term import TorchTerm
+    from knotfab.search.term import TorchTerm
+    from knotfab_formats.errors import InputError, KnotfabError
     from knotfab_formats.scene import ResolvedScene, Scene, SettledScene
 
 __version__ = "1.0.0"
@@ -66,7 +67,7 @@ _MODULES = {
     "knotfab.request": ("Outcome",),
     "knotfab_formats.scene": ("ResolvedScene", "Scene", "SettledScene"),
     "knotfab.picture.read": ("Target",),
-    "knotfab.torch_forms.term": ("TorchTerm",),
+    "knotfab.search.term": ("TorchTerm",),
 }
 _HOME = {name: module for module, names in _MODULES.items() for name in names}
 

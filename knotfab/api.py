@@ -17,10 +17,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from knotfab.base.errors import OPTION, InputError, KnotfabError
+from knotfab.base.errors import OPTION
 from knotfab.base.progress import Event, Progress
 from knotfab.picture.read import Target, read_target
-from knotfab_formats.scene import Reading, Scene, View
+from knotfab_formats.errors import InputError, KnotfabError
+from knotfab_formats.scene import Scene
+from knotfab_formats.views import Reading, View
 
 if TYPE_CHECKING:
     from knotfab.design.design import Design
@@ -45,6 +47,7 @@ __all__ = [
     "validate_part",
     "write_files",
 ]
+
 
 Source = str | Path | Any  # a file, text:…, a picture of PIL, or an array
 
@@ -76,9 +79,9 @@ def build(
         InputError: an option, the scene or a picture is wrong. SceneError: the scene cannot be met.
         MachineError: this machine lacks something.
     """
-    from knotfab.options import options_from
-    from knotfab.prepare import prepare_build
-    from knotfab.verify.verifier import load_early
+    from knotfab.pipeline.options import options_from
+    from knotfab.pipeline.prepare import prepare_build
+    from knotfab.pipeline.verifier import load_early
 
     sources: list[Source] = [pictures]
     if isinstance(pictures, Sequence) and not isinstance(pictures, str):
@@ -97,7 +100,7 @@ def build(
             _file_of(s, Path(folder) / f"picture-{n}.png") for n, s in enumerate(sources, start=1)
         ]
         request = prepare_build(files, given, command, told)
-        from knotfab.pipeline import run_build
+        from knotfab.pipeline.build import run_build
 
         outcome = run_build(request, told)
         told.tell("end", exit_code=outcome.exit_code, folder=str(outcome.folder))
@@ -107,7 +110,7 @@ def build(
 @contextmanager
 def _in_keywords(place: str) -> Iterator[None]:
     """Let errors name options as the call does, `tube_radius=2` for `--tube-radius 2`, and hide a folder."""
-    from knotfab.options import BuildOptions
+    from knotfab.pipeline.options import BuildOptions
 
     def keyword(found: Match[str]) -> str:
         name, value = found[1].replace("-", "_"), found[2]
@@ -188,7 +191,7 @@ def design_knots(
     from knotfab.design.budget import Budget
     from knotfab.design.design import design_knots as design
     from knotfab.scene.catalogue import resolve
-    from knotfab.torch_forms.forms import TorchForms
+    from knotfab.search.forms import TorchForms
 
     budget = None if budget_s is None else Budget(time.perf_counter() + budget_s)
     return design(resolve(scene), targets, TorchForms(device), None, budget)
@@ -242,8 +245,8 @@ def search_knots(
         `knots`, `ious`, and whether it is `feasible`, or which limit is violated and where.
     """
     from knotfab.design.design import refine_settings
+    from knotfab.search.forms import TorchForms
     from knotfab.search.search import search
-    from knotfab.torch_forms.forms import TorchForms
 
     # vertices as close together as the outline's limit needs them
     fine = refine_settings(question, _settings_for(question, accuracy, settings), radius)
@@ -261,7 +264,7 @@ def settle_design(question: Question, result: SearchResult, accuracy: str = "sta
 
 def _settings_for(question: Question, accuracy: str, settings: Mapping[str, Any]) -> SearchSettings:
     """Give the accuracy's settings as a build of this question has them, under the scene's own and these."""
-    from knotfab.design.suit import suit
+    from knotfab.design.settings import suit
     from knotfab_formats.search import search_settings
 
     given = {**question.scene.search, **settings}
@@ -298,7 +301,7 @@ def write_files(part: Part, targets: Sequence[Target], folder: str | Path) -> Pa
     Raises:
         InputError: the folder cannot be written.
     """
-    from knotfab.files.folder import OutputFolder
+    from knotfab.base.folder import OutputFolder
     from knotfab.part.write import pose_scene, write_model, write_part
 
     with OutputFolder(Path(folder)) as staged:
@@ -320,7 +323,7 @@ def validate_part(
     Raises:
         InputError: a file cannot be read.
     """
-    from knotfab.verify.strangers import plain_arrays
+    from knotfab.pipeline.strangers import plain_arrays
     from knotfab_validators.validate import validate
 
     given = None if part is None else Path(part)

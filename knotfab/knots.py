@@ -15,11 +15,9 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from knotfab.base.disk import read_text
-from knotfab.base.errors import InputError
 from knotfab.geometry.polylines import Polylines, polylines_of
+from knotfab_formats.errors import InputError
 from knotfab_formats.knots import KnotsFile, why_no_knots
-
-__all__ = ["Knot", "Knots", "count_in_words", "read_knots", "read_start"]
 
 _FEWEST = 8  # vertices of a knot that a search goes on from
 _DIGITS = 6  # digits of a radius in mm that was scaled and back

@@ -12,24 +12,13 @@ from knotfab.base.arrays import Array, Mask
 from knotfab.base.notebook import InNotebook
 from knotfab.effects.base import Decision, World
 from knotfab.knots import Knots
-from knotfab.limits.base import Guard, Limits
 from knotfab.limits.feasibility import Feasibility
-from knotfab.render.forms import COMPILED, Forms
-from knotfab.render.picture import ViewImage, image_at
+from knotfab.limits.terms import Guard, Limits
+from knotfab.render.image import COMPILED, Forms, ViewImage, image_at
 from knotfab.scene.camera import view_axes, walls_of
-from knotfab_formats.scene import ResolvedView, SettledRegion, Switch
+from knotfab_formats.scene import ResolvedView, SettledRegion
 from knotfab_formats.search import Precision, Renderer
-
-__all__ = [
-    "CertificateLog",
-    "Problem",
-    "Report",
-    "SearchResult",
-    "Start",
-    "TargetView",
-    "ViewNumbers",
-    "Watch",
-]
+from knotfab_formats.views import Switch
 
 Report = Callable[[float, float | None], None]  # (fraction done, IoU)
 # (the knots as they stand, made where they are looked at; whether certified steps led there)

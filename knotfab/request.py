@@ -12,11 +12,9 @@ from knotfab.base.errors import MachineError, needs_extra
 from knotfab.base.notebook import InNotebook
 from knotfab.design.budget import Budget
 from knotfab.picture.read import Target
-from knotfab_formats.records import plain
+from knotfab_formats.errors import plain
 from knotfab_formats.report import Report
 from knotfab_formats.scene import ResolvedScene
-
-__all__ = ["Outcome", "Request", "require_device"]
 
 # times after a search: s, and s for each vertex; of a piece that is printed, and mounted, as well
 _AFTER_S, _AFTER_PRINTED_S, _AFTER_MOUNT_S, _AFTER_VERTEX_S = 1.2, 3.0, 8.0, 0.55e-3

@@ -24,9 +24,9 @@ from torch import Tensor
 
 from benchmarks.measurement import run_study
 from examples.pictures import pictures
+from knotfab.apps.paper.outlines import render_outlines
 from knotfab.base.arrays import Array
 from knotfab.picture.silhouette import resample_mask
-from knotfab.torch_forms.outlines import render_outlines
 from paper.camera import PaperCamera, camera_around
 from paper.losses import Region, box, squared_curvature
 from paper.optimise import PaperView, iou, search_paper

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from knotfab.base.arrays import Array
-from knotfab.base.errors import InputError
+from knotfab_formats.errors import InputError
 
 _STEPS = 6  # vertices that a braid's strand has in each letter
 

@@ -13,10 +13,10 @@ from torch import Tensor
 from knotfab.base.arrays import Array
 from knotfab.geometry.polylines import Polylines
 from knotfab.problem import ViewNumbers
-from knotfab.render.frame import Sheet
-from knotfab.render.picture import CUTOFF
-from knotfab.torch_forms.pose import ALL, Bounds, FreePose
-from knotfab.torch_forms.tensors import render
+from knotfab.render.device import render
+from knotfab.render.image import CUTOFF
+from knotfab.render.silhouette import Sheet
+from knotfab.search.free_pose import ALL, Bounds, FreePose
 
 __all__ = ["Fit", "fit_view"]
 

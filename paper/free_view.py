@@ -13,16 +13,16 @@ import torch
 from benchmarks.measurement import Stopwatch, read_question, run_study
 from examples.pictures import pictures
 from knotfab.base.arrays import Array
-from knotfab.design.free_view import start_pose
+from knotfab.design.settings import start_pose
 from knotfab.geometry.polylines import polylines_of_sizes
-from knotfab.render.frame import Sheet
+from knotfab.problem import ViewNumbers
+from knotfab.render.capsules import posed_frame
+from knotfab.render.device import render
+from knotfab.render.silhouette import Sheet
+from knotfab.search.forms import TorchForms
+from knotfab.search.free_pose import ALL, Bounds, Name, one_thread, turn_of
 from knotfab.search.search import search
 from knotfab.start.start import make_start
-from knotfab.torch_forms.forms import TorchForms
-from knotfab.torch_forms.pose import ALL, Bounds, Name, ViewNumbers, turn_of
-from knotfab.torch_forms.posed_frame import posed_frame
-from knotfab.torch_forms.tensors import render
-from knotfab.torch_forms.threads import one_thread
 from knotfab_formats.search import search_settings
 from paper.fit_view import fit_view
 from tests.corpus.curves import figure_eight, torus_knot

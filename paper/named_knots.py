@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 import knotfab.scene
 from benchmarks.measurement import Stopwatch
+from knotfab.geometry.carry import resample
 from knotfab.geometry.polylines import polylines_of_sizes
-from knotfab.geometry.resample import resample
-from knotfab_formats.knot_names import BRAIDS
+from knotfab_formats.knots import BRAIDS
 from paper.curves import closed_braid
 from paper.tighten import tighten
 

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from benchmarks.measurement import Stopwatch
-from knotfab.base.errors import InputError, SceneError
-from knotfab.torch_forms.adam import Adam
-from knotfab.torch_forms.outlines import REACH, Won, render_outlines, winners
-from knotfab.torch_forms.threads import one_thread
+from knotfab.apps.paper.outlines import REACH, Won, render_outlines, winners
+from knotfab.base.errors import SceneError
+from knotfab.search.free_pose import Adam, one_thread
+from knotfab_formats.errors import InputError
 from paper.camera import PaperCamera
 from paper.losses import (
     Region,
@@ -86,7 +86,7 @@ def search_paper(
     _check(views)
     curves = [circle()] if templates is None else list(templates)
     if network is None:
-        from knotfab.torch_forms.network import CouplingNetwork
+        from knotfab.apps.paper.network import CouplingNetwork
 
         network = CouplingNetwork(settings.depth, settings.width, settings.seed)
     watch = Stopwatch()

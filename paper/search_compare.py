@@ -15,13 +15,13 @@ import matplotlib.pyplot as plt
 
 from benchmarks.measurement import Stopwatch, paint_comparison, read_question, run_study
 from examples.pictures import pictures
+from knotfab.apps.tradeoff.measure import find_shadows
 from knotfab.problem import Problem, SearchResult
-from knotfab.search.phases import plan_of
+from knotfab.search.flow import plan_of
+from knotfab.search.forms import TorchForms
 from knotfab.search.search import search
 from knotfab.start.filling import Template, fill
 from knotfab.start.start import make_start
-from knotfab.torch_forms.forms import TorchForms
-from knotfab.tradeoff.measure import find_shadows
 from knotfab_formats.search import PRESETS, SearchSettings
 
 RADIUS = 0.025  # a share of the frame's width, as in the paper

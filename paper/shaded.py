@@ -18,14 +18,13 @@ from torch import Tensor
 
 from benchmarks.measurement import run_study
 from knotfab.base.arrays import Array
-from knotfab.geometry.certificate import certify
-from knotfab.geometry.neighbours import find_neighbours
-from knotfab.geometry.polylines import Polylines, polylines_of_sizes
-from knotfab.render.frame import Frame, frame_of
+from knotfab.geometry.carry import certify
+from knotfab.geometry.polylines import Polylines, find_neighbours, polylines_of_sizes
+from knotfab.render.capsules import tensor_frame
+from knotfab.render.silhouette import Frame, frame_of
+from knotfab.render.tiled import render_tiled
 from knotfab.scene.camera import camera_of
-from knotfab.torch_forms.adam import Adam
-from knotfab.torch_forms.posed_frame import tensor_frame
-from knotfab.torch_forms.tiled import render_tiled
+from knotfab.search.free_pose import Adam
 from knotfab_formats.scene import ResolvedView
 from paper.shaded_render import Shading, render_shaded
 from tests.corpus.curves import torus_knot

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from knotfab.render.frame import Frame
-from knotfab.torch_forms.capsule import capsule_distance, ray_miss
+from knotfab.render.capsules import capsule_distance, ray_miss
+from knotfab.render.silhouette import Frame
 
 _LAYERS = 3  # strands seen through each other's soft edges; what lies deeper is not seen
 _CHUNK = 1 << 18  # (pixel, capsule) pairs evaluated at once

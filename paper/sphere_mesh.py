@@ -21,16 +21,14 @@ from torch import Tensor
 
 from benchmarks.measurement import Stopwatch, read_question, run_study
 from examples.pictures import Canvas, pictures
+from knotfab.apps.tradeoff.measure import find_shadows
 from knotfab.base.arrays import Array, Indices, Mask
 from knotfab.base.errors import SceneError
 from knotfab.base.progress import Progress
 from knotfab.design.design import choose_tube
-from knotfab.picture.masks import mask_iou
-from knotfab.picture.silhouette import resample_mask
+from knotfab.picture.silhouette import mask_iou, resample_mask
+from knotfab.search.free_pose import Adam, one_thread
 from knotfab.search.search import search
-from knotfab.torch_forms.adam import Adam
-from knotfab.torch_forms.threads import one_thread
-from knotfab.tradeoff.measure import find_shadows
 from knotfab_formats.search import search_settings
 
 NAMES = ("ring", "wheel", "smiley", "teapot")

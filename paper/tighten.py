@@ -8,15 +8,11 @@ import numpy as np
 
 from knotfab.base.arrays import Array
 from knotfab.base.errors import SceneError
-from knotfab.geometry.measures import bend_radii, strand_gap
-from knotfab.geometry.neighbours import Neighbours
-from knotfab.geometry.polylines import polylines_of_sizes
-from knotfab.geometry.resample import resample, subdivide
-from knotfab.limits.base import Felt, Limits, State, total_length, weigh
-from knotfab.limits.bend import BEND
-from knotfab.limits.clearance import CLEARANCE
+from knotfab.geometry.carry import resample, subdivide
+from knotfab.geometry.polylines import Neighbours, bend_radii, polylines_of_sizes, strand_gap
+from knotfab.limits.terms import BEND, CLEARANCE, Felt, Limits, State, total_length, weigh
 from knotfab.search.flow import FlowSettings, flow
-from knotfab_formats.scene import Region
+from knotfab_formats.piece import Region
 
 _PULL = 0.08  # weight of the length against the hinges while the knot shrinks
 _SLOWING = 0.003  # share of the length that a round must take off for another one to follow

@@ -17,14 +17,15 @@ from PIL import Image
 from benchmarks.measurement import Stopwatch, run_study
 from benchmarks.several_table import draw_case
 from knotfab.base.arrays import Array
-from knotfab.pipeline import build
-from knotfab.render.frame import frame_of
+from knotfab.pipeline.build import build
+from knotfab.render.capsules import tensor_frame
+from knotfab.render.device import render
+from knotfab.render.silhouette import frame_of
 from knotfab.request import Outcome, Request
 from knotfab.scene.camera import camera_of
 from knotfab.scene.catalogue import resolve
-from knotfab.torch_forms.posed_frame import tensor_frame
-from knotfab.torch_forms.tensors import render
-from knotfab_formats.scene import Accuracy, Piece, ResolvedView, Scene
+from knotfab_formats.piece import Accuracy, Piece
+from knotfab_formats.scene import ResolvedView, Scene
 
 RADIUS_MM = 2.0
 _FRAME_MM, _PIXELS = 160.0, 640

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from knotfab.verify import verifier
+from knotfab.pipeline import verifier
 
 # compiled code is kept: workers and the many children would compile all sources anew
 sys.dont_write_bytecode = False

@@ -1,5 +1,7 @@
 """The public API: what it lists, that it loads nothing heavy, and that its names survive every import."""
 
+from __future__ import annotations
+
 import importlib
 import inspect
 import pkgutil
@@ -12,7 +14,7 @@ from reports import report_with
 
 import knotfab
 from examples.api_page import PAGE, api_page
-from knotfab.options import BuildOptions, options_from
+from knotfab.pipeline.options import BuildOptions, options_from
 
 PUBLIC = [
     *("Design", "Event", "InputError", "Knot", "KnotfabError", "Knots", "MachineError", "Outcome", "Part"),

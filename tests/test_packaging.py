@@ -98,7 +98,7 @@ def test_a_missing_extra_is_named_with_its_remedy(
     assert "pip install 'knotfab[dask]'" in done.err
     assert not (tmp_path / "out").exists()
     monkeypatch.setitem(sys.modules, "uvicorn", None)
-    for module in [name for name in sys.modules if name.startswith("knotfab.studio")]:
+    for module in [name for name in sys.modules if name.startswith("knotfab.apps.studio")]:
         monkeypatch.delitem(sys.modules, module)
     for call in (("studio",), ("build", "text:l", "--watch")):
         done = knotfab(*call, "--out", tmp_path / "out")

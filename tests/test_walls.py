@@ -27,7 +27,7 @@ for call in json.loads(sys.argv[1]):
     except SystemExit as left:
         code = left.code
     told.append([" ".join(call), code, [m for m in HEAVY if m in sys.modules]])
-import knotfab.pipeline  # starts its validators before it loads what it needs itself
+import knotfab.pipeline.build  # starts its validators before it loads what it needs itself
 told.append(["import", None, [m for m in HEAVY if m in sys.modules]])
 print(json.dumps(told), file=sys.__stderr__)
 """
@@ -94,10 +94,10 @@ def test_a_light_command_and_what_is_refused_load_nothing_heavy(tmp_path: Path) 
 
 
 ALONE = {
-    "from knotfab_fixtures.plate import wall_plate; wall_plate(60, 30, 3, 4)": (
+    "from knotfab_fixtures.solids import wall_plate; wall_plate(60, 30, 3, 4)": (
         *("torch", "knotfab", "knotfab_validators"),
     ),
-    "from knotfab import doctor; doctor._child = lambda *a: (0, 'x', ''); doctor.examine()": (
+    "from knotfab.apps import doctor; doctor._child = lambda *a: (0, 'x', ''); doctor.examine()": (
         *("torch", "vtkmodules", "OCP", "pyvista"),
     ),
     "from knotfab.base.progress import Progress\n"

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import mpmath
 import numpy as np
 
+from knotfab.effects.base import Shadows
 from knotfab.effects.penumbra import blurs_mm
-from knotfab.effects.shadows import Shadows
-from knotfab.scene.curved_wall import CurvedWall
+from knotfab.scene.camera import CurvedWall
 from knotfab_formats.scene import ResolvedView
 
 from .measure import EPSILONS

@@ -9,11 +9,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from knotfab.render.capsules import BEHIND, capsule_distance, cut_before_light
+from knotfab.render.device import render as render_compiled
 from knotfab.render.silhouette import NEAREST_RADII
-from knotfab.torch_forms.capsule import BEHIND, capsule_distance
-from knotfab.torch_forms.clip import cut_before_light
-from knotfab.torch_forms.tensors import render as render_compiled
-from knotfab.torch_forms.tiled import render_tiled
+from knotfab.render.tiled import render_tiled
 
 from .oracle import signed_distance_px
 from .rendering import RenderCase, frame_at

@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from knotfab.torch_forms.outlines import render_outlines, signed_distance
+from knotfab.apps.paper.outlines import render_outlines, signed_distance
 from paper.camera import PaperCamera
 
 from .measure import EPSILONS

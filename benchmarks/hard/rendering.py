@@ -10,7 +10,7 @@ import torch
 from numpy.typing import NDArray
 
 from knotfab.base.arrays import Array
-from knotfab.render.frame import Frame
+from knotfab.render.silhouette import Frame
 
 STEP = 2.0**-10  # x/z per pixel: 1024 px of focal length, and pixel centres are exact numbers
 

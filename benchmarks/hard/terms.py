@@ -15,13 +15,13 @@ import torch
 from torch import Tensor
 
 from knotfab.base.arrays import Array
-from knotfab.geometry.neighbours import find_neighbours
-from knotfab.geometry.polylines import polylines_of_sizes
-from knotfab.limits import bend, clearance, length
-from knotfab.limits.base import Limits, State
-from knotfab.search.grace import Grace
-from knotfab.search.objective import Weights
-from knotfab.torch_forms.known import known
+from knotfab.geometry.polylines import find_neighbours, polylines_of_sizes
+from knotfab.limits import terms as bend
+from knotfab.limits import terms as clearance
+from knotfab.limits import terms as length
+from knotfab.limits.terms import Limits, State
+from knotfab.render.device import known
+from knotfab.search.objective import Grace, Weights
 from knotfab_formats.scene import SettledRegion
 
 from .curves import circle, torus_knot
@@ -110,7 +110,11 @@ def _value(kind: str, spacing: float, points: Tensor) -> Tensor:
     plain = points.detach().numpy().astype(np.float64)
     near = find_neighbours(plain, rings, 1e3, 2)
     state = replace(State.at(plain, rings, near), spacing=spacing)
-    terms = {"bend": bend.term, "clearance": clearance.term, "length": length.term}
+    terms = {
+        "bend": bend.bend_term,
+        "clearance": clearance.clearance_term,
+        "length": length.length_term,
+    }
     found = Grace(RADIUS, 1.0)(state, Weights()) if kind == "grace" else terms[kind](state, LIMITS)
     return known(found[0], (points, found[1]))
 

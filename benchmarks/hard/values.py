@@ -12,11 +12,10 @@ import torch
 from torch import Tensor
 from torch.func import functional_call
 
+from knotfab.apps.paper.network import Coupling, CouplingNetwork, Rigid, rotation
 from knotfab.base.arrays import Array
 from knotfab.limits.region import outside
-from knotfab.torch_forms.known import known
-from knotfab.torch_forms.network import Coupling, CouplingNetwork, Rigid
-from knotfab.torch_forms.network.rigid import rotation
+from knotfab.render.device import known
 from knotfab_formats.scene import SettledRegion
 from paper.losses import (
     ball,

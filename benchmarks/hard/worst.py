@@ -21,9 +21,8 @@ from benchmarks.hard.terms import TERMS, term_case
 from benchmarks.hard.value_error import value_error
 from benchmarks.hard.values import ValueCase, network_case, round_trip_share
 from knotfab.base.arrays import Array
-from knotfab.geometry.certificate import certify
-from knotfab.geometry.neighbours import find_neighbours
-from knotfab.geometry.polylines import polylines_of_sizes
+from knotfab.geometry.carry import certify
+from knotfab.geometry.polylines import find_neighbours, polylines_of_sizes
 from knotfab_formats.bounds import MOST_MM
 from paper.losses import (
     ball,

@@ -11,8 +11,6 @@ from pydantic import BaseModel, ValidationError
 
 from knotfab_formats.errors import InputError, shown
 
-__all__ = ["explain", "tables_of"]
-
 # Millimetres or degrees in one of each unit that people write instead.
 _LENGTHS = {"mm": 1.0, "cm": 10.0, "dm": 100.0, "m": 1000.0, "um": 0.001, "in": 25.4, "inch": 25.4}
 _LENGTHS |= {"inches": 25.4, "ft": 304.8, '"': 25.4}

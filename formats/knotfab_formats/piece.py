@@ -33,24 +33,9 @@ from knotfab_formats.bounds import (
     Vector,
     Volume,
     Word,
+    as_written,
+    option,
 )
-from knotfab_formats.key import as_written, option
-
-__all__ = [
-    "MOST_BEND",
-    "About",
-    "Accuracy",
-    "Color",
-    "Material",
-    "Mount",
-    "Piece",
-    "Plate",
-    "Pose",
-    "Printer",
-    "Region",
-    "Sequence",
-    "Table",
-]
 
 
 class Table(BaseModel):

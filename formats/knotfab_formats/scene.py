@@ -18,13 +18,11 @@ from pydantic import (
 
 from knotfab_formats.bounds import Count, Extent, Length, Number, Pixels, Volume
 from knotfab_formats.piece import (
-    MOST_BEND,
     About,
     Accuracy,
     Material,
     Mount,
     Piece,
-    Plate,
     Pose,
     Printer,
     Region,
@@ -32,41 +30,7 @@ from knotfab_formats.piece import (
     Table,
 )
 from knotfab_formats.search import SearchSettings, search_settings
-from knotfab_formats.views import OF_WALL, Lamps, Placing, Reading, Room, Switch, Switches, View
-
-__all__ = [
-    "LIGHT_SHARE",
-    "MOST_BEND",
-    "OF_WALL",
-    "VERIFIED_PX",
-    "WALL_SHARE",
-    "About",
-    "Accuracy",
-    "Lamps",
-    "Material",
-    "Mount",
-    "Piece",
-    "Placing",
-    "Plate",
-    "Pose",
-    "Printer",
-    "Reading",
-    "Region",
-    "ResolvedPrinter",
-    "ResolvedScene",
-    "ResolvedView",
-    "Room",
-    "Scene",
-    "Sequence",
-    "SettledAccuracy",
-    "SettledMaterial",
-    "SettledPiece",
-    "SettledRegion",
-    "SettledScene",
-    "Switch",
-    "Switches",
-    "View",
-]
+from knotfab_formats.views import Lamps, Placing, Room, Switches, View
 
 # shares of the way to the light, and to the wall, that a piece may reach where its region is "auto"
 LIGHT_SHARE, WALL_SHARE = 0.25, 0.9

@@ -6,12 +6,9 @@ from typing import Any, Literal
 
 from pydantic import ConfigDict, Field
 
-from knotfab_formats.bounds import MOST_MM
+from knotfab_formats.bounds import MOST_MM, option
 from knotfab_formats.errors import InputError
-from knotfab_formats.key import option
 from knotfab_formats.piece import Table
-
-__all__ = ["OF_NO_PRESET", "PRESETS", "Precision", "Renderer", "SearchSettings", "search_settings"]
 
 Precision = Literal["single", "double"]
 Renderer = Literal["ray", "capsule", "ellipse"]

@@ -23,22 +23,9 @@ from knotfab_formats.bounds import (
     WallRadius,
     Whole,
     Word,
+    option,
 )
-from knotfab_formats.key import option
 from knotfab_formats.piece import Color, Plate, Table
-
-__all__ = [
-    "OF_WALL",
-    "Box",
-    "Disc",
-    "Lamps",
-    "Placing",
-    "Reading",
-    "Room",
-    "Switch",
-    "Switches",
-    "View",
-]
 
 
 def _few_bytes(name: str) -> str:

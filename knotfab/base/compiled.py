@@ -10,8 +10,6 @@ from typing import Any, ParamSpec, TypeVar
 
 import numba
 
-__all__ = ["compiled", "count_loops"]
-
 _In = ParamSpec("_In")
 _Out = TypeVar("_Out")
 _ROOM_BYTES = 16_000_000  # all loops of both packages take a third of it

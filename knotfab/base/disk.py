@@ -13,20 +13,8 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from knotfab.base.errors import InputError, why_of
-
-__all__ = [
-    "MOST_TEXT",
-    "at_home",
-    "confined",
-    "hold",
-    "locked",
-    "own_folder",
-    "read_file",
-    "read_text",
-    "require_within",
-    "temporary_folder",
-]
+from knotfab.base.errors import why_of
+from knotfab_formats.errors import InputError
 
 _fcntl: Any = (
     importlib.import_module("fcntl") if os.name == "posix" else None
@@ -215,3 +203,27 @@ def _remove_orphan(folder: Path) -> None:
             shutil.rmtree(folder)
         finally:
             os.close(handle)
+
+
+# One file written whole or not at all.
+
+
+def write_whole(path: Path, content: bytes) -> None:
+    """Write beside, then move into place: never half a file.
+
+    Raises:
+        InputError: it cannot be written.
+    """
+    require_within(path, f"--out {path}")
+    beside = path.with_name(f".{path.name}.new")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        beside.write_bytes(content)
+        beside.replace(path)
+    except (OSError, ValueError) as error:
+        with contextlib.suppress(OSError):
+            beside.unlink(missing_ok=True)
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+        raise InputError(
+            f"--out {path}", f"it cannot be written ({reason})", "Choose another place."
+        ) from error

@@ -7,8 +7,6 @@ import os
 from dataclasses import fields
 from typing import Any
 
-__all__ = ["InNotebook"]
-
 _LONGEST = 80  # characters of a value
 
 

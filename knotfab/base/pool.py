@@ -16,16 +16,6 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import Any, ParamSpec, Self, TypeVar
 
-__all__ = [
-    "ONE_THREAD",
-    "Crash",
-    "Workers",
-    "count_cores",
-    "count_jobs",
-    "measure_memory_gb",
-    "tie",
-]
-
 JOB_GB = 2.0  # a build takes this much memory
 # A process beside others runs one thread: threads that wait for each other cost more than they bring.
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from knotfab.knots import Knots
     from knotfab_formats.scene import ResolvedView
 
-__all__ = ["Event", "Mode", "Progress", "process_age"]
 
 Mode = Literal["auto", "quiet", "verbose"]
 # the views, the knots as they stand, and the columns and rows that there are: lines of a terminal

@@ -22,8 +22,6 @@ from collections.abc import Iterator
 from queue import SimpleQueue
 from typing import Any
 
-__all__ = ["main"]
-
 
 def main(module: str, *words: str) -> None:
     """Answer requests with a module until the parent asks no more, or is gone."""

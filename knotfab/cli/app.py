@@ -5,14 +5,18 @@ Nothing heavy is imported before an interrupt is heeded.
 
 from __future__ import annotations
 
+import codecs
+import contextlib
 import gc
+import io
 import os
 import signal
 import sys
 import time
+import unicodedata
 from typing import Any
 
-__all__ = ["main", "set_environment"]
+from knotfab_formats.errors import shown
 
 
 def main(arguments: list[str] | None = None, began: float | None = None) -> None:
@@ -43,7 +47,6 @@ def main(arguments: list[str] | None = None, began: float | None = None) -> None
             code = 130
         else:
             code = _tell(error)
-    from knotfab.cli.streams import why_unsaid
 
     why = why_unsaid()
     if why is not None:
@@ -66,7 +69,6 @@ def _run(arguments: list[str] | None, began: float | None) -> int:
     set_environment()
     # the libraries make a million things that stay: looked through seldom, they load a tenth faster
     gc.set_threshold(20_000, 20, 20)
-    from knotfab.cli.streams import guard_streams
 
     guard_streams()
     from knotfab.cli.commands import app
@@ -86,7 +88,7 @@ def _mend_named(arguments: list[str]) -> None:
     """Finish what a killed build was moving into a folder that this call names, or names a file of."""
     from pathlib import Path
 
-    from knotfab.files.moves import mend
+    from knotfab.base.folder import mend
 
     for word in arguments:
         place = word.partition("=")[2] if word.startswith("-") else word
@@ -96,7 +98,8 @@ def _mend_named(arguments: list[str]) -> None:
 
 def _tell(error: Exception) -> int:
     """Say in one sentence why a command ended, on standard error; its exit code."""
-    from knotfab.base.errors import InputError, explain_error, keep_traceback
+    from knotfab.base.errors import explain_error, keep_traceback
+    from knotfab_formats.errors import InputError
 
     if type(error).__module__.startswith("cyclopts"):
         print(f"knotfab: {_tell_misuse(error)} See: knotfab --help", file=sys.stderr)
@@ -117,9 +120,90 @@ def _tell_misuse(error: Any) -> str:
         begun = sorted({name for name in names if name.startswith(typed)})
         if begun and len(typed) > 2:
             return f"Unknown option: {typed}. Did you mean {' or '.join(begun)}?"
-        from knotfab.options import BuildOptions
+        from knotfab.pipeline.options import BuildOptions
 
         if typed.strip("-").replace("-", "_") in BuildOptions.__dataclass_fields__:
             return f"{typed} is an option of knotfab build, not of this command."
     said = str(error).strip()
     return said if said[-1:] in ".?!" else f"{said}."
+
+
+# Standard output and error that fail nobody: signs that a console lacks, readers that go, full
+# disks.
+
+
+_PLAIN = {
+    "°": " deg", "×": "x", "…": "...", "–": "-", "—": "-", "−": "-", "·": ".", "•": "*", "“": '"', "”": '"',
+    "‘": "'", "’": "'", "„": '"', "│": "|", "─": "-", "━": "-", "╸": "-", "╺": "-", "→": "->", "←": "<-",
+    "±": "+-", "≤": "<=", "≥": ">=", "µ": "u",
+}  # fmt: skip
+_ERRORS = "knotfab-plain"
+_unsaid: list[OSError] = []  # why standard output could not be written
+
+
+def _in_plain_signs(error: UnicodeError) -> tuple[str | bytes, int]:
+    """Replace signs that an encoding lacks by plain ones, or else by their number."""
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    plain = ""
+    for sign in error.object[error.start : error.end]:
+        like = unicodedata.normalize("NFKD", sign).encode("ascii", "ignore").decode()
+        plain += (
+            _PLAIN.get(sign) or like or shown(sign).encode("ascii", "backslashreplace").decode()
+        )
+    return plain, error.end
+
+
+class _Patient(io.FileIO):
+    """A file descriptor that goes on where it can be written no more: what is said then is lost."""
+
+    def write(self, data: object) -> int:
+        """Write, or note why not, and from then on write to nowhere."""
+        try:
+            return super().write(data)  # type: ignore[arg-type]
+        except OSError as error:
+            if self.fileno() == 1 and not isinstance(error, BrokenPipeError):
+                _unsaid.append(error)
+            nowhere = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(nowhere, self.fileno())
+            os.close(nowhere)
+            return memoryview(data).nbytes  # type: ignore[arg-type]
+
+
+def guard_streams() -> None:
+    """Let no word of this process end it.
+
+    A console gets "3" for "³" where it lacks that. A reader that stops reading, as `| head -1` does, changes
+    neither work nor exit code. Where the disk under standard output is full, `why_unsaid` knows.
+    """
+    with contextlib.suppress(OSError):
+        while (spare := os.open(os.devnull, os.O_RDWR)) <= 2:  # one that was closed is nowhere
+            pass
+        os.close(spare)
+    codecs.register_error(_ERRORS, _in_plain_signs)
+    for name, number in (("stdout", 1), ("stderr", 2)):
+        stream = getattr(sys, name)
+        if stream is None:
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
+        elif isinstance(stream, io.TextIOWrapper) and stream is getattr(sys, f"__{name}__"):
+            if stream.isatty():
+                stream.reconfigure(errors=_ERRORS)
+                continue
+            stream.flush()
+            patient = io.BufferedWriter(_Patient(number, "wb", closefd=False))
+            guarded = io.TextIOWrapper(
+                patient, stream.encoding, _ERRORS, line_buffering=number == 2
+            )
+            setattr(sys, name, guarded)
+
+
+def why_unsaid() -> str | None:
+    """Say why some of standard output was lost, in a sentence; None where nothing was, or nobody listens."""
+    with contextlib.suppress(OSError, ValueError):
+        sys.stdout.flush()
+    if not _unsaid:
+        return None
+    reason = _unsaid.pop().strerror
+    return (
+        f"standard output: it cannot be written ({reason}). Free some space; the command has ended."
+    )

@@ -18,7 +18,7 @@ from collections.abc import Iterator
 from typing import Any, TextIO
 
 from knotfab.cli.app import main, set_environment
-from knotfab.verify.verifier import load_early
+from knotfab.pipeline.verifier import load_early
 
 
 def prepare() -> Iterator[None]:
@@ -26,11 +26,16 @@ def prepare() -> Iterator[None]:
     set_environment()
     with load_early(keep=True):
         pass
-    for name in ("knotfab.pipeline", "knotfab.finish", "knotfab.preview.survey", "trimesh"):
+    for name in (
+        "knotfab.pipeline.build",
+        "knotfab.pipeline.finish",
+        "knotfab.design.survey",
+        "trimesh",
+    ):
         importlib.import_module(name)
         yield
-    from knotfab.doctor import run_loops
-    from knotfab.report.report_html import load_template
+    from knotfab.apps.doctor import run_loops
+    from knotfab.report.page import load_template
 
     run_loops()
     yield

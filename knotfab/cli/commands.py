@@ -9,7 +9,7 @@ from cyclopts import App, Parameter
 from knotfab import __version__
 from knotfab.cli.make import batch, build, mcp, preview, studio
 from knotfab.cli.measure import compare, shadow, tradeoff, validate
-from knotfab.options import (
+from knotfab.pipeline.options import (
     BATCH_EXAMPLES,
     BUILD_EXAMPLES,
     COMPARE_EXAMPLES,
@@ -21,8 +21,6 @@ from knotfab.options import (
     VALIDATE_EXAMPLES,
     Flag,
 )
-
-__all__ = ["app"]
 
 app = App(
     name="knotfab",
@@ -56,8 +54,8 @@ def doctor(*, compile_: Annotated[Flag, Parameter(name="--compile")] = False) ->
     compile_
         Only compile the search's loops, so that the first build need not wait for that.
     """
+    from knotfab.apps.doctor import compile_loops, examine
     from knotfab.cli.summary import print_findings
-    from knotfab.doctor import compile_loops, examine
 
     findings = [compile_loops()] if compile_ else examine()
     print_findings(findings)
@@ -68,9 +66,8 @@ def doctor(*, compile_: Annotated[Flag, Parameter(name="--compile")] = False) ->
 def printers() -> int:
     """List the printers and materials that knotfab knows by name, yours included, with their figures."""
     from knotfab.cli.summary import print_catalogue
-    from knotfab.scene.catalogue import materials
+    from knotfab.scene.catalogue import data_folder, materials
     from knotfab.scene.catalogue import printers as known
-    from knotfab.scene.own_data import data_folder
 
     print_catalogue(known(), materials(), data_folder())
     return 0
@@ -79,7 +76,7 @@ def printers() -> int:
 @app.command
 def schema() -> int:
     """Print the JSON schema of scene.toml, for editors that check it while you write."""
-    from knotfab_formats.json_schema import dump_schema
+    from knotfab_formats.read import dump_schema
 
     print(dump_schema(), end="")
     return 0

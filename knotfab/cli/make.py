@@ -16,10 +16,17 @@ from typing import IO, Annotated, TextIO
 from cyclopts import Parameter
 
 from knotfab.base.disk import at_home
-from knotfab.base.errors import InputError, MachineError, needs_extra
-from knotfab.options import ALL_OUT, OUTPUT, BuildOptions, Flag, PictureOptions, Place, Whole
-
-__all__ = ["batch", "build", "call_clock", "mcp", "open_page", "preview", "studio"]
+from knotfab.base.errors import MachineError, needs_extra
+from knotfab.pipeline.options import (
+    ALL_OUT,
+    OUTPUT,
+    BuildOptions,
+    Flag,
+    PictureOptions,
+    Place,
+    Whole,
+)
+from knotfab_formats.errors import InputError
 
 
 @dataclass
@@ -56,7 +63,7 @@ def build(
     events
         Where a line of JSON is written for each thing that happens: a file, or - for standard output.
     """
-    from knotfab.verify.verifier import load_early
+    from knotfab.pipeline.verifier import load_early
 
     with load_early(options.skip):
         return _build(pictures, options, open_, watch, events)
@@ -66,8 +73,8 @@ def _build(
     pictures: tuple[str, ...], options: BuildOptions, open_: bool, watch: bool, events: str | None
 ) -> int:
     from knotfab.base.progress import Progress
-    from knotfab.cli.terminal_shadow import draw_shadow
-    from knotfab.prepare import prepare_build
+    from knotfab.cli.summary import draw_shadow
+    from knotfab.pipeline.prepare import prepare_build
     from knotfab_formats.verdict import list_unmet
 
     quiet = options.quiet or events == "-"
@@ -82,7 +89,9 @@ def _build(
         if watch:
             events_of_page, _ = page.enter_context(open_page(request.out, progress.say))
             progress.listen(events_of_page)
-        from knotfab.pipeline import run_build  # heavy: only once the call is known to be right
+        from knotfab.pipeline.build import (
+            run_build,  # heavy: only once the call is known to be right
+        )
 
         outcome = run_build(request, progress)
         progress.tell("end", exit_code=outcome.exit_code, folder=str(outcome.folder))
@@ -140,7 +149,7 @@ def open_page(
         import starlette  # noqa: F401
         import uvicorn  # noqa: F401
         import websockets  # noqa: F401
-    command = [sys.executable, "-P", "-m", "knotfab.studio.watch", str(at_home(out).absolute())]
+    command = [sys.executable, "-P", "-m", "knotfab.apps.studio.run", str(at_home(out).absolute())]
     child = subprocess.Popen(
         command if grace_s is None else [*command, str(grace_s)],
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
@@ -187,11 +196,11 @@ def preview(
     json
         Print the figures as JSON.
     """
+    from knotfab.base.disk import write_whole
     from knotfab.cli.summary import print_survey
-    from knotfab.files.whole import write_whole
-    from knotfab.prepare import preview_pictures
-    from knotfab.preview.draw import draw_survey
-    from knotfab.preview.readings import draw_readings
+    from knotfab.design.readings import draw_readings
+    from knotfab.pipeline.prepare import preview_pictures
+    from knotfab.report.pictures import draw_survey
 
     if out.suffix.lower() != ".png":
         raise InputError(f"--out {out}", "a preview is a PNG", "Name a file in .png.")
@@ -222,8 +231,8 @@ def batch(
     cluster
         The address of a Dask scheduler, such as tcp://10.0.0.5:8786, whose workers build instead.
     """
-    from knotfab.batch.run import batch as run
-    from knotfab.prepare import check_options, require_same_picture
+    from knotfab.apps.batch.run import batch as run
+    from knotfab.pipeline.prepare import check_options, require_same_picture
 
     check_options(options)
     records = run(pictures, options, jobs, cluster, require_same_picture)
@@ -245,7 +254,7 @@ def mcp(*, allow: tuple[Place, ...] = ()) -> int:
         paths start from the first.
     """
     with needs_extra("knotfab mcp", "mcp"):
-        from knotfab.mcp.server import serve
+        from knotfab.apps.mcp.server import serve
     serve(allow)
     return 0
 
@@ -263,6 +272,6 @@ def studio(*, port: Whole = 0, no_open: Flag = False, out: Place = Path("knotfab
         The folder for pictures and builds.
     """
     with needs_extra("knotfab studio", "studio"):
-        from knotfab.studio.run import run_studio
+        from knotfab.apps.studio.run import run_studio
     run_studio(port, not no_open, out)
     return 0

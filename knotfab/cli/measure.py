@@ -9,10 +9,8 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from knotfab.base.errors import InputError
-from knotfab.options import Flag, Names, Place, Whole, options_from
-
-__all__ = ["compare", "shadow", "tradeoff", "validate"]
+from knotfab.pipeline.options import Flag, Names, Place, Whole, options_from
+from knotfab_formats.errors import InputError
 
 
 def validate(
@@ -45,12 +43,12 @@ def validate(
     unit
         Of the numbers in an STL, OBJ or PLY.
     """
-    from knotfab.verify.verifier import Verifier, load_early
+    from knotfab.pipeline.verifier import Verifier, load_early
 
     with load_early(skip):
-        from knotfab.read_options import read_skips
-        from knotfab.verify.named import files_to_validate
-        from knotfab.verify.strangers import plain_arrays
+        from knotfab.pipeline.read_options import read_skips
+        from knotfab.pipeline.strangers import plain_arrays
+        from knotfab.pipeline.verifier import files_to_validate
 
         files, skipped = files_to_validate(part, knots, scene, failures), read_skips(skip)
         with Verifier(skipped) as verifier, plain_arrays(files.part) as read:
@@ -87,7 +85,7 @@ def shadow(part: Path, /, *, scene: Path, out: Place, view: str | None = None) -
     view
         Name of the view; the first by default.
     """
-    from knotfab.verify.shadow import render_shadow
+    from knotfab.pipeline.strangers import render_shadow
 
     render_shadow(part, scene, out, view)
     which = "" if view is None else f" in the view {view}"
@@ -133,11 +131,11 @@ def compare(
     json
         Print the figures as JSON.
     """
+    from knotfab.apps.compare.compare import compare_photo, write_comparison
     from knotfab.cli.summary import print_comparison
-    from knotfab.compare.compare import compare_photo, write_comparison
 
     if click:
-        from knotfab.compare.click import write_click_page
+        from knotfab.apps.compare.fix import write_click_page
 
         page, more = out.with_suffix(".html"), [] if view is None else ["--view", view]
         command = ["knotfab", "compare", str(photo), str(folder), *more, "--out", str(out)]
@@ -149,14 +147,14 @@ def compare(
     write_comparison(found, out)
     plan = None
     if fix or build:
-        from knotfab.compare.fix import plan_fix
+        from knotfab.apps.compare.fix import plan_fix
 
         plan = plan_fix(found, folder, view)
     print_comparison(found, out, json, plan)
     if plan is None or not build:
         return 0
     from knotfab.cli.make import build as build_part
-    from knotfab.options import BuildOptions
+    from knotfab.pipeline.options import BuildOptions
 
     place = folder.resolve()
     options = BuildOptions(scene=plan.scene, out=place.with_name(f"{place.name}-fixed"), quiet=json)
@@ -206,7 +204,7 @@ def tradeoff(
     """
     from knotfab.base.progress import Progress
     from knotfab.picture.read import read_target
-    from knotfab.read_options import read_scene, read_seconds
+    from knotfab.pipeline.read_options import read_scene, read_seconds
 
     for name, value, least in (
         ("--repeats", repeats, 1),
@@ -223,7 +221,7 @@ def tradeoff(
     chosen, _ = read_scene(options)
     for picture in pictures:
         read_target(picture, chosen.views[0])  # a file that is no picture is told at once
-    from knotfab.tradeoff.run import tradeoff as run
+    from knotfab.apps.tradeoff.run import tradeoff as run
 
     with Progress("quiet" if quiet else "auto") as progress:
         found = run(

@@ -6,31 +6,33 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from knotfab.report.in_words import last_line, tell_colours, tell_piece, tell_share, tell_views
-from knotfab.verify.checks import mark_of
+import numpy as np
+from numpy.typing import NDArray
+
+from knotfab.base.arrays import Mask
+from knotfab.report.in_words import (
+    last_line,
+    mark_of,
+    tell_colours,
+    tell_piece,
+    tell_share,
+    tell_views,
+)
+from knotfab_formats.scene import ResolvedView
 
 if TYPE_CHECKING:
-    from knotfab.compare.compare import Comparison
-    from knotfab.compare.fix import Fix
-    from knotfab.doctor import Finding
-    from knotfab.preview.readings import TriedReading
-    from knotfab.preview.survey import Survey
+    from knotfab.apps.compare.compare import Comparison
+    from knotfab.apps.compare.fix import Fix
+    from knotfab.apps.doctor import Finding
+    from knotfab.apps.tradeoff.run import Tradeoff
+    from knotfab.design.readings import TriedReading
+    from knotfab.design.survey import Survey
+    from knotfab.knots import Knots
     from knotfab.request import Outcome
-    from knotfab.tradeoff.run import Tradeoff
+    from knotfab_formats.piece import Material, Printer
     from knotfab_formats.report import KnotFigures, Report
-    from knotfab_formats.scene import Material, Printer
     from knotfab_formats.verdict import Check
 
-__all__ = [
-    "UNABLE",
-    "print_catalogue",
-    "print_checks",
-    "print_comparison",
-    "print_findings",
-    "print_summary",
-    "print_survey",
-    "print_tradeoff",
-]
 
 _MARKS = {
     "info": "[dim]info[/]",
@@ -104,7 +106,7 @@ def print_summary(outcome: Outcome, verbose: bool = False) -> None:
     from rich.console import Console
     from rich.markup import escape
 
-    from knotfab.report.of_time import tell_stages
+    from knotfab.report.report import tell_stages
 
     report, console = outcome.found, Console(highlight=False, soft_wrap=True)
     status = "[green]pass[/]" if outcome.exit_code == 0 else "[red]fail[/]"
@@ -145,8 +147,8 @@ def print_comparison(found: Comparison, picture: Path, json: bool, plan: Fix | N
     """Print how like the picture the photographed shadow is, and what to do, or all of it as JSON."""
     import json as codec
 
-    from knotfab.compare.compare import advise
-    from knotfab.compare.fix import tell_fix
+    from knotfab.apps.compare.compare import advise
+    from knotfab.apps.compare.fix import tell_fix
 
     if json:
         fix = {} if plan is None else {"fix": plan.to_dict()}
@@ -173,7 +175,7 @@ def print_survey(
     """Print what a picture will become, in a few lines or as JSON, where it is drawn, and other readings."""
     import json as codec
 
-    from knotfab.preview.sentence import describe, describe_readings, list_figures
+    from knotfab.design.sentence import describe, describe_readings, list_figures
 
     if json:
         print(codec.dumps({**list_figures(found, readings), "picture": str(picture)}))
@@ -214,7 +216,7 @@ def print_catalogue(
     from rich.markup import escape
     from rich.table import Table
 
-    from knotfab.scene.own_data import title_of
+    from knotfab.scene.catalogue import title_of
 
     console = Console(highlight=False, soft_wrap=True)
     table = Table(box=None, pad_edge=False, header_style="dim")
@@ -283,3 +285,57 @@ def print_tradeoff(found: Tradeoff) -> None:
     )
     if found.left_out:
         console.print(escape(found.said_left_out()))
+
+
+# The shadow so far in a terminal: dots of Braille, two by four in a character.
+
+
+_ACROSS, _DOWN = 2, 4  # dots of a character
+# Unicode 2800 gives each dot of a character its bit, row by row.
+_BITS = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]])
+_GAP = 2  # columns between views
+
+
+def draw_shadow(views: Sequence[ResolvedView], knots: Knots, columns: int, rows: int) -> str:
+    """Draw the shadow of `knots` (in the scene) in each view's frame, side by side while there is room.
+
+    Args:
+        columns, rows: characters that there are.
+
+    Returns:
+        Lines of Braille, `rows` at most.
+    """
+    # loops load scipy, and calls that are refused draw nothing
+    from knotfab.render.image import frame_at
+    from knotfab.render.silhouette import Sheet, cast
+
+    points = knots.points
+    drawn: list[list[str]] = []
+    left = columns
+    for view in views:
+        high = _DOWN * rows
+        wide = round(high * view.frame_width_mm / view.frame_height_mm)
+        if wide > _ACROSS * columns:
+            wide, high = _ACROSS * columns, round(high * _ACROSS * columns / wide)
+        if -(-wide // _ACROSS) > left:
+            break
+        dot_mm = max(view.frame_width_mm / max(1, wide), view.frame_height_mm / max(1, high))
+        frame = frame_at(view, Sheet(max(1, wide), max(1, high), dot_mm, view.wall_tilt_deg))
+        # a strand thinner than a dot is drawn as thick as one, so that it has no gaps
+        thick = max(knots.radius_mm, 0.5 * dot_mm / view.magnification)
+        drawn.append(_to_braille(cast(points, points[knots.rings.next], frame, thick)))
+        left -= len(drawn[-1][0]) + _GAP
+    height = max((len(lines) for lines in drawn), default=0)
+    filled = [lines + [" " * len(lines[0])] * (height - len(lines)) for lines in drawn]
+    return "\n".join((" " * _GAP).join(parts).rstrip() for parts in zip(*filled, strict=True))
+
+
+def _to_braille(dark: Mask) -> list[str]:
+    height, width = dark.shape
+    whole: NDArray[np.bool_] = np.zeros(
+        (-(-height // _DOWN) * _DOWN, -(-width // _ACROSS) * _ACROSS), dtype=bool
+    )
+    whole[:height, :width] = dark
+    cells = whole.reshape(len(whole) // _DOWN, _DOWN, -1, _ACROSS)
+    codes = np.einsum("rdca,da->rc", cells.astype(np.int64), _BITS)
+    return ["".join(chr(0x2800 + int(code)) for code in row) for row in codes]

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from knotfab.base.arrays import Array, Mask
-from knotfab.base.errors import InputError, SceneError
+from knotfab.base.errors import SceneError
 from knotfab.design.frames import framed_alike
 from knotfab.design.hull import HullBound
 from knotfab.design.moves import (
@@ -34,9 +34,9 @@ from knotfab.picture.bending import (
 )
 from knotfab.picture.read import Target
 from knotfab.scene.camera import cameras_of, view_axes, walls_of
-from knotfab_formats.scene import ResolvedScene, View
-
-__all__ = ["AGREED", "Agreement", "agree", "apply_bending", "require_agreed"]
+from knotfab_formats.errors import InputError
+from knotfab_formats.scene import ResolvedScene
+from knotfab_formats.views import View
 
 AGREED = 0.995  # bounds from here on are agreement: nothing is moved or bent
 # a share of the height: how far a point moves at most by default (docs/scenarios.md)

@@ -8,10 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from knotfab.base.errors import InputError
+from knotfab_formats.errors import InputError
 from knotfab_formats.search import PRESETS, SearchSettings
-
-__all__ = ["Budget", "require_budget", "resolve_iterations", "scale_to_budget", "spare"]
 
 _LEAST_S, _LEAST_SEVERAL_S, _LEAST_FRAME_S = 5.0, 12.0, 4.0
 # seconds for a view's design, below which it takes the draft's trials, pictures, spacing, or the sketch's

@@ -11,20 +11,9 @@ from shapely import MultiPolygon
 
 from knotfab.base.errors import SceneError
 from knotfab.picture.opening import thickest_radius
-from knotfab_formats.scene import Printer, ResolvedView, View
-
-__all__ = [
-    "DEPTH_RATIO",
-    "PICTURE",
-    "RadiusRange",
-    "drawing_radius",
-    "line_radius",
-    "line_width",
-    "most_radius",
-    "range_of",
-    "too_fine",
-    "usual_radii",
-]
+from knotfab_formats.piece import Printer
+from knotfab_formats.scene import ResolvedView
+from knotfab_formats.views import View
 
 PICTURE = "the picture"  # the name in an error, where another reading of it may do
 # depth over the extent across: the contract asks for 0.6, the flow may take a little

@@ -11,27 +11,28 @@ from knotfab.base.errors import SceneError
 from knotfab.base.notebook import InNotebook
 from knotfab.base.progress import Progress
 from knotfab.design.budget import Budget, resolve_iterations, scale_to_budget, spare
-from knotfab.design.bumps import better, start_without_bumps
-from knotfab.design.free_view import place_directions, place_start, start_pose
 from knotfab.design.hull import HullBound
-from knotfab.design.prices import price_limits
 from knotfab.design.question import Question, ask
 from knotfab.design.radius import RadiusChoice, choose_radius
-from knotfab.design.sparser import search_sparser
-from knotfab.design.suit import fine_enough, outline_px, suit
+from knotfab.design.retries import better, price_limits, search_sparser, start_without_bumps
+from knotfab.design.settings import (
+    fine_enough,
+    outline_px,
+    place_directions,
+    place_start,
+    start_pose,
+    suit,
+)
 from knotfab.knots import Knots, read_start
 from knotfab.limits.feasibility import Feasibility
-from knotfab.picture.data_uri import silhouette_uri
+from knotfab.picture.raster import silhouette_uri
 from knotfab.picture.read import Target
 from knotfab.problem import Problem, SearchResult, Start
-from knotfab.render.forms import COMPILED, Forms
-from knotfab.scene.require import require_tube
-from knotfab.search.directions import FreeDirections
-from knotfab.search.history import History
-from knotfab.search.pace import Pace
-from knotfab.search.phases import plan_of
-from knotfab.search.pose import Pose
-from knotfab.search.search import search
+from knotfab.render.image import COMPILED, Forms
+from knotfab.scene.load import require_tube
+from knotfab.search.directions import FreeDirections, Pose
+from knotfab.search.flow import plan_of
+from knotfab.search.search import History, Pace, search
 from knotfab.start.start import go_on, make_start
 from knotfab_formats.report import Price
 from knotfab_formats.scene import (
@@ -43,17 +44,6 @@ from knotfab_formats.scene import (
     SettledScene,
 )
 from knotfab_formats.search import SearchSettings
-
-__all__ = [
-    "START_FILE",
-    "Design",
-    "add_work",
-    "choose_tube",
-    "design_knots",
-    "price_design",
-    "refine_settings",
-    "settle_design",
-]
 
 START_FILE = "start.json"
 

@@ -13,25 +13,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from knotfab.base.errors import InputError
 from knotfab.design.candidates import line_width
-from knotfab.picture.masks import count_dust, drop_specks
+from knotfab.picture.opening import is_thin, thicken
 from knotfab.picture.raster import check_shape
 from knotfab.picture.read import Target, name_picture
-from knotfab.picture.thicken import is_thin, thicken
+from knotfab.picture.silhouette import count_dust, drop_specks
 from knotfab_formats.bounds import why_out_of_bounds
-from knotfab_formats.scene import ResolvedScene, ResolvedView, View
-
-__all__ = [
-    "frame_view",
-    "framed_alike",
-    "name_views",
-    "size_frames",
-    "size_longer",
-    "spread_views",
-    "widen",
-    "widen_targets",
-]
+from knotfab_formats.errors import InputError
+from knotfab_formats.scene import ResolvedScene, ResolvedView
+from knotfab_formats.views import View
 
 LONGER_FRAME_MM = 180.0  # the picture's longer side on the wall, where the scene does not say
 _SLIM = 1.25  # strokes thinner than so many of the tube's shadow are drawn along their lines
@@ -220,8 +210,7 @@ def _draw_tones(
     scene: ResolvedScene, targets: Sequence[Target], sequence: bool
 ) -> tuple[ResolvedScene, tuple[Target, ...]]:
     """Draw one picture's greys as lines of the tube's width, which is what is drawn and followed then."""
-    from knotfab.picture.greys import read_darkness
-    from knotfab.start.tone import draw_tones
+    from knotfab.start.tone import draw_tones, read_darkness
 
     if sequence or len(targets) > 1:
         raise InputError(

@@ -20,13 +20,10 @@ from knotfab.base.arrays import Array, Mask
 from knotfab.design.candidates import DEPTH_RATIO
 from knotfab.design.frames import frame_view
 from knotfab.design.hull import hull_bounds
-from knotfab.picture.masks import sample_mask
 from knotfab.picture.read import Target
-from knotfab.picture.silhouette import fit_size
+from knotfab.picture.silhouette import fit_size, sample_mask
 from knotfab.scene.camera import camera_of
 from knotfab_formats.scene import ResolvedScene, ResolvedView
-
-__all__ = ["LAMPS_FRAME_MM", "depth_apart", "place_lamps"]
 
 # the picture's longer side, where nobody says: so the pieces of three lamps fit most printers side by side
 LAMPS_FRAME_MM = 120.0

@@ -15,21 +15,11 @@ import numpy as np
 from knotfab.base.arrays import Mask
 from knotfab.design.frames import frame_view
 from knotfab.design.hull import HullBound, hull_bounds
-from knotfab.picture.masks import sample_mask
 from knotfab.picture.read import Target
-from knotfab.picture.silhouette import fit_size
+from knotfab.picture.silhouette import fit_size, sample_mask
 from knotfab.scene.camera import cameras_of, least_apart, walls_of
-from knotfab_formats.scene import ResolvedScene, ResolvedView, View
-
-__all__ = [
-    "bounds_of",
-    "coarse_masks",
-    "framed_views",
-    "mirror_views",
-    "move_views",
-    "reach_of",
-    "worst_of",
-]
+from knotfab_formats.scene import ResolvedScene, ResolvedView
+from knotfab_formats.views import View
 
 _WORTH = 0.004  # IoU of the worst bound that a free move has to bring
 _COARSE_PX, _COARSE_RAYS, _COARSE_STEPS = 96, 56, 72

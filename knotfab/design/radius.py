@@ -13,16 +13,14 @@ from knotfab.base.errors import SceneError
 from knotfab.design.budget import Budget
 from knotfab.design.candidates import drawing_radius, line_radius, range_of, too_fine, usual_radii
 from knotfab.design.question import Question
-from knotfab.geometry.sampling import arc_lengths
+from knotfab.geometry.polylines import arc_lengths
 from knotfab.knots import Knot, Knots
 from knotfab.picture.silhouette import trace_polygon
 from knotfab.problem import Report, Start, TargetView, Watch
-from knotfab.scene.require import require_radius
+from knotfab.scene.load import require_radius
 from knotfab.start.filling import Template, as_bent, fill, simple_curves, template_iou
 from knotfab.start.start import make_start, make_template
 from knotfab_formats.search import SearchSettings
-
-__all__ = ["RadiusChoice", "RadiusTrial", "choose_radius"]
 
 _NOTHING = 0.5  # IoU below which there is no picture
 # IoU of a start for several views with which no thinner tube is tried, or taken: the search then ends about

@@ -8,14 +8,10 @@ import numpy as np
 
 from knotfab.base.arrays import Array
 from knotfab.base.compiled import compiled
-from knotfab.effects.base import Effect, EffectContext, World
-from knotfab.effects.shadows import OnWall, Shadows
-from knotfab.scene.camera import camera_of, view_axes
-from knotfab.scene.curved_wall import CurvedWall
+from knotfab.effects.base import Effect, EffectContext, OnWall, Shadows, World
+from knotfab.scene.camera import CurvedWall, camera_of, view_axes
 from knotfab_formats.scene import ResolvedView
 from knotfab_formats.verdict import Contrast
-
-__all__ = ["CONTRAST", "contrast_of"]
 
 _PLACES = (9, 513)  # across and up, of the frame, where the lamp's light is looked at
 _VARIES = 5.0  # times the square of a step between places over the light's distance: at most, of its light

@@ -10,11 +10,8 @@ from shapely import MultiPolygon
 
 from knotfab.base.arrays import Array, Indices
 from knotfab.base.compiled import compiled
-from knotfab.effects.base import Decision, Effect, EffectContext, World
-from knotfab.effects.shadows import Shadows
+from knotfab.effects.base import Decision, Effect, EffectContext, Shadows, World
 from knotfab_formats.scene import ResolvedView
-
-__all__ = ["MISPLACEMENT", "Parting", "Steadying", "parting_mm"]
 
 # points whose surroundings are looked at: of the largest, and how many at most
 _WORST, _MOST = 0.7, 400

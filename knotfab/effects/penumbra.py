@@ -12,12 +12,9 @@ from shapely import MultiPolygon
 
 from knotfab.base.arrays import Array, Indices
 from knotfab.base.compiled import compiled
-from knotfab.effects.base import Decision, Effect, EffectContext
-from knotfab.effects.shadows import Shadows
+from knotfab.effects.base import Decision, Effect, EffectContext, Shadows
 from knotfab.scene.camera import light_of, view_axes
 from knotfab_formats.scene import ResolvedView
-
-__all__ = ["PENUMBRA", "Sharpening", "blurs_mm"]
 
 _LOWERED = 0.5  # share of the way to the wall that strands of the outline are lowered by, at most
 _LOWERED_PX = 32.0  # px of blur above the threshold, from which on it has its full share

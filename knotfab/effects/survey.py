@@ -6,14 +6,10 @@ from collections.abc import Mapping
 
 from knotfab.effects.base import Decision, Effect, EffectContext, decide
 from knotfab.effects.contrast import CONTRAST
-from knotfab.effects.layers import LAYERS
 from knotfab.effects.misplacement import MISPLACEMENT
 from knotfab.effects.penumbra import PENUMBRA
-from knotfab.effects.sag import SAG
-from knotfab.effects.wall import WALL
-from knotfab_formats.scene import Switch
-
-__all__ = ["EFFECTS", "survey"]
+from knotfab.effects.shifts import LAYERS, SAG, WALL
+from knotfab_formats.views import Switch
 
 EFFECTS: tuple[Effect, ...] = (PENUMBRA, MISPLACEMENT, CONTRAST, SAG, LAYERS, WALL)
 

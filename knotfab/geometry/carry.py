@@ -15,12 +15,16 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from knotfab.base.arrays import Array
-from knotfab.geometry.certificate import Certificate, certify
-from knotfab.geometry.neighbours import find_neighbours
-from knotfab.geometry.polylines import Polylines, dot, polylines_of
-from knotfab.geometry.sampling import arc_lengths
-
-__all__ = ["Carried", "Curves", "carry", "certify_same_type", "refine_parameters", "space_evenly"]
+from knotfab.geometry import kernels
+from knotfab.geometry.polylines import (
+    Neighbours,
+    Polylines,
+    arc_lengths,
+    dot,
+    find_neighbours,
+    number_runs,
+    polylines_of,
+)
 
 Parameters = tuple[Array, ...]  # increasing, one array a curve, in [0, period)
 Path = Callable[[Array, float], Array]  # (points, share of the way) -> points
@@ -172,3 +176,114 @@ def carry(
 def _verdict(points: Array, step: Array, rings: Polylines) -> Certificate:
     near = find_neighbours(points, rings, _reach(points, rings, step), _SKIP)
     return certify(points, step, rings, near)
+
+
+# Certificates of isotopy: a straight-line motion of all vertices that provably crosses nothing.
+
+
+_ROUNDING = 1e-13  # a share of the coordinates by which double precision may be off
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """The verdict on one step: `margin` is the least (distance - relative displacement), mm."""
+
+    valid: bool
+    reason: str
+    margin: float
+
+
+def certify(points: Array, step: Array, rings: Polylines, near: Neighbours) -> Certificate:
+    """Tell whether moving `points` (N, 3) by `step` along straight lines keeps the knot type.
+
+    `near` may be older than `points`: what it leaves out is covered by a bound on the motion since.
+    """
+    if not np.isfinite(step).all():
+        return Certificate(False, "the step is not finite", -np.inf)
+    room = near.reach - 2 * near.moved(points)
+    lists = (rings.next, rings.start, rings.size, near.i, near.j)
+    found, margin = kernels.step_margin(points, step, *lists, near.skip, room)
+    if found == kernels.FOLDS:
+        return Certificate(False, "adjacent segments may fold back", margin)
+    if found == kernels.TOO_OLD:
+        return Certificate(False, "the neighbour list is too old", margin)
+    # the error of double precision follows the size of the coordinates
+    if not margin > _ROUNDING * float(np.abs(points).max()):
+        return Certificate(False, "strands may pass through each other", margin)
+    return Certificate(True, "isotopy", margin)
+
+
+def step_limits(points: Array, rings: Polylines, near: Neighbours, largest: float) -> Array:
+    """Return [N] how far each vertex may go so that strands in `near` cannot meet: 0.45 of their gap."""
+    return 0.45 * kernels.step_limits(points, rings.next, near.i, near.j, largest / 0.45)
+
+
+# Resampling as a certified step: new vertices, evenly spaced along the curve, by an isotopy.
+
+
+# vertices of a ring: with twelve, the corners of rings about specks and stars come nearer than their sides
+_LEAST = 24
+
+
+def _at(points: Array, parameter: Array, where: Array) -> Array:
+    """Return the closed polyline with vertices at `parameter` [n + 1], evaluated at `where`."""
+    closed = np.concatenate([points, points[:1]])
+    return np.stack([np.interp(where, parameter, closed[:, k]) for k in range(3)], axis=1)
+
+
+def resample(
+    points: Array, rings: Polylines, edge_mm: float
+) -> tuple[Array, Polylines, Certificate]:
+    """Return even vertices about `edge_mm` apart on the cubic spline through the old ones.
+
+    The straight-line motion from the old polygons to the new, matched by arc length and refined to the
+    vertices of both, is certified as an isotopy. Where it is not, the same is tried along the old
+    polygons themselves; and where that fails too, they come back with the refusal.
+    """
+    verdict = Certificate(False, "nothing to resample", -np.inf)
+    for smooth in (True, False):
+        fresh, old_union, new_union = [], [], []
+        for part in rings.split(points):
+            new, old_at, new_at = _resample_one(part, edge_mm, smooth)
+            fresh.append(new)
+            old_union.append(old_at)
+            new_union.append(new_at)
+        both = polylines_of(old_union)
+        start = np.concatenate(old_union)
+        step = np.concatenate(new_union) - start
+        near = find_neighbours(start, both, 3.0 * edge_mm, 6)
+        verdict = certify(start, step, both, near)
+        if verdict.valid:
+            return np.concatenate(fresh), polylines_of(fresh), verdict
+    return points, rings, verdict
+
+
+def _resample_one(part: Array, edge_mm: float, smooth: bool) -> tuple[Array, Array, Array]:
+    """Return one ring resampled: new vertices, and old and new positions at the vertices of both."""
+    arc = arc_lengths(part)
+    count = max(_LEAST, round(arc[-1] / edge_mm))
+    where = np.linspace(0.0, arc[-1], count + 1)
+    if smooth:
+        spline = CubicSpline(arc, np.concatenate([part, part[:1]]), bc_type="periodic")
+        # places become even in the new polygon's own length, not only in the old one's
+        for _ in range(2):
+            at = arc_lengths(spline(where[:-1]))
+            where = np.interp(np.linspace(0.0, at[-1], count + 1), at, where)
+        fresh = np.asarray(spline(where[:-1]))
+    else:
+        fresh = _at(part, arc, where[:-1])
+    union = np.unique(np.concatenate([arc[:-1], where[:-1]]))
+    union = union[np.diff(union, append=arc[-1]) > 1e-6 * arc[-1] / count]
+    return fresh, _at(part, arc, union), _at(fresh, where, union)
+
+
+def subdivide(points: Array, rings: Polylines, edge_mm: float) -> tuple[Array, Polylines]:
+    """Return new vertices on edges that are longer than `edge_mm`: the same curves, so nothing to certify."""
+    fresh = []
+    for part in rings.split(points):
+        edge = np.roll(part, -1, axis=0) - part
+        pieces = np.maximum(1, np.round(np.linalg.norm(edge, axis=1) / edge_mm)).astype(int)
+        first, number = number_runs(pieces)
+        share = number / pieces[first]
+        fresh.append(part[first] + share[:, None] * edge[first])
+    return np.concatenate(fresh), polylines_of(fresh)

@@ -14,18 +14,6 @@ import numpy as np
 from knotfab.base.arrays import Array, Indices
 from knotfab.base.compiled import compiled
 
-__all__ = [
-    "FOLDS",
-    "KEEPS",
-    "TOO_OLD",
-    "bend_hinge",
-    "closest_parameters",
-    "gap_hinge",
-    "least_gap",
-    "step_limits",
-    "step_margin",
-]
-
 KEEPS, FOLDS, TOO_OLD = 0, 1, 2  # results of `step_margin`
 _PARALLEL = 1e-12  # share of |u|^2 |v|^2 below which segments count as parallel
 _LEAST_SQUARE = 1e-12  # the least square of a distance that has a slope, and of a curvature

@@ -11,22 +11,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from knotfab.base.arrays import Array, Indices
 from knotfab.base.compiled import compiled
-from knotfab.geometry.sampling import arc_lengths
-
-__all__ = [
-    "EDGES",
-    "ROOF_GAP_MM",
-    "ROOF_LAYERS",
-    "SPACING_MM",
-    "SUPPORT_LINE_NOZZLES",
-    "Estimate",
-    "Rules",
-    "Strands",
-    "estimate",
-    "strands_along",
-    "support_cm3",
-]
-
+from knotfab.geometry.polylines import arc_lengths
 
 FINEST_RADII = 0.8  # tube radii between two samples of a centre line
 STRIPS = (-0.8, -0.4, 0.0, 0.4, 0.8)  # across the underside, in halves of its width

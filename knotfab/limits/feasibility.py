@@ -7,12 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from knotfab.base.arrays import Array
-from knotfab.geometry.measures import bend_radii, strand_gap
-from knotfab.geometry.polylines import Polylines
-from knotfab.limits.base import Limits
-from knotfab.limits.region import tube_outside
-
-__all__ = ["LEAST", "Feasibility", "measure_feasibility"]
+from knotfab.geometry.polylines import Polylines, bend_radii, strand_gap
+from knotfab.limits.region import REGION, tube_outside
+from knotfab.limits.terms import BEND, CLEARANCE, LENGTH, Guard, Limit, Limits
 
 LEAST = ("bend", "clearance")  # limits that a piece may exceed, and not fall below
 
@@ -97,3 +94,14 @@ def measure_feasibility(points: Array, rings: Polylines, limits: Limits) -> Feas
         length,
         limits,
     )
+
+
+# All limits of a search, each under watch.
+
+
+LIMITS: tuple[Limit, ...] = (CLEARANCE, BEND, REGION, LENGTH)
+
+
+def guard_limits() -> dict[str, Guard]:
+    """Return a fresh watch over every limit, by name."""
+    return {limit.name: Guard(limit) for limit in LIMITS}

@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
 from math import hypot
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from knotfab.base.arrays import Array
+from knotfab.base.arrays import Array, Indices
+from knotfab.base.disk import read_file
 from knotfab.geometry.polylines import Polylines
-from knotfab.limits.base import Felt, Limit, Limits, State
-from knotfab.limits.region_mesh import beyond, region_mesh
+from knotfab.geometry.tube import unit
+from knotfab.limits.terms import Felt, Limit, Limits, State
 from knotfab.scene.camera import Plane, view_axes
+from knotfab_formats.errors import InputError
 from knotfab_formats.scene import SettledRegion
-
-__all__ = ["REGION", "outside", "tube_outside"]
 
 
 def outside(
@@ -89,7 +93,7 @@ def _outside(points: Array, limits: Limits, radius: float) -> tuple[Array, Array
     return outside(points, limits.region, radius, limits.walls)
 
 
-def term(state: State, limits: Limits) -> Felt:
+def region_term(state: State, limits: Limits) -> Felt:
     """Return the squared hinge of the excess outside, in squared tube radii (paper, occupancy loss)."""
     excess, away = _outside(state.points, limits, _felt_radius(limits, state.spacing))
     hinge = np.maximum(excess / limits.radius, 0.0)
@@ -116,4 +120,138 @@ def _felt_radius(limits: Limits, spacing: float) -> float:
     return hypot(radius, spacing / 2) if limits.region.kind == "mesh" else radius
 
 
-REGION = Limit("region", term, slack)
+REGION = Limit("region", region_term, slack)
+
+
+# A closed mesh as the allowed region, as the search needs it: signed distances with a gradient.
+
+
+_REMEDY = "Export it again as a closed solid (STL, millimetres), with its faces turned outwards."
+_FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("spare", "<u2")])
+_MOST_BYTES = 2**30
+_ON_RIM = 1e-9  # share of a corner in a point of a face: below it the point lies on the other side
+
+
+@dataclass(frozen=True)
+class RegionMesh:
+    """A closed surface in scene coordinates, with what makes signed distances fast.
+
+    `face_normals` (m, 3), `edge_normals` (m, 3, 3: of the side across from each corner) and
+    `corner_normals` (n, 3) are the pseudonormals of Bærentzen and Aanæs ("Signed distance
+    computation using the angle weighted pseudonormal", IEEE TVCG 11(3), 2005): a point is outside
+    where it lies on the positive side of that of the feature it is nearest to.
+    """
+
+    vertices: Array  # (n, 3) mm
+    faces: Indices  # (m, 3)
+    face_normals: Array
+    edge_normals: Array
+    corner_normals: Array
+    tree: Any  # igl.AABB
+
+    @property
+    def bounds(self) -> tuple[Array, Array]:
+        """Least and largest coordinates (3,)."""
+        return self.vertices.min(axis=0), self.vertices.max(axis=0)
+
+    def nearest(self, points: Array) -> tuple[Array, Array]:
+        """Return the nearest points (k, 3) of the surface, and 1 outside or -1 inside (k,)."""
+        p = np.ascontiguousarray(points, dtype=np.float64)
+        _, face, foot = self.tree.squared_distance(self.vertices, self.faces, p)
+        share = _shares(self.vertices[self.faces[face]], foot)
+        corner, few = share.argmax(axis=1), np.asarray(share < _ON_RIM)
+        row, side = np.arange(len(p)), share.argmin(axis=1)
+        normal = np.where(
+            np.any(few, axis=1)[:, None], self.edge_normals[face, side], self.face_normals[face]
+        )
+        at_corner = few.sum(axis=1) == 2
+        normal = np.where(
+            at_corner[:, None], self.corner_normals[self.faces[face][row, corner]], normal
+        )
+        outwards = np.einsum("ij,ij->i", p - foot, normal)
+        return np.asarray(foot), np.where(outwards > 0, 1.0, -1.0)
+
+
+def beyond(points: Array, mesh: RegionMesh) -> tuple[Array, Array]:
+    """Measure how far points (N, 3) are outside the surface, mm (N,), and the gradient (N, 3)."""
+    foot, sign = (found.astype(points.dtype) for found in mesh.nearest(points))
+    gap = points - foot
+    distance = np.sqrt(np.maximum((gap * gap).sum(axis=1), 1e-18))
+    return sign * distance, (sign / distance)[:, None] * gap
+
+
+@lru_cache(maxsize=2)
+def region_mesh(file: str, center_mm: tuple[float, float, float]) -> RegionMesh:
+    """Read a region's STL and move it by `center_mm`.
+
+    Raises:
+        InputError: it cannot be read, is not closed, or is inside out.
+    """
+    import igl
+
+    what = f"the region's mesh {Path(file).name}"
+    vertices, number = np.unique(_corners(Path(file), what), axis=0, return_inverse=True)
+    faces = number.reshape(-1, 3).astype(np.int64)
+    _require_closed(vertices, faces, what)
+    vertices = np.ascontiguousarray(vertices + np.array(center_mm))
+    tree = igl.AABB()
+    tree.init(vertices, faces)
+    normals = unit(np.cross(*np.moveaxis(np.diff(vertices[faces], axis=1), 1, 0)))
+    start, end = faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1)
+    key, back = start * len(vertices) + end, end * len(vertices) + start
+    order = np.argsort(key)
+    twin = order[np.searchsorted(key, back, sorter=order)] // 3
+    across = np.roll((normals.repeat(3, axis=0) + normals[twin]).reshape(-1, 3, 3), -1, axis=1)
+    corners = np.zeros_like(vertices)
+    angle = _angles(vertices[faces])
+    for i in range(3):
+        np.add.at(corners, faces[:, i], angle[:, i, None] * normals)
+    return RegionMesh(vertices, faces, normals, across, corners, tree)
+
+
+def _corners(path: Path, what: str) -> Array:
+    """Return (3m, 3) the corners of an STL file's triangles, binary or of words."""
+    content = read_file(path, what, "closed STL", _MOST_BYTES, missing="Check [region] file.")
+    count = int.from_bytes(content[80:84], "little")
+    if len(content) >= 84 and len(content) == 84 + 50 * count:
+        corners = np.frombuffer(content, _FACET, count, 84)["corners"].reshape(-1, 3)
+    else:
+        words = content.lower().split()
+        at = [i for i, word in enumerate(words) if word == b"vertex"]
+        try:
+            corners = np.array([[float(w) for w in words[i + 1 : i + 4]] for i in at])
+        except ValueError as error:
+            raise InputError(what, "a corner is not three numbers", _REMEDY) from error
+    if corners.ndim != 2 or not len(corners) or len(corners) % 3 or corners.shape[1:] != (3,):
+        raise InputError(what, "it is no STL file, or has no triangles", _REMEDY)
+    if not np.isfinite(corners).all():
+        raise InputError(what, "it has a corner that is not finite", _REMEDY)
+    return np.asarray(corners, dtype=np.float64) + 0.0
+
+
+def _require_closed(vertices: Array, faces: Indices, what: str) -> None:
+    """Refuse a surface whose half-edges are not all paired, or whose volume is not positive."""
+    start, end = faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1)
+    forth = np.sort(start * np.int64(len(vertices)) + end)
+    back = np.sort(end * np.int64(len(vertices)) + start)
+    if not np.array_equal(forth, back) or (np.diff(forth) == 0).any() or (start == end).any():
+        raise InputError(what, "it is not a closed surface", _REMEDY)
+    corner = vertices[faces] - vertices.mean(axis=0)
+    if not np.einsum("ij,ij->", corner[:, 0], np.cross(corner[:, 1], corner[:, 2])) > 0:
+        raise InputError(what, "it is turned inside out", _REMEDY)
+
+
+def _shares(corner: Array, point: Array) -> Array:
+    """Return (k, 3) barycentric coordinates of points (k, 3) in their triangles (k, 3, 3)."""
+    area = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    square = np.maximum(np.einsum("ij,ij->i", area, area), 1e-300)
+    to = corner - point[:, None]
+    parts = [np.cross(to[:, (i + 1) % 3], to[:, (i + 2) % 3]) for i in range(3)]
+    return np.stack([np.einsum("ij,ij->i", p, area) / square for p in parts], axis=1)
+
+
+def _angles(corner: Array) -> Array:
+    """Return (m, 3) the angles of triangles (m, 3, 3)."""
+    ahead = unit(np.roll(corner, -1, axis=1) - corner)
+    behind = unit(np.roll(corner, 1, axis=1) - corner)
+    return np.asarray(np.arccos(np.clip(np.einsum("mij,mij->mi", ahead, behind), -1.0, 1.0)))

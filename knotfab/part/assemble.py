@@ -14,21 +14,16 @@ from knotfab.base.errors import SceneError
 from knotfab.base.notebook import InNotebook
 from knotfab.base.progress import Progress
 from knotfab.design.design import Design
-from knotfab.geometry.meshes import Mesh
 from knotfab.geometry.overhang import SUPPORT_LINE_NOZZLES, Rules
-from knotfab.geometry.tube import sweep
+from knotfab.geometry.tube import Mesh, sweep
+from knotfab.hold.lamp_frame import Table, frame_of
+from knotfab.hold.mount import Mounted, mount_piece
 from knotfab.knots import Knots
-from knotfab.mount.mount import Mounted, mount_piece
-from knotfab.mount.table import Table, frame_of
-from knotfab.part.clean import clean_body
-from knotfab.part.plates import Plates, lay_on_plates
+from knotfab.part.plates import Plates, can_be_split, clean_body, lay_on_plates, list_printables
 from knotfab.part.pose import PrintPose, choose_pose
-from knotfab.part.split import can_be_split, list_printables
 from knotfab.picture.read import Target
 from knotfab.scene.camera import Camera, cameras_of
 from knotfab_formats.scene import ResolvedScene
-
-__all__ = ["Part", "enlarge_knots", "part_of", "rules_of", "shrink_of"]
 
 BESIDE_MM = 5.0  # a slicer's supports reach out of a piece's outline by at most this
 BESIDE_SHARE = 0.05  # a share of the printer's bed: a small one is used to its edge

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -10,28 +11,20 @@ from typing import Any
 import numpy as np
 
 from knotfab.base.arrays import Array
+from knotfab.base.folder import OutputFolder
 from knotfab.design.design import Design
-from knotfab.files.folder import OutputFolder
-from knotfab.files.stl import write_stl
-from knotfab.files.threemf import write_3mf, write_coloured_3mf
-from knotfab.geometry.meshes import Mesh
-from knotfab.mount.coupon import COUPON, plan_coupon
-from knotfab.part.about import about_part
+from knotfab.geometry.tube import Mesh, join_meshes
+from knotfab.hold.coupon import COUPON, plan_coupon
+from knotfab.knots import count_in_words
 from knotfab.part.assemble import Part, enlarge_knots, shrink_of
+from knotfab.part.files import About, write_3mf, write_coloured_3mf, write_stl
 from knotfab.part.plates import Plates
 from knotfab.picture.read import Target
+from knotfab.render.pages import length
+from knotfab.render.part_picture import draw_part, place_eyes
 from knotfab.scene.load import dump_scene
-from knotfab_formats.scene import Plate, Pose, SettledScene
-
-__all__ = [
-    "COLOURED",
-    "make_pose",
-    "pose_scene",
-    "write_glb",
-    "write_model",
-    "write_part",
-    "write_unbuilt",
-]
+from knotfab_formats.piece import Plate, Pose
+from knotfab_formats.scene import ResolvedView, SettledScene
 
 Row = tuple[float, float, float, float]
 
@@ -176,3 +169,54 @@ def write_glb(
         mesh.visual = trimesh.visual.TextureVisuals(material=paint)
         scene.add_geometry(mesh, node_name=name, geom_name=name)
     path.write_bytes(bytes(scene.export(file_type="glb")))
+
+
+# The words of a piece's files about the piece: its title, how to light it, and a small picture of
+# it.
+
+
+THUMBNAIL_PX = 300  # side of the picture in part.3mf
+GCODE_PX = 480  # G-code has smaller copies of this picture
+
+
+def about_part(part: Part, scene: SettledScene, targets: Sequence[Target]) -> About:
+    """Return the words of the part's 3MF files: the scene's [about], and what follows from the piece itself.
+
+    Without a title it is the pictures' names; without a designer, knotfab. Terms of a licence are left out
+    where nobody gave them: whose the picture is, no file says.
+    """
+    names = " and ".join(target.shown for target in targets)
+    return About(
+        title=scene.about.title or names,
+        designer=scene.about.designer or "knotfab",
+        description=_describe(part, scene.views, names),
+        licence=scene.about.licence,
+        thumbnail_png=draw_thumbnail(part, scene.views, THUMBNAIL_PX),
+    )
+
+
+def draw_thumbnail(part: Part, views: Sequence[ResolvedView], pixels: int) -> bytes:
+    """Draw the part as the first view's light sees it, so that its picture shows: a PNG, square."""
+    vertices, faces = join_meshes(part.bodies)
+    seen = vertices @ part.pose.matrix[:3, :3].T + part.pose.matrix[:3, 3]
+    found = io.BytesIO()
+    draw_part(seen, faces, found, place_eyes(views)[:1], pixels)
+    return found.getvalue()
+
+
+def _describe(part: Part, views: Sequence[ResolvedView], names: str) -> str:
+    """Say what the piece is and how to light it, in a sentence; setup.pdf says more."""
+    view, knots = views[0], part.pose.knots
+    tube = f"{count_in_words(len(knots.knots))} of a tube {length(2 * knots.radius_mm)} mm thick"
+    tube = tube[:1].upper() + tube[1:]
+    if len(views) > 1:
+        return (
+            f"{tube} with {len(views)} shadows: {names}; scene.toml says where lamps and walls are."
+        )
+    off = f"{length(view.light_distance_mm)} mm from its middle"
+    if view.kind == "eye":
+        return f"{tube} that an eye {off} sees as {names}."
+    lamp = f"a lamp {length(view.light_size_mm)} mm wide" if view.light_size_mm else "a small lamp"
+    size = " × ".join(length(side) for side in view.frame_mm)
+    wall = f"the wall {length(view.wall_distance_mm)} mm behind"
+    return f"{tube} whose shadow is {names}: {size} mm on {wall}, by {lamp}, {off}."

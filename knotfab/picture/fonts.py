@@ -12,19 +12,11 @@ from functools import cache
 from typing import TYPE_CHECKING
 
 from knotfab.base.disk import at_home, read_file
-from knotfab.base.errors import InputError
+from knotfab_formats.errors import InputError
 
 if TYPE_CHECKING:
     from matplotlib.ft2font import FT2Font
 
-__all__ = [
-    "find_family",
-    "find_font",
-    "list_families",
-    "load_font",
-    "supplied_folder",
-    "supply_fonts",
-]
 
 # All of them come with matplotlib.
 _SUPPLIED = (

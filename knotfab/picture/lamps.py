@@ -24,14 +24,11 @@ from scipy.ndimage import (
 )
 
 from knotfab.base.arrays import Array, Mask
-from knotfab.base.errors import InputError, shown
-from knotfab.picture.data_uri import encode_image
-from knotfab.picture.raster import crop_image
+from knotfab.picture.raster import crop_image, encode_image
 from knotfab.picture.read import Target, name_picture, read_image
 from knotfab.picture.silhouette import resample_mask
+from knotfab_formats.errors import InputError, shown
 from knotfab_formats.scene import ResolvedScene
-
-__all__ = ["Separation", "mixtures_of", "on_one_canvas", "read_masks", "separate", "to_oklab"]
 
 _LIGHTNESS, _CHROMA = 0.5, 0.35  # their weights beside hue's, of a colour that is strong
 _GREY = 0.04  # a picture with less chroma everywhere is grey (a pure red has 0.26)

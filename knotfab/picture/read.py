@@ -16,34 +16,18 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from knotfab.base.disk import at_home, read_file
-from knotfab.base.errors import InputError, shown
 from knotfab.base.notebook import InNotebook
 from knotfab.picture import raster, text
 from knotfab.picture.bending import Bending
-from knotfab.picture.data_uri import encode_image
-from knotfab.picture.even_light import even_out
-from knotfab.picture.guess import guess_reading
-from knotfab.picture.masks import pieces_of, smooth
+from knotfab.picture.colours import even_out
+from knotfab.picture.ink import guess_reading
+from knotfab.picture.raster import encode_image
+from knotfab.picture.silhouette import pieces_of, smooth
 from knotfab.picture.subject import take_subject
 from knotfab.picture.svg.render import render_svg
 from knotfab.picture.svg.xml import looks_like_svg
-from knotfab_formats.scene import Reading
-from knotfab_formats.views import Box
-
-__all__ = [
-    "MOVING",
-    "PICTURE_SUFFIXES",
-    "PLAIN",
-    "TEXT_PREFIX",
-    "Target",
-    "is_picture",
-    "name_picture",
-    "plain_name",
-    "read_bytes",
-    "read_image",
-    "read_target",
-    "read_targets",
-]
+from knotfab_formats.errors import InputError, shown
+from knotfab_formats.views import Box, Reading
 
 TEXT_PREFIX = "text:"
 _DRAWN = (".svg", ".svgz")

@@ -7,13 +7,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from knotfab.base.arrays import Array, Indices, Mask
-from knotfab.geometry.sampling import arc_lengths
-from knotfab.picture.masks import fill_holes, sample_mask
+from knotfab.geometry.polylines import arc_lengths
+from knotfab.picture.silhouette import fill_holes, sample_mask
 
 if TYPE_CHECKING:
     import networkx as nx
 
-__all__ = ["Line", "trace_strokes"]
 
 Line = Array
 """(n, 2) points of one stroke between two places where strokes end or meet."""

@@ -11,13 +11,17 @@ from PIL import Image, UnidentifiedImageError
 
 from knotfab.base.arrays import Array, Mask
 from knotfab.base.disk import read_file
-from knotfab.base.errors import InputError, needs_extra
-from knotfab.picture.masks import fill_holes, holes_of, pieces_of, sample_mask, smooth
-from knotfab.picture.silhouette import fit_size
-from knotfab_formats.scene import Reading
-from knotfab_formats.views import Box, Disc
-
-__all__ = ["cut_subject", "middle_boxes", "take_subject"]
+from knotfab.base.errors import needs_extra
+from knotfab.picture.silhouette import (
+    fill_holes,
+    fit_size,
+    holes_of,
+    pieces_of,
+    sample_mask,
+    smooth,
+)
+from knotfab_formats.errors import InputError
+from knotfab_formats.views import Box, Disc, Reading
 
 Levels = NDArray[np.float32]
 _Gaussian = tuple[float, NDArray[np.float64], NDArray[np.float64]]  # share, mean, covariance

@@ -16,12 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from knotfab.base.errors import InputError
 from knotfab.picture.fonts import find_font, load_font, supply_fonts
 from knotfab.picture.raster import MARGIN
 from knotfab.picture.svg.render import LONGER_SIDE, render
-
-__all__ = ["Outline", "needs_shaping", "outline_text", "render_text"]
+from knotfab_formats.errors import InputError
 
 _Box = tuple[float, float, float, float]  # left, top, width, height
 

@@ -18,8 +18,6 @@ from numpy.typing import NDArray
 from knotfab.base.arrays import Array, Real
 from knotfab.base.compiled import compiled
 
-__all__ = ["are_within", "evaluate", "find_winners"]
-
 Places = NDArray[np.int32]
 
 _SIDE = 8  # pixels of a tile's side

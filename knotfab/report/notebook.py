@@ -11,24 +11,22 @@ import numpy as np
 from PIL import Image, ImageDraw
 
 from knotfab.base.arrays import Array
-from knotfab.base.errors import SceneError, spelled
+from knotfab.base.errors import SceneError
 from knotfab.design.design import Design
 from knotfab.design.question import Question
-from knotfab.drawing.part_picture import draw_part, place_eyes
-from knotfab.geometry.meshes import Mesh, join_meshes
-from knotfab.geometry.tube import sweep
+from knotfab.geometry.tube import Mesh, join_meshes, sweep
 from knotfab.knots import Knots, count_in_words
 from knotfab.part.assemble import Part
-from knotfab.picture.data_uri import image_uri, silhouette_uri
+from knotfab.picture.raster import image_uri, silhouette_uri
 from knotfab.picture.read import Target
 from knotfab.problem import SearchResult, Start
+from knotfab.render.part_picture import draw_part, place_eyes
 from knotfab.report.in_words import conclude
+from knotfab.report.page import VERDICTS, make_environment
 from knotfab.report.pictures import find_pictures
-from knotfab.report.report_html import VERDICTS, make_environment
 from knotfab.request import Outcome
+from knotfab_formats.errors import spelled
 from knotfab_formats.scene import ResolvedView
-
-__all__ = ["show"]
 
 _MOST = 1_000_000  # characters of pictures
 _PANEL_PX, _SIDES = 240, 16

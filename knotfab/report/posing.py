@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from knotfab.report.of_slicer import tell_flatter
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from knotfab.base.arrays import Array
+from knotfab.geometry.overhang import Rules
+from knotfab.geometry.polylines import number_runs
+from knotfab.geometry.tube import Mesh, box_of, face_normals
+from knotfab.part.orient import spread_turns
+from knotfab.report.for_maker import tell_flatter
 from knotfab_formats.report import Flatter, Kept, PoseFigures, Print, SupportAccess
 
 if TYPE_CHECKING:
     from knotfab.part.assemble import Part
-    from knotfab.part.flatter import Flattening
-
-__all__ = ["find_access", "lay_out"]
+    from knotfab.part.orient import Flattening
 
 
 def lay_out(
@@ -116,7 +124,6 @@ def _tell_flattening(flattening: Flattening | None) -> list[str]:
 
 def find_access(part: Part) -> SupportAccess | None:
     """Say whether the supports can be taken out; None without supports, or for a part cut into plates."""
-    from knotfab.part.access import measure_access
     from knotfab.part.assemble import rules_of
 
     rules = rules_of(part.mounted.scene)
@@ -130,10 +137,9 @@ def _with_supports(
     print_: Print, part: Part, suffix: str, access: SupportAccess | None
 ) -> tuple[Print, list[str]]:
     """Return the figures with a coupon, flatter pieces and what supports need; and notes on these."""
-    from knotfab.mount.coupon import plan_coupon
-    from knotfab.part.access import tell_access
+    from knotfab.hold.coupon import plan_coupon
     from knotfab.part.assemble import rules_of
-    from knotfab.part.flatter import estimate_flatter
+    from knotfab.part.orient import estimate_flatter
 
     scene, notes, flatter = part.mounted.scene, list[str](), None
     coupon = plan_coupon(part.mounted, suffix)
@@ -154,3 +160,152 @@ def _with_supports(
     if access is not None and access.worst is not None and not suffix:
         notes.append(tell_access(access))
     return replace(print_, flatter=flatter, support_access=access), notes
+
+
+# Find whether a tool reaches the supports of a piece to take them out: straight ways in from
+# outside.
+
+
+# A straight round tool has this diameter: a finger, the jaws of a cutter, the nose of pliers, a hook.
+TOOLS_MM = {"finger": 16.0, "cutter": 8.0, "pliers": 4.0, "hook": 2.0}
+SAMPLES = 300  # undersides looked at
+WAYS = 48  # directions of a tool
+# a share of a tool's radius: it may brush a strand, and triangles stand for the surface
+NEARLY = 0.85
+STEP = 0.5  # the least way from one look to the next, as a share of the tool's radius
+# the widest gap between points that stand for the surface; finer meshes are thinned to half of it
+SPACING_MM = 1.0
+
+
+def tell_access(access: SupportAccess) -> str:
+    """Return one sentence for the report and the summary."""
+    by_hand, cut = access.reached["finger"], access.reached["cutter"]
+    text = f"Supports: {by_hand:.0%} come off by hand, {cut:.0%} with a cutter"
+    if access.worst is None or access.worst_tool == "finger":
+        return text + "."
+    x, y, z = access.worst
+    where = f"{x:.0f} mm from the left, {y:.0f} from the front, {z:.0f} above the bed"
+    with_ = f"a {access.worst_tool}" if access.worst_tool else "a bent tool"
+    return f"{text}; the hardest place, {where}, needs {with_}."
+
+
+def measure_access(bodies: Sequence[Mesh], rules: Rules) -> SupportAccess:
+    """Cast tools from all round at the undersides of a piece that need support.
+
+    A tool is a cylinder with a ball for a tip. The tip touches the underside, the axis goes straight
+    out in one of `WAYS` directions, and the surface must keep away from it by the tool's radius all the
+    way (sphere tracing: each step is as long as the nearest surface allows; Hart 1996). The supports
+    themselves are in nobody's way: they come out from the outside inwards.
+
+    Args:
+        bodies: meshes in print coordinates, the bed at z = 0.
+        rules: the printer's for overhangs.
+    """
+    if not rules.supports or rules.powder:
+        return _figures(0.0, dict.fromkeys(TOOLS_MM, 1.0))
+    middle, normal, size = _sample(np.concatenate([v[f] for v, f in bodies]))
+    steep = -normal[:, 2] > np.sin(np.radians(rules.max_overhang_deg)) + 1e-6
+    under = np.flatnonzero(steep & (middle[:, 2] > 2 * rules.layer_mm))
+    area = size[under] / 100
+    if not len(under):
+        return _figures(0.0, dict.fromkeys(TOOLS_MM, 1.0))
+    # look as often at each mm² of underside
+    along = (np.arange(min(SAMPLES, len(under))) + 0.5) / min(SAMPLES, len(under))
+    chosen = np.unique(under[np.searchsorted(area.cumsum(), along * area.sum())])
+    place, out = middle[chosen], normal[chosen]
+    surface = cKDTree(_thin(middle))
+    low, high = box_of(bodies)
+    ways = spread_turns(WAYS)[3:, 2]
+    best = np.zeros(len(place))  # diameter of the thickest tool that comes in
+    # a thinner tool reaches each place that a thick one reaches, in the same way
+    for diameter in sorted(TOOLS_MM.values(), reverse=True):
+        rest = np.flatnonzero(best == 0)
+        hit = _reaches(place[rest], out[rest], ways, diameter / 2, surface, low, high)
+        best[rest[hit]] = diameter
+    deepest = np.lexsort((-_depth(place, low, high), best))[0]
+    tool = next((name for name, d in TOOLS_MM.items() if d == best[deepest]), None)
+    reached = {name: float((best >= diameter).mean()) for name, diameter in TOOLS_MM.items()}
+    x, y, z = (round(float(c), 2) for c in place[deepest])
+    return _figures(float(area.sum()), reached, (x, y, z), tool)
+
+
+def _figures(
+    area: float,
+    reached: dict[str, float],
+    worst: tuple[float, float, float] | None = None,
+    tool: str | None = None,
+) -> SupportAccess:
+    return SupportAccess(
+        area_cm2=round(area, 2),
+        tools_mm=TOOLS_MM,
+        reached={name: round(share, 3) for name, share in reached.items()},
+        worst=worst,
+        worst_tool=tool,
+    )
+
+
+def _reaches(
+    place: Array,
+    out: Array,
+    ways: Array,
+    radius: float,
+    surface: cKDTree,
+    low: Array,
+    high: Array,
+) -> NDArray[np.bool_]:
+    """Tell (n,) whether a tool of this radius, its tip at a place, gets out of the box on some way."""
+    found = np.zeros(len(place), dtype=np.bool_)
+    tip = place + radius * out
+    free, _ = surface.query(tip)
+    spot, way = (k.ravel() for k in np.indices((len(place), len(ways))))
+    at = tip[spot]
+    left = (free >= NEARLY * radius)[spot]
+    while left.any():
+        at, spot, way = at[left], spot[left], way[left]
+        found[spot[((at < low - radius) | (at > high + radius)).any(axis=1)]] = True
+        going = ~found[spot]
+        at, spot, way = at[going], spot[going], way[going]
+        away, _ = surface.query(at)
+        at = at + np.maximum(away - NEARLY * radius, STEP * radius)[:, None] * ways[way]
+        left = away >= NEARLY * radius
+    return found
+
+
+def _sample(corners: Array) -> tuple[Array, Array, Array]:
+    """Sample triangles (m, 3, 3): points (k, 3), unit normals (k, 3), and areas (k,), mm², of each.
+
+    Rows along each triangle's longest edge, at most `SPACING_MM` apart, as are the points of a row: a sliver
+    is sampled along its length alone.
+    """
+    across = face_normals(corners)
+    double = np.linalg.norm(across, axis=1)
+    corners, across, double = corners[double > 0], across[double > 0], double[double > 0]
+    edges = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
+    longest = edges.argmax(axis=1)
+    every = np.arange(len(corners))
+    a, b, c = (corners[every, (longest + k) % 3] for k in range(3))
+    length = edges[every, longest]
+    rows = np.ceil(double / length / SPACING_MM).astype(np.int64)
+    face, number = number_runs(rows)
+    bottom, top = number / rows[face], (number + 1) / rows[face]
+    up = np.where(rows[face] == 1, 1 / 3, (bottom + top) / 2)
+    count = np.ceil(length[face] * (1 - up) / SPACING_MM).astype(np.int64)
+    strip = double[face] / 2 * ((1 - bottom) ** 2 - (1 - top) ** 2)
+    row, number = number_runs(count)
+    face, up = face[row], up[row, None]
+    along = ((number + 0.5) / count[row])[:, None] * (1 - up)
+    points = a[face] + along * (b[face] - a[face]) + up * (c[face] - a[face])
+    return points, (across / double[:, None])[face], (strip / count)[row]
+
+
+def _thin(points: Array) -> Array:
+    """Return one point of each cell of half the spacing."""
+    cell = np.floor(2 * (points - points.min(axis=0)) / SPACING_MM).astype(np.int64)
+    wide, high = cell[:, 1].max() + 1, cell[:, 2].max() + 1
+    _, kept = np.unique((cell[:, 0] * wide + cell[:, 1]) * high + cell[:, 2], return_index=True)
+    return np.asarray(points[kept])
+
+
+def _depth(place: Array, low: Array, high: Array) -> Array:
+    """Measure how far inside the box a place lies."""
+    return np.asarray(np.minimum(place - low, high - place).min(axis=1))

@@ -9,20 +9,11 @@ from typing import Protocol
 import numpy as np
 
 from knotfab.base.arrays import Array
-from knotfab.geometry.projection import project
-from knotfab_formats.scene import Region, ResolvedView, View
-
-__all__ = [
-    "Camera",
-    "Plane",
-    "camera_of",
-    "cameras_of",
-    "least_apart",
-    "light_of",
-    "view_axes",
-    "walls_of",
-]
-
+from knotfab.geometry.polylines import project
+from knotfab_formats.errors import InputError
+from knotfab_formats.piece import Region
+from knotfab_formats.scene import ResolvedView
+from knotfab_formats.views import View
 
 Plane = tuple[float, float, float, float]
 _CLEAR = 0.97  # several pictures may take this share of the way to a wall
@@ -165,3 +156,171 @@ def least_apart(views: Sequence[View]) -> float:
     axes = np.array([view_axes(v)[2] for v in views])
     cosine = np.abs(axes @ axes.T)[np.triu_indices(len(axes), 1)]
     return float(np.rad2deg(np.arccos(np.clip(cosine.max(), 0.0, 1.0))))
+
+
+# A wall that is a cylinder: where light puts on it what it would put on the flat wall that
+# touches it.
+
+
+_SLANTED_DEG = 80.0  # light that falls on a wall at more is a glimmer
+_ACROSS = 65  # places of half a frame's width that are looked at
+
+
+@dataclass(frozen=True)
+class CurvedWall:
+    """A cylinder along the receiver's up that touches the flat receiver where the view's axis meets it.
+
+    Its axis is `radius` mm before that line, so a wall of positive radius is hollow towards the light. A
+    place on it is (arc, up) from there, mm, as on the wall unrolled; light is straight, so each stands
+    for one on the flat wall (x, up), on the same ray. `axes` (3, 3) are rows right, up and normal of the flat
+    wall about `foot` (3,), in which the light is at `light` (3,); `frame_mm` across, up, and the middle's up.
+    """
+
+    radius: float
+    axes: Array
+    foot: Array
+    light: Array
+    frame_mm: tuple[float, float, float]
+
+    @staticmethod
+    def of(view: ResolvedView) -> CurvedWall | None:
+        """Return the view's wall; None where it is flat."""
+        if view.wall_radius_mm is None:
+            return None
+        camera, back = camera_of(view, 1, 1), view_axes(view)[2]
+        axes = np.stack([camera.du, -camera.dv, camera.receiver[:3]])
+        axes /= np.linalg.norm(axes, axis=1)[:, None]
+        foot = -view.wall_distance_mm * back
+        frame = (*view.frame_mm, view.frame_up_mm)
+        return CurvedWall(view.wall_radius_mm, axes, foot, axes @ (camera.eye - foot), frame)
+
+    def flatten(self, places: Array) -> Array:
+        """Return places (n, 2) of the flat wall on the rays through places (n, 2) of this one."""
+        turn = places[:, 0] / self.radius
+        before = self.before(turn)
+        on = before / (self.light[2] - before)
+        across = self.radius * np.sin(turn) * (1 + on)
+        return np.column_stack([across, places[:, 1] + (places[:, 1] - self.light[1]) * on])
+
+    def unroll(self, flat: Array) -> Array:
+        """Return the inverse of `flatten`; NaN where a ray passes beside a column.
+
+        A ray to (x, y) is at x (1 - u) across and H u before the flat wall, and on the circle where
+        (x² + H²) u² - 2 (x² + R H) u + x² = 0; of both roots the one near u = 0, from their product, for a
+        wall may be so nearly flat that they cancel.
+        """
+        high, radius = self.light[2], self.radius
+        square = flat[:, 0] ** 2
+        with np.errstate(invalid="ignore"):
+            root = np.sqrt((radius * high) ** 2 + square * high * (2 * radius - high))
+        u = square / (square + radius * high + np.sign(radius) * root)
+        across, before = flat[:, 0] * (1 - u), high * u
+        arc = radius * np.arctan2(across / radius, 1 - before / radius)
+        return np.column_stack([arc, flat[:, 1] - (flat[:, 1] - self.light[1]) * u])
+
+    def areas(self, across: Array, half: float) -> Array:
+        """Return (n,) what strips about places `across` (n,) of the flat wall stand for here, over their own.
+
+        Each is from `half` mm before its place to as far behind; 0 of what light does not bring here.
+        """
+        ends = [
+            self.unroll(np.column_stack([x, np.zeros_like(x)]))
+            for x in (across - half, across + half)
+        ]
+        above = self.unroll(np.column_stack([across, np.ones_like(across)]))[:, 1]
+        level = self.unroll(np.column_stack([across, np.zeros_like(across)]))[:, 1]
+        return np.nan_to_num((ends[1] - ends[0])[:, 0] / (2 * half) * (above - level))
+
+    def stand(self, places: Array) -> tuple[Array, Array]:
+        """Return points (n, 3) in the scene of places (n, 2), and the wall's unit normals (n, 3) there."""
+        turn = places[:, 0] / self.radius
+        before = self.before(turn)
+        local = np.column_stack([self.radius * np.sin(turn), places[:, 1], before])
+        normal = np.column_stack([-np.sin(turn), np.zeros_like(turn), np.cos(turn)])
+        return self.foot + local @ self.axes, normal @ self.axes
+
+    def before(self, turn: Array | float) -> Array:
+        """Measure how far before the flat wall this one is, turned so far, mm: R (1 - cos), which cancels."""
+        return np.asarray(2 * self.radius * np.sin(0.5 * turn) ** 2)
+
+    def touching(self, points: Array) -> Array:
+        """Find (n, 4) the planes that touch the wall at the shadows of points (n, 3); NaN beside it."""
+        local = (points - self.foot) @ self.axes.T
+        share = self.light[2] / (self.light[2] - local[:, 2:])
+        at, normal = self.stand(
+            self.unroll(self.light[:2] + (local[:, :2] - self.light[:2]) * share)
+        )
+        return np.column_stack([normal, -(normal * at).sum(axis=1)])
+
+    def room_mm(self, points: Array) -> float:
+        """Measure how near points (n, 3) of the scene come to the wall at most, mm; less than 0 behind it.
+
+        Of a hollow wall that is also how near what lies between them comes.
+        """
+        local = (points - self.foot) @ self.axes.T
+        off = np.hypot(local[:, 0], local[:, 2] - self.radius)
+        return float((np.sign(self.radius) * (abs(self.radius) - off)).min())
+
+    @property
+    def off_mm(self) -> float:
+        """Measure how far the picture of a flat wall lies from that of this one, at most in the frame, mm.
+
+        About |x|³ / (2 R H) across, less what a bent wall is longer, |x|³ / (6 R²), and y x² / (2 R H) up.
+        """
+        wide, high, up = self.frame_mm
+        arcs = np.linspace(0.0, 0.5 * wide, _ACROSS)
+        if self.slant_deg(0.5 * wide) > _SLANTED_DEG:
+            return float("inf")
+        off = [
+            self.flatten(at) - at
+            for at in (
+                np.column_stack([arcs, np.full(_ACROSS, up + s * high)]) for s in (-0.5, 0.5)
+            )
+        ]
+        return float(np.linalg.norm(np.concatenate(off), axis=1).max())
+
+    def slant_deg(self, arc: float) -> float:
+        """Give the angle from the wall's normal at which light falls so far aside, level with the light."""
+        turn = arc / self.radius
+        if abs(turn) >= 0.5 * np.pi:
+            return 180.0
+        normal = np.array([-np.sin(turn), np.cos(turn)])
+        at = np.array([self.radius * np.sin(turn), self.before(turn)])
+        ray = np.array([0.0, self.light[2]]) - at
+        return float(np.degrees(np.arccos(normal @ ray / np.linalg.norm(ray))))
+
+
+def require_wall(view: ResolvedView) -> None:
+    """Refuse a curved wall that is too narrow for its picture, or about the light.
+
+    Raises:
+        InputError: saying which.
+    """
+    wall = CurvedWall.of(view)
+    if wall is None:
+        return
+    what, wide = f"scene view {view.name}", view.frame_width_mm
+    reach = wall.light[2] + 0.5 * view.light_size_mm
+    if wall.radius > 0 and reach >= 2 * wall.radius:
+        raise InputError(
+            what,
+            f"the light, {wall.light[2]:g} mm before a hollow wall of wall_radius_mm = {wall.radius:g}, is "
+            "not inside it",
+            f"Use a radius above {reach / 2:.0f} mm, or move the light nearer",
+        )
+    if wall.slant_deg(0.5 * wide) > _SLANTED_DEG:
+        arcs = np.linspace(0.0, 0.5 * wide, 200)
+        seen = 2 * max(float(x) for x in arcs if wall.slant_deg(x) <= _SLANTED_DEG)
+        raise InputError(
+            what,
+            f"a cylinder of wall_radius_mm = {wall.radius:g} is narrower than the picture: the light reaches "
+            f"{seen:.0f} mm of it, and the frame is {wide:g} mm wide",
+            "Make the picture narrower (--width), or the wall's radius larger",
+        )
+    if view.clear_mm <= 0:
+        raise InputError(
+            what,
+            f"the hollow wall comes {view.wall_distance_mm - view.clear_mm:.0f} mm forward beside the "
+            f"picture, and the middle of the piece is only {view.wall_distance_mm:g} mm before it",
+            "Move the wall away (--wall-distance), or make its radius larger",
+        )

@@ -3,24 +3,21 @@
 from __future__ import annotations
 
 import difflib
+import os
+import re
+import tomllib
+from functools import cache
+from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, TypeVar
 
-from knotfab.base.errors import InputError
-from knotfab.scene.own_data import (
-    USUAL,
-    Named,
-    data_folder,
-    find_name,
-    is_file_name,
-    kind_of,
-    known_names,
-    load_file,
-    load_named,
-)
-from knotfab_formats.scene import Material, Printer, ResolvedPrinter, ResolvedScene, Scene
+from platformdirs import user_config_path
 
-__all__ = ["asked_for", "materials", "printers", "resolve"]
+from knotfab.base.disk import at_home, own_folder, read_text
+from knotfab_formats.errors import InputError
+from knotfab_formats.piece import Material, Printer
+from knotfab_formats.read import parse_toml
+from knotfab_formats.scene import ResolvedPrinter, ResolvedScene, Scene
 
 _USUAL_MATERIALS = {"filament": "pla", "resin": "resin", "powder": "pa12"}
 
@@ -132,3 +129,143 @@ def resolve(scene: Scene) -> ResolvedScene:
     }
     kind = type(scene) if isinstance(scene, ResolvedScene) else ResolvedScene
     return kind.model_construct(None, **known | update)
+
+
+# Printers and materials as TOML files: those that come along, and a person's own, checked key by
+# key.
+
+
+Kind = Literal["printer", "material"]
+Named = TypeVar("Named", Printer, Material)
+
+# How a part is printed: what holds for most printers and materials, so that one's own need not say.
+USUAL = {"layer_height_mm", "supports", "max_overhang_deg", "max_bridge_mm", "max_support_cm3"}
+USUAL |= {"process", "color", "min_wall_mm", "min_gap_mm"}
+USUAL |= {"wire_diameter_mm", "tool_radius_mm", "min_straight_mm", "max_bend_deg"}
+USUAL |= {"springback_percent", "young_modulus_mpa", "yield_mpa", "transmittance_per_mm"}
+USUAL |= {"shrinkage_percent"}
+
+
+_FOR_PEOPLE = ("title", "aliases")  # keys of a data file that are none of the model
+
+
+def data_folder() -> Path:
+    """Return a person's own data: $KNOTFAB_DATA, else knotfab in this system's folder for settings."""
+    return own_folder("KNOTFAB_DATA", user_config_path, "$KNOTFAB_DATA")
+
+
+def kind_of(model: type[Printer] | type[Material]) -> Kind:
+    """Return the table's name."""
+    return "printer" if model is Printer else "material"
+
+
+def is_file_name(text: str) -> bool:
+    """Tell whether a printer or material is meant as a file, not by its name."""
+    return text.endswith(".toml") or "/" in text or os.sep in text
+
+
+@cache
+def _list_supplied(kind: Kind) -> dict[str, dict[str, Any]]:
+    """List content of each data file that comes along, by its name; the title is left out."""
+    files = resources.files("knotfab.scene").joinpath("data", f"{kind}s").iterdir()
+    found: dict[str, dict[str, Any]] = {}
+    for file in sorted(files, key=lambda f: f.name):
+        if file.name.endswith(".toml"):
+            found[file.name.removesuffix(".toml")] = tomllib.loads(file.read_text(encoding="utf-8"))
+    return found
+
+
+def title_of(kind: Kind, name: str) -> str:
+    """Return the usual name of the printer or material of this name: "Bambu Lab P1S" for bambu-p1s."""
+    return str(_list_supplied(kind).get(name, {}).get("title", name))
+
+
+def find_name(kind: Kind, text: str) -> str:
+    """Find the known name that a person means by `text`; `text` itself where none is meant or several are.
+
+    Case, spaces, hyphens and a maker's name before it do not matter: "Bambu P1S", "P1S", "pla".
+    """
+    names = known_names(kind)
+    if text in names:
+        return text
+    meant = _squeeze(text)
+    ways: dict[str, set[str]] = {}
+    for name in names:
+        table = _list_supplied(kind).get(name, {})
+        for way in (name, table.get("title", name), *table.get("aliases", ())):
+            words = re.split(r"[\s_-]+", way)
+            for start in range(len(words)):  # names with and without the maker
+                ways.setdefault(_squeeze("".join(words[start:])), set()).add(name)
+    exact = [name for name in names if _squeeze(name) == meant]
+    found = exact or list(ways.get(meant, ()))
+    return found[0] if len(found) == 1 else text
+
+
+def _squeeze(text: str) -> str:
+    """Return only its letters and digits, small."""
+    return "".join(c for c in text.lower() if c.isalnum())
+
+
+def _own_files(kind: Kind) -> dict[str, Path]:
+    """Return a person's own files by name; none where the folder is not there."""
+    folder = data_folder() / f"{kind}s"
+    try:
+        return {path.stem: path for path in sorted(folder.glob("*.toml"))}
+    except OSError:
+        return {}
+
+
+def known_names(kind: Kind) -> list[str]:
+    """Return the names of all printers or materials that have a file."""
+    return sorted({*_list_supplied(kind), *_own_files(kind)})
+
+
+def load_named(model: type[Named], name: str) -> Named:
+    """Load the printer or material of this known name, one's own before one that comes along.
+
+    Raises:
+        InputError: one's own file is no such thing.
+    """
+    own = _own_files(kind_of(model)).get(name)
+    if own is not None:
+        return load_file(model, own)
+    table = _list_supplied(kind_of(model))[name]
+    return model(name=name, **{k: v for k, v in table.items() if k not in _FOR_PEOPLE})
+
+
+def load_file(model: type[Named], path: Path) -> Named:
+    """Load the printer or material that a file describes, every key set; it is named after its file.
+
+    Its keys are those of [printer] or [material] in a scene; they may stand below such a header.
+    Those of `USUAL` may be left out for the model's defaults.
+
+    Raises:
+        InputError: the file cannot be read, is not TOML, or a key is missing, unknown or impossible.
+    """
+    what, kind = str(path), kind_of(model)
+    missing = f"Check the path, or name one of: {', '.join(known_names(kind))}."
+    raw = parse_toml(read_text(at_home(path), what, missing=missing), what)
+    for key in _FOR_PEOPLE:
+        raw.pop(key, None)
+    table = raw[kind] if set(raw) == {kind} and isinstance(raw[kind], dict) else raw
+    if "name" in table:
+        raise InputError(
+            what, f"it gives a name, but a {kind} is named after its file", "Leave name out."
+        )
+    try:
+        checked = getattr(Scene.model_validate({kind: table}, context=what), kind)
+    except InputError as error:
+        why = error.why.replace(f"[{kind}] has", f"a {kind} has").replace(f"[{kind}] ", "")
+        raise InputError(what, why, error.remedy) from error
+    lacking = [k for k in model.model_fields if k not in table and k not in USUAL | {"name"}]
+    if lacking:
+        example = _list_supplied(kind)["prusa-mk4" if kind == "printer" else "pla"]
+        lines = ", ".join(f"{key} = {_toml(example[key])}" for key in lacking)
+        raise InputError(
+            what, f"it lacks {', '.join(lacking)}", f"Add what it lacks, such as {lines}."
+        )
+    return model(**{**checked.model_dump(), "name": path.stem})
+
+
+def _toml(value: Any) -> str:
+    return f'"{value}"' if isinstance(value, str) else str(value)

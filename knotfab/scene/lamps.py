@@ -6,17 +6,9 @@ from collections.abc import Sequence
 from itertools import combinations
 from math import hypot
 
-from knotfab.base.errors import InputError
-from knotfab_formats.scene import ResolvedScene, Scene, View
-
-__all__ = [
-    "COLOURS_FILE",
-    "SWITCH",
-    "lamps_named",
-    "require_lamps",
-    "with_lamps",
-    "with_small_lamps",
-]
+from knotfab_formats.errors import InputError
+from knotfab_formats.scene import ResolvedScene, Scene
+from knotfab_formats.views import View
 
 # linear light of lamps that are sold, in red, green and blue of sRGB; each as bright as the others where lit
 _COLOURS: dict[str, tuple[float, float, float]] = {

@@ -9,18 +9,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Protocol
 
 import numpy as np
 
 from knotfab.base.arrays import Array
-from knotfab.geometry.neighbours import Neighbours
+from knotfab.geometry.polylines import Neighbours
 from knotfab.problem import Problem, TargetView, ViewNumbers
-from knotfab.render.picture import frame_at
+from knotfab.render.image import frame_at
 from knotfab.scene.camera import least_apart
 from knotfab.search.objective import Objective
 from knotfab_formats.search import SearchSettings
-
-__all__ = ["FreeDirections"]
 
 MOST_TURN_DEG = 12.0  # the most, to each side of where a view starts
 # a share of the least angle between two lines of sight at the start: they come no nearer
@@ -99,3 +98,33 @@ class FreeDirections:
             replace(v, view=v.view.but(azimuth_deg=float(a)))
             for v, a in zip(problem.views, self.azimuth_deg, strict=True)
         )
+
+
+# A view that is an unknown of the search: what the flow asks of it.
+
+
+class Pose(Protocol):
+    """The pose of one view (`torch_forms.pose.FreePose`), or directions of several (`FreeDirections`)."""
+
+    @property
+    def radius_mm(self) -> float:
+        """The tube's radius now."""
+
+    def keep(self, points: Array) -> None:
+        """Go back into the bounds, which the points (N, 3) may set."""
+
+    def show(self, objective: Objective, problem: Problem) -> None:
+        """Let the objective see its views from here."""
+
+    def descend(
+        self,
+        objective: Objective,
+        problem: Problem,
+        points: Array,
+        near: Neighbours,
+        progress: float,
+    ) -> None:
+        """Move one step against the objective at vertices (N, 3), and let it see from there."""
+
+    def settle(self, problem: Problem, points: Array) -> tuple[Problem, Array, ViewNumbers | None]:
+        """Return the problem with its views here, and the points (N, 3) in their axes."""

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import binary_erosion, distance_transform_edt
+from scipy.spatial import cKDTree
 
 from knotfab.base.arrays import Array
-from knotfab.geometry.neighbours import Neighbours
-from knotfab.geometry.polylines import Polylines
-from knotfab.limits.base import Felt, Guard, Limits, State, weigh
-from knotfab.render.frame import Frame
-from knotfab.render.picture import ViewImage
-
-__all__ = ["SHARPEST", "Objective", "Term", "Weights", "add_limits"]
+from knotfab.geometry.polylines import Neighbours, Polylines, project
+from knotfab.limits.terms import Felt, Guard, Limits, State, follow_edges, weigh
+from knotfab.problem import TargetView
+from knotfab.render.image import ViewImage, grid_at
+from knotfab.render.silhouette import Frame
+from knotfab.scene.camera import camera_of
 
 # tau per px: beyond, a pixel's middle sees too little of the outline that crosses it
 SHARPEST = 5.0
@@ -143,3 +145,181 @@ def add_limits(state: State, limits: Limits, guards: dict[str, Guard], weights: 
     """Return the weighted sum of the terms of all limits that can be felt; calls and seconds are counted."""
     found = ((getattr(weights, name), guard.term(state, limits)) for name, guard in guards.items())
     return weigh(((weight, felt) for weight, felt in found if felt is not None), state.points)
+
+
+# Grace: the energy of an elastic curve under tension, which the eye dislikes and few pictures ask
+# for.
+
+
+_TENSION = 0.5  # the tension on one tube radius of length, in units of the bending energy
+# curvature times radius: where counted bends weigh as much as their bending energy; of straight stretches
+_BENT, _STRAIGHT = 0.3, 0.05
+
+
+@dataclass(frozen=True)
+class Grace(Term):
+    """Callable term: weight * (r * integral of squared curvature + tension * length / r), free of scale.
+
+    Euler's elastica under tension. On a polyline the bending energy is the sum over vertices of
+    |t' - t|^2 / l, t and t' the unit tangents before and after, l the mean of the two edges (Bergou et
+    al., "Discrete elastic rods", 2008, with 2 sin(theta / 2) for 2 tan(theta / 2): bounded where an edge
+    folds back).
+
+    With `bends` a root of curvature takes the place of its square, as bends are counted: a straight that
+    may be t beside a curve of curvature k stands for 4 sqrt(t / k) of it. Smooth where there is none, it
+    grows about as curvature does: a bend costs the same however tight it is.
+    """
+
+    radius_mm: float
+    weight: float
+    bends: bool = False
+
+    def __call__(self, state: State, weights: Weights) -> Felt:
+        following, previous = state.rings.next, state.rings.previous
+        one = np.sqrt((state.edge * state.edge).sum(axis=1))
+        unit = state.edge / _divisor(one)[:, None]
+        turn = unit[following] - unit
+        between = 0.5 * (one + one[following])
+        length, turned = _divisor(between), (turn * turn).sum(axis=1)
+        # each vertex's share, and its slopes in the square of its turn and in the length that is its own
+        if self.bends:
+            lengths = length / self.radius_mm
+            counted, slope = _count_bends(turned / lengths / lengths)
+            shares, by_turn = lengths * counted, slope / lengths
+            by_length = (counted - 2.0 * slope * turned / lengths / lengths) / self.radius_mm
+        else:
+            by_turn = self.radius_mm / length
+            shares = by_turn * turned
+            by_length = -shares / length
+        by_length = np.where(between > 0, by_length, 0.0)
+        pull = 2.0 * by_turn[:, None] * turn
+        pull = pull[previous] - pull  # the pull on the unit edges
+        along = (pull * unit).sum(axis=1)
+        stretch = 0.5 * (by_length + by_length[previous]) + _TENSION / self.radius_mm
+        edges = (pull - along[:, None] * unit) / _divisor(one)[:, None] + stretch[:, None] * unit
+        scale = self.weight * weights.grace
+        total = float(shares.sum()) + _TENSION * float(one.sum()) / self.radius_mm
+        return scale * total, scale * follow_edges(edges, state.rings)
+
+
+def _count_bends(squares: Array) -> tuple[Array, Array]:
+    """Return the root of squared curvature, in tube radii, smooth at 0; and its slope.
+
+    At `_BENT` it is that square.
+    """
+    least = _STRAIGHT**0.5
+    scale = _BENT**2 / ((_BENT**2 + _STRAIGHT**2) ** 0.25 - least)
+    root = (squares + _STRAIGHT**2) ** 0.25
+    return scale * (root - least), 0.25 * scale * root / (squares + _STRAIGHT**2)
+
+
+def _divisor(lengths: Array) -> Array:
+    """Return lengths, 1 where there is none: an edge without length turns by no angle that is known."""
+    return np.where(lengths > 0, lengths, 1.0)
+
+
+# A pull on strands that stand outside a silhouette, by how far outside they stand.
+
+
+_MARGIN = 0.5  # a share of the frame on each side; a place further out counts as its edge
+_CELLS = 240  # cells along the longer side
+# weight of a strand that stands a tube radius outside, against one tube radius squared of image
+_WEIGHT = 0.5
+
+
+@dataclass(frozen=True)
+class Spill(Term):
+    """Length times distance outside a silhouette, in squared tube radii.
+
+    `field` (H, W) is the distance to the silhouette in tube radii, `projection` (3, 4) leads to it.
+    """
+
+    projection: Array
+    field: Array
+    radius: float
+
+    @classmethod
+    def of(cls, target: TargetView, radius: float) -> Spill:
+        """Return the term of one view; the tube's radius in mm."""
+        view = target.view
+        cell = view.longer_mm / _CELLS
+        wanted, camera = grid_at(view, target.mask, cell, _MARGIN, beside=target.ends)
+        far = distance_transform_edt(~wanted) * (cell / view.magnification / radius)
+        return cls(camera.projection, far, radius)
+
+    def __call__(self, state: State, weights: Weights) -> Felt:
+        seen = project(state.points, self.projection)
+        last = np.array(self.field.shape[::-1]) - 1
+        at = np.clip(seen.places, 0.0, last)
+        cell = np.minimum(at.astype(np.int64), last - 1)
+        share = at - cell
+        # the field is bilinear between the middles of four cells
+        (u, v), (x, y) = cell.T, share.T
+        f = self.field
+        upper, lower = f[v, u], f[v + 1, u]
+        rise, fall = f[v, u + 1] - upper, f[v + 1, u + 1] - lower
+        upper, lower = upper + x * rise, lower + x * fall
+        slope = np.column_stack([(1.0 - y) * rise + y * fall, lower - upper])
+        slope[at != seen.places] = 0.0  # beyond the edge it stays what it is there
+        scale = _WEIGHT * weights.image * state.spacing / self.radius
+        return scale * float(((1.0 - y) * upper + y * lower).sum()), scale * seen.pull(slope)
+
+
+# A far-sighted pull for curves that are nowhere near their pictures: nearest points, both ways.
+
+
+_SAMPLES = 700  # samples of each silhouette
+TENSION = 3.0
+
+
+@dataclass(frozen=True)
+class _Side:
+    """One view: its projection (3, 4) to mm on the receiver, and samples (k, 2) there, with their tree."""
+
+    projection: Array
+    samples: Array
+    tree: cKDTree
+
+
+@dataclass(frozen=True)
+class Chamfer(Term):
+    """Mean squared distances, both ways, of every view, in squared tube radii; and some tension."""
+
+    sides: tuple[_Side, ...]
+    radius: float
+
+    @classmethod
+    def of(cls, views: Sequence[TargetView], radius: float) -> Chamfer:
+        """Return the term of all views, their silhouettes thinned by a tube radius where they can be."""
+        sides = []
+        for target in views:
+            height, width = target.mask.shape
+            camera = camera_of(target.view, width, height)
+            pixel = float(np.linalg.norm(camera.du))
+            cells = max(0, round(0.8 * radius * target.view.magnification / pixel))
+            inner = binary_erosion(target.mask, iterations=cells) if cells else target.mask
+            at = np.argwhere(inner if inner.sum() > 0.02 * target.mask.sum() else target.mask)
+            at = at[np.linspace(0, len(at) - 1, min(_SAMPLES, len(at))).astype(int)]
+            samples = pixel * at[:, ::-1].astype(np.float64)
+            scale = np.diag([pixel, pixel, 1.0])
+            sides.append(_Side(scale @ camera.projection, samples, cKDTree(samples)))
+        return cls(tuple(sides), radius)
+
+    def __call__(self, state: State, weights: Weights) -> Felt:
+        points, edge = state.points, state.edge
+        # tension: what is pulled from many sides at once would crumple
+        taut = TENSION / (state.spacing * self.radius)
+        total = taut * float((edge * edge).sum())
+        slope = follow_edges(2.0 * taut * edge, state.rings)
+        scale = 1.0 / self.radius**2
+        for side in self.sides:
+            seen = project(points, side.projection)
+            _, to = side.tree.query(seen.places)
+            _, of = cKDTree(seen.places).query(side.samples)
+            here, there = seen.places - side.samples[to], seen.places[of] - side.samples
+            more = scale * len(points) / len(side.samples)
+            total += scale * float((here * here).sum()) + more * float((there * there).sum())
+            pull = 2.0 * scale * here
+            np.add.at(pull, of, 2.0 * more * there)
+            slope += seen.pull(pull)
+        return total, slope

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,26 +11,56 @@ from numpy.typing import NDArray
 from knotfab.base.arrays import Array
 from knotfab.effects.base import Decision, EffectContext
 from knotfab.effects.survey import survey
-from knotfab.geometry.neighbours import Neighbours
-from knotfab.geometry.polylines import Polylines, polylines_of
-from knotfab.geometry.resample import resample, subdivide
+from knotfab.geometry.carry import resample, subdivide
+from knotfab.geometry.polylines import Neighbours, Polylines, polylines_of
 from knotfab.knots import Knot, Knots
-from knotfab.limits.base import Guard, Limits
-from knotfab.limits.feasibility import Feasibility, measure_feasibility
-from knotfab.limits.guards import guard_limits
+from knotfab.limits.feasibility import Feasibility, guard_limits, measure_feasibility
+from knotfab.limits.terms import Guard, Limits
 from knotfab.problem import CertificateLog, Problem, Start, ViewNumbers, Watch
-from knotfab.render.forms import COMPILED, Forms
-from knotfab.render.picture import ViewImage
-from knotfab.search.balance import Balance
-from knotfab.search.flow import Between, flow
-from knotfab.search.grace import Grace
-from knotfab.search.objective import Objective, Term
-from knotfab.search.phases import Phase
-from knotfab.search.pose import Pose
-from knotfab.search.spill import Spill
+from knotfab.render.image import COMPILED, Forms, ViewImage
+from knotfab.search.directions import Pose
+from knotfab.search.flow import Between, Phase, flow
+from knotfab.search.objective import Grace, Objective, Spill, Term
 from knotfab_formats.search import SearchSettings
 
-__all__ = ["SearchState", "begin", "resample_state", "run_phase"]
+# Weigh each of three views or more in the search: the more, the further it falls short of its
+# goal.
+
+
+_SHORT = 0.015  # a view may stay so far below its bound; settling and repairs take some more
+_GAIN = 30.0  # at an update 0.01 further below the goal than the mean of all gains e^0.3
+# the part of a share's logarithm that stays at an update: shares are equal where no view lacks anything
+_KEPT = 0.9
+_MOST = 4.0  # a view counts at most so many times more or less than among equals
+
+
+def goals_of(bounds: Sequence[float]) -> tuple[float, ...]:
+    """Return the IoU that each view is to reach, from the IoU of the hull's own shadows."""
+    return tuple(bound - _SHORT for bound in bounds)
+
+
+@dataclass
+class Balance:
+    """The weights of the views, and what moves them.
+
+    `shares` (n,) has the mean 1. A view above its goal asks for nothing, and where none lacks anything the
+    shares go back to equal. This is the multiplicative weights method (Arora, Hazan & Kale 2012,
+    section 2) on the shortfalls, with a memory that fades.
+    """
+
+    goals: tuple[float, ...]
+    shares: NDArray[np.float64] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.shares = np.ones(len(self.goals))
+
+    def update(self, ious: Sequence[float]) -> NDArray[np.float64]:
+        """Return new shares (n,) from the IoU of each view as it stands."""
+        short = np.maximum(np.array(self.goals) - np.array(ious), 0.0)
+        moved = self.shares**_KEPT * np.exp(_GAIN * (short - short.mean()))
+        moved = np.clip(moved, 1.0 / _MOST, _MOST)
+        self.shares = np.asarray(moved / moved.mean())
+        return self.shares
 
 
 _BALANCED_EVERY = 20  # iterations between looks at what each view falls short of

@@ -19,15 +19,18 @@ from knotfab.base.compiled import compiled
 from knotfab.effects.misplacement import Steadying
 from knotfab.effects.penumbra import Sharpening
 from knotfab.geometry.overhang import Rules, strands_along, support_cm3
-from knotfab.geometry.polylines import split_alike
-from knotfab.geometry.sampling import arc_lengths, pair_nearby, sample_evenly
+from knotfab.geometry.polylines import arc_lengths, pair_nearby, sample_evenly, split_alike
 from knotfab.problem import DepthChoice
 from knotfab.start.lanes import part_sides
-from knotfab.start.legibility import about_middle, legibility_from, turns_aside
-from knotfab.start.profiles import Profile, Relief, draw_profile, draw_relief
-
-__all__ = ["choose_depth", "lift", "lower"]
-
+from knotfab.start.profiles import (
+    Profile,
+    Relief,
+    about_middle,
+    draw_profile,
+    draw_relief,
+    legibility_from,
+    turns_aside,
+)
 
 # degrees that a profile is looked at from, the farthest first, and their weights
 _ASIDE = {45.0: 0.75, 30.0: 0.25}

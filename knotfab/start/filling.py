@@ -17,21 +17,9 @@ from shapely import LinearRing, MultiPolygon, Polygon
 from shapely.geometry.base import BaseGeometry
 
 from knotfab.base.arrays import Array
-from knotfab.geometry.sampling import sample_evenly
+from knotfab.geometry.polylines import sample_evenly
 from knotfab.picture.opening import least_ring, longer_side
 from knotfab.picture.silhouette import polygon_iou
-
-__all__ = [
-    "Template",
-    "as_bent",
-    "fill",
-    "join_curves",
-    "rings_of",
-    "simple_curves",
-    "smooth_closed",
-    "template_iou",
-]
-
 
 _THIN_OUTER = 0.55  # a part of the outline is drawn if wider than this times the tube's width
 _BRIDGES = 4  # nearest curves that a curve may be joined to

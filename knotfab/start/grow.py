@@ -22,8 +22,6 @@ from knotfab.base.arrays import Array, Indices
 from knotfab.base.compiled import compiled
 from knotfab.start.lattice import Lattice
 
-__all__ = ["Growth", "grow_curves"]
-
 
 @dataclass(frozen=True)
 class Growth:

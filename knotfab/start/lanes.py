@@ -20,10 +20,13 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from knotfab.base.arrays import Array, Indices
-from knotfab.geometry.polylines import polylines_of, split_alike
-from knotfab.geometry.sampling import arc_lengths, pair_nearby, sample_evenly
-
-__all__ = ["assign_lanes", "part_passes", "part_sides"]
+from knotfab.geometry.polylines import (
+    arc_lengths,
+    pair_nearby,
+    polylines_of,
+    sample_evenly,
+    split_alike,
+)
 
 _LANES = 8  # lanes on either side of the middle
 _STEP = 0.5  # separations between samples that have a lane each

@@ -11,21 +11,10 @@ from scipy.ndimage import distance_transform_edt, map_coordinates
 
 from knotfab.base.arrays import Array, Indices
 from knotfab.base.compiled import compiled
-from knotfab.limits.base import Limits
 from knotfab.limits.region import tube_outside
+from knotfab.limits.terms import Limits
 from knotfab.problem import TargetView
-from knotfab.render.picture import grid_at
-
-__all__ = [
-    "NUDGED",
-    "Cells",
-    "Flags",
-    "Lattice",
-    "Sight",
-    "draw_edges",
-    "lattice_in",
-    "sights_of",
-]
+from knotfab.render.image import grid_at
 
 Cells = NDArray[np.int32]
 Flags = NDArray[np.bool_]

@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+import shapely
+from scipy.spatial import cKDTree
+from shapely import MultiPolygon
 
 from knotfab.base.arrays import Array
+from knotfab.base.errors import SceneError
+from knotfab.geometry.polylines import sample_evenly
 from knotfab.knots import Knots
 from knotfab.limits.region import tube_outside
 from knotfab.problem import Problem, Start, TargetView
-from knotfab.start.circle import start_at_circles
 from knotfab.start.filling import Template, fill
-from knotfab.start.lamps import start_by_lamp
-from knotfab.start.lift import lift_template
+from knotfab.start.lift import lift_template, start_by_lamp
 from knotfab.start.strokes import follow_strokes
 from knotfab.start.tie import KnotRoom, tie
 from knotfab.start.views import start_between_views, start_ious
-from knotfab_formats.knot_names import parse_knot_name
+from knotfab_formats.knots import parse_knot_name
 from knotfab_formats.search import SearchSettings
-
-__all__ = ["go_on", "make_start", "make_template", "tie_knot"]
 
 
 def make_start(
@@ -111,3 +113,126 @@ def tie_knot(problem: Problem, start: Start, radius: float) -> Start:
     )
     curves = tuple(c @ axes for c in tied.curves)
     return replace(start, curves=curves, types=tuple(types), why=why, ious=())
+
+
+# Circles as a start, the paper's own template: unknots that are nowhere near the pictures yet.
+
+
+_WAVES, _OUTLINE, _FITS = 4, 300, 30  # waves, outline samples and fits of a circle bent in depth
+
+
+def start_at_circles(
+    problem: Problem, radius: float, settings: SearchSettings, template: Template | None = None
+) -> Start:
+    """Make a circle for each curve of the template; for several views one that is bent towards all of them.
+
+    Raises:
+        SceneError: a knot is asked for that no circle is.
+    """
+    if problem.knot != "unknot":
+        raise SceneError(
+            "scene key [search] network_start",
+            f"a circle is an unknot, and a {problem.knot} is asked for",
+            'Use network_start = "filling", which has the knot tied in',
+        )
+    if template is not None:
+        parts = _circles(template.curves, radius, 2.0 * problem.limits(radius).separation)
+        why = "one circle a knot, in parallel planes: an unlink of unknots, by inspection"
+        return Start(tuple(parts), why, far=True)
+    # the silhouette with the most ink needs the most curve: the others may see strands in a row
+    facing = int(np.argmax([p.area for p in problem.polygons]))
+    axes = [v.axes for v in problem.views]
+    points = _facing(facing, problem.polygons, axes, radius, settings)
+    name = problem.views[facing].view.name
+    why = f"a circle bent in depth alone, simple as view {name} sees it: an unknot"
+    return Start((points,), why, far=True, facing=facing)
+
+
+def _circles(curves: Sequence[Array], radius: float, separation: float) -> list[Array]:
+    """Return a circle for each planar curve [(n, 2) mm], each in a plane of its own: [(m, 3) mm].
+
+    Convex polygons in parallel planes: an unlink of unknots, by inspection (paper, sec. 3.2, whose
+    template (cos s, sin s, 0) wants s from 0 to 2 pi, not to 1).
+
+    Args:
+        radius: radius of the tube, mm; no circle is smaller than four of these.
+        separation: between neighbouring planes, mm.
+    """
+    found = []
+    for k, curve in enumerate(curves):
+        low, high = curve.min(0), curve.max(0)
+        # radius of a circle over the shorter side of its picture
+        around = max(0.35 * float((high - low).min()), 4.0 * radius)
+        count = max(48, round(2 * np.pi * around / (0.5 * radius)))
+        angle = 2 * np.pi * np.arange(count) / count
+        middle = 0.5 * (low + high)
+        found.append(
+            np.column_stack(
+                [
+                    middle[0] + around * np.cos(angle),
+                    middle[1] + around * np.sin(angle),
+                    np.full(count, (k - 0.5 * (len(curves) - 1)) * separation),
+                ]
+            )
+        )
+    return found
+
+
+def _facing(
+    facing: int,
+    polygons: Sequence[MultiPolygon],
+    axes: Sequence[Array],
+    radius: float,
+    settings: SearchSettings,
+) -> Array:
+    """Return the circle that faces one view, stretched to it, and bent in depth towards the others."""
+    boxes = np.array([p.bounds for p in polygons])
+    wide, high = np.maximum(0.4 * (boxes[facing, 2:] - boxes[facing, :2]), 2.0 * radius)
+    # the middle is nearest to those of all silhouettes by least squares
+    rows = np.concatenate([a[:2] for a in axes])
+    middles = 0.5 * (boxes[:, :2] + boxes[:, 2:]).ravel()
+    centre = np.linalg.lstsq(rows, middles, rcond=None)[0]
+    right, up, towards = axes[facing]
+    count = max(24, round(np.pi * (wide + high) / (settings.edge_radii * radius)))
+    t = 2 * np.pi * np.arange(count) / count
+    points = centre + wide * np.cos(t)[:, None] * right + high * np.sin(t)[:, None] * up
+    others = [n for n in range(len(axes)) if n != facing]
+    depth = _bent(points, t, towards, [axes[n] for n in others], [polygons[n] for n in others])
+    return sample_evenly(points + depth[:, None] * towards, settings.edge_radii * radius)
+
+
+def _outline(polygon: MultiPolygon) -> Array:
+    """Return even samples (n, 2) of a silhouette's outline, mm."""
+    edge = polygon.boundary
+    at = shapely.line_interpolate_point(edge, np.linspace(0, edge.length, _OUTLINE))
+    return np.asarray(shapely.get_coordinates(at))
+
+
+def _bent(
+    points: Array, t: Array, towards: Array, axes: list[Array], polygons: list[MultiPolygon]
+) -> Array:
+    """Return depths (n,), waves of a few orders, that bring the curve nearest to the other views' outlines.
+
+    Nearest points both ways, and a linear fit of the waves to them, in turn; parallel light.
+    """
+    waves = [np.ones_like(t)]
+    for k in range(1, _WAVES + 1):
+        waves += [np.cos(k * t), np.sin(k * t)]
+    basis = np.stack(waves, axis=1)
+    samples = [_outline(polygon) for polygon in polygons]
+    weights = np.zeros(basis.shape[1])
+    for _ in range(_FITS):
+        now = points + (basis @ weights)[:, None] * towards
+        rows, wanted = [], []
+        for frame, sample in zip(axes, samples, strict=True):
+            seen, along = now @ frame[:2].T, frame[:2] @ towards
+            _, to = cKDTree(sample).query(seen)
+            _, of = cKDTree(seen).query(sample)
+            flat = points @ frame[:2].T
+            every = np.concatenate([np.arange(len(points)), of])
+            goal = np.concatenate([sample[to], sample])
+            for axis in (0, 1):
+                rows.append(basis[every] * along[axis])
+                wanted.append(goal[:, axis] - flat[every, axis])
+        weights = np.linalg.lstsq(np.concatenate(rows), np.concatenate(wanted), rcond=1e-6)[0]
+    return np.asarray(basis @ weights)

@@ -18,10 +18,8 @@ from shapely import LineString, MultiPolygon, Point, Polygon
 from shapely.geometry.base import BaseGeometry
 
 from knotfab.base.arrays import Array
-from knotfab.geometry.sampling import sample_evenly
+from knotfab.geometry.polylines import sample_evenly
 from knotfab.start.filling import Template, join_curves, simple_curves, smooth_closed
-
-__all__ = ["follow_strokes"]
 
 _APART = 0.07  # radii: half the distance between the two passes of a line, seen from the light
 _JOINT = 0.5  # radii about a place where lines meet, where filled faces and ribbons may be joined

@@ -24,13 +24,11 @@ from scipy.ndimage import distance_transform_edt
 from shapely import MultiPoint, MultiPolygon
 
 from knotfab.base.arrays import Array, Mask
-from knotfab.base.errors import InputError, SceneError
-from knotfab.geometry.sampling import arc_lengths
+from knotfab.base.errors import SceneError
+from knotfab.geometry.polylines import arc_lengths
 from knotfab.start.depth import lower
-from knotfab_formats.knot_names import BRAIDS, NO_SUCH_KNOT, Factor
-
-__all__ = ["KnotRoom", "Tied", "load_knot", "tie"]
-
+from knotfab_formats.errors import InputError
+from knotfab_formats.knots import BRAIDS, NO_SUCH_KNOT, Factor
 
 # Lengths in units of half the strands' least distance, or of the bend radius if that is larger.
 _SPARE = 1.03  # the knot's size over a tight one's

@@ -8,13 +8,15 @@ not short, and so it is an unknot seen from the light, as all starts are.
 from __future__ import annotations
 
 import numpy as np
+from PIL import Image
 
 from knotfab.base.arrays import Array, Mask
-from knotfab.geometry.sampling import sample_evenly
+from knotfab.geometry.polylines import sample_evenly
+from knotfab.picture import raster
+from knotfab.picture.read import Target
 from knotfab.picture.silhouette import resample_mask
 from knotfab.start.filling import simple_curves, smooth_closed
-
-__all__ = ["draw_tones", "shortest_tour", "spread_points"]
+from knotfab_formats.errors import InputError
 
 _TURN = 1.25  # a tour's step between points so spread, over the spacing that black allows
 _ROUNDS = 30  # rounds of spreading
@@ -257,3 +259,36 @@ def _draw(line: Array, size: tuple[int, int]) -> Mask:
     on = (x >= 0) & (y >= 0) & (x < size[1]) & (y < size[0])
     off[y[on], x[on]] = False
     return np.asarray(ndimage.distance_transform_edt(off) <= 0.5 * _LINE_PX)
+
+
+# The greys of a picture as shares of black, for shadows that give tones by the spacing of
+# strands.
+
+
+def read_darkness(target: Target, invert: bool = False) -> Array:
+    """Read (H, W) 0 where the picture is white, to 1 where it is black; what is transparent is white.
+
+    Luma of ITU-R BT.601 as the file has it, from its first percentile (black) to its last (white).
+
+    Raises:
+        InputError: it is all one grey.
+    """
+    what = f"picture {target.shown}"
+    image, _ = raster.decode(target.png_bytes, what)
+    if target.crop_px is not None:
+        left, top, width, height = target.crop_px
+        image = image.crop((left, top, left + width, top + height))
+    if image.mode.startswith("I"):
+        grey = np.asarray(image, dtype=np.float64) / 257.0
+    else:
+        rgba = image.convert("RGBA")
+        white = Image.new("RGBA", rgba.size, "white")
+        rgb = np.asarray(Image.alpha_composite(white, rgba).convert("RGB"), dtype=np.float64)
+        grey = rgb @ [0.299, 0.587, 0.114]
+    if invert:
+        grey = 255.0 - grey
+    # percentiles of the pixels that are taken for black and for white
+    black, white_at = np.percentile(grey, (1.0, 99.0))
+    if white_at - black < 1.0:
+        raise InputError(what, "it is all one grey, so there are no tones in it", "Use another.")
+    return np.asarray(np.clip((white_at - grey) / (white_at - black), 0.0, 1.0))

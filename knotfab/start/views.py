@@ -4,24 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from itertools import product
+from functools import cache
+from itertools import permutations, product
 
 import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components, dijkstra
 
 from knotfab.base.arrays import Array, Indices
 from knotfab.base.errors import SceneError
 from knotfab.geometry.polylines import polylines_of
 from knotfab.problem import Problem, Start, TargetView
-from knotfab.render.picture import ViewImage
+from knotfab.render.image import ViewImage
 from knotfab.start.grow import Growth, grow_curves
-from knotfab.start.lattice import Lattice, lattice_in, sights_of
-from knotfab.start.lattice_knots import lattice_knot
-from knotfab.start.pieces import edge_worth, join_pieces, seed_curves
-from knotfab_formats.knot_names import parse_knot_name
+from knotfab.start.lattice import Lattice, Sight, draw_edges, lattice_in, sights_of
+from knotfab_formats.knots import BRAIDS, Factor, parse_knot_name
 from knotfab_formats.search import SearchSettings
-
-__all__ = ["start_between_views", "start_ious"]
-
 
 _SEEN_PX = 160
 _REACH = 1.2  # the reach of strands from the middle, over that of silhouettes
@@ -134,3 +132,269 @@ def _round_corners(curve: Array) -> Array:
             -1, 3
         )
     return curve
+
+
+# The pieces of the lattice in the hull: one curve for each, and where pieces are bridged.
+
+
+_LEAST = 2.0  # edges' worth that only this piece draws, or it gets no curve
+# the price of a bridge over a square in the hull, where 1 is over one seen wholly outside
+_STEP = 0.02
+_NECK = 0.5  # tube radii that a bridge's middle may be seen outside: a gap of twice that is one
+
+
+def edge_worth(lattice: Lattice, worth: Array) -> float:
+    """Return the worth of an edge that draws its own length in one view alone; `worth` is the cells'."""
+    total = float(np.maximum(worth[lattice.cells], 0.0).sum()) / max(1, int(lattice.open.sum()))
+    return total / max(1, round(float(worth[worth > 0].sum())))
+
+
+def _pieces(lattice: Lattice, worth: Array) -> list[Indices]:
+    """Give the squares (k, 4) of each piece that draws what larger ones leave, those of the largest first."""
+    squares = lattice.squares(lattice.open)
+    # a curve grows from square to square over the edge that they share
+    one, two = np.repeat(squares[:, 0], 3), squares[:, 1:].ravel()
+    linked = csr_array((np.ones(len(one)), (one, two)), shape=(len(lattice.open),) * 2)
+    piece = connected_components(linked, directed=False)[1][squares[:, 0]]
+    names, sizes = np.unique(piece, return_counts=True)
+    left, found = worth.copy(), []
+    least = _LEAST * edge_worth(lattice, worth)
+    for name in names[np.argsort(-sizes, kind="stable")]:
+        mine = squares[piece == name]
+        drawn = lattice.drawn_by(np.unique(mine))
+        if left[drawn].sum() > least:
+            left[drawn] = 0.0
+            found.append(mine)
+    return found
+
+
+def _corners(lattice: Lattice, squares: Indices) -> Indices:
+    """Return (k, 4) the nodes of squares, one after the other."""
+    one, two, three, _ = (lattice.ends(edges) for edges in squares.T)
+    return np.stack([one[0], one[1], two[1], three[0]], axis=1)
+
+
+def join_pieces(
+    lattice: Lattice, sights: Sequence[Sight], worth: Array, radius: float, knots: int | None
+) -> Lattice:
+    """Return the lattice with edges opened that join pieces, over squares that show least.
+
+    Args:
+        radius: radius of the tube, mm.
+        knots: None: pieces are joined that the visual hull holds as one, too narrow between them for the
+            lattice; a number: then the nearest also across gaps, until so many are left.
+    """
+    pieces = _pieces(lattice, worth)
+    if len(pieces) < 2:
+        return lattice
+    groups = [np.unique(p) for p in pieces]
+    count = 3 * len(lattice.nodes)
+    between = np.repeat(lattice.inner, 3)
+    for axis, stride in enumerate(lattice.strides.tolist()):
+        between[axis::3] &= np.roll(lattice.inner, -stride)
+    squares = lattice.squares(between)
+    ends = np.stack(lattice.ends(squares))
+    edges, at = np.unique(squares, return_inverse=True)
+    crossed = 0.5 * lattice.nodes[np.stack(lattice.ends(edges))].sum(0)  # the edges' middles
+    middles = crossed[at.reshape(squares.shape)]  # (k, 4, 3)
+    centres = middles.mean(1, keepdims=True)
+
+    def room(points: Array) -> Array:
+        least = np.min([s.room(points.reshape(-1, 3)) for s in sights], axis=0)
+        return np.asarray(least.reshape(points.shape[:-1]))
+
+    # a bridge leads from the middle of an edge to that of the square, and on
+    least = np.minimum(room(middles + 0.5 * (centres - middles)), room(centres))
+    least = np.minimum(least, room(crossed)[at].reshape(squares.shape))
+    outside = np.maximum(-least, 0.0) / radius
+    spill = lattice.spill[ends].mean((0, 2))[:, None]
+    price = _STEP + spill + np.where(outside < _NECK, 10.0 * outside, 100.0)
+    of = np.broadcast_to(count + np.arange(len(squares))[:, None], squares.shape)
+    opened = lattice.open.copy()
+    # first within the hull, whatever number is asked for; then also across gaps, if there are more than that
+    for kept, until in ((outside < _NECK, 1), (outside < np.inf, knots or len(groups))):
+        arcs = (price[kept], (of[kept], squares[kept]))
+        graph = csr_array(arcs, shape=(count + len(squares),) * 2)
+        alone: list[Indices] = []
+        while len(groups) > max(1, until - len(alone)):
+            mine = groups.pop()  # the smallest joins its nearest
+            others = np.concatenate(groups)
+            far, came, _ = dijkstra(graph, False, mine, return_predecessors=True, min_only=True)
+            place = int(others[far[others].argmin()])
+            if not np.isfinite(far[place]):
+                alone.append(mine)
+                continue
+            met = next(k for k, group in enumerate(groups) if place in group)
+            while came[place] >= 0:
+                place = int(came[place])
+                if place >= count:
+                    opened[squares[place - count]] = True
+            groups[met] = np.concatenate([groups[met], mine])
+        groups += alone[::-1]
+    return draw_edges(lattice, opened, sights, radius)
+
+
+def seed_curves(
+    lattice: Lattice, worth: Array, knots: int | None, knot: Indices | None = None
+) -> list[Indices]:
+    """Return the nodes that each curve grows from; no two curves share one.
+
+    All are unit squares (4,), but for the first where a `knot` (n, 3) of the lattice is asked for.
+
+    Args:
+        knots: None for one a piece; more than there are pieces part them. Fewer may be found; none where
+            the largest piece has no place for the knot.
+    """
+    pieces = _pieces(lattice, worth)
+    if not pieces:
+        return []
+    corners = [_corners(lattice, p) for p in pieces]
+    every = np.concatenate(corners)
+    seeds: list[Indices] = []
+    taken = np.zeros(len(lattice.nodes), dtype=bool)
+    if knot is not None:
+        place = find_place(lattice, np.unique(pieces[0]), knot)
+        if place is None:
+            return []
+        seeds.append(place)
+        taken[place] = True
+        every = every[~taken[every].any(1)]
+    for squares in corners[
+        len(seeds) :
+    ]:  # pieces may touch at a node, where no two curves may begin
+        free = squares[~taken[squares].any(1)]
+        if len(free):
+            seeds.append(free[len(free) // 2])
+            taken[seeds[-1]] = True
+    middle = lattice.nodes[every].mean(1)
+    while len(seeds) < (knots or 0) and len(every):
+        apart = np.min(
+            [
+                np.linalg.norm(middle[:, None] - lattice.nodes[s], axis=2).min(1)
+                if len(s) > 4
+                else np.linalg.norm(middle - lattice.nodes[s].mean(0), axis=1)
+                for s in seeds
+            ],
+            axis=0,
+        )
+        if apart.max() < 2.0 * lattice.pitch:  # squares that near each other may share a node
+            break
+        seeds.append(every[apart.argmax()])
+    return seeds
+
+
+# Knots on the cubic lattice: where curves of a chosen type start to grow.
+
+
+_ROOM = 3  # edges about the braid, within which it becomes short
+_SHRINK = Growth(edge=1.0, corner=0.05, least=1.0, heat=0.6, rounds=2, moves=150)
+
+
+@cache
+def lattice_knot(factors: tuple[Factor, ...]) -> Indices:
+    """Give (n, 3) nodes of a short closed lattice polygon, the connected sum of these knots of the table."""
+    word: list[int] = []
+    strands = 1
+    for factor in factors:
+        letters = [-k if factor.mirrored else k for k in BRAIDS[factor.name]]
+        word += [k + (strands - 1) * (1 if k > 0 else -1) for k in letters]
+        strands += max(abs(k) for k in letters)
+    nodes = _close_braid(word, strands)
+    nodes += _ROOM - nodes.min(0)
+    shape = tuple((nodes.max(0) + 1 + _ROOM).tolist())
+    free = _free_lattice(shape)
+    seed = np.ravel_multi_index(tuple(nodes.T), shape)
+    (curve,) = grow_curves(free, np.zeros(1), 1.0, [seed], _SHRINK)
+    short = np.stack(np.unravel_index(curve, shape), 1)
+    return np.asarray(short - short.min(0))
+
+
+def find_place(lattice: Lattice, edges: Indices, knot: Indices) -> Indices | None:
+    """Find the nodes (n,) along the knot where it lies within these edges and least outside the pictures.
+
+    It is turned in all 24 ways. None: it fits nowhere.
+    """
+    opened = np.zeros(len(lattice.open), dtype=bool)
+    opened[edges] = True
+    best: tuple[float, Indices] | None = None
+    strides = lattice.strides
+    for turn in _turns():
+        nodes = knot @ turn.T
+        nodes = nodes - nodes.min(0)
+        room = np.array(lattice.shape) - nodes.max(0)
+        if (room < 1).any():
+            continue
+        corner = np.stack(np.meshgrid(*map(np.arange, room), indexing="ij"), -1).reshape(-1, 3)
+        base, along = corner @ strides, nodes @ strides
+        ahead = np.roll(along, -1)
+        axis = (np.abs(ahead - along)[:, None] == strides).argmax(1)
+        for edge in (3 * np.minimum(along, ahead) + axis).tolist():
+            base = base[opened[3 * base + edge]]
+        if len(base):
+            spill = lattice.spill[base[:, None] + along].sum(1)
+            if best is None or spill.min() < best[0]:
+                best = float(spill.min()), base[spill.argmin()] + along
+    return None if best is None else best[1]
+
+
+def _turns() -> list[Indices]:
+    """Return the 24 rotations (3, 3) of the lattice."""
+    found = []
+    for order, signs in product(permutations(range(3)), product((1, -1), repeat=3)):
+        turn = np.zeros((3, 3), dtype=np.int64)
+        turn[np.arange(3), order] = signs
+        if round(float(np.linalg.det(turn))) == 1:
+            found.append(turn)
+    return found
+
+
+def _close_braid(word: Sequence[int], strands: int) -> Indices:
+    """Return (n, 3) nodes of the closed braid: x along it, y across it; a letter takes three edges of x."""
+    paths: list[list[tuple[int, int, int]]] = []
+    end, row = 3 * len(word), 0
+    while True:  # round and round, until the strand is met that was begun with
+        path = [(0, row, 0)]
+        for n, letter in enumerate(word):
+            x, low = 3 * n, abs(letter) - 1
+            if row in (low, low + 1):
+                other = 2 * low + 1 - row
+                if (letter > 0) != (row == low):  # over the other strand
+                    path += [(x, row, 1), (x, other, 1), (x + 2, other, 1), (x + 2, other, 0)]
+                else:
+                    path += [(x + 1, row, 0), (x + 1, other, 0)]
+                row = other
+            path.append((x + 3, row, 0))
+        far, back = strands - row, 2 * strands - 1 - row
+        path += [(end + far, row, 0), (end + far, back, 0), (-far, back, 0), (-far, row, 0)]
+        paths.append(path)
+        if row == 0:
+            break
+    corners = np.array([corner for path in paths for corner in path])
+    nodes = [corners[:1]]
+    for here, there in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        count = int(np.abs(there - here).sum())
+        nodes.append(here + np.outer(np.arange(1, count + 1), np.sign(there - here)))
+    return np.asarray(np.concatenate(nodes)[:-1])
+
+
+def _free_lattice(shape: tuple[int, ...]) -> Lattice:
+    """Return a box of nodes of which all edges within its padding may be taken, and none draws anything."""
+    nodes = np.stack(np.meshgrid(*map(np.arange, shape), indexing="ij"), -1).reshape(-1, 3)
+    inner = np.asarray(((nodes > 0) & (nodes < np.array(shape) - 1)).all(1))
+    opened = np.zeros((len(nodes), 3), dtype=bool)
+    for axis in range(3):
+        ahead = nodes.copy()
+        ahead[:, axis] += 1
+        opened[:, axis] = inner & (ahead[:, axis] < shape[axis] - 1)
+    count = len(nodes)
+    return Lattice(
+        nodes.astype(np.float64),
+        shape,
+        np.eye(3),
+        1.0,
+        np.zeros(count),
+        inner,
+        opened.ravel(),
+        np.zeros(3 * count + 1, dtype=np.int64),
+        np.zeros(0, dtype=np.int32),
+    )

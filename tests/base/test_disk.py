@@ -1,5 +1,7 @@
 """What is read is asked for kind and size first; nobody needs a home; a lock is one's own."""
 
+from __future__ import annotations
+
 import os
 import pwd
 import time
@@ -9,7 +11,7 @@ import pytest
 from command import knotfab
 
 from knotfab.base.disk import at_home, hold, own_folder, read_file, read_text, temporary_folder
-from knotfab.base.errors import InputError
+from knotfab_formats.errors import InputError
 
 
 def test_kind_and_size_are_asked_before_a_file_is_read(tmp_path: Path) -> None:

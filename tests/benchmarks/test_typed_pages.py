@@ -12,15 +12,15 @@ from command import knotfab
 from reports import report_with
 
 from benchmarks.typed_pages import PAGES, ROOT, broken_promises, commands_of, take_photograph
-from knotfab import pipeline
+from knotfab.base.folder import OutputFolder
 from knotfab.base.progress import Progress
 from knotfab.cli import make
 from knotfab.cli.commands import app
+from knotfab.design import survey
 from knotfab.design.frames import frame_view
 from knotfab.design.radius import RadiusChoice
-from knotfab.files.folder import OutputFolder
 from knotfab.part.write import make_pose
-from knotfab.preview import survey
+from knotfab.pipeline import build as pipeline
 from knotfab.request import Outcome, Request
 from knotfab.scene.load import dump_scene
 

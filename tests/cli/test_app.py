@@ -1,14 +1,17 @@
 """The command line: every wrong call is one sentence and an exit code, and nothing is left behind."""
 
+from __future__ import annotations
+
 import contextlib
 import errno
 import json
+import os
 import shlex
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import fields
 from pathlib import Path
 
@@ -18,14 +21,16 @@ from command import knotfab, picture, refuse, small_disk, square
 from PIL import Image
 
 import knotfab as package
-from knotfab import doctor, pipeline
-from knotfab import options as knotfab_options
-from knotfab.base.errors import InputError, MachineError
+from knotfab.apps import doctor
+from knotfab.apps.doctor import Finding
+from knotfab.base.errors import MachineError
 from knotfab.cli.commands import app
-from knotfab.doctor import Finding
-from knotfab.options import BuildOptions
-from knotfab.read_options import read_seconds
-from knotfab.verify.verifier import Files, Verifier
+from knotfab.pipeline import build as pipeline
+from knotfab.pipeline import options as knotfab_options
+from knotfab.pipeline.options import BuildOptions
+from knotfab.pipeline.read_options import read_seconds
+from knotfab.pipeline.verifier import Files, Verifier
+from knotfab_formats.errors import InputError
 
 SVG = '<svg xmlns="http://www.w3.org/2000/svg" width="64" height="64">{}</svg>'
 BAD_PICTURES = {
@@ -552,3 +557,65 @@ def test_validate_knows_a_ring_by_its_knots_alone(
 
 def test_every_error_of_a_crash_names_its_exit_code() -> None:
     assert (InputError.exit_code, MachineError.exit_code) == (2, 3)
+
+
+# No console, reader or disk that a command writes to changes what the command does.
+
+
+PROGRAM = """
+import sys
+from knotfab.cli.app import guard_streams, why_unsaid
+guard_streams()
+for number in range(20000):
+    print(f"line {number}")
+print(why_unsaid(), file=sys.stderr)
+sys.exit(7)
+"""
+SIGNS = """
+from knotfab.cli.app import guard_streams
+guard_streams()
+print("cm³ 45° × … – ≤ é 猫 caf\\udce9")
+"""
+
+
+def run(
+    program: str, environment: Mapping[str, str] = os.environ, **streams: object
+) -> subprocess.CompletedProcess[bytes]:
+    command = [sys.executable, "-c", program]
+    return subprocess.run(command, env=environment, stderr=subprocess.PIPE, timeout=60, **streams)  # type: ignore[call-overload,no-any-return]
+
+
+@pytest.mark.parametrize("encoding", ["cp932", "cp1251", "ascii", "latin-1", "utf-8"])
+def test_signs_that_a_console_lacks_are_replaced(encoding: str) -> None:
+    done = run(SIGNS, {**os.environ, "PYTHONIOENCODING": encoding}, stdout=subprocess.PIPE)
+    said = done.stdout.decode(encoding)
+    assert done.returncode == 0 and done.stderr == b""
+    assert said.startswith("cm") and said.rstrip().endswith("caf\\xe9")
+    if encoding == "ascii":
+        assert said.strip() == "cm3 45 deg x ... - <= e \\u732b caf\\xe9"
+
+
+def test_a_pipe_that_is_closed_early_changes_no_exit_code() -> None:
+    command = [sys.executable, "-c", PROGRAM]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    with subprocess.Popen(command, env=dict(os.environ), **pipes) as process:  # type: ignore[call-overload]
+        assert process.stdout.readline() == b"line 0\n"
+        process.stdout.close()
+        assert (process.wait(), process.stderr.read()) == (7, b"None\n")
+
+
+def test_what_cannot_be_said_for_want_of_space_is_told() -> None:
+    if not Path("/dev/full").exists():
+        pytest.skip("needs a device that is full")
+    with open("/dev/full", "wb") as full:
+        done = run(PROGRAM, stdout=full)
+    assert done.returncode == 7 and done.stderr.count(b"\n") == 1
+    assert b"cannot be written (No space left on device)" in done.stderr
+
+
+@pytest.mark.parametrize("closed", [0, 1, 2])
+def test_a_closed_stream_is_nowhere(closed: int) -> None:
+    """No file that is opened later takes a closed stream's place."""
+    check = PROGRAM.replace("for number", 'assert open("/dev/null").fileno() > 2\nfor number')
+    command = ["sh", "-c", f'exec {closed}>&-; "$0" -c "$1"', sys.executable, check]
+    assert subprocess.run(command, capture_output=True, timeout=60).returncode == 7

@@ -1,5 +1,7 @@
 """The process that builds for batch and studio: one build after the other, each with its own end."""
 
+from __future__ import annotations
+
 import signal
 import time
 from collections.abc import Iterator
@@ -7,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from knotfab.apps.batch.worker import open_builders, run_apart
 from knotfab.base.pool import Workers
-from knotfab.batch.worker import open_builders, run_apart
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,7 @@ from command import knotfab, picture, square
 
 from knotfab.base.errors import SceneError
 from knotfab.cli.commands import app
-from knotfab.options import BuildOptions, PictureOptions
+from knotfab.pipeline.options import BuildOptions, PictureOptions
 
 PART = "solid a\nfacet\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendfacet\nendsolid"
 WORDS = (
@@ -64,13 +64,13 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
-        patch.setattr("knotfab.pipeline.run_build", refuse)
-        patch.setattr("knotfab.prepare._survey", refuse)
-        patch.setattr("knotfab.batch.run._open_builder", refuse)
-        patch.setattr("knotfab.tradeoff.run.tradeoff", refuse)
-        patch.setattr("knotfab.studio.run.serve", refuse)
-        patch.setattr("knotfab.verify.verifier.load_early", lambda *_: contextlib.nullcontext())
-        patch.setattr("knotfab.verify.verifier.Verifier.__enter__", refuse)
+        patch.setattr("knotfab.pipeline.build.run_build", refuse)
+        patch.setattr("knotfab.pipeline.prepare._survey", refuse)
+        patch.setattr("knotfab.apps.batch.run._open_builder", refuse)
+        patch.setattr("knotfab.apps.tradeoff.run.tradeoff", refuse)
+        patch.setattr("knotfab.apps.studio.run.serve", refuse)
+        patch.setattr("knotfab.pipeline.verifier.load_early", lambda *_: contextlib.nullcontext())
+        patch.setattr("knotfab.pipeline.verifier.Verifier.__enter__", refuse)
         patch.setattr("knotfab_validators.shadows.render.SilhouetteRenderer", refuse)
         yield folder
 

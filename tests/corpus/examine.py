@@ -8,17 +8,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from knotfab.base.errors import InputError
 from knotfab.base.pool import Workers
-from knotfab.verify.strangers import plain_arrays
+from knotfab.pipeline.strangers import plain_arrays
+from knotfab_formats.errors import InputError
 from knotfab_validators import Verdict, validate
+from knotfab_validators.check import BadFile
 from knotfab_validators.files import mesh
-from knotfab_validators.files.bad_file import BadFile
 from knotfab_validators.geometry.mesh import Mesh
 from tests.corpus.fuzzed import company
 from tests.corpus.hostile import Hostile
 
-reader = Workers("knotfab.verify.strangers", early=False)
+reader = Workers("knotfab.pipeline.strangers", early=False)
 
 
 def validate_file(

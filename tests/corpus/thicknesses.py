@@ -5,8 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from knotfab_validators.arrays import Array
 from knotfab_validators.tube.thickness import thickness
-from tests.corpus.curves import Array, circle
+from tests.corpus.curves import circle
 
 Curve = Callable[[Array], Array]
 ALLOWED = 1e-9  # relative, where the value is that of the polygon itself

@@ -1,5 +1,7 @@
 """Several pictures are made to agree before a search: what moves, bends, is refused, and is kept."""
 
+from __future__ import annotations
+
 from dataclasses import replace
 from io import BytesIO
 
@@ -7,13 +9,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from knotfab.base.errors import InputError, SceneError
+from knotfab.base.errors import SceneError
 from knotfab.design import bend
 from knotfab.design.agree import AGREED, agree, apply_bending, require_agreed
 from knotfab.design.bend import Tension
 from knotfab.design.frames import frame_view, framed_alike, spread_views
 from knotfab.design.hull import HullBound
-from knotfab.options import BuildOptions
 from knotfab.picture.bending import (
     COLUMNS,
     ROWS,
@@ -26,12 +27,15 @@ from knotfab.picture.bending import (
     write_points,
 )
 from knotfab.picture.read import Target
-from knotfab.preview.draw import draw_agreement
-from knotfab.read_options import read_scene
+from knotfab.pipeline.options import BuildOptions
+from knotfab.pipeline.read_options import read_scene
+from knotfab.report.pictures import draw_agreement
 from knotfab.scene.camera import cameras_of
 from knotfab.scene.load import dump_scene, parse_scene
-from knotfab_formats.scene import Scene, View
-from knotfab_validators.files.bent import bend_of, bend_silhouette
+from knotfab_formats.errors import InputError
+from knotfab_formats.scene import Scene
+from knotfab_formats.views import View
+from knotfab_validators.files.colours import bend_of, bend_silhouette
 
 SIDE = 160
 

@@ -1,5 +1,7 @@
 """Time budgets: the least, what is spared, and a search by the clock that its scene repeats."""
 
+from __future__ import annotations
+
 import time
 from dataclasses import replace
 from types import SimpleNamespace
@@ -8,13 +10,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from knotfab.base.errors import InputError
 from knotfab.base.progress import Progress
 from knotfab.design import design
 from knotfab.design.budget import Budget, require_budget, spare
 from knotfab.design.design import design_knots, price_design
 from knotfab.picture.read import read_target
 from knotfab.scene.catalogue import resolve
+from knotfab_formats.errors import InputError
 from knotfab_formats.scene import Scene
 from knotfab_formats.search import PRESETS
 

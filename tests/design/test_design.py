@@ -1,12 +1,14 @@
 """A build repeats from its own scene: what was chosen on the way is written, as one number, into it."""
 
+from __future__ import annotations
+
 from typing import Any
 
 import numpy as np
 import pytest
 
 from knotfab.design.design import design_knots
-from knotfab.design.suit import GRACE
+from knotfab.design.settings import GRACE
 from knotfab.picture.read import read_target
 from knotfab.scene.catalogue import resolve
 from knotfab_formats.scene import Scene

@@ -1,16 +1,18 @@
 """Frames of several pictures: equally high silhouettes, at the size that is asked for."""
 
+from __future__ import annotations
+
 import re
 
 import numpy as np
 import pytest
 
 from knotfab.base.arrays import Mask
-from knotfab.base.errors import InputError
 from knotfab.design.frames import frame_view, framed_alike, size_frames, spread_views, widen_targets
-from knotfab.picture.masks import drop_specks
 from knotfab.picture.read import Target
+from knotfab.picture.silhouette import drop_specks
 from knotfab.scene.catalogue import resolve
+from knotfab_formats.errors import InputError
 from knotfab_formats.scene import Scene
 
 

@@ -1,5 +1,7 @@
 """Places of lamps: within their bounds, and such that each one's pieces throw nothing else on the screen."""
 
+from __future__ import annotations
+
 from itertools import permutations
 
 import numpy as np
@@ -14,7 +16,7 @@ from knotfab.scene.catalogue import resolve
 from knotfab.scene.lamps import with_lamps
 from knotfab.scene.load import dump_scene, parse_scene
 from knotfab.start.start import make_start
-from knotfab_formats.knot_names import parse_knot_name
+from knotfab_formats.knots import parse_knot_name
 from knotfab_formats.scene import Scene
 from knotfab_formats.search import search_settings
 

@@ -1,10 +1,13 @@
 """The question: what a scene and its pictures ask of a search."""
 
+from __future__ import annotations
+
 import pytest
 from questions import ask_heart
 
 from knotfab.scene.catalogue import asked_for
-from knotfab_formats.scene import Material, Printer, Scene
+from knotfab_formats.piece import Material, Printer
+from knotfab_formats.scene import Scene
 
 
 @pytest.mark.slow

@@ -1,5 +1,7 @@
 """The choice of the tube radius: the largest that draws the picture nearly as well as any."""
 
+from __future__ import annotations
+
 import time
 from pathlib import Path
 from typing import Any
@@ -20,8 +22,9 @@ from knotfab.design.question import Question, ask
 from knotfab.design.radius import _Trials, choose_radius
 from knotfab.picture.read import read_target
 from knotfab.scene.catalogue import resolve
-from knotfab_formats.scene import Scene, View
+from knotfab_formats.scene import Scene
 from knotfab_formats.search import PRESETS
+from knotfab_formats.views import View
 
 DRAFT = PRESETS["draft"]
 

@@ -1,12 +1,15 @@
 """What is simulated and why: by magnitude, by the scene's own word, and never in silence."""
 
+from __future__ import annotations
+
 import numpy as np
 import pytest
 
 from knotfab.effects.base import Decision, Effect, EffectContext, decide
 from knotfab.effects.survey import EFFECTS, survey
-from knotfab.report.of_effects import tell_warnings
-from knotfab_formats.scene import ResolvedView, Switches
+from knotfab.report.effects import tell_warnings
+from knotfab_formats.scene import ResolvedView
+from knotfab_formats.views import Switches
 
 VIEW = ResolvedView(frame_width_mm=180.0, frame_height_mm=180.0)
 CONTEXT = EffectContext((VIEW,), np.zeros((4, 3)), 2.0, 0.25)

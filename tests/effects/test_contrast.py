@@ -1,5 +1,7 @@
 """Contrast: what lights the shadow, against light followed ray by ray and the lamp moved."""
 
+from __future__ import annotations
+
 from dataclasses import replace
 from typing import Any
 
@@ -8,15 +10,15 @@ import pytest
 from lit_designs import design_under, view
 from reports import verdict_of, view_of_report
 
-from knotfab.base.errors import InputError
 from knotfab.effects import contrast
-from knotfab.effects.base import EffectContext, World
+from knotfab.effects.base import EffectContext, Shadows, World
 from knotfab.effects.contrast import CONTRAST, contrast_of
-from knotfab.effects.shadows import Shadows
-from knotfab.report.of_effects import list_contrasts, list_effects, tell_contrast
+from knotfab.report.effects import list_contrasts, list_effects, tell_contrast
 from knotfab.scene.load import parse_scene
-from knotfab_formats.scene import Material, Room
+from knotfab_formats.errors import InputError
+from knotfab_formats.piece import Material
 from knotfab_formats.verdict import Contrast
+from knotfab_formats.views import Room
 from tests.oracles.lighting import bounce_and_truth
 
 WHITE = Material(color="#ffffff")

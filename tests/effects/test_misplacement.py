@@ -1,14 +1,17 @@
 """Misplacement: a bound of how far shadows part that holds and is close, against moving for real."""
 
+from __future__ import annotations
+
 import numpy as np
 import pytest
 from shapely import MultiPolygon, box
 
-from knotfab.effects.base import Decision, EffectContext, World
+from knotfab.effects.base import Decision, EffectContext, Shadows, World
 from knotfab.effects.misplacement import MISPLACEMENT, Steadying, parting_mm
-from knotfab.effects.shadows import Shadows
 from knotfab.scene.camera import camera_of, view_axes
-from knotfab_formats.scene import Material, Mount, Placing, ResolvedView, Scene, View
+from knotfab_formats.piece import Material, Mount
+from knotfab_formats.scene import ResolvedView, Scene
+from knotfab_formats.views import Placing, View
 from tests.oracles.parting import bounds_and_truths, cast, turn_about
 
 VIEW = ResolvedView(frame_width_mm=180.0, frame_height_mm=180.0)

@@ -1,19 +1,20 @@
 """Penumbra: a bound of the blur that holds and is close, whatever the wall's tilt and the lamp's size."""
 
+from __future__ import annotations
+
 import numpy as np
 import pytest
 from lit_designs import design_under
 from lit_designs import view as lit_view
 
 from knotfab.base.arrays import Array
-from knotfab.effects.base import EffectContext, World
+from knotfab.effects.base import EffectContext, Shadows, World
 from knotfab.effects.penumbra import PENUMBRA, blurs_mm
-from knotfab.effects.shadows import Shadows
 from knotfab.geometry.tube import sweep
-from knotfab.report.of_effects import judge_made
+from knotfab.report.effects import judge_made
 from knotfab.scene.camera import camera_of
 from knotfab_formats.scene import ResolvedView
-from knotfab_validators.shadows.penumbra import blur_px
+from knotfab_validators.shadows.lamp import blur_px
 from knotfab_validators.shadows.view import view_geometry
 
 

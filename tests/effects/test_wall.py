@@ -1,5 +1,7 @@
 """Round walls: places by closed forms, the picture there and back, and what cannot be."""
 
+from __future__ import annotations
+
 import io
 from dataclasses import replace
 from typing import Any
@@ -10,15 +12,16 @@ import pytest
 import shapely
 from PIL import Image
 
-from knotfab.base.errors import InputError
-from knotfab.design.walls import flatten_targets
+from knotfab.design.question import flatten_targets
 from knotfab.effects.base import EffectContext
-from knotfab.effects.wall import WALL
+from knotfab.effects.shifts import WALL
 from knotfab.picture.read import Target
-from knotfab.scene.curved_wall import CurvedWall, require_wall
-from knotfab.scene.load import dump_scene, parse_scene
-from knotfab.scene.require import require_walls
-from knotfab_formats.scene import Mount, ResolvedView, Scene, Switches
+from knotfab.scene.camera import CurvedWall, require_wall
+from knotfab.scene.load import dump_scene, parse_scene, require_walls
+from knotfab_formats.errors import InputError
+from knotfab_formats.piece import Mount
+from knotfab_formats.scene import ResolvedView, Scene
+from knotfab_formats.views import Switches
 
 PLACES = np.random.default_rng(0).uniform(-80, 80, (50, 2))
 

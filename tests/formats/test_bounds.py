@@ -1,17 +1,19 @@
 """Every number of a scene has bounds, which its schema shows; what lies beyond is one sentence."""
 
+from __future__ import annotations
+
 import json
 from collections.abc import Iterator
 from typing import Any
 
 import pytest
 
-from knotfab.base.errors import InputError
 from knotfab.scene.load import parse_scene
 from knotfab_formats.bounds import why_out_of_bounds
-from knotfab_formats.json_schema import dump_schema
-from knotfab_formats.scene import View
+from knotfab_formats.errors import InputError
+from knotfab_formats.read import dump_schema
 from knotfab_formats.search import PRESETS, SearchSettings, search_settings
+from knotfab_formats.views import View
 
 
 def numbers(

@@ -5,12 +5,12 @@ from pathlib import Path
 
 import pytest
 
-from knotfab_formats.json_schema import list_keys, list_tables
-from knotfab_formats.key import option_of, sentences_of, values_of
+from knotfab_formats.bounds import option_of, sentences_of, values_of
+from knotfab_formats.read import list_keys, list_tables
 from knotfab_formats.scene import Scene
 
 LISTED = Path(__file__).parents[2] / "docs" / "scene.toml"
-LIST = "from knotfab_formats.json_schema import list_keys; print(list_keys(), end='')"
+LIST = "from knotfab_formats.read import list_keys; print(list_keys(), end='')"
 
 
 def test_the_keys_are_listed_as_they_are_declared() -> None:

@@ -1,5 +1,7 @@
 """The printer's keys: the maker's model and the validators' reader agree on them."""
 
+from __future__ import annotations
+
 import subprocess
 import sys
 import tomllib
@@ -8,11 +10,11 @@ from pathlib import Path
 import pytest
 
 import knotfab
-from knotfab.base.errors import InputError
 from knotfab.scene.catalogue import printers, resolve
 from knotfab.scene.load import dump_scene, parse_scene
-from knotfab_formats.scene import Printer
-from knotfab_validators.files.bad_file import BadFile
+from knotfab_formats.errors import InputError
+from knotfab_formats.piece import Printer
+from knotfab_validators.check import BadFile
 from knotfab_validators.files.scene import parse_scene as read
 
 SHARED = (

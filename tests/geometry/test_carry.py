@@ -1,5 +1,7 @@
 """Polygons carried along a motion: every step is certified, a crossing or a polygon too coarse is refused."""
 
+from __future__ import annotations
+
 import numpy as np
 import pytest
 from knot_curves import mirror

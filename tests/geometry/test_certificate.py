@@ -1,13 +1,13 @@
 """Certificates: what they let pass is an isotopy, and what crosses is refused."""
 
+from __future__ import annotations
+
 import numpy as np
 import pytest
 
-from knotfab.geometry.certificate import certify
+from knotfab.geometry.carry import certify, resample, subdivide
 from knotfab.geometry.kernels import closest_parameters
-from knotfab.geometry.neighbours import find_neighbours
-from knotfab.geometry.polylines import polylines_of_sizes
-from knotfab.geometry.resample import resample, subdivide
+from knotfab.geometry.polylines import find_neighbours, polylines_of_sizes
 from knotfab.geometry.tube import sweep
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh

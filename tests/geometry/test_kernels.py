@@ -1,16 +1,23 @@
 """The compiled loops over segments against brute force, and their slopes against finite differences."""
 
+from __future__ import annotations
+
 import numpy as np
 import pytest
 import torch
 
 from knotfab.base.arrays import Array
-from knotfab.geometry.certificate import certify, step_limits
+from knotfab.geometry.carry import certify, step_limits
 from knotfab.geometry.kernels import bend_hinge, closest_parameters, gap_hinge
-from knotfab.geometry.measures import bend_radii, strand_gap
-from knotfab.geometry.neighbours import Neighbours, find_neighbours
-from knotfab.geometry.polylines import Polylines, polylines_of_sizes
-from knotfab.torch_forms.known import known
+from knotfab.geometry.polylines import (
+    Neighbours,
+    Polylines,
+    bend_radii,
+    find_neighbours,
+    polylines_of_sizes,
+    strand_gap,
+)
+from knotfab.render.device import known
 
 SKIP = 6
 

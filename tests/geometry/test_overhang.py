@@ -1,5 +1,7 @@
 """Estimates of supports: exact shapes, invariants, and columns through the mesh."""
 
+from __future__ import annotations
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -21,8 +23,8 @@ from knotfab.geometry.tube import sweep
 from knotfab.knots import Knot, Knots
 from knotfab.part.orient import AXES, strands_of
 from knotfab_validators.geometry.mesh import Mesh
-from knotfab_validators.printing.columns import columns
-from knotfab_validators.printing.overhang import support_volume
+from knotfab_validators.printing.bridges import columns
+from knotfab_validators.printing.standing import support_volume
 
 pytestmark = pytest.mark.slow
 

@@ -1,5 +1,7 @@
 """The tube: exact area times length, closed, outwards, for every closed polyline it accepts."""
 
+from __future__ import annotations
+
 import contextlib
 from math import pi
 
@@ -14,10 +16,8 @@ from validator_parts import trefoil
 from benchmarks.hard.curves import circle
 from knotfab.base.arrays import Array
 from knotfab.base.errors import SceneError
-from knotfab.geometry.measures import bend_radii
-from knotfab.geometry.meshes import as_manifold
-from knotfab.geometry.polylines import polylines_of_sizes
-from knotfab.geometry.tube import _transport, mesh_volume, reach_mm, sides_for, sweep
+from knotfab.geometry.polylines import bend_radii, polylines_of_sizes
+from knotfab.geometry.tube import _transport, as_manifold, mesh_volume, reach_mm, sides_for, sweep
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.mesh.surface_checks import self_intersections
 

@@ -4,12 +4,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotfab.base.arrays import Array
-from knotfab.effects.base import EffectContext, World
+from knotfab.effects.base import EffectContext, OnWall, Shadows, World
 from knotfab.effects.contrast import contrast_of
-from knotfab.effects.shadows import OnWall, Shadows
-from knotfab.effects.wall import WALL
+from knotfab.effects.shifts import WALL
 from knotfab.scene.camera import camera_of, view_axes
-from knotfab_formats.scene import Material, Room
+from knotfab_formats.piece import Material
+from knotfab_formats.views import Room
 from tests.oracles.parting import directions, random_scene
 
 __all__ = ["bounce_and_truth", "uneven_and_truth", "wall_and_truth"]

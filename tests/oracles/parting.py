@@ -3,13 +3,13 @@
 import numpy as np
 
 from knotfab.base.arrays import Array
-from knotfab.effects.base import EffectContext, World
-from knotfab.effects.layers import LAYERS
+from knotfab.effects.base import EffectContext, Shadows, World
 from knotfab.effects.misplacement import parting_mm
-from knotfab.effects.sag import SAG
-from knotfab.effects.shadows import Shadows
+from knotfab.effects.shifts import LAYERS, SAG
 from knotfab.scene.camera import Camera, camera_of
-from knotfab_formats.scene import Placing, Printer, ResolvedView
+from knotfab_formats.piece import Printer
+from knotfab_formats.scene import ResolvedView
+from knotfab_formats.views import Placing
 
 __all__ = ["bounds_and_truths", "cast", "directions", "random_scene", "shift_bound_and_truth"]
 

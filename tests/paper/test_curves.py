@@ -3,7 +3,7 @@
 import pytest
 from knot_judge import linking_numbers
 
-from knotfab.base.errors import InputError
+from knotfab_formats.errors import InputError
 from paper.curves import closed_braid
 
 

@@ -6,10 +6,10 @@ import torch
 
 from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.problem import ViewNumbers
-from knotfab.render.frame import Sheet
-from knotfab.torch_forms.pose import Bounds, turn_of
-from knotfab.torch_forms.posed_frame import posed_frame
-from knotfab.torch_forms.tiled import render_tiled
+from knotfab.render.capsules import posed_frame
+from knotfab.render.silhouette import Sheet
+from knotfab.render.tiled import render_tiled
+from knotfab.search.free_pose import Bounds, turn_of
 from paper.fit_view import fit_view
 from tests.corpus.curves import torus_knot
 

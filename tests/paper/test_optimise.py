@@ -7,8 +7,9 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from knotfab.base.errors import InputError, SceneError
-from knotfab.torch_forms.outlines import render_outlines
+from knotfab.apps.paper.outlines import render_outlines
+from knotfab.base.errors import SceneError
+from knotfab_formats.errors import InputError
 from paper.camera import PaperCamera, camera_around
 from paper.losses import ball
 from paper.optimise import PaperResult, PaperView, iou, search_paper

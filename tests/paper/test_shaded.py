@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import torch
 
-from knotfab.render.frame import Frame, frame_of
+from knotfab.render.capsules import tensor_frame
+from knotfab.render.silhouette import Frame, frame_of
+from knotfab.render.tiled import render_tiled
 from knotfab.scene.camera import camera_of
-from knotfab.torch_forms.posed_frame import tensor_frame
-from knotfab.torch_forms.tiled import render_tiled
 from knotfab_formats.scene import ResolvedView
 from paper.shaded import curve_distance, fit, trial
 from paper.shaded_render import Shading, capsule_hit, layers_of, render_shaded

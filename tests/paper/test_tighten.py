@@ -3,7 +3,7 @@
 import pytest
 from knot_judge import judge_type
 
-from knotfab_formats.knot_names import BRAIDS
+from knotfab_formats.knots import BRAIDS
 from paper.curves import closed_braid
 from paper.tighten import tighten
 

@@ -1,5 +1,7 @@
 """What is printed larger, because it shrinks: tubes, centre lines, plates, and the pose back."""
 
+from __future__ import annotations
+
 from types import SimpleNamespace
 from typing import Any
 
@@ -9,13 +11,14 @@ from reports import report_with
 from rings import knots, ring
 
 from knotfab.geometry.tube import sweep
-from knotfab.mount.mount import Mounted
+from knotfab.hold.mount import Mounted
 from knotfab.part.assemble import Part, _choose_poses
 from knotfab.part.write import pose_scene
 from knotfab.report.posing import lay_out
 from knotfab.scene.camera import camera_of
 from knotfab.scene.catalogue import resolve
-from knotfab_formats.scene import Material, Printer, ResolvedView, Scene
+from knotfab_formats.piece import Material, Printer
+from knotfab_formats.scene import ResolvedView, Scene
 
 VIEW = ResolvedView(frame_width_mm=120.0, frame_height_mm=120.0)
 CAMERA = camera_of(VIEW, 60, 60)

@@ -1,5 +1,7 @@
 """The pose in which a part is printed: the supports it takes, the printer's limits, and a flatter piece."""
 
+from __future__ import annotations
+
 from dataclasses import replace
 
 import numpy as np
@@ -11,10 +13,11 @@ from knotfab.base.arrays import Array
 from knotfab.base.errors import SceneError
 from knotfab.geometry.overhang import Estimate, Rules, Strands, estimate
 from knotfab.geometry.tube import sweep
-from knotfab.part.flatter import estimate_flatter, flatter_depth
 from knotfab.part.orient import (
+    estimate_flatter,
     estimate_minutes,
     estimate_supports_cm3,
+    flatter_depth,
     keeps_limits,
     propose_turns,
     rank_turns,

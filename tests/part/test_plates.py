@@ -1,5 +1,7 @@
 """Pieces on several plates: cuts, pins and holes, poses, and the checks that read the files again."""
 
+from __future__ import annotations
+
 import tomllib
 from dataclasses import replace
 from pathlib import Path
@@ -10,18 +12,25 @@ from manifold3d import Manifold, Mesh64
 
 from knotfab.base.arrays import Array
 from knotfab.base.errors import SceneError
-from knotfab.files.threemf import write_3mf
-from knotfab.geometry.meshes import Mesh
 from knotfab.geometry.overhang import Rules
-from knotfab.geometry.tube import mesh_volume, sweep
+from knotfab.geometry.tube import Mesh, mesh_volume, sweep
 from knotfab.knots import Knot, Knots
-from knotfab.part.connector import DEEPER_MM, KERF_MM, CutPiece, cut_body
-from knotfab.part.cut import CLEARANCE_MM, Cut, Line, find_cuts
+from knotfab.part.cut import (
+    CLEARANCE_MM,
+    DEEPER_MM,
+    KERF_MM,
+    Cut,
+    CutPiece,
+    Line,
+    cut_body,
+    find_cuts,
+)
+from knotfab.part.files import write_3mf
 from knotfab.part.plates import APART_MM, Plates, Printable, lay_on_plates
 from knotfab.part.pose import PrintPose, choose_pose
-from knotfab_formats.scene import Printer
-from knotfab_validators.files.bad_file import BadFile
-from knotfab_validators.files.plates import Plate, read_plates
+from knotfab_formats.piece import Printer
+from knotfab_validators.check import BadFile
+from knotfab_validators.files.mesh import Plate, read_plates
 from knotfab_validators.files.scene import parse_scene
 from knotfab_validators.geometry.mesh import Mesh as Surface
 from knotfab_validators.geometry.mesh import merge_equal

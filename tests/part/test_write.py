@@ -1,5 +1,7 @@
 """The files of a piece: one object for the slicer, and names and colours where they are asked for."""
 
+from __future__ import annotations
+
 import io
 import json
 import re
@@ -13,16 +15,17 @@ import pytest
 from PIL import Image
 from rings import ring
 
-from knotfab.files.folder import OutputFolder
+from knotfab.base.folder import OutputFolder
 from knotfab.geometry.tube import sweep
+from knotfab.hold.mount import Mounted
 from knotfab.knots import Knot, Knots
-from knotfab.mount.mount import Mounted
 from knotfab.part.assemble import enlarge_knots, shrink_of
 from knotfab.part.write import make_pose, write_model, write_part, write_unbuilt
 from knotfab.picture.read import Target
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.load import load_scene
-from knotfab_formats.scene import About, Material, ResolvedView, Scene
+from knotfab_formats.piece import About, Material
+from knotfab_formats.scene import ResolvedView, Scene
 from knotfab_validators.files.scene import read_scene
 
 VIEW = ResolvedView(frame_width_mm=120.0, frame_height_mm=120.0, picture="picture-front.png")

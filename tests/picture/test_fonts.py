@@ -1,5 +1,7 @@
 """Fonts of text pictures: one asked for by name or file, and the machine's own for what they lack."""
 
+from __future__ import annotations
+
 import io
 import shutil
 import subprocess
@@ -13,9 +15,9 @@ from fontTools.pens.ttGlyphPen import TTGlyphPen
 from fontTools.ttLib.tables._g_l_y_f import Glyph
 from PIL import Image
 
-from knotfab.base.errors import InputError
 from knotfab.picture import fonts
 from knotfab.picture.read import read_target
+from knotfab_formats.errors import InputError
 
 BALL = "🧶"  # in no font that comes along
 DEJAVU = Path(matplotlib.get_data_path()) / "fonts" / "ttf"

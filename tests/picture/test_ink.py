@@ -1,5 +1,7 @@
 """Which pixels are ink: expected masks of drawings, by every rule; the validators' reader agrees."""
 
+from __future__ import annotations
+
 from pathlib import Path
 from typing import Any
 
@@ -10,10 +12,10 @@ from hypothesis import strategies as st
 from PIL import Image, ImageDraw, ImageFilter
 
 from knotfab.base.arrays import Mask
-from knotfab.base.errors import InputError
-from knotfab.picture.masks import drop_specks, holes_of, keep_largest, pieces_of
 from knotfab.picture.read import Target, read_target
-from knotfab_formats.scene import Reading
+from knotfab.picture.silhouette import drop_specks, holes_of, keep_largest, pieces_of
+from knotfab_formats.errors import InputError
+from knotfab_formats.views import Reading
 from knotfab_validators.files.picture import read_silhouette
 
 SIDE = 120

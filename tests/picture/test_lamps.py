@@ -1,13 +1,15 @@
 """Pictures in colours taken apart into lamps' masks: what is drawn by hand comes apart as it was drawn."""
 
+from __future__ import annotations
+
 import numpy as np
 import pytest
 from PIL import Image, ImageDraw
 from scipy.ndimage import label
 
-from knotfab.base.errors import InputError
 from knotfab.picture.lamps import mixtures_of, on_one_canvas, separate, to_oklab
 from knotfab.picture.read import Target
+from knotfab_formats.errors import InputError
 
 RGB = np.eye(3)
 NAMES = ("red", "green", "blue")

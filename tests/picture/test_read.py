@@ -1,5 +1,7 @@
 """Reading pictures: every kind gives the shape that was drawn, every bad one a clear sentence."""
 
+from __future__ import annotations
+
 import io
 import os
 import struct
@@ -12,9 +14,9 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image, ImageCms
 
-from knotfab.base.errors import InputError
 from knotfab.picture.read import Target, name_picture, read_bytes, read_target
-from knotfab_formats.scene import Reading, View
+from knotfab_formats.errors import InputError
+from knotfab_formats.views import Reading, View
 from knotfab_validators.files.picture import read_silhouette
 
 H, W = 40, 60

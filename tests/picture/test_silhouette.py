@@ -1,13 +1,14 @@
 """Masks as polygons and at other resolutions: areas, distances and topology against exact ones."""
 
+from __future__ import annotations
+
 import numpy as np
 import pytest
 import shapely
 from shapely import MultiPolygon, Point, Polygon, affinity
 
 from knotfab.base.arrays import Mask
-from knotfab.picture.masks import sample_mask
-from knotfab.picture.silhouette import resample_mask, trace_polygon
+from knotfab.picture.silhouette import resample_mask, sample_mask, trace_polygon
 
 
 def pieces(shape: MultiPolygon) -> list[Polygon]:

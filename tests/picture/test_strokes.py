@@ -1,5 +1,7 @@
 """Centre lines run along the middle of strokes, meet exactly, and have no spurs."""
 
+from __future__ import annotations
+
 from math import cos, pi, sin
 
 import numpy as np

@@ -1,5 +1,7 @@
 """A subject is cut out of a photograph as a hand draws it, and from then on its mask's file counts."""
 
+from __future__ import annotations
+
 import re
 import sys
 from pathlib import Path
@@ -11,19 +13,20 @@ import skimage.data
 from PIL import Image, ImageDraw
 
 from knotfab.base.arrays import Mask
-from knotfab.base.errors import InputError, KnotfabError, MachineError
+from knotfab.base.errors import MachineError
+from knotfab.base.folder import OutputFolder
 from knotfab.cli.commands import app
 from knotfab.design.frames import frame_view
-from knotfab.files.folder import OutputFolder
-from knotfab.options import BuildOptions
+from knotfab.design.readings import advise
 from knotfab.part.write import _write_scene
-from knotfab.picture.masks import mask_iou, pieces_of
 from knotfab.picture.read import read_target
-from knotfab.prepare import preview_pictures, survey_pictures
-from knotfab.preview.readings import advise
-from knotfab.read_options import read_scene
+from knotfab.picture.silhouette import mask_iou, pieces_of
+from knotfab.pipeline.options import BuildOptions
+from knotfab.pipeline.prepare import preview_pictures, survey_pictures
+from knotfab.pipeline.read_options import read_scene
 from knotfab.scene.load import load_scene
-from knotfab_formats.scene import Reading, View
+from knotfab_formats.errors import InputError, KnotfabError
+from knotfab_formats.views import Reading, View
 from knotfab_validators.files.picture import PictureError, read_silhouette
 from knotfab_validators.files.scene import read_scene as read_built
 

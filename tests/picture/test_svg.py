@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from knotfab.base.errors import InputError
 from knotfab.picture.read import Target, read_target
 from knotfab.picture.svg import draw, render
+from knotfab_formats.errors import InputError
 
 URI = "http://www.w3.org/2000/svg"
 NS = f'xmlns="{URI}"'

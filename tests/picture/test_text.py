@@ -1,14 +1,16 @@
 """Text as a picture: as large as its ink, in every script, or refused."""
 
+from __future__ import annotations
+
 from pathlib import Path
 
 import pytest
 
-from knotfab.base.errors import InputError
-from knotfab.picture.masks import holes_of, mask_iou, pieces_of
 from knotfab.picture.read import read_target
-from knotfab_formats.scene import Reading
-from tests.picture.test_read import again, large  # noqa: F401
+from knotfab.picture.silhouette import holes_of, mask_iou, pieces_of
+from knotfab_formats.errors import InputError
+from knotfab_formats.views import Reading
+from tests.picture.test_read import again
 
 
 @pytest.mark.usefixtures("large")

@@ -1,5 +1,7 @@
 """The renderers on the catalogue of hard cases: errors within what the condition allows, no NaN anywhere."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -23,8 +25,8 @@ from benchmarks.hard.measure import (
     subgradient_excess,
 )
 from benchmarks.hard.rendering import RenderCase, frame_at, large_case, render_cases, ring
-from knotfab.render.frame import Frame
-from knotfab.torch_forms.tiled import winners
+from knotfab.render.silhouette import Frame
+from knotfab.render.tiled import winners
 
 pytestmark = pytest.mark.slow
 

@@ -1,5 +1,7 @@
 """The compiled silhouette against the torch form and finite differences."""
 
+from __future__ import annotations
+
 import math
 from concurrent.futures import ThreadPoolExecutor
 from typing import cast
@@ -12,15 +14,15 @@ from torch import Tensor
 
 from knotfab.base.arrays import Array
 from knotfab.geometry.polylines import polylines_of_sizes
+from knotfab.render import device as tensors
 from knotfab.render import silhouette
-from knotfab.render.frame import Frame, frame_of
-from knotfab.render.picture import image_at
+from knotfab.render.capsules import tensor_frame
+from knotfab.render.device import DeviceImage, render, squared_error
+from knotfab.render.image import image_at
+from knotfab.render.silhouette import Frame, frame_of
+from knotfab.render.tiled import render_tiled
 from knotfab.scene.camera import camera_of
-from knotfab.torch_forms import tensors
-from knotfab.torch_forms.forms import TorchForms
-from knotfab.torch_forms.posed_frame import tensor_frame
-from knotfab.torch_forms.tensors import DeviceImage, render, squared_error
-from knotfab.torch_forms.tiled import render_tiled
+from knotfab.search.forms import TorchForms
 from knotfab_formats.scene import ResolvedView
 
 VIEW = ResolvedView(frame_width_mm=120.0, frame_height_mm=90.0)

@@ -1,5 +1,7 @@
 """What a notebook shows: words and pictures in one small piece of page, whatever the texts are."""
 
+from __future__ import annotations
+
 import re
 from html.parser import HTMLParser
 from pathlib import Path

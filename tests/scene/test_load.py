@@ -1,5 +1,7 @@
 """Scene files: what they mean, what they refuse and how it is said, and writing without loss."""
 
+from __future__ import annotations
+
 import os
 from pathlib import Path
 from typing import Any
@@ -8,9 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from knotfab.base.errors import InputError
 from knotfab.scene.load import check_scene, dump_scene, load_scene, parse_scene
-from knotfab_formats.scene import Accuracy, Material, Piece, Pose, Printer, Region, Scene, View
+from knotfab_formats.errors import InputError
+from knotfab_formats.piece import Accuracy, Material, Piece, Pose, Printer, Region
+from knotfab_formats.scene import Scene
+from knotfab_formats.views import View
 
 
 def test_an_empty_file_is_the_default_scene(tmp_path: Path) -> None:

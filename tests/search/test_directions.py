@@ -1,5 +1,7 @@
 """Directions of several views as unknowns: their slopes, their bounds, and that they are found."""
 
+from __future__ import annotations
+
 from dataclasses import replace
 
 import numpy as np

@@ -1,5 +1,7 @@
 """The flow's own arithmetic: the H1 gradient of each ring."""
 
+from __future__ import annotations
+
 from itertools import pairwise
 
 import numpy as np
@@ -9,10 +11,9 @@ from benchmarks.hard.crossing import linking_number, passes_through
 from benchmarks.hard.curves import HardKnot, circle, hard_knots
 from benchmarks.hard.isotopy import fuzz, types_of
 from knotfab.base.arrays import Array
-from knotfab.geometry.certificate import certify
-from knotfab.geometry.neighbours import Neighbours, find_neighbours
-from knotfab.geometry.polylines import polylines_of_sizes
-from knotfab.limits.base import Felt
+from knotfab.geometry.carry import certify
+from knotfab.geometry.polylines import Neighbours, find_neighbours, polylines_of_sizes
+from knotfab.limits.terms import Felt
 from knotfab.search.flow import FlowSettings, _precondition, flow
 
 

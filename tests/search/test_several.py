@@ -13,27 +13,28 @@ from slopes import state_at
 
 from knotfab.api import assemble_part, design_knots, write_files
 from knotfab.base.arrays import Array
-from knotfab.base.errors import InputError, SceneError
+from knotfab.base.errors import SceneError
 from knotfab.design.hull import HullBound
 from knotfab.design.question import _crop_to_hull, ask
-from knotfab.limits.base import Felt
+from knotfab.limits.terms import Felt
 from knotfab.picture.read import Target, read_targets
-from knotfab.pipeline import build
+from knotfab.pipeline.build import build
 from knotfab.problem import Start
 from knotfab.request import Request
 from knotfab.scene.camera import camera_of, view_axes
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.load import load_scene
 from knotfab.search import search as search_module
-from knotfab.search.chamfer import TENSION, Chamfer
-from knotfab.search.objective import Term, Weights
-from knotfab.search.spill import Spill
+from knotfab.search.objective import TENSION, Chamfer, Spill, Term, Weights
 from knotfab.search.state import begin
 from knotfab.start.filling import simple_curves
 from knotfab.start.start import make_start
 from knotfab.start.views import start_ious
-from knotfab_formats.scene import Accuracy, Mount, Piece, ResolvedView, Scene, View
+from knotfab_formats.errors import InputError
+from knotfab_formats.piece import Accuracy, Mount, Piece
+from knotfab_formats.scene import ResolvedView, Scene
 from knotfab_formats.search import PRESETS
+from knotfab_formats.views import View
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.knots.knot_types import knot_types
 from knotfab_validators.shadows.view import view_geometry

@@ -3,9 +3,8 @@
 import numpy as np
 from validator_parts import Array, circle, tube
 
-from knotfab_formats.checks import MESH
+from knotfab_formats.verdict import MESH, Check
 from knotfab_validators.arrays import Ints
-from knotfab_validators.check import Check
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh
 

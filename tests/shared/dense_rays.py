@@ -5,9 +5,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from knotfab.render.frame import Frame
-from knotfab.torch_forms.capsule import BEHIND, capsule_distance
-from knotfab.torch_forms.clip import cut_before_light
+from knotfab.render.capsules import BEHIND, capsule_distance, cut_before_light
+from knotfab.render.silhouette import Frame
 
 
 def render_dense(

@@ -3,8 +3,7 @@
 import numpy as np
 from knot_curves import Array
 
-from knotfab_validators.knots.planar_diagram import PlanarDiagram
-from knotfab_validators.knots.polynomial import Laurent
+from knotfab_validators.knots.planar_diagram import Laurent, PlanarDiagram
 from knotfab_validators.knots.projection import diagram_of
 from knotfab_validators.knots.reduction import general_position
 

@@ -8,10 +8,9 @@ from dataclasses import dataclass, field
 
 from PIL import Image
 
-from knotfab.tradeoff.bench import WantedRun
-from knotfab.tradeoff.front import Measured
-from knotfab.tradeoff.measure import Run
-from knotfab.tradeoff.points import Point
+from knotfab.apps.tradeoff.bench import WantedRun
+from knotfab.apps.tradeoff.measure import Run
+from knotfab.apps.tradeoff.points import Measured, Point
 from knotfab_formats.search import SearchSettings
 
 _FILE = io.BytesIO()

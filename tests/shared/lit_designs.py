@@ -7,7 +7,8 @@ from knotfab.base.arrays import Array
 from knotfab.effects.base import EffectContext, World
 from knotfab.effects.survey import survey
 from knotfab.knots import Knot, Knots
-from knotfab_formats.scene import Mount, ResolvedView
+from knotfab_formats.piece import Mount
+from knotfab_formats.scene import ResolvedView
 
 
 def view(**keys: Any) -> ResolvedView:

@@ -3,8 +3,8 @@
 import numpy as np
 from solids import prism
 
-from knotfab_formats.scene import Printer
-from knotfab_validators.check import Check
+from knotfab_formats.piece import Printer
+from knotfab_formats.verdict import Check
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.printing.printability import printability_checks
 

@@ -13,10 +13,10 @@ from knotfab.design.question import ask
 from knotfab.picture.read import read_target
 from knotfab.problem import Problem, SearchResult, Start, TargetView
 from knotfab.scene.catalogue import resolve
-from knotfab.search.phases import plan_of
+from knotfab.search.flow import plan_of
+from knotfab.search.forms import TorchForms
 from knotfab.search.search import search
 from knotfab.start.start import make_start
-from knotfab.torch_forms.forms import TorchForms
 from knotfab_formats.scene import ResolvedView, Scene, SettledRegion
 from knotfab_formats.search import SearchSettings
 

@@ -5,9 +5,9 @@ from pathlib import Path
 
 from PIL import Image, ImageDraw
 
+from knotfab.design.film import Chain, SequenceFrame
+from knotfab.picture.frames import read_frames
 from knotfab.picture.read import Target
-from knotfab.sequence.chain import Chain, SequenceFrame
-from knotfab.sequence.frames import read_frames
 
 QUICK = {
     "coarse_px": 64, "fine_px": 64, "coarse_iterations": 12, "fine_iterations": 8, "settle_iterations": 8,

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from knotfab.report.of_effects import limits_as_effects
-from knotfab_formats.records import read_as
+from knotfab.report.effects import limits_as_effects
+from knotfab_formats.errors import read_as
 from knotfab_formats.report import Report
 from knotfab_formats.search import PRESETS
 from knotfab_formats.verdict import Check, Recognition, Verdict, View, exit_code

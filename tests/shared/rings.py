@@ -3,11 +3,12 @@
 import numpy as np
 
 from knotfab.base.arrays import Array
+from knotfab.hold.beams import Stiffness
+from knotfab.hold.struts import GROUND, Candidates
 from knotfab.knots import Knot, Knots
-from knotfab.mount.piece_frame import Stiffness
-from knotfab.mount.struts import GROUND, Candidates
 from knotfab.scene.camera import Camera, camera_of
-from knotfab_formats.scene import Mount, ResolvedView
+from knotfab_formats.piece import Mount
+from knotfab_formats.scene import ResolvedView
 
 RADIUS = 2.0
 VIEW = ResolvedView(frame_width_mm=180.0, frame_height_mm=180.0)

@@ -5,13 +5,14 @@ from typing import Literal
 import numpy as np
 
 from knotfab.geometry.tube import sweep
-from knotfab.mount.mount import Mounted
-from knotfab.mount.plinth import Base, slope_below
-from knotfab.mount.stand import StandMount
-from knotfab.mount.struts import nothing
-from knotfab.mount.wall import Peg, WallMount
+from knotfab.hold.mount import Mounted
+from knotfab.hold.plinth import Base, slope_below
+from knotfab.hold.stand import StandMount
+from knotfab.hold.struts import nothing
+from knotfab.hold.wall import Peg, WallMount
 from knotfab.scene.camera import Camera, camera_of
-from knotfab_formats.scene import Mount, ResolvedView, Scene
+from knotfab_formats.piece import Mount
+from knotfab_formats.scene import ResolvedView, Scene
 from knotfab_formats.verdict import Misplacement
 
 Kind = Literal["none", "plate", "dowel", "stand"]

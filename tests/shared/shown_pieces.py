@@ -6,8 +6,7 @@ import numpy as np
 from rings import RADIUS, ring
 
 from knotfab.base.arrays import Array, Mask
-from knotfab.geometry.meshes import Mesh
-from knotfab.geometry.tube import sweep
+from knotfab.geometry.tube import Mesh, sweep
 from knotfab.knots import Knot, Knots
 from knotfab.scene.camera import camera_of
 from knotfab_formats.scene import ResolvedView, Scene

@@ -4,12 +4,12 @@ from pathlib import Path
 
 import numpy as np
 
-from knotfab.files.threemf import write_3mf
-from knotfab.geometry.meshes import Mesh
+from knotfab.geometry.tube import Mesh
+from knotfab.part.files import write_3mf
+from knotfab.part.gcode import Gcode
+from knotfab.part.slicer_profile import write_profile
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.load import parse_scene
-from knotfab.slicer.gcode import Gcode
-from knotfab.slicer.profile import write_profile
 from knotfab_formats.scene import Scene
 
 # a nozzle whose lines are 0.5 mm wide and layers of 0.25 mm: exact in binary

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from knotfab.base.arrays import Array
-from knotfab.geometry.neighbours import find_neighbours
-from knotfab.geometry.polylines import polylines_of_sizes
-from knotfab.limits.base import Felt, State
+from knotfab.geometry.polylines import find_neighbours, polylines_of_sizes
+from knotfab.limits.terms import Felt, State
 
 
 def state_at(points: Array, reach: float = 12.0) -> State:

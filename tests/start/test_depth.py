@@ -1,5 +1,7 @@
 """The depth profile: it keeps the picture, and descent finds what is less legible and easier to print."""
 
+from __future__ import annotations
+
 from dataclasses import replace
 
 import numpy as np
@@ -12,12 +14,13 @@ from knotfab.effects.base import Decision
 from knotfab.effects.penumbra import PENUMBRA, Sharpening
 from knotfab.geometry.overhang import Rules, estimate, strands_along
 from knotfab.part.orient import AXES
-from knotfab.picture.masks import mask_iou
+from knotfab.picture.silhouette import mask_iou
 from knotfab.problem import DepthChoice, Problem, Start
 from knotfab.scene.camera import camera_of
 from knotfab.start.depth import _Judge, choose_depth, lift
 from knotfab.start.filling import Template, fill
-from knotfab.start.legibility import (
+from knotfab.start.lift import lift_template
+from knotfab.start.profiles import (
     _cover,
     about_middle,
     legibility,
@@ -25,9 +28,8 @@ from knotfab.start.legibility import (
     stretch_mask,
     turns_aside,
 )
-from knotfab.start.lift import lift_template
-from knotfab_formats.scene import Switch
 from knotfab_formats.search import PRESETS
+from knotfab_formats.views import Switch
 
 FEW = PRESETS["draft"].model_copy(update={"depth_candidates": 16})
 

@@ -1,5 +1,7 @@
 """The filling template: simple disjoint curves that cover the silhouette."""
 
+from __future__ import annotations
+
 import numpy as np
 import pytest
 import shapely
@@ -10,7 +12,7 @@ from shapely import LinearRing, MultiPolygon, Point, Polygon, box
 
 from benchmarks.hard.curves import circle
 from benchmarks.hard.pictures import HardPicture, hard_pictures
-from knotfab.geometry.sampling import sample_evenly
+from knotfab.geometry.polylines import sample_evenly
 from knotfab.picture.silhouette import trace_polygon
 from knotfab.start.filling import as_bent, fill, rings_of, simple_curves, template_iou
 

@@ -1,5 +1,7 @@
 """Curves grown in the hull of several views: their type, what they keep to, their pieces and bridges."""
 
+from __future__ import annotations
+
 from dataclasses import replace
 
 import numpy as np
@@ -13,10 +15,9 @@ from knotfab.base.errors import SceneError
 from knotfab.problem import Problem, Start
 from knotfab.start.grow import Growth, _corners, _plan, _run, grow_curves
 from knotfab.start.lattice import NUDGED, Lattice, draw_edges, lattice_in, sights_of
-from knotfab.start.lattice_knots import lattice_knot
-from knotfab.start.pieces import edge_worth, join_pieces, seed_curves
 from knotfab.start.start import make_start
-from knotfab_formats.knot_names import parse_knot_name
+from knotfab.start.views import edge_worth, join_pieces, lattice_knot, seed_curves
+from knotfab_formats.knots import parse_knot_name
 from knotfab_formats.search import SearchSettings
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.knots.knot_types import knot_checks, knot_types

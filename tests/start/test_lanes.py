@@ -1,9 +1,11 @@
 """Strands that hide each other keep their order, and are apart, without being moved out of the shadow."""
 
+from __future__ import annotations
+
 import numpy as np
 import pytest
 
-from knotfab.geometry.sampling import arc_lengths, pair_nearby, sample_evenly
+from knotfab.geometry.polylines import arc_lengths, pair_nearby, sample_evenly
 from knotfab.start.lanes import part_sides
 
 SEPARATION, LIGHT = 4.0, 500.0

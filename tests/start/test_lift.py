@@ -1,5 +1,7 @@
 """Depth where people place carelessly: there is less, and less of the picture is lost, moved for real."""
 
+from __future__ import annotations
+
 from dataclasses import replace
 
 import numpy as np
@@ -15,8 +17,10 @@ from knotfab.scene.camera import camera_of
 from knotfab.start import depth
 from knotfab.start.filling import Template, fill
 from knotfab.start.lift import lift_template
-from knotfab_formats.scene import Mount, Placing, Scene, Switch
+from knotfab_formats.piece import Mount
+from knotfab_formats.scene import Scene
 from knotfab_formats.search import PRESETS
+from knotfab_formats.views import Placing, Switch
 from tests.oracles.parting import cast, turn_about
 
 FEW = PRESETS["draft"].model_copy(update={"depth_candidates": 16})

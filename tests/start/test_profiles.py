@@ -1,5 +1,7 @@
 """Random depth profiles: their waves are summed as written, and a variation keeps their spread."""
 
+from __future__ import annotations
+
 import numpy as np
 import pytest
 

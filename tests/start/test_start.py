@@ -1,5 +1,7 @@
 """A search goes on from the knots of a file: of the types that it states, and the same again each time."""
 
+from __future__ import annotations
+
 import json
 from pathlib import Path
 from types import SimpleNamespace
@@ -10,12 +12,13 @@ import pytest
 from command import knotfab, picture, square
 from questions import ask_heart, start_and_search
 
-from knotfab.base.errors import InputError, SceneError
+from knotfab.base.errors import SceneError
 from knotfab.base.progress import Progress
 from knotfab.design.design import choose_tube
 from knotfab.knots import Knot, Knots, read_start
 from knotfab.scene.load import load_scene
 from knotfab.start.start import go_on
+from knotfab_formats.errors import InputError
 from knotfab_formats.scene import Scene
 from knotfab_formats.search import PRESETS
 

@@ -1,5 +1,7 @@
 """A drawing's lines become one simple closed curve, and passes that hide each other keep apart."""
 
+from __future__ import annotations
+
 from itertools import pairwise
 from math import cos, pi, sin
 

@@ -1,5 +1,7 @@
 """Knots tied into a filling template: of the type that was asked for, out of sight, and never by chance."""
 
+from __future__ import annotations
+
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,18 +12,20 @@ from questions import ask_heart, start_and_search
 from shapely import MultiPolygon, Point, box
 
 from knotfab.base.arrays import Array
-from knotfab.base.errors import InputError, SceneError
-from knotfab.geometry.sampling import sample_evenly
-from knotfab.options import BuildOptions
+from knotfab.base.errors import SceneError
+from knotfab.geometry.polylines import sample_evenly
+from knotfab.pipeline.options import BuildOptions
+from knotfab.pipeline.read_options import read_scene
 from knotfab.problem import Problem, Start
-from knotfab.read_options import read_scene
 from knotfab.scene.load import dump_scene, parse_scene
 from knotfab.start.depth import lift
 from knotfab.start.filling import fill, simple_curves
 from knotfab.start.start import tie_knot
 from knotfab.start.tie import KnotRoom, Tied, _poses, _sites, _splice, load_knot, tie
-from knotfab_formats.knot_names import parse_knot_name
-from knotfab_formats.scene import Piece, Scene
+from knotfab_formats.errors import InputError
+from knotfab_formats.knots import parse_knot_name
+from knotfab_formats.piece import Piece
+from knotfab_formats.scene import Scene
 from knotfab_formats.search import PRESETS
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.knots.knot_types import knot_types

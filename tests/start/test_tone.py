@@ -1,18 +1,22 @@
 """Greys by the spacing of one line: the spread of points, the tour, and the drawing."""
 
+from __future__ import annotations
+
 from itertools import permutations
 
 import numpy as np
 import pytest
 from scipy import ndimage
 
-from knotfab.base.errors import InputError
 from knotfab.design.frames import widen_targets
 from knotfab.picture.read import Target
 from knotfab.scene.catalogue import asked_for, resolve
 from knotfab.start.filling import simple_curves
 from knotfab.start.tone import draw_tones, shortest_tour, spread_points
-from knotfab_formats.scene import Material, Scene, View
+from knotfab_formats.errors import InputError
+from knotfab_formats.piece import Material
+from knotfab_formats.scene import Scene
+from knotfab_formats.views import View
 
 WIDTH, GAP = 8.0, 2.0  # px
 

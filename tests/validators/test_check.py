@@ -1,11 +1,13 @@
 """Checks pass on the right side of their limit, and never on NaN."""
 
+from __future__ import annotations
+
 import json
 import math
 
 import pytest
 
-from knotfab_formats.records import plain
+from knotfab_formats.errors import plain
 from knotfab_validators.check import at_least, at_most, skip_check
 
 

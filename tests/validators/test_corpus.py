@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from validator_parts import PlainView
 
-from knotfab_formats import checks as names
-from knotfab_formats.scene import Printer, Region
+from knotfab_formats import verdict as names
+from knotfab_formats.piece import Printer, Region
 from knotfab_validators import Check, validate
-from knotfab_validators.files.plates import Plate
+from knotfab_validators.files.mesh import Plate
 from knotfab_validators.files.scene import parse_scene
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh
@@ -20,11 +20,11 @@ from knotfab_validators.part_checks import part_checks
 from knotfab_validators.printing.plates import check_plates
 from knotfab_validators.printing.printability import printability_checks
 from knotfab_validators.shadows.exact_shadow import shadow_lines, shadow_mask
-from knotfab_validators.shadows.shadow_checks import shadow_checks
+from knotfab_validators.shadows.part_shadows import shadow_checks
 from knotfab_validators.shadows.verify_view import VerifiedView, verify_view
 from knotfab_validators.shadows.view import view_geometry
 from knotfab_validators.tube.clearance import check_clearance
-from knotfab_validators.tube.mount_matter import strand_faces
+from knotfab_validators.tube.mount_members import strand_faces
 from knotfab_validators.tube.region import check_build_volume, check_region
 from knotfab_validators.tube.thickness import check_bend, check_length, check_thickness
 from knotfab_validators.tube.tube_fit import check_tube

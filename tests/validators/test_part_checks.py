@@ -1,13 +1,14 @@
 """What is checked follows from the files that are given; limits follow from knots and scene."""
 
+from __future__ import annotations
+
 import numpy as np
 import pytest
 from validator_parts import circle, tube
 
-from knotfab_formats.checks import KNOTS, PLATES, PRINTING
-from knotfab_formats.checks import MESH as MESH_CHECKS
-from knotfab_validators.check import Check
-from knotfab_validators.files.plates import Plate
+from knotfab_formats.verdict import KNOTS, PLATES, PRINTING, Check
+from knotfab_formats.verdict import MESH as MESH_CHECKS
+from knotfab_validators.files.mesh import Plate
 from knotfab_validators.files.scene import Scene, parse_scene
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh

@@ -1,5 +1,7 @@
 """What the worker of the validators answers: verdicts, whole or of two halves."""
 
+from __future__ import annotations
+
 import json
 from collections.abc import Iterator
 from pathlib import Path

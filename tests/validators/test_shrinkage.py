@@ -9,9 +9,9 @@ import pytest
 from PIL import Image
 from validator_parts import PlainView, circle, tube
 
-from knotfab_validators.files.bad_file import BadFile
-from knotfab_validators.files.knots import read_knots
+from knotfab_validators.check import BadFile
 from knotfab_validators.files.mesh import read_mesh
+from knotfab_validators.files.scene import read_knots
 from knotfab_validators.shadows.exact_shadow import shadow_lines, shadow_mask
 from knotfab_validators.shadows.view import view_geometry
 from knotfab_validators.validate import validate

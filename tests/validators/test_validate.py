@@ -1,5 +1,7 @@
 """The driver on written files: right ones pass, and each wrong one fails the check that it must."""
 
+from __future__ import annotations
+
 import json
 import shutil
 from dataclasses import replace
@@ -11,9 +13,8 @@ from PIL import Image
 from small_views import needs_rendering
 from validator_parts import Array, PlainView, trefoil, tube
 
-from knotfab_formats.checks import KNOTS
-from knotfab_formats.records import plain, read_as
-from knotfab_formats.verdict import Verdict
+from knotfab_formats.errors import plain, read_as
+from knotfab_formats.verdict import KNOTS, Verdict
 from knotfab_validators.check import skip_check
 from knotfab_validators.files.picture import read_silhouette
 from knotfab_validators.shadows.exact_shadow import shadow_lines, shadow_mask

@@ -54,7 +54,7 @@ def test_what_is_loaded_late_passes_the_wall_too(tmp_path: Path) -> None:
 sys.path.insert(0, {str(SHARED)!r})
 from pathlib import Path
 from validator_parts import circle, tube
-from knotfab_validators.files.knots import parse_knots
+from knotfab_validators.files.scene import parse_knots
 from knotfab_validators.files.mesh import read_mesh
 from knotfab_validators.part_checks import part_checks
 v, f = tube(circle(60, 20.0), 3.0, 24)

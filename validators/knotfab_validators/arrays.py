@@ -2,11 +2,47 @@
 
 from __future__ import annotations
 
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, ParamSpec, TypeVar, cast
+
+import numba
 import numpy as np
 from numpy.typing import NDArray
-
-__all__ = ["Array", "Ints", "Mask"]
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Mask = NDArray[np.bool_]
+
+
+# Loops compiled by numba: once on a machine, kept on disk where there is a place to write.
+
+
+_In = ParamSpec("_In")
+_Out = TypeVar("_Out")
+_ROOM_BYTES = 16_000_000  # all loops of both packages take a third of it
+
+
+def compiled(function: Callable[_In, _Out]) -> Callable[_In, _Out]:
+    """Compile a function of arrays and numbers when it is first called.
+
+    Floating point is that of IEEE, in the order that is written, and a division by zero gives what it gives
+    in numpy. What is compiled is kept beside the source, or else in NUMBA_CACHE_DIR or the user's
+    cache; where none of these can be written, or the disk is full, it is compiled anew in each process.
+    """
+    try:
+        loop = numba.njit(cache=True, nogil=True, error_model="numpy")(function)
+        if not _has_room(loop):
+            raise RuntimeError("the disk is full")
+    except RuntimeError:  # no place for the cache
+        loop = numba.njit(nogil=True, error_model="numpy")(function)
+    return cast("Callable[_In, _Out]", loop)
+
+
+def _has_room(loop: Any) -> bool:
+    """Tell whether the disk can take a loop's machine code, or has it already."""
+    stats = getattr(loop, "stats", None)  # NUMBA_DISABLE_JIT leaves the function as it is
+    if stats is None or shutil.disk_usage(stats.cache_path).free >= _ROOM_BYTES:
+        return True
+    return any(Path(stats.cache_path).glob(f"*{loop.__qualname__}-*.nbi"))

@@ -3,27 +3,18 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+import stat
+import time
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from itertools import islice
+from pathlib import Path
 
 import numpy as np
 
 from knotfab_formats.verdict import Check, Place, Status
 from knotfab_validators.arrays import Array, Ints
-
-__all__ = [
-    "Check",
-    "Place",
-    "Status",
-    "at_least",
-    "at_most",
-    "places",
-    "rescale",
-    "skip_check",
-    "spot",
-    "worst_apart",
-]
 
 MOST_PLACES = 20  # places of one check; a picture with more of them shows nothing
 MOST_COMPARED = 2000
@@ -126,3 +117,54 @@ def worst_apart(values: Array, points: Array, apart: float, above: float) -> Int
         if np.linalg.norm(points[kept] - points[i], axis=1).min() > apart:
             kept.append(int(i))
     return np.array(kept, dtype=np.int64)
+
+
+# The cost of each stage, in seconds.
+
+
+@contextmanager
+def time_stage(seconds: dict[str, float], stage: str) -> Iterator[None]:
+    """Add the seconds spent inside to `seconds[stage]`."""
+    start = time.perf_counter()
+    try:
+        yield
+    finally:
+        seconds[stage] = seconds.get(stage, 0.0) + time.perf_counter() - start
+
+
+# The one error that every reader refuses files with, and limits on what files may hold.
+
+
+MOST_TRIANGLES = 20_000_000
+"""The triangles that one file may have: more would not fit the memory of the machines meant for checks."""
+
+MOST_MM = 1e7
+"""Ten kilometres: coordinates beyond are nonsense or another unit, and squares of squares overflow."""
+
+DECIMAL_COMMA = "its numbers have decimal commas, such as 1,5: export it with decimal points"
+
+
+class BadFile(ValueError):
+    """A file that cannot be read; the message is one sentence that names it."""
+
+
+def read_bytes(path: Path, most: int) -> bytes:
+    """Read the content of a regular file of at most `most` bytes; anything else would hang or never end.
+
+    Raises:
+        BadFile: it is a folder, a device or a pipe, is too large, or cannot be read.
+    """
+    try:
+        about = path.stat()
+        if stat.S_ISDIR(about.st_mode):
+            raise BadFile(f"{path.name}: is a folder, not a file")
+        if not stat.S_ISREG(about.st_mode):
+            raise BadFile(f"{path.name}: is not a plain file")
+        if about.st_size > most:
+            raise BadFile(f"{path.name}: is larger than {most / 1e6:.6g} MB")
+        return path.read_bytes()
+    except (OSError, ValueError) as error:
+        if isinstance(error, BadFile):
+            raise
+        why = getattr(error, "strerror", None) or error
+        raise BadFile(f"{path.name}: cannot be read ({why})") from error

@@ -9,32 +9,29 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from knotfab_formats.checks import HELD, KNOTS, MESH, PRINTING
+from knotfab_formats.verdict import HELD, KNOTS, MESH, PRINTING, Check
 from knotfab_validators.arrays import Array
-from knotfab_validators.check import Check, skip_check
-from knotfab_validators.clock import time_stage
-from knotfab_validators.files.plates import Plate
+from knotfab_validators.check import skip_check, time_stage
+from knotfab_validators.files.mesh import Plate
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.knots.knot_types import knot_checks
 from knotfab_validators.mesh.surface_checks import check_mesh
-from knotfab_validators.printing.level import check_level
 from knotfab_validators.printing.plates import check_plates, check_plates_printable
 from knotfab_validators.printing.printability import printability_checks
+from knotfab_validators.printing.standing import check_level
 from knotfab_validators.tube.centre_line import check_centre_lines
 from knotfab_validators.tube.clearance import check_clearance
-from knotfab_validators.tube.mount_matter import strand_faces
-from knotfab_validators.tube.mount_members import check_mount
+from knotfab_validators.tube.mount_members import check_mount, strand_faces
 from knotfab_validators.tube.region import check_build_volume, check_region
 from knotfab_validators.tube.thickness import check_bend, check_length, check_thickness
 from knotfab_validators.tube.tube_fit import check_tube, measure_proud
 
 if TYPE_CHECKING:
     from knotfab_formats.bounds import Matrix
-    from knotfab_formats.scene import Mount
+    from knotfab_formats.piece import Mount
     from knotfab_validators.files.scene import Scene
 
-__all__ = ["part_checks"]
 
 PLATE_HOLES = 2  # holes for the screws
 Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # turns y up into z up

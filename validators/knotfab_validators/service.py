@@ -20,13 +20,14 @@ from collections.abc import Iterator
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
-from knotfab_formats.records import plain, read_as
+from knotfab_formats.errors import plain, read_as
 from knotfab_formats.verdict import Verdict
 
 if TYPE_CHECKING:
     from knotfab_validators.geometry.mesh import Mesh
     from knotfab_validators.shadows.view import ViewGeometry
     from knotfab_validators.validate import Piece
+
 
 GEOMETRY = ("igl", "pymeshlab", "scipy.spatial", "scipy.sparse.csgraph")
 
@@ -75,8 +76,7 @@ def _measure_surface() -> None:
     import numpy as np
 
     from knotfab_validators.geometry.curves import Curves
-    from knotfab_validators.geometry.heap import overlapping_boxes
-    from knotfab_validators.geometry.surface import flat_faces
+    from knotfab_validators.geometry.surface import flat_faces, overlapping_boxes
     from knotfab_validators.geometry.triangles import triangle_triangle
     from knotfab_validators.tube.clearance import check_clearance
 
@@ -91,9 +91,9 @@ def _cast_shadows() -> None:
     """Run every compiled loop that casts shadows."""
     import numpy as np
 
-    from knotfab_validators.shadows.cast import ShadowCaster
-    from knotfab_validators.shadows.distance import depth_in
-    from knotfab_validators.shadows.layers import layered_mask
+    from knotfab_validators.shadows.exact_shadow import ShadowCaster
+    from knotfab_validators.shadows.misplacement import layered_mask
+    from knotfab_validators.shadows.outlines import depth_in
     from knotfab_validators.shadows.tube_field import tube_field
 
     mesh, geometry = _triangle(), _view()
@@ -122,7 +122,7 @@ def _read(piece: str, part: str | None, knots: str | None, scene: str | None, un
 
 def answer(request: dict[str, Any], told: object) -> dict[str, Any]:
     """Return the verdict on written files."""
-    from knotfab_validators.files.bad_file import BadFile
+    from knotfab_validators.check import BadFile
     from knotfab_validators.validate import Found, conclude_piece, measure_piece
 
     del told

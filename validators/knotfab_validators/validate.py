@@ -8,27 +8,30 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from knotfab_formats.checks import FILES, PRINTER, SHADOWS, TABLE
-from knotfab_formats.verdict import Colours, Verdict, View, exit_code
-from knotfab_validators.check import Check, rescale, skip_check
-from knotfab_validators.clock import time_stage
-from knotfab_validators.conclusion import ask_unit, conclude, size_of
-from knotfab_validators.failure_picture import draw_failures
-from knotfab_validators.files.bad_file import BadFile
-from knotfab_validators.files.knots import read_knots
-from knotfab_validators.files.mesh import read_mesh
-from knotfab_validators.files.plates import Plate, read_plates, read_table
+from knotfab_formats.verdict import (
+    FILES,
+    PRINTER,
+    SHADOWS,
+    TABLE,
+    Check,
+    Colours,
+    Verdict,
+    View,
+    exit_code,
+)
+from knotfab_validators.check import BadFile, rescale, skip_check, time_stage
+from knotfab_validators.conclusion import ask_unit, conclude, draw_failures, size_of
+from knotfab_validators.files.mesh import Plate, read_mesh, read_plates, read_table
+from knotfab_validators.files.scene import read_knots
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.mesh.same_surface import check_same_3mf
 from knotfab_validators.part_checks import part_checks
-from knotfab_validators.shadows.part_shadows import verify_shadows
-from knotfab_validators.shadows.shadow_checks import skip_shadow_checks
+from knotfab_validators.shadows.part_shadows import skip_shadow_checks, verify_shadows
 
 if TYPE_CHECKING:
     from knotfab_validators.files.scene import Scene
 
-__all__ = ["Half", "Piece", "Verdict", "conclude_piece", "measure_piece", "read_piece", "validate"]
 
 FilePath = str | PathLike[str]
 Half = Literal["geometry", "shadows"]

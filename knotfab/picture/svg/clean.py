@@ -9,12 +9,9 @@ from collections.abc import Callable
 from urllib.parse import unquote_to_bytes
 from xml.etree.ElementTree import Element
 
-from knotfab.base.errors import InputError
-from knotfab.picture.data_uri import data_uri, image_uri
-from knotfab.picture.raster import decode
+from knotfab.picture.raster import data_uri, decode, image_uri
 from knotfab.picture.svg.xml import SVG, local_name, looks_like_svg
-
-__all__ = ["clean", "refuse_outside"]
+from knotfab_formats.errors import InputError
 
 _HREFS = ("href", "{http://www.w3.org/1999/xlink}href")
 _ALONE = "Save it as a plain SVG that stands alone (links embedded or removed)."

@@ -8,8 +8,6 @@ from typing import Any
 
 import tinycss2
 
-__all__ = ["to_hex"]
-
 _KEPT = ("inherit", "context-fill", "context-stroke", "none")
 _SPACES = {"xyz": "xyz-d65"}
 _PLAIN = re.compile(r"#(?:[0-9a-f]{3}|[0-9a-f]{6})", re.I)

@@ -10,10 +10,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from knotfab.base.errors import InputError
 from knotfab.base.pool import tie
-
-__all__ = ["draw_svg"]
+from knotfab_formats.errors import InputError
 
 _PYTHON = sys.executable
 _SECONDS = 20  # processor time

@@ -9,8 +9,6 @@ from knotfab.picture.fonts import find_family, find_font, supply_fonts
 from knotfab.picture.svg.style import Styles
 from knotfab.picture.svg.xml import SVG
 
-__all__ = ["choose_fonts"]
-
 _SANS, _SERIF, _MONO = "DejaVu Sans", "DejaVu Serif", "DejaVu Sans Mono"
 _GENERIC = {
     **dict.fromkeys(("serif", "ui-serif", "math"), _SERIF),

@@ -6,15 +6,13 @@ import struct
 from typing import Any
 from xml.etree.ElementTree import tostring
 
-from knotfab.base.errors import InputError, shown
 from knotfab.picture.fonts import supplied_folder
 from knotfab.picture.raster import LARGEST_SIDE, SMALLEST_SIDE
 from knotfab.picture.svg.clean import clean
 from knotfab.picture.svg.draw import draw_svg
 from knotfab.picture.svg.size import CSS_DPI, set_pixel_size
 from knotfab.picture.svg.xml import parse_svg
-
-__all__ = ["LONGER_SIDE", "Notes", "render", "render_svg"]
+from knotfab_formats.errors import InputError, shown
 
 LONGER_SIDE = 2048  # px of what is drawn
 

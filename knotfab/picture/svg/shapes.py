@@ -26,9 +26,6 @@ from knotfab.picture.svg.transforms import (
 )
 from knotfab.picture.svg.xml import SVG, XLINK, local_name
 
-__all__ = ["place"]
-
-
 _UNEVEN = 1.01  # a stroke stretched by less is as wide to every side
 _CALLS = frozenset([*MOVING, "vector-effect"])
 

@@ -6,9 +6,7 @@ import math
 import re
 from xml.etree.ElementTree import Element
 
-from knotfab.base.errors import InputError
-
-__all__ = ["CSS_DPI", "read_length", "set_pixel_size"]
+from knotfab_formats.errors import InputError
 
 CSS_DPI = 96.0  # CSS Values 3, section 6.2: 96 px to the inch
 _FONT_PX = 16.0  # the usual font, by which em and ex are measured

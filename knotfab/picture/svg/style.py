@@ -18,13 +18,11 @@ from xml.etree.ElementTree import Element
 import cssselect2
 import tinycss2
 
-from knotfab.base.errors import InputError
 from knotfab.picture.svg.clean import refuse_outside
 from knotfab.picture.svg.colour import to_hex
 from knotfab.picture.svg.size import read_length
 from knotfab.picture.svg.xml import SVG, local_name
-
-__all__ = ["MOVING", "Styles", "compute_styles", "write_styles"]
+from knotfab_formats.errors import InputError
 
 Tokens = Sequence[Any]
 

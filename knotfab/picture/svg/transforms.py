@@ -11,8 +11,6 @@ from fontTools.misc.transform import Identity, Transform
 
 from knotfab.picture.svg.size import read_length
 
-__all__ = ["NUMBER", "Box", "UnreadableError", "as_function", "read_list", "read_origin", "spread"]
-
 _FUNCTION = re.compile(r"\s*,?\s*([A-Za-z0-9]+)\s*\(([^()]*)\)")
 NUMBER = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?)([a-z%]*)", re.I)
 _ANGLES = {"": 180.0, "deg": 180.0, "grad": 200.0, "rad": math.pi, "turn": 0.5}

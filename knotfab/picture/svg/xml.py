@@ -10,9 +10,7 @@ from typing import Any
 from xml.etree.ElementTree import Element, TreeBuilder
 from xml.parsers import expat
 
-from knotfab.base.errors import InputError
-
-__all__ = ["SVG", "XLINK", "local_name", "looks_like_svg", "parse_svg", "unzip"]
+from knotfab_formats.errors import InputError
 
 SVG = "http://www.w3.org/2000/svg"
 XLINK = "http://www.w3.org/1999/xlink"

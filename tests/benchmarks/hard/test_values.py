@@ -26,7 +26,7 @@ from benchmarks.hard.values import (
     round_trip_share,
 )
 from benchmarks.hard.worst import HUNTS, KEPT
-from knotfab.torch_forms.network import Coupling
+from knotfab.apps.paper.network import Coupling
 from paper.losses import mobius_loss
 
 pytestmark = pytest.mark.slow

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from knotfab.base.errors import InputError
 from knotfab.picture.read import Target, read_target
+from knotfab_formats.errors import InputError
 
 SIDE = 512  # px: tests/conftest.py draws no larger
 VIEW_BOX = 'viewBox="0 0 40 20"'

@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from knotfab_validators.files.bad_file import BadFile
-from knotfab_validators.files.knots import read_knots
-from knotfab_validators.files.scene import read_scene
+from knotfab_validators.check import BadFile
+from knotfab_validators.files.scene import read_knots, read_scene
 from tests.corpus.cube_files import MESH, as_3mf, cube_obj, model, seeds
 from tests.corpus.examine import examine, read_mesh
 from tests.corpus.fuzzed import fuzz_file

@@ -1,11 +1,13 @@
 """What strangers' files have that a standard does not ask for is read and said, or refused by its name."""
 
+from __future__ import annotations
+
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from knotfab_validators.files.bad_file import BadFile
+from knotfab_validators.check import BadFile
 from knotfab_validators.geometry.mesh import Mesh, enclosed_volume
 from tests.corpus.cube_files import MESH, RELATIONS, as_3mf, cube_obj, cube_stl, cube_text, model
 from tests.corpus.examine import read_mesh

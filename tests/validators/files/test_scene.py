@@ -1,12 +1,22 @@
 """scene.toml is read with the documented defaults; test_hostile.py has impossible values."""
 
+from __future__ import annotations
+
+import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 from region_meshes import KNOT, box_mesh
 
-from knotfab_validators.files.bad_file import BadFile
-from knotfab_validators.files.scene import parse_scene, read_region_mesh, read_scene
+from knotfab_validators.check import BadFile
+from knotfab_validators.files.scene import (
+    parse_knots,
+    parse_scene,
+    read_knots,
+    read_region_mesh,
+    read_scene,
+)
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.tube.region import check_region
 from tests.corpus.files import encode
@@ -99,3 +109,20 @@ def test_a_scene_reads_its_mesh_and_says_what_is_wrong_with_it(tmp_path: Path) -
             read_scene(scene)
     bare = parse_scene({"region": {"kind": "mesh", "file": "room.stl"}}).region
     assert check_region(bare, None, KNOT).status == "skipped"
+
+
+# knots.json is read bit for bit; test_hostile.py has what is no such file.
+
+
+def test_points_come_back_bit_for_bit_without_a_radius_too(tmp_path: Path) -> None:
+    points = np.random.default_rng(0).normal(size=(50, 3)) * 100
+    knot = {"closed": True, "type": "3_1", "points": points.tolist()}
+    content = {"schema": 1, "unit": "mm", "radius_mm": 0.2, "knots": [knot]}
+    (tmp_path / "knots.json").write_text(json.dumps(content))
+    curves = read_knots(tmp_path / "knots.json")
+    assert np.array_equal(curves.polygons[0], points)
+    assert curves.types == ("3_1",) and curves.closed == (True,) and curves.radius_mm == 0.2
+    edges = np.roll(points, -1, axis=0) - points
+    assert curves.length_mm == pytest.approx(np.linalg.norm(edges, axis=1).sum())
+    del content["radius_mm"]
+    assert parse_knots(content).radius_mm is None

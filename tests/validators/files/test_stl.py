@@ -1,5 +1,7 @@
 """Triangles of STL files, binary and text, are read as they are."""
 
+from __future__ import annotations
+
 from pathlib import Path
 
 import numpy as np

@@ -1,10 +1,12 @@
 """A 3MF's components and transforms are placed as lib3mf places them, over several parts as well."""
 
+from __future__ import annotations
+
 import lib3mf
 import numpy as np
 import pytest
 
-from knotfab_validators.files.bad_file import MOST_TRIANGLES, BadFile
+from knotfab_validators.check import MOST_TRIANGLES, BadFile
 from knotfab_validators.files.threemf import DEEPEST, corners_3mf
 from tests.corpus.cube_files import CORE, MESH, as_3mf, model
 

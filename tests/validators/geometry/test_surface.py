@@ -1,5 +1,7 @@
 """What a mesh is made of: bodies, genera and volumes of known solids."""
 
+from __future__ import annotations
+
 import numpy as np
 import pytest
 from damaged_rings import ring, two

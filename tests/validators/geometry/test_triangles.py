@@ -1,5 +1,7 @@
 """Distances between triangles, and whether they cross, against plain references."""
 
+from __future__ import annotations
+
 import numpy as np
 import pytest
 from validator_parts import tangle, tube

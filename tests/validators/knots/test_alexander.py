@@ -1,5 +1,7 @@
 """The Alexander polynomial by primes, against the same determinant over the rationals."""
 
+from __future__ import annotations
+
 import numpy as np
 import pytest
 from diagrams import WORDS

@@ -1,5 +1,7 @@
 """Invariants of diagrams: exact values, agreement of independent ways, and what never changes them."""
 
+from __future__ import annotations
+
 import pytest
 from diagrams import TREFOIL, WORDS, diagram, powers
 from knot_curves import (
@@ -13,12 +15,20 @@ from knot_curves import (
     torus_knot,
 )
 
-from knotfab_validators.knots.alexander import alexander_polynomial, colouring_number
-from knotfab_validators.knots.floer import Floer
-from knotfab_validators.knots.invariants import UNKNOT, Disagreement, Invariants, invariants
-from knotfab_validators.knots.jones import jones_polynomial
-from knotfab_validators.knots.planar_diagram import closed_braid
-from knotfab_validators.knots.polynomial import Laurent
+from knotfab_validators.knots.alexander import (
+    alexander_polynomial,
+    colouring_number,
+    jones_polynomial,
+)
+from knotfab_validators.knots.invariants import (
+    UNKNOT,
+    Disagreement,
+    Floer,
+    Invariants,
+    floer_homology,
+    invariants,
+)
+from knotfab_validators.knots.planar_diagram import Laurent, closed_braid
 
 
 def test_values_of_the_trefoils_and_the_figure_eight() -> None:
@@ -124,3 +134,17 @@ def test_sums_multiply() -> None:
     assert invariants(closed_braid([1] * 3 + [-2] * 3)) == square
     unknown = Invariants(granny.alexander, granny.signature, None, None)
     assert unknown.fits(granny) and granny.fits(unknown) and (unknown * right).jones is None
+
+
+# Knot Floer homology is left out where its program cannot answer.
+
+
+def test_floer_homology_is_left_out_where_it_would_take_too_long() -> None:
+    one, much = Laurent(0, (1,)), Laurent(0, (2000,))
+    assert floer_homology(closed_braid([1] * 25), much) is not None
+    assert floer_homology(closed_braid([1] * 25), Laurent(0, (-2001,))) is None
+    assert floer_homology(closed_braid([1] * 27), much) is None
+    assert floer_homology(closed_braid([1] * 31), one) is not None
+    assert floer_homology(closed_braid([1] * 33), one) is None
+    assert floer_homology(closed_braid([1, 1]), one) is None  # a link
+    assert floer_homology(closed_braid([1]), one) is None  # which the program refuses

@@ -1,5 +1,7 @@
 """Knot types: proofs on curves whose type is known, and promises that must be refuted."""
 
+from __future__ import annotations
+
 from dataclasses import replace
 
 import numpy as np
@@ -19,13 +21,12 @@ from knot_curves import (
     zigzag,
 )
 
-from knotfab_validators.check import Check
+from knotfab_formats.verdict import Check
 from knotfab_validators.geometry.curves import Curves
-from knotfab_validators.knots.floer import Floer
 from knotfab_validators.knots.identity import identify
+from knotfab_validators.knots.invariants import Floer
 from knotfab_validators.knots.knot_types import knot_checks, knot_types
-from knotfab_validators.knots.reduction import general_position, may_pierce, reduce_polygons
-from knotfab_validators.knots.table import (
+from knotfab_validators.knots.names import (
     Factor,
     braid_of,
     braid_word,
@@ -33,6 +34,7 @@ from knotfab_validators.knots.table import (
     known_knot,
     prime_names,
 )
+from knotfab_validators.knots.reduction import general_position, may_pierce, reduce_polygons
 
 SMALL = [name for name in prime_names() if int(name.split("_")[0]) <= 8]
 LARGE = ["9_35", "9_42", "10_48", "10_132", "10_139", "10_161", "10_165"]

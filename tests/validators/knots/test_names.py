@@ -1,9 +1,22 @@
 """The table of knots against its braids, and the names by which a knot may be promised."""
 
+from __future__ import annotations
+
 import pytest
 
-from knotfab_formats.knot_names import BRAIDS, parse_knot_name
-from knotfab_validators.knots.names import asked_knot, promised_knot
+from knotfab_formats.knots import BRAIDS, parse_knot_name
+from knotfab_validators.knots.invariants import UNKNOT, invariants
+from knotfab_validators.knots.names import (
+    Factor,
+    asked_knot,
+    braid_word,
+    candidates,
+    is_amphichiral,
+    known_knot,
+    prime_names,
+    promised_knot,
+)
+from knotfab_validators.knots.planar_diagram import closed_braid
 
 
 @pytest.mark.parametrize(
@@ -97,3 +110,124 @@ def test_a_hand_that_a_scene_asks_for_excludes_the_other() -> None:
     assert [knot.name for knot in asked_knot("left trefoil").meant] == ["left-handed 3_1"]
     assert [knot.name for knot in asked_knot("right 5_2").meant] == ["right-handed 5_2"]
     assert asked_knot("clover").meant == ()
+
+
+# The table of knots: complete, with the invariants of its braids, and recognised from them.
+
+
+# Determinants in Rolfsen's table up to 8 crossings, as printed there.
+DETERMINANTS = {
+    3: (3,),
+    4: (5,),
+    5: (5, 7),
+    6: (9, 11, 13),
+    7: (7, 11, 13, 15, 17, 19, 21),
+    8: (13, 17, 17, 19, 21, 23, 23, 25, 25, 27, 27, 29, 29, 31, 33, 35, 37, 45, 3, 9, 15),
+}
+
+
+# KnotInfo has these braids; most are other words than the table's.
+ELSEWHERE = {
+    "5_2": (1, 1, 1, 2, -1, 2),
+    "6_1": (1, 1, 2, -1, -3, 2, -3),
+    "6_2": (1, 1, 1, -2, 1, -2),
+    "7_4": (1, 1, 2, -1, 2, 2, 3, -2, 3),
+    "7_7": (-1, 2, -1, 2, -3, 2, -3),
+    "8_3": (1, 1, 2, -1, -3, 2, -3, -4, 3, -4),
+    "8_8": (-1, -1, -1, -2, 1, 3, -2, 3, 3),
+    "8_17": (1, 1, -2, 1, -2, 1, -2, -2),
+    "8_20": (1, 1, 1, -2, -1, -1, -1, -2),
+    "8_21": (1, 1, 1, 2, -1, -1, 2, 2),
+    "9_35": (1, 1, 2, -1, 2, 2, 3, -2, -2, 4, -3, 2, 4, 3),
+    "9_42": (-1, -1, -1, 2, 1, 1, -3, 2, -3),
+    "10_67": (1, 1, 1, 3, -4, 2, 3, -4, -2, -2, 3, 2, -1, 2),
+    "10_104": (-1, -1, -1, 2, 2, -1, 2, -1, 2, 2),
+    "10_112": (-1, -1, -1, 2, -1, 2, -1, 2, -1, 2),
+    "10_161": (1, 1, 1, 2, -1, 2, 1, 1, 2, 2),
+    "10_162": (-1, -1, -2, 1, 1, -2, -2, -1, 3, -2, 3),
+    "10_165": (-1, -1, -2, 1, 3, -2, 1, -2, -3, -3, -2),
+}
+
+
+TWINS = [
+    {"8_8", "10_129"},
+    {"8_16", "10_156"},
+    {"9_12", "4_1#5_2"},
+    {"10_25", "10_56"},
+    {"10_40", "10_103"},
+]
+
+
+NO_HAND = {"10_48", "10_71", "10_91", "10_104"}  # chiral, and no invariant here sees it
+
+
+def factor(name: str, hand: int = 1) -> Factor:
+    crossings, number = map(int, name.split("_"))
+    return Factor(crossings, number, 0 if is_amphichiral(name) else hand)
+
+
+def test_the_table_is_complete() -> None:
+    counts = [sum(name.startswith(f"{n}_") for name in prime_names()) for n in range(3, 11)]
+    assert counts == [1, 1, 2, 3, 7, 21, 49, 165]  # OEIS A002863
+    found = [
+        sum(name.startswith(f"{n}_") and is_amphichiral(name) for name in prime_names())
+        for n in (4, 6, 8, 10)
+    ]
+    assert found == [1, 1, 5, 13]  # OEIS A052401
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("crossings", range(3, 11))
+def test_the_invariants_are_those_of_the_braids(crossings: int) -> None:
+    """So Alexander polynomial and Floer homology agree for all of them, too."""
+    for name in prime_names():
+        if not name.startswith(f"{crossings}_"):
+            continue
+        found = invariants(closed_braid(braid_word(name)))
+        known = known_knot((factor(name),)).invariants
+        assert found == known, name
+        mirror = invariants(closed_braid([-k for k in braid_word(name)]))
+        assert mirror == known.mirror() == known_knot((factor(name, -1),)).invariants or (
+            is_amphichiral(name) and mirror == known
+        )
+        assert known.hand == (0 if is_amphichiral(name) or name in NO_HAND else 1)
+        assert (mirror == known) == (is_amphichiral(name) or name in NO_HAND)
+
+
+def test_determinants_are_those_of_rolfsens_table() -> None:
+    for crossings, values in DETERMINANTS.items():
+        for number, value in enumerate(values, start=1):
+            knot = known_knot((factor(f"{crossings}_{number}"),))
+            assert knot.invariants.determinant == value
+
+
+@pytest.mark.parametrize("name", ELSEWHERE)
+def test_braids_from_elsewhere_are_recognised(name: str) -> None:
+    found = invariants(closed_braid(ELSEWHERE[name]))
+    names = {x.name for knot in candidates(found) for x in knot.factors}
+    assert name in names and len({len(k.factors) for k in candidates(found)}) == 1
+
+
+def test_few_knots_of_ten_crossings_are_not_told_apart() -> None:
+    pairs = set()
+    singles = [(factor(name),) for name in prime_names()]
+    for factors in [*singles, (factor("4_1"), factor("5_2"))]:
+        knots = candidates(known_knot(factors).invariants)
+        names = {knot.name for knot in knots if knot.crossings <= 10}
+        assert known_knot(factors).name in names
+        if len(names) > 1:
+            pairs.add(frozenset(names))
+    twins = {frozenset(f"right-handed {name}" for name in pair) for pair in TWINS}
+    both = {frozenset({f"right-handed {name}", f"left-handed {name}"}) for name in NO_HAND}
+    assert pairs == twins | both
+
+
+def test_candidates() -> None:
+    assert [knot.name for knot in candidates(UNKNOT)] == ["unknot"]
+    square = known_knot((factor("3_1"), factor("3_1", -1)))
+    assert [knot.name for knot in candidates(square.invariants)] == ["3_1#m3_1"]
+    eight = known_knot((factor("8_20"),))  # with the Alexander polynomial of the square
+    assert eight.invariants.alexander == square.invariants.alexander
+    assert [knot.name for knot in candidates(eight.invariants)] == ["right-handed 8_20"]
+    nine = invariants(closed_braid([1] * 9 + [-2] * 3))
+    assert [knot.name for knot in candidates(nine)] == ["m3_1#9_1"]

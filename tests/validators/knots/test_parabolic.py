@@ -1,14 +1,16 @@
 """Representations in PSL(2, p): known values, and what they tell apart."""
 
+from __future__ import annotations
+
 from itertools import combinations
 
 import pytest
 from knot_curves import random_markov
 
-from knotfab_validators.knots.parabolic import PRIMES, cusp_counts
+from knotfab_validators.knots.names import Factor, braid_of, braid_word, candidates, known_knot
 from knotfab_validators.knots.planar_diagram import PlanarDiagram, closed_braid
+from knotfab_validators.knots.projection import PRIMES, cusp_counts
 from knotfab_validators.knots.rerouting import reroute
-from knotfab_validators.knots.table import Factor, braid_of, braid_word, candidates, known_knot
 
 
 def diagram_of(name: str) -> PlanarDiagram:

@@ -1,21 +1,26 @@
 """Diagrams: mirror images and simplifying change what they must, and nothing else."""
 
+from __future__ import annotations
+
+import itertools
+
 import pytest
-from diagrams import TREFOIL, WORDS
+from diagrams import TREFOIL, WORDS, powers
 
 from knotfab_validators.knots.alexander import (
     alexander_polynomial,
     colouring_number,
     colouring_remainder,
+    jones_polynomial,
 )
-from knotfab_validators.knots.goeritz import determinant_and_signature
-from knotfab_validators.knots.invariants import invariants
-from knotfab_validators.knots.jones import jones_polynomial
+from knotfab_validators.knots.invariants import determinant_and_signature, invariants
 from knotfab_validators.knots.planar_diagram import (
+    Laurent,
     Passage,
     closed_braid,
     faces,
     from_passages,
+    laurent,
     simplify,
 )
 
@@ -55,3 +60,18 @@ def test_a_crossing_where_the_diagram_falls_in_two_goes() -> None:
     right = invariants(closed_braid(TREFOIL))
     assert jones_polynomial(small) == jones_polynomial(joined)
     assert invariants(joined) == right * right
+
+
+# Laurent polynomials: their text, and what is done with them.
+
+
+def test_polynomials() -> None:
+    one = laurent(-2, [0, 0, 1, -3, 1, 0])
+    assert one == Laurent(0, (1, -3, 1)) and not laurent(3, [0, 0])
+    assert one.text() == "t^2 - 3t + 1" and Laurent(-1, (-1, 3, -1)).text() == "-t + 3 - t^-1"
+    assert Laurent(1, (-1, 0, 0, 0, -1)).text(half=True) == "-t^(5/2) - t^(1/2)"
+    assert Laurent(0, ()).text() == "0" and Laurent(0, (1,)).text() == "1"
+    assert Laurent(-1, (-1, 3, -1)).at_minus_one() == 5 and one.at_one() == -1
+    for i, j in itertools.product(range(-2, 3), repeat=2):
+        product = one.shift(i) * Laurent(0, (2, 1)).shift(j)
+        assert powers(product) == {i + j: 2, i + j + 1: -5, i + j + 2: -1, i + j + 3: 1}

@@ -1,5 +1,7 @@
 """Diagrams of polygons in space: their linking numbers, and directions that tell nothing."""
 
+from __future__ import annotations
+
 import numpy as np
 import pytest
 from diagrams import diagram

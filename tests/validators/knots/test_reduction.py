@@ -1,5 +1,7 @@
 """Reduction: every removal is an isotopy, so unknots vanish, knots stay, and invariants never change."""
 
+from __future__ import annotations
+
 import numpy as np
 import pytest
 from validator_parts import Array, circle, tangle, trefoil

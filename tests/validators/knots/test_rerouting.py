@@ -1,12 +1,14 @@
 """Runs laid elsewhere: fewer crossings, and the same knot."""
 
+from __future__ import annotations
+
 import pytest
 from knot_curves import random_markov
 
 from knotfab_validators.knots.invariants import invariants
+from knotfab_validators.knots.names import Factor, braid_of, braid_word, known_knot, prime_names
 from knotfab_validators.knots.planar_diagram import closed_braid
 from knotfab_validators.knots.rerouting import reroute, summands
-from knotfab_validators.knots.table import Factor, braid_of, braid_word, known_knot, prime_names
 
 
 @pytest.mark.parametrize("name", [*prime_names()[5:80:9], *prime_names()[90::12]])

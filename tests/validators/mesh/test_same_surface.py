@@ -1,5 +1,7 @@
 """The 3MF beside an STL: the same surface in any order, or another one, and where."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from pathlib import Path
 

@@ -1,5 +1,7 @@
 """Walls and gaps of solids whose thickness is known."""
 
+from __future__ import annotations
+
 import numpy as np
 import pytest
 from printed_solids import PRINTER, run
@@ -7,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from solids import blocks, box, move, prism, together
 from validator_parts import circle, tube
 
-from knotfab_formats.scene import Printer
+from knotfab_formats.piece import Printer
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.printing.printability import printability_checks
 

@@ -1,5 +1,7 @@
 """The checks of printability together: turned, without a printer, skipped, and their times."""
 
+from __future__ import annotations
+
 import re
 from types import ModuleType
 
@@ -7,8 +9,8 @@ import pytest
 from printed_solids import BARE, PRINTER, run
 from solids import box, bridge, inward, move, quarter, table, together
 
-from knotfab_formats.checks import PRINTING
-from knotfab_formats.scene import Printer
+from knotfab_formats.piece import Printer
+from knotfab_formats.verdict import PRINTING
 from knotfab_validators.printing import local_thickness, standing
 from knotfab_validators.printing.printability import printability_checks
 

@@ -1,11 +1,13 @@
 """The word that a bending allows: it lowers a verdict, never raises one, and says why."""
 
+from __future__ import annotations
+
 import numpy as np
 import pytest
 from reports import recognition
 
-from knotfab_validators.files.bad_file import BadFile
-from knotfab_validators.files.bent import Bent
+from knotfab_validators.check import BadFile
+from knotfab_validators.files.colours import Bent
 from knotfab_validators.files.scene import parse_scene
 from knotfab_validators.shadows.bending_rule import BENT, judge_bending
 from knotfab_validators.shadows.recognition import UNKNOWN, WORDS

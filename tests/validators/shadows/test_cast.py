@@ -1,5 +1,7 @@
 """Shadows by a table of edges, for light after light: the exact ones, and those that are rendered."""
 
+from __future__ import annotations
+
 from dataclasses import replace
 
 import numpy as np
@@ -8,8 +10,12 @@ from small_views import needs_rendering
 from validator_parts import PlainView, tangle, trefoil, tube
 
 from knotfab_validators.arrays import Array, Mask
-from knotfab_validators.shadows.cast import ShadowCaster
-from knotfab_validators.shadows.exact_shadow import ShadowError, shadow_lines, shadow_mask
+from knotfab_validators.shadows.exact_shadow import (
+    ShadowCaster,
+    ShadowError,
+    shadow_lines,
+    shadow_mask,
+)
 from knotfab_validators.shadows.render import SilhouetteRenderer
 from knotfab_validators.shadows.view import ViewGeometry, view_geometry
 

@@ -1,5 +1,7 @@
 """Colours that several lamps mix: their light, the shares of right ones, and what it costs to move a lamp."""
 
+from __future__ import annotations
+
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -12,20 +14,14 @@ from numpy.typing import NDArray
 from PIL import Image
 from validator_parts import PlainView, circle, tube
 
-from knotfab_formats.scene import Room, View
 from knotfab_formats.verdict import Colours
-from knotfab_validators.files.bad_file import BadFile
+from knotfab_formats.views import Room, View
+from knotfab_validators.check import BadFile
 from knotfab_validators.files.scene import parse_scene
-from knotfab_validators.shadows.cast import ShadowCaster
-from knotfab_validators.shadows.colour_light import (
-    Light,
-    colour_error,
-    light_of,
-    share_of_light,
-    to_srgb,
-)
 from knotfab_validators.shadows.colours import LampShadow, check_colours, measure_colours
+from knotfab_validators.shadows.exact_shadow import ShadowCaster
 from knotfab_validators.shadows.frame import working_frame
+from knotfab_validators.shadows.lamp import Light, colour_error, light_of, share_of_light, to_srgb
 from knotfab_validators.shadows.verify_view import verify_view
 from knotfab_validators.shadows.view import view_geometry
 from knotfab_validators.validate import validate

@@ -1,15 +1,17 @@
 """Slices of a printed part: against points along each ray, and against the part itself."""
 
+from __future__ import annotations
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from region_meshes import CURVE, box_mesh
 from validator_parts import PlainView, tube
 
-from knotfab_formats.scene import Switches
+from knotfab_formats.views import Switches
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.shadows.exact_shadow import shadow_lines, shadow_mask
-from knotfab_validators.shadows.layers import (
+from knotfab_validators.shadows.misplacement import (
     layer_shift_px,
     layered_mask,
     measure_layers,

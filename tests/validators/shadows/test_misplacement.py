@@ -1,5 +1,7 @@
 """Lamp and piece moved for real: what a shift, scale and turn forgive, and what parts."""
 
+from __future__ import annotations
+
 from dataclasses import replace
 
 import numpy as np
@@ -7,9 +9,9 @@ import pytest
 from region_meshes import box_mesh
 from small_views import PIXELS, geometry, needs_rendering
 
-from knotfab_formats.scene import Placing, Switches
 from knotfab_formats.verdict import Move
-from knotfab_validators.files.bad_file import BadFile
+from knotfab_formats.views import Placing, Switches
+from knotfab_validators.check import BadFile
 from knotfab_validators.files.scene import parse_scene
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.shadows.misplacement import (

@@ -1,5 +1,7 @@
 """Rendered silhouettes agree with the exact polygons; a machine that cannot render is told so."""
 
+from __future__ import annotations
+
 import os
 import subprocess
 import sys

@@ -1,5 +1,7 @@
 """A piece or hole that is there and drawn badly is named; one drawn within a reach of its outline is not."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 
 import numpy as np
@@ -8,8 +10,8 @@ from PIL import Image, ImageDraw
 from scipy.ndimage import binary_dilation
 
 from knotfab_validators.arrays import Mask
-from knotfab_validators.shadows.shapes import find_misshapen
-from knotfab_validators.shadows.topology import Change
+from knotfab_validators.shadows.shapes import MOST, Row, find_misshapen, find_rows
+from knotfab_validators.shadows.topology import Box, Change
 
 REACH = 2.0  # a quarter of the tube's radius
 LEAST = 0.9
@@ -93,3 +95,35 @@ def test_a_fine_stroke_is_held_to_the_tube_along_it() -> None:
 def test_two_blank_masks_have_nothing_to_compare() -> None:
     blank = np.zeros((40, 40), dtype=bool)
     assert not find_misshapen(blank, blank, REACH, LEAST)
+
+
+# Rows of text are found among pieces of all sizes, and nothing else is.
+
+
+def letters(x: int, y: int, count: int, width: int = 20, height: int = 30) -> list[Box]:
+    return [(x + (width + 6) * k, y, x + (width + 6) * k + width, y + height) for k in range(count)]
+
+
+def test_rows_are_found_in_any_order_beside_large_pieces() -> None:
+    one, two = letters(100, 50, 5), letters(300, 300, 8)
+    large: list[Box] = [(0, 0, 900, 900), (20, 400, 400, 800)]
+    found = find_rows([*two[::-1], *large, *one], 1024.0)
+    assert sorted(r.pieces for r in found) == [5, 8]
+    assert Row((100, 50, 224, 80), 5) in found
+
+
+def test_two_pieces_a_column_and_what_is_far_apart_are_no_text() -> None:
+    pair, column = letters(0, 0, 2), [(500, 40 * k, 520, 40 * k + 30) for k in range(6)]
+    apart = [(200 * k, 600, 200 * k + 20, 630) for k in range(5)]
+    tall = letters(0, 800, 5, height=200)
+    assert find_rows([*pair, *column, *apart, *tall], 1024.0) == []
+
+
+def test_ascenders_and_the_space_between_words_are_no_end() -> None:
+    row = letters(0, 100, 3) + letters(110, 88, 2, height=42) + letters(190, 100, 4)
+    (found,) = find_rows(row, 1024.0)
+    assert found.pieces == 9
+
+
+def test_noise_is_not_searched() -> None:
+    assert find_rows([(3 * k, 0, 3 * k + 2, 2) for k in range(MOST + 1)], 1024.0) == []

@@ -1,5 +1,7 @@
 """Changes of topology: known edits are found, counted and placed; what an opening undoes is none."""
 
+from __future__ import annotations
+
 from collections import Counter
 
 import numpy as np

@@ -1,5 +1,7 @@
 """The exact tube's picture: distances of known value, and shadows that must be found wrong."""
 
+from __future__ import annotations
+
 import tracemalloc
 
 import numpy as np

@@ -1,5 +1,7 @@
 """Centre lines found from the mesh alone: of tubes as other programs sweep them, and of what is none."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 
 import numpy as np
@@ -9,7 +11,7 @@ from validator_parts import tube
 
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh, merge_equal
-from knotfab_validators.geometry.torus import circle_functions
+from knotfab_validators.geometry.surface import circle_functions
 from knotfab_validators.knots.knot_types import knot_types
 from knotfab_validators.part_checks import part_checks
 from knotfab_validators.tube.centre_line import check_centre_lines, find_centre_line

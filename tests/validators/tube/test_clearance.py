@@ -1,5 +1,7 @@
 """Gaps between surfaces: against all pairs of triangles, against the centre lines, at the limit."""
 
+from __future__ import annotations
+
 import numpy as np
 import pytest
 from validator_parts import circle, hairpin, trefoil, tube
@@ -9,7 +11,7 @@ from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.geometry.triangles import triangle_triangle, triangles_cross
 from knotfab_validators.tube import clearance
-from knotfab_validators.tube import strand_pairs as strand_pairs_module
+from knotfab_validators.tube import thickness as strand_pairs_module
 from knotfab_validators.tube.clearance import check_clearance, nearest_bodies, strand_gap
 from knotfab_validators.tube.critical_chords import shortest_critical_chord
 from knotfab_validators.tube.thickness import thickness

@@ -1,5 +1,7 @@
 """Thickness of thousands of small polygons of many kinds against plain enumeration."""
 
+from __future__ import annotations
+
 import numpy as np
 import pytest
 from polygon_kinds import KINDS, Polygons, place

@@ -1,5 +1,7 @@
 """A stand's own shadow is no fault, since the outline is the tube's; a wrong tube's still is."""
 
+from __future__ import annotations
+
 from functools import cache
 
 import manifold3d
@@ -8,17 +10,17 @@ import pytest
 from rings import EMPTY, RADIUS, VIEW, camera
 
 from knotfab.geometry.tube import sweep
+from knotfab.hold.solids import stand_bodies
+from knotfab.hold.stand import StandSettings, plan_stand
 from knotfab.knots import Knot, Knots
-from knotfab.mount.stand import StandSettings, plan_stand
-from knotfab.mount.stand_solids import stand_bodies
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh
-from knotfab_validators.shadows.shadow_checks import shadow_checks
+from knotfab_validators.shadows.part_shadows import shadow_checks
 from knotfab_validators.shadows.verify_view import VerifiedView, verify_view
 from knotfab_validators.shadows.view import view_geometry
-from knotfab_validators.tube.mount_matter import strand_faces, tube_vertices
+from knotfab_validators.tube.mount_members import strand_faces, tube_vertices
 from knotfab_validators.tube.tube_fit import check_tube
-from tests.mount.test_stand import ONE, PLA
+from tests.hold.test_stand import ONE, PLA
 
 CURVE = ONE.knots[0].points
 GEOMETRY = view_geometry(VIEW, 90, 90)  # type: ignore[arg-type]

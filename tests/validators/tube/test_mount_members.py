@@ -1,5 +1,7 @@
 """Every member of a mount is full of matter, and nothing else joins strands: forged parts are told."""
 
+from __future__ import annotations
+
 from dataclasses import replace
 from functools import cache
 
@@ -8,9 +10,9 @@ import pytest
 from manifold3d import Manifold
 from validator_parts import Array, circle, tube
 
-from knotfab.geometry.meshes import as_manifold
-from knotfab_validators.files.bad_file import BadFile
-from knotfab_validators.files.knots import parse_knots
+from knotfab.geometry.tube import as_manifold
+from knotfab_validators.check import BadFile
+from knotfab_validators.files.scene import parse_knots
 from knotfab_validators.geometry.curves import Curves, Member
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.tube.mount_members import check_mount

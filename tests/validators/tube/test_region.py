@@ -1,11 +1,13 @@
 """The tube inside the region, the part inside the printer: exact excess, on both sides of 0."""
 
+from __future__ import annotations
+
 import numpy as np
 import pytest
 from region_meshes import CURVE, KNOT
 from validator_parts import tube
 
-from knotfab_formats.scene import Region
+from knotfab_formats.piece import Region
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.tube.region import check_build_volume, check_region, measure_excess

@@ -5,8 +5,8 @@ import pytest
 from region_meshes import CURVE, box_mesh, prism
 
 from knotfab_formats.bounds import Matrix
-from knotfab_formats.scene import Region
-from knotfab_validators.check import Check
+from knotfab_formats.piece import Region
+from knotfab_formats.verdict import Check
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.tube.region import check_region

@@ -1,5 +1,7 @@
 """Part and knots belong together, or the check says where they do not."""
 
+from __future__ import annotations
+
 import numpy as np
 import pytest
 from validator_parts import Array, circle, trefoil, tube

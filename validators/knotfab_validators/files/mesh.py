@@ -8,16 +8,24 @@ from __future__ import annotations
 
 import codecs
 import io
+import re
+from array import array
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from knotfab_validators.files.bad_file import MOST_MM, MOST_TRIANGLES, BadFile, read_bytes, short
-from knotfab_validators.files.stl import corners_stl, is_stl
+from knotfab_formats.errors import short
+from knotfab_validators.arrays import Array, Ints
+from knotfab_validators.check import DECIMAL_COMMA, MOST_MM, MOST_TRIANGLES, BadFile, read_bytes
 from knotfab_validators.files.threemf import corners_3mf, is_3mf
-from knotfab_validators.geometry.mesh import Corners, Mesh, merge_equal
+from knotfab_validators.geometry.mesh import Corners, Mesh, merge_equal, number_bodies
 
-__all__ = ["UNITS_MM", "read_mesh"]
+if TYPE_CHECKING:
+    from knotfab_formats.piece import Plate as Listed
+    from knotfab_validators.files.scene import Scene
+
 
 MOST_BYTES = 2_000_000_000
 UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}
@@ -89,3 +97,153 @@ def _corners_plain(content: bytes, name: str) -> Corners:
     if corners.dtype != np.float64 or corners.ndim != 3 or corners.shape[1:] != (3, 3):
         raise BadFile(f"{name}: holds no corners of triangles, (n, 3, 3) of doubles")
     return np.ascontiguousarray(corners)
+
+
+# The plates on which a part is printed in several pieces: 3MF files beside the scene.
+
+
+@dataclass(frozen=True)
+class Plate:
+    """A plate: its whole mesh in its own print coordinates, and where its bodies go in the part.
+
+    `body` (n,) is the number of each vertex's body, in the order of their first faces; `to_part` (k, 4, 4)
+    are the scene's motions. There may be more bodies than motions, or fewer.
+    """
+
+    name: str
+    mesh: Mesh
+    body: Ints
+    to_part: Array
+
+    @property
+    def bodies(self) -> int:
+        return int(self.body.max()) + 1
+
+    def in_part(self, points: Array, body: Ints) -> Array:
+        """Return points (n, 3) of the plate, on the bodies (n,), where they are in the part."""
+        motion = self.to_part[body.clip(max=len(self.to_part) - 1)]
+        moved: Array = np.einsum("nij,nj->ni", motion[:, :3, :3], points) + motion[:, :3, 3]
+        return moved
+
+    def places(self, points: Array) -> Array:
+        """Return (n, 3) the same, of points anywhere on the plate: each goes with its nearest vertex."""
+        from scipy.spatial import cKDTree
+
+        _, nearest = cKDTree(self.mesh.vertices).query(points)
+        return self.in_part(points, self.body[nearest])
+
+
+def read_plates(folder: Path, scene: Scene) -> list[Plate]:
+    """Read the plates that the scene names, from `folder`.
+
+    Raises:
+        BadFile: a plate cannot be read.
+    """
+    return _read(folder, scene.pose.plates if scene.pose is not None else ())
+
+
+def read_table(folder: Path, scene: Scene) -> list[Plate]:
+    """Read the plates of the frame that holds lamps; `to_part` takes their bodies to the scene."""
+    return _read(folder, scene.lamps.table)
+
+
+def _read(folder: Path, listed: tuple[Listed, ...]) -> list[Plate]:
+    found = []
+    for plate in listed:
+        mesh = read_mesh(folder / plate.file)
+        to_part = np.array(plate.matrices, dtype=np.float64)
+        found.append(Plate(plate.file, mesh, number_bodies(mesh)[0], to_part))
+    return found
+
+
+# The triangles of an STL file, binary or text.
+
+
+FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("spare", "<u2")])
+VERTEX = rb"vertex\s+(\S+)\s+(\S+)\s+(\S+)\s+"
+TEXT_FACET = re.compile(
+    rb"\s*facet\s+normal(?:\s+\S+){3}\s+outer\s+loop\s+"
+    + VERTEX * 3
+    + rb"endloop\s+endfacet(?!\S)",
+    re.IGNORECASE,
+)
+MOST_BEHIND = 65_536  # bytes
+SOLID = re.compile(rb"\s*(end)?\s?solid(?!\w)[^\r\n]*", re.IGNORECASE)
+END = re.compile(rb"\s*\Z")
+
+
+def is_stl(content: bytes) -> bool:
+    """Tell whether the content is a binary STL of the right length, or begins as one of text."""
+    return len(content) == _length(content) or _is_text(content)
+
+
+def _is_text(content: bytes) -> bool:
+    """Tell whether it begins as text; some programs write the word into a binary file's header too."""
+    return content.lstrip()[:5].lower() == b"solid" and b"\0" not in content[:1000]
+
+
+def _length(content: bytes) -> int:
+    """Return the length of a binary STL with this header; -1 without a header."""
+    return (
+        84 + FACET.itemsize * int.from_bytes(content[80:84], "little") if len(content) >= 84 else -1
+    )
+
+
+def corners_stl(content: bytes, name: str, notes: list[str] | None = None) -> Corners:
+    """Return (m, 3, 3) corners as stored: single precision when binary.
+
+    The length decides before the first word, since some binary files begin with `solid` too. Up to
+    `MOST_BEHIND` bytes behind a binary file's last triangle are no triangles, and are passed over with a
+    note, unless they are as long as some: then the header's count is wrong.
+
+    Raises:
+        BadFile: it is no STL, or is cut off.
+    """
+    if len(content) == _length(content):
+        corners: Corners = np.frombuffer(content, dtype=FACET, offset=84)["corners"]
+        return corners
+    if _is_text(content):
+        return _corners_text(content, name)
+    behind = len(content) - _length(content)
+    if _length(content) > 84 and 0 < behind <= MOST_BEHIND and behind % FACET.itemsize:
+        if notes is not None:
+            bytes_were = "1 byte" if behind == 1 else f"{behind} bytes"
+            notes.append(f"{name}: passed over {bytes_were} behind the last triangle")
+        corners = np.frombuffer(content[:-behind], dtype=FACET, offset=84)["corners"]
+        return corners
+    if not content:
+        raise BadFile(f"{name}: is empty")
+    count = int.from_bytes(content[80:84], "little") if len(content) >= 84 else -1
+    if count > 0 and len(content) - 84 > 50:
+        raise BadFile(
+            f"{name}: it is not an STL file, or is cut off: its header promises {count} triangles, "
+            f"what follows is {(len(content) - 84) / 50:.6g}"
+        )
+    raise BadFile(f"{name}: it is not an STL file, or is cut off")
+
+
+def _corners_text(content: bytes, name: str) -> Corners:
+    """Return (m, 3, 3) corners of an STL file of words; several solids may follow each other."""
+    numbers, at, inside = array("d"), 0, False
+    while True:
+        if facet := TEXT_FACET.match(content, at):
+            try:
+                numbers.extend(map(float, facet.groups()))
+            except ValueError as error:
+                if b"," in b"".join(facet.groups()):
+                    raise BadFile(f"{name}: {DECIMAL_COMMA}") from error
+                raise BadFile(f"{name}: has a corner that is not three numbers") from error
+            if b"_" in facet.group():  # Python's own way of writing numbers
+                raise BadFile(f"{name}: has a corner that is not three numbers")
+            at = facet.end()
+        elif line := SOLID.match(content, at):
+            inside, at = not line.group(1), line.end()
+        else:
+            break
+    if inside or not END.match(content, at):
+        where = content.count(b"\n", 0, at) + 1
+        raise BadFile(
+            f"{name}: it is not an STL file, or is cut off: after line {where} comes neither a facet nor "
+            "the end"
+        )
+    return np.frombuffer(numbers, dtype=np.float64).reshape(-1, 3, 3)

@@ -11,8 +11,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from knotfab_formats.errors import short
 from knotfab_validators.arrays import Array
-from knotfab_validators.files.bad_file import MOST_TRIANGLES, BadFile, short
+from knotfab_validators.check import MOST_TRIANGLES, BadFile
 from knotfab_validators.files.threemf_model import (
     MOST_PLACED,
     WHOLE,
@@ -24,8 +25,6 @@ from knotfab_validators.files.threemf_model import (
     read_relations,
 )
 from knotfab_validators.geometry.mesh import Corners
-
-__all__ = ["corners_3mf", "is_3mf"]
 
 MOST_UNPACKED = 2_000_000_000  # bytes of all models together
 SUSPICIOUS = 50_000_000  # bytes above which an archive must not be packed too well

@@ -9,6 +9,7 @@ those of the 3MF Core Specification 1.3 and, for `path`, of its Production Exten
 from __future__ import annotations
 
 import re
+import warnings
 from array import array
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
@@ -17,21 +18,11 @@ from typing import Any
 from xml.parsers import expat
 
 import numpy as np
+from numpy.typing import NDArray
 
+from knotfab_formats.errors import short
 from knotfab_validators.arrays import Array, Ints
-from knotfab_validators.files.bad_file import BadFile, short
-from knotfab_validators.files.number_rows import Rows, cut_rows
-
-__all__ = [
-    "MOST_PLACED",
-    "WHOLE",
-    "Model",
-    "Placed",
-    "Shape",
-    "parse_xml",
-    "read_model",
-    "read_relations",
-]
+from knotfab_validators.check import BadFile
 
 CORE = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
 PRODUCTION = "http://schemas.microsoft.com/3dmanufacturing/production/2015/06"
@@ -354,3 +345,65 @@ class _Reader:
         part = given.get(f"{PRODUCTION} path")
         printed = given.get("printable", "1").strip().lower() not in ("0", "false")
         return Placed(self._number(given, "objectid", what), part, matrix, printed)
+
+
+# Rows of three numbers in XML that is written one way, as nearly all 3MFs are: numpy reads them
+# at once.
+
+
+KINDS = {"vertices": (b"vertex", b"x y z"), "triangles": (b"triangle", b"v1 v2 v3")}
+TAG = re.compile(b"<(" + "|".join(KINDS).encode() + b")>")
+MOST_TAGS = 100_000  # the text behind so many is left as it is
+NUMBERS = b"0123456789.- \t\r\n"
+
+
+@dataclass(frozen=True)
+class Rows:
+    """The rows between the tags of `kind`: (n, 3) numbers, whole ones of triangles."""
+
+    kind: str
+    numbers: NDArray[Any]
+
+
+def cut_rows(text: bytes) -> tuple[bytes, dict[int, Rows]]:
+    """Give the text without the rows that could be read, and these by the place in it of the tag before them.
+
+    Rows are `<vertex x="1.5" y="-2" z="0" />` within <vertices>, and `<triangle v1="0" v2="1" v3="2"/>`
+    within <triangles>: plain decimals, no other attributes. Where anything else stands between two such
+    tags, all of it is left as it is.
+    """
+    kept: list[bytes] = []
+    found: dict[int, Rows] = {}
+    begin = length = at = 0
+    for _ in range(MOST_TAGS):
+        if (tag := TAG.search(text, at)) is None:
+            break
+        kind, at = tag[1].decode(), tag.end()
+        end = text.find(b"</" + tag[1] + b">", at)
+        numbers = _read_rows(text[at:end], kind) if end >= 0 else None
+        if numbers is not None:
+            kept.append(text[begin:at])
+            found[length + tag.start() - begin] = Rows(kind, numbers)
+            length += at - begin
+            begin = at = end
+    return b"".join([*kept, text[begin:]]), found
+
+
+def _read_rows(rows: bytes, kind: str) -> NDArray[Any] | None:
+    """Read the numbers (n, 3) of rows; None where there is anything else."""
+    element, keys = KINDS[kind]
+    first, second, third = keys.split()
+    count = rows.count(b"<")
+    shape = b'<%s%s=""%s=""%s=""/>' % (element, first, second, third)
+    if rows.translate(None, NUMBERS) != shape.translate(None, NUMBERS) * count:
+        return None
+    rows = rows.replace(b'<%s %s="' % (element, first), b"")
+    for between in (b'" %s="' % second, b'" %s="' % third, b'"/>', b'" />'):
+        rows = rows.replace(between, b",")
+    with warnings.catch_warnings(action="ignore"):  # old numpy warns where new numpy raises
+        try:
+            number = np.float64 if kind == "vertices" else np.int64
+            numbers: NDArray[Any] = np.fromstring(rows.rstrip()[:-1], number, sep=",")
+        except ValueError:
+            return None
+    return numbers.reshape(-1, 3) if len(numbers) == 3 * count else None

@@ -8,9 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from knotfab_validators.arrays import Array, Ints
-
-__all__ = ["CurveEdges", "Curves", "Member", "edges_of"]
+from knotfab_validators.arrays import Array, Ints, Mask
 
 
 @dataclass(frozen=True)
@@ -98,3 +96,163 @@ def edges_of(polygons: Sequence[Array], closed: Sequence[bool] | None = None) ->
         ends.append(np.roll(polygon, -1, axis=0)[:count])
         numbers.append(np.full(count, i, dtype=np.int64))
     return CurveEdges(np.concatenate(starts), np.concatenate(ends), np.concatenate(numbers))
+
+
+# Samples of curves and faces: runs of equal numbers, edges and triangles cut into pieces.
+
+
+def number_runs(count: Ints) -> tuple[Ints, Ints]:
+    """Number the members of runs of lengths (n,): the run that each belongs to, and its number there.
+
+    Both (sum of `count`,), from 0: counts (2, 0, 3) give (0, 0, 2, 2, 2) and (0, 1, 0, 1, 2).
+    """
+    which = np.repeat(np.arange(len(count)), count)
+    return which, np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count)
+
+
+def cut_edges(start: Array, end: Array, step: float) -> tuple[Ints, Array, Array]:
+    """Return edges (n, 3) cut into equal pieces, of at most `step` and at least one an edge.
+
+    Returns:
+        The edge of each piece, where on it the piece begins (0 to 1) and how much of it the piece is.
+    """
+    pieces = np.maximum(np.ceil(np.linalg.norm(end - start, axis=1) / step), 1).astype(np.int64)
+    which, number = number_runs(pieces)
+    return which, number / pieces[which], 1 / pieces[which]
+
+
+def quarter_triangles(corner: Array) -> Array:
+    """Return (4m, 3, 3) four triangles half as large in place of each triangle (m, 3, 3)."""
+    a, b, c = corner[:, 0], corner[:, 1], corner[:, 2]
+    ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
+    pieces = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
+    return np.concatenate([np.stack(piece, axis=1) for piece in pieces])
+
+
+# The axes of a view that is turned by an azimuth and raised by an elevation: a view, or a region.
+
+
+def view_axes(azimuth_deg: float, elevation_deg: float) -> Array:
+    """Give (3, 3) rows right, up and towards the light, in the scene; x, y and z where both angles are 0."""
+    a, e = np.radians(azimuth_deg), np.radians(elevation_deg)
+    return np.array(
+        [
+            [np.cos(a), 0.0, -np.sin(a)],
+            [-np.sin(a) * np.sin(e), np.cos(e), -np.cos(a) * np.sin(e)],
+            [np.sin(a) * np.cos(e), np.sin(e), np.cos(a) * np.cos(e)],
+        ]
+    )
+
+
+# Distances between points and straight segments, and between segments, row by row.
+
+
+def nearest_on_segment(points: Array, start: Array, end: Array) -> Array:
+    """Return the nearest point (n, 3) of each segment to a point (n, 3); a segment may have no length."""
+    span = end - start
+    square = np.einsum("ij,ij->i", span, span)
+    along = np.einsum("ij,ij->i", points - start, span) / np.where(square > 0, square, 1.0)
+    return np.asarray(start + along.clip(0.0, 1.0)[:, None] * span)
+
+
+def point_segment(points: Array, start: Array, end: Array) -> Array:
+    """Return distances (n,) of points (n, 3) from segments."""
+    return _length(points - nearest_on_segment(points, start, end))
+
+
+def nearest_on_two(a: Array, b: Array, c: Array, d: Array) -> tuple[Array, Array]:
+    """Return the nearest points (n, 3) of the segments a b and c d (Ericson, "Real-time collision detection",
+    2005, 5.1.9). Of parallel ones some pair of nearest points, up to rounding.
+    """
+    u, v, w = b - a, d - c, c - a
+    uu, vv, uv = (np.einsum("ij,ij->i", x, y) for x, y in ((u, u), (v, v), (u, v)))
+    uw, vw = np.einsum("ij,ij->i", u, w), np.einsum("ij,ij->i", v, w)
+    det = uu * vv - uv * uv
+    s = ((uw * vv - vw * uv) / np.where(det > 0, det, np.inf)).clip(0.0, 1.0)
+    t = ((s * uv - vw) / np.where(vv > 0, vv, 1.0)).clip(0.0, 1.0)
+    s = ((t * uv + uw) / np.where(uu > 0, uu, 1.0)).clip(0.0, 1.0)
+    return a + s[:, None] * u, c + t[:, None] * v
+
+
+def segment_segment(a: Array, b: Array, c: Array, d: Array) -> Array:
+    """Return distances (n,) between segments a b and c d: inside to inside, or at an end.
+
+    The ends are measured too, for rounding moves the nearest points of nearly parallel segments.
+    """
+    p, q = nearest_on_two(a, b, c, d)
+    ends = ((a, c, d), (b, c, d), (c, a, b), (d, a, b))
+    return np.asarray(np.min([_length(p - q), *(point_segment(*end) for end in ends)], axis=0))
+
+
+def _length(vectors: Array) -> Array:
+    return np.asarray(np.sqrt(np.einsum("ij,ij->i", vectors, vectors)))
+
+
+# Find segments of two blocks that come near each other: dense tests where no hierarchy helps.
+
+
+ROUNDING = 1e-14  # a share of the extent squared: the error of a squared distance from products
+
+
+@dataclass(frozen=True)
+class SegmentBlocks:
+    """Segments in m blocks of up to b, padded; `index` (m, b) is -1 where nothing is."""
+
+    index: Ints
+    centre: Array  # (m, b, 3)
+    unit: Array  # (m, b, 3), 0 for a segment of no length
+    half: Array  # (m, b)
+    line: Array  # (m, b, 6): moment and direction, Plücker coordinates
+    extent: float
+
+
+def segment_blocks(start: Array, end: Array, first: Ints) -> SegmentBlocks:
+    """Return blocks of consecutive segments (n, 3); `first` (m,) is where each begins, ascending.
+
+    Coordinates should be relative to a point among them.
+    """
+    count = np.diff(np.append(first, len(start)))
+    column = np.arange(int(count.max()))
+    index = np.where(column < count[:, None], first[:, None] + column, -1)
+    span = end - start
+    length = np.sqrt(np.einsum("ij,ij->i", span, span))
+    unit = span / np.where(length > 0, length, 1.0)[:, None]
+    centre = (start + end) / 2
+    line = np.concatenate([np.cross(centre, unit), unit], axis=1)
+    extent = float(np.abs(centre).max() + length.max())
+    return SegmentBlocks(index, centre[index], unit[index], length[index] / 2, line[index], extent)
+
+
+def near_segments(blocks: SegmentBlocks, i: Ints, j: Ints, limit: float) -> tuple[Ints, Ints]:
+    """Return pairs of segments of blocks i and j (k,) that may be `limit` or less apart.
+
+    Left out are pairs whose lines are farther apart (the products of their Plücker coordinates),
+    whose balls are, or one of which leaves the cylinder of the other's line. Each is a few matrix
+    products over all pairs of two blocks, some 50 ns a pair. Memory: k b² numbers.
+    """
+    near = _near(blocks, i, j, limit)
+    near &= (blocks.index[i] >= 0)[:, :, None] & (blocks.index[j] >= 0)[:, None, :]
+    block, row, column = np.nonzero(near)
+    one, other = blocks.index[i[block], row], blocks.index[j[block], column]
+    once = (i[block] != j[block]) | (one < other)
+    return one[once], other[once]
+
+
+def _near(blocks: SegmentBlocks, a: Ints, b: Ints, limit: float) -> Mask:
+    """Return (k, b, b) of blocks a and b (k,)."""
+    slack = ROUNDING * blocks.extent * max(blocks.extent, limit)
+    u, v = blocks.unit[a], blocks.unit[b].transpose(0, 2, 1)
+    p, q = blocks.centre[a], blocks.centre[b].transpose(0, 2, 1)
+    g, h = blocks.half[a][:, :, None], blocks.half[b][:, None, :]
+    sine2 = np.clip(1.0 - (u @ v) ** 2 + ROUNDING, 0.0, 1.0)
+    swapped = blocks.line[b][:, :, [3, 4, 5, 0, 1, 2]].transpose(0, 2, 1)
+    lines = (blocks.line[a] @ swapped) ** 2
+    near: Mask = lines <= limit**2 * sine2 + slack
+    square = (p * p).sum(axis=2)[:, :, None] + (q * q).sum(axis=1)[:, None, :] - 2 * (p @ q)
+    near &= square <= (limit + g + h) ** 2 + slack
+    sine = np.sqrt(sine2)
+    along = u @ q - (u * p).sum(axis=2)[:, :, None]
+    near &= square - along**2 <= (limit + h * sine) ** 2 + slack
+    along = p @ v - (v * q).sum(axis=1)[:, None, :]
+    near &= square - along**2 <= (limit + g * sine) ** 2 + slack
+    return near

@@ -9,20 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from knotfab_validators.arrays import Array, Ints
-from knotfab_validators.compiled import compiled
-
-__all__ = [
-    "Corners",
-    "Mesh",
-    "bound_triangles",
-    "connect",
-    "corner_faces",
-    "enclosed_volume",
-    "merge_equal",
-    "move_points",
-    "number_bodies",
-]
+from knotfab_validators.arrays import Array, Ints, compiled
 
 Corners = NDArray[np.floating[Any]]
 """(m, 3, 3) the corners of triangles, each with coordinates of its own, as a file gives them."""
@@ -148,3 +135,132 @@ def enclosed_volume(mesh: Mesh) -> float:
 def move_points(points: Array, motion: Array) -> Array:
     """Return points (n, 3) moved by a rigid motion (4, 4)."""
     return np.asarray(points @ motion[:3, :3].T + motion[:3, 3])
+
+
+# Place points about a surface: their distance from it, and how often it winds round them
+# (libigl).
+
+
+def surface_distance(points: Array, mesh: Mesh) -> Array:
+    """Return (n,) distance of points (n, 3) from the nearest face, mm."""
+    from igl import point_mesh_squared_distance
+
+    square = point_mesh_squared_distance(*_contiguous(points, mesh.vertices, mesh.faces))[0]
+    return np.sqrt(np.maximum(np.asarray(square, dtype=np.float64), 0.0))
+
+
+def winding_numbers(points: Array, mesh: Mesh, *, exact: bool = True) -> Array:
+    """Return (n,) generalised winding numbers of points (n, 3): in matter of a closed mesh 1, outside 0.
+
+    Exact ones sum up the solid angles of all faces; the others have an error of about a thousandth,
+    and more near the surface (Barill et al., "Fast winding numbers for soups and clouds", ACM TOG
+    37(4), 2018).
+    """
+    from igl import fast_winding_number, winding_number
+
+    if not len(points):
+        return np.zeros(0)
+    wind = winding_number if exact else fast_winding_number
+    found = wind(*_contiguous(mesh.vertices, mesh.faces, points))
+    return np.asarray(found, dtype=np.float64).ravel()
+
+
+def _contiguous(*arrays: NDArray[Any]) -> tuple[NDArray[Any], ...]:
+    """Make arrays contiguous, as libigl takes them."""
+    return tuple(np.ascontiguousarray(array) for array in arrays)
+
+
+# A tube that was swept round until it met itself, but not sewn together there: its two rims,
+# joined.
+
+
+NEAR = 0.25  # a share of the rims' radius, between their middles
+ALIKE = 0.2  # a share of the rims' radius, between their radii
+
+
+def sew_rims(mesh: Mesh) -> Mesh | None:
+    """Return a surface with two like rims in one place, closed by a strip of faces; None where it is not so.
+
+    VTK's tubes about closed lines are so: the rings at the seam are turned against each other.
+
+    Args:
+        mesh: one body, wound in one way.
+    """
+    rims = _rims(mesh)
+    if len(rims) != 2:
+        return None
+    one, other = rims[0], rims[1][::-1]  # both the same way round the tube now
+    a, b = mesh.vertices[one], mesh.vertices[other]
+    sizes = [float(np.linalg.norm(p - p.mean(axis=0), axis=1).mean()) for p in (a, b)]
+    apart = float(np.linalg.norm(a.mean(axis=0) - b.mean(axis=0)))
+    if apart > NEAR * min(sizes) or max(sizes) - min(sizes) > ALIKE * max(sizes):
+        return None
+    nearest = int(np.linalg.norm(b - a[0], axis=1).argmin())
+    strip = _zip(one, np.roll(other, -nearest), a, np.roll(b, -nearest, axis=0))
+    return Mesh(mesh.vertices, np.concatenate([mesh.faces, strip]))
+
+
+def _rims(mesh: Mesh) -> list[Ints]:
+    """Give the closed lines of half-edges without a twin, as vertices in their order; none if they branch."""
+    start, end = mesh.faces.reshape(-1), np.roll(mesh.faces, -1, axis=1).reshape(-1)
+    count = np.int64(len(mesh.vertices))
+    bare = ~np.isin(start * count + end, end * count + start)
+    start, end = start[bare], end[bare]
+    if len(np.unique(start)) != len(start):
+        return []
+    after = dict(zip(start.tolist(), end.tolist(), strict=True))
+    rims = []
+    while after:
+        first, at = after.popitem()
+        rim = [first]
+        while at != first:
+            rim.append(at)
+            if at not in after:
+                return []
+            at = after.pop(at)
+        rims.append(np.array(rim))
+    return rims
+
+
+def _zip(one: Ints, other: Ints, a: Array, b: Array) -> Ints:
+    """Return the faces of a strip between two rings of vertices (n,) and (m,), at points a and b.
+
+    Each step goes on along the ring of which the smaller share of the length is done.
+    """
+    shares = []
+    for points in (a, b):
+        step = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)
+        shares.append(np.cumsum(step) / step.sum())
+    faces, i, j = [], 0, 0
+    while i < len(one) or j < len(other):
+        here, there = one[i % len(one)], other[j % len(other)]
+        if j == len(other) or (i < len(one) and shares[0][i] <= shares[1][j]):
+            i += 1
+            faces.append((one[i % len(one)], here, there))
+        else:
+            j += 1
+            faces.append((there, other[j % len(other)], here))
+    return np.array(faces)
+
+
+# The distance between two bodies of triangles, exactly, by FCL's trees of boxes.
+
+
+def collision_body(mesh: Mesh) -> Any:
+    """Return the mesh as FCL holds it; its triangles may be edges (two equal corners)."""
+    import fcl
+
+    model = fcl.BVHModel()
+    model.beginModel(len(mesh.vertices), len(mesh.faces))
+    model.addSubModel(mesh.vertices, mesh.faces)
+    model.endModel()
+    return fcl.CollisionObject(model)
+
+
+def collision_distance(one: Any, other: Any) -> tuple[float, Array]:
+    """Give the least distance between two bodies, 0 if they cross, and the nearest points (2, 3) of them."""
+    import fcl
+
+    request, result = fcl.DistanceRequest(enable_nearest_points=True), fcl.DistanceResult()
+    distance = max(float(fcl.distance(one, other, request, result)), 0.0)
+    return distance, np.asarray(result.nearest_points, dtype=np.float64)

@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from knotfab_validators.arrays import Array, Mask
-from knotfab_validators.geometry.segments import nearest_on_segment
-from knotfab_validators.geometry.triangle_loops import nearest_of_two
-
-__all__ = ["point_triangle", "triangle_triangle", "triangles_cross"]
+from knotfab_validators.arrays import Array, Ints, Mask, compiled
+from knotfab_validators.geometry.curves import nearest_on_segment
 
 
 def point_triangle(point: Array, triangle: Array) -> tuple[Array, Array]:
@@ -82,3 +79,146 @@ def _nearer(best: Array, near: Array, distance: Array, at: Array) -> tuple[Array
 def _length(v: Array) -> Array:
     length: Array = np.sqrt(np.einsum("ij,ij->i", v, v))
     return length
+
+
+# Compiled loops over triangles and segments, whose points are three numbers each.
+
+
+Triple = tuple[float, float, float]
+
+
+@compiled
+def _corner_of(rows: Array, k: int) -> Triple:
+    """Return row k of (n, 3)."""
+    return rows[k, 0], rows[k, 1], rows[k, 2]
+
+
+@compiled
+def _minus(p: Triple, q: Triple) -> Triple:
+    """Return p - q."""
+    return p[0] - q[0], p[1] - q[1], p[2] - q[2]
+
+
+@compiled
+def _dot(p: Triple, q: Triple) -> float:
+    """Return the scalar product."""
+    return p[0] * q[0] + p[1] * q[1] + p[2] * q[2]
+
+
+@compiled
+def _cross(p: Triple, q: Triple) -> Triple:
+    """Return the vector product."""
+    return (p[1] * q[2] - p[2] * q[1], p[2] * q[0] - p[0] * q[2], p[0] * q[1] - p[1] * q[0])
+
+
+@compiled
+def _step(p: Triple, far: float, along: Triple) -> Triple:
+    """Return p + far * along."""
+    return p[0] + far * along[0], p[1] + far * along[1], p[2] + far * along[2]
+
+
+@compiled
+def _from_segment(p: Triple, a: Triple, b: Triple) -> float:
+    """Return the distance of p from the segment a b, as `point_segment` has it."""
+    span = _minus(b, a)
+    square = _dot(span, span)
+    along = _dot(_minus(p, a), span) / (square if square > 0.0 else 1.0)
+    gap = _minus(p, _step(a, min(max(along, 0.0), 1.0), span))
+    return float(_dot(gap, gap) ** 0.5)
+
+
+@compiled
+def _nearest_parameters(u: Triple, v: Triple, w: Triple) -> tuple[float, float]:
+    """Find where the segments s u and w + t v, s and t in [0, 1], are nearest, as `nearest_on_two` has it."""
+    uu, vv, uv, uw, vw = _dot(u, u), _dot(v, v), _dot(u, v), _dot(u, w), _dot(v, w)
+    det = uu * vv - uv * uv
+    s = min(max((uw * vv - vw * uv) / det, 0.0), 1.0) if det > 0.0 else 0.0
+    t = min(max((s * uv - vw) / (vv if vv > 0.0 else 1.0), 0.0), 1.0)
+    s = min(max((t * uv + uw) / (uu if uu > 0.0 else 1.0), 0.0), 1.0)
+    return s, t
+
+
+@compiled
+def nearest_of_two(first: Array, second: Array) -> tuple[Array, Array, Array]:
+    """Return the distances of pairs of triangles (n, 3, 3), and the nearest points (n, 3) of each."""
+    count = len(first)
+    distance, near = np.empty(count), np.empty((2, count, 3))
+    for k in range(count):
+        best = np.inf
+        here, there = _corner_of(first[k], 0), _corner_of(second[k], 0)
+        for side in range(2):
+            one, other = (first[k], second[k]) if side == 0 else (second[k], first[k])
+            a = _corner_of(other, 0)
+            u, v = _minus(_corner_of(other, 1), a), _minus(_corner_of(other, 2), a)
+            normal = _cross(u, v)
+            square = _dot(normal, normal)
+            if not square > 0.0:
+                continue
+            for c in range(3):
+                point = _corner_of(one, c)
+                w = _minus(point, a)
+                s, t = _dot(_cross(w, v), normal) / square, _dot(_cross(u, w), normal) / square
+                height = _dot(w, normal) / square
+                if s >= 0.0 and t >= 0.0 and s + t <= 1.0 and abs(height) * square**0.5 < best:
+                    best, foot = abs(height) * square**0.5, _step(point, -height, normal)
+                    here, there = (point, foot) if side == 0 else (foot, point)
+        for i in range(3):
+            a = _corner_of(first[k], i)
+            u = _minus(_corner_of(first[k], (i + 1) % 3), a)
+            for j in range(3):
+                b = _corner_of(second[k], j)
+                v = _minus(_corner_of(second[k], (j + 1) % 3), b)
+                s, t = _nearest_parameters(u, v, _minus(b, a))
+                on_one, on_other = _step(a, s, u), _step(b, t, v)
+                gap = _minus(on_one, on_other)
+                if _dot(gap, gap) ** 0.5 < best:
+                    best, here, there = _dot(gap, gap) ** 0.5, on_one, on_other
+        distance[k] = best
+        for axis in range(3):
+            near[0, k, axis], near[1, k, axis] = here[axis], there[axis]
+    return distance, near[0], near[1]
+
+
+@compiled
+def find_flat(vertices: Array, faces: Ints, least: float) -> Mask:
+    """Tell whether faces (m, 3) have less than `least` of their longest edge's square for twice the area."""
+    flat = np.empty(len(faces), dtype=np.bool_)
+    for k in range(len(faces)):
+        a, b, c = (
+            _corner_of(vertices, faces[k, 0]),
+            _corner_of(vertices, faces[k, 1]),
+            _corner_of(vertices, faces[k, 2]),
+        )
+        ab, ac, bc = _minus(b, a), _minus(c, a), _minus(c, b)
+        normal = _cross(ab, ac)
+        longest = max(_dot(ab, ab), _dot(ac, ac), _dot(bc, bc))
+        # a face of NaN or overflow has no area either
+        flat[k] = not _dot(normal, normal) > (least * longest) ** 2
+    return flat
+
+
+@compiled
+def nearest_edges(
+    corners: Array, middle: Array, options: Ints, known: Mask, start: Array, end: Array
+) -> tuple[Ints, Array, Array]:
+    """Return the nearest (m,) of the edges that a face may belong to, how far it is from its middle, and the
+    farthest of the face's corners from it.
+
+    Args:
+        corners, middle: (m, 3, 3) and (m, 3), of the faces. options, known: (m, k), edges, and which count.
+    """
+    edge = np.zeros(len(corners), dtype=np.int64)
+    nearest, farthest = np.full(len(corners), np.inf), np.zeros(len(corners))
+    for k in range(len(corners)):
+        edge[k] = options[k, 0]
+        for i in range(options.shape[1]):
+            if not known[k, i]:
+                continue
+            at = options[k, i]
+            far = _from_segment(_corner_of(middle, k), _corner_of(start, at), _corner_of(end, at))
+            if far < nearest[k]:
+                edge[k], nearest[k] = at, far
+        a, b = _corner_of(start, edge[k]), _corner_of(end, edge[k])
+        for i in range(3):
+            farthest[k] = max(farthest[k], _from_segment(_corner_of(corners[k], i), a, b))
+    return edge, nearest, farthest

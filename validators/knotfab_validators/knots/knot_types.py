@@ -15,13 +15,13 @@ from typing import Literal
 import numpy as np
 import shapely
 
+from knotfab_formats.verdict import Check, Place, Status
 from knotfab_validators.arrays import Array
-from knotfab_validators.check import Check, Place, Status, places, skip_check
+from knotfab_validators.check import places, skip_check
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.knots.alexander import colouring_remainder
-from knotfab_validators.knots.identity import PROVED_UNKNOT, Identity, identify
+from knotfab_validators.knots.identity import PROVED_UNKNOT, Identity, Linking, identify, linking_of
 from knotfab_validators.knots.invariants import Invariants
-from knotfab_validators.knots.linking import Linking, linking_of
 from knotfab_validators.knots.names import Promise, asked_knot, promised_knot
 from knotfab_validators.knots.reduction import (
     Budget,
@@ -31,13 +31,6 @@ from knotfab_validators.knots.reduction import (
     reduce_polygons,
     touching_place,
 )
-
-__all__ = [
-    "KnotFinding",
-    "KnotTypes",
-    "knot_checks",
-    "knot_types",
-]
 
 MOST_SHOWN = 6  # linked pairs whose places are given
 

@@ -16,25 +16,8 @@ import shapely
 from numpy.typing import NDArray
 
 from knotfab_validators.arrays import Array, Ints, Mask
+from knotfab_validators.geometry.curves import nearest_on_two, segment_segment
 from knotfab_validators.geometry.mesh import bound_triangles
-from knotfab_validators.geometry.segments import nearest_on_two, segment_segment
-
-__all__ = [
-    "Budget",
-    "Reduced",
-    "Ring",
-    "TooTangled",
-    "adjacent",
-    "certain_sign",
-    "determinants",
-    "general_position",
-    "may_pierce",
-    "nearest_approach",
-    "orientation",
-    "reduce_polygons",
-    "ring_of",
-    "touching_place",
-]
 
 Signs = NDArray[np.int8]
 

@@ -21,8 +21,6 @@ from knotfab_validators.knots.planar_diagram import (
     simplify,
 )
 
-__all__ = ["reroute", "summands"]
-
 WORK = 300_000  # crossings of the diagrams looked at while runs are laid: a second or two
 STARTS = 4  # walks from the given diagram, each by other chances; they share the work
 TIE = 1e-3  # the largest random share that tells ways of equal length apart

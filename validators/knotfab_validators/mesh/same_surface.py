@@ -8,13 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
+from knotfab_formats.verdict import Check
 from knotfab_validators.arrays import Array, Ints
-from knotfab_validators.check import Check, at_most, places, skip_check, spot, worst_apart
-from knotfab_validators.files.bad_file import BadFile
+from knotfab_validators.check import BadFile, at_most, places, skip_check, spot, worst_apart
 from knotfab_validators.files.mesh import read_mesh
 from knotfab_validators.geometry.mesh import Mesh
-
-__all__ = ["NAME", "SurfaceDifference", "check_same_3mf", "compare_surfaces", "find_3mf", "is_own"]
 
 NAME = "same_3mf"
 LIMIT_MM = 1e-3  # single precision at a metre rounds by 3e-5 mm, six decimals by 5e-7

@@ -9,13 +9,10 @@ from typing import Any
 import numpy as np
 
 from knotfab_validators.arrays import Array, Ints, Mask
-from knotfab_validators.geometry.heap import bound_work
+from knotfab_validators.geometry.curves import number_runs
 from knotfab_validators.geometry.mesh import Mesh, corner_faces
-from knotfab_validators.geometry.sampling import number_runs
+from knotfab_validators.geometry.surface import bound_work
 from knotfab_validators.geometry.triangles import point_triangle, triangle_triangle
-
-__all__ = ["SAMPLE_MM", "Facing", "LocalThickness", "Probe"]
-
 
 SAMPLE_MM = 1.2  # between samples; see `Probe`
 MOST_SAMPLES = 200_000

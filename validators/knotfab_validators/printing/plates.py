@@ -8,19 +8,21 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from knotfab_formats.checks import MESH, PRINTING
-from knotfab_validators.check import Check, at_most, places, skip_check, spot
-from knotfab_validators.files.plates import Plate
-from knotfab_validators.geometry.inside import surface_distance, winding_numbers
-from knotfab_validators.geometry.mesh import Mesh, enclosed_volume
+from knotfab_formats.verdict import MESH, PRINTING, Check
+from knotfab_validators.check import at_most, places, skip_check, spot
+from knotfab_validators.files.mesh import Plate
+from knotfab_validators.geometry.mesh import (
+    Mesh,
+    enclosed_volume,
+    surface_distance,
+    winding_numbers,
+)
 from knotfab_validators.mesh.surface_checks import check_mesh
 from knotfab_validators.printing.printability import printability_checks
 from knotfab_validators.tube.region import check_build_volume
 
 if TYPE_CHECKING:
-    from knotfab_formats.scene import Printer
-
-__all__ = ["check_plates", "check_plates_printable"]
+    from knotfab_formats.piece import Printer
 
 
 APART_MM = 0.05  # between the part's surface and that of its pieces, placed as the scene says

@@ -8,23 +8,30 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from knotfab_formats.checks import PRINTING
+from knotfab_formats.verdict import PRINTING, Check
 from knotfab_validators.arrays import Array, Mask
-from knotfab_validators.check import Check, at_least, at_most, places, skip_check, spot
-from knotfab_validators.clock import time_stage
-from knotfab_validators.geometry.heap import TooMuchWork
+from knotfab_validators.check import at_least, at_most, places, skip_check, spot, time_stage
 from knotfab_validators.geometry.mesh import Mesh
-from knotfab_validators.printing.bridges import Stretches, find_unsupported
-from knotfab_validators.printing.columns import Columns, columns
-from knotfab_validators.printing.islands import find_islands
+from knotfab_validators.geometry.surface import TooMuchWork
+from knotfab_validators.printing.bridges import (
+    Columns,
+    Stretches,
+    columns,
+    find_islands,
+    find_unsupported,
+)
 from knotfab_validators.printing.local_thickness import NEAR_MM, LocalThickness, Probe
-from knotfab_validators.printing.overhang import overhang_areas, support_volume
-from knotfab_validators.printing.standing import Body, bodies, footprint, margin
+from knotfab_validators.printing.standing import (
+    Body,
+    bodies,
+    footprint,
+    margin,
+    overhang_areas,
+    support_volume,
+)
 
 if TYPE_CHECKING:
-    from knotfab_formats.scene import Printer
-
-__all__ = ["printability_checks"]
+    from knotfab_formats.piece import Printer
 
 
 MOST_MM = 10_000.0  # no printer is larger, and no grid over the part could be fine

@@ -5,10 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 from knotfab_formats.verdict import Recognition
-from knotfab_validators.files.bent import Bent
+from knotfab_validators.files.colours import Bent
 from knotfab_validators.shadows.recognition import UNKNOWN, WORDS
-
-__all__ = ["BENT", "judge_bending"]
 
 # rms and most, in shares of the picture's height, and stretch, up to which a person who looked at pictures
 # bent by 0 to 38 % gives a bent one the word (docs/verdict.md)

@@ -12,22 +12,21 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from knotfab_formats.verdict import Colours, Lamp, Masks, Misregistration
+from knotfab_formats.verdict import Check, Colours, Lamp, Masks, Misregistration
 from knotfab_validators.arrays import Array, Ints, Mask
-from knotfab_validators.check import Check, at_least, at_most, skip_check
+from knotfab_validators.check import at_least, at_most, skip_check
 from knotfab_validators.files.picture import read_colours
-from knotfab_validators.shadows.cast import ShadowCaster
-from knotfab_validators.shadows.colour_light import Bytes, Light, colour_error, light_of, to_srgb
-from knotfab_validators.shadows.distance import depth_in
+from knotfab_validators.shadows.exact_shadow import ShadowCaster
 from knotfab_validators.shadows.frame import WorkingFrame, padded_mask, working_frame
-from knotfab_validators.shadows.renderer import Renderer
+from knotfab_validators.shadows.lamp import Bytes, Light, colour_error, light_of, to_srgb
+from knotfab_validators.shadows.outlines import depth_in
+from knotfab_validators.shadows.render import Renderer
 from knotfab_validators.shadows.view import ViewGeometry
 
 if TYPE_CHECKING:
-    from knotfab_formats.scene import View
+    from knotfab_formats.views import View
     from knotfab_validators.files.scene import Scene
 
-__all__ = ["LampShadow", "MixedPicture", "check_colours", "measure_colours", "write_colours"]
 
 # px of a frame of 1024: a pixel no farther from a border of colours is along an outline
 OUTLINE_PX = 2.0

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from knotfab_formats.verdict import Check, RoundWall
 from knotfab_validators.arrays import Array, Mask
-from knotfab_validators.shadows.renderer import Renderer
+from knotfab_validators.check import at_most, skip_check
+from knotfab_validators.shadows.frame import LONGER_SIDE, WorkingFrame
+from knotfab_validators.shadows.render import Renderer
 from knotfab_validators.shadows.view import ViewGeometry
 
-__all__ = ["ANGLES_DEG", "Overlap", "depth_ratio", "legibility", "overlap", "turn_view"]
+if TYPE_CHECKING:
+    from knotfab_formats.views import Switches
 
 
 ANGLES_DEG = (15, 30, 45, 60)
@@ -115,3 +120,104 @@ def _stretch(mask: Mask, size: int) -> Mask:
     i = rows[0] + (at * (rows[-1] - rows[0] + 1)).astype(int)
     j = columns[0] + (at * (columns[-1] - columns[0] + 1)).astype(int)
     return mask[np.ix_(i, j)]
+
+
+# Measure how well a shadow gives the greys of a picture by the spacing of its strands.
+
+
+# standard deviation of the Gaussian through which shadow and picture are seen, in radii of the tube's shadow
+SIGMA_RADII = 3.0
+MOST = 0.5  # a share of the error of one even grey
+
+
+@dataclass(frozen=True)
+class Tone:
+    """Greys of one view: `error` is the rms difference of the greys, and `flat`, that of an even grey.
+
+    Both are shares of the way from white to the densest shadow, `densest`, which parallel strands with
+    their clearance can throw.
+    """
+
+    error: float
+    flat: float
+    densest: float
+
+
+def measure_tone(
+    shadow: Mask, darkness: Array, frame: WorkingFrame, radius_px: float, clearance: float
+) -> Tone:
+    """Measure the low-passed shadow against the picture's low-passed greys, over the picture's frame.
+
+    Where the picture is white no shadow is wanted, where it is black the densest: strands of radius r and
+    clearance c side by side darken 2r / (2r + c). Nothing is fitted to the shadow.
+
+    Args:
+        shadow: (H, W) on the padded frame. darkness: the picture's, 0 .. 1, in its own pixels.
+        radius_px: radius of the tube's shadow. clearance: clearance of strands, in radii.
+    """
+    from PIL import Image
+    from scipy import ndimage
+
+    inside = frame.window
+    size = (frame.width, frame.height)
+    filtered = Image.fromarray(darkness.astype(np.float32)).resize(size, Image.Resampling.BOX)
+    wanted = np.zeros(shadow.shape)
+    densest = 2.0 / (2.0 + clearance)
+    wanted[inside] = densest * np.asarray(filtered, dtype=np.float64)
+    sigma = SIGMA_RADII * radius_px
+    seen = ndimage.gaussian_filter(shadow.astype(np.float64), sigma, mode="constant")[inside]
+    asked = ndimage.gaussian_filter(wanted, sigma, mode="constant")[inside]
+    error = float(np.sqrt(((seen - asked) ** 2).mean()))
+    return Tone(error / densest, float(asked.std()) / densest, densest)
+
+
+def check_tone(tones: dict[str, Tone]) -> Check:
+    """Check `tone`: the greys are nearer to those asked for than an even grey would be, by half."""
+    name = "tone"
+    if not tones:
+        return skip_check(name, "no view asks for greys")
+    worst = max(tones, key=lambda view: tones[view].error / max(tones[view].flat, 1e-9))
+    found = tones[worst]
+    detail = (
+        f"rms difference of the greys of shadow and picture, both seen through a Gaussian of {SIGMA_RADII:g} "
+        f"tube radii, from white to the densest shadow ({found.densest:.0%} dark), view {worst}; "
+        f"an even grey has {found.flat:.3f}"
+    )
+    return at_most(name, found.error, MOST * found.flat, "", detail)
+
+
+# Measure how much it matters to a picture that its wall is round.
+
+
+# a wall that puts the picture less far from a flat one's place is taken as flat
+WALL_TOLERANCES = 1.0
+PLACES = 129  # across and up the frame
+
+
+def find_wall(geometry: ViewGeometry) -> RoundWall | None:
+    """Find how far a flat wall would put the picture off its places on the round one; None of a flat one."""
+    if geometry.cylinder is None:
+        return None
+    ends = (np.linspace(-0.5, n - 0.5, PLACES) for n in (geometry.width, geometry.height))
+    u, v = np.meshgrid(*ends)
+    pixels = np.column_stack([u.ravel(), v.ravel()])
+    off = geometry.flat.project(geometry.on_receiver(pixels))[0] - pixels
+    share = LONGER_SIDE / max(geometry.width, geometry.height)
+    most = share * float(np.linalg.norm(off, axis=1).max())
+    return RoundWall(radius_mm=geometry.cylinder.radius, off_px=most, samples=1)
+
+
+def receive(
+    geometry: ViewGeometry, effects: Switches, tolerance_px: float = 0.25
+) -> tuple[ViewGeometry, RoundWall | None]:
+    """Return the view on the wall that its shadows are cast on, and what `find_wall` says of that.
+
+    A round wall is taken as flat where the scene says so, or a flat one is not off by a tolerance.
+    """
+    wall = find_wall(geometry)
+    if wall is None:
+        return geometry, None
+    bends = bool(effects.wall)
+    if effects.wall is None:
+        bends = wall.off_px > WALL_TOLERANCES * tolerance_px
+    return (geometry, wall) if bends else (geometry.flat, None)

@@ -12,33 +12,34 @@ import numpy as np
 from knotfab_formats.verdict import Layers, Misplacement, Recognition, RoundWall
 from knotfab_formats.verdict import View as ViewFound
 from knotfab_validators.arrays import Array, Mask
-from knotfab_validators.clock import time_stage
-from knotfab_validators.files.bent import Bent, bend_of, bend_silhouette
-from knotfab_validators.files.picture import read_greys, read_silhouette
-from knotfab_validators.files.strokes import widen_strokes
+from knotfab_validators.check import time_stage
+from knotfab_validators.files.colours import Bent, bend_of, bend_silhouette
+from knotfab_validators.files.picture import read_greys, read_silhouette, widen_strokes
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh, move_points
 from knotfab_validators.shadows.bending_rule import judge_bending
-from knotfab_validators.shadows.cast import ShadowCaster
-from knotfab_validators.shadows.compare import depth_ratio, overlap
+from knotfab_validators.shadows.compare import Tone, depth_ratio, measure_tone, overlap, receive
+from knotfab_validators.shadows.exact_shadow import ShadowCaster
 from knotfab_validators.shadows.frame import padded_mask, working_frame
-from knotfab_validators.shadows.lamp import lamp_size
-from knotfab_validators.shadows.layers import layer_shift_px, measure_layers, shows_layers
-from knotfab_validators.shadows.misplacement import measure_misplacement, moves_apart, parting_px
-from knotfab_validators.shadows.penumbra import SoftShadow, averages_lamp, measure_penumbra
+from knotfab_validators.shadows.lamp import SoftShadow, averages_lamp, lamp_size, measure_penumbra
+from knotfab_validators.shadows.misplacement import (
+    layer_shift_px,
+    measure_layers,
+    measure_misplacement,
+    moves_apart,
+    parting_px,
+    shows_layers,
+)
 from knotfab_validators.shadows.recognition import recognise
 from knotfab_validators.shadows.render import SilhouetteRenderer
-from knotfab_validators.shadows.tone import Tone, measure_tone
 from knotfab_validators.shadows.topology import label_regions
 from knotfab_validators.shadows.verify_view import VerifiedView, verify_view
 from knotfab_validators.shadows.view import ViewGeometry, view_geometry
-from knotfab_validators.shadows.wall import receive
 
 if TYPE_CHECKING:
-    from knotfab_formats.scene import View
+    from knotfab_formats.views import View
     from knotfab_validators.files.scene import Scene
 
-__all__ = ["PosedPart", "SeenView", "pose_part", "see_view", "tell_view"]
 
 MISPLACED_PX = 512  # losses of a few per cent are told apart as well
 SPECK_PX = 4.0  # half the length of a piece that no knot needs to draw

@@ -9,15 +9,19 @@ from math import inf
 
 import numpy as np
 
-from knotfab_formats.verdict import Loss, Recognition, View
+from knotfab_formats.verdict import Check, Loss, Recognition, Status, View
 from knotfab_validators.arrays import Mask
-from knotfab_validators.check import Check, Status, skip_check
-from knotfab_validators.shadows.distance import depth_in
+from knotfab_validators.check import skip_check
 from knotfab_validators.shadows.frame import WorkingFrame
-from knotfab_validators.shadows.outline_stretch import find_wrong_stretch
-from knotfab_validators.shadows.shapes import Shape, find_misshapen
-from knotfab_validators.shadows.specks import Specks, find_specks
-from knotfab_validators.shadows.text_rows import Row, find_rows
+from knotfab_validators.shadows.outlines import depth_in, find_wrong_stretch
+from knotfab_validators.shadows.shapes import (
+    Row,
+    Shape,
+    Specks,
+    find_misshapen,
+    find_rows,
+    find_specks,
+)
 from knotfab_validators.shadows.topology import (
     Box,
     Change,
@@ -31,8 +35,6 @@ from knotfab_validators.shadows.topology import (
     without_specks,
 )
 from knotfab_validators.shadows.view import ViewGeometry
-
-__all__ = ["RULES", "UNKNOWN", "WORDS", "Rule", "check_recognisable", "recognise", "worst_verdict"]
 
 
 @dataclass(frozen=True)

@@ -7,20 +7,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from knotfab_formats.verdict import Check
 from knotfab_validators.arrays import Array, Mask
-from knotfab_validators.check import Check, at_most
-from knotfab_validators.files.plates import Plate
-from knotfab_validators.geometry.inside import winding_numbers
-from knotfab_validators.geometry.mesh import Mesh
+from knotfab_validators.check import at_most
+from knotfab_validators.files.mesh import Plate
+from knotfab_validators.geometry.mesh import Mesh, winding_numbers
 from knotfab_validators.mesh.surface_checks import check_mesh
-from knotfab_validators.shadows.cast import ShadowCaster
+from knotfab_validators.shadows.exact_shadow import ShadowCaster
 from knotfab_validators.shadows.view import ViewGeometry, view_geometry
 from knotfab_validators.tube.region import check_build_volume
 
 if TYPE_CHECKING:
     from knotfab_validators.files.scene import Scene
 
-__all__ = ["check_table"]
 
 OFF_MM = 0.5  # how far a lamp's hole and the screen's slot may be from where they belong
 MOST_DARK = 0.001

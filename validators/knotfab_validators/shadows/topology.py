@@ -9,23 +9,7 @@ from typing import Literal, TypeVar
 import numpy as np
 
 from knotfab_validators.arrays import Array, Ints, Mask
-from knotfab_validators.shadows.distance import depth_in
-
-__all__ = [
-    "Box",
-    "Change",
-    "Kind",
-    "close_slits",
-    "count_repeated",
-    "count_touching",
-    "crop_to_ink",
-    "find_changes",
-    "find_widest",
-    "label_regions",
-    "list_pieces",
-    "shift_change",
-    "without_lost",
-]
+from knotfab_validators.shadows.outlines import depth_in
 
 Kind = Literal["piece", "hole", "gap", "stroke", "stray", "leak", "shape", "tip"]
 Box = tuple[int, int, int, int]

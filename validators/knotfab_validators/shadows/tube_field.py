@@ -9,14 +9,10 @@ import numpy as np
 import shapely
 from scipy.spatial import cKDTree
 
-from knotfab_validators.arrays import Array, Ints, Mask
-from knotfab_validators.compiled import compiled
+from knotfab_validators.arrays import Array, Ints, Mask, compiled
 from knotfab_validators.geometry.curves import edges_of
+from knotfab_validators.shadows.exact_shadow import Linework, wound_mask
 from knotfab_validators.shadows.view import ViewGeometry
-from knotfab_validators.shadows.winding import Linework, wound_mask
-
-__all__ = ["OutlineError", "TubeField", "outline_error", "tube_field"]
-
 
 MARGIN_PX = 3.0  # px outside a capsule's box within which its distance is evaluated first
 MOST_PIXELS = 20_000  # the most differing pixels; where more do, the error is far above any limit

@@ -10,17 +10,14 @@ import numpy as np
 import shapely
 
 from knotfab_validators.arrays import Array, Ints, Mask
-from knotfab_validators.shadows.cast import ShadowCaster
 from knotfab_validators.shadows.compare import Overlap, legibility, overlap
-from knotfab_validators.shadows.exact_shadow import shadow_mask, shadow_polygon
+from knotfab_validators.shadows.exact_shadow import ShadowCaster, shadow_mask, shadow_polygon
 from knotfab_validators.shadows.frame import WorkingFrame, padded_mask, working_frame
-from knotfab_validators.shadows.outline_stretch import WrongStretch, find_wrong_stretch
+from knotfab_validators.shadows.outlines import WrongStretch, find_wrong_stretch
 from knotfab_validators.shadows.render import SilhouetteRenderer
 from knotfab_validators.shadows.tube_field import OutlineError, outline_error, tube_field
 from knotfab_validators.shadows.view import ViewGeometry
-from knotfab_validators.tube.mount_matter import tube_vertices
-
-__all__ = ["VerifiedView", "count_stray", "verify_view"]
+from knotfab_validators.tube.mount_members import tube_vertices
 
 
 @dataclass(frozen=True)

@@ -6,16 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from knotfab_formats.verdict import Check
 from knotfab_validators.arrays import Array, Ints
-from knotfab_validators.check import Check, at_most, skip_check
+from knotfab_validators.check import at_most, skip_check
 from knotfab_validators.geometry.curves import Curves
-from knotfab_validators.geometry.inside import winding_numbers
-from knotfab_validators.geometry.mesh import Mesh
-from knotfab_validators.geometry.seam import sew_rims
-from knotfab_validators.geometry.surface import Surface, survey
-from knotfab_validators.geometry.torus import CircleFunction, circle_functions
-
-__all__ = ["CentreLine", "check_centre_lines", "find_centre_line"]
+from knotfab_validators.geometry.mesh import Mesh, sew_rims, winding_numbers
+from knotfab_validators.geometry.surface import CircleFunction, Surface, circle_functions, survey
 
 LIMIT = 0.15  # rms residual, of the radius: a hexagon's is 0.05, a square's 0.11
 STEP = 0.25  # radii between the points at which a centre line is fitted

@@ -7,20 +7,20 @@ from itertools import pairwise
 
 import numpy as np
 
+from knotfab_formats.verdict import Check
 from knotfab_validators.arrays import Array, Ints, Mask
-from knotfab_validators.check import Check, at_least, skip_check, spot
-from knotfab_validators.geometry.collision import collision_body, collision_distance
-from knotfab_validators.geometry.curves import Curves
-from knotfab_validators.geometry.heap import tell_heap
-from knotfab_validators.geometry.mesh import Mesh, bound_triangles, number_bodies
-from knotfab_validators.geometry.sampling import number_runs
-from knotfab_validators.geometry.segments import point_segment, segment_segment
-from knotfab_validators.geometry.triangle_loops import nearest_edges
-from knotfab_validators.geometry.triangles import triangle_triangle, triangles_cross
-from knotfab_validators.tube.strand_pairs import Samples, StrandPairs, sample_curves, strand_pairs
-
-__all__ = ["Gap", "check_clearance", "nearest_bodies", "strand_gap"]
-
+from knotfab_validators.check import at_least, skip_check, spot
+from knotfab_validators.geometry.curves import Curves, number_runs, point_segment, segment_segment
+from knotfab_validators.geometry.mesh import (
+    Mesh,
+    bound_triangles,
+    collision_body,
+    collision_distance,
+    number_bodies,
+)
+from knotfab_validators.geometry.surface import tell_heap
+from knotfab_validators.geometry.triangles import nearest_edges, triangle_triangle, triangles_cross
+from knotfab_validators.tube.thickness import Samples, StrandPairs, sample_curves, strand_pairs
 
 MOST_BODIES = 500
 SPACING = 0.5  # radii between the samples of the centre lines

@@ -8,10 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from knotfab_validators.arrays import Array, Ints, Mask
-from knotfab_validators.geometry.near_segments import SegmentBlocks, near_segments, segment_blocks
-
-__all__ = ["Chord", "CurvePoint", "shortest_critical_chord"]
-
+from knotfab_validators.geometry.curves import SegmentBlocks, near_segments, segment_blocks
 
 CurvePoint = tuple[int, int, float]
 """A point of the polygons: knot, edge (from vertex `edge` to the next), and where on it, 0 to 1."""

@@ -6,20 +6,22 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from knotfab_formats.verdict import Check
 from knotfab_validators.arrays import Array
-from knotfab_validators.check import Check, at_most, skip_check, spot, worst_apart
-from knotfab_validators.geometry.axes import view_axes
-from knotfab_validators.geometry.collision import collision_body, collision_distance
-from knotfab_validators.geometry.curves import Curves
-from knotfab_validators.geometry.inside import surface_distance, winding_numbers
-from knotfab_validators.geometry.mesh import Mesh, move_points
-from knotfab_validators.geometry.sampling import cut_edges, quarter_triangles
+from knotfab_validators.check import at_most, skip_check, spot, worst_apart
+from knotfab_validators.geometry.curves import Curves, cut_edges, quarter_triangles, view_axes
+from knotfab_validators.geometry.mesh import (
+    Mesh,
+    collision_body,
+    collision_distance,
+    move_points,
+    surface_distance,
+    winding_numbers,
+)
 
 if TYPE_CHECKING:
     from knotfab_formats.bounds import Matrix
-    from knotfab_formats.scene import Region
-
-__all__ = ["check_build_volume", "check_region", "measure_excess"]
+    from knotfab_formats.piece import Region
 
 
 BED_TOLERANCE_MM = 1e-3

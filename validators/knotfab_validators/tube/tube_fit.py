@@ -6,15 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from knotfab_formats.verdict import Check
 from knotfab_validators.arrays import Array, Ints, Mask
-from knotfab_validators.check import Check, at_most, skip_check, spot, worst_apart
-from knotfab_validators.geometry.curves import CurveEdges, Curves
-from knotfab_validators.geometry.inside import surface_distance, winding_numbers
-from knotfab_validators.geometry.mesh import Mesh
-from knotfab_validators.geometry.sampling import cut_edges, quarter_triangles
-
-__all__ = ["TubeFit", "check_tube", "measure_proud", "tube_fit"]
-
+from knotfab_validators.check import at_most, skip_check, spot, worst_apart
+from knotfab_validators.geometry.curves import CurveEdges, Curves, cut_edges, quarter_triangles
+from knotfab_validators.geometry.mesh import Mesh, surface_distance, winding_numbers
 
 # a share of the radius: facets cost knotfab's parts about 1 %, twelve flat sides 3.4 %
 LIMIT = 0.04

@@ -1,0 +1,1 @@
+"""Many builds, here or on a Dask cluster."""

@@ -1,0 +1,1 @@
+"""A photograph of the real shadow against the picture."""

@@ -1,0 +1,389 @@
+"""Rectify a photograph to the frame seen square on: its four corners, the map, and the dark in it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from scipy import ndimage
+from scipy.optimize import minimize
+
+from knotfab.base.arrays import Array, Mask
+from knotfab.knots import Knots
+from knotfab.picture.silhouette import mask_iou, resample_mask
+from knotfab.render.silhouette import frame_of, render
+from knotfab.report.drill_template import MARK_RADII_MM
+from knotfab.scene.camera import Camera
+from knotfab_formats.errors import InputError
+
+_LOOKED_PX = 500  # longer side at which the plate is looked for
+_STRIP = 0.04  # a strip along the plate's edge, as a share of its width, that is taken to be wall
+_LEAST_SHARE = 0.04  # a plate covers at least this share of the photograph
+_FAINT = 0.12  # a shadow takes away at least this share of the light
+_ROUNDS = 6  # the light of the bare wall is fitted to what is lit so often
+
+
+def read_corners(words: Sequence[str], width: int, height: int) -> Array:
+    """Read (4, 2) px from `x,y` four times: top left, top right, bottom right, bottom left of the frame.
+
+    Raises:
+        InputError: they are no four corners of something that could be seen as a frame.
+    """
+    call = f"--corners {' '.join(words)}"
+    remedy = (
+        "Give x,y of top left, top right, bottom right and bottom left, in px of the photograph."
+    )
+    try:
+        corners = np.array([[float(part) for part in word.split(",")] for word in words])
+    except ValueError as error:
+        raise InputError(call, "these are not four points", remedy) from error
+    if corners.shape != (4, 2) or not np.isfinite(corners).all():
+        raise InputError(call, "these are not four points", remedy)
+    ahead = np.roll(corners, -1, axis=0) - corners
+    after = np.roll(ahead, -1, axis=0)
+    turns = ahead[:, 0] * after[:, 1] - ahead[:, 1] * after[:, 0]
+    if not (turns > 0).all():
+        raise InputError(call, "the points do not go round a frame clockwise", remedy)
+    if (corners < 0).any() or (corners > (width, height)).any():
+        raise InputError(call, f"a point lies outside its {width} x {height} px", remedy)
+    return corners
+
+
+def homography(source: Array, target: Array) -> Array:
+    """Return (3, 3) that takes four points (4, 2) to four others (Hartley and Zisserman, section 4.1)."""
+    rows = []
+    for (x, y), (u, v) in zip(source, target, strict=True):
+        rows.append([x, y, 1, 0, 0, 0, -u * x, -u * y, -u])
+        rows.append([0, 0, 0, x, y, 1, -v * x, -v * y, -v])
+    return np.asarray(np.linalg.svd(np.array(rows))[2][-1].reshape(3, 3))
+
+
+def through(matrix: Array, points: Array) -> Array:
+    """Return (n, 2) points through a homography."""
+    h = np.concatenate([points, np.ones((len(points), 1))], axis=1) @ matrix.T
+    return np.asarray(h[:, :2] / h[:, 2:])
+
+
+def rectify(photo: Array, corners: Array, size: tuple[int, int], pad: tuple[int, int]) -> Array:
+    """Return the frame seen square on, with a margin: what lies outside the photograph is NaN.
+
+    Args:
+        photo: (H, W) brightness. corners: (4, 2) px of the frame in it.
+        size: width and height of the frame in px. pad: px of the margin on each side.
+    """
+    (width, height), (pad_u, pad_v) = size, pad
+    frame = np.array([[0, 0], [width, 0], [width, height], [0, height]]) - 0.5
+    u, v = np.meshgrid(np.arange(-pad_u, width + pad_u), np.arange(-pad_v, height + pad_v))
+    at = through(homography(frame, corners), np.stack([u.ravel(), v.ravel()], axis=1).astype(float))
+    # where the photograph is finer, its pixels are averaged over one px here
+    blur = max(0.0, 0.4 * float(np.sqrt(shapely.Polygon(corners).area / (width * height))) - 0.4)
+    smooth = ndimage.gaussian_filter(photo, blur) if blur > 0 else photo
+    seen = ndimage.map_coordinates(smooth, at[:, ::-1].T, order=1, cval=np.nan)
+    return np.asarray(seen.reshape(u.shape))
+
+
+def find_shadow(seen: Array, what: str) -> Mask:
+    """Find the dark on a wall that is lit unevenly: where more than half of a shadow's depth is missing.
+
+    The wall's brightness is a smooth surface (a cubic in x and y) through what is not in shadow, found in
+    turns with the threshold between the two (Otsu's) of the brightness over it.
+
+    Raises:
+        InputError: nothing in it is much darker than the rest.
+    """
+    known = np.isfinite(seen)
+    height, width = seen.shape
+    y, x = np.mgrid[-1 : 1 : height * 1j, -1 : 1 : width * 1j]
+    terms = np.stack([x**i * y**j for i in range(4) for j in range(4 - i)], axis=-1)
+    lit = known & (seen >= np.median(seen[known]))
+    share = seen
+    cut = 1.0
+    for _ in range(_ROUNDS):
+        fitted, *_ = np.linalg.lstsq(terms[lit][::7], seen[lit][::7], rcond=None)
+        wall = np.maximum(terms @ fitted, max(1e-9, 1e-3 * float(np.nanmax(seen))))
+        share = seen / wall
+        cut = _threshold(share[known])
+        lit = known & (share > 0.5 * (1.0 + cut))
+    dark = known & (share < cut)
+    if not dark.any() or np.median(share[lit]) - np.median(share[dark]) < _FAINT:
+        raise InputError(
+            what, "no shadow stands out in it", "Darken the room, or check the corners (--corners)."
+        )
+    # grains of noise are none of the shadow
+    return np.asarray(ndimage.median_filter(dark, 3))
+
+
+def _threshold(values: Array) -> float:
+    """Return Otsu's cut (1979), with the least variance on both sides, half-way between their means."""
+    counts, edges = np.histogram(values, 256, range=(0.0, 1.3))
+    middle = 0.5 * (edges[1:] + edges[:-1])
+    below = np.cumsum(counts)
+    above = below[-1] - below
+    sums = np.cumsum(counts * middle)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        low, high = sums / below, (sums[-1] - sums) / above
+        between = np.nan_to_num(below * above * (high - low) ** 2)
+    best = int(between.argmax())
+    return float(0.5 * (low[best] + high[best]))
+
+
+def find_plate(photo: NDArray[np.float64]) -> Array | None:
+    """Find (4, 2) px of a mount's plate: the quadrilateral that stands out from the wall about it.
+
+    Args:
+        photo: (H, W, 3), 0 to 1.
+
+    Returns:
+        Its corners clockwise from the top left; None where none is found.
+    """
+    step = max(1, round(max(photo.shape[:2]) / _LOOKED_PX))
+    small = ndimage.gaussian_filter(photo, (0.7 * step, 0.7 * step, 0))[::step, ::step]
+    unlike = np.linalg.norm(small / _light_of_wall(small) - 1.0, axis=2)
+    best: tuple[float, Array] | None = None
+    for cut in (0.04, 0.06, 0.09, 0.13, 0.18, 0.25):
+        labels, count = ndimage.label(ndimage.binary_fill_holes(unlike > cut))
+        if not count:
+            continue
+        largest = labels == 1 + int(np.bincount(labels.ravel())[1:].argmax())
+        if largest.mean() < _LEAST_SHARE:
+            continue
+        corners = _quadrilateral(largest)
+        if corners is None:
+            continue
+        like = _likeness(corners, largest)
+        if best is None or like > best[0]:
+            best = like, corners
+    if best is None or best[0] < 0.95:  # IoU of a region and the quadrilateral about it
+        return None
+    return np.asarray((best[1] + 0.5) * step - 0.5)
+
+
+def _light_of_wall(photo: Array) -> Array:
+    """Fit the wall's colour in its light: a quadratic in x and y through a strip along the photo's edge."""
+    height, width = photo.shape[:2]
+    y, x = np.mgrid[-1 : 1 : height * 1j, -1 : 1 : width * 1j]
+    terms = np.stack([x**i * y**j for i in range(3) for j in range(3 - i)], axis=-1)
+    strip = np.maximum(np.abs(x), np.abs(y)) > 1 - 2 * _STRIP
+    fitted, *_ = np.linalg.lstsq(terms[strip], photo[strip], rcond=None)
+    return np.asarray(np.maximum(terms @ fitted, 0.02))
+
+
+def _quadrilateral(region: Mask) -> Array | None:
+    """Return the four sides about a region: each a line through that side of its hull."""
+    rows, columns = np.nonzero(region)
+    hull = shapely.convex_hull(shapely.MultiPoint(np.stack([columns, rows], axis=1)))
+    if not isinstance(hull, shapely.Polygon):
+        return None
+    size = float(np.sqrt(hull.area))
+    simple = hull
+    for tolerance in np.geomspace(0.005, 0.2, 24) * size:
+        simple = hull.simplify(tolerance)
+        if len(simple.exterior.coords) <= 5:
+            break
+    rough = np.array(simple.exterior.coords)[:-1]
+    if len(rough) != 4:
+        return None
+    outline = shapely.segmentize(hull, 1.0)
+    points = np.array(outline.exterior.coords)
+    lines = []
+    for a, b in zip(rough, np.roll(rough, -1, axis=0), strict=True):
+        along = (b - a) / np.linalg.norm(b - a)
+        rel = points - a
+        t = rel @ along / np.linalg.norm(b - a)
+        off = np.abs(rel[:, 0] * along[1] - rel[:, 1] * along[0])
+        side = points[(t > 0.12) & (t < 0.88) & (off < 0.04 * size)]
+        if len(side) < 4:
+            return None
+        middle = side.mean(axis=0)
+        normal = np.linalg.svd(side - middle)[2][1]
+        lines.append((normal, float(normal @ middle)))
+    corners = []
+    for (n, d), (m, e) in zip(lines, lines[1:] + lines[:1], strict=True):
+        if abs(np.linalg.det(np.stack([n, m]))) < 0.1:
+            return None
+        corners.append(np.linalg.solve(np.stack([n, m]), [d, e]))
+    return from_top_left(np.array(corners))
+
+
+def from_top_left(corners: Array) -> Array:
+    """Return the corners clockwise as seen, from the one at the top left."""
+    middle = corners.mean(axis=0)
+    ordered = corners[np.argsort(np.arctan2(*(corners - middle).T[::-1]))]
+    return np.roll(ordered, -int((ordered.sum(axis=1)).argmin()), axis=0)
+
+
+def _likeness(corners: Array, region: Mask) -> float:
+    y, x = np.mgrid[: region.shape[0], : region.shape[1]]
+    inside = shapely.contains_xy(shapely.Polygon(corners).buffer(0), x, y)
+    return mask_iou(inside, region)
+
+
+# The four marks in a photograph: dots in a light and a dark ring, at whatever tilt they are seen.
+
+
+_MARKS_PX = 2000  # longer side at which they are looked for
+# windows about which the light is averaged, as shares of that side
+_WINDOWS = 1 / 12, 1 / 30, 1 / 75
+_DARKER = 0.85  # times that average
+_LEAST_PX = 9  # across a mark
+_LARGEST = 0.25  # a share of the photograph's longer side
+_DOT, _LIGHT, _RING = MARK_RADII_MM
+# shares of the disc within the dark ring's outline: not in the ring, and in the dot. Blur, and a threshold
+# that is not half-way, move both
+_HOLE, _MIDDLE = (_LIGHT / _RING) ** 2, (_DOT / _RING) ** 2
+_OFF = 0.4  # these shares may be off by this share, either way
+_APART = 0.08  # a share of a mark's size, between the middles of its dot and of its ring
+_LIKE_AN_ELLIPSE = 0.06
+_FLATTEST = 0.3  # shorter over longer side, as it is seen
+
+
+@dataclass(frozen=True)
+class _Found:
+    """A mark's middle, (2,) px, and the square root of its area."""
+
+    middle: Array
+    size: float
+
+
+def find_marks(grey: Array) -> Array | None:
+    """Find (4, 2) px of the marks' middles, clockwise from the top left; None where there are not just four.
+
+    What is darker than the light about it is taken apart into pieces; a mark is a piece with one hole, and
+    another piece in the middle of that, whose areas are in the proportions of the drawing. A circle becomes
+    an ellipse in perspective, and these proportions stay.
+
+    Args:
+        grey: (H, W) brightness.
+    """
+    step = max(1, round(max(grey.shape) / _MARKS_PX))
+    small = ndimage.gaussian_filter(grey, 0.5 * step)[::step, ::step]
+    found: list[_Found] = []
+    for window in _WINDOWS:
+        around = ndimage.uniform_filter(small, max(3, round(window * max(small.shape))))
+        for mark in _rings(small < _DARKER * around):
+            if all(np.linalg.norm(mark.middle - m.middle) > 0.5 * m.size for m in found):
+                found.append(mark)
+    if len(found) != 4:
+        return None
+    return from_top_left((np.stack([mark.middle for mark in found]) + 0.5) * step - 0.5)
+
+
+def _rings(dark: Mask) -> list[_Found]:
+    """Return the marks among the dark pieces."""
+    # grains of noise would join separate pieces, and make holes of their own
+    labels, _ = ndimage.label(ndimage.median_filter(dark, 3))
+    found = []
+    for number, place in enumerate(ndimage.find_objects(labels), start=1):
+        high, wide = (s.stop - s.start for s in place)
+        if min(high, wide) < _LEAST_PX or max(high, wide) > _LARGEST * max(dark.shape):
+            continue
+        piece = labels[place] == number
+        filled = ndimage.binary_fill_holes(piece)
+        area = int(filled.sum())
+        hole = area - int(piece.sum())
+        if not _is_about(hole / area, _HOLE):
+            continue
+        inside, count = ndimage.label((labels[place] != 0) & filled & ~piece)
+        if not count:
+            continue
+        sizes = np.bincount(inside.ravel())[1:]
+        dot = inside == 1 + int(sizes.argmax())
+        if not _is_about(int(sizes.max()) / area, _MIDDLE) or sizes.sum() > 1.3 * sizes.max():
+            continue
+        size = float(np.sqrt(area))
+        middle, core = (np.array(ndimage.center_of_mass(mask)) for mask in (filled, dot))
+        if np.linalg.norm(middle - core) > _APART * size or not _is_ellipse(filled):
+            continue
+        corner = np.array([place[1].start, place[0].start])
+        found.append(_Found(0.5 * (middle + core)[::-1] + corner, size))
+    return found
+
+
+def _is_about(share: float, wanted: float) -> bool:
+    return abs(share - wanted) <= _OFF * wanted
+
+
+def _is_ellipse(region: Mask) -> bool:
+    """Tell whether it is as large as the ellipse of its second moments, and not too flat."""
+    points = np.argwhere(region)
+    spread = np.cov(points.T) + np.eye(2) / 12
+    low, high = np.linalg.eigvalsh(spread)
+    area = 4 * np.pi * np.sqrt(low * high)
+    return bool(abs(area / len(points) - 1) < _LIKE_AN_ELLIPSE and low > _FLATTEST**2 * high)
+
+
+# Find the lamp: the displacement whose shadow of the knots is most like the one that was seen.
+
+
+_STEP_MM = (8.0, 8.0, 40.0)  # the simplex's steps, and the scale of the unknowns
+_COARSER = 2  # factor to the resolution of the IoU
+_FARTHEST = 1.0  # a lamp may be off by this share of its distance from the wall
+
+
+@dataclass(frozen=True)
+class LampFit:
+    """The lamp's distance from its place, mm: to the right, up, and away from the wall.
+
+    IoU of the shadow that was seen with that of the knots, for the lamp in its place and where it stood.
+    """
+
+    right_mm: float
+    up_mm: float
+    away_mm: float
+    iou_in_place: float
+    iou: float
+
+
+def cast_shadow(knots: Knots, camera: Camera, eye: Array) -> Array:
+    """Return (H, W) share of each pixel of `camera`'s frame that the knots darken for a lamp at `eye`.
+
+    Args:
+        knots: in the scene.
+    """
+    frame = frame_of(replace(camera, eye=eye), np.float32, stretched=True)
+    points = knots.points.astype(np.float32)
+    ahead = points[knots.rings.next]
+    # sharpness of outlines: as steep as the share of a pixel that an edge covers
+    return render(points, ahead, frame, knots.radius_mm, 4.0).astype(np.float64)
+
+
+def find_lamp(knots: Knots, camera: Camera, seen: Mask) -> LampFit:
+    """Fit the lamp's displacement to the shadow that was seen, on `camera`'s frame.
+
+    Nelder and Mead's simplex on the squared difference of both pictures, blurred: much first, then less.
+    """
+    full = camera
+    camera = camera.resized(camera.width // _COARSER, camera.height // _COARSER)
+    coarse = resample_mask(seen, camera.width, camera.height).astype(np.float64)
+    axes = np.stack([camera.du / np.linalg.norm(camera.du), -camera.dv / np.linalg.norm(camera.dv)])
+    axes = np.concatenate([axes, np.cross(axes[0], axes[1])[None]])
+    if axes[2] @ camera.receiver[:3] < 0:
+        axes[2] = -axes[2]
+    step = np.array(_STEP_MM)
+    wall, offset = camera.receiver[:3], float(camera.receiver[3])
+    reach = float(camera.eye @ wall) + offset
+    front = float((knots.points @ wall).max()) + offset + knots.radius_mm
+    found = np.zeros(3)
+    for soft in (4.0, 1.5):  # blur of both pictures, first and then
+        wanted = ndimage.gaussian_filter(coarse, soft)
+
+        def unlike(unknown: Array, soft: float = soft, wanted: Array = wanted) -> float:
+            eye = camera.eye + (unknown * step) @ axes
+            # a shadow of something else has led lamps behind the piece, and kilometres away
+            if eye @ wall + offset < front or np.linalg.norm(unknown * step) > _FARTHEST * reach:
+                return np.inf
+            cast = cast_shadow(knots, camera, eye)
+            return float(((ndimage.gaussian_filter(cast, soft) - wanted) ** 2).sum())
+
+        corners = np.concatenate([found[None], found + np.eye(3)])
+        options = {"initial_simplex": corners, "maxfev": 90, "xatol": 0.02, "fatol": 1e-3}
+        found = minimize(unlike, found, method="Nelder-Mead", options=options).x
+
+    def likeness(at: Array) -> float:
+        return mask_iou(cast_shadow(knots, full, full.eye + at @ axes) > 0.5, seen)
+
+    right, up, away = (float(v) for v in found * step)
+    return LampFit(right, up, away, likeness(np.zeros(3)), likeness(found * step))

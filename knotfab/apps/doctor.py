@@ -1,0 +1,324 @@
+"""Find what this machine has and lacks for knotfab, with the remedy for each."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import platform
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from importlib import metadata
+from pathlib import Path
+from typing import Literal
+
+from knotfab.base.pool import count_cores, measure_memory_gb
+
+Status = Literal["ok", "missing", "warning"]
+
+# distribution, import name
+LIBRARIES = (
+    ("numpy", "numpy"),
+    ("scipy", "scipy"),
+    ("shapely", "shapely"),
+    ("manifold3d", "manifold3d"),
+    ("libigl", "igl"),
+    ("lib3mf", "lib3mf"),
+    ("cadquery", "cadquery"),
+    ("resvg-py", "resvg_py"),
+    ("pillow", "PIL"),
+)
+# extras that not every build needs: the extra, its use, import names
+EXTRAS = (
+    ("studio", "studio and --watch", ("starlette", "uvicorn", "websockets")),
+    ("dask", "batches on a cluster", ("distributed",)),
+)
+GLYPH_FONTS = ("DejaVuSans.ttf", "DejaVuSans-Bold.ttf")
+RENDER_REMEDY = "apt-get install libegl1 libgl1"
+LEAST_MEMORY_GB, LEAST_DISK_GB = 4.0, 1.0
+CHILD_TIMEOUT_S, TOO_SLOW = 60, 128
+
+# Runs in a child: where OpenGL is missing VTK ends the whole process with a segmentation fault.
+RENDER_CHILD = """
+import os, sys
+if sys.platform.startswith("linux"):
+    os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
+import pyvista
+plotter = pyvista.Plotter(off_screen=True, window_size=(32, 32))
+plotter.add_mesh(pyvista.Sphere(), color="white", lighting=False)
+plotter.background_color = "black"
+image = plotter.screenshot(return_img=True)
+assert image.max() > 200, "the picture stayed black"
+print("pyvista", pyvista.__version__, "with VTK", ".".join(map(str, pyvista.vtk_version_info)))
+"""
+# Libraries with compiled parts can end the process too: each name is said before it is loaded.
+IMPORT_CHILD = """
+import importlib, sys
+for name in sys.argv[1:]:
+    print("?", name, flush=True)
+    try:
+        importlib.import_module(name)
+    except Exception as error:
+        print("-", " ".join(f"{type(error).__name__}: {error}".split()), flush=True)
+    else:
+        print("+", flush=True)
+"""
+TORCH_CHILD = """
+import torch
+cuda = torch.cuda.get_device_name(0) if torch.cuda.is_available() else "no CUDA device"
+print(f"{torch.__version__}, {torch.get_num_threads()} threads, {cuda}")
+"""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that was looked at: `detail` says what was found, `remedy` what to do about it."""
+
+    name: str
+    status: Status
+    detail: str
+    remedy: str = ""
+
+
+def examine() -> list[Finding]:
+    """Look at everything a build needs; nothing heavy is loaded into this process.
+
+    `missing` breaks a required step, `warning` only costs speed or an optional one.
+    """
+    return [
+        _python(),
+        _torch(),
+        *_libraries(LIBRARIES),
+        _rendering(),
+        _fonts(),
+        _slicer(),
+        *(_look_for_extra(*extra) for extra in EXTRAS),
+        _cores(),
+        _memory(),
+        _disk(),
+    ]
+
+
+def run_loops() -> None:
+    """Run every compiled loop, in the sketch of a bar: this process has them loaded then."""
+    import numpy as np
+
+    from knotfab.design.design import design_knots
+    from knotfab.picture.read import read_target
+    from knotfab.render.part_picture import draw_faces
+    from knotfab.scene.catalogue import resolve
+    from knotfab_formats.piece import Accuracy
+    from knotfab_formats.scene import Scene
+
+    few = {"depth_candidates": 4, "radius_candidates": 2}
+    scene = resolve(Scene(accuracy=Accuracy(name="sketch"), search=few))
+    design_knots(scene, [read_target("text:▬")])  # a bar: little to fill
+    draw_faces(np.eye(3), np.eye(3), np.array([[0, 1, 2]]), 2)
+
+
+def compile_loops() -> Finding:
+    """Run every compiled loop: what it compiles is kept for all builds.
+
+    The validators have loops of their own, which they run before they answer.
+    """
+    from knotfab.base.compiled import count_loops
+    from knotfab.base.errors import MachineError
+    from knotfab.pipeline.verifier import Files, Verifier
+
+    begun = time.perf_counter()
+    with Verifier({"shadow-render"}) as verifier:
+        validators = verifier.submit(Files(None))
+        run_loops()
+        failed = None
+        try:
+            validators.result()
+        except MachineError as error:
+            failed = error
+    loops, compiled, folder = count_loops()
+    kept = f"kept under {folder}" if folder else "there is no place to keep them"
+    seconds = time.perf_counter() - begun
+    name, said = "compiled loops", f"{loops}, {compiled} of them compiled now, in {seconds:.0f} s"
+    if failed is not None:
+        detail = f"{said}; {kept}; but not the validators': {failed.why}"
+        return Finding(name, "warning", detail, failed.remedy)
+    said += ", and the validators'"
+    if folder:
+        return Finding(name, "ok", f"{said}; {kept}")
+    return Finding(name, "warning", f"{said}; {kept}", "Set NUMBA_CACHE_DIR to a folder of yours")
+
+
+def _python() -> Finding:
+    detail = f"{platform.python_version()} on {platform.system()} {platform.machine()}"
+    return Finding("python", "ok", detail)
+
+
+def _torch() -> Finding:
+    found = _look_for_extra("torch", "torch", ("torch",))
+    if found.status != "ok":
+        return found
+    ran, said = _answer(TORCH_CHILD)
+    if ran:
+        return replace(found, detail=said)
+    return Finding("torch", "warning", said, "pip install --force-reinstall torch")
+
+
+def _libraries(wanted: Sequence[tuple[str, str]]) -> list[Finding]:
+    """List the libraries: installed, found by the import system, and really imported by a child."""
+    found = [_look_for(distribution, module) for distribution, module in wanted]
+    present = [m for (_, m), finding in zip(wanted, found, strict=True) if finding.status == "ok"]
+    broken = _import_errors(present)
+    return [
+        replace(
+            finding,
+            status="missing",
+            detail=f"{finding.detail}, but {broken[module]}",
+            remedy=f"pip install --force-reinstall {distribution}; {RENDER_REMEDY}",
+        )
+        if module in broken
+        else finding
+        for (distribution, module), finding in zip(wanted, found, strict=True)
+    ]
+
+
+def _look_for(distribution: str, module: str) -> Finding:
+    remedy = f"pip install {distribution}"
+    try:
+        version = metadata.version(distribution)
+    except metadata.PackageNotFoundError:
+        return Finding(distribution, "missing", "not installed", remedy)
+    if importlib.util.find_spec(module) is None:
+        detail = f"{version} is listed, but {module} is not there"
+        return Finding(distribution, "missing", detail, f"{remedy} --force-reinstall")
+    return Finding(distribution, "ok", version)
+
+
+def _look_for_extra(extra: str, what: str, modules: Sequence[str]) -> Finding:
+    lacking = [name for name in modules if importlib.util.find_spec(name) is None]
+    if lacking:
+        remedy = f"In knotfab's folder: pip install '.[{extra}]'"
+        return Finding(what, "warning", f"{', '.join(lacking)} not installed", remedy)
+    return Finding(what, "ok", f"{', '.join(modules)}")
+
+
+def _import_errors(modules: Sequence[str]) -> dict[str, str]:
+    """Try to import `modules`; return those that cannot be imported, and why."""
+    errors: dict[str, str] = {}
+    left = list(modules)
+    while left:
+        code, said, _ = _child(IMPORT_CHILD, *left)
+        last = ""
+        for line in said.splitlines():
+            if line.startswith("? "):
+                last = line[2:]
+            elif line.startswith("- "):
+                errors[last] = line[2:]
+        if code == 0:
+            break
+        # The child died on the last name that it said: go on with those behind it.
+        last = last or left[0]
+        errors[last] = _ending(code)
+        left = left[left.index(last) + 1 :]
+    return errors
+
+
+def _rendering() -> Finding:
+    name = "rendering (pyvista)"
+    if importlib.util.find_spec("pyvista") is None:
+        return Finding(name, "missing", "pyvista is not installed", "pip install pyvista")
+    from knotfab_validators.shadows.render import why_no_rendering
+
+    reason = why_no_rendering()
+    if reason is not None:
+        return Finding(name, "missing", reason, RENDER_REMEDY)
+    ran, said = _answer(RENDER_CHILD)
+    if ran:
+        return Finding(name, "ok", f"{said}, a picture was rendered off-screen")
+    return Finding(name, "missing", f"rendering off-screen failed: {said}", RENDER_REMEDY)
+
+
+def _fonts() -> Finding:
+    name, remedy = "fonts for text:…", "pip install --force-reinstall matplotlib"
+    found = importlib.util.find_spec("matplotlib")
+    if found is None or found.origin is None:
+        return Finding(name, "missing", "matplotlib is not installed", "pip install matplotlib")
+    folder = Path(found.origin).parent / "mpl-data" / "fonts" / "ttf"
+    lacking = [font for font in GLYPH_FONTS if not (folder / font).is_file()]
+    if lacking:
+        return Finding(name, "warning", f"matplotlib lacks {', '.join(lacking)}", remedy)
+    return Finding(name, "ok", f"DejaVu Sans, with matplotlib {metadata.version('matplotlib')}")
+
+
+def _slicer() -> Finding:
+    from knotfab.part.slicer_process import REMEDY, ask_help, find_slicer
+
+    name, path = "prusa-slicer", find_slicer()
+    if path is None:
+        detail = "not found: builds go without the slicer's own reading of the file"
+        return Finding(name, "warning", detail, REMEDY)
+    ended = ask_help(path)
+    if ended.code:
+        lines = ended.err.strip().splitlines() or [ended.stopped or _ending(ended.code)]
+        detail = f"{path} does not run: {lines[-1]}"
+        return Finding(name, "warning", detail, f"{REMEDY} --reinstall")
+    version = next((word for word in ended.out.split() if word.startswith("PrusaSlicer")), "")
+    return Finding(name, "ok", f"{path}, {version.partition('+')[0]}".rstrip(", "))
+
+
+def _cores() -> Finding:
+    cores = count_cores()
+    limit = os.environ.get("OMP_NUM_THREADS", "")
+    if limit.isdigit() and int(limit) < cores:
+        detail = f"{cores}, but OMP_NUM_THREADS={limit} keeps the search to {limit}"
+        return Finding("cores", "warning", detail, "unset OMP_NUM_THREADS")
+    if cores < 2:
+        return Finding("cores", "warning", "1", "Expect builds to take twice as long")
+    return Finding("cores", "ok", str(cores))
+
+
+def _memory() -> Finding:
+    total = measure_memory_gb()
+    if total is None:
+        return Finding("memory", "warning", "cannot be read here", f"Have {LEAST_MEMORY_GB:g} GB")
+    if total < LEAST_MEMORY_GB:
+        return Finding("memory", "warning", f"{total:.1f} GB", "Use --accuracy draft")
+    return Finding("memory", "ok", f"{total:.1f} GB")
+
+
+def _disk() -> Finding:
+    free = shutil.disk_usage(Path.cwd()).free / 2**30
+    detail = f"{free:.1f} GB free in the current folder"
+    if free < LEAST_DISK_GB:
+        return Finding("disk", "warning", detail, "Free some space, or give --out another disk")
+    return Finding("disk", "ok", detail)
+
+
+def _answer(code: str) -> tuple[bool, str]:
+    """Run `code` in a child: whether it ended well, and the last line that it said."""
+    ending, out, err = _child(code)
+    lines = (out if ending == 0 else err).strip().splitlines()
+    return ending == 0, lines[-1] if lines and ending >= 0 else _ending(ending)
+
+
+def _child(code: str, *arguments: str) -> tuple[int, str, str]:
+    """Run `code` in a Python of its own: exit code (128: too slow), standard output and error."""
+    try:
+        done = subprocess.run(
+            [sys.executable, "-c", code, *arguments],
+            capture_output=True,
+            text=True,
+            errors="replace",
+            timeout=CHILD_TIMEOUT_S,
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        return TOO_SLOW, "", ""
+    return done.returncode, done.stdout, done.stderr
+
+
+def _ending(code: int) -> str:
+    if code == TOO_SLOW:
+        return f"no answer in {CHILD_TIMEOUT_S} s"
+    return f"ended by signal {-code}" if code < 0 else f"exit code {code}"

@@ -1,0 +1,251 @@
+"""`knotfab mcp`: the tools with their schemas, and the server that answers calls of them over stdio."""
+
+from __future__ import annotations
+
+import base64
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable, Collection, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from types import NoneType
+from typing import Any, Literal, get_args, get_origin, get_type_hints
+
+import anyio
+import anyio.from_thread
+import anyio.lowlevel
+import anyio.to_thread
+from docstring_parser import parse_from_object
+from mcp.server.lowlevel import Server
+from mcp.server.stdio import stdio_server
+from mcp.types import CallToolResult, ImageContent, ListToolsResult, TextContent, Tool
+
+from knotfab import __version__
+from knotfab.apps.mcp import jobs
+from knotfab.base.disk import at_home, confined
+from knotfab.base.errors import explain_error, keep_traceback
+from knotfab.base.progress import Event
+from knotfab.pipeline.options import HELP, BuildOptions, PictureOptions
+from knotfab_formats.errors import InputError
+
+_running: set[threading.Event] = set()  # events that end each job that runs
+_LEFT_OUT = {"quiet", "verbose"}  # there is no terminal
+_TEXT, _LIST = {"type": "string"}, {"type": "array", "items": {"type": "string"}}
+_PICTURES = {
+    **_LIST,
+    "description": "Image files, SVGs, or text:… (a glyph or a word); not needed where the scene names them. "
+    "Several are several views of one part.",
+}
+_OUT = {**_TEXT, "description": "A PNG to write as well."}
+
+
+@dataclass(frozen=True)
+class _Tool:
+    job: Callable[[jobs.Given, jobs.Hear, Collection[str]], jobs.Answer]
+    does: str
+    properties: dict[str, Any]
+    known: tuple[str, ...]  # options, or all arguments where there are none
+
+
+def _kind(hint: Any) -> dict[str, Any]:
+    """Return the JSON schema of an option."""
+    inner = (
+        [one for one in get_args(hint) if one is not NoneType]
+        if NoneType in get_args(hint)
+        else [hint]
+    )
+    if get_origin(inner[0]) is Literal:
+        return {"enum": list(get_args(inner[0]))}
+    if get_origin(inner[0]) is tuple:
+        return _LIST
+    plain = {bool: {"type": "boolean"}, int: {"type": "integer"}, Path: _TEXT}
+    return plain.get(inner[0], {"type": ["string", "number"]})
+
+
+def _tools() -> dict[str, _Tool]:
+    hints = get_type_hints(BuildOptions)
+    told = {
+        one.arg_name: " ".join((one.description or "").split())
+        for kind in (PictureOptions, BuildOptions)
+        for one in parse_from_object(kind).params
+    } | HELP
+    options = {
+        name: {**_kind(hint), "description": told[name]}
+        for name, hint in hints.items()
+        if name not in _LEFT_OUT
+    }
+    read = (*get_type_hints(PictureOptions), "sequence")
+    seen = {"pictures": _PICTURES, "out": _OUT, **{name: options[name] for name in read}}
+    part = {**_TEXT, "description": "A folder that a build wrote, or an STL, 3MF, OBJ or PLY file."}
+    scene = {**_TEXT, "description": "The scene.toml of the part."}
+    measured = {
+        "part": part, "scene": scene,
+        "knots": {**_TEXT, "description": "The centre lines, knots.json."},
+        "skip": {**_LIST, "description": "Checks to leave out, such as shadow-render."},
+        "unit": {"enum": ["mm", "cm", "m", "in"], "description": "Of the numbers in an STL, OBJ or PLY."},
+    }  # fmt: skip
+    cast = {
+        "part": {**_TEXT, "description": "An STL or 3MF in print coordinates."},
+        "scene": scene,
+        "view": {**_TEXT, "description": "Name of the view; the first by default."},
+        "out": _OUT,
+    }
+    return {
+        "preview": _Tool(
+            jobs.preview,
+            "Show in a second what a picture will become: its silhouette, the tube that a build takes, and "
+            "what that loses.",
+            seen, read,
+        ),
+        "build": _Tool(
+            jobs.build,
+            "Turn a picture, or several, into a verified knotted tube whose shadow is that picture. Takes "
+            "from seconds to minutes; `print_` also slices it.",
+            {"pictures": _PICTURES, **options}, tuple(options),
+        ),
+        "validate": _Tool(
+            jobs.validate,
+            "Measure a written part, or any tube, with other code than wrote it.",
+            measured, tuple(measured),
+        ),
+        "shadow": _Tool(
+            jobs.shadow, "Render the shadow that a part casts in its scene.", cast, tuple(cast)
+        ),
+    }  # fmt: skip
+
+
+def make_server() -> Server[Any]:
+    """Make the server with its tools; what they may read and write is up to `confined`."""
+    tools, builds = _tools(), anyio.CapacityLimiter(1)  # each build takes all cores
+
+    async def list_tools(ctx: Any, params: Any) -> ListToolsResult:
+        return ListToolsResult(
+            tools=[
+                Tool(
+                    name=name,
+                    description=tool.does,
+                    input_schema={"type": "object", "properties": tool.properties},
+                )
+                for name, tool in tools.items()
+            ]
+        )
+
+    async def call_tool(ctx: Any, params: Any) -> CallToolResult:
+        tool, stop = tools.get(params.name), threading.Event()
+        if tool is None:
+            return _refuse(f"{params.name}: there is no such tool. Known: {', '.join(tools)}.")
+        hear = partial(
+            _report, ctx.session.report_progress, stop, anyio.lowlevel.current_token(), [-1.0]
+        )
+        call = partial(_run, tool, dict(params.arguments or {}), hear)
+        _running.add(stop)
+        try:
+            async with anyio.create_task_group() as tasks:
+                tasks.start_soon(_when_cancelled, stop)
+                limiter = builds if tool.job is jobs.build else None
+                result = await anyio.to_thread.run_sync(call, limiter=limiter)
+                tasks.cancel_scope.cancel()
+        finally:
+            _running.discard(stop)
+        return result
+
+    return Server(
+        "knotfab",
+        version=__version__,
+        instructions="Lengths are in mm. Show a person the preview's picture before a build.",
+        on_list_tools=list_tools,
+        on_call_tool=call_tool,
+    )
+
+
+def serve(allow: Sequence[Path] = ()) -> None:
+    """Answer calls on standard input until it ends; relative paths start from the first folder.
+
+    Args:
+        allow: folders that may be read and written; by default the one that this process is in.
+
+    Raises:
+        InputError: one of them is no folder.
+    """
+    folders = [at_home(folder).absolute() for folder in allow] or [Path.cwd()]
+    for folder in folders:
+        if not folder.is_dir():
+            raise InputError(
+                f"--allow {folder}", "there is no such folder", "Name one that is there."
+            )
+    os.chdir(folders[0])
+    with confined(folders):
+        anyio.run(_serve)
+
+
+async def _serve() -> None:
+    server = make_server()
+    # libraries' words for standard output go to standard error meanwhile
+    async with anyio.create_task_group() as tasks:
+        tasks.start_soon(_end_when_asked)
+        async with stdio_server() as (read, write):
+            await server.run(read, write, server.create_initialization_options())
+        tasks.cancel_scope.cancel()
+
+
+async def _end_when_asked() -> None:
+    """When asked to end (Ctrl-C), end the jobs, then the process: a thread of it waits for standard input."""
+    with (
+        suppress(NotImplementedError),  # Windows has no such signals
+        anyio.open_signal_receiver(signal.SIGINT, signal.SIGTERM) as asked,
+    ):
+        async for _ in asked:
+            for stop in list(_running):
+                stop.set()
+            while _running:
+                await anyio.sleep(0.05)
+            print("knotfab: interrupted; nothing was changed", file=sys.stderr, flush=True)
+            os._exit(130)
+
+
+async def _when_cancelled(stop: threading.Event) -> None:
+    """Have the job's next event end it; a thread cannot be ended from outside."""
+    try:
+        await anyio.sleep_forever()
+    finally:
+        stop.set()
+
+
+def _report(
+    send: Callable[..., Any], stop: threading.Event, token: Any, last: list[float], event: Event
+) -> None:
+    """Send how far a build is, where that is farther than at the last time; from any thread."""
+    if stop.is_set():
+        raise KeyboardInterrupt
+    if event.name not in ("stage", "progress", "end") or event.share <= last[0]:
+        return
+    last[0] = event.share
+    left = "" if event.left_s is None else f", {event.left_s:.0f} s left"
+    words = f"{event.stage}{', longer than usual' if event.late else left}"
+    anyio.from_thread.run(send, event.share, 1.0, words, token=token)
+
+
+def _run(tool: _Tool, given: jobs.Given, hear: jobs.Hear) -> CallToolResult:
+    try:
+        answer = tool.job(given, hear, tool.known)
+    except KeyboardInterrupt:
+        return _refuse("interrupted; nothing was changed")
+    except Exception as error:
+        return _refuse(str(explain_error(error) or keep_traceback(error)))
+    pictures = [
+        ImageContent(type="image", data=base64.b64encode(png).decode(), mime_type="image/png")
+        for png in answer.pictures
+    ]
+    return CallToolResult(
+        content=[TextContent(type="text", text=answer.words), *pictures],
+        structured_content=answer.figures,
+        is_error=answer.failed,
+    )
+
+
+def _refuse(sentence: str) -> CallToolResult:
+    return CallToolResult(content=[TextContent(type="text", text=sentence)], is_error=True)

@@ -1,0 +1,259 @@
+"""A view's picture by the distance to outlines in the image plane, of capsules or of ellipses.
+
+The paper's renderers (section 3.3) behind the calls of `DeviceImage`, to be measured beside the ray
+distance: in torch alone, and in double precision, which conics need.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal, Protocol
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from knotfab.apps.paper.ellipse import (
+    Outlines,
+    clip_segments,
+    outline_capsules,
+    outline_distance,
+    support,
+)
+from knotfab.base.arrays import Real
+from knotfab.geometry.polylines import Polylines
+from knotfab.render.device import DeviceImage
+from knotfab.render.silhouette import Frame, least_depth, number
+
+
+@dataclass(frozen=True)
+class _Eye:
+    """`outlines.Pinhole` of a frame of tensors: its image plane lies at depth 1."""
+
+    frame: Frame
+    near: float  # spheres are seen that lie wholly beyond, mm
+    far: float = 1e9  # no infinity, which would have no slope
+
+    @property
+    def width(self) -> int:
+        return self.frame.width
+
+    @property
+    def height(self) -> int:
+        return self.frame.height
+
+    @property
+    def pitch(self) -> float:
+        """The side of a pixel on the image plane."""
+        return number(self.frame.step)
+
+    @property
+    def focal(self) -> tuple[float, float, float]:
+        return 0.5 * self.width * self.pitch, 0.5 * self.height * self.pitch, 1.0
+
+    def local(self, points: Tensor) -> Tensor:
+        found: Tensor = self.frame.local(points)
+        return found
+
+    def plane(self, u: Tensor, v: Tensor) -> Tensor:
+        u0, v0 = number(self.frame.u0), number(self.frame.v0)
+        return torch.stack([(u + u0) * self.pitch, (v + v0) * self.pitch], -1)
+
+    def half_diagonal(self, pixels: int) -> float:
+        return float(np.sqrt(0.5)) * (pixels - 1) * self.pitch
+
+
+@dataclass(frozen=True)
+class OutlineImage(DeviceImage):
+    """A picture [height, width] on a device and its frame; capsules, or ellipses at vertices, draw it."""
+
+    renderer: Literal["capsule", "ellipse"] = "capsule"
+
+    def find_winners(self, points: Real, rings: Polylines, radius: float, reach_px: float) -> Won:
+        """Find which capsule, or ellipse, is the largest at each pixel within reach of one."""
+        eye = self._eye(radius)
+        return winners(*self._ends(points, rings), eye, radius, reach_px * eye.pitch)
+
+    def _image(
+        self, p: Tensor, q: Tensor, radius: float, tau: float, cutoff: float, won: Won | None = None
+    ) -> Tensor:
+        eye, ends = self._eye(radius), None if self.renderer == "ellipse" else q
+        return render_outlines(p, ends, eye, radius, tau / eye.pitch, cutoff, won)
+
+    def _error(
+        self, p: Tensor, q: Tensor, radius: float, tau: float, cutoff: float, won: Any
+    ) -> Tensor:
+        return ((self._image(p, q, radius, tau, cutoff, won) - self.target) ** 2).sum()
+
+    def _eye(self, radius: float) -> _Eye:
+        return _Eye(self.frame, least_depth(radius) - radius)
+
+    def _ends(self, points: Real, rings: Polylines, slopes: bool = False) -> tuple[Tensor, Tensor]:
+        p, q = super()._ends(points, rings, slopes)
+        return p, p if self.renderer == "ellipse" else q
+
+
+# Images by the distance to outlines in the image plane: sigmoid(tau S), of ellipses or of
+# capsules.
+
+
+REACH = 16.0  # pixels with tau S below minus this are empty: sigmoid(-16) is 1e-7
+_SQUARES = 256  # the most squares on the first level
+_EMPTY = -1e9
+_TINY = 1e-30
+
+Won = tuple[Tensor, Tensor]  # flat pixels and their primitives, as in the call
+
+
+class Pinhole(Protocol):
+    """The camera that these images need: x right, y down, z away from the eye, any unit of length."""
+
+    @property
+    def width(self) -> int: ...
+    @property
+    def height(self) -> int: ...
+    @property
+    def focal(self) -> tuple[float, float, float]:
+        """Half the picture's width and height on the image plane, and the plane's depth."""
+        ...
+
+    @property
+    def near(self) -> float: ...
+    @property
+    def far(self) -> float: ...
+    def local(self, points: Tensor) -> Tensor:
+        """Map [..., 3] world -> [..., 3] camera coordinates."""
+        ...
+
+    def plane(self, u: Tensor, v: Tensor) -> Tensor:
+        """Map [...] pixel columns and rows -> [..., 2] points of the image plane."""
+        ...
+
+    def half_diagonal(self, pixels: int) -> float:
+        """Measure how far the centres of a square of so many pixels lie from its middle, on the plane."""
+        ...
+
+
+def winners(
+    starts: Tensor,  # [n, 3] world
+    ends: Tensor,  # [n, 3]
+    camera: Pinhole,
+    radius: float,
+    reach: float,
+) -> Won:
+    """Give (pixel [m], primitive [m]): the pixels with S > -reach, and which primitive is the largest there.
+
+    Not differentiable. Capsules start-end; spheres where they are the same points.
+    """
+    with torch.no_grad():
+        a, b, index = clip_segments(
+            camera.local(starts), camera.local(ends), radius, camera.near, camera.far
+        )
+        shape = outline_capsules(a, b, radius, camera.focal[2])
+        width, height = camera.width, camera.height
+        size = 1
+        while -(-width // size) * -(-height // size) > _SQUARES:
+            size *= 2
+        columns, rows = -(-width // size), -(-height // size)
+        squares = torch.arange(columns * rows, device=a.device).repeat_interleave(len(index))
+        kind = torch.arange(len(index), device=a.device).repeat(columns * rows)
+        u, v = squares % columns * size, squares // columns * size
+        while True:
+            keep = _may_win(shape, kind, u, v, size, camera, reach)
+            kind, u, v = kind[keep], u[keep], v[keep]
+            if size == 1:
+                break
+            size //= 2
+            kind = kind.repeat(4)
+            u = torch.cat([u, u + size, u, u + size])
+            v = torch.cat([v, v, v + size, v + size])
+        q = camera.plane(u.to(a.dtype), v.to(a.dtype))
+        s, _, _ = outline_distance(shape.at(kind), q, radius, camera.focal[2])
+        pixel = v * width + u
+        best = torch.full((width * height,), -reach, dtype=a.dtype, device=a.device)
+        best.scatter_reduce_(0, pixel, s, "amax")
+        first = torch.full((width * height,), len(index), dtype=torch.long, device=a.device)
+        won = s == best[pixel]
+        # the first of equals is taken, so that the result has one order
+        first.scatter_reduce_(0, pixel[won], kind[won], "amin")
+        pixel = ((first < len(index)) & (best > -reach)).nonzero()[:, 0]
+        return pixel, index[first[pixel]]
+
+
+def _may_win(
+    shape: Outlines, kind: Tensor, u: Tensor, v: Tensor, size: int, camera: Pinhole, reach: float
+) -> Tensor:
+    """Return [m] which (square, primitive) pairs may hold a winner: inside the image and not surely beaten.
+
+    An outline holds the flat capsule about its ellipses' middles with the smallest half axis, and lies in
+    the one with the largest.
+    """
+    half = 0.5 * (size - 1)
+    q = camera.plane(u.to(shape.a.dtype) + half, v.to(shape.a.dtype) + half)
+    start, way = shape.first.middle, shape.second.middle - shape.first.middle
+    square = (way * way).sum(-1).clamp_min(_TINY)
+    least = torch.minimum(shape.first.minor, shape.second.minor)[kind]
+    most = torch.maximum(shape.first.major, shape.second.major)[kind]
+    x, y = (q - start[kind]).unbind(-1)
+    ex, ey = way[kind].unbind(-1)
+    t = ((x * ex + y * ey) / square[kind]).clamp_(0.0, 1.0)
+    away = torch.hypot(x - t * ex, y - t * ey)
+    slack = camera.half_diagonal(size) + 1e-6 * (1.0 + most)
+    low, high = least - away - slack, most - away + slack
+    columns = -(-camera.width // size)
+    rows = -(-camera.height // size)
+    inside = (u < camera.width) & (v < camera.height)
+    square_of = torch.where(inside, v // size * columns + u // size, columns * rows)
+    best = torch.full((columns * rows + 1,), -reach, dtype=q.dtype, device=q.device)
+    best.scatter_reduce_(0, square_of, low, "amax")
+    return inside & (high >= best[square_of])
+
+
+def signed_distance(
+    starts: Tensor,  # [m, 3] world
+    ends: Tensor,  # [m, 3]
+    q: Tensor,  # [m, 2] on the image plane
+    camera: Pinhole,
+    radius: float,
+) -> Tensor:
+    """Return [m] signed distance of q to outlines of capsules (spheres if start = end), positive inside.
+
+    In the image plane's unit; exact. Differentiable with respect to the points: an exact gradient, or a
+    subgradient where two places of the outline are equally near. -1e9 for points that are clipped away.
+    """
+    a, b, index = clip_segments(
+        camera.local(starts), camera.local(ends), radius, camera.near, camera.far
+    )
+    focal_z = camera.focal[2]
+    _, u, share = outline_distance(
+        outline_capsules(a, b, radius, focal_z), q[index], radius, focal_z
+    )
+    one, two = support(u, a, radius, focal_z), support(u, b, radius, focal_z)
+    s = (1 - share) * one + share * two - (u * q[index]).sum(-1)
+    empty = torch.full((len(q),), _EMPTY, dtype=q.dtype, device=q.device)
+    return empty.index_put((index,), s)
+
+
+def render_outlines(
+    starts: Tensor,  # [n, 3] world
+    ends: Tensor | None,  # [n, 3]; None: the ellipse renderer
+    camera: Pinhole,
+    radius: float,
+    tau: float,
+    reach: float = REACH,
+    won: Won | None = None,
+) -> Tensor:
+    """Render [height, width] the image of capsules start-end, or of spheres, up to sigmoid(-reach).
+
+    Differentiable with respect to the points. `tau` is per unit of the image plane. `won` takes the winners
+    of an earlier call: a lower bound of the image, exact wherever the winner is still the same.
+    """
+    b = starts if ends is None else ends
+    if won is None:
+        won = winners(starts, b, camera, radius, reach / tau)
+    pixel, kind = won
+    u, v = (pixel % camera.width).to(starts.dtype), (pixel // camera.width).to(starts.dtype)
+    s = signed_distance(starts[kind], b[kind], camera.plane(u, v), camera, radius)
+    image = torch.zeros(camera.width * camera.height, dtype=starts.dtype, device=starts.device)
+    image = image.index_put((pixel,), torch.sigmoid(tau * s))
+    return image.reshape(camera.height, camera.width)

@@ -1,0 +1,1 @@
+"""A local page to build pieces on."""

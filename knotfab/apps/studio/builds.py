@@ -1,0 +1,298 @@
+"""The builds of a studio: a folder each, a record of what was asked, and the knots to go on from."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import os
+import shutil
+from collections.abc import Iterable, Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from knotfab.apps.studio.pictures import StudioPicture
+from knotfab.base.disk import write_whole
+from knotfab.base.folder import REJECTED, mend
+from knotfab_formats.errors import InputError
+
+BUILDS = "builds"
+_STARTS, _RECORDS = "starts", "records"
+_LONGEST_TITLE = 80  # characters
+# files of a build's folder, in the order in which a person wants them
+_SHOWN = (
+    "part.3mf", "zoetrope.3mf", "part.stl", "zoetrope.stl", "part.glb", "part-colours.3mf", "coupon.3mf",
+    "setup.pdf", "report.html", "sequence.gif", "turn.gif", "report.json", "scene.toml", "knots.json",
+    "slicer.ini",
+)  # fmt: skip
+# The names of further files begin with these.
+_ALSO = "plate-", "table-", "colours", "part-", "setup-", "shadow-", "centre-lines"
+Kind = Literal["one", "views", "frames"]
+
+
+class Record(BaseModel):
+    """A build's request, and how it ended."""
+
+    model_config = ConfigDict(extra="ignore")
+
+    title: str
+    pictures: tuple[StudioPicture, ...] = ()
+    kind: Kind = "one"
+    settings: dict[str, str | int | float | bool] = {}
+    phase: str = "running"
+    sentence: str = ""
+
+
+class _Verdict(BaseModel):
+    word: str | None = None
+    reasons: list[str] = []
+
+
+class _View(BaseModel):
+    iou: Annotated[float, Field(allow_inf_nan=False)] | None = None
+
+
+class _Print(BaseModel):
+    time_s: Annotated[float, Field(allow_inf_nan=False)] | None = None
+    filament_g: Annotated[float, Field(allow_inf_nan=False)] | None = None
+    mass_g: Annotated[float, Field(allow_inf_nan=False)] | None = None
+    bounding_box_mm: list[Annotated[float, Field(allow_inf_nan=False)]] | None = None
+
+
+class _Report(BaseModel):
+    """The part of a report.json that the page shows."""
+
+    verdict: _Verdict | None = None
+    views: list[_View] = []
+    print: _Print | None = None
+
+
+class Builds:
+    """All builds below `folder`; what is wrong with one leaves the others as they are."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder / BUILDS
+        self._starts, self._records = folder / _STARTS, folder / _RECORDS
+        self.records: dict[str, Record] = {}
+        for held in _children(self.folder):
+            mend(held)
+        for path in sorted(self._records.glob("[!.]*.json")):
+            with contextlib.suppress(OSError, ValueError):
+                self.records[path.stem] = Record.model_validate_json(path.read_bytes())
+        for name, record in list(self.records.items()):
+            if record.phase == "running":  # the studio was killed meanwhile
+                passed = (self.folder / name / "report.json").is_file()
+                self.end(
+                    name, "done" if passed else "stopped", "The studio ended before this build did."
+                )
+
+    def begin(self, base: str, record: Record) -> str:
+        """Take a build in under a name that no other has, and a title that no other has.
+
+        Raises:
+            InputError: it cannot be written down.
+        """
+        held = {path.name for path in _children(self.folder)}
+        held |= {*self.records, *(path.stem for path in _children(self._starts))}
+        name = number(base, held, "-")
+        titles = [self.title_of(other) for other in held]
+        self.records[name] = record.model_copy(update={"title": number(record.title, titles, " ")})
+        self._write(name)
+        return name
+
+    def end(self, name: str, phase: str, sentence: str) -> None:
+        """Write down how it ended; of one that left neither a result nor knots nothing stays."""
+        mend(self.folder / name)
+        record = self.records.get(name)
+        if record is None:
+            return
+        self.records[name] = record.model_copy(update={"phase": phase, "sentence": sentence})
+        if self._is_listed(name):
+            with contextlib.suppress(InputError):  # the disk is full: it is in memory
+                self._write(name)
+        else:
+            self._forget(name)
+
+    def rename(self, name: str, title: str) -> None:
+        """Give it another title; its folder keeps its name.
+
+        Raises:
+            InputError: there is none of that name, the title is empty, or another has it.
+        """
+        record = self.records.get(self.require(name)) or Record(title=name, phase="done")
+        plain = " ".join("".join(c if c.isprintable() else " " for c in title).split())
+        if not 0 < len(plain) <= _LONGEST_TITLE:
+            raise InputError(
+                "the name", "it is empty or too long", f"Give 1 to {_LONGEST_TITLE} characters."
+            )
+        if plain in (self.title_of(other) for other in self.names() if other != name):
+            raise InputError(f"the name {plain}", "another build has it", "Choose another.")
+        self.records[name] = record.model_copy(update={"title": plain})
+        self._write(name)
+
+    def delete(self, name: str) -> None:
+        """Remove its folder, its record and its knots.
+
+        Raises:
+            InputError: there is none of that name, or the system keeps its folder.
+        """
+        try:
+            if (self.folder / self.require(name)).exists():
+                shutil.rmtree(self.folder / name)
+        except OSError as error:
+            why = f"its folder cannot be removed ({error.strerror or error})"
+            raise InputError(
+                f"the build {self.title_of(name)}", why, "Remove it by hand."
+            ) from error
+        self._forget(name)
+
+    def require(self, name: str) -> str:
+        """Return the name of a build that is there.
+
+        Raises:
+            InputError: there is none of that name.
+        """
+        if name not in self.names():
+            raise InputError(
+                f"the build {name[:80]}", "there is none of that name", "Load the page again."
+            )
+        return name
+
+    def names(self) -> list[str]:
+        """Return all that left a result or knots, the newest first."""
+        found = {path.name for path in _children(self.folder)} | set(self.records)
+        listed = [name for name in found if self._is_listed(name)]
+        return sorted(listed, key=lambda name: (-self._made(name), name))[:200]
+
+    def listed(self) -> list[dict[str, Any]]:
+        """Return the builds as the page lists them."""
+        return [self.describe(name) for name in self.names()]
+
+    def describe(self, name: str) -> dict[str, Any]:
+        """Describe a build in its folder, or one that left knots alone, as the page shows it."""
+        record, folder = self.records.get(name), self.folder / name
+        passed = (folder / "report.json").is_file()
+        held = passed or (folder / REJECTED / "report.json").is_file()
+        phase = "done" if passed else "rejected" if held else record.phase if record else "stopped"
+        return {
+            "name": name,
+            "title": self.title_of(name),
+            "phase": phase,
+            "pictures": [picture.name for picture in record.pictures] if record else [],
+            "result": describe_folder(folder, not passed) if held else None,
+        }
+
+    def title_of(self, name: str) -> str:
+        return self.records[name].title if name in self.records else name
+
+    def start_of(self, name: str) -> Path | None:
+        """Return the file of the knots that a further build can go on from."""
+        places = (self.start_path(name), self.folder / name / "knots.json")
+        return next((path for path in places if name and path.is_file()), None)
+
+    def start_path(self, name: str) -> Path:
+        return self._starts / f"{name}.json"
+
+    def keeps(self, picture: str) -> bool:
+        """Tell whether a build was made of that picture."""
+        return any(picture == p.name for record in self.records.values() for p in record.pictures)
+
+    def _is_listed(self, name: str) -> bool:
+        folder = self.folder / name
+        reports = (folder / "report.json", folder / REJECTED / "report.json")
+        return self.start_path(name).is_file() or any(path.is_file() for path in reports)
+
+    def _made(self, name: str) -> float:
+        folder = self.folder / name
+        places = (folder / "report.json", folder / REJECTED / "report.json", self.start_path(name))
+        return max((path.stat().st_mtime for path in places if path.is_file()), default=0.0)
+
+    def _write(self, name: str) -> None:
+        text = self.records[name].model_dump_json(indent=1)
+        write_whole(self._records / f"{name}.json", text.encode())
+
+    def _forget(self, name: str) -> None:
+        self.records.pop(name, None)
+        for path in (self._records / f"{name}.json", self.start_path(name)):
+            with contextlib.suppress(OSError):
+                path.unlink(missing_ok=True)
+
+
+def number(base: str, taken: Iterable[str], joint: str) -> str:
+    """Return `base`, or with the first number from 2 that makes it a name of its own, also where A is a."""
+    held, name, count = {one.casefold() for one in taken}, base, 2
+    while name.casefold() in held:
+        name, count = f"{base}{joint}{count}", count + 1
+    return name
+
+
+def describe_folder(folder: Path, rejected: bool) -> dict[str, Any]:
+    """Describe a folder of a build: what it holds, and the figures that a person asks for first."""
+    where = folder / REJECTED if rejected else folder
+    held = plain_files(where)
+    further = sorted(n for n in held if n.endswith((".pdf", ".csv")) or n.startswith(_ALSO))
+    report = where / "report.json"
+    try:
+        found = _read_report(report, report.stat().st_mtime_ns)
+    except OSError:
+        found = None
+    verdict, piece = (found and found.verdict) or _Verdict(), (found and found.print) or _Print()
+    return {
+        "where": folder.name + (f"/{REJECTED}" if rejected else ""),
+        "readable": found is not None,
+        "verdict": verdict.word,
+        "reasons": verdict.reasons,
+        "ious": [view.iou for view in found.views] if found else [],
+        "hours": None if piece.time_s is None else piece.time_s / 3600,
+        "mass_g": piece.filament_g or piece.mass_g,
+        "size_mm": piece.bounding_box_mm,
+        "files": list(dict.fromkeys([*(n for n in _SHOWN if n in held), *further])),
+    }
+
+
+@lru_cache(maxsize=512)
+def _read_report(path: Path, changed: int) -> _Report | None:
+    """Read a report.json, as it was at that time; None where nothing can be read."""
+    del changed
+    try:
+        return _Report.model_validate_json(path.read_bytes())
+    except (OSError, ValidationError, RecursionError):
+        return None
+
+
+def plain_files(folder: Path) -> set[str]:
+    """Return the names of the files that are really there: no link, nothing hidden."""
+    return {path.name for path in _children(folder) if path.is_file()}
+
+
+def child_of(folder: Path, name: str) -> Path | None:
+    """Return the file of that name that is really there: no link, nothing hidden, no path elsewhere."""
+    return next((path for path in _children(folder) if path.name == name), None)
+
+
+def _children(folder: Path) -> list[Path]:
+    try:
+        with os.scandir(folder) as found:
+            return [
+                Path(e.path) for e in found if not e.is_symlink() and not e.name.startswith(".")
+            ]
+    except (OSError, ValueError):
+        return []
+
+
+def title_after(titles: Sequence[str], kind: Kind) -> str:
+    """Return a build's title, after its pictures."""
+    title = f"{titles[0]}, moving" if kind == "frames" else " and ".join(titles)
+    return title if len(title) <= _LONGEST_TITLE else title[: _LONGEST_TITLE - 1] + "…"
+
+
+def folder_after(chosen: Sequence[str], kind: Kind) -> str:
+    """Return a build's folder, after its pictures."""
+    if kind == "frames":
+        return f"{chosen[0][:_LONGEST_TITLE]}-frames"
+    name = "-and-".join(chosen)
+    if len(name) > _LONGEST_TITLE:
+        name = f"{name[:_LONGEST_TITLE]}-{hashlib.sha256(name.encode()).hexdigest()[:8]}"
+    return name

@@ -1,0 +1,221 @@
+"""Serve the studio's page, pictures, and the files of builds, each by a name that is there."""
+
+from __future__ import annotations
+
+import asyncio
+import secrets
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+from urllib.parse import parse_qs
+
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.requests import Request, cookie_parser
+from starlette.responses import (
+    FileResponse,
+    HTMLResponse,
+    JSONResponse,
+    PlainTextResponse,
+    Response,
+)
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from knotfab.apps.studio.builds import child_of, plain_files
+from knotfab.apps.studio.fields import FIELDS
+from knotfab.apps.studio.pictures import thumbnail
+from knotfab.base.folder import REJECTED
+from knotfab.picture.fonts import list_families
+from knotfab.picture.read import PICTURE_SUFFIXES
+from knotfab.report.page import VIEWER
+from knotfab.scene.catalogue import Kind, materials, printers, title_of
+from knotfab_formats.piece import Printer
+
+_STATIC = Path(__file__).parent / "static"
+_TYPES = {
+    ".html": "text/html; charset=utf-8",
+    ".css": "text/css; charset=utf-8",
+    ".js": "text/javascript; charset=utf-8",
+    ".png": "image/png",
+    ".gif": "image/gif",
+    ".json": "application/json",
+    ".pdf": "application/pdf",
+    ".3mf": "model/3mf",
+    ".stl": "model/stl",
+    ".glb": "model/gltf-binary",
+}
+_LOST = "There is no such file in the studio."
+
+
+async def show_page(_: Request) -> Response:
+    return _show(_STATIC / "index.html")
+
+
+async def show_static(request: Request) -> Response:
+    name = request.path_params["name"]
+    if name == "viewer.js":
+        return _show(VIEWER)
+    return _show(_STATIC / name if name in plain_files(_STATIC) and name != "index.html" else None)
+
+
+async def show_choices(_: Request) -> Response:
+    """Serve the menus' choices."""
+    return JSONResponse(
+        {
+            "printers": _titled("printer", printers()),
+            "materials": _titled("material", materials()),
+            "fonts": await asyncio.to_thread(list_families),
+            "labels": {name: field.label for name, field in FIELDS.items()},
+            "usual": Printer().name,
+            "suffixes": sorted(PICTURE_SUFFIXES),
+        }
+    )
+
+
+def _titled(kind: Kind, found: Mapping[str, Any]) -> list[dict[str, object]]:
+    """Return names and titles; of printers the volume that they print, too."""
+    return [
+        {
+            "name": name,
+            "title": title_of(kind, name),
+            "process": one.process,
+            "volume_mm": getattr(one, "build_volume_mm", None),
+        }
+        for name, one in found.items()
+    ]
+
+
+async def show_picture(request: Request) -> Response:
+    studio, name = request.app.state.studio, request.path_params["name"]
+    return _show(thumbnail(studio.picture_folder, name) if name in studio.pictures else None)
+
+
+async def show_panel(request: Request) -> Response:
+    """Return a panel of the preview."""
+    panels, number = request.app.state.studio.panels, request.path_params["panel"]
+    if number >= len(panels):
+        return PlainTextResponse(_LOST, 404)
+    return Response(panels[number], media_type="image/png")
+
+
+async def show_file(request: Request) -> Response:
+    """Return a file of a build's folder: pictures and the report are shown, everything else is saved."""
+    where, name = request.path_params["where"], request.path_params["name"]
+    rejected = where.endswith(f"/{REJECTED}")
+    folder = request.app.state.studio.folder_of(where.removesuffix(f"/{REJECTED}"))
+    if folder is not None and rejected:
+        folder = child_of(folder, REJECTED)
+    path = None if folder is None else child_of(folder, name)
+    if path is None or not path.is_file():
+        return _show(None)
+    if path.name == "report.html":
+        return FileResponse(path, headers={"content-security-policy": REPORT_POLICY})
+    if path.suffix in (".png", ".gif"):
+        return _show(path)
+    kind = "application/octet-stream" if path.suffix in (".html", ".svg") else _type(path)
+    return FileResponse(path, media_type=kind, filename=f"{path.parent.name}-{path.name}")
+
+
+def _show(path: Path | None) -> Response:
+    if path is None or not path.is_file():
+        return PlainTextResponse(_LOST, 404)
+    return FileResponse(path, media_type=_type(path))
+
+
+def _type(path: Path) -> str:
+    return _TYPES.get(path.suffix, "application/octet-stream")
+
+
+# Who may talk to the studio: its own page, in the browser that was given the token, and nobody
+# else.
+
+
+_PAGE_POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; "
+    "connect-src 'self' {sockets}; frame-src 'self'; base-uri 'none'; form-action 'none'; "
+    "frame-ancestors 'none'"
+)
+# a report brings its own scripts: it runs in an origin of its own, from which it reaches nothing
+REPORT_POLICY = (
+    "sandbox allow-scripts; default-src 'none'; script-src 'unsafe-inline'; "
+    "style-src 'unsafe-inline'; img-src data: blob:; frame-ancestors 'self'"
+)
+_HEADERS = {
+    "x-content-type-options": "nosniff",
+    "referrer-policy": "no-referrer",
+    "cross-origin-opener-policy": "same-origin",
+    "cross-origin-resource-policy": "same-origin",
+    "cache-control": "no-store",
+}
+# a page of the studio's own leads on, so that the browser counts what follows as the studio's
+_LET_IN = (
+    '<!doctype html><html lang="en"><meta charset="utf-8"><meta http-equiv="refresh" '
+    'content="0; url=/"><link rel="icon" href="data:,"><title>knotfab studio</title><p>'
+    '<a href="/">Go on to the studio</a></p></html>'
+)
+_SAFE = ("GET", "HEAD")
+NO_TOKEN = "This address lacks its token: open the address that knotfab studio printed."
+FOREIGN = "This request comes from elsewhere: open the address that knotfab studio printed."
+
+
+class RequestGuard:
+    """ASGI middleware: checks host, origin and cookie of everything, sockets too, and sets the headers.
+
+    Args:
+        hosts: what the Host header may be, with the port.
+    """
+
+    def __init__(self, app: ASGIApp, token: str, hosts: tuple[str, ...]) -> None:
+        self.app, self.token, self.hosts = app, token, hosts
+        # cookies know no ports: each studio has its own
+        self.cookie = "knotfab-" + hosts[0].rpartition(":")[2]
+        self.policy = _PAGE_POLICY.format(sockets=" ".join(f"ws://{host}" for host in hosts))
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] not in ("http", "websocket"):
+            await self.app(scope, receive, send)
+            return
+        answer = self._refuse(scope)
+        if answer is None:
+            await self.app(scope, receive, self._with_headers(send))
+        elif scope["type"] == "websocket":
+            await send({"type": "websocket.close", "code": 1008, "reason": FOREIGN})
+        else:
+            await answer(scope, receive, self._with_headers(send))
+
+    def _refuse(self, scope: Scope) -> Response | None:
+        """Return the refusal of a request; None: it may go on."""
+        headers = Headers(scope=scope)
+        socket = scope["type"] == "websocket"
+        method = "GET" if socket else scope["method"]
+        origins = tuple(f"http://{host}" for host in self.hosts)
+        origin = headers.get("origin")
+        if headers.get("host") not in self.hosts:
+            return PlainTextResponse(FOREIGN, 403)
+        if origin is None and (socket or method not in _SAFE):
+            return PlainTextResponse(FOREIGN, 403)
+        if origin is not None and origin not in origins:
+            return PlainTextResponse(FOREIGN, 403)
+        if not socket and method in _SAFE and scope["path"] == "/":
+            given = parse_qs(scope["query_string"].decode("latin-1")).get("token", [])
+            if given and self._is_token(given[0]):
+                answer = HTMLResponse(_LET_IN)
+                answer.set_cookie(self.cookie, self.token, httponly=True, samesite="strict")
+                return answer
+        # not http.cookies: that stops at the first pair of another local page that it cannot read
+        if not self._is_token(cookie_parser(headers.get("cookie", "")).get(self.cookie, "")):
+            return PlainTextResponse(NO_TOKEN, 403)
+        return None
+
+    def _is_token(self, given: str) -> bool:
+        return secrets.compare_digest(given.encode(), self.token.encode())
+
+    def _with_headers(self, send: Send) -> Send:
+        async def sent(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                headers = MutableHeaders(scope=message)
+                for name, value in _HEADERS.items():
+                    headers.setdefault(name, value)
+                headers.setdefault("content-security-policy", self.policy)
+            await send(message)
+
+        return sent

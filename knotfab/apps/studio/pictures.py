@@ -1,0 +1,154 @@
+"""The pictures of a studio: what is handed in is checked, kept as it is, and shown as a PNG of its own."""
+
+from __future__ import annotations
+
+import io
+import warnings
+from pathlib import Path
+
+from PIL import Image
+from pydantic import BaseModel, ConfigDict
+
+from knotfab.base.disk import write_whole
+from knotfab.picture import raster, text
+from knotfab.picture.raster import encode_image
+from knotfab.picture.read import MOVING, TEXT_PREFIX, name_picture
+from knotfab.picture.svg.render import render_svg
+from knotfab.picture.svg.xml import looks_like_svg
+from knotfab_formats.errors import InputError
+
+LARGEST_BYTES = 32 * 2**20  # a larger picture is not taken
+_LARGEST_PIXELS = 40_000_000  # a picture with more is not taken
+_SHOWN_PX = 1024  # longer side of a picture on the page
+
+
+class TooLargeError(InputError):
+    """The request has more bytes than are taken."""
+
+
+class StudioPicture(BaseModel):
+    """A picture to build, kept as `file` in the folder of pictures; `text`: what is typed, of a text.
+
+    `width` and `height` are its px, upright; `frames`: how many it has, more than 1 where it moves.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="ignore")
+
+    name: str
+    title: str
+    file: str
+    text: str | None = None
+    width: int
+    height: int
+    frames: int = 1
+
+    def source(self, folder: Path) -> str:
+        """Return the picture as the command line takes it."""
+        return str(folder / self.file) if self.text is None else TEXT_PREFIX + self.text
+
+
+def keep_picture(data: bytes, file_name: str, folder: Path) -> StudioPicture:
+    """Check a picture and keep it in `folder` under a plain name that no other has.
+
+    Raises:
+        InputError: it is none that can be read, or too large.
+    """
+    what = "".join(c for c in file_name if c.isprintable())[:80] or "the picture"
+    if not data:
+        raise InputError(what, "the file is empty", "Copy or export it again.")
+    if len(data) > LARGEST_BYTES:
+        raise too_large(what)
+    frames = 1
+    if looks_like_svg(data):
+        image, _ = raster.decode(render_svg(data, what)[0], what)
+        suffix = ".svg"
+    else:
+        if raster.looks_like_raster(data):
+            _check_pixels(data, what)
+        image, kind = raster.decode(data, what)  # says what it is not
+        suffix = raster.SUFFIXES[kind][0]
+        frames = raster.count_frames(data) if kind in MOVING else 1
+    path = _keep(data, name_picture(what), suffix, folder)
+    title = Path(what).stem
+    _keep_thumbnail(image, path)
+    return StudioPicture(
+        name=path.stem,
+        title=title,
+        file=path.name,
+        width=image.width,
+        height=image.height,
+        frames=frames,
+    )
+
+
+def keep_text(content: str, folder: Path, font: str | None = None) -> StudioPicture:
+    """Return a text as a picture, kept in `folder` so that no other takes its name.
+
+    Raises:
+        InputError: it is empty, too long, or cannot be drawn.
+    """
+    content = " ".join(content.split())
+    if not 0 < len(content) <= 40:  # characters
+        raise InputError("the text", f"it has {len(content)} characters", "Give 1 to 40.")
+    source = TEXT_PREFIX + content
+    image, _ = raster.decode(text.render_text(content, font), source)
+    path = _keep(content.encode(), name_picture(source), ".txt", folder)
+    _keep_thumbnail(image, path)
+    size = {"width": image.width, "height": image.height}
+    title = "".join(c for c in content if c.isprintable())
+    return StudioPicture(name=path.stem, title=title, file=path.name, text=content, **size)
+
+
+def thumbnail(folder: Path, name: str) -> Path:
+    """Return the small PNG of a picture."""
+    return folder / ".shown" / f"{name}.png"
+
+
+def _keep(data: bytes, plain: str, suffix: str, folder: Path) -> Path:
+    """Write it to `folder` under that name, numbered where another picture of whatever session has it.
+
+    Builds are named after it: names that differ in case alone are one to some disks.
+    """
+    name, number = plain, 2
+    while held := [p for p in folder.glob("[!.]*.*") if p.stem.casefold() == name.casefold()]:
+        if all(p.suffix == suffix and p.is_file() and p.read_bytes() == data for p in held):
+            return held[0]
+        name, number = f"{plain}-{number}", number + 1
+    path = folder / f"{name}{suffix}"
+    write_whole(path, data)
+    return path
+
+
+def too_large(what: str, largest: int = LARGEST_BYTES) -> TooLargeError:
+    if largest < LARGEST_BYTES:
+        return TooLargeError(what, f"it has more than {largest >> 10} kB", "Load the page again.")
+    return TooLargeError(
+        what,
+        f"it has more than {LARGEST_BYTES // 2**20} MB, too much for a picture",
+        "Scale it down; about 1000 pixels on a side are enough.",
+    )
+
+
+def _check_pixels(data: bytes, what: str) -> None:
+    """Refuse a picture whose pixels would fill the memory, before any is decoded."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            width, height = Image.open(io.BytesIO(data)).size
+        except Exception:  # decode says what is wrong with it
+            return
+    if width * height > _LARGEST_PIXELS:
+        raise InputError(
+            what,
+            f"it has {width} x {height} pixels, more than {_LARGEST_PIXELS // 10**6} million",
+            "Scale it down; about 1000 pixels on a side are enough.",
+        )
+
+
+def _keep_thumbnail(image: Image.Image, path: Path) -> None:
+    """Keep a small PNG of a picture: pixels alone, nothing of the file."""
+    small = image.convert("RGBA")
+    small.thumbnail((_SHOWN_PX, _SHOWN_PX))
+    plain = Image.new("RGBA", small.size)
+    plain.paste(small)
+    write_whole(thumbnail(path.parent, path.stem), encode_image(plain))

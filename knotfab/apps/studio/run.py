@@ -1,0 +1,173 @@
+"""Serve the studio on this machine alone, open it, and end every process with it."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import os
+import secrets
+import signal
+import socket
+import sys
+import threading
+import webbrowser
+from collections.abc import Callable, Coroutine
+from pathlib import Path
+from typing import TextIO
+
+import uvicorn
+
+from knotfab.apps.studio.broadcast import Broadcast, Event
+from knotfab.apps.studio.server import make_app
+from knotfab.apps.studio.session import Studio
+from knotfab.base.disk import at_home
+from knotfab.base.folder import OutputFolder
+from knotfab_formats.errors import InputError
+
+_HOST = "127.0.0.1"
+
+
+def run_studio(port: int, open_page: bool, folder: Path) -> None:
+    """Serve until Ctrl-C.
+
+    Args:
+        port: 0 for any that is free. folder: where pictures and builds are kept.
+
+    Raises:
+        InputError: the port is taken, or the folder cannot be written.
+    """
+    with OutputFolder(folder):  # says so now if it cannot be written
+        pass
+    folder = at_home(folder).resolve()
+
+    def announce(address: str) -> None:
+        print(f"knotfab studio: {address}\nBuilds go to {folder}. Ctrl-C ends it.", flush=True)
+        if open_page:
+            open_in_browser(address)
+
+    serve(Studio(folder), port, announce)
+    with contextlib.suppress(OSError):  # the terminal may be gone
+        print("\nThe studio is closed.", flush=True)
+
+
+def serve(
+    studio: Broadcast,
+    port: int,
+    announce: Callable[[str], None],
+    until: Callable[[], Coroutine[None, None, None]] | None = None,
+) -> None:
+    """Serve until Ctrl-C, or until that has come to its end.
+
+    Args:
+        announce: told of the address, its token in it, once it is answered at.
+
+    Raises:
+        InputError: the port is taken.
+    """
+    with _bind(port) as listening:
+        port = listening.getsockname()[1]
+        token = secrets.token_urlsafe(24)
+        hosts = (f"{_HOST}:{port}", f"localhost:{port}")
+        app = make_app(studio, token, hosts)
+        config = uvicorn.Config(
+            app, log_level="error", ws_max_size=2**16, timeout_graceful_shutdown=3
+        )
+        server = _Server(config, lambda: announce(f"http://{_HOST}:{port}/?token={token}"), until)
+        # where nobody (nohup) wants it otherwise, it closes with its terminal, and ends its build
+        if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is signal.SIG_DFL:
+            signal.signal(signal.SIGHUP, lambda *_: server.leave())
+        with contextlib.suppress(KeyboardInterrupt):  # it has tidied up, and passes the signal on
+            asyncio.run(server.serve(sockets=[listening]))
+
+
+def open_in_browser(address: str) -> None:
+    threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()
+
+
+class _Server(uvicorn.Server):
+    """The server, which says when it is ready, and ends when `until` does."""
+
+    def __init__(
+        self,
+        config: uvicorn.Config,
+        when_ready: Callable[[], None],
+        until: Callable[[], Coroutine[None, None, None]] | None,
+    ) -> None:
+        super().__init__(config)
+        self.when_ready, self.until = when_ready, until
+        self.waiting: asyncio.Task[None] | None = None
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        await super().startup(sockets)
+        self.when_ready()
+        if self.until is not None:
+            self.waiting = asyncio.create_task(self.until())
+            self.waiting.add_done_callback(lambda _: self.leave())
+
+    def leave(self) -> None:
+        self.should_exit = True
+
+
+def _bind(port: int) -> socket.socket:
+    listening = socket.socket()
+    if os.name != "nt":  # there it would let two studios share a port
+        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        listening.bind((_HOST, port))
+    except (OSError, OverflowError) as error:
+        listening.close()
+        reason = getattr(error, "strerror", None) or "it is no port"
+        raise InputError(
+            f"--port {port}", reason.lower(), "Leave it out for any that is free."
+        ) from error
+    return listening
+
+
+# The page of a build that the command line runs (`knotfab build --watch`): it shows, and changes
+# nothing.
+
+
+# a build that has ended waits so long for a tab: a page that is loaded anew comes back
+_GRACE_S = 10
+_UNKNOWN = "The build ended without a result; the terminal says why."
+
+
+class WatchedBuild(Broadcast):
+    """A build whose events come from elsewhere; `out` is its folder, all that can be read."""
+
+    watching = True
+
+    def __init__(self, out: Path) -> None:
+        super().__init__()
+        self.begin(out, out.name)
+
+    async def follow(self, events: TextIO, grace_s: int = _GRACE_S) -> None:
+        """Pass the events on until there are no more, and wait until nobody looks any longer."""
+        end: Event = {}
+        while line := await asyncio.to_thread(events.readline):
+            with contextlib.suppress(ValueError):  # it broke off with its build
+                event = json.loads(line)
+                end = event if event["event"] == "end" else end
+                self.hear(event)
+        self.end(end.get("exit_code", 2), "" if end else _UNKNOWN)
+        self.tell_state()
+        alone = 0
+        while alone < grace_s:
+            await asyncio.sleep(1)
+            alone = 0 if self.listeners else alone + 1
+
+
+def watch(out: Path, events: TextIO, grace_s: int = _GRACE_S) -> None:
+    """Show a build in the browser, from its events, until they end and the last tab is closed."""
+    studio = WatchedBuild(out)
+
+    def announce(address: str) -> None:
+        print(address, flush=True)
+        open_in_browser(address)
+
+    serve(studio, 0, announce, lambda: studio.follow(events, grace_s))
+
+
+if __name__ == "__main__":
+    watch(Path(sys.argv[1]), sys.stdin, *(int(grace) for grace in sys.argv[2:]))

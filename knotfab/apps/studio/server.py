@@ -1,0 +1,286 @@
+"""The studio's addresses and its socket, as an ASGI application."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import AsyncIterator, Awaitable, Callable
+from functools import partial
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from starlette.applications import Starlette
+from starlette.exceptions import HTTPException
+from starlette.middleware import Middleware
+from starlette.requests import ClientDisconnect, Request
+from starlette.responses import JSONResponse, PlainTextResponse, Response
+from starlette.routing import Route, WebSocketRoute
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from knotfab.apps.studio import pages
+from knotfab.apps.studio.broadcast import Broadcast
+from knotfab.apps.studio.builds import Kind
+from knotfab.apps.studio.pages import RequestGuard
+from knotfab.apps.studio.pictures import (
+    LARGEST_BYTES,
+    TooLargeError,
+    keep_picture,
+    keep_text,
+    too_large,
+)
+from knotfab.apps.studio.session import Studio
+from knotfab.base.errors import explain_error, keep_traceback
+from knotfab_formats.errors import InputError
+
+_LARGEST_JSON = 64 * 2**10  # bytes of a call
+# a longer request is read so far and dropped, so that a browser hears why it was refused
+_DRAINED_BYTES = 2 * 2**30
+Answer = Callable[[Request], Awaitable[Response]]
+
+
+def make_app(studio: Broadcast, token: str, hosts: tuple[str, ...]) -> Starlette:
+    """Make the application.
+
+    Args:
+        token: what the address must have once. hosts: what the Host header may be, with the port.
+    """
+    shown: dict[str, Answer] = {
+        "/": pages.show_page,
+        "/static/{name}": pages.show_static,
+        "/api/state": _show_state,
+        "/files/{where:path}/{name}": pages.show_file,
+    }
+    changing: dict[str, Answer] = {}
+    if isinstance(studio, Studio):
+        shown |= {
+            "/api/choices": pages.show_choices,
+            "/pictures/{name}.png": pages.show_picture,
+            "/preview/{panel:int}.png": pages.show_panel,
+        }
+        changing = {f"/api/{name}": partial(_call, call) for name, call in CALLS.items()}
+        changing["/api/pictures"] = _add_picture
+    app = Starlette(
+        routes=[
+            *(Route(path, _answered(answer), methods=["GET"]) for path, answer in shown.items()),
+            *(
+                Route(path, _answered(answer), methods=["POST"])
+                for path, answer in changing.items()
+            ),
+            WebSocketRoute("/live", _follow),
+        ],
+        middleware=[Middleware(RequestGuard, token=token, hosts=hosts)],
+        exception_handlers={HTTPException: _explain_http},
+        lifespan=_live,
+    )
+    app.state.studio = studio
+    return app
+
+
+@contextlib.asynccontextmanager
+async def _live(app: Starlette) -> AsyncIterator[None]:
+    await app.state.studio.open()
+    try:
+        yield
+    finally:
+        await app.state.studio.close()
+
+
+def _answered(answer: Answer) -> Answer:
+    """Answer a request, or say in a sentence why not: nothing else reaches the page or the terminal."""
+
+    async def answered(request: Request) -> Response:
+        try:
+            return await answer(request)
+        except Exception as error:
+            told = explain_error(error) or keep_traceback(error)
+            code = 413 if isinstance(told, TooLargeError) else 500 if told.exit_code == 3 else 422
+            return JSONResponse({"sentence": str(told).strip()}, code)
+
+    return answered
+
+
+async def _show_state(request: Request) -> Response:
+    return JSONResponse(request.app.state.studio.describe())
+
+
+async def _add_picture(request: Request) -> Response:
+    studio: Studio = request.app.state.studio
+    name = request.query_params.get("name", "picture")
+    data = await _read_body(request, LARGEST_BYTES, name)
+    async with studio.adding:
+        kept = await asyncio.to_thread(keep_picture, data, name, studio.picture_folder)
+        studio.add_picture(kept)
+    return JSONResponse({"name": kept.name})
+
+
+async def _call(call: type[Call], request: Request) -> Response:
+    """Do what a call asks for."""
+    body = await _read_body(request, _LARGEST_JSON, "the call")
+    try:
+        asked = call.model_validate_json(body or b"{}")
+    except ValidationError as error:
+        found = error.errors(include_url=False, include_context=False, include_input=False)[0]
+        where = ".".join(str(part)[:40] for part in found["loc"])
+        why = found["msg"].replace("\n", " ")
+        why = f"{where}: {why[:1].lower()}{why[1:]}" if where else why[:1].lower() + why[1:]
+        raise InputError("the call", why, "Load the page again.") from error
+    return JSONResponse(await asked.do(request.app.state.studio))
+
+
+async def _read_body(request: Request, largest: int, what: str) -> bytes:
+    """Read the body, if it is no larger than that.
+
+    Raises:
+        InputError: it is, or it broke off.
+    """
+    what = what[:80]
+    told = request.headers.get("content-length", "")
+    if told.isdecimal() and (len(told) > 12 or int(told) > _DRAINED_BYTES):
+        raise too_large(what, largest)
+    parts, size = [], 0
+    try:
+        async for part in request.stream():
+            size += len(part)
+            if size <= largest:
+                parts.append(part)
+            elif size > _DRAINED_BYTES:
+                break
+    except ClientDisconnect as error:
+        raise InputError(what, "it broke off on its way", "Hand it in again.") from error
+    if size > largest:
+        raise too_large(what, largest)
+    return b"".join(parts)
+
+
+async def _follow(socket: WebSocket) -> None:
+    """Tell a tab what happens until it is closed; nothing is asked for here."""
+    studio: Broadcast = socket.app.state.studio
+    await socket.accept()
+    listener = studio.listen()
+
+    async def send() -> None:
+        while True:
+            for text in await listener.next():
+                await socket.send_text(text)
+
+    sending = asyncio.create_task(send())
+    try:
+        while (await socket.receive())["type"] != "websocket.disconnect":
+            pass
+    finally:
+        studio.listeners.discard(listener)
+        sending.cancel()
+        with contextlib.suppress(asyncio.CancelledError, WebSocketDisconnect, RuntimeError):
+            await sending
+
+
+async def _explain_http(_: Request, error: Exception) -> Response:
+    code = error.status_code if isinstance(error, HTTPException) else 400
+    return PlainTextResponse("The studio has nothing at this address.", code)
+
+
+# Calls of the page: the body of each, and what the studio does with it.
+
+
+_Name = Annotated[str, Field(max_length=200)]
+
+
+class Call(BaseModel):
+    """The body of a call, as JSON; what else stands in it is refused."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+    async def do(self, studio: Studio) -> dict[str, Any]:
+        """Change the studio, and return what the page needs to know."""
+        raise NotImplementedError
+
+
+class _Text(Call):
+    text: str
+
+    async def do(self, studio: Studio) -> dict[str, Any]:
+        async with studio.adding:
+            font = str(studio.settings.values.get("font", "")) or None
+            kept = await asyncio.to_thread(keep_text, self.text, studio.picture_folder, font)
+            studio.add_picture(kept)
+        return {"name": kept.name}
+
+
+class _Choose(Call):
+    names: Annotated[tuple[_Name, ...], Field(strict=False)]
+    kind: Kind | None = None
+
+    async def do(self, studio: Studio) -> dict[str, Any]:
+        studio.choose(self.names, self.kind)
+        return {}
+
+
+class _Build(Call):
+    go_on: bool = False
+
+    async def do(self, studio: Studio) -> dict[str, Any]:
+        studio.press(self.go_on)
+        return {}
+
+
+class _Named(Call):
+    """A call about one picture or one build."""
+
+    name: _Name
+
+
+def _of_name(act: Callable[[Studio, str], None]) -> type[Call]:
+    class Act(_Named):
+        async def do(self, studio: Studio) -> dict[str, Any]:
+            act(studio, self.name)
+            return {}
+
+    return Act
+
+
+class _Cut(_Named):
+    """A try of a subject: it changes nothing."""
+
+    subject: str
+    keep: str = ""
+    drop: str = ""
+
+    async def do(self, studio: Studio) -> dict[str, Any]:
+        return await studio.cut(self.name, self.subject, self.keep, self.drop)
+
+
+class _Rename(_Named):
+    title: _Name
+
+    async def do(self, studio: Studio) -> dict[str, Any]:
+        studio.rename(self.name, self.title)
+        return {}
+
+
+class _Stop(Call):
+    async def do(self, studio: Studio) -> dict[str, Any]:
+        studio.stop()
+        return {}
+
+
+class _Settings(Call):
+    model_config = ConfigDict(extra="allow", strict=True)
+
+    async def do(self, studio: Studio) -> dict[str, Any]:
+        studio.set(self.model_extra or {})
+        return {}
+
+
+# The page asks these below /api/.
+CALLS: dict[str, type[Call]] = {
+    "text": _Text,
+    "choose": _Choose,
+    "settings": _Settings,
+    "cut": _Cut,
+    "build": _Build,
+    "stop": _Stop,
+    "open": _of_name(Studio.open_build),
+    "rename": _Rename,
+    "delete": _of_name(Studio.delete),
+    "remove": _of_name(Studio.remove_picture),
+}

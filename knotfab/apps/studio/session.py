@@ -1,0 +1,412 @@
+"""The studio's state: pictures, settings, builds. Every tab shows it, none owns it, a restart keeps it."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict
+
+from knotfab.apps.batch.worker import list_arguments
+from knotfab.apps.studio.broadcast import Broadcast, Event, LiveBuild
+from knotfab.apps.studio.builds import Builds, Kind, Record, child_of, folder_after, title_after
+from knotfab.apps.studio.fields import DEFAULTS, FIELDS, Settings, Value, in_page_words
+from knotfab.apps.studio.look import draw_cut, list_ways, preview
+from knotfab.apps.studio.pictures import StudioPicture, thumbnail
+from knotfab.base.disk import write_whole
+from knotfab.base.errors import explain_error, keep_traceback
+from knotfab.base.pool import Workers
+from knotfab.picture.frames import MOST_FRAMES
+from knotfab.picture.raster import data_uri
+from knotfab.pipeline.options import BuildOptions
+from knotfab_formats.errors import InputError, KnotfabError
+
+_PICTURES, _MEMORY = "pictures", "studio.json"
+_MOST_VIEWS = 4  # pictures of one part on the page
+
+
+class _Memory(BaseModel):
+    """The part that a studio finds again after a restart."""
+
+    model_config = ConfigDict(extra="ignore")
+
+    pictures: tuple[StudioPicture, ...] = ()
+    chosen: tuple[str, ...] = ()
+    kind: Kind = "one"
+    settings: dict[str, Value] = dict(DEFAULTS)
+    readings: dict[str, dict[str, Value]] = {}
+    current: str = ""
+
+
+class Studio(Broadcast):
+    """The state of a studio whose files lie in `folder`; all of it is changed in the event loop's thread."""
+
+    def __init__(self, folder: Path, warm: bool = True) -> None:
+        super().__init__()
+        self.folder = folder
+        self.builds = Builds(folder)
+        self.pictures: dict[str, StudioPicture] = {}
+        self.chosen: tuple[str, ...] = ()
+        self.kind: Kind = "one"
+        self.settings = Settings()
+        self.current = ""  # the build that is shown, and gone on from
+        self.preview: dict[str, Any] = {"lines": [], "error": "", "panels": []}
+        self.panels: list[bytes] = []
+        self.build: LiveBuild | None = None
+        # started beforehand, where the studio is `warm`, so that a press is answered at once
+        self.warm, self.builder = warm, Workers("knotfab.cli.builder", early=False)
+        # pictures are added one after the other, so that each finds a name
+        self.adding = asyncio.Lock()
+        self._previews = 0
+        # the ways to read a picture, with the picture and its settings first
+        self._ways: tuple[Any, list[dict[str, Any]], list[bytes]] = None, [], []
+
+    async def open(self) -> None:
+        """Read the state that was left, and prepare a process for the first build."""
+        self._remember()
+        if self.chosen:
+            self.renew()
+        await asyncio.to_thread(self._prepare)
+
+    async def close(self) -> None:
+        """End every process."""
+        if self.running and self.build is not None:
+            await asyncio.to_thread(self.build.kill)
+        await asyncio.to_thread(self.builder.__exit__)
+
+    @property
+    def picture_folder(self) -> Path:
+        return self.folder / _PICTURES
+
+    @property
+    def can_go_on(self) -> bool:
+        return self.builds.start_of(self.current) is not None
+
+    def describe(self) -> dict[str, Any]:
+        """Describe all of it, for a page that was opened or loaded anew."""
+        tray = [picture.model_dump(exclude={"file"}) for picture in self.pictures.values()]
+        return {
+            **super().describe(),
+            "pictures": tray,
+            "chosen": self.chosen,
+            "kind": self.kind,
+            "settings": self.settings.values,
+            "wrong": self.settings.wrong,
+            "preview": self.preview,
+            "builds": self.builds.listed(),
+            "current": self.current,
+            "can_go_on": self.can_go_on,
+        }
+
+    def folder_of(self, where: str) -> Path | None:
+        return child_of(self.builds.folder, where)
+
+    def plain(self, sentence: str) -> str:
+        """Return a sentence without this machine's folders, and with the page's words for options."""
+        for folder in (self.picture_folder, self.builds.folder, self.folder):
+            sentence = sentence.replace(f"{folder}/", "")
+        return in_page_words(sentence)
+
+    # ---- pictures
+
+    def add_picture(self, picture: StudioPicture) -> None:
+        """Take a picture in and choose it: in place of the others, or beside them as a view or a frame."""
+        self.pictures[picture.name] = picture
+        self.choose([picture.name] if self.kind == "one" else [*self.chosen, picture.name])
+
+    def choose(self, names: Iterable[str], kind: Kind | None = None) -> None:
+        """Choose the pictures, one a view or a frame, in their order.
+
+        Raises:
+            InputError: there is none of such a name, or there are too many.
+        """
+        kind = kind or self.kind
+        names = tuple(dict.fromkeys(names))
+        most = {"one": 1, "views": _MOST_VIEWS, "frames": MOST_FRAMES}[kind]
+        names = names[:1] if kind == "one" else names
+        for name in names:
+            if name not in self.pictures:
+                raise InputError(
+                    f"the picture {name}", "there is none of that name", "Drop it again."
+                )
+        if len(names) > most:
+            raise InputError(
+                "the pictures", f"there are {len(names)}", f"Take up to {most} {kind}."
+            )
+        self.settings.pass_on(self.chosen[:1], names[:1])
+        self.chosen, self.kind = names, kind
+        self.renew()
+
+    def remove_picture(self, name: str) -> None:
+        """Take a picture out of the tray; its file goes too, where no build was made of it.
+
+        Raises:
+            InputError: there is none of that name.
+        """
+        picture = self.pictures.get(name)
+        if picture is None:
+            raise InputError(
+                f"the picture {name}", "there is none of that name", "Load the page again."
+            )
+        self.choose([other for other in self.chosen if other != name])
+        del self.pictures[name]
+        self.settings.readings.pop(name, None)
+        if not self.builds.keeps(name) and not self.running:
+            for path in (self.picture_folder / picture.file, thumbnail(self.picture_folder, name)):
+                with contextlib.suppress(OSError):
+                    path.unlink(missing_ok=True)
+        self.renew()
+
+    # ---- settings
+
+    def set(self, given: Mapping[str, Any]) -> None:
+        """Change settings; None or "" takes one back. A wrong one stays as it was, and is marked.
+
+        Raises:
+            InputError: there is no such setting, or a value is wrong.
+        """
+        changed = self.settings.change(given)
+        self.settings.check(self._options(), next(reversed([*given]), "accuracy"), self.plain)
+        if changed:
+            self.renew()
+        else:
+            self.tell_state()  # the page learns which fields are marked
+        for name in given:
+            if name in self.settings.wrong:
+                why = self.settings.wrong[name]["why"].rstrip(".")
+                raise InputError(FIELDS[name].label, why, "")
+
+    def _options(self) -> BuildOptions:
+        text = any(self.pictures[name].text for name in self.chosen)
+        return self.settings.options(text, self.kind == "frames")
+
+    # ---- a subject
+
+    async def cut(self, name: str, subject: str, keep: str, drop: str) -> dict[str, Any]:
+        """Cut the subject out of a photograph, as a picture to lay over it.
+
+        Raises:
+            InputError: it is no photograph, or nothing can be cut out so.
+        """
+        picture = self.pictures.get(name)
+        if picture is None or picture.text is not None or picture.frames > 1:
+            raise InputError("the subject", "this is no photograph", "Choose one.")
+        tried = Settings({"subject": "1,1,1,1"})
+        tried.change({"subject": subject, "keep": keep, "drop": drop})
+        if tried.wrong:
+            raise InputError("the subject", next(iter(tried.wrong.values()))["why"].rstrip("."), "")
+        source, options = picture.source(self.picture_folder), tried.options(False, False)
+        try:
+            drawn = await asyncio.to_thread(draw_cut, source, options)
+        except KnotfabError as error:
+            raise InputError(
+                "the subject", self.plain(error.why), self.plain(error.remedy)
+            ) from error
+        return {"over": data_uri(drawn, "image/png")}
+
+    # ---- the preview
+
+    def renew(self) -> None:
+        """Tell all tabs how things stand, keep it, and look at the pictures anew."""
+        self._previews += 1
+        if self.chosen:
+            self.preview = {**self.preview, "looking": True}
+            asyncio.get_running_loop().create_task(self._look(self._previews))
+        else:
+            self.preview, self.panels = {"lines": [], "error": "", "panels": []}, []
+        self.keep()
+        self.tell_state()
+
+    async def _look(self, number: int) -> None:
+        """Make the preview of the chosen pictures; of several in a row only the last is made."""
+        await asyncio.sleep(0.15)
+        if number != self._previews:
+            return
+        panels: list[bytes] = []
+        sources, options = self._sources(), self._options()
+        try:
+            found, panels = await asyncio.to_thread(preview, sources, options)
+        except Exception as error:
+            told = explain_error(error) or keep_traceback(error)
+            found = {"lines": [], "error": self.plain(str(told)), "panels": []}
+        if number != self._previews:
+            return
+        found["lines"] = [self.plain(line) for line in found["lines"]]
+        self._show_preview({**found, "number": number}, panels)
+        values = dict(self.settings.values)
+        of = (self.chosen, *(values.get(key) for key in ("crop", "threshold", "invert")))
+        if of != self._ways[0] and found.get("unclear"):
+            with contextlib.suppress(KnotfabError):
+                ways, thumbnails = await asyncio.to_thread(list_ways, sources, options, values)
+                self._ways = (of, ways, thumbnails)
+        if of == self._ways[0] and number == self._previews:
+            shown = {**found, "number": number, "ways": self._ways[1]}
+            self._show_preview(shown, [*panels, *self._ways[2]])
+
+    def _show_preview(self, found: dict[str, Any], panels: list[bytes]) -> None:
+        self.preview, self.panels = found, panels
+        self.tell_state()
+
+    def _sources(self) -> list[str]:
+        return [self.pictures[name].source(self.picture_folder) for name in self.chosen]
+
+    # ---- builds
+
+    def _prepare(self) -> None:
+        if self.warm and not self.builder.ended.is_set():
+            self.builder.start()
+
+    def press(self, go_on: bool = False) -> None:
+        """Build what is chosen; `go_on`: from where the knots of the build that is shown stood.
+
+        Raises:
+            InputError: a build runs already, nothing is chosen, a field is wrong, or there are no knots.
+        """
+        if self.running:
+            raise InputError("the build", "one runs already", "Stop it first, or wait for it.")
+        if not self.chosen:
+            raise InputError("the build", "no picture is chosen", "Drop one, or type a text.")
+        if self.settings.wrong:
+            fields = ", ".join(FIELDS[name].label for name in self.settings.wrong)
+            raise InputError(fields, "this is not right yet", "Correct what is marked, then build.")
+        start = self.builds.start_of(self.current)
+        if go_on and start is None:
+            raise InputError("the build", "there are no knots to go on from", "Build it anew.")
+        pictures = [self.pictures[name] for name in self.chosen]
+        record = Record(
+            title=title_after([picture.title for picture in pictures], self.kind),
+            pictures=pictures,
+            kind=self.kind,
+            settings=dict(self.settings.values),
+        )
+        further = [f"--start={start}"] if go_on else []
+        # words behind "--" are no options, whatever they are called
+        arguments = [*list_arguments(self._options()), *further, "--", *self._sources()]
+        name = self.builds.begin(folder_after(self.chosen, self.kind), record)
+        loop = asyncio.get_running_loop()
+        out = self.builds.folder / name
+        self.begin(out, self.builds.title_of(name))
+        self.current = name
+
+        def tell(event: Event) -> None:
+            loop.call_soon_threadsafe(self.hear, event)
+
+        self.build = LiveBuild(self.builder, arguments, out, tell)
+        self.keep()
+        self.tell_state()
+
+    def stop(self) -> None:
+        """Stop the build that runs; where its knots stand is kept."""
+        # a second signal would break into its tidying up
+        if self.status["phase"] == "running" and self.build is not None:
+            self.status["phase"] = "stopping"
+            self.build.stop()
+            self.tell_state()
+
+    def open_build(self, name: str) -> None:
+        """Show a build that was made before, with its pictures and settings.
+
+        Raises:
+            InputError: one runs, there is none of that name, or its pictures are gone.
+        """
+        if self.running:
+            raise InputError("the build", "one runs", "Stop it first, or wait for it.")
+        record = self.builds.records.get(self.builds.require(name))
+        self._show(name)
+        if record is not None and record.pictures:
+            for picture in record.pictures:
+                if not (self.picture_folder / picture.file).is_file():
+                    raise InputError(
+                        f"the picture {picture.title}", "its file is gone", "Drop it again."
+                    )
+                self.pictures.setdefault(picture.name, picture)
+            names = tuple(picture.name for picture in record.pictures)
+            self.settings.pass_on(self.chosen[:1], names[:1])
+            self.chosen, self.kind = names, record.kind
+            self.settings = Settings(record.settings, self.settings.readings)
+            self.settings.check(self._options(), "accuracy", self.plain)
+        self.renew()
+
+    def rename(self, name: str, title: str) -> None:
+        """Give a build another title.
+
+        Raises:
+            InputError: as `Builds.rename`.
+        """
+        self.builds.rename(name, title)
+        if name == self.current:
+            self.status["title"] = self.builds.title_of(name)
+        self.tell_state()
+
+    def delete(self, name: str) -> None:
+        """Remove a build for good.
+
+        Raises:
+            InputError: it runs, there is none of that name, or it cannot be removed.
+        """
+        if self.running and name == self.current:
+            raise InputError("the build", "it runs", "Stop it first.")
+        self.builds.delete(name)
+        if name == self.current:
+            self.status, self.current = {"phase": "idle"}, ""
+            self.scene = self.frame = None
+        self.keep()
+        self.tell_state()
+
+    def _show(self, name: str) -> None:
+        """Let the status be that of a build which ended."""
+        found, record = self.builds.describe(name), self.builds.records.get(name)
+        self.current, self.scene, self.frame = name, None, None
+        self.status = {
+            "phase": found["phase"], "name": name, "title": found["title"], "notes": [],
+            "sentence": record.sentence if record else "", "share": 1.0, "left_s": 0,
+        }  # fmt: skip
+        if found["result"]:
+            self.status["result"] = found["result"]
+
+    def hear(self, event: Event) -> None:
+        """Take note of an event of the build that runs."""
+        if event["event"] == "standing":
+            with contextlib.suppress(InputError):  # the disk is full: the one before stays
+                write_whole(self.builds.start_path(self.current), event["start"].encode())
+        elif event["event"] == "ended":
+            self.end(event["code"], event["sentence"])
+        else:
+            super().hear(event)
+
+    def end(self, code: int, sentence: str) -> None:
+        super().end(code, sentence)
+        self.builds.end(self.current, self.status["phase"], self.status["sentence"])
+        if self.current not in self.builds.names():
+            self.current = ""
+        self.keep()
+        self.tell_state()
+        asyncio.get_running_loop().create_task(asyncio.to_thread(self._prepare))
+
+    # ---- what a restart keeps
+
+    def keep(self) -> None:
+        """Write down what a restart shall find again; without room for that the studio goes on."""
+        memory = _Memory(
+            pictures=tuple(self.pictures.values()), chosen=self.chosen, kind=self.kind,
+            settings=self.settings.values, readings=self.settings.readings, current=self.current,
+        )  # fmt: skip
+        with contextlib.suppress(InputError):
+            write_whole(self.folder / _MEMORY, memory.model_dump_json(indent=1).encode())
+
+    def _remember(self) -> None:
+        """Read the state that `keep` wrote, as far as it is still there."""
+        try:
+            memory = _Memory.model_validate_json((self.folder / _MEMORY).read_bytes())
+        except (OSError, ValueError):
+            return
+        held = (p for p in memory.pictures if (self.picture_folder / Path(p.file).name).is_file())
+        self.pictures = {picture.name: picture for picture in held}
+        self.chosen = tuple(name for name in memory.chosen if name in self.pictures)
+        self.kind = memory.kind
+        self.settings = Settings(memory.settings, memory.readings)
+        if memory.current in self.builds.names():
+            self._show(memory.current)

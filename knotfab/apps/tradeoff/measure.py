@@ -1,0 +1,214 @@
+"""One point on one picture: what it takes, and how near the round tube's shadow comes to the picture."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import time
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from PIL import Image
+from scipy.ndimage import binary_closing, binary_erosion
+from scipy.spatial import cKDTree
+
+from knotfab import __version__
+from knotfab.base.arrays import Array, Mask
+from knotfab.base.errors import SceneError
+from knotfab.base.progress import Progress
+from knotfab.design.design import choose_tube, refine_settings
+from knotfab.design.question import Question
+from knotfab.geometry.polylines import measure_curvature
+from knotfab.geometry.tube import sweep
+from knotfab.knots import Knots
+from knotfab.picture.raster import encode_image
+from knotfab.picture.silhouette import fit_size, mask_iou
+from knotfab.problem import Problem
+from knotfab.search.forms import TorchForms
+from knotfab.search.search import search
+from knotfab.start.profiles import legibility, stretch_mask
+from knotfab_formats.scene import VERIFIED_PX
+from knotfab_formats.search import SearchSettings
+
+_SHOWN_PX = 160  # longer side of the small pictures
+_WRONG = 0.25  # a cell with this share of wrong pixels counts as too much or missing
+# nothing there, drawn as wanted, too much, missing
+_COLOURS = (250, 248, 244, 36, 38, 43, 196, 61, 38, 47, 111, 196)
+
+
+@dataclass(frozen=True)
+class Study:
+    """One picture and what is asked for it."""
+
+    name: str
+    question: Question
+    device: str = "cpu"
+
+    @cached_property
+    def _asked(self) -> str:
+        """Digest all that a run depends on beside its settings."""
+        scene = self.question.scene
+        same = {"search": {}, "accuracy": scene.accuracy.but(name="standard")}
+        digest = hashlib.sha256(scene.but(**same).model_dump_json().encode())
+        for target in self.question.problem.views:
+            digest.update(repr(target.mask.shape).encode() + np.packbits(target.mask).tobytes())
+        return digest.hexdigest()
+
+    def key(self, settings: SearchSettings, turn: int = 0) -> str:
+        """Name a run: picture, scene (with its tube radius where given), settings and version."""
+        given = settings.model_dump(exclude={"iou_slack"})
+        text = json.dumps([self._asked, given, __version__, self.device, turn])
+        return hashlib.sha256(text.encode()).hexdigest()[:24]
+
+
+@dataclass(frozen=True)
+class Run:
+    """The cost and result of one search. Seconds are wall-clock, but `cpu_s`, which is its process's own.
+
+    What is judged is None in repeated runs, which give the same knots.
+    """
+
+    radius_mm: float
+    radius_s: float
+    search_s: float  # the start included
+    sweep_s: float
+    cpu_s: float
+    feasible: bool
+    repairs: int
+    faces: int
+    facet_px: float  # the most by which the mesh's facets are off the round tube, at 1024 px
+    iou: float | None = None  # the round tube's at 1024 px, whatever the search itself looked at
+    outline_px: float | None = None  # distance that 95 % of either outline keep to the other, there
+    curvature: float | None = None  # mean, times the tube radius
+    legible: float | None = None  # at 45 degrees; None for several views
+    shadow: str = ""  # small, as PNG in base64
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the run as JSON has it."""
+        return asdict(self)
+
+
+def find_shadows(
+    problem: Problem, knots: Knots, device: str = "cpu", pixels: int = VERIFIED_PX
+) -> list[tuple[Mask, Mask]]:
+    """Find (shadow, picture) of the round tube in each view, `pixels` on its longer side."""
+    found = []
+    for view in problem.views:
+        image = view.image_at(knots.radius_mm, pixels, TorchForms(device))
+        seen = image.seen(knots.points, knots.rings, knots.radius_mm)
+        found.append((seen, image.target > 0.5))
+    return found
+
+
+def outline_error_px(seen: Mask, wanted: Mask, slit_px: float = 0.0) -> float:
+    """Measure the distance, px, from the other's outline that 95 % of either outline keep, the larger one.
+
+    Slits of the shadow no wider than `slit_px`, which nobody sees, have no outline. An outline is the last
+    pixels within, so distances are good to a pixel. Without an outline: the picture's diagonal.
+    """
+    if not (seen.any() and wanted.any()):
+        return 0.0 if seen.any() == wanted.any() else float(np.hypot(*seen.shape))
+    half = int(0.5 * slit_px)
+    seen, wanted = np.pad(seen, half + 1), np.pad(wanted, half + 1)
+    if half:
+        v, u = np.mgrid[-half : half + 1, -half : half + 1]
+        seen = binary_closing(seen, np.hypot(u, v) <= 0.5 * slit_px)
+    one, other = (np.argwhere(mask & ~binary_erosion(mask)) for mask in (seen, wanted))
+    ways = ((one, other), (other, one))
+    return max(float(np.quantile(cKDTree(to).query(at)[0], 0.95)) for at, to in ways)
+
+
+def facet_error_px(problem: Problem, radius: float, sides: int) -> float:
+    """Measure how far a ring of `sides` corners of the right area stands out from the round tube: r a² / 12.
+
+    a = 2 pi / sides; seen at the piece's middle and in pixels of the yardstick.
+    """
+    stands_out = radius * (2 * np.pi / sides) ** 2 / 12
+    views = (v.view for v in problem.views)
+    return max(stands_out * v.magnification / v.pixel_mm for v in views)
+
+
+def run_point(study: Study, settings: SearchSettings, judge: bool = True) -> Run:
+    """Return radius, search and sweep of a picture at these settings, as a build has them.
+
+    Raises:
+        SceneError: no tube draws the picture.
+    """
+    progress = Progress("quiet")
+    begun, cpu = time.perf_counter(), time.process_time()
+    question, radius, start, _ = choose_tube(study.question, settings, progress)
+    problem, radius_s = question.problem, progress.timings.get("radius", 0.0)
+    settings = refine_settings(question, settings, radius)
+    result = search(problem, start, radius, settings, forms=TorchForms(study.device))
+    feasible = result.feasible
+    searched = time.perf_counter()
+    faces = 0
+    for knot in result.knots.knots:
+        try:
+            faces += len(sweep(knot.points, radius, settings.mesh_sides)[1])
+        except SceneError:
+            feasible = False  # bends that no tube of this radius can take
+    swept, cpu = time.perf_counter(), time.process_time() - cpu
+    run = Run(
+        radius,
+        radius_s,
+        searched - begun - radius_s,
+        swept - searched,
+        cpu,
+        feasible,
+        result.log.repairs,
+        faces,
+        facet_error_px(problem, radius, settings.mesh_sides),
+    )
+    return _judge(run, problem, result.knots, study.device) if judge else run
+
+
+def _judge(run: Run, problem: Problem, knots: Knots, device: str) -> Run:
+    """Return the run with what its knots are worth, in the view that they draw worst."""
+    shadows = find_shadows(problem, knots, device)
+    number = min(range(len(shadows)), key=lambda k: mask_iou(*shadows[k]))
+    worst, drawn = shadows[number], problem.views[number].view
+    # tube radii: gaps between strands that are no wider have no outline
+    slit_px = 0.5 * knots.radius_mm * drawn.magnification / drawn.pixel_mm
+    lengths = [knot.length_mm for knot in knots.knots]
+    bends = [measure_curvature(knot.points, knots.radius_mm).mean for knot in knots.knots]
+    legible = None
+    if len(problem.views) == 1:
+        view = problem.views[0]
+        light_mm, mask = view.view.light_distance_mm, stretch_mask(view.mask)
+        legible = legibility(knots.points @ view.axes.T, knots.radius_mm, light_mm, mask, 45.0)
+    return replace(
+        run,
+        iou=mask_iou(*worst),
+        outline_px=outline_error_px(*worst, slit_px),
+        curvature=float(np.average(bends, weights=lengths)),
+        legible=legible,
+        shadow=_shrink(*worst),
+    )
+
+
+def _shrink(seen: Mask, wanted: Mask) -> str:
+    """Return both as a PNG of four colours in base64: what is right, too much and missing."""
+    height, width = seen.shape
+    size = fit_size(width, height, _SHOWN_PX)
+
+    def cover(mask: Mask) -> Array:
+        image = Image.fromarray(mask.astype(np.float32))
+        return np.asarray(image.resize(size, Image.Resampling.BOX))
+
+    one, other = cover(seen), cover(wanted)
+    index = np.where(one > 0.5, 1, 0)
+    index[one - other > _WRONG], index[other - one > _WRONG] = 2, 3
+    image = Image.fromarray(index.astype(np.uint8), mode="P")
+    image.putpalette(_COLOURS)
+    return base64.b64encode(encode_image(image, optimize=True, bits=2)).decode("ascii")
+
+
+def warm_up(study: Study, settings: SearchSettings) -> None:
+    """Run a few iterations, so that no point pays for a process's loading and compiling."""
+    few: dict[str, Any] = {"coarse_iterations": 2, "fine_iterations": 2, "settle_iterations": 2}
+    few |= {"method": "flow", "depth_candidates": 2, "radius_candidates": 2}
+    run_point(study, settings.but(**few))

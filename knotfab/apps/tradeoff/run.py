@@ -1,0 +1,246 @@
+"""`knotfab tradeoff`: from pictures to tradeoff.json, tradeoff.png and tradeoff.html."""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from collections import Counter
+from collections.abc import Callable, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from knotfab import __version__
+from knotfab.apps.tradeoff.bench import (
+    Bench,
+    Explored,
+    Journal,
+    Runner,
+    WantedRun,
+    explore,
+    list_rungs,
+    run_all,
+)
+from knotfab.apps.tradeoff.measure import Study
+from knotfab.apps.tradeoff.page import draw, render_page
+from knotfab.apps.tradeoff.points import (
+    PRESET,
+    Measured,
+    Point,
+    Step,
+    list_changes,
+    list_steps,
+    points,
+)
+from knotfab.base.disk import write_whole
+from knotfab.base.progress import Progress
+from knotfab.design.question import ask
+from knotfab.picture.read import read_target
+from knotfab_formats.errors import InputError
+from knotfab_formats.scene import ResolvedScene
+
+COMBINATIONS = 16  # points that are tried beyond those with one knob turned
+JOURNAL = "tradeoff-runs.jsonl"
+
+
+@dataclass(frozen=True)
+class Tradeoff:
+    """The measured points of pictures, and the folder that was written.
+
+    `left_out`: runs that there was no time for. `steps`: what the next value of each knob buys.
+    """
+
+    explored: Explored
+    steps: list[Step]
+    pictures: tuple[str, ...]
+    jobs: int
+    left_out: tuple[WantedRun, ...]
+    folder: Path
+
+    @property
+    def radii_mm(self) -> list[float]:
+        """The middle's tube radius on each of the pictures."""
+        return [run.radius_mm for run in self.explored.middle.runs]
+
+    @property
+    def title(self) -> str:
+        """The title of the measurement, in a line."""
+        few = self.pictures[0] if len(self.pictures) == 1 else f"{len(self.pictures)} pictures"
+        side = f", {self.jobs} runs side by side" if self.jobs > 1 else ""
+        return f"{few}: what accuracy costs{side}"
+
+    def said_left_out(self) -> str:
+        """Say which points there was no time for; nothing where there was time for all."""
+        if not self.left_out:
+            return ""
+        missing = Counter(request.settings for request in self.left_out)
+        known = {m.point.settings: m.point for m in self.explored.measured}
+        never = sum(settings not in known for settings in missing)
+        few = [known[s].label for s in missing if s in known]
+        said = f"There was no time for {len(self.left_out)} runs"
+        if never:
+            said += f"; {never} points were not measured at all"
+        if few:
+            named = ", ".join(few[:4]) + (f" and {len(few) - 4} more" if len(few) > 4 else "")
+            said += f"; {named}: not on all pictures"
+        return said + ". The same call goes on from here."
+
+
+def tradeoff(
+    scene: ResolvedScene,
+    sources: Sequence[str],
+    out: Path,
+    base: Path | None = None,
+    repeats: int = 1,
+    device: str = "cpu",
+    progress: Progress | None = None,
+    chosen: Sequence[Point] | None = None,
+    jobs: int = 1,
+    limit_s: float | None = None,
+    combinations: int = COMBINATIONS,
+) -> Tradeoff:
+    """Measure the frontier of accuracy and time for pictures, each by itself, on this machine.
+
+    Every run is kept in the folder as it ends: the same call again measures what is missing.
+
+    Args:
+        chosen: the points to begin with; by default the presets and one knob at a time.
+        limit_s: seconds after which no more runs are begun.
+        combinations: how many are tried beyond these.
+
+    Raises:
+        InputError: a picture or the folder is wrong; SceneError: no tube draws a picture.
+    """
+    scene = scene.but(views=scene.views[:1])
+    targets = [read_target(source, scene.views[0], base=base) for source in sources]
+    studies = [Study(t.name, ask(scene, [t]), device) for t in targets]
+    run = run_all(studies, jobs)
+    return measure_tradeoff(
+        studies, scene, out, run, repeats, progress, chosen, jobs, limit_s, combinations
+    )
+
+
+def measure_tradeoff(
+    studies: Sequence[Study],
+    scene: ResolvedScene,
+    out: Path,
+    run: Runner,
+    repeats: int = 1,
+    progress: Progress | None = None,
+    chosen: Sequence[Point] | None = None,
+    jobs: int = 1,
+    limit_s: float | None = None,
+    combinations: int = COMBINATIONS,
+    clock: Callable[[], float] = time.monotonic,
+) -> Tradeoff:
+    """Measure the same of pictures that were read, by this runner and clock."""
+    progress = progress or Progress("quiet")
+    if not studies:
+        raise InputError("tradeoff", "no picture is named", "Name one or several")
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(
+            f"--out {out}", f"it cannot be made: {error.strerror}", "Name a folder"
+        ) from error
+    if not os.access(out, os.W_OK):
+        raise InputError(f"--out {out}", "it may not be written", "Name another folder")
+    settings = scene.settings
+    asked = list(chosen) if chosen is not None else points(settings)
+    if all(point.settings != settings for point in asked):
+        settings = asked[0].settings
+    expected, alive, before = 0, len(asked) + combinations, 0
+    for rung in list_rungs(len(studies)):
+        expected, before = expected + repeats * alive * (rung - before), rung
+        alive = -(-alive // 2)
+    with closing(Journal(out / JOURNAL)) as journal, progress.stage("measure"):
+        bench = Bench(
+            studies,
+            run,
+            journal,
+            repeats,
+            limit_s,
+            clock,
+            lambda done, iou: progress.update(done / expected, iou),
+        )
+        try:
+            explored = explore(bench, asked, settings, combinations)
+        except KeyboardInterrupt:
+            kept = f"{len(journal.runs)} runs are kept in {journal.path}, and the same call goes on"
+            raise KeyboardInterrupt(kept) from None
+        if journal.strange:
+            progress.say(
+                f"{journal.path} holds {journal.strange} runs of other pictures, settings or versions: "
+                "they stay there and are not used."
+            )
+    if explored is None:
+        raise InputError(
+            f"--time-limit {limit_s:g}s",
+            "it is over before the settings that knobs are turned around were measured once",
+            "Give more; what was measured is kept",
+        )
+    steps = list_steps(explored.measured, explored.middle.point.settings)
+    found = Tradeoff(
+        explored, steps, tuple(study.name for study in studies), jobs, tuple(bench.left_out), out
+    )
+    content = to_dict(found, repeats, studies[0].device)
+    write_whole(out / "tradeoff.json", json.dumps(content, indent=1).encode())
+    write_whole(out / "tradeoff.png", draw(explored, found.title))
+    write_whole(out / "tradeoff.html", render_page(explored, steps, found).encode())
+    return found
+
+
+def to_dict(found: Tradeoff, repeats: int, device: str) -> dict[str, Any]:
+    """Return tradeoff.json."""
+    explored = found.explored
+    return {
+        "schema": 1,
+        "picture": found.pictures[0],
+        "pictures": list(found.pictures),
+        "tube_radius_mm": found.radii_mm[0],
+        "tube_radii_mm": found.radii_mm,
+        "repeats": repeats,
+        "jobs": found.jobs,
+        "device": device,
+        "version": __version__,
+        "seconds": explored.middle.clock,
+        "compared_over": explored.compared,
+        "points": list_rows(explored),
+        "steps": [vars(step) for step in found.steps],
+        "left_out": len(found.left_out),
+    }
+
+
+def list_rows(explored: Explored) -> list[dict[str, Any]]:
+    """List a row a point, over the pictures that it was measured on, at most those that are compared."""
+    on = {m.point.settings for m in explored.front}
+    middle = explored.middle.point.settings
+
+    def row(m: Measured) -> dict[str, Any]:
+        m = m.over(explored.compared)
+        means = {key: m.mean(key) for key in ("radius_s", "search_s", "sweep_s", "cpu_s")}
+        return {
+            "knob": m.point.knob,
+            "point": m.point.label,
+            "iou": m.iou,
+            "iou_least": m.least_iou,
+            "outline_px": m.outline_px,
+            "facet_error_px": m.facet_px,
+            "curvature_radii": m.curvature,
+            "legibility_45": m.legible,
+            **means,
+            "seconds": m.seconds,
+            "feasible": m.feasible,
+            "repairs": m.repairs,
+            "faces": round(m.mean("faces")),
+            "pictures": len(m.runs),
+            "eligible": m.keeps(explored.middle.over(len(m.runs))),
+            "frontier": m.point.settings in on,
+            "changed": {k: new for k, (_, new) in list_changes(m.point.settings, middle).items()},
+            "settings": m.point.settings.model_dump(),
+        }
+
+    rows = [row(m) for m in explored.measured]
+    return sorted(rows, key=lambda r: r["knob"] != PRESET)

@@ -1,0 +1,1 @@
+"""Bending plans of pieces made of wire."""

@@ -1,0 +1,414 @@
+"""Fit straights and bends of one radius to a closed centre line: few bends within a tolerance."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.linalg import spsolve
+
+from knotfab.apps.wire.arcs import Wire, WireSites, round_corners
+from knotfab.apps.wire.residual import (
+    DEPTH_FACTOR,
+    FitLimits,
+    GridLikeness,
+    Strand,
+    compute_residual,
+    measure_distances,
+    measure_gaps,
+    measure_strays,
+    weigh_depth,
+)
+from knotfab.base.arrays import Array, Indices, Mask
+from knotfab.geometry.polylines import sample_evenly
+
+_STEP_MM = 0.6  # between the points of the curve that are fitted
+_LONGEST = 150  # points that one straight may stand for at first
+_CHORDS = 2.0  # tolerances that a chord may be off at first: corners will be moved outwards
+_ROUNDS = 14
+_PRUNINGS = 12  # rounds at most of taking corners out
+_MERGED_DEG = 110.0  # the most that one corner in place of two may turn
+
+
+def _first_corners(points: Array, scaled: Array, tolerance: float) -> Indices:
+    """Return corners (indices) of a polygon on the curve whose chords stay within a tolerance.
+
+    The longest chord from each point is taken in turn, from each of the first points as a start,
+    and the shortest chain kept: the greedy form of minimum-link approximation (Imai & Iri 1988).
+    """
+    n = len(points)
+    reach = np.ones(n, dtype=np.int64)
+    alive = np.arange(n)
+    for span in range(2, min(_LONGEST, n // 3)):
+        chord = scaled[(alive + span) % n] - scaled[alive]
+        size = np.maximum((chord * chord).sum(axis=1), 1e-18)
+        worst = np.zeros(len(alive))
+        for k in range(1, span):
+            offset = scaled[(alive + k) % n] - scaled[alive]
+            share = np.clip((offset * chord).sum(axis=1) / size, 0.0, 1.0)
+            gap = offset - share[:, None] * chord
+            worst = np.maximum(worst, (gap * gap).sum(axis=1))
+        holds = worst <= tolerance**2
+        reach[alive[holds]] = span
+        alive = alive[holds]  # a chord that failed is not asked for longer ones
+        if not len(alive):
+            break
+    best: list[int] = []
+    for start in range(int(reach[0]) + 1):
+        chain = [start]
+        while chain[-1] + reach[chain[-1] % n] < start + n:
+            chain.append(int(chain[-1] + reach[chain[-1] % n]))
+        if not best or len(chain) < len(best):
+            best = chain
+    return np.sort(np.array(best) % n)
+
+
+def fit_wires(
+    curves: list[Array],
+    light: Array | None,
+    limits: FitLimits,
+    pictures: Sequence[GridLikeness] = (),
+) -> list[Wire]:
+    """Return wires of straights and bends that follow closed curves, with few bends.
+
+    Corners start on the curve (greedy chords), and are moved by damped Gauss-Newton steps so that the
+    largest weighted distances shrink (iteratively reweighted), straights keep the length that the bender
+    needs, and wires that would run into each other are pushed apart. Corners are added where a distance is
+    still too large and taken out where a straight is too short. The best of all rounds is kept, which
+    need not meet every limit: measure what comes back.
+
+    Args:
+        curves: (n, 3) each, mm. light: (3,) the point light of the one view; None, with several views:
+            no direction is special.
+        pictures: what the wires are to draw, within the tolerance.
+    """
+    strands = []
+    for curve in curves:
+        points = sample_evenly(curve, _STEP_MM, at_most=True)
+        scaled = _flatten_depth(points, light)
+        index = _first_corners(points, scaled, _CHORDS * limits.tolerance_mm)
+        if len(index) < 3:
+            index = np.arange(3) * (len(points) // 3)
+        tolerance = np.full(len(points), limits.tolerance_mm)
+        strands.append(Strand(points, scaled, points[index].copy(), index, tolerance))
+    best, since = judge(strands, light, limits), 0
+    kept = [(s.corners, s.index) for s in strands]
+    for number in range(_ROUNDS):
+        adjust(strands, light, limits, 15 if number == 0 else 8)
+        fault, since = judge(strands, light, limits), since + 1
+        if number == 0 or fault < best:
+            best, since = fault, 0
+            kept = [(s.corners, s.index) for s in strands]
+        for strand in strands:
+            settle(strand, limits)
+        revised = [_revise(s, light, limits, number % 2 == 1) for s in strands]
+        if not any(revised) or since >= 5 or limits.work.over:  # rounds without a better one
+            break
+    for strand, (corners, index) in zip(strands, kept, strict=True):
+        strand.corners, strand.index = corners, index
+        settle(strand, limits)
+    prune(strands, light, limits, _PRUNINGS)
+    if pictures:
+        prune(strands, light, limits, _PRUNINGS, pictures)
+    pruned, worst = [s.corners for s in strands], measure_worst(strands, light, limits)
+    # once the limits are met, go towards the picture as far as they allow
+    adjust(strands, light, limits, 20, pictures)
+    level = [s.corners for s in strands]
+    for share in (1.0, 0.7, 0.4, 0.2, 0.0):
+        for strand, corners, aim in zip(strands, pruned, level, strict=True):
+            strand.corners = corners + share * (aim - corners)
+        if (measure_worst(strands, light, limits) <= worst).all():
+            break
+    return [round_corners(s.corners, limits.bend_radius_mm) for s in strands]
+
+
+def _flatten_depth(points: Array, light: Array | None) -> Array:
+    """Return the curve flattened along the light's axis, so that plain distances weigh depth less."""
+    if light is None:
+        return points
+    axis = light / np.linalg.norm(light)
+    return np.asarray(points - (1.0 - 1.0 / DEPTH_FACTOR) * (points @ axis)[:, None] * axis)
+
+
+def _revise(strand: Strand, light: Array | None, limits: FitLimits, merging: bool) -> bool:
+    """Add corners where the wire is too far off, take out those between which nothing fits."""
+    wire = round_corners(strand.corners, limits.bend_radius_mm)
+    sites, size = measure_distances(strand, wire, light)
+    m, n = len(strand.corners), len(strand.points)
+    turn = np.rad2deg(wire.turn)
+    needed = 2.0 * limits.min_straight_mm
+    add: dict[int, float] = {}  # straight: share at which a corner is added
+    split: set[int] = set()
+    far = np.zeros(m)
+    np.maximum.at(far, sites.piece, size)
+    # one of several neighbours that are off: the others may then come right without a corner
+    peak = (far > 1.0) & (far >= np.roll(far, 1)) & (far >= np.roll(far, -1))
+    for j in (int(k) for k in np.flatnonzero(peak)):
+        for is_bend in (False, True):
+            own = np.flatnonzero((sites.piece == j) & (sites.bend == is_bend))
+            if not len(own) or size[own].max() <= 1.0:
+                continue
+            worst = own[size[own].argmax()]
+            if not is_bend:
+                if wire.straight[j] >= needed:
+                    add[j] = float(np.clip(sites.share[worst], 0.2, 0.8))
+            elif turn[j] > 70.0:  # a bend that misses the curve and turns farther becomes two
+                split.add(j)
+            else:
+                side = j if wire.straight[j] >= wire.straight[j - 1] else (j - 1) % m
+                if wire.straight[side] >= needed:
+                    add.setdefault(side, 0.5)
+    split |= {int(j) for j in np.flatnonzero(turn > limits.max_bend_deg)}
+    merge: set[int] = set()
+    if merging:
+        for j in (
+            int(k) for k in np.flatnonzero(wire.straight < limits.min_straight_mm - ROUNDING)
+        ):
+            both = turn[j] + turn[(j + 1) % m]
+            free = not ({j - 1, j, j + 1} & merge) and j + 1 < m and m - len(merge) > 4
+            if free and both < _MERGED_DEG and not ({j, j + 1} & split):
+                merge.add(j)
+    if not (add or split or merge):
+        return False
+    corners: list[Array] = []
+    index: list[int] = []
+    for j in range(m):
+        following, here = (j + 1) % m, int(strand.index[j])
+        span = int((strand.index[following] - here) % n)
+        if j - 1 in merge:
+            continue
+        if j in merge:
+            share = turn[following] / max(float(turn[j] + turn[following]), 1e-9)
+            corners.append((1 - share) * strand.corners[j] + share * strand.corners[following])
+            index.append(here + round(share * span))
+            continue
+        before = int((here - strand.index[j - 1]) % n)
+        if j in split and before > 2 and span > 2:
+            corners += [wire.entry[j], wire.exit[j]]
+            index += [here - min(before // 3, 3), here + min(span // 3, 3)]
+        else:
+            corners.append(strand.corners[j])
+            index.append(here)
+        if j in add and span > 6:
+            at = WireSites(np.array([j]), np.array([False]), np.array([add[j]]))
+            corners.append(wire.at(at)[0])
+            index.append(here + round(add[j] * span))
+    strand.corners, strand.index = in_order(np.array(corners), np.array(index), n)
+    return True
+
+
+# Corners taken out of a wire that keeps to its limits without them.
+
+
+_APART = 6  # corners from one that is taken out to the next: what comes of it is told apart
+_NEAR = (2, 3, 6, 12)  # pieces to either side of a bad one whose old corners come back, in each try
+_ADJUSTED = 2  # tries in which the others are moved first: later ones only bring more back
+_STEPS = 5
+_HIGHEST = 8.0  # tolerances that a corner may stand out by
+
+
+def prune(
+    strands: list[Strand],
+    light: Array | None,
+    limits: FitLimits,
+    rounds: int,
+    pictures: Sequence[GridLikeness] = (),
+) -> int:
+    """Take out corners as long as the limits are kept as well without them; how many it were.
+
+    In each round the flattest that are far enough apart go together, and the others are moved to take
+    their place. Where that fails the old corners come back, and those are not asked again. A limit
+    that is missed already, by a little, may go on to be missed by as much, and only that one. With
+    `pictures` the others are moved to where the wires draw these.
+    """
+    barred = [np.zeros(len(s.corners), dtype=bool) for s in strands]
+    count = sum(len(s.corners) for s in strands)
+    worst = measure_worst(strands, light, limits)
+    if (worst > 0.1).any():  # a wire that misses a limit by more is for another fit to mend
+        return 0
+    for _ in range(rounds):
+        before = [(s.corners, s.index) for s in strands]
+        gone = [_choose(s, b, light, limits) for s, b in zip(strands, barred, strict=True)]
+        if not any(g.any() for g in gone) or limits.work.over:
+            break
+        asked = [g.copy() for g in gone]
+        for strand, g in zip(strands, gone, strict=True):
+            strand.corners, strand.index = strand.corners[~g], strand.index[~g]
+        for number in range(len(_NEAR) + 1):
+            if number < _ADJUSTED:
+                adjust(strands, light, limits, _STEPS, pictures)
+            misses = measure_misses(strands, light, limits)
+            bad = [np.asarray((m > worst).any(axis=1)) for m in misses]
+            if not any(b.any() for b in bad):
+                break
+            for k, strand in enumerate(strands):
+                if number < len(_NEAR):
+                    gone[k] = _bring_back(strand, *before[k], gone[k], bad[k], _NEAR[number])
+                else:  # all of them back
+                    strand.corners, strand.index = before[k]
+                    gone[k] = np.zeros_like(gone[k])
+        barred = [(b | a)[~g] for b, a, g in zip(barred, asked, gone, strict=True)]
+    return count - sum(len(s.corners) for s in strands)
+
+
+def _choose(strand: Strand, barred: Mask, light: Array | None, limits: FitLimits) -> Mask:
+    """Choose corners (m,) to take out together: those that stand out least from their neighbours' chord."""
+    corners, m = strand.corners, len(strand.corners)
+    chosen, free = np.zeros(m, dtype=bool), ~barred
+    if m < 2 * _APART:
+        return chosen
+    first, last = np.roll(corners, 1, axis=0), np.roll(corners, -1, axis=0)
+    chord = last - first
+    size = np.maximum((chord * chord).sum(axis=1), 1e-18)
+    share = np.clip(((corners - first) * chord).sum(axis=1) / size, 0.0, 1.0)
+    foot = first + share[:, None] * chord
+    height = np.linalg.norm(weigh_depth(corners - foot, corners, light), axis=1)
+    for j in np.argsort(height):
+        if free[j] and height[j] <= _HIGHEST * limits.tolerance_mm:
+            chosen[j] = True
+            free[(j + np.arange(1 - _APART, _APART)) % m] = False
+    return chosen
+
+
+def _bring_back(
+    strand: Strand, corners: Array, index: Indices, gone: Mask, bad: Mask, reach: int
+) -> Mask:
+    """Put the old corners back about all bad pieces; those (m,) of the old ones that are still gone."""
+    m = len(corners)
+    kept = np.flatnonzero(~gone)
+    near = np.zeros(m, dtype=bool)
+    for j in kept[bad]:
+        near[(j + np.arange(-reach, reach + 2)) % m] = True
+    mixed = corners.copy()
+    mixed[kept] = strand.corners
+    mixed[near] = corners[near]
+    left = gone & ~near
+    strand.corners, strand.index = mixed[~left], index[~left]
+    return np.asarray(left)
+
+
+# Move corners so that a wire keeps to its limits, and measure how far it misses them.
+
+
+Fault = tuple[float, float, float]  # see `judge`
+ROUNDING = 0.01  # mm or degrees: what is no fault
+
+
+def adjust(
+    strands: list[Strand],
+    light: Array | None,
+    limits: FitLimits,
+    steps: int,
+    pictures: Sequence[GridLikeness] = (),
+) -> None:
+    """Move the corners of all strands by Levenberg-Marquardt steps; numbers of corners stay.
+
+    Towards the curves; with `pictures` to where the wires draw these, within the tolerance of the curves.
+    Where the work of the limits is over they stay where they are.
+    """
+    weights = [np.ones(len(s.points)) for s in strands]
+    damping = 1e-2
+    for number in range(steps):
+        corners = [s.corners for s in strands]
+        if number % 3 == 0 and not pictures:
+            _reweight(strands, weights, light, limits)
+        residual, jacobian = compute_residual(
+            strands, corners, weights, light, limits, True, pictures
+        )
+        assert jacobian is not None
+        normal, slope = (jacobian.T @ jacobian).tocsc(), jacobian.T @ residual
+        size, cost = normal.diagonal().mean(), float(residual @ residual)
+        for _ in range(6):
+            if limits.work.over:
+                return
+            limits.work.points -= sum(len(s.points) for s in strands)
+            step = spsolve(normal + damping * size * sparse.eye(len(slope), format="csc"), -slope)
+            tried, begun = [], 0
+            for strand in strands:
+                move = step[begun : begun + 3 * len(strand.corners)].reshape(-1, 3)
+                begun += 3 * len(strand.corners)
+                tried.append(strand.corners + move)
+            after, _ = compute_residual(strands, tried, weights, light, limits, False, pictures)
+            if np.isfinite(after).all() and float(after @ after) < cost:
+                for strand, moved in zip(strands, tried, strict=True):
+                    strand.corners = moved
+                damping = max(damping / 5.0, 1e-6)
+                break
+            damping *= 5.0
+
+
+def _reweight(
+    strands: list[Strand],
+    weights: list[Array],
+    light: Array | None,
+    limits: FitLimits,
+) -> None:
+    """Give more weight where the distance is large: towards the smallest maximum (Lawson 1961)."""
+    for number, strand in enumerate(strands):
+        wire = round_corners(strand.corners, limits.bend_radius_mm)
+        _, size = measure_distances(strand, wire, light)
+        weight = weights[number] * np.sqrt(0.05 + np.minimum(size, 3.0))
+        weights[number] = np.clip(weight / weight.mean(), 0.05, 20.0)
+
+
+def measure_misses(strands: list[Strand], light: Array | None, limits: FitLimits) -> list[Array]:
+    """Measure (m, 4) for each strand: by how much its bend and straight j miss each limit; below 0: kept.
+
+    In columns: distance beyond the tolerance (share of it), length that the straight lacks (mm), angle
+    that the bend turns too far (degrees), how much nearer than a diameter another strand is (mm).
+    """
+    wires = [round_corners(s.corners, limits.bend_radius_mm) for s in strands]
+    found = []
+    for strand, wire, gap in zip(strands, wires, measure_gaps(wires, limits), strict=True):
+        sites, size = measure_distances(strand, wire, light)
+        far = np.full(len(wire.corners), -1.0)
+        np.maximum.at(far, sites.piece, size - 1.0)
+        sites, offset, _ = measure_strays(strand, wire, light, limits)
+        np.maximum.at(far, sites.piece, np.linalg.norm(offset, axis=1) - 1.0)
+        short = limits.min_straight_mm - wire.straight
+        sharp = np.rad2deg(wire.turn) - limits.max_bend_deg
+        found.append(np.column_stack([far, short, sharp, limits.wire_diameter_mm - gap]))
+    return found
+
+
+def measure_worst(strands: list[Strand], light: Array | None, limits: FitLimits) -> Array:
+    """Return by how much each limit is missed at most (4,), as `measure_misses`; 0 where it is kept."""
+    return np.asarray(np.vstack(measure_misses(strands, light, limits)).max(axis=0).clip(0.0))
+
+
+def judge(strands: list[Strand], light: Array | None, limits: FitLimits) -> Fault:
+    """Measure how far the limits are missed: in all; by straights, bends, contacts (mm, deg); count bends."""
+    excess, *rest = measure_worst(strands, light, limits)
+    late = max(rest) if max(rest) > ROUNDING else 0.0
+    bends = sum(len(s.corners) for s in strands)
+    return round(float(late + excess), 2), round(float(late), 2), float(bends)
+
+
+def settle(strand: Strand, limits: FitLimits) -> None:
+    """Name anew the point of the curve that each corner stands for: the nearest to its bend."""
+    wire = round_corners(strand.corners, limits.bend_radius_mm)
+    m, n = len(strand.corners), len(strand.points)
+    middle = wire.at(WireSites(np.arange(m), np.ones(m, dtype=bool), np.full(m, 0.5)))
+    left, right = np.roll(strand.index, 1), np.roll(strand.index, -1)
+    found = np.empty(m, dtype=np.int64)
+    for j in range(m):
+        span = int((right[j] - left[j]) % n)
+        window = (left[j] + 1 + np.arange(max(span - 1, 1))) % n
+        gap = strand.points[window] - middle[j]
+        found[j] = window[int((gap * gap).sum(axis=1).argmin())]
+    # the old names stay where a bend was found before the one it follows
+    if (np.diff((found - found[0]) % n) > 0).all():
+        strand.corners, strand.index = in_order(strand.corners, found, n)
+
+
+def in_order(corners: Array, index: Indices, n: int) -> tuple[Array, Indices]:
+    """Return corners in the wire's order from the curve's first point on, each with a point of its own."""
+    rising = (index - index[0]) % n
+    for k in range(1, len(rising)):
+        rising[k] = max(rising[k], rising[k - 1] + 1)
+    for k in range(len(rising) - 1, 0, -1):
+        rising[k] = min(rising[k], n - len(rising) + k)
+    named = (rising + index[0]) % n
+    shift = int(named.argmin())
+    return np.roll(corners, -shift, axis=0), np.roll(named, -shift)

@@ -1,1 +1,0 @@
-"""A photograph of the real shadow against the picture: how alike, where not, and where to move the lamp."""

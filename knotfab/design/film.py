@@ -1,0 +1,351 @@
+"""The chain of a sequence: one frame from a template, every other one from a neighbour."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Container, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+from shapely import MultiPolygon
+
+from knotfab.base.arrays import Array
+from knotfab.base.progress import Progress
+from knotfab.design.budget import Budget
+from knotfab.design.design import Design, design_knots, price_design, settle_design
+from knotfab.design.film_motion import outline_motion
+from knotfab.design.film_search import (
+    Attempt,
+    Following,
+    PictureDifferences,
+    Tie,
+    finish,
+    list_attempts,
+    list_retries,
+)
+from knotfab.design.kept import KeptFrames
+from knotfab.design.question import Question, ask, silhouette_polygon
+from knotfab.design.radius import RadiusChoice, choose_radius
+from knotfab.design.settings import place_start
+from knotfab.knots import Knots
+from knotfab.picture.frames import count_knots
+from knotfab.picture.opening import opening_iou
+from knotfab.picture.read import Target
+from knotfab.render.image import COMPILED, Forms
+from knotfab_formats.errors import InputError
+from knotfab_formats.scene import ResolvedScene, SettledScene
+from knotfab_formats.search import PRESETS, SearchSettings
+
+_SLACK = 1.1  # length of a frame's knot over that of the one searched first, for a picture of the same area
+_THINNER = 0.93  # the next radius over the last
+
+
+@dataclass(frozen=True)
+class SequenceFrame:
+    """One frame, its `number` from 0: its design in scene coordinates, and how it came there.
+
+    `searched`: its knot before its vertices were doubled. `transported`: share of the displacement between
+    the pictures that could be certified; the flow did the rest. `origin`: the frame (from 0) whose knot it
+    began as. `closes`: whether it was bound to the frame that leads back around the loop.
+    """
+
+    number: int
+    made: Design
+    searched: Knots
+    transported: float = 1.0
+    origin: int | None = None
+    closes: bool = True
+
+
+@dataclass(frozen=True)
+class _Common:
+    """Settings that the frame searched first gives to all, and its scene, but for the view's name."""
+
+    scene: SettledScene
+    settings: SearchSettings
+    radius_mm: float
+
+
+def radius_for_all(
+    question: Question,
+    polygons: Sequence[MultiPolygon],
+    settings: SearchSettings,
+    knots: int = 1,
+) -> tuple[float, RadiusChoice | None]:
+    """Return a tube radius (mm) that draws that frame well, and no other much worse.
+
+    Args:
+        question: the frame searched first. polygons: the silhouettes of the others. knots: their number.
+    """
+    given = question.scene.piece.tube_radius_mm
+    if given is not None:
+        return given, None
+    # another frame may need the IoU that this one can spare
+    if "radius_give" not in question.scene.search:
+        give = min(settings.radius_give, PRESETS["standard"].radius_give)
+        settings = settings.but(radius_give=give)
+    choice = choose_radius(question, settings, knots)
+    radius, thinnest = choice.radius_mm, question.scene.printer.min_tube_radius_mm
+    # IoU that a frame's opening may lose against that one's before the tube is thinner
+    wanted = question.opening(radius) - 0.01
+    while radius * _THINNER >= thinnest and any(
+        opening_iou(polygon, radius) < wanted for polygon in polygons
+    ):
+        radius *= _THINNER
+    return round(radius, 4), choice
+
+
+def pick_first(targets: Sequence[Target]) -> int:
+    """Choose the frame (from 0) to search first: that with the most ink, or frame 0 if it has nearly as much.
+
+    Limbs that one silhouette hides have no strands there, and no vertices: they could not come out.
+    """
+    inks = [int(target.mask.sum()) for target in targets]
+    return 0 if inks[0] >= 0.98 * max(inks) else inks.index(max(inks))  # a share of the most ink
+
+
+def list_ties(number: int, known: Container[int], outlines: Sequence[float]) -> tuple[Tie, ...]:
+    """Return the known frames that frame `number` must stay near, one on each side of it around the loop.
+
+    Args:
+        outlines: mm that the pictures' outlines go, from each frame to the next, from the last to the first.
+    """
+    count, ties = len(outlines), []
+    for step in (1, -1):
+        away, loop, k = 0.0, False, number
+        while True:
+            between = k if step > 0 else (k - 1) % count
+            away, loop = away + outlines[between], loop or between == count - 1
+            k = (k + step) % count
+            if k in known or k == number:
+                break
+        if k != number:
+            ties.append(Tie(k, away, loop))
+    return tuple(ties)
+
+
+class Chain:
+    """All frames as the same knots with the same vertices: radius, number and order are those of one frame.
+
+    That is the one with the most ink; the others follow, neighbour by neighbour, to the end and back to
+    the beginning. A vertex keeps within the motion bound of the neighbour; and, so that the sequence may be
+    played round and round, within what the outlines' motion around its end allows.
+
+    Args:
+        scene: scene of one view, as for `design_knots`. A free view is found with the frame searched first:
+            lamp and wall stand where they are while the frames change.
+        budget: until when the build is to be done; the iterations are set to fit, on that frame.
+        kept: frames that an interrupted build of the same sequence had done.
+
+    Raises:
+        SceneError, InputError: as `design_knots`.
+    """
+
+    def __init__(
+        self,
+        scene: ResolvedScene,
+        targets: Sequence[Target],
+        forms: Forms = COMPILED,
+        progress: Progress | None = None,
+        budget: Budget | None = None,
+        kept: KeptFrames | None = None,
+    ) -> None:
+        require_sequence(scene)
+        self._scene, self._targets, self._forms = scene, targets, forms
+        self._progress = progress or Progress("quiet")
+        self._budget = budget
+        self._closing, self._kept = scene.sequence.loop, kept
+        self.resumed = 0  # frames that were kept
+        self._count = count_knots(targets, scene.piece.knots)
+        self._first = pick_first(targets)
+        self._alike = PictureDifferences([t.mask for t in targets])
+        self._known: dict[int, Knots] = {}
+        self._fine: dict[int, Array] = {}
+        self._origins: dict[int, int | None] = {}
+
+    def frames(self) -> Iterator[SequenceFrame]:
+        """Yield the frames, each final as it comes; the one with the most ink comes first."""
+        common, frame = self._recall(self._first) or self._begin()
+        self._settle(common)
+        self._why = frame.made.result.log.template
+        yield self._add(common, frame)
+        count = len(self._targets)
+        for number in (*range(self._first + 1, count), *range(self._first - 1, -1, -1)):
+            recalled = self._recall(number)
+            yield self._add(common, recalled[1] if recalled else self._follow(number))
+
+    def retry(self, number: int) -> SequenceFrame:
+        """Give a frame that did not come out once more, from another start, near its neighbours as they are.
+
+        It takes its place where it is given to `accept`.
+        """
+        neighbours = [j for j in (number - 1, number + 1) if j in self._known]
+        others = [j for j in self._known if j != number]
+        nearest = self._alike.start_of(number, neighbours[0], others)
+        attempts = list_retries([nearest, *neighbours], self._origins[number], self._closing)
+        return self._search(number, attempts)
+
+    def accept(self, frame: SequenceFrame) -> None:
+        """Let a frame take its place: what follows stays near it."""
+        self._known[frame.number] = frame.searched
+        self._fine[frame.number] = frame.made.knots.points
+        self._origins[frame.number] = frame.origin
+        self._closing = self._closing and frame.closes
+
+    def _add(self, common: _Common, frame: SequenceFrame) -> SequenceFrame:
+        self.accept(frame)
+        if self._kept is not None:
+            self._kept.store(frame.number, (common, frame))
+        return frame
+
+    def _recall(self, number: int) -> tuple[_Common, SequenceFrame] | None:
+        """Read what an interrupted build kept of a frame, if it had searched it."""
+        found: tuple[_Common, SequenceFrame] | None = None
+        if self._kept is not None:
+            found = self._kept.load(number)
+        self.resumed += found is not None
+        return found
+
+    def _begin(self) -> tuple[_Common, SequenceFrame]:
+        """Return the frame with the most ink, from a template, and with it all that holds for all frames."""
+        scene, targets, progress = self._scene, self._targets, self._progress
+        settings = scene.settings
+        if settings.free_view:
+            scene, settings = place_start(scene, settings)
+        target = targets[self._first]
+        with progress.stage("radius"):
+            question = ask(scene, [target])
+            others = [
+                silhouette_polygon(question.views[0], other)
+                for other in targets
+                if other is not target
+            ]
+            radius, choice = radius_for_all(question, others, settings, self._count)
+        piece = scene.piece.but(knots=self._count, tube_radius_mm=radius)
+        view = scene.views[0].but(name=target.name)
+        asked = scene.but(piece=piece, views=(view,))
+        share = None
+        if self._budget is not None:
+            left = self._budget.search_s(0)
+            # time of a later frame's search and finish over the search of the first
+            frame_s = left / (1.0 + 0.8 * (len(targets) - 1))
+            share = Budget(time.perf_counter() + frame_s)
+        first = design_knots(asked, [target], self._forms, progress, share)
+        # the region as it was asked for: a mesh lies where the scene says, not yet beside the result; and
+        # the required IoU, unless it was given, follows from the frame's own picture
+        update = {"region": question.problem.region, "accuracy": scene.accuracy}
+        within = first.scene.but(**update)
+        question = ask(_rename_view(within, target), [target])
+        rings = first.knots.rings
+        with progress.stage("search"):
+            ended = finish(
+                first.result, rings, question.problem, radius, first.settings, [], self._forms
+            )
+        made = settle_design(question, ended.result, first.settings)
+        made = replace(made, radius=choice, unmet=first.unmet, binding=first.binding)
+        return _Common(within, first.settings, radius), SequenceFrame(
+            self._first, made, first.knots
+        )
+
+    def _settle(self, common: _Common) -> None:
+        """Ask each frame's question, and measure how far the outlines go between them."""
+        self._common = common
+        with self._progress.stage("search"):
+            self._questions = [ask(_rename_view(common.scene, t), [t]) for t in self._targets]
+            self._problems = [question.problem for question in self._questions]
+            polygons = [problem.polygons[0] for problem in self._problems]
+            self._outlines = [
+                outline_motion(p, q, self._count)
+                for p, q in zip(polygons, [*polygons[1:], polygons[0]], strict=True)
+            ]
+
+    def _follow(self, number: int) -> SequenceFrame:
+        """Return the next frame, from its neighbour or one more like it."""
+        neighbour = number - 1 if number > self._first else number + 1
+        nearest = self._alike.start_of(number, neighbour, self._known)
+        same = self._alike.same(nearest, number)
+        return self._search(number, list_attempts(nearest, neighbour, self._closing, same))
+
+    def _search(self, number: int, attempts: Sequence[Attempt]) -> SequenceFrame:
+        """Return a frame by the best of some attempts."""
+        first, count, common = self._first, len(self._targets), self._common
+        areas = [problem.polygons[0].area for problem in self._problems]
+        longest = _SLACK * sum(knot.length_mm for knot in self._known[first].knots)
+        following = Following(
+            number,
+            self._known,
+            self._fine,
+            self._problems,
+            self._known[first].rings,
+            common.radius_mm,
+            common.settings,
+            longest * max(1.0, areas[number] / areas[first]),
+            list_ties(number, self._known, self._outlines),
+            self._why,
+            self._forms,
+        )
+        done = len(self._known)
+        with self._progress.stage("search"):
+            trial = following.search(
+                attempts, lambda part, _: self._progress.update((done + part) / count)
+            )
+        assert trial.ended is not None
+        question = self._questions[number]
+        made = settle_design(question, trial.ended.result, common.settings)
+        made = price_design(made, question, None, None, self._progress, self._forms)
+        return SequenceFrame(
+            number,
+            made,
+            trial.found.result.knots,
+            trial.found.transported,
+            trial.attempt.origin,
+            trial.attempt.closes,
+        )
+
+
+def _rename_view(scene: SettledScene, target: Target) -> ResolvedScene:
+    """Return a resolved scene whose view is that of another frame."""
+    view = scene.views[0].but(
+        name=target.name, title=target.name, picture=f"picture-{target.name}{target.suffix}"
+    )
+    return scene.but(views=(view,))
+
+
+# Refuse what a sequence cannot have before any work is done.
+
+
+def require_sequence(scene: ResolvedScene) -> None:
+    """Refuse what makes no sense for a sequence, or is not there for it.
+
+    Raises:
+        InputError: naming the key and what to do.
+    """
+    if len(scene.views) != 1:
+        raise InputError(
+            "the scene",
+            f"it has {len(scene.views)} views, and a sequence is seen from one side",
+            "Leave one [[views]] in it, or leave out --sequence",
+        )
+    if scene.views[0].wall_radius_mm is not None:
+        raise InputError(
+            "scene key views.wall_radius_mm",
+            "frames of a sequence are registered to each other on a flat wall",
+            "Leave it out, or leave out --sequence",
+        )
+    if scene.views[0].cut_out:
+        raise InputError(
+            "--subject",
+            "a rectangle is about the subject of one picture, not of all frames",
+            "Cut the frames out beforehand, or leave out --sequence",
+        )
+    if scene.material.shrinkage_percent:
+        raise InputError(
+            "scene key material.shrinkage_percent",
+            "the frames on their ring are written as they are to be",
+            "Leave it out and scale by the slicer, or leave out --sequence",
+        )
+    if scene.settings.start:
+        raise InputError(
+            "a start (--start)",
+            "a sequence begins with a template of its first frame",
+            "Leave it out, or leave out --sequence",
+        )

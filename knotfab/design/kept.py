@@ -1,0 +1,103 @@
+"""Frames that are done are kept until their sequence is: a build that was interrupted goes on where it was.
+
+They lie in the user's cache, by a digest of all that decides about them: the
+pictures, the resolved scene, the options, and this program itself. So another picture, option or version
+finds nothing, and what is found gives the same parts. Files are pickles, which only their writer should
+read: hence the user's own folder, and not the one that is built to.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import os
+import pickle
+import platform
+import shutil
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from platformdirs import user_cache_path
+
+import knotfab
+from knotfab.base.disk import own_folder
+from knotfab.picture.read import Target
+from knotfab.request import Request
+
+
+class KeptFrames:
+    """The frames of one sequence that are kept; a folder that cannot be written keeps nothing."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def __len__(self) -> int:
+        return len(list(self.folder.glob("*.frame")))
+
+    def load(self, number: int) -> Any:
+        """Read the stored result of a frame (from 0); None where nothing can be read."""
+        with contextlib.suppress(Exception):  # whatever a damaged file makes of it
+            return pickle.loads(self._file(number).read_bytes())
+        return None
+
+    def store(self, number: int, value: Any) -> None:
+        """Keep a frame, whole or not at all."""
+        # the last three: what cannot be pickled
+        with contextlib.suppress(OSError, pickle.PicklingError, TypeError, AttributeError):
+            self.folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+            staged = self._file(number).with_suffix(f".{os.getpid()}")
+            staged.write_bytes(pickle.dumps(value))
+            staged.replace(self._file(number))
+
+    def discard(self) -> None:
+        """Remove the kept frames: the sequence is done."""
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+    def _file(self, number: int) -> Path:
+        return self.folder / f"{number}.frame"
+
+
+def keep_for(request: Request, targets: Sequence[Target]) -> KeptFrames:
+    """Find the kept frames of the sequence that is asked for; remove frames that are too old."""
+    folder = own_folder("KNOTFAB_CACHE", user_cache_path) / "sequences"
+    with contextlib.suppress(OSError):
+        for other in folder.iterdir():
+            # what nobody asked for again in 30 days is removed
+            if other.stat().st_mtime < time.time() - 86400 * 30.0:
+                shutil.rmtree(other, ignore_errors=True)
+    digest = hashlib.sha256()
+    for part in _parts(request, targets):
+        digest.update(len(part).to_bytes(8, "little") + part)
+    return KeptFrames(folder / digest.hexdigest()[:32])
+
+
+def _parts(request: Request, targets: Sequence[Target]) -> Iterator[bytes]:
+    """Yield everything that decides about the knots of the frames."""
+    yield _digest_program()
+    yield request.scene.model_dump_json().encode()
+    yield repr((request.device, request.time_budget_s)).encode()
+    if request.scene.region.file is not None:
+        with contextlib.suppress(OSError):  # the search says what is wrong with it
+            yield Path(request.scene.region.file).read_bytes()
+    for target in targets:
+        yield f"{target.name}{target.suffix}".encode()  # the name in the frame's scene
+        for mask in (target.mask, target.asked):
+            yield repr(mask.shape).encode() + mask.tobytes()
+
+
+@cache
+def _digest_program() -> bytes:
+    """Digest the program's own files and the versions of the libraries that it computes with."""
+    digest = hashlib.sha256(platform.python_version().encode() + platform.machine().encode())
+    for name in ("numpy", "scipy", "shapely", "torch", "numba"):
+        with suppress(PackageNotFoundError):  # torch is an extra
+            digest.update(f"{name} {version(name)}".encode())
+    package = Path(knotfab.__file__).parent
+    for path in sorted(package.rglob("*.py")):
+        digest.update(path.read_bytes())
+    return digest.digest()

@@ -1,0 +1,311 @@
+"""Ways to read one picture as a silhouette, each tried; a person picks one."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from textwrap import wrap
+from typing import Any
+
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+
+from knotfab.base.arrays import Mask
+from knotfab.base.disk import at_home
+from knotfab.base.errors import SceneError
+from knotfab.design.candidates import PICTURE
+from knotfab.design.frames import frame_view, widen_targets
+from knotfab.design.likeness import find_refusal, opened_share
+from knotfab.design.sentence import count
+from knotfab.design.survey import Survey, survey_views
+from knotfab.picture import raster
+from knotfab.picture.raster import encode_image
+from knotfab.picture.read import Target, read_bytes, read_target
+from knotfab.picture.silhouette import fit_size, holes_of, mask_iou, pieces_of, sample_mask
+from knotfab.picture.subject import middle_boxes
+from knotfab_formats.bounds import as_written
+from knotfab_formats.errors import InputError
+from knotfab_formats.scene import ResolvedScene
+from knotfab_formats.views import View
+
+MOST = 6  # readings that are shown
+_ALIKE = 0.93  # IoU of two silhouettes that are one choice
+_USUAL_SHARE = 0.014  # tube radius over the frame's longer side, where the picture has room
+_OPTIONS = {
+    "ink": "--ink",
+    "speck_px": "--specks",
+    "smooth_px": "--smooth",
+    "keep_largest": "--keep-largest",
+    "subject_px": "--subject",
+}
+_LINES = 0.6  # the share that counts as drawn of lines: a usual tube draws none, a thin one all
+_LEAST_INK, _MOST_INK = 0.04, 0.7  # shares of the frame within which a likely reading lies
+_PANEL, _TEXT, _GAP, _COLUMNS = 300, 68, 14, 3  # px of the sheet
+_PAPER, _INK, _RED = (250, 248, 244), (60, 58, 56), (190, 30, 30)
+
+
+@dataclass(frozen=True)
+class TriedReading:
+    """One way to read a picture.
+
+    `keys` are those of a view of the scene (`ink`, `speck_px`, …) and `options` the same for the command
+    line, quoted for a shell: "" where the picture is read as it stands. `score`, from 0 to 1, says how
+    compact what is drawn is, and `refusal` why a build would refuse it, None where it would not.
+    """
+
+    keys: dict[str, Any]
+    target: Target
+    score: float
+    refusal: str | None
+
+    @property
+    def options(self) -> str:
+        """The options of `knotfab build` and `knotfab preview` that give this reading."""
+        named = (
+            (
+                _OPTIONS[key],
+                f"{v:g}" if isinstance(v, float) else str(v).strip("()").replace(" ", ""),
+            )
+            for key, v in self.keys.items()
+            if key in _OPTIONS  # a subject fills the frame without being told to
+        )
+        return shlex.join(word for pair in named for word in pair)
+
+    def thumbnail(self, longest_px: int = _PANEL) -> bytes:
+        """Return the drawn silhouette, dark on light, as a PNG of at most so many px."""
+        return encode_image(_paint(self.target.mask, longest_px))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the data that a page needs, without the picture."""
+        return {
+            "options": self.options,
+            "keys": {key: as_written(View, key, value) for key, value in self.keys.items()},
+            "score": round(self.score, 3),
+            "refusal": self.refusal,
+            "rule": self.target.rule,
+        }
+
+
+def is_unclear(found: Survey) -> bool:
+    """Tell whether a picture may be meant otherwise.
+
+    A build refuses it, it has many pieces and holes, or its border of several colours made it a guess.
+    """
+    if len(found.views) != 1 or found.frames:
+        return False
+    (seen,) = found.views
+    guessed = any("--ink flood" in note for note in seen.target.notes)
+    refused = found.refusal is not None and found.refusal.what == PICTURE
+    # pieces and holes, from which on a picture may be meant otherwise
+    return refused or guessed or seen.pieces + seen.holes >= 24
+
+
+def advise(found: Survey, readings: Sequence[TriedReading]) -> Survey:
+    """Return the survey whose refusal names what would do: a subject cut out, or another reading."""
+    error, seen = found.refusal, found.views[0]
+    if error is None or len(found.views) > 1 or found.frames or error.what != PICTURE:
+        return found
+    taken = [r for r in readings if not r.refusal and r.options]
+    better = [r.options for r in taken if "subject_px" not in r.keys]
+    cut = [r.options for r in taken if "subject_px" in r.keys]
+    remedy = error.remedy
+    if better:
+        shown = f"knotfab preview shows {count(len(readings), 'reading')}"
+        remedy = f"Read it otherwise ({better[0]}; {shown}). {remedy}"
+    image, _ = raster.decode(seen.target.png_bytes, seen.target.name)
+    if seen.view.tone == "off" and not seen.view.cut_out and _is_photo(image):
+        example = f", such as {cut[0]}, which a build would take" if cut else ""
+        remedy = (
+            "Cut one thing out of the photograph: --subject LEFT,TOP,WIDTH,HEIGHT, a rectangle about it "
+            f"in px{example}. {remedy}"
+        )
+    return replace(found, refusal=SceneError(error.what, error.why, remedy))
+
+
+def try_readings(
+    source: str | Path, scene: ResolvedScene, *, base: Path | None = None, font: str | None = None
+) -> tuple[TriedReading, ...]:
+    """Try at most six readings of one picture, the best first: those that a build would take before others.
+
+    Ink is what stands out, what is dark or light, what the border's colours do not reach, and the picture's
+    commonest colours; of a photograph also what can be cut out of its middle. Of each the cleaning is taken
+    that leaves the most compact drawing, the mildest of those alike: none, specks left out, smoothed as well,
+    or the largest piece alone. Readings that look alike are one.
+
+    Args:
+        source, base, font: as for `read_target`. scene: its one view says how the picture is read so far, and
+            what its keys say of crop, threshold and inversion holds for all readings.
+
+    Raises:
+        InputError: the picture cannot be read in any of these ways.
+    """
+    view = scene.views[0]
+    px = _tube_px(source, scene, base, font)
+    found: list[TriedReading] = []
+    for way in _ways(source, base, view):
+        tried = []
+        # what is cut out is clean
+        for level, cleaning in enumerate(({},) if "subject_px" in way else _cleanings(px)):
+            keys = {**way, **cleaning}
+            one = _try(keys, source, scene, base, font)
+            if one is None:
+                break
+            # the score's factor for each step of cleaning
+            tried.append((one.refusal is not None, -one.score * 0.9**level, level, one))
+        found += [min(tried)[-1]] if tried else []
+    if not found:
+        raise InputError(str(source), "no reading of it holds a shape", "Draw it as dark on white.")
+    found.sort(key=lambda one: (one.refusal is not None, -one.score))
+    kept: list[TriedReading] = []
+    for one in found:
+        if not any(_alike(one.target.mask, other.target.mask) for other in kept):
+            kept.append(one)
+    return tuple(kept[:MOST])
+
+
+def _try(
+    keys: dict[str, Any],
+    source: str | Path,
+    scene: ResolvedScene,
+    base: Path | None,
+    font: str | None,
+) -> TriedReading | None:
+    """Return the reading with these keys; None where it holds no shape."""
+    changed = scene.but(views=(scene.views[0].but(**keys),))
+    try:
+        target = read_target(source, changed.views[0], base=base, font=font, glance=True)
+        changed, (target,) = widen_targets(changed, (target,))
+        refusal = find_refusal(survey_views(changed, (target,)), changed)
+    except InputError:
+        return None
+    except SceneError as error:
+        refusal = error
+    score = _score(target.mask, bool(changed.views[0].lines))
+    return TriedReading(keys, target, score, None if refusal is None else refusal.why)
+
+
+def _cleanings(tube_px: float) -> Iterator[dict[str, Any]]:
+    """Yield keys that clean a silhouette, mildest first; `tube_px`: the thinnest tube's shadow there."""
+    specks = _round_up(tube_px**2)
+    yield {}
+    yield {"speck_px": specks}
+    yield {"speck_px": 4 * specks, "smooth_px": round(max(1.0, 0.25 * tube_px), 1)}
+    yield {"speck_px": 16 * specks, "smooth_px": round(max(1.0, 0.5 * tube_px), 1)}
+    yield {
+        "speck_px": 16 * specks,
+        "smooth_px": round(max(1.0, 0.5 * tube_px), 1),
+        "keep_largest": 1,
+    }
+
+
+def _round_up(value: float) -> int:
+    """Round up to one digit, or five of the next, which is easier to say."""
+    ten = 10 ** int(np.log10(max(value, 1.0)))
+    step = 5 * ten if value > 2 * ten else ten
+    return int(step * np.ceil(value / step))
+
+
+def _tube_px(
+    source: str | Path, scene: ResolvedScene, base: Path | None, font: str | None
+) -> float:
+    """Return the width of the thinnest tube's shadow, in px of the picture."""
+    for ink in ("auto", "dark", "light"):
+        reading = scene.views[0].but(ink=ink)
+        try:
+            target = read_target(source, reading, base=base, font=font, glance=True)
+        except InputError:
+            continue
+        view = frame_view(scene.views[0], target)
+        px_per_mm = view.px_per_mm(target.width) * target.shrunk
+        return 2.0 * scene.printer.min_tube_radius_mm * px_per_mm
+    return 10.0
+
+
+def _ways(source: str | Path, base: Path | None, view: View) -> list[dict[str, Any]]:
+    """Return keys that say what is ink, those of the scene first, then the others that may be meant."""
+    if view.cut_out:
+        return [{}]
+    path = at_home(source) if base is None else base / source
+    try:
+        image, _ = raster.decode(read_bytes(path, str(source)), str(source))
+    except InputError:  # drawn, not of pixels
+        image = Image.new("1", (1, 1))
+    inks = ["auto", "dark", "light", "flood", *_colours(image)]
+    ways: list[dict[str, Any]] = [{}, *({"ink": ink} for ink in inks if ink != view.ink)]
+    if not _is_photo(image):
+        return ways
+    frame = {"crop_px": None} if view.crop_px is False else {}
+    return ways + [{"subject_px": box, **frame} for box in middle_boxes(*image.size)]
+
+
+def _is_photo(image: Image.Image) -> bool:
+    """Tell whether an opaque picture has as many colours as only photographs have."""
+    if image.has_transparency_data:
+        return False
+    small = image.convert("RGB")
+    small.thumbnail((96, 96))
+    # colours of four bits a channel, that a photograph has at least
+    return len(np.unique(np.asarray(small).reshape(-1, 3) >> 4, axis=0)) >= 100
+
+
+def _colours(image: Image.Image, most: int = 3) -> list[str]:
+    """Return the commonest colours of a pixel picture that are neither dark nor light, as #rrggbb."""
+    small = image.convert("RGB")
+    small.thumbnail((96, 96))
+    few = small.quantize(8, Image.Quantize.MEDIANCUT)
+    counts = sorted(few.getcolors() or [], reverse=True)
+    palette = few.getpalette() or []
+    colours = [tuple(palette[3 * n : 3 * n + 3]) for _, n in counts if isinstance(n, int)]
+    vivid = [c for c in colours if max(c) - min(c) >= 60]
+    return ["#{:02x}{:02x}{:02x}".format(*c) for c in vivid[:most]]
+
+
+def _score(mask: Mask, lines: bool = False) -> float:
+    """Score how like one thing's silhouette this is: compact, of few parts, clear of the frame's edge."""
+    share = float(mask.mean())
+    edge = float(np.concatenate([mask[0], mask[-1], mask[:, 0], mask[:, -1]]).mean())
+    parts = len(pieces_of(mask)[1]) + len(holes_of(mask)[1])
+    likely = min(share / _LEAST_INK, 1.0) * min((1.0 - share) / (1.0 - _MOST_INK), 1.0)
+    kept = _LINES if lines else opened_share(mask, _USUAL_SHARE * max(mask.shape))
+    return kept * likely * (1.0 - 0.8 * edge) / (1.0 + 0.2 * float(np.log2(max(parts, 1))))
+
+
+def _alike(one: Mask, other: Mask) -> bool:
+    """Tell whether two masks of one picture look the same at a glance."""
+    if one.shape != other.shape:
+        return False
+    size = fit_size(one.shape[1], one.shape[0], 128)  # px
+    return mask_iou(*(sample_mask(mask, *size) for mask in (one, other))) >= _ALIKE
+
+
+def _paint(mask: Mask, longest_px: int) -> Image.Image:
+    size = fit_size(mask.shape[1], mask.shape[0], longest_px)
+    share = Image.fromarray(np.where(mask, 0, 255).astype(np.uint8)).resize(
+        size, Image.Resampling.BOX
+    )
+    return Image.composite(Image.new("RGB", size, _PAPER), Image.new("RGB", size, _INK), share)
+
+
+def draw_readings(readings: Sequence[TriedReading]) -> bytes:
+    """Draw a PNG: the silhouette of each reading, numbered, with the options that give it."""
+    rows = -(-len(readings) // _COLUMNS)
+    painted = [_paint(one.target.mask, _PANEL) for one in readings]
+    high = max(picture.height for picture in painted) + _TEXT + _GAP
+    columns = min(_COLUMNS, len(readings))
+    sheet = Image.new("RGB", (_GAP + columns * (_PANEL + _GAP), _GAP + rows * high), "white")
+    pen, font = ImageDraw.Draw(sheet), ImageFont.load_default(14)
+    for n, (one, picture) in enumerate(zip(readings, painted, strict=True)):
+        left, top = _GAP + n % _COLUMNS * (_PANEL + _GAP), _GAP + n // _COLUMNS * high
+        lines = wrap(f"{n + 1}: {one.options or 'as it is read'}", 42)  # letters of a line above it
+        pen.text((left, top), "\n".join(lines), fill=_INK, font=font, spacing=2)
+        said, colour = ("a build would refuse it", _RED) if one.refusal else (_parts(one), _INK)
+        pen.text((left, top + 38), said, fill=colour, font=font)
+        sheet.paste(picture, (left, top + _TEXT - 8))
+    return encode_image(sheet, compress_level=6)
+
+
+def _parts(one: TriedReading) -> str:
+    pieces, holes = (len(found(one.target.mask)[1]) for found in (pieces_of, holes_of))
+    return f"{count(pieces, 'piece')}, {count(holes, 'hole')}"

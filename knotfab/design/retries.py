@@ -1,0 +1,286 @@
+"""Prices of limits: those that bind, and the IoU that a short search reaches when one is loosened."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import shapely
+
+from knotfab.base.errors import SceneError
+from knotfab.problem import Problem, SearchResult, Start, TargetView
+from knotfab.render.image import COMPILED, Forms
+from knotfab.search.search import search
+from knotfab.start.depth import lower
+from knotfab.start.filling import Template
+from knotfab.start.start import make_start
+from knotfab_formats.report import Price
+from knotfab_formats.scene import SettledRegion
+from knotfab_formats.search import SearchSettings
+
+SHORT: dict[str, Any] = {
+    "method": "flow",
+    "network_start": "filling",
+    "coarse_px": 160,
+    "fine_px": 224,
+    "coarse_iterations": 32,
+    "fine_iterations": 16,
+    "settle_iterations": 16,
+    "winners_every": 4,
+    "depth_candidates": 4,
+}
+_NEAR = 0.05  # a limit that is kept by less than this share of itself binds
+_GAIN = 0.005  # IoU below which a limit costs nothing
+_USUAL_CLEARANCE = 0.4  # mm, a scene's default
+_KEYS = {  # for each limit: its key, its name, and the figure of the knots found without it
+    "bend": ("[material] min_bend_radius_mm", "the bend limit", "bends to {} mm"),
+    "clearance": ("[piece] clearance_mm", "the clearance", "leaves gaps of {} mm"),
+    "region": ("[region] size_mm", "the region", "takes {} mm of room"),
+    "length": ("[material] max_length_mm", "the length budget", "is {} mm long"),
+}
+
+
+def _word(value: object) -> str:
+    if isinstance(value, tuple):
+        return " x ".join(_word(v) for v in value)
+    return f"{value:.4g}" if isinstance(value, float | int) else str(value)
+
+
+def binding_limits(
+    problem: Problem, result: SearchResult, roomy: SettledRegion
+) -> dict[str, Problem]:
+    """Return the limits that are broken, or kept by little, each with the problem in which it is loosened.
+
+    The tube's own bend limit and the usual clearance are no choice of the scene's, so they are not among
+    them. `roomy`: a region in which nothing is in the picture's way.
+    """
+    state, limits = result.feasibility, result.feasibility.limits
+    own_bend = limits.radius + 0.5 * problem.clearance
+    close = {
+        "bend": limits.bend_radius > own_bend * (1 + 1e-9)
+        and state.bend_mm < (1 + _NEAR) * limits.bend_radius,
+        "clearance": problem.clearance > _USUAL_CLEARANCE
+        and state.gap_mm < (1 + _NEAR) * limits.separation,
+        "region": problem.region != roomy and state.outside_mm > -0.25 * limits.radius,
+        "length": state.length_mm > (1 - _NEAR) * limits.length,
+    }
+    return {name: _loosen(problem, (name,), roomy) for name, binds in close.items() if binds}
+
+
+def _loosen(problem: Problem, names: Sequence[str], roomy: SettledRegion) -> Problem:
+    """Return the problem without these limits."""
+    free: dict[str, tuple[str, Any]] = {
+        "bend": ("bend_radius", None),
+        "clearance": ("clearance", _USUAL_CLEARANCE),
+        "region": ("region", roomy),
+        "length": ("length", 1e9),
+    }
+    return replace(problem, **dict(free[name] for name in names))
+
+
+def price_limits(
+    problem: Problem,
+    start: Start,
+    result: SearchResult,
+    settings: SearchSettings,
+    roomy: SettledRegion,
+    forms: Forms = COMPILED,
+    iou: float | None = None,
+) -> tuple[Price, ...]:
+    """Price each limit that binds in IoU, dearest first; where none costs by itself, all together.
+
+    The IoU is that of the view that is drawn worst.
+
+    Args:
+        start: what `result` started from. iou: that of the part that keeps the limits, where it
+            is not that of `result`.
+    """
+    short, radius = settings.but(**SHORT), result.knots.radius_mm
+    candidates = binding_limits(problem, result, roomy)
+    here = result.iou_estimate if iou is None else iou
+
+    def price(names: tuple[str, ...], free: Problem) -> Price:
+        other = search(free, start, radius, short, forms=forms)
+        return _price(names, problem, other, result, here)
+
+    found = [price((name,), free) for name, free in candidates.items()]
+    found = [
+        p for p in found if p.iou_without > here + _GAIN or (p.met_without and iou is not None)
+    ]
+    if not found and len(candidates) > 1:
+        names = tuple(candidates)
+        both = price(names, _loosen(problem, names, roomy))
+        found = [both] if both.iou_without > here + _GAIN else []
+    return tuple(sorted(found, key=lambda p: (p.met_without, p.iou_without), reverse=True))
+
+
+def _price(
+    names: tuple[str, ...],
+    problem: Problem,
+    other: SearchResult,
+    result: SearchResult,
+    here: float,
+) -> Price:
+    radius = result.knots.radius_mm
+    points = np.concatenate([k.points for k in other.knots.knots])
+    extents = tuple((np.ptp(points, axis=0) + 2 * radius).round(2).tolist())
+    limits = result.feasibility.limits
+    asked = {
+        "bend": limits.bend_radius,
+        "clearance": limits.clearance,
+        "region": problem.region.size_mm,
+        "length": limits.length,
+    }
+    needed = {
+        "bend": other.feasibility.bend_mm,
+        "clearance": other.feasibility.gap_mm - 2 * radius,
+        "region": extents,
+        "length": other.feasibility.length_mm,
+    }
+    found = [needed[name] for name in names]
+    return Price(
+        limits=names,
+        keys=tuple(_KEYS[name][0] for name in names),
+        asked=tuple(asked[name] for name in names),
+        needed=tuple(found),
+        iou=here,
+        iou_without=other.iou_estimate,
+        met_without=not other.feasibility.violations,
+        sentence=_tell(names, asked, found, here, other),
+    )
+
+
+def _tell(
+    names: tuple[str, ...],
+    asked: dict[str, Any],
+    needed: Sequence[Any],
+    here: float,
+    other: SearchResult,
+) -> str:
+    """Return what limits cost, in a sentence."""
+    named = " and ".join(f"{_KEYS[n][1]} ({_KEYS[n][0]} = {_word(asked[n])} mm)" for n in names)
+    each = zip(names, needed, strict=True)
+    found = " and ".join(_KEYS[name][2].format(_word(value)) for name, value in each)
+    rest = "; another limit is broken then" if other.feasibility.violations else ""
+    verb = "binds" if len(names) == 1 else "bind together"
+    return (
+        f"{named[0].upper()}{named[1:]} {verb}: the IoU is {here:.3f} with it, and "
+        f"{other.iou_estimate:.3f} without it, by a short search whose piece {found}{rest}."
+    )
+
+
+# The best piece that keeps every limit, where the pictures' own filling cannot: fewer strands, or
+# rings.
+
+
+# These settings leave the search nearly no steps.
+_STILL = {**SHORT, "coarse_iterations": 0, "fine_iterations": 0, "settle_iterations": 2}
+_WIDER = (1.5, 2.5, 4.0, 6.5, 10.0, 16.0)  # spacings of the strands that are tried, in tube radii
+
+
+def search_sparser(
+    problem: Problem,
+    radius: float,
+    knots: int | None,
+    settings: SearchSettings,
+    forms: Forms = COMPILED,
+) -> SearchResult | None:
+    """Return the first result that is feasible, None where there is none.
+
+    The pictures are filled as by ever thicker tubes, whose strands lie further apart and bend less; a
+    piece of one view at its depth and then flat. The last tries are rings.
+
+    Args:
+        radius: radius of the tube, mm. knots: as for `make_start`.
+    """
+    for asked, start, steps in _tries(problem, radius, knots, settings):
+        result = search(asked, start, radius, settings.but(**steps), forms=forms)
+        if result.feasible:
+            return result
+    return None
+
+
+def _tries(
+    problem: Problem, radius: float, knots: int | None, settings: SearchSettings
+) -> Iterator[tuple[Problem, Start, dict[str, Any]]]:
+    """Yield (problem, start, steps) in the order in which they are tried."""
+    limits = problem.limits(radius)
+    least = max(0.5 * limits.separation, limits.bend_radius) / radius
+    wide = {*(w for w in _WIDER if w < least), *(least * w for w in _WIDER)}
+    widest = 0.5 * float(np.sqrt(min(p.area for p in problem.polygons)))
+    one = len(problem.views) == 1
+    flat = replace(problem, depth_mm=None)
+    short = settings.but(**SHORT)
+    for spacing in sorted(wide):
+        if 0.5 * least < spacing and spacing * radius < widest:
+            for asked in (problem, flat) if one else (problem,):
+                try:
+                    yield asked, make_start(asked, radius, short, knots, spacing), SHORT
+                except SceneError:  # no such curve, or no place for the knot that is asked for
+                    continue
+    if not one or problem.knot != "unknot":
+        return
+    # a ring whose edges were evened bends more than a circle: the first size that serves
+    for size in (1.1, 1.3, 1.6):  # a last ring's size over the least that the bend limit allows
+        ring = _ring(problem, size * least * radius, radius)
+        yield flat, make_start(flat, radius, short, template=ring), _STILL
+
+
+def _ring(problem: Problem, least: float, radius: float) -> Template:
+    """Return the largest circle in the silhouette, or about its middle a larger one that may be bent so."""
+    polygon = problem.polygons[0]
+    line = shapely.maximum_inscribed_circle(polygon)
+    middle = np.asarray(line.coords[0])
+    size = max(line.length - radius, least, 2 * radius)
+    turn = 2 * np.pi * np.arange(256) / 256
+    ring = middle + size * np.stack([np.cos(turn), np.sin(turn)], 1)
+    return Template((ring,), polygon, radius)
+
+
+# Bumps: where one strand of a stroke had to step aside past another, and stands outside the
+# picture.
+
+
+# radii of the tube: centre lines of a drawn stroke lie in it, that of a bump about a radius beside it
+_OUTSIDE = 0.5
+
+
+def start_without_bumps(
+    problem: Problem,
+    result: SearchResult,
+    radius: float,
+    settings: SearchSettings,
+    knots: int | None,
+) -> Start | None:
+    """Give another start for a search that came to bumps, whose strands keep their order; None without bumps.
+
+    Args:
+        radius: radius of the tube, mm. knots: as for `make_start`.
+    """
+    one = len(problem.views) == 1
+    given = settings.start or settings.free_view or settings.network_start == "circle"
+    if not one or given or problem.depth_mm is None or problem.views[0].lines:
+        return None
+    if _farthest_outside(result, problem.views[0]) <= _OUTSIDE * radius:
+        return None
+    try:
+        return make_start(problem, radius, settings, knots, parted=True)
+    except SceneError:  # the knot that is asked for has no place there
+        return None
+
+
+def better(one: SearchResult, other: SearchResult) -> bool:
+    """Tell whether one result is to be taken before another: by its limits, and then by its pictures."""
+    if one.feasible != other.feasible:
+        return one.feasible
+    return one.iou_estimate > other.iou_estimate
+
+
+def _farthest_outside(result: SearchResult, target: TargetView) -> float:
+    """Measure how far centre lines stand outside the picture, mm in the plane of the scene's middle."""
+    points = np.concatenate([knot.points for knot in result.knots.knots]) @ target.axes.T
+    seen = lower(points, target.view.light_distance_mm)
+    shapely.prepare(target.polygon)
+    return float(shapely.distance(target.polygon, shapely.points(seen)).max())

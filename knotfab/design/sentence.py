@@ -1,0 +1,186 @@
+"""Tell a survey's findings in a few lines: the same before a build and in a preview."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+from knotfab.design.candidates import PICTURE
+from knotfab.design.survey import Survey, ViewSurvey
+from knotfab.picture.opening import Loss
+
+if TYPE_CHECKING:
+    from knotfab.design.readings import TriedReading
+
+
+def describe(found: Survey, exact: bool = False) -> list[str]:
+    """Say in a few lines what each picture draws, what the likely tube loses of it, and a guess of the print.
+
+    Args:
+        exact: with the figures of the rule by which each picture was read.
+    """
+    lines = []
+    if found.frames:
+        lines.append(
+            f"{found.frames} frames; the hardest to draw is {found.views[0].target.shown}."
+        )
+    for seen in found.views:
+        lines.append(_describe_silhouette(seen, exact))
+        lines += [f"  Note: {note}." for note in seen.target.notes]
+        lines.append(_describe_losses(seen, found))
+    lines += [f"  {line[0].upper()}{line[1:]}." for line in found.agreed]
+    if found.refusal is None:
+        return [*lines, _describe_piece(found)]
+    error = found.refusal
+    why = error.why if error.what == PICTURE else f"{error.what}: {error.why}"
+    return [*lines, f"  A build would refuse this: {why}. {error.remedy}"]
+
+
+def _describe_silhouette(seen: ViewSurvey, exact: bool) -> str:
+    """Describe the silhouette: pieces, holes, and the size on the wall."""
+    width, height = seen.view.frame_mm
+    rule = seen.target.rule if exact else re.sub(r" \[[^]]*\]", "", seen.target.rule)
+    return (
+        f"{seen.target.shown}: {rule}; {count(seen.pieces, 'piece')}, "
+        f"{count(seen.holes, 'hole')}; {width:.0f} × {height:.0f} mm on the wall."
+    )
+
+
+def _describe_losses(seen: ViewSurvey, found: Survey) -> str:
+    """Describe the tube that a build takes, and what it loses; or that nobody would know the picture."""
+    thick = f"{2 * found.radius_mm:.1f} mm thick (radius {found.radius_mm:.2f} mm)"
+    if seen.view.lines:
+        text = f"  A build lays one tube {thick} along each of its strokes"
+        return text + (f"; {seen.together:.0%} of them run together." if seen.together else ".")
+    if not seen.recognisable and seen.likeness is not None:
+        gone = f"its IoU would be about {seen.likeness.iou:.2f}"
+        if seen.likeness.changes:
+            which = f"{seen.likeness.changes} of its {seen.likeness.features} pieces and holes"
+            gone = f"{which} would be lost or run together"
+        return f"  Nobody would know it in the shadow of any tube that can be printed: {gone}."
+    if not found.chosen:
+        return f"  A build takes a tube at least {thick}, as thick as its time asks for."
+    if found.radius_mm not in seen.losses:
+        return f"  A build takes a tube {thick}."
+    lost = sorted(seen.losses[found.radius_mm], key=lambda loss: -loss.extent)
+    text = f"  A build takes a tube {thick}, which "
+    if not lost:
+        return f"{text}draws all of it."
+    text += (
+        f"loses {count(len(lost), 'part')} of it; the longest is {_describe_loss(lost[0], seen)}."
+    )
+    if seen.whole_mm is not None and seen.whole_mm < found.radius_mm:
+        radius = seen.whole_mm
+        text += f" One {2 * radius:.1f} mm thick draws all of it (--tube-radius {radius:.2f})."
+    return text
+
+
+def _describe_loss(loss: Loss, seen: ViewSurvey) -> str:
+    """Describe its size, and its place in the picture."""
+    scale, px = seen.wall_mm_per_px, seen.target.shrunk
+    x, y = seen.target.to_picture(loss.at)
+    return (
+        f"{loss.extent * scale:.1f} mm ({loss.extent * px:.0f} px) long and "
+        f"{loss.thickness * scale:.1f} mm ({loss.thickness * px:.0f} px) thick at ({x:.0f}, {y:.0f}) px"
+    )
+
+
+def _describe_piece(found: Survey) -> str:
+    wide, high = found.views[0].piece_mm
+    text = f"  The piece is about {wide:.0f} × {high:.0f} mm across"
+    guess = found.guess
+    if guess.hours is not None and max(wide, high) > 2000.0:  # more than a part of many plates has
+        return f"{text}, which no printer makes: is the size meant in mm (--size 50cm)?"
+    if not found.chosen:
+        return text + "."
+    each = " a frame" if found.frames else ""
+    text += f"; a guess: {_round(guess.mass_g, 'g')}"
+    if guess.hours is not None:
+        text += f" and {_round(guess.hours, 'h')} with its supports"
+    if guess.without:
+        text += f"{',' if guess.hours is not None else ''} without {guess.without}"
+    return text + each + "."
+
+
+def count(number: int, noun: str) -> str:
+    """Say a count as a person does."""
+    return f"{number or 'no'} {noun}{'' if number == 1 else 'es' if noun[-1] == 's' else 's'}"
+
+
+def _round(value: float, unit: str) -> str:
+    """Round to the two digits that a guess has, and to no less than a printer's own play."""
+    least = {"g": 1.0, "h": 0.1}[unit]
+    if value < least:
+        return f"less than {least:g} {unit}"
+    return f"{value:.2g} {unit}" if value < 100 else f"{round(value, -1):.0f} {unit}"
+
+
+def describe_readings(readings: Sequence[TriedReading], sheet: str) -> list[str]:
+    """Describe other readings of the picture, a line each with the options that give it.
+
+    Args:
+        sheet: the picture that shows them.
+    """
+    if not readings:
+        return []
+    lines = [
+        f"  It may be meant otherwise: {sheet} shows {count(len(readings), 'reading')}. Options for each:"
+    ]
+    for number, one in enumerate(readings, start=1):
+        refused = "  (a build would refuse it)" if one.refusal else ""
+        lines.append(f"    {number}: {one.options or 'none, as it is read'}{refused}")
+    return lines
+
+
+def list_figures(found: Survey, readings: Sequence[TriedReading] = ()) -> dict[str, Any]:
+    """List the survey as plain data: lengths in mm, places in px of the picture."""
+    views = []
+    bounds = found.bounds or (None,) * len(found.views)
+    for seen, bound in zip(found.views, bounds, strict=True):
+        losses = [
+            {
+                "tube_radius_mm": radius,
+                "lost": [
+                    {
+                        "at_px": [round(c, 1) for c in seen.target.to_picture(loss.at)],
+                        "length_px": round(loss.extent * seen.target.shrunk, 1),
+                        "thickness_px": round(loss.thickness * seen.target.shrunk, 1),
+                        "length_mm": round(loss.extent * seen.wall_mm_per_px, 2),
+                        "thickness_mm": round(loss.thickness * seen.wall_mm_per_px, 2),
+                        "needed_radius_mm": round(0.5 * loss.thickness / seen.px_per_mm, 3),
+                    }
+                    for loss in lost
+                ],
+            }
+            for radius, lost in seen.losses.items()
+        ]
+        bent = seen.target.bending
+        views.append(
+            {
+                **({} if bound is None else {"bound": round(bound.iou, 4)}),
+                **({} if bent is None else {"bending": asdict(bent)}),
+                "picture": seen.target.name,
+                "silhouette": seen.target.rule,
+                "notes": list(seen.target.notes),
+                "pieces": seen.pieces,
+                "holes": seen.holes,
+                "frame_mm": [round(side, 2) for side in seen.view.frame_mm],
+                "piece_mm": [round(side, 2) for side in seen.piece_mm],
+                "whole_radius_mm": seen.whole_mm,
+                "recognisable": seen.recognisable,
+                "radii": losses,
+            }
+        )
+    return {
+        "schema": 1,
+        "views": views,
+        "tube_radius_mm": found.radius_mm,
+        "refusal": None
+        if found.refusal is None
+        else f"{found.refusal.why}. {found.refusal.remedy}",
+        "guess": {"mass_g": round(found.guess.mass_g, 1), "hours": found.guess.hours},
+        "lines": describe(found),
+        **({"readings": [one.to_dict() for one in readings]} if readings else {}),
+    }

@@ -1,1 +1,0 @@
-"""Drawings to measure from: pages of an exact size, and dimensions."""

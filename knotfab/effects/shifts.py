@@ -1,0 +1,175 @@
+"""Sag: the piece bends under its own weight on its mount, and its shadow with it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from knotfab.base.arrays import Array, Mask
+from knotfab.base.compiled import compiled
+from knotfab.effects.base import Effect, EffectContext, Shadows
+from knotfab.geometry.polylines import Polylines
+from knotfab.scene.camera import CurvedWall, view_axes
+from knotfab_formats.scene import VERIFIED_PX, ResolvedView
+from knotfab_formats.verdict import Sag
+
+
+def sag_magnitude(context: EffectContext) -> float:
+    """Return the furthest that any strand's shadow is shifted, px; 0 of a piece without a mount."""
+    if context.moves is None or len(context.moves) == 0:
+        return 0.0
+    return max(
+        float(shifts_mm(seen, context.moves[None], context.radius).max()) / seen.view.pixel_mm
+        for seen in context.shadows
+    )
+
+
+def shifts_mm(shadows: Shadows, moves: Array, radius: float) -> Array:
+    """Return (m, N) bounds, mm, of how far shadows of what is within `radius` of (N, 3) places are shifted.
+
+    By moves (m, N, 3) in the scene, or (m, 1, 3) of all places alike.
+
+    A point at height h under a lamp at height H that moves by u, u_n of it towards the lamp, casts its shadow
+
+        H / (H - h - u_n) |u_t + u_n w|,   w = (x - l) / (H - h) along the wall,
+
+    aside: similar triangles. On the tube's surface h is larger by r, and w by r / (H - h - r) (1 + |w|), at
+    most. A round wall is taken for the plane that touches it where the point's shadow falls; where the
+    surface's falls, and is shifted to, that leans by as much as they lie aside over the wall's radius.
+    """
+    moves = moves @ shadows.wall.axes.T
+    return _shifts(
+        shadows.places,
+        shadows.feet,
+        shadows.axes,
+        shadows.wall.lamp,
+        moves,
+        radius,
+        shadows.wall.bend,
+    )
+
+
+@compiled
+def _shifts(
+    places: Array, feet: Array, axes: Array, lamp: Array, moves: Array, radius: float, bend: float
+) -> Array:
+    """Return (m, n) `shifts_mm` of places (n, 3) moved by (m, n or 1, 3), in the axes of their wall."""
+    found = np.empty((len(moves), len(places)))
+    ray, move = np.empty(3), np.empty(3)
+    for n in range(len(places)):
+        own, high = axes[min(n, len(axes) - 1)], 0.0
+        for i in range(3):
+            ray[i] = 0.0
+            high += own[2, i] * (lamp[i] - feet[n, i])
+            for j in range(3):
+                ray[i] += own[i, j] * (places[n, j] - lamp[j])
+        below = max(-ray[2], 1e-9)
+        x, y = ray[0] / below, ray[1] / below
+        slope = np.sqrt(x * x + y * y)
+        for k in range(len(moves)):
+            by = moves[k, min(n, moves.shape[1] - 1)]
+            for i in range(3):
+                move[i] = own[i, 0] * by[0] + own[i, 1] * by[1] + own[i, 2] * by[2]
+            near = max(below - radius - abs(move[2]), 1e-9)
+            u, v = move[0] + move[2] * x, move[1] + move[2] * y
+            leaning = abs(move[2]) * radius / near * (1 + slope)
+            shift = high / near * (np.sqrt(u * u + v * v) + leaning)
+            aside = shift + high / near * radius * np.sqrt(1 + slope * slope)
+            found[k, n] = shift * (1 + slope * aside * bend) ** 2
+    return found
+
+
+def measure_sag(
+    view: ResolvedView,
+    mask: Mask,
+    points: Array,
+    moves: Array,
+    rings: Polylines,
+    radius: float,
+    wall: CurvedWall | None = None,
+) -> Sag:
+    """Measure the IoU of the knots' own shadow with a mask (H, W) as they are designed and as they sag.
+
+    `widest_px`: the furthest that a centre line's shadow is shifted. `wall`: the round one that the shadow
+    falls on, the mask being its picture as the flat wall that touches it has it; there each place counts by
+    the area that it stands for on the round one, as light is straight.
+    """
+    from knotfab.render.image import image_at
+
+    image = image_at(view, mask, radius, VERIFIED_PX)
+    shift = shifts_mm(Shadows.of(view, points), moves[None], 0.0).max()
+    widest = float(shift) / view.pixel_mm
+    wanted = image.target > 0.5
+    pixel_mm, columns = image.sheet.pixel_mm, wanted.shape[1]
+    areas = np.ones(columns)
+    if wall is not None:
+        areas = wall.areas((np.arange(columns) - 0.5 * (columns - 1)) * pixel_mm, 0.5 * pixel_mm)
+
+    def iou(points: Array) -> float:
+        seen = image.seen(points, rings, radius)
+        return float(((seen & wanted) @ areas).sum() / max(((seen | wanted) @ areas).sum(), 1e-12))
+
+    return Sag(widest_px=widest, iou=iou(points + moves), iou_designed=iou(points))
+
+
+SAG = Effect(
+    "sag",
+    "px",
+    sag_magnitude,
+    2.0,  # half a pixel, at standard accuracy
+    "the piece bends under its own weight",
+)
+
+
+# Layers: a printed part is a stack of slices, whose steps show in its outline.
+
+
+def layers_magnitude(context: EffectContext) -> float:
+    """Return the furthest that half a layer shifts any strand's shadow, px; 0 if it is not known how it lies.
+
+    A slice of thickness h is cut in its middle: a point of the stack has one of the part within h / 2 up or
+    down, and the other way round; but for a rim of a round tube of radius r, which a middle misses by up to
+    r - sqrt(r² - h² / 4), about h² / 8r. So no outline moves by more than moving the strands by h / 2
+    along the printer's z does, h / 2 M sin of the angle between that and the ray, and M h² / 8r.
+    """
+    upwards, height = context.upwards, context.world.printer.layer_height_mm
+    radius = context.radius
+    if upwards is None or len(context.points) == 0:
+        return 0.0
+
+    def shift(seen: Shadows) -> float:
+        across = view_axes(seen.view)[1]
+        moves = np.array([0.5 * height * upwards, height**2 / (8 * radius) * across])
+        each = shifts_mm(seen, moves[:, None], radius)
+        return float(each.sum(axis=0).max()) / seen.view.pixel_mm
+
+    return max(shift(seen) for seen in context.shadows)
+
+
+LAYERS = Effect(
+    "layers",
+    "px",
+    layers_magnitude,
+    2.0,  # half a pixel, at standard accuracy
+    "the steps of its layers show in the outline",
+)
+
+
+# Wall: a cylinder, a column, a lampshade or a round room, is not the flat wall that touches it.
+
+
+def wall_magnitude(context: EffectContext) -> float:
+    """Measure how far the picture on a flat wall would lie from that on the round one, px."""
+    walls = [(view, CurvedWall.of(view)) for view in context.views]
+    return max(
+        (w.off_mm / view.pixel_mm for view, w in walls if w is not None),
+        default=0.0,
+    )
+
+
+WALL = Effect(
+    "wall",
+    "px",
+    wall_magnitude,
+    1.0,  # no more than a search leaves anyway
+    "the wall is round, and takes the picture to where a flat one would have it",
+)

@@ -1,0 +1,1 @@
+"""Holders: what keeps a piece where it casts its shadow."""

@@ -1,0 +1,380 @@
+"""A hanger: an eyelet straight above the centre of mass, so that the piece hangs level on one thread.
+
+Matter in the visual hull of all pictures, or above every frame, changes no picture (Mitra & Pauly 2009):
+the eyelet stands where it darkens least. A thread leaves the turn about it free, so a piece of several
+views shows its pictures one after the other under a single lamp.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from knotfab.base.arrays import Array, Indices, Mask
+from knotfab.base.errors import SceneError
+from knotfab.geometry.tube import Mesh, as_manifold, as_mesh
+from knotfab.hold.beams import Stiffness, piece_frame, sag_moves, worst_of
+from knotfab.hold.planner import plan_members
+from knotfab.hold.plinth import Masses
+from knotfab.hold.shade import MountShadows, near_struts
+from knotfab.hold.solids import Fixture, along, strut
+from knotfab.hold.stand import (
+    BRIDGES,
+    FINE_RADII,
+    LENGTH_WEIGHT,
+    MOST_COSINE,
+    VISIBLE_SHARES,
+    bridges,
+    join_knots,
+    least_shown,
+    masses_of,
+)
+from knotfab.hold.struts import GROUND, Candidates, Obstacles, Sites, join, nothing, sites_of
+from knotfab.knots import Knots
+from knotfab.scene.camera import Camera
+from knotfab_fixtures.holders import eyelet
+
+if TYPE_CHECKING:
+    pass
+
+
+MOST_TILT_DEG = 1.0  # the piece may hang askew by this
+HOLE_MM = 3.0  # across the eyelet's hole
+THREAD_MM = 1.0  # across the thread's way, with some room
+UP = np.array([0.0, 1.0, 0.0])
+_HEIGHTS = 24  # heights of the eyelet that are tried
+_ABOVE = 0.15  # a share of the piece's height: the least from its centre of mass to the eyelet
+_TRIED = 400  # posts, from the one that shows least on
+MOST_POSTS = 4  # posts from strands to the eyelet
+# between the ends of further posts that are weighed, and how many are
+_SPREAD_RADII, _WEIGHED = 6.0, 12
+_ROUNDS = 4  # rounds of moving the eyelet above the centre of mass, to which post and eyelet add
+
+
+@dataclass(frozen=True)
+class Eyelet:
+    """A ring of round wire in the scene, mm: its middle (3,), and the unit vector (3,) through its hole."""
+
+    middle: Array
+    through: Array
+    ring_mm: float  # radius of the wire's centre line
+    wire_mm: float  # radius of the wire
+
+    @property
+    def thread(self) -> Array:
+        """(3,) where the thread carries the piece: the top of the hole."""
+        return np.asarray(self.middle + (self.ring_mm - self.wire_mm) * UP)
+
+    @property
+    def masses(self) -> Masses:
+        """The ring's volume and centre of mass."""
+        volume = 2 * np.pi**2 * self.ring_mm * self.wire_mm**2
+        return Masses(np.array([volume]), self.middle[None])
+
+
+@dataclass(frozen=True)
+class HangMount:
+    """A hanger, in the scene.
+
+    `members` are struts and posts, which lead to the eyelet (their `second` is `GROUND`); `holds` (n,)
+    says which knot each was added for. `tilt_deg` is how far askew the piece hangs. The other fields
+    mean what they mean of a `StandMount`.
+    """
+
+    members: Candidates
+    holds: Indices
+    eyelet: Eyelet
+    tilt_deg: float
+    sag_at: Array
+    sag_again_mm: float
+    predicted_intrusion: Array
+    moves: Array = field(default_factory=lambda: np.empty((0, 3)))
+
+    @property
+    def struts(self) -> Candidates:
+        return self.members.of(self.members.second != GROUND)
+
+
+def plan_hang(
+    knots: Knots,
+    cameras: Sequence[Camera],
+    targets: Sequence[Mask],
+    clearance_mm: float,
+    stiffness: Stiffness,
+    least_radius_mm: float,
+    ends: bool = False,
+) -> HangMount:
+    """Choose struts, posts and an eyelet for knots in scene coordinates (gravity: -y).
+
+    The knots are joined to one piece, the eyelet is set above its centre of mass where post and ring show
+    least, struts are added until nothing sags (`plan_members`), and the eyelet is moved above what is then
+    the centre of mass.
+
+    Args:
+        cameras, targets: each view's camera, and its picture's silhouette (H, W) over the whole
+            frame.
+        least_radius_mm: least radius of a member that the printer can make.
+        ends: whether screens end at their frames, beside which no shadow is seen.
+
+    Raises:
+        SceneError: a knot cannot be reached, or no eyelet has a place.
+    """
+    tube = knots.radius_mm
+    thin = max(VISIBLE_SHARES[0] * tube, min(least_radius_mm, tube))
+    sites = sites_of(knots)
+    shadows = MountShadows(knots, cameras, targets, ends)
+    obstacles = Obstacles(knots, sites, clearance_mm)
+    near = near_struts(sites, tube)
+    unseen = shadows.hidden(near)
+    seen = least_shown(near.of(~unseen), shadows, BRIDGES, len(sites.knot))
+    pool = join([near.of(unseen), seen, bridges(sites, shadows, tube, thin)])
+    visible = np.arange(len(pool)) >= unseen.sum()
+    longest = int(np.argmax(sites.perimeter))
+    joints, holds = join_knots(len(knots.knots), sites, pool, obstacles, shadows, root=longest)
+    wire = max(thin, least_radius_mm)
+    ring = Eyelet(np.zeros(3), cameras[0].level_axes[0], 0.5 * HOLE_MM + wire, wire)
+    middle = _centre(masses_of(knots, joints))
+    post, ring = _post(knots, sites, middle, ring, thin, obstacles, shadows)
+    posts = _more_posts(knots, sites, joints, post, ring, stiffness, obstacles, shadows)
+    obstacles.add(join([posts, _around(ring)]))
+    shadows.add(join([posts, _outline(ring)]))
+    given = join([joints, posts])
+    braced = plan_members(knots, sites, obstacles, shadows, pool, visible, given, stiffness)
+    members, number = braced.members, len(joints)
+    own = np.arange(len(members))
+    is_post = (own >= number) & (own < number + len(posts))
+    for _ in range(_ROUNDS):
+        middle = _centre(masses_of(knots, members), ring.masses)
+        posts, ring = _aim(members.of(is_post), ring, middle)
+        members = join([members.of(own < number), posts, members.of(own >= number + len(posts))])
+    apart = Obstacles(knots, sites, clearance_mm)
+    apart.add(members.of(~is_post))
+    if not apart.clear(members.of(is_post)).all() or not _free(apart, ring)[0]:
+        raise _no_place()
+    middle = _centre(masses_of(knots, members), ring.masses)
+    off = ring.thread - middle
+    tilt = float(np.degrees(np.arctan2(np.hypot(off[0], off[2]), off[1])))
+    moves = sag_moves(knots, sites, members, stiffness, step_radii=FINE_RADII)
+    moves = _swing(knots.points, moves, ring.thread)
+    sag, at = worst_of(moves, knots.points)
+    holds = np.concatenate([holds, sites.knot[members.first[number:]]])
+    return HangMount(
+        members,
+        holds,
+        ring,
+        tilt,
+        at,
+        sag,
+        shadows.darken(join([members, _outline(ring)])),
+        moves,
+    )
+
+
+def _swing(points: Array, moves: Array, thread: Array) -> Array:
+    """Return (N, 3) moves of a piece that is free to turn about its thread, from those of one clamped there.
+
+    What sags to one side turns the piece until its centre of mass is below the thread again: by the two
+    small angles about level axes that take the mean of the moves back to the plumb line.
+    """
+    lever = points - thread
+    drop, aside = -float(lever[:, 1].mean()), moves.mean(axis=0)
+    turn = np.array([aside[2], 0.0, -aside[0]]) / drop
+    return np.asarray(moves + np.cross(turn, lever))
+
+
+def _no_place() -> SceneError:
+    return SceneError(
+        "the hanger",
+        "no eyelet has room straight above the centre of mass, with a post to a strand beside it",
+        "Use --mount stand or none, or a thinner tube (--tube-radius)",
+    )
+
+
+def _centre(*several: Masses) -> Array:
+    """Return (3,) the common centre of mass."""
+    volume = np.concatenate([m.volume for m in several])
+    return np.asarray(volume @ np.concatenate([m.center for m in several]) / volume.sum())
+
+
+def _around(ring: Eyelet) -> Candidates:
+    """Return a member as thick as the whole ring is wide: what struts must keep clear of."""
+    reach = ring.ring_mm + ring.wire_mm
+    beside = ring.through * ring.wire_mm
+    none = np.array([GROUND])
+    return Candidates(
+        none,
+        none,
+        (ring.middle - beside)[None],
+        (ring.middle + beside)[None],
+        np.array([reach]),
+    )
+
+
+def _outline(ring: Eyelet) -> Candidates:
+    """Return bars along the ring, for its shadow."""
+    across = np.cross(UP, ring.through)
+    turn = np.linspace(0.0, 2 * np.pi, 9)[:, None]
+    at = ring.middle + ring.ring_mm * (np.cos(turn) * UP + np.sin(turn) * across)
+    none = np.full(8, GROUND)
+    return Candidates(none, none, at[:-1], at[1:], np.full(8, ring.wire_mm))
+
+
+def _aim(posts: Candidates, ring: Eyelet, middle: Array) -> tuple[Candidates, Eyelet]:
+    """Return posts and eyelet with the eyelet straight above the centre of mass `middle`, as high as before.
+
+    All posts end where the first one meets the ring.
+    """
+    at = np.array([middle[0], ring.middle[1], middle[2]])
+    axis = (at - posts.start[0]) / np.linalg.norm(at - posts.start[0])
+    level = np.cross(axis, UP)
+    # the post must lie in the ring's plane; a post that stands upright does so in any
+    through = level / np.linalg.norm(level) if np.linalg.norm(level) > 0.05 else ring.through
+    ring = replace(ring, middle=at, through=through)
+    return replace(posts, end=np.tile(at - ring.ring_mm * axis, (len(posts), 1))), ring
+
+
+def _free(obstacles: Obstacles, *rings: Eyelet) -> Mask:
+    """Tell (n,) whether no strand is near the ring, nor in the thread's way above it."""
+    tube, points = obstacles.tube, obstacles.points
+    free = np.ones(len(rings), dtype=bool)
+    for n, ring in enumerate(rings):
+        off = points - ring.middle
+        near = np.linalg.norm(off, axis=1)
+        level = np.hypot(off[:, 0], off[:, 2])
+        reach = tube + obstacles.clearance + obstacles.slack
+        free[n] = near.min() >= reach + ring.ring_mm + ring.wire_mm
+        free[n] &= not ((level < reach + 0.5 * THREAD_MM) & (off[:, 1] > 0)).any()
+    return free
+
+
+def _post(
+    knots: Knots,
+    sites: Sites,
+    middle: Array,
+    ring: Eyelet,
+    radius: float,
+    obstacles: Obstacles,
+    shadows: MountShadows,
+) -> tuple[Candidates, Eyelet]:
+    """Return the post from a strand to an eyelet above `middle` (3,) that shows least, and its eyelet.
+
+    Raises:
+        SceneError: there is none.
+    """
+    low, high = float(knots.points[:, 1].min()), float(knots.points[:, 1].max())
+    reach = 2.0 * (ring.ring_mm + ring.wire_mm + knots.radius_mm)
+    heights = np.linspace(middle[1] + _ABOVE * (high - low), high + reach, _HEIGHTS)
+    rings = [replace(ring, middle=np.array([middle[0], y, middle[2]])) for y in heights]
+    parts, at = [nothing()], [np.empty(0, dtype=np.int64)]
+    for n in np.flatnonzero(_free(obstacles, *rings)):
+        along = rings[n].middle - sites.point
+        length = np.linalg.norm(along, axis=1)
+        square = np.abs(np.einsum("ij,ij->i", along, sites.tangent)) <= MOST_COSINE * length
+        some = np.flatnonzero(square & (length >= ring.ring_mm + ring.wire_mm + knots.radius_mm))
+        end = rings[n].middle - ring.ring_mm * along[some] / length[some, None]
+        ground = np.full(len(some), GROUND)
+        start, thick = sites.point[some], np.full(len(some), radius)
+        parts.append(Candidates(some, ground, start, end, thick))
+        at.append(np.full(len(some), n))
+    every, number = join(parts), np.concatenate(at)
+    if not len(every):
+        raise _no_place()
+    shown = np.array([shadows.cost(_outline(one)).sum() for one in rings])
+    cost = shadows.cost(every) + shown[number] + LENGTH_WEIGHT * every.length_mm
+    order = np.argsort(cost, kind="stable")[:_TRIED]
+    clear = obstacles.clear(every.of(order))
+    if not clear.any():
+        raise _no_place()
+    best = int(order[clear.argmax()])
+    return _aim(every.of([best]), rings[number[best]], middle)
+
+
+def _more_posts(
+    knots: Knots,
+    sites: Sites,
+    joints: Candidates,
+    post: Candidates,
+    ring: Eyelet,
+    stiffness: Stiffness,
+    obstacles: Obstacles,
+    shadows: MountShadows,
+) -> Candidates:
+    """Return the post, and others from elsewhere to the same place of the ring, as long as they help.
+
+    One strand alone, by which all the weight hangs, yields under it.
+    """
+    end, tube = post.end[0], knots.radius_mm
+    along = end - sites.point
+    length = np.maximum(np.linalg.norm(along, axis=1), 1e-9)
+    # a share of a further post's length, by which it may come down to the eyelet
+    from_below = along[:, 1] >= -0.3 * length
+    square = np.abs(np.einsum("ij,ij->i", along, sites.tangent)) <= MOST_COSINE * length
+    some = np.flatnonzero(from_below & square & (length >= ring.ring_mm + ring.wire_mm + tube))
+    pool = Candidates(
+        some,
+        np.full(len(some), GROUND),
+        sites.point[some],
+        np.tile(end, (len(some), 1)),
+        np.full(len(some), post.radius[0]),
+    )
+    pool = pool.of(obstacles.clear(pool))
+    away = (pool.start - end) / pool.length_mm[:, None]
+
+    def sag(posts: Candidates) -> float:
+        frame = piece_frame(knots, sites, join([joints, posts]), stiffness)
+        moves = _swing(sites.point, frame.displacements()[: len(sites.knot), :3], ring.thread)
+        return worst_of(moves, sites.point)[0]
+
+    posts, least = post, sag(post)
+    while len(posts) < MOST_POSTS and least > stiffness.max_sag_mm:
+        there = (posts.start - end) / posts.length_mm[:, None]
+        parted = (away @ there.T).max(axis=1) <= 0.7  # cosine between posts that meet
+        open_ones = pool.of(parted)
+        cost = shadows.cost(open_ones) + LENGTH_WEIGHT * open_ones.length_mm
+        spread: list[int] = []
+        for n in np.argsort(cost, kind="stable").tolist():
+            off = np.linalg.norm(open_ones.start[spread] - open_ones.start[n], axis=1)
+            if (off >= _SPREAD_RADII * tube).all():
+                spread.append(n)
+            if len(spread) == _WEIGHED:
+                break
+        tried = [(sag(join([posts, open_ones.of([n])])), n) for n in spread]
+        # a further post must leave at most this share of the sag before
+        if not tried or min(tried)[0] > 0.9 * least:
+            break
+        least, best = min(tried)
+        posts = join([posts, open_ones.of([best])])
+    return posts
+
+
+def hang_bodies(tubes: list[Mesh], mount: HangMount) -> list[Mesh]:
+    """Return tubes, struts, post and eyelet as one watertight body, scene coordinates.
+
+    Raises:
+        SceneError: the union is not what the members predict: something else touches.
+    """
+    from manifold3d import Manifold, OpType
+
+    solids = [as_manifold(tube) for tube in tubes]
+    solids += [fixture.solid() for fixture in hang_fixtures(mount)]
+    solid = Manifold.batch_boolean(solids, OpType.Add)
+    parts, genus = len(solid.decompose()), len(mount.members) + 1  # the eyelet's hole
+    if parts != 1 or solid.genus() != genus:
+        raise SceneError(
+            "the hanger",
+            f"the part came out as {parts} bodies of genus {solid.genus()}, not one of {genus}",
+            "Use --mount none, or report this scene",
+        )
+    return [as_mesh(solid)]
+
+
+def hang_fixtures(mount: HangMount) -> list[Fixture]:
+    """Return struts, post and eyelet, scene coordinates."""
+    members, ring = mount.members, mount.eyelet
+    ends = zip(members.start, members.end, members.radius, strict=True)
+    bars = [strut(start, end, float(radius)) for start, end, radius in ends]
+    motion = along(ring.through, ring.middle)
+    return [*bars, Fixture("eyelet", eyelet, (ring.ring_mm, ring.wire_mm), motion)]

@@ -1,0 +1,74 @@
+"""The solids that mounts and STEP are made of, by a process of their own while a build lasts."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator
+from contextvars import ContextVar
+from typing import Any, ParamSpec
+
+import numpy as np
+
+from knotfab.base.errors import MachineError
+from knotfab.base.pool import Crash, Workers
+from knotfab.geometry.tube import Mesh
+
+_In = ParamSpec("_In")
+_MODULE = "knotfab_fixtures.service"
+
+
+_kept: ContextVar[Workers | None] = ContextVar("modeller", default=None)
+
+
+@contextlib.contextmanager
+def keep_modeller(early: bool) -> Iterator[None]:
+    """Have the fixtures of this block modelled by one process, which ends with it.
+
+    OpenCascade takes two seconds to load and 300 MB to keep: beside a search it costs no time, and it has
+    gone when the part is verified.
+
+    Args:
+        early: start it now, since it will be asked; else when it is first asked.
+    """
+    with Workers(_MODULE, early=early) as modeller:
+        before = _kept.set(modeller)
+        try:
+            yield
+        finally:
+            _kept.reset(before)
+
+
+def model(fixture: Callable[_In, Mesh], *sizes: _In.args, **named: _In.kwargs) -> Mesh:
+    """Return the mesh of a fixture, a function of `knotfab_fixtures`: as `ask` has it."""
+    vertices, faces = ask(fixture, *sizes, **named)
+    return np.array(vertices), np.array(faces, dtype=np.int32)
+
+
+def ask(fixture: Callable[_In, Any], *sizes: _In.args, **named: _In.kwargs) -> Any:
+    """Call a function of `knotfab_fixtures`, in the process that is kept or else here: its result as JSON.
+
+    Raises:
+        MachineError: the process ended instead.
+        ValueError: sizes that are no such fixture.
+    """
+    modeller = _kept.get()
+    if modeller is None:
+        return fixture(*sizes, **named)
+    request: dict[str, Any] = {
+        "module": fixture.__module__,
+        "fixture": fixture.__name__,
+        "sizes": sizes,
+        "named": named,
+    }
+    try:
+        answer = modeller.answer(request)
+    except Crash as crash:
+        raise MachineError(
+            "the solid modeller (cadquery)",
+            f"its process ended with exit code {crash.code}: {crash.said.rstrip('.')}",
+            "Leave mount and STEP out (--mount none), or install cadquery anew; knotfab doctor says what "
+            "this machine lacks",
+        ) from None
+    if "error" in answer:
+        raise ValueError(answer["error"])
+    return answer["answer"]

@@ -1,0 +1,345 @@
+"""Join the tubes with the mount that the scene asks for into the piece that is printed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from knotfab.base.arrays import Array, Mask
+from knotfab.geometry.tube import Mesh, as_manifold
+from knotfab.hold.beams import Stiffness
+from knotfab.hold.hang import MOST_TILT_DEG, HangMount, hang_bodies, hang_fixtures, plan_hang
+from knotfab.hold.solids import Fixture, stand_bodies, stand_fixtures
+from knotfab.hold.stand import StandMount, StandSettings, plan_stand
+from knotfab.hold.wall import WallMount, plan_wall, wall_bodies, wall_fixtures
+from knotfab.knots import Knots
+from knotfab.scene.camera import Camera, CurvedWall
+from knotfab.scene.load import require_mount
+from knotfab_formats.report import MountFigures
+from knotfab_formats.scene import ResolvedScene, SettledScene
+from knotfab_formats.verdict import Check
+from knotfab_validators.check import at_most
+
+if TYPE_CHECKING:
+    from manifold3d import Manifold
+
+
+BASE_DOWN = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # scene to bed
+
+
+@dataclass(frozen=True)
+class Mounted:
+    """The bodies to print, in scene coordinates.
+
+    `scene` has the mount resolved (its foot, the pegs of each knot); `upright` is the turn (3, 3)
+    from scene to bed in which the mount is best printed, None where any will do.
+    """
+
+    bodies: list[Mesh]
+    names: list[str]
+    scene: SettledScene
+    upright: Array | None
+    wall: WallMount | None
+    stand: StandMount | None = None
+    hang: HangMount | None = None
+
+    @property
+    def holder(self) -> WallMount | StandMount | HangMount | None:
+        """The mount that holds the piece."""
+        return self.wall or self.stand or self.hang
+
+    @cached_property
+    def solids(self) -> list[Manifold]:
+        """The bodies as solids, for drawings of them."""
+        return [as_manifold(body) for body in self.bodies]
+
+    def fixtures(self, camera: Camera) -> list[Fixture]:
+        """Return the parts that the mount is united from, scene coordinates; `camera`: of the first view."""
+        if self.wall is not None:
+            groups = wall_fixtures(self.wall, camera, max(len(self.scene.mount.pegs), 1))
+            return [fixture for group in groups for fixture in group]
+        if self.stand is not None:
+            return stand_fixtures(self.stand)
+        return [] if self.hang is None else hang_fixtures(self.hang)
+
+    @property
+    def moves(self) -> Array | None:
+        """(N, 3) how far each vertex of the knots moves under its own weight, mm; None without a mount."""
+        return None if self.holder is None else self.holder.moves
+
+    def members(self, to_part: Array) -> list[dict[str, Any]]:
+        """Return the members of knots.json: pegs or posts, and struts, by a (4, 4) similarity from the scene.
+
+        Each goes `from` a centre line `to` the mount's foot or another centre line; `radius_mm` are those of
+        its ends, `foot` the unit normal of the plate, wall or base that it stands on, if it does.
+        """
+        turn, shift = to_part[:3, :3], to_part[:3, 3]
+        scale = float(np.cbrt(np.linalg.det(turn)))
+        found: list[tuple[Array, Array, tuple[float, float], Array | None]] = []
+        if self.wall is not None and self.upright is not None:
+            out, struts = self.upright[2], self.wall.struts
+            found += [
+                (p.top, p.foot, (p.top_radius_mm, p.foot_radius_mm), out) for p in self.wall.pegs
+            ]
+        elif self.stand is not None:
+            out, struts = self.stand.base.slope.normal, self.stand.struts
+            posts = self.stand.posts
+            ends = zip(posts.start, posts.end, posts.radius, strict=True)
+            found += [(start, end, (r, r), out) for start, end, r in ends]
+        else:
+            return []
+        ends = zip(struts.start, struts.end, struts.radius, strict=True)
+        found += [(start, end, (r, r), None) for start, end, r in ends]
+        return [
+            {
+                "from": (turn @ start + shift).tolist(),
+                "to": (turn @ end + shift).tolist(),
+                "radius_mm": [scale * float(r) for r in radius],
+                **({} if foot is None else {"foot": (turn @ foot / scale).tolist()}),
+            }
+            for start, end, radius, foot in found
+        ]
+
+    @property
+    def must_be_upright(self) -> bool:
+        """A wall mount must; a stand that is too tall for the printer may lie down."""
+        return self.wall is not None
+
+    @property
+    def fixed_mm(self) -> tuple[float, float, float] | None:
+        """The part's extents, as `upright` lays it, that do not scale with the picture's frame.
+
+        Margin and thickness of a plate, a dowel's length, and the distance from the wall; None
+        where that is the tube's thickness alone.
+        """
+        if self.wall is None:
+            return None
+        s, view = self.wall.settings, self.scene.views[0]
+        off = view.wall_distance_mm * float(np.cos(np.deg2rad(view.wall_tilt_deg)))
+        if s.foot == "plate":
+            return 2 * s.plate_margin_mm, 2 * s.plate_margin_mm, off + s.plate_thickness_mm
+        across = 2 * max(peg.root_radius_mm for peg in self.wall.pegs)
+        return across, across, off + s.dowel_depth_mm
+
+    @property
+    def figures(self) -> MountFigures:
+        """What a report says of the mount."""
+        if self.stand is not None:
+            return self._stand_figures(self.stand)
+        if self.hang is not None:
+            return self._hang_figures(self.hang)
+        if self.wall is None:
+            return MountFigures(kind="none")
+        lengths = [peg.length_mm for peg in self.wall.pegs]
+        thick = [peg.top_radius_mm for peg in self.wall.pegs]
+        joined = self.wall.strut_knots.tolist()
+        knots = range(len(self.scene.mount.pegs))
+        pegs = [sum(peg.knot == k for peg in self.wall.pegs) for k in knots]
+        return MountFigures(
+            kind="wall",
+            foot=self.wall.settings.foot,
+            pegs=len(self.wall.pegs),
+            struts=len(self.wall.struts),
+            pegs_of_knots=tuple(pegs),
+            knots_joined=tuple(sorted({(a, b) for a, b in joined if a != b})),
+            peg_length_mm=(min(lengths), max(lengths)),
+            peg_diameter_mm=2 * max(thick),
+            thinnest_peg_mm=2 * min(thick),
+            sag_mm=self.wall.sag_again_mm,
+            max_sag_mm=self.scene.mount.max_sag_mm,
+        )
+
+    def _stand_figures(self, stand: StandMount) -> MountFigures:
+        width, depth, front, back = stand.base.size_mm
+        radius = stand.members.radius
+        return MountFigures(
+            kind="stand",
+            posts=len(stand.posts),
+            struts=len(stand.struts),
+            members_of_knots=self.scene.mount.pegs,
+            member_diameter_mm=(2 * float(radius.min()), 2 * float(radius.max())),
+            base_mm=(width, depth, front),
+            base_back_mm=back,
+            margin_mm=stand.base.margin_mm,
+            tip_deg=stand.base.tip_deg,
+            predicted_intrusion=float(stand.predicted_intrusion.max()),
+            sag_mm=stand.sag_again_mm,
+            max_sag_mm=self.scene.mount.max_sag_mm,
+        )
+
+    def _hang_figures(self, hang: HangMount) -> MountFigures:
+        radius = hang.members.radius
+        x, y, z = hang.eyelet.thread.tolist()
+        return MountFigures(
+            kind="hang",
+            struts=len(hang.struts),
+            members_of_knots=self.scene.mount.pegs,
+            member_diameter_mm=(2 * float(radius.min()), 2 * float(radius.max())),
+            thread_mm=(x, y, z),
+            hole_mm=2 * (hang.eyelet.ring_mm - hang.eyelet.wire_mm),
+            tilt_deg=hang.tilt_deg,
+            max_tilt_deg=MOST_TILT_DEG,
+            predicted_intrusion=float(hang.predicted_intrusion.max()),
+            sag_mm=hang.sag_again_mm,
+            max_sag_mm=self.scene.mount.max_sag_mm,
+        )
+
+    def check_sag(self) -> Check | None:
+        """Check `sag`: how far the piece moves under its own weight, by the frame of tubes and members."""
+        mount = self.holder
+        if mount is None:
+            return None
+        sag, limit = mount.sag_again_mm, self.scene.mount.max_sag_mm
+        x, y, z = mount.sag_at
+        if isinstance(mount, WallMount):
+            on = f"{len(mount.pegs)} pegs and {len(mount.struts)} struts"
+            less = "less depth (--depth) or a nearer wall (--wall-distance)"
+        elif isinstance(mount, StandMount):
+            on, less = f"{len(mount.posts)} posts and {len(mount.struts)} struts", "less depth"
+        else:
+            on, less = f"an eyelet and {len(mount.struts)} struts", "less depth"
+        remedy = ""
+        if sag > limit:
+            remedy = (
+                f", and no free member would help more: use a stiffer material, a thicker tube, {less}, "
+                f"or set mount.max_sag_mm to {np.ceil(100 * sag) / 100:g}"
+            )
+        detail = (
+            f"largest displacement under the piece's own weight on {on}, "
+            f"at ({x:.1f}, {y:.1f}, {z:.1f}) mm of the scene{remedy}"
+        )
+        return at_most("sag", sag, limit, "mm", detail)
+
+
+def mount_piece(
+    scene: SettledScene,
+    knots: Knots,
+    tubes: list[Mesh],
+    cameras: Sequence[Camera],
+    targets: Sequence[Mask] = (),
+    *,
+    thoroughly: bool = True,
+) -> Mounted:
+    """Add the scene's mount to the tubes (one per knot, scene coordinates).
+
+    Where the scene leaves it open, several loose knots of one view before a flat wall get a wall mount,
+    others none.
+
+    Args:
+        cameras: cameras of the views. targets: their pictures' silhouettes (H, W), which a stand and a hanger
+            need and in which struts hide.
+        thoroughly: as for `plan_wall`.
+
+    Raises:
+        InputError: a wall mount, and several views.
+        NotHeldError: a wall mount does not hold it (`plan_wall`).
+        SceneError: there is no such mount for this piece.
+        ValueError: a stand or a hanger without the silhouettes.
+    """
+    require_mount(scene)
+    scene = _resolve_mount(scene, knots, cameras)
+    asked = scene.mount
+    if asked.kind == "none":
+        return Mounted(tubes, _names(len(tubes)), scene, None, None)
+    if asked.kind in ("stand", "hang"):
+        if len(targets) != len(cameras):
+            raise ValueError("a stand or an eyelet is placed by the silhouettes of all views")
+        hold = _on_a_stand if asked.kind == "stand" else _on_a_thread
+        return hold(scene, knots, tubes, cameras, targets)
+    mount = plan_wall(
+        knots,
+        cameras[0],
+        scene.piece.clearance_mm,
+        Stiffness.of(scene),
+        asked,
+        targets[0] if targets else None,
+        thoroughly=thoroughly,
+    )
+    count = [
+        sum(peg.knot == k for peg in mount.pegs) + int((mount.strut_knots[:, 0] == k).sum())
+        for k in range(len(tubes))
+    ]
+    bodies = wall_bodies(tubes, mount, cameras[0])
+    return Mounted(
+        bodies,
+        ["piece with wall plate"] if asked.foot == "plate" else _names(len(bodies)),
+        scene.but(mount=asked.but(pegs=tuple(count))),
+        cameras[0].wall_axes,  # the wall on the bed, its front up
+        mount,
+    )
+
+
+def _on_a_stand(
+    scene: SettledScene,
+    knots: Knots,
+    tubes: list[Mesh],
+    cameras: Sequence[Camera],
+    targets: Sequence[Mask],
+) -> Mounted:
+    asked = scene.mount
+    stand = plan_stand(
+        knots,
+        cameras,
+        targets,
+        scene.piece.clearance_mm,
+        Stiffness.of(scene),
+        StandSettings(asked.base_thickness_mm, asked.min_tip_deg, scene.printer.min_tube_radius_mm),
+        [wall for view in scene.views if (wall := CurvedWall.of(view)) is not None],
+        scene.screen_ends,
+    )
+    bodies = stand_bodies(tubes, stand)
+    count = [int((stand.holds == k).sum()) for k in range(len(tubes))]
+    scene = scene.but(mount=asked.but(pegs=tuple(count)))
+    return Mounted(bodies, ["piece on its stand"], scene, BASE_DOWN, None, stand)
+
+
+def _on_a_thread(
+    scene: SettledScene,
+    knots: Knots,
+    tubes: list[Mesh],
+    cameras: Sequence[Camera],
+    targets: Sequence[Mask],
+) -> Mounted:
+    hang = plan_hang(
+        knots,
+        cameras,
+        targets,
+        scene.piece.clearance_mm,
+        Stiffness.of(scene),
+        scene.printer.min_tube_radius_mm,
+        scene.screen_ends,
+    )
+    bodies = hang_bodies(tubes, hang)
+    count = tuple(int((hang.holds == k).sum()) for k in range(len(tubes)))
+    x, y, z = hang.eyelet.thread.tolist()
+    scene = scene.but(mount=scene.mount.but(pegs=count, thread_mm=(x, y, z)))
+    return Mounted(bodies, ["piece with its eyelet"], scene, None, None, hang=hang)
+
+
+def _names(count: int) -> list[str]:
+    return [f"knot {i + 1}" for i in range(count)]
+
+
+def _resolve_mount(scene: SettledScene, knots: Knots, cameras: Sequence[Camera]) -> SettledScene:
+    """Return the scene with the mount's kind and foot chosen, where it leaves them open."""
+    kind, foot = scene.mount.kind, scene.mount.foot
+    if kind == "auto":
+        kind = "wall" if scene.hangs(len(knots.knots)) else "none"
+    if foot == "auto":
+        foot = _choose_foot(scene, knots, cameras[0]) if kind == "wall" else "plate"
+    return scene.but(mount=scene.mount.but(kind=kind, foot=foot))
+
+
+def _choose_foot(scene: ResolvedScene, knots: Knots, camera: Camera) -> Literal["plate", "dowel"]:
+    """Give a plate where the printer holds one as large as the frame, and as high as the piece stands off."""
+    asked = scene.mount
+    across, along = (side + 2 * asked.plate_margin_mm for side in camera.frame_mm)
+    wall = camera.receiver
+    high = float((knots.points @ wall[:3]).max() + wall[3]) + knots.radius_mm
+    width, depth, height = scene.printer.build_volume_mm
+    fits = max(across, along) <= max(width, depth) and min(across, along) <= min(width, depth)
+    return "plate" if fits and high + asked.plate_thickness_mm <= height else "dowel"

@@ -1,0 +1,184 @@
+"""Place the lamp, measured from marks that a person finds on the wall, the plate or the desk."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from knotfab.base.arrays import Array
+from knotfab.hold.mount import Mounted
+from knotfab.hold.plinth import Base
+from knotfab.hold.wall import hole_inset_mm
+from knotfab.scene.camera import Camera, CurvedWall
+from knotfab_formats.scene import ResolvedView
+
+EDGES = ("front", "right", "back", "left")  # a base's edges, as the first light goes round it
+QUARTER_DEG = 90.0
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A place that can be touched with the end of a tape measure: its name, where it is in the scene
+    (3,), and how far from it the middle of the lamp is."""
+
+    name: str
+    at: Array
+    lamp_mm: float
+
+
+@dataclass(frozen=True)
+class Footing:
+    """A stand's base as one view meets it: its bounds in the view's level axes, mm.
+
+    `bottom` is the desk. `turned_deg` is how far the view is turned from the first, anticlockwise from
+    above; `wall_side` and `lamp_side` name what of the base is next to the wall and to the lamp.
+    """
+
+    left: float
+    right: float
+    back: float
+    front: float
+    bottom: float
+    turned_deg: float
+    wall_side: str
+    lamp_side: str
+
+
+@dataclass(frozen=True)
+class Placement:
+    """Measures that put the lamp where the scene says (mm, scene coordinates).
+
+    `wall` (3, 3) has rows: right, up the wall, and out of it; `level` (3, 3): right, straight up, and
+    level towards the lamp. `middle` (3,) is the frame's, on the wall; `frame_mm` its width and
+    height; `plate_mm` those of a wall plate. The point of the wall square opposite the lamp lies
+    `right_mm` and `up_mm` from that middle, and the lamp stands `off_wall_mm` out of it. `holes` (k, 2)
+    are those in plate or wall, right and up from the middle; `base` is a stand's, as this view meets it.
+    A wall that is `round` touches the flat one, by which lengths are given, at its middle line.
+    """
+
+    lamp: Array
+    wall: Array
+    level: Array
+    middle: Array
+    frame_mm: tuple[float, float]
+    plate_mm: tuple[float, float] | None
+    off_wall_mm: float
+    right_mm: float
+    up_mm: float
+    marks: tuple[Mark, ...]
+    holes: Array
+    base: Footing | None
+    round: CurvedWall | None = None
+
+    def on_wall(self, points: Array) -> Array:
+        """Map (..., 3) scene -> (..., 2) right and up from the frame's middle, square to the wall."""
+        return np.asarray((points - self.middle) @ self.wall[:2].T)
+
+    def throw(self, points: Array) -> Array:
+        """Take points (n, 3) into the wall's axes about `middle`, as light throws them; a height last."""
+        lamp = self.wall @ (self.lamp - self.middle)
+        reach = lamp[2] / (lamp[2] - points[:, 2:])
+        moved = lamp[:2] + (points[:, :2] - lamp[:2]) * reach
+        return np.column_stack([moved, points[:, 2] * reach[:, 0]])
+
+    def lay_flat(self, thrown: Array) -> Array:
+        """Map (n, 2) on the flat wall -> where the light meets a round one, along it, mm."""
+        if self.round is None:
+            return thrown
+        middle = self.wall[:2] @ (self.middle - self.round.foot)
+        return np.asarray(self.round.unroll(thrown + middle) - middle)
+
+    def cast(self, points: Array) -> Array:
+        """Cast points (n, 3): (n, 2) right and up from the frame's middle along the wall, mm."""
+        return self.lay_flat(self.throw((points - self.middle) @ self.wall.T)[:, :2])
+
+
+def placement_of(mounted: Mounted, camera: Camera, view: ResolvedView | None = None) -> Placement:
+    """Return the placement of a mounted piece's lamp, by the scene alone; `view`: whose wall may be round."""
+    wall, level, middle = camera.wall_axes, camera.level_axes, camera.middle
+    width, height = camera.frame_mm
+    plate: tuple[float, float] | None = None
+    holes = np.empty((0, 2))
+    if mounted.wall is not None:
+        s = mounted.wall.settings
+        if s.foot == "plate":
+            plate = (width + 2 * s.plate_margin_mm, height + 2 * s.plate_margin_mm)
+            x = plate[0] / 2 - hole_inset_mm(s)
+            holes = np.array([[-x, 0.0], [x, 0.0]])
+        else:
+            holes = (np.stack([p.foot for p in mounted.wall.pegs]) - middle) @ wall[:2].T
+    base = None if mounted.stand is None else mounted.stand.base
+    bent = None if view is None else CurvedWall.of(view)
+    places = _places(wall, middle, (width, height), plate, base)
+    if bent is not None and base is None:
+        flat = np.stack(list(places.values())) - bent.foot
+        places = dict(zip(places, bent.stand(flat @ wall[:2].T)[0], strict=True))
+    to_lamp = wall @ (camera.eye - middle)
+    return Placement(
+        camera.eye,
+        wall,
+        level,
+        middle,
+        (width, height),
+        plate,
+        float(to_lamp[2]),
+        float(to_lamp[0]),
+        float(to_lamp[1]),
+        tuple(
+            Mark(name, at, float(np.linalg.norm(camera.eye - at))) for name, at in places.items()
+        ),
+        holes,
+        None if base is None else _footing(base, level),
+        bent,
+    )
+
+
+def _footing(base: Base, level: Array) -> Footing:
+    """Return the bounds of a base in the level axes (3, 3) of a view."""
+    low, high = (f(base.corners @ level.T, axis=0) for f in (np.min, np.max))
+    way = base.slope.axes @ level[2]
+    turned = float(np.degrees(np.arctan2(way[0], way[2])))
+    quarter = round(turned / QUARTER_DEG)
+    # a base turned by so little more than quarters is square to its wall
+    if abs(turned - QUARTER_DEG * quarter) <= 0.5:
+        sides = [f"{EDGES[(quarter + n) % 4]} edge" for n in (2, 0)]
+    else:
+        sides = ["nearest corner", "nearest corner"]
+    (left, _, back), (right, _, front) = low.tolist(), high.tolist()
+    return Footing(left, right, back, front, base.bottom, turned, sides[0], sides[1])
+
+
+def _places(
+    wall: Array,
+    middle: Array,
+    frame: tuple[float, float],
+    plate: tuple[float, float] | None,
+    base: Base | None,
+) -> dict[str, Array]:
+    """Return four places to measure from: middles of the base's or plate's edges, or the frame's corners."""
+    if base is not None:
+        x, z = (base.left + base.right) / 2, (base.back + base.front) / 2
+        sides = {
+            "front": (x, base.front),
+            "back": (x, base.back),
+            "left": (base.left, z),
+            "right": (base.right, z),
+        }
+        return {
+            f"{name} edge of the base": np.array([u, base.bottom, v]) @ base.slope.axes
+            for name, (u, v) in sides.items()
+        }
+    if plate is not None:
+        x, y = plate[0] / 2, plate[1] / 2
+        edges = {"upper": (0.0, y), "lower": (0.0, -y), "left": (-x, 0.0), "right": (x, 0.0)}
+        return {
+            f"{name} edge of the plate": middle + np.array(at) @ wall[:2]
+            for name, at in edges.items()
+        }
+    x, y = frame[0] / 2, frame[1] / 2
+    return {
+        f"{high} {side} corner of the frame": middle + np.array([u, v]) @ wall[:2]
+        for high, v in (("upper", y), ("lower", -y))
+        for side, u in (("left", -x), ("right", x))
+    }

@@ -1,0 +1,138 @@
+"""Fixtures where they belong: what mounts are united from, and what STEP holds as true solids."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from knotfab.base.arrays import Array
+from knotfab.base.errors import SceneError
+from knotfab.geometry.tube import Mesh, as_manifold, as_mesh
+from knotfab.hold.modeller import model
+from knotfab.hold.plinth import CHAMFER_MM, CORNER_MM, Base
+from knotfab.hold.stand import StandMount
+from knotfab.hold.struts import GROUND, ROOT_SHARE
+from knotfab_fixtures.holders import plinth
+from knotfab_fixtures.solids import peg
+
+if TYPE_CHECKING:
+    from manifold3d import Manifold
+
+
+@dataclass(frozen=True)
+class Fixture:
+    """One solid of a mount: a function of `knotfab_fixtures` with its arguments, and where it belongs.
+
+    `motion` (3, 4) takes it there. Of `above`, a plane's normal (3,) and offset, only what is beyond stays.
+    """
+
+    kind: str
+    of: Callable[..., Mesh]
+    sizes: tuple[float, ...]
+    motion: Array
+    named: Mapping[str, float] = field(default_factory=dict)
+    above: tuple[Array, float] | None = None
+
+    def solid(self) -> Manifold:
+        """Return the solid as facets, ready to be united."""
+        solid = as_manifold(model(self.of, *self.sizes, **self.named)).transform(self.motion)
+        return solid if self.above is None else solid.trim_by_plane(*self.above)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the solid as `knotfab_fixtures.step.write_solids` takes it."""
+        return {
+            "module": self.of.__module__,
+            "fixture": self.of.__name__,
+            "sizes": [float(size) for size in self.sizes],
+            "named": {name: float(size) for name, size in self.named.items()},
+            "motion": self.motion.tolist(),
+            "above": self.above and (self.above[0].tolist(), float(self.above[1])),
+        }
+
+
+def along(axis: Array, point: Array, helper: Array | None = None) -> Array:
+    """Return (3, 4) the motion that takes the origin to a point (3,), and z to the unit vector `axis`.
+
+    Args:
+        helper: (3,) not along the axis; x comes to lie square to both.
+    """
+    beside = np.eye(3)[np.abs(axis).argmin()] if helper is None else helper
+    across = np.cross(beside, axis)
+    across /= np.linalg.norm(across)
+    return np.column_stack([across, np.cross(axis, across), axis, point])
+
+
+def place_along(solid: Manifold, axis: Array, point: Array) -> Manifold:
+    """Return a solid moved `along` an axis to a point."""
+    return solid.transform(along(axis, point))
+
+
+def strut(start: Array, end: Array, radius_mm: float) -> Fixture:
+    """Return a round bar between two points (3,) mm."""
+    length = float(np.linalg.norm(start - end))
+    return Fixture("strut", peg, (length, radius_mm, radius_mm), along((start - end) / length, end))
+
+
+# The solids of a stand: tubes, posts, struts and base as one body.
+
+
+ROOT_HEIGHT_MM = 3.0  # a post widens to its root over so much
+OVERLAP_MM = 0.5  # a post goes so much deeper into the base than its root needs
+
+
+def stand_bodies(tubes: list[Mesh], mount: StandMount) -> list[Mesh]:
+    """Return tubes, posts, struts and base as one watertight body, scene coordinates.
+
+    Raises:
+        SceneError: the union is not what the members predict: something else touches.
+    """
+    from manifold3d import Manifold, OpType
+
+    solids = [as_manifold(tube) for tube in tubes]
+    solids += [fixture.solid() for fixture in stand_fixtures(mount)]
+    solid = Manifold.batch_boolean(solids, OpType.Add)
+    parts, genus = len(solid.decompose()), len(mount.members)
+    if parts != 1 or solid.genus() != genus:
+        raise SceneError(
+            "the stand",
+            f"the part came out as {parts} bodies of genus {solid.genus()}, not one of {genus}",
+            "Use --mount none, or report this scene",
+        )
+    return [as_mesh(solid)]
+
+
+def stand_fixtures(mount: StandMount) -> list[Fixture]:
+    """Return posts, struts and base, scene coordinates."""
+    normal, members = mount.base.slope.normal, mount.members
+    found = []
+    for i in range(len(members)):
+        top, foot = members.start[i], members.end[i]
+        length, radius = float(np.linalg.norm(top - foot)), float(members.radius[i])
+        if members.second[i] != GROUND:
+            found.append(strut(top, foot, radius))
+            continue
+        axis = (top - foot) / length
+        cosine = float(axis @ normal)
+        root = ROOT_SHARE * radius
+        sink = root * float(np.sqrt(max(0.0, 1 - cosine**2))) / cosine
+        named = {
+            "root_radius_mm": root,
+            "root_height_mm": ROOT_HEIGHT_MM,
+            "sink_mm": sink + OVERLAP_MM,
+        }
+        # a slanting root must not come out of the underside
+        above = np.array([0.0, 1.0, 0.0]), mount.base.bottom + 1.0
+        sizes = length, radius, radius
+        found.append(Fixture("post", peg, sizes, along(axis, foot), named, above))
+    return [*found, _base(mount.base)]
+
+
+def _base(base: Base) -> Fixture:
+    right, up, out = base.slope.axes
+    middle = (base.left + base.right) / 2 * right + (base.back + base.front) / 2 * out
+    motion = np.column_stack([right, -out, up, middle + base.bottom * up])
+    named = {"corner_radius_mm": CORNER_MM, "chamfer_mm": CHAMFER_MM}
+    return Fixture("base", plinth, base.size_mm, motion, named)

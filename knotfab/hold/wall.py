@@ -1,0 +1,368 @@
+"""A wall mount: pegs along light rays, hidden in the tube's own shadow, on a plate or in drilled holes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knotfab.base.arrays import Array, Mask
+from knotfab.base.errors import SceneError
+from knotfab.geometry.tube import Mesh, as_manifold, as_mesh
+from knotfab.hold.beams import Stiffness, sag_moves, worst_of
+from knotfab.hold.pegs import Pegs, choose_pegs, hidden_braces, pegs_on, sites_with, tie_to_held
+from knotfab.hold.shade import Rays, free_rays
+from knotfab.hold.solids import Fixture, along, strut
+from knotfab.hold.struts import GROUND, Candidates, Sites, join, nothing
+from knotfab.knots import Knots
+from knotfab.scene.camera import Camera
+from knotfab_fixtures.solids import dowel, wall_plate
+from knotfab_fixtures.solids import peg as peg_mesh
+from knotfab_formats.piece import Mount
+
+if TYPE_CHECKING:
+    from manifold3d import Manifold
+
+
+# shares of the tube's shadow that a peg fills: thick ones are stiff, thin ones pass between more strands
+PEG_SHARES = (0.95, 0.85, 0.75, 0.6)
+THIN_SHARES = (0.5, 0.4)  # shares for a knot alone that bars all thicker pegs itself
+ROOT_SHARE = 0.1  # the filleted root is wider by this share
+MOST_SHARE = 0.98
+HOPELESS = 4.0  # factor of the limit from which on thinner pegs do not take away so much
+ROOT_HEIGHT_MM = 3.0  # a peg widens to its root over so much
+MARK_MM = 1.5  # depth of the notches in the plate's edges
+PLAY_MM = 0.3  # a hole is so much wider than its dowel
+DRILLS_MM = (*(0.5 * k for k in range(2, 14)), 7.0, 8.0, 9.0, 10.0, 12.0)  # bits that shops sell
+OVERLAP_MM = 0.3  # a peg goes so far into its plate or dowel, beyond what its slant needs
+
+
+class NotHeldError(SceneError):
+    """No pegs that were tried hold the piece where it is."""
+
+
+def hole_inset_mm(asked: Mount) -> float:
+    """Return the distance from a plate's left and right edge to the middle of a screw hole."""
+    return asked.plate_margin_mm / 2 + asked.hole_diameter_mm / 4
+
+
+def mark_depth_mm(asked: Mount) -> float:
+    """Return depth of the notches in a plate's edges, which stay in its margin; 0 where there is no room."""
+    beside = (hole_inset_mm(asked) - asked.hole_diameter_mm / 2) / 2
+    deep = min(MARK_MM, asked.plate_margin_mm / 5, beside)
+    return deep if deep >= 0.5 else 0.0  # a plate gets no notches where no deeper ones have room
+
+
+@dataclass(frozen=True)
+class Peg:
+    """One peg: its knot, its ends (scene, mm) and its radii at the tube, the wall and the root."""
+
+    knot: int
+    top: Array
+    foot: Array
+    top_radius_mm: float
+    foot_radius_mm: float
+    root_radius_mm: float
+
+    @property
+    def length_mm(self) -> float:
+        return float(np.linalg.norm(self.top - self.foot))
+
+    @property
+    def drill_mm(self) -> float:
+        """The drill for its hole: the largest that shops sell whose dowel leaves the peg its shoulder."""
+        wide = 2 * self.foot_radius_mm + PLAY_MM
+        return max((d for d in DRILLS_MM if d <= wide), default=wide)
+
+    @property
+    def dowel_radius_mm(self) -> float:
+        """The radius of the body that goes into the wall."""
+        return 0.5 * (self.drill_mm - PLAY_MM)
+
+
+@dataclass(frozen=True)
+class WallMount:
+    """Pegs (those that lean last), struts between strands, and what the piece sags on them (mm, and where).
+
+    `sag_mm` is by the model that chose the pegs, `sag_again_mm` by a whole frame with all members,
+    solved anew; `sag_at` is where that is largest, `moves` (N, 3) how far each vertex of the knots moves.
+    `strut_knots` (n, 2) are the knots that each strut joins, often one and the same.
+    """
+
+    pegs: tuple[Peg, ...]
+    sag_mm: float
+    sag_at: Array
+    sag_again_mm: float
+    settings: Mount
+    struts: Candidates = field(default_factory=nothing)
+    strut_knots: NDArray[np.int64] = field(default_factory=lambda: np.empty((0, 2), dtype=np.int64))
+    moves: Array = field(default_factory=lambda: np.empty((0, 3)))
+
+
+def plan_wall(
+    knots: Knots,
+    camera: Camera,
+    clearance_mm: float,
+    stiffness: Stiffness,
+    settings: Mount,
+    target: Mask | None = None,
+    *,
+    thoroughly: bool = True,
+) -> WallMount:
+    """Choose pegs for knots in scene coordinates (design, section 8), and struts where pegs are not enough.
+
+    A knot that other strands bar from the wall hangs on one of them by a strut. Struts join strands and
+    so need a plate: on dowels every knot is a body that can be split.
+
+    Args:
+        settings: what the scene asks of its mount, with a foot of a kind.
+        target: (H, W) the picture's silhouette; None: nothing but the knots hides struts.
+        thoroughly: all that may help is tried, and what then sags is returned; otherwise, where the piece
+            could be moved instead, what takes long and hardly helps is left out.
+
+    Raises:
+        NotHeldError: a knot has no free ray to the wall, and nothing to hang on; and not `thoroughly`,
+            where it sags too much.
+    """
+    best: WallMount | None = None
+    remedy = "Use --mount none, a thinner tube, or fewer knots"
+    if settings.foot != "plate":
+        remedy += ', or a plate (mount.foot = "plate"), on which knots may hang from each other'
+    for share in PEG_SHARES if thoroughly else PEG_SHARES[:1]:
+        try:
+            found = _with_share(
+                share, knots, camera, clearance_mm, stiffness, settings, target, thoroughly
+            )
+        except ValueError as error:  # a thinner one has no room either
+            raise NotHeldError("the wall mount", str(error), remedy) from error
+        if best is None or found.sag_again_mm < best.sag_again_mm:
+            best = found
+        if not stiffness.max_sag_mm < best.sag_again_mm <= HOPELESS * stiffness.max_sag_mm:
+            break
+    assert best is not None
+    if not thoroughly and best.sag_again_mm > stiffness.max_sag_mm:
+        sag, limit = best.sag_again_mm, stiffness.max_sag_mm
+        why = f"it sags by {sag:.2f} mm on its pegs ({limit:g} allowed)"
+        raise NotHeldError("the wall mount", why, remedy)
+    return best
+
+
+def _with_share(
+    share: float,
+    knots: Knots,
+    camera: Camera,
+    clearance_mm: float,
+    stiffness: Stiffness,
+    settings: Mount,
+    target: Mask | None,
+    thoroughly: bool,
+) -> WallMount:
+    """Return pegs that fill `share` of the tube's shadow; raises ValueError where nothing holds a knot."""
+    rays, chosen, top, foot = _choose(share, knots, camera, clearance_mm, stiffness)
+    if settings.foot != "plate":
+        _require_rays(chosen)
+    if target is None:
+        target = np.zeros((camera.height, camera.width), dtype=bool)
+    wide = np.minimum(rays.share + ROOT_SHARE, MOST_SHARE)
+    root = wide * knots.radius_mm * _spread(rays, camera.eye)
+    pegs = tuple(
+        Peg(
+            int(rays.knot[i]),
+            rays.top[i],
+            rays.foot[i],
+            float(top[i]),
+            float(foot[i]),
+            float(root[i]),
+        )
+        for i in chosen.rays
+    )
+    sites = sites_with(knots, rays, chosen.rays)
+    bare, roots = pegs_on(sites, rays, chosen.rays, top, foot), root[chosen.rays]
+    ties = nothing()
+    if chosen.barred:
+        ties = tie_to_held(knots, camera, target, clearance_mm, sites, bare, roots, chosen.barred)
+        bare, roots = join([bare, ties]), np.concatenate([roots, ties.radius])
+    moves = sag_moves(knots, sites, bare, stiffness)
+    again, at = worst_of(moves, knots.points)
+    joined = _joined_knots(sites, ties)
+    mount = WallMount(pegs, chosen.sag_mm, at, again, settings, ties, joined, moves)
+    hopeless = not thoroughly and again > HOPELESS * stiffness.max_sag_mm
+    if again <= stiffness.max_sag_mm or settings.foot != "plate" or hopeless:
+        return mount
+    braces = hidden_braces(knots, camera, target, clearance_mm, stiffness, sites, bare, roots)
+    moves = sag_moves(knots, sites, join([bare, braces]), stiffness)
+    again, at = worst_of(moves, knots.points)
+    leans = braces.second == GROUND
+    leaning = tuple(
+        Peg(int(sites.knot[first]), start, end, float(r), float(r), float(r))
+        for first, start, end, r in zip(
+            braces.first[leans],
+            braces.start[leans],
+            braces.end[leans],
+            braces.radius[leans],
+            strict=True,
+        )
+    )
+    struts = join([ties, braces.of(~leans)])
+    return replace(
+        mount,
+        pegs=(*pegs, *leaning),
+        sag_at=at,
+        sag_again_mm=again,
+        struts=struts,
+        strut_knots=_joined_knots(sites, struts),
+        moves=moves,
+    )
+
+
+def _joined_knots(sites: Sites, struts: Candidates) -> NDArray[np.int64]:
+    """Return (n, 2) the knots of the strands that each strut runs from and to."""
+    return np.stack([sites.knot[struts.first], sites.knot[struts.second]], axis=1)
+
+
+def sag_on_pegs(
+    knots: Knots,
+    camera: Camera,
+    clearance_mm: float,
+    stiffness: Stiffness,
+    foot: Literal["plate", "dowel"] = "plate",
+) -> float:
+    """Measure how far knots would sag on the thickest pegs alone, mm, by the model that chooses them.
+
+    Of a piece on a plate without the knots that no ray to the wall is free from: those may hang on others.
+
+    Raises:
+        ValueError: a knot has no free ray to the wall, and nothing to hang on.
+    """
+    chosen = _choose(PEG_SHARES[0], knots, camera, clearance_mm, stiffness)[1]
+    if foot != "plate" or len(chosen.barred) == len(knots.knots):
+        _require_rays(chosen)
+    return chosen.sag_mm
+
+
+def _require_rays(chosen: Pegs) -> None:
+    if chosen.barred:
+        raise ValueError(f"no light ray from knot {chosen.barred[0]} to the wall is free for a peg")
+
+
+def _choose(
+    share: float, knots: Knots, camera: Camera, clearance_mm: float, stiffness: Stiffness
+) -> tuple[Rays, Pegs, Array, Array]:
+    """Choose pegs among the rays; give the rays too, and (n,) the radii of pegs at the tube and at the wall.
+
+    Pegs fill `share` of the tube's shadow, and less of a knot that leaves none as thick a way: what is
+    hardly larger than its tube is in the way itself.
+    """
+    rays = free_rays(knots, camera, share, clearance_mm)
+    for thinner in (s for s in (*PEG_SHARES, *THIN_SHARES) if s < share):
+        barred = np.bincount(rays.knot, rays.free, len(knots.knots)) == 0
+        if not barred.any():
+            break
+        thin = free_rays(knots, camera, thinner, clearance_mm)
+        own = barred[rays.knot]
+        free, shares = np.where(own, thin.free, rays.free), np.where(own, thinner, rays.share)
+        rays = replace(rays, free=free, share=shares)
+    top = rays.share * knots.radius_mm
+    foot = top * _spread(rays, camera.eye)
+    return rays, choose_pegs(knots, rays, top, foot, stiffness), top, foot
+
+
+def _spread(rays: Rays, light: Array) -> Array:
+    """Return (n,) how many times larger the tube's shadow is than the tube, at each ray."""
+    far, near = (np.linalg.norm(p - light, axis=1) for p in (rays.foot, rays.top))
+    return np.asarray(far / near)
+
+
+def wall_bodies(tubes: list[Mesh], mount: WallMount, camera: Camera) -> list[Mesh]:
+    """Return the tubes with their pegs and plate or dowels as watertight bodies, scene coordinates.
+
+    On a plate everything is one body; on dowels each knot is one with its own.
+
+    Raises:
+        SceneError: the union is not what the pegs predict: something else touches.
+    """
+    from manifold3d import Manifold, OpType
+
+    solids = [
+        as_manifold(tube) for tube in tubes
+    ]  # first: the order of making is seen in the last digits
+    own = [[f.solid() for f in group] for group in wall_fixtures(mount, camera, len(tubes))]
+    groups = [[tube, *group] for tube, group in zip(solids, own, strict=False)]
+    if mount.settings.foot == "plate":
+        groups = [[solid for group in groups for solid in group] + own[-1]]
+    bodies = []
+    for number, group in enumerate(groups):
+        solid = Manifold.batch_boolean(group, OpType.Add)
+        _require_predicted(solid, number, len(tubes), mount)
+        bodies.append(as_mesh(solid))
+    return bodies
+
+
+def _require_predicted(solid: Manifold, number: int, knots: int, mount: WallMount) -> None:
+    """Require one body with a handle for each knot, each member that closes a loop, and both holes."""
+    plate = mount.settings.foot == "plate"
+    genus = len(mount.pegs) + len(mount.struts) + 2 if plate else 1
+    parts = len(solid.decompose())
+    if parts != 1 or solid.genus() != genus:
+        what = "the part" if plate else f"knot {number} of {knots}"
+        raise SceneError(
+            "the wall mount",
+            f"{what} came out as {parts} bodies of genus {solid.genus()}, not one of {genus}",
+            "Use --mount none, or report this scene",
+        )
+
+
+def wall_fixtures(mount: WallMount, camera: Camera, knots: int) -> list[list[Fixture]]:
+    """Give pegs, dowels and struts of each of so many knots, and at last a plate alone; scene coordinates."""
+    wall = np.column_stack(list(camera.wall_axes))
+    groups: list[list[Fixture]] = [[] for _ in range(knots)]
+    for peg in mount.pegs:
+        groups[peg.knot] += _peg_fixtures(peg, wall, mount.settings)
+    members = mount.struts
+    for i, (knot, _) in enumerate(mount.strut_knots):
+        bar = strut(members.start[i], members.end[i], float(members.radius[i]))
+        groups[int(knot)].append(bar)
+    return [*groups, [_plate(camera, wall, mount)]] if mount.settings.foot == "plate" else groups
+
+
+def _peg_fixtures(peg: Peg, wall: Array, settings: Mount) -> list[Fixture]:
+    """Return a peg from tube to wall, and what holds it there."""
+    axis = (peg.top - peg.foot) / peg.length_mm
+    cosine = float(axis @ wall[:, 2])
+    slant = float(np.sqrt(max(0.0, 1.0 - cosine**2)) / cosine)
+    sizes = peg.length_mm, peg.top_radius_mm, peg.foot_radius_mm
+    named = {
+        "root_radius_mm": peg.root_radius_mm,
+        "root_height_mm": ROOT_HEIGHT_MM,
+        "sink_mm": peg.root_radius_mm * slant + OVERLAP_MM,
+    }
+    deep = settings.dowel_depth_mm
+    # a slanting root must not come out of the plate's back
+    buried = 0.75 * settings.plate_thickness_mm if settings.foot == "plate" else 0.5 * deep
+    above = wall[:, 2], float(wall[:, 2] @ peg.foot) - buried
+    cone = Fixture("peg", peg_mesh, sizes, along(axis, peg.foot, wall[:, 1]), named, above)
+    if settings.foot == "plate":
+        return [cone]
+    motion = np.column_stack([wall, peg.foot])
+    return [cone, Fixture("dowel", dowel, (peg.dowel_radius_mm, deep), motion)]
+
+
+def _plate(camera: Camera, wall: Array, mount: WallMount) -> Fixture:
+    """Return the plate, its face on the receiver plane, a margin wider than the frame on every side."""
+    s = mount.settings
+    width, height = camera.frame_mm
+    sizes = (
+        width + 2 * s.plate_margin_mm,
+        height + 2 * s.plate_margin_mm,
+        s.plate_thickness_mm,
+        s.hole_diameter_mm,
+    )
+    named = {
+        "hole_inset_mm": hole_inset_mm(s),
+        "mark_mm": mark_depth_mm(s),
+        "corner_radius_mm": min(6.0, s.plate_margin_mm),
+    }
+    back = camera.middle - s.plate_thickness_mm * wall[:, 2]
+    return Fixture("plate", wall_plate, sizes, np.column_stack([wall, back]), named)

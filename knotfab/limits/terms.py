@@ -1,0 +1,204 @@
+"""A limit: a term of the objective, called only while it can be felt."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from knotfab.base.arrays import Array
+from knotfab.geometry.kernels import bend_hinge, gap_hinge
+from knotfab.geometry.polylines import Neighbours, Polylines
+from knotfab.scene.camera import Plane
+from knotfab_formats.scene import SettledRegion
+
+Felt = tuple[float, Array]  # a value, and its gradient (N, 3) in the vertices
+
+
+@dataclass(frozen=True)
+class Limits:
+    """The limits of the finished knots, in mm, all resolved to numbers."""
+
+    radius: float
+    clearance: float
+    bend_radius: float
+    length: float
+    region: SettledRegion
+    walls: tuple[Plane, ...] = ()  # before which it stands: each a normal, and an offset in mm
+
+    @property
+    def separation(self) -> float:
+        """Least distance of centre lines: two radii and the clearance."""
+        return 2 * self.radius + self.clearance
+
+
+@dataclass
+class State:
+    """One iteration of the search, as the terms see it."""
+
+    points: Array  # (N, 3) mm
+    edge: Array  # (N, 3) to the next vertex
+    rings: Polylines
+    near: Neighbours
+    spacing: float  # mean edge, mm
+
+    @classmethod
+    def at(cls, points: Array, rings: Polylines, near: Neighbours) -> State:
+        """Return the state of closed polylines whose vertices are `points` (N, 3)."""
+        edge = points[rings.next] - points
+        spacing = float(np.sqrt((edge * edge).sum(axis=1)).mean())
+        return cls(points, edge, rings, near, spacing)
+
+
+def follow_edges(slope: Array, rings: Polylines) -> Array:
+    """Return the gradient (N, 3) in the vertices of what has the gradient `slope` (N, 3) in the edges."""
+    return np.asarray(slope[rings.previous] - slope)
+
+
+def weigh(parts: Iterable[tuple[float, Felt]], points: Array) -> Felt:
+    """Return the sum of weighted terms, and its gradient, of vertices `points` (N, 3)."""
+    total, slope = 0.0, np.zeros_like(points)
+    for weight, (value, pull) in parts:
+        total += weight * value
+        slope += weight * pull
+    return total, slope
+
+
+def total_length(state: State) -> Felt:
+    """Return the length of all edges, mm; one without length has no direction, and pulls nowhere."""
+    length = np.sqrt((state.edge * state.edge).sum(axis=1))
+    along = state.edge / np.maximum(length, 1e-300)[:, None]
+    return float(length.sum()), follow_edges(along, state.rings)
+
+
+Term = Callable[[State, Limits], Felt]
+# (vertices, polylines, limits) -> mm that every vertex may go before the term is more than nothing
+Slack = Callable[[Array, Polylines, Limits], float]
+
+
+@dataclass(frozen=True)
+class Limit:
+    """One limit: its term, a hinge with its gradient, and how far it is from being felt.
+
+    Without a `slack` it is felt always: strands of a filling lie side by side, and every curve turns.
+    """
+
+    name: str
+    term: Term
+    slack: Slack | None = None
+
+
+@dataclass
+class Guard:
+    """A limit as one search watches it: how often its term was called, and what that cost.
+
+    A term is nothing, and so is its slope, until some vertex has gone as far as the slack that was
+    measured; then the slack is measured anew. To leave it out before that changes no step.
+    """
+
+    limit: Limit
+    calls: int = 0
+    seconds: float = 0.0  # value and gradient, and the watch
+    _seen: tuple[Array, Limits] | None = field(default=None, repr=False)
+    _slack: float = 0.0
+
+    def term(self, state: State, limits: Limits) -> Felt | None:
+        """Return the limit's term and its gradient; None where it cannot be felt."""
+        begun = time.perf_counter()
+        found = None
+        if self._felt(state, limits):
+            found = self.limit.term(state, limits)
+            self.calls += 1
+        self.seconds += time.perf_counter() - begun
+        return found
+
+    def add(self, earlier: Guard) -> None:
+        """Enter the calls and seconds of an earlier search, before this one took over."""
+        self.calls += earlier.calls
+        self.seconds += earlier.seconds
+
+    def _felt(self, state: State, limits: Limits) -> bool:
+        if self.limit.slack is None:
+            return True
+        points = state.points
+        if self._seen is not None and self._seen[1] == limits:
+            before = self._seen[0]
+            if before.shape == points.shape:
+                moved = float(np.sqrt(((points - before) ** 2).sum(axis=1).max()))
+                if moved < self._slack:
+                    return False
+        self._seen = (points.copy(), limits)
+        self._slack = self.limit.slack(points, state.rings, limits)
+        return self._slack <= 0.0
+
+
+# Bend limit: no vertex bends tighter than the material, or the tube itself, allows.
+
+
+_BEND_OVERSHOOT = 1.06
+
+
+def bend_term(state: State, limits: Limits) -> Felt:
+    """Return the squared hinge of curvature over what is allowed, and its gradient."""
+    total, gradient = bend_hinge(
+        state.points, state.rings.next, limits.bend_radius * _BEND_OVERSHOOT
+    )
+    scale = state.spacing / limits.radius
+    return scale * total, scale * gradient
+
+
+BEND = Limit("bend", bend_term)
+
+
+# Clearance: strands keep two radii and a gap between their centre lines.
+
+
+_GAP_OVERSHOOT = 1.02  # aim a little wider than required, so the end is on the safe side
+
+
+def clearance_term(state: State, limits: Limits) -> Felt:
+    """Return the squared hinge over segment pairs whose arc distance exceeds pi (r + c/2), in squared radii.
+
+    (2r + c - d)+^2, with exact distances d between segments; 2 % are added to aim a little wide.
+    """
+    distance = limits.separation * _GAP_OVERSHOOT
+    total, gradient = gap_hinge(
+        state.points,
+        state.rings.next,
+        state.rings.start,
+        state.rings.size,
+        state.near.i,
+        state.near.j,
+        distance + 1.5 * state.spacing,
+        0.5 * np.pi * limits.separation / state.spacing,
+        distance,
+    )
+    scale = state.spacing / limits.radius**3
+    return scale * total, scale * gradient
+
+
+CLEARANCE = Limit("clearance", clearance_term)
+
+
+# Length budget: the centre lines together stay below what the material allows.
+
+
+_AIM = 0.99  # share of the budget, so the end is on the safe side
+
+
+def length_term(state: State, limits: Limits) -> Felt:
+    """Return the squared hinge of the excess in tube radii (paper, length loss)."""
+    length, slope = total_length(state)
+    excess = max(0.0, length - _AIM * limits.length) / limits.radius
+    return excess**2, (2 * excess / limits.radius) * slope
+
+
+def slack(points: Array, rings: Polylines, limits: Limits) -> float:
+    """Vertices that go at most d each lengthen n edges by at most 2 d each."""
+    length = float(np.linalg.norm(points[rings.next] - points, axis=1).sum())
+    return (_AIM * limits.length - length) / (2 * len(points))
+
+
+LENGTH = Limit("length", length_term, slack)

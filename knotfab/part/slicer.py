@@ -1,0 +1,271 @@
+"""Slice written 3MF files with PrusaSlicer, beside the build, without touching anybody's settings."""
+
+from __future__ import annotations
+
+import io
+import re
+import shlex
+import shutil
+import threading
+import time
+from base64 import b64encode
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
+from textwrap import wrap
+
+import numpy as np
+from PIL import Image, ImageOps
+
+from knotfab.base.disk import temporary_folder
+from knotfab.geometry.tube import box_of
+from knotfab.part.files import read_shells
+from knotfab.part.gcode import BadGcode, compare_gcode, compare_info, read_gcode
+from knotfab.part.slicer_process import (
+    OUT_OF_TIME,
+    REMEDY,
+    Ended,
+    NotSliced,
+    Sliced,
+    find_slicer,
+    run_limited,
+)
+from knotfab.part.slicer_profile import PROFILE, read_profile, read_warnings, why_not_sliced
+from knotfab_formats.scene import ResolvedScene
+
+TIMEOUT_S = 300.0  # a slicer that takes longer is ended
+# SIGHUP, SIGINT, SIGKILL, SIGTERM, SIGXCPU, SIGXFSZ: what says nothing of the part
+_FROM_OUTSIDE = (1, 2, 9, 15, 24, 25)
+MOST_QUOTED = 400  # characters quoted of its output
+
+
+class SlicerQueue:
+    """`slice_part` of file after file, on threads of their own, while others search and verify.
+
+        with SlicerQueue() as queue:
+            sliced = queue.submit(folder / "part.3mf", scene)
+            ...
+            sliced.result()
+
+    Leaving the context ends the program if it still runs, and removes its temporary files.
+
+    Args:
+        work: an existing folder for temporary files; the machine's by default.
+        jobs: files that are sliced side by side.
+    """
+
+    def __init__(
+        self,
+        work: Path | None = None,
+        timeout_s: float = TIMEOUT_S,
+        program: str | None = None,
+        jobs: int = 1,
+    ) -> None:
+        self._work = work
+        self._timeout_s, self._program = timeout_s, program
+        self.done = 0.0  # the share of the file that is sliced, 0 to 1
+        self._ended, self._threads = threading.Event(), ThreadPoolExecutor(jobs)
+
+    def __enter__(self) -> SlicerQueue:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._ended.set()
+        self._threads.shutdown(cancel_futures=True)
+
+    def submit(
+        self, part_3mf: Path, scene: ResolvedScene, kept_png: bytes = b""
+    ) -> Future[Sliced | NotSliced]:
+        """Slice a file that `write_3mf` wrote, when its turn comes. Arguments as `slice_part` has them."""
+        return self._threads.submit(
+            slice_part,
+            part_3mf,
+            scene,
+            self._work,
+            self._timeout_s,
+            self._program,
+            self._ended,
+            self._hear,
+            kept_png,
+        )
+
+    def _hear(self, said: str) -> None:
+        """Take note of the last per cent that the program told; it goes back and forth."""
+        self.done = max(
+            (int(n) / 100 for n in re.findall(r"^ *(\d+) => ", said, re.M)), default=0.0
+        )
+
+
+def slice_part(
+    part_3mf: Path,
+    scene: ResolvedScene,
+    work: Path | None = None,
+    timeout_s: float = TIMEOUT_S,
+    program: str | None = None,
+    stop: threading.Event | None = None,
+    hear: Callable[[str], None] | None = None,
+    kept_png: bytes = b"",
+) -> Sliced | NotSliced:
+    """Slice a written part with the profile that lies beside it, and compare the G-code with it.
+
+    Both files are taken byte for byte, and the command is the one that is reported: run by hand in
+    their folder it writes the same G-code, but for its date.
+
+    Args:
+        part_3mf: as `write_3mf` wrote it, beside the `slicer.ini` of `write_profile`.
+        scene: resolved; its printer is what the G-code must keep to.
+        work: an existing folder for temporary files, all removed again; the machine's by default.
+        timeout_s: over both runs of the program.
+        program: program of PrusaSlicer; the one on the path by default.
+        stop: ends the program when it is set. hear: told what it says while it slices.
+        kept_png: a picture of the part; where it is given, the G-code is kept beside the file, with it.
+
+    Raises:
+        ValueError: the file is not a 3MF.
+    """
+    program = program or find_slicer()
+    reason = why_not_sliced(scene)
+    if reason is not None:
+        return NotSliced("process", reason)
+    if program is None:
+        return NotSliced("missing", "PrusaSlicer is not installed", REMEDY)
+    with temporary_folder("knotfab-slicer-", work) as own:
+        for path in (part_3mf, part_3mf.with_name(PROFILE)):
+            shutil.copyfile(path, own / path.name)
+        job = _Job(program, own, part_3mf.name, scene, timeout_s, stop, hear)
+        result = job.run()
+        if kept_png and isinstance(result, Sliced):
+            copy_with_pictures(job.written, part_3mf.with_name(job.written.name), kept_png)
+        return result
+
+
+class _Job:
+    """One slicing in a folder of its own, with the files in it."""
+
+    def __init__(
+        self,
+        program: str,
+        folder: Path,
+        name: str,
+        scene: ResolvedScene,
+        timeout_s: float,
+        stop: threading.Event | None,
+        hear: Callable[[str], None] | None,
+    ) -> None:
+        self.program, self.folder, self.name, self.scene = program, folder, name, scene
+        self.timeout_s, self.stop, self.hear = timeout_s, stop, hear
+        self.began = time.monotonic()
+        self.written = folder / Path(name).with_suffix(".gcode")
+
+    def run(self) -> Sliced | NotSliced:
+        shells = read_shells(self.folder / self.name)
+        low, high = box_of(shells)
+        across, deep, _ = self.scene.printer.build_volume_mm
+        middle = np.array([across / 2, deep / 2])
+        shift = np.append(middle - (low + high)[:2] / 2, -low[2])
+        command = [
+            *("--load", PROFILE, "--dont-arrange", "--center", ",".join(f"{x:g}" for x in middle)),
+            *("--export-gcode", "--output", self.written.name, self.name),
+        ]
+        info = self._call("--info", self.name)
+        if isinstance(info, NotSliced):
+            return info
+        objects, reading = compare_info(info.out, shells)
+        ended = self._call(*command, heard=self.hear)
+        if isinstance(ended, NotSliced):
+            return ended
+        try:
+            gcode = read_gcode(self.written)
+        except BadGcode as error:
+            return NotSliced("crashed", f"exit code 0, but {error}", said=_quote(ended))
+        return Sliced(
+            program=gcode.program,
+            version=gcode.version,
+            time_s=gcode.time_s,
+            filament_m=gcode.filament_mm / 1000,
+            filament_g=gcode.filament_g,
+            support_m=gcode.filament_mm / 1000 * gcode.support_share,
+            layers=gcode.layers,
+            objects=objects,
+            warnings=tuple([*read_warnings(ended.out), *read_warnings(ended.err)]),
+            checks=(reading, *compare_gcode(gcode, shells, self.scene, shift)),
+            command=shlex.join(["prusa-slicer", *command]),
+            profile=read_profile(self.folder),
+            seconds=time.monotonic() - self.began,
+        )
+
+    def _call(
+        self, *arguments: str, heard: Callable[[str], None] | None = None
+    ) -> Ended | NotSliced:
+        """Run the program; NotSliced where it did not end well."""
+        left = self.timeout_s - (time.monotonic() - self.began)
+        command = [self.program, "--datadir", "settings", *arguments]
+        if heard is not None and (flush := shutil.which("stdbuf")):
+            command = [flush, "-oL", *command]  # else it says how far it is when it has ended
+        try:
+            ended = run_limited(command, self.folder, left, self.stop, heard)
+        except OSError as error:
+            reason = f"{Path(self.program).name} cannot be started ({error.strerror})"
+            return NotSliced("missing", reason, REMEDY)
+        said = _quote(ended)
+        if ended.stopped:
+            late = f"no answer in {self.timeout_s:g} s; a build can do without: --skip slicer"
+            reason = late if ended.stopped == OUT_OF_TIME else ended.stopped
+            return NotSliced("stopped", reason, said=said)
+        if -ended.code in _FROM_OUTSIDE:
+            reason = f"somebody ended PrusaSlicer (signal {-ended.code}), or the memory was used up"
+            return NotSliced(
+                "stopped", f"{reason}; a build can do without: --skip slicer", said=said
+            )
+        if ended.code < 0:
+            return NotSliced("crashed", f"PrusaSlicer ended by signal {-ended.code}", said=said)
+        if ended.code > 0:
+            reason = said or f"exit code {ended.code}, without a word"
+            return NotSliced("refused", f"PrusaSlicer refuses the part: {reason}", said=said)
+        return ended
+
+
+def _quote(ended: Ended) -> str:
+    """Quote the program's words beside its progress, in one line."""
+    said = [*read_warnings(ended.err), *read_warnings(ended.out)]
+    text = "; ".join(" ".join(warning.text.split()) for warning in said)
+    return text if len(text) <= MOST_QUOTED else text[:MOST_QUOTED] + " …"
+
+
+# width, height, format: what the screens of Prusa's printers read (QOI; PNG by older ones), and what
+# Klipper's and OctoPrint's pages do (PNG)
+SIZES = (
+    (16, 16, "QOI"),
+    (313, 173, "QOI"),
+    (440, 240, "QOI"),
+    (32, 32, "PNG"),
+    (220, 124, "PNG"),
+    (300, 300, "PNG"),
+)
+_TAGS = {"QOI": "thumbnail_QOI", "PNG": "thumbnail"}
+_ROW = 78  # signs of a comment's line
+
+
+def copy_with_pictures(gcode: Path, target: Path, png: bytes) -> None:
+    """Copy a G-code to `target`, with a picture in all `SIZES` behind its first line.
+
+    Args:
+        png: the picture, which is fitted into each size on the colour of its first pixel.
+    """
+    picture = Image.open(io.BytesIO(png)).convert("RGB")
+    with gcode.open("rb") as source, target.open("wb") as copy:
+        copy.write(source.readline())
+        for width, height, kind in SIZES:
+            copy.write(_comment(picture, width, height, kind).encode("ascii"))
+        shutil.copyfileobj(source, copy)
+
+
+def _comment(picture: Image.Image, width: int, height: int, kind: str) -> str:
+    paper = "#" + picture.crop((0, 0, 1, 1)).tobytes().hex()
+    small = ImageOps.pad(picture, (width, height), color=paper)
+    packed = io.BytesIO()
+    small.save(packed, kind)
+    text = b64encode(packed.getvalue()).decode("ascii")
+    rows = "\n".join(f"; {row}" for row in wrap(text, _ROW))
+    tag = _TAGS[kind]
+    return f"\n;\n; {tag} begin {width}x{height} {len(text)}\n{rows}\n; {tag} end\n;\n"

@@ -1,0 +1,187 @@
+"""Reading a sequence: numbered files of a folder, the frames of an animation, or pictures one by one."""
+
+from __future__ import annotations
+
+import re
+import tempfile
+import warnings
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from PIL import Image, ImageSequence
+
+from knotfab.base.disk import at_home, require_within
+from knotfab.picture.raster import own_box
+from knotfab.picture.read import (
+    PICTURE_SUFFIXES,
+    PLAIN,
+    Target,
+    is_picture,
+    name_picture,
+    read_target,
+)
+from knotfab_formats.errors import InputError
+from knotfab_formats.views import Reading
+
+MOST_FRAMES = 240  # frames of a sequence
+
+
+def frame_name(number: int) -> str:
+    """Return the name of a frame's view, from 1: "frame-01"."""
+    return f"frame-{number:02d}"
+
+
+def name_sequence(source: str) -> str:
+    """Name a sequence after its folder, its animation, or its first picture."""
+    path = Path(source)
+    return name_picture(str(path.parent.absolute()) if "*" in path.name else source)
+
+
+def read_frames(
+    sources: Sequence[str],
+    reading: Reading = PLAIN,
+    *,
+    base: Path | None = None,
+    font: str | None = None,
+) -> tuple[Target, ...]:
+    """Read the frames of a sequence, in order, named frame-01, frame-02, …
+
+    Args:
+        sources: a folder (its pictures in the order of the numbers in their names), a pattern such
+            as "walk/frame-*.png" (the same), an animation (GIF, PNG or WebP), or several pictures in
+            the order given.
+        reading: how each becomes a silhouette.
+        base: folder that relative paths start from.
+        font: font of pictures that are `text:…`.
+
+    Raises:
+        InputError: fewer than two frames, more than 240, frames of different sizes, or a picture
+            that cannot be read.
+    """
+    if reading.crop_px is None:  # one box for all, about whatever moves in it
+        whole = reading.but(crop_px=False)
+        moving = np.logical_or.reduce(
+            [t.mask for t in read_frames(sources, whole, base=base, font=font)]
+        )
+        reading = reading.but(crop_px=own_box(moving))
+    sources = [str(s) for s in sources]
+    what = sources[0] if len(sources) == 1 else "the sequence"
+    if len(sources) == 1:
+        path = at_home(sources[0])
+        path = path if base is None else base / path
+        require_within(path, what)
+        if path.is_dir() or "*" in path.name:
+            files = sorted(_files(path, what), key=_by_number)
+            _count(what, len(files))
+            found = [read_target(p, reading) for p in files]
+        else:
+            found = _of_animation(path, what, reading)
+    else:
+        _count(what, len(sources))
+        found = [read_target(s, reading, base=base, font=font) for s in sources]
+    first = found[0]
+    for number, target in enumerate(found, start=1):
+        if (target.width, target.height) != (first.width, first.height):
+            raise InputError(
+                what,
+                f"frame {number} is {target.width} x {target.height} px and the first is "
+                f"{first.width} x {first.height} px",
+                "Give all frames one size",
+            )
+    return tuple(replace(t, name=frame_name(k), title="") for k, t in enumerate(found, start=1))
+
+
+def count_knots(targets: Sequence[Target], asked: int | None = None) -> int:
+    """Count the knots that move through all frames: one a piece where all frames have as many, else one.
+
+    Args:
+        asked: what the scene says of it.
+
+    Raises:
+        InputError: more than one, and a frame has another number of pieces.
+    """
+    counts = [target.pieces for target in targets]
+    if asked is None:
+        return counts[0] if len(set(counts)) == 1 else 1
+    other = next((k for k, count in enumerate(counts, start=1) if count != asked), None)
+    if asked > 1 and other is not None:
+        raise InputError(
+            f"{asked} knots (--knots {asked})",
+            f"frame {other} has another number of pieces ({counts[other - 1]}), and a knot can neither "
+            "begin nor end between frames",
+            "Leave it out, or draw as many pieces in every frame",
+        )
+    return asked
+
+
+def tell_apart(targets: Sequence[Target], knots: int) -> str | None:
+    """Say which strand shows between pieces that one knot joins; None where there is none."""
+    apart = [k for k, target in enumerate(targets, start=1) if target.pieces > knots]
+    if not apart:
+        return None
+    every = len(apart) == len(targets)
+    where = "In every frame" if every else f"In frame {', '.join(map(str, apart))}"
+    return (
+        f"{where} pieces lie apart, and one knot runs through all frames: the strand that joins them "
+        "shows. Let them touch, draw as many pieces in every frame, or build each as a sequence of its own."
+    )
+
+
+def _files(path: Path, what: str) -> list[Path]:
+    """Return the pictures of a folder, or the files that a pattern stands for."""
+    try:
+        if path.is_dir():
+            frames = PICTURE_SUFFIXES - {".gif"}  # a GIF moves by itself
+            return [p for p in path.iterdir() if is_picture(p, frames)]
+        return [p for p in path.parent.glob(path.name) if p.is_file() and p.name[0] != "."]
+    except OSError as error:
+        raise InputError(
+            what, f"it cannot be read ({error.strerror or error})", "Change its permissions."
+        ) from error
+
+
+def _by_number(path: Path) -> tuple[list[int], str]:
+    """Files sort by the numbers in their names: 2 before 10."""
+    return [int(n) for n in re.findall(r"\d+", path.stem)], path.name
+
+
+def _count(what: str, count: int) -> None:
+    if count < 2:
+        raise InputError(
+            what,
+            "it holds no sequence: " + ("one picture" if count else "no picture"),
+            "Name a folder of numbered pictures, an animation, or several pictures.",
+        )
+    if count > MOST_FRAMES:
+        raise InputError(
+            what, f"it has {count} frames, more than {MOST_FRAMES}", "Leave out every other one."
+        )
+
+
+def _of_animation(path: Path, what: str, reading: Reading) -> list[Target]:
+    """Return the frames of an animated picture, each as a PNG of its own."""
+    read_target(path, reading)  # says what is wrong with a file that is no picture
+    found: list[Target] = []
+    with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # Pillow warns of odd metadata
+        try:
+            with Image.open(path) as image:
+                _count(what, getattr(image, "n_frames", 1))
+                files = []
+                for number, frame in enumerate(ImageSequence.Iterator(image), start=1):
+                    files.append(Path(folder) / f"{number}.png")
+                    frame.convert("RGBA").save(files[-1], compress_level=1)
+        except (OSError, SyntaxError, ValueError, EOFError) as error:
+            raise InputError(
+                what,
+                "its frames cannot be read (damaged, or no picture that moves)",
+                "Export the animation again, as GIF or as numbered PNG files.",
+            ) from error
+        for number, file in enumerate(files, start=1):
+            try:
+                found.append(read_target(file, reading))
+            except InputError as error:
+                raise InputError(f"{what}, frame {number}", error.why, error.remedy) from error
+    return found

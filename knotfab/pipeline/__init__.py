@@ -1,0 +1,1 @@
+"""A build: from a call to a folder of files that were verified."""

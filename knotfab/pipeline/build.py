@@ -1,0 +1,118 @@
+"""The main job: from a picture to a folder with a part that was verified after it was written."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from knotfab.base.folder import OutputFolder
+from knotfab.base.progress import Progress
+from knotfab.geometry.tube import join_meshes
+from knotfab.hold.modeller import keep_modeller
+from knotfab.picture.read import read_targets
+from knotfab.pipeline.verifier import Verifier
+from knotfab.request import Outcome, Request, require_device
+from knotfab_formats.scene import SettledScene
+
+if TYPE_CHECKING:
+    from knotfab.part.assemble import Part
+
+
+def run_build(request: Request, progress: Progress | None = None) -> Outcome:
+    """Build what was asked: a piece, or a sequence of them.
+
+    Raises:
+        KnotfabError: with the exit code of its kind; nothing is left half-written.
+    """
+    if request.sequence:
+        from knotfab.pipeline.film import build_sequence
+
+        return build_sequence(request, progress)
+    return build(request, progress)
+
+
+def build(request: Request, progress: Progress | None = None) -> Outcome:
+    """Return search, sweep, mount, pose, write, verify, slice and report (contract: files in DIR).
+
+    A piece that fails a required check is written whole to DIR/rejected and leaves an earlier good
+    result as it was.
+
+    Raises:
+        KnotfabError: with the exit code of its kind; nothing is left half-written.
+    """
+    progress = progress or Progress("quiet")
+    require_device(request.device)
+    progress.plan(_usual_seconds(request))
+    with OutputFolder(request.out) as folder:
+        for line in request.preview:
+            progress.say(line)
+        with progress.stage("picture"):
+            views = request.scene.views
+            targets = list(
+                request.targets or read_targets(request.pictures, views, base=request.base)
+            )
+        with Verifier(request.skip) as verifier:
+            # only now: the search is loaded while the validators load what they need
+            from knotfab.design.design import design_knots
+            from knotfab.part.slicer import SlicerQueue
+            from knotfab.part.slicer_profile import write_profile
+            from knotfab.pipeline.finish import finish_build, report_piece
+            from knotfab.pipeline.piece import write_piece
+            from knotfab.report.page import load_template
+            from knotfab.search.forms import TorchForms
+
+            mounted = request.is_mounted(request.scene.count_knots(targets[0].pieces))
+            left, forms = request.budget(progress.total, mounted), TorchForms(request.device)
+            with SlicerQueue() as slicer:
+                with keep_modeller(mounted or "step" in request.also):
+                    made = design_knots(request.scene, targets, forms, progress, left)
+                    if request.printing:
+                        write_profile(folder.work, made.scene)
+                    piece = write_piece(made, targets, folder, request, verifier, slicer, progress)
+                if piece.part is not None:
+                    with progress.stage("verify"):  # while the validators measure
+                        _draw(piece.part, piece.scene, folder.file("part.png"))
+                        load_template()
+                report = report_piece(piece, folder, request, progress)
+        title = " and ".join(target.shown for target in targets)
+        return finish_build(folder, request, report, title, [piece], progress)
+
+
+# seconds of one view in draft; this machine's own are learned as they pass
+_USUAL_S = {
+    "question": 0.1,
+    "radius": 0.6,
+    "template": 0.1,
+    "search": 0.5,
+    "part": 0.4,
+    "verify": 1.2,
+    "report": 0.1,
+}
+_USUAL_PRINTED_S = {"verify": 0.3, "slicer": 8.0, "drawings": 2.0}
+_LONGER = {"sketch": 0.4, "draft": 1.0, "standard": 3.5, "fine": 7.0}  # a search
+_FREE = 10.0  # factor for a search that finds the pose as well
+
+
+def _usual_seconds(request: Request) -> dict[str, float]:
+    """Return the usual seconds of this build's stages, for the time that is left."""
+    scene = request.scene
+    longer, views = _LONGER[scene.accuracy.name], len(scene.views)
+    usual = {name: seconds * longer**0.5 * views for name, seconds in _USUAL_S.items()}
+    usual["search"] *= longer**0.5 * (_FREE if scene.settings.free_view else 1.0)
+    if scene.piece.tube_radius_mm is not None or scene.settings.start:
+        del usual["radius"]
+    if request.time_budget_s is not None:
+        usual["search"] = max(1.0, request.time_budget_s - sum(usual.values()) + usual["search"])
+    if request.printing:
+        usual |= {name: usual.get(name, 0.0) + s for name, s in _USUAL_PRINTED_S.items()}
+        if "slicer" in request.skip:
+            del usual["slicer"]
+    return usual
+
+
+def _draw(part: Part, scene: SettledScene, path: Path) -> None:
+    from knotfab.render.part_picture import draw_part, place_eyes
+
+    vertices, faces = join_meshes(part.bodies)
+    seen = vertices @ part.pose.matrix[:3, :3].T + part.pose.matrix[:3, 3]
+    draw_part(seen, faces, path, place_eyes(scene.views))

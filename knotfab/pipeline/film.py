@@ -1,0 +1,258 @@
+"""A sequence from its pictures to a folder: a verified part a frame, the moving shadow, a zoetrope."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from knotfab.base.errors import SceneError
+from knotfab.base.folder import OutputFolder
+from knotfab.base.pool import count_jobs
+from knotfab.base.progress import Progress
+from knotfab.design.design import Design
+from knotfab.design.film import Chain, SequenceFrame, require_sequence
+from knotfab.design.film_motion import measure, outline_motion
+from knotfab.design.film_search import POOR
+from knotfab.design.kept import KeptFrames, keep_for
+from knotfab.design.question import silhouette_polygon
+from knotfab.hold.modeller import keep_modeller
+from knotfab.knots import read_knots
+from knotfab.part.files import About, write_3mf, write_stl
+from knotfab.part.plates import clean_body
+from knotfab.part.slicer import SlicerQueue
+from knotfab.part.slicer_profile import write_profile
+from knotfab.part.write import THUMBNAIL_PX
+from knotfab.part.zoetrope import Zoetrope, build_zoetrope
+from knotfab.picture.frames import count_knots, read_frames, tell_apart
+from knotfab.picture.read import Target, read_target
+from knotfab.pipeline.film_report import (
+    Ring,
+    check_closing,
+    check_motion,
+    check_ring,
+    sequence_report,
+)
+from knotfab.pipeline.finish import finish_build, report_piece
+from knotfab.pipeline.piece import WrittenPiece, discard_piece, write_piece
+from knotfab.pipeline.verifier import Files, Verifier
+from knotfab.render.part_picture import draw_part, write_shadows_gif
+from knotfab.request import Outcome, Request, require_device
+from knotfab.scene.load import dump_scene
+from knotfab.search.forms import TorchForms
+from knotfab_formats.report import Motion
+from knotfab_formats.scene import ResolvedScene
+from knotfab_formats.verdict import PRINTER, list_unmet
+
+GIF = "sequence.gif"
+PICTURES = "picture-frame-*"  # the frames' pictures, as scene.toml names them
+ZOETROPE = "zoetrope"
+_EYE_MM = np.array([[0.0, 400.0, 700.0]])  # the zoetrope is drawn from before and above it
+
+
+def build_sequence(request: Request, progress: Progress | None = None) -> Outcome:
+    """Search all frames as the same moving knots, and write and verify each as a part of its own.
+
+    Files: part-NN.stl, part-NN.3mf, knots-NN.json, scene-NN.toml, picture-frame-NN.*,
+    shadow-frame-NN.png, compare-frame-NN.png, scene.toml, sequence.gif, report.json and report.html; to
+    be printed, slicer.ini, zoetrope.stl and zoetrope.3mf as well; of wire, bends-NN.csv and its templates.
+    With a mount each frame stands or hangs by itself, and has its own setup-NN.pdf and setup-NN.svg; the
+    zoetrope has none. Frames are verified and sliced while later ones are searched. As with one picture,
+    what fails a required check is written whole to DIR/rejected.
+
+    Raises:
+        KnotfabError: with the exit code of its kind; nothing is left half-written.
+    """
+    progress = progress or Progress("quiet")
+    require_device(request.device)
+    require_sequence(request.scene)
+    with OutputFolder(request.out) as folder:
+        for line in request.preview:
+            progress.say(line)
+        with progress.stage("pictures"):
+            targets = request.targets or read_frames(
+                request.pictures, request.scene.views[0], base=request.base
+            )
+        knots = count_knots(targets, request.scene.piece.knots)
+        if (apart := tell_apart(targets, knots)) is not None:
+            progress.say(apart)
+        if request.printing:
+            write_profile(folder.work, request.scene)
+        kept = keep_for(request, targets)
+        if len(kept) > 0:
+            progress.say(f"{len(kept)} of {len(targets)} frames were done before, and are kept.")
+        # side by side as the machine allows, with two processes that verify to one that slices
+        jobs = min(len(targets), max(1, count_jobs() // 2))
+        mounted = request.is_mounted(knots)
+        with (
+            _tell_kept(kept, len(targets)),
+            keep_modeller(mounted or "step" in request.also),
+            Verifier(request.skip, jobs=jobs) as verifier,
+            SlicerQueue(jobs=jobs) as slicer,
+        ):
+            left, forms = request.budget(progress.total, mounted), TorchForms(request.device)
+            chain = Chain(request.scene, targets, forms, progress, left, kept)
+            found: dict[int, tuple[SequenceFrame, WrittenPiece]] = {}
+
+            def write(frame: SequenceFrame) -> WrittenPiece:
+                target = targets[frame.number]
+                work = folder, request, verifier, slicer, progress
+                return write_piece(frame.made, [target], *work, frame_suffix(target))
+
+            for frame in chain.frames():
+                found[frame.number] = frame, write(frame)
+            for number, (frame, piece) in found.items():
+                with progress.stage("verify"):
+                    _ = piece.verdict
+                found[number] = _mend(chain, frame, piece, write, folder)
+            ordered = [found[number] for number in sorted(found)]
+            frames, pieces = [f for f, _ in ordered], [p for _, p in ordered]
+            write_scene(folder, request.scene, pieces[0].scene)
+            with progress.stage("zoetrope"):
+                ring = _make_ring(folder, pieces, verifier) if request.printing else None
+            reports = [report_piece(piece, folder, request, progress) for piece in pieces]
+            printed = [] if ring is None else check_ring(ring, pieces[0].scene.printer)
+        with progress.stage("motion"):
+            motions = _motions(folder, pieces)
+        loop = request.scene.sequence.loop
+        closing = [check_closing(motions[-1])] if loop else []
+        checks = [check_motion(motions[:-1]), *closing, *printed]
+        with progress.stage("report"):
+            shadows = [folder.file(f"shadow-{t.name}.png") for t in targets]
+            if all(path.is_file() for path in shadows):
+                write_shadows_gif(folder.file(GIF), shadows, loop and motions[-1].held)
+            spun = None if ring is None else ring.spun
+            whole = reports, pieces, frames, motions, checks, spun
+            report = sequence_report(*whole, request, chain.resumed)
+        outcome = finish_build(folder, request, report, "a sequence", pieces, progress)
+        kept.discard()
+        return outcome
+
+
+@contextmanager
+def _tell_kept(kept: KeptFrames, count: int) -> Iterator[None]:
+    """Tell on an interrupt what a next call goes on from."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        if len(kept) == 0:
+            raise
+        said = f"{len(kept)} of {count} frames are searched, and kept for the same call"
+        raise KeyboardInterrupt(said) from None
+
+
+def _fails(frame: SequenceFrame, piece: WrittenPiece) -> list[str]:
+    """Return the required checks that a frame fails, by name."""
+    limits = [] if frame.made.result.feasible else ["limits"]
+    unmet = list_unmet(piece.verdict.checks)
+    return [*limits, *(c.name for c in unmet if c.status == "fail")]
+
+
+def _mend(
+    chain: Chain,
+    frame: SequenceFrame,
+    piece: WrittenPiece,
+    write: Callable[[SequenceFrame], WrittenPiece],
+    folder: OutputFolder,
+) -> tuple[SequenceFrame, WrittenPiece]:
+    """Search a failed frame from another start if that is better; none helps against limits or a floor."""
+    failed, made = _fails(frame, piece), frame.made
+    shadows = bool(failed) and set(failed) <= {"shadow", "half_light"}
+    best = shadows and made.result.iou_estimate >= made.opening_iou - POOR
+    if not failed or best or made.unmet or made.binding:
+        return frame, piece
+    again = chain.retry(frame.number)
+    discard_piece(piece, folder)
+    other = write(again)
+    if len(_fails(again, other)) < len(failed):
+        chain.accept(again)
+        return again, other
+    discard_piece(other, folder)
+    return frame, write(frame)
+
+
+def _make_ring(folder: OutputFolder, pieces: Sequence[WrittenPiece], verifier: Verifier) -> Ring:
+    """Make the zoetrope, and the verdict to come on its written file."""
+    try:
+        spun = write_zoetrope(folder, [piece.made for piece in pieces])
+    except SceneError as error:
+        return Ring(None, str(error), None)
+    answer = verifier.submit(Files(folder.file(f"{ZOETROPE}.stl")), PRINTER)
+    return Ring(spun, "", answer)
+
+
+def _motions(folder: OutputFolder, pieces: Sequence[WrittenPiece]) -> list[Motion]:
+    """Measure the motion into each frame but the first, then that back to it, from the written knots."""
+    points, outlines = [], []
+    for piece in pieces:
+        assert piece.scene.pose is not None
+        written = read_knots(folder.file(f"knots{piece.suffix}.json"))
+        points.append(written.moved(np.array(piece.scene.pose.matrix)).points)
+        (view,) = piece.made.scene.views
+        target = read_target(folder.file(view.picture), view)
+        outlines.append(silhouette_polygon(view, target))
+    knots = pieces[0].made.knots
+    following = [*range(1, len(pieces)), 0]
+    return [
+        measure(
+            points[k],
+            points[n],
+            outline_motion(outlines[k], outlines[n], len(knots.knots)),
+            knots.radius_mm,
+        )
+        for k, n in enumerate(following)
+    ]
+
+
+def frame_suffix(target: Target) -> str:
+    """Return the end of the names of a frame's files: "-01"."""
+    return "-" + target.name.removeprefix("frame-")
+
+
+def write_scene(folder: OutputFolder, asked: ResolvedScene, first: ResolvedScene) -> Path:
+    """Write the first frame's scene.toml, every search setting resolved, with the pictures of all frames.
+
+    Its mount is what was asked for: each frame has its own.
+
+    `knotfab build --sequence --scene DIR/scene.toml` makes the same sequence again.
+
+    Args:
+        asked: the scene as a person wrote it: what is required of the IoU follows from each picture,
+            unless it was given.
+    """
+    keys = first.model_dump(by_alias=True, exclude={"pose", "mount"})
+    named = {"name": asked.views[0].name, "picture": PICTURES}
+    keys["views"] = [{**keys["views"][0], **named}]
+    keys["accuracy"]["iou_floor"] = asked.accuracy.iou_floor
+    whole = ResolvedScene.model_validate({**keys, "mount": asked.mount})
+    return folder.write("scene.toml", dump_scene(whole))
+
+
+def write_zoetrope(folder: OutputFolder, frames: Sequence[Design]) -> Zoetrope:
+    """Return all frames on one ring, as zoetrope.stl and zoetrope.3mf.
+
+    Raises:
+        SceneError: they make no one closed body.
+    """
+    scene = frames[0].scene
+    spun = build_zoetrope(
+        [made.knots for made in frames], scene.printer.build_volume_mm, scene.piece.clearance_mm
+    )
+    spun = replace(spun, mesh=clean_body(spun.mesh))
+    write_stl(folder.file(f"{ZOETROPE}.stl"), [spun.mesh])
+    drawn, (vertices, faces) = io.BytesIO(), spun.mesh
+    draw_part(vertices[:, [0, 2, 1]] * [1, 1, -1], faces, drawn, _EYE_MM, THUMBNAIL_PX)  # y is up
+    told, count = scene.about, len(frames)
+    about = About(
+        f"{told.title or 'knotfab'}, zoetrope",
+        told.designer or "knotfab",
+        f"{count} frames of a moving knot on a ring: a lamp in its middle throws them on a wall, one by one.",
+        told.licence,
+        drawn.getvalue(),
+    )
+    write_3mf(folder.file(f"{ZOETROPE}.3mf"), [spun.mesh], about)
+    return spun

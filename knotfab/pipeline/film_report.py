@@ -1,0 +1,335 @@
+"""The report of a sequence: one view a frame, its motion and its certificate; checks taken together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar
+
+from knotfab.design.film import SequenceFrame
+from knotfab.knots import count_in_words
+from knotfab.limits.feasibility import LEAST
+from knotfab.part.slicer_process import sum_slicings
+from knotfab.part.zoetrope import Zoetrope
+from knotfab.pipeline.piece import WrittenPiece
+from knotfab.pipeline.verifier import Answer
+from knotfab.report.effects import limits_as_effects
+from knotfab.report.for_maker import report_slicing, tell_unsliced, with_slicing
+from knotfab.request import Request
+from knotfab_formats.piece import Printer
+from knotfab_formats.report import (
+    Certificate,
+    EffectLine,
+    FrameView,
+    LimitLine,
+    Motion,
+    MountFigures,
+    Print,
+    Report,
+    SequenceFigures,
+    ZoetropeFigures,
+)
+from knotfab_formats.verdict import Check, Status, exit_code, list_unmet
+from knotfab_validators.check import at_least, at_most
+from knotfab_validators.shadows.recognition import worst_verdict
+
+Line = TypeVar("Line", EffectLine, LimitLine)
+# keys of a piece's `print` that go with its frame; keys that are summed over all frames
+_OF_FRAME = ("pose", "plates", "flatter", "support_access")
+_SUMMED = ("time_s", "filament_m", "filament_g", "support_g")
+_FAR = 8.0  # tube radii that an outline goes: more than that is worth a frame in between
+
+
+def check_motion(motions: Sequence[Motion]) -> Check:
+    """Check `motion`: no vertex goes further between neighbours than the outlines and one radius."""
+    worst = max(motions, key=lambda m: m.largest_mm - m.limit_mm)
+    number = next(k for k, m in enumerate(motions, start=2) if m is worst)
+    return Check(
+        "motion",
+        "pass" if all(m.held for m in motions) else "fail",
+        True,
+        worst.largest_mm,
+        worst.limit_mm,
+        "mm",
+        f"the vertex that comes nearest to its bound, on the way to frame {number}: the "
+        f"outlines of the two pictures are {worst.outline_mm:.3f} mm apart (Hausdorff distance), and "
+        "one tube radius is added",
+    )
+
+
+def check_closing(motion: Motion) -> Check:
+    """Check `closing`: the same from the last frame back to the first, which not every sequence needs."""
+    loop = "so it may be played round and round" if motion.held else "too far to play it as a loop"
+    status: Status = "pass" if motion.held else "fail"
+    detail = f"from the last frame to the first, {loop}"
+    largest, limit = motion.largest_mm, motion.limit_mm
+    return Check("closing", status, False, largest, limit, "mm", detail)
+
+
+@dataclass(frozen=True)
+class Ring:
+    """The zoetrope as written, or `why` there is none; and the validators' verdict on its file to come."""
+
+    spun: Zoetrope | None
+    why: str
+    answer: Answer | None
+
+
+def check_ring(ring: Ring, printer: Printer) -> list[Check]:
+    """Check `zoetrope_mesh`: zoetrope.stl is sound; `zoetrope`: the printer can print its tubes.
+
+    The second is not required: the frames are as small as the bed asks, and the parts are there as well.
+    """
+    if ring.spun is None or ring.answer is None:
+        return [Check("zoetrope", "fail", False, None, None, "mm", ring.why)]
+    spun, least = ring.spun, printer.min_tube_radius_mm
+    found = ring.answer.result().checks
+    wrong = list_unmet(found)
+    handles = next((c.measured for c in found if c.name == "mesh_genus"), None)
+    mesh = at_most(
+        "zoetrope_mesh",
+        len(wrong),
+        0,
+        "checks",
+        "; ".join(f"{c.name}: {c.detail}" for c in wrong)
+        or f"zoetrope.stl is one closed surface that does not cross itself, with {handles} handles",
+    )
+    detail = (
+        f"tube radius of the frames at {100 * spun.scale:.1f} % on a ring of {spun.diameter_mm:.1f} mm "
+        f"across, {spun.height_mm:.1f} mm high"
+    )
+    if spun.tube_radius_mm < least:
+        detail += "; thicker with fewer frames, less depth, a larger printer, or resin"
+    if spun.gap_mm < printer.nozzle_mm:
+        detail += (
+            f"; gaps between strands may be as small as {spun.gap_mm:.2f} mm and close in the print: the "
+            "knots are true in the single parts"
+        )
+    tubes = at_least("zoetrope", spun.tube_radius_mm, least, "mm", detail, required=False)
+    return [mesh, tubes]
+
+
+def sequence_report(
+    reports: Sequence[Report],
+    pieces: Sequence[WrittenPiece],
+    frames: Sequence[SequenceFrame],
+    motions: Sequence[Motion],
+    checks: Sequence[Check],
+    spun: Zoetrope | None,
+    request: Request,
+    resumed: int,
+) -> Report:
+    """Return report.json of a sequence, from the frames' own reports.
+
+    Args:
+        reports: the report of each frame, as for a piece of its own. pieces: as written and verified.
+        motions: into frames 2, 3, … and, last, back to the first.
+        checks: of the sequence as a whole. resumed: how many frames an earlier call had searched.
+    """
+    views, all_checks = _list_views(reports, pieces, frames, motions), [r.checks for r in reports]
+    together = (*_together(all_checks), *checks)
+    slicings = {name: one for piece in pieces for name, one in piece.sliced.items()}
+    sliced = sum_slicings(slicings) if slicings else None
+    print_, settings = _sum_prints(reports, spun), reports[0].settings
+    limits = _limits(reports)
+    knotted = count_in_words(len(pieces[0].made.knots.knots))
+    notes = [
+        f"{len(reports)} frames of {knotted}, each a part of its own (part-NN.stl); the "
+        "picture that moves is sequence.gif.",
+        *advise(views, pieces[0].made.knots.radius_mm),
+        *_shared_notes(reports),
+    ]
+    prices = tuple(
+        replace(price, frame=number)
+        for number, frame in enumerate(reports, start=1)
+        for price in frame.binding or ()
+    )
+    return Report(
+        status="fail" if exit_code(together) else "pass",
+        verdict=worst_verdict(views),
+        views=views,
+        checks=together,
+        effects=(*_effects(reports), *limits_as_effects(limits)),
+        limits=limits,
+        knots=tuple(knot for r in reports for knot in r.knots),
+        print=with_slicing(print_, sliced) if request.printing else print_,
+        settings=replace(
+            settings,
+            certificate=None,
+            thickness_mm=min(r.settings.thickness_mm for r in reports),
+            sequence=SequenceFigures(
+                frames=len(reports),
+                closing=motions[-1],
+                verification_s=round(sum(sum(p.verdict.seconds.values()) for p in pieces), 2),
+                loop=request.scene.sequence.loop,
+                resumed=resumed,
+            ),
+        ),
+        notes=(*notes, *(tell_unsliced(sliced) if request.printing else ())),
+        binding=prices if any(r.binding is not None for r in reports) else None,
+        slicer=None if sliced is None else report_slicing(sliced),
+    )
+
+
+def _list_views(
+    reports: Sequence[Report],
+    pieces: Sequence[WrittenPiece],
+    frames: Sequence[SequenceFrame],
+    motions: Sequence[Motion],
+) -> tuple[FrameView, ...]:
+    """List the views of all frames, each with what its own part comes to."""
+    views = []
+    each = zip(reports, frames, pieces, strict=True)
+    for number, (report, frame, piece) in enumerate(each, start=1):
+        log = frame.made.result.log
+        for view in report.views:
+            views.append(
+                FrameView(
+                    **vars(view),
+                    frame=number,
+                    pieces=piece.targets[0].pieces,
+                    knots=len(piece.made.knots.knots),
+                    part=f"part-{number:02d}.stl",
+                    status=report.status,
+                    motion=None if number == 1 else motions[number - 2],
+                    began_as=None if frame.origin is None else frame.origin + 1,
+                    transported=frame.transported,
+                    certificate=Certificate(**vars(log), certified=log.certified),
+                    mount=report.print.mount or MountFigures(kind="none"),
+                    **{key: getattr(report.print, key) for key in (*_OF_FRAME, *_SUMMED)},
+                    notes=_own_notes(report, reports),
+                    bending_plan=report.bending_plan,
+                    failed=tuple(check.name for check in list_unmet(report.checks)),
+                )
+            )
+    return tuple(views)
+
+
+def _sum_prints(reports: Sequence[Report], spun: Zoetrope | None) -> Print:
+    """Return what all parts come to together, and their zoetrope."""
+    first, prints = reports[0].print, [r.print for r in reports]
+    sums: dict[str, Any] = {
+        key: sum(getattr(one, key) for one in prints)
+        for key in ("volume_mm3", "mass_g", *_SUMMED)
+        if getattr(first, key) is not None
+    }
+    if sums.get("filament_g"):
+        sums["support_share"] = sums["support_g"] / sums["filament_g"]
+    ring = None
+    if spun is not None:
+        told = {key: value for key, value in vars(spun).items() if key != "mesh"}
+        ring = ZoetropeFigures(**told)
+    drawings = tuple(name for one in prints for name in one.drawings or ())
+    alone: dict[str, Any] = dict.fromkeys(_OF_FRAME)
+    return replace(first, **alone, **sums, parts=len(prints), drawings=drawings, zoetrope=ring)
+
+
+def advise(views: Sequence[FrameView], radius: float) -> list[str]:
+    """Return a sentence for each frame that fails: which checks, and what to do about it."""
+    found = []
+    for number, view in enumerate(views, start=1):
+        failed = view.failed
+        if not failed:
+            continue
+        # the motion into a frame stands with it
+        ways = [(v.motion.outline_mm, k) for k, v in enumerate(views, start=1) if v.motion]
+        far, into = max((way for way in ways if way[1] in (number, number + 1)), default=(0.0, 0))
+        if "limits" in failed:
+            remedy = "give that limit more room in the scene, or draw this frame simpler"
+        elif view.pieces > view.knots:
+            remedy = (
+                f"its {view.pieces} pieces lie apart, and the strand that joins them shows: let them "
+                "touch, or build each of them as a sequence of its own"
+            )
+        elif far > _FAR * radius:
+            remedy = (
+                f"the outline goes {far:.0f} mm from frame {into - 1} to frame {into}, "
+                f"{far / radius:.0f} tube radii: draw a frame in between"
+            )
+        elif "outline" in failed:
+            remedy = "parts of it are stretched: let it differ less from its neighbours, or draw it larger"
+        else:
+            remedy = "draw parts that touch in it further apart, or build with --accuracy standard or fine"
+        found.append(f"Frame {number} fails ({', '.join(failed)}): {remedy}.")
+    return found
+
+
+def _own_notes(report: Report, reports: Sequence[Report]) -> tuple[str, ...]:
+    """Return the notes of a frame that are not those of every frame."""
+    return tuple(note for note in report.notes if note not in _shared_notes(reports))
+
+
+def _shared_notes(reports: Sequence[Report]) -> list[str]:
+    """Return the notes that every frame has."""
+    first, *others = (report.notes for report in reports)
+    return [note for note in first if all(note in notes for notes in others)]
+
+
+def _together(all_checks: Sequence[Sequence[Check]]) -> list[Check]:
+    """Return one line a check for all frames: the worst status, and the figures of a frame that has it."""
+    names = list(dict.fromkeys(c.name for checks in all_checks for c in checks))
+    found = []
+    for name in names:
+        lines = [
+            (number, c)
+            for number, checks in enumerate(all_checks, start=1)
+            for c in checks
+            if c.name == name
+        ]
+        status = min((c.status for _, c in lines), key=("fail", "skipped", "pass").index)
+        same = [(number, c) for number, c in lines if c.status == status]
+        sign = -1.0 if status == "fail" else 1.0
+        number, worst = min(same, key=lambda line: sign * _room(line[1]))
+        which = ", ".join(str(n) for n, _ in same)
+        said = f"frame {number} of {len(all_checks)} has least room: {worst.detail}"
+        if status == "fail":
+            said = f"frames {which}: {worst.detail}"
+        elif status == "skipped":
+            said = worst.detail
+        found.append(replace(worst, status=status, detail=said))
+    return found
+
+
+def _room(check: Check) -> float:
+    """Measure how close a check is to its limit; whichever side the limit is on, less is closer."""
+    measured, limit = check.measured, check.limit
+    if not isinstance(measured, int | float) or not isinstance(limit, int | float):
+        return 0.0
+    return abs(float(measured) - float(limit))
+
+
+def _effects(reports: Sequence[Report]) -> tuple[EffectLine, ...]:
+    """Return each effect at its largest magnitude; calls, seconds and stages of all frames together."""
+    limits = {line.name for r in reports for line in r.limits}
+    every = [[line for line in r.effects if line.name not in limits] for r in reports]
+    found = []
+    for lines in _by_name(every):
+        worst = max(lines, key=lambda line: (line.simulated, line.magnitude))
+        where = tuple(dict.fromkeys(stage for line in lines for stage in line.where))
+        found.append(replace(worst, where=where, **_spent(lines)))
+    return tuple(found)
+
+
+def _limits(reports: Sequence[Report]) -> tuple[LimitLine, ...]:
+    """Return each limit in the frame that comes nearest to it or goes furthest beyond."""
+
+    def beyond(line: LimitLine) -> float:
+        over = line.measured - line.limit
+        return -over if line.name in LEAST else over
+
+    each = _by_name([r.limits for r in reports])
+    return tuple(replace(max(lines, key=beyond), **_spent(lines)) for lines in each)
+
+
+def _by_name(frames: Sequence[Sequence[Line]]) -> list[list[Line]]:
+    """Return the lines of all frames, those of one name together."""
+    found: dict[str, list[Line]] = {}
+    for line in (line for lines in frames for line in lines):
+        found.setdefault(line.name, []).append(line)
+    return list(found.values())
+
+
+def _spent(lines: Sequence[EffectLine | LimitLine]) -> dict[str, Any]:
+    """Return the calls and seconds of all lines together."""
+    seconds = round(sum(line.seconds for line in lines), 4)
+    return {"calls": sum(line.calls for line in lines), "seconds": seconds}

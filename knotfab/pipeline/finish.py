@@ -1,0 +1,279 @@
+"""A written piece is reported, and a whole build moved to where its checks say that it belongs."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from concurrent.futures import wait
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from knotfab.base.folder import OutputFolder
+from knotfab.base.progress import Progress
+from knotfab.part.files import read_back_strict
+from knotfab.part.slicer_process import NotSliced, Sliced, sum_slicings
+from knotfab.pipeline.piece import WrittenPiece, files_for_slicer
+from knotfab.pipeline.settle import tell_depth
+from knotfab.report.drill_template import write_drill_template
+from knotfab.report.effects import (
+    advise,
+    advise_widening,
+    count_flattened,
+    judge_made,
+    list_contrasts,
+    list_sags,
+    list_views,
+    tell_bounds,
+    tell_contrast,
+    tell_walls,
+    tell_warnings,
+)
+from knotfab.report.for_maker import (
+    check_slicing,
+    draw_setup,
+    list_files,
+    tell_kept,
+    tell_setup,
+    tell_unsliced,
+    with_slicing,
+)
+from knotfab.report.page import write_report_html
+from knotfab.report.pictures import draw_agreement, find_pictures, turn_piece
+from knotfab.report.posing import find_access, lay_out
+from knotfab.report.report import (
+    check_3mf,
+    check_certificate,
+    check_limits,
+    plan_next_step,
+    print_of,
+    report_of,
+    tell_binding,
+    tell_mount,
+    tell_plan,
+    write_report_json,
+)
+from knotfab.report.setup import draw_sheets, write_setup
+from knotfab.report.viewer import HistoryFrame, viewer_data
+from knotfab.request import Outcome, Request
+from knotfab.scene.camera import cameras_of
+from knotfab_formats.report import Report
+from knotfab_formats.verdict import Verdict, View, exit_code
+
+if TYPE_CHECKING:
+    from knotfab.apps.wire.plan import WirePlan
+
+
+_TOLD_S = 0.5  # between what is said of the slicer
+_AFTER_BENDS_S = 5.0  # from the last step of a wire's plan to the end of a build
+
+
+def report_piece(
+    piece: WrittenPiece, folder: OutputFolder, request: Request, progress: Progress
+) -> Report:
+    """Wait for the verdict on a piece, write its bending plan and drawings, and report all of it."""
+    made, part = piece.made, piece.part
+    if part is None:
+        return _report_unbuilt(piece, request)
+    mounted, printing = part.mounted, request.printing
+    cameras = cameras_of(piece.scene.views, piece.targets)
+    sheets, drawings, access = None, list[str](), None
+    if printing:
+        with progress.stage("drawings"):  # while the validators measure
+            sheets = draw_sheets(mounted, piece.scene, cameras)
+            drawings = write_drill_template(folder.work, mounted, cameras[0], piece.suffix)
+            access = find_access(part)
+    with progress.stage("verify"):
+        said = _read_back(folder, piece)
+        verdict = piece.verdict
+    sliced = _wait_for_slicer(piece, progress)
+    plan = _plan_bends(folder, piece, request, progress)
+    if sheets is not None:
+        with progress.stage("drawings"):
+            costs = [view.misplacement for view in verdict.views] or [None for _ in cameras]
+            drawings = [*write_setup(folder.work, sheets, costs, piece.suffix), *drawings]
+    with progress.stage("report"):
+        own = (check_3mf(said), check_certificate(made), check_limits(made), mounted.check_sag())
+        checks = [*verdict.checks, *(check for check in own if check is not None)]
+        checks += [] if sliced is None else [check_slicing(sliced)]
+        checks += [] if plan is None else plan.checks
+        views = _list_views(piece, printing, verdict)
+        _draw_bendings(piece, folder)
+        turning, turned = turn_piece(folder.work, mounted, made.knots) if printing else (None, [])
+        print_ = replace(
+            print_of(made, part.bodies, views),
+            mount=mounted.figures,
+            drawings=tuple(drawings),
+            setup=tell_setup(mounted, cameras, made.knots.radius_mm),
+            turning=turning,
+        )
+        filament = printing and plan is None
+        print_ = with_slicing(print_, sliced) if filament else print_
+        how = piece.flattening, piece.suffix
+        print_, laid = lay_out(print_, part, *how, printing=printing, access=access)
+        notes = _list_notes(piece, request, views, sliced, plan, (turned, laid))
+        found = verdict, checks, views, print_, notes, sliced, plan
+        return report_of(request, made, piece.knots, *found)
+
+
+def _report_unbuilt(piece: WrittenPiece, request: Request) -> Report:
+    """Return report knots of which no part can be made; the verdict says why."""
+    made = piece.made
+    checks = [*piece.verdict.checks, check_certificate(made), check_limits(made)]
+    notes = [*tell_binding(made), *tell_warnings(made.result.effects)]
+    print_ = print_of(made, (), ())
+    return report_of(request, made, piece.knots, piece.verdict, checks, (), print_, notes)
+
+
+def _wait_for_slicer(piece: WrittenPiece, progress: Progress) -> Sliced | NotSliced | None:
+    """Wait until all files of a piece are sliced, and sum what the slicer said; None if none is sliced."""
+    with progress.stage("slicer"):
+        while piece.slicer and wait(piece.slicings.values(), _TOLD_S).not_done:
+            progress.update(piece.slicer.done, even=False)
+        return sum_slicings(piece.sliced) if piece.sliced else None
+
+
+def _draw_bendings(piece: WrittenPiece, folder: OutputFolder) -> None:
+    """Write bent-VIEW.png for each picture that was bent."""
+    made = piece.made
+    for view, target, bound in zip(made.scene.views, piece.targets, made.bounds, strict=False):
+        if target.bending is not None:
+            folder.write(f"bent-{view.name}.png", draw_agreement(target, bound))
+
+
+def _list_notes(
+    piece: WrittenPiece,
+    request: Request,
+    views: Sequence[View],
+    sliced: Sliced | NotSliced | None,
+    plan: WirePlan | None,
+    found: tuple[Sequence[str], Sequence[str]],
+) -> list[str]:
+    """List what a reader is told beside the figures; `found` are notes on its turning and on its pose."""
+    made, part, targets = piece.made, piece.part, piece.targets
+    assert part is not None
+    turned, laid = found
+    flat_wall = piece.scene.views[0].wall_radius_mm is None
+    return [
+        *tell_mount(len(piece.knots.knots), part.mounted.figures, len(targets) == 1 and flat_wall),
+        *(tell_unsliced(sliced) if request.printing and plan is None else ()),
+        *tell_plan(plan),
+        *piece.notes,
+        *filter(None, [part.framing[1]]),
+        *tell_depth(request.scene.piece.depth, made),
+        *(tell_kept(sliced) if "gcode" in request.also else ()),
+        *turned,
+        *tell_binding(made),
+        *tell_warnings(made.result.effects),
+        *advise(views, made),
+        *tell_contrast(views),
+        *tell_walls(views),
+        *tell_bounds(made, targets),
+        *laid,
+    ]
+
+
+def _list_views(piece: WrittenPiece, printing: bool, verdict: Verdict) -> list[View]:
+    """List the verified views, with what the build knows and measures of them."""
+    made, part, lies = piece.made, piece.part, piece.scene.pose
+    moves = None if part is None else part.mounted.moves
+    up = None if lies is None or not printing else np.array(lies.matrix)[:3, 2]
+    judge_made(made, piece.scene, moves, up)
+    count_flattened(made.result.effects, piece.targets)
+    sags = list_sags(made, moves, [target.asked for target in piece.targets])
+    return list_views(verdict.views, made, piece.targets, list_contrasts(made), sags)
+
+
+def finish_build(
+    folder: OutputFolder,
+    request: Request,
+    report: Report,
+    title: str,
+    pieces: Sequence[WrittenPiece],
+    progress: Progress,
+) -> Outcome:
+    """Write the report, and move the whole to where its checks say that it belongs.
+
+    Args:
+        pieces: one, or the frames of a sequence; the report's viewer shows them.
+    """
+    timings = {**progress.timings, "total": progress.total}
+    report = replace(
+        report,
+        timings=timings,
+        next_step=plan_next_step(report, timings),
+        notes=(*report.notes, *advise_widening(report.verdict, pieces[0].scene)),
+    )
+    write_report_json(folder.file("report.json"), report)
+    names = [path.name for path in folder.work.iterdir()]
+    write_report_html(
+        folder.file("report.html"),
+        report,
+        find_pictures(folder.work),
+        title,
+        shown=_show(pieces),
+        drawings=draw_setup(folder.work),
+        files=list_files(names),
+    )
+    code = exit_code(report.checks)
+    if code == 0:
+        folder.commit()
+        return Outcome(0, report, request.out)
+    folder.reject()
+    return Outcome(code, report, request.out / "rejected")
+
+
+def _show(pieces: Sequence[WrittenPiece]) -> dict[str, Any]:
+    """Collect the viewer's data of the first piece; its slider goes through the search, or several pieces."""
+    first = pieces[0]
+    bodies = [] if first.part is None else first.part.bodies
+    if several := len(pieces) > 1:
+        frames = [
+            HistoryFrame(f"frame {k} of {len(pieces)}", piece.made.knots, piece.targets[0].asked)
+            for k, piece in enumerate(pieces, start=1)
+        ]
+    else:
+        past = first.made.history
+        frames = [HistoryFrame(f"{100 * k // len(past)} %", knots) for k, knots in enumerate(past)]
+    return viewer_data(
+        first.scene,
+        first.knots,
+        bodies,
+        [target.asked for target in first.targets],
+        history=frames,
+        history_label="frame" if several else "search",
+    )
+
+
+def _plan_bends(
+    folder: OutputFolder, piece: WrittenPiece, request: Request, progress: Progress
+) -> WirePlan | None:
+    """Return the bending plan, written, where the piece is of wire."""
+    if piece.scene.material.process != "wire":
+        return None
+    from knotfab.apps.wire.plan import write_bending_plan
+
+    with progress.stage("bending plan"):
+        pictures = [folder.file(view.picture) for view in piece.scene.views]
+        left = request.budget(progress.total, mounted=False)
+        ends = np.inf
+        if left is not None:
+            seconds = replace(left, after_s=_AFTER_BENDS_S, after_vertex_s=0.0).search_s(0)
+            ends = time.perf_counter() + seconds
+        return write_bending_plan(
+            folder.work, piece.made.knots, piece.scene, pictures, piece.suffix, ends
+        )
+
+
+def _read_back(folder: OutputFolder, piece: WrittenPiece) -> list[str]:
+    """Read the files for the slicer back with lib3mf; its words are by name where there are several."""
+    assert piece.part is not None
+    whole, coloured = (
+        folder.file(f"{name}{piece.suffix}.3mf") for name in ("part", "part-colours")
+    )
+    others = {*files_for_slicer(folder, piece.part, piece.suffix), coloured} - {whole}
+    warnings = read_back_strict(whole)
+    for path in sorted(p for p in others if p.is_file()):
+        warnings += [f"{path.name}: {warning}" for warning in read_back_strict(path)]
+    return warnings

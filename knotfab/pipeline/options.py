@@ -1,0 +1,352 @@
+"""The options of `knotfab build` as one value: their names, defaults, groups and help."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+from pathlib import Path
+from types import NoneType
+from typing import (
+    TYPE_CHECKING,
+    Annotated,
+    Any,
+    Literal,
+    TypeVar,
+    cast,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
+
+from cyclopts import Group, Parameter, Token
+from pydantic import BaseModel
+
+from knotfab.base.errors import read_length, read_number
+from knotfab.base.progress import Mode
+from knotfab_formats.bounds import option_of, sentences_of, values_of
+from knotfab_formats.errors import InputError
+from knotfab_formats.piece import About, Accuracy, Mount, Piece
+from knotfab_formats.search import SearchSettings
+from knotfab_formats.views import View
+
+_PICTURE = Group.create_ordered("Picture")
+_PIECE = Group.create_ordered("Piece")
+_PRINT = Group.create_ordered("Print")
+_SEARCH = Group.create_ordered("Search")
+OUTPUT = Group.create_ordered("Output")
+
+
+def _read_whole(_: object, tokens: Sequence[Token]) -> int:
+    """Read a whole number, which cyclopts by itself would round others to."""
+    value, remedy = tokens[0].value, "Give one such as 3."
+    try:
+        number = int(value)
+    except ValueError:
+        digits = value.strip().lstrip("+-").isdecimal()  # more of them than Python reads
+        why = "it is too large" if digits else "it is no whole number"
+        raise InputError(_words_of(tokens), why, remedy) from None
+    if abs(number) >= 2**63:
+        raise InputError(_words_of(tokens), "it is too large", remedy)
+    return number
+
+
+def _read_mm(_: object, tokens: Sequence[Token]) -> float:
+    return read_length(_words_of(tokens), tokens[0].value)
+
+
+def _read_decimal(_: object, tokens: Sequence[Token]) -> float:
+    return read_number(_words_of(tokens), tokens[0].value)
+
+
+def _words_of(tokens: Sequence[Token]) -> str:
+    """Return an option with its value, as it was typed."""
+    return f"{tokens[0].keyword or ''} {tokens[0].value}".strip()
+
+
+def _read_place(_: object, tokens: Sequence[Token]) -> Path:
+    """Return the path to write; "" is refused, since a variable was not set."""
+    return _place_of(tokens[0].value)
+
+
+def _place_of(name: str | Path) -> Path:
+    if not str(name).strip():
+        raise ValueError('"" names no place')
+    return Path(name)
+
+
+ALL_OUT = Path("knotfab-out")  # the folder of those that a build, or a batch, names after pictures
+Whole = Annotated[int, Parameter(converter=_read_whole)]
+Length = Annotated[float, Parameter(converter=_read_mm)]
+Decimal = Annotated[float, Parameter(converter=_read_decimal)]
+Place = Annotated[Path, Parameter(converter=_read_place)]
+Flag = Annotated[bool, Parameter(negative="", show_default=False)]
+Names = Annotated[tuple[str, ...], Parameter(negative="", show_default=False)]
+
+BUILD_EXAMPLES = """Examples:
+
+```
+knotfab build cat.png --print              checked against the printer
+knotfab build cat.png --size 240 --watch   larger; a page shows how it grows
+knotfab build cat.png --mount wall         ready to hang
+knotfab build cat.png --time-budget 1.5min
+knotfab build logo.svg --depth flat --tube-radius 2
+knotfab build text:Hello --font "DejaVu Serif" --knots 1
+knotfab build heart.png teapot.png         one part, two pictures
+knotfab build parrot.png --lamps rgb       in colours, by the shadows of three lamps
+knotfab build --sequence walk/ --print     one part for each frame
+knotfab build --scene out/scene.toml       the same part again
+```
+"""
+
+
+BATCH_EXAMPLES = """Examples:
+
+```
+knotfab batch logos/ --out built --print
+knotfab batch *.png --out built --accuracy draft --jobs 4
+knotfab batch logos/ --out built --cluster tcp://10.0.0.5:8786
+```
+"""
+
+COMPARE_EXAMPLES = """Examples:
+
+```
+knotfab compare wall.jpg knotfab-out/cat
+knotfab compare wall.jpg knotfab-out/cat --click
+knotfab compare wall.jpg knotfab-out/cat --corners 412,300 1630,322 1610,1490 395,1455
+```
+"""
+
+VALIDATE_EXAMPLES = """Examples:
+
+```
+knotfab validate knotfab-out/cat           everything that a build wrote
+knotfab validate tube.obj                  any tube, in mm
+knotfab validate part.stl --knots knots.json --scene scene.toml --json
+```
+"""
+
+STUDIO_EXAMPLES = """Examples:
+
+```
+knotfab studio
+knotfab studio --port 8900 --no-open --out pieces
+```
+"""
+
+MCP_EXAMPLES = """Examples:
+
+```
+knotfab mcp --allow ~/pictures --allow ~/pieces
+```
+"""
+
+SHADOW_EXAMPLES = """Examples:
+
+```
+knotfab shadow cat/part.stl --scene cat/scene.toml --out shadow.png
+```
+"""
+
+TRADEOFF_EXAMPLES = """Examples:
+
+```
+knotfab tradeoff cat.png
+knotfab tradeoff cat.png --accuracy draft --repeats 3 --out cat-tradeoff
+knotfab tradeoff logos/*.png --time-limit 1h         give the same call again to go on
+```
+"""
+
+PREVIEW_EXAMPLES = """Examples:
+
+```
+knotfab preview logo.svg
+knotfab preview badge.png --ink red --width 240
+knotfab preview photo.jpg --ink flood --smooth 3 --out seen.png
+knotfab preview cat.jpg --subject 150,80,700,900 --drop 300,950,60
+```
+"""
+
+
+KEYS: dict[str, type[BaseModel]] = {
+    **{"views": View, "piece": Piece, "mount": Mount, "accuracy": Accuracy, "about": About},
+    "search": SearchSettings,
+}
+"""The tables of a scene whose keys have options of their own."""
+
+_GROUPS = {group.name: group for group in (_PICTURE, _PIECE, _PRINT, _SEARCH, OUTPUT)}
+HELP: dict[str, str] = {}
+"""What an option of a key does, by its name here."""
+AClass = TypeVar("AClass", bound=type)
+
+
+def _with_keys(*tables: str, only: Collection[str] = ()) -> Callable[[AClass], AClass]:
+    """Give a class of options, before its own, those that set keys of tables; all, or `only` some."""
+
+    def add(kind: AClass) -> AClass:
+        found = {}
+        for model in (KEYS[table] for table in tables):
+            said = sentences_of(model)
+            for key in model.model_fields:
+                group, option = option_of(model, key) or ("", "")
+                name = option.removeprefix("--").replace("-", "_")
+                if not option or hasattr(kind, name) or (only and name not in only):
+                    continue
+                read = _type_of(model, key)
+                shown = Parameter(group=_GROUPS[group], help=said[key])
+                found[name], HELP[name] = Annotated[read, shown], said[key]
+                setattr(kind, name, False if read is Flag else () if read is Names else None)
+        kind.__annotations__ = found | kind.__annotations__
+        return kind
+
+    return add
+
+
+def _type_of(model: type[BaseModel], key: str) -> Any:
+    """Return the type of a key's option: a text where the key takes words beside a number."""
+    kind: Any = model.model_fields[key].annotation
+    words, literal = tuple(values_of(model, key)), cast(Any, Literal)
+    if words and len(words) == len(get_args(kind)):
+        return literal[words] | None
+    if get_origin(kind) is tuple and get_args(kind)[-1] is Ellipsis:
+        inner = get_args(kind)[0]
+        return inner | None if get_origin(inner) is Literal else Names
+    if kind is bool:
+        return Flag
+    parts = [p for p in get_args(kind) or (kind,) if p is not NoneType]
+    if get_origin(kind) is Literal:
+        return kind | None
+    plain = get_args(parts[0])[0] if get_origin(parts[0]) is Annotated else parts[0]
+    if len(parts) > 1 or plain not in (int, float):
+        return str | None
+    number = Whole if plain is int else Length if key.endswith("_mm") else Decimal
+    return number | None
+
+
+@dataclass(frozen=True, kw_only=True)
+@_with_keys("views")
+@_with_keys("piece", only=("tube_radius",))
+class PictureOptions:
+    """Options of reading a picture, and of what a tube can make of it; None leaves it to the scene.
+
+    The options that set a key are those that the key's declaration names (`knotfab_formats`).
+    """
+
+    if TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any: ...
+
+    lamps: Annotated[str | None, Parameter(group=_PICTURE)] = None
+    """Several lamps before one screen: rgb, or names such as warm+white, mix one picture's colours; switch:
+    each lamp shows its own picture, one at a time."""
+    font: Annotated[str | None, Parameter(group=_PICTURE)] = None
+    """The font of text:…: a family's name, such as "DejaVu Serif", or a font file."""
+
+    scene: Annotated[Path | None, Parameter(group=_PIECE)] = None
+    """A scene.toml. Other options set keys of the scene, and win over the file."""
+    size: Annotated[Length | None, Parameter(group=_PIECE)] = None
+    """The picture's longer side on the wall, in mm; 180 by default."""
+
+    printer: Annotated[str | None, Parameter(group=_PRINT)] = None
+    """A printer's name, such as prusa-mk4, or a file such as my-printer.toml; knotfab printers lists
+    the names."""
+    material: Annotated[str | None, Parameter(group=_PRINT)] = None
+    """A material's name, such as petg, or a file."""
+
+
+@dataclass(frozen=True, kw_only=True)
+@_with_keys(*KEYS)
+class BuildOptions(PictureOptions):
+    """Options of `knotfab build` besides its pictures; None leaves it to the scene."""
+
+    sequence: Annotated[Flag, Parameter(group=_PICTURE)] = False
+    """The pictures are frames of one motion: a folder of numbered pictures, an animation (GIF), or
+    the pictures in their order. Each frame becomes a part; with --print there is a zoetrope as well."""
+    no_loop: Annotated[Flag, Parameter(group=_PICTURE)] = False
+    """With --sequence: the last frame need not lead back to the first."""
+
+    free: Annotated[Literal["view"] | None, Parameter(group=_PIECE)] = None
+    """view: find the pose, the distances of light and wall, and the tube's radius along with the knots; with
+    several pictures the directions of their lamps. scene.toml then has them."""
+
+    print_: Annotated[Flag, Parameter(name="--print", group=_PRINT)] = False
+    """Make it for printing: pose the part for that, and check it against the printer too."""
+
+    time_budget: Annotated[str | None, Parameter(group=_SEARCH)] = None
+    """Time for the whole build, such as 30 (seconds), 90s, 1.5min or 1m30s; sets the iterations."""
+    effect: Annotated[Names, Parameter(group=_SEARCH)] = ()
+    """Simulate an effect of light or world: NAME=on, off or auto (default: on where the scene calls for it),
+    such as penumbra=off; may be repeated."""
+    start: Annotated[Path | None, Parameter(group=_SEARCH)] = None
+    """Go on from these knots: the folder of a build, its knots.json, or a start.json."""
+    device: Annotated[Literal["cpu", "cuda"], Parameter(group=_SEARCH)] = "cpu"
+    """Where the search runs."""
+
+    out: Annotated[Place | None, Parameter(group=OUTPUT)] = None
+    """The folder to write; by default knotfab-out/NAME, after the picture."""
+    force: Annotated[Flag, Parameter(group=OUTPUT)] = False
+    """Replace the result of another picture of that name in the default folder; in a folder that --out names
+    a build always does."""
+    colours: Annotated[Flag, Parameter(group=OUTPUT)] = False
+    """Also write part-colours.3mf: the named bodies, each in a colour, for several filaments."""
+    also: Annotated[Names, Parameter(group=OUTPUT)] = ()
+    """Also write files for other tools: svg, dxf, step, gcode, or several (svg,step). Centre lines for
+    cutters, plotters and CAD; with svg the outlines of shadows, with step tubes and mount as solids. gcode
+    keeps what PrusaSlicer makes of the part, with pictures for the printer's screen."""
+    skip: Annotated[Names, Parameter(group=OUTPUT)] = ()
+    """Leave out these checks, such as shadow-render."""
+    quiet: Annotated[Flag, Parameter(group=OUTPUT)] = False
+    """Say nothing but errors."""
+    verbose: Annotated[Flag, Parameter(name=("--verbose", "-v"), group=OUTPUT)] = False
+    """Say how long each stage took."""
+
+    @property
+    def mode(self) -> Mode:
+        """The kind of progress that is shown."""
+        return "quiet" if self.quiet else "verbose" if self.verbose else "auto"
+
+
+def options_from(given: Mapping[str, Any], known: Collection[str] = ()) -> BuildOptions:
+    """Read options by their names, as a library's caller gives them: numbers and paths in their own types.
+
+    Args:
+        known: those that there are; by default all.
+
+    Raises:
+        InputError: there is no such option, it cannot be that, or the folder to write has no name.
+    """
+    from pydantic import TypeAdapter, ValidationError
+
+    hints, values = get_type_hints(BuildOptions), dict[str, Any]()
+    types = {name: hints[name] for name in known or hints}
+    for name, value in given.items():
+        key = "print_" if name == "print" else name
+        if key not in types:
+            close = get_close_matches(name, types, n=1)
+            hint = f"Did you mean {close[0]}? " if close else ""
+            known = ", ".join(key.rstrip("_") for key in types)
+            raise InputError(
+                f"the option {name}", "there is none of that name", f"{hint}Known: {known}"
+            )
+        if key in ("also", "skip", "effect", "keep", "drop") and isinstance(value, str):
+            value = (value,)
+        elif types[key] == str | None and value is not None and not isinstance(value, bool):
+            value = str(value)
+        elif types[key] == float | None and isinstance(value, str):
+            read = read_number if key in ("threshold", "smooth") else read_length
+            value = read(f"the option {name}={value!r}", value)
+        elif hasattr(value, "item"):  # a number of numpy's
+            value = value.item()
+        try:
+            if key == "out" and value is not None:
+                value = _place_of(value)
+            checked = TypeAdapter(types[key]).validate_python(value)
+        except ValueError as error:
+            told = error.errors()[0]["msg"] if isinstance(error, ValidationError) else str(error)
+            why = told[:1].lower() + told[1:]
+            remedy = "Name a folder." if key == "out" else "Correct it, or leave it out."
+            raise InputError(f"the option {name}={value!r}", why, remedy) from None
+        # 700 is a number as it is, and is written so
+        values[key] = value if type(value) is int and isinstance(checked, float) else checked
+    return BuildOptions(**values)

@@ -1,0 +1,254 @@
+"""One piece, or one frame of a sequence: written, and handed over to be verified and sliced."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Collection, Sequence
+from concurrent.futures import Future, wait
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from knotfab.base.errors import SceneError
+from knotfab.base.folder import OutputFolder
+from knotfab.base.progress import Progress
+from knotfab.design.design import START_FILE, Design
+from knotfab.geometry.tube import sweep
+from knotfab.hold.modeller import ask
+from knotfab.hold.placement import placement_of
+from knotfab.knots import Knots
+from knotfab.part.assemble import Part, enlarge_knots, part_of
+from knotfab.part.files import write_dxf, write_svg
+from knotfab.part.orient import Flattening
+from knotfab.part.slicer import SlicerQueue
+from knotfab.part.slicer_process import NotSliced, Sliced
+from knotfab.part.write import (
+    GCODE_PX,
+    draw_thumbnail,
+    pose_scene,
+    write_model,
+    write_part,
+    write_unbuilt,
+)
+from knotfab.picture.read import Target
+from knotfab.pipeline.settle import settle_part
+from knotfab.pipeline.verifier import Files, Verifier
+from knotfab.report.in_words import verdict_without_part
+from knotfab.report.setup import shadow_outlines
+from knotfab.request import Request
+from knotfab.scene.camera import Camera, cameras_of
+from knotfab_fixtures.step import write_centre_lines, write_solids
+from knotfab_formats.scene import SettledScene
+from knotfab_formats.verdict import Verdict
+
+
+@dataclass(frozen=True)
+class WrittenPiece:
+    """One piece as it was written; `part` is None where none can be made of its knots.
+
+    `scene` has its pose. `suffix` is in its files' names, such as "-01" of a sequence's frame. `answer` waits
+    for the validators' verdict; `slicings` are what the slicer will say, by file. `notes` are sentences
+    for the report.
+    """
+
+    made: Design
+    scene: SettledScene
+    part: Part | None
+    targets: tuple[Target, ...]
+    suffix: str
+    answer: Callable[[], Verdict]
+    slicings: dict[str, Future[Sliced | NotSliced]] = field(default_factory=dict)
+    flattening: Flattening | None = None
+    slicer: SlicerQueue | None = None
+    notes: tuple[str, ...] = ()
+
+    @property
+    def knots(self) -> Knots:
+        """The knots as they are in the file."""
+        return enlarge_knots(self.made) if self.part is None else self.part.pose.knots
+
+    @cached_property
+    def verdict(self) -> Verdict:
+        """The validators' verdict on the files."""
+        return self.answer()
+
+    @cached_property
+    def sliced(self) -> dict[str, Sliced | NotSliced]:
+        """The slicer's result for each file."""
+        return {name: slicing.result() for name, slicing in self.slicings.items()}
+
+
+def write_piece(
+    made: Design,
+    targets: Sequence[Target],
+    folder: OutputFolder,
+    request: Request,
+    verifier: Verifier,
+    slicer: SlicerQueue,
+    progress: Progress,
+    suffix: str = "",
+) -> WrittenPiece:
+    """Write the part of a design with its knots, scene and pictures, and hand them over.
+
+    Where no part can be made of it, or the printer holds none, its verdict says why.
+
+    Args:
+        targets: the pictures of all views. suffix: suffix of its files' names, where it is one of several
+            frames.
+    """
+    targets, flattening = tuple(targets), None
+    if made.region_stl is not None and made.scene.region.file is not None:
+        folder.write(made.scene.region.file, made.region_stl)
+    if made.start_json is not None:
+        folder.write(START_FILE, made.start_json)
+    try:
+        if len(targets) == 1 and not suffix:  # all frames move in one depth, before one wall
+            made, part, flattening = settle_part(request, targets[0], made, progress)
+        else:
+            part = part_of(made, request.printing, targets, progress)
+    except SceneError as error:
+        why = str(error)
+        scene = write_unbuilt(folder, made, targets, suffix)
+        return WrittenPiece(made, scene, None, targets, suffix, lambda: verdict_without_part(why))
+    with progress.stage("part"):
+        scene = pose_scene(part, suffix)
+        write_part(folder, part, scene, targets, request.colours, suffix)
+    slicings = {}
+    if request.printing and "slicer" not in request.skip:
+        printed = files_for_slicer(folder, part, suffix)
+        png = draw_thumbnail(part, scene.views, GCODE_PX) if "gcode" in request.also else b""
+        slicings = {path.name: slicer.submit(path, scene, png) for path in printed}
+    files = Files(
+        folder.file(f"part{suffix}.stl"),
+        folder.file(f"knots{suffix}.json"),
+        folder.file(f"scene{suffix}.toml"),
+        folder.work,
+        folder.file(f"failures{suffix}.png"),
+    )
+    answer = verifier.submit(files).result
+    with progress.stage("part"):
+        write_model(folder, part, scene, suffix)
+        told = write_also(folder, part, scene, targets, request.also, suffix)
+    return WrittenPiece(
+        made, scene, part, targets, suffix, answer, slicings, flattening, slicer, told
+    )
+
+
+def discard_piece(piece: WrittenPiece, folder: OutputFolder) -> None:
+    """Remove all files of a frame that is to be written anew; its verdict is known.
+
+    A slicing that has begun may still read them, and is waited for.
+    """
+    wait([slicing for slicing in piece.slicings.values() if not slicing.cancel()])
+    own = re.compile(rf"[a-z-]+{piece.suffix}(-\d+)?\.\w+")  # "plate-03-1.3mf" of suffix "-03"
+    for path in list(folder.work.iterdir()):
+        if own.fullmatch(path.name):
+            path.unlink()
+
+
+def files_for_slicer(folder: OutputFolder, part: Part, suffix: str) -> list[Path]:
+    """List the printed files: the part, or its plates."""
+    names = [f"part{suffix}.3mf"] if part.plates is None else part.plates.files(suffix)
+    return [folder.file(name) for name in names]
+
+
+# Files for other tools, on `--also`: centre lines and shadows as drawings, for cutters, plotters
+# and CAD.
+
+
+_SIDES, _FEWEST_SIDES = 12, 6  # a faceted tube has between these
+# a faceted tube has no more where fewer sides allow: to write each takes .4 ms
+_FACETS, _MOST_FACETS = 24_000, 60_000
+_SHADOW_MM = 0.01  # within which a shadow's outline is a polygon
+
+
+def write_also(
+    folder: OutputFolder,
+    part: Part,
+    scene: SettledScene,
+    targets: Sequence[Target],
+    also: Collection[str],
+    suffix: str = "",
+) -> tuple[str, ...]:
+    """Write centre-lines.svg and .dxf, the outlines shadow-NAME.svg, and part.step and centre-lines.step.
+
+    Which of them: the formats that `also` names. Those of STEP lie as part.stl does.
+
+    Centre lines are drawn where the first light throws them on its wall, so that they lie in the middle of
+    the shadow; the wall is laid flat. Arguments as `write_part` has them.
+
+    Returns:
+        Sentences for the report.
+    """
+    if not also:
+        return ()
+    assert scene.pose is not None
+    cameras = cameras_of(scene.views, targets)
+    places = [placement_of(part.mounted, c, v) for c, v in zip(cameras, scene.views, strict=True)]
+    knots = part.pose.knots.moved(np.array(scene.pose.matrix)).knots
+    lines = {f"knot-{n}": [places[0].cast(k.points)] for n, k in enumerate(knots, start=1)}
+    frame = places[0].frame_mm
+    if "dxf" in also:
+        write_dxf(folder.file(f"centre-lines{suffix}.dxf"), lines, frame)
+    if "svg" in also:
+        title = f"centre lines as the light of {scene.views[0].name} throws them"
+        write_svg(folder.file(f"centre-lines{suffix}.svg"), lines, frame, title)
+        for view, place in zip(scene.views, places, strict=True):
+            outlines = {"shadow": shadow_outlines(part.mounted, place, _SHADOW_MM)}
+            path = folder.file(f"shadow-{view.name}.svg")
+            write_svg(path, outlines, place.frame_mm, f"shadow of {view.name}", filled=True)
+    return _write_step(folder, part, cameras[0], suffix) if "step" in also else ()
+
+
+def _write_step(folder: OutputFolder, part: Part, camera: Camera, suffix: str) -> tuple[str, ...]:
+    """Tubes that no smooth solid stands for are written as facets, and told."""
+    knots = part.pose.knots
+    lines = {f"knot {n}": k.points for n, k in enumerate(knots.knots, start=1)}
+    ask(
+        write_centre_lines,
+        str(folder.file(f"centre-lines{suffix}.step")),
+        {name: points.tolist() for name, points in lines.items()},
+    )
+    fixtures: dict[str, Any] = {}
+    for one in part.mounted.fixtures(camera):
+        number = sum(name.startswith(one.kind) for name in fixtures) + 1
+        fixtures[f"{one.kind} {number}"] = one.to_dict()
+    to_part = np.linalg.inv(part.pose.matrix).tolist()
+    tubes: dict[str, Any] = {
+        name: {"points": points.tolist(), "radius_mm": knots.radius_mm}
+        for name, points in lines.items()
+    }
+    path = str(folder.file(f"part{suffix}.step"))
+    failed = ask(write_solids, path, tubes, fixtures, to_part)
+    if not failed:
+        return ()
+    told = []
+    for name in failed:
+        sides = _count_sides(len(lines[name]))
+        if sides == 0:
+            del tubes[name]
+            why = "and has too many vertices for one of facets: take part.stl."
+            told.append(
+                f"{Path(path).name} lacks the tube of {name}: it bends too tightly for a smooth solid, {why}"
+            )
+            continue
+        vertices, faces = sweep(lines[name], knots.radius_mm, sides)
+        tubes[name] = {"vertices": vertices.tolist(), "faces": faces.tolist()}
+        told.append(
+            f"{Path(path).name} holds the tube of {name} as a solid of facets, {sides} about it: it bends "
+            "too tightly for a smooth one."
+        )
+    if tubes or fixtures:
+        ask(write_solids, path, tubes, fixtures, to_part)
+    return tuple(told)
+
+
+def _count_sides(vertices: int) -> int:
+    """Count the facets about a tube of so many vertices; 0: it would have too many in all."""
+    if 2 * _FEWEST_SIDES * vertices > _MOST_FACETS:
+        return 0
+    fit = _FACETS // (4 * vertices) * 2
+    return min(_SIDES, max(_FEWEST_SIDES, fit))

@@ -1,0 +1,336 @@
+"""Prepare a build from a call: whatever can be refused is refused before anything heavy loads."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from knotfab.apps.wire.files import require_bender
+from knotfab.base.progress import Progress
+from knotfab.design.budget import require_budget
+from knotfab.design.film import require_sequence
+from knotfab.design.frames import (
+    frame_view,
+    framed_alike,
+    size_frames,
+    size_longer,
+    spread_views,
+    widen_targets,
+)
+from knotfab.design.question import flatten_targets
+from knotfab.picture.frames import count_knots, name_sequence, read_frames
+from knotfab.picture.read import TEXT_PREFIX, Target, plain_name, read_targets
+from knotfab.pipeline.options import ALL_OUT, BuildOptions
+from knotfab.pipeline.read_lamps import read_lamps
+from knotfab.pipeline.read_options import read_also, read_scene, read_seconds, read_skips
+from knotfab.request import Request
+from knotfab.scene.load import require_several, require_start, require_tube, require_walls
+from knotfab_formats.errors import InputError, KnotfabError
+from knotfab_formats.scene import ResolvedScene
+
+if TYPE_CHECKING:
+    from knotfab.design.agree import Agreement
+    from knotfab.design.readings import TriedReading
+    from knotfab.design.survey import Survey
+    from knotfab.picture.lamps import Separation
+
+
+def prepare_build(
+    pictures: Sequence[str], options: BuildOptions, command: str, progress: Progress
+) -> Request:
+    """Check a call and read its pictures: what can be refused is, before the search is loaded.
+
+    Args:
+        pictures: files, SVGs or `text:…`; none: those that the scene names.
+        command: the call in words, for the report.
+
+    Raises:
+        InputError: an option, the scene or a picture is wrong.
+    """
+    skipped, also = read_skips(options.skip), read_also(options.also)
+    if options.no_loop and not options.sequence:
+        raise InputError(
+            "--no-loop", "one piece has no last frame", "Leave it out, or add --sequence."
+        )
+    budget = None if options.time_budget is None else read_seconds(options.time_budget)
+    call = _read_call(pictures, options, progress)
+    printing = _prints(options, call.scene)
+    if "gcode" in also and (not printing or "slicer" in skipped):
+        remedy = "Add --print." if not printing else "Leave out --skip slicer."
+        raise InputError("--also gcode", "nothing is sliced in this build", remedy)
+    if budget is not None:
+        require_budget(
+            budget,
+            len(call.scene.views),
+            bool(call.scene.settings.free_view),
+            len(call.targets) if options.sequence else 0,
+        )
+    out = options.out or ALL_OUT / call.name
+    if options.out is None and not options.force:
+        _keep_other_picture(out, call.targets)
+    if (out / "batch.json").is_file() and not options.force:
+        raise InputError(
+            f"--out {out}",
+            "it holds the builds of a batch",
+            f"Name a folder in it, such as {out / call.name}, or add --force.",
+        )
+    with progress.stage("preview"):
+        # only now: a picture that cannot be read is told without waiting for them
+        from knotfab.design.sentence import describe
+        from knotfab.design.survey import require_drawable
+
+        found = _survey(call, options, choose=budget is None)
+    if found.refusal is not None and "unrecognisable" not in call.scene.accuracy.accept:
+        from knotfab.design.readings import advise
+
+        found = advise(found, list_readings(pictures, options))
+    require_drawable(found)
+    return Request(
+        call.scene,
+        call.sources,
+        out,
+        base=call.base,
+        printing=printing,
+        device=options.device,
+        skip=skipped,
+        time_budget_s=budget,
+        command=command,
+        colours=options.colours,
+        also=also,
+        sequence=options.sequence,
+        targets=call.targets,
+        preview=(*describe(found, exact=options.verbose), *call.lines),
+    )
+
+
+def require_same_picture(folder: Path, picture: str, options: BuildOptions) -> None:
+    """Refuse to replace what a folder holds where that was built from another picture.
+
+    Raises:
+        InputError: there is such a build. A picture that cannot be read replaces nothing.
+    """
+    if (folder / "report.json").is_file():
+        try:
+            targets = _read_call((picture,), options, Progress(options.mode)).targets
+        except KnotfabError:
+            return
+        _keep_other_picture(folder, targets)
+
+
+def check_options(options: BuildOptions) -> None:
+    """Refuse options that no picture could be built with.
+
+    Raises:
+        InputError: naming the option.
+    """
+    read_skips(options.skip)
+    read_also(options.also)
+    if options.time_budget is not None:
+        read_seconds(options.time_budget)
+    read_scene(options)
+
+
+def survey_pictures(pictures: Sequence[str], options: BuildOptions) -> Survey:
+    """Survey a call's pictures before anything is searched.
+
+    Raises:
+        InputError: as for `prepare_build`.
+    """
+    return _survey(_read_call(pictures, options, Progress("quiet"), glance=True), options)
+
+
+def preview_pictures(
+    pictures: Sequence[str], options: BuildOptions
+) -> tuple[Survey, tuple[TriedReading, ...]]:
+    """Survey pictures, as `survey_pictures`, with other ways to read an unclear one."""
+    from knotfab.design.readings import advise, is_unclear
+
+    found = survey_pictures(pictures, options)
+    readings = list_readings(pictures, options) if is_unclear(found) else ()
+    return advise(found, readings), readings
+
+
+def list_readings(pictures: Sequence[str], options: BuildOptions) -> tuple[TriedReading, ...]:
+    """List up to six ways to read the one picture of a call, best first, with the options that give each.
+
+    None for several pictures, lamps, frames, greys and `text:…`, which are read in one way. It takes seconds.
+
+    Raises:
+        InputError: as for `prepare_build`.
+    """
+    from knotfab.design.readings import try_readings
+
+    scene, folder = read_scene(options)
+    sources = _sources(pictures, scene, options.scene)
+    if len(sources) > 1 or options.sequence or scene.views[0].tone != "off":
+        return ()
+    if options.lamps is not None or scene.share_wall:
+        return ()
+    if sources[0].startswith(TEXT_PREFIX):
+        return ()
+    base = None if pictures else folder
+    if options.size is not None:
+        target = read_targets(sources, scene.views, base=base, glance=True)[0]
+        scene = size_longer(scene, target, options.size)
+    return try_readings(sources[0], scene, base=base)
+
+
+@dataclass(frozen=True)
+class _Call:
+    """A call as it was read: `base` is the folder that relative pictures start from, `name` the piece's."""
+
+    scene: ResolvedScene
+    sources: tuple[str, ...]
+    base: Path | None
+    targets: tuple[Target, ...]
+    name: str
+    lines: tuple[str, ...] = ()  # further lines for a person
+    agreed: Agreement | None = None  # the agreement of several pictures
+    parted: Separation | None = None  # the masks of a picture in colours, for lamps
+    told: tuple[str, ...] = ()  # lines on lamps that a preview tells as well
+
+
+def _read_call(
+    pictures: Sequence[str], options: BuildOptions, progress: Progress, glance: bool = False
+) -> _Call:
+    """Read the scene with the options over it, and the pictures, large ones shrunk if they are glanced at."""
+    scene, folder = read_scene(options)
+    sources = _sources(pictures, scene, options.scene)
+    _check_font(options.font, sources)
+    base = None if pictures else folder
+    open_ = False
+    lines: tuple[str, ...] = ()
+    agreed: Agreement | None = None
+    if options.lamps is not None or scene.share_wall:
+        lit = read_lamps(scene, sources, options, base, progress, named=not pictures)
+        return _Call(
+            lit.scene, sources, base, lit.targets, lit.name, parted=lit.parted, told=lit.told
+        )
+    if options.sequence:
+        require_sequence(scene)
+    elif len(sources) > len(scene.views) == 1:
+        scene, open_ = spread_views(scene, sources), True
+    if len(scene.views) > 1:
+        require_several(scene)
+        if scene.settings.free_view:
+            from knotfab.design.settings import place_directions
+
+            # begin where an earlier build started, or else anywhere
+            open_ = open_ or not scene.search.get("free_azimuths_deg")
+            scene = place_directions(scene, scene.settings)[0]
+    require_tube(scene)
+    if scene.material.process == "wire":
+        require_bender(scene)
+    elif options.bender is not None:
+        remedy = "Leave it out, or add --material steel-wire-2mm."
+        raise InputError(f"--bender {options.bender}", "there is no wire to bend", remedy)
+    require_start(scene)
+    require_walls(scene)
+    with progress.stage("picture"):
+        if options.sequence:
+            targets = read_frames(sources, scene.views[0], base=base, font=options.font)
+            count_knots(targets, scene.piece.knots)  # refuses more knots than there can be
+        else:
+            targets = read_targets(
+                sources, scene.views, base=base, font=options.font, glance=glance
+            )
+            if not pictures:  # a build wrote it so: picture-front.png is the cat still
+                titles = [view.title for view in scene.views]
+                targets = tuple(
+                    replace(t, name=plain_name(title, t.name), title=title)
+                    for t, title in zip(targets, titles, strict=True)
+                )
+    if options.size is not None:
+        scene = size_longer(scene, targets[0], options.size)
+    if not options.sequence and (options.size or options.width or options.height):
+        scene = size_frames(scene, targets)
+    scene, targets = widen_targets(scene, targets, options.sequence)
+    if any(view.wall_radius_mm is not None for view in scene.views):
+        scene = framed_alike(scene, targets) if len(targets) > 1 else scene
+        framed = [frame_view(v, t) for v, t in zip(scene.views, targets, strict=True)]
+        targets = flatten_targets(scene, framed, targets)
+    if len(scene.views) > 1:
+        with progress.stage("agree"):
+            from knotfab.design.agree import agree, require_agreed
+
+            agreed = agree(scene, targets, azimuths_open=open_)
+            require_agreed(agreed, scene)
+        scene, targets = agreed.scene, agreed.targets
+    pieces, asked = targets[0].pieces, scene.piece.knots
+    if len(targets) == 1 and isinstance(asked, int) and asked > pieces:
+        is_ = "is one piece, and becomes one knot" if pieces == 1 else f"has {pieces} pieces"
+        lines = (*lines, f"--knots {asked}: the picture {is_}. A knot more would draw nothing.")
+    names = [name_sequence(sources[0])] if options.sequence else [t.name for t in targets]
+    name = plain_name("-".join(dict.fromkeys(names)), "picture")
+    return _Call(scene, sources, base, targets, name, lines, agreed)
+
+
+def _survey(call: _Call, options: BuildOptions, choose: bool = True) -> Survey:
+    """Look at a call's pictures, as those of a piece that is printed if the call says so.
+
+    Where there is little time the search chooses the radius alone, for it may then be thicker.
+    """
+    from knotfab.design.survey import survey
+
+    printed = {"printed": _prints(options, call.scene)}
+    piece = call.scene.piece.but(**printed)
+    scene = call.scene.but(piece=piece)
+    found = survey(scene, call.targets, options.sequence, choose)
+    if call.told:
+        return replace(found, agreed=call.told, parted=call.parted)
+    if call.agreed is None:
+        return found
+    return replace(found, bounds=call.agreed.bounds, agreed=call.agreed.lines)
+
+
+def _prints(options: BuildOptions, scene: ResolvedScene) -> bool:
+    """Tell whether the piece is to be printed: a mount is, whoever asked for it."""
+    return options.print_ or scene.piece.printed or scene.mount.asked
+
+
+def _sources(pictures: Sequence[str], scene: ResolvedScene, path: Path | None) -> tuple[str, ...]:
+    """Return the pictures of the call, or those of the scene's views."""
+    for name in pictures:
+        if Path(name).suffix.lower() == ".toml" and os.path.isfile(name):
+            raise InputError(
+                name, "it is a scene, not a picture", f"Give it by its name: --scene {name}"
+            )
+    named = tuple(pictures) or tuple(view.picture for view in scene.views)
+    if not any(named) and scene.lamps.picture:
+        return (scene.lamps.picture,)
+    if all(named):
+        return named
+    raise InputError(
+        "" if path is None else str(path),
+        "no picture is given",
+        "Name one, as in: knotfab build cat.png --print",
+    )
+
+
+def _keep_other_picture(folder: Path, targets: Sequence[Target]) -> None:
+    """Refuse to replace what was built from another picture in a folder that nobody named.
+
+    Raises:
+        InputError: there is such a build.
+    """
+    if not (folder / "report.json").is_file():
+        return
+    held = {path.read_bytes() for path in folder.glob("picture-*.*")}
+    if not any(target.png_bytes in held for target in targets):
+        raise InputError(
+            str(folder),
+            "it holds what was built from another picture",
+            "Name a folder (--out DIR), or replace that with --force.",
+        )
+
+
+def _check_font(font: str | None, sources: Sequence[str]) -> None:
+    if font is not None and not any(s.startswith(TEXT_PREFIX) for s in sources):
+        raise InputError(
+            f"--font {font}",
+            "it is for text, and no picture is one",
+            "Leave it out, or give a text, as in: knotfab build text:Hello",
+        )

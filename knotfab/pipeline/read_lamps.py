@@ -1,0 +1,128 @@
+"""Lead from a call with lamps before one screen to their masks and places."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from knotfab.base.progress import Progress
+from knotfab.design.frames import name_views, size_longer, widen_targets
+from knotfab.picture.read import Target, name_picture, plain_name, read_bytes, read_targets
+from knotfab.pipeline.options import BuildOptions
+from knotfab.scene.lamps import COLOURS_FILE, require_lamps, with_lamps, with_small_lamps
+from knotfab.scene.load import require_several, require_start, require_tube
+from knotfab_formats.bounds import option_of
+from knotfab_formats.errors import InputError
+from knotfab_formats.scene import ResolvedScene
+from knotfab_formats.views import Reading
+
+if TYPE_CHECKING:
+    from knotfab.picture.lamps import Separation
+
+
+@dataclass(frozen=True)
+class LampsCall:
+    """The scene with its lamps in their places, the mask of each, the piece's name, what a person is told.
+
+    `parted`: how the picture in colours was taken apart, where it was.
+    """
+
+    scene: ResolvedScene
+    targets: tuple[Target, ...]
+    name: str
+    parted: Separation | None
+    told: tuple[str, ...]
+
+
+def read_lamps(
+    scene: ResolvedScene,
+    sources: tuple[str, ...],
+    options: BuildOptions,
+    base: Path | None,
+    progress: Progress,
+    *,
+    named: bool,
+) -> LampsCall:
+    """Read the lamps of a call: one picture in colours is taken apart into a mask each, and they are placed.
+
+    Args:
+        sources: that picture, or one for each lamp. base: the folder that relative ones start from.
+        named: whether the scene names the pictures: its titles say then what they are called.
+
+    Raises:
+        InputError: lamps cannot show that.
+    """
+    from knotfab.design.lamps import LAMPS_FRAME_MM, place_lamps
+    from knotfab.picture.lamps import on_one_canvas, read_masks
+
+    if options.sequence:
+        raise InputError("--lamps", "frames have one lamp", "Leave --sequence out.")
+    if scene.settings.free_view:
+        why = "lamps before one screen have places by themselves; a view that is found moves the screen"
+        raise InputError(
+            "a free view (--free view)", why, "Leave it out; [lamps] bounds their places."
+        )
+    if options.lamps is not None:
+        scene = with_lamps(scene, options.lamps, name_views(sources))
+    parted: Separation | None = None
+    mixing = scene.lamps.mode == "mix"
+    if mixing and len(sources) not in (1, len(scene.views)):
+        raise InputError(
+            f"{len(sources)} pictures",
+            "lamps that mix show one picture in colours",
+            "Give one picture, or let lamps switch (--lamps switch).",
+        )
+    if mixing and len(sources) == 1 < len(scene.views):
+        _require_colours(scene)
+        with progress.stage("picture"):
+            targets, parted = read_masks(sources[0], scene, base)
+        read = targets
+        name = plain_name(name_picture(sources[0]), "picture")
+        update: dict[str, Any] = {"lamps": scene.lamps.but(picture=COLOURS_FILE)}
+    else:
+        with progress.stage("picture"):
+            targets = read_targets(sources, scene.views, base=base, font=options.font)
+        if mixing and scene.lamps.picture:
+            colours = read_bytes((base or Path()) / scene.lamps.picture, scene.lamps.picture)
+            targets = (replace(targets[0], colours_png=colours), *targets[1:])
+        titles = [v.title if named else "" for v in scene.views]
+        targets = tuple(
+            replace(t, name=plain_name(title, t.name))
+            for t, title in zip(targets, titles, strict=True)
+        )
+        name = plain_name("-".join(dict.fromkeys(t.name for t in targets)), "picture")
+        update, read = {}, targets
+        targets = on_one_canvas(targets)
+    # masks must register with one another
+    update |= {"piece": scene.piece.but(bend=0.0)}
+    if update.get("lamps") or targets is not read:  # the drawn pictures are those of the new files
+        masks = {**dict(Reading()), "ink": "dark"}
+        update["views"] = tuple(v.but(**masks) for v in scene.views)
+    scene = scene.but(**update)
+    require_several(scene)
+    require_tube(scene)
+    require_start(scene)
+    scene = with_small_lamps(scene)
+    first = scene.views[0]
+    if options.size is not None or (first.frame_width_mm or first.frame_height_mm) is None:
+        scene = size_longer(scene, targets[0], options.size or LAMPS_FRAME_MM)
+    scene, targets = widen_targets(scene, targets)
+    with progress.stage("agree"):
+        scene, told = place_lamps(scene, targets)
+    require_lamps(scene, "the scene's lamps")
+    told = (*(() if parted is None else parted.lines), *told)
+    return LampsCall(scene, targets, name, parted, told)
+
+
+def _require_colours(scene: ResolvedScene) -> None:
+    """Refuse keys that read a silhouette, but for a crop, where lamps show all colours of their picture.
+
+    Raises:
+        InputError: naming the option.
+    """
+    for key, usual in Reading():
+        if key != "crop_px" and any(getattr(view, key) != usual for view in scene.views):
+            _, name = option_of(Reading, key) or ("", "--subject")
+            why = "lamps that mix show all colours of their picture, each as it is"
+            raise InputError(name, why, "Change the picture beforehand, or leave it out.")

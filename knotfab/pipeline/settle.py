@@ -1,0 +1,288 @@
+"""Search the same piece again, flatter, where no pose keeps the supports' limit or no pegs hold it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from knotfab.base.errors import SceneError
+from knotfab.base.progress import Progress
+from knotfab.design.candidates import most_radius
+from knotfab.design.design import Design, design_knots
+from knotfab.design.hull import least_wall_mm, most_depth_mm
+from knotfab.hold.beams import Stiffness
+from knotfab.hold.wall import NotHeldError, sag_on_pegs
+from knotfab.knots import Knot, Knots
+from knotfab.part.assemble import Part, part_of, rules_of
+from knotfab.part.orient import Flattening, flatter_depth
+from knotfab.picture.read import Target
+from knotfab.request import Request
+from knotfab.scene.camera import camera_of, view_axes
+from knotfab.search.forms import TorchForms
+from knotfab_formats.scene import LIGHT_SHARE, ResolvedView
+
+ROUNDS = 2  # searches anew
+
+
+@dataclass(frozen=True)
+class _Settled:
+    """A design with its part, and the depth at which it would keep the limit for supports, if it does not."""
+
+    made: Design
+    part: Part
+    proposed_mm: float | None
+
+    @property
+    def over_mm(self) -> float:
+        """The excess of its sag on its pegs over the limit."""
+        wall = self.part.mounted.wall
+        return 0.0 if wall is None else max(wall.sag_again_mm - self.made.scene.mount.max_sag_mm, 0)
+
+
+def settle_part(
+    request: Request, target: Target, made: Design, progress: Progress
+) -> tuple[Design, Part, Flattening | None]:
+    """Return the part of a design; searched again, where the scene leaves that open, as an estimate proposes.
+
+    With less depth for supports; before a nearer wall, and with less depth if need be, for a mount on
+    pegs. A depth and a wall that the scene gives, a view that is searched for, knots to start from, and a
+    time budget are not overruled: then there is a proposal only. Where a search comes to nothing better, the
+    earlier design is kept.
+
+    Raises:
+        SceneError: no part can be made of it.
+    """
+    shallower, nearer = _open(request)
+    left = ROUNDS if shallower or nearer else 0
+    now, unheld, settled = made, "", list[_Settled]()
+    while True:
+        place = None
+        try:
+            found = _settle(request, target, now, progress, thoroughly=not left)
+            settled.append(found)
+            if shallower and left and found.proposed_mm is not None:
+                place = Place(found.proposed_mm, _wall_mm(now))
+        except NotHeldError as error:
+            if left:
+                with progress.stage("mount"):
+                    place = _propose_place(request, now)
+                if place is None:  # then all that may help is tried
+                    left = 0
+                    continue
+                unheld = unheld or error.why
+                progress.say(
+                    f"{error.why}: searched again, {place.depth_mm:.0f} mm deep and "
+                    f"{place.wall_mm:.0f} mm from the wall"
+                )
+            elif now is made:
+                raise
+        except SceneError:
+            if now is made:
+                raise
+        if place is None:
+            break
+        try:
+            now = _search(request, target, now, place, progress)
+        except SceneError as error:
+            progress.say(f"{error.what}: {error.why}; the earlier design is kept")
+            if settled and settled[-1].made is now:
+                break
+            left = 0
+            continue
+        left -= 1
+    if not settled or (settled[-1].over_mm > 0 and settled[0].made is not made):
+        try:
+            settled.insert(0, _settle(request, target, made, progress, thoroughly=True))
+        except SceneError:
+            if not settled:
+                raise
+    kept = min(reversed(settled), key=lambda one: one.over_mm)
+    if kept.made is made:
+        unheld = ""
+        if kept.proposed_mm is None:
+            return made, kept.part, None
+    depths, walls = ([of(one) for one in (made, kept.made)] for of in (_depth_mm, _wall_mm))
+    said = Flattening(depths[0], depths[1], kept.proposed_mm, unheld, (walls[0], walls[1]))
+    return kept.made, kept.part, said
+
+
+def _settle(
+    request: Request, target: Target, made: Design, progress: Progress, *, thoroughly: bool
+) -> _Settled:
+    part = part_of(made, request.printing, [target], progress, thoroughly=thoroughly)
+    return _Settled(made, part, _propose_depth(made, part) if request.printing else None)
+
+
+def _open(request: Request) -> tuple[bool, bool]:
+    """Tell whether another depth may be taken, and another distance to the wall."""
+    scene = request.scene
+    free = request.printing and request.time_budget_s is None and not scene.settings.start
+    # a free view finds its wall itself
+    given = "wall_distance_mm" in scene.views[0].model_fields_set
+    wall = not given and not scene.settings.free_view
+    return free and scene.piece.depth is None, free and wall
+
+
+def _search(
+    request: Request, target: Target, made: Design, place: Place, progress: Progress
+) -> Design:
+    """Return the design at another place; its tube is chosen anew where the wall, and so the size, differs.
+
+    Raises:
+        SceneError: there is none.
+    """
+    scene, (shallower, nearer) = request.scene, _open(request)
+    piece, view = scene.piece, scene.views[0]
+    same = place.wall_mm == _wall_mm(made)
+    if same:
+        piece = piece.but(tube_radius_mm=made.knots.radius_mm)
+    if shallower:
+        piece = piece.but(depth=place.depth_mm)
+    if nearer and place.wall_mm != view.wall_distance_mm:
+        view = view.but(wall_distance_mm=place.wall_mm)
+    scene = scene.but(piece=piece, views=(view,))
+    again = design_knots(scene, [target], TorchForms(request.device), progress)
+    return replace(again, radius=made.radius) if same else again
+
+
+def _propose_place(request: Request, made: Design) -> Place | None:
+    shallower, nearer = _open(request)
+    view, asked = made.scene.views[0], request.scene.piece.tube_radius_mm
+    return propose_place(
+        made.knots,
+        view,
+        made.scene.piece.clearance_mm,
+        Stiffness.of(made.scene),
+        shallower=shallower,
+        nearer=nearer,
+        most_radius_mm=most_radius(asked, view, made.scene.printer.min_tube_radius_mm),
+        foot="dowel" if made.scene.mount.foot == "dowel" else "plate",
+    )
+
+
+def _propose_depth(made: Design, part: Part) -> float | None:
+    account = part.pose.account
+    if account is None or account.within or made.scene.piece.depth == 0:
+        return None
+    return flatter_depth(made.knots, _depth_mm(made), rules_of(made.scene))
+
+
+def _depth_mm(made: Design) -> float:
+    return float(np.ptp(made.knots.points @ view_axes(made.scene.views[0])[2]))
+
+
+def tell_depth(asked: float | None, made: Design) -> list[str]:
+    """Say that the centre lines take more depth than was asked for; nothing where they do not."""
+    if not asked or len(made.scene.views) > 1:
+        return []
+    found = _depth_mm(made)
+    if found <= 1.3 * asked:  # depth over the one that was asked for, from which on it is told
+        return []
+    return [
+        f"A depth of {asked:g} mm was asked for, and the centre lines of a tube "
+        f"{2 * made.knots.radius_mm:.1f} mm thick take {found:.0f} mm: a thinner one takes less "
+        "(--tube-radius)."
+    ]
+
+
+def _wall_mm(made: Design) -> float:
+    return made.scene.views[0].wall_distance_mm
+
+
+# Estimate from a piece's curves how near to its wall, and how flat, it must be for pegs to hold
+# it.
+
+
+SHARES = (1.0, 0.85, 0.7, 0.6, 0.5, 0.42, 0.35, 0.25)  # shares of the depth
+LEAST_PEG_MM = 10.0  # room for fingers and a brush between the wall and what is nearest to it
+AIM = 0.9  # a share of the limit: the search that follows lays the strands anew
+_PX = 64  # pixels of a camera that is asked for eye and wall alone
+_ROUND = 10  # parts of a mm
+
+
+@dataclass(frozen=True)
+class Place:
+    """Depth of the centre lines along the view, and distance of the wall from the scene's middle: mm."""
+
+    depth_mm: float
+    wall_mm: float
+
+
+def propose_place(
+    knots: Knots,
+    view: ResolvedView,
+    clearance_mm: float,
+    stiffness: Stiffness,
+    *,
+    shallower: bool,
+    nearer: bool,
+    most_radius_mm: float,
+    foot: Literal["plate", "dowel"] = "plate",
+) -> Place | None:
+    """Find the deepest place at which pegs may hold a piece, by an estimate; else the nearest for its depth.
+
+    The curves are moved along their light rays, so that their shadow stays; a new search at that place lays
+    them anew.
+
+    Args:
+        knots: in scene coordinates. view: the one that they draw.
+        shallower, nearer: whether depth and wall may be changed.
+        most_radius_mm: the thickest tube that may be taken there, for which there is to be room.
+        foot: what pegs stand on; on a plate a knot that others bar from the wall hangs on one of them.
+
+    Returns:
+        None: nothing may be changed, or it is of no use.
+    """
+    best: Place | None = None
+    firm = replace(stiffness, max_sag_mm=AIM * stiffness.max_sag_mm)
+    depth = float(np.ptp(knots.points @ view_axes(view)[2]))
+    deepest = depth
+    if shallower and nearer:
+        room = most_depth_mm(LIGHT_SHARE * view.light_distance_mm, most_radius_mm)
+        deepest = min(depth, max(room, SHARES[-1] * depth))
+    for share in SHARES if shallower else SHARES[:1]:
+        deep = min(share * depth, deepest)
+        place = _at(deep, knots.radius_mm, view, nearer, most_radius_mm)
+        if share == 1.0:
+            # a search lays the strands anew: so much nearer is no other place
+            if place.wall_mm > view.wall_distance_mm - 1.0:
+                continue  # it is there
+            best = place  # nothing is given up for it, and struts may do the rest
+        moved, there = _move(knots, view, deep / depth, place)
+        camera = camera_of(there, _PX, _PX)
+        try:
+            if sag_on_pegs(moved, camera, clearance_mm, firm, foot) <= firm.max_sag_mm:
+                return place
+        except ValueError:  # a knot has no peg: strands that are only pressed flat meet
+            continue
+    return best
+
+
+def _at(depth: float, radius: float, view: ResolvedView, nearer: bool, most_radius: float) -> Place:
+    """Give the place of a piece so deep; a wall that leans comes nearer if the frame is highest or lowest."""
+    wall = view.wall_distance_mm
+    if nearer:
+        steep = float(np.tan(np.deg2rad(view.wall_tilt_deg)))
+        leans = view.frame_up_mm * steep + 0.5 * view.frame_height_mm * abs(steep)
+        least = 0.5 * depth + radius + LEAST_PEG_MM + max(leans, 0.0)
+        least = max(least, least_wall_mm(0.5 * depth, most_radius))
+        wall = min(wall, float(np.ceil(_ROUND * least)) / _ROUND)
+    return Place(max(float(np.floor(_ROUND * depth)), 1.0) / _ROUND, wall)
+
+
+def _move(
+    knots: Knots, view: ResolvedView, share: float, place: Place
+) -> tuple[Knots, ResolvedView]:
+    """Move the knots along their light rays to `share` of their heights, as large as the view asks there."""
+    axes, light = view_axes(view), view.light_distance_mm
+    there = view.but(wall_distance_mm=place.wall_mm)
+    scale = view.magnification / there.magnification
+    moved = []
+    for knot in knots.knots:
+        across, height = np.split(knot.points @ axes.T, [2], axis=1)
+        plane = across / (1 - height / light)
+        across = scale * plane * (1 - share * height / light)
+        moved.append(Knot(np.hstack([across, share * height]) @ axes, closed=True))
+    return Knots(tuple(moved), knots.radius_mm), there

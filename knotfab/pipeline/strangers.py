@@ -1,0 +1,261 @@
+"""Strangers' OBJ and PLY, which libraries read into the plain arrays that validators measure.
+
+VTK reads OBJ: it cuts concave polygons into triangles, and counts an index from the end of what came before
+it; trimesh does neither. trimesh reads PLY: VTK rounds its numbers, and ends the process over damaged files.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+import warnings
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from knotfab.base.disk import read_file, require_within, temporary_folder
+from knotfab.base.errors import MachineError
+from knotfab.base.pool import Crash, Workers
+from knotfab.pipeline.verifier import explain_unreadable
+from knotfab_formats.errors import InputError, shown
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+
+MOST_BYTES = 2_000_000_000  # a larger part is not read
+MOST_CORNERS = 10_000  # corners of one face: cutting it takes a time that grows with their square
+COMMAS = "its numbers have decimal commas, such as 1,5: export it with decimal points"
+LENGTH = (
+    "it is cut off, or longer than its header says, or its faces have different numbers of corners, which "
+    "a binary PLY may not have here"
+)
+REMEDY = "Export it again, or as STL or 3MF."
+
+OBJ = re.compile(
+    rb"(?:\xef\xbb\xbf)?\s*(?:(?:#|mtllib\b|usemtl\b|[ogs]\b)[^\r\n]*[\r\n]\s*)*v\s+[-+.\d]"
+)
+# comments, ends of continued lines, textures and normals: VTK ends the process where one of these is missing
+SHAPELESS = re.compile(rb"#[^\r\n]*|\\\r?\n|(?<=\d)/[-\d/]*|\A\xef\xbb\xbf")
+FIRST_WORD = re.compile(rb"^[ \t]*(\S+)", re.MULTILINE)
+WORDS = frozenset(  # statements that VTK reads, and statements without a surface
+    b"v f vt vn vp g s o mg l p usemtl mtllib usemap maplib bevel c_interp d_interp lod "
+    b"shadow_obj trace_obj".split()
+)
+SURFACES = frozenset(  # a shape that is not read: it must not be passed over in silence
+    b"cstype deg bmat step curv curv2 surf parm trim hole scrv sp end con ctech stech call csh "
+    b"bzp bsp cdc cdp res fo".split()
+)
+ELEMENT = re.compile(rb"^element[ \t]+(\S+)[ \t]+(\d+)", re.MULTILINE)
+
+
+@contextmanager
+def plain_arrays(part: Path | None, reader: Workers | None = None) -> Iterator[Path | None]:
+    """Yield a part as the validators read it: an OBJ or PLY stands meanwhile as arrays in a file of its name.
+
+    Args:
+        reader: a worker of this module, where one is kept.
+
+    Raises:
+        InputError: it is broken, promises more than it holds, or holds surfaces that are not read.
+    """
+    kind = None if part is None or not part.is_file() else _kind_of(part)
+    if part is None or kind is None:
+        yield part
+        return
+    with temporary_folder("knotfab-part-") as folder, ExitStack() as kept:
+        reader = reader or kept.enter_context(Workers(__name__))
+        request = {"part": str(part.absolute()), "kind": kind, "folder": str(folder)}
+        try:
+            told = reader.answer(request)
+        except Crash as crash:
+            why = f"it is damaged: what reads it crashed ({crash.said or crash.code})"
+            raise InputError(part.name, why, REMEDY) from None
+        if "error" in told:
+            raise InputError(part.name, told["error"], REMEDY)
+        yield folder / part.name
+
+
+def _kind_of(part: Path) -> str | None:
+    """Tell a file's kind by its content and then by its name; None where it is neither."""
+    with part.open("rb") as file:
+        head = file.read(4096)
+    if head[:4] in (b"ply\n", b"ply\r"):
+        return "ply"
+    return "obj" if OBJ.match(head) or part.suffix.lower() == ".obj" else None
+
+
+def answer(request: dict[str, Any], told: object) -> dict[str, Any]:
+    """Write the corners of a part's triangles (n, 3, 3) to a file of its name in a folder, or say why not."""
+    import numpy as np
+
+    del told
+    part, folder = Path(request["part"]), Path(request["folder"])
+    try:
+        content = read_file(part, part.name, "part", MOST_BYTES)
+        if request["kind"] == "ply":
+            corners = _read_ply(content)
+        else:
+            corners = _read_obj(content, folder / "tidy.obj")
+    except InputError as error:
+        return {"error": error.why}
+    with (folder / part.name).open("wb") as file:
+        np.save(file, corners)
+    return {}
+
+
+def _read_ply(content: bytes) -> NDArray[np.float64]:
+    """Read (n, 3, 3) corners; polygons become fans. What trimesh does not count itself is counted here."""
+    import numpy as np
+    import trimesh
+
+    head, _, body = content.partition(b"end_header")
+    elements = {name: int(count) for name, count in ELEMENT.findall(head)}
+    if not body or len(head) > 100_000:  # bytes
+        raise _refuse("its PLY header has no end")
+    if b"tristrips" in elements:
+        raise _refuse("it has strips of triangles, which are not read")
+    if b"\nformat ascii" in head:
+        lines = [line for line in body.splitlines() if line.strip()]
+        if len(lines) != sum(elements.values()):
+            raise _refuse("it is cut off, or goes on after what its header promises")
+        content = b"\n".join([head + b"end_header", *lines, b""])
+    with warnings.catch_warnings(action="ignore"):
+        warnings.simplefilter("error", DeprecationWarning)  # old numpy's word for NaN
+        try:
+            mesh: Any = trimesh.load_mesh(
+                io.BytesIO(content), file_type="ply", process=False, skip_materials=True
+            )
+        except Exception as error:  # trimesh checks little: anything is raised
+            long = "unexpected length" in str(error)
+            raise _refuse(
+                LENGTH if long else f"it is damaged, or cut off ({shown(error)})"
+            ) from None
+    points, faces = mesh.vertices, getattr(mesh, "faces", np.empty((0, 3), dtype=np.int64))
+    _require_vertices(faces.ravel(), points)
+    return np.asarray(points[faces], dtype=np.float64)
+
+
+def _read_obj(content: bytes, tidy: Path) -> NDArray[np.float64]:
+    """Read (n, 3, 3) corners; a polygon becomes triangles within it, or a fan where it crosses itself."""
+    import numpy as np
+    import pyvista
+
+    text = SHAPELESS.sub(b" ", content)
+    words = set(FIRST_WORD.findall(text))
+    if curved := words & SURFACES:
+        raise _refuse(f"it has curved surfaces ({_listed(curved)}), which are not read")
+    if others := words - WORDS:
+        raise _refuse(f"it has lines that no OBJ has: they begin with {_listed(others)}")
+    tidy.write_bytes(text)
+    try:
+        with pyvista.VtkErrorCatcher(raise_errors=True):
+            mesh = pyvista.OBJReader(str(tidy)).read()
+    except RuntimeError as error:
+        if re.search(rb"^\s*v\b[^\r\n]*\d,\d", text, re.MULTILINE):
+            raise _refuse(COMMAS) from None
+        said = re.findall(r"\): (.*)", str(error)) or [error]
+        raise _refuse(f"it is damaged ({shown(said[0])})") from None
+    points: Any = np.asarray(mesh.points, dtype=np.float64)
+    if mesh.is_all_triangles:
+        _require_vertices(mesh.regular_faces.ravel(), points)
+        return np.asarray(points[mesh.regular_faces])
+    if not (rings := mesh.irregular_faces):
+        return np.empty((0, 3, 3))
+    sides = np.array([len(ring) for ring in rings], dtype=np.int64)
+    if sides.max(initial=0) > MOST_CORNERS:
+        raise _refuse(f"it has a face of {sides.max()} corners, more than {MOST_CORNERS}")
+    _require_vertices(np.concatenate(rings), points)
+    plain = pyvista.PolyData(points, faces=mesh.faces)
+    plain.cell_data["ring"] = np.arange(len(rings))
+    cut = plain.triangulate()
+    whole = np.bincount(cut["ring"], minlength=len(rings)) == sides - 2
+    fans = [(rings[k][0], b, c) for k in np.flatnonzero(~whole) for b, c in pairwise(rings[k][1:])]
+    faces = np.concatenate(
+        [cut.regular_faces[whole[cut["ring"]]], np.array(fans, dtype=np.int64).reshape(-1, 3)]
+    )
+    return np.asarray(points[faces])
+
+
+def _require_vertices(numbers: NDArray[Any], points: NDArray[np.float64]) -> None:
+    """Refuse numbers that are none of a vertex (n, 3), and vertices that are nowhere."""
+    import numpy as np
+
+    if not np.isfinite(points).all():
+        raise _refuse("it has vertices whose coordinates are not finite")
+    wrong = numbers[(numbers < 0) | (numbers >= len(points))]
+    if len(wrong) and len(points):
+        raise _refuse(f"a face names vertex {wrong[0]} (from 0), and there are {len(points)}")
+
+
+def _refuse(why: str) -> InputError:
+    return InputError("", why, REMEDY)
+
+
+def _listed(words: set[bytes]) -> str:
+    return ", ".join(shown(word.decode("latin-1")[:40]) for word in sorted(words)[:3])
+
+
+# The picture of the shadow that a written part casts.
+
+
+def render_shadow(part: Path, scene: Path, out: Path, view_name: str | None = None) -> None:
+    """Write the picture of the shadow that `part` casts in a view of `scene`.
+
+    Raises:
+        InputError: a file cannot be read, there is no such view, or `out` cannot be written.
+        MachineError: this machine cannot render.
+    """
+    from knotfab_validators.files.mesh import read_mesh
+    from knotfab_validators.files.picture import read_silhouette
+    from knotfab_validators.files.scene import read_scene
+    from knotfab_validators.shadows.compare import receive
+    from knotfab_validators.shadows.frame import working_frame, write_shadow
+    from knotfab_validators.shadows.render import CannotRender, SilhouetteRenderer
+    from knotfab_validators.shadows.view import view_geometry
+
+    if out.suffix.lower() != ".png":
+        raise InputError(f"--out {out}", "the shadow is written as PNG", "Name a file in .png.")
+    for path in (part, scene):
+        require_within(path)
+    staged = out.with_name(f".{out.stem}-new.png")
+    try:
+        setting, mesh = read_scene(scene), read_mesh(part)
+        named = [v for v in setting.views if view_name in (None, v.name)]
+        if not named:
+            names = ", ".join(v.name for v in setting.views)
+            raise InputError(
+                f"--view {view_name}", "the scene has no such view", f"It has: {names}"
+            )
+        require_within(scene.parent / named[0].picture)
+        height, width = read_silhouette(scene.parent / named[0].picture).shape
+        pose = (
+            np.eye(4) if setting.pose is None else np.asarray(setting.pose.matrix, dtype=np.float64)
+        )
+        vertices = setting.material.shrinks_to * mesh.vertices @ pose[:3, :3].T + pose[:3, 3]
+        frame = working_frame(width, height)
+        whole, _ = receive(
+            view_geometry(named[0], width, height),
+            setting.effects,
+            setting.settings.tolerance_px,
+        )
+        geometry = whole.resample(frame)
+        with SilhouetteRenderer(vertices, mesh.faces) as renderer:
+            seen = renderer.render(geometry)
+        out.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            write_shadow(staged, seen, frame)
+            staged.replace(out)
+        finally:
+            staged.unlink(missing_ok=True)
+    except CannotRender as error:
+        raise MachineError("rendering", error.reason, error.remedy) from error
+    except ValueError as error:
+        raise explain_unreadable(str(error)) from error
+    except OSError as error:
+        why = f"it cannot be written ({error.strerror or error})"
+        raise InputError(str(out), why, "Choose another place for --out.") from error

@@ -1,0 +1,302 @@
+"""The validators as a build and the command line call them: a child that answers as it can."""
+
+from __future__ import annotations
+
+import atexit
+import itertools
+import os
+import signal
+from collections.abc import Collection, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from knotfab.base.disk import require_within
+from knotfab.base.errors import MachineError, explain_error
+from knotfab.base.pool import Crash, Workers, count_jobs
+from knotfab.report.in_words import place_of
+from knotfab_formats.errors import InputError, KnotfabError, read_as
+from knotfab_formats.verdict import Verdict
+
+LIMIT_S = 1800.0  # the longest wait for the verdict on one part
+_MODULE = "knotfab_validators.service"
+# Two builds side by side, on threads, do not read each other's answers.
+_open: ContextVar[_Validators | None] = ContextVar("validators", default=None)
+_idle: list[_Validators] = []  # one at most waits for the next build of this process
+_count = itertools.count()
+
+
+class _Validators:
+    """The processes of `jobs` pieces side by side: two each where the machine has cores, one for either half.
+
+    Args:
+        graphics: whether shadows are rendered, so that OpenGL is loaded early.
+    """
+
+    def __init__(self, graphics: bool, jobs: int) -> None:
+        self.kind = graphics, jobs, _surroundings()
+        self.jobs = jobs
+        drawn = ("graphics",) if graphics else ()
+        if count_jobs() > 1:
+            own = ("shadows", *drawn)
+            self._shadows: Workers | None = Workers(_MODULE, *own, jobs=jobs)
+            self._whole = Workers(_MODULE, "geometry", jobs=jobs)
+        else:
+            self._shadows = None
+            self._whole = Workers(_MODULE, "geometry", "shadows", *drawn, jobs=jobs)
+        self._threads = ThreadPoolExecutor(jobs)
+
+    def ask(self, request: dict[str, Any]) -> Future[dict[str, Any]]:
+        """Have a piece verified; `result` of what is returned waits for the answer."""
+        return self._threads.submit(self._verify, {**request, "piece": f"{next(_count)}"})
+
+    def _verify(self, request: dict[str, Any]) -> dict[str, Any]:
+        if self._shadows is None or request["part"] is None or request["scene"] is None:
+            return self._whole.answer(request)
+        shadows, geometry = (
+            workers.ask({**request, "failures": None, "only": half})
+            for workers, half in ((self._shadows, "shadows"), (self._whole, "geometry"))
+        )
+        found = [geometry.result(), shadows.result()]
+        for answer in found:
+            if "error" in answer:
+                return answer
+        return self._whole.answer({**request, "found": found})
+
+    @property
+    def idle(self) -> bool:
+        """True if the processes have answered all that they were asked."""
+        return all(workers is None or workers.idle for workers in (self._whole, self._shadows))
+
+    def end(self) -> None:
+        self._threads.shutdown(wait=False, cancel_futures=True)
+        for workers in (self._whole, self._shadows):
+            if workers is not None:
+                workers.__exit__()
+
+
+@dataclass(frozen=True)
+class Files:
+    """The written files of one piece, None for a missing one.
+
+    `pictures_dir` is where its shadows are drawn, `failures` the PNG that marks what failed.
+    """
+
+    part: Path | None
+    knots: Path | None = None
+    scene: Path | None = None
+    pictures_dir: Path | None = None
+    failures: Path | None = None
+
+
+class Verifier:
+    """The validators as children, which load VTK while their parent still searches.
+
+        with Verifier(skip) as verifier:
+            answer = verifier.submit(files)
+            ...
+            verdict = answer.result()
+
+    A verdict has its checks in the order of `CHECKS`.
+
+    Args:
+        skip: the checks to leave out, of every piece.
+        jobs: pieces that are verified side by side.
+
+    Raises (from `result`):
+        MachineError: a child crashed: a graphics library takes its child down, not the build.
+        InputError: it could not read a file, or write one.
+    """
+
+    def __init__(self, skip: Collection[str] = (), jobs: int = 1) -> None:
+        self._skip = frozenset(skip)
+        self._held = _hold(skip, jobs)
+        self._asked: list[Future[dict[str, Any]]] = []
+
+    def __enter__(self) -> Verifier:
+        self._validators = self._held.__enter__()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for verdict in self._asked:
+            verdict.cancel()  # nobody waits for it any more
+        self._held.__exit__(None, None, None)
+
+    def submit(self, files: Files, skip: Collection[str] = (), unit: str = "mm") -> Answer:
+        """Hand over one piece's written files; `result` of what is returned waits for the verdict.
+
+        Args:
+            unit: unit of a part whose file knows none.
+        """
+        # kept validators may have begun in another folder
+        request = {k: None if p is None else os.path.abspath(p) for k, p in asdict(files).items()}
+        every = {"skip": sorted(self._skip.union(skip)), "unit": unit}
+        self._asked.append(self._validators.ask({**request, **every}))
+        return Answer(self._asked[-1])
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The verdict to come on the files of one piece."""
+
+    verdict: Future[dict[str, Any]]
+
+    def result(self) -> Verdict:
+        """Wait for it."""
+        try:
+            answer = self.verdict.result(LIMIT_S)
+        except Crash as crash:
+            raise _crashed(crash) from None
+        except TimeoutError as late:
+            raise MachineError(
+                "verification",
+                f"it did not end in {LIMIT_S / 60:g} minutes",
+                "Give it a part of fewer triangles, or leave out a check (--skip NAME).",
+            ) from late
+        if "error" in answer:
+            raise explain_unreadable(str(answer["error"]))
+        checks = sorted(answer["checks"], key=lambda check: place_of(check["name"]))
+        return read_as(Verdict, {**answer, "checks": checks})
+
+
+@contextmanager
+def load_early(skip: Collection[str] = (), keep: bool = False) -> Iterator[None]:
+    """Yield validators for the build of a call that is still to be read: they load meanwhile.
+
+    Args:
+        keep: let them stay for the next call of this process, and end with it: loading takes longer than
+            verifying a small part.
+    """
+    with _hold(skip, 1, keep):
+        yield
+
+
+@contextmanager
+def _hold(skip: Collection[str], jobs: int, keep: bool = False) -> Iterator[_Validators]:
+    """Yield the validators that this thread holds already, where they are enough, or else others."""
+    held = _open.get()
+    if held is not None and held.jobs >= jobs:
+        yield held
+        return
+    graphics = "shadow-render" not in skip
+    validators = _take_idle((graphics, jobs, _surroundings())) or _Validators(graphics, jobs)
+    _open.set(validators)
+    try:
+        yield validators
+    finally:
+        _open.set(held)
+        if keep and validators.idle and not _idle:
+            _idle.append(validators)
+        else:
+            validators.end()
+
+
+def _take_idle(kind: object) -> _Validators | None:
+    """Return kept validators of this kind; others end."""
+    while _idle:
+        validators = _idle.pop()
+        if validators.kind == kind:
+            return validators
+        validators.end()
+    return None
+
+
+def _surroundings() -> dict[str, str]:
+    """Return the environment, which says where graphics are, and how many processes may run."""
+    return dict(os.environ)
+
+
+@atexit.register
+def _end_idle() -> None:
+    _take_idle(None)
+
+
+if hasattr(os, "register_at_fork"):  # the validators of a process stay its own
+    os.register_at_fork(after_in_child=lambda: _idle.clear())
+
+
+def _crashed(crash: Crash) -> KnotfabError:
+    if lacks := explain_error(RuntimeError(crash.said)):  # memory
+        return lacks
+    how = signal.Signals(-crash.code).name if crash.code < 0 else f"exit code {crash.code}"
+    last = crash.said.rstrip(".")
+    return MachineError(
+        "verification",
+        f"its process ended with {how}" + (f" ({last})" if last else ""),
+        "If graphics are the cause, install them (apt-get install libegl1 libgl1) or go on without "
+        "rendering (--skip shadow-render); knotfab doctor says what this machine lacks.",
+    )
+
+
+def explain_unreadable(sentence: str) -> InputError:
+    """Return the error of the validators' `NAME: reason` about a file that they cannot read, or write."""
+    name, _, reason = sentence.partition(": ")
+    if not reason:
+        name, reason = "the files", sentence
+    written = reason.startswith("cannot be written")
+    remedy = "Choose another place for it." if written else "Correct that file, or name another."
+    return InputError(name, reason.rstrip("."), remedy)
+
+
+# The files that a call names to be validated.
+
+
+def files_to_validate(
+    part: Path | None, knots: Path | None, scene: Path | None, failures: Path | None = None
+) -> Files:
+    """Return the files of a call: a folder stands for the part, knots and scene in it.
+
+    Failures are drawn beside what is measured, unless another place is named.
+
+    Raises:
+        InputError: nothing is given, or something named is not there.
+    """
+    if part is not None and part.is_dir():
+        folder = part
+        part = folder / "part.stl"
+        knots = knots or _if_there(folder / "knots.json")
+        scene = scene or _if_there(folder / "scene.toml")
+        if (folder / "part-01.stl").is_file() and not part.is_file():
+            raise InputError(
+                str(folder),
+                "it holds a sequence, a part for each frame",
+                f"Name one: knotfab validate {folder / 'part-01.stl'} --knots "
+                f"{folder / 'knots-01.json'} --scene {folder / 'scene-01.toml'}",
+            )
+        if not part.is_file():
+            raise InputError(
+                str(folder), "it holds no part.stl", "Name a folder that a build wrote"
+            )
+    if part is None and knots is None:
+        raise InputError(
+            "",
+            "there is nothing to validate",
+            "Name a folder, a part, or --knots knots.json",
+        )
+    for path in (part, knots, scene):
+        if path is not None and not path.is_file():
+            raise InputError(str(path), "there is no such file", "Check the path.")
+    for path in (part, knots, scene, failures):
+        if path is not None:
+            require_within(path)
+    if failures is None:
+        failures = _beside(part or knots)
+    elif failures.suffix.lower() != ".png":
+        raise InputError(
+            f"--failures {failures}", "failures are drawn as PNG", "Name a file in .png."
+        )
+    return Files(part, knots, scene, failures=failures)
+
+
+def _beside(measured: Path | None) -> Path | None:
+    """Return NAME-failures.png beside a file, where one may write there."""
+    if measured is None or not os.access(measured.parent, os.W_OK):
+        return None
+    return measured.with_name(f"{measured.stem}-failures.png")
+
+
+def _if_there(path: Path) -> Path | None:
+    return path if path.is_file() else None

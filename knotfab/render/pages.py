@@ -1,0 +1,356 @@
+"""Pages that print at full size: papers, tiles to be laid together, crosses and a ruler to check by."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cache
+from math import atan2, degrees
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from knotfab.base.arrays import Array
+from knotfab.picture.fonts import find_font, supply_fonts
+from knotfab_formats.errors import InputError
+
+if TYPE_CHECKING:
+    from manifold3d import Manifold
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.patches import Rectangle
+
+
+Box = tuple[float, float, float, float]  # left, bottom, right, top
+
+OVERLAP_MM = 10.0  # neighbouring pages share this
+RULER_MM = 100.0
+FULL_SIZE = "print at 100 %, not fitted to the page"
+_HEAD_MM = 16.0  # room at the foot of each page, for the ruler and the page's name
+
+
+@dataclass(frozen=True)
+class Paper:
+    """A page's size and its margin, in mm."""
+
+    name: str
+    width: float
+    height: float
+    margin: float = 10.0
+
+    @property
+    def room(self) -> tuple[float, float]:
+        """Width and height that a drawing may fill."""
+        return self.width - 2 * self.margin, self.height - 2 * self.margin - _HEAD_MM
+
+
+PAPERS = {"a4": Paper("A4", 210.0, 297.0), "letter": Paper("Letter", 215.9, 279.4)}
+
+
+@dataclass(frozen=True)
+class Tile:
+    """One page of a drawing: its place among the others, and where in the drawing (mm) its room's lower
+    left corner lies."""
+
+    row: int
+    column: int
+    left: float
+    bottom: float
+
+
+def lay_tiles(box: Box, paper: Paper) -> list[Tile]:
+    """Return the pages that cover `box` of a drawing (mm).
+
+    Pages overlap by `OVERLAP_MM`, rows run from the top, and the whole is centred.
+    """
+    wide, high = paper.room
+    left, bottom, right, top = box
+
+    def along(low: float, size: float, room: float) -> list[float]:
+        step = room - OVERLAP_MM
+        count = max(1, int(np.ceil((size - OVERLAP_MM) / step - 1e-9)))
+        covered = count * step + OVERLAP_MM
+        return [low - 0.5 * (covered - size) + k * step for k in range(count)]
+
+    columns = along(left, right - left, wide)
+    rows = along(bottom, top - bottom, high)[::-1]
+    return [Tile(r, c, x, y) for r, y in enumerate(rows) for c, x in enumerate(columns)]
+
+
+def write_pages(path: Path, title: str, pages: Iterable[Figure]) -> int:
+    """Return one PDF of these pages, the same bytes for the same pages; returns how many there are."""
+    from matplotlib import rc_context
+    from matplotlib.backends.backend_pdf import PdfPages
+
+    settings: Any = {
+        "path.simplify": False,  # simplifying moves points
+        "pdf.compression": 6,
+        "font.family": "DejaVu Sans",
+    }
+    about = {"CreationDate": None, "Title": title, "Creator": "knotfab"}
+    count = 0
+    with rc_context(settings), PdfPages(path, metadata=about) as pdf:
+        for page in pages:
+            choose_fonts(page)
+            pdf.savefig(page)
+            count += 1
+    return count
+
+
+def choose_fonts(page: Figure) -> None:
+    """Give each text of a page the fonts that have its letters; letters that none has are told by number."""
+    from matplotlib.text import Text
+
+    for text in page.findobj(Text):
+        assert isinstance(text, Text)
+        families, lacking = ["DejaVu Sans"], ""
+        for letter in dict.fromkeys(text.get_text()):
+            if letter.isspace():
+                continue
+            try:
+                path = find_font(letter, supply_fonts(None), "the page")
+            except InputError:
+                lacking += letter
+            else:
+                families.append(_family_of(path))
+        text.set_fontfamily(list(dict.fromkeys(families)))
+        if lacking:
+            run = re.compile(f"[{re.escape(lacking)}]+")
+            text.set_text(run.sub(_name_letters, text.get_text()))
+
+
+@cache
+def _family_of(path: str) -> str:
+    """Name the family of a font's file; matplotlib is told of it once, or it forgets what it found."""
+    from matplotlib.font_manager import FontProperties, fontManager
+
+    fontManager.addfont(path)
+    return FontProperties(fname=path).get_name()
+
+
+def _name_letters(found: re.Match[str]) -> str:
+    """Name letters that no font of this machine has."""
+    more = " …" if len(found[0]) > 1 else ""
+    return f"[no font here for U+{ord(found[0][0]):04X}{more}]"
+
+
+def make_page(paper: Paper) -> tuple[Figure, Axes]:
+    """Make a figure of exactly the paper's size, whose axes are millimetres from its lower left."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(paper.width / 25.4, paper.height / 25.4))
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    axes.set(xlim=(0, paper.width), ylim=(0, paper.height))
+    axes.axis("off")
+    return figure, axes
+
+
+def draw_ruler(axes: Axes, paper: Paper, before: str) -> None:
+    """Draw 100 mm at the lower left, to be measured before one `before`s."""
+    x, y = paper.margin, paper.margin + 6
+    axes.plot([x, x + RULER_MM], [y, y], color="black", lw=0.5, solid_capstyle="butt")
+    for k in range(int(RULER_MM) // 10 + 1):
+        axes.plot([x + 10 * k] * 2, [y, y + (3.0 if k % 5 == 0 else 1.5)], color="black", lw=0.4)
+    axes.text(x, y - 1.0, f"100 mm: measure it before you {before}", size=6, va="top")
+
+
+def draw_foot(axes: Axes, paper: Paper, page: str, what: str, note: str = "") -> None:
+    """Draw at a page's lower right its name, the paper and the page's number, and a note."""
+    right = paper.width - paper.margin
+    axes.text(right, paper.margin + 10.5, note, size=6, ha="right", va="top")
+    axes.text(right, paper.margin + 7, what, size=7, ha="right", va="top")
+    axes.text(right, paper.margin + 3.5, f"{paper.name}, {page}", size=6, ha="right", va="top")
+
+
+def draw_facts(paper: Paper, title: str, facts: Sequence[str], page: str, before: str) -> Figure:
+    """Draw a page of words, with a ruler."""
+    figure, axes = make_page(paper)
+    top = paper.height - paper.margin
+    axes.text(paper.margin, top, title, size=14, va="top")
+    for k, line in enumerate(facts):
+        axes.text(paper.margin, top - 14 - 5.2 * k, line, size=8, va="top")
+    draw_ruler(axes, paper, before)
+    draw_foot(axes, paper, page, "")
+    return figure
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """A drawing at full size that may take several pages: its bounds, mm, and what draws it on one of them.
+
+    `draw` is handed a page's axes, the shift (2,), mm, from the drawing to it, and the window to clip by.
+    """
+
+    title: str
+    box: Box
+    draw: Callable[[Axes, Array, Rectangle], None]
+
+
+def draw_tiled(
+    paper: Paper, title: str, facts: Sequence[str], drawings: Sequence[Drawing], before: str
+) -> Iterator[Figure]:
+    """Draw a page of words and pages that cover each drawing; the ruler is measured before one `before`s."""
+    tiled = [(drawing, lay_tiles(drawing.box, paper)) for drawing in drawings]
+    total = 1 + sum(len(tiles) for _, tiles in tiled)
+    yield draw_facts(paper, title, facts, f"page 1 of {total}", before)
+    number = 1
+    for drawing, tiles in tiled:
+        for tile in tiles:
+            number += 1
+            where = f", row {tile.row + 1}, column {tile.column + 1}" if len(tiles) > 1 else ""
+            figure, axes, shift, window = draw_tile(paper, tile)
+            draw_ruler(axes, paper, before)
+            page = f"page {number} of {total}"
+            draw_foot(axes, paper, page, f"{drawing.title}{where}", FULL_SIZE)
+            drawing.draw(axes, shift, window)
+            yield figure
+
+
+def draw_tile(paper: Paper, tile: Tile) -> tuple[Figure, Axes, Array, Rectangle]:
+    """Draw a page for one tile of a drawing: its window, and crosses to lay on each other.
+
+    Returns:
+        The figure, its axes, the shift (2,), mm, from the drawing to the page, and the window to clip by.
+    """
+    from matplotlib.patches import Rectangle
+
+    figure, axes = make_page(paper)
+    wide, high = paper.room
+    x0, y0 = paper.margin, paper.margin + _HEAD_MM
+    window = Rectangle((x0, y0), wide, high, fill=False, lw=0.2, ec="0.6")
+    axes.add_patch(window)
+    # marks in the middle of the shared strips stand at the same places of the drawing on both pages
+    half = 0.5 * OVERLAP_MM
+    for x in (x0 + half, x0 + wide - half):
+        for y in (y0 + half, y0 + high - half):
+            axes.plot([x - 3, x + 3], [y, y], color="black", lw=0.25)
+            axes.plot([x, x], [y - 3, y + 3], color="black", lw=0.25)
+    return figure, axes, np.array([x0 - tile.left, y0 - tile.bottom]), window
+
+
+# Dimensions, scales and outlines: what a technical drawing is made of, in mm of the page.
+
+
+_STEPS = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)
+_LINE = 0.35  # points
+_TEXT = 6.5  # points
+_GAP_MM = 1.0  # between a thing and the line that leads away from it
+_ARROW_MM = 1.6  # length of an arrow's head
+
+
+def length(value: float) -> str:
+    """Return a length as a person reads it off a ruler: to the tenth of a mm, whole ones without a point."""
+    return f"{value:.1f}".removesuffix(".0").replace("-0", "0" if abs(value) < 0.05 else "-0")
+
+
+@dataclass(frozen=True)
+class Scaled:
+    """A drawing at 1:`ratio` on the page: `shift` (mm of the page) is where its origin comes to lie."""
+
+    ratio: float
+    shift: tuple[float, float]
+
+    def __call__(self, points: Array) -> Array:
+        """Map (..., 2) mm of the thing -> mm of the page."""
+        page: Array = np.asarray(points, dtype=np.float64) / self.ratio + np.asarray(self.shift)
+        return page
+
+    @property
+    def name(self) -> str:
+        return f"1:{self.ratio:g}"
+
+
+def fit_scale(points: Array, zone: Box) -> Scaled:
+    """Give the largest usual scale at which points (n, 2), mm, fit `zone` (mm of the page): in its middle."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    size = high - low
+    room = np.array([zone[2] - zone[0], zone[3] - zone[1]])
+    least = float((size / room).max())
+    ratio, power = _STEPS[0], 1.0
+    while ratio < least * (1 - 1e-9):
+        usual = [s * power for s in _STEPS if s * power >= least * (1 - 1e-9)]
+        power *= 10.0
+        ratio = usual[0] if usual else power
+    middle = (low + high) / 2
+    there = np.array([zone[0] + zone[2], zone[1] + zone[3]]) / 2
+    x, y = there - middle / ratio
+    return Scaled(ratio, (float(x), float(y)))
+
+
+def draw_dimension(
+    axes: Axes,
+    start: Sequence[float] | Array,
+    end: Sequence[float] | Array,
+    away: Sequence[float] | Array,
+    text: str,
+    *,
+    color: str = "#06c",
+) -> None:
+    """Draw a dimension of two points of the page (mm), its line moved from them by the vector `away`.
+
+    The text stands above the line as one reads it, or beside it where there is no room between.
+    """
+    a, b, off = (np.asarray(p, dtype=np.float64) for p in (start, end, away))
+    along = b - a
+    reach = float(np.linalg.norm(along))
+    side = np.linalg.norm(off)
+    lead = off / side if side > 0 else np.zeros(2)
+    for p in (a, b):
+        if side > _GAP_MM:
+            tips = np.stack([p + _GAP_MM * lead, p + off + _GAP_MM * lead])
+            axes.plot(*tips.T, color=color, lw=0.6 * _LINE)
+    ends = np.stack([a + off, b + off])
+    unit = along / reach if reach > 0 else np.array([1.0, 0.0])
+    inside = reach >= 9.0  # room for the text between two arrows
+    axes.plot(*ends.T, color=color, lw=_LINE)
+    for tip, sign in zip(ends, (1.0, -1.0) if inside else (-1.0, 1.0), strict=True):
+        _arrow(axes, tip, sign * unit, color)
+    angle = degrees(atan2(unit[1], unit[0]))
+    if angle > 90.0 + 1e-6 or angle <= -90.0 + 1e-6:
+        angle -= 180.0 if angle > 0 else -180.0
+    turn = np.radians(angle)
+    above = np.array([-np.sin(turn), np.cos(turn)])
+    reading = np.array([np.cos(turn), np.sin(turn)])
+    if inside:
+        at, align = ends.mean(axis=0) + 0.6 * above, "center"
+    else:
+        at = max(ends, key=lambda p: float(p @ reading)) + 2.2 * reading - 0.8 * above
+        align = "left"
+    axes.text(
+        float(at[0]),
+        float(at[1]),
+        text,
+        size=_TEXT,
+        color=color,
+        rotation=angle,
+        rotation_mode="anchor",
+        ha=align,
+        va="baseline",
+    )
+
+
+def _arrow(axes: Axes, tip: Array, into: Array, color: str) -> None:
+    """Draw a filled head whose point is at `tip`, its shaft in the direction `into`."""
+    side = np.array([-into[1], into[0]])
+    back = tip + _ARROW_MM * into
+    head = np.stack([tip, back + 0.25 * _ARROW_MM * side, back - 0.25 * _ARROW_MM * side])
+    axes.fill(*head.T, color=color, lw=0)
+
+
+def project_outlines(solids: Iterable[Manifold], axes: Array) -> list[Array]:
+    """Return the outlines (n, 2) of solids seen along `axes[2]`, in the coordinates of `axes[:2]` (mm).
+
+    Args:
+        axes: (3, 3) orthonormal rows, right-handed; the last one points to the viewer.
+
+    Outer outlines turn counter-clockwise, those of holes clockwise; corners within 0.02 mm of a
+    straight line are left out.
+    """
+    from manifold3d import CrossSection
+
+    flat = CrossSection()
+    for solid in solids:
+        flat += solid.transform(np.pad(axes, ((0, 0), (0, 1)))).project()
+    return [np.asarray(p, dtype=np.float64) for p in flat.simplify(0.02).to_polygons()]

@@ -1,0 +1,249 @@
+"""Pictures of the part from several sides: the picture from the light, a tangle from elsewhere."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from knotfab.base.arrays import Array
+from knotfab.base.compiled import compiled
+from knotfab.geometry.tube import face_normals, unit
+from knotfab.scene.camera import camera_of
+from knotfab_formats.scene import ResolvedView
+
+ANGLES_DEG = (0.0, 30.0, 60.0, 90.0)  # turns about the vertical, a panel each
+PANEL_PX = 360  # side of a panel
+OVERSAMPLING = 2
+PAPER = (250, 248, 244)  # sRGB
+TUBE = (0.82, 0.46, 0.31)  # sRGB, in 0 to 1
+AMBIENT, DIFFUSE, SPECULAR, SHINE = 0.34, 0.8, 0.22, 18  # the tube's (Phong)
+# A key light comes from the upper left, a weak one from the lower right: (direction, strength).
+LAMPS = (((-0.5, 0.8, 1.2), 0.9), ((0.9, -0.4, 0.6), 0.25))
+MARGIN = 1.12  # the frame over the part's extent
+CREASE = 0.7  # the cosine between a vertex and a face beyond which an edge is sharp
+SAME_DEG = 5.0  # directions nearer to each other show the same
+
+
+def draw_part(
+    vertices: Array,
+    faces: NDArray[np.integer[Any]],
+    path: Path | IO[bytes],
+    eyes: Array,
+    panel_px: int = PANEL_PX,
+) -> None:
+    """Draw the part in a row of panels, one for each eye, all with one scale on the page's background.
+
+    Args:
+        vertices: (n, 3) mm in scene coordinates, so that y is up.
+        faces: (m, 3).
+        path: the PNG to write, `panel_px` high.
+        eyes: (k, 3) mm, from where it is seen; of lights, for example, by `place_eyes`.
+    """
+    from PIL import Image
+
+    panels = _render(vertices, faces, eyes, panel_px * OVERSAMPLING)
+    strip = Image.fromarray(np.concatenate(panels, axis=1))
+    size = (panel_px * len(panels), panel_px)
+    strip.resize(size, Image.Resampling.BOX).save(path, "PNG", compress_level=6)
+
+
+def place_eyes(views: Sequence[ResolvedView]) -> Array:
+    """Return (k, 3) mm: where each view's light (or eye) is, and others about the vertical that make up four.
+
+    From a view's light the part shows its picture; the others begin at the first view's.
+    """
+    own = np.stack([camera_of(view, 1, 1).eye for view in views])
+    turned = turn_eye(own[0], ANGLES_DEG)
+    level, others = _level(own), _level(turned)
+    new = (others @ level.T).max(axis=1) < np.cos(np.deg2rad(SAME_DEG))
+    return np.concatenate([own, turned[new][: max(0, len(ANGLES_DEG) - len(own))]])
+
+
+def turn_eye(eye: Sequence[float] | Array, angles_deg: Sequence[float]) -> Array:
+    """Return (k, 3): `eye` turned about the vertical by each angle, to the right as the part sees it."""
+    one = np.asarray(eye, dtype=np.float64)
+    return np.array([turn_upright(one, angle) for angle in angles_deg])
+
+
+def turn_upright(points: Array, angle_deg: float) -> Array:
+    """Return points (..., 3) turned about the vertical through the origin, anticlockwise from above."""
+    c, s = np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))
+    return np.asarray(points @ np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]]))
+
+
+def _level(eyes: Array) -> Array:
+    """Return (k, 2) unit directions of eyes in the horizontal."""
+    flat = eyes[:, [0, 2]]
+    return np.asarray(flat / np.maximum(np.linalg.norm(flat, axis=1), 1e-9)[:, None])
+
+
+def _render(
+    vertices: Array,
+    faces: NDArray[np.integer[Any]],
+    eyes: Array,
+    pixels: int,
+) -> list[NDArray[np.uint8]]:
+    """Render a picture (pixels, pixels, 3) of the part from each eye."""
+
+    middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
+    points = vertices - middle
+    normals, corners = _normals(points, faces), points[faces].reshape(-1, 3)
+    of_corners = np.arange(len(corners), dtype=np.int64).reshape(-1, 3)
+    looks = eyes - middle
+    if np.ptp(eyes[:, 1]) > 0 or eyes[0, 1] != 0:
+        reach = float(np.linalg.norm(points, axis=1).max())
+    else:  # all about the vertical: what is drawn lies in this disc of the horizontal and this height
+        wide, high = np.hypot(points[:, 0], points[:, 2]).max(), abs(points[:, 1]).max()
+        reach = float(max(wide, high))
+    panels = []
+    for look in looks:
+        near = float(np.linalg.norm(look))
+        away = max(near, 2 * reach)
+        back = look / near
+        # share of the way that is vertical, where "up" is no direction any more
+        steep = abs(back[1]) > 0.999
+        right = np.cross((0.0, 0.0, -1.0) if steep else (0.0, 1.0, 0.0), back)
+        right /= np.linalg.norm(right)
+        # the axes point to the right, up, and to the eye
+        axes = np.stack([right, np.cross(back, right), back])
+        seen, turned = corners @ axes.T, normals @ axes.T
+        scale = 0.5 * pixels * (away - 0.5 * reach) / (MARGIN * reach)
+        below = scale / (away - seen[:, 2])
+        places = np.column_stack(
+            [0.5 * pixels + below * seen[:, 0], 0.5 * pixels - below * seen[:, 1], below]
+        )
+        found, normal = draw_faces(places, turned, of_corners, pixels)
+        panels.append(_shade(found, normal))
+    return panels
+
+
+def _shade(found: NDArray[np.bool_], normal: Array) -> NDArray[np.uint8]:
+    """Shade what was `found` (h, w) by its normals (h, w, 3) as the eye has them (Phong): (h, w, 3)."""
+    n = normal[found]
+    n = n / np.maximum(np.linalg.norm(n, axis=1), 1e-12)[:, None]
+    lit, shine = np.zeros(len(n)), np.zeros(len(n))
+    for where, strength in LAMPS:
+        lamp = np.array(where) / np.linalg.norm(where)
+        facing = n @ lamp
+        lit += strength * np.maximum(facing, 0.0)
+        mirrored = 2 * facing * n[:, 2] - lamp[2]  # the mirrored ray's share towards the eye
+        shine += strength * np.where(facing > 0, np.maximum(mirrored, 0.0) ** SHINE, 0.0)
+    colour = (AMBIENT + DIFFUSE * lit)[:, None] * np.array(TUBE) + (SPECULAR * shine)[:, None]
+    panel = np.full((*found.shape, 3), PAPER, dtype=np.uint8)
+    panel[found] = np.rint(255 * np.clip(colour, 0.0, 1.0)).astype(np.uint8)
+    return panel
+
+
+def _normals(points: Array, faces: NDArray[np.integer[Any]]) -> Array:
+    """Return (3 m, 3) unit normals at the corners of faces (m, 3).
+
+    A vertex has one normal, that of the faces around by their area, without those beyond a crease. A corner
+    of such a face has its own: a plate stays flat to the rim of a hole in it.
+    """
+    face = face_normals(points[faces])
+    own = np.repeat(unit(face), 3, axis=0)
+    corner, kept = faces.ravel(), np.ones(faces.size, dtype=bool)
+    for _ in range(2):
+        share = np.where(kept[:, None], np.repeat(face, 3, axis=0), 0.0)
+        total = [np.bincount(corner, share[:, k], minlength=len(points)) for k in range(3)]
+        smooth = unit(np.stack(total, axis=1))[corner]
+        kept = np.einsum("ij,ij->i", smooth, own) > CREASE
+    return np.where(kept[:, None], smooth, own)
+
+
+# A mesh drawn by a compiled depth buffer: which pixels it covers, and how its surface lies there.
+
+
+@compiled
+def draw_faces(
+    places: Array, normals: Array, faces: NDArray[np.int64], pixels: int
+) -> tuple[NDArray[np.bool_], Array]:
+    """Draw triangles into a square of `pixels`; at each pixel's centre the one nearest to the eye is kept.
+
+    Args:
+        places: (n, 3): column and row, in pixels from the upper left corner, and what is larger the nearer
+            a point is and linear on the page: the inverse of its distance, times any constant.
+        normals: (n, 3) at the points.
+        faces: (m, 3).
+
+    Returns:
+        (pixels, pixels) whether there is a face, and (pixels, pixels, 3) the normal there, between those of
+        its corners as they are seen, which is not quite as they lie; not of unit length.
+    """
+    found = np.zeros((pixels, pixels), dtype=np.bool_)
+    depth = np.zeros((pixels, pixels))
+    normal = np.zeros((pixels, pixels, 3))
+    for face in range(len(faces)):
+        a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
+        ax, ay, bx, by = places[a, 0], places[a, 1], places[b, 0], places[b, 1]
+        cx, cy = places[c, 0], places[c, 1]
+        area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+        if area == 0.0:
+            continue
+        left, right = min(ax, bx, cx), max(ax, bx, cx)
+        top, bottom = min(ay, by, cy), max(ay, by, cy)
+        # the centre of pixel k is at k + 0.5
+        for row in range(max(0, math.ceil(top - 0.5)), min(pixels, math.floor(bottom - 0.5) + 1)):
+            y = row + 0.5
+            for column in range(
+                max(0, math.ceil(left - 0.5)), min(pixels, math.floor(right - 0.5) + 1)
+            ):
+                x = column + 0.5
+                of_a = ((bx - x) * (cy - y) - (by - y) * (cx - x)) / area
+                of_b = ((cx - x) * (ay - y) - (cy - y) * (ax - x)) / area
+                of_c = 1.0 - of_a - of_b
+                if of_a < 0.0 or of_b < 0.0 or of_c < 0.0:
+                    continue
+                near = of_a * places[a, 2] + of_b * places[b, 2] + of_c * places[c, 2]
+                if near <= depth[row, column]:
+                    continue
+                found[row, column] = True
+                depth[row, column] = near
+                for k in range(3):
+                    normal[row, column, k] = (
+                        of_a * normals[a, k] + of_b * normals[b, k] + of_c * normals[c, k]
+                    )
+    return found, normal
+
+
+# A GIF from pictures that were written before: the verified shadows of a sequence, or a film.
+
+
+_LONGER_PX = 384  # longer side of the pictures
+
+
+def write_gif(path: Path, images: Sequence[Image.Image], frame_ms: int | list[int]) -> None:
+    """Write `images` (all of one size) as a GIF that repeats for ever, each shown for `frame_ms`.
+
+    Raises:
+        ValueError: no image, or images of different sizes.
+    """
+    if not images or any(image.size != images[0].size for image in images):
+        raise ValueError("a GIF needs images of one size")
+    palette = [image.convert("P", palette=Image.Palette.ADAPTIVE) for image in images]
+    palette[0].save(
+        path, format="GIF", save_all=True, append_images=palette[1:], duration=frame_ms, loop=0
+    )
+
+
+def write_shadows_gif(path: Path, shadows: Sequence[Path], cyclic: bool) -> None:
+    """Write the verified shadows, one after the other, and back again where the sequence does not close.
+
+    Raises:
+        ValueError: no shadow.
+    """
+    images = []
+    for shadow in shadows:
+        with Image.open(shadow) as image:
+            grey = image.convert("L")
+        grey.thumbnail((_LONGER_PX, _LONGER_PX), Image.Resampling.BOX)
+        images.append(grey)
+    if not cyclic:
+        images += images[-2:0:-1]
+    write_gif(path, images, max(40, round(1200 / max(1, len(images)))))  # 1.2 s a round, in ms

@@ -1,0 +1,181 @@
+"""The drill template of a piece on dowels: its holes at full size, to be taped to the wall."""
+
+from __future__ import annotations
+
+from functools import partial
+from math import ceil
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from knotfab.base.arrays import Array
+from knotfab.hold.mount import Mounted
+from knotfab.hold.placement import Placement, placement_of
+from knotfab.render.pages import (
+    PAPERS,
+    RULER_MM,
+    Drawing,
+    Paper,
+    draw_foot,
+    draw_ruler,
+    draw_tiled,
+    length,
+    make_page,
+    write_pages,
+)
+from knotfab.scene.camera import Camera
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.patches import Rectangle
+
+
+SPARE_DEPTH_MM = 1.0  # a hole is so much deeper than its dowel
+LISTED = 40  # holes on the page of words
+
+
+def write_drill_template(
+    folder: Path, mounted: Mounted, camera: Camera, suffix: str = ""
+) -> list[str]:
+    """Write drill-template-a4.pdf and drill-template-letter.pdf of a wall mount on dowels.
+
+    They print at full size: each hole a circle of its drill's diameter, with cross
+    hairs and its number, in the frame's outline, seen from the lamp's side. The same piece gives the
+    same bytes.
+
+    Args:
+        suffix: suffix of the files' names.
+
+    Returns:
+        The names of the files; none for any other mount.
+    """
+    if mounted.wall is None or mounted.wall.settings.foot != "dowel":
+        return []
+    place = placement_of(mounted, camera)
+    across = np.array([peg.drill_mm for peg in mounted.wall.pegs])
+    facts = _facts(place, across, mounted.wall.settings.dowel_depth_mm + SPARE_DEPTH_MM)
+    half = np.array(place.frame_mm) / 2 + 4.0  # mm around the frame
+    reach = np.abs(place.holes).max(axis=0) + across.max()
+    x, y = (float(v) for v in np.maximum(half, reach))
+    shown = Drawing("drill template", (-x, -y, x, y), partial(_draw, place, across))
+    names = []
+    for key, paper in PAPERS.items():
+        names.append(f"drill-template{suffix}-{key}.pdf")
+        pages = draw_tiled(paper, "Drill template, full size", facts, [shown], "drill")
+        write_pages(folder / names[-1], "Drill template at full size", pages)
+    return names
+
+
+def _facts(place: Placement, across: Array, deep: float) -> list[str]:
+    """Return the page of words: what to do, and the table of the holes."""
+    bits = sorted({ceil(10 * a - 1e-6) / 10 for a in across})  # bits are sold with no more digits
+    lines = [
+        "Print all pages at 100 %, not fitted to the page.",
+        f"Measure the ruler: it must be {length(RULER_MM)} mm long. If it is not, do not drill.",
+        "Lay the crosses of neighbouring pages on each other and tape them together.",
+        "Tape the sheet to the wall, the arrow up, the dashed line level, and drill through it:",
+        f"{len(across)} holes, {length(deep)} mm deep, square to the wall, with a drill of "
+        f"{' / '.join(length(b) for b in bits)} mm.",
+        "",
+        "hole: to the right and up from the middle of the frame, diameter (mm)",
+    ]
+    for number, ((x, y), wide) in enumerate(zip(place.holes, across, strict=True), start=1):
+        if number > LISTED:
+            lines.append("and so on: all are drawn")
+            break
+        lines.append(f"{number:3d}:   {x:8.1f}   {y:8.1f}   {wide:5.1f}")
+    return lines
+
+
+def _draw(place: Placement, across: Array, axes: Axes, off: Array, window: Rectangle) -> None:
+    """Draw frame, holes and arrows on a page, moved by `off` (2,), mm, and clipped to the window."""
+    from matplotlib.patches import Circle, Rectangle
+
+    x, y = place.frame_mm[0] / 2, place.frame_mm[1] / 2
+    corner = off - (x, y)
+    frame = Rectangle((float(corner[0]), float(corner[1])), 2 * x, 2 * y, fill=False, lw=0.5)
+    axes.add_patch(frame)
+    frame.set_clip_path(window)
+    drawn = []
+    for ends in ([[-x, 0], [x, 0]], [[0, -y], [0, y]]):
+        drawn += axes.plot(*(np.array(ends) + off).T, color="0.5", lw=0.25, ls=(0, (12, 6)))
+    for (u, v), wide in zip(place.holes + off, across, strict=True):
+        circle = Circle((u, v), wide / 2, fill=False, lw=0.4)
+        axes.add_patch(circle)
+        circle.set_clip_path(window)
+        arm = wide / 2 + 1.5
+        drawn += axes.plot([u - arm, u + arm], [v, v], color="black", lw=0.2)
+        drawn += axes.plot([u, u], [v - arm, v + arm], color="black", lw=0.2)
+    # the arrow: at the frame's upper edge and, so that each page has one, at the window's
+    left, top = window.get_x(), window.get_y() + window.get_height()
+    for at in ((float(off[0]) + 12.0, float(off[1]) + y - 18.0), (left + 14.0, top - 18.0)):
+        drawn += axes.plot([at[0]] * 2, [at[1], at[1] + 9.0], color="#c00", lw=1.0)
+        drawn += axes.plot(at[0], at[1] + 9.0, "^", ms=6, color="#c00", mew=0)
+    for line in drawn:
+        line.set_clip_path(window)
+    right = left + window.get_width()
+    for number, (u, v) in enumerate(place.holes + off, start=1):
+        if left <= u <= right - 4 and window.get_y() <= v <= top - 4:
+            axes.text(u + across[number - 1] / 2 + 0.4, v + 0.8, str(number), size=7, color="#a00")
+    axes.text(left + 16.0, top - 13.0, "up", size=8, color="#c00")
+
+
+# Four marks about the frame, by which a photograph of the shadow is set straight: cards to be cut
+# out.
+
+
+CARD_MM = 30.0
+# a dot, a light ring and a dark one: of the disc that the dark ring bounds, 4/9 lie in it and 1/9 are dot
+MARK_RADII_MM = (4.0, 8.0, 12.0)
+_NAMES = ("top left", "top right", "bottom right", "bottom left")
+# the corner of each card that is laid on, right and up
+_INNER = ((1, -1), (-1, -1), (-1, 1), (1, 1))
+
+
+def card_middles(frame_mm: tuple[float, float], margin_mm: float) -> Array:
+    """Return (4, 2) the marks' middles, mm right and down from the frame's top left corner, clockwise.
+
+    Args:
+        margin_mm: margin of the plate about the frame, whose corners the cards touch; 0: they touch the
+            frame's.
+    """
+    (w, h), off = frame_mm, margin_mm + CARD_MM / 2
+    return np.array([[-off, -off], [w + off, -off], [w + off, h + off], [-off, h + off]])
+
+
+def draw_marks_page(paper: Paper, plate: bool) -> Figure:
+    """Draw the page of the four cards."""
+    from matplotlib.patches import Circle, Rectangle
+
+    figure, axes = make_page(paper)
+    left, top = paper.margin + 4, paper.height - paper.margin
+    touched = "the plate" if plate else "the frame"
+    axes.text(left, top, "Marks for a photograph", size=14, va="top")
+    lines = (
+        "Not needed to hang the piece: knotfab compare finds the frame by them in a photograph.",
+        f"Print this page at 100 %, measure the ruler ({RULER_MM:.0f} mm), and cut the four cards out.",
+        f"Tape them flat to the wall about {touched}, upright, the black corner of each on its corner.",
+        "Photograph the shadow so that all four are seen, then: knotfab compare PHOTO FOLDER",
+    )
+    for k, line in enumerate(lines):
+        axes.text(left, top - 11 - 5.0 * k, line, size=8, va="top")
+    for k, (name, inner) in enumerate(zip(_NAMES, _INNER, strict=True)):
+        column, row = (0, 1, 1, 0)[k], (0, 0, 1, 1)[k]
+        x = paper.width / 2 + (column - 0.5) * 70.0
+        y = paper.height / 2 + 30.0 - row * 70.0
+        axes.add_patch(
+            Rectangle(
+                (x - CARD_MM / 2, y - CARD_MM / 2), CARD_MM, CARD_MM, fill=False, lw=0.3, ec="0.6"
+            )
+        )
+        for radius, ink in zip(reversed(MARK_RADII_MM), ("black", "white", "black"), strict=True):
+            axes.add_patch(Circle((x, y), radius, fc=ink, lw=0))
+        corner = np.array([x, y]) + np.array(inner) * CARD_MM / 2
+        for arm in np.diag(-4.0 * np.array(inner)):
+            axes.plot(*np.stack([corner, corner + arm]).T, color="black", lw=1.2)
+        axes.text(x, y - CARD_MM / 2 - 2, name, size=8, ha="center", va="top")
+    draw_ruler(axes, paper, "cut")
+    draw_foot(axes, paper, "last page", "marks for a photograph", "print at 100 %, not fitted")
+    return figure

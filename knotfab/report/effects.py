@@ -1,0 +1,326 @@
+"""Tell of effects and limits: a line each, and a warning where a scene's own word hides one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from math import ceil
+from typing import TYPE_CHECKING, Any
+
+from knotfab.design.agree import tell_bending
+from knotfab.design.design import Design
+from knotfab.design.hull import contradictions
+from knotfab.picture.read import Target
+from knotfab_formats.report import EffectLine, LimitLine
+from knotfab_formats.scene import SettledScene
+from knotfab_formats.verdict import (
+    Contrast,
+    Misplacement,
+    Recognition,
+    Sag,
+    Verdict,
+    View,
+    WorstMove,
+)
+
+if TYPE_CHECKING:
+    from knotfab.base.arrays import Array, Mask
+    from knotfab.effects.base import Decision
+    from knotfab.problem import SearchResult
+    from knotfab_formats.scene import ResolvedScene
+
+
+_GAIN = 0.01  # a gain of brightness error from which on a nearer wall is worth a word
+
+
+def list_effects(result: SearchResult, verdict: Verdict) -> tuple[EffectLine, ...]:
+    """List a line an effect: what the design did, and what the validators' `verdict` says that they did."""
+    lines = []
+    for name, decision in result.effects.items():
+        runs = [getattr(view, name, None) for view in verdict.views]
+        verified = sum(getattr(run, "samples", 0) for run in runs)
+        calls, where = decision.calls + verified, tuple(decision.where)
+        seconds = round(decision.seconds, 4)
+        if verified:
+            where = (*where, "verification")
+            seconds = round(seconds + verdict.seconds.get(name, 0.0), 4)
+        lines.append(
+            EffectLine(
+                name=name,
+                simulated=calls > 0,
+                forced=decision.forced is not None,
+                where=where,
+                magnitude=decision.magnitude,
+                threshold=decision.threshold,
+                unit=decision.effect.unit,
+                calls=calls,
+                seconds=seconds,
+                reason=decision.reason
+                + ("; nothing ran it" if decision.simulated and not calls else ""),
+            )
+        )
+    return tuple(lines)
+
+
+def list_limits(result: SearchResult) -> tuple[LimitLine, ...]:
+    """List a line a limit: what it is, what was measured at the end, and how often its term was called."""
+    return tuple(
+        LimitLine(
+            name=name,
+            limit=limit,
+            measured=measured,
+            unit="mm",
+            calls=result.guards[name].calls,
+            seconds=round(result.guards[name].seconds, 4),
+        )
+        for name, (measured, limit) in result.feasibility.figures.items()
+    )
+
+
+def limits_as_effects(limits: Sequence[LimitLine]) -> tuple[EffectLine, ...]:
+    """Return the limits as lines of `effects`, where earlier readers look for them."""
+    return tuple(
+        EffectLine(
+            name=line.name,
+            simulated=line.calls > 0,
+            forced=False,
+            where=("search",) if line.calls else (),
+            magnitude=line.measured,
+            threshold=line.limit,
+            unit=line.unit,
+            calls=line.calls,
+            seconds=line.seconds,
+            reason="a limit is guarded always; its term is called while it can be felt",
+        )
+        for line in limits
+    )
+
+
+def tell_warnings(effects: Mapping[str, Decision]) -> list[str]:
+    """Say which effects are switched off that the scene calls for, a sentence each."""
+    return [decision.warning for decision in effects.values() if decision.warning is not None]
+
+
+def list_contrasts(made: Design) -> list[Contrast | None]:
+    """List what light is where in each view, where the scene calls for it."""
+    from knotfab.effects.base import Shadows, World
+    from knotfab.effects.contrast import CONTRAST, contrast_of
+
+    decision = made.result.effects.get(CONTRAST.name)
+    if decision is None or not decision.simulated:
+        return [None for _ in made.scene.views]
+    world, contrasts = World.of(made.scene), list[Contrast | None]()
+    for view in made.scene.views:
+        with decision.called("report"):
+            seen = Shadows.of(view, made.knots.points)
+            found = contrast_of(seen, made.knots.radius_mm, world)
+        contrasts.append(found)
+    return contrasts
+
+
+def judge_made(
+    made: Design, scene: ResolvedScene, moves: Array | None, upwards: Array | None
+) -> None:
+    """Judge the effects anew, once the piece is mounted and lies on the printer's bed.
+
+    What is judged is the mesh that was written, whose mitres and corners stand out of the round tube.
+
+    Args:
+        scene: with its mount resolved. moves: (N, 3) how far its mount lets each vertex sag, mm.
+        upwards: (3,) the printer's, in the scene; None where it is not printed.
+    """
+    from knotfab.effects.base import EffectContext, World
+    from knotfab.effects.survey import survey
+    from knotfab.geometry.tube import reach_mm
+
+    knots, settings, world = made.knots, made.settings, World.of(scene)
+    reach = max(reach_mm(k.points, knots.radius_mm, settings.mesh_sides) for k in knots.knots)
+    context = EffectContext(
+        made.scene.views, knots.points, reach, settings.tolerance_px, world, moves, upwards
+    )
+    for name, fresh in survey(context, {}).items():
+        if name in made.result.effects:
+            made.result.effects[name].keep_largest(fresh)
+
+
+def count_flattened(effects: Mapping[str, Decision], targets: Sequence[Target]) -> None:
+    """Enter what it took to have the pictures of round walls as flat ones have them."""
+    for target in targets:
+        if target.flattened_s is not None and "wall" in effects:
+            effects["wall"].count("picture", 1, target.flattened_s)
+
+
+def tell_walls(views: Sequence[View]) -> list[str]:
+    """Say which walls are round, a sentence each, where that matters."""
+    said = []
+    for view in views:
+        if found := view.wall:
+            radius = found.radius_mm
+            way = "hollow" if radius > 0 else "bulging"
+            said.append(
+                f"The wall of {view.name} is round, {way}, with a radius of {abs(radius):g} mm, "
+                f"and the picture is as it lies on it: made for a flat one it would be up to "
+                f"{found.off_px:.1f} px off. The 3D view shows the flat wall that touches it."
+            )
+    return said
+
+
+def list_sags(made: Design, moves: Array | None, masks: Sequence[Mask]) -> list[Sag | None]:
+    """List what is left of the knots' shadow in each view where the mount lets them sag, if it shows.
+
+    Args:
+        moves: (N, 3) of each vertex, mm; None without a mount. masks: (H, W) the views' pictures.
+    """
+    from knotfab.effects.shifts import SAG, measure_sag
+    from knotfab.scene.camera import CurvedWall
+
+    decision, knots = made.result.effects.get(SAG.name), made.knots
+    if decision is None or moves is None or len(moves) == 0 or not decision.simulated:
+        return [None for _ in made.scene.views]
+    sags: list[Sag | None] = []
+    bent = made.result.effects.get("wall")
+    for view, mask in zip(made.scene.views, masks, strict=True):
+        wall = CurvedWall.of(view) if bent is not None and bent.simulated else None
+        with decision.called("report"):
+            shape = knots.rings, knots.radius_mm
+            sags.append(measure_sag(view, mask, knots.points, moves, *shape, wall))
+    return sags
+
+
+def tell_contrast(views: Sequence[View]) -> list[str]:
+    """Tell how dark the shadows are, a sentence each, where that was looked at."""
+    said = []
+    for view in views:
+        found = view.contrast
+        if found is None:
+            continue
+        ghost = (
+            f" The second lamp throws a shadow {found.ghost_contrast:.0%} as dark as can be, "
+            f"{found.ghost_shift_mm:.0f} mm aside."
+            if found.ghost_shift_mm is not None
+            else ""
+        )
+        which = f" of {view.name}" if len(views) > 1 else ""
+        said.append(
+            f"Light and dark{which}: in the middle the shadow is {found.contrast:.0%} as "
+            f"dark as can be, where it is palest {found.contrast_least:.0%}; there the wall gets "
+            f"{found.falloff:.0%} of the light of its middle.{ghost}"
+        )
+    return said
+
+
+def tell_move(move: WorstMove, off: Misplacement, kind: str) -> str:
+    """Return a move of a misplacement in words: "the lamp 5 mm to the side"; `kind` is the view's."""
+    from knotfab.report.setup_words import LAMP_WAYS, TURN_WAYS
+
+    if move.of == "turn":
+        return f"the piece turned by {off.turn_deg:g}° {TURN_WAYS[move.way]}"
+    if move.of == "tilt":
+        return f"the wall tilted by {off.tilt_deg:g}° {TURN_WAYS[move.way]}"
+    what = "eye" if kind == "eye" else "lamp"
+    return f"the {what} {off.lamp_mm:g} mm {LAMP_WAYS[move.way]}"
+
+
+def advise(views: Sequence[View], made: Design) -> list[str]:
+    """Tell what a wide lamp's shadow would gain by a nearer wall, a sentence each.
+
+    What a blur adds to the error in brightness is in proportion to it, so what the measured error is above
+    that of the hard shadow is scaled by the mean blur there over that here; both of all strands.
+    """
+    from knotfab.design.hull import least_wall_mm
+    from knotfab.scene.camera import view_axes
+
+    points, radius, said = made.knots.points, made.knots.radius_mm, list[str]()
+    for view, found in zip(made.scene.views, views, strict=False):
+        if found.penumbra is None or view.wall_tilt_deg != 0 or made.scene.share_wall:
+            continue  # lamps before one screen have the distance at which their pieces stand apart
+        z, light = points @ view_axes(view)[2], view.light_distance_mm
+        depth, back = made.scene.piece.depth, -float(z.min())
+        back = max(back, 0.5 * depth) if depth else back
+        near = float(ceil(least_wall_mm(back, radius)))
+        if not 0 < near < view.wall_distance_mm:
+            continue
+
+        def blur(wall: float, z: Any = z, light: float = light) -> float:
+            return float(((wall + z) / (light - z)).mean()) * light / (light + wall)
+
+        error = found.penumbra.brightness_error
+        hard = min(found.penumbra.hard_error, error)
+        left = hard + (error - hard) * blur(near) / blur(view.wall_distance_mm)
+        if error - left >= _GAIN:
+            said.append(
+                f"Move the piece nearer the wall: built for --wall-distance {near:g} "
+                f"({view.wall_distance_mm:g} mm now), the error in brightness of a lamp of "
+                f"{view.light_size_mm:g} mm falls from {error:.3f} to about {left:.3f}."
+            )
+    return said
+
+
+# What is said of the views: what the maker knows of their pictures, and what would keep what is
+# lost.
+
+
+def list_views(
+    views: Sequence[View],
+    made: Design,
+    targets: Sequence[Target],
+    contrasts: Sequence[Contrast | None],
+    sags: Sequence[Sag | None],
+) -> list[View]:
+    """List the validators' views, each with what the maker knows of its picture and measured of its effects.
+
+    That is the rule by which the picture was read, of several views the `bound`, the IoU that no part without
+    spill can beat, and the file of what is drawn where that is bent. A part may have no views.
+    """
+    bounds = {v.name: b.iou for v, b in zip(made.scene.views, made.bounds, strict=False)}
+    files = {view.name: view.drawn_picture for view in made.scene.views}
+    each = zip(views, targets, contrasts, sags, strict=False)
+    return [
+        replace(
+            view,
+            silhouette=target.rule,
+            picture_notes=tuple(target.notes) or None,
+            bound=bounds.get(view.name),
+            drawn=files[view.name] if bounds and view.bending is not None else None,
+            contrast=contrast,
+            sag=sag,
+        )
+        for view, target, contrast, sag in each
+    ]
+
+
+def tell_bounds(made: Design, targets: Sequence[Target]) -> list[str]:
+    """Return how several pictures were made to agree, and where they contradict each other.
+
+    A design for one view has nothing to tell: nothing contradicts a single picture.
+    """
+    if not made.bounds:
+        return []
+    bent = any(target.bending is not None for target in targets)
+    said = [f"The pictures are {tell_bending(targets, made.bounds)}."] if bent else []
+    return [*said, *contradictions(made.scene.views, made.bounds)]
+
+
+def advise_widening(verdict: Recognition | None, scene: SettledScene) -> list[str]:
+    """Give what to do where thin strokes are lost that could be widened to what the tube draws; nothing else.
+
+    A verdict's loss says how wide it is, and how wide the tube's shadow. A larger picture is not advised: its
+    strokes, once they are wider than one tube and not yet as wide as two, are drawn no better.
+
+    Args:
+        scene: of the piece, or of a sequence's first frame.
+    """
+    if verdict is None or verdict.word in ("faithful", "good") or scene.views[0].thicken_mm:
+        return []
+    thin = [
+        loss
+        for loss in verdict.lost
+        if loss.what in ("piece", "stroke", "text") and 0.0 < loss.size_mm < loss.needed_mm
+    ]
+    if not thin:
+        return []
+    least = min(thin, key=lambda loss: loss.size_mm)
+    return [
+        f"What is lost is as thin as {least.size_mm:.1f} mm, and the tube's shadow is "
+        f"{least.needed_mm:.1f} mm wide: --thicken auto widens thin strokes to it."
+    ]

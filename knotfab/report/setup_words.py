@@ -1,0 +1,297 @@
+"""Words of a mount's drawing: how a person hangs or stands the piece, and the cost of being off."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import radians, sin
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from knotfab.base.arrays import Array
+from knotfab.geometry.polylines import arc_lengths
+from knotfab.hold.mount import Mounted
+from knotfab.hold.placement import Placement
+from knotfab.hold.wall import mark_depth_mm
+from knotfab.render.pages import length
+from knotfab_formats.verdict import Misplacement
+from knotfab_formats.views import View
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+LAMP_MM = 10.0  # the misplacement for which the loss is told
+HEAR_MM = 0.05  # an offset of less is none
+
+# How the report's keys read, and what goes with them.
+LAMP_WAYS = {"right": "to the side", "up": "up or down", "towards": "nearer or farther"}
+TURN_WAYS = {"up": "left or right", "right": "forward or back", "axis": "like a wheel"}
+
+
+def _opposite(place: Placement) -> str:
+    """Return words for the point of the wall that lies square opposite the lamp."""
+    parts = []
+    for value, (more, less) in (
+        (place.up_mm, ("above", "below")),
+        (place.right_mm, ("to the right of", "to the left of")),
+    ):
+        if abs(value) >= HEAR_MM:
+            parts.append(f"{length(abs(value))} mm {more if value > 0 else less}")
+    middle = "the middle of the frame"
+    return f"{' and '.join(parts)} {middle}" if parts else middle
+
+
+def steps_of(mounted: Mounted, place: Placement, view: View) -> list[str]:
+    """Return the steps, one sentence or two each."""
+    lamp = "lamp" if view.kind == "shadow" else "eye"
+    off = f"{length(place.off_wall_mm)} mm off"
+    if place.base is not None:
+        steps = _desk_steps(place, view, lamp)
+    elif mounted.wall is not None and mounted.wall.settings.foot == "plate":
+        across = float(place.holes[1, 0] - place.holes[0, 0])
+        s = mounted.wall.settings
+        marked = "The notches in its edges mark their middles. " if mark_depth_mm(s) else ""
+        steps = [
+            f"Drill two holes {length(across)} mm apart on a level line; the middle of the frame "
+            "is half-way between them.",
+            f"Screw the plate on with its arrow up (screws of at most {length(s.hole_diameter_mm)} mm). "
+            f"{marked}Strings between opposite ones cross in the middle of the frame."
+            if marked
+            else f"Screw the plate on, the way up that is drawn (screws of at most "
+            f"{length(s.hole_diameter_mm)} mm).",
+            f"Put the middle of the {lamp} {off} the plate's face, square to it, opposite "
+            f"{_opposite(place)}.",
+        ]
+    elif mounted.wall is not None:
+        s = mounted.wall.settings
+        steps = [
+            f"Print the drill template at 100 %, join its pages and tape it to the wall, arrow up. "
+            f"Drill the {len(place.holes)} numbered holes square to the wall, "
+            f"{length(s.dowel_depth_mm + 1)} mm deep.",
+            "Push the pegs in until they meet the wall. Keep the corners of the frame in pencil "
+            "until the lamp stands.",
+            f"Put the middle of the {lamp} {off} the wall, square to it, opposite {_opposite(place)}.",
+        ]
+    else:
+        thread = (
+            ""
+            if mounted.hang is None
+            else f"Tie it to a thread by its eyelet: {_thread(mounted, place)}. "
+        )
+        steps = [
+            "Mark the corners of the frame on the wall.",
+            f"{thread}Hang the piece before the frame as the views show: {_reach(mounted, place)}.",
+            f"Put the middle of the {lamp} {off} the wall, square to it, opposite {_opposite(place)}.",
+        ]
+    distances = [mark.lamp_mm for mark in place.marks]
+    if max(distances) - min(distances) < HEAR_MM:
+        each = f"{length(distances[0])} mm from every {_common(place)}"
+    else:
+        each = "; ".join(
+            f"{length(mark.lamp_mm)} mm from the {_names(place, mark.lamp_mm)}"
+            for i, mark in enumerate(place.marks)
+            if not any(abs(mark.lamp_mm - d) < HEAR_MM for d in distances[:i])
+        )
+    if place.round is not None:
+        radius = place.round.radius
+        way = "hollow towards the lamp" if radius > 0 else "bulging towards it"
+        steps.append(
+            f"The wall is round, a radius of {length(abs(radius))} mm, {way}: its distances are those of the "
+            "line down the frame's middle, and the frame's width is measured along it."
+        )
+    what = "the middle of each edge" if "edge" in place.marks[0].name else "the corners"
+    return [*steps, f"Check with a tape from {what}: the {lamp} is {each}."]
+
+
+def _common(place: Placement) -> str:
+    return " ".join(place.marks[0].name.split()[-4:])
+
+
+def _names(place: Placement, lamp_mm: float) -> str:
+    """Return the marks that are so far from the lamp."""
+    alike = [m.name for m in place.marks if abs(m.lamp_mm - lamp_mm) < HEAR_MM]
+    thing = max((f" {w} " for w in ("edge", "corner")), key=lambda w: w in alike[0])
+    last = alike[-1] if len(alike) == 1 else alike[-1].replace(thing, f"{thing.rstrip()}s ")
+    firsts = [name.split(thing)[0] for name in alike[:-1]]
+    return " and ".join([*firsts, last])
+
+
+def _reach(mounted: Mounted, place: Placement) -> str:
+    """Say between which places a piece that hangs free must be."""
+    points = np.concatenate([vertices for vertices, _ in mounted.bodies]) - place.middle
+    (x0, y0, z0), (x1, y1, z1) = (f(points @ place.wall.T, axis=0) for f in (np.min, np.max))
+    up = f"from {_sign(y0, 'below')} to {_sign(y1, 'above')}"
+    across = f"from {_sign(x0, 'left of')} to {_sign(x1, 'right of')}"
+    return f"{up}, and {across}, the frame's middle, {length(z0)} to {length(z1)} mm off the wall"
+
+
+def _thread(mounted: Mounted, place: Placement) -> str:
+    """Return the place where the thread carries a piece that hangs."""
+    assert mounted.hang is not None
+    across, up, off = ((mounted.hang.eyelet.thread - place.middle) @ place.wall.T).tolist()
+    where = f"{_sign(up, 'above')} and {_sign(across, 'right of')} the frame's middle"
+    return f"the thread carries it {where}, {length(off)} mm off the wall"
+
+
+def _sign(value: float, way: str) -> str:
+    other = {"below": "above", "above": "below", "left of": "right of", "right of": "left of"}
+    usual = value < 0 if way in ("below", "left of") else value > 0
+    return f"{length(abs(value))} mm {way if usual else other[way]}"
+
+
+def _desk_steps(place: Placement, view: View, lamp: str) -> list[str]:
+    base = place.base
+    assert base is not None
+    gap = level_wall(place, base.bottom)
+    across = float(place.level[0] @ place.lamp) - (base.left + base.right) / 2
+    aside = ""
+    if abs(across) >= 1.0:  # an offset of so little to the side of a stand is none either
+        aside = f", {length(abs(across))} mm to the {'right' if across > 0 else 'left'}"
+    high = float(place.level[1] @ place.lamp) - base.bottom
+    before = float(place.level[2] @ place.lamp) - base.front
+    off = length(base.back - gap)
+    if "corner" in base.wall_side:
+        way = "anticlockwise" if base.turned_deg > 0 else "clockwise"
+        wall = (
+            f"Stand the wall of {view.name} {off} mm behind the {base.wall_side} of the base, turned by "
+            f"{abs(base.turned_deg):.1f}° {way} from the first, as the drawing from above shows."
+        )
+        opposite, middle = (
+            f"the base's {base.lamp_side}, square to that wall",
+            "before the base's middle",
+        )
+    else:
+        wall = f"Stand the wall of {view.name} {off} mm from the {base.wall_side} of the base, along it."
+        opposite, middle = f"the base's {base.lamp_side}", "before that edge's middle"
+    if base.turned_deg == 0:
+        wall = f"Stand the piece with the back of its base {off} mm before the wall, along it."
+    return [
+        wall,
+        f"Put the middle of the {lamp} {length(high)} mm above the desk and {length(before)} mm in "
+        f"front of {opposite}, straight {middle}{aside}.",
+    ]
+
+
+def level_wall(place: Placement, height: float) -> float:
+    """Return how far towards the lamp (mm, level) the wall is at a height of the scene."""
+    out, up = place.wall[2] @ place.level.T, height - float(place.level[1] @ place.middle)
+    return float(place.level[2] @ place.middle) - up * float(out[1]) / float(out[2])
+
+
+def lamp_facts(view: View) -> list[str]:
+    """Say which lamp is needed, and what its size does."""
+    if view.kind != "shadow":
+        return ["Look with one eye, from the point that is drawn."]
+    facts = ["One lamp alone, all others off, bare: no shade, no reflector."]
+    if view.light_size_mm > 0:
+        blur = view.light_size_mm * view.wall_distance_mm / view.light_distance_mm
+        facts.append(
+            f"Its light comes from {_lamp_shape(view)}; outlines blur by {length(blur)} mm. "
+            "A larger one blurs more, in proportion."
+        )
+    else:
+        facts.append("As small as can be had: the scene takes it for a point.")
+    return facts
+
+
+def _lamp_shape(view: View) -> str:
+    sides = f"{length(view.light_width_mm)} x {length(view.light_height_mm)} mm"
+    if view.light_shape == "leds":
+        columns, rows = view.light_leds
+        return f"{columns} x {rows} LEDs of {length(view.light_diameter_mm)} mm over {sides}"
+    if view.light_has_sides:
+        return f"a {view.light_shape} of {sides}"
+    return f"a spot of {length(view.light_diameter_mm)} mm"
+
+
+def costs_of(misplacement: Misplacement | None, view: View, *, on_wall: bool) -> list[str]:
+    """Say what is lost when lamp or piece are off their places, a line each.
+
+    A piece that is fixed to its wall turns with it, which is the lamp moving about both.
+
+    Args:
+        misplacement: None: nobody measured it. on_wall: the piece is fixed to the wall.
+    """
+    if misplacement is None:
+        return ["Not measured: too little to see, or nothing rendered."]
+    lamp, turn = misplacement.lamp_iou_per_mm, misplacement.turn_iou_per_deg or {}
+    shift = LAMP_MM * view.wall_distance_mm / view.light_distance_mm
+    lines = []
+    for key, way in LAMP_WAYS.items():
+        moves = f" (the shadow moves {length(shift)} mm)" if key != "towards" else ""
+        lines.append(f"Lamp {length(LAMP_MM)} mm {way}: {_loss(LAMP_MM * lamp[key])}{moves}")
+    if on_wall:
+        reach = (view.light_distance_mm + view.wall_distance_mm) * sin(radians(1.0))
+        return [
+            *lines,
+            f"Wall and piece turned by 1° left or right: {_loss(reach * lamp['right'])}",
+            f"Wall and piece leaning by 1° forward or back: {_loss(reach * lamp['up'])}",
+        ]
+    return lines + [
+        f"Piece turned by 1° {way}: {_loss(turn[key])}" for key, way in TURN_WAYS.items()
+    ]
+
+
+def _loss(loss: float) -> str:
+    return f"about {min(loss, 1.0):.2f} IoU" if loss >= 0.005 else "less than 0.01 IoU"
+
+
+# Strokes of a mount's drawings: the piece, lamps, walls and notes, in mm of the page.
+
+
+INK, PIECE, LIGHT, FAINT = "black", "#8a8478", "#e0a400", "0.6"
+WORDS = "words"  # the name, in an SVG, of parts beside the drawing that are told with it
+
+
+def fill(axes: Axes, polygons: Sequence[Array], color: str, above: float | None = None) -> None:
+    """Fill polygons and their holes as one path, cut off below a height of the page."""
+    from matplotlib.patches import PathPatch, Rectangle
+    from matplotlib.path import Path as Outline
+
+    rings = [Outline(np.append(p, p[:1], axis=0), closed=True) for p in polygons]
+    if rings:
+        patch = PathPatch(Outline.make_compound_path(*rings), fc=color, lw=0)
+        axes.add_patch(patch)
+        if above is not None:
+            patch.set_clip_path(Rectangle((0.0, above), 210.0, 297.0, transform=axes.transData))
+
+
+def cross(axes: Axes, at: Array, reach: float, width: float) -> None:
+    """Draw two strokes through a point (2,) of the page, so many mm to each side and so many points wide."""
+    for arm in (np.array([reach, 0.0]), np.array([0.0, reach])):
+        axes.plot(*np.stack([at - arm, at + arm]).T, color=INK, lw=width)
+
+
+def draw_lamp(axes: Axes, at: Array, across: float) -> None:
+    """Draw a lamp `across` mm of the page wide, with its axes."""
+    from matplotlib.patches import Circle
+
+    axes.add_patch(
+        Circle((float(at[0]), float(at[1])), max(0.5 * across, 0.5), fc=LIGHT, lw=0.3, ec=INK)
+    )
+    cross(axes, at, 2.5, 0.25)
+
+
+def hatch(axes: Axes, wall: Array) -> None:
+    """Draw short strokes behind the wall's line (n, 2)."""
+    steps = np.diff(wall, axis=0)
+    ends = arc_lengths(wall, closed=False)
+    for s in np.arange(1.5, ends[-1], 2.5):
+        k = int(np.searchsorted(ends, s)) - 1
+        unit = steps[k] / (ends[k + 1] - ends[k])
+        at = wall[k] + (s - ends[k]) * unit
+        behind = np.array([-unit[1], unit[0]]) - unit
+        axes.plot(*np.stack([at, at + behind]).T, color=FAINT, lw=0.3)
+
+
+def note(axes: Axes, at: Array, text: str, **style: Any) -> None:
+    """Write a text at a point (2,) of the page, mm."""
+    axes.text(float(at[0]), float(at[1]), text, **style)
+
+
+def lamp_name(view: View) -> str:
+    """Return the lamp and its size, or the eye."""
+    if view.kind != "shadow":
+        return "eye"
+    return f"lamp, {length(view.light_size_mm)} mm" if view.light_size_mm > 0 else "lamp"

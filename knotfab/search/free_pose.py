@@ -1,0 +1,304 @@
+"""The view as an unknown: turns, light and wall distance and the tube's radius, found with the knots.
+
+The paper leaves this as future work (section 7). Points go by the certified flow, the view's numbers
+by Adam on the same objective; bounds keep the light in front of the piece and the wall behind it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from knotfab.base.arrays import Array
+from knotfab.geometry.polylines import Neighbours
+from knotfab.limits.terms import Felt
+from knotfab.problem import Problem, ViewNumbers
+from knotfab.render.capsules import posed_frame, turn_matrix
+from knotfab.render.device import known, squared_error
+from knotfab.render.image import CUTOFF
+from knotfab.render.silhouette import Frame, Sheet
+from knotfab.search.flow import SETTLE
+from knotfab.search.objective import Objective
+from knotfab_formats.errors import InputError
+from knotfab_formats.scene import LIGHT_SHARE, WALL_SHARE
+
+# Adam, with a rate for each tensor at each step.
+
+
+_LEAST = 1e-8  # the least root mean square: no step is infinite
+
+
+class Adam:
+    """D. P. Kingma and J. Ba, "Adam: a method for stochastic optimization", ICLR 2015, algorithm 1.
+
+        adam = Adam(tensors)
+        adam.step(torch.autograd.grad(loss, adam.tensors), rate)
+
+    Args:
+        tensors: what is to be moved, in place.
+        betas: how much of the means of gradients and of their squares a step keeps.
+    """
+
+    def __init__(
+        self, tensors: Iterable[Tensor], betas: tuple[float, float] = (0.9, 0.999)
+    ) -> None:
+        self.tensors = list(tensors)
+        self._betas, self._steps = betas, 0
+        self._mean = [torch.zeros_like(t) for t in self.tensors]
+        self._square = [torch.zeros_like(t) for t in self.tensors]
+
+    @torch.no_grad()
+    def step(self, gradients: Sequence[Tensor], rate: float | Sequence[float]) -> None:
+        """Move against `gradients`, of each tensor, by about `rate`, of all or of each."""
+        self._steps += 1
+        first, second = self._betas
+        rates = rate if isinstance(rate, Sequence) else [rate] * len(self.tensors)
+        begun, root = 1 - first**self._steps, (1 - second**self._steps) ** 0.5
+        for tensor, gradient, mean, square, length in zip(
+            self.tensors, gradients, self._mean, self._square, rates, strict=True
+        ):
+            mean.lerp_(gradient, 1 - first)
+            square.mul_(second).addcmul_(gradient, gradient, value=1 - second)
+            tensor.addcdiv_(mean, (square.sqrt() / root).add_(_LEAST), value=-length / begun)
+
+
+# Torch on one thread for the small tensors of a free view and of the network.
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Run torch on one thread inside.
+
+    Its barriers cost more than they gain on tensors this small, and many times more where the cores
+    are shared; and sums come out the same whatever the number of cores.
+    """
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
+Name = Literal["azimuth", "elevation", "roll", "light", "wall", "radius"]
+
+ALL: tuple[Name, ...] = ("azimuth", "elevation", "roll", "light", "wall", "radius")
+_TURN_RATE = 0.4  # degrees a step at the start
+_LENGTH_RATE = 0.008  # share of a length a step at the start
+_LAST = 0.05  # share of these rates at the end
+_SHARP = 12.0  # tau times the projected radius that the pose is judged by
+_CHANGE = 1e-4  # relative change of the radius that the limits' slope is measured over
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """Bounds of the pose, and which of ALL are unknown."""
+
+    free: tuple[Name, ...] = ALL
+    turn_deg: float = 45.0  # the most, to each side of the start
+    light: tuple[float, float] = (0.5, 2.0)  # shares of the start
+    wall: tuple[float, float] = (0.5, 1.5)
+    least_radius_mm: float = 0.8  # the least that the printer makes
+    most_radius_mm: float = float("inf")
+
+    def __post_init__(self) -> None:
+        for name in self.free:
+            if name not in ALL:
+                raise InputError(
+                    f"the free number {name!r}",
+                    "a view has no such number",
+                    f"Use: {', '.join(ALL)}.",
+                )
+        if self.least_radius_mm > self.most_radius_mm:
+            raise InputError(
+                "the bounds of the tube radius",
+                f"{self.least_radius_mm:g} mm is above {self.most_radius_mm:g} mm",
+                "Exchange them.",
+            )
+
+
+def turn_of(numbers: ViewNumbers) -> Array:
+    """Return (3, 3) columns are the view's x, y, z in the scene: `points @ turn` are points in view axes."""
+    turn = torch.tensor([numbers.azimuth_deg, numbers.elevation_deg, numbers.roll_deg]).double()
+    return np.asarray(turn_matrix(turn).numpy())
+
+
+class FreePose:
+    """A view's numbers as tensors that Adam moves: degrees, and logarithms of lengths over their start."""
+
+    def __init__(
+        self,
+        start: ViewNumbers,
+        bounds: Bounds,
+        dtype: torch.dtype = torch.float64,
+        device: str = "cpu",
+    ) -> None:
+        if not bounds.least_radius_mm <= start.radius_mm <= bounds.most_radius_mm:
+            raise InputError(
+                "the tube radius",
+                f"{start.radius_mm:g} mm is outside its bounds, {bounds.least_radius_mm:g} to "
+                f"{bounds.most_radius_mm:g} mm",
+                "Start between them.",
+            )
+        self.start, self.bounds = start, bounds
+        turn = [start.azimuth_deg, start.elevation_deg, start.roll_deg]
+        self.turn_deg = torch.tensor(turn, dtype=dtype, device=device, requires_grad=True)
+        # logs holds those of light, wall and radius
+        self.logs = torch.zeros(3, dtype=dtype, device=device, requires_grad=True)
+        lengths = [start.light_distance_mm, start.wall_distance_mm, start.radius_mm]
+        self._first_mm = torch.tensor(lengths, dtype=dtype, device=device)
+        self._first_turn = self.turn_deg.detach().clone()
+        self._mask = [
+            torch.tensor([n in bounds.free for n in part], device=device)
+            for part in (ALL[:3], ALL[3:])
+        ]
+        self._adam = Adam(self.tensors, betas=(0.8, 0.95))
+        self._of: object = None  # the picture whose tensor `picture_term` keeps
+
+    @property
+    def tensors(self) -> tuple[Tensor, Tensor]:
+        """The tensors that gradients are taken with respect to."""
+        return self.turn_deg, self.logs
+
+    @property
+    def lengths(self) -> Tensor:
+        """[3] light distance, wall distance and radius, mm, with gradient.
+
+        A free wall goes along with the light: that keeps the size of the shadow, so that size and
+        perspective have an unknown each.
+        """
+        light, wall, radius = self.logs
+        along = light + wall if "wall" in self.bounds.free else wall
+        return self._first_mm * torch.stack([light, along, radius]).exp()
+
+    @property
+    def radius_mm(self) -> float:
+        """The tube's radius now."""
+        return float(self.lengths[2].detach())
+
+    def frame(self, sheet: Sheet, dtype: torch.dtype) -> Frame:
+        """Return the sheet's frame at the present numbers, with gradient."""
+        light, wall, _ = self.lengths.to(dtype)
+        return posed_frame(sheet, self.turn_deg.to(dtype), light, wall)
+
+    def numbers(self) -> ViewNumbers:
+        """Return the present numbers."""
+        light, wall, radius = self.lengths.detach().tolist()
+        return ViewNumbers(light, wall, radius, *self.turn_deg.detach().tolist())
+
+    def move(self, gradients: tuple[Tensor, Tensor], points: Array, progress: float) -> None:
+        """Take one step of Adam against `gradients` of `tensors`, then back into the bounds."""
+        share = _LAST**progress
+        free = [torch.where(m, g, 0.0) for m, g in zip(self._mask, gradients, strict=True)]
+        self._adam.step(free, (_TURN_RATE * share, _LENGTH_RATE * share))
+        self.keep(points)
+
+    def keep(self, points: Array) -> None:
+        """Bring the light before the points (N, 3), the wall behind, and the radius to one that prints."""
+        b, s = self.bounds, self.start
+        with torch.no_grad():
+            self.turn_deg.clamp_(self._first_turn - b.turn_deg, self._first_turn + b.turn_deg)
+            radius = float(np.clip(self.radius_mm, b.least_radius_mm, b.most_radius_mm))
+            depth = points @ turn_of(self.numbers())[:, 2]
+            front, back = float(depth.max()) + radius, radius - float(depth.min())
+            light, wall, _ = self.lengths.tolist()
+            near, far = (share * s.light_distance_mm for share in b.light)
+            light = float(np.clip(light, near, far))
+            near, far = (share * s.wall_distance_mm for share in b.wall)
+            wall = float(np.clip(wall, near, far))
+            # a number that is not free stays where the person put it, near or not
+            light = max(light, front / LIGHT_SHARE) if "light" in b.free else s.light_distance_mm
+            wall = max(wall, back / WALL_SHARE) if "wall" in b.free else s.wall_distance_mm
+            kept = self.logs.new_tensor([light, wall, radius]) / self._first_mm
+            self.logs.copy_(kept.log())
+            if "wall" in b.free:
+                self.logs[1] -= self.logs[0]
+
+    @one_thread()
+    def descend(
+        self,
+        objective: Objective,
+        problem: Problem,
+        points: Array,
+        near: Neighbours,
+        progress: float,
+    ) -> None:
+        """Move one step against the objective at vertices (N, 3), and let the objective look from there.
+
+        A soft picture shows touching strands as a dark seam and so rewards a thicker tube: the pose answers
+        to a sharp one, and to the limits as they weigh at the end.
+        """
+        seen, radius = self.picture_term(objective, points), self.radius_mm
+        turn_of = turn_matrix(self.turn_deg)
+        turn = turn_of.detach().cpu().numpy()
+
+        def limits_at(radius: float) -> Felt:
+            limits = problem.limits(radius)
+            return objective.limit_terms(points, near, limits, SETTLE, turn)
+
+        value, slope = limits_at(radius)
+        limits = known(value, (turn_of, points.T @ (slope @ turn)))
+        turned, logs = torch.autograd.grad(seen + limits, self.tensors)
+        change = limits_at(radius * (1 + _CHANGE))[0] - limits_at(radius * (1 - _CHANGE))[0]
+        steeper = logs.new_tensor([0.0, 0.0, change / (2 * _CHANGE)])
+        self.move((turned, logs + steeper), points, progress)
+        self.show(objective, problem)
+
+    def picture_term(self, objective: Objective, points: Array) -> Tensor:
+        """Give the objective's image term of its one view at vertices (N, 3), sharp, with its slopes."""
+        image = objective.images[0]
+        if self._of is not image.target:
+            target = torch.as_tensor(image.target, device=self.logs.device)
+            target = target if image.renderer == "ray" else target.double()
+            self._of, self._target = image.target, target
+        target = self._target
+        won = objective.won[0]
+        p = torch.as_tensor(points, dtype=target.dtype, device=target.device)
+        if won is not None:
+            won = tuple(torch.as_tensor(x, device=target.device).long() for x in won)
+        error = squared_error(
+            p,
+            p[torch.as_tensor(objective.rings.next, device=target.device)],
+            self.frame(image.sheet, target.dtype),
+            self.lengths[2].to(target.dtype),
+            _SHARP / image.radius_px,
+            target,
+            CUTOFF,
+            won,
+        )
+        return (error / image.radius_px**2).to(self.logs.dtype)
+
+    def show(self, objective: Objective, problem: Problem) -> None:
+        """Let the objective see its one view from here."""
+        image = objective.images[0]
+        frame = self.frame(image.sheet, torch.float32).arrays()
+        turn = turn_matrix(self.turn_deg.detach()).cpu().numpy()
+        objective.look_from(frame, problem.limits(self.radius_mm), turn)
+
+    def settle(self, problem: Problem, points: Array) -> tuple[Problem, Array, ViewNumbers]:
+        """Return the problem with its view here, its lengths rounded as a scene file would have them.
+
+        The points (N, 3) are turned into the view's axes: a scene with one view looks along z.
+        """
+        n = self.numbers()
+        numbers = ViewNumbers(
+            round(n.light_distance_mm, 2),
+            round(n.wall_distance_mm, 2),
+            round(n.radius_mm, 4),
+            n.azimuth_deg,
+            n.elevation_deg,
+            n.roll_deg,
+        )
+        lengths = {
+            "light_distance_mm": numbers.light_distance_mm,
+            "wall_distance_mm": numbers.wall_distance_mm,
+        }
+        one = problem.views[0]
+        view = replace(one, view=one.view.but(**lengths))
+        return replace(problem, views=(view,)), points @ turn_of(numbers), numbers

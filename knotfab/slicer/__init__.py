@@ -1,1 +1,0 @@
-"""The written 3MF through PrusaSlicer, and what its answer proves."""

@@ -1,1 +1,0 @@
-"""Measure on this machine what accuracy costs in time, and draw it."""

@@ -1,0 +1,248 @@
+"""The invertible network: exact inverses, the paper's errata, and weights that mean ill."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from knotfab.apps.paper.network import Coupling, CouplingNetwork, Perceptron, Rigid, rotation
+
+DTYPES = (torch.float64, torch.float32)
+ORDERS = tuple(itertools.permutations(range(3)))
+
+
+def _points(count: int, dtype: torch.dtype = torch.float64, seed: int = 0) -> Tensor:
+    generator = torch.Generator().manual_seed(seed)
+    return (2 * torch.rand(count, 3, generator=generator, dtype=torch.float64) - 1).to(dtype)
+
+
+def _shaken(network: torch.nn.Module, size: float, seed: int = 1) -> None:
+    """Normal weights of standard deviation `size` everywhere."""
+    generator = torch.Generator().manual_seed(seed)
+    with torch.no_grad():
+        for weight in network.parameters():
+            weight.copy_(size * torch.randn(weight.shape, generator=generator, dtype=torch.float64))
+
+
+def _layer(order: tuple[int, ...], dtype: torch.dtype = torch.float64) -> Coupling:
+    generator = torch.Generator().manual_seed(3)
+    layer = Coupling(torch.tensor(order), 16, 1.0, 2.0, generator, dtype)
+    _shaken(layer, 0.5)
+    return layer
+
+
+def _rounding(net: Perceptron, uv: Tensor) -> Tensor:
+    """[N] what one unit of relative rounding in its sums may change a perceptron's output by."""
+    inner = net.hidden(uv)
+    terms = uv.abs() @ net.hidden.weight.abs().T + net.hidden.bias.abs()
+    unit = torch.tanh(inner).abs() + terms / torch.cosh(inner.clamp(-300, 300)) ** 2
+    return (unit @ net.out.weight.abs().T + net.out.bias.abs())[:, 0]
+
+
+def _jacobians(of_points: Callable[[Tensor], Tensor], points: Tensor) -> Tensor:
+    """[N, 3, 3] of a map that takes each point on its own; torch.func's would load torch's compiler."""
+    at = points.detach().requires_grad_()
+    sums = of_points(at).sum(0)
+    rows = [torch.autograd.grad(sums[k], at, retain_graph=True)[0] for k in range(3)]
+    return torch.stack(rows, dim=1)
+
+
+def _condition(network: CouplingNetwork, points: Tensor) -> Tensor:
+    """[N] what one unit of relative rounding in each layer does to a point that goes there and back.
+
+    With y_k the point after the first k layers and J_k their Jacobian, an error of |y_k| there and as much
+    again on the way back comes to |inv J_k| |y_k| at the start: the condition number of the
+    first k layers as a map, at this point. The sum over k bounds all of it to first order.
+    """
+    total = torch.zeros(len(points), dtype=torch.float64)
+    jacobian = torch.eye(3, dtype=torch.float64).expand(len(points), 3, 3)
+    y = points
+    for layer in network.layers:
+        jacobian = _jacobians(layer, y) @ jacobian
+        before, y = y, layer(y)
+        within = y.abs().amax(1) + before.abs().amax(1)
+        if isinstance(layer, Coupling):
+            uv = y[:, layer.order[:2]]
+            steep = 1 / torch.cosh((layer.scale(uv)[:, 0] / layer.log_scale).clamp(-300, 300)) ** 2
+            of_scale = 1 + steep * _rounding(layer.scale, uv)
+            within = within * of_scale + _rounding(layer.shift, uv) * (1 + of_scale)
+        else:
+            within = within + layer.shift.abs().amax()
+        total = total + torch.linalg.matrix_norm(torch.linalg.inv(jacobian), 2) * within
+    return total.detach()
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_the_start_is_the_identity_and_share_0_is_always(dtype: torch.dtype) -> None:
+    network = CouplingNetwork(5, 16, 2, dtype=dtype)
+    x = _points(40, dtype)
+    assert (network(x) == x).all()
+    assert network(x).dtype == dtype
+    _shaken(network, 1.0)
+    assert not torch.allclose(network(x), x, atol=0.1)
+    assert (network(x, 0.0) == x).all()
+    assert torch.equal(network(x, 1.0), network(x))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize("depth", [1, 8, 64])
+@pytest.mark.parametrize("share", [1.0, 0.3])
+def test_there_and_back_again(dtype: torch.dtype, depth: int, share: float) -> None:
+    network = CouplingNetwork(depth, 32, depth, dtype=dtype)
+    _shaken(network, 0.1)
+    x = _points(60, dtype)
+    back = network.inverse(network(x, share), share)
+    if share < 1:
+        assert torch.allclose(back, x, atol=1e4 * torch.finfo(dtype).eps)
+        return
+    exact = CouplingNetwork(depth, 32, depth)
+    exact.load_state_dict(network.state_dict())
+    bound = torch.finfo(dtype).eps * _condition(exact.double(), x.double())
+    assert bound.median() < 1e-2  # the bound says something
+    assert ((back - x).norm(dim=1) <= bound).all()
+    if dtype == torch.float64 and depth < 64:  # and the other way about
+        torch.testing.assert_close(network(network.inverse(x)), x, rtol=0, atol=1e-12)
+
+
+@pytest.mark.slow
+def test_every_layer_keeps_the_handedness() -> None:
+    network = CouplingNetwork(6, 16, 4)
+    _shaken(network, 2.0)
+    jacobian = _jacobians(network, _points(200))
+    sign, _ = torch.linalg.slogdet(jacobian)
+    assert (sign > 0).all()
+    for layer in network.layers:
+        if isinstance(layer, Coupling):
+            each = torch.linalg.det(_jacobians(layer, _points(200)))
+            assert (each >= np.exp(-1.0) * (1 - 1e-12)).all()
+            assert (each <= np.exp(1.0) * (1 + 1e-12)).all()
+
+
+def _apply_as_printed(layer: Coupling, points: Tensor) -> Tensor:
+    """The inverse pass as printed: permuted by the inverse of the order first, by the order last."""
+    ordered = points[..., layer.back]
+    uv, w = ordered[..., :2], ordered[..., 2:]
+    scale, shift = layer._affine(uv, 1.0)
+    return torch.cat([uv, (w - shift) / scale], -1)[..., layer.order]
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_the_printed_inverse_is_wrong_for_order_three(order: tuple[int, ...]) -> None:
+    layer, x = _layer(order), _points(50)
+    y = layer(x)
+    torch.testing.assert_close(layer.inverse(y), x, rtol=0, atol=1e-14)
+    third = order in ((1, 2, 0), (2, 0, 1))
+    error = float((_apply_as_printed(layer, y) - x).abs().max().detach())
+    assert error > 0.1 if third else error < 1e-14
+
+
+def _literal(scale: float, points: Tensor) -> Tensor:
+    """A layer with S as printed, unbounded: w S + T, here S constant and T zero."""
+    return torch.cat([points[..., :2], points[..., 2:] * scale], -1)
+
+
+def _writhe(points: np.ndarray) -> int:
+    """Sum of the signs of the crossings seen along z: +-3 tells a trefoil of three from its mirror."""
+    a, b = points, np.roll(points, -1, axis=0)
+    total = 0
+    n = len(points)
+    for i in range(n):
+        for j in range(i + 2, n - (i == 0)):
+            u, v, w = b[i] - a[i], b[j] - a[j], a[j] - a[i]
+            det = u[0] * v[1] - u[1] * v[0]
+            if det == 0:
+                continue
+            s = (w[0] * v[1] - w[1] * v[0]) / det
+            t = (w[0] * u[1] - w[1] * u[0]) / det
+            if 0 <= s < 1 and 0 <= t < 1:
+                above = a[i][2] + s * u[2] > a[j][2] + t * v[2]
+                total += int(np.sign(det)) * (1 if above else -1)
+    return total
+
+
+def test_a_negative_scale_mirrors_a_trefoil_and_zero_flattens_it() -> None:
+    t = np.linspace(0, 2 * np.pi, 90, endpoint=False) + 0.01
+    trefoil = np.column_stack(
+        [np.sin(t) + 2 * np.sin(2 * t), np.cos(t) - 2 * np.cos(2 * t), -np.sin(3 * t)]
+    )
+    x = torch.as_tensor(trefoil)
+    one = _writhe(trefoil)
+    assert abs(one) == 3
+    assert _writhe(_literal(0.4, x).numpy()) == one
+    assert _writhe(_literal(-0.4, x).numpy()) == -one
+    assert np.linalg.matrix_rank(_literal(0.0, x).numpy() - 0.0) == 2  # no way back
+    layer = _layer((0, 1, 2))
+    with torch.no_grad():
+        layer.shift.out.weight.zero_()
+        layer.shift.out.bias.zero_()
+        for size in (-1e3, 0.0, 1e3):  # whatever S asks for
+            layer.scale.out.weight.fill_(size)
+            assert _writhe(layer(x).numpy()) == one
+
+
+@pytest.mark.parametrize(
+    "turn", [(0, 0, 0), (1e-9, 0, 0), (0.3, -2, 1), (1e3, 1, 0), (0, 1e200, 1e200)]
+)
+def test_rotations_are_rotations(turn: tuple[float, ...]) -> None:
+    half = torch.tensor(turn, dtype=torch.float64, requires_grad=True)
+    matrix = rotation(half)
+    torch.testing.assert_close(
+        matrix @ matrix.T, torch.eye(3, dtype=torch.float64), rtol=0, atol=1e-15
+    )
+    assert float(torch.linalg.det(matrix).detach()) == pytest.approx(1, abs=1e-15)
+    close = 1e-15 * float(half.detach().abs().max())
+    torch.testing.assert_close(matrix @ half, half, rtol=1e-14, atol=close)
+    angle = 2 * np.arctan(
+        float(
+            half.detach().abs().max() * (half / half.abs().max().clamp_min(1e-300)).norm().detach()
+        )
+    )
+    assert float(matrix.trace().detach()) == pytest.approx(1 + 2 * np.cos(angle), abs=1e-14)
+    (gradient,) = torch.autograd.grad(matrix.sum(), half)
+    assert torch.isfinite(gradient).all()
+
+
+def test_rigid_layers_turn_about_the_origin_then_shift() -> None:
+    layer = Rigid()
+    with torch.no_grad():
+        layer.turn.copy_(torch.tensor([0.0, 0.0, 1.0]))  # a quarter turn about z
+        layer.shift.copy_(torch.tensor([5.0, 0.0, 0.0]))
+    x = torch.tensor([1.0, 0.0, 2.0], dtype=torch.float64)
+    torch.testing.assert_close(layer(x), torch.tensor([5.0, 1.0, 2.0], dtype=torch.float64))
+    torch.testing.assert_close(layer.inverse(layer(x)), x, rtol=0, atol=1e-15)
+
+
+def test_seeds_and_precisions() -> None:
+    one, same, other = (CouplingNetwork(6, 8, seed) for seed in (0, 0, 1))
+    for a, b in zip(one.state_dict().values(), same.state_dict().values(), strict=True):
+        assert torch.equal(a, b)
+    assert any(
+        not torch.equal(a, b)
+        for a, b in zip(one.state_dict().values(), other.state_dict().values(), strict=True)
+    )
+    single = CouplingNetwork(6, 8, 0, dtype=torch.float32).state_dict()
+    for name, value in one.state_dict().items():
+        torch.testing.assert_close(single[name], value.to(single[name].dtype), rtol=0, atol=0)
+    found = {
+        tuple(layer.order.tolist())
+        for layer in CouplingNetwork(200, 1, 0).layers
+        if isinstance(layer, Coupling)
+    }
+    assert found == set(ORDERS)
+
+
+def test_layers_alternate_and_shapes_are_kept() -> None:
+    network = CouplingNetwork(3, 4)
+    kinds = [type(layer) for layer in network.layers]
+    assert kinds == [Rigid, Coupling, Rigid, Coupling, Rigid, Coupling, Rigid]
+    assert network(torch.zeros(2, 5, 3, dtype=torch.float64)).shape == (2, 5, 3)
+    assert network(torch.zeros(3, dtype=torch.float64)).shape == (3,)
+    for bad in ({"depth": 0}, {"width": 0}, {"log_scale": 0.0}, {"gain": float("nan")}):
+        with pytest.raises(ValueError, match="positive"):
+            CouplingNetwork(**bad)

@@ -1,0 +1,162 @@
+"""The doctor: finds what is there, names what is not, and survives what crashes."""
+
+from __future__ import annotations
+
+import importlib.util
+import shutil
+import subprocess
+from collections import namedtuple
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from knotfab.apps import doctor
+from knotfab.apps.doctor import Finding, examine
+from knotfab.base.compiled import _LOOPS, count_loops
+from knotfab.pipeline import verifier
+
+
+def by_name(findings: list[Finding]) -> dict[str, Finding]:
+    return {finding.name: finding for finding in findings}
+
+
+@pytest.mark.slow
+def test_this_machine() -> None:
+    findings = examine()
+    found = by_name(findings)
+    assert len(found) == len(findings)
+    for name in ("python", "torch", "numpy", "manifold3d", "lib3mf", "cadquery", "libigl"):
+        assert found[name].status == "ok", found[name]
+    assert "threads" in found["torch"].detail
+    for finding in findings:
+        assert finding.detail
+        assert finding.status == "ok" or finding.remedy, finding
+
+
+@pytest.mark.slow
+def test_loops_are_compiled_and_kept() -> None:
+    found = doctor.compile_loops()
+    assert found.status == "ok", found
+    assert count_loops()[2] in found.detail
+    # those called from Python: one that runs inside of them is not loaded by itself once they are kept
+    run = {loop.__name__ for loop in _LOOPS if loop.signatures}
+    called = {"find_winners", "evaluate", "step_margin", "gap_hinge", "bend_hinge", "_iou_aside"}
+    assert called <= run
+
+
+@pytest.mark.slow
+def test_validators_that_do_not_start_are_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(verifier, "_MODULE", "no_such_validators")
+    monkeypatch.setattr("knotfab.design.design.design_knots", lambda *_: None)
+    monkeypatch.setattr("knotfab.render.part_picture.draw_faces", lambda *_: None)
+    found = doctor.compile_loops()
+    assert found.status == "warning" and found.remedy
+    assert "not the validators'" in found.detail and "no_such_validators" in found.detail
+
+
+def test_a_missing_library_is_named_with_its_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
+    def version(name: str) -> str:
+        raise metadata.PackageNotFoundError(name)
+
+    monkeypatch.setattr(metadata, "version", version)
+    finding = doctor._look_for("shapely", "shapely")
+    assert finding == Finding("shapely", "missing", "not installed", "pip install shapely")
+
+
+def test_a_broken_library_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    assert doctor._look_for("shapely", "shapely").status == "missing"
+    assert doctor._rendering().remedy == "pip install pyvista"
+    assert doctor._fonts().remedy == "pip install matplotlib"
+    assert doctor._torch().status == "warning" and "[torch]" in doctor._torch().remedy
+
+
+def test_no_rendering_names_the_system_packages(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("KNOTFAB_NO_RENDERING", "1")
+    finding = doctor._rendering()
+    assert finding.status == "missing"
+    assert finding.remedy == "apt-get install libegl1 libgl1"
+
+
+@pytest.mark.parametrize(
+    ("code", "said"),
+    [
+        ("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)", "ended by signal 11"),
+        ("raise ImportError('no such library')", "ImportError: no such library"),
+        ("import sys; sys.exit(7)", "exit code 7"),
+    ],
+)
+def test_a_child_that_dies_is_a_finding_not_a_crash(
+    monkeypatch: pytest.MonkeyPatch, code: str, said: str
+) -> None:
+    monkeypatch.setattr(doctor, "TORCH_CHILD", code)
+    finding = doctor._torch()
+    assert finding.status == "warning" and finding.detail == said and finding.remedy
+
+
+def test_a_child_that_hangs(monkeypatch: pytest.MonkeyPatch) -> None:
+    def run(*args: Any, **kwargs: Any) -> Any:
+        raise subprocess.TimeoutExpired("python", 60)
+
+    monkeypatch.setattr(subprocess, "run", run)
+    assert doctor._answer("pass") == (False, "no answer in 60 s")
+
+
+def test_libraries_that_break_on_import(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """One raises, one kills the process: both are named, and those behind them are still tried."""
+    (tmp_path / "raising.py").write_text("raise OSError('libGL.so.1: cannot open')")
+    (tmp_path / "killing.py").write_text("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    assert doctor._import_errors(["json", "raising", "killing", "csv", "raising"]) == {
+        "raising": "OSError: libGL.so.1: cannot open",
+        "killing": "ended by signal 11",
+    }
+    monkeypatch.setattr(doctor, "_import_errors", lambda modules: {"scipy": "it broke"})
+    numpy, scipy = doctor._libraries([("numpy", "numpy"), ("scipy", "scipy")])
+    assert numpy.status == "ok" and scipy.status == "missing" and "it broke" in scipy.detail
+
+
+def test_scarce_things_are_warnings(monkeypatch: pytest.MonkeyPatch) -> None:
+    usage = namedtuple("usage", "total used free")
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: usage(10**9, 10**9, 10**6))
+    monkeypatch.setattr(shutil, "which", lambda name, path=None: None)
+    monkeypatch.setattr(doctor, "LEAST_MEMORY_GB", 1e6)
+    monkeypatch.setattr(doctor, "GLYPH_FONTS", ("NoSuchFont.ttf",))
+    for look in (doctor._disk, doctor._slicer, doctor._memory, doctor._fonts):
+        finding = look()
+        assert finding.status == "warning" and finding.remedy
+
+
+def test_memory_that_cannot_be_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(doctor, "measure_memory_gb", lambda: None)
+    assert doctor._memory().status == "warning"
+
+
+@pytest.mark.parametrize(
+    ("script", "status", "detail"),
+    [
+        ("echo 'PrusaSlicer-2.5.0+UNKNOWN based on Slic3r'", "ok", ", PrusaSlicer-2.5.0"),
+        ("echo 'something else'", "ok", "prusa-slicer"),
+        ("echo 'no libGL.so.1' >&2; exit 127", "warning", "no libGL.so.1"),
+        ("kill -SEGV $$", "warning", "signal 11"),
+    ],
+)
+def test_the_slicer_is_asked_for_its_version(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, script: str, status: str, detail: str
+) -> None:
+    program = tmp_path / "prusa-slicer"
+    program.write_text(f"#!/bin/sh\n{script}\n")
+    program.chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    found = doctor._slicer()
+    assert found.status == status and found.detail.endswith(detail)
+    assert bool(found.remedy) == (status == "warning")
+
+
+def test_a_slicer_that_cannot_be_started(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "prusa-slicer").write_bytes(b"\x7fELF")
+    (tmp_path / "prusa-slicer").chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert doctor._slicer().status == "warning"

@@ -1,0 +1,234 @@
+"""Wires of straights and bends: exact curves, the rows bent again, the file, and the fit."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rings import ring
+
+from knotfab.apps.wire.arcs import (
+    WireSites,
+    differentiate_wire,
+    find_nearest_sites,
+    list_bends,
+    round_corners,
+    space_sites,
+    tool_angle_deg,
+)
+from knotfab.apps.wire.files import COLUMNS, read_bends, write_bends
+from knotfab.apps.wire.fit import fit_wires
+from knotfab.apps.wire.judge import (
+    measure_deviation,
+    measure_least_distance,
+    measure_sensitivity,
+    replay,
+)
+from knotfab.apps.wire.residual import FitLimits
+from knotfab_formats.errors import InputError
+
+SQUARE = np.array([[0.0, 0, 0], [40, 0, 0], [40, 40, 0], [0, 40, 0]])
+
+
+def make_crooked(seed: int = 0, count: int = 14) -> np.ndarray:
+    angle = 2 * np.pi * np.arange(count) / count
+    noise = np.random.default_rng(seed).normal(size=count)
+    return np.column_stack([40 * np.cos(angle), 30 * np.sin(angle), 6 * noise])
+
+
+def test_a_square_has_four_quarter_bends() -> None:
+    wire = round_corners(SQUARE, 5.0)
+    assert np.allclose(np.rad2deg(wire.turn), 90) and np.allclose(wire.straight, 30)
+    assert wire.length_mm == pytest.approx(4 * 30 + 2 * np.pi * 5)
+    middle = wire.at(WireSites(np.array([1]), np.array([True]), np.array([0.5])))
+    assert middle[0] == pytest.approx([35 + 5 / np.sqrt(2), 5 - 5 / np.sqrt(2), 0])
+
+
+def test_the_nearest_site_is_on_the_named_strand() -> None:
+    wire = round_corners(SQUARE, 5.0)
+    points = np.array([[20.0, 1, 0], [40 - 1, 1, 0]])
+    sites, distance = find_nearest_sites(wire, points, np.array([0, 0]))
+    assert distance == pytest.approx([1.0, np.hypot(4, 4) - 5])
+    assert sites.bend.tolist() == [False, True] and sites.piece.tolist() == [0, 1]
+
+
+def test_the_jacobian_is_that_of_the_curve() -> None:
+    corners = make_crooked()
+    wire = round_corners(corners, 2.0)
+    sites, _ = space_sites(wire, 3.0)
+    points, straights = differentiate_wire(wire, sites)
+    step = 1e-5 * np.random.default_rng(1).normal(size=corners.shape)
+    moved = round_corners(corners + step, 2.0)
+    assert np.abs(points @ step.ravel() - (moved.at(sites) - wire.at(sites)).ravel()).max() < 1e-8
+    assert np.abs(straights @ step.ravel() - (moved.straight - wire.straight)).max() < 1e-8
+
+
+@pytest.mark.parametrize("cut", [0, 5, 13])
+def test_rows_bend_the_wire_again_exactly(cut: int) -> None:
+    wire = round_corners(make_crooked(), 2.0)
+    rows = list_bends(wire, cut, 0.0)
+    line, begins = replay(rows)
+    assert np.abs(line[-1] - line[0]).max() < 1e-11
+    order = (cut + 1 + np.arange(14)) % 14
+    assert np.abs(begins - wire.entry[order]).max() < 1e-11
+    assert rows.length_mm == pytest.approx(wire.length_mm, abs=1e-9)
+    assert rows.count == 14 and rows.bends[-1].note == "joint"
+    assert rows.bends[0].rotation_deg == pytest.approx(0)
+
+
+def test_many_rows_do_not_let_rounding_grow() -> None:
+    wire = round_corners(make_crooked(3, 400) * [10, 10, 1], 0.5)
+    line, _ = replay(list_bends(wire, 0, 0.0))
+    assert np.abs(line[-1] - line[0]).max() < 1e-9
+
+
+def test_rotation_turns_clockwise_as_seen_along_the_feed() -> None:
+    # along x, then towards y, then up: the second bend is a quarter turn from the first
+    corners = np.array([[0.0, 0, 0], [30, 0, 0], [30, 30, 0], [30, 30, 30], [0, 0, 30.0]])
+    rows = list_bends(round_corners(corners, 2.0), 0, 0.0)
+    second = rows.bends[1]
+    # fed along y, the first bend's side is -x; z lies at a right-handed turn about y from there
+    assert second.rotation_deg == pytest.approx(90)
+
+
+def test_springback_is_given_in_advance() -> None:
+    assert tool_angle_deg(90, 0) == 90
+    assert tool_angle_deg(96, 4) == pytest.approx(100)
+    rows = list_bends(round_corners(SQUARE, 5.0), 0, 10.0)
+    assert rows.bends[0].tool_angle_deg == pytest.approx(100)
+
+
+def test_the_file_reads_back_and_stays_closed(tmp_path: Path) -> None:
+    rows = list_bends(round_corners(make_crooked(), 2.0), 2, 4.0)
+    path = tmp_path / "bends.csv"
+    write_bends(path, rows, {"wire": "steel: 2 mm"})
+    again = read_bends(path)
+    assert len(again.bends) == len(rows.bends)
+    for a, b in zip(rows.bends, again.bends, strict=True):
+        assert b.distance_mm == pytest.approx(a.distance_mm, abs=6e-4)
+        assert b.rotation_deg == pytest.approx(a.rotation_deg, abs=6e-4) and a.note == b.note
+    line, _ = replay(again)
+    assert np.linalg.norm(line[-1] - line[0]) < 0.02
+    assert "# wire: steel: 2 mm\n" in path.read_text() and "-0.000" not in path.read_text()
+    assert ",".join(COLUMNS) in path.read_text()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("# normal", "# nrmal", "normal"),
+        ("feed_mm", "feed_cm", "columns"),
+        ("\n1,", "\n1,nan,", "not a number|columns"),
+        ("\n1,5", "\n1,x5", "not a number"),
+        ("\n1,5", "\n1,-5", "negative"),
+        ("direction: 1.0", "direction: 9 9 9 1.0", "direction"),
+    ],
+)
+def test_broken_files_are_refused(tmp_path: Path, old: str, new: str, says: str) -> None:
+    path = tmp_path / "bends.csv"
+    write_bends(path, list_bends(round_corners(SQUARE + [0, 0, 1], 5.0), 3, 0.0), {})
+    text = path.read_text().replace("# direction: 0.0", "# direction: 1.0")
+    text = text.replace("\n1,15", "\n1,5")
+    assert old in text
+    path.write_text(text.replace(old, new))
+    with pytest.raises(InputError, match=says):
+        read_bends(path)
+
+
+def test_deviation_is_measured_both_ways_and_across_the_rays() -> None:
+    circle = ring(30.0, n=400, wave=0.0)
+    lifted = circle + [0, 0, 2.0]
+    light = np.array([0, 0, 1e6])
+    found = measure_deviation(circle, lifted, [light])
+    assert found.largest == pytest.approx(2, abs=1e-3) and found.across < 1e-3
+    side = np.array([1e6, 0, 0])
+    assert measure_deviation(circle, lifted, [light, side]).across == pytest.approx(2, abs=1e-3)
+    wide = measure_deviation(circle, 1.02 * circle, [light])
+    assert wide.across == pytest.approx(0.6, abs=0.01) == wide.largest
+    bump = circle.copy()
+    bump[100] *= 1.1  # a spike of the second curve counts although the first is never far
+    assert measure_deviation(circle, bump, [light]).largest > 2.5
+    assert measure_deviation(bump, circle, [light]).largest > 2.5
+
+
+def test_another_strand_does_not_excuse_one_that_strayed() -> None:
+    t = np.linspace(0, 2 * np.pi, 2000, endpoint=False)
+    two = np.column_stack([30 * np.cos(2 * t), 30 * np.sin(2 * t), 1.5 * np.cos(t)])
+    strayed = two.copy()
+    strayed[900:1100, 2] *= -1  # for a fifth of a turn it lies where the other strand is
+    assert measure_deviation(two, strayed, []).largest == pytest.approx(3, abs=0.05)
+
+
+def test_least_distance_of_strands() -> None:
+    circle = ring(30.0, n=300, wave=0.0)
+    for gap in (1.0, 2.0, 3.0, 5.0):
+        assert measure_least_distance([circle, circle + [0, 0, gap]], 2.0) == pytest.approx(
+            gap, abs=0.02
+        )
+    assert measure_least_distance([circle], 2.0) == 6.0  # nothing is near: it is not looked for
+    long = np.array([[0.0, 0, 0], [100, 0, 0], [100, 2.5, 0], [0, 2.5, 0]])
+    assert measure_least_distance([long], 2.0) == pytest.approx(2.5, abs=0.02)
+
+
+def test_sensitivity_of_one_bend() -> None:
+    # the first bend of a square cut in a side's middle moves the end about its corner
+    found = measure_sensitivity(list_bends(round_corners(SQUARE, 1e-6), 3, 0.0))
+    arms = np.array([20.0, np.hypot(40, 20), np.hypot(40, 20), 20.0]) * np.pi / 180
+    assert found.worst == pytest.approx(arms.max(), rel=1e-5)
+    assert found.typical == pytest.approx(np.sqrt((arms**2).sum()), rel=1e-5)
+
+
+# --- the fit -----------------------------------------------------------------------------------
+
+LIMITS = FitLimits(2.0, 2.0, 160.0, 2.0, 0.475)
+
+
+def make_knotted(count: int = 600) -> np.ndarray:
+    t = np.linspace(0, 2 * np.pi, count, endpoint=False)
+    r = 17 + 6 * np.cos(3 * t)
+    return np.column_stack([r * np.cos(2 * t), r * np.sin(2 * t), 8 * np.sin(3 * t)])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("tolerance", [0.475, 0.2])
+def test_a_circle_takes_as_few_bends_as_it_needs(tolerance: float) -> None:
+    circle = ring(12.0, n=320, wave=0.0)
+    (wire,) = fit_wires([circle], None, replace(LIMITS, tolerance_mm=tolerance))
+    # corners that stand out as far as the chords lie within: at least pi / sqrt(4 t / (R - r))
+    least = np.pi / np.sqrt(4 * tolerance / 10)
+    assert least <= len(wire.corners) <= 1.6 * least
+    line, _ = replay(list_bends(wire, 0, 0.0))
+    assert measure_deviation(circle, line[:-1], []).largest <= tolerance + 0.025
+
+
+@pytest.mark.slow
+def test_a_trefoil_is_bent_within_all_limits() -> None:
+    curve, light = make_knotted(), np.array([0, 0, 500.0])
+    (wire,) = fit_wires([curve], light, LIMITS)
+    assert wire.straight.min() >= 2.0 - 0.01 and np.rad2deg(wire.turn.max()) <= 160
+    line, _ = replay(list_bends(wire, 0, 0.0))
+    found = measure_deviation(curve, line[:-1], [light])
+    assert found.across <= 0.5 and found.largest <= 1.0
+    assert measure_least_distance([line[:-1]], 2.0) >= 2.0
+    assert len(wire.corners) < 80
+
+
+@pytest.mark.slow
+def test_hairpins_become_two_bends() -> None:
+    # a race track whose ends turn at the tightest that a wire's data file allows
+    side = np.linspace(0, 60, 120)[:, None]
+    arc = np.linspace(0, np.pi, 30)[1:-1]
+    curve = np.concatenate(
+        [
+            side * [1, 0, 0] + [0, -3, 0],
+            np.column_stack([60 + 3 * np.sin(arc), -3 * np.cos(arc), 0 * arc]),
+            side[::-1] * [1, 0, 0] + [0, 3, 0],
+            np.column_stack([-3 * np.sin(arc), 3 * np.cos(arc), 0 * arc]),
+        ]
+    )
+    (wire,) = fit_wires([curve], None, LIMITS)
+    assert 4 <= len(wire.corners) <= 8 and wire.straight.min() >= 1.99
+    line, _ = replay(list_bends(wire, 0, 0.0))
+    assert measure_deviation(curve, line[:-1], []).largest <= 0.6

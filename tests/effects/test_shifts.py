@@ -1,0 +1,123 @@
+"""Sag: a bound of how far shadows are shifted that holds and is close, and the piece moved for real."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from lit_designs import design_under, view
+from reports import verdict_of
+
+from knotfab.effects import shifts as sag
+from knotfab.effects.base import EffectContext, World
+from knotfab.effects.shifts import LAYERS, SAG, measure_sag
+from knotfab.geometry.polylines import polylines_of_sizes
+from knotfab.report.effects import judge_made, list_effects, list_sags
+from knotfab.scene.camera import CurvedWall
+from knotfab_formats.piece import Printer
+from knotfab_formats.scene import ResolvedView
+from knotfab_formats.verdict import Sag
+from knotfab_validators.shadows.tube_field import tube_field
+from knotfab_validators.shadows.view import ViewGeometry, view_geometry
+from tests.oracles.parting import shift_bound_and_truth
+
+T = 2 * np.pi * np.arange(200) / 200
+RING = 50 * np.column_stack([np.cos(T), np.sin(T), 0.3 * np.sin(2 * T)])
+FLAT = RING * [1, 1, 0]
+
+
+@pytest.mark.parametrize("bent", [False, True])
+def test_it_bounds_the_truth_and_closely(bent: bool) -> None:
+    rng = np.random.default_rng(5)
+    ratios = [np.divide(*shift_bound_and_truth(rng, "sag", bent=bent)) for _ in range(100)]
+    assert min(ratios) >= 1.0 and np.median(ratios) <= (1.05 if bent else 1.02)
+
+
+def test_without_a_mount_nothing_sags() -> None:
+    assert SAG.magnitude(EffectContext((view(),), RING, 2.0, 0.25)) == 0.0
+    moves = np.tile([0.0, -0.2, 0.0], (200, 1))
+    sagging = SAG.magnitude(EffectContext((view(),), RING, 2.0, 0.25, moves=moves))
+    assert sagging == pytest.approx(0.2 * 600 / (500 - 15 - 2) / (180 / 1024), rel=0.01)
+
+
+@pytest.mark.slow
+def test_the_piece_is_moved_where_it_shows_and_else_runs_no_code(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    mask = np.zeros((180, 180), dtype=bool)
+    rings, down = polylines_of_sizes((200,)), np.tile([0.0, -2.0, 0.0], (200, 1))
+    found = measure_sag(view(), mask, FLAT, 0 * down, rings, 2.0)
+    assert found == Sag(widest_px=0.0, iou=0.0, iou_designed=0.0)
+    rows, columns = np.mgrid[:180, :180] - 89.5
+    mask |= abs(np.hypot(rows, columns) - 60) < 2.4  # the flat ring's shadow
+    made = design_under(World(), FLAT)
+    judge_made(made, made.scene, down, None)
+    (sagged,) = list_sags(made, down, [mask])
+    assert sagged is not None and sagged.iou < sagged.iou_designed - 0.2
+    # as far as its shadow goes: 2 mm, 1.2 times larger, of 180 mm on 1024 px
+    assert sagged.widest_px == pytest.approx(2.4 / 180 * 1024, rel=0.05)
+    lines = {line.name: line for line in list_effects(made.result, verdict_of())}
+    line = lines["sag"]
+    assert (line.calls, line.where, line.simulated) == (1, ("report",), True)
+
+    def explode(*_: object) -> None:
+        raise AssertionError("the piece was moved")
+
+    monkeypatch.setattr(sag, "measure_sag", explode)
+    for moves in (0.01 * down, None):
+        made = design_under(World(), FLAT)
+        judge_made(made, made.scene, moves, None)
+        assert list_sags(made, moves, [mask]) == [None]
+
+
+@pytest.mark.parametrize("radius", [350.0, -110.0])
+def test_on_a_round_wall_it_is_the_shadow_there(radius: float) -> None:
+    seen, rings = view(wall_radius_mm=radius), polylines_of_sizes((200,))
+    there = view_geometry(seen, 1024, 1024)
+    # one side sags, where the wall bends most; the picture is the ring as it is designed
+    moves = np.outer(np.clip(FLAT[:, 0] - 25, 0, None), [0.0, -0.2, 0.0])
+
+    def cast(points: np.ndarray, where: ViewGeometry) -> np.ndarray:
+        return tube_field([points], 2.0, where).mask
+
+    def iou(where: ViewGeometry) -> float:
+        was, now = cast(FLAT, where), cast(FLAT + moves, where)
+        return float((was & now).sum() / (was | now).sum())
+
+    flat, wall = cast(FLAT, there.flat), CurvedWall.of(seen)
+    on_flat, on_wall = (
+        measure_sag(seen, flat, FLAT, moves, rings, 2.0, w).iou for w in (None, wall)
+    )
+    assert on_wall == pytest.approx(iou(there), abs=0.0015)
+    assert on_flat == pytest.approx(iou(there.flat), abs=0.0015)
+    assert radius > 0 or abs(on_wall - on_flat) > 0.008
+
+
+# Layers: a bound of what half a layer shifts, as the piece lies on the printer's bed.
+
+
+PX = 180 / 1024
+
+
+def magnitude(seen: ResolvedView, points: Any, radius: float, up: Any, layer: float = 0.2) -> float:
+    world = World(printer=Printer(layer_height_mm=layer))
+    return LAYERS.magnitude(EffectContext((seen,), points, radius, 0.25, world, None, up))
+
+
+@pytest.mark.parametrize("bent", [False, True])
+def test_it_bounds_the_shift_and_closely(bent: bool) -> None:
+    rng = np.random.default_rng(6)
+    ratios = [np.divide(*shift_bound_and_truth(rng, "layers", bent=bent)) for _ in range(100)]
+    assert min(ratios) >= 1.0 and np.median(ratios) <= 1.1
+
+
+def test_no_layers_along_the_printers_axis_or_unprinted() -> None:
+    there = np.zeros((1, 3))
+    along, across = (
+        magnitude(view(), there, 2.0, np.array(up)) for up in ([0, 0, 1.0], [0, 1.0, 0])
+    )
+    assert along < 0.02 < across
+    # the part of the surface that is nearer to the lamp, and the rim
+    assert across == pytest.approx(0.1 * 1.2 / PX, rel=0.05)
+    assert magnitude(view(), there, 2.0, None) == 0.0

@@ -1,0 +1,187 @@
+"""The frame model against beams of known deflection, against itself turned, and against PyNite's."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from knotfab.hold.beams import (
+    DOWN,
+    GRAVITY_M_S2,
+    PIECES,
+    POISSON,
+    Beams,
+    Stiffness,
+    frame_of,
+    piece_beams,
+    round_beams,
+    sag_moves,
+    worst_of,
+)
+from knotfab.hold.pegs import choose_pegs, pegs_on, sites_with
+from knotfab.hold.shade import free_rays
+from knotfab.hold.struts import GROUND, Candidates, join, struts
+from knotfab.knots import Knot, Knots
+from knotfab.scene.camera import camera_of
+from knotfab_formats.scene import ResolvedView
+
+E, RHO, R = 3000.0, 1.24, 1.5
+W = np.pi * R**2 * RHO * 1e-6 * GRAVITY_M_S2  # N/mm
+I = np.pi / 4 * R**4  # noqa: E741
+
+
+def deflect(beams: Beams, fixed: np.ndarray, down: np.ndarray = DOWN) -> np.ndarray:
+    """(n, 3) displacement of the joints, mm, under the beams' own weight."""
+    return frame_of(beams, fixed, E, RHO, down).displacements()[:, :3]
+
+
+def line(length: float, pieces: int, direction: tuple[float, float, float] = (1, 0, 0)):
+    joints = np.linspace(0, length, pieces + 1)[:, None] * np.array(direction, dtype=float)
+    ends = np.column_stack([np.arange(pieces), np.arange(1, pieces + 1)])
+    return round_beams(joints, ends, np.full(pieces, R))
+
+
+@pytest.mark.parametrize("pieces", [1, 2, 7])
+def test_a_cantilever_under_its_weight(pieces: int) -> None:
+    beams = line(100.0, pieces)
+    moved = deflect(beams, np.array([0]))
+    assert moved[-1] == pytest.approx([0, -W * 100.0**4 / (8 * E * I), 0], rel=1e-9, abs=1e-15)
+
+
+def test_a_beam_held_at_both_ends() -> None:
+    moved = deflect(line(200.0, 4), np.array([0, 4]))
+    assert -moved[2, 1] == pytest.approx(W * 200.0**4 / (384 * E * I), rel=1e-9)
+
+
+def test_a_rod_that_hangs_is_stretched() -> None:
+    moved = deflect(line(80.0, 3, (0, -1, 0)), np.array([0]))
+    assert -moved[-1, 1] == pytest.approx(W * 80.0**2 / (2 * E * np.pi * R**2), rel=1e-9)
+
+
+def test_an_arm_twists_the_beam_that_holds_it() -> None:
+    """Both legs of an L in the horizontal plane bend, and the second twists the first."""
+    a, b = 60.0, 40.0
+    joints = np.array([[0, 0, 0], [a, 0, 0], [a, 0, b]], dtype=float)
+    beams = round_beams(joints, np.array([[0, 1], [1, 2]]), np.full(2, R))
+    moved = deflect(beams, np.array([0]))
+    shear, j = E / (2 * 1.35), np.pi / 2 * R**4
+    tip = W * b * a**3 / (3 * E * I) + W * a**4 / (8 * E * I)
+    tip += W * b * (b / 2) * a / (shear * j) * b + W * b**4 / (8 * E * I)
+    assert -moved[2, 1] == pytest.approx(tip, rel=1e-9)
+
+
+def test_turning_the_world_turns_the_answer() -> None:
+    rng = np.random.default_rng(1)
+    joints = rng.normal(size=(12, 3)) * 30
+    ends = np.column_stack([np.arange(12), np.roll(np.arange(12), -1)])
+    q, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    q *= np.sign(np.linalg.det(q))
+    one = deflect(round_beams(joints, ends, np.full(12, R)), np.array([0, 5]))
+    other = deflect(round_beams(joints @ q.T, ends, np.full(12, R)), np.array([0, 5]), q @ DOWN)
+    assert np.allclose(one @ q.T, other, rtol=1e-8, atol=1e-12)
+
+
+def test_what_nothing_holds_is_refused() -> None:
+    with pytest.raises(ValueError, match="held"):
+        deflect(line(10.0, 2), np.array([], dtype=int))
+    with pytest.raises(ValueError, match="no length"):
+        deflect(line(0.0, 2), np.array([0]))
+
+
+AGREE = 1e-6  # a share of the largest displacement
+
+
+def by_pynite(beams: Beams, fixed: np.ndarray, down: np.ndarray) -> np.ndarray:
+    """(n, 3) displacement of every joint, mm (N, mm and MPa throughout)."""
+    from Pynite import FEModel3D  # loading it takes seconds, for which other workers need not wait
+
+    model = FEModel3D()
+    model.add_material("plastic", E, E / (2 * (1 + POISSON)), POISSON, 0.0)
+    for number, (x, y, z) in enumerate(beams.joints):
+        model.add_node(f"J{number}", x, y, z)
+    for number, (a, b) in enumerate(beams.ends):
+        inertia = beams.inertia[number]
+        model.add_section(f"S{number}", beams.area[number], inertia, inertia, beams.twist[number])
+        model.add_member(f"B{number}", f"J{a}", f"J{b}", "plastic", f"S{number}")
+        weight = beams.area[number] * RHO * 1e-6 * GRAVITY_M_S2
+        for axis, share in zip("XYZ", down, strict=True):
+            model.add_member_dist_load(f"B{number}", f"F{axis}", weight * share, weight * share)
+    for number in fixed:
+        model.def_support(f"J{number}", True, True, True, True, True, True)
+    model.analyze_linear(check_stability=False)
+    name = next(iter(model.load_combos))
+    nodes = [model.nodes[f"J{n}"] for n in range(len(beams.joints))]
+    return np.array([[n.DX[name], n.DY[name], n.DZ[name]] for n in nodes])
+
+
+def compare(beams: Beams, fixed: np.ndarray, down: np.ndarray = DOWN) -> np.ndarray:
+    """The displacements, the same by both."""
+    own = deflect(beams, fixed, down)
+    other = by_pynite(beams, fixed, down)
+    assert np.abs(own - other).max() < AGREE * np.linalg.norm(other, axis=1).max()
+    return own
+
+
+@pytest.mark.parametrize("down", [(0.0, -1.0, 0.0), (0.6, 0.0, -0.8)])
+def test_a_leaning_cantilever_of_changing_section(down: tuple[float, float, float]) -> None:
+    joints = np.linspace(0, 1, 6)[:, None] * np.array([60.0, 25.0, -40.0])
+    ends = np.column_stack([np.arange(5), np.arange(1, 6)])
+    beams = round_beams(joints, ends, np.linspace(2.5, 1.0, 5))
+    assert np.linalg.norm(compare(beams, np.array([0]), np.array(down))[-1]) > 0.002
+
+
+def test_a_portal_frame_that_leans_out_of_its_plane() -> None:
+    joints = np.array([[0, 0, 0], [0, 80, 10], [60, 80, 10], [60, 0, 0], [30, 80, 45]], dtype=float)
+    ends = np.array([[0, 1], [1, 2], [2, 3], [1, 4], [4, 2]])
+    beams = round_beams(joints, ends, np.array([1.5, 1.2, 1.5, 0.8, 0.8]))
+    moved = compare(beams, np.array([0, 3]))
+    # the arm leans out to +z: the frame goes that way, and down
+    assert moved[4, 1] < 0 < moved[4, 2]
+
+
+@pytest.mark.slow
+def test_two_knots_on_their_pegs_with_a_strut_and_a_leaning_peg() -> None:
+    """The whole frame of a wall mount, as `sag_moves` solves it, and what it says of the sag."""
+    t = 2 * np.pi * np.arange(160) / 160
+    flower = np.column_stack([45 * np.cos(t), 45 * np.sin(t), 10 * np.sin(3 * t)])
+    inner = np.column_stack([22 * np.cos(t), 22 * np.sin(t), 8 * np.cos(2 * t)])
+    knots = Knots((Knot(flower), Knot(inner)), 2.0)
+    camera = camera_of(ResolvedView(frame_width_mm=180.0, frame_height_mm=180.0), 90, 90)
+    rays = free_rays(knots, camera, 0.95, 0.4)
+    thick = np.full(len(rays.top), 1.9)
+    foot = thick * np.linalg.norm(rays.foot - camera.eye, axis=1)
+    foot = foot / np.linalg.norm(rays.top - camera.eye, axis=1)
+    stiffness = Stiffness(E, RHO, 0.2)
+    pegs = choose_pegs(knots, rays, thick, foot, stiffness).rays
+    sites = sites_with(knots, rays, pegs)
+    pairs = np.array([[int(np.flatnonzero(sites.knot == 1)[0]), 0]])
+    strut = struts(sites, pairs, 2.0, 1.5)
+    top, ground = sites.point[[5]], np.array([GROUND])
+    leaning = Candidates(
+        np.array([5]), ground, top, top + [10.0, 40.0, -100.0 - top[0, 2]], np.array([1.5])
+    )
+    members = join([pegs_on(sites, rays, pegs, thick, foot), strut, leaning])
+    assert len(members) == len(pegs) + 2
+    beams, fixed = piece_beams(knots.radius_mm, sites, members, PIECES)
+    assert len(fixed) == len(pegs) + 1
+    size = np.linalg.norm(compare(beams, fixed)[: len(sites.knot)], axis=1)
+    # the frame that is built anew has other joints along the tubes; its model is the same
+    moves = sag_moves(knots, sites, members, stiffness)
+    sag, at = worst_of(moves, knots.points)
+    assert sag == pytest.approx(size.max(), rel=0.02)
+    assert np.linalg.norm(at - beams.joints[size.argmax()]) < 10.0
+    moves = sag_moves(knots, sites, members, stiffness, step_radii=1.5)
+    again, there = worst_of(moves, knots.points)
+    assert again == pytest.approx(size.max(), rel=1e-9)
+    assert (there == beams.joints[size.argmax()]).all()
+    assert sag < 0.2
+
+
+def test_the_comparison_sees_a_wrong_section() -> None:
+    joints = np.array([[0.0, 0, 0], [50, 0, 0], [50, 0, 30]])
+    ends = np.array([[0, 1], [1, 2]])
+    beams = round_beams(joints, ends, np.array([1.5, 1.5]))
+    wrong = Beams(joints, ends, beams.area, beams.inertia, beams.twist * 1.001)
+    own = deflect(beams, np.array([0]))
+    other = by_pynite(wrong, np.array([0]), DOWN)
+    assert np.abs(own - other).max() > 10 * AGREE * np.linalg.norm(other, axis=1).max()

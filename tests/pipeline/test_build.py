@@ -1,0 +1,550 @@
+"""The main job end to end: what a build writes, says, refuses, and leaves as it was."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import tomllib
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from command import Done, knotfab, picture, small_disk
+from numpy.typing import NDArray
+from PIL import Image
+
+import knotfab.design.design as designing
+import knotfab.pipeline.piece as piece
+from knotfab.design.design import Design
+from knotfab.report.in_words import CHECKS
+from knotfab_formats.search import PRESETS
+from knotfab_formats.verdict import KNOTS, MESH, PRINTING
+
+pytestmark = pytest.mark.build
+
+FILES = {
+    "part.stl", "part.3mf", "part.glb", "knots.json", "scene.toml", "report.json", "report.html",
+    "shadow-front.png", "compare-front.png", "picture-front.png",
+}  # fmt: skip
+QUICK = """
+schema = 1
+[accuracy]
+name = "draft"
+[search]
+coarse_px = 96
+fine_px = 160
+coarse_iterations = 25
+fine_iterations = 20
+settle_iterations = 20
+depth_candidates = 8
+"""
+# groups that are left out whole are not measured: for builds of which only the shadow tells
+UNREAD = [f"--skip={name}" for name in ("slicer", *KNOTS, *MESH, "tube", "clearance", *PRINTING)]
+RADIUS = 6.0  # mm: thick, so that a build is short
+FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+
+
+class Good:
+    """One build that passed, its folder and what it said."""
+
+    def __init__(self, folder: Path, done: Done, design: Design) -> None:
+        self.folder, self.done, self.design = folder, done, design
+        self.report: dict[str, Any] = json.loads((folder / "report.json").read_text())
+        self.knots: dict[str, Any] = json.loads((folder / "knots.json").read_text())
+
+
+@pytest.fixture(scope="module")
+def good(tmp_path_factory: pytest.TempPathFactory) -> Good:
+    folder = tmp_path_factory.mktemp("good") / "out"
+    designs: list[Design] = []
+
+    def design(*arguments: Any) -> Design:
+        designs.append(original(*arguments))
+        return designs[-1]
+
+    original = designing.design_knots
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(designing, "design_knots", design)
+        call = ["build", "text:♥", "--tube-radius", str(RADIUS), "--accuracy", "draft"]
+        # real slicing takes as long as all the rest: a sequence's build and tests/slicer have it
+        done = knotfab(*call, "--print", "--skip", "slicer", "--out", folder)
+    assert done.code == 0, done
+    return Good(folder, done, designs[0])
+
+
+@pytest.fixture
+def designed(good: Good, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """A build whose search is done already: only what follows it runs."""
+    monkeypatch.setattr(designing, "design_knots", lambda *arguments: good.design)
+    return ["build", "text:♥"]
+
+
+def checks_of(folder: Path) -> dict[str, dict[str, Any]]:
+    report = json.loads((folder / "report.json").read_text())
+    return {c["name"]: c for c in report["checks"]}
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
+def black_on_white(path: Path) -> NDArray[np.bool_]:
+    return np.asarray(Image.open(path).convert("L")) < 128
+
+
+# --- a good build ---
+
+
+def test_all_files_of_the_contract_and_what_is_said_before(good: Good) -> None:
+    names = {p.name for p in good.folder.iterdir()}
+    assert names >= FILES and not any(n.startswith(".") for n in names)
+    assert "rejected" not in names
+    drawings = {"setup.pdf", "setup.svg"}  # nothing is drilled for a piece without a mount
+    assert {n for n in names if n.startswith(("setup", "drill"))} == drawings
+    assert good.report["print"]["drawings"] == sorted(drawings)
+    said = good.done.err.splitlines()
+    assert said == good.report["settings"]["preview"] and len(said) == 3
+    assert good.done.out.startswith("pass") and str(good.folder) in good.done.out
+    assert "Nothing holds the knots" in good.done.out
+
+
+def test_the_report_has_the_keys_of_the_contract(good: Good) -> None:
+    report = good.report
+    assert (report["schema"], report["status"]) == (1, "pass")
+    (view,) = report["views"]
+    assert (view["name"], view["kind"], view["picture"]) == ("front", "shadow", "picture-front.png")
+    assert set(view["legibility"]) == {"15", "30", "45", "60"}
+    assert all(0 < v < 1 for v in view["legibility"].values())
+    assert 0.95 < view["iou"] == view["iou_tube"] <= 1
+    assert min(view["precision"], view["recall"]) > 0.95
+    assert 0 <= view["outline_error_px"] <= PRESETS["draft"].outline_px
+    fine = 1024 / max(view["width"], view["height"])
+    pixel_mm = 180 / max(view["width"], view["height"]) / fine
+    assert view["outline_error_mm"] == pytest.approx(view["outline_error_px"] * pixel_mm, rel=1e-6)
+    for check in report["checks"]:
+        assert check["status"] != "fail" and isinstance(check["required"], bool)
+        assert check["status"] == "pass" or not check["required"]
+        assert set(check) >= {
+            "name", "status", "required", "measured", "limit", "unit", "detail",
+        }  # fmt: skip
+    for effect in report["effects"]:
+        assert set(effect) >= {
+            "name", "simulated", "forced", "where", "magnitude", "threshold", "unit", "calls",
+            "seconds", "reason",
+        }  # fmt: skip
+        assert effect["simulated"] == (effect["calls"] > 0) == bool(effect["where"])
+    limits = {limit["name"]: limit for limit in report["limits"]}
+    assert set(limits) == {"clearance", "bend", "region", "length"}
+    assert {*limits, "penumbra"} <= {e["name"] for e in report["effects"]}
+    assert min(limits["clearance"]["calls"], limits["bend"]["calls"]) > 0
+    assert limits["length"]["calls"] == 0  # 50 m are never near
+    for name, limit in limits.items():
+        beyond = limit["measured"] - limit["limit"]
+        assert beyond >= 0 if name in ("clearance", "bend") else beyond <= 0
+    timings = report["timings"]
+    assert {"picture", "search", "part", "verify", "total"} <= set(timings)
+    assert timings["total"] >= sum(v for k, v in timings.items() if k != "total") - 0.01
+    (knot,) = report["knots"]
+    assert knot["type"] == "unknot" and knot["vertices"] == len(good.knots["knots"][0]["points"])
+    piece, settings = report["print"], report["settings"]
+    assert piece["printer"] == "prusa-mk4" and piece["depth_ratio"] >= 0.6
+    volume = np.pi * RADIUS**2 * knot["length_mm"]
+    assert piece["volume_mm3"] == pytest.approx(volume, rel=1e-3)
+    assert piece["mass_g"] == pytest.approx(volume * 1.24e-3, rel=1e-3)
+    assert settings["tube_radius_mm"] == RADIUS and settings["accuracy"] == "draft"
+    assert {"seed", "versions", "command", "search"} <= set(settings)
+
+
+def test_reported_knots_are_those_of_the_file(good: Good) -> None:
+    points = np.array(good.knots["knots"][0]["points"])
+    (knot,) = good.report["knots"]
+    edges = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)
+    assert knot["length_mm"] == pytest.approx(edges.sum())
+    checks = checks_of(good.folder)
+    assert knot["thickness_mm"] == pytest.approx(checks["thickness"]["measured"], rel=1e-6)
+    assert knot["min_bend_radius_mm"] == pytest.approx(checks["bend"]["measured"], rel=1e-6)
+    assert good.knots["radius_mm"] == RADIUS and good.knots["unit"] == "mm"
+
+
+def test_the_projection_takes_the_knots_into_the_silhouette(good: Good) -> None:
+    (view,) = good.report["views"]
+    ink = black_on_white(good.folder / view["picture"])
+    assert ink.shape == (view["height"], view["width"])
+    points = np.concatenate([k["points"] for k in good.knots["knots"]])
+    points = np.column_stack([points, np.ones(len(points))])
+    u, v, w = np.array(view["projection"]) @ points.T
+    assert (w > 0).all()
+    at = np.rint(np.stack([v / w, u / w])).astype(int)
+    assert ink[tuple(at)].mean() > 0.99
+    # not merely somewhere inside: the strands come within a tube's width of the whole outline
+    assert at.min(axis=1) == pytest.approx(np.argwhere(ink).min(axis=0), abs=25 * RADIUS)
+    assert at.max(axis=1) == pytest.approx(np.argwhere(ink).max(axis=0), abs=25 * RADIUS)
+    assert (points @ np.array(view["receiver"]) > 0).all()
+    assert np.linalg.norm(view["receiver"][:3]) == pytest.approx(1.0)
+
+
+def test_the_part_stands_on_the_bed_in_millimetres(good: Good) -> None:
+    facets = np.frombuffer((good.folder / "part.stl").read_bytes()[84:], dtype=FACET)
+    low, high = (f(facets["corners"].reshape(-1, 3), axis=0) for f in (np.min, np.max))
+    assert low == pytest.approx([0, 0, 0], abs=1e-4)
+    assert high == pytest.approx(good.report["print"]["bounding_box_mm"], abs=1e-3)
+    points = np.concatenate([k["points"] for k in good.knots["knots"]])
+    assert points.min(axis=0) - low == pytest.approx([RADIUS] * 3, abs=0.1)
+
+
+def test_the_report_page_opens_offline(good: Good) -> None:
+    """What it shows is inside; its links lead to the files beside it, and its policy lets nothing load."""
+    whole = (good.folder / "report.html").read_text(encoding="utf-8")
+    assert "default-src 'none'; img-src data:" in whole and "<script src" not in whole
+    page = re.sub("<script.*?</script>", "", whole, flags=re.DOTALL)
+    for link in re.findall(r'href="([^"]+)"', page):
+        assert (good.folder / link).is_file(), link
+    for address in re.findall(r"""(?:src|url)\s*[=(]\s*["']?([^"')\s>]+)""", page):
+        assert address.startswith("data:"), address
+    assert "@import" not in page
+    assert page.count("data:image/png;base64,") >= 2
+
+
+def test_the_scene_is_resolved(good: Good) -> None:
+    text = (good.folder / "scene.toml").read_text(encoding="utf-8")
+    scene = tomllib.loads(text)
+    assert scene["views"][0]["ink"] == "auto"  # a rule, which the copied picture is read by again
+    assert set(scene["effects"].values()) == {"auto"}  # so are these
+    assert scene["piece"]["bend"] == "auto"  # several pictures have their bending in their views
+    # lamps that share a wall have places, and one view has not
+    assert scene["lamps"]["places"] == "auto"
+    assert text.count('"auto"') == 3 + len(scene["effects"])
+    assert scene["piece"]["tube_radius_mm"] == RADIUS and scene["piece"]["knots"] == 1
+    assert scene["piece"]["depth"] > 50
+    assert {"seed", "coarse_iterations", "fine_px", "mesh_sides"} <= set(scene["search"])
+    assert np.array(scene["pose"]["matrix"]).shape == (4, 4)
+    assert scene["views"][0]["picture"] == "picture-front.png"
+
+
+def test_the_resolved_scene_gives_the_same_part_quietly(good: Good, tmp_path: Path) -> None:
+    again = tmp_path / "again"
+    scene = good.folder / "scene.toml"
+    call = ["build", "--scene", scene, "--print", *UNREAD]  # the parts are alike or not
+    done = knotfab(*call, "--out", again, "--quiet")
+    assert done == Done(0, "", "")
+    for name in (
+        *("part.stl", "knots.json", "scene.toml", "picture-front.png", "shadow-front.png"),
+        *("setup.pdf", "setup.svg"),
+    ):
+        assert (again / name).read_bytes() == (good.folder / name).read_bytes(), name
+
+
+def test_skip_knows_every_check_of_a_report(good: Good) -> None:
+    own = {"3mf", "isotopy", "limits"}  # the build's, not the validators'
+    sometimes = {
+        "shadow-render",
+        "intrusion",
+        "plate_mesh",
+        "plates",
+        "plates_volume",
+        "slicer",
+        "level",
+        "tone",
+        "colours",
+        "lamp_colours",
+        "table_mesh",
+        "table",
+        "table_shadow",
+    }
+    assert set(checks_of(good.folder)) - own == set(CHECKS) - sometimes
+
+
+# --- validate and shadow, on what it wrote ---
+
+
+def test_validate_agrees_with_the_report(good: Good) -> None:
+    done = knotfab("validate", good.folder, "--json")
+    answer = json.loads(done.out)
+    assert (done.code, answer["status"], done.err) == (0, "pass", "")
+    reported = checks_of(good.folder)
+    for check in answer["checks"]:
+        assert check == reported[check["name"]]
+    assert answer["views"][0]["iou"] == good.report["views"][0]["iou"]
+
+
+def break_part(good: Good, into: Path, change: Any) -> Path:
+    """A copy of the good result whose part.stl was changed behind knotfab's back."""
+    shutil.copytree(good.folder, into)
+    data = (into / "part.stl").read_bytes()
+    facets = np.frombuffer(data[84:], dtype=FACET).copy()
+    facets = change(facets)
+    count = np.uint32(len(facets)).tobytes()
+    (into / "part.stl").write_bytes(data[:80] + count + facets.tobytes())
+    return into
+
+
+def shift(facets: NDArray[Any]) -> NDArray[Any]:
+    facets["corners"] += np.array([0.0, 1.0, 0.0], dtype="<f4")
+    return facets
+
+
+def scale(facets: NDArray[Any]) -> NDArray[Any]:
+    facets["corners"] *= np.float32(1.02)
+    return facets
+
+
+def pierce(facets: NDArray[Any]) -> NDArray[Any]:
+    return facets[5:]
+
+
+def turn_over(facets: NDArray[Any]) -> NDArray[Any]:
+    facets["corners"] = facets["corners"][:, ::-1]
+    return facets
+
+
+@pytest.mark.parametrize(
+    ("change", "failing"),
+    [
+        (shift, {"tube"}),
+        (scale, {"tube", "mesh_volume"}),
+        (pierce, {"mesh_closed"}),
+        (turn_over, {"mesh_volume"}),
+    ],
+)
+def test_validate_rejects_a_part_that_was_changed(
+    good: Good, tmp_path: Path, change: Any, failing: set[str]
+) -> None:
+    folder = break_part(good, tmp_path / "broken", change)
+    others = [f"--skip={name}" for name in CHECKS if name not in failing]
+    done = knotfab("validate", folder, "--json", *others)
+    answer = json.loads(done.out)
+    assert (done.code, answer["status"]) == (1, "fail")
+    assert failing <= {c["name"] for c in answer["checks"] if c["status"] == "fail"}
+
+
+def test_shadow_draws_the_verified_shadow(good: Good, tmp_path: Path) -> None:
+    png = tmp_path / "deep" / "shadow.png"
+    scene = good.folder / "scene.toml"
+    done = knotfab("shadow", good.folder / "part.stl", "--scene", scene, "--out", png)
+    assert (done.code, done.err) == (0, "") and str(png) in done.out
+    drawn, reported = black_on_white(png), black_on_white(good.folder / "shadow-front.png")
+    assert 0.05 < drawn.mean() < 0.95
+    assert (drawn == reported).all()
+    assert [p.name for p in png.parent.iterdir()] == ["shadow.png"]
+
+
+def test_shadow_leaves_nothing_where_it_cannot_write(good: Good, tmp_path: Path) -> None:
+    place = tmp_path / "folder.png"
+    place.mkdir()
+    call = ["shadow", good.folder / "part.stl", "--scene", good.folder / "scene.toml"]
+    done = knotfab(*call, "--out", place)
+    assert done.code == 2 and done.err.startswith("knotfab: ") and done.err.count("\n") == 1
+    assert list(tmp_path.iterdir()) == [place]
+    done = knotfab(*call, "--out", tmp_path / "x.png", "--view", "back")
+    assert done.code == 2 and "no such view" in done.err
+
+
+# --- builds that do not pass ---
+
+
+def test_a_failed_check_rejects_the_whole_and_keeps_the_earlier(
+    good: Good, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = good.design.scene
+    strict = asked.accuracy.model_copy(update={"iou_floor": 0.9999})
+    stricter = replace(good.design, scene=asked.model_copy(update={"accuracy": strict}))
+    monkeypatch.setattr(designing, "design_knots", lambda *arguments: stricter)
+    out = tmp_path / "out"
+    shutil.copytree(good.folder, out)
+    before = contents(out)
+    call = ["build", "text:♥", "--out", out, "--print", *UNREAD, "--verbose"]
+    done = knotfab(*call)
+    assert done.code == 1
+    assert (
+        done.out.startswith("fail") and "shadow" in done.out and str(out / "rejected") in done.out
+    )
+    assert re.search(r"^part: \d+\.\d\d s$", done.err, re.MULTILINE)
+    after = contents(out)
+    rejected = {k.removeprefix("rejected/"): v for k, v in after.items() if "rejected/" in k}
+    assert {k: v for k, v in after.items() if "rejected/" not in k} == before
+    assert set(rejected) - {"failures.png"} == set(before)
+    assert rejected["part.stl"] == before["part.stl"]
+    report = json.loads(rejected["report.json"])
+    assert report["status"] == "fail"
+    assert [c["name"] for c in report["checks"] if c["status"] == "fail"] == [
+        "shadow",
+        "half_light",
+    ]
+
+
+def test_without_rendering_the_build_says_so_and_may_go_on(
+    designed: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("KNOTFAB_NO_RENDERING", "1")
+    monkeypatch.setenv("KNOTFAB_JOBS", "1")  # one process is soon started
+    done = knotfab(*designed, *UNREAD, "--out", tmp_path / "out")
+    assert done.code == 3, done
+    assert [p.name for p in (tmp_path / "out").iterdir()] == ["rejected"]
+    assert "KNOTFAB_NO_RENDERING" in done.out and "--skip shadow-render" in done.out
+    assert json.loads((tmp_path / "out/rejected/report.json").read_text())["status"] == "fail"
+    done = knotfab(*designed, *UNREAD, "--out", tmp_path / "out", "--skip", "shadow-render")
+    assert done.code == 0, done
+    checks = checks_of(tmp_path / "out")
+    assert checks["shadow"]["status"] == "pass" and checks["shadow"]["measured"] > 0.95
+    assert checks["build_volume"]["status"] == "skipped"
+
+
+def test_a_verifier_that_crashes_leaves_nothing(
+    designed: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    crashing = tmp_path / "python"
+    crashing.write_text("#!/bin/sh\nulimit -c 0\nread line\nkill -SEGV $$\n")
+    crashing.chmod(0o755)
+    monkeypatch.setattr("sys.executable", str(crashing))
+    done = knotfab(*designed, "--out", tmp_path / "out")
+    assert done.code == 3
+    assert done.err.splitlines()[-1].startswith("knotfab: verification")
+    assert done.err.count("knotfab: ") == 1
+    assert "SIGSEGV" in done.err and "--skip shadow-render" in done.err
+    assert [p.name for p in tmp_path.iterdir()] == ["python"]
+
+
+@pytest.fixture
+def disk(tmp_path: Path) -> Iterator[Path]:
+    """A disk of 12 MiB that holds one file."""
+    with small_disk(tmp_path / "disk", "12m") as place:
+        (place / "part.stl").write_text("earlier")
+        yield place
+
+
+def fill_up(folder: Path) -> None:
+    with (folder / "ballast").open("wb", buffering=0) as file, pytest.raises(OSError):
+        while True:
+            file.write(b"\0" * 4096)
+
+
+@pytest.mark.parametrize("moment", ["before the part", "before the verification"])
+def test_a_disk_that_fills_up(
+    designed: list[str], disk: Path, monkeypatch: pytest.MonkeyPatch, moment: str
+) -> None:
+    original = piece.write_part
+
+    def write(*arguments: Any) -> None:
+        if moment == "before the verification":
+            original(*arguments)
+        fill_up(disk)
+        if moment == "before the part":
+            original(*arguments)
+
+    monkeypatch.setattr(piece, "write_part", write)
+    done = knotfab(*designed, "--out", disk)
+    assert done.code == 3 and "Traceback" not in done.err
+    assert done.err.splitlines()[-1].startswith("knotfab: ") and done.err.count("knotfab: ") == 1
+    assert "the disk is full" in done.err and "Free some space" in done.err
+    assert sorted(p.name for p in disk.iterdir()) == ["ballast", "part.stl"]
+    assert (disk / "part.stl").read_text() == "earlier"
+
+
+# --- other pictures and options ---
+
+
+@pytest.fixture
+def quick(tmp_path: Path) -> list[str | Path]:
+    """A scene that searches for a second."""
+    scene = tmp_path / "quick.toml"
+    scene.write_text(QUICK)
+    return ["--scene", scene, "--skip", "shadow-render"]
+
+
+def two_pieces(size: int = 96) -> NDArray[np.bool_]:
+    ink = np.zeros((size, size), dtype=bool)
+    ink[16:80, 12:40] = True
+    ink[16:80, 56:84] = True
+    return ink
+
+
+def test_two_pieces_of_a_drawing_become_two_flat_knots(
+    tmp_path: Path, quick: list[str | Path]
+) -> None:
+    svg = tmp_path / "two.svg"
+    svg.write_text(
+        '<svg xmlns="http://www.w3.org/2000/svg" width="96" height="96">'
+        '<path d="M12 16h28v64h-28z M56 16h28v64h-28z"/></svg>'
+    )
+    out = tmp_path / "out"
+    done = knotfab("build", svg, *quick, "--tube-radius", "3", "--depth", "flat", "--out", out)
+    assert done.code == 0, done
+    knots = json.loads((out / "knots.json").read_text())["knots"]
+    report = json.loads((out / "report.json").read_text())
+    assert len(knots) == len(report["knots"]) == 2
+    assert report["print"]["depth_ratio"] < 0.15
+    assert any("2 knots are loose" in note for note in report["notes"])
+    assert tomllib.loads((out / "scene.toml").read_text())["piece"]["depth"] == "flat"
+    assert checks_of(out)["mesh_bodies"]["measured"] == 2
+    assert not list(out.glob("setup.*")) and report["print"]["drawings"] == []  # without --print
+
+
+def test_two_pieces_bridged_into_one_of_a_given_depth(
+    tmp_path: Path, quick: list[str | Path]
+) -> None:
+    """The picture is light on dark, in 16 bits of grey."""
+    png = tmp_path / "deep.png"
+    Image.fromarray(np.where(two_pieces(), 60000, 300).astype(np.uint16)).save(png)
+    out = tmp_path / "out"
+    done = knotfab(
+        "build", png, *quick, "--tube-radius", "5", "--knots", "1", "--depth", "40", "--out", out
+    )
+    assert done.code == 0, done
+    (knot,) = json.loads((out / "knots.json").read_text())["knots"]
+    scene = tomllib.loads((out / "scene.toml").read_text())
+    matrix = np.array(scene["pose"]["matrix"])
+    along = np.array(knot["points"]) @ matrix[2, :3]
+    assert 30 < np.ptp(along) < 44
+    assert scene["piece"]["depth"] == 40.0 and scene["piece"]["knots"] == 1
+
+
+def test_a_very_wide_picture_turned_inside_out(tmp_path: Path, quick: list[str | Path]) -> None:
+    """Its middle is drawn, and inverted it becomes the two ends, up to the edge of the frame."""
+    middle = np.zeros((60, 600), dtype=bool)
+    middle[:, 250:350] = True
+    out = tmp_path / "out"
+    png = picture(tmp_path / "wide.png", middle)
+    done = knotfab("build", png, *quick, "--tube-radius", "2.5", "--invert", "--out", out)
+    assert done.code == 0, done
+    (view,) = tomllib.loads((out / "scene.toml").read_text())["views"]
+    assert (view["frame_width_mm"], view["frame_height_mm"]) == (180.0, 18.0)
+    assert view["invert"] is True
+    report = json.loads((out / "report.json").read_text())
+    (seen,) = report["views"]
+    assert (seen["width"], seen["height"]) == (600, 60) and seen["iou"] > 0.9
+    assert len(report["knots"]) == 2
+
+
+def test_the_stages_one_by_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from examples import stages
+
+    assert stages.main(out=str(tmp_path / "stages")) > 0.95
+    said = capsys.readouterr().out
+    for stage in ("1 knot(s), tube radius", "search: IoU", "shadow", "thickness"):
+        assert stage in said
+    assert "fail" not in said
+
+
+def test_an_impossible_limit_is_rejected_whole_with_the_place(tmp_path: Path) -> None:
+    scene = tmp_path / "stiff.toml"
+    few = QUICK.replace("fine_px = 160", "fine_px = 96").replace("coarse_px = 96", "coarse_px = 64")
+    scene.write_text(f"{few}[material]\nmin_bend_radius_mm = 60.0\n")
+    call = ["build", "text:♥", "--scene", scene, "--tube-radius", str(RADIUS)]
+    done = knotfab(*call, "--out", tmp_path / "out", "--skip", "shadow-render", *UNREAD)
+    assert done.code == 1, done
+    assert not (tmp_path / "out" / "part.stl").exists()
+    report = json.loads((tmp_path / "out" / "rejected" / "report.json").read_text())
+    assert report["status"] == "fail"
+    [limits] = [c for c in report["checks"] if c["name"] == "limits"]
+    assert limits["status"] == "fail"
+    assert "below 60.000 mm at (" in limits["detail"]
+    # the written piece is the best that keeps the limit; it is no heart, and the report says why
+    assert {c["name"] for c in report["checks"] if c["status"] == "fail"} == {
+        *("limits", "shadow", "half_light", "recognisable")
+    }
+    [binding] = report["binding"]
+    assert binding["limits"] == ["bend"] and binding["iou_without"] > 0.9 > binding["iou"]

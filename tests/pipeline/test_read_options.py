@@ -1,0 +1,236 @@
+"""The options of a call and the keys of the scene that they stand for."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tomli_w
+
+from knotfab.base.folder import OutputFolder
+from knotfab.cli.commands import app
+from knotfab.pipeline.film import write_scene
+from knotfab.pipeline.options import options_from
+from knotfab.pipeline.prepare import survey_pictures
+from knotfab.pipeline.read_options import read_scene
+from knotfab.scene.catalogue import resolve
+from knotfab.scene.load import dump_scene, parse_scene
+from knotfab_formats.errors import InputError
+from knotfab_formats.search import OF_NO_PRESET, PRESETS
+
+KEYS = {
+    "ink": ("red", "ink", "#ff0000"),
+    "threshold": (0.3, "threshold", 0.3),
+    "invert": (True, "invert", True),
+    "crop": ("10, 20,30,40", "crop_px", (10, 20, 30, 40)),
+    "keep_largest": (2, "keep_largest", 2),
+    "specks": (9, "speck_px", 9),
+    "smooth": (1.5, "smooth_px", 1.5),
+    "tone": ("lines", "tone", "lines"),
+    "thicken": ("3mm", "thicken_mm", 3.0),
+    "width": (240.0, "frame_width_mm", 240.0),
+    "height": (90, "frame_height_mm", 90),
+    "lamp_distance": (800.0, "light_distance_mm", 800.0),
+    "wall_distance": (50.0, "wall_distance_mm", 50.0),
+    "lamp_diameter": (0.0, "light_diameter_mm", 0.0),
+}
+
+
+@pytest.mark.parametrize("name", KEYS)
+def test_an_option_is_a_key_of_every_view_and_survives_the_file(tmp_path: Path, name: str) -> None:
+    value, key, expected = KEYS[name]
+    two = '[[views]]\nname = "a"\n[[views]]\nname = "b"\nazimuth_deg = 90.0\n'
+    (tmp_path / "two.toml").write_text(two)
+    scene, _ = read_scene(options_from({name: value, "scene": tmp_path / "two.toml"}))
+    assert [getattr(view, key) for view in scene.views] == [expected] * 2
+    again = parse_scene(dump_scene(scene))
+    assert [getattr(view, key) for view in again.views] == [expected] * 2
+
+
+def test_a_place_may_be_a_text_and_must_have_a_name(tmp_path: Path) -> None:
+    assert (
+        options_from({"out": str(tmp_path)}).out == tmp_path == options_from({"out": tmp_path}).out
+    )
+    for nowhere in ("", "  "):
+        with pytest.raises(InputError, match="names no place"):
+            options_from({"out": nowhere})
+
+
+@pytest.mark.parametrize(
+    ("text", "mm"),
+    [("180", 180.0), ("180mm", 180.0), ("18cm", 180.0), ("0.18 m", 180.0), ("7in", 177.8),
+     ('7"', 177.8), ("12,5", 12.5), ("1.5 mm", 1.5), (" 1,5 CM ", 15.0), (".5in", 12.7), ("0,125", 0.125),
+     ("2 inches", 50.8)],
+)  # fmt: skip
+def test_lengths_are_read_as_people_write_them(text: str, mm: float) -> None:
+    typed = app.parse_args(["build", "a.png", "--size", text, "--wall-distance", text])
+    for options in (
+        typed[1].arguments["options"],
+        options_from({"size": text, "wall_distance": text}),
+    ):
+        assert options.size == options.wall_distance == pytest.approx(mm)
+    scene, _ = read_scene(options_from({"thicken": text, "lamp_distance": 9000}))
+    assert scene.views[0].thicken_mm == pytest.approx(mm)
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [("1,500", "1,500 may be 1.5 or 1500"), ("18 q", "no unit q"), ("mm", "no length"),
+     ("1.2.3", "no length"),
+     ("", "no length"), ("1e400", "no length"), ("nan", "no length"),
+     ("5 ft", "no unit ft")],
+)  # fmt: skip
+def test_what_is_no_length_is_refused_by_the_name_that_was_typed(text: str, why: str) -> None:
+    for name in ("--size", "--lamp-distance"):
+        with pytest.raises(InputError, match=why) as refused:
+            app.parse_args(["build", "a.png", name, text])
+        assert str(refused.value).startswith(name) and str(refused.value).endswith(".")
+    for key in ("tube_radius", "thicken"):
+        with pytest.raises(InputError, match=why):
+            read_scene(options_from({key: text}))
+
+
+def test_shares_take_a_comma() -> None:
+    assert read_scene(options_from({"threshold": "0,3"}))[0].views[0].threshold == 0.3
+    with pytest.raises(InputError, match="no number"):
+        options_from({"threshold": "3mm"})
+
+
+def test_another_accuracy_keeps_what_no_preset_decides(tmp_path: Path) -> None:
+    own = tmp_path / "own.toml"
+    own.write_text(
+        '[search]\nseed = 3\ngrace = 0.1\nmethod = "inn"\nfree_view = true\ncoarse_iterations = 11\n'
+    )
+    given = {"seed": 3, "grace": 0.1, "method": "inn", "free_view": True}
+    sketch = {"scene": own, "accuracy": "sketch"}
+    scene, _ = read_scene(options_from(sketch))  # as a person wrote it
+    assert scene.search == {**given, "coarse_iterations": 11} and scene.accuracy.name == "sketch"
+    same, _ = read_scene(options_from({"scene": own, "accuracy": "standard", "seed": 4}))
+    assert same.search == {**given, "seed": 4, "coarse_iterations": 11}
+    written = PRESETS["standard"].model_dump() | given | {"coarse_iterations": 11}
+    own.write_text(f"[search]\n{tomli_w.dumps(written)}")  # as a build writes it, with every key
+    scene, _ = read_scene(options_from(sketch))
+    assert scene.search == {key: written[key] for key in OF_NO_PRESET}
+    presets = [preset.model_dump() for preset in PRESETS.values()]
+    assert all(len({preset[key] for preset in presets}) == 1 for key in OF_NO_PRESET)
+    own.write_text("[search]\nfoo = 1\n")
+    with pytest.raises(InputError, match="foo: there is no such setting"):
+        read_scene(options_from({"scene": own, "accuracy": "sketch"}))
+
+
+@pytest.mark.parametrize(
+    ("given", "why"),
+    [
+        ({"mount": "ceiling"}, "'auto', 'wall', 'stand', 'hang' or 'none'"),
+        ({"mount": "Wall"}, "'wall'"),
+        ({"free": "pose"}, "'view'"),
+        ({"accuracy": "sketchy"}, "'sketch', 'draft', 'standard' or 'fine'"),
+        ({"device": "gpu"}, "'cpu' or 'cuda'"),
+        ({"lines": "maybe"}, "'auto', 'on' or 'off'"),
+        ({"size": "big"}, "no length"),
+        ({"seed": "x"}, "valid integer"),
+        ({"seed": 1.5}, "valid integer"),
+        ({"invert": "perhaps"}, "valid boolean"),
+        ({"depth": True}, "valid string"),
+        ({"scene": 3}, "path"),
+        ({"skip": 3}, "tuple"),
+    ],
+)
+def test_what_an_option_cannot_be_is_refused(given: dict[str, Any], why: str) -> None:
+    (name,) = given
+    with pytest.raises(InputError, match=why) as told:
+        options_from(given)
+    assert told.value.what == f"the option {name}={given[name]!r}"
+
+
+def test_numbers_and_paths_may_be_of_any_type() -> None:
+    given = {"seed": np.int64(3), "size": np.float32(90), "tube_radius": np.float64(2.5)}
+    found = options_from(
+        {**given, "scene": "a.toml", "printer": Path("b.toml"), "skip": ["slicer"]}
+    )
+    assert (found.seed, found.size, found.tube_radius) == (3, 90.0, "2.5")
+    assert (found.scene, found.printer, found.skip) == (Path("a.toml"), "b.toml", ("slicer",))
+    assert type(found.seed) is int and type(found.size) is float
+    assert options_from({"print": True, "mount": None, "knots": 2}).knots == "2"
+
+
+def test_a_sequence_that_need_not_close_is_repeated_by_its_scene(tmp_path: Path) -> None:
+    asked, _ = read_scene(options_from({"sequence": True, "no_loop": True}))
+    with OutputFolder(tmp_path) as folder:
+        write_scene(folder, asked, resolve(asked))
+        folder.commit()
+    again, _ = read_scene(options_from({"sequence": True, "scene": tmp_path / "scene.toml"}))
+    assert asked.sequence.loop is again.sequence.loop is False
+    assert read_scene(options_from({"sequence": True}))[0].sequence.loop
+
+
+@pytest.mark.parametrize("key", ["width", "height"])
+def test_one_side_of_a_frame_frees_the_other(tmp_path: Path, key: str) -> None:
+    (tmp_path / "a.toml").write_text("[[views]]\nframe_width_mm = 180.0\nframe_height_mm = 90.0\n")
+    scene, _ = read_scene(options_from({key: 60.0, "scene": tmp_path / "a.toml"}))
+    sides = {"width": scene.views[0].frame_width_mm, "height": scene.views[0].frame_height_mm}
+    assert sides.pop(key) == 60.0 and list(sides.values()) == [None]
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("threshold", 1.0), ("threshold", 0.0), ("smooth", -1.0), ("keep_largest", 0), ("specks", -1),
+     ("width", 0.0), ("height", float("nan")), ("lamp_distance", -5.0), ("lamp_diameter", -1.0),
+     ("size", 0.0), ("ink", "plaid"), ("crop", "1,2,3"), ("crop", "1,2,0,4"), ("thicken", "-2")],
+)  # fmt: skip
+def test_what_makes_no_sense_is_refused_by_the_options_name(name: str, value: object) -> None:
+    with pytest.raises(InputError, match="--" + name.replace("_", "-")):
+        read_scene(options_from({name: value}))
+
+
+def test_size_is_one_of_three() -> None:
+    for other in ("width", "height"):
+        with pytest.raises(InputError, match="--size 100: --width or --height"):
+            read_scene(options_from({"size": 100.0, other: 50.0}))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("text", "longer"), [("text:l", 1), ("text:long", 0)])
+def test_size_is_that_of_the_longer_side(text: str, longer: int) -> None:
+    found = survey_pictures([text], options_from({"size": 90.0})).views[0].view
+    sides = found.frame_width_mm, found.frame_height_mm
+    assert sides[longer] == pytest.approx(90.0) and sides[1 - longer] < 90.0
+    usual = survey_pictures([text], options_from({})).views[0].view
+    assert usual.frame_width_mm / usual.frame_height_mm == pytest.approx(sides[0] / sides[1])
+
+
+def test_effects_are_switched_by_name_and_the_last_word_counts(tmp_path: Path) -> None:
+    (tmp_path / "a.toml").write_text("[effects]\npenumbra = 'off'\n")
+    scene, _ = read_scene(options_from({"scene": tmp_path / "a.toml"}))
+    assert scene.effects.penumbra is False
+    given = {"scene": tmp_path / "a.toml", "effect": ["penumbra=on", "Penumbra = auto"]}
+    scene, _ = read_scene(options_from(given))
+    assert scene.effects.penumbra is None
+    scene, _ = read_scene(options_from({"effect": "penumbra=on"}))
+    assert parse_scene(dump_scene(scene)).effects.penumbra is True
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("perspective=off", "--effect perspective=off: there is no such effect. Known: penumbra"),
+        ("penumbra", "--effect penumbra: it is neither on, off nor auto"),
+        ("penumbra=yes", "Write --effect penumbra=on, penumbra=off or penumbra=auto"),
+    ],
+)
+def test_an_effect_that_there_is_not_is_refused_in_one_sentence(text: str, words: str) -> None:
+    with pytest.raises(InputError) as refused:
+        read_scene(options_from({"effect": (text,)}))
+    assert words in str(refused.value) and refused.value.exit_code == 2
+
+
+def test_what_a_file_says_of_itself_survives_the_scene() -> None:
+    told = {"title": "Cat", "designer": "Ada", "licence": "CC BY 4.0"}
+    scene, _ = read_scene(options_from(told))
+    assert parse_scene(dump_scene(scene)).about.model_dump() == told
+    for key in told:
+        for text in ("two\nlines", "x" * 201, "\x01"):
+            with pytest.raises(InputError, match=f"--{key} .*it is no line of text"):
+                read_scene(options_from({key: text}))

@@ -1,0 +1,181 @@
+"""The shadow of a lamp with a size: centred points, straight edges where they belong, ghosts of arrays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pytest
+from region_meshes import box_mesh
+from small_views import PIXELS, geometry, needs_rendering
+from validator_parts import PlainView
+
+from knotfab_formats.views import Switches
+from knotfab_validators.check import BadFile
+from knotfab_validators.files.scene import parse_scene
+from knotfab_validators.geometry.mesh import Mesh
+from knotfab_validators.shadows.frame import WorkingFrame
+from knotfab_validators.shadows.lamp import (
+    RINGS,
+    SoftShadow,
+    averages_lamp,
+    blur_px,
+    lamp_points,
+    lamp_size,
+    measure_penumbra,
+)
+from knotfab_validators.shadows.render import SilhouetteRenderer
+from knotfab_validators.shadows.view import view_geometry
+
+SLAB = box_mesh((50.0, 50.0, 0.02))
+
+
+@dataclass(frozen=True)
+class Lamp:
+    kind: str = "shadow"
+    light_shape: str = "disc"
+    light_diameter_mm: float = 5.0
+    light_width_mm: float = 0.0
+    light_height_mm: float = 0.0
+    light_leds: tuple[int, int] = (1, 1)
+
+
+def average(lamp: Lamp, part: Mesh = SLAB) -> SoftShadow:
+    """The average of the slab's soft shadow, whose picture is its sharp shadow, 60 mm wide."""
+    seen = geometry()
+    frame = WorkingFrame(PIXELS, PIXELS, 0, 0)
+    with SilhouetteRenderer(part.vertices, part.faces) as renderer:
+        sharp = renderer.render(seen)
+        return measure_penumbra(renderer, part.vertices, seen, sharp, sharp, frame, lamp, 0.25)
+
+
+@pytest.mark.parametrize(
+    ("lamp", "second"),
+    [
+        (Lamp(light_diameter_mm=8.0), (4.0, 4.0)),  # a disc's is r² / 4
+        (Lamp(light_shape="ball", light_diameter_mm=8.0), (4.0, 4.0)),
+        (Lamp(light_shape="rectangle", light_width_mm=12.0, light_height_mm=6.0), (12.0, 3.0)),
+    ],
+)
+@pytest.mark.parametrize("blur", [3.0, 30.0])
+def test_points_are_odd_centred_and_spread_evenly(
+    lamp: Lamp, second: tuple[float, float], blur: float
+) -> None:
+    points = lamp_points(lamp, blur, 0.25)
+    assert len(points) % 2 == 1 and (len(points) >= 101) == (blur > 10)
+    mirrored = {tuple(p) for p in np.round(-points, 9) + 0.0}
+    assert {tuple(p) for p in np.round(points, 9) + 0.0} == mirrored and (0.0, 0.0) in mirrored
+    assert np.linalg.norm(points, axis=1).max() <= lamp_size(lamp) / 2
+    assert (points**2).mean(axis=0) == pytest.approx(second, rel=0.07)
+
+
+def test_fewer_where_the_accuracy_is_coarse_and_always_odd() -> None:
+    assert [len(lamp_points(Lamp(), blur, 0.5)) for blur in (3.0, 30.0)] == [7, 101]
+    assert all(1 + sum(rings) == count for count, rings in RINGS.items())
+
+
+def test_an_array_is_sampled_led_by_led() -> None:
+    leds = Lamp("shadow", "leds", 2.0, 30.0, 10.0, (3, 2))
+    points = lamp_points(leds, 30.0, 0.25)
+    assert lamp_size(leds) == pytest.approx(2.0 + np.hypot(30, 10))
+    middles = [(x, y) for x in (-15, 0, 15) for y in (-5, 5)]
+    near = [np.linalg.norm(points - m, axis=1) <= 1.0 for m in middles]
+    assert {int(n.sum()) for n in near} == {len(points) // 6}
+
+
+def test_of_a_large_array_each_led_is_a_point_of_its_own_disc() -> None:
+    for columns, each in ((10, 7), (11, 1)):
+        leds = Lamp("shadow", "leds", 2.0, 30.0, 10.0, (columns, 10))
+        assert len(lamp_points(leds, 30.0, 0.25)) == columns * 10 * each
+    for columns, rows in ((20, 20), (13, 11)):
+        lamp = Lamp("shadow", "leds", 2.0, 60.0, 40.0, (columns, rows))
+        small = replace(lamp, light_diameter_mm=0.0)
+        points, middles = lamp_points(lamp, 30.0, 0.25), lamp_points(small, 30.0, 0.25)
+        spots = points - middles
+        assert np.linalg.norm(spots, axis=1).max() <= 1.0
+        assert points == pytest.approx(-points[::-1])
+        # as bright as discs of that size wherever one looks: a quarter of their radius squared each way
+        quarters = np.array_split(spots, 4)
+        for part in quarters:
+            assert (part**2).mean(axis=0) == pytest.approx(0.25, rel=0.15)
+            assert np.abs(part.mean(axis=0)).max() < 0.12
+    assert parse_scene({"views": [{"light_leds": [20, 20]}]}).views[0].light_leds == (20, 20)
+
+
+@needs_rendering
+def test_the_half_light_line_is_the_sharp_one() -> None:
+    found = average(Lamp(light_diameter_mm=30.0))
+    assert found.found.samples == 101 and found.found.iou > 0.995  # corners are rounded
+    blur = 30.0 * 100.0 / 500.0  # mm: on a wall 100 mm behind, of a lamp 500 mm before
+    assert found.found.widest_px == pytest.approx(blur * PIXELS / 120.0, rel=1e-2)
+    # the share is 0.212 of the blur along the outline of 4 x 60 mm, over the frame
+    assert found.found.brightness_error == pytest.approx(
+        4 / (3 * np.pi) / 2 * blur * 240 / 120**2, rel=0.03
+    )
+    assert found.found.hard_error == 0.0  # the picture is the sharp shadow
+    row = found.soft[PIXELS // 2]
+    assert row[PIXELS // 2] == 1.0 and row[5] == 0.0
+    falling = row[PIXELS // 2 :]
+    assert (np.diff(falling) <= 0).all()
+    # the middle half of the blur holds 61 % of the light: the area of a disc between two chords
+    middle = int(((falling > 0.195) & (falling < 0.805)).sum())
+    assert middle == pytest.approx(found.found.widest_px / 2, abs=1.0)
+
+
+@needs_rendering
+def test_two_leds_throw_a_shadow_each() -> None:
+    pair = Lamp("shadow", "leds", 1.0, 60.0, 0.0, (2, 1))  # ghosts 12 mm apart
+    found = average(pair)
+    row = found.soft[PIXELS // 2]
+    half = np.isclose(row, 0.5)
+    assert half.sum() == pytest.approx(2 * 12.0 * PIXELS / 120.0, abs=6)
+    assert np.isclose(row, 1.0).sum() == pytest.approx((60 - 12) * PIXELS / 120.0, abs=4)
+
+
+@needs_rendering
+def test_a_rectangle_blurs_more_along_its_longer_side() -> None:
+    found = average(Lamp("shadow", "rectangle", 5.0, 40.0, 10.0))
+    middle = PIXELS // 2
+    across, along = (
+        ((line > 0) & (line < 1)).sum() for line in (found.soft[middle], found.soft[:, middle])
+    )
+    assert across == pytest.approx(4 * along, rel=0.15)
+
+
+def test_a_lamp_is_averaged_over_where_the_scene_calls_for_it() -> None:
+    seen, vertices = geometry(), SLAB.vertices
+    wide, narrow = Lamp(light_diameter_mm=20.0), Lamp(light_diameter_mm=0.4)
+    assert blur_px(vertices, seen, 20.0) > 1.0 > blur_px(vertices, seen, 0.4) > 0
+
+    def averages(lamp: Lamp, word: str = "auto", tolerance: float = 0.25) -> bool:
+        return averages_lamp(Switches(penumbra=word), vertices, seen, lamp, tolerance)
+
+    assert averages(wide) and not averages(narrow)
+    assert averages(narrow, True) and not averages(wide, False)
+    assert averages(narrow, tolerance=0.01)
+    assert not averages(Lamp(kind="eye"), True) and not averages(Lamp(light_diameter_mm=0.0), True)
+
+
+def test_the_blur_of_a_tilted_wall_is_that_of_its_plane() -> None:
+    """At the same distances the blur is 1/cos² wider where the rays come in at a slant."""
+    flat, tilted = (
+        view_geometry(PlainView(wall_tilt_deg=t, frame_width_mm=120.0), PIXELS, PIXELS)
+        for t in (0.0, 30.0)
+    )
+    there = np.zeros((1, 3))
+    ratio = blur_px(there, tilted, 1e-3) / blur_px(there, flat, 1e-3)
+    assert ratio == pytest.approx(1 / np.cos(np.pi / 6), rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    "keys",
+    [{"light_shape": "star"}, {"light_leds": [0, 1]}, {"light_leds": [3]}, {"light_leds": 5},
+     {"light_leds": [21, 20]},
+     {"light_width_mm": -1.0}],
+)  # fmt: skip
+def test_a_lamp_that_cannot_be_is_refused(keys: dict[str, Any]) -> None:
+    with pytest.raises(BadFile, match=next(iter(keys))):
+        parse_scene({"views": [keys]})
+    with pytest.raises(BadFile, match="penumbra"):
+        parse_scene({"effects": {"penumbra": "perhaps"}})
