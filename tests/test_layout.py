@@ -1,11 +1,9 @@
-"""What packages and examples may import, and how many lines there may be."""
+"""What packages and examples may import."""
 
 from pathlib import Path
 
 import pytest
 from imports import imports_of
-
-from benchmarks.lines import PRODUCT, count_lines, read_budget
 
 ROOT = Path(__file__).parents[1]
 
@@ -24,10 +22,3 @@ def test_no_package_imports_a_script_or_a_test_and_no_example_a_test() -> None:
         assert not imported(folder) & {"examples", "benchmarks", "paper", "tests"}
     assert "tests" not in imported("examples")
     assert "tests" in imported("benchmarks")  # the corpus: the scan finds what there is
-
-
-@pytest.mark.skipif(not (ROOT / ".git").exists(), reason="git tells which files count")
-def test_no_more_lines_than_the_budget_allows() -> None:
-    found, (product, everything) = count_lines(), read_budget()
-    assert sum(found[folder] for folder in PRODUCT) <= product, "see CONTRIBUTING.md, make lines"
-    assert sum(found.values()) <= everything, "see CONTRIBUTING.md, make lines"

@@ -103,7 +103,7 @@ ALONE = {
     "from knotfab.base.progress import Progress\n"
     "with Progress('verbose', sys.stderr) as p:\n    with p.stage('a'): p.update(0.5)": ("rich",),
     "import knotfab_validators": ("numpy",),
-    "import knotfab, knotfab.finish\n"
+    "import knotfab, knotfab.pipeline.finish\n"
     "few = {'coarse_iterations': 2, 'fine_iterations': 2, 'settle_iterations': 2, 'coarse_px': 48}\n"
     "scene = knotfab.Scene.model_validate({'views': [{}], 'search': {**few, 'fine_px': 48}})\n"
     "knotfab.design_knots(scene, [knotfab.read_picture('text:I')])": ("torch",),

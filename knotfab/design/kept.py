@@ -27,7 +27,7 @@ from platformdirs import user_cache_path
 import knotfab
 from knotfab.base.disk import own_folder
 from knotfab.picture.read import Target
-from knotfab.request import Request
+from knotfab_formats.scene import ResolvedScene
 
 
 class KeptFrames:
@@ -62,7 +62,9 @@ class KeptFrames:
         return self.folder / f"{number}.frame"
 
 
-def keep_for(request: Request, targets: Sequence[Target]) -> KeptFrames:
+def keep_for(
+    scene: ResolvedScene, targets: Sequence[Target], device: str, time_budget_s: float | None
+) -> KeptFrames:
     """Find the kept frames of the sequence that is asked for; remove frames that are too old."""
     folder = own_folder("KNOTFAB_CACHE", user_cache_path) / "sequences"
     with contextlib.suppress(OSError):
@@ -71,19 +73,21 @@ def keep_for(request: Request, targets: Sequence[Target]) -> KeptFrames:
             if other.stat().st_mtime < time.time() - 86400 * 30.0:
                 shutil.rmtree(other, ignore_errors=True)
     digest = hashlib.sha256()
-    for part in _parts(request, targets):
+    for part in _parts(scene, targets, device, time_budget_s):
         digest.update(len(part).to_bytes(8, "little") + part)
     return KeptFrames(folder / digest.hexdigest()[:32])
 
 
-def _parts(request: Request, targets: Sequence[Target]) -> Iterator[bytes]:
+def _parts(
+    scene: ResolvedScene, targets: Sequence[Target], device: str, time_budget_s: float | None
+) -> Iterator[bytes]:
     """Yield everything that decides about the knots of the frames."""
     yield _digest_program()
-    yield request.scene.model_dump_json().encode()
-    yield repr((request.device, request.time_budget_s)).encode()
-    if request.scene.region.file is not None:
+    yield scene.model_dump_json().encode()
+    yield repr((device, time_budget_s)).encode()
+    if scene.region.file is not None:
         with contextlib.suppress(OSError):  # the search says what is wrong with it
-            yield Path(request.scene.region.file).read_bytes()
+            yield Path(scene.region.file).read_bytes()
     for target in targets:
         yield f"{target.name}{target.suffix}".encode()  # the name in the frame's scene
         for mask in (target.mask, target.asked):

@@ -17,7 +17,7 @@ FINEST_RADII = 0.8  # tube radii between two samples of a centre line
 STRIPS = (-0.8, -0.4, 0.0, 0.4, 0.8)  # across the underside, in halves of its width
 CELL_RADII = 1.0  # cells of the grid in which strands find what lies below them
 
-# How supports are printed (knotfab.slicer.profile), and so what they weigh: lines of this width, in
+# How supports are printed (part.slicer_profile), and so what they weigh: lines of this width, in
 # nozzles, this far apart between both edges of a strand's underside, and a denser roof below the strand.
 SUPPORT_LINE_NOZZLES = 0.9
 SPACING_MM = 4.0

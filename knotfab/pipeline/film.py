@@ -82,7 +82,7 @@ def build_sequence(request: Request, progress: Progress | None = None) -> Outcom
             progress.say(apart)
         if request.printing:
             write_profile(folder.work, request.scene)
-        kept = keep_for(request, targets)
+        kept = keep_for(request.scene, targets, request.device, request.time_budget_s)
         if len(kept) > 0:
             progress.say(f"{len(kept)} of {len(targets)} frames were done before, and are kept.")
         # side by side as the machine allows, with two processes that verify to one that slices

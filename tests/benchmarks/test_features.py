@@ -8,22 +8,22 @@ from benchmarks.features import CELLS, ROWS, Cell, build_cell
 
 # rows that other tests cover, at a lower cost than a whole build
 ELSEWHERE = {
-    "wall mount": "tests/test_pipeline.py",
-    "desk stand": "tests/mount",
-    "eyelet for a thread": "tests/mount/test_hang.py",
-    "depth given": "tests/test_pipeline.py",
-    "flat": "tests/test_pipeline.py",
-    "slicing": "tests/slicer",
-    "files for other tools": "tests/part/test_also.py",
+    "wall mount": "tests/pipeline/test_build.py",
+    "desk stand": "tests/hold",
+    "eyelet for a thread": "tests/hold/test_hang.py",
+    "depth given": "tests/pipeline/test_build.py",
+    "flat": "tests/pipeline/test_build.py",
+    "slicing": "tests/part/test_slicer.py",
+    "files for other tools": "tests/pipeline/test_piece.py",
     "subject of a photograph": "tests/picture/test_subject.py",
-    "network (inn)": "tests/torch_forms/test_network_search.py",
-    "network, then flow (inn+flow)": "tests/torch_forms/test_network_search.py",
-    "region mesh": "tests/limits/test_region_mesh.py",
-    "time budget": "tests/torch_forms/test_pose.py",
-    "price of a limit": "tests/design/test_prices.py",
-    "sparser filling": "tests/test_pipeline.py",
-    "wire plan": "tests/wire/test_plan.py",
-    "view found in the search": "tests/torch_forms/test_pose.py",
+    "network (inn)": "tests/apps/paper/test_network_search.py",
+    "network, then flow (inn+flow)": "tests/apps/paper/test_network_search.py",
+    "region mesh": "tests/limits/test_region.py",
+    "time budget": "tests/search/test_free_pose.py",
+    "price of a limit": "tests/design/test_retries.py",
+    "sparser filling": "tests/pipeline/test_build.py",
+    "wire plan": "tests/apps/wire/test_plan.py",
+    "view found in the search": "tests/search/test_free_pose.py",
 }
 assert all(Path(__file__).parents[2].joinpath(place).exists() for place in ELSEWHERE.values())
 QUICKEST = [Cell(row, row.quickest) for row in ROWS if row.name not in ELSEWHERE]

@@ -56,6 +56,10 @@ def _request(tmp_path: Path) -> Request:
     return Request(resolve(SCENE), ("a", "b"), tmp_path / "out", targets=targets)
 
 
+def kept_of(asked: Request) -> KeptFrames:
+    return keep_for(asked.scene, asked.targets, asked.device, asked.time_budget_s)
+
+
 @pytest.mark.parametrize(
     "change",
     [
@@ -75,21 +79,21 @@ def test_what_decides_about_the_frames_decides_what_is_found(
     tmp_path: Path, change: Callable[[Request], Request]
 ) -> None:
     asked = _request(tmp_path)
-    here = keep_for(asked, asked.targets)
+    here = kept_of(asked)
     here.store(1, "a frame")
-    assert keep_for(asked, asked.targets).load(1) == "a frame"
+    assert kept_of(asked).load(1) == "a frame"
     # where it is written, and what is checked, decide nothing
     elsewhere = replace(asked, out=tmp_path / "other", skip=frozenset({"shadow"}))
-    assert keep_for(elsewhere, elsewhere.targets).load(1) == "a frame"
+    assert kept_of(elsewhere).load(1) == "a frame"
     other = change(asked)
-    assert keep_for(other, other.targets).load(1) is None
+    assert kept_of(other).load(1) is None
 
 
 def test_another_version_finds_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     asked = _request(tmp_path)
-    keep_for(asked, asked.targets).store(0, "a frame")
+    kept_of(asked).store(0, "a frame")
     monkeypatch.setattr(kept, "_digest_program", lambda: b"a newer one")
-    assert keep_for(asked, asked.targets).load(0) is None
+    assert kept_of(asked).load(0) is None
 
 
 def test_damaged_files_and_locked_folders_keep_nothing(tmp_path: Path) -> None:
@@ -113,9 +117,9 @@ def test_what_cannot_be_kept_is_no_error(tmp_path: Path) -> None:
 
 def test_what_nobody_asked_for_again_is_removed(tmp_path: Path) -> None:
     asked = _request(tmp_path)
-    here = keep_for(asked, asked.targets)
+    here = kept_of(asked)
     here.store(0, "a frame")
     then = time.time() - 86400 * 31
     os.utime(here.folder, (then, then))
-    assert keep_for(asked, asked.targets).load(0) is None
+    assert kept_of(asked).load(0) is None
     assert not here.folder.exists()

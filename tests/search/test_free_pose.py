@@ -358,7 +358,7 @@ def test_the_least_of_a_narrow_bowl_is_found() -> None:
 _BESIDE_TORCH = """
     import sys
     import torch
-    import knotfab.apps.paper.network_search, knotfab.torch_forms.pose
+    import knotfab.apps.paper.network_search, knotfab.search.free_pose
     from knotfab.search.free_pose import Adam
 
     def run(step, tensors):

@@ -29,7 +29,7 @@ from knotfab.apps.tradeoff.points import (
 )
 from knotfab_formats.search import PRESETS
 
-STUDY = json.loads((Path(__file__).parents[2] / "docs/frontier.json").read_text("utf-8"))
+STUDY = json.loads((Path(__file__).parents[3] / "docs/frontier.json").read_text("utf-8"))
 WHOLE = [p for p in STUDY["points"] if p["pictures"] == STUDY["compared_over"]]
 OF_PRESET = {p["point"]: p for p in WHOLE if p["knob"] == PRESET}
 MOST = 1.2  # times what another point takes, or is off
