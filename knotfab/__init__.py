@@ -14,6 +14,8 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from knotfab.base import apps
+
 if TYPE_CHECKING:
     from knotfab.api import (
         assemble_part,
@@ -41,7 +43,8 @@ if TYPE_CHECKING:
     from knotfab_formats.errors import InputError, KnotfabError
     from knotfab_formats.scene import ResolvedScene, Scene, SettledScene
 
-__version__ = "1.0.0"
+
+__version__ = apps.VERSION
 
 _MODULES = {
     "knotfab.api": (

@@ -19,13 +19,13 @@ if TYPE_CHECKING:
     import rich.progress
     import rich.text
 
-    from knotfab.knots import Knots
     from knotfab_formats.scene import ResolvedView
 
 
 Mode = Literal["auto", "quiet", "verbose"]
+Standing = Callable[[], Any]  # the Knots as a search has them; nothing here imports their type
 # the views, the knots as they stand, and the columns and rows that there are: lines of a terminal
-Draw = Callable[["Sequence[ResolvedView]", "Knots", int, int], str]
+Draw = Callable[["Sequence[ResolvedView]", Any, int, int], str]
 _log = logging.getLogger("knotfab")
 _FRAME_S = 0.1  # between events of one kind, so that watching costs next to nothing
 _DRAWN_S = 0.25  # between pictures on a terminal
@@ -98,7 +98,7 @@ class Progress:
         self._picture = ""  # below the bar
         self._lock = threading.Lock()  # trials of radii run side by side
         self._due: dict[str, float] = {}
-        self._standing: Callable[[], Knots] | None = None
+        self._standing: Standing | None = None
         self._bar: rich.progress.Progress | None = None
         self._told: set[str] = set()  # lines that were said
         self._task: rich.progress.TaskID | None = None
@@ -221,7 +221,7 @@ class Progress:
             told = [view.model_dump(mode="json") for view in views]
             self.tell("scene", views=told, pictures=pictures(), radius_mm=radius_mm)
 
-    def show(self, knots: Callable[[], Knots], certified: bool) -> None:
+    def show(self, knots: Standing, certified: bool) -> None:
         """Show the knots as they stand to whoever watches; they are made only where somebody does.
 
         Args:

@@ -71,8 +71,7 @@ def _run(arguments: list[str] | None, began: float | None) -> int:
     gc.set_threshold(20_000, 20, 20)
 
     guard_streams()
-    from knotfab.cli.commands import app
-    from knotfab.cli.make import call_clock
+    from knotfab.cli.commands import app, call_clock
 
     if began is None and arguments is None:
         from knotfab.base.progress import process_age

@@ -1,65 +1,288 @@
-"""The command line: which commands there are."""
+"""The command line: the commands of a build, and those that the apps add by entry points."""
 
 from __future__ import annotations
 
-from typing import Annotated
+import shlex
+import subprocess
+import sys
+import threading
+import webbrowser
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import IO, Annotated, Literal, TextIO
 
 from cyclopts import App, Parameter
 
-from knotfab import __version__
-from knotfab.cli.make import batch, build, mcp, preview, studio
-from knotfab.cli.measure import compare, shadow, tradeoff, validate
-from knotfab.pipeline.options import (
-    BATCH_EXAMPLES,
-    BUILD_EXAMPLES,
-    COMPARE_EXAMPLES,
-    MCP_EXAMPLES,
-    PREVIEW_EXAMPLES,
-    SHADOW_EXAMPLES,
-    STUDIO_EXAMPLES,
-    TRADEOFF_EXAMPLES,
-    VALIDATE_EXAMPLES,
-    Flag,
-)
+from knotfab.base.apps import VERSION, list_commands, module_of
+from knotfab.base.disk import at_home
+from knotfab.base.errors import MachineError, needs_extra
+from knotfab.pipeline.options import OUTPUT, BuildOptions, Flag, Names, Place, with_examples
+from knotfab_formats.errors import InputError
 
 app = App(
     name="knotfab",
-    version=__version__,
+    version=VERSION,
     help="Turns a picture into a knotted tube whose shadow is that picture, proved before you print.\n\n"
     "Exit codes: 0 every required check passed; 1 a check failed or the scene cannot be met; "
     "2 wrong input; 3 this machine lacks something, or knotfab made a mistake; 130 interrupted.",
     suppress_keyboard_interrupt=False,  # main says what became of the work
 )
 
-for _command, _examples in (
-    (build, BUILD_EXAMPLES),
-    (preview, PREVIEW_EXAMPLES),
-    (batch, BATCH_EXAMPLES),
-    (studio, STUDIO_EXAMPLES),
-    (mcp, MCP_EXAMPLES),
-    (validate, VALIDATE_EXAMPLES),
-    (shadow, SHADOW_EXAMPLES),
-    (compare, COMPARE_EXAMPLES),
-    (tradeoff, TRADEOFF_EXAMPLES),
-):
-    app.command(_command, help_epilogue=_examples)
+
+@dataclass
+class CallClock:
+    """`time.perf_counter()` where the call that runs began: its times are those that a person waits."""
+
+    began: float | None = None
+
+
+call_clock = CallClock()
+_DEFAULTS = BuildOptions()
 
 
 @app.command
-def doctor(*, compile_: Annotated[Flag, Parameter(name="--compile")] = False) -> int:
-    """Say what this machine has and lacks, with the remedy for each.
+@with_examples("""Examples:
+
+```
+knotfab build cat.png --print              checked against the printer
+knotfab build cat.png --size 240 --watch   larger; a page shows how it grows
+knotfab build cat.png --mount wall         ready to hang
+knotfab build cat.png --time-budget 1.5min
+knotfab build logo.svg --depth flat --tube-radius 2
+knotfab build text:Hello --font "DejaVu Serif" --knots 1
+knotfab build heart.png teapot.png         one part, two pictures
+knotfab build parrot.png --lamps rgb       in colours, by the shadows of three lamps
+knotfab build --sequence walk/ --print     one part for each frame
+knotfab build --scene out/scene.toml       the same part again
+```
+""")
+def build(
+    *pictures: str,
+    options: Annotated[BuildOptions, Parameter(name="*")] = _DEFAULTS,
+    open_: Annotated[Flag, Parameter(name="--open", group=OUTPUT)] = False,
+    watch: Annotated[Flag, Parameter(group=OUTPUT)] = False,
+    events: Annotated[str | None, Parameter(show=False)] = None,
+) -> int:
+    """Turn a picture, or several, into a verified part.
 
     Parameters
     ----------
-    compile_
-        Only compile the search's loops, so that the first build need not wait for that.
+    pictures
+        An image file, an SVG, or text:… (a glyph or a word); not needed where the scene names it. Several
+        pictures are several views of one part, spread about the vertical axis: two at right angles, three
+        at 60°.
+    open_
+        Open the report in the browser when it is done.
+    watch
+        Open a page in the browser that shows knot and shadow as they grow.
+    events
+        Where a line of JSON is written for each thing that happens: a file, or - for standard output.
     """
-    from knotfab.apps.doctor import compile_loops, examine
-    from knotfab.cli.summary import print_findings
+    from knotfab.pipeline.verifier import load_early
 
-    findings = [compile_loops()] if compile_ else examine()
-    print_findings(findings)
-    return 3 if any(f.status == "missing" for f in findings) else 0
+    with load_early(options.skip):
+        return _build(pictures, options, open_, watch, events)
+
+
+def _build(
+    pictures: tuple[str, ...], options: BuildOptions, open_: bool, watch: bool, events: str | None
+) -> int:
+    from knotfab.base.progress import Progress
+    from knotfab.cli.summary import draw_shadow
+    from knotfab.pipeline.prepare import prepare_build
+    from knotfab_formats.verdict import list_unmet
+
+    quiet = options.quiet or events == "-"
+    mode = "quiet" if quiet else options.mode
+    command = shlex.join(["knotfab", *sys.argv[1:]])
+    with (
+        ExitStack() as page,
+        open_events(events) as told,
+        Progress(mode, events=told, began=call_clock.began, draw=draw_shadow) as progress,
+    ):
+        request = prepare_build(pictures, options, command, progress)
+        if watch:
+            events_of_page, _ = page.enter_context(open_page(request.out, progress.say))
+            progress.listen(events_of_page)
+        from knotfab.pipeline.build import (
+            run_build,  # heavy: only once the call is known to be right
+        )
+
+        outcome = run_build(request, progress)
+        progress.tell("end", exit_code=outcome.exit_code, folder=str(outcome.folder))
+    failed = [c.name for c in list_unmet(outcome.found.checks) if c.status == "fail"]
+    if quiet and failed:
+        print(
+            f"knotfab: {', '.join(failed)} failed: see {outcome.folder}/report.html",
+            file=sys.stderr,
+        )
+    if not quiet:
+        from knotfab.cli.summary import print_summary
+
+        print_summary(outcome, options.verbose)
+    if open_:
+        webbrowser.open((outcome.folder / "report.html").resolve().as_uri())
+    if not (outcome.folder / "report.json").is_file():
+        raise MachineError(str(outcome.folder), "it was removed as the build ended", "Build again.")
+    return outcome.exit_code
+
+
+@contextmanager
+def open_events(name: str | None) -> Iterator[TextIO | None]:
+    """Open the events of a build: nowhere, standard output for "-", or a file.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    if name is None or name == "-":
+        yield None if name is None else sys.stdout
+        return
+    with ExitStack() as stack:
+        try:
+            file = stack.enter_context(open(name, "w", encoding="utf-8"))
+        except (OSError, ValueError) as error:
+            raise InputError(f"--events {name}", "it cannot be written", "Name a file.") from error
+        yield file
+
+
+@contextmanager
+def open_page(
+    out: Path, say: Callable[[str], None], grace_s: int | None = None
+) -> Iterator[tuple[IO[str], subprocess.Popen[str]]]:
+    """Yield a page in the browser that shows a build into `out`: the queue of its events, and its process.
+
+    That stays while a tab is open.
+
+    Args:
+        say: told the page's address, from a thread.
+        grace_s: after the build's end, in which a page that is loaded anew may come back.
+
+    Raises:
+        MachineError: the studio's extra is not installed.
+    """
+    with needs_extra("--watch", "studio"):
+        import starlette  # noqa: F401
+        import uvicorn  # noqa: F401
+        import websockets  # noqa: F401
+    command = [sys.executable, "-P", "-m", module_of("studio"), str(at_home(out).absolute())]
+    child = subprocess.Popen(
+        command if grace_s is None else [*command, str(grace_s)],
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
+        text=True, encoding="utf-8", start_new_session=True,
+    )  # fmt: skip
+    assert child.stdin is not None and child.stdout is not None
+    told = child.stdout
+
+    def announce() -> None:
+        with told:
+            address = told.readline().strip()
+        if address:
+            say(f"Watch it at {address}")
+
+    threading.Thread(target=announce, daemon=True).start()
+    try:
+        yield child.stdin, child
+    finally:
+        with suppress(OSError):
+            child.stdin.close()
+
+
+@app.command
+@with_examples("""Examples:
+
+```
+knotfab validate knotfab-out/cat           everything that a build wrote
+knotfab validate tube.obj                  any tube, in mm
+knotfab validate part.stl --knots knots.json --scene scene.toml --json
+```
+""")
+def validate(
+    part: Path | None = None,
+    /,
+    *,
+    knots: Path | None = None,
+    scene: Path | None = None,
+    json: Flag = False,
+    failures: Path | None = None,
+    skip: Names = (),
+    unit: Literal["mm", "cm", "m", "in"] = "mm",
+) -> int:
+    """Measure written files again, with other code than the code that wrote them.
+
+    Parameters
+    ----------
+    part
+        A folder that a build wrote, or an STL, 3MF, OBJ or PLY file.
+    knots
+        The file of the centre lines, knots.json.
+    scene
+        The file of the scene, scene.toml.
+    json
+        Print {"status", "conclusion", "size_mm", "notes", "checks", "views", "picture"} as JSON.
+    failures
+        The PNG that shows where checks failed; by default NAME-failures.png beside the part.
+    skip
+        Leave out these checks, such as shadow-render.
+    unit
+        Of the numbers in an STL, OBJ or PLY.
+    """
+    from knotfab.pipeline.verifier import Verifier, load_early
+
+    with load_early(skip):
+        from knotfab.pipeline.read_options import read_skips
+        from knotfab.pipeline.strangers import plain_arrays
+        from knotfab.pipeline.verifier import files_to_validate
+
+        files, skipped = files_to_validate(part, knots, scene, failures), read_skips(skip)
+        with Verifier(skipped) as verifier, plain_arrays(files.part) as read:
+            verdict = verifier.submit(replace(files, part=read), unit=unit).result()
+    if json:
+        import json as codec
+
+        print(codec.dumps(verdict.to_dict()))
+    else:
+        from knotfab.cli.summary import UNABLE, print_checks
+
+        print(verdict.conclusion)
+        for note in verdict.notes:
+            print(f"note: {note}")
+        print_checks(verdict.checks)
+        if verdict.picture is not None:
+            print(f"The places are marked in {verdict.picture}")
+        if verdict.exit_code == 3:
+            print(UNABLE)
+    return verdict.exit_code
+
+
+@app.command
+@with_examples("""Examples:
+
+```
+knotfab shadow cat/part.stl --scene cat/scene.toml --out shadow.png
+```
+""")
+def shadow(part: Path, /, *, scene: Path, out: Place, view: str | None = None) -> int:
+    """Render the shadow that a part casts in a scene, as a picture.
+
+    Parameters
+    ----------
+    part
+        An STL or 3MF in print coordinates.
+    scene
+        The scene.toml of the part, with its [pose].
+    out
+        The PNG to write.
+    view
+        Name of the view; the first by default.
+    """
+    from knotfab.pipeline.strangers import render_shadow
+
+    render_shadow(part, scene, out, view)
+    which = "" if view is None else f" in the view {view}"
+    print(f"{out} shows the shadow of {part}{which}.")
+    return 0
 
 
 @app.command
@@ -81,5 +304,8 @@ def schema() -> int:
     print(dump_schema(), end="")
     return 0
 
+
+for _command in list_commands():
+    app.command(_command, help_epilogue=_command.__dict__.get("examples"))
 
 app.register_install_completion_command()

@@ -15,18 +15,11 @@ from knotfab.report.in_words import (
     mark_of,
     tell_colours,
     tell_piece,
-    tell_share,
     tell_views,
 )
 from knotfab_formats.scene import ResolvedView
 
 if TYPE_CHECKING:
-    from knotfab.apps.compare.compare import Comparison
-    from knotfab.apps.compare.fix import Fix
-    from knotfab.apps.doctor import Finding
-    from knotfab.apps.tradeoff.run import Tradeoff
-    from knotfab.design.readings import TriedReading
-    from knotfab.design.survey import Survey
     from knotfab.knots import Knots
     from knotfab.request import Outcome
     from knotfab_formats.piece import Material, Printer
@@ -42,7 +35,6 @@ _MARKS = {
     "skipped": "[yellow]skip[/]",
 }
 _WORDS = {"faithful": "green", "good": "green", "coarse": "yellow", "not recognisable": "red"}
-_STATES = {"ok": "[green]ok[/]", "missing": "[red]missing[/]", "warning": "[yellow]warning[/]"}
 
 UNABLE = (
     "A required check did not run: its line says why. What this machine lacks knotfab doctor says; "
@@ -143,47 +135,6 @@ def _graceful(knots: Sequence[KnotFigures]) -> str:
     return f", curvature × radius {mean:.2f} (90% below {most:.2f}), {turns:.0f} turns"
 
 
-def print_comparison(found: Comparison, picture: Path, json: bool, plan: Fix | None = None) -> None:
-    """Print how like the picture the photographed shadow is, and what to do, or all of it as JSON."""
-    import json as codec
-
-    from knotfab.apps.compare.compare import advise
-    from knotfab.apps.compare.fix import tell_fix
-
-    if json:
-        fix = {} if plan is None else {"fix": plan.to_dict()}
-        print(codec.dumps({**found.to_dict(), "picture": str(picture), **fix}))
-        return
-    print(
-        f"{tell_share(found.iou)} alike: {found.missing:.1%} of the picture is missing, "
-        f"{found.spilled:.1%} spilled."
-    )
-    if advice := advise(found):
-        print(f"  {advice}")
-    for line in () if plan is None else tell_fix(plan, found):
-        print(f"  {line}")
-    print(f"  {picture} shows where they differ: blue is missing, red is spilled.")
-
-
-def print_survey(
-    found: Survey,
-    picture: Path,
-    json: bool,
-    readings: Sequence[TriedReading] = (),
-    sheet: Path | None = None,
-) -> None:
-    """Print what a picture will become, in a few lines or as JSON, where it is drawn, and other readings."""
-    import json as codec
-
-    from knotfab.design.sentence import describe, describe_readings, list_figures
-
-    if json:
-        print(codec.dumps({**list_figures(found, readings), "picture": str(picture)}))
-        return
-    others = describe_readings(readings, str(sheet))
-    print("\n".join([*describe(found), f"  {picture} shows it.", *others]))
-
-
 def _word(report: Report) -> str:
     """Print the word for the shadow, and a warning where it is coarse or worse."""
     if report.verdict is None:
@@ -191,21 +142,6 @@ def _word(report: Report) -> str:
     word = report.verdict.word
     warning = "" if _WORDS[word] == "green" else "warning: "
     return f"  [{_WORDS[word]}]{warning}{word}[/]"
-
-
-def print_findings(findings: Sequence[Finding]) -> None:
-    """Print what the machine has, a line each."""
-    from rich.console import Console
-    from rich.markup import escape
-
-    console = Console(highlight=False, soft_wrap=True)
-    for finding in findings:
-        console.print(
-            f"{_STATES[finding.status]:<20} {escape(finding.name)}: {escape(finding.detail)}",
-            soft_wrap=True,
-        )
-        if finding.remedy and finding.status != "ok":
-            console.print(f"        {escape(finding.remedy)}", soft_wrap=True)
 
 
 def print_catalogue(
@@ -241,50 +177,6 @@ def print_catalogue(
         "\nroom: what it can print; tube: the thinnest that it prints; bend: the tightest radius.\n"
         f"Your own: {escape(str(own))}/printers/NAME.toml and materials/NAME.toml"
     )
-
-
-def print_tradeoff(found: Tradeoff) -> None:
-    """Print a line a point, fastest first: errors, seconds, and whether nothing beats it; then the steps."""
-    from rich.console import Console
-    from rich.markup import escape
-    from rich.table import Table
-
-    explored = found.explored
-    console = Console(highlight=False, soft_wrap=True)
-    table = Table(box=None, pad_edge=False, header_style="dim")
-    seconds = "CPU s" if found.explored.middle.clock == "cpu" else "s"
-    table.add_column("")
-    table.add_column("point", no_wrap=True, max_width=max(20, console.width - 60))
-    for column in ("IoU", "least", "px", "bend", "at 45°", seconds, "on"):
-        table.add_column(column, no_wrap=True, justify="right")
-    best = {m.point.settings for m in explored.front}
-    for m in sorted(explored.measured, key=lambda m: m.seconds):
-        one = m.over(explored.compared)
-        table.add_row(
-            "*" if m.point.settings in best else "",
-            escape(m.point.label),
-            f"{one.iou:.4f}" if one.feasible else "infeasible",
-            f"{one.least_iou:.4f}",
-            f"{one.outline_px:.2f}",
-            f"{one.curvature:.3f}",
-            "–" if one.legible is None else f"{one.legible:.2f}",
-            f"{one.seconds:.2f}",
-            str(len(one.runs)),
-        )
-    console.print(table)
-    if found.steps:
-        console.print("\nWhat the next step of each setting buys and costs:")
-    for step in found.steps:
-        console.print(f"  {escape(str(step))}")
-    radii = " to ".join(f"{r:.2f}" for r in sorted({min(found.radii_mm), max(found.radii_mm)}))
-    console.print(
-        "\n* nothing measured is both faster and better. px: 95 % of the outlines are no farther apart; "
-        "bend: mean curvature × tube radius; at 45°: how well it is read from there; "
-        "on: how many pictures.\n"
-        f"Tube radius {radii} mm; {escape(str(found.folder))}/tradeoff.html shows all of it"
-    )
-    if found.left_out:
-        console.print(escape(found.said_left_out()))
 
 
 # The shadow so far in a terminal: dots of Braille, two by four in a character.

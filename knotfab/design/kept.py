@@ -24,7 +24,6 @@ from typing import Any
 
 from platformdirs import user_cache_path
 
-import knotfab
 from knotfab.base.disk import own_folder
 from knotfab.picture.read import Target
 from knotfab_formats.scene import ResolvedScene
@@ -101,7 +100,7 @@ def _digest_program() -> bytes:
     for name in ("numpy", "scipy", "shapely", "torch", "numba"):
         with suppress(PackageNotFoundError):  # torch is an extra
             digest.update(f"{name} {version(name)}".encode())
-    package = Path(knotfab.__file__).parent
+    package = Path(__file__).parents[1]
     for path in sorted(package.rglob("*.py")):
         digest.update(path.read_bytes())
     return digest.digest()

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
-from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from knotfab.design.candidates import PICTURE
 from knotfab.design.survey import Survey, ViewSurvey
 from knotfab.picture.opening import Loss
 
 if TYPE_CHECKING:
-    from knotfab.design.readings import TriedReading
+    pass
 
 
 def describe(found: Survey, exact: bool = False) -> list[str]:
@@ -115,72 +113,3 @@ def _round(value: float, unit: str) -> str:
     if value < least:
         return f"less than {least:g} {unit}"
     return f"{value:.2g} {unit}" if value < 100 else f"{round(value, -1):.0f} {unit}"
-
-
-def describe_readings(readings: Sequence[TriedReading], sheet: str) -> list[str]:
-    """Describe other readings of the picture, a line each with the options that give it.
-
-    Args:
-        sheet: the picture that shows them.
-    """
-    if not readings:
-        return []
-    lines = [
-        f"  It may be meant otherwise: {sheet} shows {count(len(readings), 'reading')}. Options for each:"
-    ]
-    for number, one in enumerate(readings, start=1):
-        refused = "  (a build would refuse it)" if one.refusal else ""
-        lines.append(f"    {number}: {one.options or 'none, as it is read'}{refused}")
-    return lines
-
-
-def list_figures(found: Survey, readings: Sequence[TriedReading] = ()) -> dict[str, Any]:
-    """List the survey as plain data: lengths in mm, places in px of the picture."""
-    views = []
-    bounds = found.bounds or (None,) * len(found.views)
-    for seen, bound in zip(found.views, bounds, strict=True):
-        losses = [
-            {
-                "tube_radius_mm": radius,
-                "lost": [
-                    {
-                        "at_px": [round(c, 1) for c in seen.target.to_picture(loss.at)],
-                        "length_px": round(loss.extent * seen.target.shrunk, 1),
-                        "thickness_px": round(loss.thickness * seen.target.shrunk, 1),
-                        "length_mm": round(loss.extent * seen.wall_mm_per_px, 2),
-                        "thickness_mm": round(loss.thickness * seen.wall_mm_per_px, 2),
-                        "needed_radius_mm": round(0.5 * loss.thickness / seen.px_per_mm, 3),
-                    }
-                    for loss in lost
-                ],
-            }
-            for radius, lost in seen.losses.items()
-        ]
-        bent = seen.target.bending
-        views.append(
-            {
-                **({} if bound is None else {"bound": round(bound.iou, 4)}),
-                **({} if bent is None else {"bending": asdict(bent)}),
-                "picture": seen.target.name,
-                "silhouette": seen.target.rule,
-                "notes": list(seen.target.notes),
-                "pieces": seen.pieces,
-                "holes": seen.holes,
-                "frame_mm": [round(side, 2) for side in seen.view.frame_mm],
-                "piece_mm": [round(side, 2) for side in seen.piece_mm],
-                "whole_radius_mm": seen.whole_mm,
-                "recognisable": seen.recognisable,
-                "radii": losses,
-            }
-        )
-    return {
-        "schema": 1,
-        "views": views,
-        "tube_radius_mm": found.radius_mm,
-        "refusal": None
-        if found.refusal is None
-        else f"{found.refusal.why}. {found.refusal.remedy}",
-        "guess": {"mass_g": round(found.guess.mass_g, 1), "hours": found.guess.hours},
-        "lines": describe(found),
-        **({"readings": [one.to_dict() for one in readings]} if readings else {}),
-    }

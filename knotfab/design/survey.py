@@ -12,97 +12,46 @@ from shapely import MultiPolygon, Polygon
 
 from knotfab.base.arrays import Array, Mask
 from knotfab.base.errors import SceneError
-from knotfab.design.candidates import DEPTH_RATIO, line_radius
+from knotfab.design.candidates import (
+    Guess,
+    drawing_radius,
+    guess_print,
+    line_radius,
+    too_fine,
+)
 from knotfab.design.frames import frame_view, framed_alike
 from knotfab.design.hull import HullBound
 from knotfab.design.likeness import (
     Likeness,
     compare_lines,
     estimate_likeness,
-    find_refusal,
     opened_share,
+    recognisable_radius,
 )
 from knotfab.design.question import Question, ask
 from knotfab.design.radius import choose_radius
 from knotfab.design.settings import suit
-from knotfab.geometry.polylines import arc_lengths
 from knotfab.knots import read_start
 from knotfab.picture.lamps import Separation
-from knotfab.picture.opening import Loss, find_losses, open_by, run_together
+from knotfab.picture.opening import (
+    Loss,
+    find_losses,
+    open_by,
+    opening_iou,
+    run_together,
+)
 from knotfab.picture.read import Target
-from knotfab.picture.silhouette import holes_of, pieces_of, trace_polygon
+from knotfab.picture.silhouette import (
+    holes_of,
+    pieces_of,
+    trace_polygon,
+)
 from knotfab.scene.camera import camera_of
 from knotfab.start.filling import Template
 from knotfab.start.start import make_template
 from knotfab_formats.scene import ResolvedScene, ResolvedView
 
 # A guess of grams and hours before anything is searched.
-
-
-# Fitted on builds of the project's own pictures (docs/silhouette.md has guesses beside the slicer's figures).
-# the tube's length over that of its flat start, or over area / width
-_LENGTH, _LENGTH_FLAT = 1.45, 1.12
-# hours to a cm3 of a tube of this radius; thin ones take longer
-_HOURS, _OF_RADIUS_MM = 0.158, 1.77
-_HOURS_PLATE = 0.06
-_HOURS_AROUND = 0.007  # hours to a cm3 of the room between the strands, part of which supports fill
-
-
-@dataclass(frozen=True)
-class Guess:
-    """Grams of the part, and hours on the printer with its supports; None where nothing is known.
-
-    `without` names what it does not know: a stand, or what an eyelet hangs from, is planned with the knots.
-    """
-
-    mass_g: float
-    hours: float | None
-    without: str = ""
-
-
-def guess_print(
-    scene: ResolvedScene,
-    view: ResolvedView,
-    areas_mm2: Sequence[float],
-    size_mm: tuple[float, float],
-    radius_mm: float,
-    pieces: int = 1,
-    template: Template | None = None,
-) -> Guess:
-    """Guess by the results of builds.
-
-    A tube that fills an area A with strands side by side is A / 2r long; through the depth it is longer.
-    What fills one of several pictures is hidden in the others, so that their areas add up.
-
-    Args:
-        areas_mm2: areas of the silhouettes. size_mm: width and height of the first one,
-            in the middle of the piece. radius_mm: radius of the tube. pieces: pieces of the picture, each a
-            knot if that is open.
-        template: the flat curves that the search starts from, where they are known.
-    """
-    flat = scene.piece.depth == 0
-    length = sum(areas_mm2) / (2 * radius_mm)
-    if template is not None:
-        length = sum(float(arc_lengths(curve)[-1]) for curve in template.curves)
-    length *= _LENGTH_FLAT if flat else _LENGTH
-    tube, plate = np.pi * radius_mm**2 * length, 0.0
-    loose = scene.hangs(scene.count_knots(pieces))  # a wall mount holds them if they are printed
-    hangs = (scene.piece.printed and loose) or scene.mount.kind == "wall"
-    if hangs and scene.mount.foot != "dowel":
-        margin = 2 * scene.mount.plate_margin_mm
-        plate = (view.frame_width_mm + margin) * (view.frame_height_mm + margin)
-        plate *= scene.mount.plate_thickness_mm
-    without = {"stand": "its stand", "hang": "its eyelet"}.get(scene.mount.kind, "")
-    if loose and not hangs:
-        without = "the wall mount that --print adds"
-    mass = (tube + plate) * 1e-3 * scene.material.density_g_cm3
-    if scene.material.process != "filament":
-        return Guess(float(mass), None, without)
-    room = 2.0 * view.reach_mm
-    depth = 0.0 if flat else scene.piece.depth or min(room, DEPTH_RATIO * max(size_mm))
-    hours = _HOURS * _OF_RADIUS_MM / radius_mm * tube
-    hours += _HOURS_PLATE * plate + _HOURS_AROUND * sum(areas_mm2) / len(areas_mm2) * depth
-    return Guess(float(mass), float(hours * 1e-3), without)
 
 
 _USUAL_SHARE = 0.014  # tube radius over the frame's longer side, where the picture has room
@@ -333,3 +282,87 @@ def require_drawable(found: Survey) -> None:
     """
     if found.refusal is not None:
         raise found.refusal
+
+
+# Refuse at once what a search would refuse after minutes, and say what would do.
+
+
+_HOPELESS = 0.45  # IoU that strokes drawn too thick reach, below which no search helps
+# a share of strokes as wide as the tube that run together, above which they are no drawing
+_BLOBS = 0.3
+_FEW = 200  # pieces and holes of a picture whose polygons are opened
+
+
+def find_refusal(
+    views: Sequence[ViewSurvey], scene: ResolvedScene, sequence: bool = False
+) -> SceneError | None:
+    """Find the error for pictures that no tube draws so that they are known; None where a search may.
+
+    That is a picture that nobody would know in the shadow of any tube, unless that is accepted. And one of
+    thin lines: a stroke thinner than the tube is drawn too thick, at an IoU of their ratio. What the
+    thinnest tube leaves out is taken to be drawn so.
+
+    """
+    if "unrecognisable" not in scene.accuracy.accept:
+        for one in views:
+            if not one.recognisable:
+                return _unlike(one, scene)
+    if len(views) > 1 or sequence or scene.piece.tube_radius_mm is not None:
+        return None
+    printer, (seen,) = scene.printer, views
+    thinnest = printer.min_tube_radius_mm
+    target, pixels = seen.target, (seen.target.width, seen.target.height)
+    radius = thinnest * seen.px_per_mm
+    if seen.view.lines:
+        if seen.together <= _BLOBS:
+            return None
+        return too_fine(
+            recognisable_radius(target.asked, radius),
+            seen.view,
+            pixels,
+            printer,
+            "its lines are too close together for any printable tube: as wide as one of "
+            f"{2 * line_radius(seen.view):g} mm, {seen.together:.0%} of them run together",
+            otherwise="",
+        )
+    if opening_iou(seen.polygon, radius) >= _HOPELESS:
+        return None
+    drawn = drawing_radius(seen.polygon, radius)
+    spilled = 0.0 if drawn is None else drawn / radius
+    if spilled >= _HOPELESS:
+        return None
+    return too_fine(
+        drawn,
+        seen.view,
+        pixels,
+        printer,
+        f"it is too fine for any printable tube: {printer.name} prints none under {2 * thinnest:g} mm",
+    )
+
+
+def _unlike(seen: ViewSurvey, scene: ResolvedScene) -> SceneError:
+    """Return the error for a picture that nobody would know in the shadow of a tube."""
+    likeness, px, printer = seen.likeness, seen.px_per_mm, scene.printer
+    assert likeness is not None
+    given, radius = scene.piece.tube_radius_mm is not None, scene.thinnest_mm
+    lost = f"which reaches an IoU of about {likeness.iou:.2f}"
+    if likeness.changes:
+        which = f"{likeness.changes} of its {likeness.features} pieces and holes"
+        lost = f"where {which} are lost or run together"
+    if likeness.features > _FEW:  # an opening of so many takes seconds, and there are many to try
+        drawn = recognisable_radius(seen.target.asked, radius * px)
+    else:
+        drawn = drawing_radius(trace_polygon(seen.target.asked), radius * px)
+    otherwise = "--accept unrecognisable to build it nevertheless"
+    if given and drawn is not None and drawn >= printer.min_tube_radius_mm * px:
+        otherwise = f"a thinner tube (--tube-radius {drawn / px:.2f}), or {otherwise}"
+    return too_fine(
+        drawn,
+        seen.view,
+        (seen.target.width, seen.target.height),
+        printer,
+        f"it is too fine for {'such a' if given else 'any printable'} tube: nobody would know "
+        f"{seen.target.name} in the shadow of one {2 * radius:g} mm thick, {lost}",
+        otherwise,
+        "parts",
+    )

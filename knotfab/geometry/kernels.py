@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from knotfab.base.arrays import Array, Indices
+from knotfab.base.arrays import Array, Indices, Mask
 from knotfab.base.compiled import compiled
 
 KEEPS, FOLDS, TOO_OLD = 0, 1, 2  # results of `step_margin`
@@ -333,3 +333,27 @@ def bend_hinge(points: Array, following: Indices, radius: float) -> tuple[float,
                 gradient[middle, axis] += pull_d - pull_e
                 gradient[last, axis] += pull_e
     return total, gradient
+
+
+@compiled
+def look_up(mask: Mask, away: Array, bent: Mask) -> None:
+    """Set `bent` (H, W) where the mask, bilinear, is half or more that far `away` (H, W, 2)."""
+    rows, columns = mask.shape
+    for i in range(rows):
+        for j in range(columns):
+            x, y = j + away[i, j, 0], i + away[i, j, 1]
+            if not (0 <= x <= columns - 1 and 0 <= y <= rows - 1):
+                bent[i, j] = False
+                continue
+            left, top = min(int(x), columns - 2), min(int(y), rows - 2)
+            p, q = x - left, y - top
+            share = 0.0
+            if mask[top, left]:
+                share += (1 - q) * (1 - p)
+            if mask[top, left + 1]:
+                share += (1 - q) * p
+            if mask[top + 1, left]:
+                share += q * (1 - p)
+            if mask[top + 1, left + 1]:
+                share += q * p
+            bent[i, j] = share >= 0.5

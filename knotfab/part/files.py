@@ -17,7 +17,7 @@ from uuid import NAMESPACE_URL, uuid5
 import numpy as np
 from numpy.typing import NDArray
 
-from knotfab import __version__
+from knotfab.base.apps import VERSION
 from knotfab.base.arrays import Array
 from knotfab.geometry.tube import Mesh, face_normals, join_meshes, split_shells
 
@@ -107,7 +107,7 @@ def _new_model(about: About) -> tuple[Any, Any]:
         "Designer": about.designer,
         "Description": about.description,
         "LicenseTerms": about.licence,
-        "Application": f"knotfab {__version__}",
+        "Application": f"knotfab {VERSION}",
     }
     group = model.GetMetaDataGroup()
     for name, value in told.items():

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from knotfab.base.arrays import Array, Mask
-from knotfab.base.compiled import compiled
 from knotfab.picture.silhouette import holes_of, pieces_of
 
 ROWS, COLUMNS = 15, 11  # rows and columns of control points; the outermost lie outside the frame
@@ -62,6 +61,7 @@ def displace(points: Array, height: int, width: int) -> Array:
 
 def bend_mask(mask: Mask, points: Array) -> Mask:
     """Give the mask as bent: each pixel holds what the mask has if the field says; outside it is nothing."""
+    from knotfab.geometry.kernels import look_up  # only where a picture is bent: loops load numba
 
     bent = np.empty(mask.shape, dtype=np.bool_)
     look_up(np.ascontiguousarray(mask), displace(points, *mask.shape), bent)
@@ -103,30 +103,3 @@ def keeps_shape(mask: Mask, bent: Mask) -> bool:
         return [int((found(one)[1] >= least).sum()) for found in (pieces_of, holes_of)]
 
     return count(mask) == count(bent)
-
-
-# The compiled loop that bends a mask.
-
-
-@compiled
-def look_up(mask: Mask, away: Array, bent: Mask) -> None:
-    """Set `bent` (H, W) where the mask, bilinear, is half or more that far `away` (H, W, 2)."""
-    rows, columns = mask.shape
-    for i in range(rows):
-        for j in range(columns):
-            x, y = j + away[i, j, 0], i + away[i, j, 1]
-            if not (0 <= x <= columns - 1 and 0 <= y <= rows - 1):
-                bent[i, j] = False
-                continue
-            left, top = min(int(x), columns - 2), min(int(y), rows - 2)
-            p, q = x - left, y - top
-            share = 0.0
-            if mask[top, left]:
-                share += (1 - q) * (1 - p)
-            if mask[top, left + 1]:
-                share += (1 - q) * p
-            if mask[top + 1, left]:
-                share += q * (1 - p)
-            if mask[top + 1, left + 1]:
-                share += q * p
-            bent[i, j] = share >= 0.5

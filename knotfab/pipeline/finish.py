@@ -6,10 +6,11 @@ import time
 from collections.abc import Sequence
 from concurrent.futures import wait
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from knotfab.base.apps import load_app
 from knotfab.base.folder import OutputFolder
 from knotfab.base.progress import Progress
 from knotfab.part.files import read_back_strict
@@ -43,6 +44,7 @@ from knotfab.report.page import write_report_html
 from knotfab.report.pictures import draw_agreement, find_pictures, turn_piece
 from knotfab.report.posing import find_access, lay_out
 from knotfab.report.report import (
+    WirePlan,
     check_3mf,
     check_certificate,
     check_limits,
@@ -60,10 +62,6 @@ from knotfab.request import Outcome, Request
 from knotfab.scene.camera import cameras_of
 from knotfab_formats.report import Report
 from knotfab_formats.verdict import Verdict, View, exit_code
-
-if TYPE_CHECKING:
-    from knotfab.apps.wire.plan import WirePlan
-
 
 _TOLD_S = 0.5  # between what is said of the slicer
 _AFTER_BENDS_S = 5.0  # from the last step of a wire's plan to the end of a build
@@ -252,8 +250,6 @@ def _plan_bends(
     """Return the bending plan, written, where the piece is of wire."""
     if piece.scene.material.process != "wire":
         return None
-    from knotfab.apps.wire.plan import write_bending_plan
-
     with progress.stage("bending plan"):
         pictures = [folder.file(view.picture) for view in piece.scene.views]
         left = request.budget(progress.total, mounted=False)
@@ -261,9 +257,10 @@ def _plan_bends(
         if left is not None:
             seconds = replace(left, after_s=_AFTER_BENDS_S, after_vertex_s=0.0).search_s(0)
             ends = time.perf_counter() + seconds
-        return write_bending_plan(
+        plan: WirePlan = load_app("wire").write_bending_plan(
             folder.work, piece.made.knots, piece.scene, pictures, piece.suffix, ends
         )
+        return plan
 
 
 def _read_back(folder: OutputFolder, piece: WrittenPiece) -> list[str]:

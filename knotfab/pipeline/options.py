@@ -30,6 +30,8 @@ from knotfab_formats.piece import About, Accuracy, Mount, Piece
 from knotfab_formats.search import SearchSettings
 from knotfab_formats.views import View
 
+Command = TypeVar("Command", bound=Callable[..., int])
+
 _PICTURE = Group.create_ordered("Picture")
 _PIECE = Group.create_ordered("Piece")
 _PRINT = Group.create_ordered("Print")
@@ -82,91 +84,6 @@ Decimal = Annotated[float, Parameter(converter=_read_decimal)]
 Place = Annotated[Path, Parameter(converter=_read_place)]
 Flag = Annotated[bool, Parameter(negative="", show_default=False)]
 Names = Annotated[tuple[str, ...], Parameter(negative="", show_default=False)]
-
-BUILD_EXAMPLES = """Examples:
-
-```
-knotfab build cat.png --print              checked against the printer
-knotfab build cat.png --size 240 --watch   larger; a page shows how it grows
-knotfab build cat.png --mount wall         ready to hang
-knotfab build cat.png --time-budget 1.5min
-knotfab build logo.svg --depth flat --tube-radius 2
-knotfab build text:Hello --font "DejaVu Serif" --knots 1
-knotfab build heart.png teapot.png         one part, two pictures
-knotfab build parrot.png --lamps rgb       in colours, by the shadows of three lamps
-knotfab build --sequence walk/ --print     one part for each frame
-knotfab build --scene out/scene.toml       the same part again
-```
-"""
-
-
-BATCH_EXAMPLES = """Examples:
-
-```
-knotfab batch logos/ --out built --print
-knotfab batch *.png --out built --accuracy draft --jobs 4
-knotfab batch logos/ --out built --cluster tcp://10.0.0.5:8786
-```
-"""
-
-COMPARE_EXAMPLES = """Examples:
-
-```
-knotfab compare wall.jpg knotfab-out/cat
-knotfab compare wall.jpg knotfab-out/cat --click
-knotfab compare wall.jpg knotfab-out/cat --corners 412,300 1630,322 1610,1490 395,1455
-```
-"""
-
-VALIDATE_EXAMPLES = """Examples:
-
-```
-knotfab validate knotfab-out/cat           everything that a build wrote
-knotfab validate tube.obj                  any tube, in mm
-knotfab validate part.stl --knots knots.json --scene scene.toml --json
-```
-"""
-
-STUDIO_EXAMPLES = """Examples:
-
-```
-knotfab studio
-knotfab studio --port 8900 --no-open --out pieces
-```
-"""
-
-MCP_EXAMPLES = """Examples:
-
-```
-knotfab mcp --allow ~/pictures --allow ~/pieces
-```
-"""
-
-SHADOW_EXAMPLES = """Examples:
-
-```
-knotfab shadow cat/part.stl --scene cat/scene.toml --out shadow.png
-```
-"""
-
-TRADEOFF_EXAMPLES = """Examples:
-
-```
-knotfab tradeoff cat.png
-knotfab tradeoff cat.png --accuracy draft --repeats 3 --out cat-tradeoff
-knotfab tradeoff logos/*.png --time-limit 1h         give the same call again to go on
-```
-"""
-
-PREVIEW_EXAMPLES = """Examples:
-
-```
-knotfab preview logo.svg
-knotfab preview badge.png --ink red --width 240
-knotfab preview photo.jpg --ink flood --smooth 3 --out seen.png
-knotfab preview cat.jpg --subject 150,80,700,900 --drop 300,950,60
-```
-"""
 
 
 KEYS: dict[str, type[BaseModel]] = {
@@ -350,3 +267,13 @@ def options_from(given: Mapping[str, Any], known: Collection[str] = ()) -> Build
         # 700 is a number as it is, and is written so
         values[key] = value if type(value) is int and isinstance(checked, float) else checked
     return BuildOptions(**values)
+
+
+def with_examples(text: str) -> Callable[[Command], Command]:
+    """Mark a command with the examples that stand at the end of its help."""
+
+    def mark(command: Command) -> Command:
+        command.__dict__["examples"] = text
+        return command
+
+    return mark

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from knotfab.apps.wire.files import require_bender
+from knotfab.base.apps import load_app
 from knotfab.base.progress import Progress
 from knotfab.design.budget import require_budget
 from knotfab.design.film import require_sequence
@@ -223,7 +223,7 @@ def _read_call(
             scene = place_directions(scene, scene.settings)[0]
     require_tube(scene)
     if scene.material.process == "wire":
-        require_bender(scene)
+        load_app("wire").require_bender(scene)
     elif options.bender is not None:
         remedy = "Leave it out, or add --material steel-wire-2mm."
         raise InputError(f"--bender {options.bender}", "there is no wire to bend", remedy)

@@ -6,12 +6,13 @@ import json
 import platform
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from knotfab import __version__
+from knotfab.base.apps import VERSION
 from knotfab.design.design import Design
 from knotfab.geometry.tube import Mesh, box_of, mesh_volume
 from knotfab.knots import Knots
@@ -22,6 +23,7 @@ from knotfab.request import Request
 from knotfab.scene.catalogue import title_of
 from knotfab_formats.errors import plain
 from knotfab_formats.report import (
+    BendingPlan,
     Certificate,
     KnotFigures,
     MountFigures,
@@ -36,9 +38,6 @@ from knotfab_formats.search import PRESETS
 from knotfab_formats.verdict import Check, Verdict, View, exit_code
 from knotfab_validators.check import at_most
 from knotfab_validators.shadows.recognition import worst_verdict
-
-if TYPE_CHECKING:
-    from knotfab.apps.wire.plan import WirePlan
 
 
 def check_3mf(warnings: list[str]) -> Check:
@@ -172,7 +171,7 @@ def _settings(
 ) -> Settings:
     from knotfab_validators.tube.thickness import thickness
 
-    versions = {"knotfab": __version__, "python": platform.python_version()}
+    versions = {"knotfab": VERSION, "python": platform.python_version()}
     for name in ("torch", "numpy", "scipy", "shapely", "pyvista", "manifold3d"):
         with suppress(PackageNotFoundError):  # torch is an extra
             versions[name] = version(name)
@@ -214,8 +213,17 @@ def write_report_json(path: Path, report: Report) -> None:
     path.write_text(text + "\n", encoding="utf-8")
 
 
+@dataclass(frozen=True)
+class WirePlan:
+    """A bending plan as it was written."""
+
+    figures: BendingPlan
+    checks: tuple[Check, ...]
+    cut: str = ""  # what ended its fit before it was done, such as "--time-budget"
+
+
 def tell_plan(plan: WirePlan | None) -> list[str]:
-    """Return how much wire a bending plan takes, where there is one."""
+    """Say how much wire a bending plan takes, where there is one."""
     if plan is None:
         return []
     cut = (
@@ -223,8 +231,8 @@ def tell_plan(plan: WirePlan | None) -> list[str]:
         "wire (a smaller --size) is planned sooner."
     )
     return [
-        f"{plan.length_mm / 1000:.2f} m of wire, {plan.mass_g:.0f} g, in "
-        f"{sum(k.bends for k in plan.knots)} bends: see bends*.csv and the templates.",
+        f"{plan.figures.length_mm / 1000:.2f} m of wire, {plan.figures.mass_g:.0f} g, in "
+        f"{plan.figures.bends} bends: see bends*.csv and the templates.",
         *([cut] if plan.cut else ()),
     ]
 

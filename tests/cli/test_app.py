@@ -26,7 +26,6 @@ from knotfab.apps.doctor import Finding
 from knotfab.base.errors import MachineError
 from knotfab.cli.commands import app
 from knotfab.pipeline import build as pipeline
-from knotfab.pipeline import options as knotfab_options
 from knotfab.pipeline.options import BuildOptions
 from knotfab.pipeline.read_options import read_seconds
 from knotfab.pipeline.verifier import Files, Verifier
@@ -343,7 +342,7 @@ def test_help() -> None:
     "name", ["batch", "build", "compare", "preview", "shadow", "studio", "tradeoff", "validate"]
 )
 def test_the_examples_of_the_help_are_calls(name: str) -> None:
-    examples = getattr(knotfab_options, f"{name.upper()}_EXAMPLES")
+    examples = app[name].help_epilogue
     lines = [line for line in examples.splitlines() if line.startswith("knotfab ")]
     assert lines and lines[0].split("   ")[0] in knotfab(name, "--help").out
     for line in lines:

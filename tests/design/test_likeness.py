@@ -22,7 +22,8 @@ from knotfab.design.likeness import (
     opened_share,
     recognisable_radius,
 )
-from knotfab.design.sentence import describe, list_figures
+from knotfab.design.readings import list_figures
+from knotfab.design.sentence import describe
 from knotfab.design.survey import require_drawable, survey
 from knotfab.picture.read import read_target
 from knotfab.scene.catalogue import resolve

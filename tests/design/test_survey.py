@@ -15,11 +15,13 @@ from knotfab.base.errors import SceneError
 from knotfab.base.progress import Progress
 from knotfab.cli.commands import app
 from knotfab.design import radius
+from knotfab.design.candidates import guess_print
 from knotfab.design.design import choose_tube
 from knotfab.design.frames import frame_view, widen_targets
 from knotfab.design.question import ask
-from knotfab.design.sentence import describe, list_figures
-from knotfab.design.survey import Survey, guess_print, require_drawable, survey
+from knotfab.design.readings import list_figures
+from knotfab.design.sentence import describe
+from knotfab.design.survey import Survey, require_drawable, survey
 from knotfab.picture.opening import opening_iou
 from knotfab.picture.read import read_target
 from knotfab.picture.silhouette import trace_polygon

@@ -14,7 +14,7 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
-from knotfab import __version__
+from knotfab.base.apps import VERSION
 from knotfab.base.disk import at_home, read_file, temporary_folder
 from knotfab.base.errors import why_of
 from knotfab.base.folder import REJECTED, OutputFolder
@@ -36,7 +36,7 @@ def open_builders(jobs: int, share: int | None = None) -> Workers:
     """
     share = share or max(1, count_jobs() // jobs)
     env = {**os.environ, **_ALONE, "KNOTFAB_JOBS": str(share)}
-    return Workers("knotfab.cli.builder", jobs=jobs, env=env)
+    return Workers("knotfab.apps.builder", jobs=jobs, env=env)
 
 
 def build_apart(task: Task, folder: Path, builders: Workers) -> Record:
@@ -241,7 +241,7 @@ def list_tasks(
         )
     options, files = _with_whole_paths(options)
     arguments = list_arguments(options)
-    shared = hashlib.sha256(repr((__version__, arguments)).encode("utf-8", "surrogatepass"))
+    shared = hashlib.sha256(repr((VERSION, arguments)).encode("utf-8", "surrogatepass"))
     for path in files:
         shared.update(content_of(path))
     tasks: dict[str, Task] = {}

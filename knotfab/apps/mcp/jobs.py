@@ -35,8 +35,8 @@ def preview(given: Given, hear: Hear, known: Collection[str]) -> Answer:
         known: the options that there are.
     """
     from knotfab.base.disk import write_whole
-    from knotfab.design.readings import draw_readings
-    from knotfab.design.sentence import describe, describe_readings, list_figures
+    from knotfab.design.readings import describe_readings, draw_readings, list_figures
+    from knotfab.design.sentence import describe
     from knotfab.pipeline.options import options_from
     from knotfab.pipeline.prepare import preview_pictures
     from knotfab.report.pictures import draw_survey

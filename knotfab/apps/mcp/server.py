@@ -24,8 +24,8 @@ from mcp.server.lowlevel import Server
 from mcp.server.stdio import stdio_server
 from mcp.types import CallToolResult, ImageContent, ListToolsResult, TextContent, Tool
 
-from knotfab import __version__
 from knotfab.apps.mcp import jobs
+from knotfab.base.apps import VERSION
 from knotfab.base.disk import at_home, confined
 from knotfab.base.errors import explain_error, keep_traceback
 from knotfab.base.progress import Event
@@ -155,7 +155,7 @@ def make_server() -> Server[Any]:
 
     return Server(
         "knotfab",
-        version=__version__,
+        version=VERSION,
         instructions="Lengths are in mm. Show a person the preview's picture before a build.",
         on_list_tools=list_tools,
         on_call_tool=call_tool,

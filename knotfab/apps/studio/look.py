@@ -37,8 +37,7 @@ def preview(sources: Sequence[str], options: BuildOptions) -> tuple[dict[str, An
     Raises:
         KnotfabError: the pictures cannot be read, or do not go with the options.
     """
-    from knotfab.design.readings import is_unclear
-    from knotfab.design.sentence import list_figures
+    from knotfab.design.readings import is_unclear, list_figures
     from knotfab.picture.raster import encode_image
     from knotfab.report.pictures import draw_panels
 

@@ -57,7 +57,7 @@ class Studio(Broadcast):
         self.panels: list[bytes] = []
         self.build: LiveBuild | None = None
         # started beforehand, where the studio is `warm`, so that a press is answered at once
-        self.warm, self.builder = warm, Workers("knotfab.cli.builder", early=False)
+        self.warm, self.builder = warm, Workers("knotfab.apps.builder", early=False)
         # pictures are added one after the other, so that each finds a name
         self.adding = asyncio.Lock()
         self._previews = 0

@@ -15,7 +15,7 @@ from PIL import Image
 from scipy.ndimage import binary_closing, binary_erosion
 from scipy.spatial import cKDTree
 
-from knotfab import __version__
+from knotfab.base.apps import VERSION
 from knotfab.base.arrays import Array, Mask
 from knotfab.base.errors import SceneError
 from knotfab.base.progress import Progress
@@ -60,7 +60,7 @@ class Study:
     def key(self, settings: SearchSettings, turn: int = 0) -> str:
         """Name a run: picture, scene (with its tube radius where given), settings and version."""
         given = settings.model_dump(exclude={"iou_slack"})
-        text = json.dumps([self._asked, given, __version__, self.device, turn])
+        text = json.dumps([self._asked, given, VERSION, self.device, turn])
         return hashlib.sha256(text.encode()).hexdigest()[:24]
 
 

@@ -11,9 +11,9 @@ from typing import Any, Protocol
 
 from markupsafe import Markup
 
-from knotfab import __version__
 from knotfab.apps.tradeoff.bench import Explored
 from knotfab.apps.tradeoff.points import COMBINED, PRESET, Measured, Step, list_changes
+from knotfab.base.apps import VERSION
 from knotfab.picture.raster import hash_script
 from knotfab.report import page as report_html
 from knotfab.report.page import encode_for_script, make_environment
@@ -118,7 +118,7 @@ def render_page(explored: Explored, steps: Sequence[Step], told: _Told) -> str:
         shown=Markup(encode_for_script({"points": rows})),
         script=Markup(script),
         digest=hash_script(script),
-        version=__version__,
+        version=VERSION,
     )
     return page
 

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from knotfab import __version__
 from knotfab.apps.tradeoff.bench import (
     Bench,
     Explored,
@@ -34,6 +33,7 @@ from knotfab.apps.tradeoff.points import (
     list_steps,
     points,
 )
+from knotfab.base.apps import VERSION
 from knotfab.base.disk import write_whole
 from knotfab.base.progress import Progress
 from knotfab.design.question import ask
@@ -204,7 +204,7 @@ def to_dict(found: Tradeoff, repeats: int, device: str) -> dict[str, Any]:
         "repeats": repeats,
         "jobs": found.jobs,
         "device": device,
-        "version": __version__,
+        "version": VERSION,
         "seconds": explored.middle.clock,
         "compared_over": explored.compared,
         "points": list_rows(explored),

@@ -18,8 +18,8 @@ import numpy as np
 from jinja2 import StrictUndefined, TemplateError, TemplateSyntaxError
 from jinja2.sandbox import SandboxedEnvironment
 
-from knotfab import __version__
 from knotfab.apps.wire.arcs import Bend, BendList
+from knotfab.base.apps import VERSION
 from knotfab.base.arrays import Array
 from knotfab.base.disk import at_home
 from knotfab.render.pages import Drawing, Paper, draw_tiled, write_pages
@@ -127,7 +127,7 @@ def _told(bends: tuple[Bend, ...] | list[Bend], plan: str, wire: Material) -> Ma
         "wire": wire.name,
         "wire_diameter_mm": wire.wire_diameter_mm,
         "length_mm": bends[-1].distance_mm,
-        "program": f"knotfab {__version__}",
+        "program": f"knotfab {VERSION}",
     }
 
 

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-from knotfab import __version__
 from knotfab.apps.wire.arcs import BendList, Wire, list_bends
 from knotfab.apps.wire.files import (
     draw_views,
@@ -18,15 +17,18 @@ from knotfab.apps.wire.files import (
     write_bends,
     write_templates,
 )
+from knotfab.apps.wire.files import require_bender as require_bender
 from knotfab.apps.wire.fit import fit_wires
 from knotfab.apps.wire.judge import Judge, PieceShadow, cast_shadows, replay
 from knotfab.apps.wire.residual import DEPTH_FACTOR, FitLimits, GridLikeness, Work
+from knotfab.base.apps import VERSION
 from knotfab.base.arrays import Array, Mask
 from knotfab.base.errors import SceneError
 from knotfab.knots import Knots
 from knotfab.picture.opening import opening_iou, thickest_radius
 from knotfab.picture.silhouette import trace_polygon
 from knotfab.render.pages import PAPERS
+from knotfab.report.report import WirePlan
 from knotfab_formats.errors import InputError
 from knotfab_formats.piece import Material
 from knotfab_formats.report import BendingPlan, BentWire
@@ -41,47 +43,6 @@ IOU_LOSS = 0.02  # the IoU that straights and bends of one radius may cost
 # shares of the tolerance, tried in turn while one spoils the shadow
 _FIT_SHARES = 0.97, 0.8, 0.65, 0.45
 _SLEEVE_MM = 8.0  # the length of a crimp or a soldered tube over both ends
-
-
-@dataclass(frozen=True)
-class WirePlan:
-    """What was written and what bending it gives."""
-
-    files: tuple[str, ...]
-    knots: tuple[BentWire, ...]
-    length_mm: float
-    mass_g: float
-    ious: dict[str, float]  # keyed by the view's name
-    least_distance_mm: float
-    tolerance_mm: float
-    pages: dict[str, int]
-    frame: WireFrame
-    checks: tuple[Check, ...]
-    cut: str  # what ended the fit before it was done, such as "--time-budget"; or empty
-
-    @property
-    def iou(self) -> float:
-        """The least of all views."""
-        return min(self.ious.values())
-
-    @property
-    def figures(self) -> BendingPlan:
-        """What a report says of it."""
-        return BendingPlan(
-            status="fail" if list_unmet(self.checks) else "pass",
-            files=self.files,
-            length_mm=self.length_mm,
-            mass_g=self.mass_g,
-            bends=sum(k.bends for k in self.knots),
-            iou=self.iou,
-            iou_of_views=self.ious,
-            least_distance_mm=self.least_distance_mm,
-            tolerance_mm=self.tolerance_mm,
-            pages=self.pages,
-            frame_width_mm=self.frame.width_mm,
-            enough_frame_width_mm=self.frame.enough_mm,
-            knots=self.knots,
-        )
 
 
 def bend_radius_mm(material: Material) -> float:
@@ -149,19 +110,23 @@ def write_bending_plan(
     length = sum(k.length_mm for k in verdict.knots)
     frames = [measure_frame(s.mask, s.view, material) for s in shadows]
     frame = min(frames, key=lambda f: f.most_iou)
-    return WirePlan(
+    checks = (*verdict.checks, frame.check(material))
+    figures = BendingPlan(
+        status="fail" if list_unmet(checks) else "pass",
         files=(*names, *told, *pages),
-        knots=verdict.knots,
         length_mm=length,
         mass_g=_weigh(length, material),
-        ious=verdict.ious,
+        bends=sum(k.bends for k in verdict.knots),
+        iou=min(verdict.ious.values()),
+        iou_of_views=verdict.ious,
         least_distance_mm=verdict.least_distance_mm,
         tolerance_mm=tolerance,
         pages=pages,
-        frame=frame,
-        checks=(*verdict.checks, frame.check(material)),
-        cut=work.over,
+        frame_width_mm=frame.width_mm,
+        enough_frame_width_mm=frame.enough_mm,
+        knots=verdict.knots,
     )
+    return WirePlan(figures, checks, work.over)
 
 
 def _require_wire(material: Material, radius_mm: float) -> None:
@@ -291,7 +256,7 @@ def _write_header(
     tolerances: str,
 ) -> dict[str, str]:
     return {
-        "made by": f"knotfab {__version__}",
+        "made by": f"knotfab {VERSION}",
         "wire": f"{material.name}, {material.wire_diameter_mm:g} mm thick",
         "length": f"{rows.length_mm:.1f} mm for {name}, {total:.1f} mm for all",
         "bends": str(rows.count),

@@ -16,7 +16,7 @@ from starlette.testclient import TestClient
 
 from knotfab.apps.studio.run import WatchedBuild
 from knotfab.apps.studio.server import make_app
-from knotfab.cli.make import open_page
+from knotfab.cli.commands import open_page
 
 HOST, TOKEN = "127.0.0.1:8000", "the-token-of-the-address"
 

@@ -65,20 +65,20 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, WirePlan]:
 
 def test_the_plan_of_two_rings(made: tuple[Path, WirePlan]) -> None:
     folder, plan = made
-    assert plan.files[:2] == ("bends-1.csv", "bends-2.csv")
-    assert plan.files[2:4] == ("bends-1-lra.csv", "bends-2-lra.csv")
-    assert all((folder / name).is_file() for name in plan.files)
+    assert plan.figures.files[:2] == ("bends-1.csv", "bends-2.csv")
+    assert plan.figures.files[2:4] == ("bends-1-lra.csv", "bends-2-lra.csv")
+    assert all((folder / name).is_file() for name in plan.figures.files)
     assert plan.figures.status == "pass"
-    for knot in plan.knots:
+    for knot in plan.figures.knots:
         # the ring is 140.8 mm long: 22.4 mm of radius, with its rise and fall
         assert knot.length_mm == pytest.approx(2 * np.pi * 22.4, rel=0.04)
         assert 8 <= knot.bends <= 30 and knot.closing_error_mm < 0.05
         # by default a little more than the wire's radius: the fit draws the picture within it
-        assert knot.deviation_across_mm <= plan.tolerance_mm == 1.1
+        assert knot.deviation_across_mm <= plan.figures.tolerance_mm == 1.1
         assert knot.shortest_straight_mm >= 1.99
-    assert plan.length_mm == pytest.approx(sum(k.length_mm for k in plan.knots))
-    assert plan.mass_g == pytest.approx(plan.length_mm * np.pi * 7.85e-3)
-    assert plan.figures.bends == sum(k.bends for k in plan.knots)
+    assert plan.figures.length_mm == pytest.approx(sum(k.length_mm for k in plan.figures.knots))
+    assert plan.figures.mass_g == pytest.approx(plan.figures.length_mm * np.pi * 7.85e-3)
+    assert plan.figures.bends == sum(k.bends for k in plan.figures.knots)
 
 
 def two_view_scene(folder: Path) -> tuple[Knots, SettledScene, list[Path]]:
@@ -110,10 +110,10 @@ def two_view_scene(folder: Path) -> tuple[Knots, SettledScene, list[Path]]:
 def test_a_wire_for_two_views_is_right_in_both(tmp_path: Path) -> None:
     knots, scene, pictures = two_view_scene(tmp_path)
     plan = write_bending_plan(tmp_path, knots, scene, pictures)
-    assert plan.figures.status == "pass" and set(plan.ious) == {"front", "side"}
-    assert plan.iou == min(plan.ious.values()) > 0.8
+    assert plan.figures.status == "pass" and set(plan.figures.iou_of_views) == {"front", "side"}
+    assert plan.figures.iou == min(plan.figures.iou_of_views.values()) > 0.8
     # no direction is free: the wire stays within the tolerance in all of them
-    assert plan.knots[0].deviation_mm <= 1.1
+    assert plan.figures.knots[0].deviation_mm <= 1.1
     assert "1.1 mm in any direction" in (tmp_path / "bends.csv").read_text()
     # a picture that is wrong is noticed in whichever view it is
     rows = read_bends(tmp_path / "bends.csv")

@@ -24,7 +24,7 @@ from knotfab_validators.geometry.mesh import Corners, Mesh, merge_equal, number_
 
 if TYPE_CHECKING:
     from knotfab_formats.piece import Plate as Listed
-    from knotfab_validators.files.scene import Scene
+    from knotfab_formats.scene import Scene
 
 
 MOST_BYTES = 2_000_000_000

@@ -1,0 +1,452 @@
+"""The commands of the apps, as entry points name them: each is light until it is called."""
+
+from __future__ import annotations
+
+import webbrowser
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from cyclopts import Parameter
+
+from knotfab.base.errors import needs_extra
+from knotfab.pipeline.options import (
+    ALL_OUT,
+    BuildOptions,
+    Flag,
+    PictureOptions,
+    Place,
+    Whole,
+    options_from,
+    with_examples,
+)
+from knotfab_formats.errors import InputError
+
+if TYPE_CHECKING:
+    from knotfab.apps.compare.compare import Comparison
+    from knotfab.apps.compare.fix import Fix
+    from knotfab.apps.doctor import Finding
+    from knotfab.apps.tradeoff.run import Tradeoff
+    from knotfab.design.readings import TriedReading
+    from knotfab.design.survey import Survey
+
+_DEFAULTS = BuildOptions()
+_READ = PictureOptions()
+
+
+@with_examples("""Examples:
+
+```
+knotfab preview logo.svg
+knotfab preview badge.png --ink red --width 240
+knotfab preview photo.jpg --ink flood --smooth 3 --out seen.png
+knotfab preview cat.jpg --subject 150,80,700,900 --drop 300,950,60
+```
+""")
+def preview(
+    *pictures: str,
+    options: Annotated[PictureOptions, Parameter(name="*")] = _READ,
+    out: Place = Path("knotfab-preview.png"),
+    sequence: Flag = False,
+    json: Flag = False,
+) -> int:
+    """Show what a picture will become: its silhouette, the tube that a build takes, and what that loses.
+
+    Of an unclear picture, such as a photograph, it also tries other ways to read it, and draws them side by
+    side, with the options that give each.
+
+    Parameters
+    ----------
+    pictures
+        As for knotfab build.
+    out
+        The PNG to write: the silhouette and, in red, what the tube loses. Other readings are drawn beside it,
+        in NAME-readings.png.
+    sequence
+        The pictures are frames of one motion.
+    json
+        Print the figures as JSON.
+    """
+    from knotfab.base.disk import write_whole
+    from knotfab.design.readings import draw_readings
+    from knotfab.pipeline.prepare import preview_pictures
+    from knotfab.report.pictures import draw_survey
+
+    if out.suffix.lower() != ".png":
+        raise InputError(f"--out {out}", "a preview is a PNG", "Name a file in .png.")
+    asked = BuildOptions(**vars(options), sequence=sequence)
+    found, readings = preview_pictures(pictures, asked)
+    write_whole(out, draw_survey(found))
+    sheet = out.with_name(f"{out.stem}-readings.png")
+    if readings:
+        write_whole(sheet, draw_readings(readings))
+    _print_survey(found, out, json, readings, sheet)
+    return 0
+
+
+def _print_survey(
+    found: Survey,
+    picture: Path,
+    json: bool,
+    readings: Sequence[TriedReading] = (),
+    sheet: Path | None = None,
+) -> None:
+    """Print what a picture will become, in a few lines or as JSON, where it is drawn, and other readings."""
+    import json as codec
+
+    from knotfab.design.readings import describe_readings, list_figures
+    from knotfab.design.sentence import describe
+
+    if json:
+        print(codec.dumps({**list_figures(found, readings), "picture": str(picture)}))
+        return
+    others = describe_readings(readings, str(sheet))
+    print("\n".join([*describe(found), f"  {picture} shows it.", *others]))
+
+
+@with_examples("""Examples:
+
+```
+knotfab batch logos/ --out built --print
+knotfab batch *.png --out built --accuracy draft --jobs 4
+knotfab batch logos/ --out built --cluster tcp://10.0.0.5:8786
+```
+""")
+def batch(
+    *pictures: str,
+    options: Annotated[BuildOptions, Parameter(name="*")] = _DEFAULTS,
+    jobs: Whole | None = None,
+    cluster: str | None = None,
+) -> int:
+    """Build many pictures, each into knotfab-out/NAME, or --out/NAME; skip those that are built already.
+
+    Parameters
+    ----------
+    pictures
+        Picture files, folders of them, or text:…
+    jobs
+        How many builds run side by side; by default as many as cores and memory allow.
+    cluster
+        The address of a Dask scheduler, such as tcp://10.0.0.5:8786, whose workers build instead.
+    """
+    from knotfab.apps.batch.run import batch as run
+    from knotfab.pipeline.prepare import check_options, require_same_picture
+
+    check_options(options)
+    records = run(pictures, options, jobs, cluster, require_same_picture)
+    failed = sum(record["exit_code"] != 0 for record in records)
+    if not options.quiet:
+        print(
+            f"{len(records) - failed} of {len(records)} passed: see {options.out or ALL_OUT}/index.html"
+        )
+    return 1 if failed else 0
+
+
+@with_examples("""Examples:
+
+```
+knotfab studio
+knotfab studio --port 8900 --no-open --out pieces
+```
+""")
+def studio(*, port: Whole = 0, no_open: Flag = False, out: Place = Path("knotfab-studio")) -> int:
+    """Open a local page: drop a picture on it, set the scene, and watch the knot grow.
+
+    Parameters
+    ----------
+    port
+        The port, which only this machine can reach; 0: any free one.
+    no_open
+        Print the address, but open no browser.
+    out
+        The folder for pictures and builds.
+    """
+    with needs_extra("knotfab studio", "studio"):
+        from knotfab.apps.studio.run import run_studio
+    run_studio(port, not no_open, out)
+    return 0
+
+
+@with_examples("""Examples:
+
+```
+knotfab mcp --allow ~/pictures --allow ~/pieces
+```
+""")
+def mcp(*, allow: tuple[Place, ...] = ()) -> int:
+    """Serve preview, build, validate and shadow as tools for programs, over standard input and output (MCP).
+
+    Parameters
+    ----------
+    allow
+        A folder that the tools may read and write; may be repeated. The folder one is in by default. Relative
+        paths start from the first.
+    """
+    with needs_extra("knotfab mcp", "mcp"):
+        from knotfab.apps.mcp.server import serve
+    serve(allow)
+    return 0
+
+
+@with_examples("""Examples:
+
+```
+knotfab compare wall.jpg knotfab-out/cat
+knotfab compare wall.jpg knotfab-out/cat --click
+knotfab compare wall.jpg knotfab-out/cat --corners 412,300 1630,322 1610,1490 395,1455
+```
+""")
+def compare(
+    photo: Path,
+    folder: Path,
+    /,
+    *,
+    corners: Annotated[tuple[str, str, str, str] | None, Parameter(negative="")] = None,
+    click: Flag = False,
+    view: str | None = None,
+    out: Place = Path("knotfab-compare.png"),
+    fix: Flag = False,
+    build: Flag = False,
+    json: Flag = False,
+) -> int:
+    """Compare a photograph of the real shadow with the picture, and say which way to move the lamp.
+
+    Parameters
+    ----------
+    photo
+        A photograph that shows the whole frame on the wall, taken from anywhere.
+    folder
+        The folder that a build wrote.
+    corners
+        The corners of the frame in the photograph, as x,y in px: top left, top right, bottom right, bottom
+        left. By default the four marks of setup.pdf, or the plate of a wall mount, tell them.
+    click
+        Open a page to click the four corners; it then shows the command with --corners.
+    view
+        Name of the view; the first by default.
+    out
+        The PNG that shows where shadow and picture differ.
+    fix
+        Also write FOLDER/fixed.toml, the scene with the lamp where it stands, and say what moving the lamp
+        alone would bring, and what a new part would.
+    build
+        Build that new part too, into FOLDER-fixed.
+    json
+        Print the figures as JSON.
+    """
+    from knotfab.apps.compare.compare import compare_photo, write_comparison
+
+    if click:
+        from knotfab.apps.compare.fix import write_click_page
+
+        page, more = out.with_suffix(".html"), [] if view is None else ["--view", view]
+        command = ["knotfab", "compare", str(photo), str(folder), *more, "--out", str(out)]
+        write_click_page(photo, command, page)
+        print(f"Point at the corners of the frame on {page}: it says how to go on.")
+        webbrowser.open(page.resolve().as_uri())
+        return 0
+    found = compare_photo(photo, folder, corners, view)
+    write_comparison(found, out)
+    plan = None
+    if fix or build:
+        from knotfab.apps.compare.fix import plan_fix
+
+        plan = plan_fix(found, folder, view)
+    _print_comparison(found, out, json, plan)
+    if plan is None or not build:
+        return 0
+    from knotfab.cli.commands import build as build_part
+    from knotfab.pipeline.options import BuildOptions
+
+    place = folder.resolve()
+    options = BuildOptions(scene=plan.scene, out=place.with_name(f"{place.name}-fixed"), quiet=json)
+    return build_part(options=options)
+
+
+def _print_comparison(
+    found: Comparison, picture: Path, json: bool, plan: Fix | None = None
+) -> None:
+    """Print how like the picture the photographed shadow is, and what to do, or all of it as JSON."""
+    import json as codec
+
+    from knotfab.apps.compare.compare import advise
+    from knotfab.apps.compare.fix import tell_fix
+    from knotfab.report.in_words import tell_share
+
+    if json:
+        fix = {} if plan is None else {"fix": plan.to_dict()}
+        print(codec.dumps({**found.to_dict(), "picture": str(picture), **fix}))
+        return
+    print(
+        f"{tell_share(found.iou)} alike: {found.missing:.1%} of the picture is missing, "
+        f"{found.spilled:.1%} spilled."
+    )
+    if advice := advise(found):
+        print(f"  {advice}")
+    for line in () if plan is None else tell_fix(plan, found):
+        print(f"  {line}")
+    print(f"  {picture} shows where they differ: blue is missing, red is spilled.")
+
+
+@with_examples("""Examples:
+
+```
+knotfab tradeoff cat.png
+knotfab tradeoff cat.png --accuracy draft --repeats 3 --out cat-tradeoff
+knotfab tradeoff logos/*.png --time-limit 1h         give the same call again to go on
+```
+""")
+def tradeoff(
+    *pictures: str,
+    out: Place = Path("knotfab-tradeoff"),
+    scene: Path | None = None,
+    accuracy: Literal["sketch", "draft", "standard", "fine"] | None = None,
+    tube_radius: str | None = None,
+    repeats: Whole = 1,
+    jobs: Whole = 1,
+    combinations: Whole = 16,
+    time_limit: str | None = None,
+    device: Literal["cpu", "cuda"] = "cpu",
+    quiet: Flag = False,
+) -> int:
+    """Measure what accuracy costs in time on this machine: settings one by one, then combinations.
+
+    Parameters
+    ----------
+    pictures
+        Image files, SVGs, or text:…; each makes a piece of its own, and the figures are means over them.
+    out
+        The folder for tradeoff.json, .png and .html, and for the runs from which a later call goes on.
+    scene
+        A scene.toml.
+    accuracy
+        The preset around which one setting at a time is changed; standard by default.
+    tube_radius
+        In mm, or auto (default): each point finds its own.
+    repeats
+        Runs of each point; its seconds are their median.
+    jobs
+        How many runs go side by side. They slow each other down, all alike: leave it at 1 to measure the
+        seconds that a build takes.
+    combinations
+        How many combinations to try after single settings; the better half of all goes on to more pictures.
+    time_limit
+        End after this time with what is measured: 30 (seconds), 10m or 1h.
+    device
+        Where the search runs.
+    quiet
+        Say nothing but errors.
+    """
+    from knotfab.base.progress import Progress
+    from knotfab.picture.read import read_target
+    from knotfab.pipeline.read_options import read_scene, read_seconds
+
+    for name, value, least in (
+        ("--repeats", repeats, 1),
+        ("--jobs", jobs, 1),
+        ("--combinations", combinations, 0),
+    ):
+        if not least <= value <= 10_000:
+            raise InputError(f"{name} {value}", "it is out of bounds", f"Give {least} to 10000.")
+    if not pictures:
+        raise InputError("tradeoff", "no picture is named", "Name one, or several")
+    limit_s = None if time_limit is None else read_seconds(time_limit, "--time-limit")
+    asked = {"scene": scene, "accuracy": accuracy, "tube_radius": tube_radius}
+    options = options_from(asked)
+    chosen, _ = read_scene(options)
+    for picture in pictures:
+        read_target(picture, chosen.views[0])  # a file that is no picture is told at once
+    from knotfab.apps.tradeoff.run import tradeoff as run
+
+    with Progress("quiet" if quiet else "auto") as progress:
+        found = run(
+            chosen,
+            pictures,
+            out,
+            repeats=repeats,
+            device=device,
+            progress=progress,
+            jobs=jobs,
+            limit_s=limit_s,
+            combinations=combinations,
+        )
+    if not quiet:
+        _print_tradeoff(found)
+    return 0
+
+
+def _print_tradeoff(found: Tradeoff) -> None:
+    """Print a line a point, fastest first: errors, seconds, and whether nothing beats it; then the steps."""
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Table
+
+    explored = found.explored
+    console = Console(highlight=False, soft_wrap=True)
+    table = Table(box=None, pad_edge=False, header_style="dim")
+    seconds = "CPU s" if found.explored.middle.clock == "cpu" else "s"
+    table.add_column("")
+    table.add_column("point", no_wrap=True, max_width=max(20, console.width - 60))
+    for column in ("IoU", "least", "px", "bend", "at 45°", seconds, "on"):
+        table.add_column(column, no_wrap=True, justify="right")
+    best = {m.point.settings for m in explored.front}
+    for m in sorted(explored.measured, key=lambda m: m.seconds):
+        one = m.over(explored.compared)
+        table.add_row(
+            "*" if m.point.settings in best else "",
+            escape(m.point.label),
+            f"{one.iou:.4f}" if one.feasible else "infeasible",
+            f"{one.least_iou:.4f}",
+            f"{one.outline_px:.2f}",
+            f"{one.curvature:.3f}",
+            "–" if one.legible is None else f"{one.legible:.2f}",
+            f"{one.seconds:.2f}",
+            str(len(one.runs)),
+        )
+    console.print(table)
+    if found.steps:
+        console.print("\nWhat the next step of each setting buys and costs:")
+    for step in found.steps:
+        console.print(f"  {escape(str(step))}")
+    radii = " to ".join(f"{r:.2f}" for r in sorted({min(found.radii_mm), max(found.radii_mm)}))
+    console.print(
+        "\n* nothing measured is both faster and better. px: 95 % of the outlines are no farther apart; "
+        "bend: mean curvature × tube radius; at 45°: how well it is read from there; "
+        "on: how many pictures.\n"
+        f"Tube radius {radii} mm; {escape(str(found.folder))}/tradeoff.html shows all of it"
+    )
+    if found.left_out:
+        console.print(escape(found.said_left_out()))
+
+
+def doctor(*, compile_: Annotated[Flag, Parameter(name="--compile")] = False) -> int:
+    """Say what this machine has and lacks, with the remedy for each.
+
+    Parameters
+    ----------
+    compile_
+        Only compile the search's loops, so that the first build need not wait for that.
+    """
+    from knotfab.apps.doctor import compile_loops, examine
+
+    findings = [compile_loops()] if compile_ else examine()
+    _print_findings(findings)
+    return 3 if any(f.status == "missing" for f in findings) else 0
+
+
+_STATES = {"ok": "[green]ok[/]", "missing": "[red]missing[/]", "warning": "[yellow]warning[/]"}
+
+
+def _print_findings(findings: Sequence[Finding]) -> None:
+    """Print what the machine has, a line each."""
+    from rich.console import Console
+    from rich.markup import escape
+
+    console = Console(highlight=False, soft_wrap=True)
+    for finding in findings:
+        console.print(
+            f"{_STATES[finding.status]:<20} {escape(finding.name)}: {escape(finding.detail)}",
+            soft_wrap=True,
+        )
+        if finding.remedy and finding.status != "ok":
+            console.print(f"        {escape(finding.remedy)}", soft_wrap=True)
