@@ -19,7 +19,8 @@ from torch import Tensor
 from benchmarks.measurement import run_study
 from knotfab.base.arrays import Array
 from knotfab.geometry.carry import certify
-from knotfab.geometry.polylines import Polylines, find_neighbours, polylines_of_sizes
+from knotfab.geometry.measures import find_neighbours
+from knotfab.geometry.polylines import Polylines, polylines_of_sizes
 from knotfab.render.capsules import tensor_frame
 from knotfab.render.silhouette import Frame, frame_of
 from knotfab.render.tiled import render_tiled

@@ -9,7 +9,8 @@ import numpy as np
 from knotfab.base.arrays import Array
 from knotfab.base.errors import SceneError
 from knotfab.geometry.carry import resample, subdivide
-from knotfab.geometry.polylines import Neighbours, bend_radii, polylines_of_sizes, strand_gap
+from knotfab.geometry.measures import Neighbours, bend_radii, strand_gap
+from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.limits.terms import BEND, CLEARANCE, Felt, Limits, State, total_length, weigh
 from knotfab.search.flow import FlowSettings, flow
 from knotfab_formats.piece import Region

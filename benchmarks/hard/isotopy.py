@@ -15,7 +15,8 @@ from benchmarks.hard.crossing import linking_number, passes_through
 from benchmarks.hard.curves import HardKnot
 from knotfab.base.arrays import Array
 from knotfab.geometry.carry import certify
-from knotfab.geometry.polylines import Neighbours, Polylines, find_neighbours, polylines_of_sizes
+from knotfab.geometry.measures import Neighbours, find_neighbours
+from knotfab.geometry.polylines import Polylines, polylines_of_sizes
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.knots.knot_types import knot_types
 

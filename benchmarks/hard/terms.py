@@ -15,7 +15,8 @@ import torch
 from torch import Tensor
 
 from knotfab.base.arrays import Array
-from knotfab.geometry.polylines import find_neighbours, polylines_of_sizes
+from knotfab.geometry.measures import find_neighbours
+from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.limits import terms as bend
 from knotfab.limits import terms as clearance
 from knotfab.limits import terms as length

@@ -22,7 +22,8 @@ from benchmarks.hard.value_error import value_error
 from benchmarks.hard.values import ValueCase, network_case, round_trip_share
 from knotfab.base.arrays import Array
 from knotfab.geometry.carry import certify
-from knotfab.geometry.polylines import find_neighbours, polylines_of_sizes
+from knotfab.geometry.measures import find_neighbours
+from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab_formats.bounds import MOST_MM
 from paper.losses import (
     ball,

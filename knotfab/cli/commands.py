@@ -18,7 +18,7 @@ from cyclopts import App, Parameter
 from knotfab.base.apps import VERSION, list_commands, module_of
 from knotfab.base.disk import at_home
 from knotfab.base.errors import MachineError, needs_extra
-from knotfab.pipeline.options import OUTPUT, BuildOptions, Flag, Names, Place, with_examples
+from knotfab.pipeline.options import OUTPUT, BuildOptions, Flag, Names, Place
 from knotfab_formats.errors import InputError
 
 app = App(
@@ -42,8 +42,8 @@ call_clock = CallClock()
 _DEFAULTS = BuildOptions()
 
 
-@app.command
-@with_examples("""Examples:
+@app.command(
+    help_epilogue="""Examples:
 
 ```
 knotfab build cat.png --print              checked against the printer
@@ -57,7 +57,8 @@ knotfab build parrot.png --lamps rgb       in colours, by the shadows of three l
 knotfab build --sequence walk/ --print     one part for each frame
 knotfab build --scene out/scene.toml       the same part again
 ```
-""")
+"""
+)
 def build(
     *pictures: str,
     options: Annotated[BuildOptions, Parameter(name="*")] = _DEFAULTS,
@@ -189,15 +190,16 @@ def open_page(
             child.stdin.close()
 
 
-@app.command
-@with_examples("""Examples:
+@app.command(
+    help_epilogue="""Examples:
 
 ```
 knotfab validate knotfab-out/cat           everything that a build wrote
 knotfab validate tube.obj                  any tube, in mm
 knotfab validate part.stl --knots knots.json --scene scene.toml --json
 ```
-""")
+"""
+)
 def validate(
     part: Path | None = None,
     /,
@@ -256,13 +258,14 @@ def validate(
     return verdict.exit_code
 
 
-@app.command
-@with_examples("""Examples:
+@app.command(
+    help_epilogue="""Examples:
 
 ```
 knotfab shadow cat/part.stl --scene cat/scene.toml --out shadow.png
 ```
-""")
+"""
+)
 def shadow(part: Path, /, *, scene: Path, out: Place, view: str | None = None) -> int:
     """Render the shadow that a part casts in a scene, as a picture.
 

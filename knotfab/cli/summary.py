@@ -10,13 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotfab.base.arrays import Mask
-from knotfab.report.in_words import (
-    last_line,
-    mark_of,
-    tell_colours,
-    tell_piece,
-    tell_views,
-)
+from knotfab.report.checks import mark_of
+from knotfab.report.in_words import last_line, tell_colours, tell_piece, tell_views
 from knotfab_formats.scene import ResolvedView
 
 if TYPE_CHECKING:

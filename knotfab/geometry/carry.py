@@ -16,15 +16,8 @@ from scipy.interpolate import CubicSpline
 
 from knotfab.base.arrays import Array
 from knotfab.geometry import kernels
-from knotfab.geometry.polylines import (
-    Neighbours,
-    Polylines,
-    arc_lengths,
-    dot,
-    find_neighbours,
-    number_runs,
-    polylines_of,
-)
+from knotfab.geometry.measures import Neighbours, find_neighbours
+from knotfab.geometry.polylines import Polylines, arc_lengths, dot, number_runs, polylines_of
 
 Parameters = tuple[Array, ...]  # increasing, one array a curve, in [0, period)
 Path = Callable[[Array, float], Array]  # (points, share of the way) -> points

@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from knotfab.base.arrays import Array, Indices, Mask
-from knotfab.geometry.polylines import arc_lengths, number_runs, sample_evenly, segment_distance
+from knotfab.geometry.measures import segment_distance
+from knotfab.geometry.polylines import arc_lengths, number_runs, sample_evenly
 from knotfab.knots import Knots
 
 GROUND = -1  # the second site of a post

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from knotfab.base.arrays import Array
-from knotfab.geometry.polylines import Polylines, bend_radii, strand_gap
+from knotfab.geometry.measures import bend_radii, strand_gap
+from knotfab.geometry.polylines import Polylines
 from knotfab.limits.region import REGION, tube_outside
 from knotfab.limits.terms import BEND, CLEARANCE, LENGTH, Guard, Limit, Limits
 

@@ -10,7 +10,8 @@ import numpy as np
 
 from knotfab.base.arrays import Array
 from knotfab.geometry.kernels import bend_hinge, gap_hinge
-from knotfab.geometry.polylines import Neighbours, Polylines
+from knotfab.geometry.measures import Neighbours
+from knotfab.geometry.polylines import Polylines
 from knotfab.scene.camera import Plane
 from knotfab_formats.scene import SettledRegion
 

@@ -36,7 +36,7 @@ from knotfab.part.write import (
 from knotfab.picture.read import Target
 from knotfab.pipeline.settle import settle_part
 from knotfab.pipeline.verifier import Files, Verifier
-from knotfab.report.in_words import verdict_without_part
+from knotfab.report.checks import verdict_without_part
 from knotfab.report.setup import shadow_outlines
 from knotfab.request import Request
 from knotfab.scene.camera import Camera, cameras_of

@@ -17,7 +17,7 @@ from typing import Any
 from knotfab.base.disk import require_within
 from knotfab.base.errors import MachineError, explain_error
 from knotfab.base.pool import Crash, Workers, count_jobs
-from knotfab.report.in_words import place_of
+from knotfab.report.checks import place_of
 from knotfab_formats.errors import InputError, KnotfabError, read_as
 from knotfab_formats.verdict import Verdict
 

@@ -15,7 +15,8 @@ from markupsafe import Markup
 from PIL import Image
 
 from knotfab.picture.raster import data_uri, hash_script, image_uri
-from knotfab.report.in_words import mark_of, tally_checks, tell_colours
+from knotfab.report.checks import mark_of, tally_checks
+from knotfab.report.in_words import tell_colours
 from knotfab_formats.errors import plain, spelled
 from knotfab_formats.report import Report
 from knotfab_formats.verdict import list_unmet

@@ -144,7 +144,8 @@ def report_of(
 
 
 def _list_knots(placed: Knots) -> tuple[KnotFigures, ...]:
-    from knotfab.geometry.polylines import bend_radii, measure_curvature, polylines_of_sizes
+    from knotfab.geometry.measures import bend_radii, measure_curvature
+    from knotfab.geometry.polylines import polylines_of_sizes
     from knotfab_validators.tube.thickness import thickness
 
     found = []

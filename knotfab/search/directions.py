@@ -14,7 +14,7 @@ from typing import Protocol
 import numpy as np
 
 from knotfab.base.arrays import Array
-from knotfab.geometry.polylines import Neighbours
+from knotfab.geometry.measures import Neighbours
 from knotfab.problem import Problem, TargetView, ViewNumbers
 from knotfab.render.image import frame_at
 from knotfab.scene.camera import least_apart

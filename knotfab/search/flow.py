@@ -10,7 +10,8 @@ import numpy as np
 from knotfab.base.arrays import Array, Indices
 from knotfab.base.compiled import compiled
 from knotfab.geometry.carry import certify, step_limits
-from knotfab.geometry.polylines import Neighbours, Polylines, dot, find_neighbours
+from knotfab.geometry.measures import Neighbours, find_neighbours
+from knotfab.geometry.polylines import Polylines, dot
 from knotfab.limits.terms import Felt
 from knotfab.search.objective import Weights
 from knotfab_formats.search import SearchSettings

@@ -16,7 +16,7 @@ import torch
 from torch import Tensor
 
 from knotfab.base.arrays import Array
-from knotfab.geometry.polylines import Neighbours
+from knotfab.geometry.measures import Neighbours
 from knotfab.limits.terms import Felt
 from knotfab.problem import Problem, ViewNumbers
 from knotfab.render.capsules import posed_frame, turn_matrix

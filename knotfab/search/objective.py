@@ -12,7 +12,8 @@ from scipy.ndimage import binary_erosion, distance_transform_edt
 from scipy.spatial import cKDTree
 
 from knotfab.base.arrays import Array
-from knotfab.geometry.polylines import Neighbours, Polylines, project
+from knotfab.geometry.measures import Neighbours
+from knotfab.geometry.polylines import Polylines, project
 from knotfab.limits.terms import Felt, Guard, Limits, State, follow_edges, weigh
 from knotfab.problem import TargetView
 from knotfab.render.image import ViewImage, grid_at

@@ -18,7 +18,8 @@ from scipy.spatial import cKDTree
 
 from knotfab.base.arrays import Array
 from knotfab.geometry.carry import subdivide
-from knotfab.geometry.polylines import Polylines, bend_radii
+from knotfab.geometry.measures import bend_radii
+from knotfab.geometry.polylines import Polylines
 from knotfab.knots import Knots
 from knotfab.limits.feasibility import Feasibility
 from knotfab.problem import CertificateLog, Problem, Report, SearchResult, Start, Watch

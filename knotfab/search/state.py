@@ -12,7 +12,8 @@ from knotfab.base.arrays import Array
 from knotfab.effects.base import Decision, EffectContext
 from knotfab.effects.survey import survey
 from knotfab.geometry.carry import resample, subdivide
-from knotfab.geometry.polylines import Neighbours, Polylines, polylines_of
+from knotfab.geometry.measures import Neighbours
+from knotfab.geometry.polylines import Polylines, polylines_of
 from knotfab.knots import Knot, Knots
 from knotfab.limits.feasibility import Feasibility, guard_limits, measure_feasibility
 from knotfab.limits.terms import Guard, Limits

@@ -31,7 +31,8 @@ from knotfab.design.film_search import (
     list_attempts,
     list_retries,
 )
-from knotfab.geometry.polylines import Polylines, bend_radii, polylines_of_sizes
+from knotfab.geometry.measures import bend_radii
+from knotfab.geometry.polylines import Polylines, polylines_of_sizes
 from knotfab.knots import Knot, Knots
 from knotfab.limits.feasibility import Feasibility
 from knotfab.limits.terms import Limits

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from knot_judge import judge_type
 
-from knotfab.geometry.polylines import bend_radii, polylines_of_sizes, strand_gap
+from knotfab.geometry.measures import bend_radii, strand_gap
+from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.limits.terms import Limits
 from knotfab.start.tie import load_knot
 from knotfab_formats.errors import InputError

@@ -7,7 +7,8 @@ import pytest
 
 from knotfab.geometry.carry import certify, resample, subdivide
 from knotfab.geometry.kernels import closest_parameters
-from knotfab.geometry.polylines import find_neighbours, polylines_of_sizes
+from knotfab.geometry.measures import find_neighbours
+from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.geometry.tube import sweep
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh

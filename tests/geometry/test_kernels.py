@@ -9,14 +9,8 @@ import torch
 from knotfab.base.arrays import Array
 from knotfab.geometry.carry import certify, step_limits
 from knotfab.geometry.kernels import bend_hinge, closest_parameters, gap_hinge
-from knotfab.geometry.polylines import (
-    Neighbours,
-    Polylines,
-    bend_radii,
-    find_neighbours,
-    polylines_of_sizes,
-    strand_gap,
-)
+from knotfab.geometry.measures import Neighbours, bend_radii, find_neighbours, strand_gap
+from knotfab.geometry.polylines import Polylines, polylines_of_sizes
 from knotfab.render.device import known
 
 SKIP = 6

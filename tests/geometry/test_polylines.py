@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from knotfab.geometry.polylines import arc_lengths, sample_evenly, segment_distance
+from knotfab.geometry.measures import segment_distance
+from knotfab.geometry.polylines import arc_lengths, sample_evenly
 
 SQUARE = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]])
 

@@ -16,7 +16,8 @@ from validator_parts import trefoil
 from benchmarks.hard.curves import circle
 from knotfab.base.arrays import Array
 from knotfab.base.errors import SceneError
-from knotfab.geometry.polylines import bend_radii, polylines_of_sizes
+from knotfab.geometry.measures import bend_radii
+from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.geometry.tube import _transport, as_manifold, mesh_volume, reach_mm, sides_for, sweep
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.mesh.surface_checks import self_intersections

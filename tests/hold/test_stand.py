@@ -9,7 +9,7 @@ import pytest
 from rings import EMPTY, RADIUS, VIEW, camera, knots, ring
 
 from knotfab.base.errors import SceneError
-from knotfab.geometry.polylines import segment_distance
+from knotfab.geometry.measures import segment_distance
 from knotfab.geometry.tube import sweep
 from knotfab.hold.beams import Stiffness, sag_moves, worst_of
 from knotfab.hold.mount import BASE_DOWN

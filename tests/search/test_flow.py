@@ -12,7 +12,8 @@ from benchmarks.hard.curves import HardKnot, circle, hard_knots
 from benchmarks.hard.isotopy import fuzz, types_of
 from knotfab.base.arrays import Array
 from knotfab.geometry.carry import certify
-from knotfab.geometry.polylines import Neighbours, find_neighbours, polylines_of_sizes
+from knotfab.geometry.measures import Neighbours, find_neighbours
+from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.limits.terms import Felt
 from knotfab.search.flow import FlowSettings, _precondition, flow
 

@@ -16,7 +16,8 @@ from questions import ask_heart, start_and_search
 from knotfab.design.budget import Budget
 from knotfab.design.design import design_knots
 from knotfab.design.settings import place_start
-from knotfab.geometry.polylines import find_neighbours, polylines_of_sizes
+from knotfab.geometry.measures import find_neighbours
+from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.picture.read import read_target
 from knotfab.problem import Problem, Start, ViewNumbers
 from knotfab.render.capsules import posed_frame, tensor_frame, turn_matrix

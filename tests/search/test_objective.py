@@ -12,7 +12,7 @@ from shapely import MultiPolygon, Point, box
 from slopes import assert_slope, state_at
 
 from knotfab.base.arrays import Array
-from knotfab.geometry.polylines import Neighbours, find_neighbours, measure_curvature
+from knotfab.geometry.measures import Neighbours, find_neighbours, measure_curvature
 from knotfab.limits.terms import Felt, State
 from knotfab.problem import Problem, Start
 from knotfab.search.flow import FlowSettings, Phase

@@ -13,7 +13,8 @@ from shapely import MultiPolygon, Point
 from knotfab.base.arrays import Array
 from knotfab.base.errors import SceneError
 from knotfab.design.hull import depth_extent
-from knotfab.geometry.polylines import bend_radii, polylines_of_sizes
+from knotfab.geometry.measures import bend_radii
+from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.knots import Knot, Knots
 from knotfab.limits.feasibility import measure_feasibility
 from knotfab.limits.terms import Felt, State

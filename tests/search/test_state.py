@@ -9,7 +9,7 @@ import pytest
 from questions import ask_views, start_and_search
 from shapely import MultiPolygon, Point, box
 
-from knotfab.geometry.polylines import find_neighbours
+from knotfab.geometry.measures import find_neighbours
 from knotfab.problem import Problem, Start
 from knotfab.search.flow import FlowSettings, Phase
 from knotfab.search.objective import Weights

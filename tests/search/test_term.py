@@ -11,7 +11,8 @@ from questions import ask_views, start_and_search
 from shapely import MultiPolygon, Point
 from torch import Tensor
 
-from knotfab.geometry.polylines import find_neighbours, polylines_of
+from knotfab.geometry.measures import find_neighbours
+from knotfab.geometry.polylines import polylines_of
 from knotfab.limits.terms import State
 from knotfab.search.objective import Weights
 from knotfab.search.term import TorchTerm

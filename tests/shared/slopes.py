@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from knotfab.base.arrays import Array
-from knotfab.geometry.polylines import find_neighbours, polylines_of_sizes
+from knotfab.geometry.measures import find_neighbours
+from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.limits.terms import Felt, State
 
 

@@ -19,7 +19,8 @@ from knotfab.geometry.carry import (
     refine_parameters,
     space_evenly,
 )
-from knotfab.geometry.polylines import Neighbours, dot, polylines_of, split_alike
+from knotfab.geometry.measures import Neighbours
+from knotfab.geometry.polylines import dot, polylines_of, split_alike
 from knotfab.problem import Report
 from knotfab.search.flow import find_felt, three_phases
 from knotfab.search.free_pose import Adam, one_thread

@@ -21,7 +21,7 @@ from knotfab.base.errors import SceneError
 from knotfab.base.progress import Progress
 from knotfab.design.design import choose_tube, refine_settings
 from knotfab.design.question import Question
-from knotfab.geometry.polylines import measure_curvature
+from knotfab.geometry.measures import measure_curvature
 from knotfab.geometry.tube import sweep
 from knotfab.knots import Knots
 from knotfab.picture.raster import encode_image
