@@ -17,6 +17,7 @@ from knotfab_formats.verdict import (
     SHADOWS,
     TABLE,
     TUBE,
+    UPRIGHT,
     Check,
     Verdict,
     View,
@@ -147,7 +148,7 @@ def _misplaced(view: View) -> str:
 
 
 # names that `--skip` knows: the validators' checks, the rendering that some of them use, the slicer
-_OF_PRINT = (*HELD, *PRINTING, *PLATES, *TABLE)
+_OF_PRINT = (*HELD, *PRINTING, *UPRIGHT, *PLATES, *TABLE)
 CHECKS = ("shadow-render", "slicer", *SHADOWS, *KNOTS, *MESH, *FILES, *TUBE, *_OF_PRINT)
 
 
