@@ -33,6 +33,25 @@ class Member(BaseModel):
     foot: Vector | None = None
 
 
+class Bar(BaseModel):
+    """A break-away bar, which holds two strands apart while they print; a box of its own, level; mm."""
+
+    model_config = _FINITE
+
+    start: Annotated[Vector, Field(alias="from")]
+    end: Annotated[Vector, Field(alias="to")]
+    width_mm: _Radius
+    height_mm: _Radius
+
+
+class Feet(BaseModel):
+    """The part is cut level, so that each valley stands flat: so much is missing of the lowest one's tube."""
+
+    model_config = _FINITE
+
+    cut_mm: Annotated[float, Strict(), Field(ge=0, le=MOST_COORDINATE_MM)]
+
+
 class Line(BaseModel):
     """A knot's centre line, a polygon in mm; where it is `closed` the last point joins the first."""
 
@@ -58,6 +77,8 @@ class KnotsFile(BaseModel):
     radius_mm: _Radius | None = None
     knots: Annotated[list[Line], FailFast(), Field(min_length=1, max_length=MOST_KNOTS)]
     members: Annotated[list[Member], FailFast(), Field(max_length=MOST_MEMBERS)] = []
+    bars: Annotated[list[Bar], FailFast(), Field(max_length=MOST_MEMBERS)] = []
+    feet: Feet | None = None
     coordinates: str = ""
 
     def dumps(self) -> str:
@@ -70,6 +91,8 @@ _WANTED = {
     "unit": "must be 'mm'",
     "radius_mm": "must be a number above 0",
     "members": f"must be a list of at most {MOST_MEMBERS}",
+    "bars": f"must be a list of at most {MOST_MEMBERS}",
+    "feet": "must hold cut_mm, a number from 0",
     "closed": "must be true or false",
     "type": "must be a word such as 'unknot' or '3_1'",
 }
@@ -93,8 +116,8 @@ def why_no_knots(error: ValidationError) -> str:
             return f"knot {knot}: points must be [x, y, z], of numbers, and point {point} is not"
         case ("knots", knot) | ("knots", knot, "points"):
             return f"knot {knot} has no points: they must be a list of [x, y, z], of numbers"
-        case ("members", number, *keys):
-            where = " ".join(str(step) for step in ("members: number", number, *keys))
+        case (("members" | "bars") as what, number, *keys):
+            where = " ".join(str(step) for step in (f"{what}: number", number, *keys))
             return f"{where}: {first['msg'].lower()}"
     key, where = place[-1], f"knot {place[1]}: " if len(place) > 1 else ""
     has = "it is missing" if kind == "missing" else f"got {short(got)}"

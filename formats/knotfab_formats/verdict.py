@@ -218,6 +218,14 @@ class Sag:
     iou_designed: float
 
 
+@dataclass(frozen=True)
+class Named:
+    """The place of the picture among foreign ones, seen in a turned piece: `z`, and whether it is `first`."""
+
+    z: float
+    first: bool
+
+
 @dataclass(frozen=True, kw_only=True)
 class View:
     """One view of a part; `projection` and `receiver` are in the coordinates of the part's file.
@@ -246,6 +254,7 @@ class View:
     outline_stretch_off_px: float
     legibility: dict[str, float]
     depth_ratio: float | None
+    recognition: dict[str, Named] | None = None
     wall: RoundWall | None = None
     lamp_colour: tuple[float, float, float] | None = None
     iou_drawn: float | None = None
@@ -369,11 +378,14 @@ PRINTING = (
     *("feature", "gap", "overhang", "support_volume"),
     *("bridge", "floating", "islands", "standing"),
 )
+# a piece that prints without supports (`piece.supports` "none"), beside PRINTING
+GROWN = ("reach", "legs", "feet", "feet_level", "tipping", "voids")
+UPRIGHT = ("cut", "bars", *GROWN)
 HELD = ("level",)  # a part that hangs on a thread
 PLATES = ("plate_mesh", "plates", "plates_volume")
 TABLE = ("table_mesh", "table", "table_shadow")  # the frame that holds several lamps
 # checks that are no concern of a piece that is not to be printed
-PRINTER = ("build_volume", *PRINTING, *PLATES, *TABLE)
+PRINTER = ("build_volume", *PRINTING, *UPRIGHT, *PLATES, *TABLE)
 SHADOWS = (
     *("shadow", "shadow_exact", "outline", "wrong_outline", "recognisable"),
     *("half_light", "intrusion", "tone"),  # a lamp that has a size, a mount, greys

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from shapely import MultiPolygon
@@ -12,10 +13,12 @@ from shapely import MultiPolygon
 from knotfab.base.errors import SceneError
 from knotfab.geometry.polylines import arc_lengths
 from knotfab.picture.opening import thickest_radius
-from knotfab.start.filling import Template
 from knotfab_formats.piece import Printer
 from knotfab_formats.scene import ResolvedScene, ResolvedView
 from knotfab_formats.views import View
+
+if TYPE_CHECKING:
+    from knotfab.start.filling import Template
 
 PICTURE = "the picture"  # the name in an error, where another reading of it may do
 # depth over the extent across: the contract asks for 0.6, the flow may take a little

@@ -14,12 +14,13 @@ from knotfab_formats.verdict import (
     SHADOWS,
     TABLE,
     TUBE,
+    UPRIGHT,
     Check,
     Verdict,
 )
 
 # names that `--skip` knows: the validators' checks, the rendering that some of them use, the slicer
-_OF_PRINT = (*HELD, *PRINTING, *PLATES, *TABLE)
+_OF_PRINT = (*HELD, *PRINTING, *UPRIGHT, *PLATES, *TABLE)
 CHECKS = ("shadow-render", "slicer", *SHADOWS, *KNOTS, *MESH, *FILES, *TUBE, *_OF_PRINT)
 
 

@@ -9,23 +9,27 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from knotfab_formats.verdict import HELD, KNOTS, MESH, PRINTING, Check
+from knotfab_formats.verdict import HELD, KNOTS, MESH, PRINTING, UPRIGHT, Check
 from knotfab_validators.arrays import Array
 from knotfab_validators.check import skip_check, time_stage
 from knotfab_validators.files.mesh import Plate
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh
+from knotfab_validators.geometry.surface import TooMuchWork
 from knotfab_validators.knots.knot_types import knot_checks
 from knotfab_validators.mesh.surface_checks import check_mesh
+from knotfab_validators.printing.bars import check_bars, part_bars
 from knotfab_validators.printing.plates import check_plates, check_plates_printable
 from knotfab_validators.printing.printability import printability_checks
+from knotfab_validators.printing.slices import slice_layers
 from knotfab_validators.printing.standing import check_level
+from knotfab_validators.printing.upright import Upright
 from knotfab_validators.tube.centre_line import check_centre_lines
 from knotfab_validators.tube.clearance import check_clearance
 from knotfab_validators.tube.mount_members import check_mount, strand_faces
 from knotfab_validators.tube.region import check_build_volume, check_region
 from knotfab_validators.tube.thickness import check_bend, check_length, check_thickness
-from knotfab_validators.tube.tube_fit import check_tube, measure_proud
+from knotfab_validators.tube.tube_fit import check_cut, check_tube, measure_proud
 
 if TYPE_CHECKING:
     from knotfab_formats.bounds import Matrix
@@ -58,10 +62,44 @@ def part_checks(
     A part without knots is looked through for its centre lines (`centre_line`), by which thickness,
     knot type and clearance are measured then; they are an estimate, and not required.
     """
+    whole = mesh if printed is None else printed
+    if _is_upright(scene) and mesh is not None:
+        mesh = part_bars(mesh).strands
     checks = _check_lines(mesh, curves, scene, seconds, skip)
     checks += _leave_out(["tube"], skip) or [_check_tube(mesh, curves, scene, seconds)]
     checks += _leave_out(["mount"], skip) or [_check_mount(mesh, curves, scene, seconds)]
-    return checks + _check_surface(mesh, curves, scene, seconds, plates, skip, printed)
+    checks += _check_surface(mesh, curves, scene, seconds, plates, skip, whole)
+    if scene is None or not _is_upright(scene) or set(UPRIGHT) <= set(skip):
+        return checks
+    with time_stage(seconds, "upright"):
+        return [*checks, *_check_feet(whole, curves, scene)]
+
+
+def _is_upright(scene: Scene | None) -> bool:
+    """True of a piece that is designed to print without supports."""
+    return (
+        scene is not None
+        and scene.piece.supports == "none"
+        and scene.printer.process == "filament"
+        and scene.material.process == "filament"
+    )
+
+
+def _check_feet(mesh: Mesh | None, curves: Curves | None, scene: Scene) -> list[Check]:
+    """Return what knots.json says of feet and bars, against the part as it is printed."""
+    if mesh is None or curves is None or curves.radius_mm is None or not mesh.usable:
+        why = f"not given the {'knots' if mesh is not None and mesh.usable else 'part'}"
+        return [skip_check(name, why, required=mesh is not None) for name in ("cut", "bars")]
+    own, parted = curves.scaled(1 / scene.material.shrinks_to), part_bars(mesh)
+    cut = skip_check("cut", "its feet end in the mount")
+    if not _is_mounted(scene):
+        cut = check_cut(mesh, own)
+    assert own.radius_mm is not None
+    try:
+        layers = slice_layers(parted.strands, scene.printer.layer_height_mm)
+    except TooMuchWork as error:
+        return [cut, skip_check("bars", f"not tested: {error}", required=True)]
+    return [cut, check_bars(layers, parted.bars, own.bars, 1.25 * own.radius_mm)]
 
 
 def _check_surface(
@@ -90,7 +128,10 @@ def _check_surface(
     if printed is not None and scene is not None and plates:
         with time_stage(seconds, "plates"):
             checks += check_plates(printed, plates, scene.printer.stated("build_volume_mm"))
-        return checks + (left or check_plates_printable(plates, scene.printer, checks, seconds))
+        modulus = scene.material.young_modulus_mpa if _is_upright(scene) else None
+        return checks + (
+            left or check_plates_printable(plates, scene.printer, checks, seconds, modulus)
+        )
     return checks + (left or _check_printability(printed, curves, scene, checks, seconds))
 
 
@@ -142,7 +183,11 @@ def _check_mesh(
         return [skip_check(name, "not given the part") for name in MESH]
     with time_stage(seconds, "mesh"):
         if scene is None or scene.mount.kind == "none":
-            return check_mesh(mesh, curves)
+            if curves is None or not _is_upright(scene):
+                return check_mesh(mesh, curves)
+            # cut flat, tubes have less than the volume of Pappus: `tube` says how they are cut
+            holes = [1 if closed else 0 for closed in curves.closed]
+            return check_mesh(mesh, bodies=len(holes), genus=holes)
         bodies, genus = _predict_topology(scene.mount, curves)
         return check_mesh(mesh, bodies=bodies, genus=genus)
 
@@ -155,7 +200,8 @@ def _check_tube(
         return skip_check("tube", "not given the part")
     asked = None if scene is None else scene.piece.tube_radius_mm
     with time_stage(seconds, "tube"):
-        return check_tube(mesh, curves, mounted=_is_mounted(scene), asked_mm=asked)
+        flat = _is_upright(scene) and not _is_mounted(scene)
+        return check_tube(mesh, curves, mounted=_is_mounted(scene), asked_mm=asked, flat=flat)
 
 
 def _check_mount(
@@ -273,8 +319,19 @@ def _check_printability(
     if curves is not None and curves.radius_mm is not None:
         as_printed = 1 / scene.material.shrinks_to if scene is not None else 1.0
         proud = partial(measure_proud, mesh, curves.scaled(as_printed))
+    upright = None
+    if scene is not None and _is_upright(scene):
+        upright = Upright(mesh, scene.material.young_modulus_mpa)
+        mesh = part_bars(mesh).strands
     return printability_checks(
-        mesh, printer, seconds=seconds, stands=stands, desk=desk, lacking=lacking, proud=proud
+        mesh,
+        printer,
+        seconds=seconds,
+        stands=stands,
+        desk=desk,
+        lacking=lacking,
+        proud=proud,
+        upright=upright,
     )
 
 

@@ -19,6 +19,7 @@ from knotfab_validators.shadows.compare import (
     legibility,
     measure_tone,
     overlap,
+    see_aside,
 )
 from knotfab_validators.shadows.frame import padded_mask, working_frame
 from knotfab_validators.shadows.render import SilhouetteRenderer, why_no_rendering
@@ -57,13 +58,13 @@ def test_a_ball_is_read_from_everywhere_and_a_tangle_is_not() -> None:
     faces = np.concatenate([np.stack([a, a + 60, b], -1), np.stack([b, a + 60, b + 60], -1)])
     vertices = ball.reshape(-1, 3) + np.array([5.0, 0.0, 0.0])
     with SilhouetteRenderer(vertices, faces) as renderer:
-        seen = legibility(renderer, vertices, g, disc)
+        seen = legibility(see_aside(renderer, vertices, g), disc)
     assert list(seen) == ["15", "30", "45", "60"]
     assert min(seen.values()) > 0.98
     vertices, faces = tube(tangle(300, 2), 3.0, 16)
     with SilhouetteRenderer(vertices, faces) as renderer:
         target = renderer.render(g)
-        tangled = legibility(renderer, vertices, g, target)
+        tangled = legibility(see_aside(renderer, vertices, g), target)
     assert tangled["15"] < 0.9 and tangled["60"] < tangled["15"]
 
 
@@ -73,7 +74,7 @@ def test_a_flat_ring_turned_is_the_ring_squashed() -> None:
     vertices, faces = tube(circle(300, 40.0), 2.0, 24)
     with SilhouetteRenderer(vertices, faces) as renderer:
         target = renderer.render(g)
-        seen = legibility(renderer, vertices, g, target, angles_deg=(45,))
+        seen = legibility(see_aside(renderer, vertices, g, angles_deg=(45,)), target)
         c, s = np.cos(np.pi / 4), np.sin(np.pi / 4)
     turned = vertices @ np.array([[1, 0, 0], [0, c, s], [0, -s, c]])
     with SilhouetteRenderer(turned, faces) as renderer:

@@ -17,7 +17,7 @@ from knotfab_formats.scene import Scene as AskedScene
 from knotfab_validators.arrays import Array
 from knotfab_validators.check import BadFile, read_bytes
 from knotfab_validators.files.mesh import read_mesh
-from knotfab_validators.geometry.curves import Curves, Member, edges_of
+from knotfab_validators.geometry.curves import Bar, Curves, Member, edges_of
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.geometry.surface import survey
 
@@ -217,6 +217,10 @@ def parse_knots(data: Any, name: str = "knots.json") -> Curves:
         members=tuple(
             _member(m, f"{name}: members: number {i}") for i, m in enumerate(said.members)
         ),
+        bars=tuple(
+            Bar(np.array(b.start), np.array(b.end), b.width_mm, b.height_mm) for b in said.bars
+        ),
+        cut_mm=0.0 if said.feet is None else said.feet.cut_mm,
     )
 
 

@@ -34,13 +34,26 @@ class Member:
 
 
 @dataclass(frozen=True)
+class Bar:
+    """A level box that holds two strands apart while they print: its ends (3,), width and height, mm."""
+
+    start: Array
+    end: Array
+    width: float
+    height: float
+
+    def scaled(self, share: float) -> Bar:
+        return Bar(share * self.start, share * self.end, share * self.width, share * self.height)
+
+
+@dataclass(frozen=True)
 class Curves:
     """Polygons with one tube radius.
 
     `polygons` are (n, 3) float64 mm; where `closed` says so the last point joins the first, and is
     not repeated. `types` are the knot types that the file promises, such as "unknot" or "3_1" ("open"
     for an open curve); `radius_mm` is None where the file gives none. `members` are those of the mount
-    that holds them.
+    that holds them, `bars` those that are broken away; `cut_mm` is missing of the lowest foot.
     """
 
     polygons: tuple[Array, ...]
@@ -48,6 +61,8 @@ class Curves:
     closed: tuple[bool, ...]
     radius_mm: float | None
     members: tuple[Member, ...] = ()
+    bars: tuple[Bar, ...] = ()
+    cut_mm: float = 0.0
 
     @cached_property
     def edges(self) -> CurveEdges:
@@ -80,6 +95,8 @@ class Curves:
                 )
                 for m in self.members
             ),
+            bars=tuple(bar.scaled(share) for bar in self.bars),
+            cut_mm=share * self.cut_mm,
         )
 
 

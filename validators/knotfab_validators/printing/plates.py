@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from knotfab_formats.verdict import MESH, PRINTING, Check
+from knotfab_formats.verdict import GROWN, MESH, PRINTING, Check
 from knotfab_validators.check import at_most, places, skip_check, spot
 from knotfab_validators.files.mesh import Plate
 from knotfab_validators.geometry.mesh import (
@@ -18,7 +18,9 @@ from knotfab_validators.geometry.mesh import (
     winding_numbers,
 )
 from knotfab_validators.mesh.surface_checks import check_mesh
+from knotfab_validators.printing.bars import part_bars
 from knotfab_validators.printing.printability import printability_checks
+from knotfab_validators.printing.upright import Upright
 from knotfab_validators.tube.region import check_build_volume
 
 if TYPE_CHECKING:
@@ -51,14 +53,27 @@ def check_plates(
 
 
 def check_plates_printable(
-    plates: Sequence[Plate], printer: Printer, before: Sequence[Check], seconds: dict[str, float]
+    plates: Sequence[Plate],
+    printer: Printer,
+    before: Sequence[Check],
+    seconds: dict[str, float],
+    young_modulus_mpa: float | None = None,
 ) -> list[Check]:
-    """Return the checks of printability, each of the plate that comes out worst."""
+    """Return the checks of printability, each of the plate that comes out worst.
+
+    `young_modulus_mpa`: of a piece that is designed to print without supports.
+    """
+    names = PRINTING if young_modulus_mpa is None else (*PRINTING, *GROWN)
     broken = [c for c in before if c.name == "plate_mesh" and c.status == "fail"]
     if broken:
-        return [skip_check(name, "the surface of a plate is broken") for name in PRINTING]
-    each = [printability_checks(plate.mesh, printer, seconds=seconds) for plate in plates]
-    return [_pick_worst([checks[k] for checks in each], plates) for k in range(len(PRINTING))]
+        return [skip_check(name, "the surface of a plate is broken") for name in names]
+    each = []
+    for plate in plates:
+        upright, strands = None, plate.mesh
+        if young_modulus_mpa is not None:
+            upright, strands = Upright(plate.mesh, young_modulus_mpa), part_bars(plate.mesh).strands
+        each.append(printability_checks(strands, printer, seconds=seconds, upright=upright))
+    return [_pick_worst([checks[k] for checks in each], plates) for k in range(len(names))]
 
 
 def _check_surface(plates: Sequence[Plate]) -> Check:
@@ -139,7 +154,9 @@ def _pick_worst(found: Sequence[Check], plates: Sequence[Plate]) -> Check:
     def badness(number: int) -> tuple[int, float]:
         check = found[number]
         value = check.measured if isinstance(check.measured, float) else float("-inf")
-        sign = -1.0 if check.name in ("feature", "gap", "standing") else 1.0
+        sign = (
+            -1.0 if check.name in ("feature", "gap", "standing", "legs", "feet", "tipping") else 1.0
+        )
         if not isinstance(check.measured, float):
             sign = 1.0
         return ("pass", "skipped", "fail").index(check.status), sign * value

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from knotfab_formats.verdict import PRINTING, Check
+from knotfab_formats.verdict import GROWN, PRINTING, Check
 from knotfab_validators.arrays import Array, Mask
 from knotfab_validators.check import at_least, at_most, places, skip_check, spot, time_stage
 from knotfab_validators.geometry.mesh import Mesh
@@ -29,6 +29,7 @@ from knotfab_validators.printing.standing import (
     overhang_areas,
     support_volume,
 )
+from knotfab_validators.printing.upright import Upright, check_upright
 
 if TYPE_CHECKING:
     from knotfab_formats.piece import Printer
@@ -56,11 +57,12 @@ class _Settings:
     overhang_deg: float = 45.0
     bridge: float | None = None
     support_cm3: float | None = None
+    upright: Upright | None = None
 
     @property
     def unsupported(self) -> bool:
         """True if the part must print without supports."""
-        return self.named and not self.supports and not self.powder
+        return self.upright is None and self.named and not self.supports and not self.powder
 
 
 def printability_checks(
@@ -72,6 +74,7 @@ def printability_checks(
     desk: Array | None = None,
     lacking: str | None = None,
     proud: Callable[[Array], Array] | None = None,
+    upright: Upright | None = None,
 ) -> list[Check]:
     """Make all checks of `names.PRINTING`, of a closed mesh in print coordinates (z up, bed at z = 0), mm.
 
@@ -100,16 +103,18 @@ def printability_checks(
             does (z up); None: it stands as it is printed.
         lacking: why the mesh cannot be measured; all checks are skipped with it.
         proud: how far corners beside places (k, 3) stand out of the tube that the mesh stands for, mm.
+        upright: of a piece that is designed to print without supports; the checks of `names.GROWN` come too.
     """
+    asked = PRINTING if upright is None else (*PRINTING, *GROWN)
     if lacking is None and np.ptp(mesh.vertices, axis=0).max() > MOST_MM:
         lacking = f"the part is larger than {MOST_MM / 1000:g} m"
     if lacking is not None:
-        return [skip_check(name, lacking) for name in PRINTING]
-    use = _settings(printer)
+        return [skip_check(name, lacking) for name in asked]
+    use = replace(_settings(printer), upright=upright)
     try:
         return _measure(mesh, use, seconds, stands, desk, proud)
     except TooMuchWork as error:
-        return [skip_check(n, f"not tested: {error}", required=use.named) for n in PRINTING]
+        return [skip_check(n, f"not tested: {error}", required=use.named) for n in asked]
 
 
 def _measure(
@@ -129,6 +134,11 @@ def _measure(
     checks = [_check_feature(wall, use), _check_gap(gap, use, proud)]
     if use.powder and not stands:
         return checks + [skip_check(name, POWDER) for name in CARRIED]
+    if use.upright is not None:
+        with time_stage(seconds, "upright"):
+            checks += check_upright(use.upright, use.layer)
+        with time_stage(seconds, "standing"):
+            return [*checks, _check_stands(mesh, bodies(mesh), use, stands, desk)]
     with time_stage(seconds, "overhang"):
         grid = columns(mesh)
     with time_stage(seconds, "bridges"):
@@ -325,12 +335,16 @@ def _check_bed(
             at=lone,
         ),
     ]
+    return [*checks, _check_stands(mesh, found, use, stands, desk)]
+
+
+def _check_stands(
+    mesh: Mesh, found: list[Body], use: _Settings, stands: bool, desk: Array | None
+) -> Check:
+    layer = use.layer + BED_MM
     if desk is not None:
-        return [*checks, _check_turned(mesh, desk, layer, stands)]
-    return [
-        *checks,
-        _check_standing(mesh, [b for b in found if b.lowest[2] <= layer], layer, stands),
-    ]
+        return _check_turned(mesh, desk, layer, stands)
+    return _check_standing(mesh, [b for b in found if b.lowest[2] <= layer], layer, stands)
 
 
 def _check_turned(mesh: Mesh, desk: Array, layer: float, stands: bool) -> Check:

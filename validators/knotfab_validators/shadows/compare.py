@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -49,33 +50,30 @@ def depth_ratio(points: Array, geometry: ViewGeometry) -> float:
     return along / across if across > 0 else float("inf")
 
 
-def legibility(
+def see_aside(
     renderer: Renderer,
     vertices: Array,
     geometry: ViewGeometry,
-    target: Mask,
     *,
     angles_deg: tuple[int, ...] = ANGLES_DEG,
     size: int = 384,
-) -> dict[str, float]:
-    """Measure how much of the target is left when the part is turned: angle -> largest IoU.
+) -> dict[str, list[Mask]]:
+    """Return what is seen of the part when it is turned: angle -> silhouettes, each stretched to its box.
 
     The part is turned about the middle of its bounding box to both sides (about the view's
-    upright axis) and up and down (about its horizontal one); both silhouettes are cropped and
-    stretched to their bounding boxes, here to `size` x `size` pixels.
+    upright axis) and up and down (about its horizontal one); silhouettes are `size` x `size` pixels.
 
     Args:
         renderer: renderer of the mesh whose `vertices` (n, 3) these are, in scene coordinates.
-        geometry: the view, in the same coordinates. target: (H, W), the picture's silhouette.
+        geometry: the view, in the same coordinates.
     """
-    if not (target.any() and len(vertices)):
-        return {str(angle): 0.0 for angle in angles_deg}
-    wanted = _stretch(target, size)
+    if not len(vertices):
+        return {str(angle): [] for angle in angles_deg}
     middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
     geometry = geometry.flat  # nobody looks at a wall
-    result = {}
+    seen: dict[str, list[Mask]] = {}
     for angle in angles_deg:
-        best = 0.0
+        own = seen[str(angle)] = []
         for axis in (geometry.up, geometry.right):
             for signed in (angle, -angle):
                 turned = turn_view(geometry, middle, axis, np.radians(signed))
@@ -84,10 +82,21 @@ def legibility(
                     continue  # turned into the light: there is no silhouette to read
                 # columns are summed: numpy takes twenty times as long for rows of two numbers
                 low, high = (np.array([f(c) for c in pixels.T]) for f in (np.min, np.max))
-                seen = renderer.render(_window(turned, low, high, size), behind=True)
-                best = max(best, overlap(seen, wanted).iou)
-        result[str(angle)] = best
-    return result
+                own.append(renderer.render(_window(turned, low, high, size), behind=True))
+    return seen
+
+
+def legibility(seen: Mapping[str, Sequence[Mask]], target: Mask) -> dict[str, float]:
+    """Measure how much of the target (H, W) is left in what is `seen` aside: angle -> largest IoU.
+
+    Both are cropped and stretched to their bounding boxes.
+    """
+    if not target.any():
+        return dict.fromkeys(seen, 0.0)
+    return {
+        angle: max((overlap(m, _stretch(target, len(m))).iou for m in masks), default=0.0)
+        for angle, masks in seen.items()
+    }
 
 
 def turn_view(geometry: ViewGeometry, middle: Array, axis: Array, angle: float) -> ViewGeometry:

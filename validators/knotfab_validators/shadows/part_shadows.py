@@ -131,6 +131,7 @@ def _check(
         no_rendering=no_rendering,
         polygons_decide=SKIP_RENDER in skip,
         mount=scene.mount.kind,
+        bars=scene.piece.supports == "none",
         changed={view.name: _say_prepared(view) for view in scene.views if not in_greys},
     )
     half_lit: dict[str, float] = {}  # IoU of the picture with where half of the lamp is hidden
@@ -182,6 +183,7 @@ def shadow_checks(
     polygons_decide: bool,
     mount: str = "none",
     changed: Mapping[str, str] | None = None,
+    bars: bool = False,
 ) -> list[Check]:
     """Return the shadow's checks; each takes the worst view, and its detail names it.
 
@@ -193,17 +195,18 @@ def shadow_checks(
     `shadow_exact`: pixels at which rendering and exact polygons disagree away from the outline, at
     most 0. `outline`: distance from the exact tube's shadow.
     `vertices` (n, 3) are the part's, in its own coordinates: places are named there.
-    `intrusion`: the share of the frame that a mount darkens outside picture and knots, at most
-    `MOST_INTRUSION` on a wall mount. `wrong_outline`: the longest stretch along which the outlines
-    of shadow and picture are farther apart than `WRONG_PX`, for information.
+    `intrusion`: the share of the frame that a mount, or bars, darken outside picture and knots, at most
+    `MOST_INTRUSION` on a wall mount and of a piece without supports, which may have `bars`. `wrong_outline`:
+    the longest stretch along which the outlines of shadow and picture are farther apart than `WRONG_PX`, for
+    information.
     """
     checks = [
         _check_shadow(views, iou_floor, no_rendering, polygons_decide, mount, changed or {}),
         _check_exact(views, no_rendering),
         _check_outline(views, vertices, max_outline_px),
     ]
-    if mount != "none":
-        checks.append(_check_intrusion(views, mount))
+    if mount != "none" or bars:
+        checks.append(_check_intrusion(views, mount, bars))
     return [*checks, _check_wrong_outline(views)]
 
 
@@ -289,16 +292,19 @@ def _say_changed(view: VerifiedView, how: str | None) -> str:
     return f", {how}; with the picture as it is {view.whole.iou:.4f}" if how else ""
 
 
-def _check_intrusion(views: Mapping[str, VerifiedView], mount: str) -> Check:
+def _check_intrusion(views: Mapping[str, VerifiedView], mount: str, bars: bool) -> Check:
     dark = {n: v.intrusion for n, v in views.items() if v.intrusion is not None}
     if not dark:
         return skip_check("intrusion", "not given the knots", required=False)
     name = max(dark, key=lambda n: dark[n])
+    hidden = mount == "wall" or (bars and mount == "none")
+    what = [*(["its mount"] if mount != "none" else []), *(["bars"] if bars else [])]
     return at_most(
         "intrusion",
         dark[name],
-        MOST_INTRUSION if mount == "wall" else None,
+        MOST_INTRUSION if hidden else None,
         "of the frame",
-        f"what the mount darkens inside the frame, outside the picture and the knots, view {name}",
-        required=mount == "wall",
+        f"what {' and '.join(what)} darken inside the frame, outside the picture and the knots, "
+        f"view {name}",
+        required=hidden,
     )

@@ -155,12 +155,13 @@ def see_view(
             polygons=part.polygons,
             radius=None if part.curves is None else part.curves.radius_mm,
             closed=None if part.curves is None else part.curves.closed,
-            mounted=scene.mount.kind != "none",
+            mounted=scene.mount.kind != "none" or scene.piece.supports == "none",
             stand=scene.mount.kind in ("stand", "hang"),
             renderer=renderer,
             caster=part.caster,
             drawn=drawn,
             ends=scene.screen_ends,
+            bars=scene.piece.supports == "none",
         )
     seen = SeenView(view, geometry, wall, target, drawn, bent, found)
     seen = replace(seen, tone=_measure_tone(part, seen), verdict=_recognise(part, seen))
@@ -255,6 +256,7 @@ def tell_view(part: PosedPart, seen: SeenView) -> ViewFound:
         outline_stretch_mm=found.wrong.length_px * seen.fine.pixel_mm,
         outline_stretch_off_px=found.wrong.off_px,
         legibility=found.legibility,
+        recognition=found.recognition,
         depth_ratio=depth_ratio(part.points, geometry),
         wall=seen.wall,
         lamp_colour=view.lamp_colour if part.scene.share_wall else None,

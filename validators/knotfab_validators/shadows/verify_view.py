@@ -9,15 +9,19 @@ from typing import Any
 import numpy as np
 import shapely
 
+from knotfab_formats.verdict import Named
 from knotfab_validators.arrays import Array, Ints, Mask
-from knotfab_validators.shadows.compare import Overlap, legibility, overlap
+from knotfab_validators.shadows.compare import Overlap, legibility, overlap, see_aside
 from knotfab_validators.shadows.exact_shadow import ShadowCaster, shadow_mask, shadow_polygon
 from knotfab_validators.shadows.frame import WorkingFrame, padded_mask, working_frame
+from knotfab_validators.shadows.naming import name_piece
 from knotfab_validators.shadows.outlines import WrongStretch, find_wrong_stretch
 from knotfab_validators.shadows.render import SilhouetteRenderer
 from knotfab_validators.shadows.tube_field import OutlineError, outline_error, tube_field
 from knotfab_validators.shadows.view import ViewGeometry
 from knotfab_validators.tube.mount_members import tube_vertices
+
+NAMED_AT = ("45",)  # degrees aside: there a person no longer sees the picture's own outline
 
 
 @dataclass(frozen=True)
@@ -50,6 +54,7 @@ class VerifiedView:
     tube: Overlap | None
     wrong: WrongStretch
     legibility: dict[str, float]
+    recognition: dict[str, Named]
     seen: Mask
     of_tube: Mask
     outline: OutlineError | None = None
@@ -80,6 +85,7 @@ def verify_view(
     longer: int = 1024,
     drawn: Mask | None = None,
     ends: bool = False,
+    bars: bool = False,
 ) -> VerifiedView:
     """Measure the shadow of a mesh in one view, all in scene coordinates (mm).
 
@@ -97,6 +103,8 @@ def verify_view(
         longer: pixels on the longer side of the frame.
         drawn: (H, W), the silhouette with its strokes as wide as they are drawn, by which the shadow is
             judged; `target` where left out.
+        bars: whether bars may stand between the strands: the outline is that of the tube's own surface then
+            too, and what they darken is `intrusion`.
         ends: whether the wall ends at the picture's frame: what falls beside it is no shadow.
 
     Raises:
@@ -116,6 +124,8 @@ def verify_view(
     rendered = None if rendered is None else rendered & screen
     shadow = exact if rendered is None else rendered
     whole = overlap(shadow, wanted)
+    aside = _see_aside(caster, vertices, faces, geometry)
+    named = {angle: name_piece(aside[angle], target) for angle in NAMED_AT}
     result = VerifiedView(
         frame=frame,
         target=wanted,
@@ -129,7 +139,8 @@ def verify_view(
         stray_px=stray,
         tube=None if mounted else whole,
         wrong=find_wrong_stretch(shadow, wanted),
-        legibility=_legibility(caster, vertices, faces, geometry, target),
+        legibility=legibility(aside, target),
+        recognition={angle: found for angle, found in named.items() if found is not None},
         seen=shadow,
         of_tube=shadow,
     )
@@ -139,6 +150,7 @@ def verify_view(
     own = None
     if stand:
         result = _beside_stand(result, field.mask)
+    if stand or bars:
         own = fine.project(vertices[tube_vertices(vertices, faces, polygons, radius)])[0]
     error = outline_error(field, shapely.get_coordinates(polygon), whole_exact, own)
     # w is the distance from the light over the receiver's
@@ -172,16 +184,16 @@ def _share_of_frame(mask: Mask, frame: WorkingFrame) -> float:
     return float(mask[frame.mask].mean())
 
 
-def _legibility(
-    caster: ShadowCaster, vertices: Array, faces: Ints, geometry: ViewGeometry, target: Mask
-) -> dict[str, float]:
-    """Return `legibility` of what stands before the receiver: a plate on the wall is no part of the piece."""
+def _see_aside(
+    caster: ShadowCaster, vertices: Array, faces: Ints, geometry: ViewGeometry
+) -> dict[str, list[Mask]]:
+    """Return `see_aside` of what stands before the receiver: a plate on the wall is no part of the piece."""
     _, w = geometry.project(vertices)
     before = (w < geometry.w_of_receiver)[faces].any(axis=1)
     if before.all():
-        return legibility(caster, vertices, geometry, target)
+        return see_aside(caster, vertices, geometry)
     left = faces[before]
-    return legibility(ShadowCaster(vertices, left), vertices[np.unique(left)], geometry, target)
+    return see_aside(ShadowCaster(vertices, left), vertices[np.unique(left)], geometry)
 
 
 def _casting(vertices: Array, geometry: ViewGeometry, pixel: tuple[float, float]) -> int:

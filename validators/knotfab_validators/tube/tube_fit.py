@@ -8,7 +8,7 @@ import numpy as np
 
 from knotfab_formats.verdict import Check
 from knotfab_validators.arrays import Array, Ints, Mask
-from knotfab_validators.check import at_most, skip_check, spot, worst_apart
+from knotfab_validators.check import at_most, places, skip_check, spot, worst_apart
 from knotfab_validators.geometry.curves import CurveEdges, Curves, cut_edges, quarter_triangles
 from knotfab_validators.geometry.mesh import Mesh, surface_distance, winding_numbers
 
@@ -23,6 +23,7 @@ STRETCH = 8  # rings that are looked at together of a mounted part
 SHARE = 0.5  # a share of a stretch's points that must lie on the surface; beside pegs and struts 0.78 do
 PROUD = 1.0235  # radii: twelve flat sides with the tube's volume stand out so far
 SAME = 1e-6  # a share by which the radii of two files may differ
+BED_MM = 1e-3  # a foot's underside is so level, once it was read from a file
 LEVELS = 4  # how often a face that may dip too deep is cut into four
 
 
@@ -40,7 +41,9 @@ class TubeFit:
     bare_at: Array
 
 
-def tube_fit(mesh: Mesh, curves: Curves, *, mounted: bool = False) -> TubeFit:
+def tube_fit(
+    mesh: Mesh, curves: Curves, *, mounted: bool = False, bed: float | None = None
+) -> TubeFit:
     """Return the distances between a part's surface and the exact tube, both ways; the radius must be known.
 
     The exact tube is all that lies one radius from the centre lines. Where the edges of a centre line
@@ -53,6 +56,9 @@ def tube_fit(mesh: Mesh, curves: Curves, *, mounted: bool = False) -> TubeFit:
     Points of the mesh outside the tube may be the mount's, and are off by nothing. Those inside are off as
     ever: where a mount joins a tube their union has no faces, so a face in there is a slit or a cavity.
 
+    Where the tube is cut level at z = `bed`, so that it stands flat, what is below is no tube, and a
+    point at that height is off by what it lies outside of the tube alone.
+
     From the mesh: every vertex is measured, and faces that could dip deeper than `LIMIT` between
     their corners are cut into four and measured again (see `_may_dip`). To the mesh: `ANGLES` points
     on rings half a radius apart, but for those that lie inside the tube where it bends, are measured
@@ -61,8 +67,11 @@ def tube_fit(mesh: Mesh, curves: Curves, *, mounted: bool = False) -> TubeFit:
     if curves.radius_mm is None:
         raise ValueError("the tube's radius is not known")
     line = _Line(curves.edges, curves.radius_mm, _open_ends(curves))
-    points, off = _from_mesh(mesh, line, mounted)
+    points, off = _from_mesh(mesh, line, mounted, bed)
     rings, ring, curve = _on_tube(line)
+    if bed is not None:
+        kept = rings[:, 2] > bed
+        rings, ring = np.ascontiguousarray(rings[kept]), ring[kept]
     bare = np.minimum(surface_distance(rings, mesh) / line.radius, REACH)
     if mounted:
         far = np.flatnonzero((bare > LIMIT) & ~_lacks_surface(bare <= LIMIT, ring, curve)[ring])
@@ -75,21 +84,27 @@ def tube_fit(mesh: Mesh, curves: Curves, *, mounted: bool = False) -> TubeFit:
 
 
 def check_tube(
-    mesh: Mesh, curves: Curves | None, *, mounted: bool = False, asked_mm: float | None = None
+    mesh: Mesh,
+    curves: Curves | None,
+    *,
+    mounted: bool = False,
+    asked_mm: float | None = None,
+    flat: bool = False,
 ) -> Check:
     """Check `tube`: the mesh is the tube about these curves, within 4 % of its radius both ways.
 
     What is proved of the knots (thickness, bend, type) holds for the part only if it is. A `mounted`
     part has more matter than the tube: then the exact tube must lie on its surface or, where the
     mount joins it, inside, and no face lies in the tube (`tube_fit`). `asked_mm`: the scene's radius, which
-    must be that of the curves.
+    must be that of the curves. `flat`: the part stands on feet that are cut level at its lowest corner.
     """
     if curves is None or curves.radius_mm is None:
         lacking = "the knots" if curves is None else "the tube's radius"
         return skip_check("tube", f"not given {lacking}")
     if not mesh.usable:
         return skip_check("tube", "the mesh has no faces, or coordinates that are not finite")
-    fit = tube_fit(mesh, curves, mounted=mounted)
+    bed = float(mesh.vertices[:, 2].min()) if flat else None
+    fit = tube_fit(mesh, curves, mounted=mounted, bed=bed)
     radius = curves.radius_mm
     if fit.bare > max(fit.off, LIMIT):
         measured, at = fit.bare, fit.bare_at
@@ -107,6 +122,23 @@ def check_tube(
         detail = "the knots' radius is not the scene's piece.tube_radius_mm"
         return Check("tube", "fail", True, radius, asked_mm, "mm", detail)
     return at_most("tube", measured * radius, limit, "mm", detail, tolerance=1e-9 * radius, at=at)
+
+
+def check_cut(mesh: Mesh, curves: Curves) -> Check:
+    """Check `cut`: feet are cut no higher than the centre line, and by as much as knots.json says.
+
+    The shadow of a tube that is lit from above is then that of the whole tube.
+    """
+    assert curves.radius_mm is not None
+    lowest = min((p[p[:, 2].argmin()] for p in curves.polygons), key=lambda p: float(p[2]))
+    cut = curves.radius_mm - float(lowest[2] - mesh.vertices[:, 2].min())
+    tolerance = (LIMIT + PROUD - 1) * curves.radius_mm  # facets stand out at the bottom too
+    what = f"how much of the lowest foot is missing, at {spot(lowest)}"
+    if abs(cut - curves.cut_mm) > tolerance:
+        detail = f"{what}, and knots.json says {curves.cut_mm:.2f} mm"
+        return Check("cut", "fail", True, cut, curves.cut_mm, "mm", detail, places([lowest]))
+    limit = curves.radius_mm
+    return at_most("cut", cut, limit, "mm", f"{what}; no more than the radius", at=[lowest])
 
 
 def measure_proud(mesh: Mesh, curves: Curves, places: Array) -> Array:
@@ -218,15 +250,19 @@ def _open_ends(curves: Curves) -> list[tuple[Array, Array]]:
     return ends
 
 
-def _from_mesh(mesh: Mesh, line: _Line, mounted: bool) -> tuple[Array, Array]:
+def _from_mesh(mesh: Mesh, line: _Line, mounted: bool, bed: float | None) -> tuple[Array, Array]:
     """Return points of the mesh (n, 3): its vertices and more where they are needed; and how far off (n,).
 
-    Of a `mounted` part what lies outside the tube is off by nothing.
+    Of a `mounted` part what lies outside the tube is off by nothing; at the height of the `bed`, what lies
+    in it.
     """
 
     def measure(points: Array) -> tuple[Array, Array, Ints]:
         distance, mitred, edge = line.distance(points)
         off = line.off(points, distance, mitred)
+        if bed is not None:
+            inside = (distance < line.radius) & (points[:, 2] <= bed + BED_MM)
+            off[inside] = 0.0
         return distance, np.where(distance < line.radius, off, 0.0) if mounted else off, edge
 
     distance, off, edge = measure(mesh.vertices)

@@ -1,0 +1,245 @@
+"""How the sections of a part grow out of each other: what stands on what, and what reaches over air."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from knotfab_validators.arrays import Array, Ints, Mask, compiled
+from knotfab_validators.geometry.mesh import connect
+from knotfab_validators.printing.slices import Slices, link_pieces, measure_pieces
+
+SPECK_MM2 = 0.05  # what begins in mid-air and never grows larger before it is held is no island
+LINE_MM = 0.3  # what lies over air no farther than this is not looked at: most of a line is held
+CAP_MM = 6.0  # over air farther than this from what holds it: more than half of any bridge
+SPAN_MM = 40.0  # no bridge is looked for beyond
+DIRECTIONS = 36  # in which a bridge is looked for, over half a turn
+TRIED = 12  # places of one stretch
+
+
+@dataclass(frozen=True)
+class Growth:
+    """The pieces of all layers, and what they stand on.
+
+    `area` (p,) mm² and `middle` (p, 3) mm are those of the section, `round_mm2` (p,) its area square to the
+    way that the leg takes, `body` (p,) numbers what hangs together when all is printed. `held` (p,) says
+    whether a way leads down to the bed, `island` (k,) are the pieces that begin in mid-air. `free` (p,) mm is
+    the length of a leg since its foot, or since the last place where another joined it; `limp` (p,) 1/mm is
+    the move of its end under a force across it, times the modulus, and `top` (p,) whether it ends there.
+    """
+
+    area: Array
+    middle: Array
+    round_mm2: Array
+    body: Ints
+    held: Mask
+    island: Ints
+    free: Array
+    limp: Array
+    top: Mask
+
+
+def follow_growth(cut: Slices) -> Growth:
+    """Follow each piece of each layer down to what it stands on.
+
+    A leg is a cantilever from the bed, of the sections that it has: its end moves by the sum of
+    (L - s)² ds / E I(s), with I = A² / 4 pi of a round section of the same area; L³ / 3 E I where it is even.
+    Where two pieces that reach the bed grow together, as at the peak of an arch or in the layer of a
+    bar, they brace each other, and what goes on from there begins anew.
+    """
+    area, flat = measure_pieces(cut)
+    pieces = len(area)
+    pairs = link_pieces(cut.first, cut.left, cut.right, cut.piece, cut.rows)
+    once = np.unique(pairs[:, 0] * pieces + pairs[:, 1])
+    pairs = np.column_stack([once // pieces, once % pieces])
+    begin = np.searchsorted(pairs[:, 0], np.arange(pieces + 1))
+    below = np.ascontiguousarray(pairs[:, 1])
+    split = np.bincount(below, minlength=pieces)
+    held, start, free, limp, top, square = _grow(
+        cut.floor, area, flat, begin, below, split, cut.layer
+    )
+    largest = np.zeros(pieces)
+    np.maximum.at(largest, start[~held], area[~held])
+    body, _ = connect(pairs[:, 0], below, pieces)
+    middle = np.column_stack([flat, cut.height(cut.floor)])
+    lone = np.flatnonzero(largest >= SPECK_MM2)
+    return Growth(area, middle, square, body, held, lone, free, limp, top)
+
+
+@compiled
+def _grow(
+    floor: Ints, area: Array, middle: Array, begin: Ints, below: Ints, split: Ints, layer: float
+) -> tuple[Mask, Ints, Array, Array, Mask, Array]:
+    pieces = len(area)
+    held, top = np.zeros(pieces, dtype=np.bool_), np.ones(pieces, dtype=np.bool_)
+    start = np.arange(pieces)
+    free, limp, square = np.zeros(pieces), np.zeros(pieces), area.copy()
+    sums = np.zeros((pieces, 3))
+    for n in range(pieces):
+        legs, leg = 0, -1
+        for at in range(begin[n], begin[n + 1]):
+            if held[below[at]]:
+                legs += 1
+                leg = below[at]
+            else:
+                start[n] = start[below[at]]
+        held[n] = floor[n] == 0 or legs > 0
+        if legs != 1:
+            continue
+        # where a piece parts in two, the way that each takes from the middle of both is not known
+        aside = 0.0
+        if split[leg] == 1:
+            aside = np.hypot(middle[n, 0] - middle[leg, 0], middle[n, 1] - middle[leg, 1])
+        step = np.hypot(layer, aside)
+        square[n] = area[n] * layer / step
+        s, soft = free[leg] + step / 2, step * 4 * np.pi / square[n] ** 2
+        sums[n, 0] = sums[leg, 0] + soft
+        sums[n, 1] = sums[leg, 1] + soft * s
+        sums[n, 2] = sums[leg, 2] + soft * s * s
+        end = free[leg] + step
+        free[n] = end
+        limp[n] = end * end * sums[n, 0] - 2 * end * sums[n, 1] + sums[n, 2]
+        top[leg] = False
+    return held, start, free, limp, top, square
+
+
+@dataclass(frozen=True)
+class OverAir:
+    """Stretches that a layer lays over air farther than `LINE_MM`, one entry each.
+
+    `reach` (n,) mm: how far its farthest `place` (n, 3) is from what the layer below holds; `span` (n,) mm:
+    the shortest straight way through the layer, past there, from side to side; infinite of a ledge.
+    """
+
+    reach: Array
+    span: Array
+    place: Array
+
+
+def find_over_air(cut: Slices, held: Mask) -> OverAir:
+    """Find what reaches over air; pieces that nothing holds (p,) are left out, for they are islands."""
+    bucket, x, away = _reach(cut.first, cut.left, cut.right, cut.piece, held, cut.rows, cut.row)
+    if not len(x):
+        return OverAir(np.empty(0), np.empty(0), np.empty((0, 3)))
+    label, count = _group(bucket, x / cut.row, cut.rows)
+    order = np.lexsort((-away, label))
+    ends = np.append(np.flatnonzero(np.diff(label[order], prepend=-1)), len(order))
+    reach, span, chosen = np.empty(count), np.full(count, np.inf), np.empty(count, dtype=np.int64)
+    for k in range(count):
+        own = order[ends[k] : ends[k + 1]]
+        reach[k], chosen[k] = away[own[0]], own[0]
+        far = own[away[own] >= reach[k] - cut.row]
+        for i in far[:: max(len(far) // TRIED, 1)]:
+            found = _span(cut.first, cut.left, cut.right, cut.rows, cut.row, int(bucket[i]), x[i])
+            span[k] = min(span[k], found)
+    y = cut.south + cut.row * (bucket[chosen] % cut.rows)
+    z = cut.height(bucket[chosen] // cut.rows)
+    return OverAir(reach, span, np.column_stack([x[chosen], y, z]))
+
+
+def _group(bucket: Ints, x: Array, rows: int) -> tuple[Ints, int]:
+    """Label the places that lie beside each other in one layer, in rows and steps of one length."""
+    from scipy.spatial import cKDTree
+
+    points = np.column_stack([x, bucket % rows, 4.0 * (bucket // rows)])
+    pairs = cKDTree(points).query_pairs(1.6, output_type="ndarray")
+    return connect(pairs[:, 0], pairs[:, 1], len(x))
+
+
+@compiled
+def _away(
+    first: Ints, left: Array, right: Array, rows: int, row: float, k: int, j: int, x: float
+) -> float:
+    """Measure how far a place in row j of layer k is from the material of the layer below, up to `CAP_MM`."""
+    best = CAP_MM
+    for step in range(int(CAP_MM / row) + 1):
+        if step * row >= best:
+            break
+        for side in range(2 if step else 1):
+            other = j + step if side else j - step
+            if other < 0 or other >= rows:
+                continue
+            bucket = (k - 1) * rows + other
+            for b in range(first[bucket], first[bucket + 1]):
+                if left[b] > x + best:
+                    break
+                off = max(left[b] - x, x - right[b], 0.0)
+                best = min(best, np.hypot(off, step * row))
+    return best
+
+
+@compiled
+def _reach(
+    first: Ints, left: Array, right: Array, piece: Ints, held: Mask, rows: int, row: float
+) -> tuple[Ints, Array, Array]:
+    """Find the places farther than `LINE_MM` from what holds them: row of a layer, x, and how far."""
+    most = 1024
+    bucket_of, x_of, far = np.empty(most, np.int64), np.empty(most), np.empty(most)
+    count = 0
+    for bucket in range(rows, len(first) - 1):
+        k, j = bucket // rows, bucket % rows
+        for a in range(first[bucket], first[bucket + 1]):
+            if not held[piece[a]]:
+                continue
+            begin, b, last = left[a], first[bucket - rows], first[bucket - rows + 1]
+            while begin < right[a]:
+                while b < last and right[b] <= begin:
+                    b += 1
+                if b < last and left[b] <= begin:
+                    begin = right[b]
+                    continue
+                end = min(right[a], left[b]) if b < last else right[a]
+                steps = max(int(np.ceil((end - begin) / row)), 1)
+                for i in range(steps + 1):
+                    x = begin + (end - begin) * i / steps
+                    away = _away(first, left, right, rows, row, k, j, x)
+                    if away <= LINE_MM:
+                        continue
+                    if count == most:
+                        most *= 2
+                        bucket_of = np.append(bucket_of, np.empty(most - count, np.int64))
+                        x_of = np.append(x_of, np.empty(most - count))
+                        far = np.append(far, np.empty(most - count))
+                    bucket_of[count], x_of[count], far[count] = bucket, x, away
+                    count += 1
+                begin = end
+    return bucket_of[:count], x_of[:count], far[:count]
+
+
+@compiled
+def _inside(first: Ints, left: Array, right: Array, bucket: int, x: float) -> bool:
+    found = False
+    for b in range(first[bucket], first[bucket + 1]):
+        found = found or left[b] <= x <= right[b]
+    return found
+
+
+@compiled
+def _span(
+    first: Ints, left: Array, right: Array, rows: int, row: float, bucket: int, x: float
+) -> float:
+    """Find the shortest straight way through a layer past a place, both ends on the layer below."""
+    k, j, best = bucket // rows, bucket % rows, np.inf
+    stride = row / 2
+    for d in range(DIRECTIONS):
+        turn = np.pi * d / DIRECTIONS
+        total = 0.0
+        for side in (-1.0, 1.0):
+            found = False
+            for n in range(1, int(SPAN_MM / stride)):
+                at = x + side * n * stride * np.cos(turn)
+                other = j + int(np.rint(side * n * stride * np.sin(turn) / row))
+                if other < 0 or other >= rows or total + n * stride >= best:
+                    break
+                if not _inside(first, left, right, k * rows + other, at):
+                    break
+                if _inside(first, left, right, (k - 1) * rows + other, at):
+                    total += n * stride
+                    found = True
+                    break
+            if not found:
+                total = np.inf
+                break
+        best = min(best, total)
+    return best
