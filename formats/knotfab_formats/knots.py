@@ -14,6 +14,7 @@ from knotfab_formats.errors import InputError, short
 
 MOST_KNOTS = 1000
 MOST_MEMBERS = 10_000  # members of a mount; a build makes a hundred
+MOST_CORNERS = 5_000  # corners of a hull
 
 _Radius = Annotated[float, Strict(), Field(gt=0, le=MOST_COORDINATE_MM)]
 _FINITE = ConfigDict(frozen=True, allow_inf_nan=False)
@@ -31,6 +32,25 @@ class Member(BaseModel):
     end: Annotated[Vector, Field(alias="to")]
     radius_mm: tuple[_Radius, _Radius]
     foot: Vector | None = None
+
+
+class Rod(BaseModel):
+    """A round bar of a mount that need not begin in a strand, such as a side of an eyelet; mm."""
+
+    model_config = _FINITE
+
+    start: Annotated[Vector, Field(alias="from")]
+    end: Annotated[Vector, Field(alias="to")]
+    radius_mm: _Radius
+
+
+class Hull(BaseModel):
+    """A convex solid of a mount, such as a base or a dowel: the hull of its corners, mm."""
+
+    model_config = _FINITE
+
+    name: Annotated[str, Strict(), Field(max_length=40)] = "solid"
+    corners: Annotated[list[Vector], FailFast(), Field(min_length=4, max_length=MOST_CORNERS)]
 
 
 class Line(BaseModel):
@@ -58,6 +78,8 @@ class KnotsFile(BaseModel):
     radius_mm: _Radius | None = None
     knots: Annotated[list[Line], FailFast(), Field(min_length=1, max_length=MOST_KNOTS)]
     members: Annotated[list[Member], FailFast(), Field(max_length=MOST_MEMBERS)] = []
+    rods: Annotated[list[Rod], FailFast(), Field(max_length=MOST_MEMBERS)] = []
+    hulls: Annotated[list[Hull], FailFast(), Field(max_length=MOST_KNOTS)] = []
     coordinates: str = ""
 
     def dumps(self) -> str:
@@ -70,6 +92,8 @@ _WANTED = {
     "unit": "must be 'mm'",
     "radius_mm": "must be a number above 0",
     "members": f"must be a list of at most {MOST_MEMBERS}",
+    "rods": f"must be a list of at most {MOST_MEMBERS}",
+    "hulls": f"must be a list of at most {MOST_KNOTS}",
     "closed": "must be true or false",
     "type": "must be a word such as 'unknot' or '3_1'",
 }
@@ -93,8 +117,8 @@ def why_no_knots(error: ValidationError) -> str:
             return f"knot {knot}: points must be [x, y, z], of numbers, and point {point} is not"
         case ("knots", knot) | ("knots", knot, "points"):
             return f"knot {knot} has no points: they must be a list of [x, y, z], of numbers"
-        case ("members", number, *keys):
-            where = " ".join(str(step) for step in ("members: number", number, *keys))
+        case ("members" | "rods" | "hulls" as list_of, number, *keys):
+            where = " ".join(str(step) for step in (f"{list_of}: number", number, *keys))
             return f"{where}: {first['msg'].lower()}"
     key, where = place[-1], f"knot {place[1]}: " if len(place) > 1 else ""
     has = "it is missing" if kind == "missing" else f"got {short(got)}"
