@@ -77,9 +77,13 @@ class Knots:
         held = {"schema": 1, "unit": "mm", "radius_mm": self.radius_mm, "knots": knots}
         return KnotsFile.model_validate({**held, **more})
 
-    def write(self, path: Path, members: Sequence[Mapping[str, Any]] = ()) -> None:
-        """Write knots.json, with the members of the part's mount if it has any (`Mounted.members`)."""
-        path.write_text(self.to_file(**({"members": members} if members else {})).dumps())
+    def write(
+        self, path: Path, mount: Mapping[str, Sequence[Mapping[str, Any]]] | None = None
+    ) -> None:
+        """Write knots.json, with what the part's mount is made of (`Mounted.makeup`)."""
+        path.write_text(
+            self.to_file(**{key: some for key, some in (mount or {}).items() if some}).dumps()
+        )
 
     def dump_start(self) -> str:
         """Write the text of a start, for knots in the scene: at full precision, a search can go on there."""

@@ -14,6 +14,7 @@ from knotfab_formats.errors import InputError, short
 
 MOST_KNOTS = 1000
 MOST_MEMBERS = 10_000  # members of a mount; a build makes a hundred
+MOST_CORNERS = 5_000  # corners of a hull
 
 _Radius = Annotated[float, Strict(), Field(gt=0, le=MOST_COORDINATE_MM)]
 _FINITE = ConfigDict(frozen=True, allow_inf_nan=False)
@@ -52,6 +53,25 @@ class Feet(BaseModel):
     cut_mm: Annotated[float, Strict(), Field(ge=0, le=MOST_COORDINATE_MM)]
 
 
+class Rod(BaseModel):
+    """A round bar of a mount that need not begin in a strand, such as a side of an eyelet; mm."""
+
+    model_config = _FINITE
+
+    start: Annotated[Vector, Field(alias="from")]
+    end: Annotated[Vector, Field(alias="to")]
+    radius_mm: _Radius
+
+
+class Hull(BaseModel):
+    """A convex solid of a mount, such as a base or a dowel: the hull of its corners, mm."""
+
+    model_config = _FINITE
+
+    name: Annotated[str, Strict(), Field(max_length=40)] = "solid"
+    corners: Annotated[list[Vector], FailFast(), Field(min_length=4, max_length=MOST_CORNERS)]
+
+
 class Line(BaseModel):
     """A knot's centre line, a polygon in mm; where it is `closed` the last point joins the first."""
 
@@ -79,6 +99,8 @@ class KnotsFile(BaseModel):
     members: Annotated[list[Member], FailFast(), Field(max_length=MOST_MEMBERS)] = []
     bars: Annotated[list[Bar], FailFast(), Field(max_length=MOST_MEMBERS)] = []
     feet: Feet | None = None
+    rods: Annotated[list[Rod], FailFast(), Field(max_length=MOST_MEMBERS)] = []
+    hulls: Annotated[list[Hull], FailFast(), Field(max_length=MOST_KNOTS)] = []
     coordinates: str = ""
 
     def dumps(self) -> str:
@@ -93,6 +115,8 @@ _WANTED = {
     "members": f"must be a list of at most {MOST_MEMBERS}",
     "bars": f"must be a list of at most {MOST_MEMBERS}",
     "feet": "must hold cut_mm, a number from 0",
+    "rods": f"must be a list of at most {MOST_MEMBERS}",
+    "hulls": f"must be a list of at most {MOST_KNOTS}",
     "closed": "must be true or false",
     "type": "must be a word such as 'unknot' or '3_1'",
 }
@@ -116,7 +140,7 @@ def why_no_knots(error: ValidationError) -> str:
             return f"knot {knot}: points must be [x, y, z], of numbers, and point {point} is not"
         case ("knots", knot) | ("knots", knot, "points"):
             return f"knot {knot} has no points: they must be a list of [x, y, z], of numbers"
-        case (("members" | "bars") as what, number, *keys):
+        case ("members" | "bars" | "rods" | "hulls" as what, number, *keys):
             where = " ".join(str(step) for step in (f"{what}: number", number, *keys))
             return f"{where}: {first['msg'].lower()}"
     key, where = place[-1], f"knot {place[1]}: " if len(place) > 1 else ""

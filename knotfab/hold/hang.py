@@ -68,6 +68,12 @@ class Eyelet:
         """(3,) where the thread carries the piece: the top of the hole."""
         return np.asarray(self.middle + (self.ring_mm - self.wire_mm) * UP)
 
+    def outline(self, sides: int) -> Array:
+        """Return (sides, 3) points round the wire's centre line."""
+        turn, angle = along(self.through, self.middle), 2 * np.pi * np.arange(sides) / sides
+        across = np.outer(np.cos(angle), turn[:, 0]) + np.outer(np.sin(angle), turn[:, 1])
+        return np.asarray(self.middle + self.ring_mm * across)
+
     @property
     def masses(self) -> Masses:
         """The ring's volume and centre of mass."""

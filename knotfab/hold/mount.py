@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from knotfab.base.arrays import Array, Mask
-from knotfab.geometry.tube import Mesh, as_manifold
+from knotfab.geometry.tube import Mesh, as_manifold, as_mesh
 from knotfab.hold.beams import Stiffness
 from knotfab.hold.hang import MOST_TILT_DEG, HangMount, hang_bodies, hang_fixtures, plan_hang
 from knotfab.hold.solids import Fixture, stand_bodies, stand_fixtures
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from manifold3d import Manifold
 
 
+EYELET_RODS = 24  # straight rods that knots.json has for an eyelet's ring
 BASE_DOWN = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # scene to bed
 
 
@@ -90,6 +91,8 @@ class Mounted:
             posts = self.stand.posts
             ends = zip(posts.start, posts.end, posts.radius, strict=True)
             found += [(start, end, (r, r), out) for start, end, r in ends]
+        elif self.hang is not None:
+            struts = self.hang.members  # its posts end in the eyelet's bars
         else:
             return []
         ends = zip(struts.start, struts.end, struts.radius, strict=True)
@@ -103,6 +106,32 @@ class Mounted:
             }
             for start, end, radius, foot in found
         ]
+
+    def makeup(self, to_part: Array) -> dict[str, list[dict[str, Any]]]:
+        """Return what knots.json says of the mount, by a (4, 4) similarity from the scene.
+
+        `members`, the `rods` of an eyelet, the `hulls` of a base or dowels; a plate follows from the scene.
+        """
+        turn, shift = to_part[:3, :3], to_part[:3, 3]
+        scale = float(np.cbrt(np.linalg.det(turn)))
+        rods: list[dict[str, Any]] = []
+        if self.hang is not None:
+            eyelet = self.hang.eyelet
+            ring = eyelet.outline(EYELET_RODS) @ turn.T + shift
+            rods = [
+                {"from": a.tolist(), "to": b.tolist(), "radius_mm": scale * eyelet.wire_mm}
+                for a, b in zip(ring, np.roll(ring, -1, axis=0), strict=True)
+            ]
+        solids: list[Fixture] = []
+        if self.wall is not None:
+            solids = [f for peg in self.wall.pegs for f in self.wall.dowels(peg, self.upright)]
+        elif self.stand is not None:
+            solids = [f for f in stand_fixtures(self.stand) if f.kind == "base"]
+        hulls = [
+            {"name": f.kind, "corners": (as_mesh(f.solid().hull())[0] @ turn.T + shift).tolist()}
+            for f in solids
+        ]
+        return {"members": self.members(to_part), "rods": rods, "hulls": hulls}
 
     @property
     def must_be_upright(self) -> bool:

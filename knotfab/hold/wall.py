@@ -100,6 +100,12 @@ class WallMount:
     strut_knots: NDArray[np.int64] = field(default_factory=lambda: np.empty((0, 2), dtype=np.int64))
     moves: Array = field(default_factory=lambda: np.empty((0, 3)))
 
+    def dowels(self, peg: Peg, wall: Array | None) -> list[Fixture]:
+        """Return the dowel of a peg, where it has one; `wall` (3, 3) has rows as `Camera.wall_axes`."""
+        if self.settings.foot == "plate" or wall is None:
+            return []
+        return _peg_fixtures(peg, wall.T, self.settings)[1:]
+
 
 def plan_wall(
     knots: Knots,

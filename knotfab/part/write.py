@@ -100,8 +100,8 @@ def write_part(
     for sheet in () if table is None else table.sheets:
         own = replace(about, title=f"{about.title}, frame", thumbnail_png=b"")
         write_3mf(folder.file(sheet.name), sheet.bodies, own)
-    members = part.mounted.members(np.asarray(np.linalg.inv(part.pose.matrix)))
-    part.pose.knots.write(folder.file(f"knots{suffix}.json"), members)
+    makeup = part.mounted.makeup(np.asarray(np.linalg.inv(part.pose.matrix)))
+    part.pose.knots.write(folder.file(f"knots{suffix}.json"), makeup)
     _write_scene(folder, scene, targets, suffix)
 
 

@@ -24,10 +24,12 @@ from knotfab_validators.printing.printability import printability_checks
 from knotfab_validators.printing.slices import slice_layers
 from knotfab_validators.printing.standing import check_level
 from knotfab_validators.printing.upright import Upright
+from knotfab_validators.shadows.view import ViewGeometry, view_geometry
 from knotfab_validators.tube.centre_line import check_centre_lines
 from knotfab_validators.tube.clearance import check_clearance
-from knotfab_validators.tube.mount_members import check_mount, strand_faces
+from knotfab_validators.tube.mount_members import Asked, check_mount, strand_faces
 from knotfab_validators.tube.region import check_build_volume, check_region
+from knotfab_validators.tube.solid_matter import HalfSpaces, Solid, hull_of, prism, round_outline
 from knotfab_validators.tube.thickness import check_bend, check_length, check_thickness
 from knotfab_validators.tube.tube_fit import check_cut, check_tube, measure_proud
 
@@ -38,6 +40,11 @@ if TYPE_CHECKING:
 
 
 PLATE_HOLES = 2  # holes for the screws
+MARK_MM, ARROW_MM = (
+    1.5,
+    0.6,
+)  # depth of the notches in a plate's edges, and of the arrow in its face
+THINNEST = 0.7  # a sloping base is so many times its thickness thick where it is thinnest, at least
 Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # turns y up into z up
 
 
@@ -213,7 +220,70 @@ def _check_mount(
     if mesh is None or curves is None:
         return skip_check("mount", f"not given the {'part' if mesh is None else 'knots'}")
     with time_stage(seconds, "tube"):
-        return check_mount(mesh, curves, scene.mount.pegs)
+        if isinstance(asked := _asked_of_mount(scene), str):
+            return Check("mount", "fail", True, "unknown", None, "", asked)
+        return check_mount(mesh, curves, asked)
+
+
+def _asked_of_mount(scene: Scene) -> Asked | str:
+    """Return what the scene asks of its mount, in the part's coordinates; or why that is not known."""
+    mount, back = scene.mount, None
+    if scene.pose is not None:
+        back = np.linalg.inv(np.array(scene.pose.matrix, dtype=np.float64))
+    if mount.kind == "stand":
+        return Asked(mount.pegs, hulls=("base", THINNEST * mount.base_thickness_mm))
+    if mount.kind == "wall" and mount.foot == "dowel":
+        return Asked(mount.pegs, hulls=("dowel", mount.dowel_depth_mm))
+    if back is None:
+        return "the scene has no pose, so that nothing says where its mount is"
+    if mount.kind == "hang":
+        if mount.thread_mm is None:
+            return "the scene does not say where the thread is"
+        place = back @ np.array([*mount.thread_mm, 1.0])
+        return Asked(mount.pegs, thread=np.asarray(place[:3]))
+    view = scene.views[0]
+    if view.frame_width_mm is None or view.frame_height_mm is None:
+        return "the scene does not say how large its frame is, which its plate follows"
+    return Asked(mount.pegs, solids=(_plate_of(mount, view_geometry(view, 2, 2), back),))
+
+
+def _plate_of(mount: Mount, view: ViewGeometry, back: Array) -> Solid:
+    """Return the wall plate with its openings: screw holes, notches in its edges, an arrow in its face.
+
+    Its face lies on the wall, a margin wider than the frame on every side (docs/contract.md).
+    """
+    margin, thick = mount.plate_margin_mm, mount.plate_thickness_mm
+    x, y = (float(np.linalg.norm(2 * step)) / 2 + margin for step in (view.du, view.dv))
+    right = view.du / np.linalg.norm(view.du)
+    turn = np.column_stack([right, np.cross(view.normal, right), view.normal])
+    motion = np.column_stack([back[:3, :3] @ turn, back[:3, :3] @ view.middle + back[:3, 3]])
+    hole, inset = mount.hole_diameter_mm / 2, margin / 2 + mount.hole_diameter_mm / 4
+    deep = min(MARK_MM, margin / 5, (inset - hole) / 2)
+    deep = deep if deep >= 0.5 else 0.0
+
+    def hull(outline: Array, low: float = -thick - 1.0, high: float = 1.0) -> HalfSpaces:
+        return hull_of(prism(outline, low, high, motion))
+
+    openings = [hull(round_outline((side * (x - inset), 0.0), hole)) for side in (-1, 1)]
+    if deep:
+        w = 2 * deep
+        notches = [
+            [(-w, s * (y + deep)), (w, s * (y + deep)), (0.0, s * (y - deep))] for s in (-1, 1)
+        ]
+        notches += [
+            [(s * (x + deep), -w), (s * (x + deep), w), (s * (x - deep), 0.0)] for s in (-1, 1)
+        ]
+        openings += [hull(np.array(notch)) for notch in notches]
+        arrow = np.array([(0.0, y - w), (-w, y - 2 * w), (w, y - 2 * w)])
+        openings.append(hull(arrow, -min(ARROW_MM, thick / 4)))
+    r = min(6.0, margin)
+    corners = [
+        round_outline((a * (x - r), b * (y - r)), r) if r > 0 else np.array([(a * x, b * y)])
+        for a in (-1, 1)
+        for b in (-1, 1)
+    ]
+    outline = np.clip(np.concatenate(corners), [-x, -y], [x, y])
+    return Solid("plate", prism(outline, -thick, 0.0, motion), tuple(openings))
 
 
 def _check_gap(
@@ -259,12 +329,12 @@ def _predict_topology(
     A peg that ends on a plate closes a loop for each one after a knot's first, and each knot brings
     its own; a peg that ends in a hole of the wall closes none.
     """
-    if not mount.pegs or curves is None:
+    if curves is None or not (mount.pegs or curves.members):
         return None, None
     if mount.kind == "wall" and mount.foot == "dowel":
         return len(curves.polygons), [1] * len(curves.polygons)
     holes = {"wall": PLATE_HOLES, "hang": 1}.get(mount.kind, 0)  # an eyelet has one
-    return 1, [sum(mount.pegs) + holes]
+    return 1, [(sum(mount.pegs) or len(curves.members)) + holes]
 
 
 def _check_level(mesh: Mesh, scene: Scene) -> Check:

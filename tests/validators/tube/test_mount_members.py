@@ -15,7 +15,8 @@ from knotfab_validators.check import BadFile
 from knotfab_validators.files.scene import parse_knots
 from knotfab_validators.geometry.curves import Curves, Member
 from knotfab_validators.geometry.mesh import Mesh
-from knotfab_validators.tube.mount_members import check_mount
+from knotfab_validators.tube.mount_members import Asked, check_mount
+from knotfab_validators.tube.solid_matter import Solid, find_hollow
 from knotfab_validators.tube.tube_fit import check_tube
 
 RADIUS, PEG, HIGH = 2.0, 1.2, 20.0  # mm; the rings lie so high above the plate's top at z = 0
@@ -66,12 +67,12 @@ def neck(at: Array, along: Array, wide: float, inner: float) -> Manifold:
 def test_a_whole_mount_passes_and_so_does_its_tube() -> None:
     mesh = as_mesh(honest())
     for curves in (CURVES, CURVES.scaled(1.0)):
-        found = check_mount(mesh, curves, COUNT)
+        found = check_mount(mesh, curves, Asked(COUNT))
         assert found.status == "pass" and found.required, found.detail
     assert check_tube(mesh, CURVES, mounted=True).status == "pass"
     shrunk = Mesh(0.98 * mesh.vertices, mesh.faces)
-    assert check_mount(shrunk, CURVES.scaled(0.98), COUNT).status == "pass"
-    assert check_mount(shrunk, CURVES, COUNT).status == "fail"
+    assert check_mount(shrunk, CURVES.scaled(0.98), Asked(COUNT)).status == "pass"
+    assert check_mount(shrunk, CURVES, Asked(COUNT)).status == "fail"
 
 
 @pytest.mark.slow
@@ -89,7 +90,7 @@ def test_a_whole_mount_passes_and_so_does_its_tube() -> None:
 )
 def test_a_member_that_is_not_full_is_told_with_its_place(cut: Manifold, place: Array) -> None:
     mesh = as_mesh(honest() - cut)
-    found = check_mount(mesh, CURVES, COUNT)
+    found = check_mount(mesh, CURVES, Asked(COUNT))
     assert found.status == "fail" and found.required
     assert np.linalg.norm(found.at[0] - place) < HIGH
     assert check_tube(mesh, CURVES, mounted=True).status == "pass"
@@ -102,13 +103,13 @@ def test_fused_strands_are_told_where_a_cut_mends_the_genus() -> None:
     assert both.genus() == honest().genus()
     for solid in (fused, both):
         for curves in (CURVES, replace(CURVES, members=())):
-            found = check_mount(as_mesh(solid), curves, COUNT)
+            found = check_mount(as_mesh(solid), curves, Asked(COUNT))
             assert found.status == "fail" and np.linalg.norm(found.at[0] - between) < 1.0
 
 
 def test_matter_from_strand_to_plate_that_is_no_member_is_told() -> None:
     solid = honest() + bar(RINGS[1][60] * [1, 1, 0.5], UP, HIGH, 0.5, 0.5)
-    found = check_mount(as_mesh(solid), CURVES, COUNT)
+    found = check_mount(as_mesh(solid), CURVES, Asked(COUNT))
     assert found.status == "fail" and "touches a strand" in found.detail
 
 
@@ -123,13 +124,13 @@ def test_a_strand_cut_all_round_or_through_is_told_by_the_tube() -> None:
 def test_members_must_be_named_counted_and_end_in_strands() -> None:
     mesh = as_mesh(honest())
     bare = replace(CURVES, members=())
-    missing = check_mount(mesh, bare, COUNT)
-    assert missing.status == "skipped" and "build the part anew" in missing.detail
+    missing = check_mount(mesh, bare, Asked(COUNT))
+    assert missing.status == "fail" and missing.required and "build the part anew" in missing.detail
     unknown = check_mount(mesh, bare)
-    assert unknown.status == "skipped" and not unknown.required
-    assert check_mount(mesh, CURVES, (4, 1)).status == "fail"
+    assert unknown.status == "fail" and unknown.required
+    assert check_mount(mesh, CURVES, Asked((4, 1))).status == "fail"
     loose = replace(PEGS[0], start=PEGS[0].start + 5 * UP)
-    found = check_mount(mesh, replace(CURVES, members=(loose, *CURVES.members[1:])), COUNT)
+    found = check_mount(mesh, replace(CURVES, members=(loose, *CURVES.members[1:])), Asked(COUNT))
     assert found.status == "fail" and "in no strand" in found.detail
 
 
@@ -153,3 +154,54 @@ def test_members_are_read_from_the_knots_and_checked() -> None:
     for wrong in (5, [5], {"from": [0, 0, 0]}):
         with pytest.raises(BadFile, match="members"):
             parse_knots({**knots, "members": wrong})
+
+
+PLATE = Solid(
+    "plate", np.array([(x, y, z) for x in (-45, 45) for y in (-45, 45) for z in (-3, 0.0)])
+)
+
+
+def hollowed(cut: Manifold) -> Manifold:
+    return honest() - cut
+
+
+@pytest.mark.parametrize(
+    "cut",
+    [
+        Manifold.cylinder(2.2, 2.0, 2.0, 24).translate((30.0, 0.0, -2.8)),
+        Manifold.cube((0.4, 200.0, 2.5), True).translate((10.0, 0.0, -1.0)),
+        Manifold.cube((0.4, 200.0, 20.0), True).translate((10.0, 0.0, 0.0)),
+        Manifold.cube((200.0, 1.0, 2.0), True).translate((0.0, 10.0, -3.0)),
+        Manifold.cube((20.0, 200.0, 20.0), True).translate((45.0, 0.0, 0.0)),
+        Manifold.cylinder(20.0, 1.0, 1.0, 24, True),
+    ],
+    ids=["void under a peg", "slit", "sawn", "groove behind", "edge sawn off", "hole"],
+)
+def test_a_plate_that_is_not_full_is_told(cut: Manifold) -> None:
+    assert find_hollow(as_mesh(honest()), PLATE) is None
+    found = check_mount(as_mesh(hollowed(cut)), CURVES, Asked(COUNT, (PLATE,)))
+    assert found.status == "fail" and found.required
+
+
+@pytest.mark.parametrize(
+    ("curves", "asked", "said"),
+    [
+        (replace(CURVES, members=()), Asked(COUNT), "names no members"),
+        (replace(CURVES, members=()), Asked(), "names no members"),
+        (CURVES, Asked(COUNT, hulls=("base", 3.0)), "names no base"),
+        (CURVES, Asked(COUNT, thread=UP), "names no rods"),
+        (
+            replace(CURVES, hulls=(("base", PLATE.corners),)),
+            Asked(COUNT, hulls=("base", 4.0)),
+            "thick",
+        ),
+        (
+            replace(CURVES, hulls=(("base", PLATE.corners + 200.0),)),
+            Asked(COUNT, hulls=("base", 3.0)),
+            "stands on no",
+        ),
+    ],
+)
+def test_what_is_left_out_of_a_mount_is_told(curves: Curves, asked: Asked, said: str) -> None:
+    found = check_mount(as_mesh(honest()), curves, asked)
+    assert found.status == "fail" and found.required and said in found.detail

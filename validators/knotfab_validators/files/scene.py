@@ -221,6 +221,8 @@ def parse_knots(data: Any, name: str = "knots.json") -> Curves:
             Bar(np.array(b.start), np.array(b.end), b.width_mm, b.height_mm) for b in said.bars
         ),
         cut_mm=0.0 if said.feet is None else said.feet.cut_mm,
+        rods=tuple(_rod(rod, f"{name}: rods: number {i}") for i, rod in enumerate(said.rods)),
+        hulls=tuple(_hull(hull, f"{name}: hulls: number {i}") for i, hull in enumerate(said.hulls)),
     )
 
 
@@ -259,3 +261,17 @@ def _member(said: Any, where: str) -> Member:
     if not np.linalg.norm(end - start) > 0:
         raise BadFile(f"{where} begins where it ends")
     return Member(start, end, said.radius_mm, foot)
+
+
+def _rod(said: Any, where: str) -> Member:
+    start, end = np.array(said.start), np.array(said.end)
+    if not np.linalg.norm(end - start) > 0:
+        raise BadFile(f"{where} begins where it ends")
+    return Member(start, end, (said.radius_mm, said.radius_mm))
+
+
+def _hull(said: Any, where: str) -> tuple[str, Array]:
+    corners = np.array(said.corners, dtype=np.float64)
+    if np.linalg.matrix_rank(corners - corners[0], tol=1e-6) < 3:
+        raise BadFile(f"{where}: its corners enclose nothing")
+    return short(said.name), corners

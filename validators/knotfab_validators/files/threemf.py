@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import unicodedata
 import zipfile
 import zlib
 from collections import Counter
@@ -81,8 +82,8 @@ def _open(content: bytes, name: str) -> zipfile.ZipFile:
     archive = zipfile.ZipFile(io.BytesIO(content))
     seen: set[str] = set()
     for entry in archive.filelist:
-        key = entry.filename.lower()
-        steps = key.replace("\\", "/").split("/")
+        key = _plain(entry.filename)
+        steps = entry.filename.replace("\\", "/").split("/")
         if ".." in steps or steps[0] == "" or ":" in steps[0]:
             raise BadFile(f"{name}: has an entry whose name leads elsewhere, {short(key)}")
         if key in seen:
@@ -96,7 +97,7 @@ class _Package:
 
     def __init__(self, archive: zipfile.ZipFile, packed: int, name: str) -> None:
         self.archive, self.packed, self.name = archive, packed, name
-        self.entries = {entry.filename.lower(): entry for entry in archive.filelist}
+        self.entries = {_plain(entry.filename): entry for entry in archive.filelist}
         self.models: dict[str, Model] = {}
         self.unpacked = 0
         self.cost: dict[tuple[str, int], tuple[int, int]] = {}
@@ -120,6 +121,7 @@ class _Package:
             more = self._cost(_part(item.part, start), item.number, 0)
             triangles, placed = triangles + more[0], placed + more[1]
             self._require_few(triangles, placed)
+        self._require_all_read()
         parts: list[Corners] = [np.empty((0, 3, 3))]
         # a number that overflows is refused as too far
         with np.errstate(over="ignore", invalid="ignore"):
@@ -137,6 +139,15 @@ class _Package:
         if model.items and self.left_out and not sum(map(len, parts)):
             raise BadFile(f"{self.name}: nothing of it is printed: {self.tell_left_out()}")
         return np.concatenate(parts)
+
+    def _require_all_read(self) -> None:
+        """Refuse models that nothing places: PrusaSlicer loads every one that it finds in the archive."""
+        for entry in self.entries:
+            if entry.endswith(".model") and entry not in self.models:
+                raise BadFile(
+                    f"{self.name}: has a model that its build does not place, {short(entry)}, and some "
+                    "slicers would print it: take it out"
+                )
 
     def tell_left_out(self) -> str:
         """Tell which objects of the file are not printed."""
@@ -224,9 +235,15 @@ class _Package:
             self._place(_part(component.part, part), component, matrix, parts)
 
 
+def _plain(name: str) -> str:
+    """Return an entry's name as slicers compare it: without case, backslashes or steps on the spot."""
+    name = unicodedata.normalize("NFKC", name).replace("\\", "/").casefold()
+    return "/".join(step for step in name.split("/") if step not in ("", "."))
+
+
 def _part(path: str | None, here: str) -> str:
     """Give an entry's name as it is looked up (without regard to case); None: where the reference stands."""
-    return here if path is None else path.lower().removeprefix("/")
+    return here if path is None else _plain(path)
 
 
 @dataclass

@@ -32,6 +32,11 @@ class Member:
     radius_mm: tuple[float, float]
     foot: Array | None = None
 
+    def scaled(self, share: float) -> Member:
+        """Return the same bar at a share of every length."""
+        low, high = self.radius_mm
+        return Member(share * self.start, share * self.end, (share * low, share * high), self.foot)
+
 
 @dataclass(frozen=True)
 class Bar:
@@ -53,7 +58,8 @@ class Curves:
     `polygons` are (n, 3) float64 mm; where `closed` says so the last point joins the first, and is
     not repeated. `types` are the knot types that the file promises, such as "unknot" or "3_1" ("open"
     for an open curve); `radius_mm` is None where the file gives none. `members` are those of the mount
-    that holds them, `bars` those that are broken away; `cut_mm` is missing of the lowest foot.
+    that holds them, `rods` its round bars between no strands, and `hulls` the names and corners (n, 3) of
+    its convex solids. `bars` are broken away; `cut_mm` is missing of the lowest foot.
     """
 
     polygons: tuple[Array, ...]
@@ -63,6 +69,8 @@ class Curves:
     members: tuple[Member, ...] = ()
     bars: tuple[Bar, ...] = ()
     cut_mm: float = 0.0
+    rods: tuple[Member, ...] = ()
+    hulls: tuple[tuple[str, Array], ...] = ()
 
     @cached_property
     def edges(self) -> CurveEdges:
@@ -86,17 +94,11 @@ class Curves:
             self,
             polygons=tuple(share * polygon for polygon in self.polygons),
             radius_mm=None if self.radius_mm is None else share * self.radius_mm,
-            members=tuple(
-                Member(
-                    share * m.start,
-                    share * m.end,
-                    (share * m.radius_mm[0], share * m.radius_mm[1]),
-                    m.foot,
-                )
-                for m in self.members
-            ),
             bars=tuple(bar.scaled(share) for bar in self.bars),
             cut_mm=share * self.cut_mm,
+            members=tuple(m.scaled(share) for m in self.members),
+            rods=tuple(rod.scaled(share) for rod in self.rods),
+            hulls=tuple((name, share * corners) for name, corners in self.hulls),
         )
 
 

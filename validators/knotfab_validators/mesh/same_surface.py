@@ -135,7 +135,8 @@ def find_3mf(part: Path) -> list[Path]:
     """
     if part.suffix.lower() != ".stl":
         return []
-    found = [part.with_suffix(".3mf")]
+    names = {part.with_suffix(".3mf").name}
     if own := PART.fullmatch(part.stem):
-        found.append(part.with_name(f"part-colours{own[1] or ''}.3mf"))
-    return [path for path in found if path.exists()]
+        names.add(f"part-colours{own[1] or ''}.3mf")
+    wanted = {name.casefold() for name in names}  # part.3MF is the same file to a slicer
+    return sorted(path for path in part.parent.iterdir() if path.name.casefold() in wanted)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from knotfab_validators.arrays import Array, Ints, Mask
 from knotfab_validators.check import at_most, places, skip_check, spot
 from knotfab_validators.geometry.curves import Curves, Member, cut_edges, point_segment
 from knotfab_validators.geometry.mesh import Mesh, bound_triangles, connect, winding_numbers
+from knotfab_validators.tube.solid_matter import Solid, clip, find_hollow
 from knotfab_validators.tube.tube_fit import LIMIT
 
 NAME = "mount"
@@ -21,42 +23,109 @@ BESIDE = 5.0  # radii along a knot: a face that spans more joins two strands
 OWN = 1.25  # radii from a centre line that matter between two strands may be
 
 
-def check_mount(mesh: Mesh, curves: Curves, pegs: tuple[int, ...] = ()) -> Check:
-    """Check `mount`: matter fills every member of the mount, as `tube` measures it; no other joins strands.
+@dataclass(frozen=True)
+class Asked:
+    """What a scene asks of its mount, in the part's coordinates, mm.
 
-    A member is full where no face lies in it, from a centre line to just below the foot's surface, and one
-    of its points is in matter: in the union of a part's solids there are no faces. All faces of the
-    part are then a strand's, a member's, or others; and others must not touch a strand.
+    `pegs`: how many members there are, by knots; empty: not said. `solids`: what must be filled as the
+    scene alone has it (a wall plate). `hulls`: the name of the solids that knots.json must have, such as
+    "base", and how thick each must be below every foot at least. `thread`: where an eyelet carries
+    the piece (3,).
+    """
+
+    pegs: tuple[int, ...] = ()
+    solids: tuple[Solid, ...] = ()
+    hulls: tuple[str, float] | None = None
+    thread: Array | None = None
+
+
+NOTHING_ASKED = Asked()
+
+
+def check_mount(mesh: Mesh, curves: Curves, asked: Asked = NOTHING_ASKED) -> Check:
+    """Check `mount`: matter fills the whole mount, as `tube` measures it; nothing else joins strands.
+
+    A solid is full where no face lies in it and one of its points is in matter: in the union of a
+    part's solids there are no faces. All faces of the part are then a strand's, a member's, or others;
+    and others must not touch a strand. A mount whose members knots.json leaves out fails.
 
     Args:
-        curves: closed, their radius known, with the members. pegs: how many the scene says there are, by
-            knots; of a part whose knots name none, it is only looked whether strands too near for a strut
-            are joined.
+        curves: closed, their radius known, with members, rods and hulls of the mount.
     """
     radius = curves.radius_mm
     if radius is None or not all(curves.closed):
-        return skip_check(NAME, "the strands' radius is not known, or one of them is open")
+        detail = "the strands' radius is not known, or one of them is open"
+        return Check(NAME, "fail", True, "unknown", None, "", detail)
     if not mesh.usable:
         return skip_check(NAME, "the mesh has no faces, or coordinates that are not finite")
-    members = curves.members
-    if not members and not pegs:
-        return skip_check(NAME, "neither scene nor knots say what holds the strands")
     joined = _find_joints(mesh, curves, radius)
     if len(joined):
         detail = "matter that is no member of the mount touches a strand"
-        if not members:
+        if not curves.members:
             detail = "matter joins strands that are too near each other for a strut"
         detail += f", at {spot(joined[0])}"
         return Check(NAME, "fail", True, "joined", None, "", detail, places(joined))
-    if not members:
-        why = (
-            "knots.json names no members of the mount, so that nothing shows whether they are whole"
-        )
-        return skip_check(NAME, f"{why}: build the part anew to have them measured")
-    if pegs and len(members) != sum(pegs):
+    lacking = _find_lacking(curves, asked)
+    if lacking is not None:
+        detail = f"{lacking}: build the part anew to have its mount measured"
+        return Check(NAME, "fail", True, "lacking", None, "", detail)
+    wanted = sum(asked.pegs)
+    if wanted and len(curves.members) != wanted:
         detail = "members in the file of the knots, and those of the scene's mount"
-        return Check(NAME, "fail", True, len(members), sum(pegs), "", detail)
+        return Check(NAME, "fail", True, len(curves.members), wanted, "", detail)
+    solids = [*asked.solids, *(Solid(name, corners) for name, corners in curves.hulls)]
+    unfit = _find_unfit(curves, solids, asked)
+    if unfit is not None:
+        detail, at = unfit
+        return Check(NAME, "fail", True, "misfit", None, "", detail, places([at]))
+    for solid in solids:
+        hollow = find_hollow(mesh, solid)
+        if hollow is not None:
+            deep, at = hollow
+            detail = f"the {solid.name} of the mount has a gap, slit or hollow at {spot(at)}"
+            got = "missing" if np.isinf(deep) else deep
+            return Check(NAME, "fail", True, got, solid.allowed_mm, "mm", detail, places([at]))
     return _check_filled(mesh, curves, radius)
+
+
+def _find_lacking(curves: Curves, asked: Asked) -> str | None:
+    """Tell what knots.json leaves out of a mount."""
+    if not curves.members:
+        return "knots.json names no members of the mount"
+    if asked.thread is not None and not curves.rods:
+        return "knots.json names no rods of the eyelet"
+    if asked.hulls is not None and not any(name == asked.hulls[0] for name, _ in curves.hulls):
+        return f"knots.json names no {asked.hulls[0]} among its hulls"
+    return None
+
+
+def _find_unfit(curves: Curves, solids: Sequence[Solid], asked: Asked) -> tuple[str, Array] | None:
+    """Tell where the mount of knots.json is not what the scene asks for: such as a foot on nothing."""
+    for number, member in enumerate(curves.members):
+        if member.foot is None:
+            continue
+        under = [s for s in solids if s.hull.depth(member.end[None])[0] >= -INTO_FOOT_MM]
+        if solids and not under:
+            return f"member {number} stands on no plate, base or dowel", member.end
+        if asked.hulls is not None:
+            name, least = asked.hulls
+            way = max((s.hull.way_out(member.end, -member.foot) for s in under), default=0.0)
+            if way < least - INTO_FOOT_MM:
+                detail = (
+                    f"the {name} is {way:.3g} mm thick below member {number}, not {least:.3g} mm"
+                )
+                return detail, member.end
+    if asked.thread is not None:
+        ends = np.array([bar.end for bar in curves.rods])
+        starts = np.array([bar.start for bar in curves.rods])
+        gaps = np.linalg.norm(ends - np.roll(starts, -1, axis=0), axis=1)
+        if gaps.max() > INTO_FOOT_MM:
+            return "the rods of the eyelet close no ring", ends[int(gaps.argmax())]
+        wire = min(curves.rods[0].radius_mm)
+        off = abs(point_segment(np.tile(asked.thread, (len(ends), 1)), starts, ends).min() - wire)
+        if off > INTO_FOOT_MM:
+            return f"the eyelet's wire is {off:.3g} mm off the thread's place", asked.thread
+    return None
 
 
 def _check_filled(mesh: Mesh, curves: Curves, radius: float) -> Check:
@@ -64,14 +133,13 @@ def _check_filled(mesh: Mesh, curves: Curves, radius: float) -> Check:
     ends = [(k, m.start) for k, m in enumerate(members)]
     ends += [(k, m.end) for k, m in enumerate(members) if m.foot is None]
     for number, end in ends:
-        if (
-            point_segment(np.tile(end, (len(edges.start), 1)), edges.start, edges.end).min()
-            > radius
-        ):
+        apart = point_segment(np.tile(end, (len(edges.start), 1)), edges.start, edges.end).min()
+        if apart > radius and not any(_in_member(end[None], bar)[0] for bar in curves.rods):
             detail = f"member {number} of the mount ends at {spot(end)}, in no strand"
             return Check(NAME, "fail", True, "loose", None, "", detail, places([end]))
     low, high = bound_triangles(*np.moveaxis(mesh.vertices[mesh.faces], 1, 0))
     worst, at, of = 0.0, members[0].start, 0
+    members = (*members, *curves.rods)
     for number, member in enumerate(members):
         depth, place = _find_deepest(mesh, member, low, high)
         if depth > worst:
@@ -115,7 +183,7 @@ def _find_deepest(mesh: Mesh, member: Member, low: Array, high: Array) -> tuple[
     fans = [
         np.stack([part[[0, k, k + 1]] for k in range(1, len(part) - 1)])
         for triangle in corners[~whole & (deep > 0)]
-        if len(part := _clip(_clip(triangle, *planes[0]), *planes[1])) > 2
+        if len(part := clip(clip(triangle, *planes[0]), *planes[1])) > 2
     ]
     more, there = _measure_depth(np.concatenate([np.empty((0, 3, 3)), *fans]), member)
     deep = np.concatenate([[0.0], deep[whole], more]) / _allowed(min(member.radius_mm))
@@ -170,20 +238,6 @@ def _radius_at(member: Member, along: Array) -> Array:
     return np.asarray(first + (last - first) * np.clip(along / _unit(member)[1], 0.0, 1.0))
 
 
-def _clip(polygon: Array, normal: Array, offset: float) -> Array:
-    """Give the part (k, 3) of a convex polygon (n, 3) if normal · p >= offset (Sutherland, Hodgman, 1974)."""
-    side = polygon @ normal - offset
-    kept = []
-    for k in range(len(polygon)):
-        after = (k + 1) % len(polygon)
-        if side[k] >= 0:
-            kept.append(polygon[k])
-        if (side[k] >= 0) != (side[after] >= 0):
-            share = side[k] / (side[k] - side[after])
-            kept.append(polygon[k] + share * (polygon[after] - polygon[k]))
-    return np.array(kept).reshape(-1, 3)
-
-
 def _find_joints(mesh: Mesh, curves: Curves, radius: float) -> Array:
     """Find (k, 3) places where faces that are neither a strand's nor a member's touch a strand.
 
@@ -195,7 +249,7 @@ def _find_joints(mesh: Mesh, curves: Curves, radius: float) -> Array:
         return _find_fused(mesh, curves, radius, own)
     rest = np.flatnonzero(~own)
     used = np.unique(faces[rest])
-    for member in curves.members:
+    for member in (*curves.members, *curves.rods):
         if not len(rest):
             return np.empty((0, 3))
         inside = np.zeros(len(vertices), dtype=bool)
