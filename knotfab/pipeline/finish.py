@@ -20,13 +20,10 @@ from knotfab.pipeline.settle import tell_depth
 from knotfab.report.drill_template import write_drill_template
 from knotfab.report.effects import (
     advise,
-    advise_widening,
     count_flattened,
     judge_made,
     list_contrasts,
     list_sags,
-    list_views,
-    tell_bounds,
     tell_contrast,
     tell_walls,
     tell_warnings,
@@ -58,6 +55,7 @@ from knotfab.report.report import (
 )
 from knotfab.report.setup import draw_sheets, write_setup
 from knotfab.report.viewer import HistoryFrame, viewer_data
+from knotfab.report.views import advise_widening, list_views, tell_bounds
 from knotfab.request import Outcome, Request
 from knotfab.scene.camera import cameras_of
 from knotfab_formats.report import Report
