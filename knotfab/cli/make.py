@@ -27,6 +27,7 @@ from knotfab.pipeline.options import (
     Whole,
 )
 from knotfab_formats.errors import InputError
+from knotfab_formats.libraries import recording
 
 
 @dataclass
@@ -65,7 +66,7 @@ def build(
     """
     from knotfab.pipeline.verifier import load_early
 
-    with load_early(options.skip):
+    with load_early(options.skip), recording():
         return _build(pictures, options, open_, watch, events)
 
 
