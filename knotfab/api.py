@@ -21,6 +21,7 @@ from knotfab.base.errors import OPTION
 from knotfab.base.progress import Event, Progress
 from knotfab.picture.read import Target, read_target
 from knotfab_formats.errors import InputError, KnotfabError
+from knotfab_formats.libraries import recording
 from knotfab_formats.scene import Scene
 from knotfab_formats.views import Reading, View
 
@@ -92,6 +93,7 @@ def build(
     command = f"knotfab.build({', '.join([repr(shown), repr(out and str(out)), *words])})"
     with (
         load_early(given.skip, keep=True),
+        recording(),
         TemporaryDirectory() as folder,
         _in_keywords(f"{folder}{os.sep}"),
         Progress("quiet", heard=progress) as told,

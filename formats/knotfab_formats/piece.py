@@ -241,8 +241,9 @@ class Mount(Table):
     """A stand's base is so thick at its back; its top slopes up to the lamp."""
     min_tip_deg: Annotated[float, Strict(), Field(ge=5, le=45)] = 10.0
     """Tipped this far in any direction, a stand must come back."""
-    max_sag_mm: Length = 0.2
-    """A piece that sags more than this under its own weight is rejected."""
+    max_sag_mm: Length | Auto = None
+    """A piece that sags more than this under its own weight is rejected; auto: what moves its shadow too
+    little to be seen, by the tube, the place and the size of the lamp."""
     pegs: tuple[Count, ...] = ()
     """Written by a build: how many pegs (posts and struts) hold each knot."""
     thread_mm: Vector | Annotated[None, Word("none")] = None

@@ -424,7 +424,7 @@ class SequenceFigures:
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
-    """Everything needed to repeat the run."""
+    """Everything needed to repeat the run; `parts`: what each library did, `versions`: theirs."""
 
     accuracy: str
     seed: int
@@ -441,6 +441,7 @@ class Settings:
     thickness_mm: float
     certificate: Certificate | None = None
     versions: Mapping[str, str]
+    parts: Mapping[str, str]
     sequence: SequenceFigures | None = None
 
 

@@ -26,12 +26,7 @@ def prepare() -> Iterator[None]:
     set_environment()
     with load_early(keep=True):
         pass
-    for name in (
-        "knotfab.pipeline.build",
-        "knotfab.pipeline.finish",
-        "knotfab.design.survey",
-        "trimesh",
-    ):
+    for name in ("knotfab.pipeline.build", "knotfab.pipeline.finish", "knotfab.design.survey"):
         importlib.import_module(name)
         yield
     from knotfab.apps.doctor import run_loops

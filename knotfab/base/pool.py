@@ -12,9 +12,12 @@ import tempfile
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextvars import copy_context
 from pathlib import Path
 from queue import SimpleQueue
 from typing import Any, ParamSpec, Self, TypeVar
+
+from knotfab_formats.libraries import add_parts
 
 JOB_GB = 2.0  # a build takes this much memory
 # A process beside others runs one thread: threads that wait for each other cost more than they bring.
@@ -160,7 +163,8 @@ class Workers:
 
     def submit(self, call: Callable[_P, _T], *arguments: _P.args, **named: _P.kwargs) -> Future[_T]:
         """Call it on a thread, of which there are as many as processes."""
-        return self._threads.submit(call, *arguments, **named)
+        context = copy_context()
+        return self._threads.submit(lambda: context.run(call, *arguments, **named))
 
     def ask(self, request: dict[str, Any], hear: Hear | None = None) -> Future[dict[str, Any]]:
         """Hand over a request; `result` of what is returned waits for the answer."""
@@ -219,6 +223,7 @@ class _Worker:
             with contextlib.suppress(ValueError):
                 told = json.loads(line)
             if isinstance(told, dict) and "answer" in told:
+                add_parts(told.get("parts", {}))
                 answer: dict[str, Any] = told["answer"]
                 return answer
             if isinstance(told, dict) and hear is not None:

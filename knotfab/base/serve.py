@@ -3,8 +3,8 @@
 MODULE has `answer(request, told)`, which returns a dict and may write lines of JSON to `told` before.
 It may have `begin(*words)`, which runs before any answer, and `prepare(*words)`, which loads what answers
 need, a step at each `yield`: steps run while no request waits, so that a parent can start this process
-early. `knotfab.base.pool` starts and feeds it. This
-file stands alone, since it runs the validators, too, which share no code with the maker.
+early. `knotfab.base.pool` starts and feeds it, and hears which libraries had a part in an answer. This
+file imports the formats alone, since it runs the validators, too, which share no code with the maker.
 """
 
 from __future__ import annotations
@@ -21,6 +21,8 @@ import traceback
 from collections.abc import Iterator
 from queue import SimpleQueue
 from typing import Any
+
+from knotfab_formats.libraries import recording
 
 
 def main(module: str, *words: str) -> None:
@@ -47,7 +49,9 @@ def main(module: str, *words: str) -> None:
             busy.set()
             if not line:
                 break
-            answer = {"answer": service.answer(json.loads(line), answers)}
+            with recording() as parts:
+                found = service.answer(json.loads(line), answers)
+            answer = {"answer": found, "parts": parts}
             with contextlib.suppress(BrokenPipeError):
                 answers.write(json.dumps(answer, default=lambda array: array.tolist()) + "\n")
     except BaseException:

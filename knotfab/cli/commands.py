@@ -20,6 +20,7 @@ from knotfab.base.disk import at_home
 from knotfab.base.errors import MachineError, needs_extra
 from knotfab.pipeline.options import OUTPUT, BuildOptions, Flag, Names, Place
 from knotfab_formats.errors import InputError
+from knotfab_formats.libraries import recording
 
 app = App(
     name="knotfab",
@@ -83,7 +84,7 @@ def build(
     """
     from knotfab.pipeline.verifier import load_early
 
-    with load_early(options.skip):
+    with load_early(options.skip), recording():
         return _build(pictures, options, open_, watch, events)
 
 

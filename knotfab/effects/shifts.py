@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from knotfab.base.arrays import Array, Mask
 from knotfab.base.compiled import compiled
 from knotfab.effects.base import Effect, EffectContext, Shadows
+from knotfab.effects.penumbra import blurs_mm
 from knotfab.geometry.polylines import Polylines
 from knotfab.scene.camera import CurvedWall, view_axes
 from knotfab_formats.scene import VERIFIED_PX, ResolvedView
 from knotfab_formats.verdict import Sag
+
+OF_STRAND = 1 / 8  # a shift that nobody sees is this share of a strand's shadow,
+OF_BLUR = 1 / 4  # and this one of its blur
+_UNIT_MM = 1e-3  # a move whose shift is in proportion
 
 
 def sag_magnitude(context: EffectContext) -> float:
@@ -109,6 +116,29 @@ def measure_sag(
         return float(((seen & wanted) @ areas).sum() / max(((seen | wanted) @ areas).sum(), 1e-12))
 
     return Sag(widest_px=widest, iou=iou(points + moves), iou_designed=iou(points))
+
+
+def allow_sag_mm(views: Sequence[ResolvedView], points: Array, radius: float) -> float:
+    """Return how far points (N, 3) of centre lines may move without anybody seeing it in a shadow, mm.
+
+    A strand's shadow is w = 2 r H / (H - h) wide at least. Shifted aside by s it covers 1 - s / w of its
+    place still. While that is 7/8, no gap and no strand of the picture, which are as wide, comes or goes,
+    and nobody has another shadow to compare it with. The lamp blurs its edges over b: where such an edge
+    is steepest, 4 / (pi b) of a disc, a shift by b / 4 changes the light by less than a third, and the
+    eye is no surer of where it lies. So s = w / 8 + b / 4 is allowed, to each place by itself. What moves
+    by u shifts its shadow by H / (H - h) sqrt(1 + t²) u at most, t the slope of the lamp's ray to the
+    wall's normal: the least quotient, of all places and views, is what any of them may move.
+    """
+    least = np.inf
+    for view in views:
+        seen = Shadows.of(view, points)
+        aside, towards = (
+            shifts_mm(seen, _UNIT_MM * seen.wall.axes[k][None, None], 0.0)[0] / _UNIT_MM
+            for k in (0, 2)
+        )
+        seen_mm = OF_STRAND * 2 * radius * aside + OF_BLUR * blurs_mm(seen, radius)
+        least = min(least, float((seen_mm / np.hypot(aside, towards)).min()))
+    return least
 
 
 SAG = Effect(

@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 from knotfab.base.arrays import Array, Indices
 from knotfab.geometry.kernels import closest_parameters, least_gap
 from knotfab.geometry.polylines import Polylines, dot
+from knotfab_formats.libraries import took_part
 
 
 @dataclass(frozen=True)
@@ -30,6 +31,7 @@ class Neighbours:
 def find_neighbours(points: Array, rings: Polylines, reach: float, skip: int) -> Neighbours:
     """Find all segment pairs with middles within `reach` and at least `skip` steps apart."""
     middle = 0.5 * (points + points[rings.next])
+    took_part("scipy", "found the strands that are near each other")
     pairs = cKDTree(middle).query_pairs(reach, output_type="ndarray").astype(np.int64)
     i, j = pairs[:, 0], pairs[:, 1]
     keep = rings.index_distance(i, j) >= skip

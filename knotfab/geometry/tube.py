@@ -1,11 +1,11 @@
 """Sweep a centre line: one watertight tube of mitred prisms around a closed polyline.
 
-Each ring lies in the plane that bisects the angle at its vertex. A reflection in that plane carries
-the section of one segment onto the next, so the perpendicular section stays one and the same
-regular polygon, every side face is plane, and the volume is (area of the polygon) x (length).
-One reflection per vertex is what double reflection (Wang, Jüttler, Zheng and Liu, "Computation of
-rotation minimizing frames", ACM TOG 27(1), 2008) becomes on a polyline: the other one, across the
-segment itself, leaves the section alone.
+manifold3d revolves the section into a torus, and carries the torus along the line. Each ring lies in
+the plane that bisects the angle at its vertex. A reflection in that plane carries the section of one
+segment onto the next, so the perpendicular section stays one and the same regular polygon, every side
+face is plane, and the volume is (area of the polygon) x (length). One reflection per vertex is what
+double reflection (Wang, Jüttler, Zheng and Liu, "Computation of rotation minimizing frames", ACM TOG
+27(1), 2008) becomes on a polyline: the other one, across the segment itself, leaves the section alone.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from knotfab.base.arrays import Array
 from knotfab.base.errors import SceneError
+from knotfab_formats.libraries import took_part
 
 if TYPE_CHECKING:
     from manifold3d import Manifold
@@ -41,12 +42,23 @@ def sweep(points: Array, radius_mm: float, sides: int) -> tuple[Array, Faces]:
         sides: corners of a ring, >= 3.
 
     Returns:
-        vertices (n * sides, 3) float64 mm, ring after ring, and faces (2 * n * sides, 3) int32,
-        turned outwards: the enclosed volume is positive.
+        vertices (n * sides, 3) float64 mm, in the order in which manifold3d keeps them, and faces
+        (2 * n * sides, 3) int32, turned outwards: the enclosed volume is positive. A line of fewer
+        points than sides may get several rings a segment.
 
     Raises:
         ValueError: wrong shapes or numbers that are no lengths.
         SceneError: the polyline bends too tightly for the radius, so that a mitre would fold.
+    """
+    rings, offset = place_rings(points, radius_mm, sides)
+    length = float(np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1).sum())
+    return carry_torus(rings, offset, pi * radius_mm**2 * length)
+
+
+def place_rings(points: Array, radius_mm: float, sides: int) -> tuple[Array, int]:
+    """Return the corners (n, sides, 3) of the rings of `sweep`, and how they close.
+
+    Corner k of the last ring is joined to corner k + offset of the first.
     """
     p = _check_points(points, radius_mm, sides)
     edges = np.roll(p, -1, axis=0) - p
@@ -87,7 +99,55 @@ def sweep(points: Array, radius_mm: float, sides: int) -> tuple[Array, Faces]:
             + upward * v[:, axis, None]
             + slide * along[:, axis, None]
         )
-    return rings.reshape(-1, 3), _side_faces(len(p), sides, offset)
+    return rings, offset
+
+
+def carry_torus(rings: Array, offset: int, volume_mm3: float) -> tuple[Array, Faces]:
+    """Return the mesh through corners and offset of `place_rings`: a torus of manifold3d, carried there.
+
+    In each of its faces the torus has the same diagonal, that between corners k and k - 1 of the next ring.
+    Where the edges that run along it go to these corners instead, the others are the diagonals, and lean the
+    other way: as many such segments as `offset` asks for, and nearly half of all, so that what the twist
+    takes from faces of one kind it gives to the others.
+
+    Raises:
+        RuntimeError: what came out is not one handle of about this volume.
+    """
+    from manifold3d import CrossSection, Error
+
+    took_part("manifold3d", "swept the tubes")
+    sides = rings.shape[1]
+    if (-offset) % sides > len(rings):
+        # too few segments for the offset: each is divided, along the lines of its own surface
+        parts = -(-sides // len(rings))
+        ends = np.concatenate([rings[1:], np.roll(rings[:1], -offset, axis=1)])
+        share = (np.arange(parts) / parts)[:, None, None]
+        rings = (rings[:, None] + share * (ends - rings)[:, None]).reshape(-1, sides, 3)
+    count = len(rings)
+    choices = np.arange((-offset) % sides, count + 1, sides)
+    leaning = int(choices[np.abs(2 * choices - count).argmin()])
+    shift = np.arange(count) * leaning // count  # of the segments before each ring
+
+    def carry(torus: Array) -> Array:
+        ring = _nth(torus[:, 1], torus[:, 0], count)
+        corner = _nth(-torus[:, 2], np.hypot(torus[:, 0], torus[:, 1]) - 2.0, sides)
+        return np.asarray(rings[ring, (corner + shift[ring]) % sides])
+
+    section = CrossSection.circle(1.0, sides).translate((2.0, 0.0))
+    tube = section.revolve(count).warp_batch(carry)
+    vertices, faces = as_mesh(tube)
+    whole = tube.status() == Error.NoError and tube.genus() == 1 and np.isfinite(vertices).all()
+    if not whole or not 0.5 * volume_mm3 < tube.volume() < 2.0 * volume_mm3:
+        raise RuntimeError(
+            f"manifold3d's tube is none: {tube.status().name}, genus {tube.genus()}, "
+            f"{tube.volume():.6g} mm³ instead of {volume_mm3:.6g}"
+        )
+    return vertices, faces
+
+
+def _nth(sine: Array, cosine: Array, count: int) -> NDArray[np.int64]:
+    """Return which of `count` even angles, from 0 on, these directions have."""
+    return np.rint(np.arctan2(sine, cosine) * (count / (2 * pi))).astype(np.int64) % count
 
 
 def reach_mm(points: Array, radius_mm: float, sides: int) -> float:
@@ -202,23 +262,6 @@ def _transport(along: Array, mitre: Array) -> tuple[Array, float]:
     u -= np.einsum("ij,ij->i", u, along)[:, None] * along
     u /= np.sqrt(np.einsum("ij,ij->i", u, u))[:, None]
     return u, atan2(float(carried @ np.cross(along[0], u[0])), float(carried @ u[0]))
-
-
-def _side_faces(rings: int, sides: int, offset: int) -> Faces:
-    """Return (2 * rings * sides, 3): two triangles a side face; diagonals alternate along and around the
-    tube, so that what the twist takes from one face it gives to its neighbour."""
-    k, ring = np.arange(sides), np.arange(rings)[:, None]
-    here = ring * sides
-    there = np.roll(here, -1, axis=0)
-    # Across the seam, corner k of the last ring goes on to corner k + offset of the first.
-    shift = np.zeros((rings, 1), dtype=np.int64)
-    shift[-1] = offset
-    a, b = here + k, here + (k + 1) % sides
-    c, d = there + (k + 1 + shift) % sides, there + (k + shift) % sides
-    even = ((k + ring) % 2 == 0)[..., None]
-    first = np.where(even, np.stack([a, b, c], -1), np.stack([a, b, d], -1))
-    second = np.where(even, np.stack([a, c, d], -1), np.stack([b, c, d], -1))
-    return np.concatenate([first, second], axis=-1).reshape(-1, 3).astype(np.int32)
 
 
 # Several closed surfaces as one mesh, and back again; meshes as solids that can be united.

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 
 from knotfab.base.arrays import Array, Indices
+from knotfab.effects.shifts import allow_sag_mm
 from knotfab.hold.struts import GROUND, Candidates, Sites, sites_of
 from knotfab.knots import Knots
-from knotfab_formats.scene import ResolvedScene
+from knotfab_formats.scene import SettledScene
 
 JOINT_RADII = 2.0  # distance of the joints along a tube, in tube radii
 PIECES = 4  # pieces of a tapering member, each taken as round
@@ -26,10 +27,13 @@ class Stiffness:
     max_sag_mm: float
 
     @classmethod
-    def of(cls, scene: ResolvedScene) -> Stiffness:
-        """Return the stiffness of a scene's material and mount."""
-        material = scene.material
-        return cls(material.young_modulus_mpa, material.density_g_cm3, scene.mount.max_sag_mm)
+    def of(cls, scene: SettledScene, knots: Knots) -> Stiffness:
+        """Return the stiffness of a scene's material, and how far its mount may let these knots sag."""
+        material, most = scene.material, scene.mount.max_sag_mm
+        if most is None:
+            points = np.concatenate([knot.points for knot in knots.knots])
+            most = allow_sag_mm(scene.views, points, knots.radius_mm)
+        return cls(material.young_modulus_mpa, material.density_g_cm3, most)
 
 
 def taper(top: Array, foot: Array, pieces: int = PIECES) -> Array:

@@ -8,8 +8,8 @@ views shows its pictures one after the other under a single lamp.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -36,10 +36,7 @@ from knotfab.hold.struts import GROUND, Candidates, Obstacles, Sites, join, noth
 from knotfab.knots import Knots
 from knotfab.scene.camera import Camera
 from knotfab_fixtures.holders import eyelet
-
-if TYPE_CHECKING:
-    pass
-
+from knotfab_formats.libraries import took_part
 
 MOST_TILT_DEG = 1.0  # the piece may hang askew by this
 HOLE_MM = 3.0  # across the eyelet's hole
@@ -51,6 +48,9 @@ _TRIED = 400  # posts, from the one that shows least on
 MOST_POSTS = 4  # posts from strands to the eyelet
 # between the ends of further posts that are weighed, and how many are
 _SPREAD_RADII, _WEIGHED = 6.0, 12
+_PLANS = (
+    4  # each about the centre of mass of the one before, with a post more where that sags too much
+)
 _ROUNDS = 4  # rounds of moving the eyelet above the centre of mass, to which post and eyelet add
 
 
@@ -117,7 +117,7 @@ def plan_hang(
 
     The knots are joined to one piece, the eyelet is set above its centre of mass where post and ring show
     least, struts are added until nothing sags (`plan_members`), and the eyelet is moved above what is then
-    the centre of mass.
+    the centre of mass. Where it meets something there, or the piece sags all the same, that is done again.
 
     Args:
         cameras, targets: each view's camera, and its picture's silhouette (H, W) over the whole
@@ -141,42 +141,46 @@ def plan_hang(
     longest = int(np.argmax(sites.perimeter))
     joints, holds = join_knots(len(knots.knots), sites, pool, obstacles, shadows, root=longest)
     wire = max(thin, least_radius_mm)
-    ring = Eyelet(np.zeros(3), cameras[0].level_axes[0], 0.5 * HOLE_MM + wire, wire)
-    middle = _centre(masses_of(knots, joints))
-    post, ring = _post(knots, sites, middle, ring, thin, obstacles, shadows)
-    posts = _more_posts(knots, sites, joints, post, ring, stiffness, obstacles, shadows)
-    obstacles.add(join([posts, _around(ring)]))
-    shadows.add(join([posts, _outline(ring)]))
-    given = join([joints, posts])
-    braced = plan_members(knots, sites, obstacles, shadows, pool, visible, given, stiffness)
-    members, number = braced.members, len(joints)
-    own = np.arange(len(members))
-    is_post = (own >= number) & (own < number + len(posts))
-    for _ in range(_ROUNDS):
-        middle = _centre(masses_of(knots, members), ring.masses)
-        posts, ring = _aim(members.of(is_post), ring, middle)
-        members = join([members.of(own < number), posts, members.of(own >= number + len(posts))])
-    apart = Obstacles(knots, sites, clearance_mm)
-    apart.add(members.of(~is_post))
-    if not apart.clear(members.of(is_post)).all() or not _free(apart, ring)[0]:
+    blank = Eyelet(np.zeros(3), cameras[0].level_axes[0], 0.5 * HOLE_MM + wire, wire)
+    middle, number = _centre(masses_of(knots, joints)), len(joints)
+    best: HangMount | None = None
+    fewest, firm = 1, stiffness
+    for _ in range(_PLANS):
+        way, dark = copy(obstacles), shadows.twin()
+        post, ring = _post(knots, sites, middle, blank, thin, way, dark)
+        posts = _more_posts(knots, sites, joints, post, ring, firm, way, dark, fewest)
+        way.add(join([posts, _around(ring)]))
+        dark.add(join([posts, _outline(ring)]))
+        given = join([joints, posts])
+        members = plan_members(knots, sites, way, dark, pool, visible, given, firm).members
+        own = np.arange(len(members))
+        is_post = (own >= number) & (own < number + len(posts))
+        for _ in range(_ROUNDS):
+            middle = _centre(masses_of(knots, members), ring.masses)
+            posts, ring = _aim(members.of(is_post), ring, middle)
+            parts = members.of(own < number), posts, members.of(own >= number + len(posts))
+            members = join(list(parts))
+        apart = Obstacles(knots, sites, clearance_mm)
+        apart.add(members.of(~is_post))
+        if not apart.clear(members.of(is_post)).all() or not _free(apart, ring)[0]:
+            continue  # planned anew, about what has now come out as the centre of mass
+        off = ring.thread - _centre(masses_of(knots, members), ring.masses)
+        tilt = float(np.degrees(np.arctan2(np.hypot(off[0], off[2]), off[1])))
+        moves = sag_moves(knots, sites, members, stiffness, step_radii=FINE_RADII)
+        moves = _swing(knots.points, moves, ring.thread)
+        sag, at = worst_of(moves, knots.points)
+        held = np.concatenate([holds, sites.knot[members.first[number:]]])
+        if best is None or sag < best.sag_again_mm:
+            dark_share = shadows.darken(join([members, _outline(ring)]))
+            best = HangMount(members, held, ring, tilt, at, sag, dark_share, moves)
+        if sag <= stiffness.max_sag_mm:
+            break
+        # on its thread, by a finer frame, it sags more than the plan that is clamped says
+        fewest = min(len(posts) + 1, MOST_POSTS)
+        firm = replace(firm, max_sag_mm=firm.max_sag_mm * stiffness.max_sag_mm / sag)
+    if best is None:
         raise _no_place()
-    middle = _centre(masses_of(knots, members), ring.masses)
-    off = ring.thread - middle
-    tilt = float(np.degrees(np.arctan2(np.hypot(off[0], off[2]), off[1])))
-    moves = sag_moves(knots, sites, members, stiffness, step_radii=FINE_RADII)
-    moves = _swing(knots.points, moves, ring.thread)
-    sag, at = worst_of(moves, knots.points)
-    holds = np.concatenate([holds, sites.knot[members.first[number:]]])
-    return HangMount(
-        members,
-        holds,
-        ring,
-        tilt,
-        at,
-        sag,
-        shadows.darken(join([members, _outline(ring)])),
-        moves,
-    )
+    return best
 
 
 def _swing(points: Array, moves: Array, thread: Array) -> Array:
@@ -307,10 +311,12 @@ def _more_posts(
     stiffness: Stiffness,
     obstacles: Obstacles,
     shadows: MountShadows,
+    fewest: int,
 ) -> Candidates:
     """Return the post, and others from elsewhere to the same place of the ring, as long as they help.
 
-    One strand alone, by which all the weight hangs, yields under it.
+    One strand alone, by which all the weight hangs, yields under it. There are `fewest` of them at least,
+    if they have room.
     """
     end, tube = post.end[0], knots.radius_mm
     along = end - sites.point
@@ -349,7 +355,7 @@ def _more_posts(
                 break
         tried = [(sag(join([posts, open_ones.of([n])])), n) for n in spread]
         # a further post must leave at most this share of the sag before
-        if not tried or min(tried)[0] > 0.9 * least:
+        if not tried or (len(posts) >= fewest and min(tried)[0] > 0.9 * least):
             break
         least, best = min(tried)
         posts = join([posts, open_ones.of([best])])
@@ -365,6 +371,7 @@ def hang_bodies(tubes: list[Mesh], mount: HangMount) -> list[Mesh]:
     from manifold3d import Manifold, OpType
 
     solids = [as_manifold(tube) for tube in tubes]
+    took_part("manifold3d", "joined tubes and mount")
     solids += [fixture.solid() for fixture in hang_fixtures(mount)]
     solid = Manifold.batch_boolean(solids, OpType.Add)
     parts, genus = len(solid.decompose()), len(mount.members) + 1  # the eyelet's hole

@@ -223,6 +223,7 @@ class Mounted:
         if mount is None:
             return None
         sag, limit = mount.sag_again_mm, self.scene.mount.max_sag_mm
+        assert limit is not None  # since it has a mount
         x, y, z = mount.sag_at
         if isinstance(mount, WallMount):
             on = f"{len(mount.pegs)} pegs and {len(mount.struts)} struts"
@@ -235,7 +236,7 @@ class Mounted:
         if sag > limit:
             remedy = (
                 f", and no free member would help more: use a stiffer material, a thicker tube, {less}, "
-                f"or set mount.max_sag_mm to {np.ceil(100 * sag) / 100:g}"
+                f"or set mount.max_sag_mm to {np.ceil(100 * sag) / 100:g} (in scene.toml, with --scene)"
             )
         detail = (
             f"largest displacement under the piece's own weight on {on}, "
@@ -283,7 +284,7 @@ def mount_piece(
         knots,
         cameras[0],
         scene.piece.clearance_mm,
-        Stiffness.of(scene),
+        Stiffness.of(scene, knots),
         asked,
         targets[0] if targets else None,
         thoroughly=thoroughly,
@@ -315,7 +316,7 @@ def _on_a_stand(
         cameras,
         targets,
         scene.piece.clearance_mm,
-        Stiffness.of(scene),
+        Stiffness.of(scene, knots),
         StandSettings(asked.base_thickness_mm, asked.min_tip_deg, scene.printer.min_tube_radius_mm),
         [wall for view in scene.views if (wall := CurvedWall.of(view)) is not None],
         scene.screen_ends,
@@ -338,7 +339,7 @@ def _on_a_thread(
         cameras,
         targets,
         scene.piece.clearance_mm,
-        Stiffness.of(scene),
+        Stiffness.of(scene, knots),
         scene.printer.min_tube_radius_mm,
         scene.screen_ends,
     )
@@ -360,7 +361,8 @@ def _resolve_mount(scene: SettledScene, knots: Knots, cameras: Sequence[Camera])
         kind = "wall" if scene.hangs(len(knots.knots)) else "none"
     if foot == "auto":
         foot = _choose_foot(scene, knots, cameras[0]) if kind == "wall" else "plate"
-    return scene.but(mount=scene.mount.but(kind=kind, foot=foot))
+    sag = scene.mount.max_sag_mm if kind == "none" else Stiffness.of(scene, knots).max_sag_mm
+    return scene.but(mount=scene.mount.but(kind=kind, foot=foot, max_sag_mm=sag))
 
 
 def _choose_foot(scene: ResolvedScene, knots: Knots, camera: Camera) -> Literal["plate", "dowel"]:

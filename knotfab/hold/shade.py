@@ -6,6 +6,7 @@ Matter that lies behind dark pixels in every view, or below every frame, changes
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -52,6 +53,12 @@ class MountShadows:
             MountShadow(knots, camera, target, ends)
             for camera, target in zip(cameras, targets, strict=True)
         )
+
+    def twin(self) -> MountShadows:
+        """Return the same shadows, to which members are added apart from these."""
+        found = copy(self)
+        found.views = tuple(copy(view) for view in self.views)
+        return found
 
     @property
     def pixels(self) -> float:
@@ -126,7 +133,7 @@ class MountShadow:
 
     def add(self, some: Candidates) -> None:
         """Darken what members cover."""
-        self.dark |= self._cast(some)
+        self.dark = self.dark | self._cast(some)
 
     def darken(self, some: Candidates) -> float:
         """Return the share of the frame that members alone darken outside picture and knots."""

@@ -17,6 +17,7 @@ from knotfab.hold.stand import StandMount
 from knotfab.hold.struts import GROUND, ROOT_SHARE
 from knotfab_fixtures.holders import plinth
 from knotfab_fixtures.solids import peg
+from knotfab_formats.libraries import took_part
 
 if TYPE_CHECKING:
     from manifold3d import Manifold
@@ -92,6 +93,7 @@ def stand_bodies(tubes: list[Mesh], mount: StandMount) -> list[Mesh]:
     from manifold3d import Manifold, OpType
 
     solids = [as_manifold(tube) for tube in tubes]
+    took_part("manifold3d", "joined tubes and mount")
     solids += [fixture.solid() for fixture in stand_fixtures(mount)]
     solid = Manifold.batch_boolean(solids, OpType.Add)
     parts, genus = len(solid.decompose()), len(mount.members)

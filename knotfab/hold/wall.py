@@ -20,6 +20,7 @@ from knotfab.knots import Knots
 from knotfab.scene.camera import Camera
 from knotfab_fixtures.solids import dowel, wall_plate
 from knotfab_fixtures.solids import peg as peg_mesh
+from knotfab_formats.libraries import took_part
 from knotfab_formats.piece import Mount
 
 if TYPE_CHECKING:
@@ -298,6 +299,7 @@ def wall_bodies(tubes: list[Mesh], mount: WallMount, camera: Camera) -> list[Mes
     groups = [[tube, *group] for tube, group in zip(solids, own, strict=False)]
     if mount.settings.foot == "plate":
         groups = [[solid for group in groups for solid in group] + own[-1]]
+    took_part("manifold3d", "joined tubes and mount")
     bodies = []
     for number, group in enumerate(groups):
         solid = Manifold.batch_boolean(group, OpType.Add)

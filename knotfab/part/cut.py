@@ -15,6 +15,7 @@ from knotfab.base.errors import SceneError
 from knotfab.geometry.tube import Mesh, as_manifold, as_mesh
 from knotfab.hold.solids import place_along
 from knotfab.part.orient import spread_turns
+from knotfab_formats.libraries import took_part
 
 if TYPE_CHECKING:
     from manifold3d import Manifold
@@ -249,6 +250,7 @@ def cut_body(
     from manifold3d import Manifold, OpType
 
     solid = as_manifold(body)
+    took_part("manifold3d", "cut the plates apart")
     slices = [
         place_along(
             Manifold.cylinder(KERF_MM, radius + 0.45 * gap_mm, -1, SIDES, True),

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from knotfab.base.apps import VERSION
 from knotfab.base.arrays import Array
 from knotfab.geometry.tube import Mesh, face_normals, join_meshes, split_shells
+from knotfab_formats.libraries import took_part
 
 
 @dataclass(frozen=True)
@@ -102,6 +103,7 @@ def _new_model(about: About) -> tuple[Any, Any]:
     wrapper = lib3mf.get_wrapper()
     model = wrapper.CreateModel()
     model.SetUnit(lib3mf.ModelUnit.MilliMeter)
+    took_part("lib3mf", "wrote the 3MF files")
     told = {
         "Title": about.title,
         "Designer": about.designer,
@@ -153,6 +155,7 @@ def read_back_strict(path: Path) -> list[str]:
 
     reader = lib3mf.get_wrapper().CreateModel().QueryReader("3mf")
     reader.SetStrictModeActive(True)
+    took_part("lib3mf", "read them back strictly")
     try:
         with _locale_kept():
             reader.ReadFromFile(str(path))

@@ -23,6 +23,7 @@ from knotfab.picture.read import Target
 from knotfab.render.pages import length
 from knotfab.render.part_picture import draw_part, place_eyes
 from knotfab.scene.load import dump_scene
+from knotfab_formats.libraries import took_part
 from knotfab_formats.piece import Plate, Pose
 from knotfab_formats.scene import ResolvedView, SettledScene
 
@@ -157,6 +158,7 @@ def write_glb(
     """
     import trimesh as untyped
 
+    took_part("trimesh", "wrote part.glb")
     trimesh: Any = untyped
     rgb = [int(color[k : k + 2], 16) for k in (1, 3, 5)]
     paint = trimesh.visual.material.PBRMaterial(

@@ -18,6 +18,7 @@ from knotfab.base.arrays import Array
 from knotfab.base.errors import SceneError
 from knotfab.geometry.tube import Mesh, as_manifold, as_mesh, sweep
 from knotfab.knots import Knot, Knots
+from knotfab_formats.libraries import took_part
 
 if TYPE_CHECKING:
     from manifold3d import Manifold
@@ -86,6 +87,7 @@ def build_zoetrope(
     """
     from manifold3d import Error
 
+    took_part("manifold3d", "joined the zoetrope")
     radius = frames[0].radius_mm
     if (count := len(frames[0].knots)) > 1:
         raise SceneError(

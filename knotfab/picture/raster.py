@@ -17,6 +17,7 @@ from knotfab.base.arrays import Mask
 from knotfab.picture.ink import find_ink
 from knotfab.picture.silhouette import drop_specks, fit_size, keep_largest, pieces_of
 from knotfab_formats.errors import InputError
+from knotfab_formats.libraries import took_part
 from knotfab_formats.views import Box, Reading
 
 SMALLEST_SIDE = 16
@@ -79,6 +80,7 @@ def _read_heif() -> bool:
     except ImportError:
         return False
     register_heif_opener()
+    took_part("pillow-heif", "read the picture")
     return True
 
 
@@ -137,6 +139,7 @@ def decode(
     with warnings.catch_warnings():
         # Pillow warns of large pictures and odd metadata; sizes are checked here instead.
         warnings.simplefilter("ignore")
+        took_part("pillow", "read the picture")
         try:
             if data[4:8] == b"ftyp":
                 _read_heif()

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotfab.base.arrays import Array, Mask
+from knotfab_formats.libraries import took_part
 
 if TYPE_CHECKING:
     import scipy.sparse
@@ -170,6 +171,7 @@ def trace_polygon(mask: Mask, smooth_px: float = 1.5) -> MultiPolygon:
 
     height, width = mask.shape
     w, h = fit_size(width, height, min(LONGER_SIDE, max(width, height)))
+    took_part("shapely", "outlined the picture")
     coverage = resample_mask(mask, w, h)
     binary = (w, h) == (width, height)
     traced = _trace(coverage)

@@ -9,6 +9,7 @@ import numpy as np
 from knotfab.base.arrays import Array, Indices, Mask
 from knotfab.geometry.polylines import arc_lengths
 from knotfab.picture.silhouette import fill_holes, sample_mask
+from knotfab_formats.libraries import took_part
 
 if TYPE_CHECKING:
     import networkx as nx
@@ -42,6 +43,7 @@ def trace_strokes(mask: Mask, width_px: float) -> list[Line]:
     from scipy.ndimage import distance_transform_edt
     from skimage.morphology import skeletonize
 
+    took_part("scikit-image", "thinned the picture to strokes")
     height, width = mask.shape
     zoom = _RADIUS_PX / (0.5 * width_px)
     columns, rows = max(1, round(zoom * width)), max(1, round(zoom * height))
@@ -97,6 +99,7 @@ def _chains(pixels: Indices, links: Indices) -> nx.MultiGraph:
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import connected_components
 
+    took_part("networkx", "linked the strokes")
     count = len(pixels)
     pairs = np.concatenate([links, links[:, ::-1]])
     touch = csr_array((np.ones(len(pairs), bool), tuple(pairs.T)), shape=(count, count))

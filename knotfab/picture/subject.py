@@ -21,6 +21,7 @@ from knotfab.picture.silhouette import (
     smooth,
 )
 from knotfab_formats.errors import InputError
+from knotfab_formats.libraries import took_part
 from knotfab_formats.views import Box, Disc, Reading
 
 Levels = NDArray[np.float32]
@@ -191,6 +192,7 @@ def _grab(
     """Cut and learn by turns, at first from all that may belong, or from a start; the two never change."""
     import maxflow
 
+    took_part("PyMaxflow", "cut the subject out")
     mask, pixels = ~outside if start is None else start, levels.reshape(-1, 3)
     weights = _edge_weights(levels, edge)
     mixtures: list[list[_Gaussian]] = [[], []]

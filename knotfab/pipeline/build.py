@@ -12,6 +12,7 @@ from knotfab.hold.modeller import keep_modeller
 from knotfab.picture.read import read_targets
 from knotfab.pipeline.verifier import Verifier
 from knotfab.request import Outcome, Request, require_device
+from knotfab_formats.libraries import recording
 from knotfab_formats.scene import SettledScene
 
 if TYPE_CHECKING:
@@ -24,11 +25,12 @@ def run_build(request: Request, progress: Progress | None = None) -> Outcome:
     Raises:
         KnotfabError: with the exit code of its kind; nothing is left half-written.
     """
-    if request.sequence:
-        from knotfab.pipeline.film import build_sequence
+    with recording():
+        if request.sequence:
+            from knotfab.pipeline.film import build_sequence
 
-        return build_sequence(request, progress)
-    return build(request, progress)
+            return build_sequence(request, progress)
+        return build(request, progress)
 
 
 def build(request: Request, progress: Progress | None = None) -> Outcome:

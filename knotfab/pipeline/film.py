@@ -15,7 +15,7 @@ from knotfab.base.folder import OutputFolder
 from knotfab.base.pool import count_jobs
 from knotfab.base.progress import Progress
 from knotfab.design.design import Design
-from knotfab.design.film import Chain, SequenceFrame, require_sequence
+from knotfab.design.film import Chain, SequenceFrame
 from knotfab.design.film_motion import measure, outline_motion
 from knotfab.design.film_search import POOR
 from knotfab.design.kept import KeptFrames, keep_for
@@ -42,7 +42,7 @@ from knotfab.pipeline.piece import WrittenPiece, discard_piece, write_piece
 from knotfab.pipeline.verifier import Files, Verifier
 from knotfab.render.part_picture import draw_part, write_shadows_gif
 from knotfab.request import Outcome, Request, require_device
-from knotfab.scene.load import dump_scene
+from knotfab.scene.load import dump_scene, require_sequence
 from knotfab.search.forms import TorchForms
 from knotfab_formats.report import Motion
 from knotfab_formats.scene import ResolvedScene

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 from knotfab.base.apps import load_app
 from knotfab.base.progress import Progress
 from knotfab.design.budget import require_budget
-from knotfab.design.film import require_sequence
 from knotfab.design.frames import (
     frame_view,
     framed_alike,
@@ -27,7 +26,13 @@ from knotfab.pipeline.options import ALL_OUT, BuildOptions
 from knotfab.pipeline.read_lamps import read_lamps
 from knotfab.pipeline.read_options import read_also, read_scene, read_seconds, read_skips
 from knotfab.request import Request
-from knotfab.scene.load import require_several, require_start, require_tube, require_walls
+from knotfab.scene.load import (
+    require_sequence,
+    require_several,
+    require_start,
+    require_tube,
+    require_walls,
+)
 from knotfab_formats.errors import InputError, KnotfabError
 from knotfab_formats.scene import ResolvedScene
 

@@ -37,8 +37,8 @@ class _Settled:
     @property
     def over_mm(self) -> float:
         """The excess of its sag on its pegs over the limit."""
-        wall = self.part.mounted.wall
-        return 0.0 if wall is None else max(wall.sag_again_mm - self.made.scene.mount.max_sag_mm, 0)
+        wall, most = self.part.mounted.wall, self.part.mounted.scene.mount.max_sag_mm
+        return 0.0 if wall is None or most is None else max(wall.sag_again_mm - most, 0.0)
 
 
 def settle_part(
@@ -154,7 +154,7 @@ def _propose_place(request: Request, made: Design) -> Place | None:
         made.knots,
         view,
         made.scene.piece.clearance_mm,
-        Stiffness.of(made.scene),
+        Stiffness.of(made.scene, made.knots),
         shallower=shallower,
         nearer=nearer,
         most_radius_mm=most_radius(asked, view, made.scene.printer.min_tube_radius_mm),

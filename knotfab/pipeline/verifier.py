@@ -9,7 +9,7 @@ import signal
 from collections.abc import Collection, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
-from contextvars import ContextVar
+from contextvars import ContextVar, copy_context
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -51,7 +51,8 @@ class _Validators:
 
     def ask(self, request: dict[str, Any]) -> Future[dict[str, Any]]:
         """Have a piece verified; `result` of what is returned waits for the answer."""
-        return self._threads.submit(self._verify, {**request, "piece": f"{next(_count)}"})
+        own = {**request, "piece": f"{next(_count)}"}
+        return self._threads.submit(copy_context().run, self._verify, own)
 
     def _verify(self, request: dict[str, Any]) -> dict[str, Any]:
         if self._shadows is None or request["part"] is None or request["scene"] is None:

@@ -15,6 +15,7 @@ import numpy as np
 from knotfab.base.arrays import Array
 from knotfab.picture.fonts import find_font, supply_fonts
 from knotfab_formats.errors import InputError
+from knotfab_formats.libraries import took_part
 
 if TYPE_CHECKING:
     from manifold3d import Manifold
@@ -84,6 +85,7 @@ def write_pages(path: Path, title: str, pages: Iterable[Figure]) -> int:
     from matplotlib import rc_context
     from matplotlib.backends.backend_pdf import PdfPages
 
+    took_part("matplotlib", "drew the sheets")
     settings: Any = {
         "path.simplify": False,  # simplifying moves points
         "pdf.compression": 6,

@@ -22,6 +22,7 @@ from knotfab.report.for_maker import report_slicing
 from knotfab.request import Request
 from knotfab.scene.catalogue import title_of
 from knotfab_formats.errors import plain
+from knotfab_formats.libraries import list_parts
 from knotfab_formats.report import (
     BendingPlan,
     Certificate,
@@ -172,9 +173,10 @@ def _settings(
 ) -> Settings:
     from knotfab_validators.tube.thickness import thickness
 
+    parts = list_parts()
     versions = {"knotfab": VERSION, "python": platform.python_version()}
-    for name in ("torch", "numpy", "scipy", "shapely", "pyvista", "manifold3d"):
-        with suppress(PackageNotFoundError):  # torch is an extra
+    for name in parts:
+        with suppress(PackageNotFoundError):  # a copy beside its distribution, or a stand-in
             versions[name] = version(name)
     return Settings(
         accuracy=made.scene.accuracy.name,
@@ -192,6 +194,7 @@ def _settings(
         thickness_mm=thickness([k.points for k in placed.knots]).value,
         certificate=Certificate(**vars(made.result.log)),
         versions=versions,
+        parts=parts,
     )
 
 

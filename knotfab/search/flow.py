@@ -14,6 +14,7 @@ from knotfab.geometry.measures import Neighbours, find_neighbours
 from knotfab.geometry.polylines import Polylines, dot
 from knotfab.limits.terms import Felt
 from knotfab.search.objective import Weights
+from knotfab_formats.libraries import took_part
 from knotfab_formats.search import SearchSettings
 
 Loss = Callable[[Array, Neighbours, float], Felt]  # (points, near, progress) -> (loss, gradient)
@@ -130,6 +131,8 @@ def flow(
     `between(points, near, iteration, progress)` is called before each step.
     """
     result = FlowResult(points.copy())
+    took_part("numpy", "moved the knots")
+    took_part("numba", "ran the loops of pictures and limits")
     x = result.points
     near: Neighbours | None = None
     momentum = np.zeros_like(x)

@@ -18,6 +18,7 @@ import pytest
 
 from knotfab.base import pool
 from knotfab.base.pool import Crash, Workers, count_cores, count_jobs, measure_memory_gb
+from knotfab_formats.libraries import list_parts, recording, took_part
 
 # It answers with what was wanted and who it is; "die", "wait", "refuse" and "tell" are commands.
 ECHO = """
@@ -40,13 +41,19 @@ def answer(request, told):
 Start = Callable[..., Workers]
 
 
+def finding(folder: Path) -> dict[str, str]:
+    """The environment of a process that finds a folder's modules beside all others."""
+    paths = os.pathsep.join([str(folder), os.environ.get("PYTHONPATH", "")])
+    return {**os.environ, "PYTHONPATH": paths}
+
+
 @pytest.fixture
 def echo(tmp_path: Path) -> Start:
     """Workers that answer with the module above."""
     (tmp_path / "echo.py").write_text(ECHO)
 
     def start(*words: str, **more: Any) -> Workers:
-        return Workers("echo", *words, env={**os.environ, "PYTHONPATH": str(tmp_path)}, **more)
+        return Workers("echo", *words, env=finding(tmp_path), **more)
 
     return start
 
@@ -177,7 +184,7 @@ def test_children_end_when_their_parent_is_killed(tmp_path: Path, waits_s: float
         [sys.executable, "-c", HOLD, str(waits_s)],
         stdout=subprocess.PIPE,
         text=True,
-        env={**os.environ, "PYTHONPATH": str(tmp_path)},
+        env=finding(tmp_path),
     )
     assert parent.stdout is not None
     child = int(parent.stdout.readline())
@@ -203,3 +210,27 @@ def test_a_tied_command_ends_with_its_parent() -> None:
     parent.kill()
     parent.communicate()
     assert ended(child)
+
+
+def test_what_libraries_did_in_a_process_comes_back_with_its_answer(tmp_path: Path) -> None:
+    told = "from knotfab_formats.libraries import took_part\n"
+    told += "def answer(request, told):\n    took_part('fcl', request['did'])\n    return {}\n"
+    (tmp_path / "teller.py").write_text(told)
+    with Workers("teller", env=finding(tmp_path)) as workers:
+        for deeds in (["measured"], ["measured", "cut"]):
+            with recording():
+                for did in (*deeds, deeds[0]):
+                    workers.ask({"did": did}).result()
+                assert list_parts() == {"fcl": ", ".join(deeds)}  # nothing is left of the last time
+        assert list_parts() == {}
+
+
+def test_a_record_within_another_is_one_record() -> None:
+    with recording():
+        took_part("torch", "moved")
+        with recording():
+            took_part("fcl", "measured")
+        took_part("torch", "moved", "drew")
+        assert list_parts() == {"fcl": "measured", "torch": "moved, drew"}
+    took_part("torch", "moved")  # nobody records
+    assert list_parts() == {}

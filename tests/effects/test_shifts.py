@@ -10,8 +10,9 @@ from lit_designs import design_under, view
 from reports import verdict_of
 
 from knotfab.effects import shifts as sag
-from knotfab.effects.base import EffectContext, World
-from knotfab.effects.shifts import LAYERS, SAG, measure_sag
+from knotfab.effects.base import EffectContext, Shadows, World
+from knotfab.effects.penumbra import blurs_mm
+from knotfab.effects.shifts import LAYERS, SAG, allow_sag_mm, measure_sag, shifts_mm
 from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.report.effects import judge_made, list_effects, list_sags
 from knotfab.scene.camera import CurvedWall
@@ -32,6 +33,40 @@ def test_it_bounds_the_truth_and_closely(bent: bool) -> None:
     rng = np.random.default_rng(5)
     ratios = [np.divide(*shift_bound_and_truth(rng, "sag", bent=bent)) for _ in range(100)]
     assert min(ratios) >= 1.0 and np.median(ratios) <= (1.05 if bent else 1.02)
+
+
+@pytest.mark.parametrize("lamp_mm", [0.0, 4.0, 30.0])
+@pytest.mark.parametrize("bent", [None, -110.0])
+def test_what_may_sag_shifts_no_shadow_by_more_than_an_eighth_and_a_quarter_of_its_blur(
+    lamp_mm: float, bent: float | None
+) -> None:
+    rng = np.random.default_rng(3)
+    views = (view(light_diameter_mm=lamp_mm, wall_radius_mm=bent), view(azimuth_deg=35.0))
+    most = allow_sag_mm(views, RING, 2.0)
+    ways = rng.normal(size=(400, 3))
+    ways *= most / np.linalg.norm(ways, axis=1)[:, None]
+    worst = 0.0
+    for one in views:
+        seen = Shadows.of(one, RING)
+        wide = (
+            2.0 * 2.0 * one.magnification / 8
+        )  # of strands in the middle: those before it are wider
+        shift = shifts_mm(seen, ways[:, None], 0.0)
+        magnified = shifts_mm(seen, 1e-3 * seen.wall.axes[:1, None], 0.0)[0] / 1e-3
+        allowed = 4.0 * magnified / 8 + blurs_mm(seen, 2.0) / 4
+        assert 0.5 * wide < allowed.min()
+        worst = max(worst, float((shift / allowed).max()))
+    # the bound is reached by the worst move, and what bends on a round wall is of second order
+    assert 0.95 < worst <= (1.001 if bent is None else 1.05)
+
+
+def test_a_thicker_tube_and_a_larger_lamp_may_sag_more() -> None:
+    def most(radius: float, lamp_mm: float) -> float:
+        return allow_sag_mm((view(light_diameter_mm=lamp_mm),), RING, radius)
+
+    assert most(4.0, 0.0) == pytest.approx(2 * most(2.0, 0.0))
+    assert 0.4 < most(2.0, 0.0) < 0.5  # an eighth of 4 mm, less where the light falls aslant
+    assert most(2.0, 30.0) > most(2.0, 4.0) > most(2.0, 0.0)
 
 
 def test_without_a_mount_nothing_sags() -> None:

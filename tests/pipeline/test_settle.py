@@ -90,7 +90,8 @@ class Maker:
         if not thoroughly and made.scene.views[0].wall_distance_mm > self.holds_mm:
             raise NotHeldError("the wall mount", MESSAGE, "")
         sag = self.sags[made.number] if thoroughly and self.sags else 0.2
-        mounted = SimpleNamespace(wall=SimpleNamespace(sag_again_mm=sag))
+        limit = SimpleNamespace(mount=SimpleNamespace(max_sag_mm=0.2))
+        mounted = SimpleNamespace(wall=SimpleNamespace(sag_again_mm=sag), scene=limit)
         return SimpleNamespace(pose=SimpleNamespace(account=None), mounted=mounted)
 
 

@@ -56,7 +56,8 @@ def test_a_report_lists_checks_in_one_order() -> None:
 def echo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Validators that measure nothing and are there at once; those of conftest.py are kept anyway."""
     (tmp_path / "echo.py").write_text(ECHO)
-    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    paths = str(tmp_path), os.environ.get("PYTHONPATH", "")
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(paths))
     monkeypatch.setenv("KNOTFAB_JOBS", "1")
     monkeypatch.setattr(verifier, "_MODULE", "echo")
     monkeypatch.setattr(verifier, "_idle", [])

@@ -12,6 +12,7 @@ from typing import Any
 
 from knotfab.base.pool import tie
 from knotfab_formats.errors import InputError
+from knotfab_formats.libraries import took_part
 
 _PYTHON = sys.executable
 _SECONDS = 20  # processor time
@@ -45,6 +46,7 @@ def draw_svg(svg: str, what: str, **options: Any) -> bytes:
         InputError: it cannot be drawn, or takes more than 20 s or 1 GB (`what` names the picture).
     """
     found = importlib.util.find_spec("resvg_py")
+    took_part("resvg-py", "drew the SVG")
     if found is None or found.origin is None:
         raise ModuleNotFoundError("resvg_py")
     folder = str(Path(found.origin).parent.parent)

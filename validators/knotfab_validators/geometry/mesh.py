@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from knotfab_formats.libraries import took_part
 from knotfab_validators.arrays import Array, Ints, compiled
 
 Corners = NDArray[np.floating[Any]]
@@ -165,6 +166,7 @@ def winding_numbers(points: Array, mesh: Mesh, *, exact: bool = True) -> Array:
     """
     from igl import fast_winding_number, winding_number
 
+    took_part("libigl", "told inside from outside")
     if not len(points):
         return np.zeros(0)
     wind = winding_number if exact else fast_winding_number
@@ -258,6 +260,7 @@ def collision_body(mesh: Mesh) -> Any:
     import fcl
 
     model = fcl.BVHModel()
+    took_part("python-fcl", "measured the clearance of bodies")
     model.beginModel(len(mesh.vertices), len(mesh.faces))
     model.addSubModel(mesh.vertices, mesh.faces)
     model.endModel()

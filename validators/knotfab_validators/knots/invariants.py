@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
 
+from knotfab_formats.libraries import took_part
 from knotfab_validators.knots.alexander import alexander_polynomial, jones_polynomial
 from knotfab_validators.knots.planar_diagram import Laurent, PlanarDiagram, faces, laurent, simplify
 
@@ -88,6 +89,7 @@ def floer_homology(diagram: PlanarDiagram, alexander: Laurent) -> Floer | None:
     try:
         from knot_floer_homology import pd_to_hfk
 
+        took_part("knot_floer_homology", "proved the knots' types")
         found = pd_to_hfk([list(quad) for quad in diagram.crossings])
         ranks = tuple(sorted(((int(a), int(m)), int(r)) for (a, m), r in found["ranks"].items()))
     except (ImportError, ValueError, KeyError, RuntimeError):

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from knotfab_formats.libraries import took_part
 from knotfab_formats.verdict import MESH, Check
 from knotfab_validators.arrays import Array, Ints, Mask
 from knotfab_validators.check import at_most, places, skip_check, spot
@@ -352,6 +353,7 @@ def self_intersections(mesh: Mesh, first_only: bool = False) -> Ints:
     """Find pairs (k, 2) of faces that meet outside shared corners and edges, by exact predicates."""
     from igl import predicates
 
+    took_part("libigl", "looked for faces that cross")
     _, pairs, _ = predicates.find_self_intersections(
         np.ascontiguousarray(mesh.vertices, dtype=np.float64),
         np.ascontiguousarray(mesh.faces, dtype=np.int64),
@@ -368,6 +370,7 @@ def crossing_faces(mesh: Mesh) -> Ints:
     """
     import pymeshlab
 
+    took_part("pymeshlab", "looked for faces that cross")
     meshes = pymeshlab.MeshSet()
     meshes.add_mesh(
         pymeshlab.Mesh(

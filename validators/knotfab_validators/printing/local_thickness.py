@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from knotfab_formats.libraries import took_part
 from knotfab_validators.arrays import Array, Ints, Mask
 from knotfab_validators.geometry.curves import number_runs
 from knotfab_validators.geometry.mesh import Mesh, corner_faces
@@ -82,6 +83,7 @@ class Probe:
     def __init__(self, mesh: Mesh, spacing: float = SAMPLE_MM) -> None:
         from igl import AABB
 
+        took_part("libigl", "measured walls and gaps")
         self.mesh = mesh
         self.vertices = np.ascontiguousarray(mesh.vertices)
         self.faces = np.ascontiguousarray(mesh.faces)

@@ -10,6 +10,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from knotfab_formats.libraries import took_part
 from knotfab_validators.arrays import Array, Ints, Mask, compiled
 from knotfab_validators.check import BadFile
 from knotfab_validators.geometry.curves import number_runs
@@ -163,6 +164,7 @@ def _divide(homogeneous: Array) -> Array:
 
 def shadow_mask(lines: Linework, geometry: ViewGeometry) -> Mask:
     """Return the shadow (height, width) at the pixel centres of `geometry`."""
+    took_part("numba", "cast the exact shadow")
     if geometry.cylinder is not None:
         along = lines.end - lines.start
         long = np.linalg.norm(along, axis=1) / STRAIGHT_PX

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from knotfab_formats.libraries import took_part
 from knotfab_validators.arrays import Array, Ints, Mask
 from knotfab_validators.shadows.view import ON_RECEIVER_MM, ViewGeometry
 
@@ -163,6 +164,7 @@ class SilhouetteRenderer(Renderer):
             os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
         import pyvista as untyped
 
+        took_part("pyvista", "rendered the shadow of the final mesh")
         pyvista: Any = untyped
         super().__init__(vertices)
         # the card works in single precision: keep its numbers small

@@ -1,0 +1,50 @@
+"""Which libraries have a part in what runs: told where they are called, for a report's `settings.parts`.
+
+Maker, validators and fixtures tell it alike; what their processes tell comes back with each answer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
+
+Deeds = dict[str, list[str]]
+_told: ContextVar[Deeds | None] = ContextVar("libraries", default=None)
+
+
+def took_part(library: str, *deeds: str) -> None:
+    """Record what a library does now, for whoever is `recording`.
+
+    Args:
+        library: its distribution, as `pip` installs it. deeds: in the past tense, as in "swept the tubes".
+    """
+    if (told := _told.get()) is not None:
+        known = told.setdefault(library, [])
+        known += [deed for deed in deeds if deed not in known]
+
+
+@contextmanager
+def recording() -> Iterator[Deeds]:
+    """Record what libraries do in this block; one within another goes on with its record.
+
+    Threads record too, if they run in a copy of this context.
+    """
+    told = _told.get()
+    told = Deeds() if told is None else told
+    before = _told.set(told)
+    try:
+        yield told
+    finally:
+        _told.reset(before)
+
+
+def add_parts(parts: Mapping[str, list[str]]) -> None:
+    """Record what another process told."""
+    for library, deeds in parts.items():
+        took_part(library, *deeds)
+
+
+def list_parts() -> dict[str, str]:
+    """Return what each library has done so far, sorted by name."""
+    return {library: ", ".join(deeds) for library, deeds in sorted((_told.get() or {}).items())}
