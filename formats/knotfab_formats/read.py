@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel
 
 from knotfab_formats.bounds import as_written, sentences_of, values_of, words_of
-from knotfab_formats.errors import InputError
+from knotfab_formats.errors import InputError, short
 from knotfab_formats.explain import tables_of
 from knotfab_formats.scene import Scene
 from knotfab_formats.search import OF_NO_PRESET, SearchSettings
@@ -62,11 +62,39 @@ def parse_toml(text: str, what: str) -> dict[str, Any]:
     except tomllib.TOMLDecodeError as error:
         last = f"at line {text.rstrip().count(chr(10)) + 1}, the last"
         reason = str(error).replace("at end of document", last)
-        raise InputError(what, f"it is not valid TOML: {reason}", "Correct that line.") from error
+        found = re.search(r"at line (\d+)", str(error))
+        lines = text.splitlines()
+        line = lines[min(int(found[1]), len(lines)) - 1] if found and lines else ""
+        remedy = _remedy_of(line)
+        raise InputError(what, f"it is not valid TOML: {reason}", remedy) from error
     except RecursionError as error:
         raise InputError(what, "its lists are nested too deep", "Correct it.") from error
     except ValueError as error:
         raise InputError(what, "a whole number in it is too long", "Correct it.") from error
+
+
+def _remedy_of(line: str) -> str:
+    """Say in a maker's words how a line that the parser refuses is mended."""
+    key, _, value = (part.strip() for part in line.partition("="))
+    shown_value = short(value)
+    if set(line) & set("“”„‘’«»"):
+        return f"Write straight quotes: {short(re.sub('[“”„‘’«»]', chr(34), line))}"
+    if "\\" in value and value[:1] == '"':
+        return (
+            f"Write / for each \\ of the path, or single quotes: {key} = '{value.strip(chr(34))}'"
+        )
+    if re.fullmatch(r"-?\d{1,9},\d{1,9}", value):
+        return f"Write the number with a decimal point: {key} = {value.replace(',', '.')}"
+    if re.fullmatch(r"-?[\d.]{1,12} ?(?:mm|cm|m|g|px|s|h|deg|°|%)", value):
+        return f"Leave the unit out, which the key names: {key} = {value.rstrip('mcgpxshde°% ')}"
+    if set(line) & set("–—−"):
+        return f"Write a plain hyphen (-): {short(re.sub('[–—−]', '-', line))}"
+    if value.lower() in ("true", "false", "yes", "no", "on", "off"):
+        word = "true" if value.lower() in ("true", "yes", "on") else "false"
+        return f"Write it as TOML does: {key} = {word}"
+    if re.fullmatch(r"[^\W\d][\w./: -]{0,80}", value):
+        return f'Put quotes about the value: {key} = "{shown_value}"'
+    return "Correct that line."
 
 
 def _share_walls(views: tuple[View, ...], what: str) -> tuple[View, ...]:

@@ -78,9 +78,20 @@ def _run(arguments: list[str] | None, began: float | None) -> int:
 
         began = time.perf_counter() - process_age()
     call_clock.began = began
+    _refuse_dashes(sys.argv[1:] if arguments is None else arguments)
     _mend_named(sys.argv[1:] if arguments is None else arguments)
     code = app(arguments, exit_on_error=False, print_error=False, result_action="return_value")
     return code if isinstance(code, int) else 0
+
+
+def _refuse_dashes(arguments: list[str]) -> None:
+    """Refuse an option whose hyphens a chat or a word processor made one long dash, unless it is a file."""
+    from knotfab_formats.errors import InputError
+
+    for word in arguments:
+        bare = word.lstrip("-–—−")
+        if word[:1] in tuple("–—−") and bare and not os.path.lexists(word):
+            raise InputError(word, "it begins with a long dash", f"Write --{bare}")
 
 
 def _mend_named(arguments: list[str]) -> None:
@@ -112,6 +123,8 @@ def _tell(error: Exception) -> int:
 
 def _tell_misuse(error: Any) -> str:
     """Tell cyclopts's complaint on a call, with a full stop; an option cut short may be any of its kind."""
+    if "-" in sys.argv[1:]:
+        return "- (standard input) is not read: name a file, or write text:… for a word."
     token = getattr(error, "token", None)
     if type(error).__name__ == "UnknownOptionError" and token is not None:
         typed = (token.keyword or token.value).partition("=")[0]

@@ -319,6 +319,7 @@ def frame_view(view: View, target: Target) -> ResolvedView:
         "title": target.shown,
         "crop_px": target.crop_px or view.crop_px,
         "ink": target.ink or view.ink,
+        "threshold": target.threshold or view.threshold,
         "speck_px": target.speck_px or view.speck_px,
         "subject_mask": view.subject_picture if target.subject_png else "",
         "frame_width_mm": target.width * scale if across is None else across,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -11,7 +10,7 @@ import shapely
 from scipy.ndimage import binary_dilation
 from shapely import MultiPolygon, Polygon
 
-from knotfab.base.arrays import Array, Mask
+from knotfab.base.arrays import Array
 from knotfab.base.notebook import InNotebook
 from knotfab.base.progress import Progress
 from knotfab.design.agree import agree
@@ -19,14 +18,14 @@ from knotfab.design.frames import frame_view, framed_alike
 from knotfab.design.hull import HullBound, contradictions, depth_extent, hull_bounds, resolve_region
 from knotfab.design.lamps import depth_apart
 from knotfab.design.moves import bounds_of, reach_of
-from knotfab.effects.base import EffectContext, World, decide
-from knotfab.effects.shifts import WALL
+from knotfab.design.walls import flatten_targets
+from knotfab.effects.base import World
 from knotfab.picture.opening import opening_iou
 from knotfab.picture.read import Target
 from knotfab.picture.silhouette import trace_polygon
 from knotfab.picture.strokes import trace_strokes
 from knotfab.problem import Problem, Start, TargetView
-from knotfab.scene.camera import CurvedWall, camera_of, cameras_of, require_wall, walls_of
+from knotfab.scene.camera import camera_of, cameras_of, walls_of
 from knotfab.scene.load import require_several
 from knotfab.search.state import goals_of
 from knotfab.start.filling import template_iou
@@ -251,115 +250,3 @@ def _crop_to_hull(view: ResolvedView, target: Target, bound: HullBound) -> Multi
     )
     left = target.mask & wide[np.ix_(rows, columns)]
     return silhouette_polygon(view, replace(target, mask=left)) if left.any() else MultiPolygon()
-
-
-# Pictures for round walls, taken to the flat wall that touches it: one look-up, and all else is
-# as ever.
-
-
-def flatten_targets(
-    scene: ResolvedScene, views: Sequence[ResolvedView], targets: Sequence[Target]
-) -> tuple[Target, ...]:
-    """Return the targets as flat walls have them, where the scene's are round enough to tell.
-
-    Light is straight: what is dark on a round wall is dark on the flat one behind it or before it, at
-    another place. Targets that have been taken there already stay as they are.
-
-    Raises:
-        InputError: a wall is too narrow, does not hold the light, or throws a picture out of its frame.
-    """
-    for view in views:
-        require_wall(view)
-    tolerance = scene.settings.tolerance_px
-    context = EffectContext(tuple(views), np.zeros((0, 3)), 0.0, tolerance)
-    if not decide(WALL, context, dict(scene.effects)).simulated:
-        return tuple(targets)
-    return tuple(_flatten(v, t) for v, t in zip(views, targets, strict=True))
-
-
-def _flatten(view: ResolvedView, target: Target) -> Target:
-    # half of the libraries that a refusal of a missing picture would load
-    from scipy.ndimage import map_coordinates
-
-    wall = CurvedWall.of(view)
-    if wall is None or target.flattened_s is not None:
-        return target
-    begun = time.perf_counter()
-    _require_inside(view, wall, target)
-    columns, rows = (
-        np.arange(target.width, dtype=float),
-        np.arange(target.height, dtype=float)[:, None],
-    )
-    top, bottom = (
-        _to_pixels(view, target, wall.unroll(_to_wall(view, target, ends)))
-        for ends in (np.column_stack([columns, np.full_like(columns, row)]) for row in (0.0, 1.0))
-    )
-    # up a round wall places stay as evenly spaced as they are on the flat one
-    down = top[:, 1] + rows * (bottom - top)[:, 1]
-    at = np.nan_to_num(np.stack([down, np.broadcast_to(top[:, 0], down.shape)]), nan=-9.0)
-
-    def look_up(mask: Mask) -> Mask:
-        shares = map_coordinates(mask.astype(np.float32), at, order=1)
-        return np.asarray(shares >= 0.5)
-
-    mask = look_up(target.mask)
-    if not mask.any():
-        raise InputError(
-            f"picture {target.shown}", "nothing of it is left on the wall", "Use a bolder picture"
-        )
-    return replace(
-        target,
-        mask=mask,
-        original=None if target.original is None else look_up(target.original),
-        widened=None if target.widened is None else look_up(target.widened),
-        drawing=target.mask,
-        line=None if target.line is None else _to_flat(view, wall, target, target.line),
-        rule=f"{target.rule}; as the flat wall has it that touches the round one",
-        flattened_s=time.perf_counter() - begun,
-    )
-
-
-def _require_inside(view: ResolvedView, wall: CurvedWall, target: Target) -> None:
-    """Refuse a picture that leaves its frame on the flat wall, which lies behind a hollow one."""
-    rows, columns = (np.flatnonzero(target.mask.any(axis=axis)) for axis in (1, 0))
-    mask = target.mask[rows]
-    first, last = mask.argmax(axis=1), target.width - 1 - mask[:, ::-1].argmax(axis=1)
-    mask = target.mask[:, columns]
-    top, bottom = mask.argmax(axis=0), target.height - 1 - mask[::-1].argmax(axis=0)
-    # keep the ends of every row and column: all between them stays between them
-    pairs = ((first, rows), (last, rows), (columns, top), (columns, bottom))
-    drawn = np.concatenate([np.column_stack(pair) for pair in pairs]).astype(np.float64)
-    flat = _to_flat(view, wall, target, drawn)
-    size = np.array([target.width, target.height])
-    over = np.abs(flat - (size - 1) / 2) - size / 2
-    most = over.max(axis=0)
-    if (most > 0).any():
-        margin = np.ceil(np.maximum(most, 0)).astype(int) + 1
-        raise InputError(
-            f"picture {target.shown}",
-            f"light that draws its edge on the hollow wall passes {most.max():.0f} px outside its frame on "
-            "the flat wall behind",
-            f"Leave {margin[0]} px free at both sides and {margin[1]} px above and below, or make "
-            "wall_radius_mm larger",
-        )
-
-
-def _to_flat(view: ResolvedView, wall: CurvedWall, target: Target, pixels: Array) -> Array:
-    """Find where pixels (n, 2) of the round wall's picture are on the flat one's."""
-    return _to_pixels(view, target, wall.flatten(_to_wall(view, target, pixels)))
-
-
-def _to_wall(view: ResolvedView, target: Target, pixels: Array) -> Array:
-    """Take pixels (n, 2) to places (n, 2), mm right of and above where the view's axis meets its wall."""
-    wide, high = view.frame_mm
-    right = (pixels[:, 0] - (target.width - 1) / 2) * wide / target.width
-    down = (pixels[:, 1] - (target.height - 1) / 2) * high / target.height
-    return np.column_stack([right, view.frame_up_mm - down])
-
-
-def _to_pixels(view: ResolvedView, target: Target, places: Array) -> Array:
-    """Return the inverse of `_to_wall`."""
-    wide, high = view.frame_mm
-    across = places[:, 0] * target.width / wide + (target.width - 1) / 2
-    down = (view.frame_up_mm - places[:, 1]) * target.height / high + (target.height - 1) / 2
-    return np.column_stack([across, down])

@@ -96,7 +96,17 @@ def is_unclear(found: Survey) -> bool:
     if len(found.views) != 1 or found.frames:
         return False
     (seen,) = found.views
-    guessed = any("--ink flood" in note for note in seen.target.notes)
+    told = " ".join(seen.target.notes)
+    guessed = any(
+        word in told
+        for word in (
+            "--ink flood",
+            "darkest spot",
+            "a sheet of paper",
+            "checkerboard",
+            "squared paper",
+        )
+    )
     refused = found.refusal is not None and found.refusal.what == PICTURE
     # pieces and holes, from which on a picture may be meant otherwise
     return refused or guessed or seen.pieces + seen.holes >= 24

@@ -232,9 +232,12 @@ def _add_losses(
         losses = {}
         for r in [*tried, min(templates, default=radius)]:
             drawn = _drawn_by(templates[r], seen) if templates else open_by(plain, r * px)
-            losses[r] = find_losses(plain, drawn, r * px)
+            try:
+                losses[r] = find_losses(plain, drawn, r * px)
+            except shapely.GEOSException:
+                continue  # an estimate that fails is not shown
         whole = max((r for r, lost in losses.items() if not lost), default=None)
-        shown = {r: losses[r] for r in tried}
+        shown = {r: losses[r] for r in tried if r in losses}
         found.append(replace(seen, losses=shown, whole_mm=whole))
     return tuple(found)
 

@@ -308,6 +308,7 @@ _SIDE = 0.75  # the share of each side of a frame's inside that has the colour o
 _MOST = 0.98  # the share of a frame that has its colour
 # the least share of pixels that differ from the paper where a frame goes about a shape
 _SHAPE = 1e-3
+_SPOT = 0.02  # the largest share of the picture that is a spot
 _MAJORITY = 0.6  # a colour with this share of the border is its background's
 _FLAT = 0.9  # at most three colours make up this share of a painted border
 
@@ -329,7 +330,7 @@ def guess_reading(
     rgb = np.stack([colours] * 3, axis=-1) if colours.ndim == 2 else colours
     notes: list[str] = []
     box = reading.crop_px or None
-    if reading.crop_px is False and (thick := _frame_px(rgb)):
+    if reading.crop_px is False and (thick := frame_px(rgb)):
         box = (thick, thick, image.width - 2 * thick, image.height - 2 * thick)
         reading = reading.but(crop_px=box)
         notes.append(
@@ -339,6 +340,12 @@ def guess_reading(
     if box is not None:
         rgb = rgb[box[1] : box[1] + box[3], box[0] : box[0] + box[2]]
     border = take_border(rgb)
+    if threshold := _pale_threshold(rgb, border, reading.threshold):
+        notes.append(
+            "most of what is drawn is paler than its darkest spot, and is drawn with it "
+            f"(--threshold {threshold:g} does the same, --ink dark draws the spot alone)"
+        )
+        return reading.but(threshold=threshold), tuple(notes)
     found = cluster_colours(border.astype(np.uint8, copy=False))
     if found.shares[0] >= _MAJORITY or found.shares[:3].sum() < _FLAT:
         return reading, tuple(notes)
@@ -358,13 +365,34 @@ def guess_reading(
     return reading, tuple(notes)
 
 
+def _pale_threshold(rgb: NDArray[np.uint8], border: NDArray[np.uint8], usual: float) -> float:
+    """Return the share of the largest difference that a pale body has, where a small spot alone exceeds it.
+
+    0 where there is none: the body has one colour, and covers five times what the spot does.
+    """
+    every = -(-max(rgb.shape[:2]) // 1500)
+    few = rgb[::every, ::every]
+    middle = np.median(border, axis=0)
+    if (_away(border, middle) <= _ALIKE).mean() < _MAJORITY:
+        return 0.0
+    away = _away(few, middle)
+    most = float(away.max())
+    spot, pale = away > usual * most, (away > _ALIKE) & (away <= usual * most)
+    if not spot.any() or spot.mean() > _SPOT or pale.mean() < max(0.01, 5 * spot.mean()):
+        return 0.0
+    typical = float(np.median(away[pale]))
+    if (np.abs(away[pale] - typical) <= _ALIKE).mean() < _SIDE:
+        return 0.0
+    return round(0.5 * typical / most, 3)
+
+
 def _away(colours: NDArray[np.uint8], colour: Array | NDArray[np.uint8]) -> NDArray[np.float32]:
     """Return (...) how far colours (..., 3) are from one, in levels."""
     apart = colours.astype(np.float32) - np.asarray(colour, np.float32)
     return np.asarray(np.sqrt(np.einsum("...k,...k->...", apart, apart)))
 
 
-def _frame_px(rgb: NDArray[np.uint8]) -> int:
+def frame_px(rgb: NDArray[np.uint8]) -> int:
     """Measure how thick a frame of one colour about a shape on paper of another is; 0 where there is none."""
     most = max(1, round(_THIN * min(rgb.shape[:2])))
     outer = np.median(take_border(rgb), axis=0)

@@ -100,7 +100,11 @@ def find_losses(polygon: MultiPolygon, opened: Polygon | MultiPolygon, radius: f
 
     A part counts that reaches more than a radius beyond what is drawn: rounded corners are no loss.
     """
-    whole = polygon.difference(opened)
+    try:
+        whole = polygon.difference(opened)
+    except shapely.GEOSException:  # edges that nearly meet: as well on a grid
+        grid = 1e-6 * max(1e-9, *np.abs(polygon.bounds))
+        whole = shapely.difference(shapely.make_valid(polygon), shapely.make_valid(opened), grid)
     far = whole if opened.is_empty else whole.difference(opened.buffer(radius))
     thin = _SLIVER * radius
     # slivers along edges would join what is lost at corners, so they go; lines as thin stay by themselves

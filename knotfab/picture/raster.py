@@ -163,6 +163,16 @@ def decode(
                 f"the {kind} data is damaged or cut short",
                 "Copy or export the file again.",
             ) from error
+    if kind == "PNG" and data[24:25] == b"\x10" and upright.mode in ("RGB", "RGBA"):
+        levels = np.asarray(upright.convert("RGB"))  # the upper 8 of 16 bits
+        if np.ptp(levels, axis=(0, 1)).max() <= 2:
+            raise InputError(
+                what,
+                "its 16-bit colours differ by less than a hundredth of the range, which looks black",
+                "Stretch its levels in an image editor, and save it with 8 bits a channel.",
+            )
+    if kind in ("BMP", "ICO") and upright.mode == "RGBA" and not upright.getchannel("A").getbbox():
+        upright = upright.convert("RGB")  # an alpha of nothing means that there is none
     return upright, kind
 
 
@@ -200,11 +210,19 @@ def to_plain(image: Image.Image) -> Image.Image:
     """Return a picture in a mode that a PNG holds, nothing of the file about it."""
     if image.mode == "F":
         levels = np.asarray(image, dtype=np.float64)
-        low, high = np.nanmin(levels), np.nanmax(levels)
-        scaled = (np.nan_to_num(levels, nan=low) - low) * (65535 / max(high - low, 1e-300))
+        known = np.isfinite(levels)
+        if not known.any():
+            return Image.fromarray(np.zeros(levels.shape, dtype=np.uint16))
+        low, high = levels[known].min(), levels[known].max()
+        # what is no number is as the border is
+        rim = np.concatenate([levels[0], levels[-1], levels[:, 0], levels[:, -1]])
+        rim = rim[np.isfinite(rim)] if np.isfinite(rim).any() else levels[known]
+        levels = np.where(known, levels, np.median(rim))
+        scaled = (levels - low) * (65535 / max(high - low, 1e-300))
         return Image.fromarray(scaled.astype(np.uint16))
     if image.mode.startswith("I"):
-        return Image.fromarray(np.asarray(image).clip(0, 65535).astype(np.uint16))
+        deep = np.asarray(image).astype(np.int64)
+        return Image.fromarray((deep - min(0, int(deep.min()))).clip(0, 65535).astype(np.uint16))
     if image.mode in ("1", "L", "LA", "P", "PA", "RGB", "RGBA") and "icc_profile" not in image.info:
         return image
     return image.convert("RGBA" if image.has_transparency_data else "RGB")

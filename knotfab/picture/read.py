@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain
 from pathlib import Path
+from urllib.parse import unquote
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,7 @@ from knotfab.base.notebook import InNotebook
 from knotfab.picture import raster, text
 from knotfab.picture.bending import Bending
 from knotfab.picture.colours import even_out
+from knotfab.picture.ground import plain_ground
 from knotfab.picture.ink import guess_reading
 from knotfab.picture.raster import encode_image
 from knotfab.picture.silhouette import pieces_of, smooth
@@ -57,8 +59,8 @@ class Target(InNotebook):
     Of a picture for a round wall the masks are as a flat one has them, once
     `flattened_s`, the seconds that this took, is set; `drawing` is then what is drawn on the round one.
     `bending`: by how much it is bent (and maybe mirrored), once it is: `mask` and `widened` are as bent.
-    `notes` say, a sentence each, what of the file is left out or guessed; `ink` is the kind of ink that was,
-    `speck_px` the size of specks.
+    `notes` say, a sentence each, what of the file is left out or guessed; `ink` and `threshold` are
+    those that were, `speck_px` the size of specks.
     `shrunk`: so many px of the picture, across, are one of the masks, of a glance at a large picture.
     `subject_png`: where a subject was cut out, its mask in the picture's size, white where it is, as a PNG.
     `colours_png`: the picture in colours that the first lamp's mask was taken from, in its size, as a PNG.
@@ -82,6 +84,7 @@ class Target(InNotebook):
     is_text: bool = False  # written out, which nobody reads in a mirror
     notes: tuple[str, ...] = ()
     ink: str | None = None
+    threshold: float | None = None
     speck_px: int = 0
     subject_png: bytes | None = None
     colours_png: bytes | None = None
@@ -219,7 +222,13 @@ def read_target(
     name = plain_name(path.stem, "picture")
     if not raster.looks_like_raster(data) and (suffix in _DRAWN or looks_like_svg(data)):
         png, notes = render_svg(data, what)
-        target = _take_target(png, what, name, "", reading, glance, path.parent)
+        try:
+            target = _take_target(png, what, name, "", reading, glance, path.parent)
+        except InputError as error:
+            if not notes:
+                raise
+            why = f"as it is drawn, {error.why} ({'; '.join(notes)})"
+            raise InputError(what, why, error.remedy) from error
         return replace(target, notes=notes + target.notes, title=_titled(path.stem))
     found = _take_target(data, what, name, suffix, reading, glance, path.parent)
     return replace(found, title=_titled(path.stem))
@@ -232,7 +241,13 @@ def _titled(given: str) -> str:
 
 def _read_file(source: str | Path, base: Path | None) -> tuple[bytes, Path]:
     """Read a picture's file and say where it lies; arguments as `read_target` takes them."""
-    what, path = shown(source), at_home(source)
+    what = shown(source)
+    if re.match(r"(?i)file://", str(source)):
+        source = unquote(re.sub(r"(?i)^file://(?:localhost)?(?=/)", "", str(source)))
+    elif (quoted := str(source).strip()) and quoted[0] in "'\"‘“" and quoted[-1] in "'\"’”":
+        bare = quoted[1:-1]
+        raise InputError(what, "its path has quotes about it", f"Leave them out: {bare}")
+    path = at_home(source)
     if base is not None:
         path = base / path
     if re.match(r"(?i:https?|ftp):/", str(source)):
@@ -300,7 +315,11 @@ def _take_target(
     asked, subject = reading, None
     notes: tuple[str, ...] = ()
     if reading.ink == "auto" and getattr(reading, "tone", "off") == "off" and not reading.cut_out:
-        even = even_out(image)
+        plain = None if reading.crop_px else plain_ground(image)
+        if plain is not None:
+            image, notes = plain[0], (plain[1],)
+            data, kind = encode_image(image), "PNG"
+        even = None if plain is not None else even_out(image)
         if even is not None:
             image, data, kind = even, encode_image(even), "PNG"
             notes = ("the light on it is uneven, and is taken out of it (--ink dark leaves it)",)
@@ -329,6 +348,7 @@ def _take_target(
     usual = raster.SUFFIXES[kind]
     kept = suffix if suffix in usual else usual[0]
     ink = reading.ink if reading.ink != asked.ink else None
+    threshold = reading.threshold if reading.threshold != asked.threshold else None
     return Target(
         name,
         mask,
@@ -342,6 +362,7 @@ def _take_target(
         shrunk=shrunk,
         notes=notes,
         ink=ink,
+        threshold=threshold,
         subject_png=subject,
     )
 

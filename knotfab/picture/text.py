@@ -201,6 +201,11 @@ def render_text(text: str, font: str | None = None) -> bytes:
         raise InputError(
             f"{_name(text)[:20]}...", f"it has {len(text)} characters", f"Use at most {_LONGEST}."
         )
+    text = text.strip("\r\n").replace("\u00ad", "").replace("\t", " ")  # a soft hyphen is not drawn
+    if len(text.splitlines()) > 1:
+        raise InputError(
+            _name(text)[:60], "it has several lines", "Write one line, or draw an SVG."
+        )
     if needs_shaping(text):
         body, fonts, (left, top, width, height) = _shape_text(text, font)
         files: tuple[str, ...] | None = fonts

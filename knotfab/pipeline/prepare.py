@@ -19,7 +19,7 @@ from knotfab.design.frames import (
     spread_views,
     widen_targets,
 )
-from knotfab.design.question import flatten_targets
+from knotfab.design.walls import flatten_targets
 from knotfab.picture.frames import count_knots, name_sequence, read_frames
 from knotfab.picture.read import TEXT_PREFIX, Target, plain_name, read_targets
 from knotfab.pipeline.options import ALL_OUT, BuildOptions

@@ -34,6 +34,13 @@ LENGTH = (
     "it is cut off, or longer than its header says, or its faces have different numbers of corners, which "
     "a binary PLY may not have here"
 )
+PLY_TYPES = {
+    **{b"char": "i1", b"uchar": "u1", b"short": "i2", b"ushort": "u2", b"int": "i4", b"uint": "u4"},
+    **{b"int8": "i1", b"uint8": "u1", b"int16": "i2", b"uint16": "u2", b"int32": "i4"},
+    **{b"uint32": "u4", b"float": "f4", b"double": "f8", b"float32": "f4", b"float64": "f8"},
+}
+HEADER_END = re.compile(rb"^end_header[ \t]*\r?\n", re.MULTILINE)
+MOST_BEHIND = 65_536  # bytes behind the last face of a PLY
 REMEDY = "Export it again, or as STL or 3MF."
 
 OBJ = re.compile(
@@ -84,7 +91,7 @@ def _kind_of(part: Path) -> str | None:
     """Tell a file's kind by its content and then by its name; None where it is neither."""
     with part.open("rb") as file:
         head = file.read(4096)
-    if head[:4] in (b"ply\n", b"ply\r"):
+    if head.removeprefix(b"\xef\xbb\xbf")[:4] in (b"ply\n", b"ply\r"):
         return "ply"
     return "obj" if OBJ.match(head) or part.suffix.lower() == ".obj" else None
 
@@ -113,7 +120,9 @@ def _read_ply(content: bytes) -> NDArray[np.float64]:
     import numpy as np
     import trimesh
 
-    head, _, body = content.partition(b"end_header")
+    content = content.removeprefix(b"\xef\xbb\xbf")
+    ended = HEADER_END.search(content)
+    head, body = (content[: ended.start()], content[ended.end() :]) if ended else (content, b"")
     elements = {name: int(count) for name, count in ELEMENT.findall(head)}
     if not body or len(head) > 100_000:  # bytes
         raise _refuse("its PLY header has no end")
@@ -124,6 +133,8 @@ def _read_ply(content: bytes) -> NDArray[np.float64]:
         if len(lines) != sum(elements.values()):
             raise _refuse("it is cut off, or goes on after what its header promises")
         content = b"\n".join([head + b"end_header", *lines, b""])
+    elif (mixed := _read_mixed(head, body)) is not None:
+        return mixed
     with warnings.catch_warnings(action="ignore"):
         warnings.simplefilter("error", DeprecationWarning)  # old numpy's word for NaN
         try:
@@ -138,6 +149,52 @@ def _read_ply(content: bytes) -> NDArray[np.float64]:
     points, faces = mesh.vertices, getattr(mesh, "faces", np.empty((0, 3), dtype=np.int64))
     _require_vertices(faces.ravel(), points)
     return np.asarray(points[faces], dtype=np.float64)
+
+
+def _read_mixed(head: bytes, body: bytes) -> NDArray[np.float64] | None:
+    """Read a binary PLY of vertices and polygons of any numbers of corners; None where it holds more.
+
+    Up to 64 KB behind the last face are passed over.
+    """
+    import numpy as np
+
+    order = "<" if b"binary_little_endian" in head else ">"
+    lines = [line.split() for line in head.splitlines() if line.strip()]
+    elements: list[tuple[bytes, int, list[list[bytes]]]] = []
+    for words in lines:
+        if words[0] == b"element" and len(words) == 3 and words[2].isdigit():
+            elements.append((words[1], int(words[2]), []))
+        elif words[0] == b"property" and elements:
+            elements[-1][2].append(words[1:])
+    if [name for name, _, _ in elements] != [b"vertex", b"face"]:
+        return None
+    (_, count, columns), (_, faces, lists) = elements
+    known = all(len(c) == 2 and c[0] in PLY_TYPES for c in columns)
+    if not known or len(lists) != 1 or len(lists[0]) != 4 or lists[0][0] != b"list":
+        return None
+    if any(kind not in PLY_TYPES for kind in lists[0][1:3]):
+        return None
+    row = np.dtype([(c[1].decode("latin-1"), order + PLY_TYPES[c[0]]) for c in columns])
+    size, index = (np.dtype(order + PLY_TYPES[kind]) for kind in lists[0][1:3])
+    at = count * row.itemsize
+    if not {"x", "y", "z"} <= set(row.names or ()) or at + faces * size.itemsize > len(body):
+        return None
+    vertices = np.frombuffer(body, row, count)
+    points = np.stack([vertices[axis].astype(np.float64) for axis in "xyz"], axis=1)
+    triangles: list[tuple[int, int, int]] = []
+    for _ in range(faces):
+        sides = int(np.frombuffer(body, size, 1, at)[0]) if at + size.itemsize <= len(body) else -1
+        at += size.itemsize
+        if not 0 <= sides <= MOST_CORNERS or at + sides * index.itemsize > len(body):
+            return None
+        ring = np.frombuffer(body, index, sides, at).tolist()
+        at += sides * index.itemsize
+        triangles += [(ring[0], b, c) for b, c in pairwise(ring[1:])]
+    if len(body) - at > MOST_BEHIND:
+        return None
+    chosen = np.array(triangles, dtype=np.int64).reshape(-1, 3)
+    _require_vertices(chosen.ravel(), points)
+    return np.asarray(points[chosen])
 
 
 def _read_obj(content: bytes, tidy: Path) -> NDArray[np.float64]:

@@ -12,7 +12,7 @@ import pytest
 import shapely
 from PIL import Image
 
-from knotfab.design.question import flatten_targets
+from knotfab.design.walls import flatten_targets
 from knotfab.effects.base import EffectContext
 from knotfab.effects.shifts import WALL
 from knotfab.picture.read import Target

@@ -108,3 +108,31 @@ def test_the_library_reads_them_and_refuses_what_is_broken(ending: str, tmp_path
     (tmp_path / f"b.{ending}").write_bytes(content.replace(b"20.0", b"twenty"))
     with pytest.raises(InputError, match=f"b.{ending}: it is damaged"):
         validate_part(tmp_path / f"b.{ending}")
+
+
+def binary_ply(faces: list[tuple[int, ...]], comment: bytes = b"") -> bytes:
+    """A binary PLY of a cube of 20 mm, its polygons as they are given."""
+    corners = [(x, y, z) for x in (0, 20) for y in (0, 20) for z in (0, 20)]
+    head = b"ply\nformat binary_little_endian 1.0\n" + comment + b"element vertex 8\n"
+    head += b"".join(b"property float %c\n" % axis for axis in b"xyz")
+    head += b"element face %d\nproperty list uchar int vertex_indices\nend_header\n" % len(faces)
+    body = b"".join(struct.pack("<3f", *corner) for corner in corners)
+    return head + body + b"".join(struct.pack(f"<B{len(f)}i", len(f), *f) for f in faces)
+
+
+QUADS = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+MIXED: list[tuple[int, ...]] = [(0, 1, 3), (0, 3, 2), *QUADS[1:]]
+LOOSE_PLY = {
+    "quads": binary_ply([*QUADS]),
+    "triangles and quads": binary_ply(MIXED),
+    "a newline behind": binary_ply(MIXED) + b"\n",
+    "a newline behind quads": binary_ply([*QUADS]) + b"\r\n",
+    "a mark before": b"\xef\xbb\xbf" + binary_ply(MIXED),
+    "a comment that names the end": binary_ply(MIXED, b"comment the end_header follows\n"),
+}
+
+
+@pytest.mark.parametrize("kind", LOOSE_PLY)
+def test_every_kind_of_ply_that_was_read_is_read(tmp_path: Path, kind: str) -> None:
+    (tmp_path / "a.ply").write_bytes(LOOSE_PLY[kind])
+    assert abs(enclosed_volume(read_mesh(tmp_path / "a.ply"))) == pytest.approx(8000)

@@ -65,6 +65,16 @@ def clean(
     """
     _choose(root)
     _prune(root, notes)
+    for parent in list(root.iter()):
+        for child in [c for c in parent if not _is_for_all(c)]:
+            parent.remove(child)
+    for element in root.iter():
+        for key in ("systemLanguage", "requiredFeatures", "requiredExtensions"):
+            element.attrib.pop(key, None)
+    for element in root.iter(f"{{{SVG}}}feDisplacementMap"):
+        if element.get("scale", "0").strip() not in ("", "0"):  # resvg moves too far
+            element.set("scale", "0")
+            notes["a filter that displaces outlines is not drawn: flatten it in the editor"] = None
     for element in root.iter():
         name = local_name(element)
         for key in [k for k in element.attrib if k not in _HREFS]:
@@ -93,6 +103,22 @@ def refuse_outside(link: str, name: str, what: str) -> None:
     if kind is not None:
         reason = f"embeds {kind[1] or 'text'}, which is not read there"
     raise InputError(what, f"the element <{name}> {reason}", _ALONE)
+
+
+def refuse_symbols(root: Element, what: str) -> None:
+    """Refuse a drawing that only defines symbols for others to use."""
+    named = [e.get("id", "") for e in root.iter(f"{{{SVG}}}symbol") if e.get("id")]
+    rest = [local_name(child) for child in root]
+    while rest.count("g") == len(rest) == 1 and len(root):  # a page moved as a whole
+        root = root[0]
+        rest = [local_name(child) for child in root]
+    if named and set(rest) <= {"symbol", "defs", "style"}:
+        shown = ", ".join(named[:4]) + (", ..." if len(named) > 4 else "")
+        raise InputError(
+            what,
+            f"it only defines symbols ({shown}) and draws none",
+            f'Add <use href="#{named[0]}"/> to it, or export one symbol as an SVG of its own.',
+        )
 
 
 def _choose(parent: Element) -> None:
@@ -127,6 +153,8 @@ def _prune(parent: Element, notes: dict[str, None]) -> None:
     before: Element | None = None
     for child in list(parent):
         name = local_name(child) if isinstance(child.tag, str) else ""
+        if name == "style":  # that of HTML counts as well, as in browsers
+            child.tag = f"{{{SVG}}}style"
         ours = isinstance(child.tag, str) and child.tag.startswith(f"{{{SVG}}}")
         if ours and name not in _LEFT_OUT and name not in _UNSEEN:
             _prune(child, notes)

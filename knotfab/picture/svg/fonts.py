@@ -6,7 +6,6 @@ import unicodedata
 from xml.etree.ElementTree import Element
 
 from knotfab.picture.fonts import find_family, find_font, supply_fonts
-from knotfab.picture.svg.style import Styles
 from knotfab.picture.svg.xml import SVG
 
 _SANS, _SERIF, _MONO = "DejaVu Sans", "DejaVu Serif", "DejaVu Sans Mono"
@@ -19,55 +18,62 @@ _GENERIC = {
 _UNDRAWN = ("Cc", "Cf", "Mn", "Zl", "Zp", "Zs")
 
 
-def choose_fonts(root: Element, styles: Styles, what: str) -> tuple[str, ...] | None:
-    """Put a family that there is wherever the text's family is set.
+class TextFonts:
+    """The families that the text of a drawing is drawn in; `notes` tell which replace others."""
 
-    Returns:
-        Files of fonts that the text needs, beside those that come along; None where there is no text.
+    def __init__(self, root: Element) -> None:
+        self.notes: dict[str, None] = {}
+        self._files: dict[str, None] = {}
+        self._texts = list(root.iter(f"{{{SVG}}}text"))
+        parents = {child: parent for parent in root.iter() for child in parent}
+        self._asked: set[Element] = set()  # elements whose family text may have
+        for text in self._texts:
+            self._asked.update(text.iter())
+            at = parents.get(text)
+            while at is not None and at not in self._asked:
+                self._asked.add(at)
+                at = parents.get(at)
+        self._said = "".join("".join(text.itertext()) for text in self._texts)
 
-    Raises:
-        InputError: no font of this machine has a character of the text; `what` names the picture.
-    """
-    texts = [e for text in root.iter(f"{{{SVG}}}text") for e in text.iter()]
-    said = "".join("".join(e.itertext()) for e in root.iter(f"{{{SVG}}}text"))
-    if not said.strip():
-        return None
-    files: dict[str, None] = {}
-    parents = {child: parent for parent in root.iter() for child in parent}
-    speaking = {e for e in texts if (e.text or "").strip()}
-    speaking |= {parents[e] for e in texts if (e.tail or "").strip() and e in parents}
-    asked: set[Element] = set()
-    for element in speaking:
-        at: Element | None = element
-        while at is not None and "font-family" not in styles.of.get(at, {}):
-            at = parents.get(at)
-        if at is not None:
-            asked.add(at)
-        if styles.of.get(element, {}).get("direction") == "rtl" and not len(element):
-            # the library takes every line to begin at the left
-            element.text = f"\u2067{element.text}\u2069"
-    for element in root.iter():
-        if "font-family" not in styles.of.get(element, {}):
-            continue
-        named = styles.of[element]["font-family"]
+    @property
+    def needed(self) -> bool:
+        """Whether the drawing has text."""
+        return bool(self._said.strip())
+
+    def choose(self, named: str, element: Element | None) -> str:
+        """Return the family drawn for a list of families, of an element or of a style sheet (None)."""
         family = _SANS
-        if element in asked:
+        if element is None or element in self._asked:
             family, found = _choose(named)
-            files.update(dict.fromkeys(found))
+            self._files.update(dict.fromkeys(found))
             first = named.split(",")[0].strip(" \"'")
             if first and family.lower() != first.lower() and first.lower() not in _GENERIC:
-                styles.note(
+                self.notes[
                     f"its text is drawn in {family} instead of {first}, which this machine lacks "
                     "(turn it to paths in the editor to keep its look)"
-                )
-        styles.of[element]["font-family"] = f"'{family}'"
-    supplied = (*files, *supply_fonts(None))
-    for character in dict.fromkeys(said):
-        if unicodedata.category(character) not in _UNDRAWN:
-            path = find_font(character, supplied, what)
-            if path not in supplied:
-                files[path] = None
-    return tuple(files)
+                ] = None
+        return family
+
+    def list_files(self, what: str) -> tuple[str, ...]:
+        """Return the files that the text needs, beside those that come along.
+
+        Raises:
+            InputError: no font of this machine has a character of the text; `what` names the picture.
+        """
+        for text in self._texts:
+            for element in text.iter():
+                style = element.get("style", "").replace(" ", "")
+                rtl = element.get("direction") == "rtl" or "direction:rtl" in style
+                if rtl and element.text and not len(element):
+                    # resvg takes every line to begin at the left
+                    element.text = f"\u2067{element.text}\u2069"
+        supplied = (*self._files, *supply_fonts(None))
+        for character in dict.fromkeys(self._said):
+            if unicodedata.category(character) not in _UNDRAWN:
+                path = find_font(character, supplied, what)
+                if path not in supplied:
+                    self._files[path] = None
+        return tuple(self._files)
 
 
 def _choose(named: str) -> tuple[str, tuple[str, ...]]:

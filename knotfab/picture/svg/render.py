@@ -1,4 +1,4 @@
-"""SVG pictures: read, rewritten to what the library draws, and drawn to a canonical PNG."""
+"""SVG pictures: made safe, and drawn by resvg to a canonical PNG; what it cannot draw is told."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from xml.etree.ElementTree import tostring
 
 from knotfab.picture.fonts import supplied_folder
 from knotfab.picture.raster import LARGEST_SIDE, SMALLEST_SIDE
-from knotfab.picture.svg.clean import clean
+from knotfab.picture.svg.clean import clean, refuse_symbols
 from knotfab.picture.svg.draw import draw_svg
 from knotfab.picture.svg.size import CSS_DPI, set_pixel_size
 from knotfab.picture.svg.xml import parse_svg
@@ -65,21 +65,19 @@ def _render(data: bytes, what: str, notes: Notes, nested: int) -> bytes:
             )
         return _render(inner, name, notes, nested - 1)
 
-    # readers of style sheets and outlines are loaded for SVG alone
-    from knotfab.picture.svg.fonts import choose_fonts
-    from knotfab.picture.svg.shapes import place
-    from knotfab.picture.svg.style import compute_styles, write_styles
+    from knotfab.picture.svg.fonts import TextFonts
+    from knotfab.picture.svg.style import Styles
 
     root = parse_svg(data, what)
     clean(root, what, notes, draw)
-    styles = compute_styles(root, what)
-    longer_px = set_pixel_size(root, LARGEST_SIDE, what)
-    files = choose_fonts(root, styles, what)
-    place(root, styles, longer_px)
-    notes.update(styles.notes)
-    paper = write_styles(root, styles, what)
+    fonts = TextFonts(root)
+    styles = Styles(root, what, fonts.choose if fonts.needed else None)
+    refuse_symbols(root, what)
+    set_pixel_size(root, LARGEST_SIDE, what)
+    files = fonts.list_files(what) if fonts.needed else None
+    notes.update(fonts.notes | styles.notes)
     # Rendered from the tree that was checked: no second parser sees the original bytes.
-    return render(tostring(root, encoding="unicode"), what, files=files, background=paper)
+    return render(tostring(root, encoding="unicode"), what, files=files, background=styles.page)
 
 
 def render(

@@ -21,13 +21,20 @@ _PIXELS = {
     "pc": CSS_DPI / 6.0,
     "em": _FONT_PX,
     "ex": 0.5 * _FONT_PX,
+    "rem": _FONT_PX,
 }
-_LENGTH = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([A-Za-z]*|%)\s*")
+_LENGTH = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([A-Za-z]*|%)")
+_LONGEST = 64  # characters of a length
+
+
+def _match(text: str) -> re.Match[str] | None:
+    text = text.strip()
+    return _LENGTH.fullmatch(text) if len(text) <= _LONGEST else None
 
 
 def read_length(text: str, whole: float | None = None) -> float | None:
     """Read a length in px, or None where it is in no known unit; `whole` is what % refers to."""
-    found = _LENGTH.fullmatch(text)
+    found = _match(text)
     if found is None:
         return None
     number, unit = float(found[1]), found[2].lower()
@@ -95,7 +102,7 @@ def _pixels(root: Element, side: str, whole: float | None, what: str) -> float |
     `whole` is what % refers to: that side of the viewBox.
     """
     text = root.get(side, "")
-    if found := _LENGTH.fullmatch(text):
+    if found := _match(text):
         _require_positive(float(found[1]), f"{side} = {text!r}", what)
     return read_length(text, whole)
 

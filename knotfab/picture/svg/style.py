@@ -1,395 +1,439 @@
-"""Style sheets and style attributes as values that the SVG library knows, element by element.
+"""CSS of an SVG drawing, made safe for resvg, which reads it: no links, no selectors that backtrack.
 
-The library reads SVG 1.1's CSS: no variables, no newer colours, no transforms with units, no geometry. So
-the cascade is done here (selectors by cssselect2), and what it comes to is written into the tree.
+resvg knows CSS 2 and the colours of CSS 3. What goes beyond that is left out, so that the value it would
+replace counts, and a note says what to do. All scanning is linear in the length of the text.
 """
 
 from __future__ import annotations
 
-import ast
-import operator
 import re
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
-from functools import lru_cache
-from typing import Any
+from collections.abc import Callable, Iterator
+from urllib.parse import unquote
 from xml.etree.ElementTree import Element
 
-import cssselect2
-import tinycss2
-
 from knotfab.picture.svg.clean import refuse_outside
-from knotfab.picture.svg.colour import to_hex
+from knotfab.picture.svg.css import (
+    Declarations,
+    expand_font,
+    find_links,
+    is_colour,
+    page_colour,
+    read_declarations,
+    read_functions,
+    rem_in_px,
+    split_statements,
+    strip_css,
+    write_declarations,
+)
 from knotfab.picture.svg.size import read_length
-from knotfab.picture.svg.xml import SVG, local_name
+from knotfab.picture.svg.xml import SVG, XLINK, local_name
 from knotfab_formats.errors import InputError
 
-Tokens = Sequence[Any]
-
-COLOURS = ("fill", "stroke", "color", "stop-color", "flood-color", "lighting-color")
-GEOMETRY = ("cx", "cy", "d", "height", "r", "rx", "ry", "width", "x", "y")
-MOVING = ("rotate", "scale", "transform", "transform-box", "transform-origin", "translate")
-_KNOWN = frozenset(
-    re.findall(
-        r"[a-z-]+",
-        """
-        alignment-baseline background background-color baseline-shift clip-path clip-rule
-        color-interpolation color-interpolation-filters direction display dominant-baseline fill-opacity
-        fill-rule filter flood-opacity font font-family font-kerning font-size font-stretch font-style
-        font-variant font-weight image-rendering isolation letter-spacing marker marker-end marker-mid
-        marker-start mask mask-type mix-blend-mode opacity overflow paint-order shape-rendering stop-opacity
-        stroke-dasharray stroke-dashoffset stroke-linecap stroke-linejoin stroke-miterlimit stroke-opacity
-        stroke-width text-anchor text-decoration text-rendering vector-effect visibility word-spacing
-        writing-mode
-        """,
-    )
-).union(COLOURS, GEOMETRY, MOVING)
-_INHERITED = (
-    "fill",
-    "stroke",
-    "color",
-    "font",
-    "text",
-    "letter",
-    "word",
-    "marker",
-    "visib",
-    "clip-rule",
+_COLOURS = ("fill", "stroke", "color", "stop-color", "flood-color", "lighting-color")
+_GEOMETRY = ("cx", "cy", "d", "height", "r", "rx", "ry", "width", "x", "y")
+_WORDS = re.findall(
+    r"[a-z-]+",
+    """
+    alignment-baseline baseline-shift clip-rule color-interpolation color-interpolation-filters direction
+    display dominant-baseline fill-rule font-kerning font-size font-stretch font-style font-variant
+    font-weight image-rendering isolation letter-spacing mask-type mix-blend-mode overflow paint-order
+    shape-rendering stroke-linecap stroke-linejoin text-anchor text-decoration text-rendering visibility
+    word-spacing writing-mode
+    """,
+)  # their values are keywords or numbers, which CSS takes in capitals too
+_LINKS = ("clip-path", "filter", "marker", "marker-end", "marker-mid", "marker-start", "mask")
+_NUMBERS = (
+    *("fill-opacity", "flood-opacity", "opacity", "stop-opacity", "stroke-dasharray"),
+    *("stroke-dashoffset", "stroke-miterlimit", "stroke-opacity", "stroke-width"),
 )
-_APART = frozenset([*GEOMETRY, *MOVING, "vector-effect"])
-_URL = re.compile(r"url\(([^)]*)\)")
-_OPERATORS: dict[type[ast.operator], Callable[[float, float], float]] = {
-    ast.Add: operator.add,
-    ast.Sub: operator.sub,
-    ast.Mult: operator.mul,
-    ast.Div: operator.truediv,
+_PASSED = frozenset([*_COLOURS, *_WORDS, *_LINKS, *_NUMBERS])
+_OTHER_NAMES = {
+    "mask-image": "mask",
+    "-webkit-mask": "mask",
+    "-webkit-mask-image": "mask",
+    "-webkit-clip-path": "clip-path",
+    "-webkit-filter": "filter",
 }
-_BLOCKS = ("media", "supports", "layer", "container", "scope")
-_DEEPEST = 32  # variables that stand for variables
+_PARTS = ("font", "font-family", "vector-effect", "transform", "transform-origin")
+_MOVES = "CSS transforms are not drawn: flatten them in the editor"
+_TOLD = {
+    **dict.fromkeys(("translate", "rotate", "scale", "offset-path", "transform-box"), _MOVES),
+    **dict.fromkeys(
+        ("text-transform", "white-space", "text-orientation", "font-variant-caps"),
+        "{name} is not drawn: type the text as it is to look, or turn it to paths",
+    ),
+    "animation": "its animation is left out",
+    "animation-name": "its animation is left out",
+}
+_RESETS = ("unset", "revert", "revert-layer")
+_PLAIN = {"all", "screen", "only screen", "only all", "(prefers-color-scheme:light)"}
+_PLAIN |= {"(prefers-contrast:no-preference)", "(prefers-reduced-motion:no-preference)"}
+_NEVER = {"print", "speech", "only print", "(prefers-color-scheme:dark)", "(prefers-contrast:more)"}
+_NEVER |= {"(prefers-reduced-motion:reduce)"}
+_ANCESTORS = 3  # descendant combinators in a selector; resvg tries all ways to match more
+_NESTED = 8  # blocks in each other
 _LONGEST = 100_000  # characters of a value, its variables written out
-_SEEN = re.compile(
-    r"(?:only\s+)?(?:all|screen)|\((?:prefers-color-scheme|prefers-contrast|prefers-reduced-motion)"
-    r"\s*:\s*(?:light|no-preference)\s*\)",
-    re.I,
-)
-_FONT = re.compile(
-    r"(?P<before>(?:[a-z0-9-]+\s+)*?)(?P<size>(?:[\d.]+(?:[a-z]+|%))|(?:xx?-)?(?:small|large)|medium|larger"
-    r"|smaller)\s*(?:/\s*\S+)?\s+(?P<family>\S.*)",
-    re.I | re.S,
-)
 
 
-@dataclass
 class Styles:
-    """Style sheets and attributes of a drawing, resolved.
+    """Rewrites the style sheets, style attributes and attributes of a tree in place.
 
-    `of`: each element's own values, by property, variables and colours written out; `fonts`: families
-    that it declares by @font-face; `notes`: sentences on what is not drawn as it says.
+    `notes` are told; `page` is the colour behind the drawing, if it has one. `choose_family` maps a list
+    of fonts to the family that is drawn; it is None where the drawing has no text.
     """
 
-    of: dict[Element, dict[str, str]] = field(default_factory=dict)
-    fonts: set[str] = field(default_factory=set)
-    notes: dict[str, None] = field(default_factory=dict)
+    def __init__(
+        self, root: Element, what: str, choose_family: Callable[[str, Element | None], str] | None
+    ) -> None:
+        self.notes: dict[str, None] = {}
+        self.page: str | None = None
+        self.root, self._what, self._choose_family = root, what, choose_family
+        self._ids = _rename_ids(root)
+        self._dashed, self._inside = False, ""
+        sheets = []
+        for parent in list(root.iter()):
+            for child in [c for c in parent if local_name(c) == "style"]:
+                if child.get("type", "").strip().lower() in ("", "text/css") and self._applies(
+                    child.get("media", "")
+                ):
+                    sheets.append((child, list(self._rules("".join(child.itertext()), 0))))
+                else:
+                    parent.remove(child)
+        own = {
+            e: read_declarations(e.attrib.pop("style")) for e in root.iter() if "style" in e.attrib
+        }
+        self._variables: dict[str, str | None] = {}
+        for body in (*(b for _, rules in sheets for _, b in rules), *own.values()):
+            for name, value in body:
+                if name.startswith("--"):
+                    same = self._variables.get(name, value) == value
+                    self._variables[name] = value if same else None
+        for child, rules in sheets:
+            self._write_sheet(child, rules)
+        for element in root.iter():
+            self._write_attributes(element)
+            self._write_style(element, own.get(element, []))
+        self._move_page()
+        if any(e.get("pathLength") for e in root.iter()) and self._dashed:
+            self._note(
+                "pathLength is not read: its dashes are as long as they are drawn without it"
+            )
 
-    def note(self, sentence: str) -> None:
-        """Tell of it once."""
+    def _note(self, sentence: str) -> None:
         self.notes[sentence] = None
 
-
-class _UnknownVariable(ValueError):
-    """A variable that nothing sets, or that stands for itself."""
-
-
-def compute_styles(root: Element, what: str) -> Styles:
-    """Take the values of all elements out of the style sheets, style attributes and attributes of a tree.
-
-    The elements keep none of them. Where a value cannot be read, the one that it would replace counts,
-    as CSS has it.
-
-    Raises:
-        InputError: a style sheet loads another (@import).
-    """
-    styles = Styles()
-    matcher = cssselect2.Matcher()
-    for element in root.iter(f"{{{SVG}}}style"):
-        if _applies(element.get("media", "")) and element.get("type", "text/css") == "text/css":
-            sheet = tinycss2.parse_stylesheet(
-                "".join(element.itertext()), skip_comments=True, skip_whitespace=True
+    def _applies(self, query: str) -> bool:
+        """Tell whether a media query holds on a light screen; what it asks beyond that is told."""
+        unknown = False
+        for option in query.lower().split(","):
+            parts = [" ".join(p.replace(":", " : ").split()) for p in option.split(" and ")]
+            parts = [p.replace(" : ", ":").replace("( ", "(").replace(" )", ")") for p in parts]
+            if all(part in _PLAIN or not part for part in parts):
+                return True
+            unknown |= not any(part in _NEVER for part in parts)
+        if unknown:
+            self._note(
+                f"its style for {query.strip()[:40]!r} (@media) is left out: give the drawing one style"
             )
-            _add_rules(sheet, "", matcher, styles, what)
-    _visit(cssselect2.ElementWrapper.from_xml_root(root), matcher, {}, styles)
-    return styles
+        return False
 
-
-def _applies(query: str) -> bool:
-    """Tell whether a media query holds for a picture on a light screen."""
-    parts = [part.strip() for part in query.split(",")]
-    return not query.strip() or any(
-        all(_SEEN.fullmatch(p.strip()) for p in re.split(r"\band\b", part)) for part in parts
-    )
-
-
-def _add_rules(
-    rules: Tokens, parent: str, matcher: cssselect2.Matcher, styles: Styles, what: str
-) -> None:
-    """Add the rules of a sheet, or of a block in it; `parent`: the selector that a nested one adds to."""
-    for rule in rules:
-        if rule.type == "qualified-rule":
-            selector = tinycss2.serialize(rule.prelude).strip()
-            if parent:
-                around = f":is({parent})"
-                selector = (
-                    selector.replace("&", around) if "&" in selector else f"{around} {selector}"
+    def _rules(self, css: str, depth: int) -> Iterator[tuple[str, Declarations]]:
+        """Yield selector and declarations of each rule of a sheet that counts."""
+        for prelude, block in split_statements(strip_css(css)):
+            if not prelude.startswith("@"):
+                if block is not None:
+                    yield prelude, read_declarations(block, self._tell_nested)
+                continue
+            word, _, rest = prelude[1:].partition(" ")
+            name = re.match(r"[\w-]*", word)[0].lower()  # type: ignore[index]
+            if (
+                name == "import" and "font" not in prelude.lower()
+            ):  # fonts of a service are left out
+                raise InputError(
+                    self._what,
+                    f"the element <style> imports a style sheet ({prelude[:60]})",
+                    "Save it as a plain SVG that stands alone (links embedded or removed).",
                 )
-            content = tinycss2.parse_blocks_contents(
-                rule.content, skip_comments=True, skip_whitespace=True
-            )
-            try:
-                for compiled in cssselect2.compile_selector_list(selector):
-                    matcher.add_selector(compiled, content)
-            except cssselect2.SelectorError:
-                styles.note(
-                    f"the style of {selector[:40]!r} is left out, a selector that is not known"
-                )
-            _add_rules(
-                [r for r in content if r.type.endswith("rule")], selector, matcher, styles, what
-            )
-        elif rule.type == "at-rule":
-            _add_at_rule(rule, parent, matcher, styles, what)
+            if name.endswith("keyframes"):
+                self._note("its animation is left out")
+            elif block is None or name in ("import", "font-face"):
+                continue
+            elif name in ("supports", "container", "scope", "starting-style"):
+                self._note(f"its style under @{name} is left out: give the drawing one style")
+            elif (name == "media" and self._applies(rest)) or name == "layer":
+                if depth == _NESTED:
+                    raise InputError(
+                        self._what, "its style sheet is nested too deep", "Save it as a plain SVG."
+                    )
+                yield from self._rules(block, depth + 1)
 
+    def _tell_nested(self, prelude: str) -> None:
+        self._note(f"the style of {prelude[:40]!r} is left out, which is nested in another")
 
-def _add_at_rule(
-    rule: Any, parent: str, matcher: cssselect2.Matcher, styles: Styles, what: str
-) -> None:
-    name = rule.lower_at_keyword
-    prelude = tinycss2.serialize(rule.prelude).strip()
-    if name == "import":
-        if "font" in prelude.lower():  # a service that has fonts: they are never fetched
-            return
-        raise InputError(
-            what,
-            f"the element <style> imports a style sheet (@import {prelude[:60]})",
-            "Save it as a plain SVG that stands alone (links embedded or removed).",
-        )
-    if name == "font-face":
-        for declaration in tinycss2.parse_blocks_contents(rule.content or []):
-            if declaration.type == "declaration" and declaration.lower_name == "font-family":
-                styles.fonts.add(tinycss2.serialize(declaration.value).strip(" \"'").lower())
-    elif name.endswith("keyframes"):
-        styles.note("its animation is left out")
-    elif name in _BLOCKS and rule.content and (name != "media" or _applies(prelude)):
-        inner = tinycss2.parse_rule_list(rule.content, skip_comments=True, skip_whitespace=True)
-        _add_rules(inner, parent, matcher, styles, what)
+    def _write_sheet(self, element: Element, rules: list[tuple[str, Declarations]]) -> None:
+        lines = []
+        for prelude, body in rules:
+            selectors = [s for part in prelude.split(",") if (s := self._selector(part.strip()))]
+            written = self._write(body, None, selectors)
+            if selectors and written:
+                lines.append(f"{','.join(selectors)}{{{write_declarations(written)}}}")
+        for child in list(element):
+            element.remove(child)
+        element.attrib.clear()
+        element.text = "\n".join(lines)
 
-
-def _visit(
-    wrapper: Any, matcher: cssselect2.Matcher, variables: dict[str, Tokens], styles: Styles
-) -> None:
-    """Compute an element's values, and those of the elements in it (a tree is no deeper than its limit)."""
-    element: Element = wrapper.etree_element
-    ranked: list[tuple[tuple[Any, ...], str, Tokens]] = []
-    for name in [n for n in element.attrib if n in _KNOWN and n not in GEOMETRY]:
-        if name not in ("transform", "transform-origin") or "var(" in element.attrib[name]:
-            value = tinycss2.parse_component_value_list(element.attrib.pop(name))
-            ranked.append(((0,), name, value))
-    for specificity, order, pseudo, content in matcher.match(wrapper):
-        if pseudo is None:
-            ranked += _rank(content, (1, specificity, order))
-    style = element.attrib.pop("style", "")
-    ranked += _rank(_parse_declarations(style), (2,))
-    # the strongest comes first, and among equals the last
-    ranked = [r for _, r in sorted(enumerate(ranked), key=lambda k: (k[1][0], k[0]), reverse=True)]
-    own = dict(variables)
-    own.update({name: value for _, name, value in reversed(ranked) if name.startswith("--")})
-    chosen: dict[str, str] = {}
-    for _, name, value in ranked:
-        if name.startswith("animation"):
-            styles.note("its animation is left out")
-        if name in chosen or name not in _KNOWN:
-            continue
-        try:
-            written = tinycss2.serialize(list(_write_out(value, own, 0))).strip()
-        except _UnknownVariable:
-            continue
-        if len(written) <= _LONGEST and (read := _read_value(name, written, styles)) is not None:
-            chosen[name] = read
-    if "font" in chosen:
-        chosen = {**_expand_font(chosen.pop("font")), **chosen}
-    if not local_name(element).startswith(("text", "tspan")):
-        for name in [n for n in GEOMETRY if n in chosen]:
-            element.set(name, re.sub(r"""^path\(\s*["']|["']\s*\)$""", "", chosen[name]))
-    styles.of[element] = chosen
-    for child in wrapper.iter_children():
-        _visit(child, matcher, own, styles)
-
-
-@lru_cache(1024)
-def _parse_declarations(style: str) -> Tokens:
-    return tuple(tinycss2.parse_blocks_contents(style))
-
-
-def _rank(content: Tokens, rank: tuple[Any, ...]) -> list[tuple[tuple[Any, ...], str, Tokens]]:
-    """Return declarations with their place in the cascade; !important declarations come above all others."""
-    return [
-        (
-            (3, *rank) if d.important else rank,
-            d.name if d.name.startswith("--") else d.lower_name,
-            d.value,
-        )
-        for d in content
-        if d.type == "declaration"
-    ]
-
-
-def _write_out(tokens: Tokens, variables: dict[str, Tokens], depth: int) -> Iterator[Any]:
-    """Yield the tokens of a value with its var() written out."""
-    if depth > _DEEPEST:
-        raise _UnknownVariable
-    for token in tokens:
-        if token.type == "comment":
-            continue
-        if token.type == "function" and token.lower_name == "var":
-            inside = [t for t in token.arguments if t.type not in ("whitespace", "comment")]
-            name = inside[0].value if inside and inside[0].type == "ident" else ""
-            comma = [
-                i for i, t in enumerate(token.arguments) if t.type == "literal" and t.value == ","
-            ]
-            try:
-                if name not in variables:
-                    raise _UnknownVariable
-                found = list(_write_out(variables[name], variables, depth + 1))
-                if len(found) > _LONGEST:
-                    raise _UnknownVariable
-            except _UnknownVariable:
-                if not comma:
-                    raise
-                found = list(_write_out(token.arguments[comma[0] + 1 :], variables, depth + 1))
-            yield from found
-        elif token.type == "function":
-            arguments = list(_write_out(token.arguments, variables, depth + 1))
-            yield type(token)(token.source_line, token.source_column, token.name, arguments)
-        else:
-            yield token
-
-
-def _read_value(name: str, text: str, styles: Styles) -> str | None:
-    """Read a value as the library knows it; None where there is none that it knows."""
-    if name != "d" and re.search(r"[\d.]rem\b|\b(?:calc|min|max|clamp)\(", text, re.I):
-        text = _read_lengths(text)
-        if re.search(r"\b(?:calc|min|max|clamp|unknown)\(", text, re.I):
-            styles.note(f"{name}: a sum (calc) of several units is left out")
-            return None
-    word = text.lower()
-    if word in ("unset", "revert", "revert-layer"):
-        return "inherit" if name.startswith(_INHERITED) else None
-    if name in COLOURS:
-        return _read_paint(name, text, styles)
-    if name.startswith("background"):
-        return to_hex(text)
-    text = re.sub(r"""url\(\s*["']?([^"')]*?)["']?\s*\)""", r"url(\1)", text, flags=re.I)
-    shape = re.match(
-        r"(circle|ellipse|inset|polygon|path|rect|xywh|shape|[a-z-]*gradient|image-set)\(", word
-    )
-    if name in ("clip-path", "mask") and shape is not None:
-        styles.note(f"{name}: {shape[1]}() is left out, which is not known")
+    def _selector(self, text: str) -> str | None:
+        """Return a selector that resvg matches without trying many ways, or None."""
+        text = text.replace(":root", "svg")
+        plain = text.replace(":first-child", "").replace("svg|", "")
+        steps = plain.replace(">", " > ").split()
+        ancestors = len(steps) - 1 - 2 * steps.count(">")
+        if plain and not set(plain) & set(":()+~\\&|@<") and ancestors <= _ANCESTORS:
+            return text.replace("svg|", "")
+        if not any(text.endswith(p) for p in (":hover", ":focus", ":active", ":target")):
+            self._note(f"the style of {text[:40]!r} is left out, a selector that is not known")
         return None
-    return text
 
+    def _write_attributes(self, element: Element) -> None:
+        for name in list(element.attrib):
+            value = element.attrib[name]
+            if value.lower().rstrip().endswith("rem") or "rem " in value.lower():
+                element.set(name, value := rem_in_px(value))
+            if name == f"{{{XLINK}}}href":
+                if value.startswith("#"):
+                    element.set(name, "#" + self._id(value[1:]))
+            elif name in _PASSED or name in ("font-family", "vector-effect"):
+                del element.attrib[name]
+                for key, text in self._write([(name, value)], element, []):
+                    element.set(key, text)
+            elif name == "transform" and "var(" in value:
+                element.set(name, self._resolve(value) or "")
 
-def _read_paint(name: str, text: str, styles: Styles) -> str | None:
-    """Read a paint: a colour, or a reference with a colour to fall back to."""
-    if text.lower() == "initial":
-        return "none" if name == "stroke" else "#ffffff" if name == "lighting-color" else "#000000"
-    reference = re.match(r"url\([^)]*\)\s*", text, re.I)
-    rest = text[reference.end() :] if reference else text
-    if reference and not rest:
-        return text
-    colour = to_hex(rest)
-    if colour is None:
-        styles.note(f"{name}: {rest[:40]} is left out, a colour that is not known")
-        return reference[0] if reference else None
-    return f"{reference[0]}{colour}" if reference else colour
+    def _write_style(self, element: Element, body: Declarations) -> None:
+        written = self._write(body, element, [])
+        kept = []
+        shape = not local_name(element).startswith(("text", "tspan"))
+        for name, value in written:
+            bare = value.partition("!")[0].strip()
+            if name in _GEOMETRY:
+                if name == "d":
+                    element.set("d", bare.removeprefix("path(").strip(" \"')"))
+                elif shape and read_length(bare, 1.0) is not None:
+                    element.set(name, bare)
+            elif name in ("transform", "transform-origin"):
+                element.set(self._transform_name(element, name), bare)
+            else:
+                kept.append((name, value))
+        if kept:
+            element.set("style", write_declarations(kept))
 
+    def _transform_name(self, element: Element, name: str) -> str:
+        kind = local_name(element)
+        if name == "transform" and kind in ("linearGradient", "radialGradient"):
+            return "gradientTransform"
+        return "patternTransform" if name == "transform" and kind == "pattern" else name
 
-def _read_lengths(text: str) -> str:
-    """Read lengths in rem in px, and sums (calc) worked out where their units allow it."""
-    text = re.sub(r"(?<![\w.])([\d.]+)rem\b", lambda m: f"{16 * float(m[1]):g}px", text)
-    for _ in range(_DEEPEST):  # the innermost first
-        text, changed = re.subn(
-            r"\bcalc\(((?:[^()]|(?<![a-z])\([^()]*\))*)\)", _work_out, text, flags=re.I
+    def _write(
+        self, body: Declarations, element: Element | None, selectors: list[str]
+    ) -> Declarations:
+        """Return the declarations of a style that resvg draws; `element` is None in a sheet."""
+        written: Declarations = []
+        self._inside = "style" if element is None else local_name(element)
+        for name, value in body:
+            name = _OTHER_NAMES.get(name, name)
+            if name in _TOLD:
+                if value.strip().lower() not in ("none", "normal", "view-box", ""):
+                    self._note(_TOLD[name].format(name=name))
+                continue
+            background = name in ("background", "background-color")
+            if not (name in _PASSED or name in _PARTS or name in _GEOMETRY or background):
+                continue
+            found = self._resolve(value)
+            if found is None:
+                self._note(f"{name}: {value[:40]} is left out, a variable that has no one value")
+                continue
+            plain, mark, _ = found.partition("!")
+            before = dict(self.notes)
+            read = self._read(name, plain.strip(), element, selectors)
+            if (
+                not read
+                and name in _COLOURS
+                and (
+                    any(key == name for key, _ in written)
+                    or (element is not None and name in element.attrib)
+                )
+            ):
+                self.notes = before  # editors write a plain colour before a newer one
+            for key, text in read:
+                written.append((key, f"{text} !important" if mark else text))
+        return written
+
+    def _read(
+        self, name: str, text: str, element: Element | None, selectors: list[str]
+    ) -> Declarations:
+        word = text.lower()
+        if not text or word in _RESETS:
+            return []
+        if any(f"{sum_}(" in word for sum_ in ("calc", "min", "max", "clamp")):
+            self._note(
+                f"{name}: a sum ({word.partition('(')[0][-8:]}) is left out: write its value"
+            )
+            return []
+        if "rem" in word:
+            text = rem_in_px(text)
+            word = text.lower()
+        if name.startswith("background"):
+            if element is self.root or set(selectors) & {"svg", "*"}:
+                self.page = page_colour(word) or (None if element is self.root else self.page)
+            return []
+        if name == "font":
+            return [p for k, v in expand_font(text) for p in self._read(k, v, element, selectors)]
+        if name == "font-family":
+            chosen = self._choose_family(text, element) if self._choose_family else None
+            return [] if chosen is None else [(name, f"'{chosen}'")]
+        if name == "vector-effect":
+            if word == "non-scaling-stroke":
+                self._note(
+                    "strokes that keep their width (vector-effect: non-scaling-stroke) are drawn as if "
+                    "they scaled: turn them to paths in the editor"
+                )
+            return []
+        if name in ("transform", "transform-origin"):
+            return self._read_transform(name, word, element)
+        if name in _GEOMETRY:
+            if element is None and not set(selectors) & {"svg", "*"}:
+                self._note(f"{name} in a style sheet is not drawn: write it as an attribute")
+            return [] if element is None else [(name, text)]
+        if name in _COLOURS:
+            return self._read_paint(name, text)
+        if name in _LINKS:
+            return self._read_link(name, text)
+        self._dashed |= name == "stroke-dasharray" and word != "none"
+        return [(name, word)]
+
+    def _read_transform(self, name: str, word: str, element: Element | None) -> Declarations:
+        """Read a transform of a style attribute: without units where these are px and degrees."""
+        if word == "none":
+            return []
+        if name == "transform-origin":
+            lengths = [read_length(part) for part in word.split()[:2]]
+            found = " ".join(f"{n:.9g}" for n in lengths if n is not None)
+            known = None not in lengths and len(lengths) == 2 and element is not self.root
+        else:
+            found = " ".join(read_functions(word))
+            known = bool(found)
+        if element is None or not known:
+            self._note(_MOVES)
+            return []
+        return [(name, found)]
+
+    def _read_paint(self, name: str, text: str) -> Declarations:
+        link, rest = "", text
+        if text.lower().startswith("url("):
+            found = next(find_links(text), None)
+            if found is None:
+                return []
+            link, rest = f"url(#{self._link(found[2], name)})", text[found[1] :].strip()
+        word = rest.lower()
+        if word == "initial":
+            word = {"stroke": "none", "lighting-color": "#ffffff"}.get(name, "#000000")
+        known = word in ("none", "inherit", "transparent", "context-fill", "context-stroke", "")
+        if word == "currentcolor":
+            word, known = "currentColor", True
+        if not known and not is_colour(word):
+            self._note(
+                f"{name}: {rest[:40]} is left out, a colour that is not known: write it as #rrggbb"
+            )
+            word = ""
+        return [(name, f"{link} {word}".strip())] if link or word else []
+
+    def _read_link(self, name: str, text: str) -> Declarations:
+        found = list(find_links(text))
+        if not found:
+            kind = text.partition("(")
+            if kind[1] and name in ("clip-path", "mask"):
+                self._note(f"{name}: {kind[0].lower()}() is left out, which is not known")
+                return []
+            return [(name, text.lower())]
+        targets = [self._link(link, name) for _, _, link in found]
+        if name == "filter":
+            if any(target not in self._ids.values() for target in targets):
+                return []  # browsers draw what has a filter that is not there
+            return [(name, " ".join(f"url(#{target})" for target in targets))]
+        return [(name, f"url(#{targets[0]})")]
+
+    def _link(self, link: str, name: str) -> str:
+        if link and not link.startswith("#"):
+            refuse_outside(link, self._inside, self._what)
+        return self._id(link[1:])
+
+    def _id(self, asked: str) -> str:
+        return self._ids.get(asked) or self._ids.get(unquote(asked)) or "gone"
+
+    def _resolve(self, value: str, depth: int = 0) -> str | None:
+        """Write out var(); None where one has no value, or several in this drawing."""
+        at = value.find("var(")
+        if at < 0:
+            return value
+        parts, end = [], 0
+        while at >= 0:
+            stop, level = at + 4, 1
+            while stop < len(value) and level:
+                level += {"(": 1, ")": -1}.get(value[stop], 0)
+                stop += 1
+            name, comma, other = value[at + 4 : stop - 1].partition(",")
+            found = self._variables.get(name.strip())
+            if found is not None and depth < _NESTED:
+                found = self._resolve(found, depth + 1)
+            if found is None and comma and name.strip() not in self._variables:
+                found = self._resolve(other.strip(), depth + 1) if depth < _NESTED else None
+            if found is None:
+                return None
+            parts += [value[end:at], found]
+            if sum(map(len, parts)) > _LONGEST:
+                return None
+            end, at = stop, value.find("var(", stop)
+        return "".join([*parts, value[end:]])
+
+    def _move_page(self) -> None:
+        """Turn a transform of the page into one of its content, about its middle, as browsers do."""
+        moved = self.root.attrib.pop("transform", "").strip()
+        if not moved:
+            return
+        try:
+            box = [float(n) for n in self.root.get("viewBox", "").replace(",", " ").split()]
+        except ValueError:
+            box = []
+        sides = [read_length(self.root.get(side, "")) for side in ("width", "height")]
+        if len(box) != 4:
+            box = [0.0, 0.0, sides[0] or 100.0, sides[1] or 100.0]
+        ratios = [s / b for s, b in zip(sides, box[2:], strict=True) if s and b]
+        scale = min(ratios, default=1.0)
+        x, y = box[0] + box[2] / 2, box[1] + box[3] / 2
+        group = Element(
+            f"{{{SVG}}}g",
+            {
+                "transform": f"translate({x:.9g} {y:.9g}) scale({1 / scale:.9g}) {moved} "
+                f"scale({scale:.9g}) translate({-x:.9g} {-y:.9g})"
+            },
         )
-        if not changed:
-            break
-    return text
+        group.extend(list(self.root))
+        self.root[:] = [group]
 
 
-def _work_out(match: re.Match[str]) -> str:
-    """Compute a sum of numbers, of lengths in px, or of any one other unit."""
-    units = set()
-
-    def bare(number: re.Match[str]) -> str:
-        unit = number[2].lower()
-        length = None if unit in ("", "em", "ex", "%") else read_length(number[0])
-        units.add(unit if length is None else "px")
-        return number[1] if length is None else repr(length)
-
-    sum_ = re.sub(r"(\d+\.?\d*|\.\d+)([a-z%]*)", bare, match[1], flags=re.I)
-    try:
-        if len(sum_) > 200 or len(units - {""}) > 1:  # characters of a calc()
-            raise ValueError
-        result = _evaluate(ast.parse(sum_.strip(), mode="eval").body)
-    except (ValueError, SyntaxError, ZeroDivisionError, KeyError):
-        return f"unknown({match[1]})"
-    return f"{result:.9g}{next(iter(units - {''}), '')}"
-
-
-def _evaluate(node: ast.expr) -> float:
-    """Give the value of an expression of numbers and + - * /; KeyError or ValueError where it is another."""
-    if isinstance(node, ast.Constant) and isinstance(node.value, int | float):
-        return float(node.value)
-    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
-        return -_evaluate(node.operand)
-    if isinstance(node, ast.BinOp):
-        return _OPERATORS[type(node.op)](_evaluate(node.left), _evaluate(node.right))
-    raise ValueError
-
-
-def _expand_font(text: str) -> dict[str, str]:
-    """Return the parts of the shorthand `font`."""
-    found = _FONT.fullmatch(text.strip())
-    if found is None:
-        return {}
-    values = {"font-size": found["size"], "font-family": found["family"]}
-    for word in found["before"].lower().split():
-        if word in ("italic", "oblique"):
-            values["font-style"] = word
-        elif word == "small-caps":
-            values["font-variant"] = word
-        elif word in ("bold", "bolder", "lighter") or word.isdigit():
-            values["font-weight"] = word
-        elif word.endswith(("condensed", "expanded")):
-            values["font-stretch"] = word
-    return values
-
-
-def write_styles(root: Element, styles: Styles, what: str) -> str | None:
-    """Give each element a style attribute with the values that the library reads; returns the page's colour.
-
-    Raises:
-        InputError: a value refers to something outside the file.
-    """
+def _rename_ids(root: Element) -> dict[str, str]:
+    """Give ids names that resvg reads in references; return the new names by the old."""
+    found: dict[str, str] = {}
+    taken = {e.get("id") for e in root.iter()}
     for element in root.iter():
-        own = styles.of.get(element, {})
-        written = {
-            k: v for k, v in own.items() if k not in _APART and not k.startswith("background")
-        }
-        for value in written.values():
-            for link in _URL.findall(value):
-                if link and not link.startswith("#"):
-                    refuse_outside(link, local_name(element), what)
-        if written:
-            element.set("style", ";".join(f"{k}:{v}" for k, v in written.items()))
-    for sheet in [(p, e) for p in root.iter() for e in p if local_name(e) == "style"]:
-        sheet[0].remove(sheet[1])
-    own = styles.of[root]
-    return own.get("background-color", own.get("background"))
+        old = element.get("id")
+        if old is None:
+            continue
+        if old not in found:
+            new = re.sub(r"[^\w.:-]", "_", old)
+            while new != old and new in taken:
+                new += "_"
+            taken.add(new)
+            found[old] = new
+        element.set("id", found[old])
+    return found

@@ -25,7 +25,7 @@ _BOMS = {
     codecs.BOM_UTF16_LE: "utf-16-le",
     codecs.BOM_UTF16_BE: "utf-16-be",
 }
-_DECLARATION = re.compile(r"\s*<\?xml\s[^>]*?\?>\s*")
+_DECLARATION = re.compile(r"<\?xml\s[^>]{0,1000}>")
 _ENCODING = re.compile(rb"""<\?xml\s[^>]*?encoding\s*=\s*["']([A-Za-z0-9._-]+)""")
 _REFERENCE = re.compile(r"&([A-Za-z_][\w.-]*);")
 _PREFIX = re.compile(r"(?:</?|\s)([A-Za-z_][\w.-]*):[A-Za-z_]")
@@ -76,7 +76,7 @@ def _decode(data: bytes, what: str) -> str:
     """Return the text of an XML file, without its declaration and blank lines before it."""
     data = data.lstrip(b" \t\r\n")
     mark = next((m for m in _BOMS if data.startswith(m)), None)
-    said = _ENCODING.match(data)
+    said = _ENCODING.match(data[:1000])
     if mark is not None:
         data, encoding = data[len(mark) :], _BOMS[mark]
     elif b"\0" in data[:2]:
@@ -93,7 +93,10 @@ def _decode(data: bytes, what: str) -> str:
         raise InputError(
             what, f"it is not valid XML: its text is no {encoding}", "Save the SVG as UTF-8."
         ) from error
-    return _DECLARATION.sub("", text, count=1).strip("\0 \t\r\n\ufeff")
+    text = text.lstrip("\0 \t\r\n\ufeff")
+    if declared := _DECLARATION.match(text):
+        text = text[declared.end() :]
+    return text.strip("\0 \t\r\n\ufeff")
 
 
 class _Builder:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -153,3 +154,29 @@ def test_a_file_without_a_unit_has_the_one_that_is_given(
     mesh, notes = read(tmp_path, "a.3mf", objects(), unit)
     assert enclosed_volume(mesh) == pytest.approx(2 * CUBE)
     assert bool(notes) == (unit != "mm")
+
+
+def test_corners_that_rounding_parted_are_joined(tmp_path: Path) -> None:
+    cube, _ = read(tmp_path, "cube.stl", cube_stl())
+    corners = cube.vertices[cube.faces] + np.random.default_rng(1).normal(0, 5e-6, (12, 3, 3))
+    facets = np.zeros(12, dtype=[("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("x", "<u2")])
+    facets["corners"] = corners
+    content = bytes(80) + len(facets).to_bytes(4, "little") + facets.tobytes()
+    found, said = volume(tmp_path, "a.stl", content)
+    assert found == pytest.approx(CUBE, rel=1e-4) and "were joined" in said
+    facets["corners"][0, 0] += 0.01  # a real gap stays one
+    mesh, notes = read(tmp_path, "b.stl", content[:84] + facets.tobytes())
+    assert len(mesh.vertices) > 8 and not notes
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda text: text.replace(b"endsolid cube", b"").replace(b"endsolid", b""), "no end"),
+        (lambda text: b"# made by hand\n; twice\n" + text, ""),
+        (lambda text: text + b"\0\0\n", ""),
+    ],
+)
+def test_loose_text_stl_is_read(tmp_path: Path, change: Any, words: str) -> None:
+    found, said = volume(tmp_path, "a.stl", change(cube_text()))
+    assert found == pytest.approx(CUBE) and words in said

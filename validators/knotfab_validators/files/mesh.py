@@ -20,13 +20,14 @@ from knotfab_formats.errors import short
 from knotfab_validators.arrays import Array, Ints
 from knotfab_validators.check import DECIMAL_COMMA, MOST_MM, MOST_TRIANGLES, BadFile, read_bytes
 from knotfab_validators.files.threemf import corners_3mf, is_3mf
-from knotfab_validators.geometry.mesh import Corners, Mesh, merge_equal, number_bodies
+from knotfab_validators.geometry.mesh import Corners, Mesh, join_rounded, merge_equal, number_bodies
 
 if TYPE_CHECKING:
     from knotfab_formats.piece import Plate as Listed
     from knotfab_formats.scene import Scene
 
 
+ROUNDING_MM = 1e-4  # a hundredth of what any printer resolves
 MOST_BYTES = 2_000_000_000
 UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}
 
@@ -69,7 +70,12 @@ def read_mesh(path: Path, unit: str = "mm", notes: list[str] | None = None) -> M
         raise BadFile(
             f"{path.name}: has coordinates as large as {far:.3g} mm; a part's are at most {MOST_MM:g}"
         )
-    return merge_equal(corners)
+    mesh, gap = join_rounded(merge_equal(corners), ROUNDING_MM)
+    if gap and notes is not None:
+        notes.append(
+            f"{path.name}: corners up to {gap:.2g} mm apart were joined, as rounded numbers"
+        )
+    return mesh
 
 
 def _corners(content: bytes, path: Path, notes: list[str]) -> Corners:
@@ -169,7 +175,9 @@ TEXT_FACET = re.compile(
 )
 MOST_BEHIND = 65_536  # bytes
 SOLID = re.compile(rb"\s*(end)?\s?solid(?!\w)[^\r\n]*", re.IGNORECASE)
-END = re.compile(rb"\s*\Z")
+END = re.compile(rb"[\s\0]*\Z")
+BEGINNING = re.compile(rb"\s*(?:[#;][^\r\n]*\s+|//[^\r\n]*\s+)*solid(?!\w)", re.IGNORECASE)
+COMMENT = re.compile(rb"\s*(?:#|;|//)[^\r\n]*")
 
 
 def is_stl(content: bytes) -> bool:
@@ -179,7 +187,7 @@ def is_stl(content: bytes) -> bool:
 
 def _is_text(content: bytes) -> bool:
     """Tell whether it begins as text; some programs write the word into a binary file's header too."""
-    return content.lstrip()[:5].lower() == b"solid" and b"\0" not in content[:1000]
+    return bool(BEGINNING.match(content)) and b"\0" not in content[:1000]
 
 
 def _length(content: bytes) -> int:
@@ -203,7 +211,7 @@ def corners_stl(content: bytes, name: str, notes: list[str] | None = None) -> Co
         corners: Corners = np.frombuffer(content, dtype=FACET, offset=84)["corners"]
         return corners
     if _is_text(content):
-        return _corners_text(content, name)
+        return _corners_text(content, name, notes)
     behind = len(content) - _length(content)
     if _length(content) > 84 and 0 < behind <= MOST_BEHIND and behind % FACET.itemsize:
         if notes is not None:
@@ -222,7 +230,7 @@ def corners_stl(content: bytes, name: str, notes: list[str] | None = None) -> Co
     raise BadFile(f"{name}: it is not an STL file, or is cut off")
 
 
-def _corners_text(content: bytes, name: str) -> Corners:
+def _corners_text(content: bytes, name: str, notes: list[str] | None) -> Corners:
     """Return (m, 3, 3) corners of an STL file of words; several solids may follow each other."""
     numbers, at, inside = array("d"), 0, False
     while True:
@@ -238,9 +246,14 @@ def _corners_text(content: bytes, name: str) -> Corners:
             at = facet.end()
         elif line := SOLID.match(content, at):
             inside, at = not line.group(1), line.end()
+        elif line := COMMENT.match(content, at):
+            at = line.end()
         else:
             break
-    if inside or not END.match(content, at):
+    ended = bool(END.match(content, at))
+    if inside and ended and numbers and notes is not None:
+        notes.append(f"{name}: its last solid has no end (endsolid), and is read up to there")
+    if not ended or (inside and not numbers):
         where = content.count(b"\n", 0, at) + 1
         raise BadFile(
             f"{name}: it is not an STL file, or is cut off: after line {where} comes neither a facet nor "

@@ -228,7 +228,9 @@ class _Package:
             faces = shape.faces.copy()
             for first, last in self.steering.triangles.get(item.number, []):
                 faces[first : last + 1] = -1
-            parts.append(moved[faces[faces[:, 0] >= 0]])
+            placed = moved[faces[faces[:, 0] >= 0]]
+            # a mirror turns faces inside out; slicers turn them back
+            parts.append(placed[:, ::-1] if np.linalg.det(matrix[:3, :3]) < 0 else placed)
         for component in shape.components:
             if (item.number, component.number) in self.steering.components:
                 continue

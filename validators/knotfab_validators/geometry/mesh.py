@@ -51,6 +51,47 @@ def merge_equal(corners: Corners) -> Mesh:
     return Mesh(flat[first], index.reshape(-1, 3))
 
 
+def join_rounded(mesh: Mesh, within: float) -> tuple[Mesh, float]:
+    """Join corners along open edges that are at most so far apart, in mm, as writers round them.
+
+    Faces that this leaves without an area go. Returns the mesh and the widest gap that was joined, 0 where
+    none was: a mesh that it does not close stays as it is.
+    """
+    edges = _open_edges(mesh.faces)
+    ends = np.unique(edges)
+    if not len(ends):
+        return mesh, 0.0
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
+    pairs = cKDTree(mesh.vertices[ends]).query_pairs(within, output_type="ndarray")
+    if not len(pairs):
+        return mesh, 0.0
+    count = len(ends)
+    graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
+    _, group = connected_components(graph, directed=False)
+    first = np.full(group.max() + 1, len(mesh.vertices), dtype=np.int64)
+    np.minimum.at(first, group, ends)
+    new = np.arange(len(mesh.vertices))
+    new[ends] = first[group]
+    faces = new[mesh.faces]
+    whole = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
+    joined = faces[whole]
+    if len(_open_edges(joined)):
+        return mesh, 0.0
+    gap = float(np.linalg.norm(np.subtract(*mesh.vertices[ends[pairs.T]]), axis=1).max())
+    kept, index = np.unique(joined, return_inverse=True)
+    return Mesh(mesh.vertices[kept], index.reshape(-1, 3)), gap
+
+
+def _open_edges(faces: Ints) -> Ints:
+    """Return (n, 2) the edges that an odd number of faces share."""
+    edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+    found, counts = np.unique(edges, axis=0, return_counts=True)
+    return np.asarray(found[counts % 2 == 1])
+
+
 @compiled
 def _number_equal(rows: NDArray[np.uint64]) -> tuple[Ints, Ints]:
     """Find by a hash table where each different row of (n, 3) comes first, and the rows' numbers."""

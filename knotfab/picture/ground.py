@@ -1,0 +1,177 @@
+"""What a drawing lies on, where that is not plain: a sheet within the picture, a board, squares."""
+
+from __future__ import annotations
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from PIL import Image
+
+from knotfab.base.arrays import Array, Mask
+from knotfab.picture.ink import frame_px, name_colour
+from knotfab.picture.silhouette import fill_holes, pieces_of
+
+Colours = NDArray[np.uint8]  # (H, W, 3)
+
+_SIDE = 600  # px of the longer side on which a sheet is looked for
+_LIGHT = 0.78  # the share of the brightest level that paper has at least
+_GREY = 60  # levels by which the channels of paper differ at most
+_LEAST = 0.15  # the share of the picture that a sheet covers at least
+_EDGE = (
+    0.012  # the share of the picture's longer side that is cut off a sheet: its soft or shaded edge
+)
+_NEAR = 20.0  # levels within one flat colour
+
+
+def plain_ground(image: Image.Image) -> tuple[Image.Image, str] | None:
+    """Return the picture on plain paper and a note, where it lies on a sheet, a board or squares.
+
+    None where it does not, or where nothing is drawn on the sheet.
+    """
+    if image.mode.startswith(("I", "F")):
+        return None
+    rgba = np.asarray(image.convert("RGBA"))
+    for find in (_checkerboard, _squares, _sheet):
+        found = find(rgba[..., :3], rgba[..., 3] >= 128)
+        if found is not None:
+            return Image.fromarray(found[0]), found[1]
+    return None
+
+
+def _sheet(rgb: Colours, opaque: Mask) -> tuple[Colours, str] | None:
+    """Paint what lies around a sheet of light paper in the paper's colour."""
+    every = -(-max(opaque.shape) // _SIDE)
+    few, seen = rgb[::every, ::every].astype(np.int64), opaque[::every, ::every]
+    if not seen.any():
+        return None
+    bright = few.mean(axis=2)
+    most = float(np.percentile(bright[seen], 95))
+    light = seen & (bright >= _LIGHT * most) & (np.ptp(few, axis=2) <= _GREY)
+    labels, areas = pieces_of(light)
+    if most < 140 or not len(areas) or areas.max() < _LEAST * light.size:
+        return None
+    paper = labels == int(areas.argmax()) + 1
+    sheet = fill_holes(paper, light.size)
+    around = ~sheet
+    sides = np.array([side.mean() for side in (sheet[0], sheet[-1], sheet[:, 0], sheet[:, -1])])
+    reached = sides.mean()
+    bars = max(sides[:2]) < 0.02 or max(sides[2:]) < 0.02
+    # a sheet that reaches the edge is a scan whose edge shows, or lies between two bars
+    if around.mean() < 0.002 or reached > 0.8 or frame_px(rgb):
+        return None
+    if reached > 0.2 and around.mean() > 0.12 and not bars:
+        return None
+    clear = ~seen[around]
+    bright_around = light[around].mean()
+    if bright_around > 0.3 or not (clear.mean() > 0.5 or bright[around & seen].mean() < 0.9 * most):
+        return None
+    if not _has_four_corners(sheet):
+        return None
+    from scipy import ndimage
+
+    steps = max(2, round(_EDGE * max(light.shape)))
+    inside = ndimage.binary_erosion(sheet, np.ones((3, 3)), iterations=steps, border_value=1)
+    drawn = (inside & ~light).sum() / max(1, inside.sum())
+    if not 0.002 <= drawn <= 0.6:
+        return None
+    colour = np.median(few[paper], axis=0).astype(np.uint8)
+    whole = np.asarray(Image.fromarray(inside).resize(opaque.shape[::-1], Image.Resampling.NEAREST))
+    painted = np.where((whole & opaque)[..., None], rgb, colour)
+    return painted.astype(np.uint8), (
+        f"a sheet of paper ({name_colour(colour)}) lies within the picture, and what is drawn on it is read "
+        "(--ink light or --ink alpha draws the sheet itself)"
+    )
+
+
+def _has_four_corners(sheet: Mask) -> bool:
+    rows, columns = sheet.nonzero()
+    hull = shapely.convex_hull(shapely.MultiPoint(_ends(sheet)))
+    if not isinstance(hull, shapely.Polygon) or len(rows) < 0.95 * hull.area:
+        return False
+    longer = float(np.ptp(rows) + np.ptp(columns)) / 2
+    return len(hull.simplify(0.03 * longer).exterior.coords) - 1 in (4, 5)
+
+
+def _ends(mask: Mask) -> Array:
+    """Return (n, 2) the first and the last px of each row."""
+    rows = np.flatnonzero(mask.any(axis=1))
+    first = mask[rows].argmax(axis=1)
+    last = mask.shape[1] - 1 - mask[rows][:, ::-1].argmax(axis=1)
+    ends = np.concatenate([np.stack([first, rows], 1), np.stack([last, rows], 1)])
+    return np.asarray(ends, dtype=np.float64)
+
+
+def _checkerboard(rgb: Colours, opaque: Mask) -> tuple[Colours, str] | None:
+    """Draw, dark on white, what hides a painted board of two greys, which stands for transparency."""
+    if not opaque.all():
+        return None
+    runs, colours = [], []
+    for line in (rgb[0], rgb[-1], rgb[:, 0], rgb[:, -1]):
+        starts = np.flatnonzero((np.abs(np.diff(line.astype(int), axis=0)) > 6).any(axis=1)) + 1
+        if len(starts) < 5:
+            return None
+        runs += list(np.diff(starts))
+        colours.append(line)
+    tile = int(np.median(runs))
+    if tile < 3 or np.mean(np.abs(np.array(runs) - tile) <= max(1, 0.15 * tile)) < 0.8:
+        return None
+    border = np.concatenate(colours).astype(np.float64)
+    bright = border.mean(axis=1)
+    pale, dark = (
+        np.median(border[side], axis=0)
+        for side in (bright >= bright.mean(), bright < bright.mean())
+    )
+    flat = max(np.ptp(pale), np.ptp(dark)) <= 12 and _NEAR / 2 < np.linalg.norm(pale - dark) < 200
+    near = [np.linalg.norm(rgb.astype(np.float32) - c, axis=2) <= _NEAR / 2 for c in (pale, dark)]
+    shares = [float(np.mean(np.linalg.norm(border - c, axis=1) <= _NEAR / 2)) for c in (pale, dark)]
+    if not flat or min(shares) < 0.3 or sum(shares) < 0.9:
+        return None
+    from scipy import ndimage
+
+    share = ndimage.uniform_filter(near[1].astype(np.float32), 2 * tile, mode="reflect")
+    covered = (share < 0.25) | (share > 0.75)
+    whole = np.zeros_like(covered)
+    whole[tile:-tile, tile:-tile] = True  # nearer to the edge a window holds one square
+    shape = ~(near[0] | near[1]) | (covered & whole)
+    shape = ndimage.median_filter(shape, 5)
+    if not 0.002 <= shape.mean() <= 0.9:
+        return None
+    names = f"{name_colour(pale)} and {name_colour(dark)}"
+    return np.where(shape[..., None], 0, 255).repeat(3, axis=2).astype(np.uint8), (
+        f"its ground is a painted checkerboard ({names}), which stands for transparency: what hides it is "
+        "drawn, and edges are as coarse as its squares (--ink COLOUR reads the picture as it is)"
+    )
+
+
+def _squares(rgb: Colours, opaque: Mask) -> tuple[Colours, str] | None:
+    """Paint the lines of squared paper in the paper's colour."""
+    if not opaque.all():
+        return None
+    paper = np.percentile(rgb.reshape(-1, 3)[:: max(1, rgb.size // 300_000)], 90, axis=0)
+    away = np.linalg.norm(rgb.astype(np.float32) - paper.astype(np.float32), axis=2)
+    off = away > _NEAR
+    if paper.mean() < 150 or not 0.02 < off.mean() < 0.7:
+        return None
+    lines = []
+    for axis in (0, 1):
+        along = off.mean(axis=1 - axis) > 0.6
+        starts = np.flatnonzero(along & ~np.roll(along, 1))
+        gaps = np.diff(starts)
+        if (
+            len(starts) < 5
+            or along.mean() > 0.4
+            or np.ptp(gaps[1:-1]) > max(2, 0.1 * np.median(gaps))
+        ):
+            return None
+        wide = along | np.roll(along, 1) | np.roll(along, -1)
+        lines.append((along, wide))
+    cross = lines[0][0][:, None] | lines[1][0]
+    tone = np.median(rgb[cross & off], axis=0)
+    if np.linalg.norm(tone - paper) > 200:  # as dark as ink
+        return None
+    near = (lines[0][1][:, None] | lines[1][1]) & (away <= 1.15 * np.linalg.norm(tone - paper))
+    painted = np.where(near[..., None], paper.astype(np.uint8), rgb)
+    name = name_colour(tone)
+    return painted.astype(np.uint8), (
+        f"the lines of squared paper ({name}) are left out (--ink {name} draws them)"
+    )
