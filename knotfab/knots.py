@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import tomllib
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -77,13 +76,9 @@ class Knots:
         held = {"schema": 1, "unit": "mm", "radius_mm": self.radius_mm, "knots": knots}
         return KnotsFile.model_validate({**held, **more})
 
-    def write(
-        self, path: Path, mount: Mapping[str, Sequence[Mapping[str, Any]]] | None = None
-    ) -> None:
-        """Write knots.json, with what the part's mount is made of (`Mounted.makeup`)."""
-        path.write_text(
-            self.to_file(**{key: some for key, some in (mount or {}).items() if some}).dumps()
-        )
+    def write(self, path: Path, **more: Any) -> None:
+        """Write knots.json, with more of its keys: members of the part's mount, its bars and feet."""
+        path.write_text(self.to_file(**more).dumps())
 
     def dump_start(self) -> str:
         """Write the text of a start, for knots in the scene: at full precision, a search can go on there."""

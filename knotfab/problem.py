@@ -85,6 +85,9 @@ class Problem:
     apart_mm: float | None = None
     # steepest that prints without supports; None: they cost nothing
     overhang_deg: float | None = None
+    # strands stand in arches on a floor behind the piece, and print with the light's axis up without supports
+    arched: bool = False
+    young_modulus_mpa: float = 2300.0
     knot: str = "unknot"  # tied into the longest curve
     goals: tuple[float, ...] | None = None
     switches: Mapping[str, Switch] = field(default_factory=dict)  # by the effect's name

@@ -143,6 +143,7 @@ def ask(
             replace(s, left=_crop_to_hull(s.view, t, b))
             for s, t, b in zip(seen, targets, bounds, strict=True)
         ]
+    arched = scene.piece.supports == "none"
     problem = Problem(
         tuple(seen),
         scene.piece.clearance_mm,
@@ -150,7 +151,9 @@ def ask(
         scene.material.max_length_mm,
         resolve_region(scene.region, views, bounds, room),
         apart_mm=apart,
-        overhang_deg=_overhang_deg(scene),
+        overhang_deg=None if arched else _overhang_deg(scene),
+        arched=arched,
+        young_modulus_mpa=scene.material.young_modulus_mpa,
         knot=scene.piece.knot,
         # a third picture leaves the others little room; two are drawn best as equals
         goals=goals_of([b.iou for b in bounds]) if len(views) > 2 and apart is None else None,

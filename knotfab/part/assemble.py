@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -21,8 +21,9 @@ from knotfab.hold.mount import Mounted, mount_piece
 from knotfab.knots import Knots
 from knotfab.part.plates import Plates, can_be_split, clean_body, lay_on_plates, list_printables
 from knotfab.part.pose import PrintPose, choose_pose
+from knotfab.part.standing import Standing, stand
 from knotfab.picture.read import Target
-from knotfab.scene.camera import Camera, cameras_of
+from knotfab.scene.camera import Camera, cameras_of, view_axes
 from knotfab_formats.scene import ResolvedScene
 
 BESIDE_MM = 5.0  # a slicer's supports reach out of a piece's outline by at most this
@@ -34,13 +35,22 @@ _ANY_SIZE = (1e6, 1e6, 1e6)
 class Part(InNotebook):
     """The piece: `bodies` in print pose, with the tubes and mount that they were made of.
 
-    `plates`: what is printed, where the printer does not hold the whole.
+    `plates`: what is printed, where the printer does not hold the whole. `standing`: of a piece that prints
+    without supports; its bars are the last of the bodies.
     """
 
     bodies: list[Mesh]
     pose: PrintPose
     mounted: Mounted
     plates: Plates | None = None
+    standing: Standing | None = None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The bodies' names, those of the bars last."""
+        names = tuple(self.mounted.names)
+        bars = len(self.bodies) - len(names)
+        return names + tuple(f"bar {number}" for number in range(1, bars + 1))
 
     @cached_property
     def framing(self) -> tuple[Table | None, str]:
@@ -88,7 +98,27 @@ def part_of(
         bodies = list(pose.tubes)
         if mounted.scene.mount.kind != "none":
             bodies = [clean_body(body) for body in bodies]
-    return Part(bodies, pose, mounted, plates)
+        standing = None
+        if scene.piece.supports == "none" and printing:
+            hidden = _hide_behind(masks[0], cameras[0], pose.matrix)
+            modulus = scene.material.young_modulus_mpa
+            pose, bodies, standing = stand(pose, bodies, modulus, hidden)
+            bodies = [*bodies, *(bar.make_body() for bar in standing.bars)]
+    return Part(bodies, pose, mounted, plates, standing)
+
+
+def _hide_behind(mask: Mask, camera: Camera, matrix: Array) -> Callable[[Array], bool]:
+    """Tell of points (n, 3) in print coordinates whether all of their shadows fall on a picture's."""
+    height, width = mask.shape
+    projection = camera.projection @ matrix
+
+    def hidden(points: Array) -> bool:
+        u, v, w = projection[:, :3] @ points.T + projection[:, 3:]
+        column, row = np.floor(u / w).astype(int), np.floor(v / w).astype(int)
+        inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+        return bool(inside.all() and mask[row, column].all())
+
+    return hidden
 
 
 def _choose_poses(
@@ -106,18 +136,20 @@ def _choose_poses(
     # a stand that must lie down is more than its knots, which are all that an estimate knows
     rules = rules_of(made.scene) if mounted.stand is None else None
     shrink = shrink_of(made.scene)
-    knots, bodies = made.knots, mounted.bodies
+    knots, bodies, upright = made.knots, mounted.bodies, mounted.upright
+    if made.scene.piece.supports == "none" and printing:
+        upright = view_axes(made.scene.views[0])  # strands stand along the light's axis
     if shrink[0, 0] != 1.0:  # the printed part is larger by its shrinkage
         knots, bodies = enlarge_knots(made), [(1 / shrink[0, 0] * v, f) for v, f in bodies]
     room = printer.build_volume_mm if printing else _ANY_SIZE
     try:
-        whole = choose_pose(knots, bodies, room, frame, mounted.upright, rules, mounted.fixed_mm)
+        whole = choose_pose(knots, bodies, room, frame, upright, rules, mounted.fixed_mm)
         return mounted, replace(whole, matrix=shrink @ whole.matrix), None
     except SceneError as error:
         if mounted.upright is not None and not mounted.must_be_upright:
             lying = replace(mounted, upright=None)
             return _choose_poses(made, lying, printing, cameras, masks)
-        if not can_be_split(mounted):
+        if upright is not mounted.upright or not can_be_split(mounted):
             raise
         too_large = error
     pose = choose_pose(knots, bodies, _ANY_SIZE, frame, mounted.upright)

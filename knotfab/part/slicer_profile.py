@@ -14,6 +14,7 @@ from knotfab_formats.scene import ResolvedScene
 
 PROFILE = "slicer.ini"
 
+BRIM_MM = 3.0
 INFILL_PERCENT = 15  # share of the inner space
 
 
@@ -68,6 +69,7 @@ def profile(scene: ResolvedScene, program: str | None = None) -> dict[str, str]:
     # A slope's angle from the level below which it is supported, where ours is from the vertical;
     # 0 would leave the choice to the slicer.
     threshold = min(90, max(1, ceil(90 - printer.max_overhang_deg)))
+    alone = scene.piece.supports == "none"  # its feet are small, and a brim holds them
     settings: dict[str, object] = {
         "printer_technology": "FFF",
         "gcode_flavor": "marlin2",
@@ -88,8 +90,9 @@ def profile(scene: ResolvedScene, program: str | None = None) -> dict[str, str]:
         "perimeters": 2,
         "fill_density": f"{INFILL_PERCENT}%",
         "skirts": 0,
-        "brim_type": "no_brim",
-        "support_material": int(printer.supports),
+        "brim_type": "outer_only" if alone else "no_brim",
+        "brim_width": BRIM_MM if alone else 0,
+        "support_material": int(printer.supports and not alone),
         "support_material_threshold": threshold,
         "support_material_style": _support_style(program),
         "support_material_with_sheath": 0,

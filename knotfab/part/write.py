@@ -87,7 +87,7 @@ def write_part(
         write_coloured_3mf(
             folder.file(COLOURED.replace(".", f"{suffix}.")),
             part.bodies,
-            part.mounted.names,
+            part.names,
             paint,
             about,
         )
@@ -102,7 +102,11 @@ def write_part(
         own = replace(about, title=f"{about.title}, frame", thumbnail_png=b"")
         write_3mf(folder.file(sheet.name), sheet.bodies, own)
     makeup = part.mounted.makeup(np.asarray(np.linalg.inv(part.pose.matrix)))
-    part.pose.knots.write(folder.file(f"knots{suffix}.json"), makeup)
+    more: dict[str, Any] = {key: some for key, some in makeup.items() if some}
+    if part.standing is not None:
+        bars = [bar.record() for bar in part.standing.bars]
+        more |= {"feet": {"cut_mm": part.standing.cut_mm}, **({"bars": bars} if bars else {})}
+    part.pose.knots.write(folder.file(f"knots{suffix}.json"), **more)
     _write_scene(folder, scene, targets, suffix)
 
 
@@ -110,7 +114,7 @@ def write_model(folder: OutputFolder, part: Part, scene: SettledScene, suffix: s
     """Write part.glb, which is looked at and not verified. Arguments as `write_part` has them."""
     assert scene.pose is not None
     pose, color = np.array(scene.pose.matrix), scene.material.color
-    write_glb(folder.file(f"part{suffix}.glb"), part.bodies, pose, part.mounted.names, color)
+    write_glb(folder.file(f"part{suffix}.glb"), part.bodies, pose, part.names, color)
 
 
 def write_unbuilt(

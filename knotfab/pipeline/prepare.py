@@ -30,6 +30,7 @@ from knotfab.scene.load import (
     require_sequence,
     require_several,
     require_start,
+    require_supports,
     require_tube,
     require_walls,
 )
@@ -226,6 +227,7 @@ def _read_call(
             # begin where an earlier build started, or else anywhere
             open_ = open_ or not scene.search.get("free_azimuths_deg")
             scene = place_directions(scene, scene.settings)[0]
+    require_supports(scene)
     require_tube(scene)
     if scene.material.process == "wire":
         load_app("wire").require_bender(scene)

@@ -280,7 +280,40 @@ def require_several(scene: ResolvedScene) -> None:
             "picture of another",
             'Leave it out, or write "auto"; [region] size_mm bounds the piece',
         )
+    if scene.piece.supports == "none":
+        raise InputError(
+            "a piece without supports (--supports none)",
+            "strands stand on the bed in arches along one light's axis, and the picture of another light "
+            "fixes their height",
+            "Leave it out, or give one picture",
+        )
     require_mount(scene)
+
+
+def require_supports(scene: ResolvedScene) -> None:
+    """Refuse to do without supports where nothing could stand, or nothing needs them.
+
+    Raises:
+        InputError: of a material or printer of another process, a flat piece, or a view yet to be found.
+    """
+    if scene.piece.supports != "none":
+        return
+    process = next(
+        (p for p in (scene.material.process, scene.printer.process) if p != "filament"), None
+    )
+    why = {
+        "resin": "resin hangs from a plate while it hardens, and only supports hold it there",
+        "powder": "powder carries a piece wherever it lies, and no supports are printed",
+        "wire": "wire is bent, and nothing is printed",
+    }.get(process or "")
+    remedy = "Leave it out"
+    if scene.piece.depth == 0:
+        why = "a flat piece has no depth for the arches in which its strands would stand"
+        remedy = "Leave out --depth flat, or --supports none: what is flat lies on the bed with few supports"
+    elif scene.settings.free_view:
+        why = "arches stand along the light's axis, and a free view (--free) has yet to find it"
+    if why is not None:
+        raise InputError("a piece without supports (--supports none)", why, remedy)
 
 
 def require_start(scene: ResolvedScene) -> None:

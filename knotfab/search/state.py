@@ -22,6 +22,7 @@ from knotfab.render.image import COMPILED, Forms, ViewImage
 from knotfab.search.directions import Pose
 from knotfab.search.flow import Between, Phase, flow
 from knotfab.search.objective import Grace, Objective, Spill, Term
+from knotfab.search.upright import Upright
 from knotfab_formats.search import SearchSettings
 
 # Weigh each of three views or more in the search: the more, the further it falls short of its
@@ -181,11 +182,16 @@ def begin(
     """Return the state at the start of a search, its effects judged there."""
     if settings.grace > 0:
         terms += (Grace(radius, settings.grace, settings.grace_of == "bends"),)
+    points = np.concatenate(start.curves)
+    if problem.arched:
+        up = problem.views[0].axes[2]
+        floor, top = float((points @ up).min()), float((points @ up).max())
+        terms += (Upright(radius, up, floor, top),)
     state = SearchState(
         problem,
         radius,
         settings,
-        np.concatenate(start.curves),
+        points,
         polylines_of(start.curves),
         log or CertificateLog(start.why, start.types),
         {name: replace(found, where=list(found.where)) for name, found in start.effects.items()},

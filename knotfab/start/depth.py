@@ -13,24 +13,31 @@ from dataclasses import dataclass, field
 from math import floor, inf
 
 import numpy as np
+from scipy.spatial import ConvexHull, QhullError, cKDTree
 
 from knotfab.base.arrays import Array, Indices, Mask
 from knotfab.base.compiled import compiled
 from knotfab.effects.misplacement import Steadying
 from knotfab.effects.penumbra import Sharpening
+from knotfab.geometry.legs import find_legs, plan_bars
 from knotfab.geometry.overhang import Rules, strands_along, support_cm3
 from knotfab.geometry.polylines import arc_lengths, pair_nearby, sample_evenly, split_alike
 from knotfab.problem import DepthChoice
 from knotfab.start.lanes import part_sides
 from knotfab.start.profiles import (
+    Arches,
     Profile,
     Relief,
     about_middle,
+    draw_arches,
     draw_profile,
     draw_relief,
     legibility_from,
     turns_aside,
 )
+from knotfab_formats.upright import LEAST_TIP_DEG
+
+AnyProfile = Profile | Relief | Arches
 
 # degrees that a profile is looked at from, the farthest first, and their weights
 _ASIDE = {45.0: 0.75, 30.0: 0.25}
@@ -40,6 +47,9 @@ _KEPT = 4  # profiles that are varied in turn
 _RODS = 600  # rods by which supports are estimated
 _EXTENTS = 20  # extents at which a profile is judged where placing is careless
 _NOISE = 0.025  # legibility differs by as much from draw to draw of profiles: less is no reason
+# of the distance from a curve's middle to a side of its hull: so near is a side of its feet's hull
+_FEET_SHARE = 0.6
+_HALVINGS = 5  # rounds in which arches are halved
 _TURNS = 3  # turns to the bed, in which supports are weighed: the best of the first profiles
 
 
@@ -97,6 +107,7 @@ class _Judge:
     overhang_deg: float | None
     sharpening: Sharpening | None = None
     lanes: tuple[Array, ...] | None = None
+    arched: bool = False  # strands stand on a floor, in arches
     turns: Array = field(default_factory=_turns)
     sides: list[int] = field(default_factory=lambda: [0, 1, 2, 3])  # the one first that told last
     least: float = inf  # weighted support so far
@@ -106,6 +117,7 @@ class _Judge:
         self.samples = tuple(sample_evenly(c, step) for c in self.curves)
         self.arcs = [arc_lengths(s) for s in self.samples]
         self.pairs = _overlapping(self.samples, self.radius)
+        self.tops = np.array([min(self.extent_mm, _highest_mm(c)) for c in self.curves])
         self.drawing = [] if self.sharpening is None else self.sharpening.drawing(self.samples)
         self.beside = None  # the lanes' part of the samples' heights, mm
         if self.lanes is not None:
@@ -115,21 +127,26 @@ class _Judge:
                 for arc, share, lane in zip(self.arcs, shares, self.lanes, strict=True)
             ]
 
-    def draw(self, rng: np.random.Generator, number: int, across_mm: float) -> Profile | Relief:
-        """Draw a profile by chance; a relief where strands have lanes."""
+    def draw(self, rng: np.random.Generator, number: int, across_mm: float) -> AnyProfile:
+        """Draw a profile by chance: a relief where strands have lanes, arches where they stand."""
         if self.lanes is not None:
             return draw_relief(rng, number, across_mm)
+        if self.arched:
+            return draw_arches(rng, self.arcs, self.tops, self.radius)
         return draw_profile(rng, number, across_mm, self.arcs)
 
     def heights(
-        self, profile: Profile | Relief, curves: tuple[Array, ...], drawing: list[Array]
+        self, profile: AnyProfile, curves: tuple[Array, ...], drawing: list[Array]
     ) -> list[Array]:
         """Return the depth of each vertex of the curves, lanes left out."""
         if isinstance(profile, Relief):
             return self.fit(profile.heights(list(curves)), drawing)
+        if isinstance(profile, Arches):
+            above = profile.heights([arc_lengths(c) for c in curves])
+            return [height - 0.5 * self.extent_mm for height in above]
         return self.fit(profile.heights([arc_lengths(c) for c in curves]), drawing)
 
-    def place(self, profile: Profile | Relief) -> list[Array]:
+    def place(self, profile: AnyProfile) -> list[Array]:
         """Return the samples lifted."""
         heights = self.heights(profile, self.samples, self.drawing)
         if self.beside is not None:
@@ -137,7 +154,7 @@ class _Judge:
         return [lift(s, h, self.light_distance) for s, h in zip(self.samples, heights, strict=True)]
 
     def part(
-        self, profile: Profile | Relief, heights: list[Array], separation: float
+        self, profile: AnyProfile, heights: list[Array], separation: float
     ) -> tuple[list[Array], list[Array]]:
         """Return the curves' heights, and the samples lifted, with strands that hide each other parted."""
         own = self.heights(profile, self.samples, self.drawing)
@@ -164,13 +181,25 @@ class _Judge:
             return fitted
         return _fit(self.sharpening.lower(fitted, drawing), self.extent_mm)
 
+    def brace(self, arches: Arches, modulus_mpa: float) -> Arches:
+        """Return the arches, those of which a leg can be held by no neighbour halved until none is left."""
+        for _ in range(_HALVINGS):
+            parts = self.place(arches)
+            _, lacking = plan_bars(find_legs(parts), self.radius, modulus_mpa)
+            if not len(lacking):
+                break
+            of = np.repeat(np.arange(len(parts)), [len(p) for p in parts])
+            share = np.concatenate([arc[:-1] / arc[-1] for arc in self.arcs])
+            _, nearest = cKDTree(np.concatenate(parts)).query(lacking)
+            for curve in np.unique(of[nearest]).tolist():
+                arches = arches.halved(curve, share[nearest[of[nearest] == curve]])
+        return arches
+
     def blur(self, parts: list[Array]) -> float:
         """Return the weighted brightness error of a wide lamp; 0 where none is called for."""
         return 0.0 if self.sharpening is None else self.sharpening.cost(parts, self.drawing)
 
-    def find_extent(
-        self, profile: Profile | Relief, least_mm: float, steadying: Steadying
-    ) -> float:
+    def find_extent(self, profile: AnyProfile, least_mm: float, steadying: Steadying) -> float:
         """Find the extent, mm, from `least_mm` to its own, at which a profile is best.
 
         Shadows part by how far apart strands are in depth: the cost of careless placing depends on a
@@ -252,6 +281,22 @@ class _Judge:
         self.turns = self.turns[np.argsort(mean, kind="stable")[:_TURNS]]
 
 
+def _highest_mm(curve: Array) -> float:
+    """Return the highest peak of a closed curve (n, 2), mm, that stands alone and is not to topple.
+
+    Its middle is about 0.4 of that high, and feet are anywhere along the curve.
+    """
+    edge = np.roll(curve, -1, axis=0) - curve
+    length = np.linalg.norm(edge, axis=1)
+    middle = length @ (curve + 0.5 * edge) / length.sum()
+    try:
+        sides = ConvexHull(curve).equations
+    except QhullError:
+        return 0.0
+    inside = float(-(sides[:, :2] @ middle + sides[:, 2]).max())
+    return _FEET_SHARE * inside / (0.4 * float(np.tan(np.radians(LEAST_TIP_DEG))))
+
+
 def _fit(heights: list[Array], extent_mm: float) -> list[Array]:
     """Return the heights of all curves, shifted and scaled to the extent about zero."""
     joined = np.concatenate(heights)
@@ -274,6 +319,7 @@ def choose_depth(
     steadying: Steadying | None = None,
     least_mm: float = 0.0,
     separation: float | None = None,
+    modulus_mpa: float | None = None,
 ) -> DepthChoice:
     """Give the best of `candidates` profiles of the given extent: some random, the others varied from those.
 
@@ -290,15 +336,25 @@ def choose_depth(
         steadying: what careless placing asks of the extent, likewise; the choice says which would be best.
         least_mm: no less than this.
         separation: mm by which centre lines that hide each other are to be apart; None: as they are.
+        modulus_mpa: Young's; strands stand in arches on a floor then, at the deepest of the extent. Those of
+            which a leg would sway while it prints, and no neighbour is near enough to hold it, are lower.
     """
     rng = np.random.default_rng(seed)
     judge = _Judge(
-        curves, radius, light_distance, extent_mm, target, overhang_deg, sharpening, lanes
+        curves,
+        radius,
+        light_distance,
+        extent_mm,
+        target,
+        overhang_deg,
+        sharpening,
+        lanes,
+        modulus_mpa is not None,
     )
     every = np.concatenate(curves)
     across = float((every.max(0) - every.min(0)).max()) + 2 * radius
     drawn = max(min(candidates, 2 * _KEPT), candidates // _DRAWN)
-    first: list[tuple[float, Profile | Relief, list[Array]]] = []
+    first: list[tuple[float, AnyProfile, list[Array]]] = []
     for n in range(drawn):
         profile = judge.draw(rng, n, across)
         parts = judge.place(profile)
@@ -316,6 +372,8 @@ def choose_depth(
         cost = judge.cost(judge.place(profile), best[-1][0])
         best = sorted([*best, (cost, profile)], key=lambda one: one[0])[:_KEPT]
     profile = best[0][1]
+    if isinstance(profile, Arches) and modulus_mpa is not None:
+        profile = judge.brace(profile, modulus_mpa)
     best_mm = extent_mm
     if steadying is not None and least_mm < extent_mm:
         best_mm = judge.find_extent(profile, least_mm, steadying)

@@ -44,11 +44,18 @@ def lift_template(
     extent = _FLAT_RADII * radius if problem.depth_mm is None else problem.depth_mm
     wide, moved = _judge_effects(problem, template, extent, radius, settings)
     sharpening = steadying = None
-    if wide.excess > 0 and not flat:
+    if wide.excess > 0 and not flat and not problem.arched:
         sharpening = Sharpening(wide, target.view, target.polygon, radius)
-    if moved.excess > 0 and not flat and problem.depth_open:
+    if moved.excess > 0 and not flat and problem.depth_open and not problem.arched:
         steadying = Steadying(moved, target.view, target.axes, target.polygon, problem.world)
     separation = problem.limits(radius).separation
+    if template.passes and problem.arched:
+        raise SceneError(
+            "a piece without supports (--supports none)",
+            "its strokes are as thin as the tube: strands lie behind each other all along, and only one of "
+            "two can stand on the bed",
+            "Use --supports slicer, a thinner tube (--tube-radius), or bolder strokes (--thicken)",
+        )
     lanes = assign_lanes(template.curves, separation) if template.passes else None
     depth = choose_depth(
         template.curves,
@@ -64,6 +71,7 @@ def lift_template(
         steadying,
         _FLAT_RADII * radius,
         separation if parted and lanes is None else None,
+        problem.young_modulus_mpa if problem.arched else None,
     )
     if flat:
         depth = replace(depth, extent_mm=None)

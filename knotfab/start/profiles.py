@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -16,6 +16,12 @@ _WAVELENGTHS = (0.65, 0.85, 1.1)  # shortest wave of a profile, in extents acros
 _RELIEF = 1.0, 1.4, 2.0
 _RELIEF_WAVES = 4
 _CHANGED = 0.5  # share of its waves that a variation changes
+# arches: least and most angle of a flank from the bed, and the lowest peak over the highest
+_FLANKS_DEG = 49.0, 54.0
+_LOWEST_PEAK = 0.55
+_FEET = 3  # of a curve, at least: it stands on them
+_ROUNDED_RADII = 2.1  # width of what rounds a peak and a valley, in tube radii
+_LYING_RADII = 2.5  # what has no room for arches as high lies on the floor instead
 _BLOCK = 256  # points whose waves are summed at once: they stay in the processor's nearest cache
 
 
@@ -94,6 +100,108 @@ class Relief:
         """Return another of the same wave vectors, in which each wave is changed by this share."""
         step = rng.normal(size=self.waves.shape)
         return Relief(self.vectors, np.sqrt(1.0 - change**2) * self.waves + change * step)
+
+
+@dataclass(frozen=True)
+class Arches:
+    """Per curve a chain of arches: each has a peak, mm, and the slopes of its two flanks.
+
+    `chains` are (k, 3), of no arch where a curve lies on the floor; they begin at the shares `begins` of
+    their curves. No peak of a curve is higher than its `tops`, mm.
+    """
+
+    chains: tuple[Array, ...]
+    begins: Array
+    tops: Array
+    radius_mm: float
+    lengths: tuple[float, ...]
+
+    def heights(self, arcs: list[Array]) -> list[Array]:
+        """Return heights above the floor, mm, at arc lengths (n + 1,) of each curve, its length last."""
+        given = zip(self.chains, self.begins.tolist(), arcs, strict=True)
+        return [self._heights_of(*one) for one in given]
+
+    def _heights_of(self, chain: Array, begin: float, arc: Array) -> Array:
+        if not len(chain):
+            return np.zeros(len(arc) - 1)
+        length = float(arc[-1])
+        flanks = chain[:, :1] / chain[:, 1:]
+        ends = np.cumsum(flanks.sum(1))
+        # as many whole arches as the length takes, and a little lower, so that they are as steep
+        count = min(int(np.searchsorted(ends, length)) + 1, len(chain))
+        share = length / ends[count - 1]
+        corners = share * np.concatenate([[0.0], np.cumsum(flanks[:count].ravel())])
+        peaks = np.zeros(2 * count + 1)
+        peaks[1::2] = share * chain[:count, 0]
+        points = max(8, int(np.ceil(length / (0.3 * self.radius_mm))))
+        step = length / points
+        rough = np.interp(step * np.arange(points), corners, peaks)
+        window = np.hanning(2 * max(1, round(0.5 * _ROUNDED_RADII * self.radius_mm / step)) + 3)[
+            1:-1
+        ]
+        beyond = len(window) // 2
+        wrapped = np.take(rough, np.arange(-beyond, points + beyond), mode="wrap")
+        smooth = np.convolve(wrapped, window / window.sum(), "valid")
+        # rounded valleys come down to the floor again
+        valleys = np.round(corners[::2] / step).astype(int) % points
+        raised = np.interp(step * np.arange(points), corners[::2], smooth[valleys])
+        smooth = np.maximum(smooth - raised, 0.0)
+        at = (arc[:-1] + begin * length) % length
+        return np.asarray(np.interp(at, step * np.arange(points), smooth, period=length))
+
+    def halved(self, curve: int, shares: Array) -> Arches:
+        """Return another in which the arches at these shares of a curve are two each, half as high."""
+        chain = self.chains[curve]
+        if not len(chain):
+            return self
+        ends = np.cumsum((chain[:, :1] / chain[:, 1:]).sum(1))
+        length = self.lengths[curve]
+        count = min(int(np.searchsorted(ends, length)) + 1, len(chain))
+        at = np.searchsorted(ends, (shares + self.begins[curve]) % 1.0 * ends[count - 1])
+        often = np.ones(len(chain), dtype=int)
+        often[np.unique(at[chain[at, 0] > 2 * _LYING_RADII * self.radius_mm])] = 2
+        lower = np.repeat(np.column_stack([chain[:, 0] / often, chain[:, 1:]]), often, axis=0)
+        return replace(self, chains=(*self.chains[:curve], lower, *self.chains[curve + 1 :]))
+
+    def varied(self, rng: np.random.Generator, change: float) -> Arches:
+        """Return another, in which about half of the arches are changed by this share of their spread."""
+        low, high = _slopes()
+        chains = []
+        for chain, top in zip(self.chains, self.tops.tolist(), strict=True):
+            step = change * rng.normal(size=chain.shape) * (rng.random((len(chain), 1)) < _CHANGED)
+            peaks = np.clip(chain[:, :1] + 0.5 * top * step[:, :1], _LOWEST_PEAK * top, top)
+            slopes = np.clip(chain[:, 1:] * np.exp(0.3 * step[:, 1:]), low, high)
+            chains.append(np.hstack([peaks, slopes]))
+        moved = self.begins + 0.15 * change * rng.normal(size=len(self.begins))
+        return replace(self, chains=tuple(chains), begins=moved % 1.0)
+
+
+def _slopes() -> tuple[float, float]:
+    low, high = np.tan(np.radians(_FLANKS_DEG)).tolist()
+    return low, high
+
+
+def draw_arches(
+    rng: np.random.Generator, arcs: list[Array], tops: Array, radius_mm: float
+) -> Arches:
+    """Draw arches by chance, of curves of these arc lengths (n + 1,), with peaks up to `tops`, mm.
+
+    A curve with too little length for three feet gets lower ones; with hardly any, it lies on the floor.
+    """
+    low, high = _slopes()
+    # the length of an arch over its height
+    wide = 2.0 / (0.5 * (low + high))
+    tops = np.minimum(tops, [float(arc[-1]) / (_FEET * wide) for arc in arcs])
+    chains = []
+    for arc, top in zip(arcs, tops.tolist(), strict=True):
+        count = 0
+        if top >= _LYING_RADII * radius_mm:
+            count = int(np.ceil(float(arc[-1]) * high / (2 * _LOWEST_PEAK * top))) + 1
+        peaks = rng.uniform(_LOWEST_PEAK, 1.0, (count, 1)) * top
+        angles = np.radians(rng.uniform(*_FLANKS_DEG, (count, 2)))
+        chains.append(np.hstack([peaks, np.tan(angles)]))
+    lengths = tuple(float(arc[-1]) for arc in arcs)
+    return Arches(tuple(chains), rng.uniform(size=len(arcs)), tops, radius_mm, lengths)
 
 
 def draw_relief(rng: np.random.Generator, number: int, across_mm: float) -> Relief:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from knotfab.start.profiles import draw_profile, draw_relief, sum_waves
+from knotfab.start.profiles import draw_arches, draw_profile, draw_relief, sum_waves
 
 
 @pytest.mark.parametrize(("points", "waves"), [(1, 1), (255, 3), (256, 40), (700, 7)])
@@ -41,3 +41,28 @@ def test_a_variation_is_as_near_as_it_is_asked_to_be(change: float) -> None:
         moved = np.sqrt(((now - was) ** 2).mean())
         assert moved <= 3.0 * change * was.std()
         assert (moved > 0) == (change > 0)
+
+
+@pytest.mark.parametrize(
+    ("length", "top", "feet"),
+    [(600.0, 80.0, (6, 12)), (200.0, 80.0, (3, 5)), (60.0, 80.0, (3, 5)), (9.0, 80.0, (0, 0))],
+)
+def test_arches_stand_on_feet_with_steep_flanks_and_no_peak_above_the_top(
+    length: float, top: float, feet: tuple[int, int]
+) -> None:
+    rng, radius = np.random.default_rng(3), 1.5
+    arcs = [np.linspace(0.0, length, 2001)]
+    for number in range(20):
+        arches = draw_arches(rng, arcs, np.array([top]), radius)
+        if number % 2:
+            arches = arches.varied(rng, 0.5)
+        (height,) = arches.heights(arcs)
+        assert 0.0 <= height.min() < 0.01
+        assert height.max() <= top
+        low = (height < 0.05) & (np.roll(height, 1) >= 0.05)
+        assert feet[0] <= low.sum() <= feet[1]
+        steep = np.degrees(np.arctan(np.abs(np.diff(height)) / np.diff(arcs[0])[:-1]))
+        assert steep.max(initial=0.0) < 56.0
+        if feet[0] > 0:  # but for what is rounded
+            flat = (steep < 46.0).mean() * length
+            assert flat <= 2.0 * feet[1] * 2.2 * radius

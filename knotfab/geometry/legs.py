@@ -1,0 +1,173 @@
+"""The legs of strands that stand in arches, and the break-away bars that keep slender ones from swaying."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.signal import find_peaks
+from scipy.spatial import cKDTree
+
+from knotfab.base.arrays import Array, Indices
+from knotfab.geometry.polylines import sample_evenly
+from knotfab.geometry.tube import Mesh
+from knotfab_formats.upright import longest_free_leg_mm
+
+BAR_MM = 0.8, 0.4  # width and height of a bar: pliers break it
+SUNK_MM = 0.5  # an end of a bar lies so deep in its strand
+MOST_BAR_MM = 9.0  # between the surfaces that a bar joins
+_STEP_MM = 0.4  # between the points that legs are looked at
+_PROMINENT_MM = 1.0  # a peak or valley stands out so far
+_SPARE = 0.93  # a share of the longest free leg: the mesh and the layers find it a little longer
+_WAITS_MM = 1.0  # a shorter bar is taken as soon as a leg has stood free for a while
+_LEAST_MM = 0.3  # what is nearer is joined as it prints, or by no bar that could be broken
+_SOON = 0.6  # share of the longest free leg
+
+
+@dataclass(frozen=True)
+class Leg:
+    """A stretch of a curve from a valley up to a peak: its points (n, 3), `_STEP_MM` apart."""
+
+    curve: int
+    points: Array
+
+
+@dataclass(frozen=True)
+class Bar:
+    """A level bar: places (3,) on the surfaces that it joins, and the gap between them, mm."""
+
+    start: Array
+    end: Array
+    gap_mm: float
+
+    def record(self) -> dict[str, Any]:
+        """Return its entry in knots.json: the axis of the box, its width and height."""
+        middle, half = self._axis()
+        width, height = BAR_MM
+        ends = {"from": (middle - half).tolist(), "to": (middle + half).tolist()}
+        return {**ends, "width_mm": width, "height_mm": height}
+
+    def make_body(self) -> Mesh:
+        """Make the box."""
+        middle, half = self._axis()
+        along = half / np.linalg.norm(half)
+        side = 0.5 * BAR_MM[0] * np.array([-along[1], along[0], 0.0])
+        up = np.array([0.0, 0.0, 0.5 * BAR_MM[1]])
+        corners = [(-1, -1), (1, -1), (1, 1), (-1, 1)]
+        vertices = [middle + i * half + j * side + k * up for k in (-1, 1) for i, j in corners]
+        faces = [[0, 2, 1], [0, 3, 2], [4, 5, 6], [4, 6, 7]]
+        for n in range(4):
+            m = (n + 1) % 4
+            faces += [[n, m, m + 4], [n, m + 4, n + 4]]
+        return np.array(vertices), np.array(faces, dtype=np.int64)
+
+    def _axis(self) -> tuple[Array, Array]:
+        way = self.end - self.start
+        half = way / np.linalg.norm(way) * (0.5 * self.gap_mm + SUNK_MM)  # ends in the strands
+        return 0.5 * (self.start + self.end), half
+
+
+def find_legs(curves: list[Array]) -> list[Leg]:
+    """Find the legs of closed curves [(n, 3) mm], z up: two for each valley."""
+    legs = []
+    for number, curve in enumerate(curves):
+        points = sample_evenly(curve, _STEP_MM)
+        height, count = points[:, 2], len(points)
+        valleys, peaks = _extremes(-height), set(_extremes(height).tolist())
+        for valley in valleys.tolist():
+            for way in (1, -1):
+                steps = [valley]
+                while len(steps) <= count:
+                    steps.append((steps[-1] + way) % count)
+                    if steps[-1] in peaks:
+                        break
+                legs.append(Leg(number, points[steps]))
+    return legs
+
+
+def _extremes(height: Array) -> Indices:
+    """Return the places of the peaks that stand out of a ring of heights."""
+    first = int(height.argmin())
+    turned = np.append(np.roll(height, -first), height[first])
+    found, _ = find_peaks(turned, prominence=_PROMINENT_MM)
+    return np.asarray((found + first) % len(height), dtype=np.int64)
+
+
+def plan_bars(
+    legs: list[Leg],
+    radius: float,
+    young_modulus_mpa: float,
+    hidden: Callable[[Array], bool] = lambda _: True,
+) -> tuple[list[Bar], Array]:
+    """Plan bars by which no leg stands free for longer than it may, and places (k, 3) that lack one.
+
+    From the bed up: each leg is joined to another as soon as it has stood free for most of what it may,
+    where that is near; a bar ends the free length of both.
+
+    Args:
+        hidden: tells of points (n, 3) along a bar whether none of them would show in a picture.
+    """
+    if not legs:
+        return [], np.empty((0, 3))
+    most = _SPARE * longest_free_leg_mm(radius, young_modulus_mpa)
+    sizes = [len(leg.points) for leg in legs]
+    points = np.concatenate([leg.points for leg in legs])
+    own = np.repeat(np.arange(len(legs)), sizes)
+    along = np.concatenate([_STEP_MM * np.arange(size) for size in sizes])
+    total = _STEP_MM * np.array(sizes)
+    steps = np.concatenate([np.gradient(leg.points, axis=0) for leg in legs])
+    ways = steps / np.linalg.norm(steps, axis=1)[:, None]
+    flat, level = cKDTree(points[:, :2]), cKDTree(points)
+    tied = np.zeros(len(legs))
+    bars, lacking = list[Bar](), list[Array]()
+    for n in np.argsort(points[:, 2], kind="stable").tolist():
+        leg = int(own[n])
+        free = along[n] - tied[leg]
+        if total[leg] - tied[leg] <= most or free < _SOON * most:
+            continue
+        here = points[n]
+        bar = None
+        near = np.array(flat.query_ball_point(here[:2], 2 * radius + MOST_BAR_MM))
+        near = near[(np.abs(points[near, 2] - here[2]) < 0.5 * _STEP_MM) & (own[near] != leg)]
+        near = near[along[near] > 3 * radius]
+        away = np.linalg.norm(points[near] - here, axis=1)
+        for k in np.argsort(away, kind="stable").tolist()[:6]:
+            if away[k] < 1.9 * radius:
+                continue
+            there = points[near[k]] * np.array([1.0, 1.0, 0.0]) + here * np.array([0.0, 0.0, 1.0])
+            across = (there - here) / np.linalg.norm(there - here)
+            one, other = (radius / np.sqrt(1 - (ways[m] @ across) ** 2) for m in (n, near[k]))
+            gap = float(np.linalg.norm(there - here) - one - other)
+            if gap < _LEAST_MM:
+                continue
+            if gap > _WAITS_MM and free < 0.95 * most:
+                break
+            found = Bar(here + one * across, there - other * across, gap)
+            if _is_clear(found, level, points, radius) and hidden(
+                here + np.linspace(0.0, 1.0, 9)[:, None] * (there - here)
+            ):
+                bar, joined = found, int(near[k])
+                break
+        if bar is not None:
+            bars.append(bar)
+            tied[leg] = along[n]
+            tied[own[joined]] = max(tied[own[joined]], along[joined])
+        elif free > most:
+            lacking.append(here)
+            tied[leg] = along[n]
+    return bars, np.array(lacking).reshape(-1, 3)
+
+
+def _is_clear(bar: Bar, level: cKDTree, points: Array, radius: float) -> bool:
+    """Tell whether no strand but the two lies between a bar's ends."""
+    way = bar.end - bar.start
+    length = float(np.linalg.norm(way))
+    middle = 0.5 * (bar.start + bar.end)
+    near = points[level.query_ball_point(middle, 0.5 * length + radius)]
+    along = (near - bar.start) @ way / length
+    aside = np.linalg.norm(near - bar.start - along[:, None] * way / length, axis=1)
+    # the strands that it joins are a radius and more beyond its ends
+    between = (along > -0.5 * radius) & (along < length + 0.5 * radius)
+    return not bool((between & (aside < radius + 0.5 * BAR_MM[0])).any())

@@ -1,0 +1,52 @@
+"""The pull on strands to stand in arches that print without supports, the light's axis up."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from knotfab.base.arrays import Array
+from knotfab.limits.terms import Felt, State
+from knotfab.search.objective import Term, Weights
+
+FLANK_DEG = 50.0  # from the bed: edges flatter than that cost
+_VALLEY = 1.0  # the weight of a valley a tube radius above the floor, in tube radii of level strand
+_PEAK = 0.3  # likewise of a vertex a tube radius above the top
+
+
+@dataclass(frozen=True)
+class Upright(Term):
+    """Length of edges flatter than `FLANK_DEG`, by the square of what their slope lacks, in tube radii.
+
+    What lies on the floor may be flat. Valleys are drawn down, or up, to the floor, and what is above the top
+    down to it. `up` (3,) is a unit vector, `floor_mm` and `top_mm` are heights of centre lines along it. The
+    pull is along `up` alone: no picture gives way to it, and edges that it turns are not made longer.
+    """
+
+    radius_mm: float
+    up: Array
+    floor_mm: float
+    top_mm: float
+
+    def __call__(self, state: State, weights: Weights) -> Felt:
+        radius, rings = self.radius_mm, state.rings
+        height, rise = state.points @ self.up, state.edge @ self.up
+        length = np.sqrt((state.edge * state.edge).sum(axis=1))
+        length = np.where(length > 0, length, 1.0)
+        lack = np.maximum(0.0, np.sin(np.radians(FLANK_DEG)) - np.abs(rise) / length)
+        # nothing on the floor, all from a tube radius above it on
+        free = np.clip((height + 0.5 * rise - self.floor_mm) / radius, 0.0, 1.0)
+        share, grows = free * free * (3.0 - 2.0 * free), 6.0 * free * (1.0 - free) / radius
+        flat = length * lack**2 / radius
+        steeper = np.where(rise < 0, -1.0, 1.0) * (1.0 - (rise / length) ** 2)
+        turn = share / radius * (rise / length * lack**2 - 2.0 * lack * steeper)
+        lift = 0.5 * grows * flat
+        pull = turn[rings.previous] - turn + lift + lift[rings.previous]
+
+        valley = (height <= height[rings.next]) & (height < height[rings.previous])
+        low = np.where(valley, height - self.floor_mm, 0.0) / radius
+        high = np.maximum(0.0, height - self.top_mm) / radius
+        total = float((share * flat).sum() + _VALLEY * (low @ low) + _PEAK * (high @ high))
+        pull += 2.0 / radius * (_VALLEY * low + _PEAK * high)
+        return total, pull[:, None] * self.up
