@@ -26,6 +26,8 @@ from knotfab_formats.scene import Scene
 from knotfab_formats.views import Reading, View
 
 if TYPE_CHECKING:
+    from torch import Tensor
+
     from knotfab.design.design import Design
     from knotfab.design.question import Question
     from knotfab.knots import Knot
@@ -193,10 +195,9 @@ def design_knots(
     from knotfab.design.budget import Budget
     from knotfab.design.design import design_knots as design
     from knotfab.scene.catalogue import resolve
-    from knotfab.search.forms import TorchForms
 
     budget = None if budget_s is None else Budget(time.perf_counter() + budget_s)
-    return design(resolve(scene), targets, TorchForms(device), None, budget)
+    return design(resolve(scene), targets, device, None, budget)
 
 
 def pose_question(scene: Scene, targets: Sequence[Target]) -> Question:
@@ -233,7 +234,7 @@ def search_knots(
     radius: float,
     accuracy: str = "standard",
     *,
-    terms: Sequence[Term] = (),
+    terms: Sequence[Term | Callable[[Tensor], Tensor]] = (),
     device: str = "cpu",
     **settings: Any,
 ) -> SearchResult:
@@ -241,20 +242,21 @@ def search_knots(
 
     Args:
         radius: radius of the tube, mm. settings: keys of [search], over the scene's own and the accuracy's.
-        terms: further parts of the objective, such as a `TorchTerm`.
+        terms: further parts of the objective: functions in torch of the vertices [N, 3], mm, to a scalar
+            (such as `lambda points: 0.01 * points[:, 1].relu().square().mean()`), or instances of `Term`.
 
     Returns:
         `knots`, `ious`, and whether it is `feasible`, or which limit is violated and where.
     """
     from knotfab.design.design import refine_settings
-    from knotfab.search.forms import TorchForms
+    from knotfab.search.objective import Term
     from knotfab.search.search import search
+    from knotfab.search.term import TorchTerm
 
     # vertices as close together as the outline's limit needs them
     fine = refine_settings(question, _settings_for(question, accuracy, settings), radius)
-    return search(
-        question.problem, start, radius, fine, terms=tuple(terms), forms=TorchForms(device)
-    )
+    own = tuple(t if isinstance(t, Term) else TorchTerm(t, device) for t in terms)
+    return search(question.problem, start, radius, fine, terms=own, device=device)
 
 
 def settle_design(question: Question, result: SearchResult, accuracy: str = "standard") -> Design:

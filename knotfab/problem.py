@@ -14,7 +14,7 @@ from knotfab.effects.base import Decision, World
 from knotfab.knots import Knots
 from knotfab.limits.feasibility import Feasibility
 from knotfab.limits.terms import Guard, Limits
-from knotfab.render.image import COMPILED, Forms, ViewImage, image_at
+from knotfab.render.image import ViewImage, image_at
 from knotfab.scene.camera import view_axes, walls_of
 from knotfab_formats.scene import ResolvedView, SettledRegion
 from knotfab_formats.search import Precision, Renderer
@@ -43,13 +43,13 @@ class TargetView:
         self,
         radius: float,
         pixels: int,
-        forms: Forms = COMPILED,
+        device: str = "cpu",
         precision: Precision = "single",
         renderer: Renderer = "ray",
     ) -> ViewImage:
         """Return the picture with `pixels` on the longer side; `radius` of the tube in mm."""
-        given = (radius, pixels, forms, precision, renderer)
-        if forms is not COMPILED:
+        given = (radius, pixels, device, precision, renderer)
+        if device != "cpu" or renderer != "ray":
             return image_at(self.view, self.mask, *given, ends=self.ends)
         if given not in self._images:  # each phase of a search asks for the same
             self._images[given] = image_at(self.view, self.mask, *given, ends=self.ends)

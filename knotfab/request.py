@@ -8,7 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from knotfab.base.errors import MachineError, needs_extra
+from knotfab.base.errors import MachineError
 from knotfab.base.notebook import InNotebook
 from knotfab.design.budget import Budget
 from knotfab.picture.read import Target
@@ -86,8 +86,7 @@ def require_device(name: str) -> None:
     """
     if name == "cpu":
         return
-    with needs_extra(f"--device {name}", "torch"):
-        import torch
+    import torch
 
     if not torch.cuda.is_available():
         raise MachineError(

@@ -19,7 +19,6 @@ from knotfab.problem import ViewNumbers
 from knotfab.render.capsules import posed_frame
 from knotfab.render.device import render
 from knotfab.render.silhouette import Sheet
-from knotfab.search.forms import TorchForms
 from knotfab.search.free_pose import ALL, Bounds, Name, one_thread, turn_of
 from knotfab.search.search import search
 from knotfab.start.start import make_start
@@ -92,8 +91,8 @@ def designs(names: list[str]) -> None:
         watch = Stopwatch()
         fixed = search(problem, start, radius, settings)
         fixed_s = watch.cpu_s
-        pose, settings_free = start_pose(question.scene, problem, radius, settings, TorchForms())
-        result = search(problem, start, radius, settings_free, pose=pose, forms=TorchForms())
+        pose, settings_free = start_pose(question.scene, problem, radius, settings, "cpu")
+        result = search(problem, start, radius, settings_free, pose=pose, device="cpu")
         free_s = watch.cpu_s - fixed_s
         n = result.numbers
         assert n is not None

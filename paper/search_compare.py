@@ -18,7 +18,6 @@ from examples.pictures import pictures
 from knotfab.apps.tradeoff.measure import find_shadows
 from knotfab.problem import Problem, SearchResult
 from knotfab.search.flow import plan_of
-from knotfab.search.forms import TorchForms
 from knotfab.search.search import search
 from knotfab.start.filling import Template, fill
 from knotfab.start.start import make_start
@@ -84,7 +83,7 @@ def run(
     watch = Stopwatch()
     start = make_start(problem, radius, settings, template=template)
     plan = replace(plan_of(settings), repairs=repairs)
-    result = search(problem, start, radius, settings, plan=plan, forms=TorchForms())
+    result = search(problem, start, radius, settings, plan=plan, device="cpu")
     return Run(way, scale, repairs, watch.cpu_s, result)
 
 

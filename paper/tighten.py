@@ -12,7 +12,8 @@ from knotfab.geometry.carry import resample, subdivide
 from knotfab.geometry.measures import Neighbours, bend_radii, strand_gap
 from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.limits.terms import BEND, CLEARANCE, Felt, Limits, State, total_length, weigh
-from knotfab.search.flow import FlowSettings, flow
+from knotfab.search.flow import FlowSettings
+from knotfab.search.optimizer import descend
 from knotfab_formats.piece import Region
 
 _PULL = 0.08  # weight of the length against the hinges while the knot shrinks
@@ -65,7 +66,7 @@ def tighten(points: Array) -> Tight:
             return weigh(parts, p)
 
         walk = FlowSettings(iterations=n, rate=first, rate_end=last, reach=3.0)
-        found = flow(points, rings, objective, 1.0, walk, separation=limits.separation)
+        found = descend(points, rings, objective, 1.0, walk, separation=limits.separation)
         points = found.points
         return float(np.linalg.norm(points[rings.next] - points, axis=1).sum())
 

@@ -106,7 +106,7 @@ ALONE = {
     "import knotfab, knotfab.pipeline.finish\n"
     "few = {'coarse_iterations': 2, 'fine_iterations': 2, 'settle_iterations': 2, 'coarse_px': 48}\n"
     "scene = knotfab.Scene.model_validate({'views': [{}], 'search': {**few, 'fine_px': 48}})\n"
-    "knotfab.design_knots(scene, [knotfab.read_picture('text:I')])": ("torch",),
+    "knotfab.pose_question(scene, [knotfab.read_picture('text:I')])": ("torch",),
 }
 
 

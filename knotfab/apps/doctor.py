@@ -156,7 +156,7 @@ def _python() -> Finding:
 
 
 def _torch() -> Finding:
-    found = _look_for_extra("torch", "torch", ("torch",))
+    found = _look_for("torch", "torch")
     if found.status != "ok":
         return found
     ran, said = _answer(TORCH_CHILD)

@@ -28,10 +28,9 @@ from knotfab.limits.feasibility import Feasibility
 from knotfab.picture.raster import silhouette_uri
 from knotfab.picture.read import Target
 from knotfab.problem import Problem, SearchResult, Start
-from knotfab.render.image import COMPILED, Forms
 from knotfab.scene.load import require_tube
-from knotfab.search.directions import FreeDirections, Pose
 from knotfab.search.flow import plan_of
+from knotfab.search.objective import Pose
 from knotfab.search.search import History, Pace, search
 from knotfab.start.start import go_on, make_start
 from knotfab_formats.report import Price
@@ -76,7 +75,7 @@ class Design(InNotebook):
 def design_knots(
     scene: ResolvedScene,
     targets: Sequence[Target],
-    forms: Forms = COMPILED,
+    device: str = "cpu",
     progress: Progress | None = None,
     budget: Budget | None = None,
 ) -> Design:
@@ -100,9 +99,9 @@ def design_knots(
     settings = refine_settings(question, settings, radius)
     if budget is not None and settings.method != "flow":
         with progress.stage("calibrate"):
-            settings = _calibrate(problem, start, radius, settings, budget, forms)
+            settings = _calibrate(problem, start, radius, settings, budget, device)
     with progress.stage("search"):
-        pose, settings = _place(question, radius, settings, forms)
+        pose, settings = _place(question, radius, settings, device)
         pace = None if budget is None else Pace(budget.search_s)
         walk = partial(
             search,
@@ -111,7 +110,7 @@ def design_knots(
             settings=settings,
             pose=pose,
             pace=pace,
-            forms=forms,
+            device=device,
             report=progress.update if progress.watched else None,
         )
         result, history = _watch(walk, start, progress)
@@ -127,7 +126,7 @@ def design_knots(
                 start, result, history = parted, again, past
         unmet = None if result.feasible else result
         if unmet is not None:
-            result = search_sparser(problem, radius, knots, settings, forms) or unmet
+            result = search_sparser(problem, radius, knots, settings, device) or unmet
             if result is not unmet:
                 add_work(result, unmet)
     if settings.free_view:
@@ -139,7 +138,7 @@ def design_knots(
         # turns of a free view, or sparser strands, led to no such knots
         history=() if unmet or settings.free_view else tuple(history.states),
     )
-    return price_design(made, question, start, unmet, progress, forms, budget)
+    return price_design(made, question, start, unmet, progress, device, budget)
 
 
 def _plan(
@@ -160,26 +159,30 @@ def _calibrate(
     radius: float,
     settings: SearchSettings,
     budget: Budget,
-    forms: Forms,
+    device: str,
 ) -> SearchSettings:
     """Return settings with the iterations that there is time for."""
 
     def trial(few: SearchSettings) -> None:
         plan = replace(plan_of(few, len(problem.views)), repairs=0)
-        search(problem, start, radius, few, plan=plan, forms=forms)
+        search(problem, start, radius, few, plan=plan, device=device)
 
     seconds = budget.search_s(sum(len(curve) for curve in start.curves))
     return scale_to_budget(seconds, settings, trial)
 
 
 def _place(
-    question: Question, radius: float, settings: SearchSettings, forms: Forms
+    question: Question, radius: float, settings: SearchSettings, device: str
 ) -> tuple[Pose | None, SearchSettings]:
     """Return the unknown pose, or directions, where the settings ask for them."""
     if not settings.free_view:
         return None, settings
     if len(question.problem.views) == 1:
-        return start_pose(question.scene, question.problem, radius, settings, forms)
+        return start_pose(question.scene, question.problem, radius, settings, device)
+    from knotfab.search.directions import (
+        FreeDirections,  # torch, which nothing before a search needs
+    )
+
     return FreeDirections(question.problem.views, radius, settings), settings
 
 
@@ -202,7 +205,7 @@ def price_design(
     start: Start | None,
     unmet: SearchResult | None,
     progress: Progress,
-    forms: Forms = COMPILED,
+    device: str = "cpu",
     budget: Budget | None = None,
 ) -> Design:
     """Return the design with the prices of its limits, where they cost the pictures their IoU.
@@ -231,7 +234,7 @@ def price_design(
             unmet or made.result,
             made.settings,
             question.roomy(),
-            forms,
+            device,
             None if unmet is None else made.result.iou_estimate,
         )
     feasibility = None if unmet is None else unmet.feasibility

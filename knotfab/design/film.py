@@ -30,7 +30,6 @@ from knotfab.knots import Knots
 from knotfab.picture.frames import count_knots
 from knotfab.picture.opening import opening_iou
 from knotfab.picture.read import Target
-from knotfab.render.image import COMPILED, Forms
 from knotfab.scene.load import require_sequence
 from knotfab_formats.scene import ResolvedScene, SettledScene
 from knotfab_formats.search import PRESETS, SearchSettings
@@ -144,13 +143,13 @@ class Chain:
         self,
         scene: ResolvedScene,
         targets: Sequence[Target],
-        forms: Forms = COMPILED,
+        device: str = "cpu",
         progress: Progress | None = None,
         budget: Budget | None = None,
         kept: KeptFrames | None = None,
     ) -> None:
         require_sequence(scene)
-        self._scene, self._targets, self._forms = scene, targets, forms
+        self._scene, self._targets, self._device = scene, targets, device
         self._progress = progress or Progress("quiet")
         self._budget = budget
         self._closing, self._kept = scene.sequence.loop, kept
@@ -229,7 +228,7 @@ class Chain:
             # time of a later frame's search and finish over the search of the first
             frame_s = left / (1.0 + 0.8 * (len(targets) - 1))
             share = Budget(time.perf_counter() + frame_s)
-        first = design_knots(asked, [target], self._forms, progress, share)
+        first = design_knots(asked, [target], self._device, progress, share)
         # the region as it was asked for: a mesh lies where the scene says, not yet beside the result; and
         # the required IoU, unless it was given, follows from the frame's own picture
         update = {"region": question.problem.region, "accuracy": scene.accuracy}
@@ -238,7 +237,7 @@ class Chain:
         rings = first.knots.rings
         with progress.stage("search"):
             ended = finish(
-                first.result, rings, question.problem, radius, first.settings, [], self._forms
+                first.result, rings, question.problem, radius, first.settings, [], self._device
             )
         made = settle_design(question, ended.result, first.settings)
         made = replace(made, radius=choice, unmet=first.unmet, binding=first.binding)
@@ -281,7 +280,7 @@ class Chain:
             longest * max(1.0, areas[number] / areas[first]),
             list_ties(number, self._known, self._outlines),
             self._why,
-            self._forms,
+            self._device,
         )
         done = len(self._known)
         with self._progress.stage("search"):
@@ -291,7 +290,7 @@ class Chain:
         assert trial.ended is not None
         question = self._questions[number]
         made = settle_design(question, trial.ended.result, common.settings)
-        made = price_design(made, question, None, None, self._progress, self._forms)
+        made = price_design(made, question, None, None, self._progress, self._device)
         return SequenceFrame(
             number,
             made,

@@ -18,7 +18,6 @@ from knotfab.geometry.polylines import Polylines, polylines_of_sizes
 from knotfab.knots import Knots
 from knotfab.picture.opening import opening_iou
 from knotfab.problem import CertificateLog, Problem, SearchResult, Start
-from knotfab.render.image import COMPILED, Forms
 from knotfab.search.flow import FlowSettings, Phase, Plan, repair_phase, three_phases
 from knotfab.search.objective import Term
 from knotfab.search.search import search
@@ -67,7 +66,7 @@ def follow(
     settings: SearchSettings,
     taut_mm: float,
     anchors: Sequence[Anchor],
-    forms: Forms = COMPILED,
+    device: str = "cpu",
     report: Callable[[float, float | None], None] | None = None,
     still: bool = False,
 ) -> FrameResult:
@@ -94,7 +93,7 @@ def follow(
             terms=terms,
             plan=_plan(settings, ()),
             log=log,
-            forms=forms,
+            device=device,
         )
         return FrameResult(result, _beyond(result, anchors), 0.0)
     # room for the vertices that `finish` adds: where edges are uneven those bend more in places
@@ -120,7 +119,7 @@ def follow(
         terms=(*terms, Tautness(taut_mm, radius)),
         plan=_plan(settings, phases),
         log=log,
-        forms=forms,
+        device=device,
         report=report,
     )
     return FrameResult(result, _beyond(result, anchors), moved.reached)
@@ -144,7 +143,7 @@ def finish(
     radius: float,
     settings: SearchSettings,
     anchors: Sequence[Anchor],
-    forms: Forms = COMPILED,
+    device: str = "cpu",
 ) -> FrameResult:
     """Return a frame for its part: twice as many vertices, and the limits repaired where that broke one.
 
@@ -166,7 +165,7 @@ def finish(
         terms=tuple(anchors),
         plan=_plan(settings, ()),
         log=log,
-        forms=forms,
+        device=device,
     )
     add_work(result, earlier)
     return FrameResult(result, _beyond(result, anchors))
@@ -314,7 +313,7 @@ class Following:
     taut_mm: float
     ties: tuple[Tie, ...]
     why: str
-    forms: Forms = COMPILED
+    device: str = "cpu"
 
     def search(
         self, attempts: Iterable[Attempt], report: Callable[[float, float | None], None]
@@ -344,7 +343,7 @@ class Following:
             self.settings.scaled(attempt.effort),
             self.taut_mm,
             self._anchors({j: knots.points for j, knots in self.known.items()}, attempt.closes),
-            self.forms,
+            self.device,
             report,
             attempt.still,
         )
@@ -360,7 +359,7 @@ class Following:
             self.radius,
             self.settings,
             self._anchors(self.fine, attempt.closes),
-            self.forms,
+            self.device,
         )
 
     def _anchors(self, points: Mapping[int, NDArray[np.float64]], closes: bool) -> list[Anchor]:

@@ -11,7 +11,6 @@ import shapely
 
 from knotfab.base.errors import SceneError
 from knotfab.problem import Problem, SearchResult, Start, TargetView
-from knotfab.render.image import COMPILED, Forms
 from knotfab.search.search import search
 from knotfab.start.depth import lower
 from knotfab.start.filling import Template
@@ -86,7 +85,7 @@ def price_limits(
     result: SearchResult,
     settings: SearchSettings,
     roomy: SettledRegion,
-    forms: Forms = COMPILED,
+    device: str = "cpu",
     iou: float | None = None,
 ) -> tuple[Price, ...]:
     """Price each limit that binds in IoU, dearest first; where none costs by itself, all together.
@@ -102,7 +101,7 @@ def price_limits(
     here = result.iou_estimate if iou is None else iou
 
     def price(names: tuple[str, ...], free: Problem) -> Price:
-        other = search(free, start, radius, short, forms=forms)
+        other = search(free, start, radius, short, device=device)
         return _price(names, problem, other, result, here)
 
     found = [price((name,), free) for name, free in candidates.items()]
@@ -185,7 +184,7 @@ def search_sparser(
     radius: float,
     knots: int | None,
     settings: SearchSettings,
-    forms: Forms = COMPILED,
+    device: str = "cpu",
 ) -> SearchResult | None:
     """Return the first result that is feasible, None where there is none.
 
@@ -196,7 +195,7 @@ def search_sparser(
         radius: radius of the tube, mm. knots: as for `make_start`.
     """
     for asked, start, steps in _tries(problem, radius, knots, settings):
-        result = search(asked, start, radius, settings.but(**steps), forms=forms)
+        result = search(asked, start, radius, settings.but(**steps), device=device)
         if result.feasible:
             return result
     return None

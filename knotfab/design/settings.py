@@ -11,7 +11,6 @@ from knotfab.design.candidates import line_radius
 from knotfab.design.question import Question
 from knotfab.geometry.tube import sides_for
 from knotfab.problem import Problem, ViewNumbers
-from knotfab.render.image import COMPILED, Forms
 from knotfab_formats.errors import InputError
 from knotfab_formats.piece import Accuracy
 from knotfab_formats.scene import VERIFIED_PX, ResolvedScene
@@ -146,7 +145,7 @@ def start_pose(
     problem: Problem,
     radius: float,
     settings: SearchSettings,
-    forms: Forms = COMPILED,
+    device: str = "cpu",
 ) -> tuple[Any, SearchSettings]:
     """Return the pose of the one view as an unknown, and the settings that say where it started.
 
@@ -155,7 +154,11 @@ def start_pose(
     given = scene.piece.tube_radius_mm is not None and not settings.free_radius_mm
     view = problem.views[0].view
     start = ViewNumbers(view.light_distance_mm, view.wall_distance_mm, radius)
-    pose = forms.free_pose(start, given, scene.printer.min_tube_radius_mm)
+    from knotfab.search.free_pose import ALL, Bounds, FreePose
+
+    free = tuple(name for name in ALL if name != "radius" or not given)
+    bounds = Bounds(free, least_radius_mm=scene.printer.min_tube_radius_mm)
+    pose = FreePose(start, bounds, device=device)
     if not given:
         settings = settings.but(free_radius_mm=radius)
     return pose, settings

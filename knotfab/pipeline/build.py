@@ -61,13 +61,12 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
             from knotfab.pipeline.finish import finish_build, report_piece
             from knotfab.pipeline.piece import write_piece
             from knotfab.report.page import load_template
-            from knotfab.search.forms import TorchForms
 
             mounted = request.is_mounted(request.scene.count_knots(targets[0].pieces))
-            left, forms = request.budget(progress.total, mounted), TorchForms(request.device)
+            left, device = request.budget(progress.total, mounted), request.device
             with SlicerQueue() as slicer:
                 with keep_modeller(mounted or "step" in request.also):
-                    made = design_knots(request.scene, targets, forms, progress, left)
+                    made = design_knots(request.scene, targets, device, progress, left)
                     if request.printing:
                         write_profile(folder.work, made.scene)
                     piece = write_piece(made, targets, folder, request, verifier, slicer, progress)

@@ -43,7 +43,6 @@ from knotfab.pipeline.verifier import Files, Verifier
 from knotfab.render.part_picture import draw_part, write_shadows_gif
 from knotfab.request import Outcome, Request, require_device
 from knotfab.scene.load import dump_scene, require_sequence
-from knotfab.search.forms import TorchForms
 from knotfab_formats.report import Motion
 from knotfab_formats.scene import ResolvedScene
 from knotfab_formats.verdict import PRINTER, list_unmet
@@ -94,8 +93,8 @@ def build_sequence(request: Request, progress: Progress | None = None) -> Outcom
             Verifier(request.skip, jobs=jobs) as verifier,
             SlicerQueue(jobs=jobs) as slicer,
         ):
-            left, forms = request.budget(progress.total, mounted), TorchForms(request.device)
-            chain = Chain(request.scene, targets, forms, progress, left, kept)
+            left, device = request.budget(progress.total, mounted), request.device
+            chain = Chain(request.scene, targets, device, progress, left, kept)
             found: dict[int, tuple[SequenceFrame, WrittenPiece]] = {}
 
             def write(frame: SequenceFrame) -> WrittenPiece:

@@ -20,7 +20,6 @@ from knotfab.part.orient import Flattening, flatter_depth
 from knotfab.picture.read import Target
 from knotfab.request import Request
 from knotfab.scene.camera import camera_of, view_axes
-from knotfab.search.forms import TorchForms
 from knotfab_formats.scene import LIGHT_SHARE, ResolvedView
 
 ROUNDS = 2  # searches anew
@@ -143,7 +142,7 @@ def _search(
     if nearer and place.wall_mm != view.wall_distance_mm:
         view = view.but(wall_distance_mm=place.wall_mm)
     scene = scene.but(piece=piece, views=(view,))
-    again = design_knots(scene, [target], TorchForms(request.device), progress)
+    again = design_knots(scene, [target], request.device, progress)
     return replace(again, radius=made.radius) if same else again
 
 

@@ -7,16 +7,19 @@ from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
+from knotfab.base.apps import load_app
 from knotfab.base.arrays import Array, Real
 from knotfab.geometry.polylines import Polylines
 from knotfab.render import silhouette
 from knotfab.render.capsules import tensor_frame
-from knotfab.render.silhouette import CUTOFF, Capsules, Frame, Number, number
+from knotfab.render.silhouette import CUTOFF, Capsules, DrawnImage, Frame, Number, number
 from knotfab.render.tiled import render_tiled
 from knotfab.render.tiled import winners as torch_winners
+from knotfab_formats.search import Renderer
 
 Winners = tuple[Tensor, Tensor]  # flat indices of pixels, and the capsule that colours each
 
@@ -151,6 +154,17 @@ class DeviceImage:
         p = torch.as_tensor(points, dtype=self.target.dtype, device=self.target.device)
         p.requires_grad_(slopes)
         return p, p[torch.as_tensor(rings.next, device=p.device)]
+
+
+def draw_on(
+    device: str, frame: Frame, target: NDArray[np.floating[Any]], renderer: Renderer
+) -> DrawnImage:
+    """Return the picture on a device, drawn by ray distance or by one of the paper's renderers."""
+    if renderer == "ray":
+        return DeviceImage.of(frame, target, device)
+    there = DeviceImage.of(frame, target.astype(np.float64), device)
+    drawn: DrawnImage = load_app("outlines").OutlineImage(there.frame, there.target, renderer)
+    return drawn
 
 
 class _Image(torch.autograd.Function):

@@ -4,71 +4,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from knotfab.base.arrays import Array, Mask, Real
+from knotfab.base.arrays import Array, Mask
 from knotfab.geometry.polylines import Polylines
 from knotfab.picture.silhouette import mask_iou, resample_mask, sample_mask
 from knotfab.render import silhouette
-from knotfab.render.silhouette import Frame, Sheet, frame_of
+from knotfab.render.silhouette import DrawnImage, Frame, Sheet, frame_of
 from knotfab.scene.camera import Camera, camera_of
 from knotfab_formats.scene import ResolvedView
 from knotfab_formats.search import Precision, Renderer
-
-# The forms that a search is handed: those that draw its pictures, and those that move beside
-# vertices.
-
-
-class DrawnImage(Protocol):
-    """A view's picture that something else than the compiled loops draws; arrays in, arrays out."""
-
-    def from_frame(self, frame: Frame) -> DrawnImage:
-        """Return the same picture, seen from another frame."""
-
-    def squared_error(
-        self, points: Real, rings: Polylines, radius: float, tau: float, cutoff: float, won: Any
-    ) -> tuple[float, Array]:
-        """Return the squared difference of tube and picture, and its gradient in the vertices (N, 3)."""
-
-    def find_winners(self, points: Real, rings: Polylines, radius: float, reach_px: float) -> Any:
-        """Find the capsule that colours each pixel, for `squared_error` of vertices that moved little."""
-
-    def render(
-        self, points: Real, rings: Polylines, radius: float, tau: float, cutoff: float
-    ) -> Real:
-        """Render the image (H, W) of the tube about vertices (N, 3)."""
-
-
-class Forms:
-    """The forms of a search. These are the core's own: compiled loops draw, vertices move.
-
-    `torch_forms.forms.TorchForms` has the others: devices, the paper's renderers, the network, a free pose.
-    """
-
-    device = "cpu"
-
-    def draw(
-        self, frame: Frame, target: NDArray[np.floating[Any]], renderer: Renderer
-    ) -> DrawnImage | None:
-        """Return the form that draws this picture; None: the compiled loops do."""
-        if renderer != "ray":
-            raise ValueError(f"the renderer {renderer} needs forms=TorchForms()")
-        return None
-
-    def search_network(self, state: Any, report: Any) -> None:
-        """Search the weights of a network that moves the curves of a `SearchState`."""
-        raise ValueError("a search of the network needs forms=TorchForms()")
-
-    def free_pose(self, start: Any, given: bool, least_radius_mm: float) -> Any:
-        """Return the pose of one view as an unknown, from `ViewNumbers`; a `given` tube radius is none."""
-        raise ValueError("a free view needs forms=TorchForms()")
-
-
-COMPILED = Forms()
-
 
 CUTOFF = 5.0  # a search's: sigmoid(-5) = 0.7 %, and a pixel further out pulls on nothing
 _KINDS: dict[Precision, type[np.floating[Any]]] = {"single": np.float32, "double": np.float64}
@@ -79,19 +27,23 @@ _HARD = 10.0  # per px: a sharpness at which half a pixel beside an outline noth
 class ViewImage:
     """One view's picture at the resolution of a phase: `target` (H, W) is the coverage of `frame`.
 
-    Compiled loops draw it, by ray distance, or else what `forms` has for it.
+    Compiled loops draw it, by ray distance; torch draws it on another device, or by the paper's renderers.
     """
 
     frame: Frame
     target: NDArray[np.floating[Any]]  # the precision that pictures are drawn in
     sheet: Sheet  # the raster, for a pose that is an unknown
     radius_px: float  # projected tube radius
-    forms: Forms = COMPILED
+    device: str = "cpu"
     renderer: Renderer = "ray"
 
     @cached_property
     def _drawn(self) -> DrawnImage | None:
-        return self.forms.draw(self.frame, self.target, self.renderer)
+        if self.renderer == "ray" and self.device == "cpu":
+            return None
+        from knotfab.render.device import draw_on
+
+        return draw_on(self.device, self.frame, self.target, self.renderer)
 
     def from_frame(self, frame: Frame) -> ViewImage:
         """Return the same picture where another frame looks from; what is on a device stays there."""
@@ -136,7 +88,7 @@ def image_at(
     mask: Mask,
     radius: float,
     pixels: int,
-    forms: Forms = COMPILED,
+    device: str = "cpu",
     precision: Precision = "single",
     renderer: Renderer = "ray",
     ends: bool = False,
@@ -148,7 +100,7 @@ def image_at(
     frame, target, pixel_mm = _picture_at(view, mask, pixels, precision, ends)
     sheet = Sheet(frame.width, frame.height, pixel_mm, view.wall_tilt_deg)
     radius_px = radius * view.magnification / pixel_mm
-    return ViewImage(frame, target, sheet, radius_px, forms, renderer)
+    return ViewImage(frame, target, sheet, radius_px, device, renderer)
 
 
 def _picture_at(

@@ -1,7 +1,7 @@
 """Compiled loops of the soft renderer: each pixel's winning capsule, and what its distance pulls on.
 
 Points are receiver axes in mm (see `render.frame`), arrays and numbers of one precision; the distance is
-worked out by the operations of `torch_forms.capsule` in their order, so that both give the same. Each runs on
+worked out by the operations of `render.capsules` in their order, so that both give the same. Each runs on
 one thread, so that the order of all sums is fixed.
 """
 
@@ -73,7 +73,7 @@ def _four(real: Any, numbers: Array) -> Any:
 def _meet(a: Any, b: Any, qx: Any, qy: Any, lost: Any, tiny: Any, zero: Any, one: Any) -> Any:
     """Find where a ray passes a segment nearest: t along it, the moments c there and e of the whole of it.
 
-    Then |e|^2, how far the ray passes, and whether that is more than rounding. See `torch_forms.capsule`.
+    Then |e|^2, how far the ray passes, and whether that is more than rounding. See `render.capsules`.
     """
     (x0, y0, z0), (x1, y1, z1) = a, b
     ax, ay = z0 * qy - y0, x0 - z0 * qx

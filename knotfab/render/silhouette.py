@@ -1,19 +1,20 @@
 """The soft silhouette of capsules and its squared error, by compiled loops, with gradients in closed form.
 
-`torch_forms.tensors` has the same for tensors, on any device; tests hold it against the torch form
-(`torch_forms.tiled`).
+`render.device` has the same for tensors, on any device; tests hold it against the torch form
+(`render.tiled`).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from knotfab.base.arrays import Array, Mask, Real
 from knotfab.base.compiled import compiled
+from knotfab.geometry.polylines import Polylines
 from knotfab.render.kernels import Places, are_within, evaluate, find_winners
 from knotfab.scene.camera import Camera
 
@@ -45,7 +46,7 @@ class Frame:
 
     A pixel (u, v) has the ray direction ((u + u0) * step, (v + v0) * step, 1); `focal_px` turns
     a length at depth 1 into pixels. Pixels are square. A frame of arrays takes arrays of points,
-    one of tensors (`torch_forms.posed_frame.tensor_frame`) takes tensors; only there may the numbers be
+    one of tensors (`render.capsules.tensor_frame`) takes tensors; only there may the numbers be
     tensors [] with a gradient, where the view itself is an unknown.
     """
 
@@ -181,7 +182,7 @@ class _Cut:
 
 @np.errstate(all="ignore")  # NaN is left out by comparisons
 def _place(starts: Real, ends: Real, frame: Frame, radius: float) -> _Cut:
-    """Place segments in receiver axes, cut as `torch_forms.clip.cut_before_light` does it, which says why."""
+    """Place segments in receiver axes, cut as `render.capsules.cut_before_light` does it, which says why."""
     a, b = frame.local(starts), frame.local(ends)
     least = least_depth(radius)
     low = min(a[:, 2].min(initial=np.inf), b[:, 2].min(initial=np.inf))
@@ -344,3 +345,23 @@ class Capsules:
         numbers = _numbers(self.frame, self.radius)
         places = (*self.won, numbers, self.frame.width, self.tau)
         return evaluate(a, b, *places, field, own, other, slopes, image), slopes
+
+
+class DrawnImage(Protocol):
+    """A view's picture that something else than the compiled loops draws; arrays in, arrays out."""
+
+    def from_frame(self, frame: Frame) -> DrawnImage:
+        """Return the same picture, seen from another frame."""
+
+    def squared_error(
+        self, points: Real, rings: Polylines, radius: float, tau: float, cutoff: float, won: Any
+    ) -> tuple[float, Array]:
+        """Return the squared difference of tube and picture, and its gradient in the vertices (N, 3)."""
+
+    def find_winners(self, points: Real, rings: Polylines, radius: float, reach_px: float) -> Any:
+        """Find the capsule that colours each pixel, for `squared_error` of vertices that moved little."""
+
+    def render(
+        self, points: Real, rings: Polylines, radius: float, tau: float, cutoff: float
+    ) -> Real:
+        """Render the image (H, W) of the tube about vertices (N, 3)."""

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Protocol
 
 import numpy as np
+import torch
 
 from knotfab.base.arrays import Array
 from knotfab.geometry.measures import Neighbours
@@ -19,6 +19,7 @@ from knotfab.problem import Problem, TargetView, ViewNumbers
 from knotfab.render.image import frame_at
 from knotfab.scene.camera import least_apart
 from knotfab.search.objective import Objective
+from knotfab.search.optimizer import Adam
 from knotfab_formats.search import SearchSettings
 
 MOST_TURN_DEG = 12.0  # the most, to each side of where a view starts
@@ -39,7 +40,8 @@ class FreeDirections:
         self.first_deg = np.array([v.view.azimuth_deg for v in views])
         self.azimuth_deg = self.first_deg.copy()
         self._settings, self._asked = settings, 0
-        self._mean, self._square, self._steps = np.zeros(len(views)), np.zeros(len(views)), 0
+        self._turned = torch.zeros(len(views), dtype=torch.float64, requires_grad=True)
+        self._adam = Adam([self._turned], betas=(_KEPT, _SQUARES))
         self._apart = NEAREST * least_apart([v.view for v in views])
 
     def keep(self, points: Array) -> None:
@@ -67,18 +69,17 @@ class FreeDirections:
         slopes = np.zeros(len(self.azimuth_deg))
         for number in range(1, len(slopes)):
             slopes[number] = self.slope(objective, number, points, progress)
-        self._steps += 1
-        self._mean += (1 - _KEPT) * (slopes - self._mean)
-        self._square += (1 - _SQUARES) * (slopes**2 - self._square)
-        mean = self._mean / (1 - _KEPT**self._steps)
-        size = np.sqrt(self._square / (1 - _SQUARES**self._steps)) + 1e-12
-        moved = self.azimuth_deg - _RATE_DEG * _LAST**progress * mean / size
+        self._turned.grad = torch.from_numpy(slopes)
+        self._adam.step(_RATE_DEG * _LAST**progress)
+        moved = self.first_deg + self._turned.detach().numpy()
         moved = np.clip(moved, self.first_deg - MOST_TURN_DEG, self.first_deg + MOST_TURN_DEG)
         before, self.azimuth_deg = self.azimuth_deg, moved
         if least_apart([v.view for v in self._views(problem)]) >= self._apart:
             self.show(objective, problem)
         else:
             self.azimuth_deg = before
+        with torch.no_grad():
+            self._turned.copy_(torch.from_numpy(self.azimuth_deg - self.first_deg))
 
     def slope(self, objective: Objective, number: int, points: Array, progress: float) -> float:
         """Return the slope of a view's image term in its azimuth, per degree."""
@@ -98,33 +99,3 @@ class FreeDirections:
             replace(v, view=v.view.but(azimuth_deg=float(a)))
             for v, a in zip(problem.views, self.azimuth_deg, strict=True)
         )
-
-
-# A view that is an unknown of the search: what the flow asks of it.
-
-
-class Pose(Protocol):
-    """The pose of one view (`torch_forms.pose.FreePose`), or directions of several (`FreeDirections`)."""
-
-    @property
-    def radius_mm(self) -> float:
-        """The tube's radius now."""
-
-    def keep(self, points: Array) -> None:
-        """Go back into the bounds, which the points (N, 3) may set."""
-
-    def show(self, objective: Objective, problem: Problem) -> None:
-        """Let the objective see its views from here."""
-
-    def descend(
-        self,
-        objective: Objective,
-        problem: Problem,
-        points: Array,
-        near: Neighbours,
-        progress: float,
-    ) -> None:
-        """Move one step against the objective at vertices (N, 3), and let it see from there."""
-
-    def settle(self, problem: Problem, points: Array) -> tuple[Problem, Array, ViewNumbers | None]:
-        """Return the problem with its views here, and the points (N, 3) in their axes."""

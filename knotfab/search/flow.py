@@ -1,4 +1,4 @@
-"""The certified flow: all vertices descend the objective together, and no accepted step crosses a strand."""
+"""The certified flow's settings and parts (`search.optimizer` runs it), and the phases of a search."""
 
 from __future__ import annotations
 
@@ -9,12 +9,10 @@ import numpy as np
 
 from knotfab.base.arrays import Array, Indices
 from knotfab.base.compiled import compiled
-from knotfab.geometry.carry import certify, step_limits
 from knotfab.geometry.measures import Neighbours, find_neighbours
 from knotfab.geometry.polylines import Polylines, dot
 from knotfab.limits.terms import Felt
 from knotfab.search.objective import Weights
-from knotfab_formats.libraries import took_part
 from knotfab_formats.search import SearchSettings
 
 Loss = Callable[[Array, Neighbours, float], Felt]  # (points, near, progress) -> (loss, gradient)
@@ -60,8 +58,8 @@ def _filter(ring: Array, share: float) -> None:
 
 
 @compiled
-def _precondition(gradient: Array, bounds: Indices, sigma: float) -> Array:
-    """Return H1 gradient: of each ring the x that solves x - sigma^2 x'' = smooth gradient, sigma in samples.
+def precondition(gradient: Array, bounds: Indices, sigma: float) -> Array:
+    """Return the H1 gradient: for each ring, the x that solves x - sigma^2 x'' = g, sigma in samples.
 
     Smoothed by (1, 2, 1) / 4: what changes sides from vertex to vertex is the pixels' noise. By differences
     the matrix is, but for a factor, (1 - r S)(1 - r S^-1), S the shift along the ring: a filter forth
@@ -88,8 +86,8 @@ def _precondition(gradient: Array, bounds: Indices, sigma: float) -> Array:
     return out
 
 
-def _along(points: Array, rings: Polylines) -> Array:
-    """Return tangential motion of each vertex to the middle of its two neighbours."""
+def along_curve(points: Array, rings: Polylines) -> Array:
+    """Return the step along the curve that brings each vertex midway between its neighbours."""
     ahead, behind = points[rings.next] - points, points - points[rings.previous]
     tangent = ahead + behind
     tangent /= np.sqrt(dot(tangent, tangent))[:, None]
@@ -110,73 +108,6 @@ def find_felt(
     longest = float(np.sqrt(dot(edge, edge).max()))
     felt = 1.02 * separation + 1.5 * longest + 0.7 * radius
     return find_neighbours(points, rings, max(reach * radius, felt), 6)
-
-
-def flow(
-    points: Array,
-    rings: Polylines,
-    objective: Loss,
-    radius: float,
-    settings: FlowSettings,
-    report: Callable[[float, Array], None] | None = None,
-    done: Callable[[Array], bool] | None = None,
-    separation: float = 0.0,
-    between: Between | None = None,
-) -> FlowResult:
-    """Descend `objective` from `points` (N, 3), mm, keeping the knot type.
-
-    Every accepted step is certified to be an isotopy (`certificate.certify`): a step that fails is halved
-    up to six times, then refused. `report(progress, points)` is called each iteration; `done(points)`
-    may end the flow early. `separation`: least distance of centre lines that the objective asks for, mm.
-    `between(points, near, iteration, progress)` is called before each step.
-    """
-    result = FlowResult(points.copy())
-    took_part("numpy", "moved the knots")
-    took_part("numba", "ran the loops of pictures and limits")
-    x = result.points
-    near: Neighbours | None = None
-    momentum = np.zeros_like(x)
-    scale = 0.0
-    for iteration in range(settings.iterations):
-        progress = iteration / max(1, settings.iterations - 1)
-        if near is None or near.moved(x) > 0.3 * radius:
-            near = find_felt(x, rings, radius, separation, settings.reach)
-        if between is not None:
-            between(x, near, iteration, progress)
-        loss, gradient = objective(x, near, progress)
-        result.losses.append(loss)
-        spacing = float(np.linalg.norm(x[rings.next] - x, axis=1).mean())
-        g = _precondition(gradient, rings.bounds, settings.smoothing * radius / spacing)
-        scale = max(0.9 * scale + 0.1 * float(dot(g, g).mean()), 1e-300)
-        if iteration == 0:
-            scale = max(float(dot(g, g).mean()), 1e-300)
-        momentum = settings.momentum * momentum + (1 - settings.momentum) * g
-        rate = settings.rate * (settings.rate_end / settings.rate) ** progress * radius
-        step = -momentum * (rate / np.sqrt(scale))
-        step += settings.evening * _along(x, rings)
-        length = np.sqrt(dot(step, step))
-        largest = settings.clamp * radius
-        limit = np.minimum(step_limits(x, rings, near, largest), largest)
-        step *= np.minimum(1.0, limit / np.maximum(length, 1e-300))[:, None]
-        for halving in range(7):
-            verdict = certify(x, step, rings, near)
-            if verdict.valid:
-                x = x + step
-                result.accepted += 1
-                result.shortened += halving > 0
-                result.least_margin = min(result.least_margin, verdict.margin)
-                break
-            step = 0.5 * step
-        else:
-            result.refused += 1
-            momentum[:] = 0
-            near = None
-        result.points = x
-        if report is not None:
-            report(progress, x)
-        if done is not None and iteration % 10 == 9 and done(x):
-            break
-    return result
 
 
 # The plan of a search: the phases that it goes through, and the repairs while a limit is

@@ -6,8 +6,6 @@ by Adam on the same objective; bounds keep the light in front of the piece and t
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -25,66 +23,9 @@ from knotfab.render.image import CUTOFF
 from knotfab.render.silhouette import Frame, Sheet
 from knotfab.search.flow import SETTLE
 from knotfab.search.objective import Objective
+from knotfab.search.optimizer import Adam, one_thread
 from knotfab_formats.errors import InputError
 from knotfab_formats.scene import LIGHT_SHARE, WALL_SHARE
-
-# Adam, with a rate for each tensor at each step.
-
-
-_LEAST = 1e-8  # the least root mean square: no step is infinite
-
-
-class Adam:
-    """D. P. Kingma and J. Ba, "Adam: a method for stochastic optimization", ICLR 2015, algorithm 1.
-
-        adam = Adam(tensors)
-        adam.step(torch.autograd.grad(loss, adam.tensors), rate)
-
-    Args:
-        tensors: what is to be moved, in place.
-        betas: how much of the means of gradients and of their squares a step keeps.
-    """
-
-    def __init__(
-        self, tensors: Iterable[Tensor], betas: tuple[float, float] = (0.9, 0.999)
-    ) -> None:
-        self.tensors = list(tensors)
-        self._betas, self._steps = betas, 0
-        self._mean = [torch.zeros_like(t) for t in self.tensors]
-        self._square = [torch.zeros_like(t) for t in self.tensors]
-
-    @torch.no_grad()
-    def step(self, gradients: Sequence[Tensor], rate: float | Sequence[float]) -> None:
-        """Move against `gradients`, of each tensor, by about `rate`, of all or of each."""
-        self._steps += 1
-        first, second = self._betas
-        rates = rate if isinstance(rate, Sequence) else [rate] * len(self.tensors)
-        begun, root = 1 - first**self._steps, (1 - second**self._steps) ** 0.5
-        for tensor, gradient, mean, square, length in zip(
-            self.tensors, gradients, self._mean, self._square, rates, strict=True
-        ):
-            mean.lerp_(gradient, 1 - first)
-            square.mul_(second).addcmul_(gradient, gradient, value=1 - second)
-            tensor.addcdiv_(mean, (square.sqrt() / root).add_(_LEAST), value=-length / begun)
-
-
-# Torch on one thread for the small tensors of a free view and of the network.
-
-
-@contextmanager
-def one_thread() -> Iterator[None]:
-    """Run torch on one thread inside.
-
-    Its barriers cost more than they gain on tensors this small, and many times more where the cores
-    are shared; and sums come out the same whatever the number of cores.
-    """
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)
-
 
 Name = Literal["azimuth", "elevation", "roll", "light", "wall", "radius"]
 
@@ -195,8 +136,9 @@ class FreePose:
     def move(self, gradients: tuple[Tensor, Tensor], points: Array, progress: float) -> None:
         """Take one step of Adam against `gradients` of `tensors`, then back into the bounds."""
         share = _LAST**progress
-        free = [torch.where(m, g, 0.0) for m, g in zip(self._mask, gradients, strict=True)]
-        self._adam.step(free, (_TURN_RATE * share, _LENGTH_RATE * share))
+        for tensor, mask, gradient in zip(self.tensors, self._mask, gradients, strict=True):
+            tensor.grad = torch.where(mask, gradient, 0.0)
+        self._adam.step((_TURN_RATE * share, _LENGTH_RATE * share))
         self.keep(points)
 
     def keep(self, points: Array) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from knotfab.base.arrays import Array
 from knotfab.geometry.measures import Neighbours
 from knotfab.geometry.polylines import Polylines, project
 from knotfab.limits.terms import Felt, Guard, Limits, State, follow_edges, weigh
-from knotfab.problem import TargetView
+from knotfab.problem import Problem, TargetView, ViewNumbers
 from knotfab.render.image import ViewImage, grid_at
 from knotfab.render.silhouette import Frame
 from knotfab.scene.camera import camera_of
@@ -140,6 +140,33 @@ class Objective:
     def ious(self, points: Array) -> tuple[float, ...]:
         """Return the hard silhouettes' IoU with the target, view by view."""
         return tuple(i.iou(points, self.rings, self.limits.radius) for i in self.images)
+
+
+class Pose(Protocol):
+    """The pose of one view (`free_pose.FreePose`), or directions of several (`FreeDirections`)."""
+
+    @property
+    def radius_mm(self) -> float:
+        """The tube's radius now."""
+
+    def keep(self, points: Array) -> None:
+        """Go back into the bounds, which the points (N, 3) may set."""
+
+    def show(self, objective: Objective, problem: Problem) -> None:
+        """Let the objective see its views from here."""
+
+    def descend(
+        self,
+        objective: Objective,
+        problem: Problem,
+        points: Array,
+        near: Neighbours,
+        progress: float,
+    ) -> None:
+        """Move one step against the objective at vertices (N, 3), and let it see from there."""
+
+    def settle(self, problem: Problem, points: Array) -> tuple[Problem, Array, ViewNumbers | None]:
+        """Return the problem with its views here, and the points (N, 3) in their axes."""
 
 
 def add_limits(state: State, limits: Limits, guards: dict[str, Guard], weights: Weights) -> Felt:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from knotfab.base.apps import load_app
 from knotfab.base.arrays import Array
 from knotfab.geometry.carry import subdivide
 from knotfab.geometry.measures import bend_radii
@@ -23,10 +24,8 @@ from knotfab.geometry.polylines import Polylines
 from knotfab.knots import Knots
 from knotfab.limits.feasibility import Feasibility
 from knotfab.problem import CertificateLog, Problem, Report, SearchResult, Start, Watch
-from knotfab.render.image import COMPILED, Forms
-from knotfab.search.directions import Pose
 from knotfab.search.flow import FlowSettings, Phase, Plan, plan_of
-from knotfab.search.objective import Chamfer, Term, Weights
+from knotfab.search.objective import Chamfer, Pose, Term, Weights
 from knotfab.search.state import SearchState, begin, resample_state, run_phase
 from knotfab_formats.search import SearchSettings
 
@@ -48,7 +47,7 @@ def search(
     plan: Plan | None = None,
     log: CertificateLog | None = None,
     pace: Pace | None = None,
-    forms: Forms = COMPILED,
+    device: str = "cpu",
     report: Report | None = None,
     watch: Watch | None = None,
 ) -> SearchResult:
@@ -65,7 +64,7 @@ def search(
             phases but the last, before which the knots are turned into the axes of the one view found.
         pace: settles the iterations of each phase by the clock; None: those that the settings say.
         log: the certified steps that led to the start, to be continued.
-        forms: what draws pictures, and what moves, where the settings ask for other than the core has.
+        device: where the pictures are drawn, and where the network runs: "cpu", "cuda".
         plan: instead of the one that follows from the settings and the number of views.
         report: called with (share of the search that is done, least IoU, measured now and then).
         watch: called each iteration with the knots as they stand; it changes no result.
@@ -74,7 +73,7 @@ def search(
         The result says itself whether it is feasible, or which limit is violated, by how much and where.
     """
     plan = plan or plan_of(settings, 1 if problem.apart_mm is not None else len(problem.views))
-    state = begin(problem, start, radius, settings, terms, pose, plan.keep_vertices, log, forms)
+    state = begin(problem, start, radius, settings, terms, pose, plan.keep_vertices, log, device)
     state.watch = watch
     if pose is not None:
         pose.keep(state.points)
@@ -82,7 +81,7 @@ def search(
     if plan.network:
         network = settings.network_iterations
         done = network / (network + sum(phase.iterations for phase in plan.phases))
-        forms.search_network(
+        load_app("network").search_network(
             state, None if report is None else lambda part, iou: report(done * part, iou)
         )
     elif start.far:

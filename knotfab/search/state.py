@@ -18,10 +18,9 @@ from knotfab.knots import Knot, Knots
 from knotfab.limits.feasibility import Feasibility, guard_limits, measure_feasibility
 from knotfab.limits.terms import Guard, Limits
 from knotfab.problem import CertificateLog, Problem, Start, ViewNumbers, Watch
-from knotfab.render.image import COMPILED, Forms, ViewImage
-from knotfab.search.directions import Pose
-from knotfab.search.flow import Between, Phase, flow
-from knotfab.search.objective import Grace, Objective, Spill, Term
+from knotfab.render.image import ViewImage
+from knotfab.search.flow import Between, Phase
+from knotfab.search.objective import Grace, Objective, Pose, Spill, Term
 from knotfab.search.upright import Upright
 from knotfab_formats.search import SearchSettings
 
@@ -86,7 +85,7 @@ class SearchState:
     terms: tuple[Term, ...] = ()
     pose: Pose | None = None
     keep_vertices: bool = False
-    forms: Forms = COMPILED
+    device: str = "cpu"
     balance: Balance | None = None
     numbers: ViewNumbers | None = None  # the pose's, once it is found
     watch: Watch | None = None
@@ -130,7 +129,7 @@ class SearchState:
 
     def _images(self, pixels: int) -> tuple[ViewImage, ...]:
         asked = self.settings
-        given = (self.radius, pixels, self.forms, asked.precision, asked.renderer)
+        given = (self.radius, pixels, self.device, asked.precision, asked.renderer)
         return tuple(v.image_at(*given) for v in self.problem.views)
 
     def objective(self, phase: Phase, loose: NDArray[np.bool_] | None = None) -> Objective:
@@ -177,7 +176,7 @@ def begin(
     pose: Pose | None = None,
     keep_vertices: bool = False,
     log: CertificateLog | None = None,
-    forms: Forms = COMPILED,
+    device: str = "cpu",
 ) -> SearchState:
     """Return the state at the start of a search, its effects judged there."""
     if settings.grace > 0:
@@ -199,7 +198,7 @@ def begin(
         terms,
         pose,
         keep_vertices,
-        forms,
+        device,
         None if problem.goals is None else Balance(problem.goals),
     )
     state.judge_effects()
@@ -227,7 +226,7 @@ def run_phase(
     until_kept: bool = False,
     loose: NDArray[np.bool_] | None = None,
 ) -> Objective:
-    """Return one phase of the certified flow; `until_kept` ends it as soon as every limit holds.
+    """Run one phase of the certified flow; `until_kept` ends it as soon as every limit holds.
 
     Args:
         report: called each iteration with (share of the phase, what measures the least IoU).
@@ -244,7 +243,9 @@ def run_phase(
         if report is not None:
             report(progress, lambda: min(objective.ious(points)))
 
-    result = flow(
+    from knotfab.search.optimizer import descend  # torch, which nothing before a search needs
+
+    result = descend(
         state.points,
         state.rings,
         objective,

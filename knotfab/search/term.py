@@ -25,7 +25,7 @@ class TorchTerm(Term):
     asks for this term at each iteration, in double precision.
 
     Raises (when the search asks):
-        InputError: it gives no scalar, or one that is not finite.
+        InputError: it gives no scalar, or its value or slope is not finite.
     """
 
     def __init__(self, function: Callable[[Tensor], Tensor], device: str = "cpu") -> None:
@@ -34,8 +34,8 @@ class TorchTerm(Term):
     def __call__(self, state: State, weights: Weights) -> Felt:
         points = torch.tensor(state.points, device=self._device, requires_grad=True)
         value = self._function(points)
+        name = getattr(self._function, "__name__", type(self._function).__name__)
         if not isinstance(value, Tensor) or value.numel() != 1 or not torch.isfinite(value).all():
-            name = getattr(self._function, "__name__", type(self._function).__name__)
             raise InputError(
                 f"the term {name}",
                 "what it gives for the vertices is no finite scalar tensor",
@@ -45,4 +45,10 @@ class TorchTerm(Term):
             return float(value), np.zeros_like(state.points)
         (slope,) = torch.autograd.grad(value.reshape(()), points, allow_unused=True)
         gradient = np.zeros_like(state.points) if slope is None else slope.cpu().numpy()
+        if not np.isfinite(gradient).all():
+            raise InputError(
+                f"the term {name}",
+                f"its slope is not finite at {int((~np.isfinite(gradient).all(axis=1)).sum())} vertices",
+                "Keep it away from roots and quotients of 0, by a small number added.",
+            )
         return float(value.detach()), gradient

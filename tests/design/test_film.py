@@ -18,7 +18,6 @@ from knotfab.design.question import Question, ask
 from knotfab.design.radius import RadiusChoice
 from knotfab.picture.frames import read_frames
 from knotfab.scene.catalogue import resolve
-from knotfab.search.forms import TorchForms
 from knotfab_formats.piece import Material, Piece, Sequence
 from knotfab_formats.scene import Scene
 from knotfab_formats.search import PRESETS, SearchSettings
@@ -74,9 +73,7 @@ def test_the_view_is_found_with_the_first_frame_and_stays(tmp_path: Path) -> Non
     """Lamp and wall stand still while the frames change; and what was found can be repeated."""
     targets = discs(tmp_path, (40, 42))
     asked = Scene(piece=Piece(tube_radius_mm=12.0), search={**QUICK, "free_view": True})
-    first, second = (
-        frame.made for frame in in_order(Chain(resolve(asked), targets, forms=TorchForms()))
-    )
+    first, second = (frame.made for frame in in_order(Chain(resolve(asked), targets, device="cpu")))
     views = [made.scene.views[0] for made in (first, second)]
     found = {(v.light_distance_mm, v.wall_distance_mm) for v in views}
     assert len(found) == 1 and found != {(500.0, 100.0)}
@@ -84,7 +81,7 @@ def test_the_view_is_found_with_the_first_frame_and_stays(tmp_path: Path) -> Non
     assert first.result.log.certified and second.result.log.certified
     assert min(made.result.iou_estimate for made in (first, second)) > 0.7
     # frame 2 has more ink, and is searched first
-    again = next(Chain(second.scene, targets, forms=TorchForms()).frames())
+    again = next(Chain(second.scene, targets, device="cpu").frames())
     assert again.number == 1
     assert np.array_equal(again.made.knots.points, second.knots.points)
     assert again.made.scene.views == second.scene.views

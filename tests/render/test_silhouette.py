@@ -22,7 +22,6 @@ from knotfab.render.image import image_at
 from knotfab.render.silhouette import Frame, frame_of
 from knotfab.render.tiled import render_tiled
 from knotfab.scene.camera import camera_of
-from knotfab.search.forms import TorchForms
 from knotfab_formats.scene import ResolvedView
 
 VIEW = ResolvedView(frame_width_mm=120.0, frame_height_mm=90.0)
@@ -203,7 +202,7 @@ def test_a_view_looks_the_same_on_another_device(
     y, x = np.mgrid[:60, :80]
     mask = np.hypot(x - 40, y - 30) < 25
     here = image_at(VIEW, mask, RADIUS, 96)
-    there = image_at(VIEW, mask, RADIUS, 96, TorchForms("cpu:0"))
+    there = image_at(VIEW, mask, RADIUS, 96, "cpu:0")
     won = [image.find_winners(points, rings, RADIUS, 1.25) for image in (here, there)]
     assert all((np.asarray(a) == np.asarray(b)).all() for a, b in zip(*won, strict=True))
     found = [

@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+import torch
 
 from benchmarks.hard.crossing import linking_number, passes_through
 from benchmarks.hard.curves import HardKnot, circle, hard_knots
@@ -15,7 +16,8 @@ from knotfab.geometry.carry import certify
 from knotfab.geometry.measures import Neighbours, find_neighbours
 from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.limits.terms import Felt
-from knotfab.search.flow import FlowSettings, _precondition, flow
+from knotfab.search.flow import FlowSettings, precondition
+from knotfab.search.optimizer import CertifiedFlow, descend
 
 
 @pytest.mark.parametrize("sigma", [0.0, 0.3, 2.3, 40.0])
@@ -23,7 +25,7 @@ def test_the_h1_gradient_solves_its_equation_on_each_ring(sigma: float) -> None:
     rng = np.random.default_rng(1)
     bounds = np.array([0, 1, 3, 6, 22, 119])
     gradient = rng.normal(size=(119, 3))
-    found = _precondition(gradient, bounds, sigma)
+    found = precondition(gradient, bounds, sigma)
     for begin, end in pairwise(bounds):
         own = np.eye(end - begin)
         bending = 2 * own - np.roll(own, 1, 0) - np.roll(own, -1, 0)
@@ -36,7 +38,7 @@ def test_the_h1_gradient_solves_its_equation_on_each_ring(sigma: float) -> None:
 def test_the_h1_gradient_keeps_what_moves_a_ring_as_a_whole() -> None:
     rng = np.random.default_rng(2)
     gradient = rng.normal(size=(50, 3))
-    found = _precondition(gradient, np.array([0, 50]), 4.0)
+    found = precondition(gradient, np.array([0, 50]), 4.0)
     np.testing.assert_allclose(found.mean(0), gradient.mean(0), atol=1e-13)
     assert np.ptp(np.diff(found, axis=0)) < 0.3 * np.ptp(np.diff(gradient, axis=0))
 
@@ -95,7 +97,7 @@ def test_a_flow_that_is_pulled_through_itself_stops_short() -> None:
 
     before = linking_number(one, two)
     assert abs(before) == pytest.approx(1, abs=1e-9)
-    result = flow(points, rings, pull, 1.0, FlowSettings(iterations=150, rate=0.5, rate_end=0.5))
+    result = descend(points, rings, pull, 1.0, FlowSettings(iterations=150, rate=0.5, rate_end=0.5))
     assert np.isfinite(result.points).all()
     assert linking_number(*rings.split(result.points)) == pytest.approx(before, abs=1e-6)
     assert float(((result.points[24:] - goal[24:]) ** 2).sum(1).max()) > 1.0
@@ -112,7 +114,34 @@ def test_a_flat_or_infinite_slope_moves_nothing() -> None:
         return 1e300 * float(p.sum()), np.full_like(p, 1e300)
 
     settings = FlowSettings(iterations=5, evening=0.0)
-    still = flow(points, rings, nothing, 1.0, settings).points
+    still = descend(points, rings, nothing, 1.0, settings).points
     assert np.array_equal(still, points)
-    moved = flow(points, rings, steep, 1.0, settings).points
+    moved = descend(points, rings, steep, 1.0, settings).points
     assert np.isfinite(moved).all()
+
+
+def test_the_optimizer_alone_moves_the_vertices(monkeypatch: pytest.MonkeyPatch) -> None:
+    points, rings = circle(24, 10.0), polylines_of_sizes((24,))
+
+    def pull(p: Array, near: Neighbours, progress: float) -> Felt:
+        return float((p**2).sum()), 2 * p
+
+    settings = FlowSettings(iterations=5)
+    assert not np.array_equal(descend(points, rings, pull, 1.0, settings).points, points)
+    monkeypatch.setattr(CertifiedFlow, "step", lambda self: None)
+    assert np.array_equal(descend(points, rings, pull, 1.0, settings).points, points)
+
+
+def test_any_loss_of_torch_drives_it() -> None:
+    start, rings = circle(60, 10.0), polylines_of_sizes((60,))
+    points = torch.from_numpy(start.copy()).requires_grad_()
+    optimizer = CertifiedFlow(points, rings, 1.0, FlowSettings(iterations=40))
+    for _ in range(40):
+        optimizer.zero_grad()
+        loss = (points[:, 0] - 5.0).square().mean()
+        loss.backward()
+        optimizer.step()
+    assert optimizer.result.accepted == 40
+    moved = points.detach().numpy()
+    assert abs(moved[:, 0].mean() - 5.0) < abs(start[:, 0].mean() - 5.0)
+    assert np.array_equal(moved, optimizer.result.points)

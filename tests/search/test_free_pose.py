@@ -26,7 +26,6 @@ from knotfab.render.tiled import render_tiled
 from knotfab.scene.camera import camera_of
 from knotfab.scene.catalogue import resolve
 from knotfab.search.flow import SETTLE, FlowSettings, Phase
-from knotfab.search.forms import TorchForms
 from knotfab.search.free_pose import ALL, Adam, Bounds, FreePose, turn_of
 from knotfab.search.objective import Objective, Weights
 from knotfab.search.state import SearchState, begin
@@ -297,12 +296,12 @@ TINY = {
 @pytest.mark.build
 def test_the_scene_of_a_free_view_gives_the_same_knots() -> None:
     target = read_target("text:\u2665")
-    first = design_knots(resolve(Scene(search=TINY)), [target], forms=TorchForms())
+    first = design_knots(resolve(Scene(search=TINY)), [target], device="cpu")
     view, found = first.scene.views[0], first.scene.search
     assert (found["free_light_mm"], found["free_wall_mm"]) == (500.0, 100.0)
     assert view.light_distance_mm != 500.0 and view.wall_distance_mm != 100.0
     assert first.scene.piece.tube_radius_mm == first.knots.radius_mm != found["free_radius_mm"]
-    again = design_knots(first.scene, [target], forms=TorchForms())
+    again = design_knots(first.scene, [target], device="cpu")
     np.testing.assert_array_equal(first.knots.points, again.knots.points)
     assert again.scene == first.scene
 
@@ -311,7 +310,7 @@ def test_the_scene_of_a_free_view_gives_the_same_knots() -> None:
 def test_a_radius_that_is_given_stays_given() -> None:
     piece = Piece(tube_radius_mm=4.0)
     made = design_knots(
-        resolve(Scene(piece=piece, search=TINY)), [read_target("text:\u2665")], forms=TorchForms()
+        resolve(Scene(piece=piece, search=TINY)), [read_target("text:\u2665")], device="cpu"
     )
     assert made.knots.radius_mm == 4.0 and made.scene.search["free_radius_mm"] == 0
 
@@ -321,11 +320,11 @@ def test_a_time_budget_holds_for_a_free_view_too() -> None:
     """The few iterations that time it leave no trace in the pose that the search starts from."""
     budget = Budget(time.perf_counter() + 1.0)
     made = design_knots(
-        resolve(Scene(search=TINY)), [read_target("text:\u2665")], budget=budget, forms=TorchForms()
+        resolve(Scene(search=TINY)), [read_target("text:\u2665")], budget=budget, device="cpu"
     )
     resolved = made.scene.search
     assert (resolved["free_light_mm"], resolved["free_wall_mm"]) == (500.0, 100.0)
-    again = design_knots(made.scene, [read_target("text:\u2665")], forms=TorchForms())
+    again = design_knots(made.scene, [read_target("text:\u2665")], device="cpu")
     np.testing.assert_array_equal(made.knots.points, again.knots.points)
 
 

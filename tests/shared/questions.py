@@ -14,7 +14,6 @@ from knotfab.picture.read import read_target
 from knotfab.problem import Problem, SearchResult, Start, TargetView
 from knotfab.scene.catalogue import resolve
 from knotfab.search.flow import plan_of
-from knotfab.search.forms import TorchForms
 from knotfab.search.search import search
 from knotfab.start.start import make_start
 from knotfab_formats.scene import ResolvedView, Scene, SettledRegion
@@ -73,4 +72,4 @@ def start_and_search(
     if repairs is not None:
         plan = replace(plan, repairs=repairs)
     start = start or make_start(problem, radius, settings)
-    return search(problem, start, radius, settings, plan=plan, forms=TorchForms(), **more)
+    return search(problem, start, radius, settings, plan=plan, device="cpu", **more)

@@ -23,7 +23,7 @@ from knotfab.geometry.measures import Neighbours
 from knotfab.geometry.polylines import dot, polylines_of, split_alike
 from knotfab.problem import Report
 from knotfab.search.flow import find_felt, three_phases
-from knotfab.search.free_pose import Adam, one_thread
+from knotfab.search.optimizer import Adam, one_thread
 from knotfab.search.state import SearchState
 
 _REFRESH = 40  # iterations between even samplings of the curves
@@ -69,8 +69,8 @@ def search_network(state: SearchState, report: Report | None = None) -> None:
     settings = state.settings
     network = CouplingNetwork(
         settings.network_depth, settings.network_width, settings.seed, gain=_SLOPE
-    ).to(state.forms.device)
-    mapped = _Map(network, float(np.abs(state.points).max()), state.forms.device)
+    ).to(state.device)
+    mapped = _Map(network, float(np.abs(state.points).max()), state.device)
     where = _descend(state, curves, mapped, report)
     best = Carried(np.concatenate(template), 0.0, 0, 0, np.inf)
     rings, doublings = polylines_of(template), 0
@@ -103,7 +103,7 @@ def _describe(way: Carried, doublings: int) -> str:
 
 
 def _descend(state: SearchState, curves: Curves, mapped: _Map, report: Report | None) -> Parameters:
-    """Return Adam on the network's weights; the parameters of even samples at the end."""
+    """Optimise the network's weights with Adam; return the parameters of even samples at the end."""
     network, settings, limits = mapped.network, state.settings, state.limits
     rate = 1e-3 / settings.network_width
     adam = Adam(network.parameters(), betas=(0.9, 0.99))
@@ -120,7 +120,7 @@ def _descend(state: SearchState, curves: Curves, mapped: _Map, report: Report | 
         if iteration % _REFRESH == 0 or number != int((iteration - 1) / max(1, total - 1) >= _FINE):
             where = _sample(state, curves, mapped, where, edge)
             start = torch.as_tensor(
-                np.concatenate(curves.at(where)) / mapped.size, device=state.forms.device
+                np.concatenate(curves.at(where)) / mapped.size, device=state.device
             )
             state.judge_effects()
             phase = phases[number]
@@ -142,7 +142,9 @@ def _descend(state: SearchState, curves: Curves, mapped: _Map, report: Report | 
             state.watch(partial(state.knots_at, x, state.rings), False)
         _, slope = objective(x, near, progress)
         along = torch.as_tensor(slope, dtype=images.dtype, device=images.device)
-        adam.step(torch.autograd.grad(images, adam.tensors, along), rate)
+        adam.zero_grad()
+        images.backward(along)
+        adam.step(rate)
         if report is not None and iteration % 10 == 0:
             report(progress, min(objective.ious(x)))
     where = _sample(state, curves, mapped, where, edge)

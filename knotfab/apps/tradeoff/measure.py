@@ -27,7 +27,6 @@ from knotfab.knots import Knots
 from knotfab.picture.raster import encode_image
 from knotfab.picture.silhouette import fit_size, mask_iou
 from knotfab.problem import Problem
-from knotfab.search.forms import TorchForms
 from knotfab.search.search import search
 from knotfab.start.profiles import legibility, stretch_mask
 from knotfab_formats.scene import VERIFIED_PX
@@ -97,7 +96,7 @@ def find_shadows(
     """Find (shadow, picture) of the round tube in each view, `pixels` on its longer side."""
     found = []
     for view in problem.views:
-        image = view.image_at(knots.radius_mm, pixels, TorchForms(device))
+        image = view.image_at(knots.radius_mm, pixels, device)
         seen = image.seen(knots.points, knots.rings, knots.radius_mm)
         found.append((seen, image.target > 0.5))
     return found
@@ -142,7 +141,7 @@ def run_point(study: Study, settings: SearchSettings, judge: bool = True) -> Run
     question, radius, start, _ = choose_tube(study.question, settings, progress)
     problem, radius_s = question.problem, progress.timings.get("radius", 0.0)
     settings = refine_settings(question, settings, radius)
-    result = search(problem, start, radius, settings, forms=TorchForms(study.device))
+    result = search(problem, start, radius, settings, device=study.device)
     feasible = result.feasible
     searched = time.perf_counter()
     faces = 0

@@ -34,7 +34,6 @@ from knotfab.base.arrays import Array, Mask
 from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.render.image import ViewImage, image_at
 from knotfab.render.silhouette import Frame
-from knotfab.search.forms import TorchForms
 from knotfab_formats.scene import ResolvedView
 from knotfab_formats.search import Renderer
 from paper.camera import PaperCamera, camera_around
@@ -58,7 +57,7 @@ def tangle() -> Array:
 
 
 def image(renderer: Renderer, view: ResolvedView = VIEW) -> ViewImage:
-    return image_at(view, disc(), RADIUS, 96, TorchForms(), "double", renderer)
+    return image_at(view, disc(), RADIUS, 96, "cpu", "double", renderer)
 
 
 def test_capsules_have_the_silhouette_of_rays() -> None:

@@ -23,7 +23,6 @@ from knotfab.picture.read import read_target
 from knotfab.render.pages import PAPERS
 from knotfab.report.report import tell_plan
 from knotfab.scene.catalogue import materials, resolve
-from knotfab.search.forms import TorchForms
 from knotfab_formats.errors import InputError
 from knotfab_formats.piece import Material, Piece
 from knotfab_formats.report import BentWire
@@ -299,6 +298,6 @@ def test_a_free_view_leaves_the_wire_as_thick_as_it_is(material: str, free: bool
     scene = resolve(Scene(material=Material(name=material), search={"free_view": True}))
     problem = ask(scene, [read_target("text:♥")]).problem
     settings = scene.settings
-    pose, settings = start_pose(scene, problem, 1.0, settings, TorchForms())
+    pose, settings = start_pose(scene, problem, 1.0, settings, "cpu")
     assert ("radius" in pose.bounds.free) == free
     assert (settings.free_radius_mm > 0) == free
