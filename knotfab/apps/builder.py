@@ -1,8 +1,8 @@
-"""Answer for batch and studio: a whole build, by the command line's own `main`.
+"""The worker process of batch and studio: runs whole builds by the command line's own `main`.
 
-One process builds one picture after another: it has loaded what builds need, and keeps validators for them.
-Request: {"arguments": those of `knotfab`}. Told before: the build's events, where the arguments ask for them.
-Answer: {"code": exit code, "said": what went to standard error}.
+It builds one picture after another, with all modules loaded and validators running. A request is
+{"arguments": those of `knotfab`}, the answer {"code": exit code, "said": standard error}. If the arguments
+ask for events, these are sent before the answer.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from knotfab.pipeline.verifier import load_early
 
 
 def prepare() -> Iterator[None]:
-    """Load what every build needs, to the page of its report."""
+    """Load what every build needs, in steps, down to the template of the report."""
     set_environment()
     with load_early(keep=True):
         pass
@@ -38,7 +38,7 @@ def prepare() -> Iterator[None]:
 
 
 def answer(request: dict[str, Any], told: TextIO) -> dict[str, Any]:
-    """Run `knotfab ARGUMENTS` in this process; asked to end, it tidies up as after Ctrl-C."""
+    """Run `knotfab ARGUMENTS` in this process. SIGTERM ends it as Ctrl-C would."""
     code: int | str | None = 130
     sys.argv = ["knotfab", *request["arguments"]]
     outer, own = sys.stdout, os.dup(2)
@@ -51,7 +51,7 @@ def answer(request: dict[str, Any], told: TextIO) -> dict[str, Any]:
                 main(request["arguments"], began=time.perf_counter())
         except SystemExit as left:
             code = left.code
-        except KeyboardInterrupt:  # before `main` heeds it
+        except KeyboardInterrupt:  # before `main` handles it
             pass
         finally:
             signal.signal(signal.SIGTERM, signal.SIG_IGN)
@@ -59,7 +59,7 @@ def answer(request: dict[str, Any], told: TextIO) -> dict[str, Any]:
             sys.stderr.flush()
             os.dup2(own, 2)
             os.close(own)
-            gc.unfreeze()  # `main` takes its process to end
+            gc.unfreeze()  # `main` freezes, as its process is about to end
             signal.signal(signal.SIGTERM, signal.SIG_DFL)
         said.seek(0)
         heard = said.read().decode("utf-8", "replace")

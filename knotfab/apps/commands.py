@@ -1,4 +1,4 @@
-"""The commands of the apps, as entry points name them: each is light until it is called."""
+"""The commands of the apps, loaded by entry points. Each imports what it needs only when it is called."""
 
 from __future__ import annotations
 
@@ -91,7 +91,6 @@ def _print_survey(
     readings: Sequence[TriedReading] = (),
     sheet: Path | None = None,
 ) -> None:
-    """Print what a picture will become, in a few lines or as JSON, where it is drawn, and other readings."""
     import json as codec
 
     from knotfab.design.readings import describe_readings, list_figures
@@ -266,7 +265,6 @@ def compare(
 def _print_comparison(
     found: Comparison, picture: Path, json: bool, plan: Fix | None = None
 ) -> None:
-    """Print how like the picture the photographed shadow is, and what to do, or all of it as JSON."""
     import json as codec
 
     from knotfab.apps.compare.compare import advise
@@ -355,7 +353,9 @@ def tradeoff(
     options = options_from(asked)
     chosen, _ = read_scene(options)
     for picture in pictures:
-        read_target(picture, chosen.views[0])  # a file that is no picture is told at once
+        read_target(
+            picture, chosen.views[0]
+        )  # so that a file that is no picture is reported at once
     from knotfab.apps.tradeoff.run import tradeoff as run
 
     with Progress("quiet" if quiet else "auto") as progress:
@@ -376,7 +376,7 @@ def tradeoff(
 
 
 def _print_tradeoff(found: Tradeoff) -> None:
-    """Print a line a point, fastest first: errors, seconds, and whether nothing beats it; then the steps."""
+    """Print a table of the points, fastest first, and then what each step buys."""
     from rich.console import Console
     from rich.markup import escape
     from rich.table import Table
@@ -438,7 +438,6 @@ _STATES = {"ok": "[green]ok[/]", "missing": "[red]missing[/]", "warning": "[yell
 
 
 def _print_findings(findings: Sequence[Finding]) -> None:
-    """Print what the machine has, a line each."""
     from rich.console import Console
     from rich.markup import escape
 

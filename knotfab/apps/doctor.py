@@ -1,4 +1,4 @@
-"""Find what this machine has and lacks for knotfab, with the remedy for each."""
+"""Examine what this machine has and lacks for knotfab, with a remedy for each fault."""
 
 from __future__ import annotations
 
@@ -19,8 +19,7 @@ from knotfab.base.pool import count_cores, measure_memory_gb
 
 Status = Literal["ok", "missing", "warning"]
 
-# distribution, import name
-LIBRARIES = (
+LIBRARIES = (  # distribution, import name
     ("numpy", "numpy"),
     ("scipy", "scipy"),
     ("shapely", "shapely"),
@@ -31,8 +30,7 @@ LIBRARIES = (
     ("resvg-py", "resvg_py"),
     ("pillow", "PIL"),
 )
-# extras that not every build needs: the extra, its use, import names
-EXTRAS = (
+EXTRAS = (  # the extra, its use, import names
     ("studio", "studio and --watch", ("starlette", "uvicorn", "websockets")),
     ("dask", "batches on a cluster", ("distributed",)),
 )
@@ -41,7 +39,7 @@ RENDER_REMEDY = "apt-get install libegl1 libgl1"
 LEAST_MEMORY_GB, LEAST_DISK_GB = 4.0, 1.0
 CHILD_TIMEOUT_S, TOO_SLOW = 60, 128
 
-# Runs in a child: where OpenGL is missing VTK ends the whole process with a segmentation fault.
+# In a child process, because VTK crashes where OpenGL is missing.
 RENDER_CHILD = """
 import os, sys
 if sys.platform.startswith("linux"):
@@ -54,7 +52,7 @@ image = plotter.screenshot(return_img=True)
 assert image.max() > 200, "the picture stayed black"
 print("pyvista", pyvista.__version__, "with VTK", ".".join(map(str, pyvista.vtk_version_info)))
 """
-# Libraries with compiled parts can end the process too: each name is said before it is loaded.
+# Compiled libraries can crash the process too, so each name is printed before it is imported.
 IMPORT_CHILD = """
 import importlib, sys
 for name in sys.argv[1:]:
@@ -75,7 +73,7 @@ print(f"{torch.__version__}, {torch.get_num_threads()} threads, {cuda}")
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that was looked at: `detail` says what was found, `remedy` what to do about it."""
+    """What was found about one requirement, and what to do about it."""
 
     name: str
     status: Status
@@ -84,9 +82,9 @@ class Finding:
 
 
 def examine() -> list[Finding]:
-    """Look at everything a build needs; nothing heavy is loaded into this process.
+    """Examine everything a build needs, without loading anything heavy into this process.
 
-    `missing` breaks a required step, `warning` only costs speed or an optional one.
+    `missing` breaks a required step; a `warning` costs only speed or an optional one.
     """
     return [
         _python(),
@@ -103,7 +101,7 @@ def examine() -> list[Finding]:
 
 
 def run_loops() -> None:
-    """Run every compiled loop, in the sketch of a bar: this process has them loaded then."""
+    """Run every compiled loop once, in the sketch of a bar, so that this process has them loaded."""
     import numpy as np
 
     from knotfab.design.design import design_knots
@@ -115,15 +113,12 @@ def run_loops() -> None:
 
     few = {"depth_candidates": 4, "radius_candidates": 2}
     scene = resolve(Scene(accuracy=Accuracy(name="sketch"), search=few))
-    design_knots(scene, [read_target("text:▬")])  # a bar: little to fill
+    design_knots(scene, [read_target("text:▬")])
     draw_faces(np.eye(3), np.eye(3), np.array([[0, 1, 2]]), 2)
 
 
 def compile_loops() -> Finding:
-    """Run every compiled loop: what it compiles is kept for all builds.
-
-    The validators have loops of their own, which they run before they answer.
-    """
+    """Run every compiled loop, the validators' too, so that the compiled code is cached for all builds."""
     from knotfab.base.compiled import count_loops
     from knotfab.base.errors import MachineError
     from knotfab.pipeline.verifier import Files, Verifier
@@ -166,7 +161,7 @@ def _torch() -> Finding:
 
 
 def _libraries(wanted: Sequence[tuple[str, str]]) -> list[Finding]:
-    """List the libraries: installed, found by the import system, and really imported by a child."""
+    """Check that libraries are installed and can be imported, in a child process."""
     found = [_look_for(distribution, module) for distribution, module in wanted]
     present = [m for (_, m), finding in zip(wanted, found, strict=True) if finding.status == "ok"]
     broken = _import_errors(present)
@@ -204,7 +199,7 @@ def _look_for_extra(extra: str, what: str, modules: Sequence[str]) -> Finding:
 
 
 def _import_errors(modules: Sequence[str]) -> dict[str, str]:
-    """Try to import `modules`; return those that cannot be imported, and why."""
+    """Import modules in a child process. Returns by name why some cannot be imported."""
     errors: dict[str, str] = {}
     left = list(modules)
     while left:
@@ -217,7 +212,7 @@ def _import_errors(modules: Sequence[str]) -> dict[str, str]:
                 errors[last] = line[2:]
         if code == 0:
             break
-        # The child died on the last name that it said: go on with those behind it.
+        # The child crashed at the last name that it printed: go on with the next.
         last = last or left[0]
         errors[last] = _ending(code)
         left = left[left.index(last) + 1 :]
@@ -296,14 +291,14 @@ def _disk() -> Finding:
 
 
 def _answer(code: str) -> tuple[bool, str]:
-    """Run `code` in a child: whether it ended well, and the last line that it said."""
+    """Run `code` in a child process. Returns whether it succeeded, and the last line that it printed."""
     ending, out, err = _child(code)
     lines = (out if ending == 0 else err).strip().splitlines()
     return ending == 0, lines[-1] if lines and ending >= 0 else _ending(ending)
 
 
 def _child(code: str, *arguments: str) -> tuple[int, str, str]:
-    """Run `code` in a Python of its own: exit code (128: too slow), standard output and error."""
+    """Run `code` in a child process. Returns exit code (128: too slow), standard output and error."""
     try:
         done = subprocess.run(
             [sys.executable, "-c", code, *arguments],

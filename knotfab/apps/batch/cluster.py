@@ -1,4 +1,4 @@
-"""Builds on a Dask cluster: whole builds as tasks, by path where a disk is shared, else by content."""
+"""Run whole builds on a Dask cluster. Files travel by path if the disk is shared, else by content."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ from knotfab.base.pool import JOB_GB, Workers
 from knotfab.base.progress import Progress
 from knotfab_formats.errors import InputError
 
-_MEMORY = "MEMORY"  # a worker started with --resources MEMORY=8e9 is given as many builds as fit
-_PATIENCE_S = 10  # seconds for the scheduler to answer
-_KEPT_S = 20.0  # seconds for which a worker keeps loaded libraries, a GB, for the next build
-_idle: list[
-    tuple[Workers, threading.Timer]
-] = []  # this worker's, with the timers that will end them
+_MEMORY = (
+    "MEMORY"  # a worker started with --resources MEMORY=8e9 gets as many builds as fit into that
+)
+_PATIENCE_S = 10  # for the scheduler to answer
+_KEPT_S = 20.0  # for which an idle build process, about a GB, is kept for the next build
+_idle: list[tuple[Workers, threading.Timer]] = []  # idle processes, with the timers that end them
 
 
 @contextmanager
@@ -41,7 +41,8 @@ def open_cluster(
     """Yield a function that builds tasks on the workers of the scheduler at `address`.
 
     Raises:
-        InputError: nobody answers there; MachineError: Dask is not installed.
+        InputError: no scheduler answers there.
+        MachineError: Dask is not installed.
     """
     with needs_extra(f"--cluster {address}", "dask"):
         from distributed import Client, as_completed
@@ -58,7 +59,7 @@ def open_cluster(
         workers = client.scheduler_info(n_workers=-1)["workers"].values()
         tagged = bool(workers) and all(_MEMORY in w["resources"] for w in workers)
         resources: dict[str, Any] = {"resources": {_MEMORY: JOB_GB * 1e9}} if tagged else {}
-        # retries of a build whose worker was lost
+        # retried if the worker is lost
         named: dict[str, Any] = {"pure": False, "retries": 3, **resources}
         lines: dict[str, contextlib.ExitStack] = {}
 
@@ -81,7 +82,7 @@ def open_cluster(
                 try:
                     record, result = future.result()
                     unpack_result(record, result, folder / task.name)
-                except Exception as error:  # whatever befalls a task, the others go on
+                except Exception as error:  # the other tasks go on in any case
                     said = f"its worker was lost ({type(error).__name__}: {error})"
                     record = record_of(task, MachineError.exit_code, 0.0, said)
                 lines.pop(task.name, contextlib.ExitStack()).close()
@@ -94,7 +95,7 @@ def open_cluster(
 
 @contextmanager
 def _keep_builders() -> Iterator[Workers]:
-    """Keep the process that built the picture before on this worker, if that was lately: it has loaded."""
+    """Reuse this worker's last build process if it is still there, and keep it for the next build."""
     try:
         pool, leaving = _idle.pop()
         leaving.cancel()
@@ -112,7 +113,7 @@ def _keep_builders() -> Iterator[Workers]:
 
 
 def _end_idle(builders: Workers) -> None:
-    """End the process, unless it builds again."""
+    """End an idle process, unless it has been taken again."""
     for held in list(_idle):
         if held[0] is builders:
             with contextlib.suppress(ValueError):  # taken this moment
@@ -121,7 +122,7 @@ def _end_idle(builders: Workers) -> None:
 
 
 def _build_on_worker(parcel: bytes, name: str, topic: str) -> tuple[Record, bytes]:
-    """Build a parcel on the worker that runs this; the build ends when nobody waits for it any more."""
+    """Build a parcel on this worker, until nobody waits for the result any more."""
     from distributed import get_worker
 
     worker = get_worker()
@@ -129,7 +130,7 @@ def _build_on_worker(parcel: bytes, name: str, topic: str) -> tuple[Record, byte
     key = worker.get_current_task()
     with _keep_builders() as pool:
         building = pool.submit(build_parcel, parcel, pool)
-        while not wait([building], 0.5).done:  # whether anybody still waits for a build
+        while not wait([building], 0.5).done:
             task = worker.state.tasks.get(key)
             if task is None or task.state not in ("executing", "long-running"):
                 raise RuntimeError("nobody waits for it")

@@ -1,4 +1,4 @@
-"""Build many pictures: those that are missing or have changed, some at a time, and a page of them all."""
+"""Build many pictures in parallel, skipping what is built and unchanged, and write a page of them all."""
 
 from __future__ import annotations
 
@@ -42,22 +42,23 @@ def batch(
     cluster: str | None = None,
     spare: Callable[[Path, str, BuildOptions], None] = lambda folder, picture, options: None,
 ) -> list[Record]:
-    """Build each picture into a folder of its name in `options.out`, but those that are there already.
+    """Build each picture into a folder of its name in `options.out`, unless it is built already.
 
-    `batch.json` and `index.html` are written anew as builds end; one that fails does not stop the others.
+    `batch.json` and `index.html` are kept up to date as builds end. A failed build does not stop the others.
 
     Args:
         pictures: files, folders of files, or `text:…`.
-        jobs: builds side by side; None: as many as cores and memory allow.
-        cluster: address of a Dask scheduler that builds instead of this machine.
-        spare: refuses to replace what a folder holds of another picture (`prepare.require_same_picture`).
+        jobs: how many builds run in parallel; by default as many as cores and memory allow.
+        cluster: address of a Dask scheduler whose workers build instead of this machine.
+        spare: raises if a folder holds the build of another picture (`prepare.require_same_picture`).
 
     Returns:
-        A record a picture, in their order.
+        One record per picture, in order.
 
     Raises:
-        InputError: wrong options or names, nobody at the address, `options.out` holds builds of other
-            pictures, or cannot be written, as when its disk is full; MachineError: no Dask.
+        InputError: options or names are wrong, no scheduler answers, or `options.out` cannot be written or
+            holds builds of other pictures.
+        MachineError: Dask is not installed.
     """
     if jobs is not None and jobs < 1:
         raise InputError(f"--jobs {jobs}", "it is not a positive number", "Give 1 or more")
@@ -78,7 +79,7 @@ def batch(
             progress.say(sentence)
         if kept:
             progress.say(f"{len(kept)} pictures are built already")
-        # a folder that cannot be written is told before any work
+        # a folder that cannot be written is reported before any work
         written = _write(folder, tasks, records)
         try:
             with progress.stage("pictures"):
@@ -115,7 +116,7 @@ def _open_builder(cluster: str | None, jobs: int, progress: Progress) -> Iterato
 def _build_here(
     builders: Workers, progress: Progress, tasks: Sequence[Task], folder: Path
 ) -> Iterator[tuple[Task, Record]]:
-    """Yield each task in a process of its own."""
+    """Build each task in its own process, and yield it when done."""
 
     def build(task: Task) -> Record:
         with progress.line(task.name):
@@ -127,7 +128,7 @@ def _build_here(
 
 
 def _read_records(folder: Path) -> dict[str, Record]:
-    """Read the records of batch.json by name; anything else in it is left out."""
+    """Read the valid records of batch.json, by name."""
     try:
         found = json.loads((folder / RECORDS).read_text("utf-8"))
         return {r["name"]: r for r in found if _is_record(r)}
@@ -136,7 +137,6 @@ def _read_records(folder: Path) -> dict[str, Record]:
 
 
 def _is_record(found: Any) -> bool:
-    """Tell whether it has the keys of a record, of their kinds."""
     kinds = {
         "name": str,
         "picture": str,
@@ -152,19 +152,19 @@ def _is_record(found: Any) -> bool:
 
 
 def _is_there(folder: Path, record: Record) -> bool:
-    """Tell whether what a record tells of lies in its folder; of some endings nothing does."""
+    """Return whether the build that a record describes still lies in its folder, if it left one."""
     place = folder / record["name"] / ("" if record["exit_code"] == 0 else REJECTED)
-    nothing = record["exit_code"] not in (0, 1) or record["iou"] is None
-    return nothing or (place / "report.json").is_file()
+    left_none = record["exit_code"] not in (0, 1) or record["iou"] is None
+    return left_none or (place / "report.json").is_file()
 
 
 def _keep_records(folder: Path, tasks: Sequence[Task]) -> dict[str, Record]:
-    """Return the records of an earlier batch that still hold: same key, and its result is there."""
+    """Return the records of an earlier batch whose key is unchanged and whose result is still there."""
     earlier = _read_records(folder)
     kept = {}
     for task in tasks:
         record = earlier.get(task.name)
-        # exit codes that the same picture and options end with again
+        # only these exit codes would come out the same again
         if record is None or record["key"] != task.key or record["exit_code"] not in (0, 1, 2):
             continue
         mend(folder / task.name)
@@ -176,7 +176,7 @@ def _keep_records(folder: Path, tasks: Sequence[Task]) -> dict[str, Record]:
 def _keep_other_builds(
     folder: Path, tasks: Sequence[Task], spare: Callable[[Path, str], None]
 ) -> None:
-    """Refuse to replace what was built from other pictures, by another batch or alone.
+    """Refuse to replace builds of other pictures, whether from a batch or alone.
 
     Raises:
         InputError: there is such a build.
@@ -195,9 +195,9 @@ def _keep_other_builds(
 
 
 def _write(folder: Path, tasks: Sequence[Task], records: dict[str, Record]) -> float:
-    """Return batch.json and index.html of the builds that are done, in the order of the tasks; when that was.
+    """Write batch.json and index.html for the finished builds, and return when that was (`time.monotonic()`).
 
-    What other batches have built into the folder, or build there now, stays in them.
+    Entries of other batches in the same folder are kept.
 
     Raises:
         InputError: they cannot be written.
@@ -221,7 +221,7 @@ def _write(folder: Path, tasks: Sequence[Task], records: dict[str, Record]) -> f
 
 @dataclass
 class _Tally:
-    """Builds that are done of `missing`, `jobs` side by side (None: as many as a cluster has)."""
+    """Counts finished builds of `missing`, of which `jobs` run in parallel (None: on a cluster)."""
 
     missing: int
     jobs: int | None
@@ -233,10 +233,10 @@ class _Tally:
         return len(self.seconds)
 
     def tell(self, record: Record) -> str:
-        """Count one more, and say how it ended, and how long the others will take."""
+        """Count one more build, and describe how it ended and how long the others will take."""
         self.seconds.append(record["seconds"])
         left = self.missing - self.done
-        if self.jobs is not None and self.done < self.jobs:  # the first ones took no turns yet
+        if self.jobs is not None and self.done < self.jobs:  # too early to measure the throughput
             rest = median(self.seconds) * -(-left // self.jobs)
         else:
             rest = (time.perf_counter() - self.begun) / self.done * left
@@ -250,7 +250,7 @@ class _Tally:
 
 
 def render_index(records: Sequence[Record], folder: Path) -> str:
-    """Render the page, which lies in `folder` and shows what lies in the folders beside it."""
+    """Render index.html of the records, with links relative to `folder`."""
     cards = [_card(record, folder) for record in records]
     passed = sum(record["exit_code"] == 0 for record in records)
     template = make_environment(Path(__file__).parent).get_template("index.html.j2")

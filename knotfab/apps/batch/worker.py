@@ -1,4 +1,4 @@
-"""One build of a batch, in a process of its own: what it ends with is a record, whatever happens to it."""
+"""List the builds of a batch, and run each in its own process. However a build ends, it leaves a record."""
 
 from __future__ import annotations
 
@@ -24,28 +24,27 @@ from knotfab.pipeline.options import BuildOptions
 from knotfab_formats.errors import InputError, shown, spelled
 
 Record = dict[str, Any]  # name, picture, key, exit_code, seconds, iou, verdict, reported, error
-_ENDINGS = (0, 1, 2, 3, 130)  # the exit codes of the contract; others are none of a build's own
-_ALONE = {**ONE_THREAD, "PYTHONIOENCODING": "utf-8"}  # environment of a build beside others
+_ENDINGS = (0, 1, 2, 3, 130)  # exit codes of the contract; with any other the build was killed
 
 
 def open_builders(jobs: int, share: int | None = None) -> Workers:
-    """Return `jobs` processes for `build_apart`.
+    """Start `jobs` processes for `build_apart`.
 
     Args:
-        share: the processes that each build may run side by side; by default its share of this machine.
+        share: how many processes each build may run in parallel; by default its share of this machine.
     """
     share = share or max(1, count_jobs() // jobs)
-    env = {**os.environ, **_ALONE, "KNOTFAB_JOBS": str(share)}
+    env = {**os.environ, **ONE_THREAD, "PYTHONIOENCODING": "utf-8", "KNOTFAB_JOBS": str(share)}
     return Workers("knotfab.apps.builder", jobs=jobs, env=env)
 
 
 def build_apart(task: Task, folder: Path, builders: Workers) -> Record:
-    """Build one picture into `folder` in a process of its own, one of `open_builders`."""
+    """Build one picture into `folder` in one of the processes of `open_builders`."""
     begun = time.perf_counter()
     earlier = _stamp(folder / REJECTED / "report.json")
-    # words behind "--" are no options, whatever they are called
+    # behind "--" nothing is taken for an option
     arguments = ["build", *task.arguments, f"--out={folder}", "--quiet", "--", task.picture]
-    # a killed build runs again once: its memory may have been short beside another
+    # a killed build is tried once more: another build may have taken its memory
     for _ in range(2):
         code, error = run_apart(builders, arguments)
         if code in _ENDINGS:
@@ -63,10 +62,10 @@ def run_apart(
     """Run `knotfab ARGUMENTS` in one of these processes.
 
     Args:
-        events: told of each event (docs/studio.md), on this thread.
+        events: called with each event (docs/studio.md), on this thread.
 
     Returns:
-        The exit code, 128 and the signal's number where it was killed, and the sentence that it ended with.
+        The exit code (128 plus the signal's number if it was killed), and the sentence that it ended with.
     """
     try:
         answer = builders.answer({"arguments": list(arguments)}, events)
@@ -76,7 +75,6 @@ def run_apart(
 
 
 def _explain_end(code: int, said: str) -> tuple[int, str]:
-    """Give the exit code of a build, 128 and the signal's number if it was killed, and its last sentence."""
     if code not in _ENDINGS:
         how = f"signal {-code}" if code < 0 else f"exit code {code}"
         why = f"the build was killed ({how}); was there too little memory?"
@@ -88,27 +86,23 @@ def _explain_end(code: int, said: str) -> tuple[int, str]:
 def record_of(
     task: Task, code: int, seconds: float, error: str, report: dict[str, Any] | None = None
 ) -> Record:
-    """Make the record of a picture for batch.json: how its build ended, and the figures of its report."""
+    """Return the record of a picture for batch.json: how its build ended, and figures of its report."""
+    views = [] if report is None else report["views"]
     return {
         "name": task.name,
         "picture": spelled(task.picture),
         "exit_code": code,
         "seconds": round(seconds, 2),
-        "iou": None if report is None else _least_iou(report),
+        "iou": min((v["iou"] for v in views if v.get("iou") is not None), default=None),
         "verdict": ((report or {}).get("verdict") or {}).get("word"),
-        "reported": report is not None,  # a report that lies there may be an earlier build's
+        "reported": report is not None,  # otherwise a report in the folder is an earlier build's
         "error": error,
         "key": task.key,
     }
 
 
-def _least_iou(report: dict[str, Any]) -> float | None:
-    """Return the least IoU of all views and frames; None where nothing could be measured."""
-    return min((v["iou"] for v in report["views"] if v.get("iou") is not None), default=None)
-
-
 def _stamp(path: Path) -> tuple[int, int] | None:
-    """Return a file's inode and time, which tell it from one that was there before."""
+    """Return inode and time of a file, by which a new one is told from an old one."""
     try:
         held = path.stat()
     except OSError:
@@ -117,7 +111,7 @@ def _stamp(path: Path) -> tuple[int, int] | None:
 
 
 def read_report(folder: Path) -> dict[str, Any] | None:
-    """Read the report.json of a build; None where there is none that can be read."""
+    """Read the report.json of a build; None if it is missing or damaged."""
     try:
         found: dict[str, Any] = json.loads((folder / "report.json").read_text("utf-8"))
     except (OSError, ValueError):
@@ -126,10 +120,10 @@ def read_report(folder: Path) -> dict[str, Any] | None:
 
 
 def pack_task(task: Task, shared: Path) -> bytes:
-    """Return a task with the content of its files, for a machine that may not see this one's disk.
+    """Pack a task with the content of its files, for a machine that may not share this one's disk.
 
     Args:
-        shared: a hidden folder beside those of the batch: who sees it writes there.
+        shared: a hidden folder among the batch's. A machine that sees it writes the build beside it.
     """
     picture = at_home(task.picture)
     source = str(picture.absolute()) if os.path.exists(picture) else task.picture
@@ -147,10 +141,10 @@ def pack_task(task: Task, shared: Path) -> bytes:
 
 
 def build_parcel(parcel: bytes, builders: Workers) -> tuple[Record, bytes]:
-    """Build what `pack_task` packed, anywhere; the record, and the folder that came of it, packed.
+    """Build what `pack_task` packed, on any machine. Returns the record, and the built folder packed.
 
-    On a machine that shares the disk the folder is written where it belongs, from the files' own paths where
-    they hold the same there, and nothing is packed.
+    If the machine shares the disk, the folder is written where it belongs, and nothing is packed. Files are
+    read from their own paths if these hold the same content here.
     """
     with temporary_folder("knotfab-parcel-") as here:
         with zipfile.ZipFile(io.BytesIO(parcel)) as whole:
@@ -175,9 +169,9 @@ def build_parcel(parcel: bytes, builders: Workers) -> tuple[Record, bytes]:
 
 
 def unpack_result(record: Record, result: bytes, folder: Path) -> None:
-    """Put the folder of a finished build in its place, if it is not there yet: `result` is empty.
+    """Unpack the folder of a finished build into its place; with an empty `result` it is there already.
 
-    A rejected one leaves an earlier good one there.
+    A rejected build does not replace an earlier good one.
     """
     if not result or record["exit_code"] not in (0, 1):
         return
@@ -193,14 +187,11 @@ def unpack_result(record: Record, result: bytes, folder: Path) -> None:
             out.commit()
 
 
-# List a batch's builds: a task for each picture, with a name of its own and a key that tells it
-# apart.
+# listing the builds of a batch
 
-
-# A batch writes these files beside the folders of its pictures.
-RECORDS, INDEX = "batch.json", "index.html"
+RECORDS, INDEX = "batch.json", "index.html"  # files beside the folders of the pictures
 _FILES = ("scene", "start", "printer", "material", "font")  # options that may name a file
-_MOST_READ = 2**30  # bytes of a file; of a larger one size and time tell it apart
+_MOST_READ = 2**30  # bytes; a larger file is known by size and time alone
 _OWN = ("out", "quiet", "verbose")  # options that a batch sets itself
 
 
@@ -208,8 +199,8 @@ _OWN = ("out", "quiet", "verbose")  # options that a batch sets itself
 class Task:
     """One picture to build.
 
-    `arguments`: those of `knotfab build`, besides the picture, --out and --quiet. `files`: files that these
-    name. `key` changes with the picture, the options, the files and the version of knotfab.
+    `arguments` are those of `knotfab build` except the picture, --out and --quiet, and `files` the files
+    that they name. `key` changes with the picture, the options, the files and the version of knotfab.
     """
 
     name: str
@@ -224,16 +215,16 @@ def list_tasks(
     options: BuildOptions,
     leave_out: Callable[[str], None] = lambda sentence: None,
 ) -> list[Task]:
-    """List the tasks of pictures and folders of pictures, in their order, for these options.
+    """List the tasks for pictures and folders of pictures, in order.
 
     Args:
-        leave_out: told of each file of a folder that bears a picture's name and cannot be one.
+        leave_out: called with a sentence for each entry of a folder named like a picture but not a file.
 
     Raises:
-        InputError: nothing is named, two pictures would have one name, or a folder holds none.
+        InputError: no picture is given, two would have the same name, or a folder holds none.
     """
     sources = list(pictures)
-    if not options.sequence:  # with --sequence each is a folder, or an animation
+    if not options.sequence:  # where each is a folder of frames, or an animation
         sources = [source for named in pictures for source in _expand(named, leave_out)]
     if not sources:
         raise InputError(
@@ -262,7 +253,7 @@ def list_tasks(
 
 
 def _expand(named: str, leave_out: Callable[[str], None]) -> list[str]:
-    """Give a picture as it is, a folder as its pictures, each by a path that is taken for nothing else."""
+    """Return the pictures in a folder, or the picture itself, by paths that cannot be taken for options."""
     if named.startswith(TEXT_PREFIX):
         return [named]
     folder = at_home(named)
@@ -286,12 +277,15 @@ def _expand(named: str, leave_out: Callable[[str], None]) -> list[str]:
 
 
 def _as_path(path: Path) -> str:
-    """Return a path of a file that lies here with its "./": `text:a.png` is a text, and `-a.png` options."""
+    """Prefix a bare file name with "./": `text:a.png` would be a text, and `-a.png` options."""
     return str(path) if path.is_absolute() or len(path.parts) > 1 else f".{os.sep}{path}"
 
 
 def content_of(path: Path) -> bytes:
-    """Read the content of a file or a folder of files; the build reports a file that cannot be read."""
+    """Return the content of a file or of a folder's files, to tell whether it changed.
+
+    A file that cannot be read is left to the build to report.
+    """
     try:
         if path.is_dir():
             files = [p for p in sorted(path.glob("*.*")) if p.is_file()]
@@ -304,7 +298,7 @@ def content_of(path: Path) -> bytes:
 
 
 def _with_whole_paths(options: BuildOptions) -> tuple[BuildOptions, tuple[Path, ...]]:
-    """Return the options with every file that they name as a whole path, and those files."""
+    """Make the paths of all files that the options name absolute. Returns also those files."""
     whole: dict[str, Any] = {}
     for name in _FILES:
         value = getattr(options, name)
@@ -314,7 +308,7 @@ def _with_whole_paths(options: BuildOptions) -> tuple[BuildOptions, tuple[Path, 
 
 
 def list_arguments(options: BuildOptions) -> tuple[str, ...]:
-    """List the options that are not as by default, as `knotfab build` takes them."""
+    """Write the options that differ from their defaults as arguments of `knotfab build`."""
     plain, found = BuildOptions(), []
     for field in fields(BuildOptions):
         value = getattr(options, field.name)

@@ -1,4 +1,4 @@
-"""A photograph of the shadow on the wall against the picture that a build was made for."""
+"""Compare a photograph of the shadow on the wall with the picture that the piece was built for."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from knotfab.apps.compare.rectify import (
     find_plate,
     find_shadow,
     homography,
+    map_points,
     read_corners,
     rectify,
-    through,
 )
 from knotfab.base.arrays import Array, Mask
 from knotfab.base.disk import write_whole
@@ -33,28 +33,28 @@ from knotfab.scene.load import load_scene
 from knotfab_formats.errors import InputError
 from knotfab_formats.scene import ResolvedView, Scene
 
-_LONGER_PX = 640  # longer side of the pictures that are compared
-_MARGIN = 0.15  # a share of the frame on each side, so that spill counts
-# a share of the plate's margin: its edge may be rounded, and is found to a px or two
+_LONGER_PX = 640  # longer side of the compared pictures
+_MARGIN = 0.15  # margin on each side, as a share of the frame, so that spill counts
+# share of the plate's margin that is looked at: its edge may be rounded, and is found only to a px or two
 _PLATE_SHARE = 0.7
 _LARGEST_PX = 12000
-_GAIN = 0.004  # a gain of IoU below which the lamp may stay
-_LEAST_MM = (2.0, 2.0, 8.0)  # moves by which a lamp is worth moving: right, up, away
-# IoU after the fit below which it is the shadow of something else. The piece's own, with corners off by up to
-# 2 mm, have 0.68 to 1.00; others up to 0.38, but up to 0.78 where both shadows are much like a disc
+_GAIN = 0.004  # gain of IoU below which the lamp may stay
+_LEAST_MM = (2.0, 2.0, 8.0)  # smallest moves worth making: right, up, away
+# IoU after the fit below which it is the shadow of something else. A piece's own shadow, with corners off by
+# up to 2 mm, reaches 0.68 to 1.00. Others reach 0.38 at most, or 0.78 if both shadows are much like a disc
 _ALIKE = 0.6
-_ROUGH = 3  # factor of fewer px and vertices where only an order of the corners is looked for
-_SURE = 0.9  # IoU after the fit from which on no other order of the corners is looked for
+_ROUGH = 3  # factor by which pixels and vertices are thinned out to try an order of the corners
+_SURE = 0.9  # IoU after the fit from which no other order of the corners is tried
 _PAPER, _BOTH, _MISSING, _SPILL = (250, 248, 244), (150, 146, 140), (33, 102, 172), (200, 60, 20)
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """`iou` of the photographed shadow and the picture; shares of the picture's area that are missing, and
-    dark beside it; the lamp, where knots.json is there to tell; the differences as a PNG.
+    """How like the picture a photographed shadow is, and where its lamp stood.
 
-    `corners`: those of the frame, `x,y` px; `instead`: their orders in which the shadow is far more like the
-    piece's than in this one, the best first.
+    `missing` and `spilled` are shares of the picture's area. `lamp` is None without knots.json. `png` draws
+    the differences. `corners` are those of the frame, `x,y` px; `instead` lists other orders of them, best
+    first, in which the shadow is far more like the piece's.
     """
 
     iou: float
@@ -67,7 +67,7 @@ class Comparison:
 
     @property
     def alike(self) -> bool | None:
-        """True if the piece throws such a shadow, wherever its lamp stands; None: no knots are there."""
+        """Whether the piece could cast this shadow with its lamp somewhere; None without knots.json."""
         if self.instead:
             return False
         return None if self.lamp is None else _best_iou(self.iou, self.lamp) >= _ALIKE
@@ -93,11 +93,11 @@ def compare_photo(
     corners: Sequence[str] | None = None,
     view_name: str | None = None,
 ) -> Comparison:
-    """Compare a photograph of the shadow with the picture of a folder that a build wrote.
+    """Compare a photograph of the shadow with the picture in a folder that a build wrote.
 
     Args:
-        corners: corners of the frame in the photograph, `x,y` px each, clockwise from the top left; None: the
-            four marks of setup.pdf are looked for, and then the plate that the piece is mounted on.
+        corners: of the frame in the photograph, `x,y` px each, clockwise from the top left. By default they
+            are found by the four marks of setup.pdf, or else by the plate that the piece is mounted on.
         view_name: the first view by default.
 
     Raises:
@@ -112,21 +112,21 @@ def compare_photo(
         at = read_corners(corners, image.shape[1], image.shape[0])
     elif (marks := find_marks(grey)) is not None:
         cards = card_middles(view.frame_mm, _plate_margin(scene))
-        at = through(homography(cards, marks), _corners_of(view))
+        at = map_points(homography(cards, marks), _corners_of(view))
     else:
         at = _corners_of_plate(image, scene, view, str(photo))
 
     def look(at: Array) -> tuple[Mask, float]:
-        """Return the shadow in the frame of these corners, and its IoU with the picture."""
+        """Return the shadow in a frame with these corners, and its IoU with the picture."""
         seen = rectify(grey, at, (width, height), pad)
         if marks is not None:
-            cards = through(homography(at, _corners_of(view)), marks)
+            cards = map_points(homography(at, _corners_of(view)), marks)
             _leave_out(seen, cards * width / view.frame_width_mm + pad, width / view.frame_width_mm)
         shadow = find_shadow(seen, str(photo))
         return shadow, mask_iou(wanted, shadow)
 
     def look_roughly(at: Array) -> float:
-        """Return the best IoU in the frame of these corners, in little time."""
+        """Estimate quickly the best IoU that a frame with these corners can have."""
         shadow, iou = look(at)
         if knots is None or iou >= _SURE:
             return iou
@@ -141,7 +141,7 @@ def compare_photo(
         float((shadow & ~wanted).sum() / area),
         lamp,
         _draw(wanted, shadow),
-        _tell(at),
+        _format_corners(at),
         _find_orders(at, _best_iou(iou, lamp), look_roughly),
     )
 
@@ -149,10 +149,11 @@ def compare_photo(
 def open_view(
     folder: Path, name: str | None
 ) -> tuple[Scene, ResolvedView, str, tuple[Camera, Mask, tuple[int, int]], Knots | None]:
-    """Read the files of a view that a build wrote: scene, view, the files' suffix, picture and knots.
+    """Read the files that a build wrote for a view.
 
-    The picture is that of a camera with a margin about the frame, of so many px to a side, as a photograph
-    is looked at.
+    Returns:
+        Scene, view, suffix of the files, (camera, picture, margin), and the knots if they are there. Camera
+        and picture include the margin around the frame, in px right and down.
 
     Raises:
         InputError: there is no such view, a file cannot be read, or the wall is round.
@@ -179,12 +180,12 @@ def open_view(
 
 
 def _best_iou(iou: float, lamp: LampFit | None) -> float:
-    """Return the IoU of shadow and picture, or of what the knots throw at best."""
+    """Return the IoU of shadow and picture or, if larger, of the shadow and that of the knots."""
     return iou if lamp is None else max(lamp.iou, lamp.iou_in_place)
 
 
 def _coarsen(knots: Knots, camera: Camera, shadow: Mask) -> tuple[Knots, Camera, Mask]:
-    """Thin out the vertices and pixels that `find_lamp` asks for."""
+    """Thin out vertices and pixels for a quick `find_lamp`."""
     small = camera.resized(camera.width // _ROUGH, camera.height // _ROUGH)
     seen = sample_mask(shadow, small.width, small.height)
     fewer = tuple(Knot(knot.points[::_ROUGH]) for knot in knots.knots)
@@ -194,10 +195,14 @@ def _coarsen(knots: Knots, camera: Camera, shadow: Mask) -> tuple[Knots, Camera,
 def _find_orders(
     at: Array, found: float, look: Callable[[Array], float]
 ) -> tuple[tuple[str, ...], ...]:
-    """Find the corners begun at another of the four, if clearly better; several of a symmetric shadow.
+    """Return the orders of the corners, begun at another one, that fit clearly better; best first.
+
+    A symmetric shadow may have several.
 
     Args:
-        at: (4, 2) px. found: the best IoU in the order that was given. look: the best IoU in another order.
+        at: (4, 2) px.
+        found: the best IoU in the given order.
+        look: estimates the best IoU in another order.
     """
     if found >= _SURE:
         return ()
@@ -206,23 +211,22 @@ def _find_orders(
         turned = np.roll(at, -begun, axis=0)
         try:
             tried.append((look(turned), turned))
-        except InputError:  # no shadow stands out in that frame, whose margin is another
+        except InputError:  # its margin is another, and no shadow stands out there
             continue
     tried = sorted(tried, key=lambda one: -one[0])
-    # an order of the corners with so much more IoU is the right one
+    # it takes 0.1 more IoU to doubt the given order; orders within 0.02 of the best are all named
     if not tried or tried[0][0] < max(_ALIKE, found + 0.1):
         return ()
-    # IoU by which orders differ that are both named
-    return tuple(_tell(turned) for iou, turned in tried if iou > tried[0][0] - 0.02)
+    return tuple(_format_corners(turned) for iou, turned in tried if iou > tried[0][0] - 0.02)
 
 
-def _tell(at: Array) -> tuple[str, ...]:
-    """Return corners as `--corners` takes them."""
+def _format_corners(at: Array) -> tuple[str, ...]:
+    """Format corners as `--corners` takes them."""
     return tuple(f"{x:.0f},{y:.0f}" for x, y in at)
 
 
 def advise(found: Comparison) -> str:
-    """Say which way to move the lamp, or that the photograph shows another shadow."""
+    """Return the advice which way to move the lamp, or that the photograph shows another shadow."""
     lamp = found.lamp
     if found.instead:
         orders = " or ".join(f"--corners {' '.join(order)}" for order in found.instead)
@@ -253,10 +257,10 @@ def advise(found: Comparison) -> str:
 
 
 def write_comparison(found: Comparison, out: Path) -> None:
-    """Write where they differ.
+    """Write the PNG of the differences.
 
     Raises:
-        InputError: it is no PNG, or cannot be written.
+        InputError: `out` is not named .png, or cannot be written.
     """
     if out.suffix.lower() != ".png":
         raise InputError(f"--out {out}", "differences are drawn as PNG", "Name a file in .png.")
@@ -264,7 +268,7 @@ def write_comparison(found: Comparison, out: Path) -> None:
 
 
 def _read_view(folder: Path, name: str | None) -> tuple[Scene, ResolvedView, str]:
-    """Read the scene, its view of that name, or the first, and the suffix of its files: a frame's own."""
+    """Read the scene, and pick the view by name (the first by default). Returns also the files' suffix."""
     if not folder.is_dir():
         raise InputError(str(folder), "it is no folder", "Name a folder that a build wrote.")
     suffix = ""
@@ -288,7 +292,7 @@ def _read_view(folder: Path, name: str | None) -> tuple[Scene, ResolvedView, str
 
 
 def _margin_px(scene: Scene, view: ResolvedView, width: int) -> tuple[int, int]:
-    """Return how far about the frame one looks: no further than a plate, which is unlike the wall."""
+    """Return the margin to look at around the frame, which stays within a plate if there is one."""
     margin = _MARGIN * view.longer_mm
     if _has_plate(scene):
         margin = min(margin, _PLATE_SHARE * scene.mount.plate_margin_mm)
@@ -305,10 +309,10 @@ def _plate_margin(scene: Scene) -> float:
 
 
 def read_photo(path: Path) -> Array:
-    """Read (H, W, 3), 0 to 1, upright.
+    """Read a photograph upright, as (H, W, 3) from 0 to 1.
 
     Raises:
-        InputError: there is no such file, or it is no photograph that can be read (`read_bytes`, `decode`).
+        InputError: the file is missing, or is no image that can be read.
     """
     data = read_bytes(path, str(path), _LARGEST_PX, "Check the path.")
     image, _ = decode(data, str(path), largest=_LARGEST_PX)
@@ -316,13 +320,13 @@ def read_photo(path: Path) -> Array:
 
 
 def _corners_of(view: ResolvedView) -> Array:
-    """Return (4, 2) the frame's corners, mm right and down from the first, clockwise."""
+    """Return the frame's corners (4, 2), clockwise, in mm right and down from the first."""
     w, h = view.frame_mm
     return np.array([[0.0, 0.0], [w, 0.0], [w, h], [0.0, h]])
 
 
 def _corners_of_plate(image: Array, scene: Scene, view: ResolvedView, what: str) -> Array:
-    """Return the frame's corners in the photograph, a margin inside those of the plate."""
+    """Find the frame's corners in the photograph by those of the plate, which lie a margin outside."""
     remedy = (
         "Put the four marks of setup.pdf about it, or point at the frame's corners (--click), or name them: "
         "--corners x,y x,y x,y x,y."
@@ -335,11 +339,11 @@ def _corners_of_plate(image: Array, scene: Scene, view: ResolvedView, what: str)
         why = "it shows neither the four marks nor the plate's outline clearly enough"
         raise InputError(what, why, remedy)
     frame, m = _corners_of(view), scene.mount.plate_margin_mm
-    return through(homography(frame + m * np.sign(frame - frame.mean(axis=0)), plate), frame)
+    return map_points(homography(frame + m * np.sign(frame - frame.mean(axis=0)), plate), frame)
 
 
 def _leave_out(seen: Array, middles: Array, scale: float) -> None:
-    """Make NaN what cards cover: squares about middles (4, 2) px, `scale` px to a mm."""
+    """Set to NaN the squares that cards cover, by their middles (4, 2) px, at `scale` px to a mm."""
     v, u = np.mgrid[: seen.shape[0], : seen.shape[1]]
     half = (CARD_MM / 2 + 1.0) * scale
     for x, y in middles:
@@ -347,7 +351,7 @@ def _leave_out(seen: Array, middles: Array, scale: float) -> None:
 
 
 def _read_knots(path: Path, scene: Scene) -> Knots | None:
-    """Read the knots in the scene; None where there are none, or no pose that leads there.
+    """Read the knots and move them into the scene; None if the file or the scene's pose is missing.
 
     Raises:
         InputError: the file is damaged.
@@ -366,7 +370,7 @@ def _read_knots(path: Path, scene: Scene) -> Knots | None:
 
 
 def _draw(wanted: Mask, shadow: Mask) -> bytes:
-    """Draw grey: both; blue: the picture alone; red: the shadow alone."""
+    """Draw both in grey, the picture alone in blue, the shadow alone in red."""
     sheet = np.full((*wanted.shape, 3), _PAPER, dtype=np.uint8)
     sheet[wanted & shadow] = _BOTH
     sheet[wanted & ~shadow] = _MISSING

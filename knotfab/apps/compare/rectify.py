@@ -1,4 +1,4 @@
-"""Rectify a photograph to the frame seen square on: its four corners, the map, and the dark in it."""
+"""Find the frame, the shadow and the lamp in a photograph, and rectify it to the frame seen square on."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ from knotfab.report.drill_template import MARK_RADII_MM
 from knotfab.scene.camera import Camera
 from knotfab_formats.errors import InputError
 
-_LOOKED_PX = 500  # longer side at which the plate is looked for
-_STRIP = 0.04  # a strip along the plate's edge, as a share of its width, that is taken to be wall
-_LEAST_SHARE = 0.04  # a plate covers at least this share of the photograph
-_FAINT = 0.12  # a shadow takes away at least this share of the light
-_ROUNDS = 6  # the light of the bare wall is fitted to what is lit so often
+_PLATE_PX = 500  # longer side of the photograph in which the plate is sought
+_STRIP = 0.04  # strip along the photograph's edge, as a share of its width, assumed to be bare wall
+_LEAST_SHARE = 0.04  # least share of the photograph that a plate covers
+_FAINT = 0.12  # least share of the light that a shadow takes away
+_ROUNDS = 6  # rounds of fitting the bare wall's light and the threshold
 
 
 def read_corners(words: Sequence[str], width: int, height: int) -> Array:
-    """Read (4, 2) px from `x,y` four times: top left, top right, bottom right, bottom left of the frame.
+    """Parse four `x,y` in px: top left, top right, bottom right, bottom left of the frame; (4, 2).
 
     Raises:
-        InputError: they are no four corners of something that could be seen as a frame.
+        InputError: they cannot be the corners of a frame in the photograph.
     """
     call = f"--corners {' '.join(words)}"
     remedy = (
@@ -53,7 +53,10 @@ def read_corners(words: Sequence[str], width: int, height: int) -> Array:
 
 
 def homography(source: Array, target: Array) -> Array:
-    """Return (3, 3) that takes four points (4, 2) to four others (Hartley and Zisserman, section 4.1)."""
+    """Return the homography (3, 3) that maps four points (4, 2) to four others.
+
+    The direct linear transformation (Hartley and Zisserman, section 4.1).
+    """
     rows = []
     for (x, y), (u, v) in zip(source, target, strict=True):
         rows.append([x, y, 1, 0, 0, 0, -u * x, -u * y, -u])
@@ -61,24 +64,27 @@ def homography(source: Array, target: Array) -> Array:
     return np.asarray(np.linalg.svd(np.array(rows))[2][-1].reshape(3, 3))
 
 
-def through(matrix: Array, points: Array) -> Array:
-    """Return (n, 2) points through a homography."""
+def map_points(matrix: Array, points: Array) -> Array:
+    """Map points (n, 2) by a homography."""
     h = np.concatenate([points, np.ones((len(points), 1))], axis=1) @ matrix.T
     return np.asarray(h[:, :2] / h[:, 2:])
 
 
 def rectify(photo: Array, corners: Array, size: tuple[int, int], pad: tuple[int, int]) -> Array:
-    """Return the frame seen square on, with a margin: what lies outside the photograph is NaN.
+    """Return the frame seen square on, with a margin. What lies outside the photograph is NaN.
 
     Args:
-        photo: (H, W) brightness. corners: (4, 2) px of the frame in it.
-        size: width and height of the frame in px. pad: px of the margin on each side.
+        photo: (H, W) brightness.
+        corners: (4, 2) px of the frame in it.
+        size: width and height of the result's frame in px.
+        pad: margins to the sides, and above and below, in px.
     """
     (width, height), (pad_u, pad_v) = size, pad
     frame = np.array([[0, 0], [width, 0], [width, height], [0, height]]) - 0.5
     u, v = np.meshgrid(np.arange(-pad_u, width + pad_u), np.arange(-pad_v, height + pad_v))
-    at = through(homography(frame, corners), np.stack([u.ravel(), v.ravel()], axis=1).astype(float))
-    # where the photograph is finer, its pixels are averaged over one px here
+    square = np.stack([u.ravel(), v.ravel()], axis=1).astype(float)
+    at = map_points(homography(frame, corners), square)
+    # a finer photograph is first averaged over one px of the result
     blur = max(0.0, 0.4 * float(np.sqrt(shapely.Polygon(corners).area / (width * height))) - 0.4)
     smooth = ndimage.gaussian_filter(photo, blur) if blur > 0 else photo
     seen = ndimage.map_coordinates(smooth, at[:, ::-1].T, order=1, cval=np.nan)
@@ -86,13 +92,13 @@ def rectify(photo: Array, corners: Array, size: tuple[int, int], pad: tuple[int,
 
 
 def find_shadow(seen: Array, what: str) -> Mask:
-    """Find the dark on a wall that is lit unevenly: where more than half of a shadow's depth is missing.
+    """Segment the shadow on an unevenly lit wall.
 
-    The wall's brightness is a smooth surface (a cubic in x and y) through what is not in shadow, found in
-    turns with the threshold between the two (Otsu's) of the brightness over it.
+    The bare wall's brightness is a cubic in x and y. Its fit to the lit pixels and Otsu's threshold of the
+    brightness relative to it are repeated in turns.
 
     Raises:
-        InputError: nothing in it is much darker than the rest.
+        InputError: nothing is much darker than the rest.
     """
     known = np.isfinite(seen)
     height, width = seen.shape
@@ -112,12 +118,11 @@ def find_shadow(seen: Array, what: str) -> Mask:
         raise InputError(
             what, "no shadow stands out in it", "Darken the room, or check the corners (--corners)."
         )
-    # grains of noise are none of the shadow
     return np.asarray(ndimage.median_filter(dark, 3))
 
 
 def _threshold(values: Array) -> float:
-    """Return Otsu's cut (1979), with the least variance on both sides, half-way between their means."""
+    """Return Otsu's threshold (1979): halfway between the means of the two classes that it separates."""
     counts, edges = np.histogram(values, 256, range=(0.0, 1.3))
     middle = 0.5 * (edges[1:] + edges[:-1])
     below = np.cumsum(counts)
@@ -131,17 +136,14 @@ def _threshold(values: Array) -> float:
 
 
 def find_plate(photo: NDArray[np.float64]) -> Array | None:
-    """Find (4, 2) px of a mount's plate: the quadrilateral that stands out from the wall about it.
-
-    Args:
-        photo: (H, W, 3), 0 to 1.
+    """Find a mount's plate, a quadrilateral that stands out from the wall, in a photograph (H, W, 3).
 
     Returns:
-        Its corners clockwise from the top left; None where none is found.
+        Its corners (4, 2) px, clockwise from the top left; None if there is none.
     """
-    step = max(1, round(max(photo.shape[:2]) / _LOOKED_PX))
+    step = max(1, round(max(photo.shape[:2]) / _PLATE_PX))
     small = ndimage.gaussian_filter(photo, (0.7 * step, 0.7 * step, 0))[::step, ::step]
-    unlike = np.linalg.norm(small / _light_of_wall(small) - 1.0, axis=2)
+    unlike = np.linalg.norm(small / _fit_wall(small) - 1.0, axis=2)
     best: tuple[float, Array] | None = None
     for cut in (0.04, 0.06, 0.09, 0.13, 0.18, 0.25):
         labels, count = ndimage.label(ndimage.binary_fill_holes(unlike > cut))
@@ -153,16 +155,18 @@ def find_plate(photo: NDArray[np.float64]) -> Array | None:
         corners = _quadrilateral(largest)
         if corners is None:
             continue
-        like = _likeness(corners, largest)
+        y, x = np.mgrid[: largest.shape[0], : largest.shape[1]]
+        inside = shapely.contains_xy(shapely.Polygon(corners).buffer(0), x, y)
+        like = mask_iou(inside, largest)
         if best is None or like > best[0]:
             best = like, corners
-    if best is None or best[0] < 0.95:  # IoU of a region and the quadrilateral about it
+    if best is None or best[0] < 0.95:  # it is no quadrilateral
         return None
     return np.asarray((best[1] + 0.5) * step - 0.5)
 
 
-def _light_of_wall(photo: Array) -> Array:
-    """Fit the wall's colour in its light: a quadratic in x and y through a strip along the photo's edge."""
+def _fit_wall(photo: Array) -> Array:
+    """Fit the colour of the lit wall, a quadratic in x and y, to a strip along the photograph's edge."""
     height, width = photo.shape[:2]
     y, x = np.mgrid[-1 : 1 : height * 1j, -1 : 1 : width * 1j]
     terms = np.stack([x**i * y**j for i in range(3) for j in range(3 - i)], axis=-1)
@@ -172,7 +176,7 @@ def _light_of_wall(photo: Array) -> Array:
 
 
 def _quadrilateral(region: Mask) -> Array | None:
-    """Return the four sides about a region: each a line through that side of its hull."""
+    """Fit lines to the four sides of a region's convex hull, and return where they meet."""
     rows, columns = np.nonzero(region)
     hull = shapely.convex_hull(shapely.MultiPoint(np.stack([columns, rows], axis=1)))
     if not isinstance(hull, shapely.Polygon):
@@ -209,35 +213,29 @@ def _quadrilateral(region: Mask) -> Array | None:
 
 
 def from_top_left(corners: Array) -> Array:
-    """Return the corners clockwise as seen, from the one at the top left."""
+    """Sort four corners clockwise as seen, beginning at the top left."""
     middle = corners.mean(axis=0)
     ordered = corners[np.argsort(np.arctan2(*(corners - middle).T[::-1]))]
     return np.roll(ordered, -int((ordered.sum(axis=1)).argmin()), axis=0)
 
 
-def _likeness(corners: Array, region: Mask) -> float:
-    y, x = np.mgrid[: region.shape[0], : region.shape[1]]
-    inside = shapely.contains_xy(shapely.Polygon(corners).buffer(0), x, y)
-    return mask_iou(inside, region)
+# the four marks of setup.pdf: a dot in a light ring in a dark ring, seen at any tilt
 
-
-# The four marks in a photograph: dots in a light and a dark ring, at whatever tilt they are seen.
-
-
-_MARKS_PX = 2000  # longer side at which they are looked for
-# windows about which the light is averaged, as shares of that side
-_WINDOWS = 1 / 12, 1 / 30, 1 / 75
-_DARKER = 0.85  # times that average
-_LEAST_PX = 9  # across a mark
-_LARGEST = 0.25  # a share of the photograph's longer side
+_MARKS_PX = 2000  # longer side of the photograph in which they are sought
+_WINDOWS = (
+    1 / 12,
+    1 / 30,
+    1 / 75,
+)  # windows over which the light is averaged, as shares of that side
+_DARKER = 0.85  # pixels below this share of the average are dark
+_LEAST_PX = 9  # least width of a mark
+_LARGEST = 0.25  # largest width of a mark, as a share of the photograph's longer side
 _DOT, _LIGHT, _RING = MARK_RADII_MM
-# shares of the disc within the dark ring's outline: not in the ring, and in the dot. Blur, and a threshold
-# that is not half-way, move both
-_HOLE, _MIDDLE = (_LIGHT / _RING) ** 2, (_DOT / _RING) ** 2
-_OFF = 0.4  # these shares may be off by this share, either way
-_APART = 0.08  # a share of a mark's size, between the middles of its dot and of its ring
-_LIKE_AN_ELLIPSE = 0.06
-_FLATTEST = 0.3  # shorter over longer side, as it is seen
+_HOLE, _MIDDLE = (_LIGHT / _RING) ** 2, (_DOT / _RING) ** 2  # shares of a mark's area
+_OFF = 0.4  # relative error allowed in these shares, because of blur and threshold
+_APART = 0.08  # distance allowed between the middles of dot and ring, as a share of the mark's size
+_LIKE_AN_ELLIPSE = 0.06  # relative error allowed in the area of the ellipse
+_FLATTEST = 0.3  # least ratio of the ellipse's axes
 
 
 @dataclass(frozen=True)
@@ -249,21 +247,20 @@ class _Found:
 
 
 def find_marks(grey: Array) -> Array | None:
-    """Find (4, 2) px of the marks' middles, clockwise from the top left; None where there are not just four.
+    """Find the middles of the marks in a photograph's brightness (H, W).
 
-    What is darker than the light about it is taken apart into pieces; a mark is a piece with one hole, and
-    another piece in the middle of that, whose areas are in the proportions of the drawing. A circle becomes
-    an ellipse in perspective, and these proportions stay.
+    A mark is a dark region with one hole and another region in the middle of that. The ratios of their areas
+    are known, and perspective, which turns circles into ellipses, keeps them.
 
-    Args:
-        grey: (H, W) brightness.
+    Returns:
+        (4, 2) px, clockwise from the top left; None unless there are exactly four.
     """
     step = max(1, round(max(grey.shape) / _MARKS_PX))
     small = ndimage.gaussian_filter(grey, 0.5 * step)[::step, ::step]
     found: list[_Found] = []
     for window in _WINDOWS:
         around = ndimage.uniform_filter(small, max(3, round(window * max(small.shape))))
-        for mark in _rings(small < _DARKER * around):
+        for mark in _find_rings(small < _DARKER * around):
             if all(np.linalg.norm(mark.middle - m.middle) > 0.5 * m.size for m in found):
                 found.append(mark)
     if len(found) != 4:
@@ -271,9 +268,8 @@ def find_marks(grey: Array) -> Array | None:
     return from_top_left((np.stack([mark.middle for mark in found]) + 0.5) * step - 0.5)
 
 
-def _rings(dark: Mask) -> list[_Found]:
-    """Return the marks among the dark pieces."""
-    # grains of noise would join separate pieces, and make holes of their own
+def _find_rings(dark: Mask) -> list[_Found]:
+    # without the filter, noise would join regions and punch holes
     labels, _ = ndimage.label(ndimage.median_filter(dark, 3))
     found = []
     for number, place in enumerate(ndimage.find_objects(labels), start=1):
@@ -307,7 +303,7 @@ def _is_about(share: float, wanted: float) -> bool:
 
 
 def _is_ellipse(region: Mask) -> bool:
-    """Tell whether it is as large as the ellipse of its second moments, and not too flat."""
+    """Return whether a region has the area of the ellipse with its second moments, and is not too flat."""
     points = np.argwhere(region)
     spread = np.cov(points.T) + np.eye(2) / 12
     low, high = np.linalg.eigvalsh(spread)
@@ -315,19 +311,19 @@ def _is_ellipse(region: Mask) -> bool:
     return bool(abs(area / len(points) - 1) < _LIKE_AN_ELLIPSE and low > _FLATTEST**2 * high)
 
 
-# Find the lamp: the displacement whose shadow of the knots is most like the one that was seen.
+# the lamp
 
-
-_STEP_MM = (8.0, 8.0, 40.0)  # the simplex's steps, and the scale of the unknowns
-_COARSER = 2  # factor to the resolution of the IoU
-_FARTHEST = 1.0  # a lamp may be off by this share of its distance from the wall
+_STEP_MM = (8.0, 8.0, 40.0)  # first steps of the simplex, and the scale of the unknowns
+_COARSER = 2  # factor by which the fit's resolution is lower than the IoU's
+_FARTHEST = 1.0  # largest displacement, as a share of the lamp's distance from the wall
 
 
 @dataclass(frozen=True)
 class LampFit:
-    """The lamp's distance from its place, mm: to the right, up, and away from the wall.
+    """How far a lamp stands from its place: to the right, up, and away from the wall.
 
-    IoU of the shadow that was seen with that of the knots, for the lamp in its place and where it stood.
+    `iou` compares the photographed shadow with that of the knots for the lamp there, and `iou_in_place` with
+    that for the lamp in its place.
     """
 
     right_mm: float
@@ -338,22 +334,22 @@ class LampFit:
 
 
 def cast_shadow(knots: Knots, camera: Camera, eye: Array) -> Array:
-    """Return (H, W) share of each pixel of `camera`'s frame that the knots darken for a lamp at `eye`.
+    """Render the shadow that knots in the scene cast on the camera's frame from a lamp at `eye`.
 
-    Args:
-        knots: in the scene.
+    Returns:
+        (H, W) the share of each pixel that is dark.
     """
     frame = frame_of(replace(camera, eye=eye), np.float32, stretched=True)
     points = knots.points.astype(np.float32)
     ahead = points[knots.rings.next]
-    # sharpness of outlines: as steep as the share of a pixel that an edge covers
+    # a sharpness of 4 is as steep as the coverage of a pixel by an edge
     return render(points, ahead, frame, knots.radius_mm, 4.0).astype(np.float64)
 
 
 def find_lamp(knots: Knots, camera: Camera, seen: Mask) -> LampFit:
-    """Fit the lamp's displacement to the shadow that was seen, on `camera`'s frame.
+    """Fit the lamp's displacement to a photographed shadow on the camera's frame.
 
-    Nelder and Mead's simplex on the squared difference of both pictures, blurred: much first, then less.
+    A Nelder-Mead simplex minimises the squared difference of the blurred pictures.
     """
     full = camera
     camera = camera.resized(camera.width // _COARSER, camera.height // _COARSER)
@@ -367,12 +363,12 @@ def find_lamp(knots: Knots, camera: Camera, seen: Mask) -> LampFit:
     reach = float(camera.eye @ wall) + offset
     front = float((knots.points @ wall).max()) + offset + knots.radius_mm
     found = np.zeros(3)
-    for soft in (4.0, 1.5):  # blur of both pictures, first and then
+    for soft in (4.0, 1.5):  # px of blur
         wanted = ndimage.gaussian_filter(coarse, soft)
 
         def unlike(unknown: Array, soft: float = soft, wanted: Array = wanted) -> float:
             eye = camera.eye + (unknown * step) @ axes
-            # a shadow of something else has led lamps behind the piece, and kilometres away
+            # the shadow of something else would lead the lamp behind the piece, or kilometres away
             if eye @ wall + offset < front or np.linalg.norm(unknown * step) > _FARTHEST * reach:
                 return np.inf
             cast = cast_shadow(knots, camera, eye)

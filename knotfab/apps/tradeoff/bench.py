@@ -1,4 +1,4 @@
-"""Runs of points on pictures: each is measured once, kept as it comes in, and none is begun without time."""
+"""Schedule the runs of a trade-off: each is measured once, kept in a journal, and started only in time."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ from knotfab.base import errors
 from knotfab.base.disk import temporary_folder
 from knotfab.base.errors import MachineError
 from knotfab.base.pool import ONE_THREAD, Crash, Workers
-from knotfab_formats.errors import InputError
+from knotfab_formats.errors import InputError, KnotfabError
 from knotfab_formats.search import SearchSettings
 
 
 @dataclass(frozen=True)
 class WantedRun:
-    """A run that is wanted: number of the picture, settings, and which of its repeats it is."""
+    """A run to be measured: index of the picture, settings, and number of the repeat."""
 
     picture: int
     settings: SearchSettings
@@ -45,9 +45,7 @@ Runner = Callable[[Iterator[WantedRun]], Iterator[tuple[WantedRun, Run]]]
 
 
 class Journal:
-    """Runs by their keys, a line of JSON each, in a file that a later call reads.
-
-    A line that was cut off is left out.
+    """The finished runs by key, in a file with one line of JSON each; lines cut off are ignored.
 
     Raises:
         InputError: the file cannot be read or written.
@@ -72,33 +70,32 @@ class Journal:
             raise InputError(f"{path}", f"it is no journal ({error})", "Move it away") from error
 
     def find(self, key: str) -> Run | None:
-        """Find the run of this key, if it was measured."""
+        """Return the run with this key if it was measured before."""
         self.used.add(key)
         return self.runs.get(key)
 
     def add(self, key: str, run: Run, **told: Any) -> None:
-        """Keep a run that has ended; `told` is for a reader."""
+        """Append a finished run; `told` is written for human readers only."""
         self.runs[key] = run
         self._file.write(json.dumps({"key": key, **told, "run": run.to_dict()}) + "\n")
         self._file.flush()
 
     @property
     def strange(self) -> int:
-        """The number of its runs that nobody has asked for: of other pictures, settings or versions."""
+        """The number of runs nobody has asked for, of other pictures, settings or versions."""
         return len(self.runs.keys() - self.used)
 
     def close(self) -> None:
-        """Close the file."""
         self._file.close()
 
 
 class Bench:
-    """A bench on which points are measured on pictures.
+    """Measures points on pictures and remembers every run.
 
     Args:
-        run: measures what it takes from an iterator, in any order.
-        limit_s: no run is begun that would probably end later; None: all are.
-        report: told how many runs are done, and the best mean IoU so far.
+        run: measures the runs that it takes from an iterator, in any order.
+        limit_s: a run that would probably end later is not started; None for no limit.
+        report: is called with the number of finished runs and the best IoU so far.
     """
 
     def __init__(
@@ -119,9 +116,9 @@ class Bench:
         self.left_out: dict[WantedRun, None] = {}
 
     def measure(self, points: Sequence[Point], pictures: int) -> list[Measured]:
-        """Measure the points on the first so many pictures, as far as time is left; what came of them.
+        """Measure points on the first `pictures` while time is left, and return `measured(points)`.
 
-        Picture by picture and turn by turn, so that what else the machine does falls on all alike.
+        Points alternate within each picture and repeat, so that other load on the machine affects all alike.
         """
         asked = [
             WantedRun(picture, point.settings, turn)
@@ -151,7 +148,7 @@ class Bench:
         return self.measured(points)
 
     def measured(self, points: Iterable[Point]) -> list[Measured]:
-        """Return the runs of each point, on as many of the first pictures as it was measured on."""
+        """Return the runs of each point, up to the first picture that it was not measured on."""
         found = []
         for point in points:
             runs: list[Run] = []
@@ -180,10 +177,9 @@ class Bench:
 
 
 def run_all(studies: Sequence[Study], jobs: int = 1) -> Runner:
-    """Give a runner that searches: here one after the other, or `jobs` at a time, in processes of one thread.
+    """Return a runner that searches in this process, or in `jobs` parallel processes of one thread each.
 
-    Raises (the runner):
-        MachineError: a process ended.
+    The runner raises MachineError if a process dies.
     """
     warm: list[bool] = []
 
@@ -203,7 +199,7 @@ def run_all(studies: Sequence[Study], jobs: int = 1) -> Runner:
             file = place / "studies"
             file.write_bytes(pickle.dumps(list(studies)))
             env = {**os.environ, **ONE_THREAD}
-            with Workers("knotfab.apps.tradeoff.worker", str(file), jobs=jobs, env=env) as workers:
+            with Workers(__name__, str(file), jobs=jobs, env=env) as workers:
                 running: dict[Future[dict[str, Any]], WantedRun] = {}
 
                 def ask(request: WantedRun | None) -> None:
@@ -224,6 +220,28 @@ def run_all(studies: Sequence[Study], jobs: int = 1) -> Runner:
     return here if jobs == 1 else beside
 
 
+_studies: list[Study] = []  # in a worker process
+_warm: list[bool] = []
+
+
+def begin(file: str) -> None:
+    """Load in a worker process the studies that its parent pickled."""
+    _studies[:] = pickle.loads(Path(file).read_bytes())
+
+
+def answer(request: dict[str, Any], told: object) -> dict[str, Any]:
+    """Measure one run in a worker process: {"picture": index of the study, "settings", "judge"}."""
+    del told
+    study, settings = _studies[request["picture"]], SearchSettings(**request["settings"])
+    try:
+        if not _warm:
+            warm_up(study, settings)
+            _warm.append(True)
+        return run_point(study, settings, request["judge"]).to_dict()
+    except KnotfabError as error:
+        return {"refused": [type(error).__name__, error.what, error.why, error.remedy]}
+
+
 def _read(future: Future[dict[str, Any]], jobs: int) -> Run:
     try:
         answer = future.result()
@@ -236,15 +254,12 @@ def _read(future: Future[dict[str, Any]], jobs: int) -> Run:
     return Run(**answer)
 
 
-# Choose points and pictures to measure: one knob at a time, then halving over combinations.
-
-
 @dataclass(frozen=True)
 class Explored:
-    """Every point that was measured on a picture at least, and what it is compared over.
+    """All points that were measured on at least one picture.
 
-    `compared`: the first so many pictures, on which all presets were measured; `middle` is what knobs are
-    turned around.
+    `compared` is the number of first pictures on which every preset was measured; `middle` has the
+    settings whose knobs were turned.
     """
 
     measured: tuple[Measured, ...]
@@ -253,23 +268,23 @@ class Explored:
 
     @property
     def whole(self) -> list[Measured]:
-        """The points that are comparable, over the same pictures."""
+        """The points measured on all compared pictures, over these."""
         return [m.over(self.compared) for m in self.measured if len(m.runs) >= self.compared]
 
     @property
     def front(self) -> list[Measured]:
-        """Return the points of these that nothing beats."""
+        """Those of the whole points that no other beats."""
         return frontier(self.whole, self.middle.over(self.compared))
 
     def sets_apart(self, one: Measured) -> bool:
-        """Tell whether it saw fewer pictures than are compared, or may not stand on the front."""
+        """Return whether a point saw too few pictures to be compared, or may not stand on the front."""
         middle = self.middle.over(self.compared)
         return len(one.runs) < self.compared or not one.over(self.compared).keeps(middle)
 
     def place(self, one: Measured) -> tuple[float, float]:
-        """Return (seconds, error) over the pictures compared; for a point with fewer, what they would be.
+        """Return (seconds, error) over the compared pictures.
 
-        It is taken to stand to the middle as it does on the pictures that it has seen.
+        If the point saw fewer of them, its ratios to the middle on these are assumed to hold for all.
         """
         seen = min(len(one.runs), self.compared)
         one, here, all_ = one.over(seen), self.middle.over(seen), self.middle.over(self.compared)
@@ -277,7 +292,7 @@ class Explored:
 
 
 def list_rungs(pictures: int) -> list[int]:
-    """List how many pictures each rung measures: an eighth of them, twice as many, …, all."""
+    """List how many pictures each round of halving measures: an eighth, a quarter, …, all."""
     sizes = [-(-pictures // 8)]
     while sizes[-1] < pictures:
         sizes.append(min(2 * sizes[-1], pictures))
@@ -287,10 +302,9 @@ def list_rungs(pictures: int) -> list[int]:
 def explore(
     bench: Bench, points: Sequence[Point], middle: SearchSettings, combinations: int
 ) -> Explored | None:
-    """Measure points, combinations of their good values, and ever fewer of both on ever more pictures.
+    """Measure points and combinations of their good values, by successive halving over the pictures.
 
-    Returns:
-        None where there was no time to measure the middle once.
+    Returns None if there was no time to measure the middle settings once.
     """
     total = len(bench.studies)
     presets = [p for p in points if p.knob == PRESET or p.settings == middle]

@@ -1,4 +1,4 @@
-"""One point on one picture: what it takes, and how near the round tube's shadow comes to the picture."""
+"""Measure one run: its cost, and how near the round tube's shadow comes to the picture."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ from knotfab_formats.scene import VERIFIED_PX
 from knotfab_formats.search import SearchSettings
 
 _SHOWN_PX = 160  # longer side of the small pictures
-_WRONG = 0.25  # a cell with this share of wrong pixels counts as too much or missing
-# nothing there, drawn as wanted, too much, missing
+_WRONG = 0.25  # a cell with this share of wrong pixels is drawn as too much or missing
+# RGB of background, right, too much, missing
 _COLOURS = (250, 248, 244, 36, 38, 43, 196, 61, 38, 47, 111, 196)
 
 
 @dataclass(frozen=True)
 class Study:
-    """One picture and what is asked for it."""
+    """A picture, and the piece to be made from it."""
 
     name: str
     question: Question
@@ -48,7 +48,7 @@ class Study:
 
     @cached_property
     def _asked(self) -> str:
-        """Digest all that a run depends on beside its settings."""
+        """A digest of everything a run depends on except its settings."""
         scene = self.question.scene
         same = {"search": {}, "accuracy": scene.accuracy.but(name="standard")}
         digest = hashlib.sha256(scene.but(**same).model_dump_json().encode())
@@ -57,7 +57,7 @@ class Study:
         return digest.hexdigest()
 
     def key(self, settings: SearchSettings, turn: int = 0) -> str:
-        """Name a run: picture, scene (with its tube radius where given), settings and version."""
+        """Return a name for the run that is unique to picture, scene, settings, version and turn."""
         given = settings.model_dump(exclude={"iou_slack"})
         text = json.dumps([self._asked, given, VERSION, self.device, turn])
         return hashlib.sha256(text.encode()).hexdigest()[:24]
@@ -65,9 +65,9 @@ class Study:
 
 @dataclass(frozen=True)
 class Run:
-    """The cost and result of one search. Seconds are wall-clock, but `cpu_s`, which is its process's own.
+    """The cost and result of one search. Seconds are wall-clock time, except `cpu_s`.
 
-    What is judged is None in repeated runs, which give the same knots.
+    Repeated runs give the same knots, so their quality is not measured again and is None.
     """
 
     radius_mm: float
@@ -78,22 +78,22 @@ class Run:
     feasible: bool
     repairs: int
     faces: int
-    facet_px: float  # the most by which the mesh's facets are off the round tube, at 1024 px
-    iou: float | None = None  # the round tube's at 1024 px, whatever the search itself looked at
-    outline_px: float | None = None  # distance that 95 % of either outline keep to the other, there
+    facet_px: float  # largest distance of the mesh's facets from the round tube, at 1024 px
+    iou: float | None = None  # of the round tube at 1024 px, whatever resolution was searched at
+    outline_px: float | None = None  # symmetric 95 % Hausdorff distance of the outlines, at 1024 px
     curvature: float | None = None  # mean, times the tube radius
     legible: float | None = None  # at 45 degrees; None for several views
-    shadow: str = ""  # small, as PNG in base64
+    shadow: str = ""  # a small PNG, in base64
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the run as JSON has it."""
+        """Return the run as a JSON object."""
         return asdict(self)
 
 
 def find_shadows(
     problem: Problem, knots: Knots, device: str = "cpu", pixels: int = VERIFIED_PX
 ) -> list[tuple[Mask, Mask]]:
-    """Find (shadow, picture) of the round tube in each view, `pixels` on its longer side."""
+    """Render the round tube's shadow in each view. Returns (shadow, picture), `pixels` on the longer side."""
     found = []
     for view in problem.views:
         image = view.image_at(knots.radius_mm, pixels, device)
@@ -103,10 +103,11 @@ def find_shadows(
 
 
 def outline_error_px(seen: Mask, wanted: Mask, slit_px: float = 0.0) -> float:
-    """Measure the distance, px, from the other's outline that 95 % of either outline keep, the larger one.
+    """Return the symmetric 95 % Hausdorff distance of the two outlines, in px.
 
-    Slits of the shadow no wider than `slit_px`, which nobody sees, have no outline. An outline is the last
-    pixels within, so distances are good to a pixel. Without an outline: the picture's diagonal.
+    Slits of the shadow no wider than `slit_px`, which nobody sees, are closed first. An outline is the
+    innermost boundary pixels, so the distance is good to a pixel. If one mask is empty and the other is
+    not, it is the picture's diagonal.
     """
     if not (seen.any() and wanted.any()):
         return 0.0 if seen.any() == wanted.any() else float(np.hypot(*seen.shape))
@@ -121,20 +122,20 @@ def outline_error_px(seen: Mask, wanted: Mask, slit_px: float = 0.0) -> float:
 
 
 def facet_error_px(problem: Problem, radius: float, sides: int) -> float:
-    """Measure how far a ring of `sides` corners of the right area stands out from the round tube: r a² / 12.
+    """Return how far the corners of a ring with the circle's area stick out beyond it, in px at 1024 px.
 
-    a = 2 pi / sides; seen at the piece's middle and in pixels of the yardstick.
+    That is r a² / 12 with a = 2 pi / sides, magnified as at the piece's middle.
     """
-    stands_out = radius * (2 * np.pi / sides) ** 2 / 12
+    corner_mm = radius * (2 * np.pi / sides) ** 2 / 12
     views = (v.view for v in problem.views)
-    return max(stands_out * v.magnification / v.pixel_mm for v in views)
+    return max(corner_mm * v.magnification / v.pixel_mm for v in views)
 
 
 def run_point(study: Study, settings: SearchSettings, judge: bool = True) -> Run:
-    """Return radius, search and sweep of a picture at these settings, as a build has them.
+    """Choose the radius, search and sweep for one picture, as a build would, and measure it.
 
     Raises:
-        SceneError: no tube draws the picture.
+        SceneError: no tube can draw the picture.
     """
     progress = Progress("quiet")
     begun, cpu = time.perf_counter(), time.process_time()
@@ -149,7 +150,7 @@ def run_point(study: Study, settings: SearchSettings, judge: bool = True) -> Run
         try:
             faces += len(sweep(knot.points, radius, settings.mesh_sides)[1])
         except SceneError:
-            feasible = False  # bends that no tube of this radius can take
+            feasible = False  # too sharp a bend for a tube of this radius
     swept, cpu = time.perf_counter(), time.process_time() - cpu
     run = Run(
         radius,
@@ -166,11 +167,11 @@ def run_point(study: Study, settings: SearchSettings, judge: bool = True) -> Run
 
 
 def _judge(run: Run, problem: Problem, knots: Knots, device: str) -> Run:
-    """Return the run with what its knots are worth, in the view that they draw worst."""
+    """Add the quality of the knots to a run, as seen in the view that they draw worst."""
     shadows = find_shadows(problem, knots, device)
     number = min(range(len(shadows)), key=lambda k: mask_iou(*shadows[k]))
     worst, drawn = shadows[number], problem.views[number].view
-    # tube radii: gaps between strands that are no wider have no outline
+    # nobody sees a gap between strands of half a tube radius or less
     slit_px = 0.5 * knots.radius_mm * drawn.magnification / drawn.pixel_mm
     lengths = [knot.length_mm for knot in knots.knots]
     bends = [measure_curvature(knot.points, knots.radius_mm).mean for knot in knots.knots]
@@ -190,7 +191,7 @@ def _judge(run: Run, problem: Problem, knots: Knots, device: str) -> Run:
 
 
 def _shrink(seen: Mask, wanted: Mask) -> str:
-    """Return both as a PNG of four colours in base64: what is right, too much and missing."""
+    """Draw shadow and picture as one small PNG in four colours, in base64."""
     height, width = seen.shape
     size = fit_size(width, height, _SHOWN_PX)
 
@@ -207,7 +208,7 @@ def _shrink(seen: Mask, wanted: Mask) -> str:
 
 
 def warm_up(study: Study, settings: SearchSettings) -> None:
-    """Run a few iterations, so that no point pays for a process's loading and compiling."""
+    """Run a few iterations, so that no measured run includes the time for imports and compiling."""
     few: dict[str, Any] = {"coarse_iterations": 2, "fine_iterations": 2, "settle_iterations": 2}
     few |= {"method": "flow", "depth_candidates": 2, "radius_candidates": 2}
     run_point(study, settings.but(**few))

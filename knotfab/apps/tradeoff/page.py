@@ -1,4 +1,4 @@
-"""tradeoff.html: one file to look at the points with, what each sets, what it draws and what a step buys."""
+"""Draw the measured points: tradeoff.html, one interactive page, and tradeoff.png."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ _HERE = Path(__file__).parent
 _STYLE = Path(report_html.__file__).parent / "style.css.j2"
 _WIDTH, _HEIGHT = 760.0, 480.0
 _LEFT, _RIGHT, _TOP, _BOTTOM = 70.0, 24.0, 18.0, 52.0
-_ROOM = 0.06  # a share of an axis beyond the last point
-_COLOURS = 12  # colours of settings; those of the second turn have triangles
+_ROOM = 0.06  # margin beyond the outermost points, as a share of the axis
+_COLOURS = 12  # colours for knobs; the next twelve knobs use them again, with triangles
 
 
-class _Told(Protocol):
-    """The page's words beside the points."""
+class _Words(Protocol):
+    """The texts of the page, which `Tradeoff` has."""
 
     @property
     def title(self) -> str: ...
@@ -37,7 +37,7 @@ class _Told(Protocol):
 
 
 class _Axis:
-    """A logarithmic axis from its values to pixels of the drawing."""
+    """A logarithmic axis that maps values to pixels of the drawing."""
 
     def __init__(self, values: Sequence[float], first: float, last: float) -> None:
         low, high = log10(min(values)), log10(max(values))
@@ -50,7 +50,7 @@ class _Axis:
 
     @property
     def ticks(self) -> list[tuple[float, str]]:
-        """(place, label) at 1, 2 and 5 times powers of ten within, or nearer by where the axis is short."""
+        """(place, label) at 1, 2 and 5 times the powers of ten, and more of them if the axis is short."""
         decades = range(floor(self.low), ceil(self.high) + 1)
         digits = (1, 2, 5) if self.high - self.low > 0.8 else (1, 1.5, 2, 3, 4, 5, 7)
         values = [digit * 10.0**power for power in decades for digit in digits]
@@ -58,12 +58,9 @@ class _Axis:
         return [(self(v), f"{v:g}") for v in shown]
 
 
-def render_page(explored: Explored, steps: Sequence[Step], told: _Told) -> str:
-    """Render the page: it opens offline, loads nothing, and runs one script of its own.
-
-    Every text, names of pictures among them, is escaped.
-    """
-    front = {id_ for id_ in (m.point.settings for m in explored.front)}
+def render_page(explored: Explored, steps: Sequence[Step], told: _Words) -> str:
+    """Render tradeoff.html, which loads nothing from elsewhere and escapes every text."""
+    front = {m.point.settings for m in explored.front}
     measured = sorted(explored.measured, key=lambda m: explored.place(m)[0])
     places = [explored.place(m) for m in measured]
     x = _Axis([seconds for seconds, _ in places], _LEFT, _WIDTH - _RIGHT)
@@ -124,9 +121,9 @@ def render_page(explored: Explored, steps: Sequence[Step], told: _Told) -> str:
 
 
 def _count_shadows(measured: Sequence[Measured]) -> int:
-    """Count the pictures whose shadows of each point fit into the page."""
+    """Return for how many pictures the page has room to show every point's shadow."""
     for count in range(max(len(m.runs) for m in measured), 1, -1):
-        # bytes of all small pictures together, so that the page stays below 2 MB
+        # keeps the page below 2 MB
         if sum(len(run.shadow) for m in measured for run in m.runs[:count]) < 1_300_000:
             return count
     return 1
@@ -159,7 +156,7 @@ def _figures(m: Measured) -> list[tuple[str, str]]:
 
 
 def _staircase(corners: Sequence[tuple[float, float]]) -> str:
-    """Return the front as the points of an SVG polyline: what can be had within so many seconds."""
+    """Return the points of an SVG polyline: the least error that can be had within a given time."""
     path: list[str] = []
     for number, (x, y) in enumerate(corners):
         if number:
@@ -172,22 +169,20 @@ def _plain(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-# The trade-off as a figure: what is missing to the picture against seconds, both on log scales.
-
+# tradeoff.png
 
 _COLORS = (
     "#1f4e79", "#c55a11", "#548235", "#7f6000", "#7030a0", "#a61c3c",
     "#2e8b8b", "#8c564b", "#d18f00", "#5b6abf", "#b05fa0", "#3f7f3f",
 )  # fmt: skip
-_MARKERS = ("o", "^", "v")  # the colours' first turn, their second, ...
+_MARKERS = ("o", "^", "v")  # for the first twelve knobs, the second twelve, ...
 _SAID = {"cpu": "CPU seconds", "wall": "seconds"}
 
 
 def draw(explored: Explored, title: str) -> bytes:
-    """Draw a PNG of the points, knob by knob, with the frontier as a line and the presets by name.
+    """Draw error against seconds as a PNG: points by knob, presets by name, the frontier as a line.
 
-    Hollow: measured on fewer pictures than the frontier, or bending more, or read more plainly from aside,
-    than the frontier's may.
+    Hollow points were measured on fewer pictures than the frontier, or may not stand on it.
     """
     from matplotlib.figure import Figure
     from matplotlib.ticker import LogLocator

@@ -1,4 +1,4 @@
-"""The points that a trade-off measures: presets, one knob at a time around the middle, combinations."""
+"""Choose and compare the points of a trade-off: presets, one knob turned at a time, combinations."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from knotfab_formats.search import PRESETS, SearchSettings
 
 PRESET = "preset"
 COMBINED = "combined"
-_TRIED = 4000  # combinations whose cost and error are foretold
-_LEFT = 0.5  # share of the knobs that a combination leaves as they are
+_TRIED = 4000  # random combinations whose cost and error are predicted
+_LEFT = 0.5  # share of knobs that a combination leaves unchanged
 
-Effect = tuple[float, float]  # logarithms of seconds and of the error, over those of the middle
+Effect = tuple[float, float]  # log of the ratio to the middle, of seconds and of the error
 
 
 @dataclass(frozen=True)
 class Point:
-    """Settings to be measured; `knob` names what is turned, "preset" for the presets themselves."""
+    """Settings to be measured. `knob` names what was turned: a knob, "preset" or "combined"."""
 
     knob: str
     label: str
@@ -33,10 +33,10 @@ class Point:
 
 @dataclass(frozen=True)
 class Knob:
-    """A setting, or several that go together, and the values tried, cheapest first.
+    """A setting, or several that change together, and the values to try, cheapest first.
 
-    Without `keys` it is the number of iterations of all phases, times a value. `alike`: values that
-    stand beside each other, so that each is a step from the middle's own.
+    A knob without `keys` multiplies the iterations of all phases. The values of an `alike` knob have no
+    order, so each of them is one step from the middle's.
     """
 
     name: str
@@ -46,26 +46,26 @@ class Knob:
     alike: bool = False
 
     def own(self, settings: SearchSettings) -> Any:
-        """Return the value that settings have."""
+        """Return the knob's value in these settings."""
         if not self.keys:
             return 1.0
         found = tuple(getattr(settings, key) for key in self.keys)
         return found if len(found) > 1 else found[0]
 
     def turn(self, settings: SearchSettings, value: Any) -> SearchSettings:
-        """Return the settings with this value."""
+        """Return the settings with the knob at this value."""
         if not self.keys:
             return settings if value == 1.0 else settings.scaled(value)
         given = value if len(self.keys) > 1 else (value,)
         return settings.but(**dict(zip(self.keys, given, strict=True)))
 
     def label(self, value: Any) -> str:
-        """Return the value in words."""
+        """Format a value for readers."""
         parts = value if isinstance(value, tuple) else (value,)
         return "flow" if parts[0] == "flow" else self.unit.format(*parts)
 
     def ordered(self, settings: SearchSettings) -> list[Any]:
-        """Sort all values, the settings' own among them, cheapest first; `alike` ones in that order."""
+        """Return all values and the settings' own, cheapest first; `alike` ones after the settings' own."""
         own = self.own(settings)
         others = [v for v in self.values if v != own]
         if self.alike:
@@ -105,8 +105,8 @@ KNOBS = (
 )
 
 
-def points(own: SearchSettings | None = None) -> list[Point]:
-    """Return the presets, and one knob at a time turned around `own` (`standard` by default)."""
+def list_points(own: SearchSettings | None = None) -> list[Point]:
+    """List the presets, and the points that turn one knob of `own` (`standard` by default)."""
     middle = own or PRESETS["standard"]
     found = [Point(PRESET, name, settings) for name, settings in PRESETS.items()]
     if middle not in PRESETS.values():
@@ -125,21 +125,20 @@ def combine(
     count: int,
     seed: int = 0,
 ) -> list[Point]:
-    """Return combinations of values worth trying, spread over what they are expected to take.
+    """Return up to `count` promising combinations of values, spread over the range of cost.
 
-    Of many random ones, deterministic by the seed, the most promising for their cost: what single knobs did
-    to seconds and error is taken to multiply. That is a guess, which measuring then corrects.
+    Many random combinations are drawn by the seed, and of each class of cost the one with the least
+    predicted error is returned. The effects of single knobs are assumed to multiply.
 
     Args:
-        effects: by knob, of the values that were on or near the front.
-        known: that are measured already.
-        count: at most so many.
+        effects: of the values on or near the front, by knob.
+        known: points measured already.
     """
     turned = [knob for knob in KNOBS if effects.get(knob.name)]
     if not (turned and count):
         return []
     random = np.random.default_rng(seed)
-    # 0: the knob stays as it is
+    # 0 leaves a knob unchanged
     sizes = [len(effects[knob.name]) for knob in turned]
     chosen = random.integers(1, 1 + np.array(sizes), (_TRIED, len(turned)))
     chosen = np.unique(chosen * (random.random(chosen.shape) >= _LEFT), axis=0)
@@ -166,7 +165,7 @@ def _combined(
     effects: Mapping[str, Mapping[Any, Effect]],
     chosen: Sequence[int],
 ) -> Point:
-    """Return the middle with the values of these numbers, from 1; 0 leaves a knob as it is."""
+    """Turn each knob to the value with the chosen number, counted from 1; 0 leaves it unchanged."""
     settings, labels = middle, []
     for knob, choice in zip(turned, chosen, strict=True):
         if choice:
@@ -177,24 +176,23 @@ def _combined(
 
 
 def list_changes(settings: SearchSettings, other: SearchSettings) -> dict[str, tuple[Any, Any]]:
-    """List differences from other settings: (theirs, these), by key."""
+    """Return by key what differs from other settings, as (theirs, these)."""
     theirs, these = other.model_dump(), settings.model_dump()
     return {key: (theirs[key], these[key]) for key in these if these[key] != theirs[key]}
 
 
-# Compare points over the pictures: those that nothing beats, and what a step of a knob buys.
+# comparing measured points
 
-
-_LEAST = 1e-6  # an error of 0 has no logarithm
-_NEAR = log(1.15)  # points within 15 % in seconds or in error are near the front
-_DEAR = log(4.0)  # more of the middle's seconds is only worth while for less error
+_LEAST = 1e-6  # least error, so that it has a logarithm
+_NEAR = log(1.15)  # points within 15 % of the front, in seconds or in error, are near it
+_DEAR = log(4.0)  # slower than this, against the middle, a point must have less error
 
 
 @dataclass(frozen=True)
 class Measured:
-    """A point's runs on the first so many pictures, one each; means of their figures.
+    """A point's runs, one for each of the first pictures, and the means of their figures.
 
-    `clock`: what seconds are, "cpu" or "wall".
+    `clock` says which seconds count, "cpu" or "wall".
     """
 
     point: Point
@@ -202,7 +200,7 @@ class Measured:
     clock: str = "cpu"
 
     def mean(self, key: str) -> float:
-        """Return the mean of a figure of its runs."""
+        """Return the mean over the runs of the field `key`."""
         return statistics.fmean(getattr(run, key) for run in self.runs)
 
     @property
@@ -220,7 +218,7 @@ class Measured:
 
     @property
     def seconds(self) -> float:
-        """The seconds of a picture: radius, search and sweep together."""
+        """Mean time for one picture: choice of radius, search and sweep."""
         if self.clock == "cpu":
             return self.mean("cpu_s")
         return self.mean("radius_s") + self.mean("search_s") + self.mean("sweep_s")
@@ -235,12 +233,12 @@ class Measured:
 
     @property
     def curvature(self) -> float:
-        """Mean curvature times the tube's radius: the less the more graceful."""
+        """Mean curvature times the tube's radius; lower is more graceful."""
         return self.mean("curvature")
 
     @property
     def legible(self) -> float | None:
-        """Measure how well the picture is read 45 degrees aside: the less the better hidden."""
+        """How well the picture is read from 45 degrees to the side; lower is better hidden."""
         found = [run.legible for run in self.runs if run.legible is not None]
         return statistics.fmean(found) if found else None
 
@@ -253,20 +251,21 @@ class Measured:
         return sum(run.repairs for run in self.runs)
 
     def over(self, pictures: int) -> Measured:
-        """Return the same on the first so many pictures."""
+        """Return the point with only its runs on the first `pictures`."""
         return replace(self, runs=self.runs[:pictures])
 
     def keeps(self, middle: Measured) -> bool:
-        """Tell whether its knots are sound, as graceful as the middle's, and as well hidden."""
-        # the most curvature of a point on the front, over the middle's
+        """Return whether it may stand on the front: feasible, and as graceful and hidden as the middle.
+
+        It may have 10 % more curvature than the middle, and 0.05 more legibility from the side.
+        """
         if not self.feasible or self.curvature > 1.1 * middle.curvature:
             return False
-        # legibility from aside over the middle's, likewise
         return (self.legible or 0.0) <= (middle.legible or 0.0) + 0.05
 
 
 def merge_turns(turns: Sequence[Run]) -> Run:
-    """Merge runs of the same point and picture into one: the first one's knots, the median of the seconds."""
+    """Merge repeated runs into one with the median of their seconds and the first one's knots."""
     keys = ("radius_s", "search_s", "sweep_s", "cpu_s")
     times = {key: statistics.median(getattr(run, key) for run in turns) for key in keys}
     return replace(turns[0], feasible=all(run.feasible for run in turns), **times)
@@ -276,8 +275,8 @@ def frontier(measured: Sequence[Measured], middle: Measured | None = None) -> li
     """Return the points that no other beats in both error and seconds, fastest first.
 
     Args:
-        measured: on the same pictures.
-        middle: only points that keep its grace and legibility count.
+        measured: all on the same pictures.
+        middle: leave out points that do not keep its grace and legibility.
     """
     best: list[Measured] = []
     sound = [m for m in measured if (m.feasible if middle is None else m.keeps(middle))]
@@ -287,10 +286,10 @@ def frontier(measured: Sequence[Measured], middle: Measured | None = None) -> li
     return best
 
 
-def _distance(one: Measured, others: Sequence[Measured]) -> float:
-    """Return the logarithm of the factor by which its seconds and its error must shrink to be unbeaten.
+def _distance_to_front(one: Measured, others: Sequence[Measured]) -> float:
+    """Return the log of the factor by which seconds and error must shrink for the point to be unbeaten.
 
-    Below 0 on the front: by so much they might grow. The additive epsilon indicator (Zitzler et al. 2003).
+    On the front it is negative. This is the additive epsilon indicator (Zitzler et al. 2003).
     """
     farther = -inf
     for other in others:
@@ -301,7 +300,7 @@ def _distance(one: Measured, others: Sequence[Measured]) -> float:
 
 
 def _in_vain(one: Measured, middle: Measured) -> bool:
-    """Tell whether it takes several times the middle's seconds and is no better, as a slow renderer is."""
+    """Return whether a point takes several times the middle's seconds and is no better."""
     dear = log(one.seconds / middle.seconds) > _DEAR
     return dear and log(one.error / middle.error) > -_NEAR
 
@@ -309,30 +308,30 @@ def _in_vain(one: Measured, middle: Measured) -> bool:
 def halve(
     measured: Sequence[Measured], middle: Measured, beside: Sequence[Measured]
 ) -> list[Point]:
-    """Return the half of the points that are nearest to the front, the best and the fastest on it first.
+    """Return the half of the points nearest to the front, beginning with its fastest and its best.
 
-    What takes several times the middle's seconds and is no better is known well enough.
+    Points several times slower than the middle and no better are dropped.
 
     Args:
-        beside: points that the front is drawn with, and that stay in any case.
+        beside: further points that count for the front but are not returned.
     """
     sound = [m for m in (*measured, *beside) if m.keeps(middle)]
     own = [m for m in measured if m.keeps(middle) and not _in_vain(m, middle)]
     ends = {id(m) for m in (frontier(own)[:1] + frontier(own)[-1:])}
-    ranked = sorted(own, key=lambda m: (id(m) not in ends, _distance(m, sound)))
+    ranked = sorted(own, key=lambda m: (id(m) not in ends, _distance_to_front(m, sound)))
     return [m.point for m in ranked[: ceil(len(measured) / 2)]]
 
 
 @dataclass(frozen=True)
 class Step:
-    """A step from one value of a knob to the next: IoU gained, and by which factor it takes longer."""
+    """A step from one value of a knob to the next: the IoU gained, and the ratio of the seconds."""
 
     knob: str
     before: str
     after: str
     iou: float
     seconds: float
-    pictures: int  # it was measured on
+    pictures: int  # how many both values were measured on
 
     def __str__(self) -> str:
         gain = f"{self.iou:+.4f}".replace("0.", ".").replace("-", "−")
@@ -344,7 +343,7 @@ def _by_settings(measured: Sequence[Measured]) -> dict[SearchSettings, Measured]
 
 
 def list_steps(measured: Sequence[Measured], middle: SearchSettings) -> list[Step]:
-    """List what each step of each knob buys and costs, the others as in the middle, on the same pictures."""
+    """List what each step of each knob buys and costs while the other knobs stay at the middle."""
     found, known = [], _by_settings(measured)
     for knob in KNOBS:
         values = [v for v in knob.ordered(middle) if knob.turn(middle, v) in known]
@@ -360,7 +359,7 @@ def list_steps(measured: Sequence[Measured], middle: SearchSettings) -> list[Ste
 
 
 def list_effects(measured: Sequence[Measured], middle: Measured) -> dict[str, dict[Any, Effect]]:
-    """List by knob the values on or near the front, and what each does to seconds and error."""
+    """Return by knob the effects of the values that are on or near the front."""
     known = _by_settings(measured)
     sound = [m for m in measured if m.keeps(middle)]
     found: dict[str, dict[Any, Effect]] = {}
@@ -369,7 +368,7 @@ def list_effects(measured: Sequence[Measured], middle: Measured) -> dict[str, di
             one = known.get(knob.turn(middle.point.settings, value))
             if one is None or one is middle or one not in sound or _in_vain(one, middle):
                 continue
-            if _distance(one, sound) > _NEAR:
+            if _distance_to_front(one, sound) > _NEAR:
                 continue
             effect = log(one.seconds / middle.seconds), log(one.error / middle.error)
             found.setdefault(knob.name, {})[value] = effect

@@ -1,4 +1,4 @@
-"""`knotfab tradeoff`: from pictures to tradeoff.json, tradeoff.png and tradeoff.html."""
+"""`knotfab tradeoff`: measure pictures, and write tradeoff.json, tradeoff.png and tradeoff.html."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ from knotfab.apps.tradeoff.points import (
     Point,
     Step,
     list_changes,
+    list_points,
     list_steps,
-    points,
 )
 from knotfab.base.apps import VERSION
 from knotfab.base.disk import write_whole
@@ -41,15 +41,15 @@ from knotfab.picture.read import read_target
 from knotfab_formats.errors import InputError
 from knotfab_formats.scene import ResolvedScene
 
-COMBINATIONS = 16  # points that are tried beyond those with one knob turned
+COMBINATIONS = 16  # combined points tried in addition to those that turn one knob
 JOURNAL = "tradeoff-runs.jsonl"
 
 
 @dataclass(frozen=True)
 class Tradeoff:
-    """The measured points of pictures, and the folder that was written.
+    """The measured points, and the folder with the files.
 
-    `left_out`: runs that there was no time for. `steps`: what the next value of each knob buys.
+    `left_out` lists the runs that there was no time for, `steps` what the next value of each knob buys.
     """
 
     explored: Explored
@@ -61,18 +61,18 @@ class Tradeoff:
 
     @property
     def radii_mm(self) -> list[float]:
-        """The middle's tube radius on each of the pictures."""
+        """The tube radius of the middle settings on each picture."""
         return [run.radius_mm for run in self.explored.middle.runs]
 
     @property
     def title(self) -> str:
-        """The title of the measurement, in a line."""
+        """A title of one line."""
         few = self.pictures[0] if len(self.pictures) == 1 else f"{len(self.pictures)} pictures"
         side = f", {self.jobs} runs side by side" if self.jobs > 1 else ""
         return f"{few}: what accuracy costs{side}"
 
     def said_left_out(self) -> str:
-        """Say which points there was no time for; nothing where there was time for all."""
+        """Describe the points that there was no time for; empty if there was time for all."""
         if not self.left_out:
             return ""
         missing = Counter(request.settings for request in self.left_out)
@@ -101,17 +101,18 @@ def tradeoff(
     limit_s: float | None = None,
     combinations: int = COMBINATIONS,
 ) -> Tradeoff:
-    """Measure the frontier of accuracy and time for pictures, each by itself, on this machine.
+    """Measure the frontier of accuracy and time on this machine, for each picture by itself.
 
-    Every run is kept in the folder as it ends: the same call again measures what is missing.
+    Every finished run is kept in the folder, so the same call measures only what is missing.
 
     Args:
         chosen: the points to begin with; by default the presets and one knob at a time.
-        limit_s: seconds after which no more runs are begun.
-        combinations: how many are tried beyond these.
+        limit_s: seconds after which no run is started.
+        combinations: how many combined points to try in addition.
 
     Raises:
-        InputError: a picture or the folder is wrong; SceneError: no tube draws a picture.
+        InputError: a picture or the folder cannot be used.
+        SceneError: no tube can draw a picture.
     """
     scene = scene.but(views=scene.views[:1])
     targets = [read_target(source, scene.views[0], base=base) for source in sources]
@@ -135,7 +136,7 @@ def measure_tradeoff(
     combinations: int = COMBINATIONS,
     clock: Callable[[], float] = time.monotonic,
 ) -> Tradeoff:
-    """Measure the same of pictures that were read, by this runner and clock."""
+    """Do the work of `tradeoff` on pictures already read, with a given runner and clock."""
     progress = progress or Progress("quiet")
     if not studies:
         raise InputError("tradeoff", "no picture is named", "Name one or several")
@@ -148,7 +149,7 @@ def measure_tradeoff(
     if not os.access(out, os.W_OK):
         raise InputError(f"--out {out}", "it may not be written", "Name another folder")
     settings = scene.settings
-    asked = list(chosen) if chosen is not None else points(settings)
+    asked = list(chosen) if chosen is not None else list_points(settings)
     if all(point.settings != settings for point in asked):
         settings = asked[0].settings
     expected, alive, before = 0, len(asked) + combinations, 0
@@ -193,7 +194,7 @@ def measure_tradeoff(
 
 
 def to_dict(found: Tradeoff, repeats: int, device: str) -> dict[str, Any]:
-    """Return tradeoff.json."""
+    """Return the content of tradeoff.json."""
     explored = found.explored
     return {
         "schema": 1,
@@ -214,7 +215,7 @@ def to_dict(found: Tradeoff, repeats: int, device: str) -> dict[str, Any]:
 
 
 def list_rows(explored: Explored) -> list[dict[str, Any]]:
-    """List a row a point, over the pictures that it was measured on, at most those that are compared."""
+    """List one row of figures per point, presets first, over those compared pictures that it saw."""
     on = {m.point.settings for m in explored.front}
     middle = explored.middle.point.settings
 

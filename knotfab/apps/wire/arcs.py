@@ -1,4 +1,4 @@
-"""A closed wire as straights and bends: corner points whose corners are rounded by one radius."""
+"""Model a closed wire as straights and bends: a polygon whose corners are rounded by one radius."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ if TYPE_CHECKING:
     from scipy import sparse
 
 
-LARGEST_TURN = np.deg2rad(175.0)  # a corner that turns farther has no fillet at hand
+LARGEST_TURN = np.deg2rad(175.0)  # fillets of sharper corners are computed as of this one
 
 
 @dataclass(frozen=True)
 class Wire:
-    """Fillets of one radius at the corners (m, 3), mm; straight j runs from corner j to j + 1.
+    """A closed polygon with a fillet of one radius at each corner; straight j runs from corner j to j + 1.
 
     Bend j leaves straight j - 1 at `entry[j]`, turns by `turn[j]` (radians) from the direction
-    `before[j]` towards `inward[j]` (unit vectors (m, 3)), and meets straight j at `exit[j]`. A
-    `straight` (m,), mm, is negative where two fillets overlap.
+    `before[j]` towards `inward[j]` (unit vectors (m, 3)), and meets straight j at `exit[j]`. The
+    lengths `straight` (m,), mm, are negative where two fillets overlap.
     """
 
     corners: Array
@@ -60,10 +60,10 @@ class Wire:
 
 @dataclass(frozen=True)
 class WireSites:
-    """Places on a wire: the number of the piece, whether its bend or its straight, and the share."""
+    """Places on a wire. Piece j is bend j and the straight after it."""
 
     piece: Indices  # (k,)
-    bend: NDArray[np.bool_]  # (k,)
+    bend: NDArray[np.bool_]  # (k,) whether the place is on the bend, not the straight
     share: Array  # (k,), 0 to 1 along that bend or straight
 
 
@@ -71,22 +71,22 @@ def round_corners(corners: Array, radius: float) -> Wire:
     """Round the corners (m, 3), m >= 3, of a closed polygon by one bend radius (mm)."""
     around = np.stack([np.roll(corners, 1, axis=0), corners, np.roll(corners, -1, axis=0)], axis=1)
     before, inward, turn, entry, leave = _round_middle(around, radius)
-    # a straight of less than no length runs backwards
+    # negative where the straight runs backwards
     straight = (np.roll(before, -1, axis=0) * (np.roll(entry, -1, axis=0) - leave)).sum(axis=1)
     return Wire(corners, radius, before, inward, turn, entry, leave, straight)
 
 
 def _round_middle(around: Array, radius: float) -> tuple[Array, Array, Array, Array, Array]:
-    """Return the fillet at the middle one of three corners (..., 3, 3): `before` to `exit` of a `Wire`."""
+    """Return the fillet at the middle one of three corners (..., 3, 3): fields `before` to `exit` of Wire."""
     edge = around[..., 1:, :] - around[..., :-1, :]
     edge /= np.maximum(np.linalg.norm(edge, axis=-1), 1e-12)[..., None]
     before, after = edge[..., 0, :], edge[..., 1, :]
     cosine = (before * after).sum(axis=-1)
     inward = after - cosine[..., None] * before
     size = np.linalg.norm(inward, axis=-1)
-    # sine and cosine together: the arc cosine alone is blind near straight on
+    # from sine and cosine: the arc cosine alone is inexact for small turns
     turn = np.arctan2(size, cosine)
-    # where the wire goes straight on, any direction across serves
+    # where the wire goes straight on, any perpendicular direction will do
     across = np.cross(before, np.eye(3)[np.abs(before).argmin(axis=-1)])
     across /= np.linalg.norm(across, axis=-1)[..., None]
     inward = np.where(
@@ -98,12 +98,11 @@ def _round_middle(around: Array, radius: float) -> tuple[Array, Array, Array, Ar
 
 
 def find_nearest_sites(wire: Wire, points: Array, near: Indices) -> tuple[WireSites, Array]:
-    """Find the place on the wire nearest to each of the points (k, 3), and the distance (k,).
+    """Find the place on the wire nearest to each point (k, 3), and the distance (k,).
 
     Args:
-        near: (k,) the straight that each point is known to lie about; the search looks from one
-            bend and straight before it to one after it, so that a strand passing close by is not
-            taken for this one.
+        near: (k,) the straight near which each point is known to lie. Only that piece and its neighbours
+            are searched, so that another strand passing close by is not taken for this one.
     """
     count, m = len(points), len(wire.corners)
     best = np.full(count, np.inf)
@@ -112,14 +111,14 @@ def find_nearest_sites(wire: Wire, points: Array, near: Indices) -> tuple[WireSi
     following = np.roll(wire.entry, -1, axis=0)
     for offset in (0, 1, -1, 2):
         j = (near + offset) % m
-        # the bend: the angle at which the point is seen from the arc's centre
+        # on the bend: the point's angle about the centre of the arc
         centre = wire.entry[j] + wire.radius * wire.inward[j]
         from_centre = points - centre
         x = -(from_centre * wire.inward[j]).sum(axis=1)
         y = (from_centre * wire.before[j]).sum(axis=1)
         turn = np.maximum(wire.turn[j], 1e-12)
         on_bend = np.clip(np.arctan2(y, x) / turn, 0.0, 1.0)
-        # on the straight, s is the nearest place's share of its length
+        # on the straight: the foot of the perpendicular
         along = following[j] - wire.exit[j]
         square = np.maximum((along * along).sum(axis=1), 1e-18)
         on_line = np.clip(((points - wire.exit[j]) * along).sum(axis=1) / square, 0.0, 1.0)
@@ -136,7 +135,7 @@ def find_nearest_sites(wire: Wire, points: Array, near: Indices) -> tuple[WireSi
 
 
 def space_sites(wire: Wire, step: float) -> tuple[WireSites, Array]:
-    """Place sites at most about `step` mm apart in order along the wire, with their places (k,), mm."""
+    """Return sites at most about `step` mm apart, in order, and their distances (k,) along the wire, mm."""
     bent = wire.radius * wire.turn
     lengths = np.column_stack([bent, np.maximum(wire.straight, 0.0)]).ravel()
     counts = np.maximum(1, np.ceil(lengths / step).astype(np.int64))
@@ -148,16 +147,19 @@ def space_sites(wire: Wire, step: float) -> tuple[WireSites, Array]:
 
 
 def differentiate_wire(wire: Wire, sites: WireSites) -> tuple[sparse.csr_matrix, sparse.csr_matrix]:
-    """Differentiate points at `sites`, and the straights, by the corners: (3 k, 3 m) and (m, 3 m).
+    """Differentiate the points at `sites` and the lengths of the straights by the corners.
 
-    The fillet at a corner depends on that corner and its two neighbours, and is differentiated by central
-    differences; a point of piece j lies between fillets j and j + 1, so it depends on corners j - 1 to j + 2.
+    A fillet depends on its corner and the two neighbours, and is differentiated by central differences. A
+    point of piece j lies between fillets j and j + 1, so it depends on corners j - 1 to j + 2.
+
+    Returns:
+        Jacobians (3 k, 3 m) and (m, 3 m).
     """
     m, step = len(wire.corners), 1e-6
     around = wire.corners[(np.arange(m)[:, None] + np.arange(-1, 2)) % m][:, None]
     shifts = step * np.eye(9).reshape(9, 3, 3)
     ahead, behind = (_round_middle(around + s * shifts, wire.radius) for s in (1, -1))
-    # by the three corners' coordinates: (m, 9, 3), but (m, 9) of the turn
+    # derivatives by the coordinates of three corners: (m, 9, 3), of the turn (m, 9)
     before, inward, turn, entry, leave = (
         (a - b) / (2 * step) for a, b in zip(ahead, behind, strict=True)
     )
@@ -172,7 +174,7 @@ def differentiate_wire(wire: Wire, sites: WireSites) -> tuple[sparse.csr_matrix,
     swept = s * turn[j][:, :, None] * sweep + sine * before[j] + (1.0 - cosine) * inward[j]
     slopes[sites.bend, :9] = entry[j] + wire.radius * swept
     slopes[sites.bend, 9:] = 0.0
-    # the straight's ends move along it, and its direction does not count
+    # to first order only movements of its ends along the straight change its length
     lengths = np.zeros((m, 12))
     along = np.roll(wire.before, -1, axis=0)[:, :, None]
     lengths[:, :9] = -(leave @ along)[:, :, 0]
@@ -181,7 +183,7 @@ def differentiate_wire(wire: Wire, sites: WireSites) -> tuple[sparse.csr_matrix,
 
 
 def _by_corners(slopes: Array, piece: Indices, m: int) -> sparse.csr_matrix:
-    """Give slopes (k, 12, d) by the coordinates of corners j - 1 to j + 2 of each piece j, as (d k, 3 m)."""
+    """Spread slopes (k, 12, d), by the corners j - 1 to j + 2 of each piece j, into a matrix (d k, 3 m)."""
     from scipy import sparse
 
     k, _, d = slopes.shape
@@ -192,20 +194,17 @@ def _by_corners(slopes: Array, piece: Indices, m: int) -> sparse.csr_matrix:
     return sparse.csr_matrix((values, column.ravel(), begins), shape=(d * k, 3 * m))
 
 
-# A closed wire as the list that a person bends from: feed, turn the wire, bend, and again.
-
-
-LEAST_TURN_DEG = 0.05
+LEAST_TURN_DEG = 0.05  # bends by less are noted as straight
 
 
 @dataclass(frozen=True)
 class Bend:
-    """One row: feed the wire by `feed_mm` (the straight before the bend), turn it, bend it.
+    """One row of a bending plan: feed the wire by `feed_mm`, rotate it, bend it.
 
-    `distance_mm` is measured along the straight wire from its start to where the bend begins;
-    `rotation_deg` turns the wire about itself before the bend, clockwise for one who looks along
-    the feed; `bend_deg` is the angle that stays, `tool_angle_deg` the one to bend to, as the wire
-    springs back. The last row has no bend: the straight that ends at the joint.
+    `distance_mm` is where the bend begins, measured from the start along the straight wire.
+    `rotation_deg` rotates the wire about its axis before the bend, clockwise as seen along the feed.
+    `bend_deg` is the angle that stays, `tool_angle_deg` the one to bend to, since the wire springs back.
+    The last row has no bend: it is the straight that ends at the joint.
     """
 
     distance_mm: float
@@ -219,10 +218,10 @@ class Bend:
 
 @dataclass(frozen=True)
 class BendList:
-    """The rows of one closed wire, and where its start lies in the scene.
+    """The bending plan of one closed wire, and how the wire lies in the scene.
 
-    `start`, `direction` and `normal` (3,): the wire starts at a point along a unit direction, and
-    its first bend turns towards the unit normal (before its own rotation, which is 0).
+    It starts at the point `start` along the unit vector `direction`, and its first bend turns towards the
+    unit vector `normal`.
     """
 
     bends: tuple[Bend, ...]
@@ -232,9 +231,8 @@ class BendList:
 
     @property
     def length_mm(self) -> float:
-        """The length of wire to cut, at the centre line: where the last straight ends."""
-        last = self.bends[-1]
-        return last.distance_mm
+        """The length of wire to cut, along the centre line."""
+        return self.bends[-1].distance_mm
 
     @property
     def count(self) -> int:
@@ -243,16 +241,15 @@ class BendList:
 
 
 def tool_angle_deg(bend_deg: float, springback_percent: float) -> float:
-    """Return the angle to bend to so that `bend_deg` stays: the wire gives back a share of each bend."""
+    """Return the angle to bend to so that `bend_deg` stays after springback, a share of the tool's angle."""
     return bend_deg / (1.0 - springback_percent / 100.0)
 
 
 def list_bends(wire: Wire, straight: int, springback_percent: float) -> BendList:
-    """List the rows of a closed wire that starts and ends in the middle of a straight.
+    """Write a closed wire as a bending plan that starts and ends in the middle of a straight.
 
     Args:
-        straight: the number of the straight that is cut. Bends of less than `LEAST_TURN_DEG` would
-            be none at all: they stay, but say so.
+        straight: index of the straight to cut.
     """
     m = len(wire.corners)
     order = (straight + 1 + np.arange(m)) % m
@@ -262,7 +259,7 @@ def list_bends(wire: Wire, straight: int, springback_percent: float) -> BendList
     rows, distance = [], 0.0
     feed = 0.5 * float(wire.straight[straight])
     for j in order:
-        # the direction of the bend, told from the last one's in the plane across the wire
+        # angle from the last bend's direction to this one's, across the wire
         third = np.cross(along, across)
         rotation = float(np.rad2deg(np.arctan2(wire.inward[j] @ third, wire.inward[j] @ across)))
         turn = float(wire.turn[j])

@@ -23,19 +23,19 @@ from knotfab.apps.wire.residual import (
 from knotfab.base.arrays import Array, Indices, Mask
 from knotfab.geometry.polylines import sample_evenly
 
-_STEP_MM = 0.6  # between the points of the curve that are fitted
-_LONGEST = 150  # points that one straight may stand for at first
-_CHORDS = 2.0  # tolerances that a chord may be off at first: corners will be moved outwards
+_STEP_MM = 0.6  # spacing of the points sampled on the curve
+_LONGEST = 150  # most points that a first chord may span
+_CHORDS = 2.0  # tolerances by which a first chord may be off; corners are moved outwards later
 _ROUNDS = 14
-_PRUNINGS = 12  # rounds at most of taking corners out
-_MERGED_DEG = 110.0  # the most that one corner in place of two may turn
+_PRUNINGS = 12  # most rounds of removing corners
+_MERGED_DEG = 110.0  # largest turn of a corner that replaces two
 
 
 def _first_corners(points: Array, scaled: Array, tolerance: float) -> Indices:
-    """Return corners (indices) of a polygon on the curve whose chords stay within a tolerance.
+    """Return indices of curve points whose polygon stays within a tolerance of the curve.
 
-    The longest chord from each point is taken in turn, from each of the first points as a start,
-    and the shortest chain kept: the greedy form of minimum-link approximation (Imai & Iri 1988).
+    Greedy minimum-link approximation (Imai & Iri 1988): the longest valid chords are chained from each of
+    the first points, and the chain with the fewest is returned.
     """
     n = len(points)
     reach = np.ones(n, dtype=np.int64)
@@ -51,7 +51,7 @@ def _first_corners(points: Array, scaled: Array, tolerance: float) -> Indices:
             worst = np.maximum(worst, (gap * gap).sum(axis=1))
         holds = worst <= tolerance**2
         reach[alive[holds]] = span
-        alive = alive[holds]  # a chord that failed is not asked for longer ones
+        alive = alive[holds]  # where a chord failed, longer ones are not tried
         if not len(alive):
             break
     best: list[int] = []
@@ -70,18 +70,17 @@ def fit_wires(
     limits: FitLimits,
     pictures: Sequence[GridLikeness] = (),
 ) -> list[Wire]:
-    """Return wires of straights and bends that follow closed curves, with few bends.
+    """Fit wires of few straights and bends to closed curves.
 
-    Corners start on the curve (greedy chords), and are moved by damped Gauss-Newton steps so that the
-    largest weighted distances shrink (iteratively reweighted), straights keep the length that the bender
-    needs, and wires that would run into each other are pushed apart. Corners are added where a distance is
-    still too large and taken out where a straight is too short. The best of all rounds is kept, which
-    need not meet every limit: measure what comes back.
+    Corners start on the curve (greedy chords). Damped Gauss-Newton steps, iteratively reweighted, move them
+    to shrink the largest distances, keep straights as long as the bender needs, and push strands apart.
+    Corners are added where a distance stays too large, and removed where a straight is too short. The best
+    round is returned. It need not meet every limit, so measure it.
 
     Args:
-        curves: (n, 3) each, mm. light: (3,) the point light of the one view; None, with several views:
-            no direction is special.
-        pictures: what the wires are to draw, within the tolerance.
+        curves: (n, 3) each, mm.
+        light: (3,) the point light of a single view; None with several views: all directions count alike.
+        pictures: the pictures whose likeness is maximised, within the tolerance.
     """
     strands = []
     for curve in curves:
@@ -92,27 +91,27 @@ def fit_wires(
             index = np.arange(3) * (len(points) // 3)
         tolerance = np.full(len(points), limits.tolerance_mm)
         strands.append(Strand(points, scaled, points[index].copy(), index, tolerance))
-    best, since = judge(strands, light, limits), 0
+    best, since = measure_fault(strands, light, limits), 0
     kept = [(s.corners, s.index) for s in strands]
     for number in range(_ROUNDS):
         adjust(strands, light, limits, 15 if number == 0 else 8)
-        fault, since = judge(strands, light, limits), since + 1
+        fault, since = measure_fault(strands, light, limits), since + 1
         if number == 0 or fault < best:
             best, since = fault, 0
             kept = [(s.corners, s.index) for s in strands]
         for strand in strands:
-            settle(strand, limits)
+            _match_corners(strand, limits)
         revised = [_revise(s, light, limits, number % 2 == 1) for s in strands]
         if not any(revised) or since >= 5 or limits.work.over:  # rounds without a better one
             break
     for strand, (corners, index) in zip(strands, kept, strict=True):
         strand.corners, strand.index = corners, index
-        settle(strand, limits)
+        _match_corners(strand, limits)
     prune(strands, light, limits, _PRUNINGS)
     if pictures:
         prune(strands, light, limits, _PRUNINGS, pictures)
     pruned, worst = [s.corners for s in strands], measure_worst(strands, light, limits)
-    # once the limits are met, go towards the picture as far as they allow
+    # move towards the pictures as far as the limits allow
     adjust(strands, light, limits, 20, pictures)
     level = [s.corners for s in strands]
     for share in (1.0, 0.7, 0.4, 0.2, 0.0):
@@ -124,7 +123,7 @@ def fit_wires(
 
 
 def _flatten_depth(points: Array, light: Array | None) -> Array:
-    """Return the curve flattened along the light's axis, so that plain distances weigh depth less."""
+    """Flatten a curve along the light's axis, so that depth counts less in plain distances."""
     if light is None:
         return points
     axis = light / np.linalg.norm(light)
@@ -132,7 +131,10 @@ def _flatten_depth(points: Array, light: Array | None) -> Array:
 
 
 def _revise(strand: Strand, light: Array | None, limits: FitLimits, merging: bool) -> bool:
-    """Add corners where the wire is too far off, take out those between which nothing fits."""
+    """Add corners where the wire is too far off and, if `merging`, merge those with too short a straight.
+
+    Returns whether anything changed.
+    """
     wire = round_corners(strand.corners, limits.bend_radius_mm)
     sites, size = measure_distances(strand, wire, light)
     m, n = len(strand.corners), len(strand.points)
@@ -142,7 +144,7 @@ def _revise(strand: Strand, light: Array | None, limits: FitLimits, merging: boo
     split: set[int] = set()
     far = np.zeros(m)
     np.maximum.at(far, sites.piece, size)
-    # one of several neighbours that are off: the others may then come right without a corner
+    # of neighbours that are off only the worst: its corner may mend the others too
     peak = (far > 1.0) & (far >= np.roll(far, 1)) & (far >= np.roll(far, -1))
     for j in (int(k) for k in np.flatnonzero(peak)):
         for is_bend in (False, True):
@@ -153,7 +155,7 @@ def _revise(strand: Strand, light: Array | None, limits: FitLimits, merging: boo
             if not is_bend:
                 if wire.straight[j] >= needed:
                     add[j] = float(np.clip(sites.share[worst], 0.2, 0.8))
-            elif turn[j] > 70.0:  # a bend that misses the curve and turns farther becomes two
+            elif turn[j] > 70.0:  # degrees: a sharper bend becomes two
                 split.add(j)
             else:
                 side = j if wire.straight[j] >= wire.straight[j - 1] else (j - 1) % m
@@ -194,18 +196,17 @@ def _revise(strand: Strand, light: Array | None, limits: FitLimits, merging: boo
             at = WireSites(np.array([j]), np.array([False]), np.array([add[j]]))
             corners.append(wire.at(at)[0])
             index.append(here + round(add[j] * span))
-    strand.corners, strand.index = in_order(np.array(corners), np.array(index), n)
+    strand.corners, strand.index = _order_corners(np.array(corners), np.array(index), n)
     return True
 
 
-# Corners taken out of a wire that keeps to its limits without them.
+# removing corners
 
-
-_APART = 6  # corners from one that is taken out to the next: what comes of it is told apart
-_NEAR = (2, 3, 6, 12)  # pieces to either side of a bad one whose old corners come back, in each try
-_ADJUSTED = 2  # tries in which the others are moved first: later ones only bring more back
+_APART = 6  # corners between two removed at once, so that their effects do not mix
+_NEAR = (2, 3, 6, 12)  # pieces to either side of a bad one whose old corners return, by try
+_ADJUSTED = 2  # first tries before which the other corners are moved
 _STEPS = 5
-_HIGHEST = 8.0  # tolerances that a corner may stand out by
+_HIGHEST = 8.0  # tolerances by which a removed corner may stand out from its neighbours' chord
 
 
 def prune(
@@ -215,21 +216,20 @@ def prune(
     rounds: int,
     pictures: Sequence[GridLikeness] = (),
 ) -> int:
-    """Take out corners as long as the limits are kept as well without them; how many it were.
+    """Remove corners as long as no limit gets worse. Returns how many were removed.
 
-    In each round the flattest that are far enough apart go together, and the others are moved to take
-    their place. Where that fails the old corners come back, and those are not asked again. A limit
-    that is missed already, by a little, may go on to be missed by as much, and only that one. With
-    `pictures` the others are moved to where the wires draw these.
+    Each round removes the flattest corners that are far enough apart, and moves the others to make up for
+    it, towards `pictures` if given. Where that fails the old corners return for good. Wires that miss a
+    limit by more than a little are left alone.
     """
     barred = [np.zeros(len(s.corners), dtype=bool) for s in strands]
     count = sum(len(s.corners) for s in strands)
     worst = measure_worst(strands, light, limits)
-    if (worst > 0.1).any():  # a wire that misses a limit by more is for another fit to mend
+    if (worst > 0.1).any():
         return 0
     for _ in range(rounds):
         before = [(s.corners, s.index) for s in strands]
-        gone = [_choose(s, b, light, limits) for s, b in zip(strands, barred, strict=True)]
+        gone = [_choose_flattest(s, b, light, limits) for s, b in zip(strands, barred, strict=True)]
         if not any(g.any() for g in gone) or limits.work.over:
             break
         asked = [g.copy() for g in gone]
@@ -245,15 +245,15 @@ def prune(
             for k, strand in enumerate(strands):
                 if number < len(_NEAR):
                     gone[k] = _bring_back(strand, *before[k], gone[k], bad[k], _NEAR[number])
-                else:  # all of them back
+                else:  # give up: all of them return
                     strand.corners, strand.index = before[k]
                     gone[k] = np.zeros_like(gone[k])
         barred = [(b | a)[~g] for b, a, g in zip(barred, asked, gone, strict=True)]
     return count - sum(len(s.corners) for s in strands)
 
 
-def _choose(strand: Strand, barred: Mask, light: Array | None, limits: FitLimits) -> Mask:
-    """Choose corners (m,) to take out together: those that stand out least from their neighbours' chord."""
+def _choose_flattest(strand: Strand, barred: Mask, light: Array | None, limits: FitLimits) -> Mask:
+    """Choose corners (m,) to remove together: those that stand out least from their neighbours' chord."""
     corners, m = strand.corners, len(strand.corners)
     chosen, free = np.zeros(m, dtype=bool), ~barred
     if m < 2 * _APART:
@@ -274,7 +274,7 @@ def _choose(strand: Strand, barred: Mask, light: Array | None, limits: FitLimits
 def _bring_back(
     strand: Strand, corners: Array, index: Indices, gone: Mask, bad: Mask, reach: int
 ) -> Mask:
-    """Put the old corners back about all bad pieces; those (m,) of the old ones that are still gone."""
+    """Put the old corners back around all bad pieces. Returns which old ones (m,) are still gone."""
     m = len(corners)
     kept = np.flatnonzero(~gone)
     near = np.zeros(m, dtype=bool)
@@ -288,11 +288,10 @@ def _bring_back(
     return np.asarray(left)
 
 
-# Move corners so that a wire keeps to its limits, and measure how far it misses them.
+# moving corners, and measuring how far the limits are missed
 
-
-Fault = tuple[float, float, float]  # see `judge`
-ROUNDING = 0.01  # mm or degrees: what is no fault
+Fault = tuple[float, float, float]  # see `measure_fault`
+ROUNDING = 0.01  # mm or degrees by which a limit may be missed without fault
 
 
 def adjust(
@@ -302,10 +301,9 @@ def adjust(
     steps: int,
     pictures: Sequence[GridLikeness] = (),
 ) -> None:
-    """Move the corners of all strands by Levenberg-Marquardt steps; numbers of corners stay.
+    """Move the corners of all strands by Levenberg-Marquardt steps, until the work of the limits is used up.
 
-    Towards the curves; with `pictures` to where the wires draw these, within the tolerance of the curves.
-    Where the work of the limits is over they stay where they are.
+    They move towards the curves or, with `pictures`, to where the wires draw these within tolerance.
     """
     weights = [np.ones(len(s.points)) for s in strands]
     damping = 1e-2
@@ -344,7 +342,7 @@ def _reweight(
     light: Array | None,
     limits: FitLimits,
 ) -> None:
-    """Give more weight where the distance is large: towards the smallest maximum (Lawson 1961)."""
+    """Raise the weights where distances are large, to minimise the largest one (Lawson 1961)."""
     for number, strand in enumerate(strands):
         wire = round_corners(strand.corners, limits.bend_radius_mm)
         _, size = measure_distances(strand, wire, light)
@@ -353,10 +351,10 @@ def _reweight(
 
 
 def measure_misses(strands: list[Strand], light: Array | None, limits: FitLimits) -> list[Array]:
-    """Measure (m, 4) for each strand: by how much its bend and straight j miss each limit; below 0: kept.
+    """Measure by how much each piece of each strand misses each limit, (m, 4); negative where it is kept.
 
-    In columns: distance beyond the tolerance (share of it), length that the straight lacks (mm), angle
-    that the bend turns too far (degrees), how much nearer than a diameter another strand is (mm).
+    The columns: distance beyond the tolerance (as a share of it), length that the straight lacks (mm),
+    excess angle of the bend (degrees), overlap with another strand (mm).
     """
     wires = [round_corners(s.corners, limits.bend_radius_mm) for s in strands]
     found = []
@@ -373,20 +371,20 @@ def measure_misses(strands: list[Strand], light: Array | None, limits: FitLimits
 
 
 def measure_worst(strands: list[Strand], light: Array | None, limits: FitLimits) -> Array:
-    """Return by how much each limit is missed at most (4,), as `measure_misses`; 0 where it is kept."""
+    """Return by how much each limit is missed at worst, (4,) as in `measure_misses`; 0 where it is kept."""
     return np.asarray(np.vstack(measure_misses(strands, light, limits)).max(axis=0).clip(0.0))
 
 
-def judge(strands: list[Strand], light: Array | None, limits: FitLimits) -> Fault:
-    """Measure how far the limits are missed: in all; by straights, bends, contacts (mm, deg); count bends."""
+def measure_fault(strands: list[Strand], light: Array | None, limits: FitLimits) -> Fault:
+    """Rank a fit, lower is better: by all limits missed, then by those of the bender, then by its bends."""
     excess, *rest = measure_worst(strands, light, limits)
     late = max(rest) if max(rest) > ROUNDING else 0.0
     bends = sum(len(s.corners) for s in strands)
     return round(float(late + excess), 2), round(float(late), 2), float(bends)
 
 
-def settle(strand: Strand, limits: FitLimits) -> None:
-    """Name anew the point of the curve that each corner stands for: the nearest to its bend."""
+def _match_corners(strand: Strand, limits: FitLimits) -> None:
+    """Assign to each corner the curve point nearest to the middle of its bend."""
     wire = round_corners(strand.corners, limits.bend_radius_mm)
     m, n = len(strand.corners), len(strand.points)
     middle = wire.at(WireSites(np.arange(m), np.ones(m, dtype=bool), np.full(m, 0.5)))
@@ -397,13 +395,13 @@ def settle(strand: Strand, limits: FitLimits) -> None:
         window = (left[j] + 1 + np.arange(max(span - 1, 1))) % n
         gap = strand.points[window] - middle[j]
         found[j] = window[int((gap * gap).sum(axis=1).argmin())]
-    # the old names stay where a bend was found before the one it follows
+    # points that are not in order are not taken
     if (np.diff((found - found[0]) % n) > 0).all():
-        strand.corners, strand.index = in_order(strand.corners, found, n)
+        strand.corners, strand.index = _order_corners(strand.corners, found, n)
 
 
-def in_order(corners: Array, index: Indices, n: int) -> tuple[Array, Indices]:
-    """Return corners in the wire's order from the curve's first point on, each with a point of its own."""
+def _order_corners(corners: Array, index: Indices, n: int) -> tuple[Array, Indices]:
+    """Rotate the corners to start at the curve's first point, and make their curve points distinct."""
     rising = (index - index[0]) % n
     for k in range(1, len(rising)):
         rising[k] = max(rising[k], rising[k - 1] + 1)

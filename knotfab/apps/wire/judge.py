@@ -1,4 +1,4 @@
-"""A bending plan judged: its rows are bent again, and set beside the knots, the picture and the tool."""
+"""Judge a bending plan: bend its rows again, and compare the wire with knots, pictures and tool."""
 
 from __future__ import annotations
 
@@ -25,17 +25,16 @@ if TYPE_CHECKING:
     from knotfab_validators.shadows.view import ViewGeometry
 
 
-_TOUCH_MM = 0.01  # strands may come this much nearer than one diameter: they touch
-_SHORT_MM = 0.01  # the shortest straight, for rounding
+_TOUCH_MM = 0.01  # by which touching strands may seem to overlap
+_SHORT_MM = 0.01  # rounding of the shortest straight
 
 
 @dataclass(frozen=True)
 class PieceShadow:
-    """One view's picture and the piece's own shadow in it, by the validators' exact tube.
+    """One view's picture, and the shadow of the round tube in it.
 
-    `mask` is the picture's silhouette (height, width), `target` the same on the working frame of
-    `geometry`; `inside_mm`, of that frame too, is how deep in the piece's shadow each pixel lies, on the
-    receiver.
+    `mask` (height, width) is the picture's silhouette, and `target` the same on the pixels of `geometry`.
+    `inside_mm`, on these pixels too, is the depth of each inside the piece's shadow, on the wall.
     """
 
     view: ResolvedView
@@ -52,7 +51,7 @@ class PieceShadow:
         return overlap(_cast_shadow(curves, self.radius, self.geometry), self.target).iou
 
     def hides(self, points: Array) -> Array:
-        """Measure how far inside the piece's shadow points (k, 3) are seen, in mm at the points."""
+        """Return how deep inside the piece's shadow points (k, 3) are seen, in mm at the points."""
         pixels, w = self.geometry.project(points)
         i = np.clip(np.rint(pixels[:, 1]).astype(int), 0, self.inside_mm.shape[0] - 1)
         j = np.clip(np.rint(pixels[:, 0]).astype(int), 0, self.inside_mm.shape[1] - 1)
@@ -62,12 +61,11 @@ class PieceShadow:
 def cast_shadows(
     scene: SettledScene, pictures: Sequence[Path], knots: Knots
 ) -> tuple[PieceShadow, ...]:
-    """Return the shadow of a piece in each view of a scene, beside that view's picture.
-
-    On the wall that the validators take: a flat one where the scene's effect `wall` is off, or does not show.
+    """Cast the piece's shadow in each view, on the same wall as the validators (`receive`).
 
     Args:
-        pictures: the file of each view. knots: in scene coordinates.
+        pictures: the file of each view.
+        knots: in scene coordinates.
     """
     from scipy.ndimage import distance_transform_edt
 
@@ -99,7 +97,7 @@ def _cast_shadow(curves: list[Array], radius: float, geometry: ViewGeometry) -> 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What came of bending all rows; `ious` by the views' names, with its checks."""
+    """The wires as bent from a plan, and the checks on them; `ious` by view."""
 
     knots: tuple[BentWire, ...]
     ious: dict[str, float]
@@ -109,7 +107,7 @@ class Verdict:
 
 @dataclass(frozen=True)
 class Judge:
-    """Measures rows by bending them again, beside the knots that they stand for."""
+    """Judges bending plans against the knots that they stand for."""
 
     curves: list[Array]
     shadows: tuple[PieceShadow, ...]
@@ -118,8 +116,13 @@ class Judge:
     floor: float
     types: tuple[str, ...]  # the knots' types
 
-    def of(self, plans: list[BendList], names: list[str], hidden: list[bool]) -> Verdict:
-        """Return the verdict on the rows of all knots; names of their files; whether each joint is hidden."""
+    def bend_again(self, plans: list[BendList], names: list[str], hidden: list[bool]) -> Verdict:
+        """Bend the wires by their plans, and judge them.
+
+        Args:
+            names: of the plans' files.
+            hidden: whether each wire's joint lies within all shadows.
+        """
         lines = [replay(p)[0] for p in plans]
         lights = [s.geometry.light for s in self.shadows]
         knots = tuple(
@@ -136,7 +139,6 @@ class Judge:
 def _measure_knot(
     name: str, plan: BendList, line: Array, curve: Array, lights: Sequence[Array], hidden: bool
 ) -> BentWire:
-    """Measure the result of one file, beside the knot that it stands for."""
     bent = [r for r in plan.bends if r.bend_deg > 0]
     joint = plan.bends[0].feed_mm + plan.bends[-1].feed_mm
     off, error = measure_deviation(curve, line[:-1], lights), measure_sensitivity(plan)
@@ -158,16 +160,16 @@ def _measure_knot(
 
 
 def check_type(plans: Sequence[BendList], types: Sequence[str]) -> Check:
-    """Check `wire_type`: the bent wires are the knots that they stand for, and apart.
+    """Check `wire_type`: the bent wires have the knots' types and do not touch.
 
-    Bends are cut to chords of 20 degrees or less, which keeps the type as long as no strands touch.
+    Bends become chords of 20 degrees or less, which keeps the type unless strands touch.
     """
     from knotfab_validators.geometry.curves import Curves
     from knotfab_validators.knots.knot_types import knot_checks
 
     polygons = tuple(replay(p, step_deg=20.0, step_mm=np.inf)[0][:-1] for p in plans)
     both = knot_checks(Curves(polygons, tuple(types), (True,) * len(polygons), None))
-    # the worse of the two checks decides; the detail quotes both
+    # the worse of the two decides, and the detail quotes both
     worst = max(both, key=lambda check: ("pass", "skipped", "fail").index(check.status))
     detail = "; ".join(f"{check.name}: {check.detail}" for check in both)
     return replace(worst, name="wire_type", detail=detail, at=())
@@ -181,7 +183,7 @@ def check_wire(
     floor: float,
     least: float,
 ) -> tuple[Check, ...]:
-    """Return the checks of a plan that was bent again."""
+    """Check the bent wires against picture, knots and tool."""
     from knotfab_validators.check import at_least, at_most
 
     view = min(ious, key=lambda name: ious[name])
@@ -221,24 +223,22 @@ def check_wire(
     )  # fmt: skip
 
 
-# Bend the wire again from its rows alone, and measure the result.
+# bending the wire again from its rows alone, and measuring it
 
-
-_STEP_MM = 0.1  # between the places at which two curves are compared
-_WINDOW = 30  # places to either side
-_APART_MM = 0.25  # between the places of which distances of strands are taken
+_STEP_MM = 0.1  # spacing at which two curves are compared
+_WINDOW = 30  # samples searched to either side for the nearest point
+_APART_MM = 0.25  # spacing at which distances between strands are measured
 
 
 def replay(rows: BendList, step_deg: float = 4.0, step_mm: float = 0.5) -> tuple[Array, Array]:
-    """Return the centre line that the rows give, from the start to the other end.
+    """Bend a wire by the rows, and return its centre line from one end to the other.
 
-    Carries a frame along: `t` the direction of the wire and `n` the side it bends to. A rotation
-    by a takes n to n cos a + (t x n) sin a; a bend by b moves along an arc of the row's radius to
+    A frame moves along: t, the direction of the wire, and n, the side it bends to. A rotation by a takes n
+    to n cos a + (t x n) sin a. A bend by b follows an arc of the row's radius and takes t to
     t cos b + n sin b.
 
     Returns:
-        (k, 3) points in mm, and the place (m, 3) where each bend begins (rows with a bend). The
-        first and last point are the wire's two ends, which a closed plan brings together.
+        Points (k, 3), mm, whose first and last are the wire's ends, and where the bends begin (m, 3).
     """
     at = rows.start.copy()
     points, begins = [at], []
@@ -257,11 +257,11 @@ def replay(rows: BendList, step_deg: float = 4.0, step_mm: float = 0.5) -> tuple
 
 
 def _carry_frames(rows: BendList) -> list[tuple[Array, Array]]:
-    """Return the direction of each row's straight, and the side that the wire then bends to."""
+    """Return for each row the direction of the straight, and the side to which the wire then bends."""
     t, n = rows.direction, rows.normal
     found = []
     for row in rows.bends:
-        # kept at right angles and of length one: otherwise rounding doubles with every few bends
+        # orthonormalised: rounding errors would double every few bends
         t = t / np.linalg.norm(t)
         n = n - (n @ t) * t
         n = n / np.linalg.norm(n)
@@ -274,30 +274,30 @@ def _carry_frames(rows: BendList) -> list[tuple[Array, Array]]:
 
 @dataclass(frozen=True)
 class Deviation:
-    """Measure how far two closed curves are from each other (mm).
+    """Distances (mm) between two closed curves.
 
-    `largest` and `mean` are plain distances, `across` is the largest distance across the rays of any
-    view's light: the only kind that the shadows see.
+    `largest` and `mean` are plain distances; `across` is the largest across the rays of any view's light,
+    the only kind that shows in a shadow. `at` is where on the first curve the largest is.
     """
 
     largest: float
     mean: float
     across: float
-    at: tuple[float, float, float]  # a place on the first curve
+    at: tuple[float, float, float]
 
 
 def measure_deviation(curve: Array, other: Array, lights: Sequence[Array]) -> Deviation:
-    """Measure distances of the points of a closed curve (n, 3) from another (k, 3), both ways.
+    """Measure distances between two closed curves (n, 3) and (k, 3), both ways.
 
-    Points answer to about the same share of the way around, so that another strand that passes
-    close by does not excuse one that strayed.
+    Points are compared at about the same share of the way around, so that a strand that strayed is not
+    excused by another one nearby.
 
     Args:
-        other: begins anywhere and runs in the same sense.
-        lights: (3,) of each view; none: every direction counts as across.
+        other: runs in the same sense, from any start.
+        lights: (3,) of each view; if empty, every direction counts as across.
     """
     first, second = sample_evenly(curve, _STEP_MM), sample_evenly(other, _STEP_MM)
-    # start both at the same place: the point of the first that is nearest to where the other begins
+    # both start where the first is nearest to the start of the other
     shift = int(((first - second[0]) ** 2).sum(axis=1).argmin())
     first = np.roll(first, -shift, axis=0)
     there = _find_nearest(first, second)
@@ -323,8 +323,8 @@ def measure_deviation(curve: Array, other: Array, lights: Sequence[Array]) -> De
 def _find_nearest(points: Array, others: Array) -> NDArray[np.int64]:
     """Find for each point the nearest of `others` at about the same share of the way around.
 
-    The share becomes a circle in two more dimensions, wide enough that a strand elsewhere is farther
-    than the right one, and flat enough that stretching moves nothing.
+    The share is lifted to a circle in two more dimensions, as wide as the curves, so that strands
+    elsewhere are far away.
     """
     size = float(np.ptp(np.concatenate([points, others]), axis=0).max())
 
@@ -333,7 +333,7 @@ def _find_nearest(points: Array, others: Array) -> NDArray[np.int64]:
         return np.column_stack([p, size * np.cos(angle), size * np.sin(angle)])
 
     _, found = cKDTree(lifted(others)).query(lifted(points))
-    # the circle draws the answer along the strand a little: the nearest within a few mm of it
+    # the circle shifts the answer along the strand a little: search a few mm about it
     window = (found[:, None] + np.arange(-_WINDOW, _WINDOW + 1)) % len(others)
     gap = points[:, None, :] - others[window]
     best = (gap * gap).sum(axis=2).argmin(axis=1)
@@ -341,11 +341,10 @@ def _find_nearest(points: Array, others: Array) -> NDArray[np.int64]:
 
 
 def measure_least_distance(curves: list[Array], diameter: float) -> float:
-    """Measure the least distance (mm) of centre lines where they are different strands.
+    """Return the least distance (mm) between two strands, at most three diameters.
 
-    Two places of one curve count as different strands when the way between them along the wire is
-    longer than a half circle about one diameter: shorter ones are one bend. Distances above three
-    diameters are not looked for: the answer is then three diameters.
+    Two places on one wire are different strands if the way along it is longer than a half circle about one
+    diameter.
     """
     even = [sample_evenly(c, _APART_MM) for c in curves]
     points = np.concatenate(even)
@@ -359,9 +358,9 @@ def measure_least_distance(curves: list[Array], diameter: float) -> float:
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """Measure how far the rest of the wire moves for one degree of error in a bend (mm).
+    """How far (mm) the wire's end moves if a bend is wrong by one degree.
 
-    `worst` of any single bend; `typical`: of one degree at every bend, the errors independent.
+    `worst` for the worst single bend; `typical` for independent errors of one degree in all bends.
     """
 
     worst: float
@@ -369,7 +368,7 @@ class Sensitivity:
 
 
 def measure_sensitivity(rows: BendList) -> Sensitivity:
-    """Measure movement of the wire's far end for errors of one degree in bend angles."""
+    """Measure how errors of one degree in the bends move the wire's far end."""
     points, begins = replay(rows)
     pairs = zip(rows.bends, _carry_frames(rows), strict=True)
     axes = np.array([np.cross(t, n) for row, (t, n) in pairs if row.bend_deg > 0])

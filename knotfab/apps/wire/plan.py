@@ -1,4 +1,4 @@
-"""The bending plan of a piece: written, read back, bent again on paper, and its shadow measured."""
+"""Make the bending plan of a piece: fit the wire, write the files, read them back and judge them."""
 
 from __future__ import annotations
 
@@ -35,18 +35,16 @@ from knotfab_formats.report import BendingPlan, BentWire
 from knotfab_formats.scene import ResolvedView, SettledScene
 from knotfab_formats.verdict import Check, list_unmet
 
-# wire radii from the centre line, across the light's rays; a fit keeps to less where it must
-TOLERANCE_RADII = 1.1
-ENOUGH_IOU = 0.95  # the IoU of the picture and the best that strands as thick as the wire can fill
-LARGEST = 64.0  # frames beyond which no width is sought
-IOU_LOSS = 0.02  # the IoU that straights and bends of one radius may cost
-# shares of the tolerance, tried in turn while one spoils the shadow
-_FIT_SHARES = 0.97, 0.8, 0.65, 0.45
-_SLEEVE_MM = 8.0  # the length of a crimp or a soldered tube over both ends
+TOLERANCE_RADII = 1.1  # wire radii that the wire may be off the knot, across the light's rays
+ENOUGH_IOU = 0.95  # least IoU of the picture with what strands as thick as the wire can fill of it
+LARGEST = 64.0  # times the frame's width: no wider frame is proposed
+IOU_LOSS = 0.02  # IoU that straights and bends of one radius may cost
+_FIT_SHARES = 0.97, 0.8, 0.65, 0.45  # shares of the tolerance to fit within, tried in turn
+_SLEEVE_MM = 8.0  # length of a crimp or a soldered tube over both ends
 
 
 def bend_radius_mm(material: Material) -> float:
-    """Return radius (mm) of the centre line about the bender's pin."""
+    """Return the radius (mm) of the wire's centre line when bent about the bender's pin."""
     return material.tool_radius_mm + 0.5 * material.wire_diameter_mm
 
 
@@ -58,18 +56,18 @@ def write_bending_plan(
     suffix: str = "",
     ends: float = np.inf,
 ) -> WirePlan:
-    """Write bends.csv and the templates of a piece of wire, and measure the wire that the files give.
+    """Write the bending plan and the templates of a wire piece, and judge the wire that these files give.
 
-    One knot's plan is `bends.csv`; several are `bends-1.csv`, `bends-2.csv`, … in the order of the
-    knots; each is written once more for the scene's bender (`fill_template`). The templates are
-    `bending-templates-a4.pdf` and `bending-templates-letter.pdf`.
+    One knot's plan is `bends.csv`; those of several are `bends-1.csv`, `bends-2.csv`, …. Each is also
+    written for the scene's bender (`fill_template`). The templates are `bending-templates-a4.pdf` and
+    `bending-templates-letter.pdf`.
 
     Args:
-        folder: where the files go. knots: in scene coordinates. scene: with its views' frames
-            and its material resolved. pictures: the file that each view's shadow is compared with.
-        suffix: in the names of the files, such as "-01" of a sequence's frame.
-        ends: when the fit stops (`time.perf_counter()`); it stops at its own limit of work as well, and
-            the best until then is written.
+        knots: in scene coordinates.
+        pictures: the file that each view's shadow is compared with.
+        suffix: in the names of the files, such as "-01" for a frame of a sequence.
+        ends: when the fit stops (`time.perf_counter()`), if it has not reached its own limit of work
+            before. The best plan found until then is written.
 
     Raises:
         InputError: the material is no wire, or its diameter is not the tube's.
@@ -79,7 +77,7 @@ def write_bending_plan(
     _require_wire(material, knots.radius_mm)
     tolerance = TOLERANCE_RADII * knots.radius_mm
     shadows = cast_shadows(scene, pictures, knots)
-    # a deviation along the rays of one view lies across those of another
+    # with several views, what lies along the rays of one lies across those of another
     light = shadows[0].geometry.light if len(shadows) == 1 else None
     curves = [k.points for k in knots.knots]
     numbers = [""] if len(curves) == 1 else [f"-{k + 1}" for k in range(len(curves))]
@@ -97,14 +95,14 @@ def write_bending_plan(
     for name, row in zip(names, rows, strict=True):
         header = _write_header(name, row, material, total, tolerances)
         write_bends(folder / name, row, header)
-    # from here on only the files are read
+    # from here on the plan is what the files say
     plans = [read_bends(folder / name) for name in names]
     bender = scene.piece.bender
     told = [file_of_bender(bender, name) for name in names]
     for name, plan, own in zip(names, plans, told, strict=True):
         text = fill_template(bender, plan.bends, name, material)
         (folder / own).write_text(text, encoding="utf-8", newline="")
-    verdict = judge.of(plans, names, hidden)
+    verdict = judge.bend_again(plans, names, hidden)
     facts = _list_facts(verdict.knots, material, tolerance)
     pages = _write_pages(folder, suffix, plans, shadows[0], material, facts)
     length = sum(k.length_mm for k in verdict.knots)
@@ -130,7 +128,6 @@ def write_bending_plan(
 
 
 def _require_wire(material: Material, radius_mm: float) -> None:
-    """Refuse a material that is no wire, or not as thick as the tube."""
     if material.process != "wire" or material.wire_diameter_mm <= 0:
         raise InputError(
             f"material {material.name!r}",
@@ -148,10 +145,13 @@ def _require_wire(material: Material, radius_mm: float) -> None:
 def _fit(
     judge: Judge, names: list[str], light: Array | None, work: Work
 ) -> tuple[list[BendList], list[bool]]:
-    """Give the bends of each wire, the best of those that were tried, and whether a sleeve is hidden on each.
+    """Fit the wires within ever smaller tolerances until all checks pass.
+
+    Returns:
+        The plan of each wire in the best fit, and whether a sleeve over its joint is hidden.
 
     Raises:
-        SceneError: bends overlap in the best.
+        SceneError: bends overlap even in the best fit.
     """
     material, shadows = judge.material, judge.shadows
     likenesses = [GridLikeness.of(s.geometry, s.target, s.radius) for s in shadows]
@@ -172,7 +172,7 @@ def _fit(
             for wire, (cut, _) in zip(wires, joints, strict=True)
         ]
         hidden = [h for _, h in joints]
-        tried = judge.of(rows, names, hidden)
+        tried = judge.bend_again(rows, names, hidden)
         failed = sum(check.status != "pass" for check in tried.checks)
         overlap = any(bend.feed_mm < 0 for row in rows for bend in row.bends)
         rank = (overlap, failed, -min(tried.ious.values()))
@@ -200,7 +200,7 @@ def _write_pages(
     material: Material,
     facts: list[str],
 ) -> dict[str, int]:
-    """Write the templates, and return how many pages each file has."""
+    """Write the templates on each paper size. Returns the number of pages of each file."""
     lines = [replay(p) for p in plans]
     drawings = [
         d
@@ -227,10 +227,9 @@ def _weigh(length_mm: float, material: Material) -> float:
 
 
 def _choose_joint(wire: Wire, shadows: Sequence[PieceShadow]) -> tuple[int, bool]:
-    """Choose the straight whose middle is cut, and whether a sleeve there stays within all shadows.
+    """Choose the straight to cut in the middle: the longest whose shadows hide a sleeve, or else the longest.
 
-    The sleeve is half a radius thicker than the wire. The longest straight that hides it, or the
-    longest of all where none is long enough.
+    The sleeve is half a wire radius thicker than the wire. Returns also whether it is hidden.
     """
     following = np.roll(wire.entry, -1, axis=0)
     middle = 0.5 * (wire.exit + following)
@@ -269,7 +268,7 @@ def _write_header(
 
 
 def _list_facts(found: tuple[BentWire, ...], material: Material, tolerance: float) -> list[str]:
-    """List the words of the templates' first page."""
+    """Return the text lines of the templates' first page."""
     length = sum(k.length_mm for k in found)
     lines = [
         f"{material.name}: {material.wire_diameter_mm:g} mm wire, {length:.0f} mm in all, "
@@ -300,10 +299,10 @@ def _list_facts(found: tuple[BentWire, ...], material: Material, tolerance: floa
 
 @dataclass(frozen=True)
 class WireFrame:
-    """The part of one view's picture that a wire can draw in its frame.
+    """How much of one view's picture a wire can draw in a frame `width_mm` wide.
 
-    `width_mm` of the frame; `most_iou` of the picture and its morphological opening by the wire's
-    shadow; `enough_mm` the least width in which that is `ENOUGH_IOU`; None where none would do.
+    `most_iou` is the IoU of the picture and its morphological opening by the wire's shadow. `enough_mm` is
+    the least width at which that reaches `ENOUGH_IOU`; None if there is none.
     """
 
     view: str
@@ -312,7 +311,7 @@ class WireFrame:
     enough_mm: float | None
 
     def check(self, material: Material) -> Check:
-        """Return `wire_frame`; not required, since the picture's own floor is."""
+        """Check `wire_frame`, which is advice: the picture's own IoU floor decides."""
         from knotfab_validators.check import at_least
 
         wide = f"a frame {self.width_mm:g} mm wide"
@@ -328,14 +327,10 @@ class WireFrame:
 
 
 def measure_frame(mask: Mask, view: ResolvedView, material: Material) -> WireFrame:
-    """Measure how much of the silhouette strands as thick as the wire can fill at most.
+    """Measure how much of the silhouette (H, W) strands as thick as the wire can fill at most.
 
-    Where a stroke of the picture is thinner than the wire's shadow no strand can lie in it: the
-    opening of the silhouette by half that shadow is what is left. A frame s times as wide is a
-    wire s times as thin.
-
-    Args:
-        mask: (H, W) the picture's silhouette.
+    No strand fits into strokes thinner than the wire's shadow, so the opening of the silhouette by half of
+    that is left. A wire in a frame s times as wide is relatively s times as thin.
     """
     polygon = trace_polygon(mask)
     shadow = 0.5 * material.wire_diameter_mm * view.px_per_mm(mask.shape[1])

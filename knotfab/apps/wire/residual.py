@@ -1,4 +1,4 @@
-"""Residuals that a fit of straights and bends makes small: distances, short straights, touching wires."""
+"""The residuals that a wire fit minimises: distances, short straights, contacts, unlikeness to pictures."""
 
 from __future__ import annotations
 
@@ -26,41 +26,39 @@ if TYPE_CHECKING:
     from knotfab_validators.shadows.view import ViewGeometry
 
 
-DEPTH_FACTOR = 2.0  # along the rays of a single view so many times the tolerance is allowed
-_GAP_MM = 0.05  # the gap that the fit keeps between wires, for the rounding of the plan
-_STRAIGHT_MARGIN_MM = 0.05
+DEPTH_FACTOR = 2.0  # times the tolerance that is allowed along the rays of a single view
+_GAP_MM = 0.05  # gap that the fit keeps between strands, for the rounding of the plan
+_STRAIGHT_MARGIN_MM = 0.05  # extra length of straights, for the same reason
 _CONTACT_STEP = 0.3  # wire diameters between the places that are kept apart
-# diameters along the wire: places nearer than that are no two strands
-SAME_BEND = 0.5 * np.pi + 1.2
+SAME_BEND = 0.5 * np.pi + 1.2  # diameters along the wire within which places are one strand
 _STIFF_STRAIGHT = 30.0  # weight of a missing mm of straight
-_STIFF_CONTACT = 24.0
-# points of the curve to either side of where a place of the wire is looked for, at least; the half of a
-# bend of 160 degrees, in radii of it
+_STIFF_CONTACT = 24.0  # weight of an overlap, in tolerances
+# least number of curve points searched to either side, and half a bend of 160 degrees in bend radii
 _WINDOW, _HALF_BEND = 12, 1.4
-_STIFF_DISTANCE = 20.0
-_NEAR_LIMIT = 0.96  # share of the tolerance from which a distance counts beside a picture
+_STIFF_DISTANCE = 20.0  # weight of a distance beyond the limit, in tolerances
+_NEAR_LIMIT = 0.96  # share of the tolerance from which distances count when a picture is fitted
 
 
 @dataclass
 class Work:
-    """Bounds a plan's work: points of the curves that may still be asked, and until when."""
+    """The work that a plan may still do, in residuals of curve points, and when it must end."""
 
     points: int = 20_000_000  # some two minutes
     ends: float = np.inf  # by `time.perf_counter()`
 
     @property
     def over(self) -> str:
-        """What has ended the work; empty while there is some left."""
+        """What has ended the work; empty while some is left."""
         late = time.perf_counter() >= self.ends
         return "--time-budget" if late else "its limit of work" if self.points <= 0 else ""
 
 
 @dataclass(frozen=True)
 class FitLimits:
-    """The limits that material and picture set (mm, degrees).
+    """The limits set by material and picture.
 
-    `tolerance_mm` holds across the ray from the light; along it, where the shadow does not see a
-    change, `DEPTH_FACTOR` times as much.
+    `tolerance_mm` holds across the rays of the light; along them, where a change does not show in the
+    shadow, `DEPTH_FACTOR` times as much is allowed.
     """
 
     bend_radius_mm: float
@@ -73,23 +71,23 @@ class FitLimits:
 
 @dataclass
 class Strand:
-    """One knot in the making: the curve's points, the wire, and which point is at which corner."""
+    """A curve, and the corners of the wire that is being fitted to it."""
 
-    points: Array
-    scaled: Array
-    corners: Array
-    index: Indices  # (m,) rising; the point of the curve that each corner stands for
+    points: Array  # (n, 3) of the curve
+    scaled: Array  # (n, 3) the same, flattened along the light's axis
+    corners: Array  # (m, 3)
+    index: Indices  # (m,) rising; the curve point that belongs to each corner
     tolerance: Array  # (n,) mm, at each point
 
-    def near(self) -> Indices:
-        """Return (n,) the corner whose straight each point lies about."""
+    def find_corners(self) -> Indices:
+        """Return for each curve point (n,) the corner before it, which is also its straight's number."""
         n = len(self.points)
         number = np.searchsorted(self.index, np.arange(n), side="right") - 1
         return np.asarray(number % len(self.index))
 
 
 def weigh_depth(offsets: Array, points: Array, light: Array | None) -> Array:
-    """Return offsets (k, 3) with their part along the light's ray through each point divided."""
+    """Divide the part of offsets (k, 3) along the light's ray through each point by `DEPTH_FACTOR`."""
     if light is None:
         return offsets
     ray = light - points
@@ -99,8 +97,8 @@ def weigh_depth(offsets: Array, points: Array, light: Array | None) -> Array:
 
 
 def measure_distances(strand: Strand, wire: Wire, light: Array | None) -> tuple[WireSites, Array]:
-    """Find where on the wire each point of the curve is met, and the distance as a share of the tolerance."""
-    sites, _ = find_nearest_sites(wire, strand.points, strand.near())
+    """Find the site on the wire nearest to each curve point, and its distance in tolerances."""
+    sites, _ = find_nearest_sites(wire, strand.points, strand.find_corners())
     gap = weigh_depth(wire.at(sites) - strand.points, strand.points, light)
     return sites, np.asarray(np.linalg.norm(gap, axis=1) / strand.tolerance)
 
@@ -108,10 +106,13 @@ def measure_distances(strand: Strand, wire: Wire, light: Array | None) -> tuple[
 def measure_strays(
     strand: Strand, wire: Wire, light: Array | None, limits: FitLimits
 ) -> tuple[WireSites, Array, Array]:
-    """Measure places along the wire, their offsets (k, 3) from the curve in tolerances, and the map (k, 3, 3)
-    from a displacement there to that.
+    """Measure how far the wire strays from the curve, as it may in a turn.
 
-    The other way round than `measure_distances`: a wire may reach farther than its curve, as in a turn.
+    This is the opposite direction to `measure_distances`, which starts from the curve.
+
+    Returns:
+        Sites along the wire, their offsets (k, 3) from the curve in tolerances, and the derivatives
+        (k, 3, 3) of these by a displacement of the wire.
     """
     sites, _ = space_sites(wire, _CONTACT_STEP * limits.wire_diameter_mm)
     n, index = len(strand.points), strand.index
@@ -126,7 +127,7 @@ def measure_strays(
     near = window[np.arange(len(points)), np.einsum("kwi,kwi->kw", gap, gap).argmin(axis=1)]
     curve, along = strand.points[near], strand.points[(near + 1) % n] - strand.points[near - 1]
     gap = points - curve
-    # the nearest place lies up to half a step from the nearest point
+    # the foot on the curve may lie between its points
     share = (gap * along).sum(axis=1) / np.maximum((along * along).sum(axis=1), 1e-18)
     gap = gap - np.clip(share, -0.25, 0.25)[:, None] * along
     metric = _make_metric(curve, np.zeros_like(curve), light)
@@ -143,25 +144,26 @@ def compute_residual(
     with_jacobian: bool,
     pictures: Sequence[GridLikeness] = (),
 ) -> tuple[Array, sparse.csr_matrix | None]:
-    """Return weighted distances, straights too short and contacts, and how they follow the corners.
+    """Compute the residual vector of a fit, and its Jacobian by all corners if `with_jacobian`.
 
-    With pictures it is these that the wire is to draw, and only distances near the tolerance count, as
-    those of the wire from the curve always do.
+    It holds the weighted distances of the curve from the wire, strays of the wire beyond tolerance, missing
+    lengths of straights, and contacts. With pictures it holds their unlikeness too, and distances count only
+    near the tolerance.
     """
     offsets = np.cumsum([0] + [3 * len(c) for c in corners])
     wires = [round_corners(c, limits.bend_radius_mm) for c in corners]
     residuals: list[Array] = []
     rows: list[sparse.spmatrix] = []
     for number, (strand, wire) in enumerate(zip(strands, wires, strict=True)):
-        sites, _ = find_nearest_sites(wire, strand.points, strand.near())
+        sites, _ = find_nearest_sites(wire, strand.points, strand.find_corners())
         along = wire.tangent(sites)
         scale = np.sqrt(weights[number]) / strand.tolerance
-        # sliding along the wire is free
+        # sliding along the wire costs nothing
         metric = _make_metric(strand.points, along, light) * scale[:, None, None]
         gap = wire.at(sites) - strand.points
         offset = np.einsum("kij,kj->ki", metric, gap)
         if pictures:
-            offset, metric = _beyond(offset, metric)
+            offset, metric = _weigh_excess(offset, metric)
         residuals.append(offset.ravel())
         short = limits.min_straight_mm + _STRAIGHT_MARGIN_MM - wire.straight
         late = short > 0
@@ -172,7 +174,7 @@ def compute_residual(
             push = sparse.diags(np.where(late, -_STIFF_STRAIGHT, 0.0)) @ straights
             rows.append(_put_in_columns(push, offsets, number))
         sites, offset, metric = measure_strays(strand, wire, light, limits)
-        offset, metric = _beyond(offset, metric)
+        offset, metric = _weigh_excess(offset, metric)
         residuals.append(offset.ravel())
         if with_jacobian:
             block = _join_blocks(metric) @ differentiate_wire(wire, sites)[0]
@@ -191,8 +193,8 @@ def compute_residual(
     return np.concatenate(residuals), sparse.vstack(rows).tocsr()
 
 
-def _beyond(offset: Array, metric: Array) -> tuple[Array, Array]:
-    """Weigh the excess of offsets (k, 3), in tolerances, beyond the limit, and its derivative."""
+def _weigh_excess(offset: Array, metric: Array) -> tuple[Array, Array]:
+    """Weigh the part of offsets (k, 3), in tolerances, beyond the limit, and its derivative."""
     size = np.linalg.norm(offset, axis=1)
     along = offset / np.maximum(size, 1e-9)[:, None]
     held = np.where(size > _NEAR_LIMIT, _STIFF_DISTANCE, 0.0)
@@ -201,7 +203,7 @@ def _beyond(offset: Array, metric: Array) -> tuple[Array, Array]:
 
 
 def _make_metric(points: Array, along: Array, light: Array | None) -> Array:
-    """Make (k, 3, 3) the map from a displacement of the wire to its weighted offset across itself."""
+    """Return the maps (k, 3, 3) from a displacement of the wire to its weighted offset across itself."""
     across = np.eye(3) - along[:, :, None] * along[:, None, :]
     if light is None:
         return np.asarray(across)
@@ -220,16 +222,16 @@ def _join_blocks(blocks: Array) -> sparse.csr_matrix:
 
 
 def _put_in_columns(block: sparse.spmatrix, offsets: Indices, number: int) -> sparse.csr_matrix:
-    """Return a strand's block in the columns of all strands."""
+    """Widen a strand's block to the columns of all strands."""
     left = sparse.csr_matrix((block.shape[0], int(offsets[number])))
     right = sparse.csr_matrix((block.shape[0], int(offsets[-1] - offsets[number + 1])))
     return sparse.hstack([left, block, right]).tocsr()
 
 
 def measure_gaps(wires: list[Wire], limits: FitLimits) -> list[Array]:
-    """Measure (m,) for each wire: how near its bend and straight j come to another strand (mm).
+    """Measure for each wire (m,) how near (mm) its bend and straight j come to another strand.
 
-    Infinite where that is farther than what the fit keeps, a diameter and a gap.
+    Infinite where that is farther than the fit keeps strands apart.
     """
     sampled, points, owner, pairs = _find_contacts(wires, limits, 0.5 * _CONTACT_STEP)
     gaps = [np.full(len(w.corners), np.inf) for w in wires]
@@ -245,7 +247,11 @@ def measure_gaps(wires: list[Wire], limits: FitLimits) -> list[Array]:
 def _find_contacts(
     wires: list[Wire], limits: FitLimits, step: float
 ) -> tuple[list[WireSites], Array, Indices, Indices]:
-    """Find places along all wires, their points and wires, and the pairs (k, 2) that are too near."""
+    """Sample all wires, and find pairs of samples on different strands that are too close.
+
+    Returns:
+        Sites of each wire; points and wire numbers of all samples; pairs of samples (k, 2).
+    """
     least = limits.wire_diameter_mm + _GAP_MM
     spaced = [space_sites(w, step * limits.wire_diameter_mm) for w in wires]
     sampled = [sites for sites, _ in spaced]
@@ -264,7 +270,7 @@ def _find_contacts(
 def _push_apart(
     wires: list[Wire], offsets: Indices, limits: FitLimits, with_jacobian: bool
 ) -> tuple[Array, sparse.csr_matrix | None]:
-    """Return residuals that push apart strands nearer than the wire's diameter."""
+    """Return residuals that push apart strands closer than the wire's diameter, and their Jacobian."""
     sampled, points, owner, pairs = _find_contacts(wires, limits, _CONTACT_STEP)
     if not len(pairs):
         return np.zeros(0), None
@@ -275,7 +281,7 @@ def _push_apart(
     push = stiff * (limits.wire_diameter_mm + _GAP_MM - distance)
     if not with_jacobian:
         return push, None
-    # only the places that are too near move anything
+    # only samples that are too close need derivatives
     used, place = np.unique(pairs, return_inverse=True)
     first_of = np.searchsorted(owner, np.arange(len(wires)))
     blocks = []
@@ -294,34 +300,33 @@ def _push_apart(
     return push, -stiff * (first - second) @ jacobian
 
 
-# The distance of a wire's shadow from a picture, as residuals that a fit makes small.
+# unlikeness to pictures
 
-
-_CELL = 0.4  # wire radii, as the light sees them, between the pixels that are looked at
-_STEP = 0.25  # wire radii between the places along a wire
-_REACH = 2.0  # wire radii beyond the picture that are looked at
-_FELT = 8.0  # fadings from an edge: farther, a pixel moves no strand
+_CELL = 0.4  # size of a grid cell, in wire radii as the light sees them
+_STEP = 0.25  # wire radii between samples of a wire
+_REACH = 2.0  # width of the border about the picture, in wire radii
+_FELT = 8.0  # widths of the soft edge beyond which a cell has no gradient
 
 
 @dataclass(frozen=True)
 class GridLikeness:
-    """A view's picture on a coarse grid: what share of each cell is wanted dark.
+    """A view's picture on a coarse grid, to compare with the shadow of wires.
 
-    A cell is as dark as its distance from the nearest strand makes it (a logistic edge); its residual is that
-    less what is wanted, so that the sum of squares is an area in squared wire radii.
+    A cell's darkness is a logistic function of its distance from the nearest strand, and its residual the
+    difference to the picture. The sum of squares is an area in squared wire radii.
     """
 
     geometry: ViewGeometry
-    pixels: Array  # (k, 2)
-    wanted: Array  # (k,), 0 to 1
-    radius: float  # the wire's, mm
-    scale: float  # root of a cell's area, in wire radii
+    pixels: Array  # (k, 2) middles of the cells
+    wanted: Array  # (k,) share of each cell that is dark in the picture
+    radius: float  # of the wire, mm
+    scale: float  # side of a cell, in wire radii
 
     @classmethod
     def of(cls, geometry: ViewGeometry, target: Mask, radius: float) -> GridLikeness:
-        """Make the likeness to a silhouette (height, width) on a view's pixels; the wire's radius in mm."""
+        """Reduce a silhouette (height, width) on a view's pixels to a grid for a wire of a radius in mm."""
         _, (w,) = geometry.project(np.zeros((1, 3)))
-        wide = radius / (w * geometry.pixel_mm)  # the wire's, in pixels
+        wide = radius / (w * geometry.pixel_mm)  # radius of the wire's shadow in pixels
         size = max(1, round(_CELL * wide))
         height, width = (n - n % size for n in target.shape)
         cells = target[:height, :width].reshape(height // size, size, width // size, size)
@@ -338,14 +343,14 @@ class GridLikeness:
     def residual(
         self, wires: list[Wire], with_jacobian: bool
     ) -> tuple[Array, list[sparse.csr_matrix]]:
-        """Return (k,) of all cells, and how they follow the corners of each wire (k, 3 m)."""
+        """Return the residuals of all cells (k,), and their Jacobians by each wire's corners, (k, 3 m)."""
         sampled = [space_sites(w, _STEP * self.radius)[0] for w in wires]
         counts = [len(s.piece) for s in sampled]
         points = np.concatenate([w.at(s) for w, s in zip(wires, sampled, strict=True)])
         seen, w = self.geometry.project(points)
         away, near = cKDTree(seen).query(self.pixels)
         wide = (self.radius / self.geometry.pixel_mm) / w[near]
-        steep = 1.0 / (0.25 * wide)  # wire radii over which a strand's edge fades
+        steep = 1.0 / (0.25 * wide)  # an edge fades over a quarter of the wire's radius
         dark = expit((wide - away) * steep)
         residual = self.scale * (dark - self.wanted)
         if not with_jacobian:
@@ -373,7 +378,7 @@ class GridLikeness:
         return residual, blocks
 
     def _project_slopes(self, points: Array) -> Array:
-        """Return (k, 2, 3) how the pixels of points (k, 3) follow them, by central differences."""
+        """Differentiate the projected pixels of points (k, 3) by central differences, (k, 2, 3)."""
         step = 1e-4
         columns = []
         for axis in step * np.eye(3):

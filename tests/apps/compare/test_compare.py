@@ -21,7 +21,7 @@ from scipy import ndimage
 
 from knotfab.apps.compare.compare import Comparison, advise, compare_photo
 from knotfab.apps.compare.fix import Fix, plan_fix, tell_fix
-from knotfab.apps.compare.rectify import LampFit, find_lamp, find_marks, homography, through
+from knotfab.apps.compare.rectify import LampFit, find_lamp, find_marks, homography, map_points
 from knotfab.base.arrays import Array, Mask
 from knotfab.knots import Knot, Knots, read_knots
 from knotfab.part.write import make_pose
@@ -119,7 +119,9 @@ def _photographed(
     corners = FARTHER if far else CORNERS
     frame = np.array([[0, 0], [160, 0], [160, 120], [0, 120]]) - 0.5
     y, x = np.mgrid[: SIZE[1], : SIZE[0]]
-    at = through(homography(corners, frame), np.stack([x.ravel(), y.ravel()], axis=1).astype(float))
+    at = map_points(
+        homography(corners, frame), np.stack([x.ravel(), y.ravel()], axis=1).astype(float)
+    )
     shade = ndimage.map_coordinates(shaded(moved), (at[:, ::-1] + 30).T, order=1, cval=0.0).reshape(
         x.shape
     )
@@ -294,7 +296,7 @@ def test_the_frame_is_found_by_four_marks(folder: Path, kind: str, tmp_path: Pat
         assert np.allclose((found.lamp.right_mm, found.lamp.up_mm), moved[:2], atol=1.5)
     marks = find_marks(np.asarray(Image.open(photo).convert("L")) / 255)
     frame = np.array([[0, 0], [160, 0], [160, 120], [0, 120]])
-    wanted = through(homography(frame, FARTHER), card_middles((160.0, 120.0), margin))
+    wanted = map_points(homography(frame, FARTHER), card_middles((160.0, 120.0), margin))
     assert marks is not None and np.linalg.norm(marks - wanted, axis=1).max() < 1.0
     if kind == "stand":
         with pytest.raises(InputError, match="four marks"):

@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 from fake_runs import FakeRunner, FakeStudy
 
+from knotfab.apps.commands import _print_tradeoff
 from knotfab.apps.tradeoff.bench import list_rungs
-from knotfab.apps.tradeoff.points import PRESET, frontier, points
+from knotfab.apps.tradeoff.points import PRESET, frontier, list_points
 from knotfab.apps.tradeoff.run import JOURNAL, Tradeoff, measure_tradeoff
 from knotfab.base.progress import Progress
-from knotfab.cli.summary import print_tradeoff
 from knotfab_formats.errors import InputError
 from knotfab_formats.scene import Scene
 from knotfab_formats.search import PRESETS
@@ -98,7 +98,7 @@ def test_the_table_says_what_steps_buy_and_what_is_missing(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     found = _measure(tmp_path, FakeRunner(), _pictures(), limit_s=505.0)
-    print_tradeoff(found)
+    _print_tradeoff(found)
     said = capsys.readouterr().out
     assert found.steps and all(str(step) in said for step in found.steps)
     assert found.said_left_out() in said
@@ -135,6 +135,6 @@ def test_one_picture_is_the_same_loop(tmp_path: Path) -> None:
     found = _measure(tmp_path, runner, _pictures(1), repeats=3)
     assert {len(m.runs) for m in found.explored.measured} == {1}
     assert {request.turn for request in runner.asked} == {0, 1, 2}
-    assert len(found.explored.measured) > len(points())
+    assert len(found.explored.measured) > len(list_points())
     rows = json.loads((tmp_path / "tradeoff.json").read_text())["points"]
     assert [row["point"] for row in rows if row["knob"] == PRESET] == list(PRESETS)

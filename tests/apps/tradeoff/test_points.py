@@ -23,9 +23,9 @@ from knotfab.apps.tradeoff.points import (
     halve,
     list_changes,
     list_effects,
+    list_points,
     list_steps,
     merge_turns,
-    points,
 )
 from knotfab_formats.search import PRESETS
 
@@ -135,7 +135,7 @@ def test_halving_keeps_the_best(seed: int) -> None:
 def test_what_is_slow_and_no_better_goes_no_further() -> None:
     """A renderer 25 times as slow as the middle's, of its error, kept a study busy for hours."""
     middle = PRESETS["standard"]
-    capsule, ellipse = (p for p in points() if p.knob == "renderer")
+    capsule, ellipse = (p for p in list_points() if p.knob == "renderer")
     at = Measured(Point("preset", "standard", middle), (make_run(2.0, 0.99),))
     slow = Measured(capsule, (make_run(50.0, 0.9901),))
     for iou, kept in ((0.9901, False), (0.995, True)):
@@ -154,7 +154,7 @@ def test_repeated_runs_are_one_with_their_median() -> None:
 
 def test_every_point_is_a_setting_of_its_own() -> None:
     for own in (None, PRESETS["draft"].scaled(1.1)):
-        asked = points(own)
+        asked = list_points(own)
         assert len({p.settings for p in asked}) == len(asked)
         named = {p.label for p in asked if p.knob == "preset"}
         assert named == set(PRESETS) | ({"the scene's"} if own else set())
@@ -162,7 +162,7 @@ def test_every_point_is_a_setting_of_its_own() -> None:
 
 def test_steps_are_between_neighbours_on_the_same_pictures() -> None:
     middle = PRESETS["standard"]
-    turned = {p.label: p for p in points() if p.knob == "picture size"}
+    turned = {p.label: p for p in list_points() if p.knob == "picture size"}
     measured = [
         Measured(Point("preset", "standard", middle), tuple(make_run(4.0, 0.99) for _ in range(3))),
         Measured(turned["384 px"], (make_run(1.0, 0.97), make_run(1.0, 0.99))),
@@ -179,7 +179,7 @@ def test_steps_are_between_neighbours_on_the_same_pictures() -> None:
 
 def test_combinations_are_new_and_the_same_for_a_seed() -> None:
     middle = PRESETS["standard"]
-    asked = points()
+    asked = list_points()
     measured = [
         Measured(p, (make_run(1.0 + k % 7, 0.98 + 0.001 * (k % 11)),)) for k, p in enumerate(asked)
     ]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from knotfab.apps.wire.arcs import round_corners, space_sites
-from knotfab.apps.wire.fit import fit_wires, judge, measure_worst, prune
+from knotfab.apps.wire.fit import fit_wires, measure_fault, measure_worst, prune
 from knotfab.apps.wire.judge import measure_least_distance
 from knotfab.apps.wire.residual import (
     FitLimits,
@@ -87,13 +87,13 @@ def test_corners_that_nothing_asks_for_are_taken_out() -> None:
     assert len(strand.corners) == len(strand.index) == 40 - gone
     # a corner for every chord that a circle of this size allows, and a half more
     assert len(strand.corners) <= 1.5 * np.pi / np.sqrt(4 * 0.6 / 28)
-    assert judge([strand], LIGHT, limits)[0] == 0.0
+    assert measure_fault([strand], LIGHT, limits)[0] == 0.0
     # where there is no room for fewer all are left, each in its place
     tight = FitLimits(2.0, 2.0, 160.0, 2.0, 0.02)
     kept = make_strand(circle, 8, tight.tolerance_mm)
-    before, fault = kept.corners.copy(), judge([kept], LIGHT, tight)
+    before, fault = kept.corners.copy(), measure_fault([kept], LIGHT, tight)
     assert prune([kept], LIGHT, tight, 1) == 0
-    assert judge([kept], LIGHT, tight) <= fault and kept.corners.shape == before.shape
+    assert measure_fault([kept], LIGHT, tight) <= fault and kept.corners.shape == before.shape
 
 
 @pytest.mark.parametrize("shift", [1.96, 1.995])

@@ -122,7 +122,7 @@ def test_a_wire_for_two_views_is_right_in_both(tmp_path: Path) -> None:
         Image.open(pictures[wrong]).rotate(90).save(swapped[wrong])
         shadows = cast_shadows(scene, swapped, knots)
         judge = Judge([k.points for k in knots.knots], shadows, STEEL, 1.0, 0.78, ("unknot",))
-        checks = judge.of([rows], ["bends.csv"], [False]).checks
+        checks = judge.bend_again([rows], ["bends.csv"], [False]).checks
         failed = [c for c in checks if c.status == "fail"]
         assert [c.name for c in failed] == ["wire_shadow"]
         assert f"view {view.name}" in failed[0].detail
