@@ -24,7 +24,7 @@ def main(picture: str = "text:f", accuracy: str = "draft") -> tuple[float, float
     question = knotfab.pose_question(knotfab.Scene(), [knotfab.read_picture(picture)])
     question, radius, start = knotfab.choose_tube(question, accuracy)
     aside = []
-    for terms in ((), (knotfab.TorchTerm(hang_straight),)):
+    for terms in ((), (hang_straight,)):
         found = knotfab.search_knots(question, start, radius, accuracy, terms=terms)
         points = torch.cat([torch.as_tensor(knot.points) for knot in found.knots.knots])
         aside.append(abs(float(points[:, 0].mean())))

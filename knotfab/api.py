@@ -255,8 +255,16 @@ def search_knots(
 
     # vertices as close together as the outline's limit needs them
     fine = refine_settings(question, _settings_for(question, accuracy, settings), radius)
-    own = tuple(t if isinstance(t, Term) else TorchTerm(t, device) for t in terms)
+    own = tuple(
+        t if isinstance(t, Term) else TorchTerm(t, device, _name_of(t, n))
+        for n, t in enumerate(terms, start=1)
+    )
     return search(question.problem, start, radius, fine, terms=own, device=device)
+
+
+def _name_of(term: object, number: int) -> str:
+    name = getattr(term, "__name__", type(term).__name__)
+    return f"{number} of terms" if name == "<lambda>" else name
 
 
 def settle_design(question: Question, result: SearchResult, accuracy: str = "standard") -> Design:

@@ -17,7 +17,7 @@ from torch import Tensor, nn
 from benchmarks.measurement import Stopwatch
 from knotfab.apps.paper.outlines import REACH, Won, render_outlines, winners
 from knotfab.base.errors import SceneError
-from knotfab.search.free_pose import Adam, one_thread
+from knotfab.search.optimizer import Adam, one_thread
 from knotfab_formats.errors import InputError
 from paper.camera import PaperCamera
 from paper.losses import (
@@ -112,7 +112,9 @@ def search_paper(
                     "its loss or its points are no longer finite",
                     "Use a smaller learning rate",
                 )
-            adam.step(torch.autograd.grad(total, adam.tensors), settings.learning_rate)
+            adam.zero_grad()
+            total.backward()
+            adam.step(settings.learning_rate)
             losses.append({name: float(t.detach()) for name, t in terms.items()} | {"total": value})
             ious.append(tuple(iou(i, v.target) for i, v in zip(images, views, strict=True)))
             if report is not None:

@@ -25,7 +25,7 @@ from knotfab.render.capsules import tensor_frame
 from knotfab.render.silhouette import Frame, frame_of
 from knotfab.render.tiled import render_tiled
 from knotfab.scene.camera import camera_of
-from knotfab.search.free_pose import Adam
+from knotfab.search.optimizer import Adam
 from knotfab_formats.scene import ResolvedView
 from paper.shaded_render import Shading, render_shaded
 from tests.corpus.curves import torus_knot
@@ -89,7 +89,9 @@ def fit(at: Trial, render: Render, iterations: int = 150, waves: int = 6) -> Arr
         before = weights.detach().clone()
         moved = torch.as_tensor(at.start) + basis @ weights
         error = ((render(moved, tau) - target) ** 2).sum()
-        adam.step(torch.autograd.grad(error, adam.tensors), _RATE_MM * _LAST**progress)
+        adam.zero_grad()
+        error.backward()
+        adam.step(_RATE_MM * _LAST**progress)
         step = (basis @ (weights.detach() - before)).numpy()
         near = find_neighbours(points, at.rings, 4.0 * RADIUS_MM, 6)
         if certify(points, step, at.rings, near).valid:

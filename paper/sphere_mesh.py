@@ -27,7 +27,7 @@ from knotfab.base.errors import SceneError
 from knotfab.base.progress import Progress
 from knotfab.design.design import choose_tube
 from knotfab.picture.silhouette import mask_iou, resample_mask
-from knotfab.search.free_pose import Adam, one_thread
+from knotfab.search.optimizer import Adam, one_thread
 from knotfab.search.search import search
 from knotfab_formats.search import search_settings
 
@@ -118,7 +118,9 @@ def fit_sphere(
         mean = torch.zeros_like(vertices).index_add(0, both[:, 0], vertices[both[:, 1]]) / degree
         loss = loss + 0.01 * ((vertices - mean) ** 2).sum()
         loss = loss + 0.0005 * _flattening(vertices, pairs, faces) / len(pairs)
-        adam.step(torch.autograd.grad(loss, adam.tensors), 0.01)
+        adam.zero_grad()
+        loss.backward()
+        adam.step(0.01)
     return vertices.detach().double().numpy(), faces.numpy()
 
 

@@ -64,7 +64,7 @@ def plain_name(requirement: str) -> str:
 def test_the_page_has_a_line_for_each_library_of_the_project_and_no_other() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
     needed = {plain_name(line) for line in project["dependencies"]}
-    assert set(rows_of_the_page()) == needed | {"torch"}
+    assert set(rows_of_the_page()) == needed
 
 
 def build(

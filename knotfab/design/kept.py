@@ -98,7 +98,7 @@ def _digest_program() -> bytes:
     """Digest the program's own files and the versions of the libraries that it computes with."""
     digest = hashlib.sha256(platform.python_version().encode() + platform.machine().encode())
     for name in ("numpy", "scipy", "shapely", "torch", "numba"):
-        with suppress(PackageNotFoundError):  # torch is an extra
+        with suppress(PackageNotFoundError):
             digest.update(f"{name} {version(name)}".encode())
     package = Path(__file__).parents[1]
     for path in sorted(package.rglob("*.py")):

@@ -25,6 +25,7 @@ from knotfab.search.flow import (
     find_felt,
     precondition,
 )
+from knotfab_formats.errors import InputError
 from knotfab_formats.libraries import took_part
 
 _LEAST = 1e-8  # the least root mean square of Adam: no step is infinite
@@ -99,10 +100,23 @@ class CertifiedFlow(_Light):
         return self._near
 
     @torch.no_grad()
-    def step(self, closure: Callable[[], Tensor] | None = None) -> None:  # type: ignore[override]
-        """Take one certified step; `result` counts those that were shortened or refused."""
+    def step(self) -> None:  # type: ignore[override]
+        """Take one certified step; `result` counts those that were shortened or refused.
+
+        Raises:
+            InputError: the vertices have no gradient, or one that is not finite, or something else than
+                this optimizer moved them.
+        """
         (points,) = self.tensors
-        assert points.grad is not None and closure is None
+        if points.grad is None or not torch.isfinite(points.grad).all():
+            why = "has no gradient" if points.grad is None else "has a gradient that is not finite"
+            raise InputError(
+                "the loss", f"it {why} in the vertices", "Mend it, and call backward()."
+            )
+        if not np.array_equal(points.numpy(), self.result.points):
+            why = "something else than the optimizer moved them, which nothing certifies"
+            raise InputError("the vertices", why, "Begin a new CertifiedFlow from there.")
+        took_part("torch", "moved the knots")
         self._walk(points.grad.numpy())
         points.copy_(torch.from_numpy(self.result.points))
         self.steps += 1
@@ -147,6 +161,7 @@ def descend(
     done: Callable[[Array], bool] | None = None,
     separation: float = 0.0,
     between: Between | None = None,
+    terms: Sequence[Callable[[Tensor], Tensor]] = (),
 ) -> FlowResult:
     """Descend `objective` from `points` (N, 3), mm, keeping the knot type.
 
@@ -155,8 +170,8 @@ def descend(
         report: called each iteration with (share of the way, points).
         done: may end the flow early.
         between: called before each step with (points, near, iteration, progress).
+        terms: functions in torch of the vertices, to scalars that are added to the loss.
     """
-    took_part("torch", "moved the knots")
     took_part("numba", "ran the loops of pictures and limits")
     vertices = torch.from_numpy(points.copy()).requires_grad_()
     optimizer = CertifiedFlow(vertices, rings, radius, settings, separation)
@@ -164,7 +179,7 @@ def descend(
 
     def loss_at(vertices: Tensor) -> Tensor:
         value, gradient = objective(result.points, optimizer.near, optimizer.progress)
-        return known(value, (vertices, gradient))
+        return sum((term(vertices) for term in terms), known(value, (vertices, gradient)))
 
     for iteration in range(settings.iterations):
         progress = optimizer.progress

@@ -243,7 +243,13 @@ def run_phase(
         if report is not None:
             report(progress, lambda: min(objective.ious(points)))
 
-    from knotfab.search.optimizer import descend  # torch, which nothing before a search needs
+    # torch, which nothing before a search needs
+    from knotfab.search.optimizer import descend
+    from knotfab.search.term import TorchTerm
+
+    # a person's own terms are added to the loss as torch has them
+    own = [term.loss for term in objective.terms if isinstance(term, TorchTerm)]
+    objective.terms = tuple(t for t in objective.terms if not isinstance(t, TorchTerm))
 
     result = descend(
         state.points,
@@ -255,6 +261,7 @@ def run_phase(
         (lambda x: not state.wanting(x)) if until_kept else None,
         limits.separation,
         state.between(objective, phase),
+        own,
     )
     state.points = result.points
     state.log.accepted += result.accepted

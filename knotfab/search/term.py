@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import numpy as np
 import torch
 from torch import Tensor
 
@@ -14,7 +13,7 @@ from knotfab_formats.errors import InputError
 
 
 class TorchTerm(Term):
-    """A function of the vertices, a tensor [N, 3] in mm, to a scalar, added to the objective.
+    """A function of the vertices, a tensor [N, 3] in mm, to a scalar, added to the loss.
 
         def low(points):
             return 0.01 * points[:, 1].relu().square().mean()
@@ -25,30 +24,52 @@ class TorchTerm(Term):
     asks for this term at each iteration, in double precision.
 
     Raises (when the search asks):
-        InputError: it gives no scalar, or its value or slope is not finite.
+        InputError: it fails, gives no real scalar, or its value or its slope is not finite.
     """
 
-    def __init__(self, function: Callable[[Tensor], Tensor], device: str = "cpu") -> None:
+    def __init__(
+        self, function: Callable[[Tensor], Tensor], device: str = "cpu", name: str | None = None
+    ) -> None:
         self._function, self._device = function, device
+        self.name = name or getattr(function, "__name__", type(function).__name__)
 
-    def __call__(self, state: State, weights: Weights) -> Felt:
-        points = torch.tensor(state.points, device=self._device, requires_grad=True)
-        value = self._function(points)
-        name = getattr(self._function, "__name__", type(self._function).__name__)
-        if not isinstance(value, Tensor) or value.numel() != 1 or not torch.isfinite(value).all():
-            raise InputError(
-                f"the term {name}",
+    def loss(self, points: Tensor) -> Tensor:
+        """Return the term at `points` [N, 3], its value and slope held to be finite."""
+        felt = points.view_as(points)
+        if felt.requires_grad:
+            felt.register_hook(self._require_finite)  # type: ignore[no-untyped-call]
+        try:
+            value = self._function(felt.to(self._device))
+        except Exception as error:
+            raise self._fault(f"it fails ({type(error).__name__}: {error})", "Mend it.") from error
+        if not isinstance(value, Tensor) or value.numel() != 1 or not value.is_floating_point():
+            raise self._fault(
                 "what it gives for the vertices is no finite scalar tensor",
                 "Return a tensor of one number, such as a mean.",
             )
-        if not value.requires_grad:  # it does not depend on the vertices
-            return float(value), np.zeros_like(state.points)
-        (slope,) = torch.autograd.grad(value.reshape(()), points, allow_unused=True)
-        gradient = np.zeros_like(state.points) if slope is None else slope.cpu().numpy()
-        if not np.isfinite(gradient).all():
-            raise InputError(
-                f"the term {name}",
-                f"its slope is not finite at {int((~np.isfinite(gradient).all(axis=1)).sum())} vertices",
-                "Keep it away from roots and quotients of 0, by a small number added.",
+        if not torch.isfinite(value).all():
+            raise self._fault(
+                "what it gives for the vertices is no finite scalar tensor",
+                "Keep it away from quotients of 0.",
             )
-        return float(value.detach()), gradient
+        return value.reshape(()).to(points.device)
+
+    def __call__(self, state: State, weights: Weights) -> Felt:
+        points = torch.tensor(state.points, requires_grad=True)
+        value = self.loss(points)
+        if not value.requires_grad:  # it does not depend on the vertices
+            return float(value), 0.0 * state.points
+        value.backward()  # type: ignore[no-untyped-call]
+        assert points.grad is not None
+        return float(value.detach()), points.grad.numpy()
+
+    def _require_finite(self, slope: Tensor) -> None:
+        if not torch.isfinite(slope).all():
+            where = int((~torch.isfinite(slope).all(dim=1)).sum())
+            raise self._fault(
+                f"its slope is not finite at {where} of {len(slope)} vertices",
+                "Keep it away from roots and quotients of 0, such as by a small number added.",
+            )
+
+    def _fault(self, why: str, remedy: str) -> InputError:
+        return InputError(f"the term {self.name}", why, remedy)

@@ -259,21 +259,6 @@ def test_a_device_that_is_not_there(bad: Path, tmp_path: Path) -> None:
     assert "no CUDA device" in refuse(3, *call)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("asked", ["--device cuda", "--search inn", "--free view"])
-def test_without_torch_the_extra_is_named(
-    bad: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, asked: str
-) -> None:
-    for name in [name for name in sys.modules if "torch" in name]:
-        monkeypatch.delitem(sys.modules, name)
-    monkeypatch.setitem(sys.modules, "torch", None)
-    call = ["build", bad / "good.png", "--out", tmp_path / "out", "--accuracy", "sketch"]
-    done = knotfab(*call, *asked.split())
-    assert done.code == 3, done
-    assert asked in done.err and "knotfab[torch]" in done.err
-    assert not (tmp_path / "out").exists()
-
-
 @pytest.mark.parametrize("place", ["file", "file/below", "/proc/nope"])
 def test_an_output_folder_that_cannot_be_written(bad: Path, tmp_path: Path, place: str) -> None:
     (tmp_path / "file").write_text("in the way")

@@ -18,6 +18,7 @@ from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.limits.terms import Felt
 from knotfab.search.flow import FlowSettings, precondition
 from knotfab.search.optimizer import CertifiedFlow, descend
+from knotfab_formats.errors import InputError
 
 
 @pytest.mark.parametrize("sigma", [0.0, 0.3, 2.3, 40.0])
@@ -145,3 +146,16 @@ def test_any_loss_of_torch_drives_it() -> None:
     moved = points.detach().numpy()
     assert abs(moved[:, 0].mean() - 5.0) < abs(start[:, 0].mean() - 5.0)
     assert np.array_equal(moved, optimizer.result.points)
+
+
+@pytest.mark.parametrize("fault", ["no gradient", "not finite", "else than the optimizer"])
+def test_what_no_certificate_could_cover_is_refused(fault: str) -> None:
+    points = torch.from_numpy(circle(60, 10.0)).requires_grad_()
+    optimizer = CertifiedFlow(points, polylines_of_sizes((60,)), 1.0, FlowSettings())
+    if fault != "no gradient":
+        points.grad = torch.full_like(points, np.nan if fault == "not finite" else 1.0)
+    if "else" in fault:
+        with torch.no_grad():
+            points += 1.0
+    with pytest.raises(InputError, match=fault):
+        optimizer.step()

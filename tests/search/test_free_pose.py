@@ -26,8 +26,9 @@ from knotfab.render.tiled import render_tiled
 from knotfab.scene.camera import camera_of
 from knotfab.scene.catalogue import resolve
 from knotfab.search.flow import SETTLE, FlowSettings, Phase
-from knotfab.search.free_pose import ALL, Adam, Bounds, FreePose, turn_of
+from knotfab.search.free_pose import ALL, Bounds, FreePose, turn_of
 from knotfab.search.objective import Objective, Weights
+from knotfab.search.optimizer import Adam
 from knotfab.search.state import SearchState, begin
 from knotfab.start.start import make_start
 from knotfab_formats.errors import InputError
@@ -340,7 +341,8 @@ def test_a_view_that_is_turned_by_the_scene_is_not_free() -> None:
 def test_the_first_step_is_the_rate_whatever_the_gradient() -> None:
     x = torch.tensor([3.0, -2.0, 5.0], dtype=torch.float64)
     adam = Adam([x, still := torch.ones(2, dtype=torch.float64)])
-    adam.step([torch.tensor([1e-3, -40.0, 0.0]).double(), torch.zeros(2).double()], (0.25, 1.0))
+    x.grad, still.grad = torch.tensor([1e-3, -40.0, 0.0]).double(), torch.zeros(2).double()
+    adam.step((0.25, 1.0))
     assert x.tolist() == pytest.approx([2.75, -1.75, 5.0], abs=1e-5)
     assert still.tolist() == [1.0, 1.0]
 
@@ -350,7 +352,9 @@ def test_the_least_of_a_narrow_bowl_is_found() -> None:
     adam = Adam([x], betas=(0.8, 0.95))
     for k in range(600):
         loss = (x**2 * torch.tensor([1.0, 1e3])).sum()
-        adam.step(torch.autograd.grad(loss, adam.tensors), 0.05 * 0.98**k)
+        adam.zero_grad()
+        loss.backward()
+        adam.step(0.05 * 0.98**k)
     assert x.abs().max() < 1e-4 and x.requires_grad
 
 
@@ -359,12 +363,14 @@ _BESIDE_TORCH = """
     import sys
     import torch
     import knotfab.apps.paper.network_search, knotfab.search.free_pose
-    from knotfab.search.free_pose import Adam
+    from knotfab.search.optimizer import Adam
 
     def run(step, tensors):
         draw = torch.Generator().manual_seed(1)
         for k in range(40):
-            step([torch.randn(t.shape, generator=draw, dtype=t.dtype) for t in tensors], 0.1 / (1 + k))
+            for t in tensors:
+                t.grad = torch.randn(t.shape, generator=draw, dtype=t.dtype)
+            step(0.1 / (1 + k))
         return torch.cat(tensors)
 
     mine = [torch.zeros(n, dtype=torch.float64) for n in (3, 4)]
@@ -373,9 +379,7 @@ _BESIDE_TORCH = """
     theirs = [torch.zeros(n, dtype=torch.float64) for n in (3, 4)]
     adam = torch.optim.Adam(theirs, betas=(0.8, 0.95))
 
-    def step(gradients, rate):
-        for tensor, gradient in zip(theirs, gradients):
-            tensor.grad = gradient
+    def step(rate):
         for group in adam.param_groups:
             group["lr"] = rate
         adam.step()

@@ -48,12 +48,30 @@ def test_what_does_not_depend_on_the_vertices_pulls_on_none() -> None:
 
 @pytest.mark.parametrize(
     "function",
-    [lambda points: points, lambda points: points.sum() / 0.0, lambda points: 1.0],
-    ids=["no scalar", "infinite", "no tensor"],
+    [
+        lambda points: points,
+        lambda points: points.sum() / 0.0,
+        lambda points: 1.0,
+        lambda points: points.sum().long(),
+        lambda points: None,
+    ],
+    ids=["no scalar", "infinite", "no tensor", "whole numbers", "nothing"],
 )
 def test_what_is_no_finite_scalar_is_refused(function: Callable[[Tensor], Tensor]) -> None:
     with pytest.raises(InputError, match=r"the term .lambda.*no finite scalar"):
         TorchTerm(function)(state_of(POINTS), Weights())
+
+
+@pytest.mark.parametrize(
+    ("function", "why"),
+    [
+        (lambda points: (0.0 * points).norm(dim=1).sqrt().sum(), "slope is not finite"),
+        (lambda points: points[1000, 0], "it fails"),
+    ],
+)
+def test_a_slope_that_is_not_finite_is_told(function: Callable[[Tensor], Tensor], why: str) -> None:
+    with pytest.raises(InputError, match=f"the term low: .*{why}"):
+        TorchTerm(function, name="low")(state_of(POINTS), Weights())
 
 
 @pytest.mark.slow

@@ -59,7 +59,7 @@ REPORT: dict[str, Any] = {
         "tube_radius": {"chosen_by": "the scene", "trials": []}, "mount": "none", "opening_iou": 1.0,
         "search": PRESETS["standard"].model_dump(), "time_budget_s": None, "thickness_mm": 2.2041,
         "versions": {"knotfab": "0.1.0", "numpy": np.__version__},
-        "parts": {"numpy": "moved the knots"},
+        "parts": {"torch": "moved the knots"},
         "command": "knotfab build knight.png --print --out knight",
     },
 }  # fmt: skip
