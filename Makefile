@@ -156,7 +156,7 @@ verdict-table: system $(DONE)
 # whether tests notice when a comparison or a number of the validators is changed, in place: begin with a clean tree;
 # as in make mutations MODULE=tube/thickness.py TESTS=tests/validators/tube
 MODULE ?= check.py
-TESTS ?= tests/validators/test_check.py
+TESTS ?= tests/validators/test_conclusion.py
 mutations: system $(DONE)
 	$(BIN)/python -m pip install -q cosmic-ray
 	mkdir -p out && rm -f out/mutations.sqlite

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from PIL import Image, ImageDraw, ImageOps
 
-from benchmarks.brought.logos import leaf, mug, peak, star
+from benchmarks.brought.drawings import leaf, mug, peak, star
 from examples.pictures import pictures
 from examples.walk_cycle import walk_cycle
 

@@ -1,5 +1,7 @@
 """What a light command may load; the walls between the packages are import-linter's (`make lint`)."""
 
+from __future__ import annotations
+
 import json
 import subprocess
 import sys
@@ -8,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command import picture, square
+from imports import imports_of
 
 HEAVY = ("torch", "vtk", "vtkmodules", "pyvista", "scipy", "matplotlib", "cadquery", "OCP")
 # modules that may be loaded by a call that reads a picture, or draws text
@@ -158,3 +161,25 @@ main(sys.argv[1:])
     assert (tmp_path / "knight" / "part.stl").is_file()
     gone = subprocess.run([sys.executable, "-c", code, "batch"], capture_output=True, text=True)
     assert gone.returncode == 2 and "batch" in gone.stderr
+
+
+# What packages and examples may import.
+
+
+ROOT = Path(__file__).parents[1]
+
+
+def imported(folder: str) -> set[str]:
+    """The packages that the files of a folder import."""
+    files = sorted((ROOT / folder).rglob("*.py"))
+    assert files
+    names = set().union(*(imports_of(file.read_text("utf-8")) for file in files))
+    return {name.partition(".")[0] for name in names}
+
+
+@pytest.mark.slow
+def test_no_package_imports_a_script_or_a_test_and_no_example_a_test() -> None:
+    for folder in ("knotfab", "validators", "formats", "fixtures"):
+        assert not imported(folder) & {"examples", "benchmarks", "paper", "tests"}
+    assert "tests" not in imported("examples")
+    assert "tests" in imported("benchmarks")  # the corpus: the scan finds what there is

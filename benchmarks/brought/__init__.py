@@ -7,7 +7,9 @@ from functools import partial
 
 from PIL import Image
 
-from benchmarks.brought import drawings, logos, maps, photos, writing
+from benchmarks.brought import drawings, photos, writing
+from benchmarks.brought import drawings as logos
+from benchmarks.brought import drawings as maps
 
 # Each with the word that a person gives it who looks at its silhouette beside the silhouette's opening by the
 # thinnest tube that the default printer prints (a radius of 0.8 mm): written before the rules of

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 from PIL import Image
 
-from benchmarks.brought.paint import letters, tint
+from benchmarks.brought.photos import letters, tint
 from examples.pictures import FONT, SERIF, Canvas, spline
 
 _PAGE = (

@@ -9,11 +9,13 @@ from math import cos, pi, sin
 from pathlib import Path
 
 import matplotlib
+import mpmath
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from knotfab.base.arrays import Mask
+from knotfab.base.arrays import Array, Mask
+from knotfab.render.silhouette import NEAREST_RADII
 
 FONT = Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"
 
@@ -192,3 +194,116 @@ def _strip() -> Mask:
 def _lattice() -> Mask:
     u, v = _grid(396, 396)
     return _add_margin((u % 30 < 6) | (v % 30 < 6))
+
+
+# Hard centre lines: links and knots of few, long edges, touching strands, tubes at their bending
+# limit.
+
+
+@dataclass(frozen=True)
+class HardKnot:
+    """Closed polygons whose type a step could change; `why` that is easy here."""
+
+    name: str
+    why: str
+    make: Callable[[], list[Array]]
+
+
+def hard_knots() -> tuple[HardKnot, ...]:
+    """Return all of them, in one order."""
+    return (
+        HardKnot("trefoil", "12 long edges that pass each other closely", partial(_one, 2, 3, 12)),
+        HardKnot("T(2,5)", "20 edges, five crossings", partial(_one, 2, 5, 20)),
+        HardKnot(
+            "Hopf link",
+            "two hexagons through each other: one pass frees them",
+            partial(hopf_link, 6),
+        ),
+        HardKnot("free rings", "two rings side by side: one pass links them", _apart),
+        HardKnot("touching", "two rings a millionth apart", _touching),
+        HardKnot("hairpin", "an unknot folded on itself: kinks may cross, or fold back", _hairpin),
+    )
+
+
+def circle(count: int, radius: float = 1.0) -> Array:
+    """Return [count] a regular polygon in the plane z = 0."""
+    s = 2 * pi * np.arange(count) / count
+    return radius * np.stack([np.cos(s), np.sin(s), 0 * s], 1)
+
+
+def torus_knot(p: int, q: int, count: int) -> Array:
+    """Return [count, 3] T(p, q) about the z axis."""
+    s = 2 * pi * np.arange(count) / count
+    r = 2 + np.cos(q * s)
+    return np.stack([r * np.cos(p * s), r * np.sin(p * s), np.sin(q * s)], 1)
+
+
+def _one(p: int, q: int, count: int) -> list[Array]:
+    return [torus_knot(p, q, count)]
+
+
+def hopf_link(count: int) -> list[Array]:
+    """Return two polygons [count, 3], each through the other."""
+    ring = circle(count)
+    return [ring, ring[:, [0, 2, 1]] + (1.0, 0.05, 0.03)]
+
+
+def _apart() -> list[Array]:
+    return [circle(7), circle(8) + (2.3, 0.0, 0.1)]
+
+
+def _touching() -> list[Array]:
+    return [circle(10), circle(10) + (0.0, 0.0, 1e-6)]
+
+
+def _hairpin() -> list[Array]:
+    s = np.linspace(0, 4, 9)
+    there = np.stack([s, 0.05 * np.sin(3 * s), 0 * s], 1)
+    return [np.concatenate([there, there[::-1] + (0.0, 0.0, 0.05)])]
+
+
+# The signed distance of a capsule's silhouette in 50 digits: what double precision is held
+# against.
+
+
+_ZERO = mpmath.mpf(0)
+Vector = list[mpmath.mpf]
+
+
+def _dot(a: Vector, b: Vector) -> mpmath.mpf:
+    return mpmath.fsum(x * y for x, y in zip(a, b, strict=True))
+
+
+def signed_distance_px(
+    a: list[float], b: list[float], q: tuple[float, float], radius: float, focal_px: float
+) -> mpmath.mpf | None:
+    """Return (r - d) focal / z for the ray (q, 1): d from the line to the segment a-b, z where it is nearest.
+
+    None for what lies before the light's near plane. The least distance is found from the components of
+    both ends across the ray, not from moments.
+    """
+    with mpmath.workdps(50):
+        one, two = [mpmath.mpf(x) for x in a], [mpmath.mpf(x) for x in b]
+        least = mpmath.mpf(max(NEAREST_RADII * radius, 1e-9))
+        if one[2] < least and two[2] < least:
+            return None
+        one, two = _cut(one, two, least), _cut(two, one, least)
+        d = [mpmath.mpf(q[0]), mpmath.mpf(q[1]), mpmath.mpf(1)]
+        across = []
+        for p in (one, two):
+            share = _dot(p, d) / _dot(d, d)
+            across.append([x - share * y for x, y in zip(p, d, strict=True)])
+        way = [y - x for x, y in zip(*across, strict=True)]
+        square = _dot(way, way)
+        t = _ZERO if square == 0 else -_dot(across[0], way) / square
+        t = min(max(t, _ZERO), mpmath.mpf(1))
+        at = [x + t * w for x, w in zip(across[0], way, strict=True)]
+        depth = one[2] + t * (two[2] - one[2])
+        return (mpmath.mpf(radius) - mpmath.sqrt(_dot(at, at))) * mpmath.mpf(focal_px) / depth
+
+
+def _cut(end: Vector, other: Vector, least: mpmath.mpf) -> Vector:
+    if end[2] >= least:
+        return end
+    t = (least - end[2]) / (other[2] - end[2])
+    return [x + t * (y - x) for x, y in zip(end, other, strict=True)]

@@ -12,12 +12,10 @@ import torch
 from torch import Tensor
 
 from benchmarks.hard.crossing import passes_through
-from benchmarks.hard.curves import hopf_link, torus_knot
-from benchmarks.hard.light import LampCase, WallCase, wall_shares
 from benchmarks.hard.measure import FORMS, double_error, forward_error, image
-from benchmarks.hard.paper_rendering import paper_error
-from benchmarks.hard.rendering import RenderCase
-from benchmarks.hard.terms import TERMS, term_case
+from benchmarks.hard.pictures import hopf_link, torus_knot
+from benchmarks.hard.rendering import LampCase, RenderCase, WallCase, wall_shares
+from benchmarks.hard.terms import TERMS, paper_error, term_case
 from benchmarks.hard.value_error import value_error
 from benchmarks.hard.values import ValueCase, network_case, round_trip_share
 from knotfab.base.arrays import Array
@@ -34,8 +32,6 @@ from paper.losses import (
     occupancy_loss,
     squared_curvature,
 )
-
-__all__ = ["HUNTS", "KEPT", "Hunt"]
 
 KEPT = Path(__file__).with_name("worst.json")  # the worst that CMA-ES found of each in an hour
 

@@ -2,18 +2,35 @@
 
 from __future__ import annotations
 
+import json
+import time
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 import pytest
+from questions import ask_heart, ask_views, start_and_search
+from shapely import MultiPolygon, Point
 
 from knotfab.base.arrays import Array
+from knotfab.base.progress import Progress
+from knotfab.design import design
+from knotfab.design.budget import Budget, require_budget, spare
+from knotfab.design.design import design_knots, price_design
 from knotfab.design.question import Question
+from knotfab.design.retries import SHORT, better, price_limits, start_without_bumps
 from knotfab.design.settings import fine_enough, outline_px, suit
 from knotfab.geometry.tube import sweep
+from knotfab.knots import Knot, Knots
+from knotfab.picture.read import read_target
+from knotfab.problem import Problem
+from knotfab.report.report import check_limits, tell_binding
+from knotfab.scene.catalogue import resolve
+from knotfab.start.start import make_start
+from knotfab_formats.errors import InputError, plain
 from knotfab_formats.piece import Accuracy, Material
-from knotfab_formats.scene import ResolvedView
+from knotfab_formats.scene import ResolvedView, Scene
 from knotfab_formats.search import PRESETS, SearchSettings, search_settings
 
 PLAIN = SearchSettings()
@@ -132,3 +149,210 @@ def test_the_accuracy_sets_the_outline_limit_of_a_scene() -> None:
     ):
         accuracy = Accuracy(name=name, **given)
         assert outline_px(accuracy, search_settings(name, {})) == expected
+
+
+# Time budgets: the least, what is spared, and a search by the clock that its scene repeats.
+
+
+TINY = {"coarse_px": 64, "fine_px": 96, "depth_candidates": 4, "radius_candidates": 2}
+
+
+@pytest.mark.parametrize(
+    ("least", "asked"),
+    [
+        (5.0, {"views": 1, "free": False}),
+        (12.0, {"views": 2, "free": False}),
+        (12.0, {"views": 1, "free": True}),
+        (24.0, {"views": 1, "free": False, "frames": 6}),
+    ],
+)
+def test_less_than_the_least_is_refused(least: float, asked: dict[str, Any]) -> None:
+    require_budget(least, **asked)
+    with pytest.raises(InputError, match=f"at least {least:g} s") as caught:
+        require_budget(0.99 * least, **asked)
+    assert caught.value.exit_code == 2
+
+
+def test_what_is_spared_is_never_more_and_never_what_is_given() -> None:
+    for own in PRESETS.values():
+        for seconds in (0.1, 4.0, 9.0, 100.0):
+            less = spare(own, seconds, given={"fine_px"})
+            assert less.fine_px == own.fine_px
+            assert all(
+                getattr(less, key) <= getattr(own, key)
+                for key in ("coarse_px", "depth_candidates", "radius_candidates", "mesh_sides")
+            )
+    assert spare(PRESETS["fine"], 100.0) == PRESETS["fine"]
+    for seconds, like in ((0.1, "sketch"), (4.0, "draft"), (100.0, "standard")):
+        less = spare(PRESETS["standard"], seconds)
+        assert less.radius_give == PRESETS[like].radius_give
+        assert less.settle_edge_radii == PRESETS[like].settle_edge_radii
+        assert spare(PRESETS["standard"], seconds, {"radius_give"}).radius_give == 0.004
+    assert spare(PRESETS["sketch"], 4.0) == PRESETS["sketch"]  # never a thinner tube either
+
+
+def test_what_follows_the_search_is_kept_back() -> None:
+    budget = Budget(time.perf_counter() + 20.0, after_s=4.0, after_vertex_s=0.001)
+    assert budget.search_s(2000) == pytest.approx(14.0, abs=0.5)
+
+
+def test_more_is_given_only_while_what_follows_does_not_fit() -> None:
+    def vertices(give: float) -> int:  # a thicker tube has fewer
+        return int(4000 * (1.0 - 20.0 * give))
+
+    asked = []
+    for left in (30.0, 5.0, 2.6, 0.0):
+        budget = Budget(time.perf_counter() + left, after_s=1.0, after_vertex_s=0.001)
+        given = budget.thicker(0.0, vertices)
+        count = vertices(given)
+        asked.append(given)
+        assert given == 0.03 or budget.search_s(count) > 0.0
+        assert budget.thicker(0.04, vertices) == 0.04  # never less than what is given anyway
+    assert asked == sorted(asked) and asked[0] == 0.0 and asked[-1] == 0.03
+
+
+def test_no_price_is_asked_once_the_budget_is_spent(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[bool] = []
+    monkeypatch.setattr(design, "price_limits", lambda *_: asked.append(True) or ())
+    knots = SimpleNamespace(radius_mm=2.0, knots=[SimpleNamespace(points=np.zeros((9, 3)))])
+    made = design.Design(None, knots, None, None, 1.0, PRESETS["draft"])  # type: ignore[arg-type]
+    unmet: Any = SimpleNamespace(feasible=False, feasibility="broken", iou_estimate=0.5)
+    question: Any = SimpleNamespace(problem=None, roomy=lambda: None)
+    made = replace(made, result=unmet)
+    for left, prices in ((-1.0, 0), (60.0, 1)):
+        budget = Budget(time.perf_counter() + left)
+        start: Any = object()
+        found = price_design(made, question, start, unmet, Progress("quiet"), budget=budget)
+        assert found.unmet == unmet.feasibility and len(asked) == prices
+
+
+@pytest.mark.slow
+def test_the_scene_of_a_build_by_the_clock_repeats_it() -> None:
+    target = read_target("text:♥")
+    made = design_knots(
+        resolve(Scene(search=TINY)), [target], budget=Budget(time.perf_counter() + 1.5)
+    )
+    again = design_knots(made.scene, [target])
+    np.testing.assert_array_equal(made.knots.points, again.knots.points)
+    assert again.scene == made.scene
+
+
+# What a limit costs: named with its price, in one view and in several.
+
+
+pytestmark = pytest.mark.slow
+
+
+def test_several_views_have_their_prices_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    few = {"coarse_px": 64, "fine_px": 64, "coarse_iterations": 40, "settle_iterations": 20}
+    for name, value in {**few, "fine_iterations": 0}.items():
+        monkeypatch.setitem(SHORT, name, value)
+    settings = PRESETS["draft"].model_copy(update=few)
+    disc = MultiPolygon([Point(0, 0).buffer(40.0)])
+    problem = ask_views([disc, disc], 0.0, 90.0, pixels=100, length=480.0)
+    start = make_start(problem, 5.0, settings)
+    result = start_and_search(problem, 5.0, settings, start, repairs=0)
+    [price] = price_limits(problem, start, result, settings, problem.region)
+    assert price.limits == ("length",)
+    assert price.asked[0] == 480.0 and price.needed[0] > 600.0
+    assert price.iou_without > price.iou + 0.05
+    assert "the length budget" in price.sentence.lower()
+
+
+def test_a_length_budget_below_need_is_named_with_its_price(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    few = {"coarse_px": 96, "fine_px": 96, "coarse_iterations": 12, "settle_iterations": 8}
+    for name, value in {**few, "fine_iterations": 4, "depth_candidates": 1}.items():
+        monkeypatch.setitem(SHORT, name, value)
+    given = {
+        "schema": 1,
+        "piece": {"tube_radius_mm": 5.0},
+        "material": {"max_length_mm": 600.0},
+        "accuracy": {"name": "draft"},
+        "search": {
+            **{"coarse_px": 96, "fine_px": 128, "depth_candidates": 4},
+            **{"coarse_iterations": 20, "fine_iterations": 10, "settle_iterations": 10},
+        },
+        "views": [{"picture": "heart.png"}],
+    }
+    made = design_knots(resolve(Scene.model_validate(given)), [read_target("text:♥")])
+    [price] = made.binding
+    assert price.limits == ("length",) and price.met_without
+    assert price.iou_without > price.iou + 0.2
+    assert price.needed[0] > 600.0
+    assert made.result.feasible
+    assert made.result.feasibility.length_mm <= 600.0
+    assert "max_length_mm = 600 mm" in tell_binding(made)[0]
+    assert json.loads(json.dumps(plain(price)))["keys"] == ["[material] max_length_mm"]
+    assert check_limits(made).status == ("pass" if made.unmet is None else "fail")
+
+
+# A search that came to bumps gets another start, which draws the same picture; no other search
+# does.
+
+
+RADIUS = 3.0
+FEW = PRESETS["draft"].model_copy(update={"depth_candidates": 4})
+
+
+@dataclass(frozen=True)
+class Ended:
+    """What is asked of how a search ended."""
+
+    knots: Knots
+    feasible: bool = True
+    iou_estimate: float = 0.9
+
+
+def ended(problem: Problem, beside_mm: float) -> Ended:
+    """A curve in the middle of the picture, one point of which stands so far outside it."""
+    middle = problem.polygons[0].representative_point()
+    right = problem.polygons[0].bounds[2]
+    points = np.array([[middle.x, middle.y, 0.0]] * 3)
+    points[:2, 0] += (1.0, -1.0)
+    points[2, :2] = _beside(problem, right, beside_mm)
+    return Ended(Knots((Knot(points @ problem.views[0].axes, closed=True),), RADIUS))
+
+
+def _beside(problem: Problem, right: float, beside_mm: float) -> tuple[float, float]:
+    from shapely import Point
+    from shapely.ops import nearest_points
+
+    shape = problem.polygons[0]
+    edge = nearest_points(shape, Point(right + 10.0, shape.centroid.y))[0]
+    return (edge.x + beside_mm, edge.y)
+
+
+@pytest.mark.slow
+def test_a_strand_beside_the_picture_asks_for_another_start() -> None:
+    problem = ask_heart()
+    start = start_without_bumps(problem, ended(problem, RADIUS), RADIUS, FEW, None)  # type: ignore[arg-type]
+    assert start is not None and start.types == ("unknot",) * len(start.curves)
+    assert start.depth is not None
+    heights = np.concatenate(start.depth.depths)
+    assert np.ptp(heights) <= problem.depth_mm + 1e-6  # type: ignore[operator]
+
+
+@pytest.mark.slow
+def test_no_bump_no_other_start_nor_where_the_start_was_given() -> None:
+    problem = ask_heart()
+    inside, bump = ended(problem, 0.3 * RADIUS), ended(problem, RADIUS)
+    cases: list[tuple[Problem, Ended, SearchSettings]] = [
+        (problem, inside, FEW),
+        (replace(problem, depth_mm=None), bump, FEW),
+        (problem, bump, FEW.model_copy(update={"start": "knots.json"})),
+        (problem, bump, FEW.model_copy(update={"free_view": True})),
+        (problem, bump, FEW.model_copy(update={"network_start": "circle"})),
+    ]
+    for asked, came_to, settings in cases:
+        assert start_without_bumps(asked, came_to, RADIUS, settings, None) is None  # type: ignore[arg-type]
+
+
+@pytest.mark.slow
+def test_limits_come_before_pictures() -> None:
+    knots = ended(ask_heart(), 0.0).knots
+    good, kept = Ended(knots, feasible=False, iou_estimate=0.99), Ended(knots, iou_estimate=0.9)
+    assert better(kept, good) and not better(good, kept)  # type: ignore[arg-type]
+    assert better(replace(kept, iou_estimate=0.95), kept)  # type: ignore[arg-type]
+    assert not better(kept, kept)  # type: ignore[arg-type]

@@ -1,5 +1,13 @@
 """The project's own test pictures: the same every time, with the features they are drawn for."""
 
+from __future__ import annotations
+
+import ast
+import importlib
+import re
+import shlex
+from pathlib import Path
+
 import numpy as np
 import pytest
 from PIL import Image
@@ -7,6 +15,8 @@ from scipy import ndimage
 
 import examples.pictures
 from examples.pictures import pictures
+from examples.readme_pictures import HERE, write_pictures
+from knotfab.cli.commands import app
 
 
 @pytest.fixture(scope="module")
@@ -66,3 +76,95 @@ def test_pictures_are_the_same_every_time(images: dict[str, Image.Image]) -> Non
     again = {"tree": examples.pictures._tree(), "cat": examples.pictures._cat()}
     for name, image in again.items():
         assert image.tobytes() == images[name].tobytes(), name
+
+
+# Whoever types what README says finds the pictures that it names.
+
+
+README = (HERE.parent / "README.md").read_text("utf-8")
+TUTORIAL = (HERE.parent / "docs" / "tutorial.md").read_text("utf-8")
+
+
+def calls() -> list[list[str]]:
+    lines = re.findall(r"^knotfab .*$", README + TUTORIAL, re.M)
+    return [shlex.split(re.split(r"\s{2,}#|\s#\s", line)[0]) for line in lines]
+
+
+@pytest.mark.slow
+def test_every_command_is_one_and_its_pictures_are_there() -> None:
+    assert len(calls()) > 20
+    pictures = set()
+    for words in calls():
+        command, bound, _ = app.parse_args(words[1:], exit_on_error=False, print_error=False)
+        if command.__name__ in ("build", "preview", "batch", "tradeoff"):
+            pictures |= {a for a in bound.args if isinstance(a, str)}
+    named = {p for p in pictures if not p.startswith("text:")}
+    assert {"cat.png", "badge.png", "logo.svg", "walk/", "logos/"} <= named
+    for name in named:
+        assert (HERE / name).exists(), name
+
+
+@pytest.mark.slow
+def test_the_pictures_are_those_that_the_script_draws(tmp_path: Path) -> None:
+    for path in write_pictures(tmp_path):
+        kept = HERE / path.relative_to(tmp_path)
+        if path.suffix == ".svg":
+            assert kept.read_text() == path.read_text()
+            continue
+        one, two = (np.asarray(Image.open(p).convert("RGBA"), dtype=float) for p in (kept, path))
+        assert one.shape == two.shape and np.abs(one - two).mean() < 3
+
+
+# What examples, benchmarks and the paper's scripts import is there: no test runs all of them.
+
+
+ROOT = Path(__file__).parents[2]
+SCRIPTS = [
+    p for top in ("examples", "benchmarks", "paper") for p in sorted((ROOT / top).rglob("*.py"))
+]
+OWN = (
+    "knotfab",
+    "knotfab_validators",
+    "knotfab_fixtures",
+    "examples",
+    "benchmarks",
+    "paper",
+    "tests",
+)
+
+
+def list_imports(path: Path) -> list[tuple[str, str]]:
+    """(module, name) of every `from module import name` in a file, at whatever depth."""
+    tree = ast.parse(path.read_text("utf-8"))
+    return [
+        (node.module, alias.name)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom) and node.module and node.module.split(".")[0] in OWN
+        for alias in node.names
+    ]
+
+
+def is_there(module: str, name: str) -> bool:
+    """Tell whether a module has that name, or a submodule of it."""
+    try:
+        return hasattr(importlib.import_module(module), name) or bool(
+            importlib.import_module(f"{module}.{name}")
+        )
+    except ModuleNotFoundError:
+        return False
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("path", SCRIPTS, ids=lambda p: f"{p.parent.name}-{p.stem}")
+def test_every_name_that_a_script_imports_is_there(path: Path) -> None:
+    missing = [pair for pair in list_imports(path) if not is_there(*pair)]
+    assert missing == []
+
+
+def test_a_name_that_is_gone_is_found(tmp_path: Path) -> None:
+    script = tmp_path / "gone.py"
+    script.write_text(
+        "def f():\n    from knotfab.knots import Knots, gone\n    from knotfab.no import x\n"
+    )
+    found = [pair for pair in list_imports(script) if not is_there(*pair)]
+    assert found == [("knotfab.knots", "gone"), ("knotfab.no", "x")]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from validator_parts import trefoil
 
-from benchmarks.hard.curves import circle
+from benchmarks.hard.pictures import circle
 from knotfab.base.arrays import Array
 from knotfab.base.errors import SceneError
 from knotfab.geometry.measures import bend_radii

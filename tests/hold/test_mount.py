@@ -4,13 +4,22 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from rings import EMPTY, RADIUS, VIEW, camera, knots, ring
+from setups import setup
 
+from knotfab.base.errors import SceneError
 from knotfab.effects.shifts import allow_sag_mm
 from knotfab.geometry.tube import sweep
 from knotfab.hold.mount import mount_piece
+from knotfab.hold.placement import placement_of
+from knotfab.hold.plinth import WALL_GAP_MM, Base, Masses, Slope, base_for, slope_below
+from knotfab.hold.wall import mark_depth_mm
+from knotfab.report.setup_words import level_wall, steps_of
+from knotfab.scene.camera import CurvedWall
 from knotfab.scene.catalogue import resolve
+from knotfab_fixtures.solids import ARROW_MARKS
 from knotfab_formats.piece import Mount, Printer
 from knotfab_formats.report import MountFigures
 from knotfab_formats.scene import ResolvedView, Scene
@@ -93,3 +102,174 @@ def test_several_loose_knots_get_a_wall_mount_by_themselves() -> None:
     assert len(held.scene.mount.pegs) == 2
     bare = scene().model_copy(update={"mount": Mount(kind="none")})
     assert mount_piece(bare, TWO, tubes, [camera()]).wall is None
+
+
+# The lamp's place has exact figures, whichever way the wall leans, and words that carry them.
+
+
+@pytest.mark.parametrize("azimuth", [0.0, 40.0])
+@pytest.mark.parametrize("tilt", [0.0, 25.0, -10.0])
+def test_the_lamps_foot_on_a_leaning_wall(tilt: float, azimuth: float) -> None:
+    mounted, _, camera = setup("none", wall_tilt_deg=tilt, azimuth_deg=azimuth)
+    place = placement_of(mounted, camera)
+    slope = np.radians(tilt)
+    assert place.off_wall_mm == pytest.approx(600 * np.cos(slope))
+    assert (place.right_mm, place.up_mm) == pytest.approx((0.0, 600 * np.sin(slope)), abs=1e-9)
+    assert place.frame_mm == pytest.approx((160.0, 120.0))
+    # the frame's middle lies where the lamp's axis meets the wall
+    assert np.linalg.norm(place.lamp - place.middle) == pytest.approx(600.0)
+    again = place.middle + place.right_mm * place.wall[0] + place.up_mm * place.wall[1]
+    assert again + place.off_wall_mm * place.wall[2] == pytest.approx(place.lamp)
+    # the law of cosines: the corners are half a frame away, the upper ones along the slope
+    by_name = {mark.name: mark.lamp_mm for mark in place.marks}
+    corner = np.sqrt(80**2 + (60 - place.up_mm) ** 2 + place.off_wall_mm**2)
+    assert by_name["upper left corner of the frame"] == pytest.approx(corner)
+    assert by_name["upper right corner of the frame"] == pytest.approx(corner)
+
+
+def test_the_distances_place_the_lamp() -> None:
+    """Four distances from the marks leave only one place for the lamp, on its side of the wall."""
+    for kind in ("plate", "dowel", "stand"):
+        mounted, _, camera = setup(kind, wall_tilt_deg=8.0)
+        place = placement_of(mounted, camera)
+        at = np.stack([mark.at for mark in place.marks])
+        square = np.array([mark.lamp_mm for mark in place.marks]) ** 2
+        left = 2 * (at[1:] - at[0])
+        right = (at[1:] ** 2).sum(1) - (at[0] ** 2).sum() - square[1:] + square[0]
+        within, _, rank, _ = np.linalg.lstsq(left, right, rcond=None)
+        assert rank == 2
+        normal = np.cross(at[1] - at[0], at[2] - at[0])
+        normal *= np.sign(normal @ (place.lamp - at[0])) / np.linalg.norm(normal)
+        in_plane = within - (within - at[0]) @ normal * normal
+        high = np.sqrt(square[0] - ((in_plane - at[0]) ** 2).sum())
+        assert in_plane + high * normal == pytest.approx(place.lamp, abs=1e-6)
+
+
+def test_marks_lie_on_the_plates_edges() -> None:
+    mounted, _, camera = setup("plate")
+    place = placement_of(mounted, camera)
+    assert place.plate_mm == pytest.approx((176.0, 136.0))
+    marks = {m.name.split()[0]: place.on_wall(m.at) for m in place.marks}
+    assert marks["upper"] == pytest.approx([0, 68]) and marks["left"] == pytest.approx([-88, 0])
+    assert all(m.at @ camera.receiver[:3] + camera.receiver[3] < 1e-9 for m in place.marks)
+    # the holes are where the plate has them
+    assert place.holes == pytest.approx(np.array([[-83.0, 0.0], [83.0, 0.0]]))
+
+
+def test_dowel_holes_are_the_pegs_feet() -> None:
+    mounted, _, camera = setup("dowel", wall_tilt_deg=12.0)
+    place = placement_of(mounted, camera)
+    assert mounted.wall is not None
+    for (right, up), peg in zip(place.holes, mounted.wall.pegs, strict=True):
+        assert place.middle + right * place.wall[0] + up * place.wall[1] == pytest.approx(peg.foot)
+
+
+def test_a_leaning_wall_is_told_in_words() -> None:
+    mounted, scene, camera = setup("plate", wall_tilt_deg=20.0)
+    place = placement_of(mounted, camera)
+    said = " ".join(steps_of(mounted, place, scene.views[0]))
+    assert "563.8 mm off" in said and "opposite 205.2 mm above the middle of the frame" in said
+    assert level_wall(place, 0.0) == pytest.approx(-100.0)
+    # 40 mm higher a wall that leans towards the lamp is nearer to it
+    assert level_wall(place, 40.0) == pytest.approx(-100 + 40 * np.tan(np.radians(20)))
+
+
+@pytest.mark.parametrize(
+    ("margin", "hole", "mark"),
+    [
+        (8.0, 4.0, 1.5),  # as deep as they come
+        (6.0, 1.0, 1.2),  # a fifth of the margin
+        (6.0, 5.0, 0.875),  # half of what is left beside a screw hole
+        (2.5, 1.0, 0.5),  # the least
+        (2.49, 1.0, 0.0),
+        (2.4, 4.0, 0.0),
+    ],
+)
+def test_notches_stay_in_the_margin_and_off_the_holes(
+    margin: float, hole: float, mark: float
+) -> None:
+    deep = mark_depth_mm(Mount(plate_margin_mm=margin, hole_diameter_mm=hole))
+    assert deep == pytest.approx(mark)
+    assert ARROW_MARKS * deep < margin
+
+
+# The base of a stand: the highest plane below all frames, and no base in a picture.
+
+
+AZIMUTHS = (0.0, 90.0)
+
+
+CAMERAS = [camera(azimuth_deg=a) for a in AZIMUTHS]
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_top_is_the_highest_plane_below_all_frames(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    cameras = [
+        camera(
+            azimuth_deg=float(random.uniform(-180, 180)),
+            elevation_deg=float(random.uniform(-20, 30)),
+            frame_up_mm=float(random.uniform(-10, 10)),
+        )
+        for _ in range(1 + seed % 3)
+    ]
+    rectangle = (-40.0, 55.0, -30.0, 45.0)
+    top = slope_below(cameras, rectangle)
+    right, up, out = top.axes
+    x, z = (np.linspace(*ends, 20) for ends in (rectangle[:2], rectangle[2:]))
+    on = np.array([u * right + v * out for u in x for v in z])
+    on = on - top.above(on)[:, None] * up
+    edges = np.stack([slope_below([c]).above(on) for c in cameras])
+    assert edges.max() <= 1e-9
+    # it touches at both ends: no plane that is level across is higher
+    for end in rectangle[2:]:
+        there = np.isclose(on @ out, end)
+        assert edges[:, there].max() == pytest.approx(0.0, abs=1e-9)
+    again = slope_below([cameras[0], *cameras], rectangle)
+    assert (again.height_mm, again.rise) == pytest.approx((top.height_mm, top.rise))
+
+
+def test_a_base_in_a_picture_is_refused() -> None:
+    """A top that the first light alone allows stands in the second's frame."""
+    cameras = [CAMERAS[0], camera(azimuth_deg=90.0, frame_up_mm=-20.0)]
+    feet = np.array([[-30.0, 0.0, -30.0], [30.0, 0.0, -30.0], [0.0, 0.0, 30.0]])
+    weights = Masses(np.array([5000.0]), np.zeros((1, 3)))
+
+    def base(slope: Slope) -> None:
+        base_for(slope, feet, 2.0, weights, cameras, 4.0, 10.0)
+
+    base(slope_below(cameras, (-60.0, 60.0, -60.0, 60.0)))
+    with pytest.raises(SceneError, match="in a picture"):
+        base(slope_below(cameras[:1]))
+
+
+def test_a_base_in_a_hollow_wall_is_refused() -> None:
+    """A hollow wall comes forward beside the picture: a base that is wide enough stands in it."""
+    feet = np.array([[-75.0, 0.0, -30.0], [75.0, 0.0, -30.0], [0.0, 0.0, 30.0]])
+    weights = Masses(np.array([5000.0]), np.zeros((1, 3)))
+    cameras = [camera()]
+    slope = slope_below(cameras)
+
+    def base(radius: float) -> Base:
+        wall = CurvedWall.of(VIEW.model_copy(update={"wall_radius_mm": radius}))
+        assert wall is not None
+        return base_for(slope, feet, 2.0, weights, cameras, 4.0, 10.0, [wall])
+
+    flat = base_for(slope, feet, 2.0, weights, cameras, 4.0, 10.0)
+    x, before = flat.corners[:, 0], flat.corners[:, 2] + VIEW.wall_distance_mm
+    # the circle about (0, R) that passes WALL_GAP_MM beside the outermost corner (x, before)
+    least = ((x**2 + before**2 - WALL_GAP_MM**2) / (2 * (before - WALL_GAP_MM))).max()
+    assert base(1.001 * least) == flat and base(-60.0) == flat
+    with pytest.raises(SceneError, match="hollow wall") as told:
+        base(0.999 * least)
+    assert "wall_radius_mm" in told.value.remedy
+
+
+def test_a_top_before_a_low_light_is_level_and_below_it() -> None:
+    low, high = (slope_below([camera(light_up_mm=up)]) for up in (-400.0, 100.0))
+    assert low.rise < 0 < high.rise and high.no_fall(60.0) is high
+    level = low.no_fall(60.0)
+    right, _, out = low.axes
+    on = np.array([x * right + z * out for x in (-30.0, 30.0) for z in (-50.0, 0.0, 60.0)])
+    assert level.rise == 0 and (level.above(on) >= low.above(on) - 1e-9).all()
+    assert level.above(on)[2] == pytest.approx(low.above(on)[2])  # at its front

@@ -12,8 +12,6 @@ from knotfab_formats.piece import Material
 from knotfab_formats.views import Room
 from tests.oracles.parting import directions, random_scene
 
-__all__ = ["bounce_and_truth", "uneven_and_truth", "wall_and_truth"]
-
 _RAYS = 6000  # from a place on the wall
 _FEW = 400
 _POINTS = 400  # points of a curve

@@ -11,8 +11,6 @@ from knotfab_formats.piece import Printer
 from knotfab_formats.scene import ResolvedView
 from knotfab_formats.views import Placing
 
-__all__ = ["bounds_and_truths", "cast", "directions", "random_scene", "shift_bound_and_truth"]
-
 
 def bounds_and_truths(
     rng: np.random.Generator, ways: int = 150, *, turns: bool = True, bent: bool = False

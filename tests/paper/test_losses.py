@@ -1,12 +1,27 @@
 """The paper's losses: printed definitions as oracles, gradients, and every degenerate curve."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Callable
+from importlib.util import find_spec
 
+import numpy as np
 import pytest
 import torch
+from knot_judge import judge_type, linking_numbers
 from torch import Tensor
 
+from knotfab.geometry.polylines import polylines_of_sizes
+from knotfab.problem import ViewNumbers
+from knotfab.render.capsules import posed_frame
+from knotfab.render.silhouette import Sheet
+from knotfab.render.tiled import render_tiled
+from knotfab.search.free_pose import Bounds, turn_of
+from knotfab_formats.errors import InputError
+from knotfab_formats.knots import BRAIDS
+from paper.curves import closed_braid
+from paper.fit_view import fit_view
 from paper.losses import (
     ball,
     bending_loss,
@@ -20,6 +35,9 @@ from paper.losses import (
     squared_curvature,
 )
 from paper.ring import circle, even_ring, random_ring
+from paper.table import SECTIONS
+from paper.tighten import tighten
+from tests.corpus.curves import torus_knot
 
 RADIUS = 0.2
 
@@ -190,3 +208,75 @@ def test_random_rings_are_sorted_and_repeatable() -> None:
     one, two = random_ring(100, _generator(13)), random_ring(100, _generator(13))
     assert torch.equal(one, two) and bool((one.diff() >= 0).all())
     assert float(one[0]) >= 0 and float(one[-1]) < 1
+
+
+# Closed braids are the links that they are called; test_corpus has the other curves judged.
+
+
+def test_two_positive_letters_are_a_right_handed_hopf_link() -> None:
+    assert linking_numbers(*closed_braid([1, 1])) == [1]
+    assert linking_numbers(*closed_braid([-1, -1, -1, -1])) == [-2]
+
+
+@pytest.mark.parametrize("word", [[], [1, 0]])
+def test_a_braid_of_no_letters_is_refused(word: list[int]) -> None:
+    with pytest.raises(InputError, match="must not be 0"):
+        closed_braid(word)
+
+
+# Poses are found again from shadows of knots that are known.
+
+
+TREFOIL = torus_knot(2, 3, 35.0, 18.0, 120)
+
+
+def _numbers(*values: float) -> torch.Tensor:
+    return torch.tensor(values, dtype=torch.float64)
+
+
+def _shadow(points: np.ndarray, numbers: ViewNumbers, sheet: Sheet) -> torch.Tensor:
+    n = numbers
+    at = _numbers(n.azimuth_deg, n.elevation_deg, n.roll_deg)
+    frame = posed_frame(sheet, at, *_numbers(n.light_distance_mm, n.wall_distance_mm))
+    p = torch.as_tensor(points)
+    return (render_tiled(p, p.roll(-1, 0), frame, n.radius_mm, 10.0) > 0.5).float()
+
+
+def _angle_deg(one: ViewNumbers, other: ViewNumbers) -> float:
+    cosine = 0.5 * (np.trace(turn_of(one).T @ turn_of(other)) - 1)
+    return float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("share", [0.8, 1.2])
+def test_pose_and_light_distance_are_found_again(share: float) -> None:
+    sheet = Sheet(112, 112, 1.8)
+    truth = ViewNumbers(400.0, 100.0, 3.0, 8.0, -14.0, 11.0)
+    start = ViewNumbers(400.0 * share, 100.0, 3.0, 20.0, -2.0, -1.0)
+    assert _angle_deg(start, truth) > 15
+    rings = polylines_of_sizes((len(TREFOIL),))
+    bounds = Bounds(("azimuth", "elevation", "roll", "light"))
+    found = fit_view(TREFOIL, rings, sheet, _shadow(TREFOIL, truth, sheet), start, bounds, 60)
+    assert _angle_deg(found.numbers, truth) < 0.5
+    assert found.numbers.light_distance_mm == pytest.approx(400.0, rel=0.02)
+    assert (found.numbers.wall_distance_mm, found.numbers.radius_mm) == (100.0, 3.0)
+
+
+# The table of what compares with the paper: each of its commands is there.
+
+
+@pytest.mark.parametrize("name", SECTIONS)
+def test_every_section_is_a_module(name: str) -> None:
+    assert find_spec(SECTIONS[name].module) is not None
+
+
+# A braid is tightened to a short knot of its type.
+
+
+@pytest.mark.slow
+def test_tightening_a_braid_gives_a_short_knot_of_its_type() -> None:
+    tight = tighten(closed_braid(BRAIDS["3_1"])[0])
+    # the ropelength of the trefoil is 32.74 (radius 1): the polygon comes near from above
+    assert 32.7 < tight.length < 34.0
+    assert tight.gap >= 2.0 and tight.bend >= 1.0
+    assert judge_type(tight.points)[0] == "right-handed 3_1, proved"

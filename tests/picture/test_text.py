@@ -2,10 +2,20 @@
 
 from __future__ import annotations
 
+import io
+import shutil
+import subprocess
 from pathlib import Path
 
+import matplotlib
+import numpy as np
 import pytest
+from fontTools.fontBuilder import FontBuilder
+from fontTools.pens.ttGlyphPen import TTGlyphPen
+from fontTools.ttLib.tables._g_l_y_f import Glyph
+from PIL import Image
 
+from knotfab.picture import fonts
 from knotfab.picture.read import read_target
 from knotfab.picture.silhouette import holes_of, mask_iou, pieces_of
 from knotfab_formats.errors import InputError
@@ -84,3 +94,141 @@ def test_text_that_cannot_be_drawn(text: str, words: str) -> None:
     with pytest.raises(InputError, match=words) as caught:
         read_target(f"text:{text}")
     assert "\n" not in str(caught.value)
+
+
+# Fonts of text pictures: one asked for by name or file, and the machine's own for what they lack.
+
+
+BALL = "🧶"  # in no font that comes along
+DEJAVU = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
+
+
+def block(width: int, height: int) -> Glyph:
+    pen = TTGlyphPen(None)
+    pen.moveTo((0, 0))
+    for corner in ((0, height), (width, height), (width, 0)):
+        pen.lineTo(corner)
+    pen.closePath()
+    return pen.glyph()
+
+
+def write_font(path: Path, family: str, wide: int = 200) -> Path:
+    """A font in which A and a ball of yarn are blocks of `wide` x 800 units."""
+    glyphs = {".notdef": block(500, 500), "A": block(wide, 800), "ball": block(wide, 800)}
+    build = FontBuilder(1000)
+    build.setupGlyphOrder(list(glyphs))
+    build.setupCharacterMap({ord("A"): "A", ord(BALL): "ball"})
+    build.setupGlyf(glyphs)
+    build.setupHorizontalMetrics({name: (900, 0) for name in glyphs})
+    build.setupHorizontalHeader(ascent=800, descent=-200)
+    build.setupNameTable({"familyName": family, "styleName": "Regular"})
+    build.setupOS2()
+    build.setupPost()
+    build.save(path)
+    return path
+
+
+@pytest.fixture
+def machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A machine whose only font is one of blocks, as fontconfig sees it."""
+    if shutil.which("fc-list") is None:
+        pytest.skip("fontconfig is not installed")
+    folder = tmp_path / "fonts"
+    folder.mkdir()
+    write_font(folder / "blocks.ttf", "Knotfab Blocks")
+    (tmp_path / "fonts.conf").write_text(
+        '<?xml version="1.0"?><!DOCTYPE fontconfig SYSTEM "fonts.dtd"><fontconfig>'
+        f"<dir>{folder}</dir><cachedir>{tmp_path / 'cache'}</cachedir></fontconfig>"
+    )
+    monkeypatch.setenv("FONTCONFIG_FILE", str(tmp_path / "fonts.conf"))
+    found = subprocess.run(["fc-list"], capture_output=True, text=True, check=True).stdout
+    assert found.count("\n") == 1
+    return folder
+
+
+def check_block(source: str, wide: int, font: str | None = None) -> None:
+    """The picture holds one block of `wide` to 800."""
+    mask = read_target(source, font=font).mask
+    rows, columns = mask.any(axis=1).sum(), mask.any(axis=0).sum()
+    assert mask.sum() == pytest.approx(rows * columns, rel=5e-3)
+    assert columns / rows == pytest.approx(wide / 800, rel=0.02)
+
+
+def fonts_of(source: str, font: str | None = None) -> str:
+    """What the picture's file says of the fonts that it was drawn from."""
+    with Image.open(io.BytesIO(read_target(source, font=font).png_bytes)) as image:
+        return str(image.info["Font"])
+
+
+@pytest.mark.slow
+def test_a_glyph_that_only_the_machine_has(machine: Path) -> None:
+    check_block(f"text:{BALL}", 200)
+    assert fonts_of(f"text:{BALL}") == "blocks.ttf"
+    assert fonts_of(f"text:R{BALL}A") == "DejaVuSans.ttf, blocks.ttf"  # A comes along already
+
+
+@pytest.mark.parametrize("name", ["Knotfab Blocks", "knotfab blocks"])
+def test_a_font_by_its_family(machine: Path, name: str) -> None:
+    check_block("text:A", 200, name)
+    assert fonts_of("text:A", name) == "blocks.ttf"
+
+
+@pytest.mark.slow
+def test_a_font_by_its_file_and_what_it_lacks(tmp_path: Path) -> None:
+    path = write_font(tmp_path / "own.ttf", "Own", wide=400)
+    check_block("text:A", 400, str(path))
+    assert fonts_of("text:AR", str(path)) == "own.ttf, DejaVuSans.ttf"
+    plain, other = (
+        read_target("text:R"),
+        read_target("text:R", font=str(DEJAVU / "DejaVuSerif.ttf")),
+    )
+    assert plain.mask.shape != other.mask.shape or (plain.mask != other.mask).any()
+
+
+@pytest.mark.slow
+def test_without_fontconfig_matplotlib_names_the_fonts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from matplotlib import font_manager
+
+    path = write_font(tmp_path / "own.ttf", "Own", wide=300)
+    broken = tmp_path / "broken.ttf"
+    broken.write_bytes(b"no font")
+    monkeypatch.setattr(fonts.shutil, "which", lambda name: None)
+    monkeypatch.setattr(font_manager, "findSystemFonts", lambda: [str(path), str(broken)])
+    check_block(f"text:{BALL}", 300)
+    serif = read_target("text:A", font="DejaVu Serif").mask
+    assert (serif == read_target("text:A", font=str(DEJAVU / "DejaVuSerif.ttf")).mask).all()
+
+
+def test_a_character_that_no_font_has(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(fonts, "_system_fonts", lambda pattern: iter(()))
+    with pytest.raises(InputError, match=r"no font.*U\+1F9F6, ball of yarn"):
+        read_target(f"text:{BALL}")
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("missing.ttf", "no such file"),
+        ("words.ttf", "no font file"),
+        ("No Such Family At All", "no font of that name"),
+        ("", "no font of that name"),
+    ],
+)
+def test_what_is_no_font(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, words: str
+) -> None:
+    (tmp_path / "words.ttf").write_text("I am no font.\n")
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match=words):
+        read_target("text:A", font=name)
+
+
+def test_the_picture_that_is_kept_gives_the_text_again(tmp_path: Path) -> None:
+    path = write_font(tmp_path / "own.ttf", "Own")
+    target = read_target("text:A", font=str(path))
+    kept = tmp_path / target.file_name
+    kept.write_bytes(target.png_bytes)
+    path.unlink()
+    assert np.array_equal(read_target(kept).mask, target.mask)

@@ -8,13 +8,18 @@ from typing import Any
 import numpy as np
 import pytest
 from command import picture
+from PIL import Image, ImageDraw
 
 from knotfab.base.progress import Progress
-from knotfab.pipeline.options import ALL_OUT, options_from
+from knotfab.pipeline.options import ALL_OUT, BuildOptions, options_from
 from knotfab.pipeline.prepare import prepare_build
+from knotfab.pipeline.read_lamps import LampsCall, read_lamps
 from knotfab.request import Request
-from knotfab.scene.load import dump_scene
+from knotfab.scene.catalogue import resolve
+from knotfab.scene.load import dump_scene, parse_scene
 from knotfab_formats.errors import InputError
+from knotfab_formats.scene import Scene
+from knotfab_formats.views import Reading, View
 
 
 def prepare(*pictures: str | Path, **options: Any) -> Request:
@@ -86,3 +91,104 @@ def test_a_scene_that_a_build_wrote_keeps_the_piece_its_name(square: Path, tmp_p
     assert [t.shown for t in again.targets] == ["My cat"]
     other = prepare("text:A", scene=written / "scene.toml")  # another picture has its own
     assert other.out == ALL_OUT / "A"
+
+
+# Calls with lamps: what they become, and what is refused in one sentence.
+
+
+def draw(path: Path, *colours: str, width: int = 120) -> str:
+    image = Image.new("RGB", (width, 80), "white")
+    for n, colour in enumerate(colours):
+        ImageDraw.Draw(image).ellipse((10 + 30 * n, 15, 50 + 30 * n, 65), fill=colour)
+    image.save(path)
+    return str(path)
+
+
+def call(scene: Scene, *sources: str, named: bool = False, **options: object) -> LampsCall:
+    asked = BuildOptions(**options)  # type: ignore[arg-type]
+    return read_lamps(resolve(scene), sources, asked, None, Progress("quiet"), named=named)
+
+
+def test_one_picture_becomes_a_view_for_each_lamp(tmp_path: Path) -> None:
+    picture = draw(tmp_path / "flag.png", "red", "blue", "yellow")
+    made = call(Scene(), picture, lamps="rgb")
+    assert [v.name for v in made.scene.views] == ["red", "green", "blue"]
+    assert [v.wall for v in made.scene.views] == ["", "red", "red"] and made.name == "flag"
+    assert made.scene.lamps.places == "fixed" and made.scene.piece.bend == 0
+    assert {(v.frame_width_mm, v.ink, v.light_diameter_mm) for v in made.scene.views} == {
+        (120.0, "dark", 3.0)
+    }
+    assert made.parted is not None and made.targets[0].colours_png == made.parted.png
+    # the written scene holds for a build from it: the masks as pictures, and nothing is moved
+    files = [tmp_path / f"picture-{v.name}.png" for v in made.scene.views]
+    for file, target in zip(files, made.targets, strict=True):
+        file.write_bytes(target.png_bytes)
+    (tmp_path / made.scene.lamps.picture).write_bytes(made.parted.png)
+    views = [
+        v.model_copy(update={"picture": f.name})
+        for v, f in zip(made.scene.views, files, strict=True)
+    ]
+    moved = made.scene.model_copy(update={"views": tuple(views)})
+    scene = resolve(parse_scene(dump_scene(moved)))
+    names = tuple(v.picture for v in scene.views)
+    again = read_lamps(scene, names, BuildOptions(), tmp_path, Progress("quiet"), named=True)
+    assert again.scene == scene and again.told == ()
+    for one, other in zip(made.targets, again.targets, strict=True):
+        assert (one.mask == other.mask).all() and one.png_bytes == other.png_bytes
+    assert again.targets[0].colours_png == made.parted.png
+
+
+@pytest.mark.parametrize("crop", [(0, 0, 90, 80), "auto"])
+def test_a_crop_holds_for_a_picture_in_colours(tmp_path: Path, crop: object) -> None:
+    picture = draw(tmp_path / "flag.png", "red", "blue")
+    made = call(Scene(views=(View(crop_px=crop),)), picture, lamps="rgb")
+    for target in made.targets:
+        rows, columns = target.mask.shape
+        assert (rows, columns) == (80, 90) if crop != "auto" else rows < 80 and columns < 100
+    assert all(view.crop_px is False for view in made.scene.views)  # the masks are cropped already
+
+
+def test_lamps_that_switch_have_a_picture_each(tmp_path: Path) -> None:
+    one, other = draw(tmp_path / "a.png", "black"), draw(tmp_path / "b.png", "black", width=90)
+    made = call(Scene(), one, other, lamps="switch")
+    assert made.scene.lamps.mode == "switch" and [v.name for v in made.scene.views] == ["a", "b"]
+    assert made.targets[0].mask.shape == made.targets[1].mask.shape and made.parted is None
+
+
+@pytest.mark.parametrize(
+    ("lamps", "pictures", "why"),
+    [
+        ("rgb", ("black",), "it is grey"),
+        ("rgb", ("red", "red"), "2 pictures"),
+        ("red+red", ("red",), "names red twice"),
+        ("red+mauve", ("red",), "'mauve' is no lamp"),
+        ("red", ("red",), "this is 1"),
+        ("switch", ("red",), "1 is given"),
+        ("red+magenta+yellow+white+cyan+amber", ("red",), "5 at most"),
+    ],
+)
+def test_what_lamps_cannot_show_is_refused(
+    lamps: str, pictures: tuple[str, ...], why: str, tmp_path: Path
+) -> None:
+    files = [draw(tmp_path / f"{n}.png", c) for n, c in enumerate(pictures)]
+    with pytest.raises(InputError, match=why) as refused:
+        call(Scene(), *files, lamps=lamps)
+    assert refused.value.exit_code == 2 and refused.value.remedy
+
+
+@pytest.mark.parametrize(
+    ("options", "why"),
+    [
+        ({"sequence": True}, "frames have one lamp"),
+        ({"lamps": "rgb"}, "a free view"),
+        ({"subject_px": (1, 1, 5, 5)}, r"--subject: lamps that mix show all colours"),
+        ({"speck_px": 9}, r"--specks: lamps that mix"),
+        ({"ink": "dark"}, r"--ink: lamps that mix"),
+    ],
+)
+def test_what_does_not_go_with_lamps_is_refused(options: dict[str, object], why: str) -> None:
+    scene = Scene(search={"free_view": True}) if "lamps" in options else Scene()
+    reading = {k: options.pop(k) for k in [*options] if k in Reading.model_fields}
+    scene = scene.but(views=(View(**reading),)) if reading else scene
+    with pytest.raises(InputError, match=why):
+        call(scene, "a.png", **{"lamps": "rgb", **options})

@@ -9,8 +9,8 @@ import pytest
 import torch
 
 from benchmarks.hard.crossing import linking_number, passes_through
-from benchmarks.hard.curves import HardKnot, circle, hard_knots
 from benchmarks.hard.isotopy import fuzz, types_of
+from benchmarks.hard.pictures import HardKnot, circle, hard_knots
 from knotfab.base.arrays import Array
 from knotfab.geometry.carry import certify
 from knotfab.geometry.measures import Neighbours, find_neighbours

@@ -6,8 +6,6 @@ from validator_parts import PlainView
 from knotfab_validators.shadows.render import why_no_rendering
 from knotfab_validators.shadows.view import ViewGeometry, view_geometry
 
-__all__ = ["PIXELS", "geometry", "needs_rendering"]
-
 needs_rendering = pytest.mark.skipif(
     why_no_rendering() is not None, reason=f"no rendering here: {why_no_rendering()}"
 )

@@ -13,19 +13,25 @@ from scipy.ndimage import gaussian_filter1d
 from knotfab.effects.base import Decision
 from knotfab.effects.penumbra import PENUMBRA, Sharpening
 from knotfab.geometry.overhang import Rules, estimate, strands_along
+from knotfab.geometry.polylines import arc_lengths, pair_nearby, sample_evenly
 from knotfab.part.orient import AXES
 from knotfab.picture.silhouette import mask_iou
 from knotfab.problem import DepthChoice, Problem, Start
 from knotfab.scene.camera import camera_of
 from knotfab.start.depth import _Judge, choose_depth, lift
 from knotfab.start.filling import Template, fill
+from knotfab.start.lanes import part_sides
 from knotfab.start.lift import lift_template
 from knotfab.start.profiles import (
     _cover,
     about_middle,
+    draw_arches,
+    draw_profile,
+    draw_relief,
     legibility,
     legibility_from,
     stretch_mask,
+    sum_waves,
     turns_aside,
 )
 from knotfab_formats.search import PRESETS
@@ -231,3 +237,105 @@ def test_the_silhouette_is_the_union_of_discs_on_its_box() -> None:
     x, y = np.meshgrid(middle[:, 0], middle[::-1, 1])
     away = np.hypot(x[..., None] - points[:, 0], y[..., None] - points[:, 1]).min(-1)
     np.testing.assert_array_equal(_cover(points, radius, grid), away <= radius)
+
+
+# Strands that hide each other keep their order, and are apart, without being moved out of the
+# shadow.
+
+
+SEPARATION, LIGHT = 4.0, 500.0
+
+
+@pytest.mark.parametrize("begin", [0.0, 0.1, 0.25, 0.4])
+def test_sides_that_change_places_part_in_the_longer_order(begin: float) -> None:
+    # a stroke there and back, its sides a millimetre apart, whose depths cross near one end
+    turn = np.linspace(0, 2 * np.pi, 400, endpoint=False)
+    curve = sample_evenly(np.column_stack([60 * np.cos(turn), 0.5 * np.sin(turn)]), 1.5)
+    curve = np.roll(curve, -round(begin * len(curve)), axis=0)  # wherever the curve begins
+    # and one that lies by itself
+    other = curve + np.array([0.0, 100.0])
+    share = (arc_lengths(curve)[:-1] / arc_lengths(curve)[-1] + begin) % 1.0
+    depth = 10 * np.sin(4 * np.pi * share) + 3 * np.sin(2 * np.pi * share)
+    depths = np.concatenate([depth, np.zeros(len(other))])
+    pairs, along = pair_nearby((curve, other), 3.5)
+    one, two = pairs[(along > 12.0) & (pairs < len(curve)).all(axis=1)].T
+    before = depths[one] - depths[two]
+    assert before.min() < 0 < before.max()
+    moves = part_sides((curve, other), depths, (one, two), SEPARATION, LIGHT)
+    after = before + moves[one] - moves[two]
+    # pairs are numbered from either side of the stroke: the sign is that of the way round
+    upper = np.where(curve[one, 1] >= curve[two, 1], after, -after)
+    apart = np.hypot(after, np.linalg.norm(curve[one] - curve[two], axis=1))
+    assert (upper > 0).all() or (upper < 0).all()
+    assert apart.min() > 0.9 * SEPARATION
+    assert (moves[len(curve) :] == 0).all()
+
+
+def test_nothing_is_moved_where_nothing_hides_another() -> None:
+    turn = np.linspace(0, 2 * np.pi, 100, endpoint=False)
+    circle = 30 * np.column_stack([np.cos(turn), np.sin(turn)])
+    none = np.empty(0, dtype=np.int64)
+    assert not part_sides((circle,), np.zeros(100), (none, none), SEPARATION, LIGHT).any()
+
+
+# Random depth profiles: their waves are summed as written, and a variation keeps their spread.
+
+
+@pytest.mark.parametrize(("points", "waves"), [(1, 1), (255, 3), (256, 40), (700, 7)])
+def test_waves_are_summed_as_written(points: int, waves: int) -> None:
+    rng = np.random.default_rng(points)
+    angles = rng.uniform(0, 2 * np.pi, points)
+    cosines, sines = rng.normal(size=(2, waves))
+    of_each = angles[:, None] * np.arange(1, waves + 1)
+    whole = (cosines * np.cos(of_each) - sines * np.sin(of_each)).sum(1)
+    np.testing.assert_allclose(sum_waves(angles, cosines, sines), whole, atol=1e-11)
+
+
+def test_a_profile_closes_and_spends_its_length_evenly_in_depth() -> None:
+    rng = np.random.default_rng(3)
+    arcs = [np.linspace(0, 900, 1801)]
+    heights = np.concatenate([draw_profile(rng, n, 60.0, arcs).heights(arcs)[0] for n in range(40)])
+    assert np.abs(heights).max() <= 2.0
+    shares = np.histogram(heights, bins=4, range=(-2, 2))[0] / len(heights)
+    assert shares == pytest.approx(0.25, abs=0.05)
+    one = draw_profile(rng, 0, 60.0, arcs).heights(arcs)[0]
+    assert abs(one[0] - one[-1]) < 2 * np.abs(np.diff(one)).max()
+
+
+@pytest.mark.parametrize("change", [0.0, 0.1, 0.6])
+def test_a_variation_is_as_near_as_it_is_asked_to_be(change: float) -> None:
+    rng = np.random.default_rng(4)
+    arcs, places = [np.linspace(0, 900, 901)], [rng.uniform(-90, 90, (900, 2))]
+    profile, relief = draw_profile(rng, 1, 60.0, arcs), draw_relief(rng, 1, 60.0)
+    for was, now in (
+        (profile.heights(arcs)[0], profile.varied(rng, change).heights(arcs)[0]),
+        (relief.heights(places)[0], relief.varied(rng, change).heights(places)[0]),
+    ):
+        moved = np.sqrt(((now - was) ** 2).mean())
+        assert moved <= 3.0 * change * was.std()
+        assert (moved > 0) == (change > 0)
+
+
+@pytest.mark.parametrize(
+    ("length", "top", "feet"),
+    [(600.0, 80.0, (6, 12)), (200.0, 80.0, (3, 5)), (60.0, 80.0, (3, 5)), (9.0, 80.0, (0, 0))],
+)
+def test_arches_stand_on_feet_with_steep_flanks_and_no_peak_above_the_top(
+    length: float, top: float, feet: tuple[int, int]
+) -> None:
+    rng, radius = np.random.default_rng(3), 1.5
+    arcs = [np.linspace(0.0, length, 2001)]
+    for number in range(20):
+        arches = draw_arches(rng, arcs, np.array([top]), radius)
+        if number % 2:
+            arches = arches.varied(rng, 0.5)
+        (height,) = arches.heights(arcs)
+        assert 0.0 <= height.min() < 0.01
+        assert height.max() <= top
+        low = (height < 0.05) & (np.roll(height, 1) >= 0.05)
+        assert feet[0] <= low.sum() <= feet[1]
+        steep = np.degrees(np.arctan(np.abs(np.diff(height)) / np.diff(arcs[0])[:-1]))
+        assert steep.max(initial=0.0) < 56.0
+        if feet[0] > 0:  # but for what is rounded
+            flat = (steep < 46.0).mean() * length
+            assert flat <= 2.0 * feet[1] * 2.2 * radius

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+import math
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,7 +13,9 @@ import pytest
 from PIL import Image
 from validator_parts import circle, trefoil, tube
 
+from knotfab.base.pool import Workers
 from knotfab.pipeline.verifier import Files, Verifier
+from knotfab_formats.errors import plain
 from knotfab_formats.verdict import Check
 from knotfab_validators.check import at_least, at_most, skip_check
 from knotfab_validators.conclusion import (
@@ -163,3 +168,80 @@ def test_every_failure_has_its_sentence(tmp_path: Path) -> None:
     draw_failures(few, [fail_at()], MESH, None)
     draw_failures(many, [fail_at(), fail_at((0, 23, 0)), fail_at((0, 0, 3))], MESH, None)
     assert size(many)[1] == size(few)[1] + 2 * 19
+
+
+# Checks pass on the right side of their limit, and never on NaN.
+
+
+@pytest.mark.parametrize(
+    ("measured", "limit", "low", "high"),
+    [
+        (1.0, 2.0, "fail", "pass"),
+        (2.0, 2.0, "pass", "pass"),
+        (3.0, 2.0, "pass", "fail"),
+        (math.nan, 2.0, "fail", "fail"),
+        (1.0, math.nan, "fail", "fail"),
+        (1.0, None, "pass", "pass"),
+        (math.nan, None, "fail", "fail"),
+    ],
+)
+def test_a_limit_is_kept_or_not(measured: float, limit: float | None, low: str, high: str) -> None:
+    assert at_least("x", measured, limit, "mm", "").status == low
+    assert at_most("x", measured, limit, "mm", "").status == high
+
+
+def test_a_tolerance_is_no_part_of_the_limit() -> None:
+    check = at_most("x", 1.0005, 1.0, "mm", "", tolerance=1e-3)
+    assert check.status == "pass" and check.limit == 1.0
+    assert at_most("x", 1.002, 1.0, "mm", "", tolerance=1e-3).status == "fail"
+    assert at_least("x", 0.998, 1.0, "mm", "", tolerance=1e-3).status == "fail"
+
+
+def test_a_check_is_plain_data() -> None:
+    check = at_least("x", 1, 2, "mm", "why", required=False, at=[(0, 1, 2)])
+    assert json.loads(json.dumps(plain(check))) == {
+        "name": "x",
+        "status": "fail",
+        "required": False,
+        "measured": 1.0,
+        "limit": 2.0,
+        "unit": "mm",
+        "detail": "why",
+        "at": [[0.0, 1.0, 2.0]],
+    }
+    assert not skip_check("x", "nothing to measure").required
+
+
+# What the worker of the validators answers: verdicts, whole or of two halves.
+
+
+EMPTY = {k: None for k in ("part", "knots", "scene", "pictures_dir", "failures")} | {"skip": []}
+
+
+@pytest.fixture(scope="module")
+def validators() -> Iterator[Workers]:
+    with Workers("knotfab_validators.service", "geometry") as workers:
+        yield workers
+
+
+@pytest.mark.slow
+def test_verdicts_are_validates_and_a_bad_file_is_one_sentence(
+    validators: Workers, tmp_path: Path
+) -> None:
+    asked = [("pass", 0, 3.0), ("fail", 1, 41.0)]
+    for status, _, radius in asked:
+        knot = {"closed": True, "type": "unknot", "points": circle(90, 40.0).tolist()}
+        content = {"schema": 1, "unit": "mm", "radius_mm": radius, "knots": [knot]}
+        (tmp_path / f"{status}.json").write_text(json.dumps(content))
+    (tmp_path / "part.stl").write_bytes(b"no mesh")
+    files = [{"knots": str(tmp_path / f"{status}.json")} for status, *_ in asked]
+    files += [{"part": str(tmp_path / "part.stl")}, {"knots": str(tmp_path / "absent.json")}]
+    *found, part, absent = (
+        validators.answer({**EMPTY, **named, "piece": f"{k}"}) for k, named in enumerate(files)
+    )
+    for (status, code, _), verdict in zip(asked, found, strict=True):
+        assert (verdict["status"], verdict["exit_code"]) == (status, code)
+        here = json.loads(json.dumps(validate(None, tmp_path / f"{status}.json").to_dict()))
+        assert verdict["checks"] == here["checks"] and verdict["views"] == here["views"] == []
+        assert all(value >= 0 for value in verdict["seconds"].values())
+    assert "part.stl" in part["error"] and "absent.json" in absent["error"]

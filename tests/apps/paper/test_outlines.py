@@ -14,8 +14,8 @@ from dense_rays import render_dense as render_rays
 from torch import Tensor
 
 from benchmarks.hard.measure import distances
-from benchmarks.hard.paper_rendering import applies, paper_error, printed_corners, printed_fails
 from benchmarks.hard.rendering import render_cases
+from benchmarks.hard.terms import applies, paper_error, printed_corners, printed_fails
 from knotfab.apps.paper.ellipse import (
     clip_segments,
     project_spheres,

@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
+import os
+import shutil
+from pathlib import Path
+
 import lib3mf
 import numpy as np
 import pytest
 
 from knotfab_validators.check import MOST_TRIANGLES, BadFile
+from knotfab_validators.files import threemf_model
+from knotfab_validators.files.scene import read_knots, read_scene
 from knotfab_validators.files.threemf import DEEPEST, corners_3mf
-from tests.corpus.cube_files import CORE, MESH, as_3mf, model
+from knotfab_validators.files.threemf_model import Rows, cut_rows
+from tests.corpus.cube_files import CORE, MESH, as_3mf, cube_obj, model, seeds
+from tests.corpus.examine import examine, read_mesh
+from tests.corpus.fuzzed import fuzz_file
+from tests.corpus.hostile import handmade
 
 TURNED = "0.8 0.6 0 -0.6 0.8 0 0 0 1 3 -4 5"
 STRETCHED = "2 0 0 0.5 1 0 0 0.25 1.5 7 8 -9"
@@ -113,3 +123,203 @@ def test_what_is_not_built_is_not_read_as_part_of_it() -> None:
 def test_document_types_are_refused_before_they_do_anything(line: str) -> None:
     with pytest.raises(BadFile, match="document type"):
         corners_3mf(as_3mf(nest().replace("<model", f"{line}<model", 1)), "a.3mf")
+
+
+# Rows of a 3MF that are read apart are those that expat would read, and nothing else is taken for
+# one.
+
+
+POINTS = np.random.default_rng(0).normal(0, 90, (40, 3))
+FACES = np.random.default_rng(1).integers(0, 40, (2000, 3))
+
+
+def mesh(
+    point: str = '<vertex x="{}" y="{}" z="{}" />',
+    face: str = '<triangle v1="{}" v2="{}" v3="{}"/>',
+    digits: str = ".6f",
+    space: str = "\n\t",
+) -> str:
+    points = [point.format(*(format(x, digits) for x in row)) for row in POINTS.tolist()]
+    faces = [face.format(*row) for row in FACES.tolist()]
+    inner = f"<vertices>{space}{space.join(points)}</vertices>"
+    return f"<mesh>{inner}<triangles>{space.join(faces)}{space}</triangles></mesh>"
+
+
+def package(content: str) -> bytes:
+    return as_3mf(model(f'<object id="1">{content}</object>', '<item objectid="1"/>'))
+
+
+def cut(content: str) -> dict[int, Rows]:
+    return cut_rows(content.encode())[1]
+
+
+def by_expat(content: bytes, monkeypatch: pytest.MonkeyPatch) -> np.ndarray:
+    monkeypatch.setattr(threemf_model, "cut_rows", lambda text: (text, {}))
+    found = corners_3mf(content, "a.3mf")
+    monkeypatch.undo()
+    return found
+
+
+WRITTEN = {
+    "as lib3mf writes it": mesh(),
+    "without spaces": mesh(space=""),
+    "fifteen digits": mesh(digits=".11f"),
+    "whole numbers": mesh(digits=".0f"),
+    "more digits than a double has": mesh(digits=".17f"),
+}
+OTHERWISE = {
+    "exponents": mesh(digits=".9e"),
+    "other quotes": mesh(point="<vertex x='{}' y='{}' z='{}' />"),
+    "another order": mesh(point='<vertex z="{}" y="{}" x="{}" />'),
+    "an end tag": mesh(point='<vertex x="{}" y="{}" z="{}"></vertex>'),
+    "a sign": mesh(point='<vertex x="+1" y="{}" z="{}" /><!-- {} -->'),
+}
+
+
+@pytest.mark.parametrize("name", [*WRITTEN, *OTHERWISE])
+def test_corners_are_those_that_expat_reads(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    content = {**WRITTEN, **OTHERWISE}[name]
+    kinds = {rows.kind for rows in cut(content).values()}
+    assert kinds == ({"vertices", "triangles"} if name in WRITTEN else {"triangles"})
+    found = corners_3mf(package(content), "a.3mf")
+    assert found.shape == (2000, 3, 3)
+    assert np.array_equal(found, by_expat(package(content), monkeypatch))
+
+
+def test_rows_stand_where_their_tag_is_in_what_is_left() -> None:
+    content = mesh().encode()
+    rest, found = cut_rows(content + content)
+    assert rest == b"<mesh><vertices></vertices><triangles></triangles></mesh>" * 2
+    assert len(found) == 4
+    for place, rows in found.items():
+        assert rest[place:].startswith(f"<{rows.kind}>".encode())
+        if rows.kind == "triangles":
+            assert np.array_equal(rows.numbers, FACES)
+        else:
+            np.testing.assert_allclose(rows.numbers, POINTS, atol=5.1e-7, rtol=0)
+
+
+@pytest.mark.parametrize("hidden", ["<!--{}-->", "<metadata><![CDATA[{}]]></metadata>"])
+def test_what_is_no_element_is_not_read(hidden: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    content = package(hidden.format(mesh(digits=".0f")) + mesh())
+    found = corners_3mf(content, "a.3mf")
+    assert found.shape == (2000, 3, 3)
+    assert np.array_equal(found, by_expat(content, monkeypatch))
+
+
+@pytest.mark.parametrize(
+    "row",
+    [
+        *('<vertex x="1" y="2"/>', '<vertex x="" y="1" z="2"/>', '<vertex x="1" y="2" z="a"/>'),
+        *('<vertex x="1-2" y="" z="3"/>', '<vertex x="1.2.3" y="1" z="2"/>'),
+        *(
+            '<vertex x="1 2" y="3" z=""/>',
+            '<vertex x="1 2" y=" " z="3"/>',
+            '<vertex x1="" y="2" z="3"/>',
+        ),
+    ],
+)
+def test_a_row_that_is_no_three_numbers_is_refused_as_before(row: str) -> None:
+    with pytest.raises(BadFile, match="not three numbers"):
+        corners_3mf(package(mesh().replace("<vertices>", f"<vertices>{row}")), "a.3mf")
+
+
+def test_a_file_larger_than_is_looked_at_at_once_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(threemf_model, "MOST_AT_ONCE", 1000)
+    content = package(mesh())
+    assert np.array_equal(corners_3mf(content, "a.3mf"), by_expat(content, monkeypatch))
+
+
+# Strangers' files are refused in one sentence; sound ones of every format are read alike.
+
+
+def volume(path: Path) -> float:
+    mesh = read_mesh(path)
+    a, b, c = (mesh.vertices[mesh.faces[:, i]] for i in range(3))
+    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
+
+
+@pytest.mark.parametrize("name", [n for n in seeds() if n.split(".")[1] not in ("json", "toml")])
+def test_every_format_reads_the_same_cube(name: str, tmp_path: Path) -> None:
+    path = tmp_path / name
+    path.write_bytes(seeds()[name])
+    mesh = read_mesh(path)
+    assert mesh.vertices.shape == (8, 3) and mesh.faces.shape == (12, 3)
+    assert volume(path) == pytest.approx(8000.0, rel=1e-6)
+    other = tmp_path / "cube.unknown"  # the content tells
+    other.write_bytes(seeds()[name])
+    assert volume(other) == pytest.approx(8000.0, rel=1e-6)
+
+
+@pytest.mark.slow
+def test_hostile_files_get_one_sentence(tmp_path: Path) -> None:
+    for file in handmade():
+        place = tmp_path / "place"
+        place.mkdir()
+        outcome = examine(file, place)
+        if file.says is None:
+            assert outcome.kind in ("pass", "fail", "refused"), (file.name, outcome.said)
+        else:
+            assert outcome.kind == "refused" and file.says in outcome.said, (file.name, outcome)
+        assert {p.name for p in place.iterdir()} <= {file.name, "failures.png"}
+        shutil.rmtree(place)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("block", range(4))
+def test_fuzzed_files_end_in_a_verdict_or_a_sentence(block: int, tmp_path: Path) -> None:
+    # seeds among the 10,000 of make validator-table
+    for seed in range(15 * block, 15 * (block + 1)):
+        outcome = examine(fuzz_file(seed), tmp_path)
+        assert outcome.kind in ("pass", "fail", "refused"), (seed, outcome)
+
+
+def test_fuzzing_repeats_itself() -> None:
+    assert fuzz_file(7) == fuzz_file(7) != fuzz_file(8)
+
+
+def test_what_is_no_plain_file_is_refused_without_waiting(tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe.stl"
+    os.mkfifo(pipe)
+    loop = tmp_path / "loop.stl"
+    loop.symlink_to(loop)
+    for path in (pipe, loop, tmp_path, Path("/dev/zero"), tmp_path / "none.stl"):
+        for read in (read_mesh, read_knots, read_scene):
+            with pytest.raises(BadFile, match=path.name):
+                read(path)
+
+
+def test_faces_that_are_wrong_reach_the_checks(tmp_path: Path) -> None:
+    """Equal faces, and one with a corner twice, are not repaired away."""
+    path = tmp_path / "a.obj"
+    path.write_bytes(cube_obj() + b"f 1 2 4\nf 1 1 2\n")
+    assert len(read_mesh(path).faces) == 14
+
+
+def test_a_3mf_has_its_units_transforms_and_components(tmp_path: Path) -> None:
+    mesh = seeds()["cube.3mf"]
+    assert mesh[:2] == b"PK"
+    cube = f'<object id="1" type="model">{MESH}</object>'
+    pair = (
+        '<object id="2" type="model"><components><component objectid="1"/><component objectid="1" '
+        'transform="1 0 0 0 1 0 0 0 1 50 0 0"/></components></object>'
+    )
+    twice = model(cube + pair, '<item objectid="2" transform="1 0 0 0 1 0 0 0 1 0 0 7"/>')
+    path = tmp_path / "a.3mf"
+    path.write_bytes(as_3mf(twice))
+    read = read_mesh(path)
+    assert len(read.faces) == 24 and read.vertices.max(axis=0) == pytest.approx([70, 20, 27])
+    for unit, mm in (("inch", 25.4), ("centimeter", 10.0)):
+        path.write_bytes(as_3mf(twice.replace("millimeter", unit)))
+        assert read_mesh(path).vertices.max(axis=0) == pytest.approx(mm * np.array([70, 20, 27]))
+
+
+def test_open_curves_are_read(tmp_path: Path) -> None:
+    path = tmp_path / "k.json"
+    path.write_text(
+        '{"schema": 1, "knots": [{"closed": false, "points": [[0,0,0],[3,0,0],[3,4,0]]},'
+        ' {"points": [[0,0,9],[3,0,9],[3,4,9]]}]}'
+    )
+    curves = read_knots(path)
+    assert curves.closed == (False, True) and curves.types == ("open", "unknot")
+    assert curves.lengths_mm == (7.0, 12.0)

@@ -4,8 +4,21 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from damaged_rings import ring, two
 from solids import box, inward, together
+from validator_parts import Array
 
+from knotfab_validators.geometry.curves import (
+    Curves,
+    cut_edges,
+    near_segments,
+    nearest_on_two,
+    number_runs,
+    point_segment,
+    quarter_triangles,
+    segment_blocks,
+    segment_segment,
+)
 from knotfab_validators.geometry.mesh import (
     Mesh,
     enclosed_volume,
@@ -14,6 +27,8 @@ from knotfab_validators.geometry.mesh import (
     surface_distance,
     winding_numbers,
 )
+from knotfab_validators.geometry.surface import survey
+from knotfab_validators.geometry.triangles import _from_segment, _nearest_parameters
 
 
 def test_only_exactly_equal_corners_are_joined() -> None:
@@ -66,3 +81,143 @@ def test_a_hollow_is_outside(exact: bool) -> None:
 
 def test_distance_is_that_of_the_nearest_face() -> None:
     assert surface_distance(POINTS, BLOCK) == pytest.approx([1, 2, 2])
+
+
+# Edges and lengths of curves, closed and open.
+
+
+SQUARE = np.array([[0.0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0]])
+
+
+def test_a_closed_curve_alone_has_the_edge_back() -> None:
+    curves = Curves((SQUARE, SQUARE + 5), ("unknot", "open"), (True, False), None)
+    assert curves.edges.curve.tolist() == [0] * 4 + [1] * 3
+    assert curves.edges.end[3].tolist() == [0, 0, 0] and curves.edges.end[-1].tolist() == [5, 7, 5]
+    assert curves.lengths_mm == (8.0, 6.0) and curves.length_mm == 14.0
+
+
+# Runs are numbered, and edges cut, as their definitions say.
+
+
+def test_entries_are_numbered_run_by_run() -> None:
+    which, number = number_runs(np.array([2, 0, 3]))
+    assert which.tolist() == [0, 0, 2, 2, 2] and number.tolist() == [0, 1, 0, 1, 2]
+
+
+@pytest.mark.parametrize("step", [0.3, 1.0, 100.0])
+def test_pieces_cover_each_edge_and_none_is_longer_than_the_step(step: float) -> None:
+    start, end = np.random.default_rng(0).normal(size=(2, 20, 3))
+    end[7] = start[7]  # an edge of no length is one piece
+    which, begin, share = cut_edges(start, end, step)
+    length = np.linalg.norm(end - start, axis=1)
+    assert (share * length[which] <= step * (1 + 1e-12)).all()
+    assert np.bincount(which, share) == pytest.approx(np.ones(20))
+    for edge in range(20):
+        own = begin[which == edge]
+        assert own == pytest.approx(np.arange(len(own)) / len(own))
+        assert len(own) == max(1, np.ceil(length[edge] / step))
+
+
+def test_quarters_cover_a_triangle() -> None:
+    corner = np.random.default_rng(1).normal(size=(5, 3, 3))
+    small = quarter_triangles(corner)
+    area = np.linalg.norm(
+        np.cross(*(np.moveaxis(small, 1, 0)[k] - small[:, 0] for k in (1, 2))), axis=1
+    )
+    whole = np.linalg.norm(
+        np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1
+    )
+    assert area.reshape(4, 5) == pytest.approx(np.tile(whole / 4, (4, 1)))
+
+
+# Distances of points and segments: against fine samples, in degenerate places, and nearly
+# parallel.
+
+
+def rows(*points: tuple[float, ...]) -> list[Array]:
+    return [np.array([point], dtype=np.float64) for point in points]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_distances_agree_with_sampled_ones(seed: int) -> None:
+    a, b, c, d = np.random.default_rng(seed).normal(size=(4, 30, 3))
+    t = np.linspace(0, 1, 201)[:, None, None]
+    one, other = a + t * (b - a), c + t * (d - c)
+    to_point = np.linalg.norm(one - c, axis=2).min(axis=0)
+    between = np.linalg.norm(one[:, None] - other[None], axis=3).min(axis=(0, 1))
+    assert point_segment(c, a, b) == pytest.approx(to_point, abs=1e-3)
+    found = segment_segment(a, b, c, d)
+    assert (found <= between + 1e-12).all() and found == pytest.approx(between, abs=0.02)
+    p, q = nearest_on_two(a, b, c, d)
+    assert np.linalg.norm(p - q, axis=1) == pytest.approx(found, abs=1e-12)
+
+
+def test_parallel_and_pointlike_segments() -> None:
+    a, b, c, d = rows((0, 0, 0), (4, 0, 0), (1, 3, 0), (9, 3, 0))
+    assert segment_segment(a, b, c, d)[0] == 3.0
+    assert segment_segment(a, b, *rows((7, 4, 0), (9, 4, 0)))[0] == 5.0
+    assert segment_segment(a, b, c, c)[0] == 3.0 and segment_segment(c, c, a, a)[0] == 10**0.5
+    assert point_segment(c, a, a)[0] == 10**0.5
+
+
+@pytest.mark.parametrize("angle", [1e-3, 1e-5, 1e-6])
+def test_segments_that_cross_at_a_small_angle_meet(angle: float) -> None:
+    a, b = rows((-1, 0, 0), (1, 0, 0))
+    c, d = rows((-0.9, -0.9 * angle, 0), (0.8, 0.8 * angle, 0))
+    assert segment_segment(a, b, c, d)[0] < 1e-15 / angle
+    above = [p + [0, 0, 0.5] for p in (c, d)]
+    assert segment_segment(a, b, *above)[0] == pytest.approx(0.5, rel=1e-12)
+
+
+def test_the_compiled_loops_of_triangles_have_the_same_distances() -> None:
+    points = np.random.default_rng(4).normal(size=(4, 200, 3))
+    points[1, :20], points[3, 10:30] = points[0, :20], points[2, 10:30]  # without length
+    a, b, c, d = points
+    p, q = nearest_on_two(a, b, c, d)
+    far = point_segment(c, a, b)
+    for k, (u, v, w) in enumerate(zip(b - a, d - c, c - a, strict=True)):
+        s, t = _nearest_parameters(tuple(u), tuple(v), tuple(w))
+        np.testing.assert_allclose([a[k] + s * u, c[k] + t * v], [p[k], q[k]], atol=1e-12)
+        found = _from_segment(tuple(c[k]), tuple(a[k]), tuple(b[k]))
+        assert found == pytest.approx(far[k], abs=1e-12)
+
+
+# Near segments: none that is near is left out.
+
+
+def test_near_segments_leaves_out_no_near_one() -> None:
+    rng = np.random.default_rng(0)
+    start = rng.normal(size=(60, 3))
+    end = start + rng.normal(size=(60, 3)) * rng.choice([0.0, 0.1, 1.0, 5.0], (60, 1))
+    end[:20] = start[:20] + [4.0, 0, 0]  # parallel
+    blocks = segment_blocks(start, end, np.arange(0, 60, 8))
+    i, j = np.triu_indices(8)
+    t = np.linspace(0, 1, 40)[:, None]
+    points = [a + t * (b - a) for a, b in zip(start, end, strict=True)]
+    for limit in (0.05, 0.3):
+        one, other = near_segments(blocks, i, j, limit)
+        assert (one < other).all() and len(one) < 60 * 59 / 2
+        found = set(zip(one.tolist(), other.tolist(), strict=True))
+        assert len(found) == len(one)
+        for a in range(60):
+            for b in range(a + 1, 60):
+                apart = np.linalg.norm(points[a][:, None] - points[b], axis=2).min()
+                assert apart > limit or (a, b) in found
+
+
+# What a mesh is made of: bodies, genera and volumes of known solids.
+
+
+def test_survey_finds_genus_and_volume_of_each_body() -> None:
+    axes = np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 1]])
+    ball = Mesh(
+        np.concatenate([axes, -axes]) + 100,
+        np.array(
+            [[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2], [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]]
+        ),
+    )
+    found = survey(two(ring(), ball))
+    assert found.closed and found.manifold
+    assert found.genus.tolist() == [1, 0]
+    assert found.volumes_mm3[1] == pytest.approx(4 / 3)
+    assert np.bincount(found.body).tolist() == [len(ring().faces), 8]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
+from math import ceil, floor
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +14,7 @@ from validator_parts import PlainView, circle, tangle, tube
 from knotfab.picture.read import read_target
 from knotfab.start.tone import read_darkness
 from knotfab_formats.views import Reading
-from knotfab_validators.files.picture import read_greys
+from knotfab_validators.files.picture import read_greys, read_silhouette
 from knotfab_validators.shadows.compare import (
     check_tone,
     depth_ratio,
@@ -21,7 +23,22 @@ from knotfab_validators.shadows.compare import (
     overlap,
     see_aside,
 )
-from knotfab_validators.shadows.frame import padded_mask, working_frame
+from knotfab_validators.shadows.frame import (
+    MISSING,
+    SPILL,
+    padded_mask,
+    working_frame,
+    write_compare,
+    write_shadow,
+)
+from knotfab_validators.shadows.naming import (
+    MARGIN,
+    SIDE,
+    fit_picture,
+    name_piece,
+    read_foreign,
+    shrink_to_box,
+)
 from knotfab_validators.shadows.render import SilhouetteRenderer, why_no_rendering
 from knotfab_validators.shadows.view import view_geometry
 
@@ -147,3 +164,140 @@ def test_both_readers_see_the_same_greys(mode: str, invert: bool, tmp_path: Path
     theirs = read_greys(path, Reading(invert=invert))
     assert np.abs(mine - theirs).max() < 0.012
     assert mine.min() == 0.0 and mine.max() == 1.0
+
+
+# The frame on which shadows and pictures are compared.
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("shape", [(16, 16), (1000, 300), (3000, 4096), (1, 1)])
+def test_the_working_frame_keeps_pixel_squares(shape: tuple[int, int]) -> None:
+    mask = np.random.default_rng(1).random(shape) < 0.5
+    frame = working_frame(shape[1], shape[0])
+    assert max(frame.width, frame.height) == 1024
+    assert frame.pad_x == round(frame.width / 4) and frame.pad_y == round(frame.height / 4)
+    padded = padded_mask(mask, frame)
+    assert padded.shape == (frame.padded_height, frame.padded_width)
+    inner = padded[
+        frame.pad_y : frame.pad_y + frame.height, frame.pad_x : frame.pad_x + frame.width
+    ]
+    assert padded.sum() == inner.sum()
+    for i, j in np.random.default_rng(2).integers(0, inner.shape, (50, 2)):
+        down = share(int(i), frame.height, shape[0])
+        across = share(int(j), frame.width, shape[1])
+        covered = sum(a * b for y, a in down.items() for x, b in across.items() if mask[y, x])
+        assert inner[i, j] == (2 * covered >= sum(down.values()) * sum(across.values()))
+
+
+def share(at: int, wanted: int, pixels: int) -> dict[int, Fraction]:
+    """Measure how much of each of so many pixels the one of `wanted` covers, by number."""
+    low, high = Fraction(at * pixels, wanted), Fraction((at + 1) * pixels, wanted)
+    return {k: min(high, k + 1) - max(low, k) for k in range(floor(low), ceil(high))}
+
+
+def test_a_picture_of_twice_as_many_pixels_is_not_moved() -> None:
+    """A disc in the middle of a picture of 2048 px lay a quarter of a pixel aside on the frame of 1024."""
+    v, u = np.mgrid[:2048, :2048] - 1023.5
+    inner = padded_mask(np.hypot(u, v) < 700.3, working_frame(2048, 2048))
+    for turned in (inner[::-1], inner[:, ::-1], inner.T):
+        np.testing.assert_array_equal(turned, inner)
+
+
+def test_half_a_pixel_counts() -> None:
+    """The same on either side: an edge between two working pixels' centres takes neither side's part."""
+    mask = np.zeros((2048, 2048), dtype=bool)
+    mask[101:801, 501:1801] = True
+    inner = padded_mask(mask, working_frame(2048, 2048))[256:-256, 256:-256]
+    rows, columns = np.flatnonzero(inner.any(axis=1)), np.flatnonzero(inner.any(axis=0))
+    assert (rows[0], rows[-1], columns[0], columns[-1]) == (50, 400, 250, 900)
+
+
+# The pictures of a verified shadow say what the masks say.
+
+
+def test_the_shadows_picture_reads_back_as_the_shadow(tmp_path: Path) -> None:
+    frame = working_frame(100, 60)
+    shape = np.zeros((60, 100), dtype=bool)
+    shape[10:40, 20:70] = True
+    shadow = padded_mask(shape, frame)
+    write_shadow(tmp_path / "shadow.png", shadow, frame)
+    back = read_silhouette(tmp_path / "shadow.png")
+    assert back.shape == (frame.height, frame.width)
+    np.testing.assert_array_equal(padded_mask(back, frame), shadow)
+
+
+@pytest.mark.slow
+def test_the_difference_has_its_colours_only_where_there_is_one(tmp_path: Path) -> None:
+    frame = working_frame(64, 64)
+    target = np.zeros((frame.padded_height, frame.padded_width), dtype=bool)
+    target[400:900, 500:1000] = True
+    for name, shadow, colours in [
+        ("same", target, []),
+        ("spill", target | np.roll(target, 60, axis=0), [SPILL]),
+        ("missing", target & np.roll(target, 60, axis=0), [MISSING]),
+        ("moved", np.roll(target, 60, axis=1), [SPILL, MISSING]),
+    ]:
+        path = tmp_path / f"{name}.png"
+        write_compare(path, target, shadow, frame)
+        image = np.asarray(Image.open(path))
+        assert image.shape[1] > 2.5 * image.shape[0]
+        for colour in (SPILL, MISSING):
+            assert (image == colour).all(axis=-1).any() == (colour in colours), (name, colour)
+
+
+# A piece from aside is named by its picture where that stands out, and by nothing where it is a
+# tangle.
+
+
+V, U = np.mgrid[:200, :160]
+CROSS = (np.abs(U - 80) < 14) | (np.abs(V - 70) < 14)
+HOUSE = (V > 90) & (np.abs(U - 80) < 60) | (np.abs(U - 80) < V - 10) & (V < 91)
+
+
+def lattice(seed: int) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    mask = np.zeros((200, 160), dtype=bool)
+    for a, b, c in rng.uniform(-1, 1, (14, 3)):
+        mask |= np.abs(a * (U - 80) + b * (V - 100) + 90 * c) < 7 * np.hypot(a, b)
+    return mask
+
+
+@pytest.mark.parametrize("picture", [CROSS, HOUSE])
+def test_the_picture_itself_is_named_first_sheared_too_and_a_lattice_is_not(
+    picture: np.ndarray,
+) -> None:
+    sheared = np.array([np.roll(row, i // 8 - 12) for i, row in enumerate(picture)])
+    for seen in (picture, sheared[::2]):
+        found = name_piece([seen], picture)
+        assert found is not None and found.first and found.z > 3
+        assert name_piece([seen], picture) == found  # no luck in it
+    tangled = name_piece([lattice(k) for k in range(4)], picture)
+    assert tangled is not None and tangled.z < 2.5
+    best = name_piece([lattice(0), picture], picture)
+    assert best == name_piece([picture], picture)
+
+
+def test_nothing_to_see_is_not_named() -> None:
+    nothing = np.zeros((9, 9), dtype=bool)
+    assert name_piece([], CROSS) is name_piece([nothing], CROSS) is None
+    assert name_piece([CROSS], nothing) is None
+
+
+def test_signs_are_two_dozen_pictures_none_of_which_is_another() -> None:
+    signs, gains = read_foreign()
+    assert signs.shape == (24, SIDE, SIDE) and gains.shape == (24,)
+    fits = np.array([[fit_picture(a, b) for b in signs] for a in signs])
+    assert np.diag(fits) == pytest.approx(1.0)
+    assert (fits - np.eye(24)).max() < 0.9
+
+
+def test_a_box_is_stretched_with_all_that_it_covers() -> None:
+    mask = np.zeros((50, 70), dtype=bool)
+    mask[11:31, 7:52] = True
+    whole = shrink_to_box(mask)
+    assert whole is not None
+    assert whole.sum() == pytest.approx((SIDE - 2 * MARGIN) ** 2)
+    mask[11:21, 7:29] = False
+    part = shrink_to_box(mask)
+    assert part is not None
+    assert part.sum() / whole.sum() == pytest.approx(1 - 10 * 22 / (20 * 45))

@@ -1,0 +1,242 @@
+"""The table of features: the quickest build of each row, and refusals that name the physical reason."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import shutil
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from command import knotfab
+from PIL import Image
+from reports import report_with
+from validator_parts import circle, tube
+
+from benchmarks import measurement, several_table
+from benchmarks.features import CELLS, ROWS, Cell, build_cell
+from benchmarks.measurement import Built
+from benchmarks.outside_suites import expected, list_files, run_all, table
+from benchmarks.several_table import NAMED, build_set, draw_sets
+from benchmarks.traced_colours import light_and_mix, measure_rms, trace_colours, use_mitsuba
+from benchmarks.typed_pages import PAGES, ROOT, broken_promises, commands_of, take_photograph
+from knotfab.base.folder import OutputFolder
+from knotfab.base.progress import Progress
+from knotfab.cli import make
+from knotfab.cli.commands import app
+from knotfab.design import survey
+from knotfab.design.frames import frame_view
+from knotfab.design.radius import RadiusChoice
+from knotfab.part.write import make_pose
+from knotfab.pipeline import build as pipeline
+from knotfab.request import Outcome, Request
+from knotfab.scene.load import dump_scene, load_scene
+from knotfab_validators.files.scene import parse_scene
+from knotfab_validators.geometry.mesh import Mesh
+from knotfab_validators.shadows.view import view_geometry
+
+# rows that other tests cover, at a lower cost than a whole build
+ELSEWHERE = {
+    "wall mount": "tests/pipeline/test_build.py",
+    "desk stand": "tests/hold",
+    "eyelet for a thread": "tests/hold/test_hang.py",
+    "depth given": "tests/pipeline/test_build.py",
+    "flat": "tests/pipeline/test_build.py",
+    "slicing": "tests/part/test_slicer.py",
+    "files for other tools": "tests/pipeline/test_piece.py",
+    "subject of a photograph": "tests/picture/test_subject.py",
+    "network (inn)": "tests/apps/paper/test_network.py",
+    "network, then flow (inn+flow)": "tests/apps/paper/test_network.py",
+    "region mesh": "tests/limits/test_feasibility.py",
+    "time budget": "tests/search/test_free_pose.py",
+    "price of a limit": "tests/design/test_settings.py",
+    "sparser filling": "tests/pipeline/test_build.py",
+    "wire plan": "tests/apps/wire/test_plan.py",
+    "view found in the search": "tests/search/test_free_pose.py",
+}
+assert all(Path(__file__).parents[2].joinpath(place).exists() for place in ELSEWHERE.values())
+QUICKEST = [Cell(row, row.quickest) for row in ROWS if row.name not in ELSEWHERE]
+
+
+@pytest.mark.build
+@pytest.mark.parametrize("cell", QUICKEST, ids=lambda c: c.row.name)
+def test_the_quickest_build_of_each_row(cell: Cell, tmp_path: Path) -> None:
+    good, said = build_cell(cell, tmp_path)
+    assert good, said
+
+
+@pytest.mark.parametrize(
+    "cell", [c for c in CELLS if c.refusal], ids=lambda c: f"{c.row.name}, {c.column}"
+)
+def test_a_refusal_names_the_physical_reason(cell: Cell, tmp_path: Path) -> None:
+    good, said = build_cell(cell, tmp_path)
+    assert good and said.startswith("refused: "), said
+    assert not (tmp_path / "out").exists()
+
+
+# Files of outside suites are found, sorted by what is expected of them, and counted.
+
+
+def test_files_are_judged_by_what_their_names_expect(tmp_path: Path) -> None:
+    codes: dict[str, int | None] = {
+        "core/P_MUSTPASS_cube.3mf": 0, "core/P_MUSTPASS_twisted.3mf": 1, "core/P_MUSTPASS_lost.3mf": 2,
+        "core/MustFail/a.3mf": 2, "core/MustFail/b.3mf": 0, "lib/hangs.3mf": None, "lib/dies.stl": -11,
+        "lib/knots/3_1.json": 0, "heart.png": 0,
+    }  # fmt: skip
+    for name in (*codes, "core/readme.md", "lib/._cube.3mf"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).touch()
+    assert len(list(list_files(tmp_path))) == len(codes)
+    told: list[str] = []
+    found = run_all(
+        tmp_path, lambda path: (codes[str(path.relative_to(tmp_path))], "why"), told.append
+    )
+    assert {str(o.path.relative_to(tmp_path)) for o in found if o.wrong} == {
+        "core/P_MUSTPASS_lost.3mf",
+        "core/MustFail/b.3mf",
+        "lib/hangs.3mf",
+        "lib/dies.stl",
+    }
+    assert len(told) == 4 and all("why" in line for line in told)
+    rows = {line.split(" | ")[0].strip("| "): line for line in table(found).splitlines()[2:]}
+    assert rows["core"] == "| core | 5 | 2 | 1 | 2 | 0 | 0 | 0 | 2 |"
+    assert rows["lib"] == "| lib | 3 | 1 | 0 | 0 | 0 | 1 | 1 | 2 |"
+
+
+def test_the_innermost_name_decides() -> None:
+    assert expected(Path("MUSTFAIL/must pass 1.3mf")) == "pass"
+    assert expected(Path("suite/cube.3mf")) == ""
+
+
+# The sets of several pictures that a seed draws, and the scene by eye.
+
+
+@pytest.mark.slow
+def test_no_set_is_drawn_twice_and_all_repeat(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(several_table, "pictures", cache(several_table.pictures))
+    drawn = draw_sets()
+    assert {many: len(sets) for many, sets in drawn.items()} == {2: 12, 3: 8, 4: 2, 1: 5}
+    for many, sets in drawn.items():
+        assert all(len(set(name.split("-"))) == many for name in sets)
+        assert len({frozenset(name.split("-")) for name in sets}) == len(sets)
+    assert draw_sets() == drawn
+
+
+@pytest.mark.slow
+def test_a_set_is_built_once_and_by_eye_where_its_name_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls: list[tuple[str, ...]] = []
+
+    def build(first: str, out: Path, *options: str, printing: bool) -> Built:
+        calls.append((first, *options))
+        return Built(2, 1.0, 2.0, 3.0, None, "refused")
+
+    monkeypatch.setattr(measurement, "build_apart", build)
+    name = next(n for n in NAMED if n.endswith("by-eye"))
+    for _ in range(2):
+        built = build_set(name, tmp_path)
+        assert built["said"] == "refused" and built["code"] == 2 and built["report"] is None
+    ((first, second, *options),) = calls
+    assert (Path(first).name, Path(second).name) == ("heart.png", "teapot.png")
+    with Image.open(first) as picture:
+        assert picture.size[0] > 100
+    scene = load_scene(Path(options[options.index("--scene") + 1]))
+    assert [view.kind for view in scene.views] == ["eye", "eye"]
+    assert [view.azimuth_deg for view in scene.views] == [0.0, 90.0]
+    assert json.loads((tmp_path / f"{name}.json").read_text())["cpu_s"] == 2.0
+
+
+# The colours that the validators mix, against paths that Mitsuba traces through the same scene.
+
+
+PX, PATHS = 40, 196
+
+
+@pytest.mark.slow
+def test_what_lamps_mix_is_what_a_path_tracer_sees() -> None:
+    pytest.importorskip("mitsuba")
+    assert use_mitsuba()
+    base = {"frame_width_mm": 80.0, "frame_height_mm": 80.0, "wall_distance_mm": 60.0}
+    places = {"red": (-60.0, 0.0), "green": (10.0, 50.0), "blue": (60.0, -20.0)}
+    views: list[dict[str, Any]] = [
+        {**base, "name": name, "light_right_mm": x, "light_up_mm": y, "lamp_colour": colour}
+        for (name, (x, y)), colour in zip(places.items(), np.eye(3).tolist(), strict=True)
+    ]
+    views = [views[0], *({**view, "wall": "red"} for view in views[1:])]
+    scene = parse_scene({"views": views})
+    mesh = Mesh(*tube(circle(80, 20.0), 4.0, 24))
+    seen = [view_geometry(view, PX, PX) for view in scene.views]
+    _, ours = light_and_mix(mesh, scene, seen)
+    traced = trace_colours(mesh, scene.views, seen, PATHS)
+    assert measure_rms(ours, traced).max() < 0.03
+    assert ours.min() < 0.05 and (ours > 0.9).all(axis=2).mean() > 0.3
+    # a lamp elsewhere is another picture, in its own channel
+    moved = replace(seen[2], light=seen[2].light + 40 * seen[2].up)
+    off = measure_rms(ours, trace_colours(mesh, scene.views, [*seen[:2], moved], PATHS))
+    assert off[2] > 0.1 > 0.03 > off[:2].max()
+
+
+# README's and the tutorial's commands are typed as they stand there; builds are stood for by
+# their files.
+
+
+def build(request: Request, progress: Progress) -> Outcome:
+    """Write what a later command reads: scene, pictures, and that there is a report."""
+    views = [frame_view(v, t) for v, t in zip(request.scene.views, request.targets, strict=False)]
+    with OutputFolder(request.out) as folder:
+        for view, target in zip(views, request.targets, strict=False):
+            folder.write(view.picture, target.png_bytes)
+        made = {"views": tuple(views), "pose": make_pose(np.eye(4))}
+        folder.write("scene.toml", dump_scene(request.scene.model_copy(update=made)))
+        folder.write("report.json", "{}")
+        folder.commit()
+    return Outcome(0, report_with(views=[]), request.out)
+
+
+@contextlib.contextmanager
+def page(out: Path, say: object) -> Iterator[tuple[io.StringIO, None]]:
+    yield io.StringIO(), None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", PAGES)
+def test_a_page_can_be_typed_from_its_first_line_to_its_last(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(pipeline, "run_build", build)
+    monkeypatch.setattr(make, "open_page", page)
+    # which tube several pictures take is found by drawing starts, for seconds
+    monkeypatch.setattr(survey, "choose_radius", lambda *_, **__: RadiusChoice(2.0, ()))
+    folder = shutil.copytree(ROOT / "examples", tmp_path / "examples")
+    monkeypatch.chdir(folder)
+    commands = commands_of((ROOT / name).read_text("utf-8"))
+    assert len(commands) >= (15 if name == "README.md" else 4)
+    for words in commands:
+        if words[0] in ("build", "preview", "compare"):
+            if words[0] == "compare":
+                take_photograph(folder / words[2], folder / words[1])
+            done = knotfab(*words)
+            assert done.code == 0, (words, done.err)
+            if words[0] == "compare":
+                assert done.out.startswith("9"), done.out  # % alike
+        else:
+            app.parse_args(words, exit_on_error=False, print_error=False)
+
+
+def test_a_promise_that_is_off_by_more_than_a_tenth_is_told() -> None:
+    said = "pass\n  faithful, 10.1 h, 86 g, 44% of it supports: open badge/report.html\n"
+    for promise, kept in (("9.5 h, 90 g", True), ("22 h, 86 g", False), ("10.1 h, 99 g", False)):
+        text = f"    faithful, {promise}, 44% of it supports: open badge/report.html\n"
+        assert (broken_promises(text, said) == []) == kept
+    other = "    good, 10.1 h, 86 g, 44% of it supports: open badge/report.html\n"
+    assert broken_promises(other, said)
+    assert commands_of("```sh\ncd x\nknotfab build a b  # c\n```\n    knotfab no\n") == [
+        ["build", "a", "b"]
+    ]
