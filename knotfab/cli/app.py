@@ -1,6 +1,6 @@
-"""Begin and end a command: interrupts, what it says, and the exit codes of the contract.
+"""Run a command: interrupts, error sentences, guarded streams, and the exit codes of the contract.
 
-Nothing heavy is imported before an interrupt is heeded.
+Nothing heavy is imported before interrupts are handled.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from knotfab_formats.errors import shown
 
 
 def main(arguments: list[str] | None = None, began: float | None = None) -> None:
-    """Run the command line and leave with its exit code.
+    """Run the command line, and exit with its code.
 
     Args:
-        arguments: those of the process by default.
+        arguments: by default those of the process.
         began: `time.perf_counter()` from which its times count; by default the start of the process.
     """
     asked: list[int] = []
@@ -34,13 +34,13 @@ def main(arguments: list[str] | None = None, began: float | None = None) -> None
 
     code = 0
     try:
-        for name in ("SIGINT", "SIGTERM", "SIGHUP"):  # asked to end, tidy up as after Ctrl-C
-            number = getattr(signal, name, None)  # Windows hangs up nobody
+        for name in ("SIGINT", "SIGTERM", "SIGHUP"):  # all end it as Ctrl-C does
+            number = getattr(signal, name, None)  # Windows has no SIGHUP
             if number is not None and signal.getsignal(number) is not signal.SIG_IGN:
                 signal.signal(number, interrupt)
         code = _run(arguments, began)
     except (Exception, KeyboardInterrupt) as error:
-        # a compiler drops an interrupt that falls into one of its callbacks, and fails a step later
+        # numba's compiler swallows an interrupt in its callbacks, and fails a step later
         if asked or isinstance(error, KeyboardInterrupt):
             stays = str(error) if isinstance(error, KeyboardInterrupt) else ""
             print(f"knotfab: interrupted; {stays or 'nothing was changed'}", file=sys.stderr)
@@ -51,23 +51,21 @@ def main(arguments: list[str] | None = None, began: float | None = None) -> None
     why = why_unsaid()
     if why is not None:
         print(f"knotfab: {why}", file=sys.stderr)
-    gc.freeze()  # all memory is freed when the process ends: to look through it would take a second
+    gc.freeze()  # a last collection would take a second, and the process ends anyway
     sys.exit(code or (0 if why is None else 3))
 
 
 def set_environment() -> None:
-    """Tell the libraries what a light start and a shared machine ask of them, before they are imported."""
-    # many small products: threads that wait for each other cost more than they bring, and up to
-    # ten times on a shared machine; read when numpy is first imported
+    """Set environment variables that libraries read when they are first imported."""
+    # products are small: threads that wait for each other cost time, ten times as much on a shared machine
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # pydantic's plugins are looked for in every package that is installed, for a tenth of a second
+    # searching all installed packages for plugins takes a tenth of a second
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
 
 
 def _run(arguments: list[str] | None, began: float | None) -> int:
-    """Return the exit code of the command that is called."""
     set_environment()
-    # the libraries make a million things that stay: looked through seldom, they load a tenth faster
+    # libraries load a tenth faster if their million permanent objects are seldom scanned
     gc.set_threshold(20_000, 20, 20)
 
     guard_streams()
@@ -85,7 +83,7 @@ def _run(arguments: list[str] | None, began: float | None) -> int:
 
 
 def _refuse_dashes(arguments: list[str]) -> None:
-    """Refuse an option whose hyphens a chat or a word processor made one long dash, unless it is a file."""
+    """Refuse an option whose hyphens a word processor turned into one long dash, unless it is a file."""
     from knotfab_formats.errors import InputError
 
     for word in arguments:
@@ -95,7 +93,7 @@ def _refuse_dashes(arguments: list[str]) -> None:
 
 
 def _mend_named(arguments: list[str]) -> None:
-    """Finish what a killed build was moving into a folder that this call names, or names a file of."""
+    """Finish the interrupted commits of killed builds in the folders that a call names."""
     from pathlib import Path
 
     from knotfab.base.folder import mend
@@ -107,7 +105,7 @@ def _mend_named(arguments: list[str]) -> None:
 
 
 def _tell(error: Exception) -> int:
-    """Say in one sentence why a command ended, on standard error; its exit code."""
+    """Print on standard error why the command ended, and return its exit code."""
     from knotfab.base.errors import explain_error, keep_traceback
     from knotfab_formats.errors import InputError
 
@@ -122,7 +120,7 @@ def _tell(error: Exception) -> int:
 
 
 def _tell_misuse(error: Any) -> str:
-    """Tell cyclopts's complaint on a call, with a full stop; an option cut short may be any of its kind."""
+    """Return cyclopts's complaint as a sentence, with suggestions for an option that was abbreviated."""
     if "-" in sys.argv[1:]:
         return "- (standard input) is not read: name a file, or write text:… for a word."
     token = getattr(error, "token", None)
@@ -140,9 +138,7 @@ def _tell_misuse(error: Any) -> str:
     return said if said[-1:] in ".?!" else f"{said}."
 
 
-# Standard output and error that fail nobody: signs that a console lacks, readers that go, full
-# disks.
-
+# standard streams that never end the process
 
 _PLAIN = {
     "°": " deg", "×": "x", "…": "...", "–": "-", "—": "-", "−": "-", "·": ".", "•": "*", "“": '"', "”": '"',
@@ -154,7 +150,7 @@ _unsaid: list[OSError] = []  # why standard output could not be written
 
 
 def _in_plain_signs(error: UnicodeError) -> tuple[str | bytes, int]:
-    """Replace signs that an encoding lacks by plain ones, or else by their number."""
+    """Replace characters that an encoding lacks by plain ones, or else by their code."""
     if not isinstance(error, UnicodeEncodeError):
         raise error
     plain = ""
@@ -167,10 +163,9 @@ def _in_plain_signs(error: UnicodeError) -> tuple[str | bytes, int]:
 
 
 class _Patient(io.FileIO):
-    """A file descriptor that goes on where it can be written no more: what is said then is lost."""
+    """A file that redirects itself to nowhere when it can no longer be written."""
 
     def write(self, data: object) -> int:
-        """Write, or note why not, and from then on write to nowhere."""
         try:
             return super().write(data)  # type: ignore[arg-type]
         except OSError as error:
@@ -183,13 +178,13 @@ class _Patient(io.FileIO):
 
 
 def guard_streams() -> None:
-    """Let no word of this process end it.
+    """Make standard output and error safe to print to.
 
-    A console gets "3" for "³" where it lacks that. A reader that stops reading, as `| head -1` does, changes
-    neither work nor exit code. Where the disk under standard output is full, `why_unsaid` knows.
+    Characters that a console lacks are replaced ("³" by "3"). A reader that stops reading, as `| head -1`
+    does, changes neither work nor exit code. After a full disk, `why_unsaid` tells the reason.
     """
     with contextlib.suppress(OSError):
-        while (spare := os.open(os.devnull, os.O_RDWR)) <= 2:  # one that was closed is nowhere
+        while (spare := os.open(os.devnull, os.O_RDWR)) <= 2:  # reopen closed standard streams
             pass
         os.close(spare)
     codecs.register_error(_ERRORS, _in_plain_signs)
@@ -210,7 +205,7 @@ def guard_streams() -> None:
 
 
 def why_unsaid() -> str | None:
-    """Say why some of standard output was lost, in a sentence; None where nothing was, or nobody listens."""
+    """Return a sentence why part of standard output was lost; None if nothing was, or its reader left."""
     with contextlib.suppress(OSError, ValueError):
         sys.stdout.flush()
     if not _unsaid:

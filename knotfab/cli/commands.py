@@ -1,4 +1,4 @@
-"""The command line: the commands of a build, and those that the apps add by entry points."""
+"""The commands of the core, and those that the apps add by entry points."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ app = App(
     help="Turns a picture into a knotted tube whose shadow is that picture, proved before you print.\n\n"
     "Exit codes: 0 every required check passed; 1 a check failed or the scene cannot be met; "
     "2 wrong input; 3 this machine lacks something, or knotfab made a mistake; 130 interrupted.",
-    suppress_keyboard_interrupt=False,  # main says what became of the work
+    suppress_keyboard_interrupt=False,  # `main` handles it
 )
 
 
 @dataclass
 class CallClock:
-    """`time.perf_counter()` where the call that runs began: its times are those that a person waits."""
+    """When the running call began, by `time.perf_counter()`, so that its times include loading."""
 
     began: float | None = None
 
@@ -108,9 +108,7 @@ def _build(
         if watch:
             events_of_page, _ = page.enter_context(open_page(request.out, progress.say))
             progress.listen(events_of_page)
-        from knotfab.pipeline.build import (
-            run_build,  # heavy: only once the call is known to be right
-        )
+        from knotfab.pipeline.build import run_build  # heavy, so only after the call was checked
 
         outcome = run_build(request, progress)
         progress.tell("end", exit_code=outcome.exit_code, folder=str(outcome.folder))
@@ -133,7 +131,7 @@ def _build(
 
 @contextmanager
 def open_events(name: str | None) -> Iterator[TextIO | None]:
-    """Open the events of a build: nowhere, standard output for "-", or a file.
+    """Open the stream for a build's events: standard output for "-", or a file; None without a name.
 
     Raises:
         InputError: the file cannot be written.
@@ -153,13 +151,13 @@ def open_events(name: str | None) -> Iterator[TextIO | None]:
 def open_page(
     out: Path, say: Callable[[str], None], grace_s: int | None = None
 ) -> Iterator[tuple[IO[str], subprocess.Popen[str]]]:
-    """Yield a page in the browser that shows a build into `out`: the queue of its events, and its process.
+    """Open a page in the browser that shows a build into `out`. Yields the pipe for events, and its process.
 
-    That stays while a tab is open.
+    The process stays while a tab is open.
 
     Args:
-        say: told the page's address, from a thread.
-        grace_s: after the build's end, in which a page that is loaded anew may come back.
+        say: is called with the page's address, from a thread.
+        grace_s: how long after the build's end a reloaded page may come back.
 
     Raises:
         MachineError: the studio's extra is not installed.

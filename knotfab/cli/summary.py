@@ -1,4 +1,4 @@
-"""Print what a person reads at the end of a command."""
+"""Print the result of a command: a build's summary, checks, catalogues, and the shadow in Braille."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def _value(value: Any) -> str:
 
 
 def print_checks(checks: Sequence[Check]) -> None:
-    """Print a line a check that ran, the detail of those that failed, and why the others did not run."""
+    """Print a table of the checks that ran, details of those that failed, and why others did not run."""
     from rich.console import Console
     from rich.markup import escape
     from rich.table import Table
@@ -70,7 +70,7 @@ def print_checks(checks: Sequence[Check]) -> None:
     for check in checks:
         if check.status == "skipped" and not check.required:
             reasons.setdefault(check.detail, []).append(check.name)
-        # a person wants to know what was found in a part from elsewhere
+        # the detail of `centre_line` tells what was found in a part from elsewhere
         elif check.detail and (check.status != "pass" or check.name == "centre_line"):
             line = f"  {escape(check.name)}: {escape(check.detail)}"
             console.print(line, highlight=False, soft_wrap=True)
@@ -80,16 +80,12 @@ def print_checks(checks: Sequence[Check]) -> None:
 
 
 def _is_informative(check: Check) -> bool:
-    """Tell whether nobody asks the check to pass: it has no limit, or decides nothing and holds."""
+    """Return whether a check passed that has no limit, or is not required."""
     return check.status == "pass" and (check.limit is None or not check.required)
 
 
 def print_summary(outcome: Outcome, verbose: bool = False) -> None:
-    """Say where the result lies, how good it is, and what did not pass.
-
-    Args:
-        verbose: with the figures that the words stand for.
-    """
+    """Print where the result is, how good it is, and what did not pass; figures too if `verbose`."""
     from rich.console import Console
     from rich.markup import escape
 
@@ -121,7 +117,7 @@ def print_summary(outcome: Outcome, verbose: bool = False) -> None:
 
 
 def _graceful(knots: Sequence[KnotFigures]) -> str:
-    """Say how smoothly the knots run: the curvature of the least graceful, and the turns of all."""
+    """Describe how smooth the knots are: the curvature of the least graceful, and the turns of all."""
     if not knots:
         return ""
     mean = max(knot.mean_curvature_radii for knot in knots)
@@ -131,7 +127,7 @@ def _graceful(knots: Sequence[KnotFigures]) -> str:
 
 
 def _word(report: Report) -> str:
-    """Print the word for the shadow, and a warning where it is coarse or worse."""
+    """Return the verdict's word in colour, with a warning if the shadow is coarse or worse."""
     if report.verdict is None:
         return ""
     word = report.verdict.word
@@ -142,7 +138,7 @@ def _word(report: Report) -> str:
 def print_catalogue(
     printers: Mapping[str, Printer], materials: Mapping[str, Material], own: Path
 ) -> None:
-    """Print the printers and materials that are known by name, a line each, in mm, and where one's own go."""
+    """Print tables of the known printers and materials, and where to put one's own."""
     from rich.console import Console
     from rich.markup import escape
     from rich.table import Table
@@ -174,25 +170,25 @@ def print_catalogue(
     )
 
 
-# The shadow so far in a terminal: dots of Braille, two by four in a character.
-
+# the shadow in Braille
 
 _ACROSS, _DOWN = 2, 4  # dots of a character
-# Unicode 2800 gives each dot of a character its bit, row by row.
-_BITS = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]])
+_BITS = np.array(
+    [[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]]
+)  # of each dot from U+2800
 _GAP = 2  # columns between views
 
 
 def draw_shadow(views: Sequence[ResolvedView], knots: Knots, columns: int, rows: int) -> str:
-    """Draw the shadow of `knots` (in the scene) in each view's frame, side by side while there is room.
+    """Draw the shadow of knots in the scene, in as many views side by side as there is room for.
 
     Args:
-        columns, rows: characters that there are.
+        columns, rows: the room, in characters.
 
     Returns:
-        Lines of Braille, `rows` at most.
+        At most `rows` lines of Braille.
     """
-    # loops load scipy, and calls that are refused draw nothing
+    # imported here because they load scipy, and refused calls draw nothing
     from knotfab.render.image import frame_at
     from knotfab.render.silhouette import Sheet, cast
 
@@ -208,7 +204,7 @@ def draw_shadow(views: Sequence[ResolvedView], knots: Knots, columns: int, rows:
             break
         dot_mm = max(view.frame_width_mm / max(1, wide), view.frame_height_mm / max(1, high))
         frame = frame_at(view, Sheet(max(1, wide), max(1, high), dot_mm, view.wall_tilt_deg))
-        # a strand thinner than a dot is drawn as thick as one, so that it has no gaps
+        # strands are at least as thick as a dot, so that they have no gaps
         thick = max(knots.radius_mm, 0.5 * dot_mm / view.magnification)
         drawn.append(_to_braille(cast(points, points[knots.rings.next], frame, thick)))
         left -= len(drawn[-1][0]) + _GAP

@@ -1,4 +1,4 @@
-"""The main job: from a picture to a folder with a part that was verified after it was written."""
+"""Build a piece: from pictures to a folder with a part that was verified after it was written."""
 
 from __future__ import annotations
 
@@ -34,10 +34,10 @@ def run_build(request: Request, progress: Progress | None = None) -> Outcome:
 
 
 def build(request: Request, progress: Progress | None = None) -> Outcome:
-    """Return search, sweep, mount, pose, write, verify, slice and report (contract: files in DIR).
+    """Build one piece: search, sweep, mount, pose, write, verify, slice, report.
 
-    A piece that fails a required check is written whole to DIR/rejected and leaves an earlier good
-    result as it was.
+    The folder then holds the files of the contract. A piece that fails a required check is written whole to
+    DIR/rejected, and an earlier good result stays as it was.
 
     Raises:
         KnotfabError: with the exit code of its kind; nothing is left half-written.
@@ -54,7 +54,7 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
                 request.targets or read_targets(request.pictures, views, base=request.base)
             )
         with Verifier(request.skip) as verifier:
-            # only now: the search is loaded while the validators load what they need
+            # imported only now, while the validators load in their own processes
             from knotfab.design.design import design_knots
             from knotfab.part.slicer import SlicerQueue
             from knotfab.part.slicer_profile import write_profile
@@ -79,7 +79,7 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
         return finish_build(folder, request, report, title, [piece], progress)
 
 
-# seconds of one view in draft; this machine's own are learned as they pass
+# for one view in draft; progress corrects them by what this machine takes
 _USUAL_S = {
     "question": 0.1,
     "radius": 0.6,
@@ -90,12 +90,12 @@ _USUAL_S = {
     "report": 0.1,
 }
 _USUAL_PRINTED_S = {"verify": 0.3, "slicer": 8.0, "drawings": 2.0}
-_LONGER = {"sketch": 0.4, "draft": 1.0, "standard": 3.5, "fine": 7.0}  # a search
+_LONGER = {"sketch": 0.4, "draft": 1.0, "standard": 3.5, "fine": 7.0}  # factors for the search
 _FREE = 10.0  # factor for a search that finds the pose as well
 
 
 def _usual_seconds(request: Request) -> dict[str, float]:
-    """Return the usual seconds of this build's stages, for the time that is left."""
+    """Estimate the seconds of each stage, from which progress tells the time left."""
     scene = request.scene
     longer, views = _LONGER[scene.accuracy.name], len(scene.views)
     usual = {name: seconds * longer**0.5 * views for name, seconds in _USUAL_S.items()}

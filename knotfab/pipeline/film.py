@@ -1,4 +1,4 @@
-"""A sequence from its pictures to a folder: a verified part a frame, the moving shadow, a zoetrope."""
+"""Build a sequence: a verified part for each frame, the moving shadow as a GIF, and a zoetrope."""
 
 from __future__ import annotations
 
@@ -48,20 +48,18 @@ from knotfab_formats.scene import ResolvedScene
 from knotfab_formats.verdict import PRINTER, list_unmet
 
 GIF = "sequence.gif"
-PICTURES = "picture-frame-*"  # the frames' pictures, as scene.toml names them
+PICTURES = "picture-frame-*"  # how scene.toml names the frames' pictures
 ZOETROPE = "zoetrope"
-_EYE_MM = np.array([[0.0, 400.0, 700.0]])  # the zoetrope is drawn from before and above it
+_EYE_MM = np.array([[0.0, 400.0, 700.0]])  # the zoetrope is drawn from the front and above
 
 
 def build_sequence(request: Request, progress: Progress | None = None) -> Outcome:
     """Search all frames as the same moving knots, and write and verify each as a part of its own.
 
-    Files: part-NN.stl, part-NN.3mf, knots-NN.json, scene-NN.toml, picture-frame-NN.*,
-    shadow-frame-NN.png, compare-frame-NN.png, scene.toml, sequence.gif, report.json and report.html; to
-    be printed, slicer.ini, zoetrope.stl and zoetrope.3mf as well; of wire, bends-NN.csv and its templates.
-    With a mount each frame stands or hangs by itself, and has its own setup-NN.pdf and setup-NN.svg; the
-    zoetrope has none. Frames are verified and sliced while later ones are searched. As with one picture,
-    what fails a required check is written whole to DIR/rejected.
+    Each frame has the files of a single piece, numbered (part-01.stl, …). There are one scene.toml,
+    sequence.gif and report, and for print the zoetrope. Each frame has its own mount, the zoetrope none.
+    Frames are verified and sliced while later ones are searched. A sequence that fails a required check is
+    written whole to DIR/rejected.
 
     Raises:
         KnotfabError: with the exit code of its kind; nothing is left half-written.
@@ -84,7 +82,7 @@ def build_sequence(request: Request, progress: Progress | None = None) -> Outcom
         kept = keep_for(request.scene, targets, request.device, request.time_budget_s)
         if len(kept) > 0:
             progress.say(f"{len(kept)} of {len(targets)} frames were done before, and are kept.")
-        # side by side as the machine allows, with two processes that verify to one that slices
+        # as many as the machine allows, each with two processes to verify and one to slice
         jobs = min(len(targets), max(1, count_jobs() // 2))
         mounted = request.is_mounted(knots)
         with (
@@ -134,7 +132,7 @@ def build_sequence(request: Request, progress: Progress | None = None) -> Outcom
 
 @contextmanager
 def _tell_kept(kept: KeptFrames, count: int) -> Iterator[None]:
-    """Tell on an interrupt what a next call goes on from."""
+    """On an interrupt, say how many frames the next call need not search again."""
     try:
         yield
     except KeyboardInterrupt:
@@ -145,7 +143,7 @@ def _tell_kept(kept: KeptFrames, count: int) -> Iterator[None]:
 
 
 def _fails(frame: SequenceFrame, piece: WrittenPiece) -> list[str]:
-    """Return the required checks that a frame fails, by name."""
+    """Return the names of the required checks that a frame fails."""
     limits = [] if frame.made.result.feasible else ["limits"]
     unmet = list_unmet(piece.verdict.checks)
     return [*limits, *(c.name for c in unmet if c.status == "fail")]
@@ -158,7 +156,10 @@ def _mend(
     write: Callable[[SequenceFrame], WrittenPiece],
     folder: OutputFolder,
 ) -> tuple[SequenceFrame, WrittenPiece]:
-    """Search a failed frame from another start if that is better; none helps against limits or a floor."""
+    """Search a failed frame again from another start, and keep the better one.
+
+    A frame whose limits or floor forbid a better result is returned as it is.
+    """
     failed, made = _fails(frame, piece), frame.made
     shadows = bool(failed) and set(failed) <= {"shadow", "half_light"}
     best = shadows and made.result.iou_estimate >= made.opening_iou - POOR
@@ -175,7 +176,7 @@ def _mend(
 
 
 def _make_ring(folder: OutputFolder, pieces: Sequence[WrittenPiece], verifier: Verifier) -> Ring:
-    """Make the zoetrope, and the verdict to come on its written file."""
+    """Write the zoetrope, and submit it to the validators."""
     try:
         spun = write_zoetrope(folder, [piece.made for piece in pieces])
     except SceneError as error:
@@ -185,7 +186,7 @@ def _make_ring(folder: OutputFolder, pieces: Sequence[WrittenPiece], verifier: V
 
 
 def _motions(folder: OutputFolder, pieces: Sequence[WrittenPiece]) -> list[Motion]:
-    """Measure the motion into each frame but the first, then that back to it, from the written knots."""
+    """Measure from the written knots the motion into frames 2, 3, … and, last, back to frame 1."""
     points, outlines = [], []
     for piece in pieces:
         assert piece.scene.pose is not None
@@ -208,20 +209,18 @@ def _motions(folder: OutputFolder, pieces: Sequence[WrittenPiece]) -> list[Motio
 
 
 def frame_suffix(target: Target) -> str:
-    """Return the end of the names of a frame's files: "-01"."""
+    """Return the suffix of a frame's files, such as "-01"."""
     return "-" + target.name.removeprefix("frame-")
 
 
 def write_scene(folder: OutputFolder, asked: ResolvedScene, first: ResolvedScene) -> Path:
-    """Write the first frame's scene.toml, every search setting resolved, with the pictures of all frames.
+    """Write a scene.toml from which `knotfab build --sequence` makes the same sequence again.
 
-    Its mount is what was asked for: each frame has its own.
-
-    `knotfab build --sequence --scene DIR/scene.toml` makes the same sequence again.
+    It has the first frame's resolved settings, but the mount and the IoU floor of `asked`, since these
+    follow from each frame.
 
     Args:
-        asked: the scene as a person wrote it: what is required of the IoU follows from each picture,
-            unless it was given.
+        asked: the scene as the user wrote it.
     """
     keys = first.model_dump(by_alias=True, exclude={"pose", "mount"})
     named = {"name": asked.views[0].name, "picture": PICTURES}
@@ -232,10 +231,10 @@ def write_scene(folder: OutputFolder, asked: ResolvedScene, first: ResolvedScene
 
 
 def write_zoetrope(folder: OutputFolder, frames: Sequence[Design]) -> Zoetrope:
-    """Return all frames on one ring, as zoetrope.stl and zoetrope.3mf.
+    """Write all frames on one ring as zoetrope.stl and zoetrope.3mf.
 
     Raises:
-        SceneError: they make no one closed body.
+        SceneError: they do not make one closed body.
     """
     scene = frames[0].scene
     spun = build_zoetrope(

@@ -1,4 +1,4 @@
-"""The report of a sequence: one view a frame, its motion and its certificate; checks taken together."""
+"""Report a sequence: a view for each frame with its motion and certificate, and the checks of all."""
 
 from __future__ import annotations
 
@@ -34,14 +34,13 @@ from knotfab_validators.check import at_least, at_most
 from knotfab_validators.shadows.recognition import worst_verdict
 
 Line = TypeVar("Line", EffectLine, LimitLine)
-# keys of a piece's `print` that go with its frame; keys that are summed over all frames
-_OF_FRAME = ("pose", "plates", "flatter", "support_access")
-_SUMMED = ("time_s", "filament_m", "filament_g", "support_g")
-_FAR = 8.0  # tube radii that an outline goes: more than that is worth a frame in between
+_OF_FRAME = ("pose", "plates", "flatter", "support_access")  # keys of `print` told by frame
+_SUMMED = ("time_s", "filament_m", "filament_g", "support_g")  # keys of `print` summed over frames
+_FAR = 8.0  # tube radii of outline motion beyond which a frame in between is advised
 
 
 def check_motion(motions: Sequence[Motion]) -> Check:
-    """Check `motion`: no vertex goes further between neighbours than the outlines and one radius."""
+    """Check `motion`: from frame to frame no vertex moves farther than the outlines plus one radius."""
     worst = max(motions, key=lambda m: m.largest_mm - m.limit_mm)
     number = next(k for k, m in enumerate(motions, start=2) if m is worst)
     return Check(
@@ -58,7 +57,7 @@ def check_motion(motions: Sequence[Motion]) -> Check:
 
 
 def check_closing(motion: Motion) -> Check:
-    """Check `closing`: the same from the last frame back to the first, which not every sequence needs."""
+    """Check `closing`: the same from the last frame back to the first; not required."""
     loop = "so it may be played round and round" if motion.held else "too far to play it as a loop"
     status: Status = "pass" if motion.held else "fail"
     detail = f"from the last frame to the first, {loop}"
@@ -68,7 +67,7 @@ def check_closing(motion: Motion) -> Check:
 
 @dataclass(frozen=True)
 class Ring:
-    """The zoetrope as written, or `why` there is none; and the validators' verdict on its file to come."""
+    """The zoetrope as written, or why there is none, and the verdict on its file to come."""
 
     spun: Zoetrope | None
     why: str
@@ -76,9 +75,9 @@ class Ring:
 
 
 def check_ring(ring: Ring, printer: Printer) -> list[Check]:
-    """Check `zoetrope_mesh`: zoetrope.stl is sound; `zoetrope`: the printer can print its tubes.
+    """Check that zoetrope.stl is sound (`zoetrope_mesh`), and that its tubes can be printed (`zoetrope`).
 
-    The second is not required: the frames are as small as the bed asks, and the parts are there as well.
+    The second is not required: the bed forces the frames' size, and there are the single parts too.
     """
     if ring.spun is None or ring.answer is None:
         return [Check("zoetrope", "fail", False, None, None, "mm", ring.why)]
@@ -119,15 +118,16 @@ def sequence_report(
     request: Request,
     resumed: int,
 ) -> Report:
-    """Return report.json of a sequence, from the frames' own reports.
+    """Make the report of a sequence from those of its frames.
 
     Args:
-        reports: the report of each frame, as for a piece of its own. pieces: as written and verified.
+        reports: of each frame, as for a piece of its own.
         motions: into frames 2, 3, … and, last, back to the first.
-        checks: of the sequence as a whole. resumed: how many frames an earlier call had searched.
+        checks: of the sequence as a whole.
+        resumed: how many frames an earlier call had searched.
     """
     views, all_checks = _list_views(reports, pieces, frames, motions), [r.checks for r in reports]
-    together = (*_together(all_checks), *checks)
+    together = (*_merge_checks(all_checks), *checks)
     slicings = {name: one for piece in pieces for name, one in piece.sliced.items()}
     sliced = sum_slicings(slicings) if slicings else None
     print_, settings = _sum_prints(reports, spun), reports[0].settings
@@ -177,8 +177,8 @@ def _list_views(
     frames: Sequence[SequenceFrame],
     motions: Sequence[Motion],
 ) -> tuple[FrameView, ...]:
-    """List the views of all frames, each with what its own part comes to."""
-    views = []
+    """List the views of all frames, each with the figures of its own part."""
+    views, shared = [], _shared_notes(reports)
     each = zip(reports, frames, pieces, strict=True)
     for number, (report, frame, piece) in enumerate(each, start=1):
         log = frame.made.result.log
@@ -197,7 +197,7 @@ def _list_views(
                     certificate=Certificate(**vars(log), certified=log.certified),
                     mount=report.print.mount or MountFigures(kind="none"),
                     **{key: getattr(report.print, key) for key in (*_OF_FRAME, *_SUMMED)},
-                    notes=_own_notes(report, reports),
+                    notes=tuple(n for n in report.notes if n not in shared),
                     bending_plan=report.bending_plan,
                     failed=tuple(check.name for check in list_unmet(report.checks)),
                 )
@@ -206,7 +206,7 @@ def _list_views(
 
 
 def _sum_prints(reports: Sequence[Report], spun: Zoetrope | None) -> Print:
-    """Return what all parts come to together, and their zoetrope."""
+    """Sum the figures of all parts, and add those of the zoetrope."""
     first, prints = reports[0].print, [r.print for r in reports]
     sums: dict[str, Any] = {
         key: sum(getattr(one, key) for one in prints)
@@ -225,13 +225,13 @@ def _sum_prints(reports: Sequence[Report], spun: Zoetrope | None) -> Print:
 
 
 def advise(views: Sequence[FrameView], radius: float) -> list[str]:
-    """Return a sentence for each frame that fails: which checks, and what to do about it."""
+    """Return for each failed frame a sentence that names the checks and a remedy."""
     found = []
     for number, view in enumerate(views, start=1):
         failed = view.failed
         if not failed:
             continue
-        # the motion into a frame stands with it
+        # of the motions into and out of this frame, the larger
         ways = [(v.motion.outline_mm, k) for k, v in enumerate(views, start=1) if v.motion]
         far, into = max((way for way in ways if way[1] in (number, number + 1)), default=(0.0, 0))
         if "limits" in failed:
@@ -254,19 +254,13 @@ def advise(views: Sequence[FrameView], radius: float) -> list[str]:
     return found
 
 
-def _own_notes(report: Report, reports: Sequence[Report]) -> tuple[str, ...]:
-    """Return the notes of a frame that are not those of every frame."""
-    return tuple(note for note in report.notes if note not in _shared_notes(reports))
-
-
 def _shared_notes(reports: Sequence[Report]) -> list[str]:
-    """Return the notes that every frame has."""
     first, *others = (report.notes for report in reports)
     return [note for note in first if all(note in notes for notes in others)]
 
 
-def _together(all_checks: Sequence[Sequence[Check]]) -> list[Check]:
-    """Return one line a check for all frames: the worst status, and the figures of a frame that has it."""
+def _merge_checks(all_checks: Sequence[Sequence[Check]]) -> list[Check]:
+    """Merge each check over all frames: the worst status, with the figures of the worst frame that has it."""
     names = list(dict.fromkeys(c.name for checks in all_checks for c in checks))
     found = []
     for name in names:
@@ -291,7 +285,7 @@ def _together(all_checks: Sequence[Sequence[Check]]) -> list[Check]:
 
 
 def _room(check: Check) -> float:
-    """Measure how close a check is to its limit; whichever side the limit is on, less is closer."""
+    """Return the distance of a check from its limit, on either side; 0 if they are not numbers."""
     measured, limit = check.measured, check.limit
     if not isinstance(measured, int | float) or not isinstance(limit, int | float):
         return 0.0
@@ -299,7 +293,7 @@ def _room(check: Check) -> float:
 
 
 def _effects(reports: Sequence[Report]) -> tuple[EffectLine, ...]:
-    """Return each effect at its largest magnitude; calls, seconds and stages of all frames together."""
+    """Return each effect at its largest magnitude, with calls, seconds and stages summed over all frames."""
     limits = {line.name for r in reports for line in r.limits}
     every = [[line for line in r.effects if line.name not in limits] for r in reports]
     found = []
@@ -311,7 +305,7 @@ def _effects(reports: Sequence[Report]) -> tuple[EffectLine, ...]:
 
 
 def _limits(reports: Sequence[Report]) -> tuple[LimitLine, ...]:
-    """Return each limit in the frame that comes nearest to it or goes furthest beyond."""
+    """Return each limit as in the frame that comes nearest to it or goes farthest beyond."""
 
     def beyond(line: LimitLine) -> float:
         over = line.measured - line.limit
@@ -322,7 +316,6 @@ def _limits(reports: Sequence[Report]) -> tuple[LimitLine, ...]:
 
 
 def _by_name(frames: Sequence[Sequence[Line]]) -> list[list[Line]]:
-    """Return the lines of all frames, those of one name together."""
     found: dict[str, list[Line]] = {}
     for line in (line for lines in frames for line in lines):
         found.setdefault(line.name, []).append(line)
@@ -330,6 +323,5 @@ def _by_name(frames: Sequence[Sequence[Line]]) -> list[list[Line]]:
 
 
 def _spent(lines: Sequence[EffectLine | LimitLine]) -> dict[str, Any]:
-    """Return the calls and seconds of all lines together."""
     seconds = round(sum(line.seconds for line in lines), 4)
     return {"calls": sum(line.calls for line in lines), "seconds": seconds}

@@ -1,4 +1,4 @@
-"""A written piece is reported, and a whole build moved to where its checks say that it belongs."""
+"""Report a written piece, and put a finished build in its place: the folder itself, or `rejected`."""
 
 from __future__ import annotations
 
@@ -61,14 +61,14 @@ from knotfab.scene.camera import cameras_of
 from knotfab_formats.report import Report
 from knotfab_formats.verdict import Verdict, View, exit_code
 
-_TOLD_S = 0.5  # between what is said of the slicer
-_AFTER_BENDS_S = 5.0  # from the last step of a wire's plan to the end of a build
+_TOLD_S = 0.5  # interval between progress messages on the slicer
+_AFTER_BENDS_S = 5.0  # from the end of fitting a wire to the end of the build
 
 
 def report_piece(
     piece: WrittenPiece, folder: OutputFolder, request: Request, progress: Progress
 ) -> Report:
-    """Wait for the verdict on a piece, write its bending plan and drawings, and report all of it."""
+    """Wait for the verdict and the slicer, write bending plan and drawings, and make the report."""
     made, part = piece.made, piece.part
     if part is None:
         return _report_unbuilt(piece, request)
@@ -114,7 +114,7 @@ def report_piece(
 
 
 def _report_unbuilt(piece: WrittenPiece, request: Request) -> Report:
-    """Return report knots of which no part can be made; the verdict says why."""
+    """Return the report of knots that could not be made into a part; its verdict says why."""
     made = piece.made
     checks = [*piece.verdict.checks, check_certificate(made), check_limits(made)]
     notes = [*tell_binding(made), *tell_warnings(made.result.effects)]
@@ -123,7 +123,7 @@ def _report_unbuilt(piece: WrittenPiece, request: Request) -> Report:
 
 
 def _wait_for_slicer(piece: WrittenPiece, progress: Progress) -> Sliced | NotSliced | None:
-    """Wait until all files of a piece are sliced, and sum what the slicer said; None if none is sliced."""
+    """Wait until all files of a piece are sliced, and sum the results; None if nothing is sliced."""
     with progress.stage("slicer"):
         while piece.slicer and wait(piece.slicings.values(), _TOLD_S).not_done:
             progress.update(piece.slicer.done, even=False)
@@ -131,7 +131,7 @@ def _wait_for_slicer(piece: WrittenPiece, progress: Progress) -> Sliced | NotSli
 
 
 def _draw_bendings(piece: WrittenPiece, folder: OutputFolder) -> None:
-    """Write bent-VIEW.png for each picture that was bent."""
+    """Write bent-VIEW.png for each picture that was bent to agree with the others."""
     made = piece.made
     for view, target, bound in zip(made.scene.views, piece.targets, made.bounds, strict=False):
         if target.bending is not None:
@@ -146,7 +146,7 @@ def _list_notes(
     plan: WirePlan | None,
     found: tuple[Sequence[str], Sequence[str]],
 ) -> list[str]:
-    """List what a reader is told beside the figures; `found` are notes on its turning and on its pose."""
+    """List the report's notes; `found` are those on the turning pictures and on the pose."""
     made, part, targets = piece.made, piece.part, piece.targets
     assert part is not None
     turned, laid = found
@@ -171,7 +171,7 @@ def _list_notes(
 
 
 def _list_views(piece: WrittenPiece, printing: bool, verdict: Verdict) -> list[View]:
-    """List the verified views, with what the build knows and measures of them."""
+    """Add to the verified views what only the build knows: effects, contrast, sag, bounds."""
     made, part, lies = piece.made, piece.part, piece.scene.pose
     moves = None if part is None else part.mounted.moves
     up = None if lies is None or not printing else np.array(lies.matrix)[:3, 2]
@@ -189,7 +189,7 @@ def finish_build(
     pieces: Sequence[WrittenPiece],
     progress: Progress,
 ) -> Outcome:
-    """Write the report, and move the whole to where its checks say that it belongs.
+    """Write the report, and commit the folder, or reject it if a required check failed.
 
     Args:
         pieces: one, or the frames of a sequence; the report's viewer shows them.
@@ -221,7 +221,7 @@ def finish_build(
 
 
 def _show(pieces: Sequence[WrittenPiece]) -> dict[str, Any]:
-    """Collect the viewer's data of the first piece; its slider goes through the search, or several pieces."""
+    """Collect the viewer's data of the first piece; its slider goes through the search, or the frames."""
     first = pieces[0]
     bodies = [] if first.part is None else first.part.bodies
     if several := len(pieces) > 1:
@@ -245,7 +245,7 @@ def _show(pieces: Sequence[WrittenPiece]) -> dict[str, Any]:
 def _plan_bends(
     folder: OutputFolder, piece: WrittenPiece, request: Request, progress: Progress
 ) -> WirePlan | None:
-    """Return the bending plan, written, where the piece is of wire."""
+    """Write the bending plan of a piece of wire, within the time budget; None for other materials."""
     if piece.scene.material.process != "wire":
         return None
     with progress.stage("bending plan"):
@@ -262,7 +262,7 @@ def _plan_bends(
 
 
 def _read_back(folder: OutputFolder, piece: WrittenPiece) -> list[str]:
-    """Read the files for the slicer back with lib3mf; its words are by name where there are several."""
+    """Read the 3MF files back with lib3mf, and return its warnings, prefixed by file if there are several."""
     assert piece.part is not None
     whole, coloured = (
         folder.file(f"{name}{piece.suffix}.3mf") for name in ("part", "part-colours")

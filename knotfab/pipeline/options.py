@@ -1,4 +1,4 @@
-"""The options of `knotfab build` as one value: their names, defaults, groups and help."""
+"""The options of `knotfab build`: names, types, defaults, groups and help, for command line and library."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ OUTPUT = Group.create_ordered("Output")
 
 
 def _read_whole(_: object, tokens: Sequence[Token]) -> int:
-    """Read a whole number, which cyclopts by itself would round others to."""
+    """Read a whole number; cyclopts would round others."""
     value, remedy = tokens[0].value, "Give one such as 3."
     try:
         number = int(value)
@@ -62,22 +62,22 @@ def _read_decimal(_: object, tokens: Sequence[Token]) -> float:
 
 
 def _words_of(tokens: Sequence[Token]) -> str:
-    """Return an option with its value, as it was typed."""
+    """Return the option and its value as typed."""
     return f"{tokens[0].keyword or ''} {tokens[0].value}".strip()
 
 
 def _read_place(_: object, tokens: Sequence[Token]) -> Path:
-    """Return the path to write; "" is refused, since a variable was not set."""
     return _place_of(tokens[0].value)
 
 
 def _place_of(name: str | Path) -> Path:
+    """Return the path to write to. "" is refused: it comes from an unset variable."""
     if not str(name).strip():
         raise ValueError('"" names no place')
     return Path(name)
 
 
-ALL_OUT = Path("knotfab-out")  # the folder of those that a build, or a batch, names after pictures
+ALL_OUT = Path("knotfab-out")  # parent of the folders that are named after pictures
 Whole = Annotated[int, Parameter(converter=_read_whole)]
 Length = Annotated[float, Parameter(converter=_read_mm)]
 Decimal = Annotated[float, Parameter(converter=_read_decimal)]
@@ -90,16 +90,16 @@ KEYS: dict[str, type[BaseModel]] = {
     **{"views": View, "piece": Piece, "mount": Mount, "accuracy": Accuracy, "about": About},
     "search": SearchSettings,
 }
-"""The tables of a scene whose keys have options of their own."""
+"""The tables of a scene whose keys have options, by name."""
 
 _GROUPS = {group.name: group for group in (_PICTURE, _PIECE, _PRINT, _SEARCH, OUTPUT)}
 HELP: dict[str, str] = {}
-"""What an option of a key does, by its name here."""
+"""The help of the options that set keys, by the option's name as a field."""
 AClass = TypeVar("AClass", bound=type)
 
 
 def _with_keys(*tables: str, only: Collection[str] = ()) -> Callable[[AClass], AClass]:
-    """Give a class of options, before its own, those that set keys of tables; all, or `only` some."""
+    """Return a decorator that adds to a class the options that set keys of these tables (or `only` some)."""
 
     def add(kind: AClass) -> AClass:
         found = {}
@@ -121,7 +121,7 @@ def _with_keys(*tables: str, only: Collection[str] = ()) -> Callable[[AClass], A
 
 
 def _type_of(model: type[BaseModel], key: str) -> Any:
-    """Return the type of a key's option: a text where the key takes words beside a number."""
+    """Return the type of a key's option: text if the key takes words beside a number."""
     kind: Any = model.model_fields[key].annotation
     words, literal = tuple(values_of(model, key)), cast(Any, Literal)
     if words and len(words) == len(get_args(kind)):
@@ -145,9 +145,9 @@ def _type_of(model: type[BaseModel], key: str) -> Any:
 @_with_keys("views")
 @_with_keys("piece", only=("tube_radius",))
 class PictureOptions:
-    """Options of reading a picture, and of what a tube can make of it; None leaves it to the scene.
+    """Options for reading a picture and surveying it; None leaves a value to the scene.
 
-    The options that set a key are those that the key's declaration names (`knotfab_formats`).
+    Options that set keys of the scene are declared with these keys (`knotfab_formats`).
     """
 
     if TYPE_CHECKING:
@@ -175,7 +175,7 @@ class PictureOptions:
 @dataclass(frozen=True, kw_only=True)
 @_with_keys(*KEYS)
 class BuildOptions(PictureOptions):
-    """Options of `knotfab build` besides its pictures; None leaves it to the scene."""
+    """All options of `knotfab build`; None leaves a value to the scene."""
 
     sequence: Annotated[Flag, Parameter(group=_PICTURE)] = False
     """The pictures are frames of one motion: a folder of numbered pictures, an animation (GIF), or
@@ -220,18 +220,18 @@ class BuildOptions(PictureOptions):
 
     @property
     def mode(self) -> Mode:
-        """The kind of progress that is shown."""
+        """How progress is shown."""
         return "quiet" if self.quiet else "verbose" if self.verbose else "auto"
 
 
 def options_from(given: Mapping[str, Any], known: Collection[str] = ()) -> BuildOptions:
-    """Read options by their names, as a library's caller gives them: numbers and paths in their own types.
+    """Make options from Python values by name, for callers of the library.
 
     Args:
-        known: those that there are; by default all.
+        known: the names that are allowed; by default all.
 
     Raises:
-        InputError: there is no such option, it cannot be that, or the folder to write has no name.
+        InputError: an option is unknown, or has a wrong value.
     """
     from pydantic import TypeAdapter, ValidationError
 
@@ -264,13 +264,13 @@ def options_from(given: Mapping[str, Any], known: Collection[str] = ()) -> Build
             why = told[:1].lower() + told[1:]
             remedy = "Name a folder." if key == "out" else "Correct it, or leave it out."
             raise InputError(f"the option {name}={value!r}", why, remedy) from None
-        # 700 is a number as it is, and is written so
+        # an int stays an int, so that 700 is not written as 700.0
         values[key] = value if type(value) is int and isinstance(checked, float) else checked
     return BuildOptions(**values)
 
 
 def with_examples(text: str) -> Callable[[Command], Command]:
-    """Mark a command with the examples that stand at the end of its help."""
+    """Return a decorator that adds examples to the end of a command's help."""
 
     def mark(command: Command) -> Command:
         command.__dict__["examples"] = text

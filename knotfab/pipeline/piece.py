@@ -1,4 +1,4 @@
-"""One piece, or one frame of a sequence: written, and handed over to be verified and sliced."""
+"""Write one piece, or one frame of a sequence, and hand its files over to be verified and sliced."""
 
 from __future__ import annotations
 
@@ -47,11 +47,10 @@ from knotfab_formats.verdict import Verdict
 
 @dataclass(frozen=True)
 class WrittenPiece:
-    """One piece as it was written; `part` is None where none can be made of its knots.
+    """One piece as written. `part` is None if none could be made of its knots.
 
-    `scene` has its pose. `suffix` is in its files' names, such as "-01" of a sequence's frame. `answer` waits
-    for the validators' verdict; `slicings` are what the slicer will say, by file. `notes` are sentences
-    for the report.
+    `scene` has the pose. `suffix` is in the names of its files, such as "-01" for a frame of a sequence.
+    `answer` waits for the validators' verdict, and `slicings` hold the slicer's results to come, by file.
     """
 
     made: Design
@@ -63,21 +62,21 @@ class WrittenPiece:
     slicings: dict[str, Future[Sliced | NotSliced]] = field(default_factory=dict)
     flattening: Flattening | None = None
     slicer: SlicerQueue | None = None
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  # sentences for the report
 
     @property
     def knots(self) -> Knots:
-        """The knots as they are in the file."""
+        """The knots as in the file."""
         return enlarge_knots(self.made) if self.part is None else self.part.pose.knots
 
     @cached_property
     def verdict(self) -> Verdict:
-        """The validators' verdict on the files."""
+        """The validators' verdict on the files; waits for it."""
         return self.answer()
 
     @cached_property
     def sliced(self) -> dict[str, Sliced | NotSliced]:
-        """The slicer's result for each file."""
+        """The slicer's result for each file; waits for it."""
         return {name: slicing.result() for name, slicing in self.slicings.items()}
 
 
@@ -91,13 +90,13 @@ def write_piece(
     progress: Progress,
     suffix: str = "",
 ) -> WrittenPiece:
-    """Write the part of a design with its knots, scene and pictures, and hand them over.
+    """Write a design's part, knots, scene and pictures, and submit them to validators and slicer.
 
-    Where no part can be made of it, or the printer holds none, its verdict says why.
+    If no part can be made of the design, or it does not fit the printer, the verdict says why.
 
     Args:
-        targets: the pictures of all views. suffix: suffix of its files' names, where it is one of several
-            frames.
+        targets: the pictures of all views.
+        suffix: for the names of the files, for a frame of a sequence.
     """
     targets, flattening = tuple(targets), None
     if made.region_stl is not None and made.scene.region.file is not None:
@@ -105,7 +104,7 @@ def write_piece(
     if made.start_json is not None:
         folder.write(START_FILE, made.start_json)
     try:
-        if len(targets) == 1 and not suffix:  # all frames move in one depth, before one wall
+        if len(targets) == 1 and not suffix:  # frames share one depth and one wall
             made, part, flattening = settle_part(request, targets[0], made, progress)
         else:
             part = part_of(made, request.printing, targets, progress)
@@ -138,31 +137,25 @@ def write_piece(
 
 
 def discard_piece(piece: WrittenPiece, folder: OutputFolder) -> None:
-    """Remove all files of a frame that is to be written anew; its verdict is known.
-
-    A slicing that has begun may still read them, and is waited for.
-    """
+    """Remove all files of a frame that is to be written again, once no slicer reads them any more."""
     wait([slicing for slicing in piece.slicings.values() if not slicing.cancel()])
-    own = re.compile(rf"[a-z-]+{piece.suffix}(-\d+)?\.\w+")  # "plate-03-1.3mf" of suffix "-03"
+    own = re.compile(rf"[a-z-]+{piece.suffix}(-\d+)?\.\w+")  # such as "plate-03-1.3mf" for "-03"
     for path in list(folder.work.iterdir()):
         if own.fullmatch(path.name):
             path.unlink()
 
 
 def files_for_slicer(folder: OutputFolder, part: Part, suffix: str) -> list[Path]:
-    """List the printed files: the part, or its plates."""
+    """List the files to print: the part, or its plates."""
     names = [f"part{suffix}.3mf"] if part.plates is None else part.plates.files(suffix)
     return [folder.file(name) for name in names]
 
 
-# Files for other tools, on `--also`: centre lines and shadows as drawings, for cutters, plotters
-# and CAD.
+# files for other tools (--also)
 
-
-_SIDES, _FEWEST_SIDES = 12, 6  # a faceted tube has between these
-# a faceted tube has no more where fewer sides allow: to write each takes .4 ms
-_FACETS, _MOST_FACETS = 24_000, 60_000
-_SHADOW_MM = 0.01  # within which a shadow's outline is a polygon
+_SIDES, _FEWEST_SIDES = 12, 6  # most and fewest sides of a faceted tube
+_FACETS, _MOST_FACETS = 24_000, 60_000  # facets aimed at, and most; writing each takes 0.4 ms
+_SHADOW_MM = 0.01  # tolerance of a shadow's outline as a polygon
 
 
 def write_also(
@@ -173,12 +166,10 @@ def write_also(
     also: Collection[str],
     suffix: str = "",
 ) -> tuple[str, ...]:
-    """Write centre-lines.svg and .dxf, the outlines shadow-NAME.svg, and part.step and centre-lines.step.
+    """Write centre lines, shadow outlines and solids in the formats that `also` names.
 
-    Which of them: the formats that `also` names. Those of STEP lie as part.stl does.
-
-    Centre lines are drawn where the first light throws them on its wall, so that they lie in the middle of
-    the shadow; the wall is laid flat. Arguments as `write_part` has them.
+    SVG and DXF centre lines are drawn where the first light casts them on the wall, laid flat, so that they
+    lie in the middle of the shadow. STEP files have the pose of part.stl.
 
     Returns:
         Sentences for the report.
@@ -204,7 +195,7 @@ def write_also(
 
 
 def _write_step(folder: OutputFolder, part: Part, camera: Camera, suffix: str) -> tuple[str, ...]:
-    """Tubes that no smooth solid stands for are written as facets, and told."""
+    """Write centre lines, tubes and mount as STEP. Returns a sentence for each tube that cannot be smooth."""
     knots = part.pose.knots
     lines = {f"knot {n}": k.points for n, k in enumerate(knots.knots, start=1)}
     ask(
@@ -247,7 +238,7 @@ def _write_step(folder: OutputFolder, part: Part, camera: Camera, suffix: str) -
 
 
 def _count_sides(vertices: int) -> int:
-    """Count the facets about a tube of so many vertices; 0: it would have too many in all."""
+    """Return how many sides a faceted tube of `vertices` may have; 0 if even the fewest are too many."""
     if 2 * _FEWEST_SIDES * vertices > _MOST_FACETS:
         return 0
     fit = _FACETS // (4 * vertices) * 2

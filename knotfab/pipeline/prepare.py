@@ -1,4 +1,4 @@
-"""Prepare a build from a call: whatever can be refused is refused before anything heavy loads."""
+"""Turn a call into a checked request. Whatever can be refused is refused before anything heavy loads."""
 
 from __future__ import annotations
 
@@ -47,11 +47,11 @@ if TYPE_CHECKING:
 def prepare_build(
     pictures: Sequence[str], options: BuildOptions, command: str, progress: Progress
 ) -> Request:
-    """Check a call and read its pictures: what can be refused is, before the search is loaded.
+    """Check a call, read its pictures and survey them.
 
     Args:
-        pictures: files, SVGs or `text:…`; none: those that the scene names.
-        command: the call in words, for the report.
+        pictures: files, SVGs or `text:…`; if none are given, those that the scene names.
+        command: the command line, for the report.
 
     Raises:
         InputError: an option, the scene or a picture is wrong.
@@ -84,7 +84,7 @@ def prepare_build(
             f"Name a folder in it, such as {out / call.name}, or add --force.",
         )
     with progress.stage("preview"):
-        # only now: a picture that cannot be read is told without waiting for them
+        # imported only now, so that an unreadable picture is refused without waiting for them
         from knotfab.design.sentence import describe
         from knotfab.design.survey import require_drawable
 
@@ -113,10 +113,10 @@ def prepare_build(
 
 
 def require_same_picture(folder: Path, picture: str, options: BuildOptions) -> None:
-    """Refuse to replace what a folder holds where that was built from another picture.
+    """Refuse to replace a folder's build of another picture. A picture that cannot be read replaces nothing.
 
     Raises:
-        InputError: there is such a build. A picture that cannot be read replaces nothing.
+        InputError: there is such a build.
     """
     if (folder / "report.json").is_file():
         try:
@@ -127,7 +127,7 @@ def require_same_picture(folder: Path, picture: str, options: BuildOptions) -> N
 
 
 def check_options(options: BuildOptions) -> None:
-    """Refuse options that no picture could be built with.
+    """Refuse options with which no picture could be built.
 
     Raises:
         InputError: naming the option.
@@ -140,7 +140,7 @@ def check_options(options: BuildOptions) -> None:
 
 
 def survey_pictures(pictures: Sequence[str], options: BuildOptions) -> Survey:
-    """Survey a call's pictures before anything is searched.
+    """Survey the pictures of a call: what a tube can make of them.
 
     Raises:
         InputError: as for `prepare_build`.
@@ -151,7 +151,7 @@ def survey_pictures(pictures: Sequence[str], options: BuildOptions) -> Survey:
 def preview_pictures(
     pictures: Sequence[str], options: BuildOptions
 ) -> tuple[Survey, tuple[TriedReading, ...]]:
-    """Survey pictures, as `survey_pictures`, with other ways to read an unclear one."""
+    """Survey pictures, and try other ways to read an unclear one."""
     from knotfab.design.readings import advise, is_unclear
 
     found = survey_pictures(pictures, options)
@@ -160,9 +160,9 @@ def preview_pictures(
 
 
 def list_readings(pictures: Sequence[str], options: BuildOptions) -> tuple[TriedReading, ...]:
-    """List up to six ways to read the one picture of a call, best first, with the options that give each.
+    """List up to six ways to read the single picture of a call, best first, with the options for each.
 
-    None for several pictures, lamps, frames, greys and `text:…`, which are read in one way. It takes seconds.
+    There are none for several pictures, lamps, frames, greys and `text:…`. This takes seconds.
 
     Raises:
         InputError: as for `prepare_build`.
@@ -186,23 +186,23 @@ def list_readings(pictures: Sequence[str], options: BuildOptions) -> tuple[Tried
 
 @dataclass(frozen=True)
 class _Call:
-    """A call as it was read: `base` is the folder that relative pictures start from, `name` the piece's."""
+    """A call whose scene and pictures have been read."""
 
     scene: ResolvedScene
     sources: tuple[str, ...]
-    base: Path | None
+    base: Path | None  # the folder that relative pictures start from
     targets: tuple[Target, ...]
-    name: str
-    lines: tuple[str, ...] = ()  # further lines for a person
-    agreed: Agreement | None = None  # the agreement of several pictures
-    parted: Separation | None = None  # the masks of a picture in colours, for lamps
-    told: tuple[str, ...] = ()  # lines on lamps that a preview tells as well
+    name: str  # of the piece
+    lines: tuple[str, ...] = ()  # further lines for the user
+    agreed: Agreement | None = None  # of several pictures
+    parted: Separation | None = None  # the masks for lamps, of a picture in colours
+    told: tuple[str, ...] = ()  # lines on lamps, which a preview shows too
 
 
 def _read_call(
     pictures: Sequence[str], options: BuildOptions, progress: Progress, glance: bool = False
 ) -> _Call:
-    """Read the scene with the options over it, and the pictures, large ones shrunk if they are glanced at."""
+    """Read scene and pictures of a call; with `glance` large pictures are shrunk."""
     scene, folder = read_scene(options)
     sources = _sources(pictures, scene, options.scene)
     _check_font(options.font, sources)
@@ -224,7 +224,7 @@ def _read_call(
         if scene.settings.free_view:
             from knotfab.design.settings import place_directions
 
-            # begin where an earlier build started, or else anywhere
+            # directions start where an earlier build's did, or else anywhere
             open_ = open_ or not scene.search.get("free_azimuths_deg")
             scene = place_directions(scene, scene.settings)[0]
     require_supports(scene)
@@ -239,12 +239,12 @@ def _read_call(
     with progress.stage("picture"):
         if options.sequence:
             targets = read_frames(sources, scene.views[0], base=base, font=options.font)
-            count_knots(targets, scene.piece.knots)  # refuses more knots than there can be
+            count_knots(targets, scene.piece.knots)  # refuses too many knots
         else:
             targets = read_targets(
                 sources, scene.views, base=base, font=options.font, glance=glance
             )
-            if not pictures:  # a build wrote it so: picture-front.png is the cat still
+            if not pictures:  # in a built scene picture-front.png still has the title of cat.png
                 titles = [view.title for view in scene.views]
                 targets = tuple(
                     replace(t, name=plain_name(title, t.name), title=title)
@@ -276,10 +276,7 @@ def _read_call(
 
 
 def _survey(call: _Call, options: BuildOptions, choose: bool = True) -> Survey:
-    """Look at a call's pictures, as those of a piece that is printed if the call says so.
-
-    Where there is little time the search chooses the radius alone, for it may then be thicker.
-    """
+    """Survey the pictures of a call; with `choose` the tube's radius is chosen too, as a build does."""
     from knotfab.design.survey import survey
 
     printed = {"printed": _prints(options, call.scene)}
@@ -294,7 +291,7 @@ def _survey(call: _Call, options: BuildOptions, choose: bool = True) -> Survey:
 
 
 def _prints(options: BuildOptions, scene: ResolvedScene) -> bool:
-    """Tell whether the piece is to be printed: a mount is, whoever asked for it."""
+    """Return whether the piece is to be printed, as every mounted one is."""
     return options.print_ or scene.piece.printed or scene.mount.asked
 
 
@@ -318,7 +315,7 @@ def _sources(pictures: Sequence[str], scene: ResolvedScene, path: Path | None) -
 
 
 def _keep_other_picture(folder: Path, targets: Sequence[Target]) -> None:
-    """Refuse to replace what was built from another picture in a folder that nobody named.
+    """Refuse to replace a folder's build of another picture.
 
     Raises:
         InputError: there is such a build.

@@ -1,4 +1,4 @@
-"""Lead from a call with lamps before one screen to their masks and places."""
+"""Read a call with several lamps before one screen: a mask for each lamp, and their places."""
 
 from __future__ import annotations
 
@@ -23,16 +23,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class LampsCall:
-    """The scene with its lamps in their places, the mask of each, the piece's name, what a person is told.
-
-    `parted`: how the picture in colours was taken apart, where it was.
-    """
+    """The scene with its lamps placed, and the picture that each must cast."""
 
     scene: ResolvedScene
-    targets: tuple[Target, ...]
-    name: str
-    parted: Separation | None
-    told: tuple[str, ...]
+    targets: tuple[Target, ...]  # one mask per lamp
+    name: str  # of the piece
+    parted: Separation | None  # how a picture in colours was separated
+    told: tuple[str, ...]  # lines for the user
 
 
 def read_lamps(
@@ -44,14 +41,15 @@ def read_lamps(
     *,
     named: bool,
 ) -> LampsCall:
-    """Read the lamps of a call: one picture in colours is taken apart into a mask each, and they are placed.
+    """Read the pictures of a call with lamps, separate one in colours into masks, and place the lamps.
 
     Args:
-        sources: that picture, or one for each lamp. base: the folder that relative ones start from.
-        named: whether the scene names the pictures: its titles say then what they are called.
+        sources: one picture in colours, or one picture per lamp.
+        base: the folder that relative paths start from.
+        named: whether the scene names the pictures, so that its titles are theirs.
 
     Raises:
-        InputError: lamps cannot show that.
+        InputError: lamps cannot show these pictures.
     """
     from knotfab.design.lamps import LAMPS_FRAME_MM, place_lamps
     from knotfab.picture.lamps import on_one_canvas, read_masks
@@ -96,7 +94,9 @@ def read_lamps(
         targets = on_one_canvas(targets)
     # masks must register with one another
     update |= {"piece": scene.piece.but(bend=0.0)}
-    if update.get("lamps") or targets is not read:  # the drawn pictures are those of the new files
+    if (
+        update.get("lamps") or targets is not read
+    ):  # the masks are new files, already black on white
         masks = {**dict(Reading()), "ink": "dark"}
         update["views"] = tuple(v.but(**masks) for v in scene.views)
     scene = scene.but(**update)
@@ -116,7 +116,7 @@ def read_lamps(
 
 
 def _require_colours(scene: ResolvedScene) -> None:
-    """Refuse keys that read a silhouette, but for a crop, where lamps show all colours of their picture.
+    """Refuse options that read a silhouette, except a crop: lamps that mix show all colours.
 
     Raises:
         InputError: naming the option.

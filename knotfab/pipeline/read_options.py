@@ -1,4 +1,4 @@
-"""Lead from the words of a call to a scene: numbers with units, times, names of checks."""
+"""Read the values of options, such as lengths with units, times and colours, into a scene."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _SECONDS |= dict.fromkeys(("h", "hr", "hrs", "hour", "hours"), 3600.0)
 def _millimetres(
     model: type[BaseModel], key: str, option: str, text: str, words: tuple[str, ...]
 ) -> Any:
-    """Return a positive length, or one of the words."""
+    """Read a positive length in mm, or one of the words."""
     plain = text.strip().lower()
     if plain in words:
         return plain
@@ -46,20 +46,20 @@ def _millimetres(
 
 
 def read_seconds(text: str, name: str = "--time-budget") -> float:
-    """Read a time: `30`, `90s`, `90sec`, `1.5min`, `1m`, `1m30s`, `1h`, in seconds.
+    """Read a time such as `30`, `90s`, `1.5min`, `1m30s` or `1h` in seconds.
 
     Args:
-        name: name of the option, for the message.
+        name: of the option, for the error message.
 
     Raises:
-        InputError: it is no time, or none that is positive.
+        InputError: it is not a positive time.
     """
     plain = re.sub(r"(?<=\d),(?=\d)", ".", text.strip().lower())
     parts = _TIME.findall(plain)
     if "".join(_TIME.sub("", plain).split()) or any(unit not in _SECONDS for _, unit in parts):
         parts = []
     if len(parts) > 1 and any(unit == "" for _, unit in parts):
-        parts = []  # "1 30": minutes and seconds, or a slip?
+        parts = []  # "1 30" is ambiguous
     seconds = sum(float(number) * _SECONDS[unit] for number, unit in parts)
     if not 0 < seconds <= _MOST_S:
         raise InputError(
@@ -71,7 +71,7 @@ def read_seconds(text: str, name: str = "--time-budget") -> float:
 
 
 def read_skips(names: Collection[str]) -> frozenset[str]:
-    """Read the checks of `--skip`, each known by name.
+    """Check the names given to `--skip`.
 
     Raises:
         InputError: there is no such check.
@@ -85,7 +85,7 @@ def read_skips(names: Collection[str]) -> frozenset[str]:
 
 
 def read_also(texts: Collection[str]) -> frozenset[str]:
-    """Read the formats of `--also`, commas between them.
+    """Read the formats given to `--also`, separated by commas.
 
     Raises:
         InputError: there is no such format.
@@ -98,13 +98,14 @@ def read_also(texts: Collection[str]) -> frozenset[str]:
 
 
 def read_scene(options: PictureOptions) -> tuple[ResolvedScene, Path | None]:
-    """Read the scene of a file (or the default one) with the command line's shorthands over it, resolved.
+    """Read the scene file, or take the default scene, apply the options to it, and resolve it.
 
-    Returns the scene and the folder that its pictures are relative to.
+    Returns:
+        The scene, and the folder that its pictures are relative to.
 
     Raises:
-        InputError: an option or the scene is wrong, they contradict each other, or name a printer or material
-            that is not known.
+        InputError: an option or the scene is wrong, they contradict each other, or a printer or material is
+            unknown.
     """
     from knotfab.scene.catalogue import asked_for, resolve
     from knotfab.scene.load import check_scene, load_scene
@@ -124,8 +125,8 @@ def read_scene(options: PictureOptions) -> tuple[ResolvedScene, Path | None]:
         if keys and table != "search"
     }
     if given["accuracy"].get("name", scene.accuracy.name) != scene.accuracy.name:
-        # the settings of the old preset go, which a build wrote; a person's own stay
-        search_settings(scene.accuracy.name, search)  # an unknown key is told
+        # another accuracy replaces all settings that a build wrote, but not a user's few
+        search_settings(scene.accuracy.name, search)  # refuses unknown keys
         if search.keys() >= SearchSettings.model_fields.keys():
             search = {key: value for key, value in search.items() if key in OF_NO_PRESET}
     update["search"] = {**search, **given["search"], **_search_keys(options)}
@@ -141,12 +142,12 @@ def read_scene(options: PictureOptions) -> tuple[ResolvedScene, Path | None]:
         update["views"] = tuple(v.but(**views) for v in scene.views)
     scene = scene.but(**update)
     check_scene(scene, "the command line" if path is None else str(path))
-    _ = scene.settings  # what is wrong in it is told
+    _ = scene.settings  # refuses wrong search settings
     return resolve(scene), None if path is None else path.resolve().parent
 
 
 def _keys(options: PictureOptions, model: type[BaseModel]) -> dict[str, Any]:
-    """Return the keys of a table that the options give, as their declaration says."""
+    """Return the keys of a table that the options set."""
     keys: dict[str, Any] = {}
     for key in model.model_fields:
         _, option = option_of(model, key) or ("", "")
@@ -158,10 +159,10 @@ def _keys(options: PictureOptions, model: type[BaseModel]) -> dict[str, Any]:
 
 
 def _read(model: type[BaseModel], key: str, option: str, value: Any) -> Any:
-    """Read a key's value, of what its option was given.
+    """Read the value of an option as that of its key.
 
     Raises:
-        InputError: it is none, or out of its bounds.
+        InputError: it is wrong or out of bounds.
     """
     if key in _READERS:
         return _READERS[key](option, value)
@@ -178,20 +179,20 @@ def _read(model: type[BaseModel], key: str, option: str, value: Any) -> Any:
 
 
 def _frame_keys(options: PictureOptions) -> dict[str, Any]:
-    """Return the sides of the frame: with one of them given the other follows from the picture."""
+    """Return the frame's sides; if only one is given, the other follows from the picture."""
     sided = options.width is not None or options.height is not None
     if options.size is not None:
         _check_bounds(View, "frame_width_mm", options.size, f"--size {options.size:g}")
         if sided:
             why = "--width or --height is given too"
             raise InputError(f"--size {options.size:g}", why, "Give one of them.")
-    if sided or options.size is not None:  # read_call knows the longer side
+    if sided or options.size is not None:  # which side is longer is known only with the picture
         return {"frame_width_mm": options.width, "frame_height_mm": options.height}
     return {}
 
 
 def _switches(texts: Collection[str]) -> dict[str, Any]:
-    """Give the keys of [effects] that `--effect NAME=on|off|auto` gives; of a name twice the last counts."""
+    """Return the keys of [effects] that `--effect NAME=on|off|auto` set; the last one of a name counts."""
     known, keys = list(Switches.model_fields), {}
     for text in texts:
         name, _, word = (part.strip().lower() for part in text.partition("="))
@@ -208,7 +209,7 @@ def _switches(texts: Collection[str]) -> dict[str, Any]:
 
 
 def _check_bounds(model: type[BaseModel], key: str, value: Any, what: str) -> None:
-    """Refuse a value of an option that the scene's key does not take."""
+    """Refuse a value that is out of the key's bounds."""
     bounds = why_out_of_bounds(model, key, value)
     if bounds is not None:
         unit = {"mm": "millimetres", "px": "pixels"}.get(key.rpartition("_")[2], "a number")
@@ -217,7 +218,7 @@ def _check_bounds(model: type[BaseModel], key: str, value: Any, what: str) -> No
 
 
 def _ink(option: str, text: str) -> str:
-    """Return a word of the scene key `ink`, or a colour as #rrggbb."""
+    """Read one of the words of `ink`, or a colour as #rrggbb."""
     plain = text.strip().lower()
     words = words_of(View, "ink")
     if plain in words:
@@ -232,7 +233,7 @@ def _ink(option: str, text: str) -> str:
 
 
 def _pixels(count: int, what: str, remedy: str, words: tuple[str, ...] = ()) -> Callable[..., Any]:
-    """Make a reader of so many whole px, the sizes (all but the first two) above 0, or of words."""
+    """Return a reader of `count` whole pixels, all but the first two of them above 0, or of words."""
 
     def read(option: str, text: str) -> Any:
         parts = [part.strip() for part in text.strip().strip("()[]").split(",")]
@@ -258,14 +259,14 @@ def _discs(option: str, texts: Collection[str]) -> tuple[Any, ...]:
 
 
 def _largest(option: str, count: int) -> int:
-    if count == 0:  # a scene's 0 stands for all of them
+    if count == 0:  # which means all of them in a scene
         raise InputError(f"{option} 0", "it is out of bounds", "Give a whole number from 1.")
     _check_bounds(View, "keep_largest", count, f"{option} {count:g}")
     return count
 
 
 def _count(option: str, text: str) -> int | str:
-    """Return auto, or how many knots."""
+    """Read "auto", or a number of knots."""
     if text == "auto":
         return text
     if not re.fullmatch(r"0*[0-9]{1,9}", text) or int(text) == 0:
@@ -279,7 +280,7 @@ def _count(option: str, text: str) -> int | str:
 
 
 def _share(option: str, text: str) -> float | str:
-    """Return auto, off, or a share of a picture's height."""
+    """Read "auto", "off", or a share of a picture's height."""
     plain = text.strip().lower()
     if plain in ("auto", "off"):
         return plain
@@ -299,11 +300,11 @@ def _share(option: str, text: str) -> float | str:
 
 
 def _bender(option: str, text: str) -> str:
-    """Return a template's name, or its file by its whole path."""
+    """Return the name of a built-in template, or the absolute path of a file."""
     return text if re.fullmatch("[a-z]+", text) else str(at_home(text).absolute())
 
 
-# keys whose options take more, or say it in other words, than their kind of value
+# keys whose options take other words than the keys themselves
 _READERS: dict[str, Callable[..., Any]] = {
     "ink": _ink,
     "crop_px": _pixels(
@@ -326,7 +327,6 @@ _READERS: dict[str, Callable[..., Any]] = {
 
 
 def _search_keys(options: PictureOptions) -> dict[str, Any]:
-    """Return the keys of [search] that options give in other words."""
     keys: dict[str, Any] = {}
     if options.start is not None:
         keys["start"] = str(at_home(options.start).absolute())

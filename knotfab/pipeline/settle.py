@@ -1,4 +1,4 @@
-"""Search the same piece again, flatter, where no pose keeps the supports' limit or no pegs hold it."""
+"""Search a piece again, flatter or nearer to the wall, if it needs too much support or no pegs hold it."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from knotfab.request import Request
 from knotfab.scene.camera import camera_of, view_axes
 from knotfab_formats.scene import LIGHT_SHARE, ResolvedView
 
-ROUNDS = 2  # searches anew
+ROUNDS = 2  # most further searches
 
 
 @dataclass(frozen=True)
 class _Settled:
-    """A design with its part, and the depth at which it would keep the limit for supports, if it does not."""
+    """A design and its part. If it needs too much support, `proposed_mm` is a depth that would not."""
 
     made: Design
     part: Part
@@ -35,7 +35,7 @@ class _Settled:
 
     @property
     def over_mm(self) -> float:
-        """The excess of its sag on its pegs over the limit."""
+        """By how much its sag on the pegs exceeds the limit."""
         wall, most = self.part.mounted.wall, self.part.mounted.scene.mount.max_sag_mm
         return 0.0 if wall is None or most is None else max(wall.sag_again_mm - most, 0.0)
 
@@ -43,15 +43,14 @@ class _Settled:
 def settle_part(
     request: Request, target: Target, made: Design, progress: Progress
 ) -> tuple[Design, Part, Flattening | None]:
-    """Return the part of a design; searched again, where the scene leaves that open, as an estimate proposes.
+    """Make the part of a design, and search again if it needs too much support or its pegs do not hold it.
 
-    With less depth for supports; before a nearer wall, and with less depth if need be, for a mount on
-    pegs. A depth and a wall that the scene gives, a view that is searched for, knots to start from, and a
-    time budget are not overruled: then there is a proposal only. Where a search comes to nothing better, the
-    earlier design is kept.
+    For supports less depth is tried; for pegs a nearer wall, and then less depth too. Nothing is searched
+    again against the scene's own depth or wall, a free view, given start knots or a time budget: the
+    returned Flattening is then only a proposal. If no search is better, the earlier design is kept.
 
     Raises:
-        SceneError: no part can be made of it.
+        SceneError: no part can be made.
     """
     shallower, nearer = _open(request)
     left = ROUNDS if shallower or nearer else 0
@@ -67,7 +66,7 @@ def settle_part(
             if left:
                 with progress.stage("mount"):
                     place = _propose_place(request, now)
-                if place is None:  # then all that may help is tried
+                if place is None:  # settle the design itself, trying everything
                     left = 0
                     continue
                 unheld = unheld or error.why
@@ -115,10 +114,10 @@ def _settle(
 
 
 def _open(request: Request) -> tuple[bool, bool]:
-    """Tell whether another depth may be taken, and another distance to the wall."""
+    """Return whether the depth may be changed, and whether the wall's distance may."""
     scene = request.scene
     free = request.printing and request.time_budget_s is None and not scene.settings.start
-    # a free view finds its wall itself
+    # a free view finds its own wall
     given = "wall_distance_mm" in scene.views[0].model_fields_set
     wall = not given and not scene.settings.free_view
     return free and scene.piece.depth is None, free and wall
@@ -127,10 +126,10 @@ def _open(request: Request) -> tuple[bool, bool]:
 def _search(
     request: Request, target: Target, made: Design, place: Place, progress: Progress
 ) -> Design:
-    """Return the design at another place; its tube is chosen anew where the wall, and so the size, differs.
+    """Search again at another depth and wall. A new wall changes the size, so the radius is chosen again.
 
     Raises:
-        SceneError: there is none.
+        SceneError: no tube can draw the picture there.
     """
     scene, (shallower, nearer) = request.scene, _open(request)
     piece, view = scene.piece, scene.views[0]
@@ -173,11 +172,11 @@ def _depth_mm(made: Design) -> float:
 
 
 def tell_depth(asked: float | None, made: Design) -> list[str]:
-    """Say that the centre lines take more depth than was asked for; nothing where they do not."""
+    """Return a note if the centre lines take 30 % more depth than was asked for."""
     if not asked or len(made.scene.views) > 1:
         return []
     found = _depth_mm(made)
-    if found <= 1.3 * asked:  # depth over the one that was asked for, from which on it is told
+    if found <= 1.3 * asked:
         return []
     return [
         f"A depth of {asked:g} mm was asked for, and the centre lines of a tube "
@@ -190,20 +189,18 @@ def _wall_mm(made: Design) -> float:
     return made.scene.views[0].wall_distance_mm
 
 
-# Estimate from a piece's curves how near to its wall, and how flat, it must be for pegs to hold
-# it.
+# estimating a place where pegs hold the piece
 
-
-SHARES = (1.0, 0.85, 0.7, 0.6, 0.5, 0.42, 0.35, 0.25)  # shares of the depth
-LEAST_PEG_MM = 10.0  # room for fingers and a brush between the wall and what is nearest to it
-AIM = 0.9  # a share of the limit: the search that follows lays the strands anew
-_PX = 64  # pixels of a camera that is asked for eye and wall alone
-_ROUND = 10  # parts of a mm
+SHARES = (1.0, 0.85, 0.7, 0.6, 0.5, 0.42, 0.35, 0.25)  # of the depth, tried in turn
+LEAST_PEG_MM = 10.0  # room for fingers and a brush between piece and wall
+AIM = 0.9  # share of the sag limit that is aimed at, since the next search lays the strands anew
+_PX = 64  # size of a camera used only for its eye and wall
+_ROUND = 10  # places are rounded to a tenth of a mm
 
 
 @dataclass(frozen=True)
 class Place:
-    """Depth of the centre lines along the view, and distance of the wall from the scene's middle: mm."""
+    """Depth of the centre lines along the view, and distance of the wall from the scene's middle."""
 
     depth_mm: float
     wall_mm: float
@@ -220,19 +217,19 @@ def propose_place(
     most_radius_mm: float,
     foot: Literal["plate", "dowel"] = "plate",
 ) -> Place | None:
-    """Find the deepest place at which pegs may hold a piece, by an estimate; else the nearest for its depth.
+    """Estimate the deepest place where pegs hold a piece, or else propose the nearest wall for its depth.
 
-    The curves are moved along their light rays, so that their shadow stays; a new search at that place lays
-    them anew.
+    The curves are moved along their light rays, so that their shadow stays the same.
 
     Args:
-        knots: in scene coordinates. view: the one that they draw.
+        knots: in scene coordinates.
+        view: the one that they draw.
         shallower, nearer: whether depth and wall may be changed.
-        most_radius_mm: the thickest tube that may be taken there, for which there is to be room.
-        foot: what pegs stand on; on a plate a knot that others bar from the wall hangs on one of them.
+        most_radius_mm: the thickest tube for which there must be room.
+        foot: what the pegs stand on. On a plate, a knot barred from the wall by others hangs on one of them.
 
     Returns:
-        None: nothing may be changed, or it is of no use.
+        None if nothing may be changed, or no change helps.
     """
     best: Place | None = None
     firm = replace(stiffness, max_sag_mm=AIM * stiffness.max_sag_mm)
@@ -243,24 +240,26 @@ def propose_place(
         deepest = min(depth, max(room, SHARES[-1] * depth))
     for share in SHARES if shallower else SHARES[:1]:
         deep = min(share * depth, deepest)
-        place = _at(deep, knots.radius_mm, view, nearer, most_radius_mm)
+        place = _place_wall(deep, knots.radius_mm, view, nearer, most_radius_mm)
         if share == 1.0:
-            # a search lays the strands anew: so much nearer is no other place
+            # less than 1 mm nearer is the same place
             if place.wall_mm > view.wall_distance_mm - 1.0:
-                continue  # it is there
-            best = place  # nothing is given up for it, and struts may do the rest
+                continue
+            best = place  # it costs no depth, and struts may do the rest
         moved, there = _move(knots, view, deep / depth, place)
         camera = camera_of(there, _PX, _PX)
         try:
             if sag_on_pegs(moved, camera, clearance_mm, firm, foot) <= firm.max_sag_mm:
                 return place
-        except ValueError:  # a knot has no peg: strands that are only pressed flat meet
+        except ValueError:  # a knot has no peg: flattened strands collide
             continue
     return best
 
 
-def _at(depth: float, radius: float, view: ResolvedView, nearer: bool, most_radius: float) -> Place:
-    """Give the place of a piece so deep; a wall that leans comes nearer if the frame is highest or lowest."""
+def _place_wall(
+    depth: float, radius: float, view: ResolvedView, nearer: bool, most_radius: float
+) -> Place:
+    """Return the place for a depth, with the wall as near as pegs and the thickest tube allow."""
     wall = view.wall_distance_mm
     if nearer:
         steep = float(np.tan(np.deg2rad(view.wall_tilt_deg)))
@@ -274,7 +273,7 @@ def _at(depth: float, radius: float, view: ResolvedView, nearer: bool, most_radi
 def _move(
     knots: Knots, view: ResolvedView, share: float, place: Place
 ) -> tuple[Knots, ResolvedView]:
-    """Move the knots along their light rays to `share` of their heights, as large as the view asks there."""
+    """Move the knots along their light rays to `share` of their heights, scaled for the wall there."""
     axes, light = view_axes(view), view.light_distance_mm
     there = view.but(wall_distance_mm=place.wall_mm)
     scale = view.magnification / there.magnification

@@ -1,7 +1,7 @@
-"""Strangers' OBJ and PLY, which libraries read into the plain arrays that validators measure.
+"""Read other programs' OBJ and PLY into the plain arrays that the validators measure; render a shadow.
 
-VTK reads OBJ: it cuts concave polygons into triangles, and counts an index from the end of what came before
-it; trimesh does neither. trimesh reads PLY: VTK rounds its numbers, and ends the process over damaged files.
+VTK reads OBJ, since trimesh neither triangulates concave polygons nor takes negative indices. trimesh reads
+PLY, since VTK rounds its numbers and crashes on damaged files. Both run in a child process.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
-MOST_BYTES = 2_000_000_000  # a larger part is not read
-MOST_CORNERS = 10_000  # corners of one face: cutting it takes a time that grows with their square
+MOST_BYTES = 2_000_000_000  # of a part
+MOST_CORNERS = 10_000  # of one face: the time to triangulate it grows with their square
 COMMAS = "its numbers have decimal commas, such as 1,5: export it with decimal points"
 LENGTH = (
     "it is cut off, or longer than its header says, or its faces have different numbers of corners, which "
@@ -40,20 +40,20 @@ PLY_TYPES = {
     **{b"uint32": "u4", b"float": "f4", b"double": "f8", b"float32": "f4", b"float64": "f8"},
 }
 HEADER_END = re.compile(rb"^end_header[ \t]*\r?\n", re.MULTILINE)
-MOST_BEHIND = 65_536  # bytes behind the last face of a PLY
+MOST_BEHIND = 65_536  # bytes that are ignored behind the last face of a PLY
 REMEDY = "Export it again, or as STL or 3MF."
 
 OBJ = re.compile(
     rb"(?:\xef\xbb\xbf)?\s*(?:(?:#|mtllib\b|usemtl\b|[ogs]\b)[^\r\n]*[\r\n]\s*)*v\s+[-+.\d]"
 )
-# comments, ends of continued lines, textures and normals: VTK ends the process where one of these is missing
+# comments, continued lines, texture and normal indices: VTK crashes if the index of one is missing
 SHAPELESS = re.compile(rb"#[^\r\n]*|\\\r?\n|(?<=\d)/[-\d/]*|\A\xef\xbb\xbf")
 FIRST_WORD = re.compile(rb"^[ \t]*(\S+)", re.MULTILINE)
-WORDS = frozenset(  # statements that VTK reads, and statements without a surface
+WORDS = frozenset(  # statements that VTK reads, and those that define no surface
     b"v f vt vn vp g s o mg l p usemtl mtllib usemap maplib bevel c_interp d_interp lod "
     b"shadow_obj trace_obj".split()
 )
-SURFACES = frozenset(  # a shape that is not read: it must not be passed over in silence
+SURFACES = frozenset(  # free-form surfaces, which are not read and must not be dropped silently
     b"cstype deg bmat step curv curv2 surf parm trim hole scrv sp end con ctech stech call csh "
     b"bzp bsp cdc cdp res fo".split()
 )
@@ -62,13 +62,13 @@ ELEMENT = re.compile(rb"^element[ \t]+(\S+)[ \t]+(\d+)", re.MULTILINE)
 
 @contextmanager
 def plain_arrays(part: Path | None, reader: Workers | None = None) -> Iterator[Path | None]:
-    """Yield a part as the validators read it: an OBJ or PLY stands meanwhile as arrays in a file of its name.
+    """Yield a part in a format that the validators read: OBJ and PLY as arrays in a temporary file.
 
     Args:
-        reader: a worker of this module, where one is kept.
+        reader: a worker of this module, if one is kept running.
 
     Raises:
-        InputError: it is broken, promises more than it holds, or holds surfaces that are not read.
+        InputError: the file is damaged or cut off, or has surfaces that are not read.
     """
     kind = None if part is None or not part.is_file() else _kind_of(part)
     if part is None or kind is None:
@@ -88,7 +88,7 @@ def plain_arrays(part: Path | None, reader: Workers | None = None) -> Iterator[P
 
 
 def _kind_of(part: Path) -> str | None:
-    """Tell a file's kind by its content and then by its name; None where it is neither."""
+    """Return "ply" or "obj" by a file's content, or else its name; None for others."""
     with part.open("rb") as file:
         head = file.read(4096)
     if head.removeprefix(b"\xef\xbb\xbf")[:4] in (b"ply\n", b"ply\r"):
@@ -97,7 +97,7 @@ def _kind_of(part: Path) -> str | None:
 
 
 def answer(request: dict[str, Any], told: object) -> dict[str, Any]:
-    """Write the corners of a part's triangles (n, 3, 3) to a file of its name in a folder, or say why not."""
+    """Write a part's triangles (n, 3, 3) as an array to a file of its name, or return why not."""
     import numpy as np
 
     del told
@@ -116,7 +116,7 @@ def answer(request: dict[str, Any], told: object) -> dict[str, Any]:
 
 
 def _read_ply(content: bytes) -> NDArray[np.float64]:
-    """Read (n, 3, 3) corners; polygons become fans. What trimesh does not count itself is counted here."""
+    """Read the triangles (n, 3, 3) of a PLY; polygons become fans. Checks the counts that trimesh ignores."""
     import numpy as np
     import trimesh
 
@@ -152,10 +152,7 @@ def _read_ply(content: bytes) -> NDArray[np.float64]:
 
 
 def _read_mixed(head: bytes, body: bytes) -> NDArray[np.float64] | None:
-    """Read a binary PLY of vertices and polygons of any numbers of corners; None where it holds more.
-
-    Up to 64 KB behind the last face are passed over.
-    """
+    """Read a binary PLY of vertices and polygons of any numbers of corners; None if it has anything else."""
     import numpy as np
 
     order = "<" if b"binary_little_endian" in head else ">"
@@ -198,7 +195,7 @@ def _read_mixed(head: bytes, body: bytes) -> NDArray[np.float64] | None:
 
 
 def _read_obj(content: bytes, tidy: Path) -> NDArray[np.float64]:
-    """Read (n, 3, 3) corners; a polygon becomes triangles within it, or a fan where it crosses itself."""
+    """Read the triangles (n, 3, 3) of an OBJ; polygons are triangulated, or fans if they cross themselves."""
     import numpy as np
     import pyvista
 
@@ -239,7 +236,7 @@ def _read_obj(content: bytes, tidy: Path) -> NDArray[np.float64]:
 
 
 def _require_vertices(numbers: NDArray[Any], points: NDArray[np.float64]) -> None:
-    """Refuse numbers that are none of a vertex (n, 3), and vertices that are nowhere."""
+    """Refuse indices without a vertex, and vertices that are not finite."""
     import numpy as np
 
     if not np.isfinite(points).all():
@@ -257,11 +254,8 @@ def _listed(words: set[bytes]) -> str:
     return ", ".join(shown(word.decode("latin-1")[:40]) for word in sorted(words)[:3])
 
 
-# The picture of the shadow that a written part casts.
-
-
 def render_shadow(part: Path, scene: Path, out: Path, view_name: str | None = None) -> None:
-    """Write the picture of the shadow that `part` casts in a view of `scene`.
+    """Render the shadow that `part` casts in a view of `scene` (the first by default) to the PNG `out`.
 
     Raises:
         InputError: a file cannot be read, there is no such view, or `out` cannot be written.

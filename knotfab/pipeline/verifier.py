@@ -1,4 +1,4 @@
-"""The validators as a build and the command line call them: a child that answers as it can."""
+"""Run the validators in child processes, for builds and for `knotfab validate`."""
 
 from __future__ import annotations
 
@@ -23,14 +23,16 @@ from knotfab_formats.verdict import Verdict
 
 LIMIT_S = 1800.0  # the longest wait for the verdict on one part
 _MODULE = "knotfab_validators.service"
-# Two builds side by side, on threads, do not read each other's answers.
+# a context variable, so that builds on several threads have their own
 _open: ContextVar[_Validators | None] = ContextVar("validators", default=None)
-_idle: list[_Validators] = []  # one at most waits for the next build of this process
+_idle: list[_Validators] = []  # at most one, kept for the next build of this process
 _count = itertools.count()
 
 
 class _Validators:
-    """The processes of `jobs` pieces side by side: two each where the machine has cores, one for either half.
+    """The processes that verify `jobs` pieces in parallel.
+
+    On several cores a piece has two: one measures its geometry, the other its shadows.
 
     Args:
         graphics: whether shadows are rendered, so that OpenGL is loaded early.
@@ -50,7 +52,7 @@ class _Validators:
         self._threads = ThreadPoolExecutor(jobs)
 
     def ask(self, request: dict[str, Any]) -> Future[dict[str, Any]]:
-        """Have a piece verified; `result` of what is returned waits for the answer."""
+        """Submit a piece; the future holds the validators' answer."""
         own = {**request, "piece": f"{next(_count)}"}
         return self._threads.submit(copy_context().run, self._verify, own)
 
@@ -69,7 +71,7 @@ class _Validators:
 
     @property
     def idle(self) -> bool:
-        """True if the processes have answered all that they were asked."""
+        """Whether all requests have been answered."""
         return all(workers is None or workers.idle for workers in (self._whole, self._shadows))
 
     def end(self) -> None:
@@ -81,35 +83,26 @@ class _Validators:
 
 @dataclass(frozen=True)
 class Files:
-    """The written files of one piece, None for a missing one.
-
-    `pictures_dir` is where its shadows are drawn, `failures` the PNG that marks what failed.
-    """
+    """The written files of one piece; those that are missing are None."""
 
     part: Path | None
     knots: Path | None = None
     scene: Path | None = None
-    pictures_dir: Path | None = None
-    failures: Path | None = None
+    pictures_dir: Path | None = None  # where to draw the shadows
+    failures: Path | None = None  # the PNG to mark failures in
 
 
 class Verifier:
-    """The validators as children, which load VTK while their parent still searches.
+    """Verifies written files in child processes, which load VTK while their parent still searches.
 
         with Verifier(skip) as verifier:
             answer = verifier.submit(files)
             ...
             verdict = answer.result()
 
-    A verdict has its checks in the order of `CHECKS`.
-
     Args:
-        skip: the checks to leave out, of every piece.
-        jobs: pieces that are verified side by side.
-
-    Raises (from `result`):
-        MachineError: a child crashed: a graphics library takes its child down, not the build.
-        InputError: it could not read a file, or write one.
+        skip: the checks to leave out, for every piece.
+        jobs: how many pieces to verify in parallel.
     """
 
     def __init__(self, skip: Collection[str] = (), jobs: int = 1) -> None:
@@ -123,16 +116,17 @@ class Verifier:
 
     def __exit__(self, *_: object) -> None:
         for verdict in self._asked:
-            verdict.cancel()  # nobody waits for it any more
+            verdict.cancel()
         self._held.__exit__(None, None, None)
 
     def submit(self, files: Files, skip: Collection[str] = (), unit: str = "mm") -> Answer:
-        """Hand over one piece's written files; `result` of what is returned waits for the verdict.
+        """Submit the files of one piece.
 
         Args:
-            unit: unit of a part whose file knows none.
+            skip: further checks to leave out.
+            unit: of a part whose file has none.
         """
-        # kept validators may have begun in another folder
+        # absolute, since kept validators may have started in another folder
         request = {k: None if p is None else os.path.abspath(p) for k, p in asdict(files).items()}
         every = {"skip": sorted(self._skip.union(skip)), "unit": unit}
         self._asked.append(self._validators.ask({**request, **every}))
@@ -141,12 +135,17 @@ class Verifier:
 
 @dataclass(frozen=True)
 class Answer:
-    """The verdict to come on the files of one piece."""
+    """The verdict to come on one piece."""
 
     verdict: Future[dict[str, Any]]
 
     def result(self) -> Verdict:
-        """Wait for it."""
+        """Wait for the verdict, whose checks have the order of `CHECKS`.
+
+        Raises:
+            MachineError: the child crashed, as a graphics library may make it, or took too long.
+            InputError: a file could not be read, or written.
+        """
         try:
             answer = self.verdict.result(LIMIT_S)
         except Crash as crash:
@@ -165,11 +164,11 @@ class Answer:
 
 @contextmanager
 def load_early(skip: Collection[str] = (), keep: bool = False) -> Iterator[None]:
-    """Yield validators for the build of a call that is still to be read: they load meanwhile.
+    """Start the validators, which load while the caller goes on; a Verifier in this context uses them.
 
     Args:
-        keep: let them stay for the next call of this process, and end with it: loading takes longer than
-            verifying a small part.
+        keep: keep them for the next call of this process, since loading takes longer than verifying a small
+            part.
     """
     with _hold(skip, 1, keep):
         yield
@@ -177,7 +176,7 @@ def load_early(skip: Collection[str] = (), keep: bool = False) -> Iterator[None]
 
 @contextmanager
 def _hold(skip: Collection[str], jobs: int, keep: bool = False) -> Iterator[_Validators]:
-    """Yield the validators that this thread holds already, where they are enough, or else others."""
+    """Yield the validators that this context has already if they can do `jobs`, or else new ones."""
     held = _open.get()
     if held is not None and held.jobs >= jobs:
         yield held
@@ -196,7 +195,7 @@ def _hold(skip: Collection[str], jobs: int, keep: bool = False) -> Iterator[_Val
 
 
 def _take_idle(kind: object) -> _Validators | None:
-    """Return kept validators of this kind; others end."""
+    """Take the kept validators if they are of this kind; others end."""
     while _idle:
         validators = _idle.pop()
         if validators.kind == kind:
@@ -206,7 +205,6 @@ def _take_idle(kind: object) -> _Validators | None:
 
 
 def _surroundings() -> dict[str, str]:
-    """Return the environment, which says where graphics are, and how many processes may run."""
     return dict(os.environ)
 
 
@@ -215,7 +213,7 @@ def _end_idle() -> None:
     _take_idle(None)
 
 
-if hasattr(os, "register_at_fork"):  # the validators of a process stay its own
+if hasattr(os, "register_at_fork"):  # a forked child must not use its parent's validators
     os.register_at_fork(after_in_child=lambda: _idle.clear())
 
 
@@ -233,7 +231,7 @@ def _crashed(crash: Crash) -> KnotfabError:
 
 
 def explain_unreadable(sentence: str) -> InputError:
-    """Return the error of the validators' `NAME: reason` about a file that they cannot read, or write."""
+    """Turn the validators' `NAME: reason` about a file that they cannot read or write into an error."""
     name, _, reason = sentence.partition(": ")
     if not reason:
         name, reason = "the files", sentence
@@ -242,18 +240,15 @@ def explain_unreadable(sentence: str) -> InputError:
     return InputError(name, reason.rstrip("."), remedy)
 
 
-# The files that a call names to be validated.
-
-
 def files_to_validate(
     part: Path | None, knots: Path | None, scene: Path | None, failures: Path | None = None
 ) -> Files:
-    """Return the files of a call: a folder stands for the part, knots and scene in it.
+    """Return the files of a call to `knotfab validate`; a folder stands for the files of its build.
 
-    Failures are drawn beside what is measured, unless another place is named.
+    Failures are drawn beside the measured file unless another place is given.
 
     Raises:
-        InputError: nothing is given, or something named is not there.
+        InputError: nothing is given, or a file is missing.
     """
     if part is not None and part.is_dir():
         folder = part
@@ -284,19 +279,14 @@ def files_to_validate(
         if path is not None:
             require_within(path)
     if failures is None:
-        failures = _beside(part or knots)
+        measured = part or knots
+        if measured is not None and os.access(measured.parent, os.W_OK):
+            failures = measured.with_name(f"{measured.stem}-failures.png")
     elif failures.suffix.lower() != ".png":
         raise InputError(
             f"--failures {failures}", "failures are drawn as PNG", "Name a file in .png."
         )
     return Files(part, knots, scene, failures=failures)
-
-
-def _beside(measured: Path | None) -> Path | None:
-    """Return NAME-failures.png beside a file, where one may write there."""
-    if measured is None or not os.access(measured.parent, os.W_OK):
-        return None
-    return measured.with_name(f"{measured.stem}-failures.png")
 
 
 def _if_there(path: Path) -> Path | None:

@@ -1,10 +1,9 @@
 """The silhouette of a capsule in closed form: two ellipses and the quadrilateral of their common tangents.
 
-Paper, section 3.3 and supplement, "Equation of Projection of Cylinder". The tangents from the vanishing
-point to both ellipses are the traces of the two planes through the eye that touch the cylinder. Those
-planes are found in space, so a vanishing point at infinity (ends of equal depth) or an upright
-tangent is a case like any other. The three shapes together are convex: their common support
-function is the larger of the two ellipses' (see `knotfab.torch_forms.ellipse`).
+Paper, section 3.3 and supplement, "Equation of Projection of Cylinder". The common tangents are the traces
+of the two planes through the eye that touch the cylinder. These planes are found in space, so a vanishing
+point at infinity or a vertical tangent needs no special case. The union is convex, and its support function
+is the larger of the two ellipses'.
 """
 
 from __future__ import annotations
@@ -14,11 +13,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-# The silhouette of a sphere in closed form: the ellipse in which its tangent cone meets the image
-# plane.
-
-
-_STEPS = 5  # iterations for the nearest point: from then on rounding rules
+_STEPS = 5  # iterations for the nearest point; more only change rounding
 
 
 def support(
@@ -27,9 +22,10 @@ def support(
     radius: float,
     focal_z: float,
 ) -> Tensor:
-    """Return [...] how far the silhouettes reach along `u`: the root of the dual conic.
+    """Return the support function [...] of spheres' silhouettes in the direction `u`.
 
-    All arguments broadcast; differentiable with respect to `centres` wherever z > r.
+    A silhouette is the ellipse in which the tangent cone meets the image plane, and this the root of its
+    dual conic. All arguments broadcast. Differentiable with respect to `centres` wherever z > r.
     """
     z = centres[..., 2]
     along = (u * centres[..., :2]).sum(-1)
@@ -38,7 +34,7 @@ def support(
 
 
 def support_point(u: Tensor, centres: Tensor, radius: float, focal_z: float) -> Tensor:
-    """Return [..., 2] the point of the outline whose outward normal is `u` (arguments as in `support`)."""
+    """Return the point [..., 2] of the outline whose outward normal is `u` (arguments as in `support`)."""
     xy, z = centres[..., :2], centres[..., 2:]
     along = (u * xy).sum(-1, keepdim=True)
     beyond = (z - radius) * (z + radius)
@@ -56,7 +52,7 @@ class Ellipses:
     minor: Tensor  # [n]
 
     def at(self, index: Tensor) -> Ellipses:
-        """Return the ellipses of `index`, in its order."""
+        """Select ellipses by index."""
         return Ellipses(self.middle[index], self.axis[index], self.major[index], self.minor[index])
 
 
@@ -65,14 +61,14 @@ def project_spheres(
     radius: float,
     focal_z: float,
 ) -> Ellipses:
-    """Project spheres to ellipses in principal axes; the major axis points away from the picture's middle."""
+    """Project spheres to ellipses, whose major axes point away from the middle of the picture."""
     xy, z = centres[..., :2], centres[..., 2]
     beyond = (z - radius) * (z + radius)
     aside = (xy * xy).sum(-1)
     right = torch.zeros_like(xy)
     right[..., 0] = 1.0
     middle = (focal_z * z / beyond)[..., None] * xy
-    # on the optical axis it is a circle, and any direction serves
+    # on the optical axis it is a circle, and any direction will do
     size = aside.sqrt()[..., None]
     axis = torch.where(size > _TINY, xy / size.clamp_min(_TINY), right)
     major = focal_z * radius * (aside + beyond).sqrt() / beyond
@@ -80,10 +76,10 @@ def project_spheres(
 
 
 def nearest_normal(shape: Ellipses, q: Tensor, steps: int = _STEPS) -> Tensor:
-    """Return [n, 2] the outward normal at each ellipse's point that is nearest to `q` [n, 2].
+    """Return the outward normal [n, 2] at the point of each ellipse that is nearest to `q` [n, 2].
 
-    Not differentiable. The outline near a point is replaced by its circle of curvature, and the nearest
-    point of that circle by the point of the ellipse in its direction; again from there.
+    Each iteration takes the nearest point on the circle of curvature, and from it the next point of the
+    ellipse. Not differentiable.
     """
     with torch.no_grad():
         a, b = shape.major, shape.minor
@@ -118,7 +114,7 @@ def nearest_normal(shape: Ellipses, q: Tensor, steps: int = _STEPS) -> Tensor:
 
 
 _TINY = 1e-30
-_GRAZING = 1e-12  # the least 1 - (r / h)^2: below it the eye is taken to be in the cylinder
+_GRAZING = 1e-12  # least 1 - (r / h)^2; below it the eye counts as inside the cylinder
 
 
 def clip_segments(
@@ -128,10 +124,12 @@ def clip_segments(
     near: float,
     far: float,
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """Return segments cut to where their spheres lie wholly beyond `near` and their centres before `far`.
+    """Clip segments to where their spheres lie wholly beyond `near` and their centres before `far`.
 
-    Returns the ends of those that are left and their indices [m]. Differentiable. A sphere that reached
-    the eye's own plane would have an unbounded silhouette.
+    A sphere that reached the plane of the eye would have an unbounded silhouette. Differentiable.
+
+    Returns:
+        The ends of the segments that are left, and their indices [m].
     """
     low = near + radius
     z, change = a[:, 2], b[:, 2] - a[:, 2]
@@ -143,14 +141,14 @@ def clip_segments(
     seen = (torch.maximum(z, z + change) >= low) & (torch.minimum(z, z + change) <= far)
     index = seen.nonzero()[:, 0]
     enter, leave, start, way = enter[index], leave[index], a[index], (b - a)[index]
-    # the ends are left untouched, to the last bit, where nothing is cut
+    # ends that are not clipped stay exactly the same
     one = torch.where(enter > 0, start + enter * way, start)
     two = torch.where(leave < 1, start + leave * way, b[index])
     return _at_least(one, low), _at_least(two, low), index
 
 
 def _at_least(points: Tensor, low: float) -> Tensor:
-    """Return points whose rounding put them before the clipping depth, put back on it."""
+    """Move points that rounding put before the clipping depth back onto it."""
     return torch.cat([points[:, :2], points[:, 2:].clamp_min(low)], -1)
 
 
@@ -159,11 +157,11 @@ def tangent_normals(
     b: Tensor,  # [n, 3]
     radius: float,
 ) -> tuple[Tensor, Tensor]:
-    """Find the two planes through the eye that touch the cylinder about a-b: unit normals, if they exist.
+    """Find the two planes through the eye that touch the cylinder about a-b. Not differentiable.
 
-    Returns [2, n, 3] normals, pointing to the axis (n . a = n . b = r), and [n] bool: not where the segment
-    has no length or the eye is inside the endless cylinder, so that one ellipse holds the other. Not
-    differentiable.
+    Returns:
+        Unit normals [2, n, 3], pointing to the axis (n . a = n . b = r), and whether they exist [n]. They do
+        not if a segment has no length, or the eye is inside the infinite cylinder.
     """
     with torch.no_grad():
         way = b - a
@@ -181,7 +179,7 @@ def tangent_normals(
 
 @dataclass(frozen=True)
 class Outlines:
-    """The numbers that the distance to the silhouettes of n capsules needs, without gradient."""
+    """The silhouettes of n capsules, without gradient."""
 
     a: Tensor  # [n, 3]
     b: Tensor  # [n, 3]
@@ -191,7 +189,7 @@ class Outlines:
     exist: Tensor  # [n]
 
     def at(self, index: Tensor) -> Outlines:
-        """Return the capsules of `index`, in its order."""
+        """Select capsules by index."""
         return Outlines(
             self.a[index],
             self.b[index],
@@ -203,7 +201,7 @@ class Outlines:
 
 
 def outline_capsules(a: Tensor, b: Tensor, radius: float, focal_z: float) -> Outlines:
-    """Return the silhouettes of capsules a-b [n, 3] wholly in front of the eye; spheres where a = b."""
+    """Project capsules a-b [n, 3], spheres where a = b, which must lie wholly in front of the eye."""
     with torch.no_grad():
         a, b = a.detach(), b.detach()
         normals, exist = tangent_normals(a, b, radius)
@@ -225,12 +223,11 @@ def outline_distance(
     radius: float,
     focal_z: float,
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """Return the signed distance [n] (positive inside), its direction u [n, 2], and b's share t [n] in it.
+    """Return the signed distance [n] (positive inside), its direction u [n, 2], and the share t [n] of end b.
 
-    Not differentiable: the gradient is that of (1 - t) h_a(u) + t h_b(u) with u and t held.
-
-    The minimiser of max(h_a, h_b) - u . q is the normal at the nearest point of either ellipse, or that of
-    a tangent. Any other u gives a larger value, so a poor candidate does no harm.
+    It is the minimum of max(h_a, h_b) - u . q, whose minimiser is the normal at the nearest point of either
+    ellipse, or that of a tangent. Any other u gives a larger value, so a poor candidate does no harm. Not
+    differentiable itself: its gradient is that of (1 - t) h_a(u) + t h_b(u) with u and t held fixed.
     """
     with torch.no_grad():
         one, two = nearest_normal(shape.first, q), nearest_normal(shape.second, q)
@@ -241,7 +238,7 @@ def outline_distance(
         rows = torch.arange(len(q), device=q.device)
         u = u[best, rows]
         share = (reach_b > reach_a)[best, rows].to(q.dtype)
-        # on a tangent both ends hold the outline, by where q's foot lies between the points of contact
+        # on a tangent both ends share the outline, by where q's foot lies between the points of contact
         on_a, on_b = (support_point(u, p, radius, focal_z) for p in (shape.a, shape.b))
         ux, uy = u.unbind(-1)
         span = (on_b - on_a)[:, 1] * ux - (on_b - on_a)[:, 0] * uy

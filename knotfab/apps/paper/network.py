@@ -1,4 +1,4 @@
-"""The whole network: rigid and coupling layers in turn, the identity at the start."""
+"""The paper's invertible network: rigid and coupling layers in turn, starting as the identity."""
 
 from __future__ import annotations
 
@@ -7,22 +7,22 @@ from torch import Tensor, nn
 
 
 class CouplingNetwork(nn.Module):
-    """A homeomorphism of space that keeps its handedness, whatever its weights.
+    """An orientation-preserving homeomorphism of space, whatever its weights.
 
-    Paper, supplement, "Network Architecture", errata mended (see `Coupling`): a rigid layer, then `depth`
-    times a coupling layer and a rigid layer. Feed it points of order 1: its hidden units bend inside
-    the cube [-1, 1]^3.
+    Paper, supplement, "Network Architecture", with corrections (see `Coupling`): a rigid layer, then `depth`
+    times a coupling layer and a rigid layer. Its hidden units bend inside the cube [-1, 1]^3, so points
+    should have that size.
 
     Args:
         depth: number of coupling layers (8 in the paper).
         width: hidden units of each S and T (1024 in the paper).
-        seed: seed of the permutations and of the hidden units.
+        seed: of the permutations and the hidden units.
         log_scale: each layer's scale stays between exp(-log_scale) and exp(log_scale).
-        gain: standard deviation of the hidden units' slopes; higher bends in finer places.
+        gain: standard deviation of the hidden units' slopes; higher values deform finer details.
         dtype: float64 or float32. A seed gives the same network in both, up to rounding.
 
     Raises:
-        ValueError: when an argument is not positive.
+        ValueError: an argument is not positive.
     """
 
     def __init__(
@@ -54,10 +54,9 @@ class CouplingNetwork(nn.Module):
         points: Tensor,  # [..., 3]
         share: float = 1.0,
     ) -> Tensor:
-        """Return [..., 3] mapped.
+        """Map points.
 
-        `share` leads through homeomorphisms from the identity (0) to the network (1), continuously:
-        an ambient isotopy.
+        `share` runs through an ambient isotopy from the identity (0) to the network (1).
         """
         for layer in self.layers:
             points = layer(points, share)
@@ -68,21 +67,18 @@ class CouplingNetwork(nn.Module):
         points: Tensor,  # [..., 3]
         share: float = 1.0,
     ) -> Tensor:
-        """Return [..., 3] mapped back: `inverse(forward(x)) = x` up to rounding times the map's condition."""
+        """Map points back. The error is rounding times the condition number of the map."""
         for layer in reversed(self.layers):
             assert isinstance(layer, Rigid | Coupling)
             points = layer.inverse(points, share)
         return points
 
 
-# The affine coupling layer: one coordinate is scaled and shifted by functions of the other two.
-
-
 class Perceptron(nn.Module):
-    """Two inputs, one hidden layer of tanh units, one output; zero everywhere at the start.
+    """A scalar field of the plane: one hidden layer of tanh units, zero everywhere at the start.
 
-    The units' slopes are normal with standard deviation `gain`, and each unit bends along a line through
-    a random point of the square [-1, 1]^2. Being bounded, a layer moves nothing without bound.
+    The units' slopes are normally distributed with standard deviation `gain`, and each unit bends along a
+    line through a random point of the square [-1, 1]^2. The field is bounded.
     """
 
     def __init__(
@@ -103,18 +99,18 @@ class Perceptron(nn.Module):
         self,
         uv: Tensor,  # [..., 2]
     ) -> Tensor:
-        """Return [..., 1]"""
+        """Return the scalar field at `uv`, [..., 1]."""
         found: Tensor = self.out(torch.tanh(self.hidden(uv)))
         return found
 
 
 class Coupling(nn.Module):
-    """(u, v, w) = x[order] -> (u, v, w S(u, v) + T(u, v)), put back in order; the identity at start.
+    """An affine coupling layer: (u, v, w) = x[order] becomes (u, v, w S(u, v) + T(u, v)), put back in order.
 
-    Paper, supplement, "Affine Coupling layer", with two errata mended. The inverse takes the
-    coordinates in the same order as the forward pass (printed the other way round, which is wrong for
-    permutations of order 3). The scale is S = exp(b tanh(s / b)), between exp(-b) and exp(b): never
-    zero, where the layer would have no inverse, nor negative, where it would be a mirror.
+    It starts as the identity. Paper, supplement, "Affine Coupling layer", with two corrections. The inverse
+    takes the coordinates in the same order as the forward pass (the printed order is wrong for permutations
+    of order 3). The scale is S = exp(b tanh(s / b)), between exp(-b) and exp(b), since zero would have no
+    inverse and a negative one would mirror.
 
     Args:
         order: which coordinates are u, v and w.
@@ -143,7 +139,7 @@ class Coupling(nn.Module):
         self.shift = Perceptron(width, gain, generator, dtype)
 
     def _affine(self, uv: Tensor, share: float) -> tuple[Tensor, Tensor]:
-        """Scale and shift [..., 1] at `uv` [..., 2]."""
+        """Return scale and shift [..., 1] at `uv` [..., 2]."""
         log = self.log_scale * torch.tanh(share * self.scale(uv) / self.log_scale)
         return log.exp(), share * self.shift(uv)
 
@@ -158,7 +154,7 @@ class Coupling(nn.Module):
         points: Tensor,  # [..., 3]
         share: float = 1.0,
     ) -> Tensor:
-        """Return [..., 3] mapped; with a `share` below 1 by that much of the way from the identity."""
+        """Map points, with `share` below 1 only part of the way from the identity."""
         uv, w, scale, shift = self._parts(points, share)
         return torch.cat([uv, w * scale + shift], -1)[..., self.back]
 
@@ -167,21 +163,18 @@ class Coupling(nn.Module):
         points: Tensor,  # [..., 3]
         share: float = 1.0,
     ) -> Tensor:
-        """Return [..., 3] mapped back."""
+        """Map points back."""
         uv, w, scale, shift = self._parts(points, share)
         return torch.cat([uv, (w - shift) / scale], -1)[..., self.back]
 
 
-# The rigid layer: a rotation about the origin, then a translation.
-
-
 def rotation(turn: Tensor) -> Tensor:
-    """Return the rotation matrix [3, 3] of the quaternion (1, turn) / |(1, turn)|, `turn` [3].
+    """Return the rotation matrix [3, 3] of the quaternion (1, turn) / |(1, turn)| for `turn` [3].
 
-    Its axis is that of `turn`, its angle 2 atan |turn| (Cayley). Unlike Euler angles or an axis
-    with an angle it has no singular place: every `turn` gives one rotation, smoothly.
+    Its axis is `turn` and its angle 2 atan |turn| (Cayley). It depends smoothly on every `turn`, without the
+    singularities of Euler angles.
     """
-    # scaled first, so that the squares of huge numbers do not overflow
+    # scaled first, since the squares of huge numbers would overflow
     size = torch.maximum(turn.abs().amax(), torch.ones_like(turn[0])).detach()
     q = torch.cat([torch.ones_like(turn[:1]) / size, turn / size])
     w, x, y, z = q / q.norm()
@@ -194,7 +187,10 @@ def rotation(turn: Tensor) -> Tensor:
 
 
 class Rigid(nn.Module):
-    """x -> R x + shift; the identity at the start. Paper, supplement, "Rigid Transformation layer"."""
+    """A rigid motion x -> R x + shift, the identity at the start.
+
+    Paper, supplement, "Rigid Transformation layer".
+    """
 
     def __init__(self, dtype: torch.dtype = torch.float64) -> None:
         super().__init__()
@@ -206,7 +202,7 @@ class Rigid(nn.Module):
         points: Tensor,  # [..., 3]
         share: float = 1.0,
     ) -> Tensor:
-        """Return [..., 3] moved; with a `share` below 1 by that much of the way from the identity."""
+        """Move points, with `share` below 1 only part of the way from the identity."""
         return points @ rotation(share * self.turn).T + share * self.shift
 
     def inverse(
@@ -214,5 +210,5 @@ class Rigid(nn.Module):
         points: Tensor,  # [..., 3]
         share: float = 1.0,
     ) -> Tensor:
-        """Return [..., 3] moved back."""
+        """Move points back."""
         return (points - share * self.shift) @ rotation(share * self.turn)

@@ -1,4 +1,4 @@
-"""The paper's search: the weights of an invertible network that maps a template to the knots."""
+"""The paper's search: optimise the weights of an invertible network that maps a template to the knots."""
 
 from __future__ import annotations
 
@@ -26,43 +26,43 @@ from knotfab.search.flow import find_felt, three_phases
 from knotfab.search.optimizer import Adam, one_thread
 from knotfab.search.state import SearchState
 
-_REFRESH = 40  # iterations between even samplings of the curves
-_EDGE = 0.8  # vertex spacing of these in tube radii: coarser than the flow's, which has each vertex free
-_TAU = (1.0, 6.0)  # softer at first than the flow's: there is further to go
-_FURTHER = 2.0  # the rate from a circle over that from a filling template
-_SLOPE = 20.0  # the hidden units' slope: each bends about a twentieth of the piece at once
-_FINE = 0.6  # share of the iterations after which the picture is the fine one
+_REFRESH = 40  # iterations after which the curves are sampled evenly again
+_EDGE = 0.8  # vertex spacing in tube radii, coarser than the flow's, whose vertices are all free
+_TAU = (1.0, 6.0)  # softer at first than the flow's, since there is farther to go
+_FURTHER = 2.0  # ratio of the rate from a circle to that from a filling template
+_SLOPE = 20.0  # slope of the hidden units, each of which bends about a twentieth of the piece
+_FINE = 0.6  # share of the iterations after which the fine picture is used
 
 
 @dataclass(frozen=True)
 class _Map:
-    """The network as a path of homeomorphisms of space: points in mm, `size` mm to its unit."""
+    """The network as an isotopy of points in mm; its unit is `size` mm."""
 
     network: CouplingNetwork
     size: float
     device: str
 
     def __call__(self, points: Array, share: float = 1.0) -> Array:
-        """Return points (N, 3) at a share of the way from the identity, 0, to the network, 1."""
+        """Map points (N, 3) a share of the way from the identity, 0, to the network, 1."""
         with torch.no_grad():
             there = self.network(torch.as_tensor(points / self.size, device=self.device), share)
         return np.asarray((self.size * there).cpu().numpy())
 
     def images(self, curves: Curves, where: Parameters) -> list[Array]:
-        """Return [(n, 3)] the images of each curve's points at its parameters."""
+        """Return the images [(n, 3)] of the points at given parameters of each curve."""
         start = curves.at(where)
         return split_alike(self(np.concatenate(start)), start)
 
 
 @one_thread()
 def search_network(state: SearchState, report: Report | None = None) -> None:
-    """Search the network's weights so that the images of the state's polylines draw the pictures.
+    """Optimise the network's weights so that the images of the state's polylines draw the pictures.
 
-    The curves are smooth ones through the start's vertices. Adam descends the objective of the flow; its
-    rate follows from how far the vertices are to go in one step, so that it suits any depth and width.
-    At the end the polygons are carried from the start to where they are in certified steps
-    (`geometry.carry`); where that fails with the samples at hand, with twice as many. Where no sampling
-    can be carried all the way, the knots stay where the furthest came to, and are certified there.
+    The curves are smooth and pass through the start's vertices. Adam minimises the flow's objective, with a
+    rate set by the distance that vertices should move in a step, so that it suits any depth and width. At
+    the end the polygons are carried from start to result in certified steps (`geometry.carry`), with twice
+    the samples each time that fails. If no sampling can be carried all the way, the knots stay where the
+    best one got to.
     """
     template = state.rings.split(state.points)
     curves = Curves.through(template)
@@ -74,7 +74,7 @@ def search_network(state: SearchState, report: Report | None = None) -> None:
     where = _descend(state, curves, mapped, report)
     best = Carried(np.concatenate(template), 0.0, 0, 0, np.inf)
     rings, doublings = polylines_of(template), 0
-    for refinement in range(6):  # at most five doublings of the samples for their certificate
+    for refinement in range(6):  # at most five doublings of the samples
         start = curves.at(where)
         begun = certify_same_type(template, curves.knots, start, where, curves.periods)
         if begun.reached == 1.0:
@@ -93,17 +93,17 @@ def search_network(state: SearchState, report: Report | None = None) -> None:
 
 
 def _describe(way: Carried, doublings: int) -> str:
-    """Say how far the start was carried along the network."""
+    """Describe how far the start was carried along the network."""
     if way.reached == 0.0:
         return "not carried along the invertible network: no step of it could be certified"
-    percent = np.floor(1000 * way.reached) / 10  # a way that ends early is never told as whole
+    percent = np.floor(1000 * way.reached) / 10  # never rounded up to 100 %
     far = "" if way.reached == 1.0 else f", {percent:.1f}% of the way"
     said = f"carried along the invertible network in {way.steps} steps, with"
     return f"{said} {doublings} doublings of its samples{far}"
 
 
 def _descend(state: SearchState, curves: Curves, mapped: _Map, report: Report | None) -> Parameters:
-    """Optimise the network's weights with Adam; return the parameters of even samples at the end."""
+    """Optimise the network's weights with Adam. Returns the parameters of even samples at the end."""
     network, settings, limits = mapped.network, state.settings, state.limits
     rate = 1e-3 / settings.network_width
     adam = Adam(network.parameters(), betas=(0.9, 0.99))
@@ -133,12 +133,12 @@ def _descend(state: SearchState, curves: Curves, mapped: _Map, report: Report | 
         if near is None or near.moved(x) > 0.3 * radius:
             near = find_felt(x, state.rings, radius, limits.separation)
         if before is not None:
-            goal = first * 0.1**progress * radius  # the last step's rate over the first's
+            goal = first * 0.1**progress * radius  # decays to a tenth
             moved = float(np.sqrt(dot(x - before, x - before).mean()))
             rate *= float(np.sqrt(np.clip(goal / max(moved, 1e-300), 0.5, 2.0)))
         before = x
         update(x, near, iteration - since, progress)
-        if state.watch is not None:  # nothing is certified before the end
+        if state.watch is not None:  # not certified before the end
             state.watch(partial(state.knots_at, x, state.rings), False)
         _, slope = objective(x, near, progress)
         along = torch.as_tensor(slope, dtype=images.dtype, device=images.device)
@@ -157,7 +157,7 @@ def _descend(state: SearchState, curves: Curves, mapped: _Map, report: Report | 
 def _sample(
     state: SearchState, curves: Curves, mapped: _Map, where: Parameters, edge_mm: float
 ) -> Parameters:
-    """Return even samples on the images of the curves, which the state then holds; their parameters."""
+    """Sample the images of the curves evenly into the state, and return the samples' parameters."""
     where = space_evenly(where, mapped.images(curves, where), curves.periods, edge_mm)
     state.rings = polylines_of(where)
     state.points = np.concatenate(mapped.images(curves, where))

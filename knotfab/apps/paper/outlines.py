@@ -1,7 +1,7 @@
-"""A view's picture by the distance to outlines in the image plane, of capsules or of ellipses.
+"""Render a view by the distance to outlines in the image plane, of capsules or of ellipses.
 
-The paper's renderers (section 3.3) behind the calls of `DeviceImage`, to be measured beside the ray
-distance: in torch alone, and in double precision, which conics need.
+The paper's renderers (section 3.3), with the interface of `DeviceImage`, for comparison with the ray
+distance. They run in torch alone, in double precision, which conics need.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ from knotfab.render.silhouette import Frame, least_depth, number
 
 @dataclass(frozen=True)
 class _Eye:
-    """`outlines.Pinhole` of a frame of tensors: its image plane lies at depth 1."""
+    """The `Pinhole` of a frame of tensors, with the image plane at depth 1."""
 
     frame: Frame
-    near: float  # spheres are seen that lie wholly beyond, mm
-    far: float = 1e9  # no infinity, which would have no slope
+    near: float  # mm; spheres are seen that lie wholly beyond
+    far: float = 1e9  # not infinity, which would have no gradient
 
     @property
     def width(self) -> int:
@@ -65,12 +65,12 @@ class _Eye:
 
 @dataclass(frozen=True)
 class OutlineImage(DeviceImage):
-    """A picture [height, width] on a device and its frame; capsules, or ellipses at vertices, draw it."""
+    """A picture [height, width] on a device, drawn by capsules along edges or ellipses at vertices."""
 
     renderer: Literal["capsule", "ellipse"] = "capsule"
 
     def find_winners(self, points: Real, rings: Polylines, radius: float, reach_px: float) -> Won:
-        """Find which capsule, or ellipse, is the largest at each pixel within reach of one."""
+        """Find which primitive is largest at each pixel within reach of one."""
         eye = self._eye(radius)
         return winners(*self._ends(points, rings), eye, radius, reach_px * eye.pitch)
 
@@ -93,20 +93,18 @@ class OutlineImage(DeviceImage):
         return p, p if self.renderer == "ellipse" else q
 
 
-# Images by the distance to outlines in the image plane: sigmoid(tau S), of ellipses or of
-# capsules.
+# images sigmoid(tau S) of the signed distance S to outlines
 
-
-REACH = 16.0  # pixels with tau S below minus this are empty: sigmoid(-16) is 1e-7
-_SQUARES = 256  # the most squares on the first level
-_EMPTY = -1e9
+REACH = 16.0  # pixels with tau S below -16 are empty: sigmoid(-16) is 1e-7
+_SQUARES = 256  # most squares on the coarsest level
+_EMPTY = -1e9  # signed distance to nothing
 _TINY = 1e-30
 
-Won = tuple[Tensor, Tensor]  # flat pixels and their primitives, as in the call
+Won = tuple[Tensor, Tensor]  # indices of pixels, and of the primitive that wins each
 
 
 class Pinhole(Protocol):
-    """The camera that these images need: x right, y down, z away from the eye, any unit of length."""
+    """The camera of these images: x right, y down, z away from the eye, in any unit of length."""
 
     @property
     def width(self) -> int: ...
@@ -122,15 +120,15 @@ class Pinhole(Protocol):
     @property
     def far(self) -> float: ...
     def local(self, points: Tensor) -> Tensor:
-        """Map [..., 3] world -> [..., 3] camera coordinates."""
+        """Map world to camera coordinates, [..., 3]."""
         ...
 
     def plane(self, u: Tensor, v: Tensor) -> Tensor:
-        """Map [...] pixel columns and rows -> [..., 2] points of the image plane."""
+        """Map pixel columns and rows [...] to points [..., 2] of the image plane."""
         ...
 
     def half_diagonal(self, pixels: int) -> float:
-        """Measure how far the centres of a square of so many pixels lie from its middle, on the plane."""
+        """Return half the diagonal between the pixel centres of a square, on the image plane."""
         ...
 
 
@@ -141,9 +139,10 @@ def winners(
     radius: float,
     reach: float,
 ) -> Won:
-    """Give (pixel [m], primitive [m]): the pixels with S > -reach, and which primitive is the largest there.
+    """Find the pixels with S > -reach, and the primitive with the largest S at each.
 
-    Not differentiable. Capsules start-end; spheres where they are the same points.
+    Primitives are capsules, or spheres where start and end are the same. Squares of pixels are halved level
+    by level, and only primitives that may win a square are kept. Not differentiable.
     """
     with torch.no_grad():
         a, b, index = clip_segments(
@@ -174,7 +173,7 @@ def winners(
         best.scatter_reduce_(0, pixel, s, "amax")
         first = torch.full((width * height,), len(index), dtype=torch.long, device=a.device)
         won = s == best[pixel]
-        # the first of equals is taken, so that the result has one order
+        # of equals the first wins, so that the result is deterministic
         first.scatter_reduce_(0, pixel[won], kind[won], "amin")
         pixel = ((first < len(index)) & (best > -reach)).nonzero()[:, 0]
         return pixel, index[first[pixel]]
@@ -183,10 +182,10 @@ def winners(
 def _may_win(
     shape: Outlines, kind: Tensor, u: Tensor, v: Tensor, size: int, camera: Pinhole, reach: float
 ) -> Tensor:
-    """Return [m] which (square, primitive) pairs may hold a winner: inside the image and not surely beaten.
+    """Return which pairs [m] of square and primitive may hold a winner.
 
-    An outline holds the flat capsule about its ellipses' middles with the smallest half axis, and lies in
-    the one with the largest.
+    The square must lie in the image, and the primitive must not surely be beaten there. Bounds: an outline
+    contains the flat capsule with its ellipses' smallest half axis, and lies in that with the largest.
     """
     half = 0.5 * (size - 1)
     q = camera.plane(u.to(shape.a.dtype) + half, v.to(shape.a.dtype) + half)
@@ -216,10 +215,10 @@ def signed_distance(
     camera: Pinhole,
     radius: float,
 ) -> Tensor:
-    """Return [m] signed distance of q to outlines of capsules (spheres if start = end), positive inside.
+    """Return the exact signed distance [m] of q to the outlines of capsules, positive inside.
 
-    In the image plane's unit; exact. Differentiable with respect to the points: an exact gradient, or a
-    subgradient where two places of the outline are equally near. -1e9 for points that are clipped away.
+    Differentiable with respect to the points, with a subgradient where two places of an outline are equally
+    near. It is -1e9 for primitives that are clipped away.
     """
     a, b, index = clip_segments(
         camera.local(starts), camera.local(ends), radius, camera.near, camera.far
@@ -243,10 +242,10 @@ def render_outlines(
     reach: float = REACH,
     won: Won | None = None,
 ) -> Tensor:
-    """Render [height, width] the image of capsules start-end, or of spheres, up to sigmoid(-reach).
+    """Render the image [height, width] of capsules or spheres, exact up to sigmoid(-reach).
 
-    Differentiable with respect to the points. `tau` is per unit of the image plane. `won` takes the winners
-    of an earlier call: a lower bound of the image, exact wherever the winner is still the same.
+    Differentiable with respect to the points. `tau` is per unit of the image plane. With the winners `won`
+    of an earlier call the result is a lower bound, exact where the winner is still the same.
     """
     b = starts if ends is None else ends
     if won is None:
