@@ -14,7 +14,7 @@ from knotfab.render.device import render as render_compiled
 from knotfab.render.silhouette import NEAREST_RADII
 from knotfab.render.tiled import render_tiled
 
-from .oracle import signed_distance_px
+from .pictures import signed_distance_px
 from .rendering import RenderCase, frame_at
 
 EPSILONS = 16.0  # how many machine epsilons times the condition number an error may be

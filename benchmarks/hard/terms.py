@@ -12,11 +12,7 @@ from functools import partial
 
 import numpy as np
 import torch
-from curves import circle, torus_knot
-from measure import EPSILONS
-from rendering import RenderCase
 from torch import Tensor
-from values import ValueCase
 
 from knotfab.apps.paper.outlines import render_outlines, signed_distance
 from knotfab.base.arrays import Array
@@ -30,6 +26,11 @@ from knotfab.render.device import known
 from knotfab.search.objective import Grace, Weights
 from knotfab_formats.scene import SettledRegion
 from paper.camera import PaperCamera
+
+from .measure import EPSILONS
+from .pictures import circle, torus_knot
+from .rendering import RenderCase
+from .values import ValueCase
 
 RADIUS = 0.2
 _REGION = SettledRegion(kind="box", size_mm=(1e3, 1e3, 1e3))

@@ -28,8 +28,8 @@ from paper.losses import (
     squared_curvature,
 )
 
-from .curves import circle, torus_knot
 from .measure import EPSILONS
+from .pictures import circle, torus_knot
 
 Function = Callable[..., Tensor]
 

@@ -12,9 +12,10 @@ import torch
 from torch import Tensor
 
 from benchmarks.hard.crossing import passes_through
+from benchmarks.hard.light import LampCase, WallCase, wall_shares
 from benchmarks.hard.measure import FORMS, double_error, forward_error, image
 from benchmarks.hard.pictures import hopf_link, torus_knot
-from benchmarks.hard.rendering import LampCase, RenderCase, WallCase, wall_shares
+from benchmarks.hard.rendering import RenderCase
 from benchmarks.hard.terms import TERMS, paper_error, term_case
 from benchmarks.hard.value_error import value_error
 from benchmarks.hard.values import ValueCase, network_case, round_trip_share

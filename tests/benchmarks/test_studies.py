@@ -28,7 +28,7 @@ from benchmarks.traced_colours import light_and_mix, measure_rms, trace_colours,
 from benchmarks.typed_pages import PAGES, ROOT, broken_promises, commands_of, take_photograph
 from knotfab.base.folder import OutputFolder
 from knotfab.base.progress import Progress
-from knotfab.cli import make
+from knotfab.cli import commands as command_line
 from knotfab.cli.commands import app
 from knotfab.design import survey
 from knotfab.design.frames import frame_view
@@ -211,7 +211,7 @@ def test_a_page_can_be_typed_from_its_first_line_to_its_last(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(pipeline, "run_build", build)
-    monkeypatch.setattr(make, "open_page", page)
+    monkeypatch.setattr(command_line, "open_page", page)
     # which tube several pictures take is found by drawing starts, for seconds
     monkeypatch.setattr(survey, "choose_radius", lambda *_, **__: RadiusChoice(2.0, ()))
     folder = shutil.copytree(ROOT / "examples", tmp_path / "examples")

@@ -37,7 +37,6 @@ from knotfab.knots import Knot, Knots
 from knotfab.limits.feasibility import Feasibility
 from knotfab.limits.terms import Limits
 from knotfab.problem import CertificateLog, Problem, SearchResult, TargetView
-from knotfab.render.image import COMPILED
 from knotfab.search.search import search
 from knotfab.start.start import make_start
 from knotfab_formats.scene import ResolvedView, SettledRegion
@@ -141,9 +140,7 @@ def test_a_knot_that_stays_still_is_the_same_knot(first: SearchResult) -> None:
     anchor = Anchor(points, RADIUS, RADIUS)
     settings = QUICK.scaled(1.0)
     rings = rings_of(points)
-    found = follow(
-        first.knots, rings, problems, RADIUS, settings, 1e9, [anchor], COMPILED, None, True
-    )
+    found = follow(first.knots, rings, problems, RADIUS, settings, 1e9, [anchor], "cpu", None, True)
     assert np.array_equal(found.points, points)
     assert found.sound and found.result.log.certified and found.transported == 0.0
 

@@ -13,15 +13,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from benchmarks.hard.isotopy import StrokeCase, stroke_cases, trace
+from benchmarks.hard.light import LampCase, WallCase, lamp_cases, wall_cases, wall_shares
 from benchmarks.hard.measure import forward_error
-from benchmarks.hard.rendering import (
-    LampCase,
-    RenderCase,
-    WallCase,
-    lamp_cases,
-    wall_cases,
-    wall_shares,
-)
+from benchmarks.hard.rendering import RenderCase
 from benchmarks.hard.terms import term_cases
 from benchmarks.hard.value_error import slope_excess, value_error
 from benchmarks.hard.values import (
