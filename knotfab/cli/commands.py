@@ -9,7 +9,7 @@ import threading
 import webbrowser
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Annotated, Literal, TextIO
 
@@ -229,16 +229,14 @@ def validate(
     unit
         Of the numbers in an STL, OBJ or PLY.
     """
-    from knotfab.pipeline.verifier import Verifier, load_early
+    from knotfab.pipeline.verifier import files_to_validate, load_early
 
     with load_early(skip):
         from knotfab.pipeline.read_options import read_skips
-        from knotfab.pipeline.strangers import plain_arrays
-        from knotfab.pipeline.verifier import files_to_validate
+        from knotfab.pipeline.strangers import validate_files
 
-        files, skipped = files_to_validate(part, knots, scene, failures), read_skips(skip)
-        with Verifier(skipped) as verifier, plain_arrays(files.part) as read:
-            verdict = verifier.submit(replace(files, part=read), unit=unit).result()
+        files = files_to_validate(part, knots, scene, failures)
+        verdict = validate_files(files, read_skips(skip), unit)
     if json:
         import json as codec
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from knotfab.base.arrays import Mask
 from knotfab.report.checks import mark_of
-from knotfab.report.in_words import last_line, tell_colours, tell_piece, tell_views
+from knotfab.report.in_words import last_line, tell_result
 from knotfab_formats.scene import ResolvedView
 
 if TYPE_CHECKING:
@@ -98,9 +98,8 @@ def print_summary(outcome: Outcome, verbose: bool = False) -> None:
     )
     for reason in () if report.verdict is None else report.verdict.reasons:
         console.print(f"  {escape(reason)}")
-    for line in [*tell_views(report, verbose), *tell_colours(report)[: None if verbose else 1]]:
+    for line in tell_result(report, verbose):
         console.print(f"  {escape(line)}")
-    console.print(f"  {tell_piece(report)}")
     if verbose:
         radius = report.settings.tube_radius_mm
         console.print(f"  tube radius {radius:.3f} mm{_graceful(report.knots)}")

@@ -9,8 +9,9 @@ from __future__ import annotations
 import io
 import re
 import warnings
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,8 +21,9 @@ import numpy as np
 from knotfab.base.disk import read_file, require_within, temporary_folder
 from knotfab.base.errors import MachineError
 from knotfab.base.pool import Crash, Workers
-from knotfab.pipeline.verifier import explain_unreadable
+from knotfab.pipeline.verifier import Files, Verifier, explain_unreadable, load_early
 from knotfab_formats.errors import InputError, shown
+from knotfab_formats.verdict import Verdict
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -85,6 +87,28 @@ def plain_arrays(part: Path | None, reader: Workers | None = None) -> Iterator[P
         if "error" in told:
             raise InputError(part.name, told["error"], REMEDY)
         yield folder / part.name
+
+
+def validate_files(
+    files: Files, skip: Collection[str] = (), unit: str = "mm", keep: bool = False
+) -> Verdict:
+    """Measure written files, any program's, with other code than wrote them.
+
+    Args:
+        skip: the checks to leave out.
+        unit: of a part whose file has none.
+        keep: keep the validators for the next call of this process.
+
+    Raises:
+        InputError: a file cannot be read, or written.
+        MachineError: this machine cannot measure it.
+    """
+    with (
+        load_early(skip, keep),
+        Verifier(skip) as verifier,
+        plain_arrays(files.part) as read,
+    ):
+        return verifier.submit(replace(files, part=read), unit=unit).result()
 
 
 def _kind_of(part: Path) -> str | None:

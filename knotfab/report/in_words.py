@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from knotfab.knots import count_in_words
 from knotfab.report.effects import tell_move
 from knotfab_formats.report import Report
-from knotfab_formats.verdict import (
-    View,
-    list_unmet,
-)
+from knotfab_formats.verdict import Check, View, list_unmet
 
 
 def conclude(report: Report, verbose: bool = False) -> list[str]:
@@ -18,17 +17,26 @@ def conclude(report: Report, verbose: bool = False) -> list[str]:
         verbose: with the IoU.
     """
     verdict = report.verdict
-    unmet = [
-        f"{check.name} {'did not run' if check.status == 'skipped' else 'failed'}: {check.detail}"
-        for check in list_unmet(report.checks)
-    ]
     lost = [] if verdict is None else [loss.sentence for loss in verdict.lost]
     step = [] if report.next_step is None else [report.next_step.sentence]
     told = () if verdict is None else verdict.reasons
     reasons = [r for r in told if not any(one.startswith(r) for one in lost)]
-    seen = [*tell_views(report, verbose), *tell_colours(report)[: None if verbose else 1]]
-    said = [*unmet, *reasons, *seen, tell_piece(report)]
+    said = [*tell_unmet(report.checks), *reasons, *tell_result(report, verbose)]
     return [*said, *lost, *report.notes, *step]
+
+
+def tell_unmet(checks: Sequence[Check]) -> list[str]:
+    """Return a sentence for each required check that failed or did not run."""
+    return [
+        f"{check.name} {'did not run' if check.status == 'skipped' else 'failed'}: {check.detail}"
+        for check in list_unmet(checks)
+    ]
+
+
+def tell_result(report: Report, verbose: bool = False) -> list[str]:
+    """Describe shadow and piece: a line for each view, for the colours, and for size, weight and knots."""
+    seen = [*tell_views(report, verbose), *tell_colours(report)[: None if verbose else 1]]
+    return [*seen, tell_piece(report)]
 
 
 def tell_views(report: Report, verbose: bool = False) -> list[str]:
@@ -101,10 +109,15 @@ def tell_piece(report: Report) -> str:
     if (filament := piece.filament_g) and (supports := piece.support_g):
         weight = f"{filament - supports:.0f} g, with supports {filament:.0f} g of filament"
     made = f"{size} mm, {weight}" if piece.mass_g else "no part"
-    count = count_in_words(len(knots) // (piece.parts or 1))
-    if piece.parts is not None:  # a sequence: the same knots in all of them
-        count += f" in {piece.parts} frames"
-    return f"{made}; {count} of a tube {2 * report.settings.tube_radius_mm:.1f} mm thick"
+    # the frames of a sequence have the same knots
+    where = "" if piece.parts is None else f" in {piece.parts} frames"
+    count = len(knots) // (piece.parts or 1)
+    return f"{made}; {tell_knots(count, report.settings.tube_radius_mm, where)}"
+
+
+def tell_knots(count: int, radius_mm: float, where: str = "") -> str:
+    """Return how many knots there are (`where`), and how thick their tube is."""
+    return f"{count_in_words(count)}{where} of a tube {2 * radius_mm:.1f} mm thick"
 
 
 def last_line(report: Report) -> str:

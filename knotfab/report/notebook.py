@@ -15,13 +15,13 @@ from knotfab.base.errors import SceneError
 from knotfab.design.design import Design
 from knotfab.design.question import Question
 from knotfab.geometry.tube import Mesh, join_meshes, sweep
-from knotfab.knots import Knots, count_in_words
+from knotfab.knots import Knots
 from knotfab.part.assemble import Part
 from knotfab.picture.raster import image_uri, silhouette_uri
 from knotfab.picture.read import Target
 from knotfab.problem import SearchResult, Start
 from knotfab.render.part_picture import draw_part, place_eyes
-from knotfab.report.in_words import conclude
+from knotfab.report.in_words import conclude, tell_knots
 from knotfab.report.page import VERDICTS, make_environment
 from knotfab.report.pictures import find_pictures
 from knotfab.request import Outcome
@@ -99,14 +99,16 @@ def _(found: SearchResult) -> str:
     ious = ", ".join(f"{iou:.4f}" for iou in found.ious)
     said = [f"IoU {ious}, as the search sees it", *found.feasibility.violations]
     title = "Every limit holds" if found.feasible else "A limit is broken"
-    return _page(title, [*said, _tell_knots(found.knots)], _draw_knots(found.knots, found.views))
+    knots = found.knots
+    said = [*said, tell_knots(len(knots.knots), knots.radius_mm)]
+    return _page(title, said, _draw_knots(knots, found.views))
 
 
 @show.register
 def _(design: Design) -> str:
     bound = [price.sentence for price in design.binding]
     unmet = [] if design.unmet is None else design.unmet.violations
-    said = [_tell_knots(design.knots), *unmet, *bound]
+    said = [tell_knots(len(design.knots.knots), design.knots.radius_mm), *unmet, *bound]
     return _page("A design", said, _draw_knots(design.knots, design.scene.views))
 
 
@@ -125,10 +127,6 @@ def _(part: Part) -> str:
 def _page(title: str, lines: Sequence[str], pictures: Pictures) -> str:
     template = make_environment(Path(__file__).parent).get_template("notebook.html.j2")
     return spelled(template.render(title=title, lines=lines, pictures=pictures))
-
-
-def _tell_knots(knots: Knots) -> str:
-    return f"{count_in_words(len(knots.knots))} of a tube {2 * knots.radius_mm:.1f} mm thick"
 
 
 def _draw_knots(knots: Knots, views: Sequence[ResolvedView]) -> Pictures:

@@ -17,6 +17,7 @@ from knotfab.knots import Knot, Knots
 from knotfab.picture.raster import image_uri
 from knotfab.picture.silhouette import mask_iou
 from knotfab.render.pages import length
+from knotfab.report.in_words import tell_share
 from knotfab.report.page import make_environment
 from knotfab.scene.camera import Camera
 from knotfab.scene.load import dump_scene
@@ -81,9 +82,9 @@ def plan_fix(found: Comparison, folder: Path, view_name: str | None = None) -> F
 def tell_fix(fix: Fix, found: Comparison) -> list[str]:
     """Return the sentences on what moving the lamp alone would bring, and what a new part would."""
     said = [
-        f"Moving the lamp alone would bring {_percent(fix.moved_iou)} (now {_percent(found.iou)}).",
+        f"Moving the lamp alone would bring {tell_share(fix.moved_iou)} (now {tell_share(found.iou)}).",
         f"A new part for the lamp as it stands, {length(fix.light_distance_mm)} mm from its middle, would "
-        f"bring about {_percent(fix.new_iou)}: knotfab build --scene {fix.scene}",
+        f"bring about {tell_share(fix.new_iou)}: knotfab build --scene {fix.scene}",
     ]
     ways = [
         f"{abs(by):.0f} mm {word[by > 0]}"
@@ -93,10 +94,6 @@ def tell_fix(fix: Fix, found: Comparison) -> list[str]:
     if ways:
         said.append(f"It belongs {' and '.join(ways)} of where this one is, before the lamp.")
     return said
-
-
-def _percent(share: float) -> str:
-    return f"{min(100 * share, 99.9):.1f}%"
 
 
 def _shift_along_wall(knots: Knots, camera: Camera, eye: Array) -> Knots:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -81,8 +81,9 @@ def build(given: Given, hear: Hear, known: Collection[str]) -> Answer:
 def validate(given: Given, hear: Hear, known: Collection[str]) -> Answer:
     """Do what `knotfab validate` does."""
     from knotfab.pipeline.read_options import read_skips
-    from knotfab.pipeline.strangers import plain_arrays
-    from knotfab.pipeline.verifier import Verifier, files_to_validate, load_early
+    from knotfab.pipeline.strangers import validate_files
+    from knotfab.pipeline.verifier import files_to_validate
+    from knotfab.report.in_words import tell_unmet
     from knotfab.scene.load import load_scene
 
     skip, unit = given.pop("skip", []), given.pop("unit", "mm")
@@ -97,13 +98,11 @@ def validate(given: Given, hear: Hear, known: Collection[str]) -> Answer:
         for view in load_scene(files.scene).views:
             for name in filter(None, (view.picture, view.subject_mask)):
                 require_within(files.scene.parent / name, name)
-    validators = load_early(skipped, keep=True), Verifier(skipped)
-    with validators[0], validators[1] as verifier, plain_arrays(files.part) as read:
-        verdict = verifier.submit(replace(files, part=read), unit=unit).result()
-    unmet = [f"{check.name} {check.status}: {check.detail}" for check in list_unmet(verdict.checks)]
+    verdict = validate_files(files, skipped, unit, keep=True)
     figures = {**verdict.to_dict(), "exit_code": verdict.exit_code}
     drawn = () if verdict.picture is None else (Path(verdict.picture).read_bytes(),)
-    return Answer("\n".join([verdict.conclusion, *verdict.notes, *unmet]), figures, drawn)
+    words = [verdict.conclusion, *verdict.notes, *tell_unmet(verdict.checks)]
+    return Answer("\n".join(words), figures, drawn)
 
 
 def shadow(given: Given, hear: Hear, known: Collection[str]) -> Answer:
