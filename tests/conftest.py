@@ -62,6 +62,12 @@ def _draw_small() -> Iterator[None]:
 
 
 @pytest.fixture(scope="session", autouse=True)
+def _own_state(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """What is kept in a user's folder of states is kept in one of the tests' own."""
+    os.environ["KNOTFAB_STATE"] = str(tmp_path_factory.mktemp("state"))
+
+
+@pytest.fixture(scope="session", autouse=True)
 def _heed_interrupts() -> None:
     """A command begun in the background of a shell ignores Ctrl-C, and so would all that it starts."""
     signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -4,16 +4,22 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import functools
+import hashlib
+import hmac
 import json
 import os
 import re
+import secrets
 import shutil
+import stat
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
+from typing import Any
 
-from knotfab.base.disk import at_home, hold, locked, require_within
+from knotfab.base.disk import at_home, hold, locked, own_folder, require_within
 from knotfab.base.errors import MachineError, SceneError, why_of
 from knotfab_formats.errors import InputError, KnotfabError, spelled
 
@@ -27,8 +33,8 @@ _OWN = re.compile(
     r"|knots(-\d+)?\.json|scene-\d+\.toml|sequence\.gif|zoetrope\.(stl|3mf)|coupon\.3mf"
     r"|region\.stl|start\.json|bends(-[\w-]+)?\.\w+|(bending-templates|drill-template)-\w+(-\d+)?\.pdf"
     r"|setup(-\d+)?\.(pdf|svg)|table-\d+\.3mf|colours\.png"
-    r"|centre-lines(-\d+)?\.(svg|dxf|step)|shadow-[^./]+\.svg"
-    r"|(shadow|compare|soft|drawn|subject)-[^./]+\.png|picture-[^./]+\.\w+"
+    r"|centre-lines(-\d+)?\.(svg|dxf|step)|shadow-[^./\\:\0-\x1f]+\.svg"
+    r"|(shadow|compare|soft|drawn|subject)-[^./\\:\0-\x1f]+\.png|picture-[^./\\:\0-\x1f]+\.\w+"
 )
 
 
@@ -83,6 +89,7 @@ class OutputFolder:
                     mend_locked(self.path)
                     self._hidden = Path(tempfile.mkdtemp(prefix=HIDDEN, dir=self.path))
                     self._held = hold(self._hidden)
+                    seal(self._hidden)
                 (self._hidden / "new").mkdir()
                 (self._hidden / "old").mkdir()
                 self._probe()
@@ -168,7 +175,8 @@ class OutputFolder:
     def _clear(self) -> None:
         """Remove the hidden folder, and folders made for this build that stayed empty."""
         if self._hidden is not None and not is_moving(self._hidden):
-            shutil.rmtree(self._hidden, ignore_errors=True)
+            with contextlib.suppress(OSError):
+                remove(self._hidden)
         self._hidden = None
         if self._held is not None:
             os.close(self._held)
@@ -263,7 +271,12 @@ class OutputFolder:
 
 REJECTED = "rejected"
 HIDDEN = ".knotfab-"
-_DO, _UNDO = "moves.json", "undo.json"
+_DO, _UNDO, _SEAL = "moves.json", "undo.json", "seal"
+_PLAIN = re.compile(r"[^./\\:\0-\x1f][^/\\:\0-\x1f]*")  # a name of this folder, on every system
+_DEVICES = re.compile(
+    r"(?i)(con|prn|aux|nul|com\d|lpt\d)\s*(\.|\Z)"
+)  # files that Windows has everywhere
+_PASSING = secrets.token_bytes(32)  # the secret of a process whose user can keep none
 
 # from a place in the hidden folder (None: nothing comes) to one in DIR
 Step = tuple[str | None, str]
@@ -275,8 +288,11 @@ def move_all(folder: Path, hidden: Path, steps: Sequence[Step]) -> None:
     Raises:
         OSError: one cannot be moved; those before it were undone.
     """
+    if not all(map(_is_plain, steps)):
+        raise ValueError(f"no plain names: {steps}")
     draft = hidden / "draft"
-    draft.write_text(json.dumps(steps), encoding="utf-8")
+    text = json.dumps(steps)
+    draft.write_text(json.dumps([_sign(hidden, text), text]), encoding="utf-8")
     sync(draft)
     os.replace(draft, hidden / _DO)
     sync(hidden)
@@ -307,19 +323,101 @@ def mend_locked(folder: Path) -> None:
     """Do the same, by one who has locked `folder`."""
     for hidden in sorted(folder.glob(f"{HIDDEN}*")):
         with contextlib.suppress(OSError):  # another's who still lives, or nobody's to change
+            if not stat.S_ISDIR(hidden.lstat().st_mode):
+                continue
             handle = hold(hidden)
             if handle is None:
                 continue
             try:
-                _mend_one(folder, hidden)
-                shutil.rmtree(hidden)
+                if _is_sealed(hidden):
+                    _mend_one(folder, hidden)
+                    remove(hidden)
+                else:
+                    hidden.rmdir()  # where nothing is in it: its process was killed as it made it
             finally:
                 os.close(handle)
 
 
+def seal(hidden: Path) -> None:
+    """Mark a hidden folder, just made, as this user's own."""
+    (hidden / _SEAL).write_text(_sign(hidden, ""), encoding="ascii")
+
+
+def remove(hidden: Path) -> None:
+    """Remove a hidden folder, its seal last, by which the rest that a killed process leaves is known."""
+    for path in hidden.iterdir():
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path)
+        elif path.name != _SEAL:
+            path.unlink()
+    shutil.rmtree(hidden)
+
+
+def _is_sealed(hidden: Path) -> bool:
+    """Tell whether this user's own build made a hidden folder, and none of its parts is a link."""
+    for name, kind in ((_SEAL, stat.S_ISREG), ("new", stat.S_ISDIR), ("old", stat.S_ISDIR)):
+        path = hidden / name
+        if os.path.lexists(path) and not kind(path.lstat().st_mode):
+            return False
+    if not (hidden / _SEAL).is_file():
+        return False
+    with (hidden / _SEAL).open("rb") as file:
+        return hmac.compare_digest(file.read(200), _sign(hidden, "").encode())
+
+
+def _sign(hidden: Path, text: str) -> str:
+    """Return what only this user can write for a text in this very folder."""
+    where = [os.path.realpath(hidden), hidden.stat().st_ino, text]
+    return hmac.new(_secret(), json.dumps(where).encode(), hashlib.sha256).hexdigest()
+
+
+def _secret() -> bytes:
+    from platformdirs import user_state_path
+
+    return _kept_secret(own_folder("KNOTFAB_STATE", user_state_path) / "moves.key")
+
+
+@functools.cache
+def _kept_secret(place: Path) -> bytes:
+    """Return the secret kept there, made where there is none; this process's where none can be kept."""
+    with contextlib.suppress(OSError):
+        if not place.exists():
+            place.parent.mkdir(parents=True, exist_ok=True)
+            draft = place.with_name(f"moves-{secrets.token_hex(8)}.key")
+            flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
+            with os.fdopen(os.open(draft, flags, 0o600), "wb") as out:
+                out.write(_PASSING)
+            with contextlib.suppress(FileExistsError):  # another process was faster
+                os.link(draft, place)
+            draft.unlink()
+        found = place.read_bytes()
+        if len(found) == len(_PASSING):
+            return found
+    return _PASSING
+
+
+def _read_steps(hidden: Path, name: str) -> list[Step]:
+    """Read moves that this user's own build wrote down; none where they are anything else."""
+    with contextlib.suppress(ValueError, TypeError, RecursionError):
+        said, text = json.loads((hidden / name).read_text("utf-8"))
+        if hmac.compare_digest(said, _sign(hidden, text)):
+            steps = json.loads(text)
+            if all(map(_is_plain, steps)):
+                return [(source, name) for source, name in steps]
+    return []
+
+
+def _is_plain(step: Any) -> bool:
+    """Tell whether a step leads from the new files of a hidden folder to a name of its own folder."""
+    source, name = step
+    if not isinstance(name, str) or not _PLAIN.fullmatch(name) or _DEVICES.match(name):
+        return False
+    return source is None or source == (f"new/{name}" if name != REJECTED else "new")
+
+
 def _mend_one(folder: Path, hidden: Path) -> None:
     if (hidden / _DO).is_file():
-        steps = json.loads((hidden / _DO).read_text("utf-8"))
+        steps = _read_steps(hidden, _DO)
         try:
             for step in steps:
                 _do(folder, hidden, step)
@@ -328,7 +426,7 @@ def _mend_one(folder: Path, hidden: Path) -> None:
             _undo(folder, hidden, steps)
         (hidden / _DO).unlink(missing_ok=True)
     elif (hidden / _UNDO).is_file():
-        _undo(folder, hidden, json.loads((hidden / _UNDO).read_text("utf-8")))
+        _undo(folder, hidden, _read_steps(hidden, _UNDO))
 
 
 def _do(folder: Path, hidden: Path, step: Step) -> None:

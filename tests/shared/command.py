@@ -14,6 +14,8 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
+from knotfab.base import folder as moves
+from knotfab.base.folder import OutputFolder
 from knotfab.cli.app import main
 
 
@@ -60,6 +62,24 @@ def square(size: int = 64) -> NDArray[np.bool_]:
     ink = np.zeros((size, size), dtype=bool)
     ink[size // 4 : -size // 4, size // 4 : -size // 4] = True
     return ink
+
+
+def killed_build(folder: Path, **files: str) -> Path:
+    """Leave files as a build does that is killed before it moves the first; its hidden folder."""
+    out = OutputFolder(folder).__enter__()
+    for name, content in files.items():
+        out.write(name.replace("__", "."), content)
+
+    def killed(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.MonkeyPatch.context() as patch, contextlib.suppress(KeyboardInterrupt):
+        patch.setattr(moves, "_do", killed)
+        patch.setattr(moves, "_undo", killed)
+        out.commit()
+    assert out._held is not None
+    os.close(out._held)
+    return out.work.parent
 
 
 @contextlib.contextmanager

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
+import json
 import re
 import subprocess
 import sys
@@ -132,6 +133,20 @@ def test_no_path_leads_out_of_the_folders(folder: Path) -> None:
 
 
 @pytest.mark.slow
+def test_moves_that_came_with_a_folder_are_not_done(folder: Path) -> None:
+    hidden = folder / ".knotfab-x"
+    (hidden / "old").mkdir(parents=True)
+    (hidden / "evil").write_text("evil")
+    (hidden / "moves.json").write_text(json.dumps([["evil", str(folder.parent / "victim")]]))
+    assert not _call(folder, "preview", pictures=["egg.png"], out="seen.png").is_error
+    for tool, given in (
+        ("validate", {"part": "."}),
+        ("build", {"pictures": ["egg.png"], "knots": "9x"}),
+    ):
+        assert _call(folder, tool, **given, **({"out": "."} if tool == "build" else {})).is_error
+    assert (hidden / "evil").exists() and not (folder.parent / "victim").exists()
+
+
 def test_a_wrong_call_is_told_as_the_command_line_tells_it(folder: Path) -> None:
     def told(*words: str) -> str:
         command = [sys.executable, "-m", "knotfab", *words]

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from command import picture, square
+from command import killed_build, picture, square
 from played_builds import write_player
 
 pytest.importorskip("starlette", reason="the studio needs starlette: pip install 'knotfab[studio]'")
@@ -233,13 +233,21 @@ def test_a_build_that_ran_when_the_studio_was_killed(tmp_path: Path) -> None:
 
 
 def test_moves_of_a_killed_build_are_finished_before_a_list(tmp_path: Path) -> None:
-    hidden = tmp_path / "builds" / "cat" / ".knotfab-killed"
-    (hidden / "old").mkdir(parents=True)
-    (hidden / "report.json").write_text('{"verdict": {"word": "good"}}')
-    (hidden / "moves.json").write_text(json.dumps([["report.json", "report.json"]]))
+    hidden = killed_build(tmp_path / "builds" / "cat", report__json='{"verdict": {"word": "good"}}')
     (listed,) = Builds(tmp_path).listed()
     assert listed["phase"] == "done" and listed["result"]["verdict"] == "good"
     assert not hidden.exists()
+
+
+def test_moves_that_came_with_a_folder_are_not_done(tmp_path: Path) -> None:
+    folder = tmp_path / "builds" / "cat"
+    hidden = folder / ".knotfab-x"
+    hidden.mkdir(parents=True)
+    (folder / "report.json").write_text("{}")
+    (hidden / "evil").write_text("evil")
+    (hidden / "moves.json").write_text(json.dumps([["evil", "../../victim"]]))
+    assert [b["phase"] for b in Builds(tmp_path).listed()] == ["done"]
+    assert not (tmp_path / "victim").exists() and (hidden / "evil").exists()
 
 
 def test_names_are_told_apart_as_disks_do() -> None:
