@@ -34,6 +34,22 @@ class Member(BaseModel):
     foot: Vector | None = None
 
 
+class Slab(BaseModel):
+    """A flat plate in which the piece stands; lengths in mm.
+
+    `outline` are the corners of its face, whose unit normal is `out`; `holes` are the middles of round holes
+    there, `hole_mm` wide, that go through.
+    """
+
+    model_config = _FINITE
+
+    outline: Annotated[list[Vector], FailFast(), Field(min_length=3, max_length=MOST_MEMBERS)]
+    holes: Annotated[list[Vector], Field(max_length=10)] = []
+    hole_mm: _Radius
+    thickness_mm: _Radius
+    out: Vector
+
+
 class Bar(BaseModel):
     """A break-away bar, which holds two strands apart while they print; a box of its own, level; mm."""
 
@@ -97,6 +113,7 @@ class KnotsFile(BaseModel):
     radius_mm: _Radius | None = None
     knots: Annotated[list[Line], FailFast(), Field(min_length=1, max_length=MOST_KNOTS)]
     members: Annotated[list[Member], FailFast(), Field(max_length=MOST_MEMBERS)] = []
+    plate: Slab | None = None
     bars: Annotated[list[Bar], FailFast(), Field(max_length=MOST_MEMBERS)] = []
     feet: Feet | None = None
     rods: Annotated[list[Rod], FailFast(), Field(max_length=MOST_MEMBERS)] = []
@@ -112,6 +129,7 @@ _WANTED = {
     "schema": "must be 1, no other is known",
     "unit": "must be 'mm'",
     "radius_mm": "must be a number above 0",
+    "plate": "must hold outline, hole_mm, thickness_mm and out",
     "members": f"must be a list of at most {MOST_MEMBERS}",
     "bars": f"must be a list of at most {MOST_MEMBERS}",
     "feet": "must hold cut_mm, a number from 0",
@@ -140,6 +158,9 @@ def why_no_knots(error: ValidationError) -> str:
             return f"knot {knot}: points must be [x, y, z], of numbers, and point {point} is not"
         case ("knots", knot) | ("knots", knot, "points"):
             return f"knot {knot} has no points: they must be a list of [x, y, z], of numbers"
+        case ("plate", *keys):
+            where = " ".join(str(step) for step in ("plate:", *keys))
+            return f"{where}: {first['msg'].lower()}"
         case ("members" | "bars" | "rods" | "hulls" as what, number, *keys):
             where = " ".join(str(step) for step in (f"{what}: number", number, *keys))
             return f"{where}: {first['msg'].lower()}"

@@ -229,10 +229,13 @@ class Mount(Table):
     --print."""
     foot: Literal["auto", "plate", "dowel"] = "auto"
     """On the wall; a dowel goes into a drilled hole."""
-    plate_thickness_mm: Length = 3.0
-    """The plate on the wall is so thick."""
+    plate: Literal["pegs", "outline", "full"] = option("pegs", "Print --plate")
+    """What is on the wall: pegs that hold the piece off it (default), or a thin plate in which the piece
+    stands by its own valleys: full, as large as the frame, or outline, as the picture."""
+    plate_thickness_mm: Length | Auto = None
+    """The plate on the wall is so thick; auto: 3 mm with pegs, 1.6 mm where the piece stands in it."""
     plate_margin_mm: Length = 8.0
-    """The plate reaches so far beyond the frame, on each side."""
+    """The plate reaches so far beyond the frame, on each side; plate = "outline": beyond the picture."""
     hole_diameter_mm: Length = 4.0
     """The plate's two screws have such holes."""
     dowel_depth_mm: Length = 10.0
@@ -252,7 +255,17 @@ class Mount(Table):
     @property
     def asked(self) -> bool:
         """True if somebody asks for a mount, whatever the pieces."""
-        return self.kind in ("wall", "stand", "hang")
+        return self.kind in ("wall", "stand", "hang") or self.on_feet
+
+    @property
+    def on_feet(self) -> bool:
+        """True if the piece stands in its plate by its own valleys."""
+        return self.plate != "pegs" and self.kind in ("auto", "wall")
+
+    @property
+    def thickness_mm(self) -> float:
+        """The thickness of the plate on the wall."""
+        return self.plate_thickness_mm or (1.6 if self.on_feet else 3.0)
 
 
 class About(Table):

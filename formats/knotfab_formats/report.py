@@ -64,6 +64,8 @@ class MountFigures:
 
     kind: str
     foot: str | None = None
+    plate: str | None = None
+    feet_of_knots: tuple[int, ...] | None = None
     pegs: int | None = None
     posts: int | None = None
     struts: int | None = None
@@ -85,6 +87,24 @@ class MountFigures:
     predicted_intrusion: float | None = None
     sag_mm: float | None = None
     max_sag_mm: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlateFigures:
+    """The plate on the wall in which a piece stands, as it is printed.
+
+    All of its layers lie below all strands: a change of filament at the height `change_at_mm`, before the
+    layer `change_layer` (the first is 1), gives a screen and a piece of two colours. `outline` (n, 2), mm
+    right and up from the frame's middle. `hidden_aside`: the share of the shadow's edge that the piece hides
+    from who stands so many degrees to either side.
+    """
+
+    thickness_mm: float
+    change_at_mm: float
+    change_layer: int
+    mass_g: float
+    hidden_aside: dict[str, float]
+    outline: tuple[tuple[float, float], ...]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -234,6 +254,7 @@ class Print:
     turning: Turning | None = None
     pose: PoseFigures | None = None
     plates: PlatesFigures | None = None
+    plate: PlateFigures | None = None
     coupon: CouponFigures | None = None
     flatter: tuple[Flatter, ...] | None = None
     support_access: SupportAccess | None = None

@@ -96,8 +96,8 @@ class Scene(Table):
 
     def hangs(self, knots: int) -> bool:
         """Tell whether so many knots get a wall mount; if open: several, of one view before a flat wall."""
-        if self.mount.kind != "auto":
-            return self.mount.kind == "wall"
+        if self.mount.kind != "auto" or self.mount.on_feet:
+            return self.mount.kind == "wall" or self.mount.on_feet
         one_flat = len(self.views) == 1 and self.views[0].wall_radius_mm is None
         return knots > 1 and one_flat and self.material.process != "wire"
 

@@ -206,7 +206,7 @@ def guess_print(
     if hangs and scene.mount.foot != "dowel":
         margin = 2 * scene.mount.plate_margin_mm
         plate = (view.frame_width_mm + margin) * (view.frame_height_mm + margin)
-        plate *= scene.mount.plate_thickness_mm
+        plate *= scene.mount.thickness_mm
     without = {"stand": "its stand", "hang": "its eyelet"}.get(scene.mount.kind, "")
     if loose and not hangs:
         without = "the wall mount that --print adds"

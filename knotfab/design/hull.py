@@ -23,8 +23,8 @@ from knotfab.design.candidates import DEPTH_RATIO
 from knotfab.limits.region import region_mesh
 from knotfab.scene.camera import Camera, Plane, view_axes
 from knotfab_formats.bounds import MOST_MM
-from knotfab_formats.piece import Region
-from knotfab_formats.scene import WALL_SHARE, ResolvedView, SettledRegion
+from knotfab_formats.piece import Mount, Region
+from knotfab_formats.scene import LIGHT_SHARE, WALL_SHARE, ResolvedView, SettledRegion
 from knotfab_formats.views import View
 
 
@@ -259,17 +259,25 @@ def follow_rays(
 # view.
 
 
+_FOOT_SHARE = 0.5  # of the radius: a valley is sunk so far into its plate, and stands flat there
+_BACK_MM = 0.7  # of the plate stays below it
+_PLATE_SHARE = 0.24  # of the frame's longer side: from the middle of a piece on a plate to the wall
 _WIDER = 1.25  # the region's width over the picture's
 _BESIDE_RADII = 2.0  # before and behind the centre lines
 
 
 def resolve_region(
-    region: Region, views: Sequence[ResolvedView], bounds: Sequence[HullBound], radius: float
+    region: Region,
+    views: Sequence[ResolvedView],
+    bounds: Sequence[HullBound],
+    radius: float,
+    mount: Mount | None = None,
 ) -> SettledRegion:
     """Return the region with its extents: those of the scene, or what the pictures need.
 
     Of one view, clear of wall and lamp, a quarter wider than the picture and turned as the view is; of
-    several, the visual hull's extents about its middle, with a tube radius (mm) of play.
+    several, the visual hull's extents about its middle, with a tube radius (mm) of play. Where the `mount`
+    has the piece stand in a plate, it begins at that plate's back.
 
     Raises:
         InputError: a mesh is unfit. SceneError: it would be larger than any region.
@@ -291,7 +299,10 @@ def resolve_region(
         (view,) = views
         known |= {"azimuth_deg": view.azimuth_deg, "elevation_deg": view.elevation_deg}
         x, y = (_WIDER / view.magnification * side for side in view.frame_mm)
-        z = 2.0 * view.reach_mm
+        reach = view.reach_mm
+        if mount is not None and mount.on_feet:
+            reach = view.wall_distance_mm + mount.thickness_mm - _BACK_MM / 2
+        z = 2.0 * reach
         widest = min(max(x, y, z), 1.9 * view.light_distance_mm)
         around = {"cylinder": widest, "sphere": widest}
     size = {
@@ -345,6 +356,40 @@ def depth_extent(
         )
     # an auto depth is rounded down, so that a rebuild from the number finds the same room
     return float(np.floor(min(wanted, room) * 1e4) / 1e4) if asked is None else wanted
+
+
+def foot_sink_mm(mount: Mount, radius: float) -> float:
+    """Return how deep the valleys of a tube (mm) are sunk into the plate that they stand in, mm."""
+    return min(_FOOT_SHARE * radius, mount.thickness_mm - _BACK_MM)
+
+
+def plate_wall_mm(mount: Mount, view: ResolvedView, depth: float | None, thinnest: float) -> float:
+    """Return how far behind the piece's middle the wall is whose plate it stands in, mm.
+
+    Args:
+        depth: the one that is asked for, mm. thinnest: the thinnest tube's radius, mm.
+    """
+    asked = None if depth is None else 0.5 * depth + thinnest - foot_sink_mm(mount, thinnest)
+    return round(
+        min(asked or _PLATE_SHARE * view.longer_mm, LIGHT_SHARE * view.light_distance_mm), 2
+    )
+
+
+def plate_depth_mm(mount: Mount, view: ResolvedView, radius: float) -> float:
+    """Return the extent of the centre lines of a tube whose valleys stand in the plate, mm.
+
+    Raises:
+        SceneError: the wall is too near.
+    """
+    depth = 2.0 * (view.wall_distance_mm + foot_sink_mm(mount, radius) - radius)
+    if depth < 8.0 * radius:  # less than an arch over a neighbour
+        raise SceneError(
+            "scene key views.wall_distance_mm",
+            f"{view.wall_distance_mm:g} mm leave a tube {2 * radius:.1f} mm thick that stands on the wall's "
+            f"plate a depth of {max(depth, 0.0):.1f} mm",
+            "Leave it out, or use --plate pegs",
+        )
+    return float(np.floor(depth * 1e4) / 1e4)
 
 
 def most_depth_mm(reach_mm: float, radius: float) -> float:

@@ -15,7 +15,15 @@ from knotfab.base.notebook import InNotebook
 from knotfab.base.progress import Progress
 from knotfab.design.agree import agree
 from knotfab.design.frames import frame_view, framed_alike
-from knotfab.design.hull import HullBound, contradictions, depth_extent, hull_bounds, resolve_region
+from knotfab.design.hull import (
+    HullBound,
+    contradictions,
+    depth_extent,
+    hull_bounds,
+    plate_depth_mm,
+    plate_wall_mm,
+    resolve_region,
+)
 from knotfab.design.lamps import depth_apart
 from knotfab.design.moves import bounds_of, reach_of
 from knotfab.design.walls import flatten_targets
@@ -70,7 +78,7 @@ class Question(InNotebook):
     def roomy(self) -> SettledRegion:
         """Return a region in which nothing is in the pictures' way."""
         thinnest = self.scene.printer.min_tube_radius_mm
-        return resolve_region(Region(), self.views, self.bounds, thinnest)
+        return resolve_region(Region(), self.views, self.bounds, thinnest, self.scene.mount)
 
     def with_depth(self, radius: float) -> Question:
         """Return the question for a tube of this radius (mm), whose thickness takes room in depth."""
@@ -78,8 +86,12 @@ class Question(InNotebook):
             return self
         region, polygon = self.problem.region, self.problem.polygons[0]
         asked, ahead = self.scene.piece.depth, self.problem.views[0].axes[2]
-        depth = depth_extent(asked, polygon, region, radius, ahead)
-        kept = replace(self.problem, depth_mm=depth, depth_open=asked is None)
+        if self.scene.mount.on_feet:
+            depth: float | None = plate_depth_mm(self.scene.mount, self.views[0], radius)
+        else:
+            depth = depth_extent(asked, polygon, region, radius, ahead)
+        is_open = asked is None and not self.scene.mount.on_feet
+        kept = replace(self.problem, depth_mm=depth, depth_open=is_open)
         return replace(self, problem=kept)
 
     def as_started(self, start: Start) -> Question:
@@ -149,7 +161,7 @@ def ask(
         scene.piece.clearance_mm,
         scene.material.min_bend_radius_mm,
         scene.material.max_length_mm,
-        resolve_region(scene.region, views, bounds, room),
+        resolve_region(scene.region, views, bounds, room, scene.mount),
         apart_mm=apart,
         overhang_deg=None if arched else _overhang_deg(scene),
         arched=arched,
@@ -194,6 +206,10 @@ def _frame_views(scene: ResolvedScene, targets: Sequence[Target]) -> tuple[Resol
                 f"a frame of {w:g} x {h:g} mm would squash a picture of {target.width} x {target.height} px",
                 "Give one of --width and --height (frame_width_mm, frame_height_mm): the other follows.",
             )
+        if scene.mount.on_feet and "wall_distance_mm" not in view.model_fields_set:
+            thinnest = scene.piece.tube_radius_mm or scene.printer.min_tube_radius_mm
+            wall = plate_wall_mm(scene.mount, framed, scene.piece.depth, thinnest)
+            framed = framed.but(wall_distance_mm=wall)
         views.append(framed)
     return tuple(views)
 

@@ -75,12 +75,14 @@ def plan_coupon(mounted: Mounted, suffix: str = "") -> Coupon | None:
     member; the strip is as thick as the plate or the stand's base. The peg is the mount's thinnest.
     """
     asked = mounted.scene.mount
+    if mounted.wall is not None and mounted.wall.plate is not None:
+        return None
     if mounted.wall is not None:
         pegs = mounted.wall.pegs
         slim = min(pegs, key=lambda one: one.top_radius_mm)
         pin = max(one.root_radius_mm for one in pegs)
         top, foot, length = slim.top_radius_mm, slim.foot_radius_mm, slim.length_mm
-        thick = asked.plate_thickness_mm
+        thick = asked.thickness_mm
     elif mounted.stand is not None and len(mounted.stand.members):
         members = mounted.stand.members
         pin, top = float(members.radius.max()), float(members.radius.min())

@@ -12,14 +12,15 @@ import numpy as np
 from knotfab.base.arrays import Array, Mask
 from knotfab.geometry.tube import Mesh, as_manifold, as_mesh
 from knotfab.hold.beams import Stiffness
+from knotfab.hold.foot_plate import ears_mm, plan_foot_plate
 from knotfab.hold.hang import MOST_TILT_DEG, HangMount, hang_bodies, hang_fixtures, plan_hang
 from knotfab.hold.solids import Fixture, stand_bodies, stand_fixtures
 from knotfab.hold.stand import StandMount, StandSettings, plan_stand
 from knotfab.hold.wall import WallMount, plan_wall, wall_bodies, wall_fixtures
 from knotfab.knots import Knots
-from knotfab.scene.camera import Camera, CurvedWall
+from knotfab.scene.camera import Camera, CurvedWall, camera_of
 from knotfab.scene.load import require_mount
-from knotfab_formats.report import MountFigures
+from knotfab_formats.report import MountFigures, PlateFigures
 from knotfab_formats.scene import ResolvedScene, SettledScene
 from knotfab_formats.verdict import Check
 from knotfab_validators.check import at_most
@@ -133,6 +134,51 @@ class Mounted:
         ]
         return {"members": self.members(to_part), "rods": rods, "hulls": hulls}
 
+    def slab(self, to_part: Array) -> dict[str, Any] | None:
+        """Return the plate of knots.json in which the piece stands, if it does, as `members` are.
+
+        `outline` are the corners of its `face`, whose unit normal is `out`, `holes` the middles of its
+        screws' holes there, `hole_mm` wide.
+        """
+        if self.wall is None or self.wall.plate is None or self.upright is None:
+            return None
+        turn, shift = to_part[:3, :3], to_part[:3, 3]
+        scale = float(np.cbrt(np.linalg.det(turn)))
+        plate, view = self.wall.plate, self.scene.views[0]
+        middle = camera_of(view, 1, 1).middle
+
+        def place(flat: Array) -> list[list[float]]:
+            found = (middle + flat @ self.upright[:2]) @ turn.T + shift  # type: ignore[index]
+            return [[float(x) for x in row] for row in found]
+
+        return {
+            "outline": place(plate.outline),
+            "holes": place(plate.holes),
+            "hole_mm": scale * self.wall.settings.hole_diameter_mm,
+            "thickness_mm": scale * self.wall.settings.thickness_mm,
+            "out": (turn @ self.upright[2] / scale).tolist(),
+        }
+
+    def plate_figures(self, shrinks_to: float) -> PlateFigures | None:
+        """Return what a report says of the plate in which the piece stands; it is printed the larger."""
+        if self.wall is None or self.wall.plate is None:
+            return None
+        import shapely
+
+        outline, mount = self.wall.plate.outline, self.wall.settings
+        printer, material = self.scene.printer, self.scene.material
+        high = mount.thickness_mm / shrinks_to
+        layers = int(np.ceil(high / printer.layer_height_mm - 1e-6))
+        area = shapely.Polygon(outline).area - np.pi / 2 * mount.hole_diameter_mm**2
+        return PlateFigures(
+            thickness_mm=mount.thickness_mm,
+            change_at_mm=round(layers * printer.layer_height_mm, 4),
+            change_layer=layers + 1,
+            mass_g=float(area * mount.thickness_mm * 1e-3 * material.density_g_cm3),
+            hidden_aside={str(a): round(s, 3) for a, s in self.wall.hidden_aside.items()},
+            outline=tuple((round(float(x), 2), round(float(y), 2)) for x, y in outline),
+        )
+
     @property
     def must_be_upright(self) -> bool:
         """A wall mount must; a stand that is too tall for the printer may lie down."""
@@ -149,8 +195,11 @@ class Mounted:
             return None
         s, view = self.wall.settings, self.scene.views[0]
         off = view.wall_distance_mm * float(np.cos(np.deg2rad(view.wall_tilt_deg)))
+        if self.wall.plate is not None:
+            beyond = 2 * s.plate_margin_mm if s.plate == "outline" else 0.0
+            return beyond + ears_mm(s), beyond, off + s.thickness_mm
         if s.foot == "plate":
-            return 2 * s.plate_margin_mm, 2 * s.plate_margin_mm, off + s.plate_thickness_mm
+            return 2 * s.plate_margin_mm, 2 * s.plate_margin_mm, off + s.thickness_mm
         across = 2 * max(peg.root_radius_mm for peg in self.wall.pegs)
         return across, across, off + s.dowel_depth_mm
 
@@ -163,6 +212,15 @@ class Mounted:
             return self._hang_figures(self.hang)
         if self.wall is None:
             return MountFigures(kind="none")
+        if self.wall.plate is not None:
+            return MountFigures(
+                kind="wall",
+                foot="plate",
+                plate=self.wall.settings.plate,
+                feet_of_knots=self.wall.plate.feet,
+                sag_mm=self.wall.sag_again_mm,
+                max_sag_mm=self.scene.mount.max_sag_mm,
+            )
         lengths = [peg.length_mm for peg in self.wall.pegs]
         thick = [peg.top_radius_mm for peg in self.wall.pegs]
         joined = self.wall.strut_knots.tolist()
@@ -225,7 +283,9 @@ class Mounted:
         sag, limit = mount.sag_again_mm, self.scene.mount.max_sag_mm
         assert limit is not None  # since it has a mount
         x, y, z = mount.sag_at
-        if isinstance(mount, WallMount):
+        if isinstance(mount, WallMount) and mount.plate is not None:
+            on, less = f"{sum(mount.plate.feet)} feet in its plate", "less depth (--depth)"
+        elif isinstance(mount, WallMount):
             on = f"{len(mount.pegs)} pegs and {len(mount.struts)} struts"
             less = "less depth (--depth) or a nearer wall (--wall-distance)"
         elif isinstance(mount, StandMount):
@@ -280,19 +340,25 @@ def mount_piece(
             raise ValueError("a stand or an eyelet is placed by the silhouettes of all views")
         hold = _on_a_stand if asked.kind == "stand" else _on_a_thread
         return hold(scene, knots, tubes, cameras, targets)
-    mount = plan_wall(
-        knots,
-        cameras[0],
-        scene.piece.clearance_mm,
-        Stiffness.of(scene, knots),
-        asked,
-        targets[0] if targets else None,
-        thoroughly=thoroughly,
+    mount = (
+        _stand_on_wall(scene, knots, tubes, cameras[0])
+        if asked.on_feet
+        else plan_wall(
+            knots,
+            cameras[0],
+            scene.piece.clearance_mm,
+            Stiffness.of(scene, knots),
+            asked,
+            targets[0] if targets else None,
+            thoroughly=thoroughly,
+        )
     )
     count = [
         sum(peg.knot == k for peg in mount.pegs) + int((mount.strut_knots[:, 0] == k).sum())
         for k in range(len(tubes))
     ]
+    if mount.plate is not None:
+        count = list(mount.plate.feet)
     bodies = wall_bodies(tubes, mount, cameras[0])
     return Mounted(
         bodies,
@@ -300,6 +366,17 @@ def mount_piece(
         scene.but(mount=asked.but(pegs=tuple(count))),
         cameras[0].wall_axes,  # the wall on the bed, its front up
         mount,
+    )
+
+
+def _stand_on_wall(
+    scene: SettledScene, knots: Knots, tubes: list[Mesh], camera: Camera
+) -> WallMount:
+    found = plan_foot_plate(knots, tubes, camera, Stiffness.of(scene, knots), scene.mount)
+    sag, at = found.sag_mm, found.sag_at
+    hidden = found.hidden_aside
+    return WallMount(
+        (), sag, at, sag, scene.mount, moves=found.moves, plate=found.plate, hidden_aside=hidden
     )
 
 
@@ -357,6 +434,8 @@ def _names(count: int) -> list[str]:
 def _resolve_mount(scene: SettledScene, knots: Knots, cameras: Sequence[Camera]) -> SettledScene:
     """Return the scene with the mount's kind and foot chosen, where it leaves them open."""
     kind, foot = scene.mount.kind, scene.mount.foot
+    if scene.mount.on_feet:
+        kind, foot = "wall", "plate"
     if kind == "auto":
         kind = "wall" if scene.hangs(len(knots.knots)) else "none"
     if foot == "auto":
@@ -373,4 +452,4 @@ def _choose_foot(scene: ResolvedScene, knots: Knots, camera: Camera) -> Literal[
     high = float((knots.points @ wall[:3]).max() + wall[3]) + knots.radius_mm
     width, depth, height = scene.printer.build_volume_mm
     fits = max(across, along) <= max(width, depth) and min(across, along) <= min(width, depth)
-    return "plate" if fits and high + asked.plate_thickness_mm <= height else "dowel"
+    return "plate" if fits and high + asked.thickness_mm <= height else "dowel"

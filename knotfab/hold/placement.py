@@ -54,6 +54,7 @@ class Placement:
     height; `plate_mm` those of a wall plate. The point of the wall square opposite the lamp lies
     `right_mm` and `up_mm` from that middle, and the lamp stands `off_wall_mm` out of it. `holes` (k, 2)
     are those in plate or wall, right and up from the middle; `base` is a stand's, as this view meets it.
+    `outline` (n, 2) is that of a plate in which the piece stands, which has no edges to measure from.
     A wall that is `round` touches the flat one, by which lengths are given, at its middle line.
     """
 
@@ -70,6 +71,7 @@ class Placement:
     holes: Array
     base: Footing | None
     round: CurvedWall | None = None
+    outline: Array | None = None
 
     def on_wall(self, points: Array) -> Array:
         """Map (..., 3) scene -> (..., 2) right and up from the frame's middle, square to the wall."""
@@ -99,10 +101,12 @@ def placement_of(mounted: Mounted, camera: Camera, view: ResolvedView | None = N
     wall, level, middle = camera.wall_axes, camera.level_axes, camera.middle
     width, height = camera.frame_mm
     plate: tuple[float, float] | None = None
-    holes = np.empty((0, 2))
+    holes, outline = np.empty((0, 2)), None
     if mounted.wall is not None:
         s = mounted.wall.settings
-        if s.foot == "plate":
+        if mounted.wall.plate is not None:
+            holes, outline = mounted.wall.plate.holes, mounted.wall.plate.outline
+        elif s.foot == "plate":
             plate = (width + 2 * s.plate_margin_mm, height + 2 * s.plate_margin_mm)
             x = plate[0] / 2 - hole_inset_mm(s)
             holes = np.array([[-x, 0.0], [x, 0.0]])
@@ -131,6 +135,7 @@ def placement_of(mounted: Mounted, camera: Camera, view: ResolvedView | None = N
         holes,
         None if base is None else _footing(base, level),
         bent,
+        outline,
     )
 
 

@@ -12,6 +12,7 @@ from knotfab.base.arrays import Array, Mask
 from knotfab.base.errors import SceneError
 from knotfab.geometry.tube import Mesh, as_manifold, as_mesh
 from knotfab.hold.beams import Stiffness, sag_moves, worst_of
+from knotfab.hold.foot_plate import FootPlate, foot_plate_fixture
 from knotfab.hold.pegs import Pegs, choose_pegs, hidden_braces, pegs_on, sites_with, tie_to_held
 from knotfab.hold.shade import Rays, free_rays
 from knotfab.hold.solids import Fixture, along, strut
@@ -89,7 +90,8 @@ class WallMount:
 
     `sag_mm` is by the model that chose the pegs, `sag_again_mm` by a whole frame with all members,
     solved anew; `sag_at` is where that is largest, `moves` (N, 3) how far each vertex of the knots moves.
-    `strut_knots` (n, 2) are the knots that each strut joins, often one and the same.
+    `strut_knots` (n, 2) are the knots that each strut joins, often one and the same. On a `plate` in which
+    the piece stands by its own valleys there are neither pegs nor struts.
     """
 
     pegs: tuple[Peg, ...]
@@ -100,6 +102,8 @@ class WallMount:
     struts: Candidates = field(default_factory=nothing)
     strut_knots: NDArray[np.int64] = field(default_factory=lambda: np.empty((0, 2), dtype=np.int64))
     moves: Array = field(default_factory=lambda: np.empty((0, 3)))
+    plate: FootPlate | None = None
+    hidden_aside: dict[int, float] = field(default_factory=dict)
 
     def dowels(self, peg: Peg, wall: Array | None) -> list[Fixture]:
         """Return the dowel of a peg, where it has one; `wall` (3, 3) has rows as `Camera.wall_axes`."""
@@ -311,7 +315,8 @@ def wall_bodies(tubes: list[Mesh], mount: WallMount, camera: Camera) -> list[Mes
 def _require_predicted(solid: Manifold, number: int, knots: int, mount: WallMount) -> None:
     """Require one body with a handle for each knot, each member that closes a loop, and both holes."""
     plate = mount.settings.foot == "plate"
-    genus = len(mount.pegs) + len(mount.struts) + 2 if plate else 1
+    feet = 0 if mount.plate is None else sum(mount.plate.feet)
+    genus = feet + len(mount.pegs) + len(mount.struts) + 2 if plate else 1
     parts = len(solid.decompose())
     if parts != 1 or solid.genus() != genus:
         what = "the part" if plate else f"knot {number} of {knots}"
@@ -332,6 +337,8 @@ def wall_fixtures(mount: WallMount, camera: Camera, knots: int) -> list[list[Fix
     for i, (knot, _) in enumerate(mount.strut_knots):
         bar = strut(members.start[i], members.end[i], float(members.radius[i]))
         groups[int(knot)].append(bar)
+    if mount.plate is not None:
+        return [*groups, [foot_plate_fixture(mount.plate, camera, mount.settings)]]
     return [*groups, [_plate(camera, wall, mount)]] if mount.settings.foot == "plate" else groups
 
 
@@ -348,7 +355,7 @@ def _peg_fixtures(peg: Peg, wall: Array, settings: Mount) -> list[Fixture]:
     }
     deep = settings.dowel_depth_mm
     # a slanting root must not come out of the plate's back
-    buried = 0.75 * settings.plate_thickness_mm if settings.foot == "plate" else 0.5 * deep
+    buried = 0.75 * settings.thickness_mm if settings.foot == "plate" else 0.5 * deep
     above = wall[:, 2], float(wall[:, 2] @ peg.foot) - buried
     cone = Fixture("peg", peg_mesh, sizes, along(axis, peg.foot, wall[:, 1]), named, above)
     if settings.foot == "plate":
@@ -364,7 +371,7 @@ def _plate(camera: Camera, wall: Array, mount: WallMount) -> Fixture:
     sizes = (
         width + 2 * s.plate_margin_mm,
         height + 2 * s.plate_margin_mm,
-        s.plate_thickness_mm,
+        s.thickness_mm,
         s.hole_diameter_mm,
     )
     named = {
@@ -372,5 +379,5 @@ def _plate(camera: Camera, wall: Array, mount: WallMount) -> Fixture:
         "mark_mm": mark_depth_mm(s),
         "corner_radius_mm": min(6.0, s.plate_margin_mm),
     }
-    back = camera.middle - s.plate_thickness_mm * wall[:, 2]
+    back = camera.middle - s.thickness_mm * wall[:, 2]
     return Fixture("plate", wall_plate, sizes, np.column_stack([wall, back]), named)

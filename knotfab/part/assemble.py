@@ -89,7 +89,7 @@ def part_of(
     masks = [target.mask for target in targets]
     with progress.stage("mount"):
         mounted = mount_piece(scene, made.knots, tubes, cameras, masks, thoroughly=thoroughly)
-    if scene.mount.kind == "auto" and mounted.wall is not None:
+    if scene.mount.kind == "auto" and mounted.wall is not None and not scene.mount.on_feet:
         progress.say(
             f"{len(tubes)} loose knots: a wall mount holds them (--mount none leaves it out)"
         )
@@ -184,11 +184,12 @@ def rules_of(scene: ResolvedScene) -> Rules:
     """Return the printer's limits on overhangs, and the room that its supports take beside a piece."""
     printer = scene.printer
     powder = printer.process == "powder"
-    beside = printer.supports and not powder and scene.material.process == "filament"
+    supports = printer.supports and scene.piece.supports != "none"
+    beside = supports and not powder and scene.material.process == "filament"
     return Rules(
         printer.max_overhang_deg,
         printer.layer_height_mm,
-        printer.supports,
+        supports,
         printer.max_support_cm3,
         printer.max_bridge_mm,
         min(BESIDE_MM, BESIDE_SHARE * min(printer.build_volume_mm)) if beside else 0.0,

@@ -69,7 +69,8 @@ def profile(scene: ResolvedScene, program: str | None = None) -> dict[str, str]:
     # A slope's angle from the level below which it is supported, where ours is from the vertical;
     # 0 would leave the choice to the slicer.
     threshold = min(90, max(1, ceil(90 - printer.max_overhang_deg)))
-    alone = scene.piece.supports == "none"  # its feet are small, and a brim holds them
+    alone = scene.piece.supports == "none"
+    brim = alone and not scene.mount.on_feet  # feet that stand in no plate are small
     settings: dict[str, object] = {
         "printer_technology": "FFF",
         "gcode_flavor": "marlin2",
@@ -90,8 +91,8 @@ def profile(scene: ResolvedScene, program: str | None = None) -> dict[str, str]:
         "perimeters": 2,
         "fill_density": f"{INFILL_PERCENT}%",
         "skirts": 0,
-        "brim_type": "outer_only" if alone else "no_brim",
-        "brim_width": BRIM_MM if alone else 0,
+        "brim_type": "outer_only" if brim else "no_brim",
+        "brim_width": BRIM_MM if brim else 0,
         "support_material": int(printer.supports and not alone),
         "support_material_threshold": threshold,
         "support_material_style": _support_style(program),
@@ -148,14 +149,28 @@ def write_profile(folder: Path, scene: ResolvedScene) -> None:
     """Write slicer.ini, where a slicer for filament has something to say of the piece: for the one here."""
     if why_not_sliced(scene) is None:
         found = profile(scene, find_slicer()).items()
-        text = "".join(f"{key} = {value}\n" for key, value in found)
+        text = "".join(f"{key} = {value}\n" for key, value in found) + _tell_change(scene)
         (folder / PROFILE).write_text(text, encoding="utf-8")
+
+
+def _tell_change(scene: ResolvedScene) -> str:
+    """Return lines that offer a change of filament above the plate in which a piece stands, as comments."""
+    if not scene.mount.on_feet:
+        return ""
+    layers = ceil(
+        scene.mount.thickness_mm / scene.material.shrinks_to / scene.printer.layer_height_mm - 1e-6
+    )
+    return (
+        "# A light screen and a dark piece: with this before_layer_gcode in place of that above, printers\n"
+        f"# that know M600 ask for other filament above the plate, before layer {layers + 1}.\n"
+        f"# before_layer_gcode = G92 E0\\n{{if layer_num == {layers}}}M600{{endif}}\n"
+    )
 
 
 def read_profile(folder: Path) -> dict[str, str]:
     """Read the settings that `write_profile` wrote."""
     lines = (folder / PROFILE).read_text(encoding="utf-8").splitlines()
-    return dict(line.split(" = ", 1) for line in lines)
+    return dict(line.split(" = ", 1) for line in lines if not line.startswith("#"))
 
 
 # PrusaSlicer's warnings, and the answer of knotfab's own checks to each.

@@ -101,8 +101,11 @@ def write_part(
     for sheet in () if table is None else table.sheets:
         own = replace(about, title=f"{about.title}, frame", thumbnail_png=b"")
         write_3mf(folder.file(sheet.name), sheet.bodies, own)
-    makeup = part.mounted.makeup(np.asarray(np.linalg.inv(part.pose.matrix)))
+    to_part = np.asarray(np.linalg.inv(part.pose.matrix))
+    makeup = part.mounted.makeup(to_part)
     more: dict[str, Any] = {key: some for key, some in makeup.items() if some}
+    if (slab := part.mounted.slab(to_part)) is not None:
+        more["plate"] = slab
     if part.standing is not None:
         bars = [bar.record() for bar in part.standing.bars]
         more |= {"feet": {"cut_mm": part.standing.cut_mm}, **({"bars": bars} if bars else {})}

@@ -51,6 +51,7 @@ from knotfab.report.report import (
     tell_binding,
     tell_mount,
     tell_plan,
+    tell_plate,
     write_report_json,
 )
 from knotfab.report.setup import draw_sheets, write_setup
@@ -100,6 +101,7 @@ def report_piece(
         print_ = replace(
             print_of(made, part.bodies, views),
             mount=mounted.figures,
+            plate=mounted.plate_figures(piece.scene.material.shrinks_to) if printing else None,
             drawings=tuple(drawings),
             setup=tell_setup(mounted, cameras, made.knots.radius_mm),
             turning=turning,
@@ -153,6 +155,9 @@ def _list_notes(
     flat_wall = piece.scene.views[0].wall_radius_mm is None
     return [
         *tell_mount(len(piece.knots.knots), part.mounted.figures, len(targets) == 1 and flat_wall),
+        *tell_plate(
+            part.mounted.plate_figures(piece.scene.material.shrinks_to), part.mounted.scene
+        ),
         *(tell_unsliced(sliced) if request.printing and plan is None else ()),
         *tell_plan(plan),
         *piece.notes,

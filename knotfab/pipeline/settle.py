@@ -117,6 +117,7 @@ def _open(request: Request) -> tuple[bool, bool]:
     """Return whether the depth may be changed, and whether the wall's distance may."""
     scene = request.scene
     free = request.printing and request.time_budget_s is None and not scene.settings.start
+    free = free and not scene.mount.on_feet  # its plate settles both
     # a free view finds its own wall
     given = "wall_distance_mm" in scene.views[0].model_fields_set
     wall = not given and not scene.settings.free_view

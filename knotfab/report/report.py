@@ -29,12 +29,14 @@ from knotfab_formats.report import (
     KnotFigures,
     MountFigures,
     NextStep,
+    PlateFigures,
     Print,
     RadiusChoice,
     RadiusTrial,
     Report,
     Settings,
 )
+from knotfab_formats.scene import ResolvedScene
 from knotfab_formats.search import PRESETS
 from knotfab_formats.verdict import Check, Verdict, View, exit_code
 from knotfab_validators.check import at_most
@@ -257,6 +259,22 @@ def tell_mount(knots: int, mount: MountFigures, hangs: bool) -> list[str]:
         each = " Each knot has its own." if knots > 1 else ""
         return [f"Its {mount.pegs} pegs go into holes drilled in the wall.{each}"]
     return []
+
+
+def tell_plate(plate: PlateFigures | None, scene: ResolvedScene) -> list[str]:
+    """Return how a plate in which the piece stands is printed, and what it costs viewers aside."""
+    if plate is None:
+        return []
+    hidden = " and ".join(
+        f"{100 * share:.0f} % from {angle}°" for angle, share in plate.hidden_aside.items()
+    )
+    off = " and with supports off" if scene.piece.supports == "none" else ""
+    return [
+        f"Print it as it lies, plate down{off}. A change of filament at "
+        f"{plate.change_at_mm:g} mm, before layer {plate.change_layer}, gives a light screen and a dark "
+        "piece: slicer.ini holds the line for it. Of one filament, take a light one.",
+        f"It stands at the wall, and hides part of its own shadow's edge from who looks aside: {hidden}.",
+    ]
 
 
 # Tell where a build's time went, and what the next better setting would buy and cost on this

@@ -89,7 +89,7 @@ def draw_sheets(mounted: Mounted, scene: SettledScene, cameras: Sequence[Camera]
         plan = lamps_sheet(mounted, places, scene.views, frame_of(mounted)[0])
     elif len(pages) > 1 or any(place.round is not None for place in places):
         plan = plan_sheet(mounted, places, scene.views)
-    plate = mounted.wall is not None and mounted.wall.settings.foot == "plate"
+    plate = places[0].plate_mm is not None
     marks = draw_marks_page(PAPERS["a4"], plate)
     return Sheets(pages, plan, marks, scene.views, mounted.wall is not None)
 
@@ -273,6 +273,8 @@ def _front_view(axes: Axes, mounted: Mounted, place: Placement) -> Scaled:
     outer = place.plate_mm or place.frame_mm
     foot = np.array([place.right_mm, place.up_mm])
     ends = np.array([[-outer[0] / 2, -outer[1] / 2], [outer[0] / 2, outer[1] / 2], foot])
+    if place.outline is not None:
+        ends = np.concatenate([ends, place.outline])
     desk: float | None = None
     if place.base is not None:
         rise = float(place.wall[1] @ place.level[1])
@@ -290,6 +292,8 @@ def _front_view(axes: Axes, mounted: Mounted, place: Placement) -> Scaled:
                     fill=False, lw=width, ec=INK, ls="-" if size is place.plate_mm else "--",
                 )
             )  # fmt: skip
+    if place.outline is not None:
+        axes.plot(*to(np.append(place.outline, place.outline[:1], axis=0)).T, color=INK, lw=0.8)
     _marks(axes, mounted, place, to)
     if desk is not None:
         line = to(np.array([[-0.6 * wide, desk], [0.6 * wide, desk]]))
@@ -335,16 +339,12 @@ def _front_dimensions(axes: Axes, place: Placement, to: Scaled, bottom: float) -
     axes.plot(*foot, "o", ms=5, mfc="none", mec=LIGHT, mew=0.8)
     axes.plot(*foot, "+", ms=8, color=LIGHT, mew=0.5)
     note(axes, foot + (1.8, 1.2), "opposite the lamp", size=6, color="#8a6500")
-    if len(place.holes) == 2 and place.plate_mm is not None:
+    y = down - 5.5
+    if place.outline is not None or place.plate_mm is not None:
         a, b = to(place.holes)
-        y = down - 5.5
-        draw_dimension(
-            axes,
-            (a[0], y),
-            (b[0], y),
-            (0, 0),
-            f"screw holes {length(float(np.ptp(place.holes[:, 0])))}",
-        )
+        apart = length(float(np.ptp(place.holes[:, 0])))
+        draw_dimension(axes, (a[0], y), (b[0], y), (0, 0), f"screw holes {apart}")
+    if place.plate_mm is not None:
         y -= 5.5
         draw_dimension(
             axes, (corners[0][0], y), (corners[1][0], y), (0, 0), f"plate {length(outer[0])}"
@@ -359,7 +359,7 @@ def _marks(axes: Axes, mounted: Mounted, place: Placement, to: Scaled) -> None:
     """Screw holes or drill holes, the plate's notches, and which way is up."""
     for number, hole in enumerate(to(place.holes), start=1):
         axes.plot(*hole, "o", ms=2.6, mfc="white", mec=INK, mew=0.5, zorder=4)
-        if place.plate_mm is None:
+        if place.plate_mm is None and place.outline is None:
             note(axes, hole + (1.0, 0.4), str(number), size=5, zorder=5)
     wall = mounted.wall
     if place.plate_mm is not None and wall is not None and mark_depth_mm(wall.settings):

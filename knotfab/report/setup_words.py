@@ -48,6 +48,17 @@ def steps_of(mounted: Mounted, place: Placement, view: View) -> list[str]:
     off = f"{length(place.off_wall_mm)} mm off"
     if place.base is not None:
         steps = _desk_steps(place, view, lamp)
+    elif place.outline is not None and mounted.wall is not None:
+        s, across = mounted.wall.settings, float(np.ptp(place.holes[:, 0]))
+        steps = [
+            f"Drill two holes {length(across)} mm apart on a level line; the middle of the frame is "
+            f"{_beside_holes(place)}half-way between them.",
+            "Screw the plate on, the way up that is drawn (screws of at most "
+            f"{length(s.hole_diameter_mm)} mm). Keep the corners of the frame in pencil until the "
+            "lamp stands.",
+            f"Put the middle of the {lamp} {off} the plate's face, square to it, opposite "
+            f"{_opposite(place)}.",
+        ]
     elif mounted.wall is not None and mounted.wall.settings.foot == "plate":
         across = float(place.holes[1, 0] - place.holes[0, 0])
         s = mounted.wall.settings
@@ -102,6 +113,18 @@ def steps_of(mounted: Mounted, place: Placement, view: View) -> list[str]:
         )
     what = "the middle of each edge" if "edge" in place.marks[0].name else "the corners"
     return [*steps, f"Check with a tape from {what}: the {lamp} is {each}."]
+
+
+def _beside_holes(place: Placement) -> str:
+    """Say where the frame's middle is beside the one of a plate's holes."""
+    right, up = (-place.holes.mean(axis=0)).tolist()
+    ways = (up, "above", "below"), (right, "to the right of", "to the left of")
+    said = [
+        f"{length(abs(v))} mm {more if v > 0 else less}"
+        for v, more, less in ways
+        if abs(v) >= HEAR_MM
+    ]
+    return " and ".join(said) + " " if said else ""
 
 
 def _common(place: Placement) -> str:

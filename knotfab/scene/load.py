@@ -96,7 +96,7 @@ def check_scene(scene: Scene, what: str = "scene.toml") -> None:
             raise InputError(what, f"two views are named {name!r}", "Give each its own name.")
     require_lamps(scene, what)
     parse_knot_name(scene.piece.knot)
-    for why, remedy in _faults_of_region(scene):
+    for why, remedy in chain(_faults_of_region(scene), _faults_of_plate(scene)):
         raise InputError(what, why, remedy)
     for number, view in enumerate(scene.views, start=1):
         for why, remedy in chain(_faults_of_view(scene, view), _faults_of_place(scene, view)):
@@ -126,6 +126,40 @@ def _faults_of_region(scene: Scene) -> Iterator[tuple[str, str]]:
         )
 
 
+def _faults_of_plate(scene: Scene) -> Iterator[tuple[str, str]]:
+    """Yield what does not go with a plate that the piece stands in, and the remedy of each fault."""
+    mount, view = scene.mount, scene.views[0]
+    if mount.plate == "pegs":
+        return
+    asked = f'plate = "{mount.plate}" (--plate {mount.plate})'
+    if not mount.on_feet:
+        yield (
+            f'{asked} is on the wall, and [mount] kind is "{mount.kind}"',
+            "Use --mount wall, or leave one of the two out.",
+        )
+    if mount.foot == "dowel":
+        yield (
+            f'{asked} has no drilled holes, and [mount] foot is "dowel"',
+            "Leave one of the two out.",
+        )
+    if scene.piece.depth == 0:
+        yield (
+            f"the piece stands in its plate by valleys ({asked}), and a flat one (depth) has none",
+            "Leave out the depth, or use --plate pegs.",
+        )
+    if view.wall_tilt_deg:
+        yield (
+            f"the piece stands in its plate square to it ({asked}), and this wall leans by "
+            f"{view.wall_tilt_deg:g}°",
+            "Use --plate pegs.",
+        )
+    if scene.settings.free_view:
+        yield (
+            f"the plate settles where the wall is ({asked}), and a free view is to find it (--free)",
+            "Leave one of the two out.",
+        )
+
+
 def _faults_of_view(scene: Scene, view: View) -> Iterator[tuple[str, str]]:
     """Yield what does not go together of a view's picture, piece and lamps, and the remedy of each fault."""
     radius = scene.piece.tube_radius_mm or 0.0
@@ -141,7 +175,8 @@ def _faults_of_view(scene: Scene, view: View) -> Iterator[tuple[str, str]]:
             f"the piece reaches {reach:g} mm towards the light, but light_distance_mm is {light:g}",
             "Move the light away, or make the piece flatter or its tube thinner.",
         )
-    if view.kind == "shadow" and reach >= wall:
+    settles = scene.mount.on_feet and "wall_distance_mm" not in view.model_fields_set
+    if view.kind == "shadow" and reach >= wall and not settles:
         yield (
             f"the piece reaches {reach:g} mm towards the wall, but wall_distance_mm is {wall:g}",
             "Move the wall away, or make the piece flatter or its tube thinner.",

@@ -303,7 +303,7 @@ def test_the_guess_counts_the_plate_of_loose_pieces(tmp_path: Path) -> None:
     assert guess(1) < guess()
     (view,) = survey(resolve(Scene()), [target]).views
     wide = [side + 2 * Scene().mount.plate_margin_mm for side in view.view.frame_mm]
-    plate = wide[0] * wide[1] * Scene().mount.plate_thickness_mm * 1e-3
+    plate = wide[0] * wide[1] * Scene().mount.thickness_mm * 1e-3
     assert guess() - bare == pytest.approx(plate * resolve(Scene()).material.density_g_cm3)
 
 

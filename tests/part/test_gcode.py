@@ -19,7 +19,15 @@ from knotfab.part.gcode import (
     points_along,
     read_gcode,
 )
-from knotfab.part.slicer_profile import PROFILE, line_width, profile, why_not_sliced, write_profile
+from knotfab.part.slicer_process import find_slicer
+from knotfab.part.slicer_profile import (
+    PROFILE,
+    line_width,
+    profile,
+    read_profile,
+    why_not_sliced,
+    write_profile,
+)
 from knotfab.scene.catalogue import materials, printers
 from knotfab_formats.report import SlicerCheck
 
@@ -360,3 +368,19 @@ def test_every_printer_has_a_profile_or_a_reason(tmp_path: Path) -> None:
             lines = (folder / PROFILE).read_text().splitlines()
             assert all(line.count(" = ") == 1 for line in lines) and len(lines) > 40
         assert line_width(scene) > scene.printer.nozzle_mm
+
+
+def test_a_change_of_filament_above_a_plate_is_offered_and_changes_no_setting(
+    tmp_path: Path,
+) -> None:
+    scene = scene_of(
+        "[piece]\nsupports = 'none'\n[mount]\nplate = 'full'\nplate_thickness_mm = 1.5"
+    )
+    write_profile(tmp_path, scene)
+    lines = (tmp_path / PROFILE).read_text().splitlines()
+    (offered,) = (line for line in lines if "}M600" in line)
+    # 8 layers of 0.2 mm hold 1.5 mm; the slicer counts layers from 0
+    assert offered == r"# before_layer_gcode = G92 E0\n{if layer_num == 8}M600{endif}"
+    assert any("before layer 9" in line for line in lines)
+    assert read_profile(tmp_path) == profile(scene, find_slicer())
+    assert read_profile(tmp_path)["support_material"] == "0"

@@ -113,6 +113,13 @@ REFUSED = {
     "[piece]\ndepth = 250": ("125 mm towards the wall", "wall_distance_mm is 100"),
     "[piece]\ndepth = 250\n[[views]]\nlight_distance_mm = 125": ("towards the light",),
     "[piece]\ntube_radius_mm = 100": ("towards the wall",),
+    "[mount]\nkind = 'stand'\nplate = 'full'": ('kind is "stand"', "--mount wall"),
+    "[mount]\nkind = 'none'\nplate = 'outline'": ('kind is "none"',),
+    "[mount]\nfoot = 'dowel'\nplate = 'full'": ("no drilled holes",),
+    "[piece]\ndepth = 'flat'\n[mount]\nplate = 'full'": ("flat", "--plate pegs"),
+    "[mount]\nplate = 'full'\n[[views]]\nwall_tilt_deg = 5": ("leans by 5°", "--plate pegs"),
+    "[mount]\nplate = 'full'\n[search]\nfree_view = true": ("a free view",),
+    "[mount]\nplate = 'cardboard'": ("[mount] plate", "cardboard"),
     "[piece]\ntube_radius_mm = 30\n[[views]]\nframe_height_mm = 50": ("wider than the frame",),
     "[piece]\ntube_radius_mm = 8\n[region]\nsize_mm = [100, 100, 16]": ("does not fit",),
     "[region]\nsize_mm = [10, 10, 1000]": ("the region reaches 500 mm towards the light",),
@@ -133,6 +140,12 @@ def test_refused_with_the_reason_and_the_remedy(text: str) -> None:
     for words in REFUSED[text]:
         assert words in message
     assert "\n" not in message and "pydantic" not in message
+
+
+def test_a_plate_settles_how_far_the_wall_is_and_asks_for_a_wall_mount() -> None:
+    scene = parse_scene("[piece]\ndepth = 250\n[mount]\nplate = 'outline'")
+    assert scene.mount.asked and scene.hangs(1) and scene.mount.thickness_mm == 1.6
+    assert parse_scene("[mount]\nkind = 'wall'").mount.thickness_mm == 3.0
 
 
 def test_the_same_lengths_are_fine_where_they_do_not_contradict() -> None:

@@ -228,6 +228,8 @@ def _check_mount(
 def _asked_of_mount(scene: Scene) -> Asked | str:
     """Return what the scene asks of its mount, in the part's coordinates; or why that is not known."""
     mount, back = scene.mount, None
+    if mount.on_feet:
+        return Asked(on_feet=True)
     if scene.pose is not None:
         back = np.linalg.inv(np.array(scene.pose.matrix, dtype=np.float64))
     if mount.kind == "stand":
@@ -252,7 +254,7 @@ def _plate_of(mount: Mount, view: ViewGeometry, back: Array) -> Solid:
 
     Its face lies on the wall, a margin wider than the frame on every side (docs/contract.md).
     """
-    margin, thick = mount.plate_margin_mm, mount.plate_thickness_mm
+    margin, thick = mount.plate_margin_mm, mount.thickness_mm
     x, y = (float(np.linalg.norm(2 * step)) / 2 + margin for step in (view.du, view.dv))
     right = view.du / np.linalg.norm(view.du)
     turn = np.column_stack([right, np.cross(view.normal, right), view.normal])

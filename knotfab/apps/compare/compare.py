@@ -301,7 +301,8 @@ def _margin_px(scene: Scene, view: ResolvedView, width: int) -> tuple[int, int]:
 
 
 def _has_plate(scene: Scene) -> bool:
-    return scene.mount.kind == "wall" and scene.mount.foot != "dowel"
+    held = scene.mount
+    return held.kind == "wall" and held.foot != "dowel" and not held.on_feet
 
 
 def _plate_margin(scene: Scene) -> float:

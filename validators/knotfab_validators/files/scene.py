@@ -17,7 +17,7 @@ from knotfab_formats.scene import Scene as AskedScene
 from knotfab_validators.arrays import Array
 from knotfab_validators.check import BadFile, read_bytes
 from knotfab_validators.files.mesh import read_mesh
-from knotfab_validators.geometry.curves import Bar, Curves, Member, edges_of
+from knotfab_validators.geometry.curves import Bar, Curves, Member, Slab, edges_of
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.geometry.surface import survey
 
@@ -217,6 +217,7 @@ def parse_knots(data: Any, name: str = "knots.json") -> Curves:
         members=tuple(
             _member(m, f"{name}: members: number {i}") for i, m in enumerate(said.members)
         ),
+        plate=None if said.plate is None else _slab(said.plate, f"{name}: plate"),
         bars=tuple(
             Bar(np.array(b.start), np.array(b.end), b.width_mm, b.height_mm) for b in said.bars
         ),
@@ -275,3 +276,14 @@ def _hull(said: Any, where: str) -> tuple[str, Array]:
     if np.linalg.matrix_rank(corners - corners[0], tol=1e-6) < 3:
         raise BadFile(f"{where}: its corners enclose nothing")
     return short(said.name), corners
+
+
+def _slab(said: Any, where: str) -> Slab:
+    outline, out = np.array(said.outline), np.array(said.out)
+    if abs(float(np.linalg.norm(out)) - 1) > UNIT:
+        raise BadFile(f"{where} out must be a vector of length 1")
+    height = outline @ out
+    if np.ptp(height) > UNIT * max(1.0, float(np.abs(outline).max())):
+        raise BadFile(f"{where} outline must lie in one plane, square to out")
+    holes = np.array(said.holes).reshape(-1, 3)
+    return Slab(outline, holes, said.hole_mm, said.thickness_mm, out)

@@ -39,6 +39,25 @@ class Member:
 
 
 @dataclass(frozen=True)
+class Slab:
+    """A flat plate in which the piece stands: corners of its face (n, 3), its holes' middles (k, 3), mm.
+
+    `out` (3,) is the face's unit normal; the holes, `hole_mm` wide, go through.
+    """
+
+    outline: Array
+    holes: Array
+    hole_mm: float
+    thickness_mm: float
+    out: Array
+
+    def scaled(self, share: float) -> Slab:
+        """Return the same at a share of every length."""
+        hole, thick = share * self.hole_mm, share * self.thickness_mm
+        return Slab(share * self.outline, share * self.holes, hole, thick, self.out)
+
+
+@dataclass(frozen=True)
 class Bar:
     """A level box that holds two strands apart while they print: its ends (3,), width and height, mm."""
 
@@ -59,7 +78,8 @@ class Curves:
     not repeated. `types` are the knot types that the file promises, such as "unknot" or "3_1" ("open"
     for an open curve); `radius_mm` is None where the file gives none. `members` are those of the mount
     that holds them, `rods` its round bars between no strands, and `hulls` the names and corners (n, 3) of
-    its convex solids. `bars` are broken away; `cut_mm` is missing of the lowest foot.
+    its convex solids; `plate` is one that they stand in. `bars` are broken away; `cut_mm` is missing of the
+    lowest foot.
     """
 
     polygons: tuple[Array, ...]
@@ -67,6 +87,7 @@ class Curves:
     closed: tuple[bool, ...]
     radius_mm: float | None
     members: tuple[Member, ...] = ()
+    plate: Slab | None = None
     bars: tuple[Bar, ...] = ()
     cut_mm: float = 0.0
     rods: tuple[Member, ...] = ()
@@ -94,6 +115,7 @@ class Curves:
             self,
             polygons=tuple(share * polygon for polygon in self.polygons),
             radius_mm=None if self.radius_mm is None else share * self.radius_mm,
+            plate=None if self.plate is None else self.plate.scaled(share),
             bars=tuple(bar.scaled(share) for bar in self.bars),
             cut_mm=share * self.cut_mm,
             members=tuple(m.scaled(share) for m in self.members),

@@ -12,6 +12,7 @@ from knotfab_validators.arrays import Array, Ints, Mask
 from knotfab_validators.check import at_most, places, skip_check, spot
 from knotfab_validators.geometry.curves import Curves, Member, cut_edges, point_segment
 from knotfab_validators.geometry.mesh import Mesh, bound_triangles, connect, winding_numbers
+from knotfab_validators.tube.plate import check_plate, inside_plate
 from knotfab_validators.tube.solid_matter import Solid, clip, find_hollow
 from knotfab_validators.tube.tube_fit import LIMIT
 
@@ -20,6 +21,7 @@ PROUD_MM = 0.035  # a corner may stand so far out of it
 INTO_FOOT_MM = 0.15  # matter is looked for so far below the foot's surface
 ROOT = 1.6, 4.0  # a member's root may be so many of its radii wide, and so many mm high
 BESIDE = 5.0  # radii along a knot: a face that spans more joins two strands
+SWOLLEN = 1.2  # radii from the centre lines: mitres of the sharpest bends stand out by less, and lead nowhere
 OWN = 1.25  # radii from a centre line that matter between two strands may be
 
 
@@ -30,13 +32,14 @@ class Asked:
     `pegs`: how many members there are, by knots; empty: not said. `solids`: what must be filled as the
     scene alone has it (a wall plate). `hulls`: the name of the solids that knots.json must have, such as
     "base", and how thick each must be below every foot at least. `thread`: where an eyelet carries
-    the piece (3,).
+    the piece (3,). `on_feet`: whether it stands in a plate by its own valleys.
     """
 
     pegs: tuple[int, ...] = ()
     solids: tuple[Solid, ...] = ()
     hulls: tuple[str, float] | None = None
     thread: Array | None = None
+    on_feet: bool = False
 
 
 NOTHING_ASKED = Asked()
@@ -65,6 +68,11 @@ def check_mount(mesh: Mesh, curves: Curves, asked: Asked = NOTHING_ASKED) -> Che
             detail = "matter joins strands that are too near each other for a strut"
         detail += f", at {spot(joined[0])}"
         return Check(NAME, "fail", True, "joined", None, "", detail, places(joined))
+    if asked.on_feet and curves.plate is None:
+        detail = "knots.json names no plate, and by the scene the piece stands in one"
+        return Check(NAME, "fail", True, "missing", None, "", detail)
+    if curves.plate is not None:
+        return check_plate(mesh, curves.plate)
     lacking = _find_lacking(curves, asked)
     if lacking is not None:
         detail = f"{lacking}: build the part anew to have its mount measured"
@@ -244,11 +252,14 @@ def _find_joints(mesh: Mesh, curves: Curves, radius: float) -> Array:
     Without members: where a face leads from one strand to another that is too near for a strut.
     """
     vertices, faces = mesh.vertices, mesh.faces
-    own = strand_faces(vertices, faces, curves.polygons, radius, proud=OFF, beside=BESIDE)
-    if not curves.members:
+    own = strand_faces(vertices, faces, curves.polygons, radius, proud=SWOLLEN, beside=BESIDE)
+    if not curves.members and curves.plate is None:
         return _find_fused(mesh, curves, radius, own)
     rest = np.flatnonzero(~own)
     used = np.unique(faces[rest])
+    if curves.plate is not None:
+        in_plate = inside_plate(vertices, curves.plate)
+        rest = rest[~in_plate[faces[rest]].all(axis=1)]
     for member in (*curves.members, *curves.rods):
         if not len(rest):
             return np.empty((0, 3))

@@ -1,0 +1,260 @@
+"""A thin plate on the wall in which the piece stands by its own valleys, as large as frame or picture."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knotfab.base.arrays import Array
+from knotfab.base.errors import SceneError
+from knotfab.geometry.tube import Mesh, as_manifold
+from knotfab.hold.beams import JOINT_RADII, Stiffness, sag_moves, worst_of
+from knotfab.hold.solids import Fixture
+from knotfab.hold.struts import GROUND, Candidates, sites_of
+from knotfab.knots import Knots
+from knotfab.scene.camera import Camera
+from knotfab_fixtures.solids import outlined_plate
+from knotfab_formats.piece import Mount
+
+if TYPE_CHECKING:
+    from shapely import Geometry, Polygon
+
+FILLET_MM = (
+    8.0  # inner corners of an outline are rounded by so much: narrow slits are weak and slow
+)
+STRIP_MM = 12.0  # wide are strips that join islands
+RIM_MM = 4.0  # about a screw's hole
+OFF_MM = 1.0  # a screw's hole keeps so far off the plate's own outline
+WITHIN_MM = 0.1  # an outline is drawn with straight lines so near to it
+ASIDE_DEG = (30, 45)  # where viewers stand beside the lamp, told of the shadow's edge
+LEAST_BACK_MM = 0.15  # of a plate below the lowest foot
+
+
+@dataclass(frozen=True)
+class FootPlate:
+    """A plate whose face is the wall.
+
+    `outline` (n, 2) anticlockwise and `holes` (2, 2), the middles of its screws' holes, lie right and up from
+    the middle of the frame, mm. `feet` are how many valleys of each knot stand in it.
+    """
+
+    outline: Array
+    holes: Array
+    feet: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class StandingPiece:
+    """A plate, what the piece sags on it (mm, and where), and how far each vertex moves (N, 3).
+
+    `hidden_aside`: for each angle of view the share of the shadow's edge that the piece hides.
+    """
+
+    plate: FootPlate
+    sag_mm: float
+    sag_at: Array
+    moves: Array
+    hidden_aside: dict[int, float]
+
+
+@dataclass(frozen=True)
+class _Foot:
+    """A piece of tube in the plate: its middle, right and up from the frame's, and its reach, mm."""
+
+    knot: int
+    middle: Array
+    reach_mm: float
+
+
+def plan_foot_plate(
+    knots: Knots, tubes: list[Mesh], camera: Camera, stiffness: Stiffness, settings: Mount
+) -> StandingPiece:
+    """Plan the plate of a piece whose valleys reach below the wall's face.
+
+    Args:
+        knots, tubes: one of each other, in scene coordinates. settings: with a plate for feet.
+
+    Raises:
+        SceneError: a knot has no valley there, or one comes out of the plate's back.
+    """
+    to_wall = np.column_stack([camera.wall_axes, -camera.wall_axes @ camera.middle])
+    feet = _find_feet(tubes, to_wall, settings.thickness_mm)
+    count = np.bincount([foot.knot for foot in feet], minlength=len(tubes))
+    if not count.all():
+        bare = int(count.argmin())
+        raise SceneError(
+            f"a plate that the piece stands in (--plate {settings.plate})",
+            f"no valley of knot {bare + 1} of {len(tubes)} reaches the wall",
+            "Use --plate pegs",
+        )
+    outline, holes = _shape(knots, feet, camera, to_wall, settings)
+    moves = _sag(knots, feet, camera, stiffness)
+    sag, at = worst_of(moves, knots.points)
+    plate = FootPlate(outline, holes, tuple(int(n) for n in count))
+    hidden = {angle: _hide_edge(knots, camera, to_wall, angle) for angle in ASIDE_DEG}
+    return StandingPiece(plate, sag, at, moves, hidden)
+
+
+def ears_mm(settings: Mount) -> float:
+    """Return how much wider the plate is for the ears that hold its screws, at both sides together."""
+    return 2 * (settings.hole_diameter_mm + OFF_MM + RIM_MM)
+
+
+def foot_plate_fixture(plate: FootPlate, camera: Camera, settings: Mount) -> Fixture:
+    """Return the plate, its face on the receiver plane."""
+    wall = np.column_stack(list(camera.wall_axes))
+    places = np.concatenate([plate.holes, plate.outline]).ravel().tolist()
+    sizes = (settings.thickness_mm, settings.hole_diameter_mm, *places)
+    back = camera.middle - settings.thickness_mm * wall[:, 2]
+    return Fixture("plate", outlined_plate, sizes, np.column_stack([wall, back]))
+
+
+def _find_feet(tubes: list[Mesh], to_wall: Array, thickness_mm: float) -> list[_Foot]:
+    """Find what of the tubes lies below the wall's face (3, 4), in pieces that do not meet there."""
+    found = []
+    for number, tube in enumerate(tubes):
+        below = as_manifold(tube).transform(to_wall).trim_by_plane((0.0, 0.0, -1.0), 0.0)
+        for foot in below.decompose():
+            x0, y0, z0, x1, y1, _ = foot.bounding_box()
+            if -z0 > thickness_mm - LEAST_BACK_MM:
+                raise SceneError(
+                    "the wall's plate",
+                    f"the tube reaches {-z0:.2f} mm behind its face, and it is {thickness_mm:g} mm thick",
+                    "Use a thicker one (mount.plate_thickness_mm), or report this scene",
+                )
+            middle = np.array([x0 + x1, y0 + y1]) / 2
+            found.append(_Foot(number, middle, float(np.hypot(x1 - x0, y1 - y0)) / 2))
+    return found
+
+
+def _shape(
+    knots: Knots, feet: list[_Foot], camera: Camera, to_wall: Array, settings: Mount
+) -> tuple[Array, Array]:
+    """Return the outline (n, 2) of the plate, and the middles (2, 2) of its holes."""
+    import shapely
+
+    within = shapely.union_all([shapely.Point(f.middle).buffer(f.reach_mm + RIM_MM) for f in feet])
+    if settings.plate == "full":
+        across, up = camera.frame_mm
+        body = shapely.box(-across / 2, -up / 2, across / 2, up / 2).union(within)
+    else:
+        shadow = _shadow(knots, camera, to_wall)
+        body = shadow.buffer(settings.plate_margin_mm + FILLET_MM).buffer(-FILLET_MM).union(within)
+    sheet = _fill(_join(body))
+    holes, ears = _find_holes(sheet, settings.hole_diameter_mm)
+    sheet = _fill(sheet.union(ears)).simplify(WITHIN_MM)
+    outline = shapely.geometry.polygon.orient(sheet, 1.0)
+    return np.array(outline.exterior.coords)[:-1], holes
+
+
+def _shadow(knots: Knots, camera: Camera, to_wall: Array) -> Geometry:
+    """Return the shadow of the tubes on the wall, about."""
+    import shapely
+
+    wide = knots.radius_mm * np.linalg.norm(camera.eye - camera.middle)
+    wide /= float(np.linalg.norm(camera.eye))
+    lines = []
+    for knot in knots.knots:
+        cast = camera.cast(np.append(knot.points, knot.points[:1], axis=0))
+        lines.append(shapely.LineString((cast @ to_wall[:, :3].T + to_wall[:, 3])[:, :2]))
+    return shapely.union_all([line.simplify(WITHIN_MM).buffer(wide) for line in lines])
+
+
+def _hide_edge(knots: Knots, camera: Camera, to_wall: Array, angle_deg: float) -> float:
+    """Measure which share of the shadow's edge the tubes hide from far viewers at both sides, on average.
+
+    They see the wall narrower, and on it each strand moved aside as far as its height's tangent.
+    """
+    import shapely
+
+    edge = shapely.segmentize(_shadow(knots, camera, to_wall).boundary, 2.0)
+    lines = [np.array(part.coords) for part in shapely.get_parts(edge)]
+    middles = np.concatenate([(line[1:] + line[:-1]) / 2 for line in lines])
+    long = np.concatenate([np.linalg.norm(np.diff(line, axis=0), axis=1) for line in lines])
+    angle, hidden = np.deg2rad(angle_deg), []
+    for sine in (np.sin(angle), -np.sin(angle)):
+        seen = np.array([[np.cos(angle), 0.0, -sine], [0.0, 1.0, 0.0]])
+        tubes = []
+        for knot in knots.knots:
+            local = np.append(knot.points, knot.points[:1], axis=0) @ to_wall[:, :3].T
+            line = shapely.LineString((local + to_wall[:, 3]) @ seen.T)
+            tubes.append(line.simplify(WITHIN_MM).buffer(knots.radius_mm))
+        over = shapely.union_all(tubes)
+        shapely.prepare(over)
+        places = middles @ seen[:, :2].T
+        hidden.append(float(long[shapely.contains_xy(over, *places.T)].sum() / long.sum()))
+    return float(np.mean(hidden))
+
+
+def _join(body: Geometry) -> Polygon:
+    """Return one connected sheet: its islands with strips along the shortest ways between them."""
+    import shapely
+
+    islands = list(shapely.get_parts(body))
+    sheet = islands.pop()
+    while islands:
+        nearest = min(range(len(islands)), key=lambda k: float(sheet.distance(islands[k])))
+        other = islands.pop(nearest)
+        way = shapely.shortest_line(sheet, other)
+        sheet = shapely.union_all([sheet, other, way.buffer(STRIP_MM / 2)])
+    return sheet
+
+
+def _fill(sheet: Polygon) -> Polygon:
+    """Return a sheet without holes: a screen is to be behind them too."""
+    import shapely
+
+    return shapely.Polygon(sheet.exterior)
+
+
+def _find_holes(sheet: Polygon, wide_mm: float) -> tuple[Array, Geometry]:
+    """Find the middles (2, 2) of two holes on a level line, beside the sheet, and ears that hold them.
+
+    The line is where the sheet is widest, or nearest to the frame's middle: the ears then stand out least.
+    """
+    import shapely
+
+    x0, y0, x1, y1 = sheet.bounds
+
+    def span(y: float) -> tuple[float, float]:
+        low, _, high, _ = sheet.intersection(shapely.LineString([(x0 - 1, y), (x1 + 1, y)])).bounds
+        return float(low), float(high)
+
+    levels = np.linspace(y0, y1, 65)[8:-8].tolist()
+    y = max(levels, key=lambda level: np.subtract(*span(level)[::-1]) - 0.1 * abs(level))
+    low, high = span(y)
+    out, wide = wide_mm / 2 + OFF_MM, wide_mm / 2 + RIM_MM
+    holes = np.array([[low - out, y], [high + out, y]])
+    roots = np.array([[low + wide, y], [high - wide, y]])
+    ends = zip(holes, roots, strict=True)
+    return holes, shapely.union_all([shapely.LineString(pair).buffer(wide) for pair in ends])
+
+
+def _sag(
+    knots: Knots, feet: list[_Foot], camera: Camera, stiffness: Stiffness
+) -> NDArray[np.float64]:
+    """Return (N, 3) how far each vertex moves, where the vertex over each foot is held."""
+    wall = camera.wall_axes
+    held: dict[int, list[int]] = {k: [] for k in range(len(knots.knots))}
+    for foot in feet:
+        local = (knots.knots[foot.knot].points - camera.middle) @ wall.T
+        away = np.linalg.norm(local[:, :2] - foot.middle, axis=1)
+        near = np.flatnonzero(away <= max(foot.reach_mm, float(away.min())))
+        held[foot.knot].append(int(near[local[near, 2].argmin()]))
+    also = {k: np.unique(vertices).astype(np.int64) for k, vertices in held.items()}
+    sites = sites_of(knots, JOINT_RADII, also)
+    first = np.concatenate(
+        [
+            np.flatnonzero((sites.knot == k) & np.isin(sites.vertex, vertices))
+            for k, vertices in also.items()
+        ]
+    )
+    start = sites.point[first]
+    # the plate holds a foot as far as its own thickness: a short, stout member
+    end = start - knots.radius_mm * wall[2]
+    radius = np.full(len(first), knots.radius_mm)
+    ground = np.full(len(first), GROUND)
+    return sag_moves(knots, sites, Candidates(first, ground, start, end, radius), stiffness)

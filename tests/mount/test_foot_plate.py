@@ -1,0 +1,93 @@
+"""A plate in which a piece stands: one sheet that holds every foot, fused with the tubes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import shapely
+
+from knotfab.base.errors import SceneError
+from knotfab.geometry.tube import Mesh, sweep
+from knotfab.hold.beams import Stiffness
+from knotfab.hold.foot_plate import RIM_MM, StandingPiece, plan_foot_plate
+from knotfab.hold.wall import WallMount, wall_bodies
+from knotfab.knots import Knot, Knots
+from knotfab.scene.camera import Camera, camera_of
+from knotfab_formats.piece import Mount
+from knotfab_formats.scene import ResolvedView
+
+RADIUS, WALL = 1.5, 20.0
+STIFF = Stiffness(2300.0, 1.24, 0.2)
+VIEW = ResolvedView(frame_width_mm=120.0, frame_height_mm=90.0, wall_distance_mm=WALL)
+CAMERA = camera_of(VIEW, 120, 90)
+
+
+def crown(x: float, feet: int, sink: float = RADIUS / 2, y: float = 0.0) -> Knot:
+    """A ring about (x, y) that goes up and down before the wall."""
+    t = np.linspace(0, 2 * np.pi, 60 * feet, endpoint=False)
+    height = -WALL + RADIUS - sink + 8 * (1 - np.cos(feet * t))
+    return Knot(np.column_stack([x + 18 * np.cos(t), y + 18 * np.sin(t), height]), closed=True)
+
+
+def plan(
+    knots: Knots, camera: Camera = CAMERA, **settings: object
+) -> tuple[StandingPiece, list[Mesh], Mount]:
+    asked = Mount(kind="wall", foot="plate", **{"plate": "outline", **settings})  # type: ignore[arg-type]
+    tubes = [sweep(knot.points, RADIUS, 16) for knot in knots.knots]
+    return plan_foot_plate(knots, tubes, camera, STIFF, asked), tubes, asked
+
+
+TWO = Knots((crown(-30, 3), crown(30, 4, y=10)), RADIUS)
+
+
+@pytest.mark.parametrize("kind", ["outline", "full"])
+def test_the_plate_is_one_sheet_about_all_feet_and_fused_with_them(kind: str) -> None:
+    found, tubes, asked = plan(TWO, plate=kind)
+    assert found.plate.feet == (3, 4)
+    sheet = shapely.Polygon(found.plate.outline)
+    assert sheet.is_valid and sheet.exterior.is_ccw
+    for knot in TWO.knots:
+        low = knot.points[knot.points[:, 2] < -WALL + RADIUS, :2]
+        assert sheet.contains(shapely.MultiPoint(low))
+    if kind == "full":
+        assert sheet.contains(shapely.box(-60, -45, 60, 45).buffer(-1e-6))
+    else:
+        assert sheet.area < 0.5 * 120 * 90
+    for hole in found.plate.holes:
+        assert sheet.exterior.distance(shapely.Point(hole)) >= 2 + 0.8 * RIM_MM / 2
+    assert found.plate.holes[0, 1] == found.plate.holes[1, 1]  # on a level line
+    mount = WallMount((), 0.0, np.zeros(3), 0.0, asked, plate=found.plate)
+    (body,) = wall_bodies(
+        tubes, mount, CAMERA
+    )  # raises where the genus is not that of feet and holes
+    assert body[0][:, 2].min() == pytest.approx(-WALL - 1.6)
+    assert found.sag_mm < 0.2 and set(found.hidden_aside) == {30, 45}
+    assert all(0 < share < 1 for share in found.hidden_aside.values())
+
+
+def test_a_piece_that_lies_on_the_wall_hides_the_edge_on_the_side_that_it_is_seen_from() -> None:
+    flat = replace_height(crown(0, 3), 0.01)
+    hidden = plan(Knots((flat,), RADIUS))[0].hidden_aside
+    assert hidden[30] == pytest.approx(0.5, abs=0.06) and hidden[45] == pytest.approx(0.5, abs=0.06)
+
+
+def replace_height(knot: Knot, share: float) -> Knot:
+    points = knot.points.copy()
+    low = points[:, 2].min()
+    points[:, 2] = low + share * (points[:, 2] - low)
+    return replace(knot, points=points)
+
+
+@pytest.mark.parametrize(
+    ("knots", "settings", "why"),
+    [
+        ((crown(-30, 3), crown(30, 3, sink=-0.3)), {}, "no valley of knot 2 of 2"),
+        ((crown(0, 3, sink=1.5),), {}, "1.6 mm thick"),
+        ((crown(0, 3),), {"plate_thickness_mm": 0.8}, "0.8 mm thick"),
+    ],
+)
+def test_a_piece_that_does_not_stand_is_refused(
+    knots: tuple[Knot, ...], settings: dict[str, float], why: str
+) -> None:
+    with pytest.raises(SceneError, match=why):
+        plan(Knots(knots, RADIUS), **settings)
