@@ -12,7 +12,7 @@ from pydantic import BaseModel
 
 from knotfab.base.disk import at_home
 from knotfab.base.errors import read_length
-from knotfab.pipeline.options import KEYS, PictureOptions
+from knotfab.pipeline.options import KEYS, PictureOptions, options_from
 from knotfab.report.checks import CHECKS
 from knotfab_formats.bounds import option_of, takes_number, values_of, why_out_of_bounds, words_of
 from knotfab_formats.errors import InputError
@@ -156,6 +156,22 @@ def _keys(options: PictureOptions, model: type[BaseModel]) -> dict[str, Any]:
             read = _read(model, key, option, value)
             keys[key] = values_of(model, key).get(read, read)
     return keys
+
+
+def read_option(name: str, given: Any) -> Any:
+    """Read one option that sets a key, as the command line does, from text or a Python value.
+
+    Returns:
+        The key's value, but a word such as "auto" as it is.
+
+    Raises:
+        InputError: it is wrong or out of bounds.
+    """
+    for model in KEYS.values():
+        for key in model.model_fields:
+            if (option_of(model, key) or ("", ""))[1] == "--" + name.replace("_", "-"):
+                return _read(model, key, "", getattr(options_from({name: given}), name))
+    raise ValueError(f"no option {name} sets a key")
 
 
 def _read(model: type[BaseModel], key: str, option: str, value: Any) -> Any:

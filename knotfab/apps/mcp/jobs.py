@@ -1,4 +1,4 @@
-"""Do the job of each tool: the calls of the command line, answered by words, figures and pictures."""
+"""The job of each tool: a command of the command line, answered by words, figures and pictures."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _UNITS = ("mm", "cm", "m", "in")
 
 @dataclass(frozen=True)
 class Answer:
-    """`figures` are plain data, `pictures` the bytes of PNGs; `failed`: what was asked for is not there."""
+    """A tool's answer: `figures` are plain data, `pictures` PNGs; `failed` if the result was not reached."""
 
     words: str
     figures: dict[str, Any]
@@ -29,10 +29,10 @@ class Answer:
 
 
 def preview(given: Given, hear: Hear, known: Collection[str]) -> Answer:
-    """Do what `knotfab preview` does; it writes a file only where `out` names one.
+    """Do what `knotfab preview` does, but write a file only if `out` names one.
 
     Args:
-        known: the options that there are.
+        known: the names of the options.
     """
     from knotfab.base.disk import write_whole
     from knotfab.design.readings import describe_readings, draw_readings, list_figures
@@ -51,13 +51,13 @@ def preview(given: Given, hear: Hear, known: Collection[str]) -> Answer:
 
 
 def build(given: Given, hear: Hear, known: Collection[str]) -> Answer:
-    """Do what `knotfab build` does, in a folder that is allowed."""
+    """Do what `knotfab build` does, in an allowed folder."""
     from knotfab.api import build as run
     from knotfab.pipeline.options import options_from
     from knotfab.report.in_words import conclude, last_line
 
     pictures = _pictures(given)
-    options_from(given, known)  # an unknown option is told
+    options_from(given, known)  # refuses unknown options
     done = run(pictures, progress=hear, **given)
     report, found, folder = done.report, done.found, done.folder.resolve()
     files = sorted(path.name for path in folder.iterdir() if path.is_file())
@@ -94,7 +94,7 @@ def validate(given: Given, hear: Hear, known: Collection[str]) -> Answer:
     if not isinstance(skip, list) or not all(isinstance(name, str) for name in skip):
         raise InputError("skip", "it is no list of texts", 'Give one such as ["shadow-render"].')
     files, skipped = files_to_validate(part, knots, scene), read_skips(skip)
-    if files.scene is not None:  # the validators read its pictures, which may lie anywhere
+    if files.scene is not None:  # whose pictures the validators read
         for view in load_scene(files.scene).views:
             for name in filter(None, (view.picture, view.subject_mask)):
                 require_within(files.scene.parent / name, name)
@@ -106,7 +106,7 @@ def validate(given: Given, hear: Hear, known: Collection[str]) -> Answer:
 
 
 def shadow(given: Given, hear: Hear, known: Collection[str]) -> Answer:
-    """Return the picture that `knotfab shadow` renders; it stays where `out` names a file."""
+    """Do what `knotfab shadow` does, but write a file only if `out` names one."""
     from knotfab.pipeline.strangers import render_shadow
 
     out, view = _png(given), given.pop("view", None)
@@ -128,7 +128,7 @@ def shadow(given: Given, hear: Hear, known: Collection[str]) -> Answer:
 
 
 def _pictures(given: Given) -> list[str]:
-    """Return the pictures of a call, taken out of it; a folder or file must lie where it may be read."""
+    """Take the pictures out of a call; files must be in an allowed folder."""
     found = given.pop("pictures", [])
     named = [found] if isinstance(found, str) else found
     if not isinstance(named, list) or not all(isinstance(name, str) for name in named):
@@ -140,7 +140,7 @@ def _pictures(given: Given) -> list[str]:
 
 
 def _place(given: Given, name: str) -> Path | None:
-    """Return the path of an argument, taken out of the call; None where there is none."""
+    """Take a path out of a call; None if it is not given."""
     value = given.pop(name, None)
     if value is None:
         return None

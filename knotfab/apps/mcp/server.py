@@ -1,4 +1,4 @@
-"""`knotfab mcp`: the tools with their schemas, and the server that answers calls of them over stdio."""
+"""`knotfab mcp`: the tools with their schemas, and the server that answers their calls over stdio."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ from knotfab.base.progress import Event
 from knotfab.pipeline.options import HELP, BuildOptions, PictureOptions
 from knotfab_formats.errors import InputError
 
-_running: set[threading.Event] = set()  # events that end each job that runs
-_LEFT_OUT = {"quiet", "verbose"}  # there is no terminal
+_running: set[threading.Event] = set()  # an event for each running job, which ends it
+_LEFT_OUT = {"quiet", "verbose"}  # options for a terminal
 _TEXT, _LIST = {"type": "string"}, {"type": "array", "items": {"type": "string"}}
 _PICTURES = {
     **_LIST,
@@ -48,7 +48,7 @@ class _Tool:
     job: Callable[[jobs.Given, jobs.Hear, Collection[str]], jobs.Answer]
     does: str
     properties: dict[str, Any]
-    known: tuple[str, ...]  # options, or all arguments where there are none
+    known: tuple[str, ...]  # names of the options, or of all arguments if the tool has no options
 
 
 def _kind(hint: Any) -> dict[str, Any]:
@@ -119,7 +119,7 @@ def _tools() -> dict[str, _Tool]:
 
 
 def make_server() -> Server[Any]:
-    """Make the server with its tools; what they may read and write is up to `confined`."""
+    """Make the server with its tools. What they may read and write is set by `confined`."""
     tools, builds = _tools(), anyio.CapacityLimiter(1)  # each build takes all cores
 
     async def list_tools(ctx: Any, params: Any) -> ListToolsResult:
@@ -163,10 +163,11 @@ def make_server() -> Server[Any]:
 
 
 def serve(allow: Sequence[Path] = ()) -> None:
-    """Answer calls on standard input until it ends; relative paths start from the first folder.
+    """Answer calls on standard input until it ends.
 
     Args:
-        allow: folders that may be read and written; by default the one that this process is in.
+        allow: folders that may be read and written, by default the current one. Relative paths start from
+            the first.
 
     Raises:
         InputError: one of them is no folder.
@@ -184,7 +185,7 @@ def serve(allow: Sequence[Path] = ()) -> None:
 
 async def _serve() -> None:
     server = make_server()
-    # libraries' words for standard output go to standard error meanwhile
+    # `stdio_server` diverts what libraries print to standard error
     async with anyio.create_task_group() as tasks:
         tasks.start_soon(_end_when_asked)
         async with stdio_server() as (read, write):
@@ -193,7 +194,7 @@ async def _serve() -> None:
 
 
 async def _end_when_asked() -> None:
-    """When asked to end (Ctrl-C), end the jobs, then the process: a thread of it waits for standard input."""
+    """End all jobs and the process on Ctrl-C. It cannot just return: a thread waits for standard input."""
     with (
         suppress(NotImplementedError),  # Windows has no such signals
         anyio.open_signal_receiver(signal.SIGINT, signal.SIGTERM) as asked,
@@ -208,7 +209,7 @@ async def _end_when_asked() -> None:
 
 
 async def _when_cancelled(stop: threading.Event) -> None:
-    """Have the job's next event end it; a thread cannot be ended from outside."""
+    """Make the job's next event end it when the call is cancelled; its thread cannot be killed."""
     try:
         await anyio.sleep_forever()
     finally:
@@ -218,7 +219,7 @@ async def _when_cancelled(stop: threading.Event) -> None:
 def _report(
     send: Callable[..., Any], stop: threading.Event, token: Any, last: list[float], event: Event
 ) -> None:
-    """Send how far a build is, where that is farther than at the last time; from any thread."""
+    """Send a build's progress if it has grown; may be called from any thread."""
     if stop.is_set():
         raise KeyboardInterrupt
     if event.name not in ("stage", "progress", "end") or event.share <= last[0]:

@@ -1,4 +1,4 @@
-"""A build as every tab sees it: its events, how it stands, and what is sent to whom."""
+"""A running build, and the tabs that follow it: its process, events and status."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _STOPPED_WITH_KNOTS = "Stopped. The next build can go on from these knots."
 
 @dataclass(eq=False)
 class Listener:
-    """Messages for one tab: every one in its order, but of the frames only the latest."""
+    """Queues messages for one tab: all in order, but of the frames only the latest."""
 
     messages: deque[str] = field(default_factory=deque)
     frame: str | None = None
@@ -38,7 +38,7 @@ class Listener:
         self.woken.set()
 
     async def next(self) -> list[str]:
-        """Wait until there is something to send."""
+        """Wait for messages, and take all that are queued."""
         await self.woken.wait()
         self.woken.clear()
         found = [*self.messages, *([] if self.frame is None else [self.frame])]
@@ -48,18 +48,18 @@ class Listener:
 
 
 class Broadcast:
-    """One build at a time, and the tabs that follow it; all of it is changed in the event loop's thread."""
+    """One build at a time, and the tabs that follow it. It is changed only in the event loop's thread."""
 
-    watching = False  # it may be changed from the page
+    watching = False  # whether the page can only watch
 
     def __init__(self) -> None:
         self.status: dict[str, Any] = {"phase": "idle"}
-        self.out = Path()  # the folder of the build that runs, or ran last
-        self.scene: str | None = None  # the last event of its kind, for a tab that comes later
+        self.out = Path()  # the folder of the current or last build
+        self.scene: str | None = None  # the last events of these kinds, for a tab opened later
         self.frame: str | None = None
         self.listeners: set[Listener] = set()
         self._pressed = 0.0
-        self._reported = False  # the build got as far as its report
+        self._reported = False  # whether the build wrote its report
 
     async def open(self) -> None:
         """Prepare what the first tab needs."""
@@ -72,15 +72,15 @@ class Broadcast:
         return self.status["phase"] in ("running", "stopping")
 
     def describe(self) -> dict[str, Any]:
-        """Describe how everything stands, for a page that was opened or loaded anew."""
+        """Describe the whole state, for a page that was opened or reloaded."""
         return {"build": self.status, "watching": self.watching}
 
     def folder_of(self, where: str) -> Path | None:
-        """Return the folder of a build; None where there is none of that name."""
+        """Return the folder of a build by name; None if there is none."""
         return self.out if where == self.out.name else None
 
     def plain(self, sentence: str) -> str:
-        """Return a sentence as the page says it."""
+        """Return a sentence in the page's words."""
         return sentence
 
     @property
@@ -88,7 +88,7 @@ class Broadcast:
         return False
 
     def listen(self) -> Listener:
-        """Return a listener, which is told at once how things stand."""
+        """Add a listener, with the current state as its first message."""
         listener = Listener()
         listener.put(json.dumps({"event": "state", **self.describe()}))
         if self.scene is not None:
@@ -107,7 +107,7 @@ class Broadcast:
             listener.put(text, frame)
 
     def begin(self, out: Path, title: str) -> None:
-        """Tell that a build begins, which will leave the folder `out`."""
+        """Set the status to that of a build that starts, which will write the folder `out`."""
         self.scene = self.frame = None
         self.out, self._pressed, self._reported = out, time.monotonic(), False
         self.status = {
@@ -115,7 +115,7 @@ class Broadcast:
         }  # fmt: skip
 
     def hear(self, event: Event) -> None:
-        """Take note of an event of the build, and pass it on."""
+        """Update the status by an event of the build, and pass it on to all tabs."""
         kind, text = event["event"], json.dumps(event)
         if kind == "end":
             self._reported = True
@@ -136,8 +136,8 @@ class Broadcast:
         self.send(text, frame=kind == "knots")
 
     def end(self, code: int, sentence: str) -> None:
-        """Tell how a build ended, in a word and a sentence."""
-        # before it could tidy up, or after
+        """Set the status to that of a build that ended."""
+        # stopped before it could tidy up, or after
         if self.status["phase"] == "stopping" and not self._reported and (code >= 128 or code == 1):
             code = 130
         self.status |= {"phase": _PHASES.get(code, "failed"), "exit_code": code, "left_s": 0}
@@ -153,22 +153,19 @@ class Broadcast:
             self.status["phase"] = "failed"
 
 
-# One build of the studio: the command line's own, in a process, its events passed on as they
-# come.
-
-
-_AGAIN_S = 2.0  # Python drops a signal that arrives while it frees something: it is sent again
-_KILLED_S = 20.0  # a build that has not tidied up by then is killed
+_AGAIN_S = 2.0  # before a signal is sent again, as Python drops one that arrives during cleanup
+_KILLED_S = 20.0  # after which a build that has not tidied up is killed
 
 Event = dict[str, Any]
 
 
 class LiveBuild:
-    """A build that runs, or ran.
+    """Runs a build in a process.
 
     Args:
-        builder: the process that builds.
-        tell: told of each event, and at the last of {"event": "ended", "code", "sentence"}; in a thread.
+        builder: the process.
+        tell: is called with each event, and at last with {"event": "ended", "code", "sentence"}, from a
+            thread.
     """
 
     def __init__(
@@ -184,11 +181,11 @@ class LiveBuild:
         builder.submit(self._run, call)
 
     def stop(self) -> None:
-        """Ask it to end as by Ctrl-C: it says first where its knots stand."""
+        """Interrupt the build as Ctrl-C would. It first reports its current knots."""
         threading.Thread(target=self._stop, daemon=True).start()
 
     def kill(self, after_s: float = 5.0) -> None:
-        """End it with the studio: asked first, then made to."""
+        """Interrupt the build, wait for `after_s`, and then kill it."""
         self._stop(after_s)
 
     def _stop(self, after_s: float = _KILLED_S) -> None:

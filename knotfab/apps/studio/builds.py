@@ -1,4 +1,4 @@
-"""The builds of a studio: a folder each, a record of what was asked, and the knots to go on from."""
+"""The builds of a studio: the folder of each, the record of its request, and the knots to go on from."""
 
 from __future__ import annotations
 
@@ -21,19 +21,26 @@ from knotfab_formats.errors import InputError
 BUILDS = "builds"
 _STARTS, _RECORDS = "starts", "records"
 _LONGEST_TITLE = 80  # characters
-# files of a build's folder, in the order in which a person wants them
+# files to offer, the most wanted first
 _SHOWN = (
     "part.3mf", "zoetrope.3mf", "part.stl", "zoetrope.stl", "part.glb", "part-colours.3mf", "coupon.3mf",
     "setup.pdf", "report.html", "sequence.gif", "turn.gif", "report.json", "scene.toml", "knots.json",
     "slicer.ini",
 )  # fmt: skip
-# The names of further files begin with these.
-_ALSO = "plate-", "table-", "colours", "part-", "setup-", "shadow-", "centre-lines"
+_ALSO = (
+    "plate-",
+    "table-",
+    "colours",
+    "part-",
+    "setup-",
+    "shadow-",
+    "centre-lines",
+)  # prefixes of others
 Kind = Literal["one", "views", "frames"]
 
 
 class Record(BaseModel):
-    """A build's request, and how it ended."""
+    """What a build was asked, and how it ended."""
 
     model_config = ConfigDict(extra="ignore")
 
@@ -62,7 +69,7 @@ class _Print(BaseModel):
 
 
 class _Report(BaseModel):
-    """The part of a report.json that the page shows."""
+    """What the page shows of a report.json."""
 
     verdict: _Verdict | None = None
     views: list[_View] = []
@@ -70,7 +77,7 @@ class _Report(BaseModel):
 
 
 class Builds:
-    """All builds below `folder`; what is wrong with one leaves the others as they are."""
+    """All builds below `folder`. A damaged one does not affect the others."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder / BUILDS
@@ -82,17 +89,17 @@ class Builds:
             with contextlib.suppress(OSError, ValueError):
                 self.records[path.stem] = Record.model_validate_json(path.read_bytes())
         for name, record in list(self.records.items()):
-            if record.phase == "running":  # the studio was killed meanwhile
+            if record.phase == "running":  # the studio was killed
                 passed = (self.folder / name / "report.json").is_file()
                 self.end(
                     name, "done" if passed else "stopped", "The studio ended before this build did."
                 )
 
     def begin(self, base: str, record: Record) -> str:
-        """Take a build in under a name that no other has, and a title that no other has.
+        """Add a build under a unique name, which is returned, with a unique title.
 
         Raises:
-            InputError: it cannot be written down.
+            InputError: its record cannot be written.
         """
         held = {path.name for path in _children(self.folder)}
         held |= {*self.records, *(path.stem for path in _children(self._starts))}
@@ -103,23 +110,23 @@ class Builds:
         return name
 
     def end(self, name: str, phase: str, sentence: str) -> None:
-        """Write down how it ended; of one that left neither a result nor knots nothing stays."""
+        """Record how a build ended. One that left neither a result nor knots is removed."""
         mend(self.folder / name)
         record = self.records.get(name)
         if record is None:
             return
         self.records[name] = record.model_copy(update={"phase": phase, "sentence": sentence})
         if self._is_listed(name):
-            with contextlib.suppress(InputError):  # the disk is full: it is in memory
+            with contextlib.suppress(InputError):  # the disk is full; it stays in memory
                 self._write(name)
         else:
             self._forget(name)
 
     def rename(self, name: str, title: str) -> None:
-        """Give it another title; its folder keeps its name.
+        """Change a build's title; its folder keeps its name.
 
         Raises:
-            InputError: there is none of that name, the title is empty, or another has it.
+            InputError: there is no such build, or the title is empty, too long or taken.
         """
         record = self.records.get(self.require(name)) or Record(title=name, phase="done")
         plain = " ".join("".join(c if c.isprintable() else " " for c in title).split())
@@ -133,10 +140,10 @@ class Builds:
         self._write(name)
 
     def delete(self, name: str) -> None:
-        """Remove its folder, its record and its knots.
+        """Remove a build's folder, record and knots.
 
         Raises:
-            InputError: there is none of that name, or the system keeps its folder.
+            InputError: there is no such build, or its folder cannot be removed.
         """
         try:
             if (self.folder / self.require(name)).exists():
@@ -149,10 +156,10 @@ class Builds:
         self._forget(name)
 
     def require(self, name: str) -> str:
-        """Return the name of a build that is there.
+        """Return the name if there is such a build.
 
         Raises:
-            InputError: there is none of that name.
+            InputError: there is none.
         """
         if name not in self.names():
             raise InputError(
@@ -161,17 +168,17 @@ class Builds:
         return name
 
     def names(self) -> list[str]:
-        """Return all that left a result or knots, the newest first."""
+        """Return the names of the builds that left a result or knots, newest first, 200 at most."""
         found = {path.name for path in _children(self.folder)} | set(self.records)
         listed = [name for name in found if self._is_listed(name)]
         return sorted(listed, key=lambda name: (-self._made(name), name))[:200]
 
     def listed(self) -> list[dict[str, Any]]:
-        """Return the builds as the page lists them."""
+        """Describe all builds, as the page lists them."""
         return [self.describe(name) for name in self.names()]
 
     def describe(self, name: str) -> dict[str, Any]:
-        """Describe a build in its folder, or one that left knots alone, as the page shows it."""
+        """Describe a build for the page."""
         record, folder = self.records.get(name), self.folder / name
         passed = (folder / "report.json").is_file()
         held = passed or (folder / REJECTED / "report.json").is_file()
@@ -188,7 +195,7 @@ class Builds:
         return self.records[name].title if name in self.records else name
 
     def start_of(self, name: str) -> Path | None:
-        """Return the file of the knots that a further build can go on from."""
+        """Return the file of the knots from which a further build can go on, if there is one."""
         places = (self.start_path(name), self.folder / name / "knots.json")
         return next((path for path in places if name and path.is_file()), None)
 
@@ -196,7 +203,7 @@ class Builds:
         return self._starts / f"{name}.json"
 
     def keeps(self, picture: str) -> bool:
-        """Tell whether a build was made of that picture."""
+        """Return whether a build used that picture."""
         return any(picture == p.name for record in self.records.values() for p in record.pictures)
 
     def _is_listed(self, name: str) -> bool:
@@ -221,7 +228,7 @@ class Builds:
 
 
 def number(base: str, taken: Iterable[str], joint: str) -> str:
-    """Return `base`, or with the first number from 2 that makes it a name of its own, also where A is a."""
+    """Return `base`, with a number from 2 on if it is taken, in whatever case."""
     held, name, count = {one.casefold() for one in taken}, base, 2
     while name.casefold() in held:
         name, count = f"{base}{joint}{count}", count + 1
@@ -229,7 +236,7 @@ def number(base: str, taken: Iterable[str], joint: str) -> str:
 
 
 def describe_folder(folder: Path, rejected: bool) -> dict[str, Any]:
-    """Describe a folder of a build: what it holds, and the figures that a person asks for first."""
+    """Describe the result in a build's folder: its files and main figures."""
     where = folder / REJECTED if rejected else folder
     held = plain_files(where)
     further = sorted(n for n in held if n.endswith((".pdf", ".csv")) or n.startswith(_ALSO))
@@ -254,7 +261,7 @@ def describe_folder(folder: Path, rejected: bool) -> dict[str, Any]:
 
 @lru_cache(maxsize=512)
 def _read_report(path: Path, changed: int) -> _Report | None:
-    """Read a report.json, as it was at that time; None where nothing can be read."""
+    """Read a report.json, cached by its time of change; None if it cannot be read."""
     del changed
     try:
         return _Report.model_validate_json(path.read_bytes())
@@ -263,12 +270,12 @@ def _read_report(path: Path, changed: int) -> _Report | None:
 
 
 def plain_files(folder: Path) -> set[str]:
-    """Return the names of the files that are really there: no link, nothing hidden."""
+    """Return the names of the files in a folder, without links and hidden ones."""
     return {path.name for path in _children(folder) if path.is_file()}
 
 
 def child_of(folder: Path, name: str) -> Path | None:
-    """Return the file of that name that is really there: no link, nothing hidden, no path elsewhere."""
+    """Return the entry of a folder with that name, unless it is a link, hidden, or a path elsewhere."""
     return next((path for path in _children(folder) if path.name == name), None)
 
 
@@ -283,13 +290,13 @@ def _children(folder: Path) -> list[Path]:
 
 
 def title_after(titles: Sequence[str], kind: Kind) -> str:
-    """Return a build's title, after its pictures."""
+    """Make a build's title from those of its pictures."""
     title = f"{titles[0]}, moving" if kind == "frames" else " and ".join(titles)
     return title if len(title) <= _LONGEST_TITLE else title[: _LONGEST_TITLE - 1] + "…"
 
 
 def folder_after(chosen: Sequence[str], kind: Kind) -> str:
-    """Return a build's folder, after its pictures."""
+    """Make the name of a build's folder from those of its pictures."""
     if kind == "frames":
         return f"{chosen[0][:_LONGEST_TITLE]}-frames"
     name = "-and-".join(chosen)

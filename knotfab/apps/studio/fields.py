@@ -1,9 +1,9 @@
-"""The settings of a studio: those that hold, those of pictures that wait, and fields that are wrong."""
+"""The fields of the studio's page: how their text is read, and the settings that they add up to."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache, partial
 from typing import Any
@@ -12,27 +12,27 @@ from knotfab.base.errors import OPTION, read_length, read_number
 from knotfab.picture.fonts import list_families
 from knotfab.pipeline.options import BuildOptions, options_from
 from knotfab.pipeline.prepare import check_options
-from knotfab.pipeline.read_options import read_seconds
+from knotfab.pipeline.read_options import read_option, read_seconds
 from knotfab.scene.catalogue import materials, printers
 from knotfab_formats.errors import InputError, KnotfabError
 
-# The fields of the page: what a person may write into each, and what is said where it is wrong.
-
-
 Value = str | int | float | bool
-_LONGEST, _LONGEST_STROKES = 60, 20_000  # characters that a field holds; of what brushes paint
+_LONGEST, _LONGEST_STROKES = 60, 20_000  # characters in a field; in those that brushes fill
 
 
 @dataclass(frozen=True)
 class _Field:
-    """An option of `knotfab build` that the page sets: its label there, and how what is written is read."""
+    """An option of `knotfab build` that the page sets.
+
+    Without `read` its text is read as on the command line; `hint` then replaces the remedy.
+    """
 
     label: str
-    read: Callable[[str], Value]
+    read: Callable[[str], Value] | None = None
+    hint: str = ""
 
 
-def _length(text: str, least: float, most: float, words: tuple[str, ...] = ()) -> Value:
-    """Return millimetres of a length with any usual unit, or one of the words."""
+def _read_length(text: str, least: float, most: float, words: tuple[str, ...] = ()) -> Value:
     if text in words:
         return text
     example = f"Give one such as {_round(max(2.0, least))} mm"
@@ -43,55 +43,7 @@ def _length(text: str, least: float, most: float, words: tuple[str, ...] = ()) -
     return int(value) if value.is_integer() else value
 
 
-def _share(text: str) -> Value:
-    value = read_number("", text.removesuffix("%")) / (100 if text.endswith("%") else 1)
-    if not 0 < value < 1:
-        raise ValueError("Give a share between 0 and 1, such as 0.4.")
-    return value
-
-
-def _count(text: str, least: int, most: int) -> Value:
-    value = read_number("", text)
-    if value % 1 or not least <= value <= most:
-        raise ValueError(f"Give a whole number from {least} to {most:,}.".replace(",", " "))
-    return int(value)
-
-
-def _pixels(text: str) -> Value:
-    value = read_number("", text.removesuffix("px"))
-    if not 0 <= value <= 100:
-        raise ValueError("Give 0 to 100 pixels of the picture.")
-    return value
-
-
-def _crop(text: str) -> Value:
-    plain = re.sub(r"[\s,;]+", ",", text.strip("()[] "))
-    parts = plain.split(",")
-    if plain in ("auto", "none"):
-        return plain
-    if len(parts) != 4 or not all(p.isdecimal() and len(p) < 6 for p in parts) or "0" in parts[2:]:
-        raise ValueError(
-            "Drag a rectangle, or give left, top, width and height in px: 20, 40, 600, 400."
-        )
-    return ",".join(str(int(p)) for p in parts)
-
-
-def _subject(text: str) -> Value:
-    value = _crop(text)
-    if value in ("auto", "none"):
-        raise ValueError("Drag a rectangle about the subject, or leave it empty.")
-    return value
-
-
-def _discs(text: str) -> Value:
-    """Return discs as x,y,radius, semicolons between them, as brushes paint them."""
-    discs = [disc.split(",") for disc in text.replace(" ", "").split(";")]
-    if not all(len(d) == 3 and all(p.isdecimal() and len(p) < 6 for p in d) for d in discs):
-        raise ValueError("Give discs as x, y and radius in px: 320,240,12; 350,240,12.")
-    return ";".join(",".join(str(int(p)) for p in disc) for disc in discs)
-
-
-def _time(text: str) -> Value:
+def _read_time(text: str) -> Value:
     try:
         seconds = read_seconds(text)
     except InputError as error:
@@ -101,93 +53,97 @@ def _time(text: str) -> Value:
     return f"{seconds:g}s"
 
 
-def _flag(text: str) -> Value:
+def _read_flag(text: str) -> Value:
     if text not in ("true", "false"):
         raise ValueError("This is neither on nor off.")
     return text == "true"
 
 
-def _one_of(text: str, known: Callable[[], Mapping[str, Any]] | Mapping[str, Any]) -> Value:
-    names = known() if callable(known) else known
-    if text not in names:
-        raise ValueError("This is not known. Choose another.")
+def _choose(text: str, known: Callable[[], Iterable[str]] | Iterable[str]) -> Value:
+    if text not in (known() if callable(known) else known):
+        raise ValueError(_MENU)
     return text
 
 
-def _ink(text: str) -> Value:
-    from PIL import ImageColor
+def _read_as_option(name: str, text: str) -> Value:
+    """Read a field's text as the command line reads the option, with units and separators of a person."""
+    if name in ("keep", "drop"):
+        given: Any = tuple(text.split(";"))
+    elif name in ("crop", "subject"):
+        given = re.sub(r"[\s,;]+", ",", text.strip("()[] "))
+    elif name == "threshold" and text.endswith("%"):
+        given = read_number("", text[:-1]) / 100
+    else:
+        given = text.removesuffix("px").strip()
+    value = read_option(name, given)
+    if name == "seed" and value > _MOST_SEED:
+        raise ValueError(FIELDS[name].hint)
+    return as_text(value)
 
-    if text in ("auto", "dark", "light", "alpha", "flood"):
-        return text
-    try:
-        return "#{:02x}{:02x}{:02x}".format(*ImageColor.getrgb(text)[:3])
-    except ValueError:
-        raise ValueError("This is no colour. Give one such as red or #d02010.") from None
+
+def as_text(value: Any) -> Value:
+    """Return a key's value as a field holds it: tuples as text, with commas or semicolons."""
+    if not isinstance(value, tuple):
+        return value
+    return (";" if isinstance(value[0], tuple) else ",").join(str(as_text(one)) for one in value)
 
 
 def _choice(*words: str) -> Callable[[str], Value]:
-    return partial(_one_of, known=dict.fromkeys(words))
+    return partial(_choose, known=words)
 
 
 def _round(value: float) -> str:
     return f"{value:,.6g}".replace(",", " ") if value >= 10_000 else f"{value:g}"
 
 
-@cache
-def _families() -> dict[str, None]:
-    return dict.fromkeys(list_families())
-
-
+_MOST_SEED = 2**31 - 1
 _KNOTS = (
-    "unknot",
-    "trefoil",
-    "left trefoil",
-    "figure-eight",
-    "cinquefoil",
-    "5_2",
-    "8_19",
-    "3_1#4_1",
-)
-_far = partial(_length, least=1.0, most=100_000.0)
-_wide = partial(_length, least=5.0, most=10_000.0)
+    "unknot", "trefoil", "left trefoil", "figure-eight", "cinquefoil", "5_2", "8_19", "3_1#4_1",
+)  # fmt: skip
+_far = partial(_read_length, least=1.0, most=100_000.0)
+_wide = partial(_read_length, least=5.0, most=10_000.0)
+_MENU = "This is not known. Choose another."
+_DISCS = "Give discs as x, y and radius in px: 320,240,12; 350,240,12."
 # the options of `knotfab build` that the page sets; none of them names a file
 FIELDS: dict[str, _Field] = {
     "width": _Field("Width on the wall", _wide),
     "height": _Field("Height on the wall", _wide),
     "lamp_distance": _Field("Lamp to piece", _far),
-    "wall_distance": _Field("Piece to wall", partial(_length, least=1.0, most=10_000.0)),
-    "lamp_diameter": _Field("Lamp diameter", partial(_length, least=0.0, most=1000.0)),
-    "tube_radius": _Field("Tube radius", partial(_length, least=0.1, most=200.0, words=("auto",))),
-    "depth": _Field("Depth", partial(_length, least=0.5, most=5000.0, words=("auto", "flat"))),
+    "wall_distance": _Field("Piece to wall", partial(_read_length, least=1.0, most=10_000.0)),
+    "lamp_diameter": _Field("Lamp diameter", partial(_read_length, least=0.0, most=1000.0)),
+    "tube_radius": _Field("Tube radius", partial(_read_length, least=0.1, most=200.0, words=("auto",))),
+    "depth": _Field("Depth", partial(_read_length, least=0.5, most=5000.0, words=("auto", "flat"))),
     "knots": _Field("Knots", _choice("auto", "1")),
     "knot": _Field("Knot type", _choice(*_KNOTS)),
     "free": _Field("Pose and distances", _choice("view")),
-    "mount": _Field("Mount", _choice("auto", "wall", "stand", "hang", "none")),
-    "printer": _Field("Printer", partial(_one_of, known=printers)),
-    "material": _Field("Material", partial(_one_of, known=materials)),
-    "accuracy": _Field("Accuracy", _choice("sketch", "draft", "standard", "fine")),
-    "time_budget": _Field("Time", _time),
-    "seed": _Field("Seed", partial(_count, least=0, most=2**31 - 1)),
-    "print": _Field("Check it against the printer", _flag),
-    "colours": _Field("A colour for each body", _flag),
-    "accept": _Field("Build it even if nobody would know it", _choice("unrecognisable")),
-    "ink": _Field("What is drawn", _ink),
-    "invert": _Field("Invert", _flag),
-    "threshold": _Field("Threshold", _share),
-    "crop": _Field("Crop", _crop),
-    "subject": _Field("Subject", _subject),
-    "keep": _Field("Belongs to it", _discs),
-    "drop": _Field("Does not belong", _discs),
-    "specks": _Field("Specks", partial(_count, least=0, most=10_000_000)),
-    "smooth": _Field("Smooth", _pixels),
-    "keep_largest": _Field("Largest pieces", partial(_count, least=0, most=10_000)),
-    "thicken": _Field("Thin strokes", partial(_length, least=0.1, most=100.0, words=("auto",))),
-    "lines": _Field("Lines", _choice("auto", "on", "off")),
-    "tone": _Field("Shading", _choice("lines", "off")),
+    "mount": _Field("Mount", hint=_MENU),
+    "printer": _Field("Printer", partial(_choose, known=printers)),
+    "material": _Field("Material", partial(_choose, known=materials)),
+    "accuracy": _Field("Accuracy", hint=_MENU),
+    "time_budget": _Field("Time", _read_time),
+    "seed": _Field("Seed", hint="Give a whole number from 0 to 2 147 483 647."),
+    "print": _Field("Check it against the printer", _read_flag),
+    "colours": _Field("A colour for each body", _read_flag),
+    "accept": _Field("Build it even if nobody would know it", hint=_MENU),
+    "ink": _Field("What is drawn"),
+    "invert": _Field("Invert", _read_flag),
+    "threshold": _Field("Threshold", hint="Give a share between 0 and 1, such as 0.4."),
+    "crop": _Field(
+        "Crop", hint="Drag a rectangle, or give left, top, width and height in px: 20, 40, 600, 400."
+    ),
+    "subject": _Field("Subject", hint="Drag a rectangle about the subject, or leave it empty."),
+    "keep": _Field("Belongs to it", hint=_DISCS),
+    "drop": _Field("Does not belong", hint=_DISCS),
+    "specks": _Field("Specks", hint="Give a whole number of pixels, such as 200."),
+    "smooth": _Field("Smooth"),
+    "keep_largest": _Field("Largest pieces", hint="Give a whole number from 1, such as 3."),
+    "thicken": _Field("Thin strokes", partial(_read_length, least=0.1, most=100.0, words=("auto",))),
+    "lines": _Field("Lines", hint=_MENU),
+    "tone": _Field("Shading", hint=_MENU),
     "lamps": _Field("Lamps", _choice("rgb", "warm+cold", "switch")),
-    "font": _Field("Font", partial(_one_of, known=_families)),
+    "font": _Field("Font", partial(_choose, known=cache(list_families))),
 }  # fmt: skip
-# fields on reading a picture: these go with the picture, and another one begins without them
+# fields that belong to a picture; another one starts without them
 READING = (
     "ink", "invert", "threshold", "crop", "subject", "keep", "drop", "specks", "smooth", "keep_largest",
     "thicken", "lines", "tone",
@@ -198,7 +154,7 @@ _FLAGS = ("print", "invert", "colours", "sequence", "accept", "force")
 
 
 def read_field(name: str, given: object) -> Value | None:
-    """Read a field as the option takes it; None where it is left empty.
+    """Read a field's content as a value of its option; None if it is empty.
 
     Raises:
         ValueError: it is wrong; the message is a sentence in the page's words.
@@ -212,15 +168,18 @@ def read_field(name: str, given: object) -> Value | None:
     if len(text) > longest or not text.isprintable():
         raise ValueError(f"Give no more than {longest} letters and digits.")
     lower = text if name in ("font", "knot", "printer", "material") else text.lower()
+    field = FIELDS[name]
     try:
-        return FIELDS[name].read(lower)
+        return _read_as_option(name, lower) if field.read is None else field.read(lower)
     except InputError as error:
+        if field.hint:
+            raise ValueError(field.hint) from None
         why = error.why.replace("it is", "This is", 1)
         raise ValueError(f"{why[:1].upper()}{why[1:]}. {in_page_words(error.remedy)}") from None
 
 
 def in_page_words(sentence: str) -> str:
-    """Return a sentence of the command line as the page says it: the labels of fields instead of options."""
+    """Replace the options in a sentence of the command line by the labels of the page's fields."""
 
     def label(found: re.Match[str]) -> str:
         name, value = found[1].replace("-", "_"), found[2]
@@ -239,8 +198,8 @@ def in_page_words(sentence: str) -> str:
 class Settings:
     """The contents of the page's fields.
 
-    `values` are right, each by itself; `readings` are how pictures are read that are not the first chosen.
-    `wrong` are the fields that hold something else, or do not go together: their `text`, and `why`.
+    `values` holds what is valid by itself, and `readings` the fields of pictures that are not chosen first.
+    `wrong` holds the `text` of other fields and `why` it is wrong, or contradicts others.
     """
 
     def __init__(
@@ -251,13 +210,13 @@ class Settings:
         self.values = {key: value for key, value in values.items() if key in FIELDS}
         self.readings = dict(readings or {})
         self.wrong: dict[str, dict[str, str]] = {}
-        self._together = ""  # the field that is marked because all together are refused
+        self._together = ""  # the field that is marked because it contradicts others
 
     def change(self, given: Mapping[str, Any]) -> bool:
-        """Take what fields hold now; None or "" takes a setting back. Returns whether any has changed.
+        """Set the contents of fields; None or "" resets one. Returns whether any value has changed.
 
         Raises:
-            InputError: there is no such setting; nothing has changed.
+            InputError: there is no such field; nothing has changed.
         """
         for name, value in given.items():
             if name not in FIELDS or not isinstance(value, Value | None):
@@ -277,7 +236,7 @@ class Settings:
         return self.values != before
 
     def check(self, options: BuildOptions, changed: str, plain: Callable[[str], str]) -> None:
-        """Mark the field that was `changed` last where each is right by itself and all together are not."""
+        """Mark the field that was `changed` last if the options contradict each other."""
         if self._together and self._together in self.wrong:
             del self.wrong[self._together]
         self._together = ""
@@ -288,7 +247,7 @@ class Settings:
             self._mark(changed, self.values.get(changed), plain(str(error)))
 
     def options(self, text: bool, sequence: bool) -> BuildOptions:
-        """Return the options of a build of such pictures."""
+        """Return the options of a build; the font only for a `text`."""
         given: dict[str, Any] = {k: v for k, v in self.values.items() if k != "font" or text}
         strokes = {key: given.pop(key) for key in ("keep", "drop") if key in given}
         if "subject" in given:  # without it discs correct nothing
@@ -296,7 +255,7 @@ class Settings:
         return options_from({**given, "sequence": sequence})
 
     def pass_on(self, before: tuple[str, ...], after: tuple[str, ...]) -> None:
-        """Keep the settings of reading with their pictures, and take those of the new first one."""
+        """Store the reading fields with the pictures `before`, and load those of the first one `after`."""
         if before == after or not after:
             return
         kept = {key: self.values.pop(key) for key in READING if key in self.values}
@@ -306,5 +265,5 @@ class Settings:
             self.wrong.pop(key, None)
 
     def _mark(self, name: str, held: object, why: str) -> None:
-        text = "" if held is None else str(held)[:60]  # characters quoted of a wrong field
+        text = "" if held is None else str(held)[:60]
         self.wrong[name] = {"text": text, "why": why}

@@ -1,4 +1,4 @@
-"""Show on the page what a tube will make of pictures, and other ways to read one."""
+"""Preview for the page what a tube will make of pictures, and other ways to read one."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.ndimage import binary_dilation, binary_erosion
 
-from knotfab.apps.studio.fields import Value
+from knotfab.apps.studio.fields import Value, as_text
 from knotfab.pipeline.options import BuildOptions
 from knotfab.pipeline.prepare import list_readings, survey_pictures
 
@@ -18,24 +18,22 @@ if TYPE_CHECKING:
     from PIL import Image
 
 
-# fields that a reading fills, by its keys of a view
-_FILLED = {
+_FILLED = {  # the field that each key of a reading fills
     "ink": "ink",
     "speck_px": "specks",
     "smooth_px": "smooth",
     "keep_largest": "keep_largest",
     "subject_px": "subject",
 }
-# colours of the shade over the part that is cut away, and of the outline
-_SHADE, _LINE = (20, 15, 10, 150), (255, 120, 40, 255)
+_SHADE, _LINE = (20, 15, 10, 150), (255, 120, 40, 255)  # RGBA over what is cut away, and outline
 _SHOWN_PX = 1024  # longer side of a picture on the page
 
 
 def preview(sources: Sequence[str], options: BuildOptions) -> tuple[dict[str, Any], list[bytes]]:
-    """Return the figures, and the pictures of tubes' losses, each with its caption.
+    """Survey pictures. Returns the figures for the page, and PNGs of what the tube loses.
 
     Raises:
-        KnotfabError: the pictures cannot be read, or do not go with the options.
+        KnotfabError: the pictures cannot be read, or contradict the options.
     """
     from knotfab.design.readings import is_unclear, list_figures
     from knotfab.picture.raster import encode_image
@@ -51,18 +49,18 @@ def preview(sources: Sequence[str], options: BuildOptions) -> tuple[dict[str, An
 def list_ways(
     sources: Sequence[str], options: BuildOptions, values: Mapping[str, Value]
 ) -> tuple[list[dict[str, Any]], list[bytes]]:
-    """List up to six ways to read a picture, as the fields' contents, and a thumbnail of each.
+    """List up to six ways to read a picture, as contents of fields, and a thumbnail of each.
 
     Raises:
-        KnotfabError: it cannot be read in any.
+        KnotfabError: it cannot be read.
     """
     held = {field: values.get(field) for field in _FILLED.values()}
-    known = {*_FILLED, "crop_px"}  # a subject fills the frame without being told to
+    known = {*_FILLED, "crop_px"}  # the crop follows from the subject
     found = [one for one in list_readings(sources, options) if one.keys.keys() <= known]
     ways = [
         {
             "settings": held
-            | {_FILLED[k]: _as_field(v) for k, v in one.keys.items() if k in _FILLED},
+            | {_FILLED[k]: as_text(v) for k, v in one.keys.items() if k in _FILLED},
             "refused": one.refusal is not None,
         }
         for one in found
@@ -70,18 +68,14 @@ def list_ways(
     return ways, [one.thumbnail() for one in found]
 
 
-def _as_field(value: Any) -> Value:
-    """Return a key of a view as a field holds it."""
-    return ",".join(map(str, value)) if isinstance(value, tuple) else value
-
-
 def draw_cut(source: str, options: BuildOptions) -> bytes:
-    """Draw the overlay of a photograph while its subject is cut out: its outline, and a shade on all else.
+    """Draw the overlay for cutting a subject out of a photograph: its outline, and a shade over the rest.
 
-    A PNG with the picture's sides, at most 1024 px long.
+    Returns:
+        A PNG of the picture's proportions, at most 1024 px long.
 
     Raises:
-        KnotfabError: the picture cannot be read, or nothing can be cut out so.
+        KnotfabError: the picture cannot be read, or no subject can be cut out.
     """
     from PIL import Image
 
@@ -108,10 +102,7 @@ def draw_cut(source: str, options: BuildOptions) -> bytes:
 
 @lru_cache(maxsize=1)
 def _decode(source: str) -> tuple[Image.Image, float]:
-    """Read the picture of a file, upright and as large as it is shown, and by what factor it was shrunk.
-
-    The last one is kept, for strokes come one after the other.
-    """
+    """Read a picture upright at the size it is shown, and return also the scale. The last one is cached."""
     from knotfab.picture import raster
 
     image = raster.decode(Path(source).read_bytes(), "the picture")[0]

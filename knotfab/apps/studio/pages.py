@@ -1,4 +1,4 @@
-"""Serve the studio's page, pictures, and the files of builds, each by a name that is there."""
+"""Serve the studio's page, pictures and files, and guard it against foreign requests."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ async def show_static(request: Request) -> Response:
 
 
 async def show_choices(_: Request) -> Response:
-    """Serve the menus' choices."""
+    """Send the choices of the menus."""
     return JSONResponse(
         {
             "printers": _titled("printer", printers()),
@@ -72,7 +72,6 @@ async def show_choices(_: Request) -> Response:
 
 
 def _titled(kind: Kind, found: Mapping[str, Any]) -> list[dict[str, object]]:
-    """Return names and titles; of printers the volume that they print, too."""
     return [
         {
             "name": name,
@@ -90,7 +89,6 @@ async def show_picture(request: Request) -> Response:
 
 
 async def show_panel(request: Request) -> Response:
-    """Return a panel of the preview."""
     panels, number = request.app.state.studio.panels, request.path_params["panel"]
     if number >= len(panels):
         return PlainTextResponse(_LOST, 404)
@@ -98,7 +96,7 @@ async def show_panel(request: Request) -> Response:
 
 
 async def show_file(request: Request) -> Response:
-    """Return a file of a build's folder: pictures and the report are shown, everything else is saved."""
+    """Send a file of a build: pictures and the report to be shown, everything else to be saved."""
     where, name = request.path_params["where"], request.path_params["name"]
     rejected = where.endswith(f"/{REJECTED}")
     folder = request.app.state.studio.folder_of(where.removesuffix(f"/{REJECTED}"))
@@ -125,16 +123,14 @@ def _type(path: Path) -> str:
     return _TYPES.get(path.suffix, "application/octet-stream")
 
 
-# Who may talk to the studio: its own page, in the browser that was given the token, and nobody
-# else.
-
+# only the studio's own page, in the browser that was given the token, may talk to it
 
 _PAGE_POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; "
     "connect-src 'self' {sockets}; frame-src 'self'; base-uri 'none'; form-action 'none'; "
     "frame-ancestors 'none'"
 )
-# a report brings its own scripts: it runs in an origin of its own, from which it reaches nothing
+# a report has inline scripts, and so is sandboxed in an origin of its own
 REPORT_POLICY = (
     "sandbox allow-scripts; default-src 'none'; script-src 'unsafe-inline'; "
     "style-src 'unsafe-inline'; img-src data: blob:; frame-ancestors 'self'"
@@ -146,7 +142,7 @@ _HEADERS = {
     "cross-origin-resource-policy": "same-origin",
     "cache-control": "no-store",
 }
-# a page of the studio's own leads on, so that the browser counts what follows as the studio's
+# redirects from the studio's own origin, so that the browser sends the strict cookie
 _LET_IN = (
     '<!doctype html><html lang="en"><meta charset="utf-8"><meta http-equiv="refresh" '
     'content="0; url=/"><link rel="icon" href="data:,"><title>knotfab studio</title><p>'
@@ -158,15 +154,15 @@ FOREIGN = "This request comes from elsewhere: open the address that knotfab stud
 
 
 class RequestGuard:
-    """ASGI middleware: checks host, origin and cookie of everything, sockets too, and sets the headers.
+    """ASGI middleware that checks host, origin and cookie of requests and sockets, and sets headers.
 
     Args:
-        hosts: what the Host header may be, with the port.
+        hosts: the allowed Host headers, with the port.
     """
 
     def __init__(self, app: ASGIApp, token: str, hosts: tuple[str, ...]) -> None:
         self.app, self.token, self.hosts = app, token, hosts
-        # cookies know no ports: each studio has its own
+        # named by the port, which cookies ignore
         self.cookie = "knotfab-" + hosts[0].rpartition(":")[2]
         self.policy = _PAGE_POLICY.format(sockets=" ".join(f"ws://{host}" for host in hosts))
 
@@ -183,7 +179,7 @@ class RequestGuard:
             await answer(scope, receive, self._with_headers(send))
 
     def _refuse(self, scope: Scope) -> Response | None:
-        """Return the refusal of a request; None: it may go on."""
+        """Return the response that refuses a request, or sets the cookie; None if it may go on."""
         headers = Headers(scope=scope)
         socket = scope["type"] == "websocket"
         method = "GET" if socket else scope["method"]
@@ -201,7 +197,7 @@ class RequestGuard:
                 answer = HTMLResponse(_LET_IN)
                 answer.set_cookie(self.cookie, self.token, httponly=True, samesite="strict")
                 return answer
-        # not http.cookies: that stops at the first pair of another local page that it cannot read
+        # http.cookies would stop at the first malformed cookie of another local page
         if not self._is_token(cookie_parser(headers.get("cookie", "")).get(self.cookie, "")):
             return PlainTextResponse(NO_TOKEN, 403)
         return None

@@ -1,4 +1,4 @@
-"""The pictures of a studio: what is handed in is checked, kept as it is, and shown as a PNG of its own."""
+"""The pictures of a studio: each upload is checked, kept unchanged, and shown by a thumbnail."""
 
 from __future__ import annotations
 
@@ -17,19 +17,20 @@ from knotfab.picture.svg.render import render_svg
 from knotfab.picture.svg.xml import looks_like_svg
 from knotfab_formats.errors import InputError
 
-LARGEST_BYTES = 32 * 2**20  # a larger picture is not taken
-_LARGEST_PIXELS = 40_000_000  # a picture with more is not taken
-_SHOWN_PX = 1024  # longer side of a picture on the page
+LARGEST_BYTES = 32 * 2**20  # of a picture
+_LARGEST_PIXELS = 40_000_000
+_SHOWN_PX = 1024  # longer side of a thumbnail
 
 
 class TooLargeError(InputError):
-    """The request has more bytes than are taken."""
+    """The request has too many bytes."""
 
 
 class StudioPicture(BaseModel):
-    """A picture to build, kept as `file` in the folder of pictures; `text`: what is typed, of a text.
+    """A picture in the tray, kept as `file` in the folder of pictures.
 
-    `width` and `height` are its px, upright; `frames`: how many it has, more than 1 where it moves.
+    `text` is the content of a typed text. `width` and `height` are px, upright; `frames` is above 1 for an
+    animation.
     """
 
     model_config = ConfigDict(frozen=True, extra="ignore")
@@ -43,15 +44,15 @@ class StudioPicture(BaseModel):
     frames: int = 1
 
     def source(self, folder: Path) -> str:
-        """Return the picture as the command line takes it."""
+        """Return the picture as an argument of the command line."""
         return str(folder / self.file) if self.text is None else TEXT_PREFIX + self.text
 
 
 def keep_picture(data: bytes, file_name: str, folder: Path) -> StudioPicture:
-    """Check a picture and keep it in `folder` under a plain name that no other has.
+    """Check an uploaded picture, and save it in `folder` under a unique name.
 
     Raises:
-        InputError: it is none that can be read, or too large.
+        InputError: it cannot be read, or is too large.
     """
     what = "".join(c for c in file_name if c.isprintable())[:80] or "the picture"
     if not data:
@@ -82,7 +83,7 @@ def keep_picture(data: bytes, file_name: str, folder: Path) -> StudioPicture:
 
 
 def keep_text(content: str, folder: Path, font: str | None = None) -> StudioPicture:
-    """Return a text as a picture, kept in `folder` so that no other takes its name.
+    """Save a text as a picture in `folder` under a unique name.
 
     Raises:
         InputError: it is empty, too long, or cannot be drawn.
@@ -100,15 +101,12 @@ def keep_text(content: str, folder: Path, font: str | None = None) -> StudioPict
 
 
 def thumbnail(folder: Path, name: str) -> Path:
-    """Return the small PNG of a picture."""
+    """Return the path of a picture's thumbnail."""
     return folder / ".shown" / f"{name}.png"
 
 
 def _keep(data: bytes, plain: str, suffix: str, folder: Path) -> Path:
-    """Write it to `folder` under that name, numbered where another picture of whatever session has it.
-
-    Builds are named after it: names that differ in case alone are one to some disks.
-    """
+    """Write a picture to `folder`, numbered if its name is taken in whatever case, and return its path."""
     name, number = plain, 2
     while held := [p for p in folder.glob("[!.]*.*") if p.stem.casefold() == name.casefold()]:
         if all(p.suffix == suffix and p.is_file() and p.read_bytes() == data for p in held):
@@ -130,7 +128,7 @@ def too_large(what: str, largest: int = LARGEST_BYTES) -> TooLargeError:
 
 
 def _check_pixels(data: bytes, what: str) -> None:
-    """Refuse a picture whose pixels would fill the memory, before any is decoded."""
+    """Refuse a picture with too many pixels before it is decoded."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
@@ -146,7 +144,7 @@ def _check_pixels(data: bytes, what: str) -> None:
 
 
 def _keep_thumbnail(image: Image.Image, path: Path) -> None:
-    """Keep a small PNG of a picture: pixels alone, nothing of the file."""
+    """Write the thumbnail of a picture, without any metadata of its file."""
     small = image.convert("RGBA")
     small.thumbnail((_SHOWN_PX, _SHOWN_PX))
     plain = Image.new("RGBA", small.size)

@@ -1,4 +1,4 @@
-"""Serve the studio on this machine alone, open it, and end every process with it."""
+"""Serve the studio, or the page of `knotfab build --watch`, to this machine alone."""
 
 from __future__ import annotations
 
@@ -29,15 +29,16 @@ _HOST = "127.0.0.1"
 
 
 def run_studio(port: int, open_page: bool, folder: Path) -> None:
-    """Serve until Ctrl-C.
+    """Serve the studio until Ctrl-C.
 
     Args:
-        port: 0 for any that is free. folder: where pictures and builds are kept.
+        port: 0 for any free one.
+        folder: where pictures and builds are kept.
 
     Raises:
         InputError: the port is taken, or the folder cannot be written.
     """
-    with OutputFolder(folder):  # says so now if it cannot be written
+    with OutputFolder(folder):  # refuses a folder that cannot be written
         pass
     folder = at_home(folder).resolve()
 
@@ -57,10 +58,10 @@ def serve(
     announce: Callable[[str], None],
     until: Callable[[], Coroutine[None, None, None]] | None = None,
 ) -> None:
-    """Serve until Ctrl-C, or until that has come to its end.
+    """Serve until Ctrl-C, or until the coroutine `until` ends.
 
     Args:
-        announce: told of the address, its token in it, once it is answered at.
+        announce: is called with the address, including its token, once the server is ready.
 
     Raises:
         InputError: the port is taken.
@@ -74,10 +75,10 @@ def serve(
             app, log_level="error", ws_max_size=2**16, timeout_graceful_shutdown=3
         )
         server = _Server(config, lambda: announce(f"http://{_HOST}:{port}/?token={token}"), until)
-        # where nobody (nohup) wants it otherwise, it closes with its terminal, and ends its build
+        # unless started by nohup, it ends with its terminal, and its build too
         if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is signal.SIG_DFL:
             signal.signal(signal.SIGHUP, lambda *_: server.leave())
-        with contextlib.suppress(KeyboardInterrupt):  # it has tidied up, and passes the signal on
+        with contextlib.suppress(KeyboardInterrupt):  # uvicorn raises it again after its cleanup
             asyncio.run(server.serve(sockets=[listening]))
 
 
@@ -86,7 +87,7 @@ def open_in_browser(address: str) -> None:
 
 
 class _Server(uvicorn.Server):
-    """The server, which says when it is ready, and ends when `until` does."""
+    """A server that calls `when_ready`, and ends when `until` does."""
 
     def __init__(
         self,
@@ -111,7 +112,7 @@ class _Server(uvicorn.Server):
 
 def _bind(port: int) -> socket.socket:
     listening = socket.socket()
-    if os.name != "nt":  # there it would let two studios share a port
+    if os.name != "nt":  # where it would let two studios share a port
         listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         listening.bind((_HOST, port))
@@ -124,17 +125,12 @@ def _bind(port: int) -> socket.socket:
     return listening
 
 
-# The page of a build that the command line runs (`knotfab build --watch`): it shows, and changes
-# nothing.
-
-
-# a build that has ended waits so long for a tab: a page that is loaded anew comes back
-_GRACE_S = 10
+_GRACE_S = 10  # for a reloaded page to come back after the build's end
 _UNKNOWN = "The build ended without a result; the terminal says why."
 
 
 class WatchedBuild(Broadcast):
-    """A build whose events come from elsewhere; `out` is its folder, all that can be read."""
+    """A build of the command line, which can only be watched. `out` is its folder."""
 
     watching = True
 
@@ -143,10 +139,10 @@ class WatchedBuild(Broadcast):
         self.begin(out, out.name)
 
     async def follow(self, events: TextIO, grace_s: int = _GRACE_S) -> None:
-        """Pass the events on until there are no more, and wait until nobody looks any longer."""
+        """Pass the events on until they end, and then wait until the last tab is closed."""
         end: Event = {}
         while line := await asyncio.to_thread(events.readline):
-            with contextlib.suppress(ValueError):  # it broke off with its build
+            with contextlib.suppress(ValueError):  # cut off when its build died
                 event = json.loads(line)
                 end = event if event["event"] == "end" else end
                 self.hear(event)
@@ -159,7 +155,7 @@ class WatchedBuild(Broadcast):
 
 
 def watch(out: Path, events: TextIO, grace_s: int = _GRACE_S) -> None:
-    """Show a build in the browser, from its events, until they end and the last tab is closed."""
+    """Show a build in the browser by its events, until they end and the last tab is closed."""
     studio = WatchedBuild(out)
 
     def announce(address: str) -> None:

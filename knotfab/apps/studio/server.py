@@ -1,4 +1,4 @@
-"""The studio's addresses and its socket, as an ASGI application."""
+"""The studio's routes, its calls and its socket, as an ASGI application."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from knotfab.base.errors import explain_error, keep_traceback
 from knotfab_formats.errors import InputError
 
 _LARGEST_JSON = 64 * 2**10  # bytes of a call
-# a longer request is read so far and dropped, so that a browser hears why it was refused
+# up to this size a refused body is read to its end, since otherwise the browser ignores the reply
 _DRAINED_BYTES = 2 * 2**30
 Answer = Callable[[Request], Awaitable[Response]]
 
@@ -42,7 +42,8 @@ def make_app(studio: Broadcast, token: str, hosts: tuple[str, ...]) -> Starlette
     """Make the application.
 
     Args:
-        token: what the address must have once. hosts: what the Host header may be, with the port.
+        token: must be in the first address that a browser opens.
+        hosts: the allowed Host headers, with the port.
     """
     shown: dict[str, Answer] = {
         "/": pages.show_page,
@@ -86,7 +87,7 @@ async def _live(app: Starlette) -> AsyncIterator[None]:
 
 
 def _answered(answer: Answer) -> Answer:
-    """Answer a request, or say in a sentence why not: nothing else reaches the page or the terminal."""
+    """Wrap a handler so that every error becomes a sentence for the page."""
 
     async def answered(request: Request) -> Response:
         try:
@@ -114,7 +115,6 @@ async def _add_picture(request: Request) -> Response:
 
 
 async def _call(call: type[Call], request: Request) -> Response:
-    """Do what a call asks for."""
     body = await _read_body(request, _LARGEST_JSON, "the call")
     try:
         asked = call.model_validate_json(body or b"{}")
@@ -128,10 +128,10 @@ async def _call(call: type[Call], request: Request) -> Response:
 
 
 async def _read_body(request: Request, largest: int, what: str) -> bytes:
-    """Read the body, if it is no larger than that.
+    """Read a request's body.
 
     Raises:
-        InputError: it is, or it broke off.
+        InputError: it is larger than `largest`, or was cut off.
     """
     what = what[:80]
     told = request.headers.get("content-length", "")
@@ -153,7 +153,7 @@ async def _read_body(request: Request, largest: int, what: str) -> bytes:
 
 
 async def _follow(socket: WebSocket) -> None:
-    """Tell a tab what happens until it is closed; nothing is asked for here."""
+    """Send a tab all messages until it is closed; what it sends is ignored."""
     studio: Broadcast = socket.app.state.studio
     await socket.accept()
     listener = studio.listen()
@@ -179,19 +179,16 @@ async def _explain_http(_: Request, error: Exception) -> Response:
     return PlainTextResponse("The studio has nothing at this address.", code)
 
 
-# Calls of the page: the body of each, and what the studio does with it.
-
-
 _Name = Annotated[str, Field(max_length=200)]
 
 
 class Call(BaseModel):
-    """The body of a call, as JSON; what else stands in it is refused."""
+    """The JSON body of a call of the page; unknown keys are refused."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
     async def do(self, studio: Studio) -> dict[str, Any]:
-        """Change the studio, and return what the page needs to know."""
+        """Do what the call asks, and return the reply."""
         raise NotImplementedError
 
 
@@ -224,7 +221,7 @@ class _Build(Call):
 
 
 class _Named(Call):
-    """A call about one picture or one build."""
+    """A call on one picture or build."""
 
     name: _Name
 
@@ -239,7 +236,7 @@ def _of_name(act: Callable[[Studio, str], None]) -> type[Call]:
 
 
 class _Cut(_Named):
-    """A try of a subject: it changes nothing."""
+    """Previews the cut of a subject; changes nothing."""
 
     subject: str
     keep: str = ""
@@ -271,8 +268,7 @@ class _Settings(Call):
         return {}
 
 
-# The page asks these below /api/.
-CALLS: dict[str, type[Call]] = {
+CALLS: dict[str, type[Call]] = {  # by their path below /api/
     "text": _Text,
     "choose": _Choose,
     "settings": _Settings,

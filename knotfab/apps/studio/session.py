@@ -1,4 +1,4 @@
-"""The studio's state: pictures, settings, builds. Every tab shows it, none owns it, a restart keeps it."""
+"""The studio's state: pictures, settings, builds. All tabs share it, and it survives a restart."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ from knotfab.pipeline.options import BuildOptions
 from knotfab_formats.errors import InputError, KnotfabError
 
 _PICTURES, _MEMORY = "pictures", "studio.json"
-_MOST_VIEWS = 4  # pictures of one part on the page
+_MOST_VIEWS = 4  # of one part on the page
 
 
 class _Memory(BaseModel):
-    """The part that a studio finds again after a restart."""
+    """What a studio finds again after a restart."""
 
     model_config = ConfigDict(extra="ignore")
 
@@ -42,7 +42,7 @@ class _Memory(BaseModel):
 
 
 class Studio(Broadcast):
-    """The state of a studio whose files lie in `folder`; all of it is changed in the event loop's thread."""
+    """The state of a studio whose files are in `folder`. It is changed only in the event loop's thread."""
 
     def __init__(self, folder: Path, warm: bool = True) -> None:
         super().__init__()
@@ -52,20 +52,20 @@ class Studio(Broadcast):
         self.chosen: tuple[str, ...] = ()
         self.kind: Kind = "one"
         self.settings = Settings()
-        self.current = ""  # the build that is shown, and gone on from
+        self.current = ""  # the build that is shown, from which the next can go on
         self.preview: dict[str, Any] = {"lines": [], "error": "", "panels": []}
         self.panels: list[bytes] = []
         self.build: LiveBuild | None = None
-        # started beforehand, where the studio is `warm`, so that a press is answered at once
+        # a `warm` studio starts its process before the first build
         self.warm, self.builder = warm, Workers("knotfab.apps.builder", early=False)
-        # pictures are added one after the other, so that each finds a name
+        # pictures are added one by one, so that names stay unique
         self.adding = asyncio.Lock()
         self._previews = 0
-        # the ways to read a picture, with the picture and its settings first
+        # what the ways to read a picture are for, the ways, and their thumbnails
         self._ways: tuple[Any, list[dict[str, Any]], list[bytes]] = None, [], []
 
     async def open(self) -> None:
-        """Read the state that was left, and prepare a process for the first build."""
+        """Restore the state, and start a process for the first build."""
         self._remember()
         if self.chosen:
             self.renew()
@@ -86,7 +86,6 @@ class Studio(Broadcast):
         return self.builds.start_of(self.current) is not None
 
     def describe(self) -> dict[str, Any]:
-        """Describe all of it, for a page that was opened or loaded anew."""
         tray = [picture.model_dump(exclude={"file"}) for picture in self.pictures.values()]
         return {
             **super().describe(),
@@ -105,7 +104,7 @@ class Studio(Broadcast):
         return child_of(self.builds.folder, where)
 
     def plain(self, sentence: str) -> str:
-        """Return a sentence without this machine's folders, and with the page's words for options."""
+        """Remove the studio's folders from a sentence, and put labels of fields in place of options."""
         for folder in (self.picture_folder, self.builds.folder, self.folder):
             sentence = sentence.replace(f"{folder}/", "")
         return in_page_words(sentence)
@@ -113,15 +112,15 @@ class Studio(Broadcast):
     # ---- pictures
 
     def add_picture(self, picture: StudioPicture) -> None:
-        """Take a picture in and choose it: in place of the others, or beside them as a view or a frame."""
+        """Add a picture and choose it, instead of the others or as a further view or frame."""
         self.pictures[picture.name] = picture
         self.choose([picture.name] if self.kind == "one" else [*self.chosen, picture.name])
 
     def choose(self, names: Iterable[str], kind: Kind | None = None) -> None:
-        """Choose the pictures, one a view or a frame, in their order.
+        """Choose pictures in order, each for a view or a frame.
 
         Raises:
-            InputError: there is none of such a name, or there are too many.
+            InputError: there is no such picture, or there are too many.
         """
         kind = kind or self.kind
         names = tuple(dict.fromkeys(names))
@@ -141,10 +140,10 @@ class Studio(Broadcast):
         self.renew()
 
     def remove_picture(self, name: str) -> None:
-        """Take a picture out of the tray; its file goes too, where no build was made of it.
+        """Remove a picture from the tray, and its file too unless a build used it.
 
         Raises:
-            InputError: there is none of that name.
+            InputError: there is no such picture.
         """
         picture = self.pictures.get(name)
         if picture is None:
@@ -163,7 +162,7 @@ class Studio(Broadcast):
     # ---- settings
 
     def set(self, given: Mapping[str, Any]) -> None:
-        """Change settings; None or "" takes one back. A wrong one stays as it was, and is marked.
+        """Change settings; None or "" resets one. A wrong one is marked, and its old value stays.
 
         Raises:
             InputError: there is no such setting, or a value is wrong.
@@ -173,7 +172,7 @@ class Studio(Broadcast):
         if changed:
             self.renew()
         else:
-            self.tell_state()  # the page learns which fields are marked
+            self.tell_state()  # marks may have changed
         for name in given:
             if name in self.settings.wrong:
                 why = self.settings.wrong[name]["why"].rstrip(".")
@@ -186,10 +185,10 @@ class Studio(Broadcast):
     # ---- a subject
 
     async def cut(self, name: str, subject: str, keep: str, drop: str) -> dict[str, Any]:
-        """Cut the subject out of a photograph, as a picture to lay over it.
+        """Cut the subject out of a photograph, and return the overlay that shows it.
 
         Raises:
-            InputError: it is no photograph, or nothing can be cut out so.
+            InputError: it is no photograph, or no subject can be cut out.
         """
         picture = self.pictures.get(name)
         if picture is None or picture.text is not None or picture.frames > 1:
@@ -210,7 +209,7 @@ class Studio(Broadcast):
     # ---- the preview
 
     def renew(self) -> None:
-        """Tell all tabs how things stand, keep it, and look at the pictures anew."""
+        """Save the state, send it to all tabs, and make a new preview."""
         self._previews += 1
         if self.chosen:
             self.preview = {**self.preview, "looking": True}
@@ -221,7 +220,7 @@ class Studio(Broadcast):
         self.tell_state()
 
     async def _look(self, number: int) -> None:
-        """Make the preview of the chosen pictures; of several in a row only the last is made."""
+        """Preview the chosen pictures, unless another preview was requested meanwhile."""
         await asyncio.sleep(0.15)
         if number != self._previews:
             return
@@ -260,10 +259,10 @@ class Studio(Broadcast):
             self.builder.start()
 
     def press(self, go_on: bool = False) -> None:
-        """Build what is chosen; `go_on`: from where the knots of the build that is shown stood.
+        """Build the chosen pictures; with `go_on` starting from the knots of the build that is shown.
 
         Raises:
-            InputError: a build runs already, nothing is chosen, a field is wrong, or there are no knots.
+            InputError: a build runs, nothing is chosen, a field is wrong, or there are no knots.
         """
         if self.running:
             raise InputError("the build", "one runs already", "Stop it first, or wait for it.")
@@ -283,7 +282,7 @@ class Studio(Broadcast):
             settings=dict(self.settings.values),
         )
         further = [f"--start={start}"] if go_on else []
-        # words behind "--" are no options, whatever they are called
+        # behind "--" nothing is taken for an option
         arguments = [*list_arguments(self._options()), *further, "--", *self._sources()]
         name = self.builds.begin(folder_after(self.chosen, self.kind), record)
         loop = asyncio.get_running_loop()
@@ -299,18 +298,18 @@ class Studio(Broadcast):
         self.tell_state()
 
     def stop(self) -> None:
-        """Stop the build that runs; where its knots stand is kept."""
-        # a second signal would break into its tidying up
+        """Stop the running build, and keep its current knots."""
+        # a second signal would interrupt its cleanup
         if self.status["phase"] == "running" and self.build is not None:
             self.status["phase"] = "stopping"
             self.build.stop()
             self.tell_state()
 
     def open_build(self, name: str) -> None:
-        """Show a build that was made before, with its pictures and settings.
+        """Show an earlier build with its pictures and settings.
 
         Raises:
-            InputError: one runs, there is none of that name, or its pictures are gone.
+            InputError: a build runs, there is no such build, or its pictures are gone.
         """
         if self.running:
             raise InputError("the build", "one runs", "Stop it first, or wait for it.")
@@ -331,7 +330,7 @@ class Studio(Broadcast):
         self.renew()
 
     def rename(self, name: str, title: str) -> None:
-        """Give a build another title.
+        """Change a build's title.
 
         Raises:
             InputError: as `Builds.rename`.
@@ -342,10 +341,10 @@ class Studio(Broadcast):
         self.tell_state()
 
     def delete(self, name: str) -> None:
-        """Remove a build for good.
+        """Delete a build.
 
         Raises:
-            InputError: it runs, there is none of that name, or it cannot be removed.
+            InputError: it runs, there is no such build, or it cannot be removed.
         """
         if self.running and name == self.current:
             raise InputError("the build", "it runs", "Stop it first.")
@@ -357,7 +356,7 @@ class Studio(Broadcast):
         self.tell_state()
 
     def _show(self, name: str) -> None:
-        """Let the status be that of a build which ended."""
+        """Set the status to that of an earlier build."""
         found, record = self.builds.describe(name), self.builds.records.get(name)
         self.current, self.scene, self.frame = name, None, None
         self.status = {
@@ -368,9 +367,9 @@ class Studio(Broadcast):
             self.status["result"] = found["result"]
 
     def hear(self, event: Event) -> None:
-        """Take note of an event of the build that runs."""
+        """Handle an event of the running build."""
         if event["event"] == "standing":
-            with contextlib.suppress(InputError):  # the disk is full: the one before stays
+            with contextlib.suppress(InputError):  # the disk is full; the previous file stays
                 write_whole(self.builds.start_path(self.current), event["start"].encode())
         elif event["event"] == "ended":
             self.end(event["code"], event["sentence"])
@@ -389,7 +388,7 @@ class Studio(Broadcast):
     # ---- what a restart keeps
 
     def keep(self) -> None:
-        """Write down what a restart shall find again; without room for that the studio goes on."""
+        """Save the state for a restart, if the disk has room."""
         memory = _Memory(
             pictures=tuple(self.pictures.values()), chosen=self.chosen, kind=self.kind,
             settings=self.settings.values, readings=self.settings.readings, current=self.current,
@@ -398,7 +397,7 @@ class Studio(Broadcast):
             write_whole(self.folder / _MEMORY, memory.model_dump_json(indent=1).encode())
 
     def _remember(self) -> None:
-        """Read the state that `keep` wrote, as far as it is still there."""
+        """Restore what `keep` saved, as far as its files are still there."""
         try:
             memory = _Memory.model_validate_json((self.folder / _MEMORY).read_bytes())
         except (OSError, ValueError):

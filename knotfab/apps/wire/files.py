@@ -1,4 +1,4 @@
-"""Bending plans in a bender's own words: a template that is filled in with the rows of bends.csv."""
+"""The files of a bending plan: bends.csv, a bender's own format by a template, and full-size PDF templates."""
 
 from __future__ import annotations
 
@@ -35,8 +35,7 @@ if TYPE_CHECKING:
 BENDERS = {"lra": "lra.csv", "grbl": "grbl.gcode"}  # files in the folder benders, by name
 _MOST_BYTES = 100_000
 _WRONG = (TemplateError, TypeError, ValueError, ArithmeticError, LookupError, RuntimeError)
-# the values that a template must write for each bend: their name, and the keys that change with it
-_NEEDED = {
+_NEEDED = {  # what a template must write for each bend: a key of it, and how to write it
     "length": ("feed_mm", "{{ bend.feed_mm }} (or distance_mm)"),
     "rotation": ("rotation_deg", "{{ bend.rotation_deg }} (or turned_deg)"),
     "angle": ("bend_deg", "{{ bend.tool_angle_deg }} (or bend_deg)"),
@@ -49,10 +48,10 @@ _SAMPLE = (
 
 
 def require_bender(scene: ResolvedScene) -> None:
-    """Refuse a bender that is not known, or whose template would not tell it how to bend.
+    """Refuse an unknown bender, or one whose template leaves out length, rotation or angle of a bend.
 
     Raises:
-        InputError: naming the template, and what is wrong with it.
+        InputError: naming the template and its fault.
     """
     name = scene.piece.bender
     plain = fill_template(name, _SAMPLE, "bends", scene.material)
@@ -67,7 +66,7 @@ def require_bender(scene: ResolvedScene) -> None:
 
 
 def _change(bend: Bend, key: str) -> Bend:
-    """Return the bend with another length, rotation or angle, in all the words for it."""
+    """Change a bend's length, rotation or angle, in all keys that have it."""
     if key == "feed_mm":
         return replace(bend, feed_mm=bend.feed_mm + 1.0, distance_mm=bend.distance_mm + 1.0)
     if key == "rotation_deg":
@@ -77,7 +76,7 @@ def _change(bend: Bend, key: str) -> Bend:
 
 
 def file_of_bender(name: str, plan: str) -> str:
-    """Give the name of the file for a bender, beside the plan of that name: bends-1.csv → bends-1-lra.csv."""
+    """Return the name of the file for a bender, such as bends-1-lra.csv for the plan bends-1.csv."""
     own = Path(BENDERS.get(name, name))
     stem = "".join(c if c.isalnum() and c.isascii() else "-" for c in own.stem)
     return f"{Path(plan).stem}-{stem}{own.suffix.lower() or '.txt'}"
@@ -86,10 +85,10 @@ def file_of_bender(name: str, plan: str) -> str:
 def fill_template(
     name: str, bends: tuple[Bend, ...] | list[Bend], plan: str, wire: Material
 ) -> str:
-    """Return a bender's template filled in with the bends.
+    """Fill in a bender's template.
 
     Args:
-        plan: what it calls the plan. wire: the material.
+        plan: the name of the plan.
 
     Raises:
         InputError: the template cannot be read, or names an unknown placeholder.
@@ -115,7 +114,7 @@ def fill_template(
 
 
 def _told(bends: tuple[Bend, ...] | list[Bend], plan: str, wire: Material) -> Mapping[str, Any]:
-    """List the placeholders of a template with their values."""
+    """Return the placeholders of a template with their values."""
     turned = accumulate(bend.rotation_deg for bend in bends)
     rows = [
         {"index": k, **asdict(b), "arc_mm": b.radius_mm * radians(b.bend_deg), "turned_deg": t}
@@ -132,7 +131,7 @@ def _told(bends: tuple[Bend, ...] | list[Bend], plan: str, wire: Material) -> Ma
 
 
 def _read(name: str) -> str:
-    """Read the template's text.
+    """Read a bender's template.
 
     Raises:
         InputError: there is none of that name, or it is no text.
@@ -152,9 +151,7 @@ def _read(name: str) -> str:
     raise InputError(f"the bender {name}", why, known)
 
 
-# bends.csv: the bending plan as a file, written for a person at a bench and read back for the
-# replay.
-
+# bends.csv
 
 COLUMNS = (
     "index",
@@ -170,10 +167,10 @@ _PLACED = ("start_mm", "direction", "normal")
 
 
 def write_bends(path: Path, bends: BendList, header: dict[str, str]) -> None:
-    """Write the rows after lines `# key: value`; lengths and angles have three decimals.
+    """Write bends.csv: lines `# key: value`, then the rows, with three decimals.
 
-    `header` is for the reader; start, direction and normal of the wire in the scene follow it, so
-    that the curve can be rebuilt from this file alone.
+    `header` is for human readers. Start, direction and normal of the wire follow it, so that the curve can
+    be rebuilt from this file alone.
     """
     text = io.StringIO()
     for key, value in header.items():
@@ -196,10 +193,10 @@ def write_bends(path: Path, bends: BendList, header: dict[str, str]) -> None:
 
 
 def read_bends(path: Path) -> BendList:
-    """Read the rows of a bends.csv, exactly as written.
+    """Read a bends.csv.
 
     Raises:
-        InputError: the file cannot be read, lacks its columns or placing, or a number is impossible.
+        InputError: it cannot be read, lacks columns or the wire's start, or a number is impossible.
     """
     try:
         text = path.read_text(encoding="utf-8")
@@ -243,16 +240,12 @@ def _read_number(path: Path, text: str) -> float:
     return value
 
 
-# Templates at full size: the wire's front and side view on A4 or Letter pages to be laid
-# together.
-
-
 @dataclass(frozen=True)
 class WireDrawing:
-    """One view of one wire, in its own plane (mm): lines to draw at full size.
+    """One view of one wire in its plane, in mm, to be drawn at full size.
 
-    `labels` are written beside the places of the bends (number, and how far that place stands in
-    front of the drawing's plane); the first point is the joint.
+    A label, the number of the bend and its height above the plane, is written beside each bend. The line
+    starts at the joint.
     """
 
     title: str
@@ -263,18 +256,18 @@ class WireDrawing:
 
     @property
     def box(self) -> tuple[float, float, float, float]:
-        """Left, bottom, right and top of the wire, with its thickness and room for labels."""
+        """Left, bottom, right and top, with a margin of the wire's diameter."""
         low, high = self.line.min(axis=0) - self.wire_mm, self.line.max(axis=0) + self.wire_mm
         return float(low[0]), float(low[1]), float(high[0]), float(high[1])
 
     def draw(self, axes: Axes, shift: Array, window: Rectangle) -> None:
-        """Draw it on a page, moved by `shift` (2,), mm, and clipped to the window."""
+        """Draw the view on a page, shifted by `shift` (2,) mm and clipped to the window."""
         from matplotlib.patches import PathPatch
         from matplotlib.path import Path
         from matplotlib.textpath import TextPath
 
         line = self.line + shift
-        # the wire at its true thickness: a line's width is in points
+        # at its true thickness, in points
         point = 72.0 / 25.4
         parts = axes.plot(*line.T, color="0.85", lw=self.wire_mm * point, solid_joinstyle="round")
         parts += axes.plot(*line.T, color="black", lw=0.3)
@@ -283,7 +276,7 @@ class WireDrawing:
         for part in parts:
             part.set_clip_path(window)
         (x0, y0), wide, high = window.get_xy(), window.get_width(), window.get_height()
-        # one path for all labels: hundreds of texts are slow
+        # one path for all labels, as hundreds of texts would be slow
         glyphs = [
             TextPath((x + 0.4, y + 0.3), label, size=1.0)
             for (x, y), label in zip(self.bends + shift, self.labels, strict=True)
@@ -296,11 +289,12 @@ class WireDrawing:
 def draw_views(
     name: str, line: Array, begins: Array, right: Array, up: Array, diameter: float
 ) -> tuple[WireDrawing, WireDrawing]:
-    """Draw front view (as seen from the light, without perspective) and side view (from the right).
+    """Return the front view (as seen from the light, without perspective) and the side view (from the right).
 
     Args:
-        line: (k, 3) the wire, bent again. begins: (m, 3) where its bends begin.
-        right, up: (3,) unit axes of someone at the light. In the side view the light is at the left.
+        line: (k, 3) the wire, bent again.
+        begins: (m, 3) where its bends begin.
+        right, up: (3,) unit axes as seen from the light, which is at the left of the side view.
     """
     towards = np.cross(right, up)
     base = float((line @ towards).min())
@@ -325,14 +319,7 @@ def draw_views(
 def write_templates(
     path: pathlib.Path, paper: Paper, drawings: list[WireDrawing], facts: list[str]
 ) -> int:
-    """Return one PDF whose pages print at full size (100 %, no fitting to the page).
-
-    Args:
-        facts: lines of the first page.
-
-    Returns:
-        The number of pages.
-    """
+    """Write one PDF to be printed at full size, with `facts` on its first page. Returns the number of pages."""
     shown = [Drawing(one.title, one.box, one.draw) for one in drawings]
     pages = draw_tiled(paper, "Bending templates, full size", facts, shown, "bend")
     return write_pages(path, "Bending templates at full size", pages)
