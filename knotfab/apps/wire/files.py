@@ -1,4 +1,4 @@
-"""The files of a bending plan: bends.csv, a bender's own format by a template, and full-size PDF templates."""
+"""The files of a bending plan: bends.csv, a bender's own format, and PDF templates at full size."""
 
 from __future__ import annotations
 
@@ -319,7 +319,7 @@ def draw_views(
 def write_templates(
     path: pathlib.Path, paper: Paper, drawings: list[WireDrawing], facts: list[str]
 ) -> int:
-    """Write one PDF to be printed at full size, with `facts` on its first page. Returns the number of pages."""
+    """Write one PDF to be printed at full size, with `facts` on its first page; return the page count."""
     shown = [Drawing(one.title, one.box, one.draw) for one in drawings]
     pages = draw_tiled(paper, "Bending templates, full size", facts, shown, "bend")
     return write_pages(path, "Bending templates at full size", pages)
