@@ -119,3 +119,10 @@ def _shares(item: pytest.Item) -> bool:
     return any(hasattr(f, "cache_info") for f in own) or any(
         d[-1].scope in ("class", "module") for d in defined
     )
+
+
+@pytest.fixture
+def large(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Draw text and SVG as large as in a build, which `_draw_small` spares other tests."""
+    for module in ("text", "svg.render"):
+        monkeypatch.setattr(f"knotfab.picture.{module}.LONGER_SIDE", 2048)

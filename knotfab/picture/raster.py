@@ -163,7 +163,10 @@ def decode(
                 f"the {kind} data is damaged or cut short",
                 "Copy or export the file again.",
             ) from error
-    if kind == "PNG" and data[24:25] == b"\x10" and upright.mode in ("RGB", "RGBA"):
+    opaque = upright.mode == "RGB" or (
+        upright.mode == "RGBA" and np.ptp(np.asarray(upright)[..., 3]) == 0
+    )
+    if kind == "PNG" and data[24:25] == b"\x10" and opaque:
         levels = np.asarray(upright.convert("RGB"))  # the upper 8 of 16 bits
         if np.ptp(levels, axis=(0, 1)).max() <= 2:
             raise InputError(

@@ -148,7 +148,7 @@ def _read_ply(content: bytes) -> NDArray[np.float64]:
     ended = HEADER_END.search(content)
     head, body = (content[: ended.start()], content[ended.end() :]) if ended else (content, b"")
     elements = {name: int(count) for name, count in ELEMENT.findall(head)}
-    if not body or len(head) > 100_000:  # bytes
+    if ended is None or len(head) > 100_000:  # bytes
         raise _refuse("its PLY header has no end")
     if b"tristrips" in elements:
         raise _refuse("it has strips of triangles, which are not read")

@@ -14,7 +14,6 @@ from scipy import ndimage
 from benchmarks.hard.pictures import hard_pictures
 from knotfab.base.arrays import Mask
 from knotfab.base.errors import SceneError
-from knotfab.design import likeness as refusal_module
 from knotfab.design import survey as survey_module
 from knotfab.design.likeness import (
     compare_lines,
@@ -136,8 +135,8 @@ def test_noise_is_refused_without_a_polygon_being_opened(
     for where, name in (
         (survey_module, "find_losses"),
         (survey_module, "ask"),
-        (refusal_module, "opening_iou"),
-        (refusal_module, "drawing_radius"),
+        (survey_module, "opening_iou"),
+        (survey_module, "drawing_radius"),
     ):
         monkeypatch.setattr(where, name, lambda *_, name=name: opened.append(name))
     scene = Scene()

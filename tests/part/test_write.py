@@ -41,6 +41,8 @@ def rings(count: int) -> Any:
         mounted=Mounted([], [f"knot {k + 1}" for k in range(count)], Scene(), None, None),
         plates=None,
         framing=(None, ""),
+        standing=None,
+        names=[f"knot {k + 1}" for k in range(count)],
     )
 
 

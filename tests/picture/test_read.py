@@ -397,13 +397,6 @@ def test_inverting_decides_what_is_full(tmp_path: Path) -> None:
 # --- SVG -------------------------------------------------------------------------------------
 
 
-@pytest.fixture
-def large(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Drawn as large as in a build, which tests/conftest.py spares other tests."""
-    for module in ("text", "svg.render"):
-        monkeypatch.setattr(f"knotfab.picture.{module}.LONGER_SIDE", 2048)
-
-
 def svg(tmp_path: Path, body: str, attributes: str = "") -> Target:
     path = tmp_path / "drawing.svg"
     path.write_text(SVG.format(attributes, body), encoding="utf-8")
