@@ -103,11 +103,7 @@ def validate_files(
         InputError: a file cannot be read, or written.
         MachineError: this machine cannot measure it.
     """
-    with (
-        load_early(skip, keep),
-        Verifier(skip) as verifier,
-        plain_arrays(files.part) as read,
-    ):
+    with load_early(skip, keep), Verifier(skip) as verifier, plain_arrays(files.part) as read:
         return verifier.submit(replace(files, part=read), unit=unit).result()
 
 
@@ -314,9 +310,7 @@ def render_shadow(part: Path, scene: Path, out: Path, view_name: str | None = No
         vertices = setting.material.shrinks_to * mesh.vertices @ pose[:3, :3].T + pose[:3, 3]
         frame = working_frame(width, height)
         whole, _ = receive(
-            view_geometry(named[0], width, height),
-            setting.effects,
-            setting.settings.tolerance_px,
+            view_geometry(named[0], width, height), setting.effects, setting.settings.tolerance_px
         )
         geometry = whole.resample(frame)
         with SilhouetteRenderer(vertices, mesh.faces) as renderer:

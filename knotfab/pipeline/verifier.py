@@ -268,9 +268,7 @@ def files_to_validate(
             )
     if part is None and knots is None:
         raise InputError(
-            "",
-            "there is nothing to validate",
-            "Name a folder, a part, or --knots knots.json",
+            "", "there is nothing to validate", "Name a folder, a part, or --knots knots.json"
         )
     for path in (part, knots, scene):
         if path is not None and not path.is_file():

@@ -88,10 +88,7 @@ class Comparison:
 
 
 def compare_photo(
-    photo: Path,
-    folder: Path,
-    corners: Sequence[str] | None = None,
-    view_name: str | None = None,
+    photo: Path, folder: Path, corners: Sequence[str] | None = None, view_name: str | None = None
 ) -> Comparison:
     """Compare a photograph of the shadow with the picture in a folder that a build wrote.
 

@@ -337,10 +337,7 @@ def adjust(
 
 
 def _reweight(
-    strands: list[Strand],
-    weights: list[Array],
-    light: Array | None,
-    limits: FitLimits,
+    strands: list[Strand], weights: list[Array], light: Array | None, limits: FitLimits
 ) -> None:
     """Raise the weights where distances are large, to minimise the largest one (Lawson 1961)."""
     for number, strand in enumerate(strands):

@@ -248,11 +248,7 @@ def _choose_joint(wire: Wire, shadows: Sequence[PieceShadow]) -> tuple[int, bool
 
 
 def _write_header(
-    name: str,
-    rows: BendList,
-    material: Material,
-    total: float,
-    tolerances: str,
+    name: str, rows: BendList, material: Material, total: float, tolerances: str
 ) -> dict[str, str]:
     return {
         "made by": f"knotfab {VERSION}",
