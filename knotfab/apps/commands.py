@@ -376,7 +376,6 @@ def tradeoff(
 
 
 def _print_tradeoff(found: Tradeoff) -> None:
-    """Print a table of the points, fastest first, and then what each step buys."""
     from rich.console import Console
     from rich.markup import escape
     from rich.table import Table

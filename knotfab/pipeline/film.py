@@ -143,7 +143,6 @@ def _tell_kept(kept: KeptFrames, count: int) -> Iterator[None]:
 
 
 def _fails(frame: SequenceFrame, piece: WrittenPiece) -> list[str]:
-    """Return the names of the required checks that a frame fails."""
     limits = [] if frame.made.result.feasible else ["limits"]
     unmet = list_unmet(piece.verdict.checks)
     return [*limits, *(c.name for c in unmet if c.status == "fail")]
@@ -176,7 +175,6 @@ def _mend(
 
 
 def _make_ring(folder: OutputFolder, pieces: Sequence[WrittenPiece], verifier: Verifier) -> Ring:
-    """Write the zoetrope, and submit it to the validators."""
     try:
         spun = write_zoetrope(folder, [piece.made for piece in pieces])
     except SceneError as error:

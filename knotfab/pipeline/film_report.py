@@ -177,7 +177,6 @@ def _list_views(
     frames: Sequence[SequenceFrame],
     motions: Sequence[Motion],
 ) -> tuple[FrameView, ...]:
-    """List the views of all frames, each with the figures of its own part."""
     views, shared = [], _shared_notes(reports)
     each = zip(reports, frames, pieces, strict=True)
     for number, (report, frame, piece) in enumerate(each, start=1):
@@ -206,7 +205,6 @@ def _list_views(
 
 
 def _sum_prints(reports: Sequence[Report], spun: Zoetrope | None) -> Print:
-    """Sum the figures of all parts, and add those of the zoetrope."""
     first, prints = reports[0].print, [r.print for r in reports]
     sums: dict[str, Any] = {
         key: sum(getattr(one, key) for one in prints)

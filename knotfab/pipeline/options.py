@@ -62,7 +62,6 @@ def _read_decimal(_: object, tokens: Sequence[Token]) -> float:
 
 
 def _words_of(tokens: Sequence[Token]) -> str:
-    """Return the option and its value as typed."""
     return f"{tokens[0].keyword or ''} {tokens[0].value}".strip()
 
 

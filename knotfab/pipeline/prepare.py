@@ -296,7 +296,6 @@ def _prints(options: BuildOptions, scene: ResolvedScene) -> bool:
 
 
 def _sources(pictures: Sequence[str], scene: ResolvedScene, path: Path | None) -> tuple[str, ...]:
-    """Return the pictures of the call, or those of the scene's views."""
     for name in pictures:
         if Path(name).suffix.lower() == ".toml" and os.path.isfile(name):
             raise InputError(

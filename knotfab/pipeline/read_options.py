@@ -147,7 +147,6 @@ def read_scene(options: PictureOptions) -> tuple[ResolvedScene, Path | None]:
 
 
 def _keys(options: PictureOptions, model: type[BaseModel]) -> dict[str, Any]:
-    """Return the keys of a table that the options set."""
     keys: dict[str, Any] = {}
     for key in model.model_fields:
         _, option = option_of(model, key) or ("", "")
@@ -225,7 +224,6 @@ def _switches(texts: Collection[str]) -> dict[str, Any]:
 
 
 def _check_bounds(model: type[BaseModel], key: str, value: Any, what: str) -> None:
-    """Refuse a value that is out of the key's bounds."""
     bounds = why_out_of_bounds(model, key, value)
     if bounds is not None:
         unit = {"mm": "millimetres", "px": "pixels"}.get(key.rpartition("_")[2], "a number")
@@ -282,7 +280,6 @@ def _largest(option: str, count: int) -> int:
 
 
 def _count(option: str, text: str) -> int | str:
-    """Read "auto", or a number of knots."""
     if text == "auto":
         return text
     if not re.fullmatch(r"0*[0-9]{1,9}", text) or int(text) == 0:

@@ -99,7 +99,6 @@ def batch(
 
 @contextmanager
 def _open_builder(cluster: str | None, jobs: int, progress: Progress) -> Iterator[_Builder]:
-    """Yield a function that builds tasks: on this machine, or on a cluster."""
     if cluster is None and jobs == 0:  # all is built
         yield lambda tasks, folder: iter(())
         return
@@ -116,7 +115,6 @@ def _open_builder(cluster: str | None, jobs: int, progress: Progress) -> Iterato
 def _build_here(
     builders: Workers, progress: Progress, tasks: Sequence[Task], folder: Path
 ) -> Iterator[tuple[Task, Record]]:
-    """Build each task in its own process, and yield it when done."""
 
     def build(task: Task) -> Record:
         with progress.line(task.name):

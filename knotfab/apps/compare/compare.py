@@ -182,7 +182,6 @@ def _best_iou(iou: float, lamp: LampFit | None) -> float:
 
 
 def _coarsen(knots: Knots, camera: Camera, shadow: Mask) -> tuple[Knots, Camera, Mask]:
-    """Thin out vertices and pixels for a quick `find_lamp`."""
     small = camera.resized(camera.width // _ROUGH, camera.height // _ROUGH)
     seen = sample_mask(shadow, small.width, small.height)
     fewer = tuple(Knot(knot.points[::_ROUGH]) for knot in knots.knots)

@@ -29,11 +29,12 @@ from knotfab.base.apps import VERSION
 from knotfab.base.disk import at_home, confined
 from knotfab.base.errors import explain_error, keep_traceback
 from knotfab.base.progress import Event
+from knotfab.cli import commands
 from knotfab.pipeline.options import HELP, BuildOptions, PictureOptions
 from knotfab_formats.errors import InputError
 
 _running: set[threading.Event] = set()  # an event for each running job, which ends it
-_LEFT_OUT = {"quiet", "verbose"}  # options for a terminal
+_LEFT_OUT = {"quiet", "verbose", "json", "failures", "return"}  # for a terminal, or a disk
 _TEXT, _LIST = {"type": "string"}, {"type": "array", "items": {"type": "string"}}
 _PICTURES = {
     **_LIST,
@@ -52,7 +53,6 @@ class _Tool:
 
 
 def _kind(hint: Any) -> dict[str, Any]:
-    """Return the JSON schema of an option."""
     inner = (
         [one for one in get_args(hint) if one is not NoneType]
         if NoneType in get_args(hint)
@@ -66,34 +66,24 @@ def _kind(hint: Any) -> dict[str, Any]:
     return plain.get(inner[0], {"type": ["string", "number"]})
 
 
-def _tools() -> dict[str, _Tool]:
-    hints = get_type_hints(BuildOptions)
-    told = {
-        one.arg_name: " ".join((one.description or "").split())
-        for kind in (PictureOptions, BuildOptions)
-        for one in parse_from_object(kind).params
-    } | HELP
-    options = {
-        name: {**_kind(hint), "description": told[name]}
-        for name, hint in hints.items()
-        if name not in _LEFT_OUT
+def _schemas(*sources: Callable[..., Any]) -> dict[str, Any]:
+    """Return the JSON schemas of the options that commands, or classes of options, declare and describe."""
+    hints = {name: hint for one in sources for name, hint in get_type_hints(one).items()}
+    told = HELP | {
+        one.arg_name: " ".join(one.description.split())
+        for source in sources
+        for one in parse_from_object(source).params
+        if one.description
     }
+    kinds = {name: _kind(hint) for name, hint in hints.items() if name not in _LEFT_OUT}
+    return {name: {**kind, "description": told[name]} for name, kind in kinds.items()}
+
+
+def _tools() -> dict[str, _Tool]:
+    options = _schemas(PictureOptions, BuildOptions)
     read = (*get_type_hints(PictureOptions), "sequence")
     seen = {"pictures": _PICTURES, "out": _OUT, **{name: options[name] for name in read}}
-    part = {**_TEXT, "description": "A folder that a build wrote, or an STL, 3MF, OBJ or PLY file."}
-    scene = {**_TEXT, "description": "The scene.toml of the part."}
-    measured = {
-        "part": part, "scene": scene,
-        "knots": {**_TEXT, "description": "The centre lines, knots.json."},
-        "skip": {**_LIST, "description": "Checks to leave out, such as shadow-render."},
-        "unit": {"enum": ["mm", "cm", "m", "in"], "description": "Of the numbers in an STL, OBJ or PLY."},
-    }  # fmt: skip
-    cast = {
-        "part": {**_TEXT, "description": "An STL or 3MF in print coordinates."},
-        "scene": scene,
-        "view": {**_TEXT, "description": "Name of the view; the first by default."},
-        "out": _OUT,
-    }
+    measured, cast = _schemas(commands.validate), {**_schemas(commands.shadow), "out": _OUT}
     return {
         "preview": _Tool(
             jobs.preview,

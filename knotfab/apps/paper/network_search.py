@@ -93,7 +93,6 @@ def search_network(state: SearchState, report: Report | None = None) -> None:
 
 
 def _describe(way: Carried, doublings: int) -> str:
-    """Describe how far the start was carried along the network."""
     if way.reached == 0.0:
         return "not carried along the invertible network: no step of it could be certified"
     percent = np.floor(1000 * way.reached) / 10  # never rounded up to 100 %

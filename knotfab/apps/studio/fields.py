@@ -84,7 +84,8 @@ def _read_as_option(name: str, text: str) -> Value:
 def as_text(value: Any) -> Value:
     """Return a key's value as a field holds it: tuples as text, with commas or semicolons."""
     if not isinstance(value, tuple):
-        return value
+        held: Value = value
+        return held
     return (";" if isinstance(value[0], tuple) else ",").join(str(as_text(one)) for one in value)
 
 

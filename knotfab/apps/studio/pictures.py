@@ -128,7 +128,6 @@ def too_large(what: str, largest: int = LARGEST_BYTES) -> TooLargeError:
 
 
 def _check_pixels(data: bytes, what: str) -> None:
-    """Refuse a picture with too many pixels before it is decoded."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:

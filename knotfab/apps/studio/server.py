@@ -5,10 +5,11 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from collections.abc import AsyncIterator, Awaitable, Callable
-from functools import partial
-from typing import Annotated, Any
+from functools import cache, partial
+from inspect import isawaitable, signature
+from typing import Any, Literal, get_type_hints
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, ValidationError, create_model
 from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
 from starlette.middleware import Middleware
@@ -19,7 +20,6 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from knotfab.apps.studio import pages
 from knotfab.apps.studio.broadcast import Broadcast
-from knotfab.apps.studio.builds import Kind
 from knotfab.apps.studio.pages import RequestGuard
 from knotfab.apps.studio.pictures import (
     LARGEST_BYTES,
@@ -58,7 +58,7 @@ def make_app(studio: Broadcast, token: str, hosts: tuple[str, ...]) -> Starlette
             "/pictures/{name}.png": pages.show_picture,
             "/preview/{panel:int}.png": pages.show_panel,
         }
-        changing = {f"/api/{name}": partial(_call, call) for name, call in CALLS.items()}
+        changing = {f"/api/{name}": partial(_call, name) for name in CALLS}
         changing["/api/pictures"] = _add_picture
     app = Starlette(
         routes=[
@@ -114,17 +114,20 @@ async def _add_picture(request: Request) -> Response:
     return JSONResponse({"name": kept.name})
 
 
-async def _call(call: type[Call], request: Request) -> Response:
+async def _call(name: str, request: Request) -> Response:
+    act = CALLS[name]
     body = await _read_body(request, _LARGEST_JSON, "the call")
     try:
-        asked = call.model_validate_json(body or b"{}")
+        asked = _body_of(act).model_validate_json(body or b"{}")
     except ValidationError as error:
         found = error.errors(include_url=False, include_context=False, include_input=False)[0]
         where = ".".join(str(part)[:40] for part in found["loc"])
         why = found["msg"].replace("\n", " ")
         why = f"{where}: {why[:1].lower()}{why[1:]}" if where else why[:1].lower() + why[1:]
         raise InputError("the call", why, "Load the page again.") from error
-    return JSONResponse(await asked.do(request.app.state.studio))
+    studio, given = request.app.state.studio, dict(asked)
+    done = act(studio, given) if act is Studio.set else act(studio, **given)
+    return JSONResponse(await done if isawaitable(done) else {})
 
 
 async def _read_body(request: Request, largest: int, what: str) -> bytes:
@@ -179,104 +182,37 @@ async def _explain_http(_: Request, error: Exception) -> Response:
     return PlainTextResponse("The studio has nothing at this address.", code)
 
 
-_Name = Annotated[str, Field(max_length=200)]
+async def _add_text(studio: Studio, text: str) -> dict[str, Any]:
+    async with studio.adding:
+        font = str(studio.settings.values.get("font", "")) or None
+        kept = await asyncio.to_thread(keep_text, text, studio.picture_folder, font)
+        studio.add_picture(kept)
+    return {"name": kept.name}
 
 
-class Call(BaseModel):
-    """The JSON body of a call of the page; unknown keys are refused."""
-
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
-
-    async def do(self, studio: Studio) -> dict[str, Any]:
-        """Do what the call asks, and return the reply."""
-        raise NotImplementedError
-
-
-class _Text(Call):
-    text: str
-
-    async def do(self, studio: Studio) -> dict[str, Any]:
-        async with studio.adding:
-            font = str(studio.settings.values.get("font", "")) or None
-            kept = await asyncio.to_thread(keep_text, self.text, studio.picture_folder, font)
-            studio.add_picture(kept)
-        return {"name": kept.name}
-
-
-class _Choose(Call):
-    names: Annotated[tuple[_Name, ...], Field(strict=False)]
-    kind: Kind | None = None
-
-    async def do(self, studio: Studio) -> dict[str, Any]:
-        studio.choose(self.names, self.kind)
-        return {}
-
-
-class _Build(Call):
-    go_on: bool = False
-
-    async def do(self, studio: Studio) -> dict[str, Any]:
-        studio.press(self.go_on)
-        return {}
-
-
-class _Named(Call):
-    """A call on one picture or build."""
-
-    name: _Name
-
-
-def _of_name(act: Callable[[Studio, str], None]) -> type[Call]:
-    class Act(_Named):
-        async def do(self, studio: Studio) -> dict[str, Any]:
-            act(studio, self.name)
-            return {}
-
-    return Act
-
-
-class _Cut(_Named):
-    """Previews the cut of a subject; changes nothing."""
-
-    subject: str
-    keep: str = ""
-    drop: str = ""
-
-    async def do(self, studio: Studio) -> dict[str, Any]:
-        return await studio.cut(self.name, self.subject, self.keep, self.drop)
-
-
-class _Rename(_Named):
-    title: _Name
-
-    async def do(self, studio: Studio) -> dict[str, Any]:
-        studio.rename(self.name, self.title)
-        return {}
-
-
-class _Stop(Call):
-    async def do(self, studio: Studio) -> dict[str, Any]:
-        studio.stop()
-        return {}
-
-
-class _Settings(Call):
-    model_config = ConfigDict(extra="allow", strict=True)
-
-    async def do(self, studio: Studio) -> dict[str, Any]:
-        studio.set(self.model_extra or {})
-        return {}
-
-
-CALLS: dict[str, type[Call]] = {  # by their path below /api/
-    "text": _Text,
-    "choose": _Choose,
-    "settings": _Settings,
-    "cut": _Cut,
-    "build": _Build,
-    "stop": _Stop,
-    "open": _of_name(Studio.open_build),
-    "rename": _Rename,
-    "delete": _of_name(Studio.delete),
-    "remove": _of_name(Studio.remove_picture),
+# what the page may call below /api/; the keys of a call's body are the parameters
+CALLS: dict[str, Callable[..., Any]] = {
+    "text": _add_text,
+    "choose": Studio.choose,
+    "settings": Studio.set,
+    "cut": Studio.cut,
+    "build": Studio.press,
+    "stop": Studio.stop,
+    "open": Studio.open_build,
+    "rename": Studio.rename,
+    "delete": Studio.delete,
+    "remove": Studio.remove_picture,
 }
+
+
+@cache
+def _body_of(act: Callable[..., Any]) -> type[BaseModel]:
+    """Make the model of a call's JSON body from the parameters of what it does."""
+    hints, fields = get_type_hints(act), dict[str, Any]()
+    for name, parameter in [*signature(act).parameters.items()][1:]:
+        default = ... if parameter.default is parameter.empty else parameter.default
+        fields[name] = hints[name], default
+    extra: Literal["allow", "forbid"] = "forbid"
+    if act is Studio.set:  # its body is the settings themselves
+        fields, extra = {}, "allow"
+    return create_model(act.__name__, __config__=ConfigDict(extra=extra, strict=True), **fields)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -109,14 +109,12 @@ class Studio(Broadcast):
             sentence = sentence.replace(f"{folder}/", "")
         return in_page_words(sentence)
 
-    # ---- pictures
-
     def add_picture(self, picture: StudioPicture) -> None:
         """Add a picture and choose it, instead of the others or as a further view or frame."""
         self.pictures[picture.name] = picture
         self.choose([picture.name] if self.kind == "one" else [*self.chosen, picture.name])
 
-    def choose(self, names: Iterable[str], kind: Kind | None = None) -> None:
+    def choose(self, names: Sequence[str], kind: Kind | None = None) -> None:
         """Choose pictures in order, each for a view or a frame.
 
         Raises:
@@ -128,9 +126,8 @@ class Studio(Broadcast):
         names = names[:1] if kind == "one" else names
         for name in names:
             if name not in self.pictures:
-                raise InputError(
-                    f"the picture {name}", "there is none of that name", "Drop it again."
-                )
+                what = f"the picture {name[:80]}"
+                raise InputError(what, "there is none of that name", "Drop it again.")
         if len(names) > most:
             raise InputError(
                 "the pictures", f"there are {len(names)}", f"Take up to {most} {kind}."
@@ -148,7 +145,7 @@ class Studio(Broadcast):
         picture = self.pictures.get(name)
         if picture is None:
             raise InputError(
-                f"the picture {name}", "there is none of that name", "Load the page again."
+                f"the picture {name[:80]}", "there is none of that name", "Load the page again."
             )
         self.choose([other for other in self.chosen if other != name])
         del self.pictures[name]
@@ -158,8 +155,6 @@ class Studio(Broadcast):
                 with contextlib.suppress(OSError):
                     path.unlink(missing_ok=True)
         self.renew()
-
-    # ---- settings
 
     def set(self, given: Mapping[str, Any]) -> None:
         """Change settings; None or "" resets one. A wrong one is marked, and its old value stays.
@@ -182,9 +177,7 @@ class Studio(Broadcast):
         text = any(self.pictures[name].text for name in self.chosen)
         return self.settings.options(text, self.kind == "frames")
 
-    # ---- a subject
-
-    async def cut(self, name: str, subject: str, keep: str, drop: str) -> dict[str, Any]:
+    async def cut(self, name: str, subject: str, keep: str = "", drop: str = "") -> dict[str, Any]:
         """Cut the subject out of a photograph, and return the overlay that shows it.
 
         Raises:
@@ -205,8 +198,6 @@ class Studio(Broadcast):
                 "the subject", self.plain(error.why), self.plain(error.remedy)
             ) from error
         return {"over": data_uri(drawn, "image/png")}
-
-    # ---- the preview
 
     def renew(self) -> None:
         """Save the state, send it to all tabs, and make a new preview."""
@@ -251,8 +242,6 @@ class Studio(Broadcast):
 
     def _sources(self) -> list[str]:
         return [self.pictures[name].source(self.picture_folder) for name in self.chosen]
-
-    # ---- builds
 
     def _prepare(self) -> None:
         if self.warm and not self.builder.ended.is_set():
@@ -356,7 +345,6 @@ class Studio(Broadcast):
         self.tell_state()
 
     def _show(self, name: str) -> None:
-        """Set the status to that of an earlier build."""
         found, record = self.builds.describe(name), self.builds.records.get(name)
         self.current, self.scene, self.frame = name, None, None
         self.status = {
@@ -384,8 +372,6 @@ class Studio(Broadcast):
         self.keep()
         self.tell_state()
         asyncio.get_running_loop().create_task(asyncio.to_thread(self._prepare))
-
-    # ---- what a restart keeps
 
     def keep(self) -> None:
         """Save the state for a restart, if the disk has room."""

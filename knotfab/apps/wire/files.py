@@ -66,7 +66,6 @@ def require_bender(scene: ResolvedScene) -> None:
 
 
 def _change(bend: Bend, key: str) -> Bend:
-    """Change a bend's length, rotation or angle, in all keys that have it."""
     if key == "feed_mm":
         return replace(bend, feed_mm=bend.feed_mm + 1.0, distance_mm=bend.distance_mm + 1.0)
     if key == "rotation_deg":
@@ -114,7 +113,6 @@ def fill_template(
 
 
 def _told(bends: tuple[Bend, ...] | list[Bend], plan: str, wire: Material) -> Mapping[str, Any]:
-    """Return the placeholders of a template with their values."""
     turned = accumulate(bend.rotation_deg for bend in bends)
     rows = [
         {"index": k, **asdict(b), "arc_mm": b.radius_mm * radians(b.bend_deg), "turned_deg": t}

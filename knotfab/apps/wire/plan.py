@@ -227,9 +227,10 @@ def _weigh(length_mm: float, material: Material) -> float:
 
 
 def _choose_joint(wire: Wire, shadows: Sequence[PieceShadow]) -> tuple[int, bool]:
-    """Choose the straight to cut in the middle: the longest whose shadows hide a sleeve, or else the longest.
+    """Choose the straight to cut in its middle, and return whether a sleeve over the joint is hidden.
 
-    The sleeve is half a wire radius thicker than the wire. Returns also whether it is hidden.
+    It is the longest straight on which all shadows hide a sleeve 1.5 times as thick as the wire, or else the
+    longest of all.
     """
     following = np.roll(wire.entry, -1, axis=0)
     middle = 0.5 * (wire.exit + following)
@@ -264,7 +265,6 @@ def _write_header(
 
 
 def _list_facts(found: tuple[BentWire, ...], material: Material, tolerance: float) -> list[str]:
-    """Return the text lines of the templates' first page."""
     length = sum(k.length_mm for k in found)
     lines = [
         f"{material.name}: {material.wire_diameter_mm:g} mm wire, {length:.0f} mm in all, "

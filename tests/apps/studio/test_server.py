@@ -30,7 +30,7 @@ from starlette.websockets import WebSocketDisconnect
 
 from knotfab.apps.studio import broadcast, look, server, session
 from knotfab.apps.studio.pictures import LARGEST_BYTES
-from knotfab.apps.studio.server import make_app
+from knotfab.apps.studio.server import CALLS, make_app
 from knotfab.apps.studio.session import Studio
 from knotfab.knots import read_start
 from knotfab.pipeline.options import options_from
@@ -408,7 +408,7 @@ def test_what_nobody_foresaw_is_a_sentence_and_goes_to_a_file(
     def fail(*_: object) -> None:
         raise ZeroDivisionError("a mistake")
 
-    monkeypatch.setattr(Studio, "stop", fail)
+    monkeypatch.setitem(CALLS, "stop", fail)
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     monkeypatch.setattr("tempfile.tempdir", None)
     refuse(client.post("/api/stop", json={}), 500, "ZeroDivisionError")
