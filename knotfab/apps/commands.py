@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from knotfab.apps.compare.compare import Comparison
     from knotfab.apps.compare.fix import Fix
     from knotfab.apps.doctor import Finding
-    from knotfab.apps.tradeoff.run import Tradeoff
     from knotfab.design.readings import TriedReading
     from knotfab.design.survey import Survey
 
@@ -275,10 +274,8 @@ def _print_comparison(
         fix = {} if plan is None else {"fix": plan.to_dict()}
         print(codec.dumps({**found.to_dict(), "picture": str(picture), **fix}))
         return
-    print(
-        f"{tell_share(found.iou)} alike: {found.missing:.1%} of the picture is missing, "
-        f"{found.spilled:.1%} spilled."
-    )
+    lost = f"{found.missing:.1%} of the picture is missing, {found.spilled:.1%} spilled"
+    print(f"{tell_share(found.iou)} alike: {lost}.")
     if advice := advise(found):
         print(f"  {advice}")
     for line in () if plan is None else tell_fix(plan, found):
@@ -339,11 +336,8 @@ def tradeoff(
     from knotfab.picture.read import read_target
     from knotfab.pipeline.read_options import read_scene, read_seconds
 
-    for name, value, least in (
-        ("--repeats", repeats, 1),
-        ("--jobs", jobs, 1),
-        ("--combinations", combinations, 0),
-    ):
+    bounded = ("--repeats", repeats, 1), ("--jobs", jobs, 1), ("--combinations", combinations, 0)
+    for name, value, least in bounded:
         if not least <= value <= 10_000:
             raise InputError(f"{name} {value}", "it is out of bounds", f"Give {least} to 10000.")
     if not pictures:
@@ -356,6 +350,7 @@ def tradeoff(
         read_target(
             picture, chosen.views[0]
         )  # so that a file that is no picture is reported at once
+    from knotfab.apps.tradeoff.run import print_tradeoff
     from knotfab.apps.tradeoff.run import tradeoff as run
 
     with Progress("quiet" if quiet else "auto") as progress:
@@ -371,51 +366,8 @@ def tradeoff(
             combinations=combinations,
         )
     if not quiet:
-        _print_tradeoff(found)
+        print_tradeoff(found)
     return 0
-
-
-def _print_tradeoff(found: Tradeoff) -> None:
-    from rich.console import Console
-    from rich.markup import escape
-    from rich.table import Table
-
-    explored = found.explored
-    console = Console(highlight=False, soft_wrap=True)
-    table = Table(box=None, pad_edge=False, header_style="dim")
-    seconds = "CPU s" if found.explored.middle.clock == "cpu" else "s"
-    table.add_column("")
-    table.add_column("point", no_wrap=True, max_width=max(20, console.width - 60))
-    for column in ("IoU", "least", "px", "bend", "at 45°", seconds, "on"):
-        table.add_column(column, no_wrap=True, justify="right")
-    best = {m.point.settings for m in explored.front}
-    for m in sorted(explored.measured, key=lambda m: m.seconds):
-        one = m.over(explored.compared)
-        table.add_row(
-            "*" if m.point.settings in best else "",
-            escape(m.point.label),
-            f"{one.iou:.4f}" if one.feasible else "infeasible",
-            f"{one.least_iou:.4f}",
-            f"{one.outline_px:.2f}",
-            f"{one.curvature:.3f}",
-            "–" if one.legible is None else f"{one.legible:.2f}",
-            f"{one.seconds:.2f}",
-            str(len(one.runs)),
-        )
-    console.print(table)
-    if found.steps:
-        console.print("\nWhat the next step of each setting buys and costs:")
-    for step in found.steps:
-        console.print(f"  {escape(str(step))}")
-    radii = " to ".join(f"{r:.2f}" for r in sorted({min(found.radii_mm), max(found.radii_mm)}))
-    console.print(
-        "\n* nothing measured is both faster and better. px: 95 % of the outlines are no farther apart; "
-        "bend: mean curvature × tube radius; at 45°: how well it is read from there; "
-        "on: how many pictures.\n"
-        f"Tube radius {radii} mm; {escape(str(found.folder))}/tradeoff.html shows all of it"
-    )
-    if found.left_out:
-        console.print(escape(found.said_left_out()))
 
 
 def doctor(*, compile_: Annotated[Flag, Parameter(name="--compile")] = False) -> int:
@@ -442,9 +394,7 @@ def _print_findings(findings: Sequence[Finding]) -> None:
 
     console = Console(highlight=False, soft_wrap=True)
     for finding in findings:
-        console.print(
-            f"{_STATES[finding.status]:<20} {escape(finding.name)}: {escape(finding.detail)}",
-            soft_wrap=True,
-        )
+        name, detail = escape(finding.name), escape(finding.detail)
+        console.print(f"{_STATES[finding.status]:<20} {name}: {detail}")
         if finding.remedy and finding.status != "ok":
-            console.print(f"        {escape(finding.remedy)}", soft_wrap=True)
+            console.print(f"        {escape(finding.remedy)}")

@@ -1,4 +1,4 @@
-"""`knotfab tradeoff`: measure pictures, and write tradeoff.json, tradeoff.png and tradeoff.html."""
+"""`knotfab tradeoff`: measure pictures, write tradeoff.json, .png and .html, and print a table."""
 
 from __future__ import annotations
 
@@ -245,3 +245,47 @@ def list_rows(explored: Explored) -> list[dict[str, Any]]:
 
     rows = [row(m) for m in explored.measured]
     return sorted(rows, key=lambda r: r["knob"] != PRESET)
+
+
+def print_tradeoff(found: Tradeoff) -> None:
+    """Print a table of the points, fastest first, and what each step of a knob buys."""
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Table
+
+    explored = found.explored
+    console = Console(highlight=False, soft_wrap=True)
+    table = Table(box=None, pad_edge=False, header_style="dim")
+    seconds = "CPU s" if found.explored.middle.clock == "cpu" else "s"
+    table.add_column("")
+    table.add_column("point", no_wrap=True, max_width=max(20, console.width - 60))
+    for column in ("IoU", "least", "px", "bend", "at 45°", seconds, "on"):
+        table.add_column(column, no_wrap=True, justify="right")
+    best = {m.point.settings for m in explored.front}
+    for m in sorted(explored.measured, key=lambda m: m.seconds):
+        one = m.over(explored.compared)
+        table.add_row(
+            "*" if m.point.settings in best else "",
+            escape(m.point.label),
+            f"{one.iou:.4f}" if one.feasible else "infeasible",
+            f"{one.least_iou:.4f}",
+            f"{one.outline_px:.2f}",
+            f"{one.curvature:.3f}",
+            "–" if one.legible is None else f"{one.legible:.2f}",
+            f"{one.seconds:.2f}",
+            str(len(one.runs)),
+        )
+    console.print(table)
+    if found.steps:
+        console.print("\nWhat the next step of each setting buys and costs:")
+    for step in found.steps:
+        console.print(f"  {escape(str(step))}")
+    radii = " to ".join(f"{r:.2f}" for r in sorted({min(found.radii_mm), max(found.radii_mm)}))
+    console.print(
+        "\n* nothing measured is both faster and better. px: 95 % of the outlines are no farther apart; "
+        "bend: mean curvature × tube radius; at 45°: how well it is read from there; "
+        "on: how many pictures.\n"
+        f"Tube radius {radii} mm; {escape(str(found.folder))}/tradeoff.html shows all of it"
+    )
+    if found.left_out:
+        console.print(escape(found.said_left_out()))

@@ -66,7 +66,6 @@ def _first_corners(points: Array, scaled: Array, tolerance: float) -> Indices:
 
 def fit_wires(
     curves: list[Array],
-    light: Array | None,
     limits: FitLimits,
     pictures: Sequence[GridLikeness] = (),
 ) -> list[Wire]:
@@ -79,64 +78,58 @@ def fit_wires(
 
     Args:
         curves: (n, 3) each, mm.
-        light: (3,) the point light of a single view; None with several views: all directions count alike.
         pictures: the pictures whose likeness is maximised, within the tolerance.
     """
     strands = []
     for curve in curves:
         points = sample_evenly(curve, _STEP_MM, at_most=True)
-        scaled = _flatten_depth(points, light)
+        scaled = points
+        if limits.light is not None:  # flattened along its axis, so that depth counts less
+            axis = limits.light / np.linalg.norm(limits.light)
+            scaled = points - (1.0 - 1.0 / DEPTH_FACTOR) * (points @ axis)[:, None] * axis
         index = _first_corners(points, scaled, _CHORDS * limits.tolerance_mm)
         if len(index) < 3:
             index = np.arange(3) * (len(points) // 3)
         tolerance = np.full(len(points), limits.tolerance_mm)
         strands.append(Strand(points, scaled, points[index].copy(), index, tolerance))
-    best, since = measure_fault(strands, light, limits), 0
+    best, since = measure_fault(strands, limits), 0
     kept = [(s.corners, s.index) for s in strands]
     for number in range(_ROUNDS):
-        adjust(strands, light, limits, 15 if number == 0 else 8)
-        fault, since = measure_fault(strands, light, limits), since + 1
+        adjust(strands, limits, 15 if number == 0 else 8)
+        fault, since = measure_fault(strands, limits), since + 1
         if number == 0 or fault < best:
             best, since = fault, 0
             kept = [(s.corners, s.index) for s in strands]
         for strand in strands:
             _match_corners(strand, limits)
-        revised = [_revise(s, light, limits, number % 2 == 1) for s in strands]
+        revised = [_revise(s, limits, number % 2 == 1) for s in strands]
         if not any(revised) or since >= 5 or limits.work.over:  # rounds without a better one
             break
     for strand, (corners, index) in zip(strands, kept, strict=True):
         strand.corners, strand.index = corners, index
         _match_corners(strand, limits)
-    prune(strands, light, limits, _PRUNINGS)
+    prune(strands, limits, _PRUNINGS)
     if pictures:
-        prune(strands, light, limits, _PRUNINGS, pictures)
-    pruned, worst = [s.corners for s in strands], measure_worst(strands, light, limits)
+        prune(strands, limits, _PRUNINGS, pictures)
+    pruned, worst = [s.corners for s in strands], measure_worst(strands, limits)
     # move towards the pictures as far as the limits allow
-    adjust(strands, light, limits, 20, pictures)
+    adjust(strands, limits, 20, pictures)
     level = [s.corners for s in strands]
     for share in (1.0, 0.7, 0.4, 0.2, 0.0):
         for strand, corners, aim in zip(strands, pruned, level, strict=True):
             strand.corners = corners + share * (aim - corners)
-        if (measure_worst(strands, light, limits) <= worst).all():
+        if (measure_worst(strands, limits) <= worst).all():
             break
     return [round_corners(s.corners, limits.bend_radius_mm) for s in strands]
 
 
-def _flatten_depth(points: Array, light: Array | None) -> Array:
-    """Flatten a curve along the light's axis, so that depth counts less in plain distances."""
-    if light is None:
-        return points
-    axis = light / np.linalg.norm(light)
-    return np.asarray(points - (1.0 - 1.0 / DEPTH_FACTOR) * (points @ axis)[:, None] * axis)
-
-
-def _revise(strand: Strand, light: Array | None, limits: FitLimits, merging: bool) -> bool:
+def _revise(strand: Strand, limits: FitLimits, merging: bool) -> bool:
     """Add corners where the wire is too far off and, if `merging`, merge those with too short a straight.
 
     Returns whether anything changed.
     """
     wire = round_corners(strand.corners, limits.bend_radius_mm)
-    sites, size = measure_distances(strand, wire, light)
+    sites, size = measure_distances(strand, wire, limits.light)
     m, n = len(strand.corners), len(strand.points)
     turn = np.rad2deg(wire.turn)
     needed = 2.0 * limits.min_straight_mm
@@ -211,7 +204,6 @@ _HIGHEST = 8.0  # tolerances by which a removed corner may stand out from its ne
 
 def prune(
     strands: list[Strand],
-    light: Array | None,
     limits: FitLimits,
     rounds: int,
     pictures: Sequence[GridLikeness] = (),
@@ -224,12 +216,12 @@ def prune(
     """
     barred = [np.zeros(len(s.corners), dtype=bool) for s in strands]
     count = sum(len(s.corners) for s in strands)
-    worst = measure_worst(strands, light, limits)
+    worst = measure_worst(strands, limits)
     if (worst > 0.1).any():
         return 0
     for _ in range(rounds):
         before = [(s.corners, s.index) for s in strands]
-        gone = [_choose_flattest(s, b, light, limits) for s, b in zip(strands, barred, strict=True)]
+        gone = [_choose_flattest(s, b, limits) for s, b in zip(strands, barred, strict=True)]
         if not any(g.any() for g in gone) or limits.work.over:
             break
         asked = [g.copy() for g in gone]
@@ -237,8 +229,8 @@ def prune(
             strand.corners, strand.index = strand.corners[~g], strand.index[~g]
         for number in range(len(_NEAR) + 1):
             if number < _ADJUSTED:
-                adjust(strands, light, limits, _STEPS, pictures)
-            misses = measure_misses(strands, light, limits)
+                adjust(strands, limits, _STEPS, pictures)
+            misses = measure_misses(strands, limits)
             bad = [np.asarray((m > worst).any(axis=1)) for m in misses]
             if not any(b.any() for b in bad):
                 break
@@ -252,7 +244,7 @@ def prune(
     return count - sum(len(s.corners) for s in strands)
 
 
-def _choose_flattest(strand: Strand, barred: Mask, light: Array | None, limits: FitLimits) -> Mask:
+def _choose_flattest(strand: Strand, barred: Mask, limits: FitLimits) -> Mask:
     """Choose corners (m,) to remove together: those that stand out least from their neighbours' chord."""
     corners, m = strand.corners, len(strand.corners)
     chosen, free = np.zeros(m, dtype=bool), ~barred
@@ -263,7 +255,7 @@ def _choose_flattest(strand: Strand, barred: Mask, light: Array | None, limits: 
     size = np.maximum((chord * chord).sum(axis=1), 1e-18)
     share = np.clip(((corners - first) * chord).sum(axis=1) / size, 0.0, 1.0)
     foot = first + share[:, None] * chord
-    height = np.linalg.norm(weigh_depth(corners - foot, corners, light), axis=1)
+    height = np.linalg.norm(weigh_depth(corners - foot, corners, limits.light), axis=1)
     for j in np.argsort(height):
         if free[j] and height[j] <= _HIGHEST * limits.tolerance_mm:
             chosen[j] = True
@@ -296,7 +288,6 @@ ROUNDING = 0.01  # mm or degrees by which a limit may be missed without fault
 
 def adjust(
     strands: list[Strand],
-    light: Array | None,
     limits: FitLimits,
     steps: int,
     pictures: Sequence[GridLikeness] = (),
@@ -310,10 +301,8 @@ def adjust(
     for number in range(steps):
         corners = [s.corners for s in strands]
         if number % 3 == 0 and not pictures:
-            _reweight(strands, weights, light, limits)
-        residual, jacobian = compute_residual(
-            strands, corners, weights, light, limits, True, pictures
-        )
+            _reweight(strands, weights, limits)
+        residual, jacobian = compute_residual(strands, corners, weights, limits, True, pictures)
         assert jacobian is not None
         normal, slope = (jacobian.T @ jacobian).tocsc(), jacobian.T @ residual
         size, cost = normal.diagonal().mean(), float(residual @ residual)
@@ -327,7 +316,7 @@ def adjust(
                 move = step[begun : begun + 3 * len(strand.corners)].reshape(-1, 3)
                 begun += 3 * len(strand.corners)
                 tried.append(strand.corners + move)
-            after, _ = compute_residual(strands, tried, weights, light, limits, False, pictures)
+            after, _ = compute_residual(strands, tried, weights, limits, False, pictures)
             if np.isfinite(after).all() and float(after @ after) < cost:
                 for strand, moved in zip(strands, tried, strict=True):
                     strand.corners = moved
@@ -336,18 +325,16 @@ def adjust(
             damping *= 5.0
 
 
-def _reweight(
-    strands: list[Strand], weights: list[Array], light: Array | None, limits: FitLimits
-) -> None:
+def _reweight(strands: list[Strand], weights: list[Array], limits: FitLimits) -> None:
     """Raise the weights where distances are large, to minimise the largest one (Lawson 1961)."""
     for number, strand in enumerate(strands):
         wire = round_corners(strand.corners, limits.bend_radius_mm)
-        _, size = measure_distances(strand, wire, light)
+        _, size = measure_distances(strand, wire, limits.light)
         weight = weights[number] * np.sqrt(0.05 + np.minimum(size, 3.0))
         weights[number] = np.clip(weight / weight.mean(), 0.05, 20.0)
 
 
-def measure_misses(strands: list[Strand], light: Array | None, limits: FitLimits) -> list[Array]:
+def measure_misses(strands: list[Strand], limits: FitLimits) -> list[Array]:
     """Measure by how much each piece of each strand misses each limit, (m, 4); negative where it is kept.
 
     The columns: distance beyond the tolerance (as a share of it), length that the straight lacks (mm),
@@ -356,10 +343,10 @@ def measure_misses(strands: list[Strand], light: Array | None, limits: FitLimits
     wires = [round_corners(s.corners, limits.bend_radius_mm) for s in strands]
     found = []
     for strand, wire, gap in zip(strands, wires, measure_gaps(wires, limits), strict=True):
-        sites, size = measure_distances(strand, wire, light)
+        sites, size = measure_distances(strand, wire, limits.light)
         far = np.full(len(wire.corners), -1.0)
         np.maximum.at(far, sites.piece, size - 1.0)
-        sites, offset, _ = measure_strays(strand, wire, light, limits)
+        sites, offset, _ = measure_strays(strand, wire, limits)
         np.maximum.at(far, sites.piece, np.linalg.norm(offset, axis=1) - 1.0)
         short = limits.min_straight_mm - wire.straight
         sharp = np.rad2deg(wire.turn) - limits.max_bend_deg
@@ -367,14 +354,14 @@ def measure_misses(strands: list[Strand], light: Array | None, limits: FitLimits
     return found
 
 
-def measure_worst(strands: list[Strand], light: Array | None, limits: FitLimits) -> Array:
+def measure_worst(strands: list[Strand], limits: FitLimits) -> Array:
     """Return by how much each limit is missed at worst, (4,) as in `measure_misses`; 0 where it is kept."""
-    return np.asarray(np.vstack(measure_misses(strands, light, limits)).max(axis=0).clip(0.0))
+    return np.asarray(np.vstack(measure_misses(strands, limits)).max(axis=0).clip(0.0))
 
 
-def measure_fault(strands: list[Strand], light: Array | None, limits: FitLimits) -> Fault:
+def measure_fault(strands: list[Strand], limits: FitLimits) -> Fault:
     """Rank a fit, lower is better: by all limits missed, then by those of the bender, then by its bends."""
-    excess, *rest = measure_worst(strands, light, limits)
+    excess, *rest = measure_worst(strands, limits)
     late = max(rest) if max(rest) > ROUNDING else 0.0
     bends = sum(len(s.corners) for s in strands)
     return round(float(late + excess), 2), round(float(late), 2), float(bends)

@@ -163,9 +163,10 @@ def _fit(
             material.max_bend_deg,
             material.wire_diameter_mm,
             share * judge.tolerance,
+            light,
             work,
         )
-        wires = fit_wires(judge.curves, light, limits, likenesses)
+        wires = fit_wires(judge.curves, limits, likenesses)
         joints = [_choose_joint(wire, shadows) for wire in wires]
         rows = [
             list_bends(wire, cut, material.springback_percent)

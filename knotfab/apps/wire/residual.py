@@ -66,6 +66,7 @@ class FitLimits:
     max_bend_deg: float
     wire_diameter_mm: float
     tolerance_mm: float
+    light: Array | None = None  # (3,) of a single view; with several, all directions count alike
     work: Work = field(default_factory=Work)
 
 
@@ -103,9 +104,7 @@ def measure_distances(strand: Strand, wire: Wire, light: Array | None) -> tuple[
     return sites, np.asarray(np.linalg.norm(gap, axis=1) / strand.tolerance)
 
 
-def measure_strays(
-    strand: Strand, wire: Wire, light: Array | None, limits: FitLimits
-) -> tuple[WireSites, Array, Array]:
+def measure_strays(strand: Strand, wire: Wire, limits: FitLimits) -> tuple[WireSites, Array, Array]:
     """Measure how far the wire strays from the curve, as it may in a turn.
 
     This is the opposite direction to `measure_distances`, which starts from the curve.
@@ -130,7 +129,7 @@ def measure_strays(
     # the foot on the curve may lie between its points
     share = (gap * along).sum(axis=1) / np.maximum((along * along).sum(axis=1), 1e-18)
     gap = gap - np.clip(share, -0.25, 0.25)[:, None] * along
-    metric = _make_metric(curve, np.zeros_like(curve), light)
+    metric = _make_metric(curve, np.zeros_like(curve), limits.light)
     metric = metric / strand.tolerance[near][:, None, None]
     return sites, np.einsum("kij,kj->ki", metric, gap), metric
 
@@ -139,7 +138,6 @@ def compute_residual(
     strands: list[Strand],
     corners: list[Array],
     weights: list[Array],
-    light: Array | None,
     limits: FitLimits,
     with_jacobian: bool,
     pictures: Sequence[GridLikeness] = (),
@@ -159,7 +157,7 @@ def compute_residual(
         along = wire.tangent(sites)
         scale = np.sqrt(weights[number]) / strand.tolerance
         # sliding along the wire costs nothing
-        metric = _make_metric(strand.points, along, light) * scale[:, None, None]
+        metric = _make_metric(strand.points, along, limits.light) * scale[:, None, None]
         gap = wire.at(sites) - strand.points
         offset = np.einsum("kij,kj->ki", metric, gap)
         if pictures:
@@ -173,7 +171,7 @@ def compute_residual(
             rows.append(_put_in_columns(_join_blocks(metric) @ jacobian, offsets, number))
             push = sparse.diags(np.where(late, -_STIFF_STRAIGHT, 0.0)) @ straights
             rows.append(_put_in_columns(push, offsets, number))
-        sites, offset, metric = measure_strays(strand, wire, light, limits)
+        sites, offset, metric = measure_strays(strand, wire, limits)
         offset, metric = _weigh_excess(offset, metric)
         residuals.append(offset.ravel())
         if with_jacobian:

@@ -13,11 +13,10 @@ from fake_runs import FakeRunner, FakeStudy
 from PIL import Image, ImageDraw
 from shapely import MultiPolygon
 
-from knotfab.apps.commands import _print_tradeoff
 from knotfab.apps.tradeoff.bench import WantedRun, list_rungs, run_all
 from knotfab.apps.tradeoff.measure import Study, facet_error_px, outline_error_px
 from knotfab.apps.tradeoff.points import PRESET, Point, frontier, list_points
-from knotfab.apps.tradeoff.run import JOURNAL, Tradeoff, measure_tradeoff, tradeoff
+from knotfab.apps.tradeoff.run import JOURNAL, Tradeoff, measure_tradeoff, print_tradeoff, tradeoff
 from knotfab.base.errors import MachineError, SceneError
 from knotfab.base.progress import Progress
 from knotfab.geometry.tube import sweep
@@ -242,7 +241,7 @@ def test_the_table_says_what_steps_buy_and_what_is_missing(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     found = _measure(tmp_path, FakeRunner(), _pictures(), limit_s=505.0)
-    _print_tradeoff(found)
+    print_tradeoff(found)
     said = capsys.readouterr().out
     assert found.steps and all(str(step) in said for step in found.steps)
     assert found.said_left_out() in said

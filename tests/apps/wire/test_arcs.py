@@ -212,7 +212,7 @@ def make_knotted(count: int = 600) -> np.ndarray:
 @pytest.mark.parametrize("tolerance", [0.475, 0.2])
 def test_a_circle_takes_as_few_bends_as_it_needs(tolerance: float) -> None:
     circle = ring(12.0, n=320, wave=0.0)
-    (wire,) = fit_wires([circle], None, replace(LIMITS, tolerance_mm=tolerance))
+    (wire,) = fit_wires([circle], replace(LIMITS, tolerance_mm=tolerance))
     # corners that stand out as far as the chords lie within: at least pi / sqrt(4 t / (R - r))
     least = np.pi / np.sqrt(4 * tolerance / 10)
     assert least <= len(wire.corners) <= 1.6 * least
@@ -223,7 +223,7 @@ def test_a_circle_takes_as_few_bends_as_it_needs(tolerance: float) -> None:
 @pytest.mark.slow
 def test_a_trefoil_is_bent_within_all_limits() -> None:
     curve, light = make_knotted(), np.array([0, 0, 500.0])
-    (wire,) = fit_wires([curve], light, LIMITS)
+    (wire,) = fit_wires([curve], replace(LIMITS, light=light))
     assert wire.straight.min() >= 2.0 - 0.01 and np.rad2deg(wire.turn.max()) <= 160
     line, _ = replay(list_bends(wire, 0, 0.0))
     found = measure_deviation(curve, line[:-1], [light])
@@ -245,7 +245,7 @@ def test_hairpins_become_two_bends() -> None:
             np.column_stack([-3 * np.sin(arc), 3 * np.cos(arc), 0 * arc]),
         ]
     )
-    (wire,) = fit_wires([curve], None, LIMITS)
+    (wire,) = fit_wires([curve], LIMITS)
     assert 4 <= len(wire.corners) <= 8 and wire.straight.min() >= 1.99
     line, _ = replay(list_bends(wire, 0, 0.0))
     assert measure_deviation(curve, line[:-1], []).largest <= 0.6

@@ -34,15 +34,13 @@ def wavy(radius: float) -> Array:
 def test_strands_side_by_side_cost_few_more_bends() -> None:
     """0.18 mm of air between them: less than straights and bends need within the tolerance."""
     curves = [wavy(13.0), wavy(15.3)]
-    limits = FitLimits(2.0, 2.0, 160.0, 2.0, 0.475)
-    wires = fit_wires(curves, np.array([0.0, 0.0, 500.0]), limits)
+    limits = FitLimits(2.0, 2.0, 160.0, 2.0, 0.475, LIGHT)
+    wires = fit_wires(curves, limits)
     fine = [wire.at(space_sites(wire, 0.2)[0]) for wire in wires]
     assert 2.0 < measure_least_distance(curves, 2.0) < 2.2
     assert measure_least_distance(fine, 2.0) >= 2.0 - 0.01
     # alone, pruning goes farther: what it takes from strands side by side must keep them apart too
-    alone = [
-        len(fit_wires([curve], np.array([0.0, 0.0, 500.0]), limits)[0].corners) for curve in curves
-    ]
+    alone = [len(fit_wires([curve], limits)[0].corners) for curve in curves]
     assert sum(len(wire.corners) for wire in wires) <= 1.2 * sum(alone)
 
 
@@ -51,8 +49,8 @@ LIGHT = np.array([0.0, 0.0, 500.0])
 
 def test_a_fit_ends_with_its_work_and_says_so() -> None:
     def fit(work: Work) -> Array:
-        limits = FitLimits(2.0, 2.0, 160.0, 2.0, 0.1, work)
-        return fit_wires([wavy(13.0)], LIGHT, limits)[0].corners
+        limits = FitLimits(2.0, 2.0, 160.0, 2.0, 0.1, LIGHT, work)
+        return fit_wires([wavy(13.0)], limits)[0].corners
 
     few, again, late = Work(points=3000), Work(points=3000), Work(ends=0.0)
     assert np.array_equal(fit(few), fit(again))  # counted, not timed
@@ -86,19 +84,19 @@ def test_gaps_are_those_of_all_pairs_of_places() -> None:
 def test_corners_that_nothing_asks_for_are_taken_out() -> None:
     t = np.linspace(0, 2 * np.pi, 320, endpoint=False)
     circle = np.column_stack([30 * np.cos(t), 30 * np.sin(t), 4 * np.sin(2 * t)])
-    limits = FitLimits(2.0, 2.0, 160.0, 2.0, 0.6)
+    limits = FitLimits(2.0, 2.0, 160.0, 2.0, 0.6, LIGHT)
     strand = make_strand(circle, 8, limits.tolerance_mm)
-    gone = prune([strand], LIGHT, limits, 12)
+    gone = prune([strand], limits, 12)
     assert len(strand.corners) == len(strand.index) == 40 - gone
     # a corner for every chord that a circle of this size allows, and a half more
     assert len(strand.corners) <= 1.5 * np.pi / np.sqrt(4 * 0.6 / 28)
-    assert measure_fault([strand], LIGHT, limits)[0] == 0.0
+    assert measure_fault([strand], limits)[0] == 0.0
     # where there is no room for fewer all are left, each in its place
-    tight = FitLimits(2.0, 2.0, 160.0, 2.0, 0.02)
+    tight = FitLimits(2.0, 2.0, 160.0, 2.0, 0.02, LIGHT)
     kept = make_strand(circle, 8, tight.tolerance_mm)
-    before, fault = kept.corners.copy(), measure_fault([kept], LIGHT, tight)
-    assert prune([kept], LIGHT, tight, 1) == 0
-    assert measure_fault([kept], LIGHT, tight) <= fault and kept.corners.shape == before.shape
+    before, fault = kept.corners.copy(), measure_fault([kept], tight)
+    assert prune([kept], tight, 1) == 0
+    assert measure_fault([kept], tight) <= fault and kept.corners.shape == before.shape
 
 
 @pytest.mark.parametrize("shift", [1.96, 1.995])
@@ -111,35 +109,35 @@ def test_a_limit_that_is_missed_loosens_no_other(
     """
     t = np.linspace(0, 2 * np.pi, 180, endpoint=False)
     ring = np.column_stack([np.cos(t), np.sin(t), 0 * t])
-    limits = FitLimits(1.0, 0.5, 160.0, 2.0, 0.6)
+    limits = FitLimits(1.0, 0.5, 160.0, 2.0, 0.6, LIGHT)
     strands = [make_strand(14 * ring, 2, 0.6), make_strand(18 * ring - [shift, 0, 0], 2, 0.6)]
     wires = [round_corners(s.corners, 1.0) for s in strands]
     _, size = measure_distances(strands[1], wires[1], LIGHT)
     strands[1].tolerance[91] *= size[91] / 1.05
-    before = measure_worst(strands, LIGHT, limits)
+    before = measure_worst(strands, limits)
     assert before == pytest.approx([0.05, 0, 0, 0])
     assert measure_gaps(wires, limits)[1].min() < 2.05
     # nothing pushes the strands apart again: a corner that the outer one loses brings it nearer
     monkeypatch.setattr("knotfab.apps.wire.fit.adjust", lambda *_: None)
-    assert prune(strands, LIGHT, limits, 12) > 120
-    assert (measure_worst(strands, LIGHT, limits) <= before).all()
+    assert prune(strands, limits, 12) > 120
+    assert (measure_worst(strands, limits) <= before).all()
 
 
 def test_a_wire_that_reaches_too_far_misses_the_tolerance() -> None:
     """A turn that is drawn out beyond its curve leaves no point of the curve far from the wire."""
     t = np.linspace(0, 2 * np.pi, 240, endpoint=False)
     oval = np.column_stack([30 * np.cos(t), 4 * np.sin(t), 0 * t])
-    limits = FitLimits(1.0, 0.5, 160.0, 2.0, 1.0)
+    limits = FitLimits(1.0, 0.5, 160.0, 2.0, 1.0, LIGHT)
     strand = make_strand(oval, 10, 1.0)
-    assert (measure_worst([strand], LIGHT, limits)[0]) < 0.2
+    assert (measure_worst([strand], limits)[0]) < 0.2
     strand.corners[[-2, -1, 0, 1, 2]] += [4.0, 0, 0]
     wire = round_corners(strand.corners, 1.0)
     fine = wire.at(space_sites(wire, 0.05)[0])
     truth = np.linalg.norm(fine[:, None] - oval, axis=-1).min(axis=1).max()
-    _, offset, _ = measure_strays(strand, wire, LIGHT, limits)
+    _, offset, _ = measure_strays(strand, wire, limits)
     assert np.linalg.norm(offset, axis=1).max() == pytest.approx(truth, rel=0.03)
     assert measure_distances(strand, wire, LIGHT)[1].max() < 0.8 * truth
-    assert measure_worst([strand], LIGHT, limits)[0] == pytest.approx(truth - 1.0, rel=0.05)
+    assert measure_worst([strand], limits)[0] == pytest.approx(truth - 1.0, rel=0.05)
 
 
 # The residuals of a wire's shadow beside a picture: an area, with the slopes of finite
@@ -206,8 +204,8 @@ def test_a_wire_moves_to_where_it_draws_its_picture() -> None:
     geometry = look()
     # the picture's ring is 0.4 mm larger than the one that is followed
     picture = picture_of(1.033 * ring, geometry)
-    limits = FitLimits(2.0, 2.0, 160.0, 2.0, 0.9)
-    plain, shown = (fit_wires([ring], geometry.light, limits, pictures=p) for p in ((), (picture,)))
+    limits = FitLimits(2.0, 2.0, 160.0, 2.0, 0.9, geometry.light)
+    plain, shown = (fit_wires([ring], limits, pictures=p) for p in ((), (picture,)))
     before, after = ((picture.residual(w, False)[0] ** 2).sum() for w in (plain, shown))
     assert after < 0.95 * before
     assert len(shown[0].corners) <= len(plain[0].corners)
