@@ -1,4 +1,4 @@
-"""Independent checks: written files are read from disk and measured anew.
+"""Independent checks, which read the written files from disk and measure them anew.
 
     from knotfab_validators import validate
     verdict = validate("part.stl", "knots.json", "scene.toml")
@@ -25,14 +25,14 @@ _HOME["validate"] = f"{__name__}.validate"
 
 
 def __getattr__(name: str) -> Any:
-    """Return the public names, from their modules (PEP 562)."""
+    """Import a public name from its module when it is first asked for (PEP 562)."""
     if name not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(importlib.import_module(_HOME[name]), name)
 
 
 class _Package(ModuleType):
-    """Keeps `validate` the function: importing the module of that name would put itself there."""
+    """Keeps `validate` the function: importing the module of that name would replace it."""
 
     def __setattr__(self, name: str, value: object) -> None:
         if name == "validate" and isinstance(value, ModuleType):

@@ -1,4 +1,4 @@
-"""The kinds of array that all modules speak of."""
+"""Array types that all modules share, and the compiler of their loops."""
 
 from __future__ import annotations
 
@@ -16,26 +16,28 @@ Ints = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 
-# Loops compiled by numba: once on a machine, kept on disk where there is a place to write.
+# Loops compiled by numba: once on a machine, and cached on disk where a place is writable.
 
 
 _In = ParamSpec("_In")
 _Out = TypeVar("_Out")
-_ROOM_BYTES = 16_000_000  # all loops of both packages take a third of it
+_ROOM_BYTES = (
+    16_000_000  # free bytes needed to cache; all loops of both packages take a third of it
+)
 
 
 def compiled(function: Callable[_In, _Out]) -> Callable[_In, _Out]:
-    """Compile a function of arrays and numbers when it is first called.
+    """Compile a function of arrays and numbers with numba, on its first call.
 
-    Floating point is that of IEEE, in the order that is written, and a division by zero gives what it gives
-    in numpy. What is compiled is kept beside the source, or else in NUMBA_CACHE_DIR or the user's
-    cache; where none of these can be written, or the disk is full, it is compiled anew in each process.
+    Floating point follows IEEE in the order written; division by zero gives what it gives in numpy. The
+    machine code is cached beside the source, in NUMBA_CACHE_DIR or in the user's cache. Where none of these
+    can be written, or the disk is full, every process compiles anew.
     """
     try:
         loop = numba.njit(cache=True, nogil=True, error_model="numpy")(function)
         if not _has_room(loop):
             raise RuntimeError("the disk is full")
-    except RuntimeError:  # no place for the cache
+    except RuntimeError:  # no writable place for the cache
         loop = numba.njit(nogil=True, error_model="numpy")(function)
     return cast("Callable[_In, _Out]", loop)
 

@@ -1,4 +1,4 @@
-"""One check: what was measured, what the limit is, and whether it holds."""
+"""A check: what was measured, the limit, and whether it holds."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ import numpy as np
 from knotfab_formats.verdict import Check, Place, Status
 from knotfab_validators.arrays import Array, Ints
 
-MOST_PLACES = 20  # places of one check; a picture with more of them shows nothing
+MOST_PLACES = 20  # places listed for one check; a picture with more marks shows nothing
 MOST_COMPARED = 2000
 
 
@@ -35,7 +35,7 @@ def at_least(
     tolerance: float = 0.0,
     at: Iterable[Sequence[float] | Array] = (),
 ) -> Check:
-    """Make a check that passes if `measured` >= `limit` - `tolerance`, or without a limit; NaN fails.
+    """Make a check that passes if `measured` >= `limit` - `tolerance`, or if there is no limit. NaN fails.
 
     `tolerance` is for the rounding of what was written, in `unit`; it is no part of the limit.
     """
@@ -54,7 +54,7 @@ def at_most(
     tolerance: float = 0.0,
     at: Iterable[Sequence[float] | Array] = (),
 ) -> Check:
-    """Make a check that passes if `measured` <= `limit` + `tolerance`, or without a limit; NaN fails."""
+    """Make a check that passes if `measured` <= `limit` + `tolerance`, or if there is no limit. NaN fails."""
     holds = measured == measured and (limit is None or measured <= limit + tolerance)
     return _judge(name, holds, required, measured, limit, unit, detail, at)
 
@@ -74,7 +74,7 @@ def _judge(
     detail: str,
     at: Iterable[Sequence[float] | Array],
 ) -> Check:
-    """`measured` and `limit` become Python floats, so that JSON can be written from them."""
+    """Make the check; numbers become Python floats, so that JSON can be written from them."""
     bound = None if limit is None else float(limit)
     value = float(measured) + 0.0  # -0.0 reads oddly
     status: Status = "pass" if holds else "fail"
@@ -87,14 +87,14 @@ def places(points: Iterable[Sequence[float] | Array]) -> tuple[Place, ...]:
 
 
 def spot(point: Sequence[float] | Array) -> str:
-    """Return a place (3,), mm, as it stands in a sentence."""
+    """Write a point (3,), mm, as it stands in a sentence."""
     return f"({point[0]:.2f}, {point[1]:.2f}, {point[2]:.2f}) mm"
 
 
 def rescale(check: Check, share: float) -> Check:
-    """Return the same check with its places, those in its sentence too, at `share` of their coordinates.
+    """Scale the places of a check, and those in its sentence, by `share`.
 
-    Not in its sentence where that says that they are those of the scene.
+    A sentence whose places are the scene's stays as it is.
     """
 
     def place(found: re.Match[str]) -> str:
@@ -105,9 +105,10 @@ def rescale(check: Check, share: float) -> Check:
 
 
 def worst_apart(values: Array, points: Array, apart: float, above: float) -> Ints:
-    """Return the number of the largest value (or of a NaN), then of others `above`, worst first.
+    """Return the indices of the worst values above a limit, worst first; NaN is worst of all.
 
-    Of `points` (n, 3) nearer than `apart` to each other only the worst is named.
+    The largest value is always among them. Of `points` (n, 3) nearer than `apart` to each other only the
+    worst is named.
     """
     order = np.argsort(-np.where(np.isnan(values), np.inf, values), kind="stable")
     kept = [int(order[0])]
@@ -119,7 +120,7 @@ def worst_apart(values: Array, points: Array, apart: float, above: float) -> Int
     return np.array(kept, dtype=np.int64)
 
 
-# The cost of each stage, in seconds.
+# Seconds spent on each stage.
 
 
 @contextmanager
@@ -132,7 +133,7 @@ def time_stage(seconds: dict[str, float], stage: str) -> Iterator[None]:
         seconds[stage] = seconds.get(stage, 0.0) + time.perf_counter() - start
 
 
-# The one error that every reader refuses files with, and limits on what files may hold.
+# The error with which every reader refuses a file, and the limits on what a file may hold.
 
 
 MOST_TRIANGLES = 20_000_000
@@ -149,7 +150,7 @@ class BadFile(ValueError):
 
 
 def read_bytes(path: Path, most: int) -> bytes:
-    """Read the content of a regular file of at most `most` bytes; anything else would hang or never end.
+    """Read a regular file of at most `most` bytes. Devices and pipes, which might never end, are refused.
 
     Raises:
         BadFile: it is a folder, a device or a pipe, is too large, or cannot be read.

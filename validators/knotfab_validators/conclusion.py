@@ -1,4 +1,4 @@
-"""One line that concludes: what the part is, whether it passed, and how large it is."""
+"""The verdict in one line, and a picture of the places that failed."""
 
 from __future__ import annotations
 
@@ -17,19 +17,22 @@ from knotfab_validators.arrays import Array
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh
 
-SMALL_MM, LARGE_MM = 2.0, 2000.0  # a part of less or more is asked for its unit
-WORDS = {"3_1": "trefoil", "4_1": "figure-eight knot"}  # names by which everybody knows them
+SMALL_MM, LARGE_MM = (
+    2.0,
+    2000.0,
+)  # a part with a longest side below or above these is asked for its unit
+WORDS = {"3_1": "trefoil", "4_1": "figure-eight knot"}  # common names of knots
 NUMBERS = ("No", "One", "Two", "Three", "Four", "Five", "Six", "Seven", "Eight", "Nine")
 
 
 def size_of(mesh: Mesh) -> tuple[float, float, float]:
-    """Return the extents along x, y and z, mm."""
+    """Return the extents of the mesh along x, y and z, mm."""
     x, y, z = (float(side) for side in np.ptp(mesh.vertices, axis=0))
     return x, y, z
 
 
 def ask_unit(mesh: Mesh, name: str) -> str | None:
-    """Return a question about a part that is smaller or larger than parts are, in mm; None about others."""
+    """Ask for the unit of a part that is implausibly small or large in mm; None for any other."""
     longest = max(size_of(mesh))
     if not np.isfinite(longest) or SMALL_MM <= longest <= LARGE_MM:
         return None
@@ -42,7 +45,7 @@ def ask_unit(mesh: Mesh, name: str) -> str | None:
 
 
 def knot_in_words(name: str, form: str = "{0}") -> str:
-    """Return a knot's name with the word that people know it by: "left-handed 3_1" is "left-handed trefoil".
+    """Put the common name of a knot beside its symbol: "left-handed 3_1" becomes "left-handed trefoil".
 
     Args:
         form: form of the word, and of the name: "{1} ({0})" puts one beside the other.
@@ -53,7 +56,8 @@ def knot_in_words(name: str, form: str = "{0}") -> str:
 
 
 def conclude(checks: Sequence[Check], mesh: Mesh | None, curves: Curves | None) -> str:
-    """Conclude: "One closed tube, 4 mm radius, an unknot; every required check passed. 9 × 8 × 3 mm."
+    """Summarise the verdict: "One closed tube, 4 mm radius, an unknot; every required check passed. 9 × 8 ×
+    3 mm."
 
     Args:
         mesh, curves: what was measured; None where there is none.
@@ -124,8 +128,8 @@ PANEL_PX = 420
 GAP_PX = 14
 LINE_PX = 19
 TEXT_PX = 13
-MOST_POINTS = 600_000  # drawn of a surface
-MOST_MARKS = 3  # marks of one check
+MOST_POINTS = 600_000  # points drawn of a surface
+MOST_MARKS = 3  # marks drawn for one check
 PAPER = (250, 248, 244)
 INK = (44, 46, 52)
 QUIET = (130, 132, 138)
@@ -133,7 +137,7 @@ SURFACE = (196, 200, 206)
 MARK = (208, 60, 40)
 TOWARDS_EYE = np.array([0.35, 0.45, 0.82])
 
-# name, and what points right, up and to the eye on the page
+# title, and the axes that point right, up and towards the eye on the page
 SIDES: tuple[tuple[str, Array], ...] = (
     ("from above (x right, y up)", np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 1]])),
     ("from the front (x right, z up)", np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])),
@@ -143,7 +147,7 @@ SIDES: tuple[tuple[str, Array], ...] = (
 
 @dataclass(frozen=True)
 class _Cloud:
-    """Points (n, 3) that are drawn, and the unit normals (n, 3) that shade them."""
+    """Points (n, 3) to draw, with the unit normals (n, 3) that shade them."""
 
     points: Array
     normals: Array
@@ -180,7 +184,7 @@ def draw_failures(
     for i, (name, axes) in enumerate(SIDES):
         left = GAP_PX + i * (PANEL_PX + GAP_PX)
         panel = Image.fromarray(_panel(cloud, axes, middle, scale))
-        # points do not cover a surface: what they leave open in it is closed
+        # points leave gaps in a surface: close them
         sheet.paste(panel.filter(ImageFilter.MedianFilter(3)), (left, GAP_PX))
         draw.text((left + 6, GAP_PX + PANEL_PX - LINE_PX), name, fill=QUIET, font=font)
         for number, check in enumerate(failed, start=1):
@@ -220,7 +224,7 @@ def _cloud(mesh: Mesh | None, curves: Curves | None) -> _Cloud | None:
 
 
 def _of_faces(corners: Array) -> _Cloud:
-    """Return points of triangles (m, 3, 3), more on large ones, drawn at random with a fixed seed."""
+    """Sample points on triangles (m, 3, 3) at random by area, with a fixed seed."""
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     twice = np.linalg.norm(normal, axis=1)
     unit = normal / np.where(twice > 0, twice, 1.0)[:, None]
@@ -238,13 +242,13 @@ def _of_faces(corners: Array) -> _Cloud:
 
 
 def _on_page(points: Array, axes: Array, middle: Array, scale: float) -> Array:
-    """Return (n, 2) pixels of points (n, 3) in a panel."""
+    """Project points (n, 3) to pixels (n, 2) of a panel."""
     seen = (points - middle) @ axes.T * scale
     return np.column_stack([PANEL_PX / 2 + seen[:, 0], PANEL_PX / 2 - seen[:, 1]])
 
 
 def _panel(cloud: _Cloud, axes: Array, middle: Array, scale: float) -> NDArray[np.uint8]:
-    """Return the cloud in one panel (PANEL_PX, PANEL_PX, 3): nearest point in each pixel, shaded."""
+    """Draw the cloud in one panel (PANEL_PX, PANEL_PX, 3): the nearest point in each pixel, shaded."""
     page = np.floor(_on_page(cloud.points, axes, middle, scale)).astype(np.int64)
     inside = ((page >= 0) & (page < PANEL_PX)).all(axis=1)
     depth = cloud.points @ axes[2]
@@ -257,7 +261,7 @@ def _panel(cloud: _Cloud, axes: Array, middle: Array, scale: float) -> NDArray[n
 
 
 def _place(draw: Any, x: float, y: float, label: str, font: Any) -> None:
-    """Draw a ring about a place, and its number beside it, so that neither hides the place."""
+    """Draw a ring around a place with its number beside it, so that neither hides the place."""
     aside = 16 if x < PANEL_PX * len(SIDES) else -16
     draw.line((x + np.sign(aside) * 5, y - 5, x + aside, y - 16), fill=MARK, width=2)
     draw.ellipse((x - 7, y - 7, x + 7, y + 7), outline=MARK, width=2)
@@ -273,7 +277,7 @@ def _mark(draw: Any, x: float, y: float, label: str, font: Any) -> None:
 
 
 def _sentences(failed: Sequence[Check], font: Any, width: float) -> list[tuple[Check, list[str]]]:
-    """Return each check's sentence, broken into lines of the sheet's width."""
+    """Wrap each check's sentence to the width of the sheet."""
     result = []
     for check in failed:
         measured, limit = _value(check.measured), _value(check.limit)
@@ -281,7 +285,7 @@ def _sentences(failed: Sequence[Check], font: Any, width: float) -> list[tuple[C
         head += f" (limit {limit})" if limit else ""
         head += "" if check.required else ", for information"
         lines, line = [], ""
-        # the font lacks these
+        # the font lacks these characters
         text = f"{head}. {check.detail}".replace("²", "^2").replace("³", "^3")
         for word in text.split():
             longer = f"{line} {word}".strip()

@@ -1,1 +1,1 @@
-"""Readers of given files, each refusing a bad file with one sentence."""
+"""Readers of the files to check; each refuses a bad file in one sentence."""

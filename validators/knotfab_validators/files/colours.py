@@ -1,4 +1,4 @@
-"""Parts of a picture that another colour encloses: holes in the silhouette of a coloured drawing."""
+"""Regions of a coloured picture that its main colour encloses, and pictures that a view mirrors or bends."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ if TYPE_CHECKING:
 
 
 LEVELS = 8  # levels of a channel in one bin: 32 bins
-ALIKE = 12  # bins between a colour and the first of its cluster, at most
+ALIKE = 12  # the largest distance, bins, of a colour from the one that its cluster is named after
 SIDE = 256 // LEVELS
-SEAM = 6  # px of a line where two colours meet, at least
-SHARP = 48.0  # levels between two colours within 2 px of where they meet
+SEAM = 6  # px: the least length of a seam between two colours
+SHARP = 48.0  # the least difference of two colours within 2 px of their border, levels
 
 
 def common_colours(pixels: NDArray[np.uint8]) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return the colours that a picture's clusters are named after, in bins of 8 levels, and their pixels.
+    """Return the colours that name a picture's clusters, in bins of 8 levels, and the size of each cluster.
 
-    Colours are taken by how common they are (the darker first of equals), each with all that are
-    within 12 bins and not taken yet; those with at least half a per cent count.
+    Colours are taken in order of frequency (the darker first of equals). Each absorbs all colours within
+    12 bins that are still free; a cluster counts if it holds at least half a per cent of the pixels.
 
     Args:
         pixels: (n, 3).
 
     Returns:
-        (k, 3) whole numbers, and (k,) how many pixels are nearest to each (the first of equals).
+        The colours (k, 3), and (k,) how many pixels are nearest to each (the first of equals).
     """
     code = np.zeros(len(pixels), dtype=np.int64)
     for channel in pixels.T:
@@ -48,21 +48,21 @@ def common_colours(pixels: NDArray[np.uint8]) -> tuple[NDArray[Any], NDArray[Any
             continue
         alike = ~taken & (np.square(bins - bins[k]).sum(axis=1) <= ALIKE**2)
         taken |= alike
-        if counts[alike].sum() * 200 >= len(pixels):  # a cluster has at least one pixel in so many
+        if counts[alike].sum() * 200 >= len(pixels):  # a cluster holds at least 1/200 of the pixels
             first.append(bins[k])
     named = np.array(first or [bins[order[0]]])
     return named, np.bincount(_nearest(bins, named), counts, len(named))
 
 
 def middle_of_bin(place: NDArray[Any]) -> NDArray[np.float64]:
-    """Return (3,) the colour in the middle of a bin; the first and last bins stand for 0 and 255."""
+    """Return the colour (3,) in the middle of a bin; the first and last bins stand for 0 and 255."""
     middle = np.asarray(place, dtype=np.float64) * LEVELS + LEVELS / 2
     middle[place == 0], middle[place == SIDE - 1] = 0.0, 255.0
     return middle
 
 
 def enclosed_by_largest(pixels: NDArray[np.uint8], opaque: Mask) -> Mask:
-    """Find where the largest cluster of colours encloses parts of others, thick and sharply parted from it.
+    """Mark regions of other colours that the largest cluster encloses, thick and sharply bordered.
 
     Args:
         pixels: (H, W, 3). opaque: (H, W), where the picture is.
@@ -99,10 +99,10 @@ def enclosed_by_largest(pixels: NDArray[np.uint8], opaque: Mask) -> Mask:
 
 
 def _between_others(largest: Mask, others: NDArray[Any]) -> Mask:
-    """Find pixels of the largest colour only because two others mix to it where they meet.
+    """Mark pixels that have the largest colour only because two others blend to it at their border.
 
-    It is nowhere 3 px thick, has 6 px unless it lies by itself, and no other colour makes up more than four
-    fifths of the pixels around it.
+    Such a seam is nowhere 3 px thick and, unless it lies alone, at least 6 px long. No other colour makes
+    up more than four fifths of the pixels around it.
 
     Args:
         largest: (H, W). others: (H, W) the cluster of all other pixels, -1 where there is none.
@@ -130,7 +130,9 @@ def _between_others(largest: Mask, others: NDArray[Any]) -> Mask:
 
 
 def not_reached(barrier: Mask) -> Mask:
-    """Mark what the frame does not reach, from pixel to pixel along sides, without crossing the barrier."""
+    """Mark pixels that cannot be reached from the frame, moving from side to side, without crossing the
+    barrier.
+    """
     from scipy import ndimage
 
     labels, _ = ndimage.label(np.pad(~barrier, 1, constant_values=True))
@@ -138,7 +140,7 @@ def not_reached(barrier: Mask) -> Mask:
 
 
 def _nearest(bins: NDArray[Any], named: NDArray[Any]) -> NDArray[Any]:
-    """Return (n,) the place in `named` (k, 3) that each of `bins` (n, 3) is nearest to."""
+    """Return, for each of `bins` (n, 3), the index of the nearest in `named` (k, 3)."""
     best = np.full(len(bins), np.iinfo(np.int64).max)
     chosen = np.zeros(len(bins), dtype=np.int64)
     for k, colour in enumerate(named):
@@ -148,7 +150,7 @@ def _nearest(bins: NDArray[Any], named: NDArray[Any]) -> NDArray[Any]:
     return chosen
 
 
-# A silhouette mirrored and bent as a scene's view says (docs/conventions.md), and by how much.
+# A silhouette mirrored and bent as its view in the scene says (docs/conventions.md).
 
 
 # The outermost rows and columns of control points lie one step outside the frame.
@@ -158,10 +160,10 @@ UNIT = 1e-4  # a share of the picture's height
 
 @dataclass(frozen=True)
 class Bend:
-    """A view's change of its picture: it mirrors it, then looks elsewhere for each pixel.
+    """A view's change of its picture: mirrored first, then displaced pixel by pixel.
 
-    `points` (2, ROWS, COLUMNS), right and down, in shares of the height, are the coefficients of a cubic
-    B-spline; None: the picture is mirrored alone.
+    `points` (2, ROWS, COLUMNS) are the coefficients of a cubic B-spline of displacements, right and down,
+    in shares of the picture's height. None: the picture is mirrored only.
     """
 
     mirrored: bool
@@ -170,9 +172,11 @@ class Bend:
 
 @dataclass(frozen=True)
 class Bent:
-    """A bent silhouette (H, W), and how far its pixels are from where they were, in shares of the height:
-    `rms`, `most`; `stretch` is the largest change of a length, as a factor, anywhere in the frame, infinite
-    where the picture folds."""
+    """A bent silhouette (H, W), and how far its pixels moved, in shares of the height (`rms`, `most`).
+
+    `stretch` is the largest factor by which a length changes anywhere in the frame; infinite where the
+    picture folds.
+    """
 
     mask: Mask
     rms: float
@@ -182,7 +186,7 @@ class Bent:
 
     @property
     def figures(self) -> Bending:
-        """What a report says of it."""
+        """Return the figures for the report."""
         return Bending(
             rms=self.rms, most=self.most, stretch=self.stretch, mirrored=self.mirrored or None
         )
@@ -198,13 +202,13 @@ def bend_of(view: View) -> Bend | None:
 
 
 def bend_silhouette(mask: Mask, bend: Bend) -> Bent:
-    """Return the silhouette as its view has it drawn."""
+    """Mirror and bend the silhouette as its view has it."""
     height, width = mask.shape
     if bend.mirrored:
         mask = np.fliplr(mask)
     if bend.points is None:
         return Bent(mask, 0.0, 0.0, 1.0, bend.mirrored)
-    # a step between control points that lie on the frame's edges or within
+    # control points that lie on the frame's edges or inside it
     down = 1 + (np.arange(height) + 0.5) / height * (ROWS - 3)
     right = 1 + (np.arange(width) + 0.5) / width * (COLUMNS - 3)
     at = np.stack(np.meshgrid(down, right, indexing="ij"))
@@ -220,7 +224,9 @@ def bend_silhouette(mask: Mask, bend: Bend) -> Bent:
 
 
 def _stretch(dx: Array, dy: Array) -> float:
-    """Give the largest factor by which a field changes a length, or its inverse; infinite where it folds."""
+    """Return the largest factor by which a displacement stretches or shrinks a length; infinite where it
+    folds.
+    """
     (xy, xx), (yy, yx) = np.gradient(dx), np.gradient(dy)
     jacobian = np.stack([1 + xx, xy, yx, 1 + yy], axis=-1).reshape(-1, 2, 2)
     if np.linalg.det(jacobian).min() <= 0:

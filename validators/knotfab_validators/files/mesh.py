@@ -33,16 +33,17 @@ UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}
 
 
 def read_mesh(path: Path, unit: str = "mm", notes: list[str] | None = None) -> Mesh:
-    """Read the mesh of a file, all its bodies together; the content tells the format, then the name.
+    """Read all bodies of a file as one mesh. The content tells the format; the name decides where it cannot.
 
-    A 3MF's objects are placed as its build items say, and its unit is brought to mm. The other
-    formats know no unit: their numbers are of the given one (`UNITS_MM`).
+    A 3MF's objects are placed as its build items say, and converted to mm. The other formats carry no unit:
+    their numbers are in `unit` (one of `UNITS_MM`).
 
     Args:
-        notes: gets sentences about what was passed over.
+        notes: gets a sentence about each thing that was passed over.
 
     Raises:
-        BadFile: the file cannot be read, holds no triangles, or coordinates that are not finite, or
+        BadFile: the file cannot be read, holds no triangles, or has coordinates that are not finite or
+        lie
             farther from the origin than `MOST_MM`.
     """
     content = read_bytes(path, MOST_BYTES).removeprefix(codecs.BOM_UTF8)
@@ -87,7 +88,7 @@ def _corners(content: bytes, path: Path, notes: list[str]) -> Corners:
     if content.startswith(np.lib.format.MAGIC_PREFIX):
         return _corners_plain(content, name)
     kind = path.suffix.lower().removeprefix(".")
-    if is_stl(content) or kind == "stl":  # this says what is wrong with an STL
+    if is_stl(content) or kind == "stl":  # the STL reader says best what is wrong with an STL
         return corners_stl(content, name, notes)
     if kind in ("3mf", "ply"):
         raise BadFile(f"{name}: is not a {kind.upper()} file, or is damaged")
@@ -95,10 +96,10 @@ def _corners(content: bytes, path: Path, notes: list[str]) -> Corners:
 
 
 def _corners_plain(content: bytes, name: str) -> Corners:
-    """Return the corners (n, 3, 3) that numpy's own format holds."""
+    """Read the corners (n, 3, 3) from numpy's own file format."""
     try:
         corners = np.load(io.BytesIO(content), allow_pickle=False)
-    except Exception as error:  # numpy reads the header as Python, and raises what that raises
+    except Exception as error:  # numpy parses the header as Python, and may raise anything
         raise BadFile(f"{name}: holds no arrays ({short(error)})") from error
     if corners.dtype != np.float64 or corners.ndim != 3 or corners.shape[1:] != (3, 3):
         raise BadFile(f"{name}: holds no corners of triangles, (n, 3, 3) of doubles")
@@ -110,7 +111,7 @@ def _corners_plain(content: bytes, name: str) -> Corners:
 
 @dataclass(frozen=True)
 class Plate:
-    """A plate: its whole mesh in its own print coordinates, and where its bodies go in the part.
+    """A plate: its whole mesh in its own print coordinates, and the motion of each body into the part.
 
     `body` (n,) is the number of each vertex's body, in the order of their first faces; `to_part` (k, 4, 4)
     are the scene's motions. There may be more bodies than motions, or fewer.
@@ -126,13 +127,13 @@ class Plate:
         return int(self.body.max()) + 1
 
     def in_part(self, points: Array, body: Ints) -> Array:
-        """Return points (n, 3) of the plate, on the bodies (n,), where they are in the part."""
+        """Move points (n, 3) of the plate, which lie on the bodies (n,), to where they are in the part."""
         motion = self.to_part[body.clip(max=len(self.to_part) - 1)]
         moved: Array = np.einsum("nij,nj->ni", motion[:, :3, :3], points) + motion[:, :3, 3]
         return moved
 
     def places(self, points: Array) -> Array:
-        """Return (n, 3) the same, of points anywhere on the plate: each goes with its nearest vertex."""
+        """Move any points (n, 3) of the plate into the part; each goes with its nearest vertex."""
         from scipy.spatial import cKDTree
 
         _, nearest = cKDTree(self.mesh.vertices).query(points)
@@ -149,7 +150,7 @@ def read_plates(folder: Path, scene: Scene) -> list[Plate]:
 
 
 def read_table(folder: Path, scene: Scene) -> list[Plate]:
-    """Read the plates of the frame that holds lamps; `to_part` takes their bodies to the scene."""
+    """Read the plates of the frame that holds the lamps; `to_part` moves their bodies into the scene."""
     return _read(folder, scene.lamps.table)
 
 
@@ -181,17 +182,17 @@ COMMENT = re.compile(rb"\s*(?:#|;|//)[^\r\n]*")
 
 
 def is_stl(content: bytes) -> bool:
-    """Tell whether the content is a binary STL of the right length, or begins as one of text."""
+    """Tell whether the content is a binary STL of the right length, or begins like a text one."""
     return len(content) == _length(content) or _is_text(content)
 
 
 def _is_text(content: bytes) -> bool:
-    """Tell whether it begins as text; some programs write the word into a binary file's header too."""
+    """Tell whether it begins like a text STL; some programs write that word into binary headers too."""
     return bool(BEGINNING.match(content)) and b"\0" not in content[:1000]
 
 
 def _length(content: bytes) -> int:
-    """Return the length of a binary STL with this header; -1 without a header."""
+    """Return the length that a binary STL with this header must have; -1 without a header."""
     return (
         84 + FACET.itemsize * int.from_bytes(content[80:84], "little") if len(content) >= 84 else -1
     )
@@ -231,7 +232,7 @@ def corners_stl(content: bytes, name: str, notes: list[str] | None = None) -> Co
 
 
 def _corners_text(content: bytes, name: str, notes: list[str] | None) -> Corners:
-    """Return (m, 3, 3) corners of an STL file of words; several solids may follow each other."""
+    """Parse the corners (m, 3, 3) of a text STL, in which several solids may follow each other."""
     numbers, at, inside = array("d"), 0, False
     while True:
         if facet := TEXT_FACET.match(content, at):
@@ -241,7 +242,7 @@ def _corners_text(content: bytes, name: str, notes: list[str] | None) -> Corners
                 if b"," in b"".join(facet.groups()):
                     raise BadFile(f"{name}: {DECIMAL_COMMA}") from error
                 raise BadFile(f"{name}: has a corner that is not three numbers") from error
-            if b"_" in facet.group():  # Python's own way of writing numbers
+            if b"_" in facet.group():  # Python accepts 1_000 as a number; STL does not
                 raise BadFile(f"{name}: has a corner that is not three numbers")
             at = facet.end()
         elif line := SOLID.match(content, at):

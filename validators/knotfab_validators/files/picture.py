@@ -1,4 +1,4 @@
-"""The silhouette of a picture file, in its own pixels."""
+"""Read the silhouette, greys and colours of a picture file, in its own pixels."""
 
 from __future__ import annotations
 
@@ -26,18 +26,20 @@ if TYPE_CHECKING:
     from knotfab_formats.views import Reading
 
 
-FOUR = ndimage.generate_binary_structure(2, 1)  # joined along a side
-EIGHT = ndimage.generate_binary_structure(2, 2)  # pixels that touch at a corner count as one piece
+FOUR = ndimage.generate_binary_structure(2, 1)  # pixels that share a side are joined
+EIGHT = ndimage.generate_binary_structure(2, 2)  # pixels that touch at a corner are joined too
 
-ROWS_AT_ONCE = 2**20  # pixels in a block of rows
-STRAY = 0.01  # the most pixels that are clear by accident, as a share
-CRISP = 128  # alpha from which a pixel is there at all, where alpha does not decide
-ENDS = 0.01  # the share of pixels darker than black, or lighter than white
-BRIGHTNESS = np.array([299, 587, 114])  # red, green and blue, ITU-R BT.601
+ROWS_AT_ONCE = 2**20  # pixels processed at a time
+STRAY = 0.01  # the largest share of clear pixels that counts as an accident
+CRISP = 128  # alpha from which a pixel counts as there, where alpha does not decide the silhouette
+ENDS = 0.01  # the share of pixels clipped to black, and to white
+BRIGHTNESS = np.array(
+    [299, 587, 114]
+)  # weights of red, green and blue in thousandths, ITU-R BT.601
 
 
 class PictureError(ValueError):
-    """The picture cannot be read; the message says which one and why."""
+    """A picture cannot be read; the message says which one and why."""
 
 
 def _plain() -> Reading:
@@ -75,10 +77,10 @@ def read_silhouette(path: str | PathLike[str], reading: Reading | None = None) -
 
 
 def read_greys(path: str | PathLike[str], reading: Reading | None = None) -> Array:
-    """Read how dark a picture (or its crop) is, (H, W) from 0 at its lightest to 1 at its darkest pixels.
+    """Read the darkness of a picture (or its crop), (H, W), from 0 at its lightest to 1 at its darkest.
 
-    The brightness of ITU-R BT.601, on white where it is transparent; a hundredth of the pixels at either
-    end are beyond what counts as lightest and darkest. Of a picture of one grey all is 0.
+    Brightness is that of ITU-R BT.601, over white where the picture is transparent. A hundredth of the
+    pixels at either end are clipped. A picture of a single grey is 0 throughout.
 
     Raises:
         PictureError: as `read_silhouette`.
@@ -102,7 +104,7 @@ def read_greys(path: str | PathLike[str], reading: Reading | None = None) -> Arr
 
 
 def read_colours(path: Path, size: tuple[int, int], drawn: tuple[int, int]) -> NDArray[np.uint8]:
-    """Read a picture in sRGB (H, W, 3), on white if transparent, resampled to `size`, width and height.
+    """Read a picture as sRGB (H, W, 3), over white if transparent, resampled to `size` (width, height).
 
     Args:
         drawn: width and height of the masks that it was taken apart into; it must be as large.
@@ -121,7 +123,7 @@ def read_colours(path: Path, size: tuple[int, int], drawn: tuple[int, int]) -> N
 
 @contextmanager
 def _opened(picture: Path, reading: Reading) -> Iterator[Image.Image]:
-    """Yield a picture file, upright, and cropped as `reading` says; its errors are PictureErrors."""
+    """Open a picture file, upright and cropped as `reading` says; all its errors are PictureErrors."""
     if picture.exists() and not picture.is_file():  # a pipe or a device may never end
         raise PictureError(f"{picture}: is not a plain file")
     try:
@@ -142,7 +144,7 @@ def _opened(picture: Path, reading: Reading) -> Iterator[Image.Image]:
 
 
 def _read_subject(picture: Path, reading: Reading) -> Mask:
-    """Read the mask of a picture's subject beside it, cropped as the picture is."""
+    """Read the mask of a picture's subject, which lies beside it, cropped as the picture is."""
     path, whole = (picture.parent / reading.subject_mask, reading.but(crop_px=False))
     with _opened(path, whole) as mask, _opened(picture, whole) as image:
         if mask.size != image.size:
@@ -207,7 +209,7 @@ def _select_ink(image: Image.Image, reading: Reading) -> Mask:
 
 
 def _is_stray(values: NDArray[Any], alpha: NDArray[np.uint8], reading: Reading) -> bool:
-    """Tell whether at most a hundredth of the pixels is clear, by accident, beside a shape in the others."""
+    """Tell whether at most a hundredth of the pixels is clear, and the others show a shape anyway."""
     clear = alpha < 255 * reading.threshold
     if not clear.any():
         return True
@@ -218,14 +220,14 @@ def _is_stray(values: NDArray[Any], alpha: NDArray[np.uint8], reading: Reading) 
 
 
 def _outermost(values: NDArray[Any]) -> NDArray[Any]:
-    """Return (n, channels) the pixels at the frame, each once."""
+    """Return the distinct pixel values along the frame, (n, channels)."""
     return np.concatenate([values[0], values[-1], values[1:-1, 0], values[1:-1, -1]])
 
 
 def _far(
     values: NDArray[Any], colours: list[Array], share: float, never: Mask | None = None
 ) -> Mask:
-    """Return pixels whose squared difference from the nearest colour is more than a share of the largest."""
+    """Mark pixels whose squared distance from the nearest of `colours` exceeds a share of the largest one."""
     rows = [
         np.min([_squares(values[block], colour) for colour in colours], axis=0)
         for block in _blocks(values)
@@ -237,7 +239,7 @@ def _far(
 
 
 def _by_brightness(values: NDArray[Any], there: Mask, reading: Reading) -> Mask:
-    """Return pixels on the darker or lighter side; where the picture is clear there is none."""
+    """Mark the darker (or lighter) pixels; clear ones are never marked."""
     if values.shape[2] == 1:
         bright, most = values[..., 0].astype(np.int64), 255 if values.dtype == np.uint8 else 65535
     else:
@@ -252,7 +254,7 @@ def _by_brightness(values: NDArray[Any], there: Mask, reading: Reading) -> Mask:
 
 
 def _without_small(mask: Mask, least: int, joined: Mask, frame_counts: bool = False) -> Mask:
-    """Return the mask without parts of fewer pixels; those at the frame stay where they reach beyond it."""
+    """Remove components of fewer than `least` pixels; those at the frame stay if `frame_counts`."""
     parts, count = ndimage.label(np.pad(mask, 1, constant_values=frame_counts), joined)
     sizes = np.bincount(parts.ravel(), minlength=count + 1)
     stays = sizes >= least
@@ -263,7 +265,7 @@ def _without_small(mask: Mask, least: int, joined: Mask, frame_counts: bool = Fa
 
 
 def _largest(mask: Mask, count: int) -> Mask:
-    """Return its largest parts; of equals those that come first, row by row."""
+    """Keep the `count` largest components; of equals those that come first, row by row."""
     parts, found = ndimage.label(mask, EIGHT)
     sizes = np.bincount(parts.ravel(), minlength=found + 1)[1:]
     by_size = sorted(range(1, found + 1), key=lambda part: (-sizes[part - 1], part))
@@ -271,7 +273,7 @@ def _largest(mask: Mask, count: int) -> Mask:
 
 
 def _blocks(values: NDArray[Any]) -> list[slice]:
-    """Yield some rows at a time: squares are exact, and a picture may have 8000 x 8000 pixels."""
+    """Split the rows into blocks, to bound the memory: a picture may have 8000 x 8000 pixels."""
     step = max(1, ROWS_AT_ONCE // values.shape[1])
     return [slice(i, i + step) for i in range(0, len(values), step)]
 
@@ -291,7 +293,7 @@ def _squares(values: NDArray[Any], colour: Array) -> NDArray[np.floating[Any]]:
 
 
 def widen_strokes(mask: Mask, width_px: float) -> Mask:
-    """Return the mask with a disc of this width about each point of the middle lines of its thin strokes.
+    """Draw a disc of diameter `width_px` at each point of the middle lines of the mask's thin strokes.
 
     A stroke is what no such disc inside the mask covers, where it goes further from what they cover than
     half the width. On its middle line no neighbour lies 0.7 px further in.
@@ -317,7 +319,7 @@ def widen_strokes(mask: Mask, width_px: float) -> Mask:
 
 
 def _within(mask: Mask, reach: float) -> Mask:
-    """Return pixels whose middle is at most so far from one of the mask."""
+    """Mark pixels whose centre is at most `reach` from one of the mask."""
     from scipy import ndimage
 
     if not mask.any():

@@ -1,4 +1,4 @@
-"""Read scene.toml as a validator sees it: the models that both sides share, and what lies beside the file."""
+"""Read scene.toml and knots.json as a validator sees them, with the files beside the scene."""
 
 from __future__ import annotations
 
@@ -22,24 +22,24 @@ from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.geometry.surface import survey
 
 MOST_BYTES = 1_000_000
-# values of keys that a scene leaves out: a build writes both
-FLOOR = 0.96  # IoU that a shadow must reach
+# defaults of keys that a scene may leave out (a build writes both)
+FLOOR = 0.96  # the IoU that a shadow must reach
 ROOM = (240.0, 240.0, 180.0)  # size of the region, mm
 
 
 class Scene(AskedScene):
-    """One scene; its pose is rigid: it takes the part, once it has shrunk, to the scene."""
+    """One scene; its pose is the rigid motion that takes the part, once it has shrunk, to the scene."""
 
     _surface: Mesh | None = PrivateAttr(None)
 
     @property
     def surface(self) -> Mesh | None:
-        """The region's closed mesh, mm, yet to be moved by `center_mm`; None without one."""
+        """The region's closed mesh, mm, before it is moved by `center_mm`; None if the region is no mesh."""
         return self._surface
 
     @property
     def promised(self) -> str | None:
-        """The type that one of the knots must have, all others being unknots; None: nothing is promised."""
+        """The type that one of the knots must have, all others being unknots; None if nothing is promised."""
         return self.piece.knot if "knot" in self.piece.model_fields_set else None
 
     @property
@@ -56,12 +56,12 @@ class Scene(AskedScene):
 
     @property
     def outline_px(self) -> float:
-        """The largest error of the outline that the shadow may have, px."""
+        """The largest error of the shadow's outline that is accepted, px."""
         return self.accuracy.max_outline_error_px or self.settings.outline_px
 
 
 def read_scene(path: Path) -> Scene:
-    """Read the scene of a scene.toml of schema 1; keys that are absent have their documented defaults.
+    """Read a scene.toml of schema 1; absent keys take their documented defaults.
 
     Raises:
         BadFile: the file cannot be read, or a key has an impossible value.
@@ -79,10 +79,13 @@ def read_scene(path: Path) -> Scene:
 def parse_scene(
     data: dict[str, Any], name: str = "scene.toml", folder: Path | None = None
 ) -> Scene:
-    """Return the scene in the parsed content of a scene.toml; raises BadFile as `read_scene` does.
+    """Build the scene from the parsed content of a scene.toml.
 
     Args:
         folder: where the mesh of a region lies; None: it is not read.
+
+    Raises:
+        BadFile: as `read_scene`.
     """
     try:
         scene = scene_of(data, name, Scene)
@@ -116,14 +119,14 @@ def parse_scene(
 
 
 def _rigid(pose: Pose, name: str, shrinks_to: float) -> Pose:
-    """Return the pose less what the material shrinks, and the plates with the names of their files."""
+    """Take the shrinkage out of the pose, and name the files of its plates."""
     plates = _placed(pose.plates, f"{name}: [pose] plates", "plate")
     matrix = _motion(pose.matrix, f"{name}: [pose] matrix", shrinks_to)
     return Pose.model_construct(matrix=matrix, plates=plates)
 
 
 def _placed(plates: tuple[Plate, ...], where: str, stem: str) -> tuple[Plate, ...]:
-    """Return plates with the names of their files, each beside the scene, and rigid motions."""
+    """Return the plates with rigid motions, and with file names beside the scene."""
     found = []
     for number, plate in enumerate(plates, start=1):
         file = plate.file or f"{stem}-{number}.3mf"
@@ -135,7 +138,7 @@ def _placed(plates: tuple[Plate, ...], where: str, stem: str) -> tuple[Plate, ..
 
 
 def _motion(rows: Matrix, what: str, scale: float = 1.0) -> Matrix:
-    """Return the rigid motion in one that scales so much besides, given as 4 rows of 4 numbers."""
+    """Check that 4 x 4 rows are a rigid motion times `scale`, and return that motion."""
     matrix = np.array(rows, dtype=np.float64)
     matrix[:3, :3] /= scale
     turn = matrix[:3, :3]
@@ -173,11 +176,11 @@ def read_region_mesh(path: Path, where: str) -> Mesh:
     return mesh
 
 
-# Read knots.json: centre lines as polygons, checked before anything is measured on them.
+# Read knots.json: centre lines as polygons, validated before anything is measured on them.
 
 
-UNIT = 1e-6  # how far a unit vector's length may be off
-MOST_KNOTS_BYTES = 24_000_000  # 400,000 points; Python holds `[],` in thirty times its bytes
+UNIT = 1e-6  # tolerance of a unit vector's length
+MOST_KNOTS_BYTES = 24_000_000  # some 400,000 points; Python holds `[],` in thirty times its bytes
 
 
 def read_knots(path: Path) -> Curves:
@@ -200,7 +203,7 @@ def read_knots(path: Path) -> Curves:
 
 
 def parse_knots(data: Any, name: str = "knots.json") -> Curves:
-    """Return the curves in the parsed content of a knots.json; raises BadFile as `read_knots` does."""
+    """Build the curves from the parsed content of a knots.json; raises BadFile as `read_knots` does."""
     from pydantic import ValidationError
 
     from knotfab_formats.knots import KnotsFile, why_no_knots
@@ -228,7 +231,7 @@ def parse_knots(data: Any, name: str = "knots.json") -> Curves:
 
 
 class _RepeatedKey(ValueError):
-    """A key that is given twice: readers do not agree on which of the two counts."""
+    """A JSON key occurs twice: readers disagree about which one counts."""
 
 
 def _require_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""The triangles of a 3MF file: a zip archive of which only the models are unpacked, in memory."""
+"""Read the triangles of a 3MF file, a zip archive whose models alone are unpacked, in memory."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ from knotfab_validators.files.threemf_model import (
 from knotfab_validators.geometry.mesh import Corners
 
 MOST_UNPACKED = 2_000_000_000  # bytes of all models together
-SUSPICIOUS = 50_000_000  # bytes above which an archive must not be packed too well
+SUSPICIOUS = 50_000_000  # bytes above which a high packing ratio is suspicious
 MOST_RATIO = 50  # unpacked over packed size; meshes reach about 10
-DEEPEST = 100  # components within each other
+DEEPEST = 100  # the deepest nesting of components
 BLOCK = 1 << 18
-ENTRY = b"PK\x01\x02"  # the bytes before each entry in the archive's directory
-PACKINGS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # the two that the standard allows
+ENTRY = b"PK\x01\x02"  # the signature of each entry in the archive's directory
+PACKINGS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # the two methods that the standard allows
 SETTINGS = (  # settings of PrusaSlicer (SuperSlicer), and of Bambu Studio and OrcaSlicer
     "metadata/slic3r_pe_model.config",
     "metadata/superslicer_model.config",
@@ -48,14 +48,13 @@ def is_3mf(content: bytes) -> bool:
 
 
 def corners_3mf(content: bytes, name: str, notes: list[str] | None = None) -> Corners:
-    """Return (m, 3, 3) corners of the faces that the build items print, mm, in the file's order.
+    """Return the corners (m, 3, 3), mm, of all faces that the build items print, in the file's order.
 
-    Support objects, items that are not printable and the modifiers of a slicer's project are left out, and
+    Support objects, items that are not printable and the modifiers of a slicer's project are left out;
     `notes` gets a sentence that says so.
 
-    Nothing is unpacked to disk. What items and components place is counted before any of it is
-    made. A transform that mirrors leaves the triangles' order as it is, and so turns a body inside
-    out: the standard does not allow it.
+    Nothing is unpacked to disk, and the triangles that items and components place are counted before any
+    is made. A transform that mirrors, which the standard forbids, turns its body inside out.
 
     Raises:
         BadFile: the archive is damaged, unpacks to far more than a mesh would, or is no 3MF; the
@@ -76,8 +75,8 @@ def corners_3mf(content: bytes, name: str, notes: list[str] | None = None) -> Co
 
 
 def _open(content: bytes, name: str) -> zipfile.ZipFile:
-    """Return the opened archive; refuses too many entries, equal names, and names that lead out of it."""
-    if (entries := content.count(ENTRY)) > 10_000:  # before each costs a kilobyte
+    """Open the archive; too many entries, equal names, and names that lead out of it are refused."""
+    if (entries := content.count(ENTRY)) > 10_000:  # each entry costs a kilobyte once it is parsed
         raise BadFile(f"{name}: has some {entries} entries, too many for a 3MF")
     archive = zipfile.ZipFile(io.BytesIO(content))
     seen: set[str] = set()
@@ -93,7 +92,7 @@ def _open(content: bytes, name: str) -> zipfile.ZipFile:
 
 
 class _Package:
-    """The models of an archive, read as they are asked for."""
+    """The models of an archive, read on demand."""
 
     def __init__(self, archive: zipfile.ZipFile, packed: int, name: str) -> None:
         self.archive, self.packed, self.name = archive, packed, name
@@ -123,7 +122,7 @@ class _Package:
             self._require_few(triangles, placed)
         self._require_all_read()
         parts: list[Corners] = [np.empty((0, 3, 3))]
-        # a number that overflows is refused as too far
+        # a number that overflowed to infinity is refused as too far
         with np.errstate(over="ignore", invalid="ignore"):
             for item in model.items:
                 part = _part(item.part, start)
@@ -141,7 +140,7 @@ class _Package:
         return np.concatenate(parts)
 
     def _require_all_read(self) -> None:
-        """Refuse models that nothing places: PrusaSlicer loads every one that it finds in the archive."""
+        """Refuse models that no build item places: PrusaSlicer loads every one in the archive."""
         for entry in self.entries:
             if entry.endswith(".model") and entry not in self.models:
                 raise BadFile(
@@ -150,14 +149,14 @@ class _Package:
                 )
 
     def tell_left_out(self) -> str:
-        """Tell which objects of the file are not printed."""
+        """Say which objects of the file are not printed."""
         count = Counter(self.left_out)
         return "left out " + ", ".join(
             f"{what} ({n} times)" if n > 1 else what for what, n in count.items()
         )
 
     def _blocks(self, part: str) -> Iterator[bytes]:
-        """Yield an entry's bytes, counted as they come: what an archive says of its sizes proves nothing."""
+        """Yield an entry's bytes and count them; the sizes that an archive states prove nothing."""
         entry = self.entries.get(part)
         if entry is None:
             raise BadFile(f"{self.name}: is not a 3MF file: it has no {short(part)}")
@@ -192,9 +191,9 @@ class _Package:
         return shape
 
     def _cost(self, part: str, number: int, depth: int) -> tuple[int, int]:
-        """Return triangles and placed objects of an object with all its components; each is counted once.
+        """Count the triangles and placed objects of an object with all its components, each only once.
 
-        Components within themselves are found by their depth.
+        Components that contain themselves are found by their depth.
         """
         if (known := self.cost.get((part, number))) is not None:
             return known
@@ -217,7 +216,7 @@ class _Package:
             raise BadFile(f"{self.name}: places more than {MOST_PLACED} objects")
 
     def _place(self, part: str, item: Placed, onto: Array, parts: list[Corners]) -> None:
-        """Append the corners of an object and its components; `onto` (4, 4) is applied last."""
+        """Append the corners of an object and its components to `parts`; `onto` (4, 4) is applied last."""
         matrix = np.column_stack([item.matrix, [0.0, 0.0, 0.0, 1.0]]) @ onto
         shape = self._shape(part, item.number)
         if shape.kind in ("support", "solidsupport"):
@@ -238,19 +237,19 @@ class _Package:
 
 
 def _plain(name: str) -> str:
-    """Return an entry's name as slicers compare it: without case, backslashes or steps on the spot."""
+    """Normalise an entry's name as slicers compare it: no case, no backslashes, no "." steps."""
     name = unicodedata.normalize("NFKC", name).replace("\\", "/").casefold()
     return "/".join(step for step in name.split("/") if step not in ("", "."))
 
 
 def _part(path: str | None, here: str) -> str:
-    """Give an entry's name as it is looked up (without regard to case); None: where the reference stands."""
+    """Resolve the name of a referenced entry, regardless of case; None stands for the referring part."""
     return here if path is None else _plain(path)
 
 
 @dataclass
 class _Steering:
-    """Bodies that are not printed: triangles of an object from first to last, or some of its components."""
+    """Bodies that are not printed: ranges of an object's triangles, or some of its components."""
 
     triangles: dict[int, list[tuple[int, int]]] = field(default_factory=dict)
     components: set[tuple[int, int]] = field(default_factory=set)
@@ -258,7 +257,8 @@ class _Steering:
 
 
 def _read_steering(blocks: Iterable[bytes], name: str) -> _Steering:
-    """Read bodies that one of the `SETTINGS` says only steer: modifiers, places for or without supports.
+    """Read from one of the `SETTINGS` which bodies only steer the slicer: modifiers, support blockers and
+    the like.
 
     Raises:
         BadFile: a body is negative, so that a slicer prints another shape than the file holds.
@@ -294,7 +294,7 @@ def _read_steering(blocks: Iterable[bytes], name: str) -> _Steering:
             tag == "metadata" and given.get("key") in ("volume_type", "modifier") and "first" in at
         ):
             kind = given.get("value", "")
-            if given["key"] == "modifier":  # older files have this key
+            if given["key"] == "modifier":  # the key that older files use
                 kind = "ModelPart" if kind == "0" else "ParameterModifier"
             take(kind, at.get("object", ""), at["first"], at["last"])
 

@@ -26,7 +26,7 @@ from knotfab_validators.check import BadFile
 
 CORE = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
 PRODUCTION = "http://schemas.microsoft.com/3dmanufacturing/production/2015/06"
-UNDERSTOOD = {  # namespaces that a file may require: the others may change what the shape is
+UNDERSTOOD = {  # namespaces that a file may require; any other may change the shape
     CORE,
     PRODUCTION,
     "http://schemas.microsoft.com/3dmanufacturing/material/2015/02",
@@ -43,12 +43,12 @@ UNITS = {  # mm
     "meter": 1000.0,
 }
 TYPES = ("model", "solidsupport", "support", "surface", "other")  # types of objects
-DEEPEST = 100  # elements within each other; a model needs six
+DEEPEST = 100  # nested elements; a model needs six
 MOST_OBJECTS = 50_000
 MOST_PLACED = 50_000  # components and build items
-BLOCK = 1 << 18  # bytes that expat is fed at a time
-MOST_AT_ONCE = 128_000_000  # bytes of a model whose rows of numbers are read apart
-LONGEST = 1_000_000  # bytes that may stand between two ends of tags
+BLOCK = 1 << 18  # bytes given to expat at a time
+MOST_AT_ONCE = 128_000_000  # bytes up to which a model's rows of numbers are read by numpy
+LONGEST = 1_000_000  # bytes between the ends of two tags
 NUMBER = re.compile(r"\s*[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?\s*", re.ASCII)
 WHOLE = re.compile(r"\s*\+?\d{1,18}\s*", re.ASCII)
 
@@ -58,7 +58,7 @@ TRIANGLES, TRIANGLE = f"{CORE} triangles", f"{CORE} triangle"
 COMPONENTS, COMPONENT = f"{CORE} components", f"{CORE} component"
 METADATA = f"{CORE} metadata"
 BUILD, ITEM = f"{CORE} build", f"{CORE} item"
-INSIDE = {  # the elements inside which an element means something
+INSIDE = {  # the parents in which each element has a meaning
     RESOURCES: MODEL,
     OBJECT: RESOURCES,
     MESH: OBJECT,
@@ -74,9 +74,10 @@ INSIDE = {  # the elements inside which an element means something
 
 @dataclass(frozen=True)
 class Placed:
-    """A component or build item: the object's number, the part of the package it is in (None: this
-    one), and the (4, 3) matrix that is multiplied from the right to (x, y, z, 1). An item that is not
-    `printed` is there to be looked at.
+    """A component or build item.
+
+    Holds the object's number, the package part that it is in (None: this one), and the (4, 3) matrix that
+    multiplies (x, y, z, 1) from the right. An item that is not `printed` is there to be looked at.
     """
 
     number: int
@@ -88,6 +89,9 @@ class Placed:
 @dataclass
 class Shape:
     """An object of one of the `TYPES`: a mesh in the model's unit, or components.
+
+    Points are rounded to single precision, as slicers and lib3mf hold them, so that the checks see the
+    same mesh.
 
     Points are rounded to single precision, in which slicers and lib3mf hold them: the checks are to
     see the mesh that these will see.
@@ -111,7 +115,7 @@ class Shape:
 
 @dataclass
 class Model:
-    """One model part: its objects by their numbers, what it builds, and how many mm its unit has."""
+    """One model part: its objects by number, its build items, and its unit in mm."""
 
     unit_mm: float = 1.0
     shapes: dict[int, Shape] = field(default_factory=dict)
@@ -119,11 +123,11 @@ class Model:
 
 
 def read_model(blocks: Iterable[bytes], name: str) -> Model:
-    """Read the model in the XML that comes in blocks.
+    """Read the model from XML that comes in blocks.
 
-    The long rows of vertices and triangles are read apart where they are written the usual way, which is ten
-    times as fast as an element at a time, and are taken in where expat comes to the tag before them; where
-    it does not come to all of these (one is in a comment), everything is read an element at a time.
+    Long rows of vertices and triangles in the usual notation are cut out first and parsed by numpy, ten
+    times as fast as element by element. They are put back when expat reaches the tag before them. If it
+    does not reach all of those tags (one is in a comment), everything is read element by element.
 
     Raises:
         BadFile: it is no 3MF model; the message says what is wrong with it.
@@ -153,7 +157,7 @@ def read_model(blocks: Iterable[bytes], name: str) -> Model:
 
 
 def _gather(stream: Iterator[bytes]) -> bytes:
-    """Return the first blocks together, all of them or somewhat more than `MOST_AT_ONCE` bytes."""
+    """Join the first blocks, up to somewhat more than `MOST_AT_ONCE` bytes."""
     taken, size = [], 0
     for block in stream:
         taken.append(block)
@@ -164,12 +168,12 @@ def _gather(stream: Iterator[bytes]) -> bytes:
 
 
 def _slice(text: bytes) -> Iterator[bytes]:
-    """Return the text in blocks: a tag without an end is noticed by how much has been fed since it began."""
+    """Split the text into blocks, so that a tag that never ends is noticed."""
     return (text[k : k + BLOCK] for k in range(0, len(text), BLOCK))
 
 
 def read_relations(blocks: Iterable[bytes], name: str) -> str:
-    """Read the part of the package where reading starts, of the XML of `_rels/.rels`; "" where it names none.
+    """Read which part of the package is the model from the XML of `_rels/.rels`; "" if it names none.
 
     Raises:
         BadFile: it leads out of the package, or names several.
@@ -201,7 +205,7 @@ def parse_xml(
     declared: Callable[[str, str], None],
     watched: Callable[[Any], None] = lambda parser: None,
 ) -> None:
-    """Feed expat, which must not be kept waiting for the end of a tag that never comes."""
+    """Feed XML to expat, and refuse a tag whose end never comes."""
     parser = expat.ParserCreate(namespace_separator=" ")
     parser.StartElementHandler = start
     parser.EndElementHandler = end
@@ -221,19 +225,21 @@ def parse_xml(
                 raise BadFile(
                     f"{name}: is not a 3MF file: it has a tag of more than {LONGEST} bytes"
                 )
-            if len(parser.intern) > 20_000:  # names of elements and attributes: expat keeps each
+            if (
+                len(parser.intern) > 20_000
+            ):  # distinct names of elements and attributes: expat keeps each
                 raise BadFile(f"{name}: is not a 3MF file: its XML has too many names")
         parser.Parse(b"", True)
     except expat.ExpatError as error:
         raise BadFile(f"{name}: is not a 3MF file, or is damaged: its XML has {error}") from error
-    except (ValueError, LookupError) as error:  # an encoding that is not known
+    except (ValueError, LookupError) as error:  # an unknown encoding
         if isinstance(error, BadFile):
             raise
         raise BadFile(f"{name}: is not a 3MF file, or is damaged ({short(error)})") from error
 
 
 class _Reader:
-    """Takes what expat finds; elements in places where they mean nothing are passed over."""
+    """Handles expat's events; elements whose parent gives them no meaning are skipped."""
 
     def __init__(self, name: str, rows: dict[int, Rows]) -> None:
         self.name, self.model, self.found, self.rows = name, Model(), False, rows
@@ -243,7 +249,7 @@ class _Reader:
         self.told: set[str] = set()
 
     def watch(self, parser: Any) -> None:
-        """Take the parser, which knows at which byte it is."""
+        """Keep the parser, which knows its position in the text."""
         self.parser = parser
 
     def declare(self, prefix: str, uri: str) -> None:
@@ -279,7 +285,7 @@ class _Reader:
             raise BadFile(f"{self.name}: its XML is nested more than {DEEPEST} deep")
 
     def _take_rows(self, tag: str) -> None:
-        """Take the rows that were cut out behind this tag, if any were."""
+        """Take the rows that were cut out behind this tag, if there were any."""
         rows = self.rows.get(self.parser.CurrentByteIndex)
         if rows is None or tag != f"{CORE} {rows.kind}":
             return
@@ -347,30 +353,30 @@ class _Reader:
         return Placed(self._number(given, "objectid", what), part, matrix, printed)
 
 
-# Rows of three numbers in XML that is written one way, as nearly all 3MFs are: numpy reads them
-# at once.
+# Rows of three numbers in the usual notation, which nearly all 3MFs use: numpy parses them at once.
 
 
 KINDS = {"vertices": (b"vertex", b"x y z"), "triangles": (b"triangle", b"v1 v2 v3")}
 TAG = re.compile(b"<(" + "|".join(KINDS).encode() + b")>")
-MOST_TAGS = 100_000  # the text behind so many is left as it is
+MOST_TAGS = 100_000  # blocks of rows beyond this many are left in the text
 NUMBERS = b"0123456789.- \t\r\n"
 
 
 @dataclass(frozen=True)
 class Rows:
-    """The rows between the tags of `kind`: (n, 3) numbers, whole ones of triangles."""
+    """The numbers (n, 3) of the rows between the tags of `kind`; whole ones for triangles."""
 
     kind: str
     numbers: NDArray[Any]
 
 
 def cut_rows(text: bytes) -> tuple[bytes, dict[int, Rows]]:
-    """Give the text without the rows that could be read, and these by the place in it of the tag before them.
+    """Cut the rows that numpy can read out of the text; return the text, and the rows by the offset of their
+    tag.
 
     Rows are `<vertex x="1.5" y="-2" z="0" />` within <vertices>, and `<triangle v1="0" v2="1" v3="2"/>`
-    within <triangles>: plain decimals, no other attributes. Where anything else stands between two such
-    tags, all of it is left as it is.
+    within <triangles>: plain decimals, no other attributes. If anything else stands between two such tags,
+    all rows between them stay in the text.
     """
     kept: list[bytes] = []
     found: dict[int, Rows] = {}
@@ -390,7 +396,7 @@ def cut_rows(text: bytes) -> tuple[bytes, dict[int, Rows]]:
 
 
 def _read_rows(rows: bytes, kind: str) -> NDArray[Any] | None:
-    """Read the numbers (n, 3) of rows; None where there is anything else."""
+    """Parse the numbers (n, 3) of rows; None if there is anything else."""
     element, keys = KINDS[kind]
     first, second, third = keys.split()
     count = rows.count(b"<")

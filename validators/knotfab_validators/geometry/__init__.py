@@ -1,1 +1,1 @@
-"""Meshes, curves, segments and triangles: plain geometry, which knows neither files nor checks."""
+"""Geometry of meshes, curves, segments and triangles; it knows neither files nor checks."""

@@ -1,4 +1,4 @@
-"""Centre lines: polygons with one tube radius, and their straight edges."""
+"""Centre lines as polygons with one tube radius, their edges, and distances between segments."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from knotfab_validators.arrays import Array, Ints, Mask
 
 @dataclass(frozen=True)
 class CurveEdges:
-    """Edges from `start` to `end` (k, 3), mm, and the number (k,) of the curve each belongs to."""
+    """Edges from `start` to `end` (k, 3), mm; `curve` (k,) is the index of the curve that each belongs to."""
 
     start: Array
     end: Array
@@ -22,9 +22,10 @@ class CurveEdges:
 
 @dataclass(frozen=True)
 class Member:
-    """A round bar of a mount: from a centre line to another, or to the mount's foot; all (3,), mm.
+    """A round bar of a mount, from a centre line to another one or to the mount's foot; points (3,), mm.
 
-    `radius_mm` are those of its two ends, `foot` the unit normal of the face that it stands on, if it does.
+    `radius_mm` holds the radii at its two ends, `foot` the unit normal of the face that it stands on, if
+    any.
     """
 
     start: Array
@@ -33,16 +34,17 @@ class Member:
     foot: Array | None = None
 
     def scaled(self, share: float) -> Member:
-        """Return the same bar at a share of every length."""
+        """Scale every length of the bar by `share`."""
         low, high = self.radius_mm
         return Member(share * self.start, share * self.end, (share * low, share * high), self.foot)
 
 
 @dataclass(frozen=True)
 class Slab:
-    """A flat plate in which the piece stands: corners of its face (n, 3), its holes' middles (k, 3), mm.
+    """A flat plate in which the piece stands.
 
-    `out` (3,) is the face's unit normal; the holes, `hole_mm` wide, go through.
+    Holds the corners of its face (n, 3) and the centres of its through holes (k, 3), mm, which are `hole_mm`
+    wide; `out` (3,) is the unit normal of the face.
     """
 
     outline: Array
@@ -52,14 +54,14 @@ class Slab:
     out: Array
 
     def scaled(self, share: float) -> Slab:
-        """Return the same at a share of every length."""
+        """Scale every length of the plate by `share`."""
         hole, thick = share * self.hole_mm, share * self.thickness_mm
         return Slab(share * self.outline, share * self.holes, hole, thick, self.out)
 
 
 @dataclass(frozen=True)
 class Bar:
-    """A level box that holds two strands apart while they print: its ends (3,), width and height, mm."""
+    """A level box that holds two strands apart while they print: its ends (3,), its width and height, mm."""
 
     start: Array
     end: Array
@@ -72,14 +74,15 @@ class Bar:
 
 @dataclass(frozen=True)
 class Curves:
-    """Polygons with one tube radius.
+    """Polygons with one tube radius, and the mount that holds them.
 
-    `polygons` are (n, 3) float64 mm; where `closed` says so the last point joins the first, and is
-    not repeated. `types` are the knot types that the file promises, such as "unknot" or "3_1" ("open"
-    for an open curve); `radius_mm` is None where the file gives none. `members` are those of the mount
-    that holds them, `rods` its round bars between no strands, and `hulls` the names and corners (n, 3) of
-    its convex solids; `plate` is one that they stand in. `bars` are broken away; `cut_mm` is missing of the
-    lowest foot.
+    `polygons` are (n, 3) float64 mm; a `closed` one joins its last point to its first, which is not
+    repeated.
+    `types` are the knot types that the file promises, such as "unknot" or "3_1" ("open" for an open curve);
+    `radius_mm` is None where the file gives none. Of the mount, `members` lead from strands, `rods` are its
+    other round bars, `hulls` the names and corners (n, 3) of its convex solids, and `plate` the one in which
+    the piece stands. `bars` are broken away after printing; `cut_mm` is how much of the lowest foot is cut
+    off.
     """
 
     polygons: tuple[Array, ...]
@@ -95,7 +98,7 @@ class Curves:
 
     @cached_property
     def edges(self) -> CurveEdges:
-        """The edges of all curves, in their order."""
+        """The edges of all curves, curve after curve."""
         return edges_of(self.polygons, self.closed)
 
     @property
@@ -110,7 +113,7 @@ class Curves:
         return tuple(np.bincount(self.edges.curve, length, minlength=len(self.polygons)).tolist())
 
     def scaled(self, share: float) -> Curves:
-        """Return the same curves, radii and members at a share of every length."""
+        """Scale all curves, radii and mounts by `share`."""
         return replace(
             self,
             polygons=tuple(share * polygon for polygon in self.polygons),
@@ -125,7 +128,7 @@ class Curves:
 
 
 def edges_of(polygons: Sequence[Array], closed: Sequence[bool] | None = None) -> CurveEdges:
-    """Return the edges of polygons (n, 3), in their order; `closed`: all by default.
+    """Return the edges of polygons (n, 3), polygon after polygon; by default all are closed.
 
     A closed polygon's last edge leads to its first point; an open one has no such edge.
     """
@@ -139,23 +142,24 @@ def edges_of(polygons: Sequence[Array], closed: Sequence[bool] | None = None) ->
     return CurveEdges(np.concatenate(starts), np.concatenate(ends), np.concatenate(numbers))
 
 
-# Samples of curves and faces: runs of equal numbers, edges and triangles cut into pieces.
+# Runs of consecutive indices, and edges and triangles cut into pieces.
 
 
 def number_runs(count: Ints) -> tuple[Ints, Ints]:
-    """Number the members of runs of lengths (n,): the run that each belongs to, and its number there.
+    """Number the members of runs of lengths `count` (n,): each one's run, and its index in that run, from 0.
 
-    Both (sum of `count`,), from 0: counts (2, 0, 3) give (0, 0, 2, 2, 2) and (0, 1, 0, 1, 2).
+    Both have shape (sum of `count`,): counts (2, 0, 3) give (0, 0, 2, 2, 2) and (0, 1, 0, 1, 2).
     """
     which = np.repeat(np.arange(len(count)), count)
     return which, np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count)
 
 
 def cut_edges(start: Array, end: Array, step: float) -> tuple[Ints, Array, Array]:
-    """Return edges (n, 3) cut into equal pieces, of at most `step` and at least one an edge.
+    """Cut each edge (n, 3) into equal pieces no longer than `step`.
 
     Returns:
-        The edge of each piece, where on it the piece begins (0 to 1) and how much of it the piece is.
+        The edge of each piece, where on it the piece begins (0 to 1), and the share of it that the piece
+        is.
     """
     pieces = np.maximum(np.ceil(np.linalg.norm(end - start, axis=1) / step), 1).astype(np.int64)
     which, number = number_runs(pieces)
@@ -163,18 +167,21 @@ def cut_edges(start: Array, end: Array, step: float) -> tuple[Ints, Array, Array
 
 
 def quarter_triangles(corner: Array) -> Array:
-    """Return (4m, 3, 3) four triangles half as large in place of each triangle (m, 3, 3)."""
+    """Split each triangle (m, 3, 3) into four of half the size, (4m, 3, 3)."""
     a, b, c = corner[:, 0], corner[:, 1], corner[:, 2]
     ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
     pieces = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
     return np.concatenate([np.stack(piece, axis=1) for piece in pieces])
 
 
-# The axes of a view that is turned by an azimuth and raised by an elevation: a view, or a region.
+# The axes of a view or region that is turned by an azimuth and raised by an elevation.
 
 
 def view_axes(azimuth_deg: float, elevation_deg: float) -> Array:
-    """Give (3, 3) rows right, up and towards the light, in the scene; x, y and z where both angles are 0."""
+    """Return the view's right, up and towards-the-light directions in the scene, as rows (3, 3).
+
+    They are x, y and z where both angles are 0.
+    """
     a, e = np.radians(azimuth_deg), np.radians(elevation_deg)
     return np.array(
         [
@@ -185,11 +192,11 @@ def view_axes(azimuth_deg: float, elevation_deg: float) -> Array:
     )
 
 
-# Distances between points and straight segments, and between segments, row by row.
+# Distances from points to segments, and between segments, row by row.
 
 
 def nearest_on_segment(points: Array, start: Array, end: Array) -> Array:
-    """Return the nearest point (n, 3) of each segment to a point (n, 3); a segment may have no length."""
+    """Return the point of each segment nearest to a point (n, 3); a segment may have no length."""
     span = end - start
     square = np.einsum("ij,ij->i", span, span)
     along = np.einsum("ij,ij->i", points - start, span) / np.where(square > 0, square, 1.0)
@@ -197,13 +204,14 @@ def nearest_on_segment(points: Array, start: Array, end: Array) -> Array:
 
 
 def point_segment(points: Array, start: Array, end: Array) -> Array:
-    """Return distances (n,) of points (n, 3) from segments."""
+    """Return the distances (n,) from points (n, 3) to segments."""
     return _length(points - nearest_on_segment(points, start, end))
 
 
 def nearest_on_two(a: Array, b: Array, c: Array, d: Array) -> tuple[Array, Array]:
-    """Return the nearest points (n, 3) of the segments a b and c d (Ericson, "Real-time collision detection",
-    2005, 5.1.9). Of parallel ones some pair of nearest points, up to rounding.
+    """Return the nearest points (n, 3) of the segments ab and cd; for parallel ones, any nearest pair.
+
+    The method is that of Ericson, "Real-time collision detection", 2005, 5.1.9.
     """
     u, v, w = b - a, d - c, c - a
     uu, vv, uv = (np.einsum("ij,ij->i", x, y) for x, y in ((u, u), (v, v), (u, v)))
@@ -216,9 +224,9 @@ def nearest_on_two(a: Array, b: Array, c: Array, d: Array) -> tuple[Array, Array
 
 
 def segment_segment(a: Array, b: Array, c: Array, d: Array) -> Array:
-    """Return distances (n,) between segments a b and c d: inside to inside, or at an end.
+    """Return the distances (n,) between segments ab and cd.
 
-    The ends are measured too, for rounding moves the nearest points of nearly parallel segments.
+    Ends are measured too, because rounding moves the nearest points of nearly parallel segments.
     """
     p, q = nearest_on_two(a, b, c, d)
     ends = ((a, c, d), (b, c, d), (c, a, b), (d, a, b))
@@ -229,15 +237,17 @@ def _length(vectors: Array) -> Array:
     return np.asarray(np.sqrt(np.einsum("ij,ij->i", vectors, vectors)))
 
 
-# Find segments of two blocks that come near each other: dense tests where no hierarchy helps.
+# Pairs of nearby segments in two blocks: dense tests, where no hierarchy helps.
 
 
-ROUNDING = 1e-14  # a share of the extent squared: the error of a squared distance from products
+ROUNDING = (
+    1e-14  # error of a squared distance computed by products, as a share of the squared extent
+)
 
 
 @dataclass(frozen=True)
 class SegmentBlocks:
-    """Segments in m blocks of up to b, padded; `index` (m, b) is -1 where nothing is."""
+    """Segments in m blocks of up to b, padded; `index` (m, b) is -1 in padding."""
 
     index: Ints
     centre: Array  # (m, b, 3)
@@ -248,7 +258,7 @@ class SegmentBlocks:
 
 
 def segment_blocks(start: Array, end: Array, first: Ints) -> SegmentBlocks:
-    """Return blocks of consecutive segments (n, 3); `first` (m,) is where each begins, ascending.
+    """Group consecutive segments (n, 3) into blocks; `first` (m,), ascending, is where each begins.
 
     Coordinates should be relative to a point among them.
     """
@@ -265,11 +275,11 @@ def segment_blocks(start: Array, end: Array, first: Ints) -> SegmentBlocks:
 
 
 def near_segments(blocks: SegmentBlocks, i: Ints, j: Ints, limit: float) -> tuple[Ints, Ints]:
-    """Return pairs of segments of blocks i and j (k,) that may be `limit` or less apart.
+    """Return pairs of segments, one in block i and one in block j (k,), that may be at most `limit` apart.
 
-    Left out are pairs whose lines are farther apart (the products of their Plücker coordinates),
-    whose balls are, or one of which leaves the cylinder of the other's line. Each is a few matrix
-    products over all pairs of two blocks, some 50 ns a pair. Memory: k b² numbers.
+    A pair is dropped if the lines are farther apart (by Plücker coordinates), the bounding balls are, or one
+    segment leaves the cylinder around the other's line. This takes a few matrix products for each pair of
+    blocks, some 50 ns a pair of segments, and memory for k b² numbers.
     """
     near = _near(blocks, i, j, limit)
     near &= (blocks.index[i] >= 0)[:, :, None] & (blocks.index[j] >= 0)[:, None, :]
@@ -280,7 +290,7 @@ def near_segments(blocks: SegmentBlocks, i: Ints, j: Ints, limit: float) -> tupl
 
 
 def _near(blocks: SegmentBlocks, a: Ints, b: Ints, limit: float) -> Mask:
-    """Return (k, b, b) of blocks a and b (k,)."""
+    """Mark pairs in blocks a and b (k,) that pass all three tests, (k, b, b)."""
     slack = ROUNDING * blocks.extent * max(blocks.extent, limit)
     u, v = blocks.unit[a], blocks.unit[b].transpose(0, 2, 1)
     p, q = blocks.centre[a], blocks.centre[b].transpose(0, 2, 1)

@@ -1,4 +1,4 @@
-"""A part's surface as an indexed triangle mesh, and what follows from its corners and faces at once."""
+"""A part's surface as an indexed triangle mesh, and queries that need nothing but its corners and faces."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Mesh:
 
 
 def merge_equal(corners: Corners) -> Mesh:
-    """Index triangles (m, 3, 3) by their exactly equal corners (0.0 and -0.0 are equal).
+    """Index triangles (m, 3, 3) by exactly equal corners (0.0 equals -0.0).
 
     Vertices are in the order in which the triangles name them first: neighbours lie beside each other.
     """
@@ -52,10 +52,10 @@ def merge_equal(corners: Corners) -> Mesh:
 
 
 def join_rounded(mesh: Mesh, within: float) -> tuple[Mesh, float]:
-    """Join corners along open edges that are at most so far apart, in mm, as writers round them.
+    """Merge vertices on open edges that are at most `within` mm apart, as rounding by a writer leaves them.
 
-    Faces that this leaves without an area go. Returns the mesh and the widest gap that was joined, 0 where
-    none was: a mesh that it does not close stays as it is.
+    Faces that lose their area are dropped. Returns the mesh, and the widest gap that was closed, mm. A mesh
+    that merging does not close is returned as it is, with 0.
     """
     edges = _open_edges(mesh.faces)
     ends = np.unique(edges)
@@ -86,7 +86,7 @@ def join_rounded(mesh: Mesh, within: float) -> tuple[Mesh, float]:
 
 
 def _open_edges(faces: Ints) -> Ints:
-    """Return (n, 2) the edges that an odd number of faces share."""
+    """Return the edges (n, 2) that an odd number of faces share."""
     edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
     found, counts = np.unique(edges, axis=0, return_counts=True)
     return np.asarray(found[counts % 2 == 1])
@@ -94,7 +94,7 @@ def _open_edges(faces: Ints) -> Ints:
 
 @compiled
 def _number_equal(rows: NDArray[np.uint64]) -> tuple[Ints, Ints]:
-    """Find by a hash table where each different row of (n, 3) comes first, and the rows' numbers."""
+    """Find distinct rows of (n, 3) by hashing: where each comes first, and the number of each row."""
     size = 4
     while size < 2 * len(rows):
         size *= 2
@@ -128,13 +128,15 @@ def _number_equal(rows: NDArray[np.uint64]) -> tuple[Ints, Ints]:
 
 
 def bound_triangles(a: Array, b: Array, c: Array) -> tuple[Array, Array]:
-    """Return the least and the greatest coordinates (m, k) of triangles with these corners, each (m, k)."""
-    # much faster than numpy's own minimum along so short an axis
+    """Return the least and the greatest coordinates (m, k) of triangles with corners a, b and c, each (m,
+    k).
+    """
+    # much faster than a minimum of numpy along so short an axis
     return np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
 
 
 def corner_faces(mesh: Mesh) -> tuple[Ints, Ints]:
-    """Return faces around each vertex: `faces` (3 m,) and `first` (n + 1,), where each vertex's begin."""
+    """List the faces around each vertex: `faces` (3 m,), in which vertex i's begin at `first`[i], (n + 1,)."""
     corner = mesh.faces.reshape(-1)
     order = np.argsort(corner, kind="stable")
     count = np.bincount(corner, minlength=len(mesh.vertices))
@@ -142,7 +144,7 @@ def corner_faces(mesh: Mesh) -> tuple[Ints, Ints]:
 
 
 def connect(start: Ints, end: Ints, count: int) -> tuple[Ints, int]:
-    """Return connected components of a graph: the component (count,) of each node, and how many there are.
+    """Find the connected components of a graph: the component of each node (count,), and their number.
 
     Args:
         start, end: (k,) the nodes that each edge joins.
@@ -156,9 +158,9 @@ def connect(start: Ints, end: Ints, count: int) -> tuple[Ints, int]:
 
 
 def number_bodies(mesh: Mesh) -> tuple[Ints, int]:
-    """Give the connected surface (n,) of each vertex, in the order of their first faces; how many there are.
+    """Number the connected surfaces of a mesh: that of each vertex (n,), and how many there are.
 
-    -1 for vertices that no face uses.
+    They are in the order of their first faces; vertices that no face uses get -1.
     """
     start, end = mesh.faces.reshape(-1), np.roll(mesh.faces, -1, axis=1).reshape(-1)
     label, _ = connect(start, end, len(mesh.vertices))
@@ -169,7 +171,7 @@ def number_bodies(mesh: Mesh) -> tuple[Ints, int]:
 
 
 def body_volumes(mesh: Mesh, label: Ints, count: int) -> Array:
-    """Compute the volume (count,) of each surface of `number_bodies`, mm³; negative if inside out."""
+    """Compute the volume (count,), mm³, of each surface of `number_bodies`; negative if inside out."""
     corner = mesh.vertices[mesh.faces] - mesh.vertices.mean(axis=0)
     six = np.einsum("ij,ij->i", corner[:, 0], np.cross(corner[:, 1], corner[:, 2]))
     return np.asarray(np.bincount(label[mesh.faces[:, 0]], six, minlength=count) / 6)
@@ -182,16 +184,15 @@ def enclosed_volume(mesh: Mesh) -> float:
 
 
 def move_points(points: Array, motion: Array) -> Array:
-    """Return points (n, 3) moved by a rigid motion (4, 4)."""
+    """Apply a rigid motion (4, 4) to points (n, 3)."""
     return np.asarray(points @ motion[:3, :3].T + motion[:3, 3])
 
 
-# Place points about a surface: their distance from it, and how often it winds round them
-# (libigl).
+# Distances of points from a surface, and winding numbers around them (libigl).
 
 
 def surface_distance(points: Array, mesh: Mesh) -> Array:
-    """Return (n,) distance of points (n, 3) from the nearest face, mm."""
+    """Return the distances (n,), mm, from points (n, 3) to the nearest face."""
     from igl import point_mesh_squared_distance
 
     square = point_mesh_squared_distance(*_contiguous(points, mesh.vertices, mesh.faces))[0]
@@ -199,11 +200,11 @@ def surface_distance(points: Array, mesh: Mesh) -> Array:
 
 
 def winding_numbers(points: Array, mesh: Mesh, *, exact: bool = True) -> Array:
-    """Return (n,) generalised winding numbers of points (n, 3): in matter of a closed mesh 1, outside 0.
+    """Return the generalised winding numbers (n,) at points (n, 3): 1 in the matter of a closed mesh, 0
+    outside.
 
-    Exact ones sum up the solid angles of all faces; the others have an error of about a thousandth,
-    and more near the surface (Barill et al., "Fast winding numbers for soups and clouds", ACM TOG
-    37(4), 2018).
+    Exact ones sum the solid angles of all faces. The others have an error of about a thousandth, and more
+    near the surface (Barill et al., "Fast winding numbers for soups and clouds", ACM TOG 37(4), 2018).
     """
     from igl import fast_winding_number, winding_number
 
@@ -216,30 +217,29 @@ def winding_numbers(points: Array, mesh: Mesh, *, exact: bool = True) -> Array:
 
 
 def _contiguous(*arrays: NDArray[Any]) -> tuple[NDArray[Any], ...]:
-    """Make arrays contiguous, as libigl takes them."""
+    """Make arrays contiguous, as libigl requires."""
     return tuple(np.ascontiguousarray(array) for array in arrays)
 
 
-# A tube that was swept round until it met itself, but not sewn together there: its two rims,
-# joined.
+# A tube swept around until it meets itself, but not sewn there: its two rims are joined.
 
 
-NEAR = 0.25  # a share of the rims' radius, between their middles
-ALIKE = 0.2  # a share of the rims' radius, between their radii
+NEAR = 0.25  # largest distance between the rims' centres, as a share of their radius
+ALIKE = 0.2  # largest difference between the rims' radii, as a share of either
 
 
 def sew_rims(mesh: Mesh) -> Mesh | None:
-    """Return a surface with two like rims in one place, closed by a strip of faces; None where it is not so.
+    """Close a surface with two matching rims in one place by a strip of faces; None without such rims.
 
-    VTK's tubes about closed lines are so: the rings at the seam are turned against each other.
+    VTK's tubes around closed lines are like this: the rings at the seam are turned against each other.
 
     Args:
-        mesh: one body, wound in one way.
+        mesh: one body, consistently wound.
     """
     rims = _rims(mesh)
     if len(rims) != 2:
         return None
-    one, other = rims[0], rims[1][::-1]  # both the same way round the tube now
+    one, other = rims[0], rims[1][::-1]  # now both run the same way around the tube
     a, b = mesh.vertices[one], mesh.vertices[other]
     sizes = [float(np.linalg.norm(p - p.mean(axis=0), axis=1).mean()) for p in (a, b)]
     apart = float(np.linalg.norm(a.mean(axis=0) - b.mean(axis=0)))
@@ -251,7 +251,7 @@ def sew_rims(mesh: Mesh) -> Mesh | None:
 
 
 def _rims(mesh: Mesh) -> list[Ints]:
-    """Give the closed lines of half-edges without a twin, as vertices in their order; none if they branch."""
+    """Return the closed loops of half-edges without a twin, as vertices in order; none if they branch."""
     start, end = mesh.faces.reshape(-1), np.roll(mesh.faces, -1, axis=1).reshape(-1)
     count = np.int64(len(mesh.vertices))
     bare = ~np.isin(start * count + end, end * count + start)
@@ -275,7 +275,7 @@ def _rims(mesh: Mesh) -> list[Ints]:
 def _zip(one: Ints, other: Ints, a: Array, b: Array) -> Ints:
     """Return the faces of a strip between two rings of vertices (n,) and (m,), at points a and b.
 
-    Each step goes on along the ring of which the smaller share of the length is done.
+    Each step advances on the ring of which the smaller share has been covered.
     """
     shares = []
     for points in (a, b):
@@ -293,11 +293,11 @@ def _zip(one: Ints, other: Ints, a: Array, b: Array) -> Ints:
     return np.array(faces)
 
 
-# The distance between two bodies of triangles, exactly, by FCL's trees of boxes.
+# The exact distance between two triangle bodies, by FCL's trees of boxes.
 
 
 def collision_body(mesh: Mesh) -> Any:
-    """Return the mesh as FCL holds it; its triangles may be edges (two equal corners)."""
+    """Load the mesh into FCL. Triangles with two equal corners stand for edges."""
     import fcl
 
     model = fcl.BVHModel()
@@ -309,7 +309,7 @@ def collision_body(mesh: Mesh) -> Any:
 
 
 def collision_distance(one: Any, other: Any) -> tuple[float, Array]:
-    """Give the least distance between two bodies, 0 if they cross, and the nearest points (2, 3) of them."""
+    """Return the least distance between two bodies, 0 if they cross, and the nearest points (2, 3)."""
     import fcl
 
     request, result = fcl.DistanceRequest(enable_nearest_points=True), fcl.DistanceResult()

@@ -1,4 +1,4 @@
-"""The make-up of a mesh: its edges, corners where it is pinched, bodies, genera and volumes."""
+"""Survey of a mesh: its edges, pinched corners, bodies, genera and volumes."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from knotfab_validators.arrays import Array, Ints, Mask, compiled
 from knotfab_validators.geometry.mesh import Mesh, bound_triangles, connect
 from knotfab_validators.geometry.triangles import find_flat
 
-FLAT = 1e-12  # a share of the longest edge's square: twice the area of a face that has none
-ROUNDS = 64  # faces about a corner that are counted one by one; corners with more of them are rare
+FLAT = 1e-12  # twice the area of a face that counts as flat, as a share of its longest edge squared
+ROUNDS = 64  # faces around a corner that are walked one at a time; few corners have more
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Surface:
 
 
 def survey(mesh: Mesh) -> Surface:
-    """Return edges, corners, bodies, genera and volumes of a mesh with finite vertices and some faces.
+    """Survey a mesh with finite vertices and some faces.
 
     The genus g follows from V - E + F = 2 - 2g of each body, the volume from the divergence
     theorem: a sixth of the sum of det(a, b, c) over its faces.
@@ -94,12 +94,12 @@ def survey(mesh: Mesh) -> Surface:
 
 
 def flat_faces(mesh: Mesh) -> Ints:
-    """Return faces without an area: a corner twice, or three corners in a line (but for rounding)."""
+    """Return the indices of faces without area: a repeated corner, or three in a line up to rounding."""
     return np.flatnonzero(find_flat(mesh.vertices, mesh.faces, FLAT))
 
 
 def duplicate_faces(mesh: Mesh) -> Ints:
-    """Return faces whose three corners are exactly an earlier face's, in any order.
+    """Return the indices of faces with exactly the three corners of an earlier face, in any order.
 
     A hash of each corner's coordinates, added up over the face, finds the candidates; they are
     then compared by their coordinates.
@@ -132,8 +132,9 @@ def _scramble(x: NDArray[np.uint64]) -> NDArray[np.uint64]:
 def _find_pinched(faces: Ints, one: Ints, other: Ints, count: int) -> Ints:
     """Find vertices whose faces form more than one fan; `one` and `other` are paired half-edges.
 
-    Half-edge 3f + i leads from corner i of face f to the next. From a half-edge one turns about
-    its start to the twin of the half-edge before it; the round must meet every face there.
+    Half-edge 3f + i leads from corner i of face f to the next one. The twin of the half-edge before it
+    leaves
+    the same corner: repeated, this walk around the corner must reach every face there.
     """
     twin = np.empty(faces.size, dtype=np.int64)
     twin[one], twin[other] = other, one
@@ -158,7 +159,7 @@ def _find_pinched(faces: Ints, one: Ints, other: Ints, count: int) -> Ints:
 
 
 def _vertices_of_bodies(faces: Ints, body: Ints, bodies: int, count: int) -> Ints:
-    """Count how many vertices each body has; one that two bodies share counts for both."""
+    """Count the vertices of each body; one that two bodies share counts for both."""
     corner, owner = faces.reshape(-1), np.full(count, -1, dtype=np.int64)
     label = np.repeat(body, 3)
     owner[corner] = label
@@ -168,10 +169,10 @@ def _vertices_of_bodies(faces: Ints, body: Ints, bodies: int, count: int) -> Int
     return np.bincount(pairs // count, minlength=bodies)
 
 
-# Circle-valued functions on a closed surface of genus 1, whose level sets run round it once.
+# Circle-valued functions on a closed surface of genus 1, whose level sets run around it once.
 
 
-# an edge's weights: cotangents of slivers are large or negative
+# bounds on an edge's weight: cotangents of slivers are large or negative
 LEAST_WEIGHT, MOST_WEIGHT = 0.05, 20.0
 
 
@@ -201,17 +202,17 @@ class _Edges:
 
 
 def circle_functions(mesh: Mesh) -> tuple[CircleFunction, CircleFunction]:
-    """Find the two harmonic functions of least energy from a closed oriented surface of genus 1 to a circle.
+    """Find the two harmonic circle-valued functions of least energy on a closed oriented surface of genus 1.
 
-    Of a long tube the first goes once along it, and hardly changes round it. A discrete harmonic 1-form
-    of positive weights has no zero on such a surface (Gortler, Gotsman and Thurston, "Discrete one-forms
+    On a long tube the first winds once along it, and hardly changes around it. A discrete harmonic 1-form
+    with positive weights has no zero on such a surface (Gortler, Gotsman and Thurston, "Discrete one-forms
     on meshes", CAGD 23(2), 2006), so that each level set is one closed curve.
 
-    Integers on the edges are made harmonic by a function of the vertices, which is the phase, for
-    integers vanish on the circle; the shortest two combinations of the forms are Gauss's.
+    Integer 1-forms on the edges are made harmonic by a function of the vertices. That function is the phase,
+    since integers vanish on the circle. Gauss's reduction gives the shortest two combinations of the forms.
 
     Args:
-        mesh: one body of genus 1 that uses all its vertices, each edge in two faces, either way once.
+        mesh: one body of genus 1 that uses all its vertices, each edge in two faces, once either way.
     """
     edges = _edges(mesh)
     weight = _weigh(mesh, edges)
@@ -236,29 +237,29 @@ def _edges(mesh: Mesh) -> _Edges:
 
 
 def _weigh(mesh: Mesh, edges: _Edges) -> Array:
-    """Return (k,) half the sum of the two cotangents across each edge, kept positive."""
+    """Return the weights (k,) of the edges: half the sum of the two opposite cotangents, kept positive."""
     corner = mesh.vertices[mesh.faces]
     one, other = np.roll(corner, -1, axis=1) - corner, np.roll(corner, 1, axis=1) - corner
     area = np.linalg.norm(np.cross(one, other), axis=2)
     cotangent = np.einsum("mij,mij->mi", one, other) / np.maximum(area, 1e-300)
-    # the cotangent of the corner that the half-edge i does not touch
+    # the cotangent at the corner opposite half-edge i
     across = np.roll(cotangent, 1, axis=1)
     weight = 0.5 * np.bincount(edges.of_face.reshape(-1), across.reshape(-1))
     return np.clip(weight, LEAST_WEIGHT, MOST_WEIGHT)
 
 
 def _closed_forms(edges: _Edges, vertices: int) -> Array:
-    """Return (2, k) closed integer 1-forms, a basis of the surface's cohomology: by tree and cotree.
+    """Return two closed integer 1-forms (2, k) that span the surface's cohomology, by tree and cotree.
 
-    A tree of the vertices, a tree of the faces across the other edges, and two edges in neither
-    (Erickson and Whittlesey, "Greedy optimal homotopy and homology generators", SODA 2005). Each
-    of these closes a loop of faces through their tree; its form counts how the loop crosses edges.
+    A spanning tree of the vertices and one of the faces, across other edges, leave two edges (Erickson and
+    Whittlesey, "Greedy optimal homotopy and homology generators", SODA 2005). Each of these closes a loop of
+    faces through their tree; its form counts how the loop crosses edges.
     """
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import breadth_first_order
 
     def tree(one: Ints, other: Ints, number: Ints, count: int) -> tuple[Ints, Ints]:
-        """Return for each node the node before it on the way from the first, and the edge to it; -1: none."""
+        """Return each node's parent in a spanning tree, and the edge to it; -1 if none."""
         pair, first = np.unique(
             np.minimum(one, other) * np.int64(count) + np.maximum(one, other), return_index=True
         )
@@ -279,7 +280,7 @@ def _closed_forms(edges: _Edges, vertices: int) -> Array:
     rest = np.flatnonzero(free)
     before, up = tree(sides[rest, 0], sides[rest, 1], rest, len(edges.of_face))
     free[up[up >= 0]] = False
-    # whether each face runs along the edge that leads up from it
+    # whether each face runs along the edge to its parent
     along = (edges.sign * (edges.of_face == up[:, None])).sum(axis=1)
     forms = np.zeros((2, len(free)))
     for form, edge in zip(forms, np.flatnonzero(free), strict=True):
@@ -287,7 +288,7 @@ def _closed_forms(edges: _Edges, vertices: int) -> Array:
         if edges.sign[leave][edges.of_face[leave] == edge][0] < 0:
             leave, arrive = arrive, leave
         form[edge] = 1.0
-        for face, way in ((arrive, 1.0), (leave, -1.0)):  # above where they meet the two cancel
+        for face, way in ((arrive, 1.0), (leave, -1.0)):  # above the meeting point the two cancel
             while before[face] >= 0:
                 form[up[face]] += way * along[face]
                 face = before[face]
@@ -295,7 +296,7 @@ def _closed_forms(edges: _Edges, vertices: int) -> Array:
 
 
 def _solve(vertices: int, edges: _Edges, weight: Array, forms: Array) -> Array:
-    """Return (2, n) the functions whose differences make closed forms harmonic: a Laplace equation each."""
+    """Solve a Laplace equation for each closed form: the functions (2, n) that make it harmonic."""
     from scipy.sparse import coo_matrix, diags
     from scipy.sparse.linalg import splu
 
@@ -304,14 +305,14 @@ def _solve(vertices: int, edges: _Edges, weight: Array, forms: Array) -> Array:
     sign = np.repeat([-1.0, 1.0], count)
     differ = coo_matrix((sign, (row, edges.ends.T.reshape(-1))), shape=(count, vertices)).tocsc()
     weigh = diags(weight)
-    laplace = (differ.T @ weigh @ differ).tocsc()[1:, 1:]  # the first vertex is held at 0
+    laplace = (differ.T @ weigh @ differ).tocsc()[1:, 1:]  # the first vertex is fixed at 0
     factors = splu(laplace, permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
     right = -(differ.T @ (weigh @ forms.T))[1:]
     return np.concatenate([np.zeros((2, 1)), factors.solve(np.ascontiguousarray(right)).T], axis=1)
 
 
 def _reduce(gram: Array) -> tuple[Ints, Ints]:
-    """Return the two shortest independent pairs of integers by a quadratic form (2, 2): Gauss's reduction."""
+    """Return the two shortest independent integer vectors of a quadratic form (2, 2), by Gauss's reduction."""
     short, long = np.array([1, 0]), np.array([0, 1])
     for _ in range(100):
         if short @ gram @ short > long @ gram @ long:
@@ -323,24 +324,24 @@ def _reduce(gram: Array) -> tuple[Ints, Ints]:
     return short, long
 
 
-# Estimate a mesh's work: about how many pairs of its faces have bounding boxes that overlap.
+# Estimate how many pairs of a mesh's faces have overlapping bounding boxes.
 
 
-# faces of each of some sizes whose boxes are compared with all others
+# sampled faces of each size class, whose boxes are compared with all others
 SAMPLES = 6
-MOST_BOXES = 10_000_000  # pairs of overlapping boxes that are tested, or as many as
-MOST_A_FACE = 100  # factor to the number of faces: a good part has some 10 to 40 a face
+MOST_BOXES = 10_000_000  # pairs of overlapping boxes that are always accepted
+MOST_A_FACE = 100  # pairs a face that are accepted beyond that; a sound part has 10 to 40
 
 
 class TooMuchWork(Exception):
-    """A part asks a check for more than the check may do; the message says of what."""
+    """A check would take too long on this part; the message says why."""
 
 
 def bound_work(count: float, most: int, what: str) -> None:
-    """Let a check go on as long as it has no more than so much to do.
+    """Require that a check has at most `most` steps of work.
 
     Raises:
-        TooMuchWork: there is more of `what`.
+        TooMuchWork: it has more; `what` names them.
     """
     if count > most:
         raise TooMuchWork(f"{count:.0f} {what}, more than {most}")
@@ -350,7 +351,7 @@ def tell_heap(mesh: Mesh, boxes: float | None = None) -> str | None:
     """Say why a mesh is such a heap of faces that no tree of boxes helps; None where it is not.
 
     Args:
-        boxes: about how many pairs of boxes overlap, where that is known.
+        boxes: about how many pairs of boxes overlap, if that is known already.
     """
     boxes = overlapping_boxes(mesh) if boxes is None else boxes
     if boxes <= max(MOST_BOXES, MOST_A_FACE * len(mesh.faces)):
@@ -360,7 +361,7 @@ def tell_heap(mesh: Mesh, boxes: float | None = None) -> str | None:
 
 @compiled
 def _count_met(low: Array, high: Array, face: int) -> int:
-    """Count how many boxes, from low to high (m, 3), meet that of one face, itself among them."""
+    """Count the boxes, from low to high (m, 3), that meet the box of one face, including itself."""
     met = 0
     for k in range(len(low)):
         apart = False
@@ -371,10 +372,10 @@ def _count_met(low: Array, high: Array, face: int) -> int:
 
 
 def overlapping_boxes(mesh: Mesh) -> float:
-    """Return about how many pairs of faces have bounding boxes that overlap, from a few faces of every size.
+    """Estimate how many pairs of faces have overlapping bounding boxes, from a sample of every size.
 
-    A few long faces aslant may have more overlaps than all others together: by size the faces are told
-    apart in layers, each 16 times as many as the one before.
+    A few long slanting faces may have more overlaps than all others together. So faces are sorted by size
+    into layers, each 16 times as many as the one before.
     """
     low, high = bound_triangles(*mesh.vertices[mesh.faces].swapaxes(0, 1))
     count = len(mesh.faces)

@@ -1,4 +1,4 @@
-"""Distances between triangles, of triangles from points, and whether triangles cross."""
+"""Distances from triangles to points and to each other, and whether triangles cross."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from knotfab_validators.geometry.curves import nearest_on_segment
 
 
 def point_triangle(point: Array, triangle: Array) -> tuple[Array, Array]:
-    """Return distances (n,) and nearest points (n, 3) of triangles (n, 3, 3) to points (n, 3)."""
+    """Return the distances (n,) from points (n, 3) to triangles (n, 3, 3), and the nearest points (n, 3)."""
     inner, foot = _inside(point, triangle)
     best, near = inner, foot
     for k in range(3):
@@ -31,10 +31,10 @@ def triangle_triangle(first: Array, second: Array) -> tuple[Array, Array, Array]
 
 
 def triangles_cross(first: Array, second: Array) -> Mask:
-    """Tell whether triangles (n, 3, 3) cross (n,), up to rounding; coplanar ones are not said to.
+    """Tell which pairs of triangles (n, 3, 3) cross, up to rounding; coplanar ones count as not crossing.
 
-    An edge crosses a triangle if its ends lie on different sides of the plane, and the edge passes
-    the three sides of the triangle on the same hand (signs of volumes of tetrahedra).
+    An edge crosses a triangle if its ends lie on different sides of the plane, and it passes the three sides
+    of the triangle on the same hand (by the signs of tetrahedra's volumes).
     """
     crossed = np.zeros(len(first), dtype=np.bool_)
     for one, other in ((first, second), (second, first)):
@@ -57,7 +57,7 @@ def triangles_cross(first: Array, second: Array) -> Mask:
 
 
 def _inside(point: Array, triangle: Array) -> tuple[Array, Array]:
-    """Return the distance to the triangle's plane where the foot lies inside it, else infinity; the foot."""
+    """Return the distance to the triangle's plane if the foot lies inside it, else infinity; and the foot."""
     a, u, v = triangle[:, 0], triangle[:, 1] - triangle[:, 0], triangle[:, 2] - triangle[:, 0]
     normal = np.cross(u, v)
     square = np.einsum("ij,ij->i", normal, normal)
@@ -81,7 +81,7 @@ def _length(v: Array) -> Array:
     return length
 
 
-# Compiled loops over triangles and segments, whose points are three numbers each.
+# Compiled loops over triangles and segments, whose points are tuples of three numbers.
 
 
 Triple = tuple[float, float, float]
@@ -89,37 +89,32 @@ Triple = tuple[float, float, float]
 
 @compiled
 def _corner_of(rows: Array, k: int) -> Triple:
-    """Return row k of (n, 3)."""
     return rows[k, 0], rows[k, 1], rows[k, 2]
 
 
 @compiled
 def _minus(p: Triple, q: Triple) -> Triple:
-    """Return p - q."""
     return p[0] - q[0], p[1] - q[1], p[2] - q[2]
 
 
 @compiled
 def _dot(p: Triple, q: Triple) -> float:
-    """Return the scalar product."""
     return p[0] * q[0] + p[1] * q[1] + p[2] * q[2]
 
 
 @compiled
 def _cross(p: Triple, q: Triple) -> Triple:
-    """Return the vector product."""
     return (p[1] * q[2] - p[2] * q[1], p[2] * q[0] - p[0] * q[2], p[0] * q[1] - p[1] * q[0])
 
 
 @compiled
 def _step(p: Triple, far: float, along: Triple) -> Triple:
-    """Return p + far * along."""
     return p[0] + far * along[0], p[1] + far * along[1], p[2] + far * along[2]
 
 
 @compiled
 def _from_segment(p: Triple, a: Triple, b: Triple) -> float:
-    """Return the distance of p from the segment a b, as `point_segment` has it."""
+    """Return the distance of p from the segment ab, as `point_segment` has it."""
     span = _minus(b, a)
     square = _dot(span, span)
     along = _dot(_minus(p, a), span) / (square if square > 0.0 else 1.0)
@@ -129,7 +124,7 @@ def _from_segment(p: Triple, a: Triple, b: Triple) -> float:
 
 @compiled
 def _nearest_parameters(u: Triple, v: Triple, w: Triple) -> tuple[float, float]:
-    """Find where the segments s u and w + t v, s and t in [0, 1], are nearest, as `nearest_on_two` has it."""
+    """Find s and t in [0, 1] for which the segments s u and w + t v are nearest, as `nearest_on_two` has it."""
     uu, vv, uv, uw, vw = _dot(u, u), _dot(v, v), _dot(u, v), _dot(u, w), _dot(v, w)
     det = uu * vv - uv * uv
     s = min(max((uw * vv - vw * uv) / det, 0.0), 1.0) if det > 0.0 else 0.0
@@ -181,7 +176,7 @@ def nearest_of_two(first: Array, second: Array) -> tuple[Array, Array, Array]:
 
 @compiled
 def find_flat(vertices: Array, faces: Ints, least: float) -> Mask:
-    """Tell whether faces (m, 3) have less than `least` of their longest edge's square for twice the area."""
+    """Mark faces (m, 3) with less than `least` of their longest edge squared as twice their area."""
     flat = np.empty(len(faces), dtype=np.bool_)
     for k in range(len(faces)):
         a, b, c = (
@@ -201,11 +196,13 @@ def find_flat(vertices: Array, faces: Ints, least: float) -> Mask:
 def nearest_edges(
     corners: Array, middle: Array, options: Ints, known: Mask, start: Array, end: Array
 ) -> tuple[Ints, Array, Array]:
-    """Return the nearest (m,) of the edges that a face may belong to, how far it is from its middle, and the
-    farthest of the face's corners from it.
+    """Find, for each face, the nearest of the edges that it may belong to.
+
+    Returns the edge (m,), its distance from the face's middle, and the distance of the farthest corner.
 
     Args:
-        corners, middle: (m, 3, 3) and (m, 3), of the faces. options, known: (m, k), edges, and which count.
+        corners, middle: (m, 3, 3) and (m, 3), of the faces.
+        options, known: (m, k), the candidate edges, and which of them count.
     """
     edge = np.zeros(len(corners), dtype=np.int64)
     nearest, farthest = np.full(len(corners), np.inf), np.zeros(len(corners))

@@ -1,1 +1,1 @@
-"""The knot type of polygons, and how they are linked."""
+"""The knot types of polygons, and how they are linked."""

@@ -1,8 +1,8 @@
-"""Alexander polynomial of a diagram, exactly, and a quick number from it for large diagrams.
+"""The Alexander and Jones polynomials of a diagram, exactly, and a quick number for large diagrams.
 
 Fox's calculus on Wirtinger's presentation gives a matrix with a row for each crossing (Crowell and
-Fox, "Introduction to knot theory", 1963, ch. VIII). Its minor is found modulo primes at whole
-numbers, then put together: the primes are as many as Hadamard's bound on the coefficients asks for.
+Fox, "Introduction to knot theory", 1963, ch. VIII). Its minor is evaluated modulo primes at integers and
+then combined; Hadamard's bound on the coefficients says how many primes are needed.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ LARGEST_PRIME = 2**31 - 1  # products of two remainders fit in 64 bits
 
 
 def alexander_polynomial(diagram: PlanarDiagram) -> Laurent:
-    """Return Δ(t) in one variable, 0 for every split link, made symmetric and positive.
+    """Return Δ(t), made symmetric and positive; for a link in one variable, and 0 if it is split.
 
     For a knot: Δ(1) = 1 and Δ(t) = Δ(1/t). For a link it is fixed up to sign and powers of t only:
     here the lowest exponent is 0 and the first coefficient positive.
@@ -46,9 +46,9 @@ def alexander_polynomial(diagram: PlanarDiagram) -> Laurent:
 
 
 def colouring_number(diagram: PlanarDiagram) -> int:
-    """Return ±Δ(-1) modulo the prime 2^31 - 1, the smaller of the two: a quick look at large diagrams.
+    """Return ±Δ(-1) modulo the prime 2^31 - 1, whichever is smaller: a quick test for large diagrams.
 
-    Not 1 for a knot: it is not the unknot. Not 0 for a link: it is not split.
+    A knot whose number is not 1 is knotted; a link whose number is not 0 is not split.
     """
     matrix = _wirtinger(diagram)
     if matrix is None:
@@ -59,24 +59,24 @@ def colouring_number(diagram: PlanarDiagram) -> int:
 
 
 def colouring_remainder(determinant: int) -> int:
-    """Return the `colouring_number` of a knot with this determinant."""
+    """Return the `colouring_number` that a knot with this determinant has."""
     value = determinant % LARGEST_PRIME
     return min(value, LARGEST_PRIME - value)
 
 
 class _Wirtinger(tuple[Ints, Ints]):
-    """Constant and linear coefficients (n, n) of the matrix in t."""
+    """The constant and linear coefficients (n, n) of the matrix in t."""
 
     def __len__(self) -> int:
         return int(self[0].shape[0])
 
 
 def _wirtinger(diagram: PlanarDiagram) -> _Wirtinger | None:
-    """Return the minor of Fox's matrix; None where it is empty or a component lies above all others."""
+    """Return the minor of Fox's matrix; None if it is empty or a component lies above all others."""
     count = len(diagram.crossings)
     if diagram.loops or not count:
         return None
-    strand = list(range(len(diagram.component)))  # arcs that join above a crossing are one strand
+    strand = list(range(len(diagram.component)))  # arcs that pass over a crossing are one strand
 
     def root(arc: int) -> int:
         while strand[arc] != arc:
@@ -102,14 +102,14 @@ def _wirtinger(diagram: PlanarDiagram) -> _Wirtinger | None:
 
 
 def _determinant_modulo(matrix: _Wirtinger, p: int) -> list[int]:
-    """Return coefficients of the determinant modulo a prime, from its values at 0, 1, ..., n."""
+    """Return the coefficients of the determinant modulo a prime, from its values at 0, 1, ..., n."""
     at = np.arange(len(matrix) + 1, dtype=np.int64)
     values = _determinants((matrix[0] + at[:, None, None] * matrix[1]) % p, p)
     return _interpolate([int(v) for v in values], p)
 
 
 def _determinants(matrices: Ints, p: int) -> Ints:
-    """Return determinants modulo p of matrices (k, n, n), all at once."""
+    """Return the determinants modulo p of matrices (k, n, n), all at once."""
     work = matrices.copy()
     many, size, _ = work.shape
     result = np.ones(many, dtype=np.int64)
@@ -125,7 +125,7 @@ def _determinants(matrices: Ints, p: int) -> Ints:
         factor = work[:, k + 1 :, k] * inverse[:, None] % p
         busy = np.flatnonzero(factor.any(axis=0))
         if len(busy):
-            # columns where no pivot row has an entry stay as they are
+            # columns in which the pivot row is 0 stay as they are
             columns = k + 1 + np.flatnonzero(rows[:, k + 1 :].any(axis=0))
             block = np.ix_(each, k + 1 + busy, columns)
             change = factor[:, busy, None] * rows[:, None, columns] % p
@@ -139,7 +139,7 @@ def _invert(values: Ints, p: int) -> Ints:
 
 
 def _interpolate(values: list[int], p: int) -> list[int]:
-    """Return coefficients modulo p of the polynomial with these values at 0, 1, ... (Newton)."""
+    """Return the coefficients modulo p of the polynomial with these values at 0, 1, ... (Newton)."""
     differences = list(values)
     for step in range(1, len(values)):
         inverse = pow(step, -1, p)
@@ -156,7 +156,7 @@ def _interpolate(values: list[int], p: int) -> list[int]:
 
 
 def _combine(residues: list[list[int]], primes: list[int]) -> list[int]:
-    """Return whole numbers from their remainders, of the smallest size (Chinese remainder theorem)."""
+    """Combine remainders into the integers of smallest size (Chinese remainder theorem)."""
     product = math.prod(primes)
     weights = [product // p * pow(product // p, -1, p) for p in primes]
     result = []
@@ -175,7 +175,7 @@ def _prime_below(n: int) -> int:
 
 
 def _is_prime(n: int) -> bool:
-    """Return miller and Rabin's test with the bases 2, 3, 5, 7, which decide below 3.2e9 (Jaeschke 1993)."""
+    """Tell whether n is prime by Miller-Rabin with bases 2, 3, 5 and 7, exact below 3.2e9 (Jaeschke 1993)."""
     odd, twos = n - 1, 0
     while odd % 2 == 0:
         odd, twos = odd // 2, twos + 1
@@ -192,13 +192,13 @@ def _is_prime(n: int) -> bool:
     return True
 
 
-# Jones polynomial of a diagram, exactly: the Kauffman bracket, one crossing after another.
+# The Jones polynomial of a diagram, exactly: the Kauffman bracket, crossing by crossing.
 
 
 MOST_STATES = 2000  # ways of joining the open arcs; more would take many seconds
-STARTS = 8  # crossings that the order is begun from, to find a good one
+STARTS = 8  # starting crossings that are tried for a good order
 
-# Smoothings of a crossing (a, b, c, d): which of its four sides are joined to which.
+# The smoothings of a crossing (a, b, c, d): which of its four sides are joined.
 A_SMOOTHING, B_SMOOTHING = (1, 0, 3, 2), (3, 2, 1, 0)
 
 
@@ -211,7 +211,7 @@ def jones_polynomial(diagram: PlanarDiagram) -> Laurent | None:
     bracket = _bracket(diagram)
     if bracket is None:
         return None
-    # `bracket` counts every loop, and is A^5 too large for each crossing, A^2 for each free loop
+    # `bracket` counts every loop: it is A^5 too large for each crossing, and A^2 for each free loop
     rest = _over_loop(bracket)
     power = 2 - 5 * len(diagram.crossings) - 2 * len(diagram.loops) - 3 * diagram.writhe
     sign = -1 if diagram.writhe % 2 else 1
@@ -221,10 +221,13 @@ def jones_polynomial(diagram: PlanarDiagram) -> Laurent | None:
 
 
 def _bracket(diagram: PlanarDiagram) -> Laurent | None:
-    """Sum the states in x = A^2: a smoothing gives x or 1, a crossing that closes k loops (-x^2 - 1)^k x^(2 -
-    k), a free loop -x^2 - 1."""
+    """Sum the states in x = A^2.
+
+    A smoothing contributes x or 1, a crossing that closes k loops (-x^2 - 1)^k x^(2 - k), and a free loop
+    -x^2 - 1.
+    """
     count = len(diagram.crossings)
-    # the sum of all coefficients' sizes is at most 2^crossings states of 2^loops each
+    # the coefficients' absolute values sum to at most 2^crossings states of 2^loops each
     bits = 2 * count + len(diagram.loops) + 4
     factors = _loop_factors(bits)
     states: dict[tuple[int, ...], int] = {(): 1}
@@ -255,8 +258,10 @@ def _bracket(diagram: PlanarDiagram) -> Laurent | None:
 
 
 def _outside(quad: tuple[int, ...], side: int, mate: dict[int, int]) -> tuple[bool, int]:
-    """Find the end of a strand that leaves a crossing by a side: (True, a crossing's side) or (False, an open
-    arc)."""
+    """Follow a strand that leaves a crossing by a side to its end.
+
+    Returns (True, the crossing's side) or (False, an open arc).
+    """
     arc = quad[side]
     if arc in mate:
         end = mate[arc]
@@ -272,7 +277,7 @@ def _connect(
     joined: list[int],
     place: dict[int, int],
 ) -> int:
-    """Join the open arcs through a smoothed crossing, in `joined`; the number of loops closed."""
+    """Join the open arcs through a smoothed crossing, in `joined`; return the number of loops closed."""
     seen = [False] * 4
     for start in range(4):
         inner, first = outside[start]
@@ -300,7 +305,7 @@ def _connect(
 
 
 def _loop_factors(bits: int) -> tuple[tuple[tuple[int, int], ...], ...]:
-    """Return (sign, shift) of the terms of (-x^2 - 1)^k x^(2 - k) for k = 0, 1, 2 loops."""
+    """Return the terms of (-x^2 - 1)^k x^(2 - k) for k = 0, 1, 2 loops, as (sign, shift)."""
     return (
         ((1, 2 * bits),),
         ((-1, 3 * bits), (-1, bits)),
@@ -313,7 +318,7 @@ def _times(value: int, terms: tuple[tuple[int, int], ...]) -> int:
 
 
 def _digits(value: int, bits: int) -> Laurent:
-    """Return the coefficients, of either sign, of a polynomial from its value at 2^bits."""
+    """Recover a polynomial's coefficients, of either sign, from its value at 2^bits."""
     base, half = 1 << bits, 1 << (bits - 1)
     coefficients = []
     while value:
@@ -326,7 +331,7 @@ def _digits(value: int, bits: int) -> Laurent:
 
 
 def _over_loop(polynomial: Laurent) -> Laurent:
-    """Divide a polynomial by -x^2 - 1, which leaves nothing."""
+    """Divide a polynomial by -x^2 - 1, which leaves no remainder."""
     rest = list(polynomial.coefficients)
     quotient = [0] * max(len(rest) - 2, 0)
     for k in range(len(rest) - 1, 1, -1):
@@ -336,7 +341,7 @@ def _over_loop(polynomial: Laurent) -> Laurent:
 
 
 def _order(diagram: PlanarDiagram) -> list[int]:
-    """Return crossings so that few arcs are open at any time: greedily, from several beginnings."""
+    """Order the crossings greedily so that few arcs are open at any time, from several starts."""
     count = len(diagram.crossings)
     best: tuple[int, list[int]] | None = None
     for start in range(0, count, max(1, count // STARTS)):
@@ -359,6 +364,6 @@ def _order_from(diagram: PlanarDiagram, start: int) -> tuple[list[int], int]:
         order.append(here)
         for arc in diagram.crossings[here]:
             open_arcs ^= {arc}
-        cost += 2 ** len(open_arcs)  # the number of states grows so
+        cost += 2 ** len(open_arcs)  # the number of states grows like this
         here = None
     return order, cost

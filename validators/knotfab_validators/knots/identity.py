@@ -1,4 +1,4 @@
-"""Identify the knot of one polygon: proved where it can be, else the knots of the table that it may be."""
+"""Identify the knot of a polygon, with proof where possible; else list the table's knots that it may be."""
 
 from __future__ import annotations
 
@@ -23,19 +23,21 @@ from knotfab_validators.knots.projection import PRIMES, cusp_counts, diagram_of
 from knotfab_validators.knots.reduction import Budget, Reduced, reduce_polygons
 from knotfab_validators.knots.rerouting import reroute, summands
 
-MOST_CROSSINGS = 60  # crossings for the invariants
-MOST_SEEN = 800  # crossings for a determinant modulo a prime
+MOST_CROSSINGS = 60  # crossings up to which invariants are computed
+MOST_SEEN = 800  # crossings up to which a determinant is computed modulo a prime
 
 
 @dataclass(frozen=True)
 class Identity:
-    """The knot of one polygon, as far as it was found.
+    """What was found about the knot of one polygon.
 
-    `knots` are those of the table that it may be, and `complete` says that it is one of them: one
-    alone where that is `proved`; `reason` says by what. `invariants` are None where too many
-    crossings are left, or where `trouble` says that two ways to one number disagree; `colouring` is
-    ±Δ(-1) modulo 2^31 - 1, which may be had even then. `ruled_out` are knots with these invariants
-    that other representations tell from it. `places` (m, 3) are vertices that the reduction leaves.
+    `knots` are those of the table that it may be; `complete` says that it must be one of them. If that
+    leaves
+    one it is `proved`, and `reason` says how. `invariants` are None if too many crossings are left, or if
+    two
+    ways to one number disagree (`trouble`); `colouring`, ±Δ(-1) modulo 2^31 - 1, may be known even then.
+    `ruled_out` are knots with the same invariants that representations exclude. `places` (m, 3) are the
+    vertices that the reduction leaves.
     """
 
     knots: tuple[Knot, ...]
@@ -95,7 +97,7 @@ def _identify_diagram(diagram: PlanarDiagram, places: Array) -> Identity:
     ruled_out: tuple[Knot, ...] = ()
     complete = bool(reason)
     if not reason and count <= MOST_IN_TABLE:
-        # every knot with a diagram of so few crossings is in the table, or a sum of knots in it
+        # all knots with a diagram of so few crossings are in the table, or are sums of knots in it
         complete = True
         knots = tuple(knot for knot in knots if knot.crossings <= count)
         reason = f"a diagram of {count} crossings, and no other knot of so few has its invariants"
@@ -117,7 +119,7 @@ def _identify_diagram(diagram: PlanarDiagram, places: Array) -> Identity:
 
 
 def _sum_of_parts(diagram: PlanarDiagram, places: Array) -> Knot | None:
-    """Return the sum of its diagram's summands where each of these is proved; None where it shows none."""
+    """Return the sum of the diagram's summands if each is proved; None if it shows no sum."""
     parts = summands(diagram)
     if len(parts) < 2:
         return None
@@ -133,7 +135,7 @@ def _sum_of_parts(diagram: PlanarDiagram, places: Array) -> Knot | None:
 def _compare_representations(
     diagram: PlanarDiagram, knots: tuple[Knot, ...]
 ) -> tuple[tuple[Knot, ...], tuple[Knot, ...]]:
-    """Compare some knots with equal invariants by representations: which it may be, and which not."""
+    """Compare knots with equal invariants by representations: those it may be, and those ruled out."""
     kept = list(knots)
     for prime in PRIMES:
         own = cusp_counts(diagram, prime)
@@ -145,7 +147,7 @@ def _compare_representations(
 
 
 def _why_proved(found: Invariants) -> str:
-    """Say why knot Floer homology alone proves the knot (see floer.py), or nothing."""
+    """Say why knot Floer homology alone proves the knot; empty if it does not."""
     if found.floer is None:
         return ""
     genus, total = found.floer.genus, found.floer.total
@@ -162,18 +164,18 @@ def _is_cinquefoil(found: Invariants) -> bool:
     return any(knot.name.endswith("handed 5_1") for knot in candidates(found))
 
 
-# The linking of closed polygons with each other: by number, by polynomial, or proved not to be.
+# The linking of closed polygons: by linking numbers, by polynomials, or proved to be none.
 
 
-MOST_COUNTED = 200_000  # crossings for linking numbers
-SHAKES = 20  # rounds of random isotopies where nothing proves that the link is one
-MOST_SHAKEN = 200  # vertices
+MOST_COUNTED = 200_000  # crossings up to which linking numbers are counted
+SHAKES = 20  # rounds of random isotopies if nothing proves a link
+MOST_SHAKEN = 200  # vertices up to which polygons are shaken
 APART = Laurent(-1, (-1, 0, -1))  # -t^(1/2) - t^(-1/2), exponents doubled
 
 
 @dataclass(frozen=True)
 class Linking:
-    """`numbers` of the pairs that are not 0; `reason` how else the link was proved to be one.
+    """How polygons are linked: the nonzero linking `numbers` by pair, or another proof as `reason`.
 
     `state` is "apart" (proved), "linked" (proved), "consistent" with being apart, or "unknown".
     `group` are the components that are linked, or may be.
@@ -186,7 +188,7 @@ class Linking:
 
 
 def linking_of(left: Reduced, budget: Budget | None = None) -> Linking:
-    """Judge how the polygons are linked that a joint reduction has left; the others are apart."""
+    """Judge the linking of the polygons left by a joint reduction; those removed are split from the rest."""
     if len(left.polygons) < 2:
         return Linking("apart")
     polygons = dict(zip(left.components, left.polygons, strict=True))
@@ -210,7 +212,7 @@ def linking_of(left: Reduced, budget: Budget | None = None) -> Linking:
 
 
 def _group_linking(polygons: Mapping[int, Array], budget: Budget) -> Linking:
-    """Judge polygons without linking numbers: pairs first, then all together."""
+    """Judge polygons whose linking numbers are all 0: pairs first, then all together."""
     parts = list(combinations(polygons, 2)) if len(polygons) > 2 else []
     unsure: list[Linking] = []
     for part in [*parts, tuple(polygons)]:
@@ -235,7 +237,7 @@ def _group_linking(polygons: Mapping[int, Array], budget: Budget) -> Linking:
 
 
 def _by_polynomials(polygons: Mapping[int, Array]) -> Linking:
-    """Judge by the Alexander or the Jones polynomial whether the polygons cannot be pulled apart."""
+    """Use the Alexander or the Jones polynomial to show that the polygons cannot be pulled apart."""
     group = tuple(polygons)
     diagram = _diagram(polygons, MOST_SEEN)
     if diagram is None:
@@ -269,7 +271,7 @@ def _worst(found: Sequence[Linking]) -> Linking:
 
 
 def _jones_apart(polygons: Mapping[int, Array]) -> Laurent | None:
-    """Return the Jones polynomial that the polygons would have, were they apart."""
+    """Return the Jones polynomial that the polygons would have if they were apart."""
     product = Laurent(0, (1,))
     for k, polygon in enumerate(polygons.values()):
         alone = reduce_polygons([polygon], seed=1)
@@ -286,7 +288,7 @@ def _jones_apart(polygons: Mapping[int, Array]) -> Laurent | None:
 def _diagram(
     polygons: Mapping[int, Array], most: int, directions: int = 40
 ) -> PlanarDiagram | None:
-    """Return the diagram with the components' own numbers."""
+    """Return a diagram of the polygons, which become its components in order."""
     found = diagram_of(list(polygons.values()), most=most, directions=directions)
     if found is None:
         return None

@@ -14,14 +14,13 @@ from knotfab_formats.libraries import took_part
 from knotfab_validators.knots.alexander import alexander_polynomial, jones_polynomial
 from knotfab_validators.knots.planar_diagram import Laurent, PlanarDiagram, faces, laurent, simplify
 
-# Knot Floer homology of a diagram, by Ozsváth and Szabó's program: a second opinion that can
-# prove.
+# Knot Floer homology of a diagram, by Ozsváth and Szabó's program: a second opinion that can prove.
 
 
-# The program cannot be stopped. In some hundreds of random diagrams it took 1 s at most within these;
-# beyond them some took minutes.
+# The program cannot be stopped. Within these limits hundreds of random diagrams took 1 s at most; beyond
+# them some took minutes.
 MOST_CROSSINGS, MOST_RANK = 26, 2000
-MOST_OF_UNKNOT = 32  # crossings, where the Alexander polynomial is 1
+MOST_OF_UNKNOT = 32  # crossings, if the Alexander polynomial is 1
 
 
 @dataclass(frozen=True)
@@ -37,7 +36,7 @@ class Floer:
 
     @property
     def total(self) -> int:
-        """The rank of all of it."""
+        """The total rank."""
         return sum(rank for _, rank in self.ranks)
 
     @property
@@ -46,7 +45,7 @@ class Floer:
         return sum(rank for (a, _), rank in self.ranks if a == self.genus) == 1
 
     def euler(self) -> Laurent:
-        """Return alternating sum of the ranks, which is the Alexander polynomial."""
+        """Return the alternating sum of the ranks, which is the Alexander polynomial."""
         genus = self.genus
         sums = [0] * (2 * genus + 1)
         for (alexander, maslov), rank in self.ranks:
@@ -73,11 +72,11 @@ class Floer:
 
 
 def floer_homology(diagram: PlanarDiagram, alexander: Laurent) -> Floer | None:
-    """Return the homology of a knot's simplified diagram (`planar_diagram.simplify`), or None.
+    """Compute the homology of a knot's simplified diagram (`planar_diagram.simplify`), or return None.
 
-    None means: too many crossings, a rank too large (the coefficients of the Alexander polynomial
-    bound it from below), or the program is not installed or refuses. It errs on diagrams that fall
-    in two at a crossing, which simplified ones do not.
+    None means that there are too many crossings, that a rank is too large (the Alexander polynomial's
+    coefficients are lower bounds), or that the program is not installed or refuses. The program errs on
+    diagrams that fall in two at a crossing, which simplified ones do not.
     """
     if not diagram.crossings:
         return Floer((((0, 0), 1),))
@@ -98,12 +97,12 @@ def floer_homology(diagram: PlanarDiagram, alexander: Laurent) -> Floer | None:
 
 
 class Disagreement(Exception):
-    """Two ways to the same number gave different ones: neither is to be believed."""
+    """Two ways of computing one number disagree: neither is to be believed."""
 
 
 @dataclass(frozen=True)
 class Invariants:
-    """Invariants of a knot: `jones` (exponents of t doubled) and `floer`, None where they cannot be had."""
+    """Invariants of a knot; `jones` (exponents of t doubled) and `floer` are None where unavailable."""
 
     alexander: Laurent
     signature: int
@@ -131,7 +130,7 @@ class Invariants:
         )
 
     def fits(self, other: Invariants) -> bool:
-        """Tell whether all that is known of both is equal: they may be one knot."""
+        """Tell whether all invariants known of both agree, so that they may be one knot."""
         return (
             (self.alexander, self.signature) == (other.alexander, other.signature)
             and (None in (self.jones, other.jones) or self.jones == other.jones)
@@ -140,12 +139,13 @@ class Invariants:
 
     @cached_property
     def hand(self) -> int:
-        """1 right-handed, -1 left-handed, 0 where none of the invariants tells it from its mirror image.
+        """1 right-handed, -1 left-handed, 0 if no invariant tells it from its mirror image.
 
-        Right-handed is where the Jones polynomial reaches farther into the positive powers, as that of
-        the right-handed trefoil, t + t^3 - t^4; if it reaches as far on both sides, where the
-        signature is negative; and then, where the first coefficient that differs, from outside, is
-        larger among the positive powers.
+        A knot is right-handed if its Jones polynomial reaches farther into the positive powers, as that of
+        the
+        right-handed trefoil does, t + t^3 - t^4. If it reaches equally far both ways, the signature must be
+        negative. If that is 0, the first coefficients that differ, from outside in, must be larger among the
+        positive powers.
         """
         if self.jones is not None:
             reach = self.jones.lowest + self.jones.highest
@@ -171,7 +171,8 @@ UNKNOT = Invariants(Laurent(0, (1,)), 0, Laurent(0, (1,)), Floer((((0, 0), 1),))
 
 
 def invariants(diagram: PlanarDiagram) -> Invariants:
-    """Return all invariants of a knot's diagram, of some 60 crossings at most once it is simplified.
+    """Compute all invariants of a knot's diagram, which should have at most some 60 crossings once
+    simplified.
 
     Raises:
         Disagreement: the Alexander polynomial is not what Floer homology or Goeritz' matrix say.
@@ -206,17 +207,17 @@ def determinant_and_signature(diagram: PlanarDiagram) -> tuple[int, int]:
     if not diagram.crossings:
         return 1, 0
     face = faces(diagram)
-    # faces that meet across an arc have different colours: sides 0 and 2 of a crossing are alike
+    # faces that meet across an arc differ in colour: sides 0 and 2 of a crossing are alike
     shaded = _colour(diagram, face)
     number = {f: k for k, f in enumerate(sorted({f for f in face.values() if not shaded[f]}))}
     size = len(number)
     matrix = [[0] * size for _ in range(size)]
     correction = 0
     for i, sign in enumerate(diagram.signs):
-        # the regions that are not shaded lie at corners `k` and `k + 2`
+        # the unshaded regions lie at corners `k` and `k + 2`
         k = 0 if not shaded[face[i, 0]] else 1
         one, other = number[face[i, k]], number[face[i, k + 2]]
-        # turning the strand above counter-clockwise sweeps corners 1 and 3, the shaded ones if k = 0
+        # turning the upper strand counter-clockwise sweeps corners 1 and 3, which are shaded if k = 0
         eta = 1 if k == 0 else -1
         if one != other:
             for p, q in ((one, other), (other, one)):
@@ -229,7 +230,7 @@ def determinant_and_signature(diagram: PlanarDiagram) -> tuple[int, int]:
 
 
 def _inertia(matrix: list[list[int]], correction: int) -> tuple[int, int]:
-    """Return |det| and signature, less the correction, by exact symmetric elimination."""
+    """Return |det|, and the signature less the correction, by exact symmetric elimination."""
     rows = [[Fraction(x) for x in row] for row in matrix]
     size, determinant, signature = len(rows), Fraction(1), 0
     for k in range(size):
@@ -248,7 +249,7 @@ def _inertia(matrix: list[list[int]], correction: int) -> tuple[int, int]:
 
 
 def _make_pivot(rows: list[list[Fraction]], k: int) -> None:
-    """Change the basis so that entry (k, k) of a symmetric matrix is not 0, if it can be."""
+    """Change the basis of a symmetric matrix so that its entry (k, k) is not 0, if possible."""
     for j in range(k + 1, len(rows)):
         if rows[j][j]:
             rows[k], rows[j] = rows[j], rows[k]

@@ -1,9 +1,8 @@
-"""Knot type of the written polygons, whether it is what the file promises, and how they are linked.
+"""Find the knot type of each written polygon, whether it is the promised one, and how they are linked.
 
-Nobody is trusted: the polygons are reduced by isotopies of our own (`reduction`). What shrinks to
-nothing is an unknot, or an unlink, by that proof; so are curves that look simple and apart from one
-side. Of what does not shrink a diagram is made (`projection`), and named by its invariants
-(`identity`, `linking`).
+Nothing is trusted: the polygons are reduced by this package's own isotopies (`reduction`). A polygon that
+shrinks to nothing is thereby proved an unknot; so are curves that look simple and apart from one side.
+The rest is projected to a diagram (`projection`), and named by its invariants (`identity`).
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ from knotfab_validators.knots.reduction import (
     touching_place,
 )
 
-MOST_SHOWN = 6  # linked pairs whose places are given
+MOST_SHOWN = 6  # linked pairs whose places are listed
 
 Verdict = Literal["proved", "consistent", "refuted", "unknown"]
 
@@ -41,8 +40,8 @@ Verdict = Literal["proved", "consistent", "refuted", "unknown"]
 class KnotFinding:
     """The finding on polygon `number` alone, and whether it is what was promised.
 
-    `verdict`: "proved" and "consistent" are for the promise; where nothing was promised, for what is
-    found. "unknown": it cannot be told, or the promise is not understood.
+    `verdict` "proved" or "consistent" refers to the promise or, without one, to the knot that was found.
+    "unknown" means that it cannot be told, or that the promise is not understood.
     """
 
     number: int
@@ -58,10 +57,11 @@ class KnotFinding:
 
 @dataclass(frozen=True)
 class KnotTypes:
-    """Findings of the closed polygons, and how these are linked.
+    """The findings on all closed polygons, and how these are linked.
 
-    `touching` is where the polygons meet themselves or each other, or are too near to tell: then
-    they have no type. `tangled` says that there was too much to look at.
+    `touching` is a place where polygons meet, or are too near to tell: then they have no type. `tangled`
+    says
+    that there was too much to look at.
     """
 
     knots: tuple[KnotFinding, ...]
@@ -71,7 +71,7 @@ class KnotTypes:
 
 
 def knot_types(curves: Curves) -> KnotTypes:
-    """Find out about each closed polygon of `curves`, and about their link.
+    """Determine the knot type of each closed polygon of `curves`, and their linking.
 
     Polygons without a crossing, seen along one of the axes, are unlinked unknots. Otherwise all are
     reduced together, and what is left is looked at one by one and as a link.
@@ -141,7 +141,7 @@ def _compare_with_scene(own: Check, knots: Sequence[KnotFinding], asked: Promise
     trivial = asked_knot("unknot")
     plain = [_judge(trivial, knot.identity) for knot in knots]
     tied = [_judge(asked, knot.identity) for knot in knots]
-    # one is of the type asked for, whichever, and all others are unknots
+    # one must be of the type asked for, and all others unknots
     fits = any(
         tied[k] != "refuted" and "refuted" not in plain[:k] + plain[k + 1 :]
         for k in range(len(knots))
@@ -211,7 +211,7 @@ def _check_linking(curves: Curves, found: KnotTypes) -> Check:
         largest = float(abs(worst[0][2]))
         return Check(name, "fail", True, largest, 0.0, "", detail + left_out, places(at))
     if linking.state == "linked":
-        i, j = linking.group[:2]  # two of them say enough
+        i, j = linking.group[:2]  # naming two of them is enough
         detail = f"knots {names} are linked, proved: {linking.reason}; all linking numbers are 0"
         at = [nearest_approach(curves.polygons[i], curves.polygons[j])]
         measured = "linked, with linking number 0"
@@ -224,7 +224,7 @@ def _check_linking(curves: Curves, found: KnotTypes) -> Check:
 
 
 def _renumber(linking: Linking, numbers: Sequence[int]) -> Linking:
-    """Number findings as the curves are numbered among all, open ones included."""
+    """Renumber findings to the curves' numbers among all, open ones included."""
     return Linking(
         linking.state,
         tuple((numbers[i], numbers[j], n) for i, j, n in linking.numbers),
@@ -246,7 +246,7 @@ def _word_limit(curves: Curves) -> str | None:
 
 
 def _crosses_nowhere(polygons: Sequence[Array]) -> bool:
-    """Tell whether the polygons are simple and apart when seen along z, y or x.
+    """Tell whether the polygons, seen along z, y or x, are simple and do not cross each other.
 
     Leaving out a coordinate rounds nothing, and shapely's orientation test is exact.
     """
@@ -299,7 +299,7 @@ def _word_finding(knot: KnotFinding) -> str:
 
 
 def _word_either(found: Identity) -> str:
-    """Return the names of the knots that it may be; both hands of one in one word."""
+    """Name the knots that it may be; both hands of one are named once."""
     names = [knot.name for knot in found.knots]
     both = {name.removeprefix("left-handed ") for name in names if name.startswith("left-handed ")}
     both &= {
@@ -328,7 +328,7 @@ def _word_detail(knot: KnotFinding, several: bool) -> str:
 
 
 def _word_numbers(found: Invariants) -> str:
-    """Return the invariants, for people."""
+    """Write the invariants in words."""
     jones = "not found" if found.jones is None else found.jones.text(half=True)
     text = f"Alexander {found.alexander.text()}, Jones {jones}, signature {found.signature}"
     if found.floer is None:

@@ -22,16 +22,16 @@ from knotfab_formats.knots import NICKNAMES
 from knotfab_validators.knots.invariants import UNKNOT, Floer, Invariants, invariants
 from knotfab_validators.knots.planar_diagram import Laurent, closed_braid, laurent
 
-# The knots of up to 10 crossings and their sums, to be recognised by their invariants.
+# The knots of up to 10 crossings and their sums, recognised by their invariants.
 
 
-MOST_CROSSINGS = 10  # the table holds all knots that have a diagram of so many
-MOST_OF_SUMS = 12  # crossings of sums that are looked for
+MOST_CROSSINGS = 10  # every knot with a diagram of so few crossings is in the table
+MOST_OF_SUMS = 12  # crossings up to which sums are looked for
 
 
 @dataclass(frozen=True, order=True)
 class Factor:
-    """A prime knot of the table: `hand` 1 right-handed, -1 left-handed, 0 the same as its mirror image."""
+    """A prime knot of the table; `hand` is 1 right-handed, -1 left-handed, 0 equal to its mirror image."""
 
     crossings: int
     number: int
@@ -60,7 +60,7 @@ class Knot:
 
     @property
     def crossings(self) -> int:
-        """The crossings of all factors together."""
+        """The number of crossings of all factors together."""
         return sum(factor.crossings for factor in self.factors)
 
     def mirror(self) -> Knot:
@@ -83,7 +83,7 @@ class Knot:
 
 
 def known_knot(factors: tuple[Factor, ...]) -> Knot:
-    """Return a sum of prime knots of the table."""
+    """Return the sum of these prime knots of the table."""
     result = UNKNOT
     for factor in factors:
         result = result * _prime(factor)
@@ -91,7 +91,7 @@ def known_knot(factors: tuple[Factor, ...]) -> Knot:
 
 
 def candidates(found: Invariants) -> tuple[Knot, ...]:
-    """Return the knots of the table, and sums of them with 12 crossings at most, that fit, simplest first."""
+    """List the table's knots that fit, and their sums of up to 12 crossings, simplest first."""
     return tuple(
         knot for knot in _by_alexander().get(found.alexander, ()) if knot.invariants.fits(found)
     )
@@ -124,17 +124,17 @@ def _factors() -> tuple[Factor, ...]:
 
 
 def prime_names() -> tuple[str, ...]:
-    """Return the names in the table."""
+    """List the names of the table's prime knots."""
     return tuple(_table()["knots"])
 
 
 def braid_word(name: str) -> tuple[int, ...]:
-    """Give a braid whose closure is the right-handed knot of that name (see planar_diagram.closed_braid)."""
+    """Return a braid whose closure is the right-handed knot of that name (see planar_diagram.closed_braid)."""
     return tuple(_table()["knots"][name]["braid"])
 
 
 def braid_of(knot: Knot) -> tuple[int, ...]:
-    """Return a braid whose closure is a knot of the table or a sum of such."""
+    """Return a braid whose closure is the knot, which is one of the table or a sum of such."""
     word: list[int] = []
     strands = 0
     for factor in knot.factors:
@@ -185,7 +185,7 @@ MOST_TORUS_CROSSINGS = 60
 
 @dataclass(frozen=True)
 class Promise:
-    """A file's promise on a knot: `meant` are the knots that keep it, empty if it is not understood."""
+    """What a file promises about a knot; `meant` are the knots that keep it, none if it is not understood."""
 
     text: str
     meant: tuple[Knot, ...]
@@ -197,12 +197,12 @@ class Promise:
 
     @property
     def unknot(self) -> bool:
-        """True if it is the unknot."""
+        """True if the unknot was promised."""
         return any(not knot.factors and not knot.title for knot in self.meant)
 
 
 def promised_knot(text: str) -> Promise:
-    """Return the promise in a knot's "type"."""
+    """Parse the promise in a knot's "type"."""
     name = " ".join(text.lower().split())
     hand = 0
     for word, sign in (("left-handed ", -1), ("right-handed ", 1)):
@@ -241,7 +241,7 @@ def asked_knot(text: str) -> Promise:
 
 
 def _hand(knot: Knot) -> int:
-    """Return the hand that all its factors have, or 0."""
+    """Return the hand that all factors share, or 0."""
     if knot.title:
         return knot.invariants.hand
     hands = {factor.hand for factor in knot.factors} - {0}
@@ -268,7 +268,7 @@ def _sum(name: str) -> Knot | None:
 
 @cache
 def _torus(name: str) -> Knot | None:
-    """Return T(p, q) from its braid; a knot of the table where it is one."""
+    """Return T(p, q) from its braid, as a knot of the table if it is one."""
     found = re.fullmatch(r"t\((-?\d{1,3}), ?(-?\d{1,3})\)", name)
     if found is None:
         return None
@@ -280,7 +280,7 @@ def _torus(name: str) -> Knot | None:
     if p == 1:
         return Knot((), UNKNOT)
     found_invariants = invariants(closed_braid([sign * k for k in range(1, p)] * q))
-    # torus knots of the table are known by their crossings, (p - 1) q
+    # torus knots in the table are recognised by their crossings, (p - 1) q
     for knot in candidates(found_invariants):
         if knot.crossings == (p - 1) * q and len(knot.factors) == 1:
             return knot

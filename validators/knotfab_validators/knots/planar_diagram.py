@@ -15,7 +15,7 @@ Quad = tuple[int, int, int, int]
 
 @dataclass(frozen=True)
 class Passage:
-    """A component runs through a crossing, above or below."""
+    """One pass of a component through a crossing, above or below."""
 
     crossing: int
     above: bool
@@ -25,8 +25,8 @@ class Passage:
 class PlanarDiagram:
     """A diagram on the sphere.
 
-    `crossings` with their `signs` (+1: right-handed); arcs are numbered 0, 1, ... along each component in
-    turn; `component` of each arc; `loops` are the components without a crossing.
+    `crossings` have `signs` (+1: right-handed). Arcs are numbered 0, 1, ... along each component in turn;
+    `component` gives each arc's. `loops` are the components without a crossing.
     """
 
     crossings: tuple[Quad, ...]
@@ -41,11 +41,11 @@ class PlanarDiagram:
 
     @property
     def writhe(self) -> int:
-        """Sum of the signs."""
+        """The sum of the signs."""
         return sum(self.signs)
 
     def mirror(self) -> PlanarDiagram:
-        """Return the diagram seen in a mirror: above and below change places."""
+        """Return the mirror image: above and below change places."""
         turned = [
             (d, a, b, c) if sign > 0 else (b, c, d, a)
             for (a, b, c, d), sign in zip(self.crossings, self.signs, strict=True)
@@ -55,7 +55,9 @@ class PlanarDiagram:
         )
 
     def linking_numbers(self) -> dict[tuple[int, int], int]:
-        """Sum half the signs of crossings by pair of components (Gauss); pairs with 0 are left out."""
+        """Return the linking number of each pair of components, half the sum of signs (Gauss), if it is not
+        0.
+        """
         twice: dict[tuple[int, int], int] = {}
         for (a, b, _, _), sign in zip(self.crossings, self.signs, strict=True):
             i, j = sorted((self.component[a], self.component[b]))
@@ -64,7 +66,7 @@ class PlanarDiagram:
         return {pair: number // 2 for pair, number in sorted(twice.items()) if number}
 
     def pieces(self) -> tuple[tuple[int, ...], ...]:
-        """Return components that cross each other, in groups; different groups are split links."""
+        """Group the components that cross each other; different groups are split links."""
         group = {k: k for k in self.components}
 
         def root(k: int) -> int:
@@ -80,7 +82,7 @@ class PlanarDiagram:
         return tuple(tuple(piece) for piece in sorted(found.values()))
 
     def ends(self) -> tuple[tuple[int, int], ...]:
-        """Return the crossing where each arc begins and the one where it ends."""
+        """Return the crossings where each arc begins and ends."""
         begin, end = [0] * len(self.component), [0] * len(self.component)
         for i, ((a, b, c, d), sign) in enumerate(zip(self.crossings, self.signs, strict=True)):
             end[a] = begin[c] = i
@@ -92,7 +94,7 @@ class PlanarDiagram:
 def from_passages(
     components: Mapping[int, Sequence[Passage]], signs: Sequence[int]
 ) -> PlanarDiagram:
-    """Return the diagram of components, each given by its passages in order (a signed Gauss code)."""
+    """Build the diagram of components, each given by its passages in order (a signed Gauss code)."""
     under: dict[int, tuple[int, int]] = {}
     over: dict[int, tuple[int, int]] = {}
     of_arc: list[int] = []
@@ -119,7 +121,7 @@ def closed_braid(word: Iterable[int], strands: int | None = None) -> PlanarDiagr
     """
     letters = list(word)
     count = max([strands or 1, *(abs(k) + 1 for k in letters)])
-    # strands run upwards; in a right-handed crossing the one from the lower left goes above
+    # strands run upwards; in a right-handed crossing the one from the lower left passes over
     rows: list[list[tuple[int, bool, int]]] = [[] for _ in range(count)]
     for i, letter in enumerate(letters):
         k = abs(letter) - 1
@@ -146,8 +148,11 @@ def closed_braid(word: Iterable[int], strands: int | None = None) -> PlanarDiagr
 
 
 def simplify(diagram: PlanarDiagram) -> PlanarDiagram:
-    """Undo what can be undone at once: loops and bigons with one strand above the other (Reidemeister's first
-    and second moves), and crossings where the diagram falls in two."""
+    """Simplify a diagram without search.
+
+    Removes loops and bigons with one strand above the other (Reidemeister's first and second moves), and
+    crossings at which the diagram falls in two.
+    """
     while True:
         work = _Untangling(diagram)
         while work.untwist() or work.pull_apart():
@@ -163,7 +168,7 @@ def simplify(diagram: PlanarDiagram) -> PlanarDiagram:
 
 
 def faces(diagram: PlanarDiagram) -> dict[tuple[int, int], int]:
-    """Number of the face at each corner (crossing, k), the one between sides k and k + 1."""
+    """Number the face at each corner (crossing, k), the one between sides k and k + 1."""
     ends: dict[int, list[tuple[int, int]]] = {}
     for i, quad in enumerate(diagram.crossings):
         for side, arc in enumerate(quad):
@@ -177,7 +182,7 @@ def faces(diagram: PlanarDiagram) -> dict[tuple[int, int], int]:
                 continue
             while corner not in face:
                 face[corner] = count
-                # go along the corner's last side: where it ends the face begins at that side
+                # follow the corner's last side: at its end the face begins at that side
                 here = corner[0], (corner[1] + 1) % 4
                 one, other = ends[diagram.crossings[here[0]][here[1]]]
                 corner = other if here == one else one
@@ -186,7 +191,7 @@ def faces(diagram: PlanarDiagram) -> dict[tuple[int, int], int]:
 
 
 class _Untangling:
-    """A diagram being simplified: crossings that are left, and the new number of each arc."""
+    """A diagram being simplified: the crossings left, and the new number of each arc."""
 
     def __init__(self, diagram: PlanarDiagram) -> None:
         self.quads = {i: list(quad) for i, quad in enumerate(diagram.crossings)}
@@ -199,7 +204,7 @@ class _Untangling:
                 self.places.setdefault(arc, []).append(i)
 
     def untwist(self) -> bool:
-        """Make the first move, wherever it can be done."""
+        """Apply Reidemeister's first move wherever possible."""
         found = False
         waiting = list(self.quads)
         while waiting:
@@ -218,7 +223,9 @@ class _Untangling:
         return found
 
     def pull_apart(self) -> bool:
-        """Make the second move, wherever it can be done: one strand lies above the other at both corners."""
+        """Apply Reidemeister's second move wherever possible: one strand lies above the other at both
+        corners.
+        """
         found = False
         for i in list(self.quads):
             while i in self.quads and self._pull_apart_at(i):
@@ -228,7 +235,7 @@ class _Untangling:
     def _pull_apart_at(self, i: int) -> bool:
         quad = self.quads[i]
         for k in range(4):
-            # the face on the left of arc p as it leaves crossing i has q as its last side
+            # the face on the left of arc p, which leaves crossing i, has q as its last side
             p, q = quad[k], quad[(k + 1) % 4]
             j = self._other_end(p, i)
             if j is None or j != self._other_end(q, i):
@@ -249,7 +256,7 @@ class _Untangling:
         return False
 
     def _other_end(self, arc: int, i: int) -> int | None:
-        """Return the crossing at the other end of an arc from i; None where it is i again."""
+        """Return the crossing at the other end of an arc from i; None if that is i again."""
         rest = [j for j in self.places[arc] if j != i]
         return rest[0] if len(rest) == 1 else None
 
@@ -259,7 +266,7 @@ class _Untangling:
         del self.signs[i]
 
     def _join(self, one: int, other: int) -> int:
-        """Make two arcs one and return it; an arc that meets its own end is a loop, and gone."""
+        """Merge two arcs and return the result; an arc that meets its own end is a loop, and vanishes."""
         if one == other:
             self.loops.append(self.component[one])
             return one
@@ -269,10 +276,10 @@ class _Untangling:
         return one
 
     def without_isthmus(self, number: int) -> PlanarDiagram:
-        """Pass the crossing of that number in `diagram()` straight through.
+        """Remove the crossing of that number in `diagram()`, which is an isthmus.
 
-        At an isthmus a circle meets the diagram nowhere else. Turning over what is inside takes the
-        crossing away and leaves the sum of both sides; their signed Gauss codes stay as they are.
+        A circle through an isthmus meets the diagram nowhere else. Turning over what is inside removes the
+        crossing and leaves the sum of both sides; their signed Gauss codes stay as they are.
         """
         i = list(self.quads)[number]
         a, b, c, d = self.quads[i]
@@ -282,7 +289,7 @@ class _Untangling:
         return self.diagram()
 
     def diagram(self) -> PlanarDiagram:
-        """Return the diagram that is left, its arcs numbered anew along each component."""
+        """Return the diagram that is left, with arcs renumbered along each component."""
         going: dict[int, tuple[int, bool, int]] = {}  # arc -> crossing at its end, above, next arc
         for i, (a, b, c, d) in self.quads.items():
             going[a] = (i, False, c)
@@ -304,12 +311,12 @@ class _Untangling:
         return from_passages(ordered, list(self.signs.values()))
 
 
-# Laurent polynomials in one variable with whole coefficients, exact however large.
+# Laurent polynomials in one variable with integer coefficients, exact at any size.
 
 
 @dataclass(frozen=True)
 class Laurent:
-    """Sum of coefficients[k] * t ** (lowest + k); use `laurent` to make one without zeros at the ends."""
+    """The sum of coefficients[k] * t ** (lowest + k). Use `laurent` to strip zeros at the ends."""
 
     lowest: int
     coefficients: tuple[int, ...]
@@ -332,7 +339,7 @@ class Laurent:
         return laurent(self.lowest + other.lowest, product)
 
     def reverse(self) -> Laurent:
-        """Return the polynomial with 1/t for t."""
+        """Substitute 1/t for t."""
         return Laurent(-self.highest if self else 0, self.coefficients[::-1])
 
     def shift(self, by: int) -> Laurent:
@@ -344,16 +351,16 @@ class Laurent:
         return Laurent(self.lowest, tuple(-c for c in self.coefficients))
 
     def at_minus_one(self) -> int:
-        """Return the value at t = -1."""
+        """Evaluate at t = -1."""
         value = sum(c if k % 2 == 0 else -c for k, c in enumerate(self.coefficients))
         return -value if self.lowest % 2 else value
 
     def at_one(self) -> int:
-        """Return the value at t = 1."""
+        """Evaluate at t = 1."""
         return sum(self.coefficients)
 
     def text(self, variable: str = "t", half: bool = False) -> str:
-        """Write it for people, highest power first; `half`: exponents count half powers."""
+        """Write the polynomial, highest power first; with `half` the exponents count half powers."""
         terms = []
         for k in range(len(self.coefficients) - 1, -1, -1):
             c, power = self.coefficients[k], self.lowest + k
@@ -375,7 +382,7 @@ class Laurent:
 
 
 def laurent(lowest: int, coefficients: Iterable[int]) -> Laurent:
-    """Return the polynomial with the zeros at both ends taken off."""
+    """Build the polynomial, with zeros at both ends stripped."""
     kept = list(coefficients)
     while kept and not kept[-1]:
         kept.pop()

@@ -1,8 +1,7 @@
-"""Planar diagrams of polygons in space, seen from where they cross least.
+"""Planar diagrams of polygons in space, seen from directions in which they cross least.
 
-A diagram is only made where every sign that it rests on is certain in spite of rounding: which edges
-cross, which one is above, and the order of the crossings along each edge. A direction in which one
-is not is left aside.
+A diagram is made only if every sign that it rests on is certain in spite of rounding: which edges cross,
+which one is above, and the order of the crossings along each edge. Other directions are skipped.
 """
 
 from __future__ import annotations
@@ -28,16 +27,16 @@ from knotfab_validators.knots.reduction import (
 
 DIRECTIONS = 40
 FEWEST = 3
-MOST_LOOKS = 10_000  # edges times directions
-HOPELESS = 8  # factor of too many crossings in one direction, from which on no other has few enough
-KEPT = 6  # the projections with the fewest crossings that are simplified and compared
-ALL_PAIRS = 150  # edges up to which all pairs are looked at
+MOST_LOOKS = 10_000  # edges times directions that are looked at
+HOPELESS = 8  # a direction with so many times too many crossings shows that no other will do
+KEPT = 6  # projections with the fewest crossings, which are simplified and compared
+ALL_PAIRS = 150  # edges up to which all pairs are compared
 
 
 def diagram_of(
     polygons: Sequence[Array], *, directions: int = DIRECTIONS, most: int, seed: int = 0
 ) -> PlanarDiagram | None:
-    """Return the simplest diagram of closed polygons (n, 3) among those from random directions.
+    """Return the simplest diagram of closed polygons (n, 3) found among random directions.
 
     Component k of the diagram is polygons[k]. None where all have more than `most` crossings before
     they are simplified, or where no direction is certain.
@@ -67,7 +66,7 @@ def diagram_of(
 
 
 def seen_from(polygons: Sequence[Array], towards: Array) -> PlanarDiagram | None:
-    """Return the diagram seen by an eye far off in the direction (3,), or None where a sign is uncertain."""
+    """Return the diagram seen from far off in the direction `towards` (3,), or None if a sign is uncertain."""
     ring = ring_of(polygons)
     crossings = _crossings(ring, towards)
     if crossings is None:
@@ -86,7 +85,7 @@ def seen_from(polygons: Sequence[Array], towards: Array) -> PlanarDiagram | None
 
 @dataclass(frozen=True)
 class _Crossings:
-    """Edges above and below, the places on them (0 to 1) with the error of these, and signs."""
+    """Crossings: edges above and below, where on them (0 to 1) and with what error, and signs."""
 
     over: Ints
     over_at: Array
@@ -98,7 +97,9 @@ class _Crossings:
 
 
 def _in_order(crossings: _Crossings) -> Ints | None:
-    """Return all passages along the edges in turn: number i is crossing i above, count + i below."""
+    """Return all passages along the edges in order: i is crossing i above, count + i below; None if
+    uncertain.
+    """
     edge = np.concatenate([crossings.over, crossings.under])
     at = np.concatenate([crossings.over_at, crossings.under_at])
     error = np.concatenate([crossings.over_error, crossings.under_error])
@@ -109,7 +110,7 @@ def _in_order(crossings: _Crossings) -> Ints | None:
 
 
 def _crossings(ring: Ring, towards: Array) -> _Crossings | None:
-    """Find where edges cross as seen along a direction; None where it cannot be told."""
+    """Find where edges cross as seen along a direction; None if it is uncertain."""
     i, j = _pairs(ring, towards)
     p, r = ring.at[i], ring.at[j]
     u, v, w = ring.at[ring.after[i]] - p, ring.at[ring.after[j]] - r, r - p
@@ -130,7 +131,7 @@ def _crossings(ring: Ring, towards: Array) -> _Crossings | None:
     error = 2 * UNCERTAIN * (size_u * size_v) / np.abs(base)
     s_error = error + UNCERTAIN * size_w * size_v / np.abs(base)
     t_error = error + UNCERTAIN * size_w * size_u / np.abs(base)
-    # the other edge is above where one must go up to reach it: det(u, v, w) / det(u, v, eye) > 0
+    # the other edge is above if one must go up to reach it: det(u, v, w) / det(u, v, eye) > 0
     below = turn == height
     return _Crossings(
         over=np.where(below, j, i),
@@ -148,10 +149,10 @@ def _signs(u: Array, v: Array, w: Array) -> NDArray[np.int8]:
 
 
 def _pairs(ring: Ring, towards: Array) -> tuple[Ints, Ints]:
-    """Return pairs of edges i < j that may cross: not adjacent, and their boxes in the picture meet."""
+    """Return pairs of edges i < j that may cross: not adjacent, with overlapping boxes in the projection."""
     flat = ring.at @ _across(towards)
     end = flat[ring.after]
-    margin = 1e-12 * float(np.abs(flat).max())  # many times the rounding of the product above
+    margin = 1e-12 * float(np.abs(flat).max())  # many times the rounding error of the product above
     low, high = np.minimum(flat, end) - margin, np.maximum(flat, end) + margin
     count = len(flat)
     if count <= ALL_PAIRS:
@@ -167,7 +168,7 @@ def _pairs(ring: Ring, towards: Array) -> tuple[Ints, Ints]:
 
 
 def _about(ring: Ring, towards: Array) -> int:
-    """Count how many crossings are seen along a direction, but for rounding."""
+    """Count the crossings seen along a direction, up to rounding."""
     flat = ring.at @ _across(towards)
     i, j = _pairs(ring, towards)
     p, q, r, s = flat[i], flat[ring.after[i]], flat[j], flat[ring.after[j]]
@@ -181,18 +182,19 @@ def _about(ring: Ring, towards: Array) -> int:
 
 
 def _across(towards: Array) -> Array:
-    """Return two axes (3, 2) across a direction."""
+    """Return two orthogonal axes (3, 2) across a direction."""
     return np.asarray(np.linalg.svd(towards[None])[2][1:].T)
 
 
-# Representations of a knot's group in PSL(2, p): they tell knots and hands that polynomials do
-# not.
+# Representations of a knot's group in PSL(2, p) distinguish knots and hands that polynomials do not.
 
 
-PRIMES = (7, 11)  # primes that tell apart the knots of the table with all other invariants equal
-MOST_GUESSES = 3  # arcs whose colours are tried out, beside the first
+PRIMES = (7, 11)  # primes that distinguish all knots of the table whose other invariants are equal
+MOST_GUESSES = 3  # arcs whose colours are guessed, beside the first
 
-Relation = tuple[int, int, int, int]  # arcs below before and after a crossing, above it; its sign
+Relation = tuple[
+    int, int, int, int
+]  # arcs below before and after a crossing, the arc above it, and its sign
 
 
 def cusp_counts(knot: PlanarDiagram, prime: int) -> tuple[int, ...] | None:
@@ -206,7 +208,7 @@ def cusp_counts(knot: PlanarDiagram, prime: int) -> tuple[int, ...] | None:
         return None
     vectors = np.array(
         [(x, y) for x in range(prime) for y in range(prime) if (x, y) <= (-x % prime, -y % prime)]
-    )[1:]  # one of each two of opposite signs, without (0, 0)
+    )[1:]  # one of each pair of opposite signs, without (0, 0)
     tries = np.stack(np.meshgrid(*[np.arange(len(vectors))] * len(guessed), indexing="ij"), -1)
     tries = tries.reshape(-1, len(guessed))
     colours = {arc: vectors[tries[:, k]] for k, arc in enumerate(guessed)}
@@ -226,7 +228,7 @@ def cusp_counts(knot: PlanarDiagram, prime: int) -> tuple[int, ...] | None:
 
 
 def _wirtinger(knot: PlanarDiagram) -> tuple[list[int], list[Relation]]:
-    """Number the strand between two passages below that each arc is of, and list their relations."""
+    """Number the strand (between two undercrossings) of each arc, and list the relations of the strands."""
     begins = {quad[2] for quad in knot.crossings}
     numbers = np.cumsum([arc in begins for arc in range(len(knot.component))])
     strand = [int(n) % len(begins) for n in numbers]
@@ -238,7 +240,7 @@ def _wirtinger(knot: PlanarDiagram) -> tuple[list[int], list[Relation]]:
 
 
 def _guesses(count: int, relations: Sequence[Relation], first: int) -> tuple[int, ...] | None:
-    """Return the fewest strands whose colours, with that of the first one, give all `count` colours."""
+    """Return the fewest strands whose colours, with the first one's, determine all `count` colours."""
     others = [arc for arc in range(count) if arc != first]
     for size in range(MOST_GUESSES + 1):
         for guessed in combinations(others, size):
@@ -250,7 +252,7 @@ def _guesses(count: int, relations: Sequence[Relation], first: int) -> tuple[int
 
 
 def _order(known: set[int], relations: Sequence[Relation]) -> list[Relation]:
-    """Return the relations in an order in which each gives one colour more; `known` grows by these."""
+    """Order the relations so that each gives one more colour; these are added to `known`."""
     order: list[Relation] = []
     grown = True
     while grown:
@@ -265,7 +267,7 @@ def _order(known: set[int], relations: Sequence[Relation]) -> list[Relation]:
 
 
 def _turn(vectors: Ints, about: Ints, sign: int, prime: int) -> Ints:
-    """Return the vectors (n, 2) carried by the parabolic elements of `about`, or by their inverses."""
+    """Act on vectors (n, 2) by the parabolic elements of `about`, or by their inverses."""
     area = about[:, 0] * vectors[:, 1] - about[:, 1] * vectors[:, 0]
     return np.asarray((vectors + sign * area[:, None] * about) % prime)
 
@@ -273,7 +275,7 @@ def _turn(vectors: Ints, about: Ints, sign: int, prime: int) -> Ints:
 def _longitude(
     knot: PlanarDiagram, strand: list[int], colours: dict[int, Ints], prime: int
 ) -> Ints:
-    """Map the k of z -> z + k that each representation sends the longitude of the first strand to."""
+    """Return the k of z -> z + k to which each representation sends the first strand's longitude."""
     below = {a: (strand[b], s) for (a, b, _, _), s in zip(knot.crossings, knot.signs, strict=True)}
     first = colours[strand[0]]
     images = [np.broadcast_to(v, first.shape) for v in ([1, 0], [0, 1])]
@@ -281,6 +283,6 @@ def _longitude(
         if arc in below:
             above, sign = below[arc]
             images = [_turn(image, colours[above], -sign, prime) for image in images]
-    # the longitude is ((s, s k), (0, s)) with s = 1 or -1, and goes round the knot without twisting
+    # the longitude is ((s, s k), (0, s)) with s = 1 or -1; it winds around the knot without twisting
     (s, _), (_, _) = images[0].T, images[1].T
     return np.asarray((images[1][:, 0] * s + knot.writhe) % prime)

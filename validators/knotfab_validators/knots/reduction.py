@@ -1,9 +1,9 @@
-"""Take vertices out of closed polygons without changing their knot type, as far as it goes.
+"""Remove vertices from closed polygons without changing their knot type, as far as possible.
 
-Vertex B between A and C may go when no other edge meets the triangle ABC: pulling B straight to AC
-is then an isotopy (Koniaris and Muthukumar, "Knottedness in ring polymers", Phys. Rev. Lett. 66,
-1991; Taylor, "A deeply knotted protein structure", Nature 406, 2000). A polygon that shrinks to a
-triangle is an unknot, proved; a triangle that nothing else meets is split from the rest.
+Vertex B between A and C may go if no other edge meets the triangle ABC: pulling B straight to AC is then
+an isotopy (Koniaris and Muthukumar, "Knottedness in ring polymers", Phys. Rev. Lett. 66, 1991; Taylor, "A
+deeply knotted protein structure", Nature 406, 2000). A polygon that shrinks to a triangle is a proved
+unknot; a triangle that nothing else meets is split from the rest.
 """
 
 from __future__ import annotations
@@ -24,25 +24,27 @@ Signs = NDArray[np.int8]
 # The error of the determinant below is at most 8e-16 times its permanent (Shewchuk, "Adaptive
 # precision floating-point arithmetic", 1997), which is at most 5.2 times the product of the rows.
 UNCERTAIN = 1e-14
-NUDGES = (1e-5, 1e-7, 1e-9)  # shares of the shortest edge: the random shift into general position
-LEAST_SHIFT = 64 * 2.0**-52  # a share of the coordinates: a smaller shift would drown in rounding
-MOST_PAIRS = 5_000_000  # pairs of triangles and edges looked at, some seconds' worth
-NEAREST_PAIRS = 300_000  # pairs of edges, when the nearest ones are looked for
-BLOCK = 256  # boxes looked up at a time, to bound the memory
+NUDGES = (1e-5, 1e-7, 1e-9)  # random shifts into general position, as shares of the shortest edge
+LEAST_SHIFT = (
+    64 * 2.0**-52
+)  # smallest shift, as a share of the coordinates, that rounding does not swallow
+MOST_PAIRS = 5_000_000  # pairs of triangles and edges to test: some seconds
+NEAREST_PAIRS = 300_000  # pairs of edges among which the nearest are looked for
+BLOCK = 256  # boxes queried at a time, to bound memory
 
 
 class TooTangled(Exception):
-    """Too many edges are near each other to look at all of them."""
+    """Too many edges are near each other to test them all."""
 
 
 @dataclass
 class Budget:
-    """The pairs of a triangle and an edge that may still be looked at."""
+    """How many pairs of a triangle and an edge may still be tested."""
 
     pairs: int = MOST_PAIRS
 
     def spend(self, pairs: int) -> None:
-        """Raise TooTangled once there are too many."""
+        """Take `pairs` off the budget; raises TooTangled once it is spent."""
         self.pairs -= pairs
         if self.pairs < 0:
             raise TooTangled
@@ -50,10 +52,11 @@ class Budget:
 
 @dataclass(frozen=True)
 class Reduced:
-    """The polygons that are left, (m, 3) each, of the given ones number `components`.
+    """The polygons that are left, (m, 3) each; `components` are their indices among those given.
 
-    Those that are missing were found to be unknots, split from all others. Where nothing is left,
-    the polygons are an unknot or unlink, proved.
+    Missing ones were proved unknots, split from all others. If none is left, the polygons are a proved
+    unknot
+    or unlink.
     """
 
     polygons: tuple[Array, ...]
@@ -61,13 +64,13 @@ class Reduced:
 
     @property
     def vertices(self) -> int:
-        """Number of vertices left."""
+        """The number of vertices left."""
         return sum(len(p) for p in self.polygons)
 
 
 @dataclass(frozen=True)
 class Ring:
-    """Vertices of all polygons in a row: `at` (n, 3), their polygon, neighbours by position."""
+    """The vertices of all polygons in one array `at` (n, 3), with their polygons and neighbours by index."""
 
     at: Array
     knot: Ints
@@ -144,7 +147,7 @@ def _shift(ring: Ring, nudge: float, seed: int) -> Array | None:
 
 
 def orientation(a: Array, b: Array, c: Array, d: Array) -> Signs:
-    """Give the sign of det(a - d, b - d, c - d) for rows of points (n, 3); 0 where rounding might decide."""
+    """Return the sign of det(a - d, b - d, c - d) for rows of points (n, 3); 0 where rounding might decide."""
     return certain_sign(a - d, b - d, c - d)
 
 
@@ -186,7 +189,7 @@ def may_pierce(a: Array, b: Array, c: Array, p: Array, q: Array) -> Mask:
 
 
 def ring_of(polygons: Sequence[Array]) -> Ring:
-    """Return all vertices in a row, polygon after polygon."""
+    """Collect the vertices of all polygons, polygon after polygon."""
     sizes = [len(p) for p in polygons]
     return _link(
         np.concatenate(polygons).astype(np.float64), np.repeat(np.arange(len(sizes)), sizes)
@@ -194,7 +197,7 @@ def ring_of(polygons: Sequence[Array]) -> Ring:
 
 
 def _link(at: Array, knot: Ints) -> Ring:
-    """Join each run of equal `knot` into a ring."""
+    """Join each run of equal `knot` into a closed ring."""
     index = np.arange(len(at))
     first = np.flatnonzero(np.diff(knot, prepend=-1))
     last = np.append(first[1:], len(at)) - 1
@@ -204,7 +207,7 @@ def _link(at: Array, knot: Ints) -> Ring:
 
 
 def adjacent(ring: Ring, i: Ints, j: Ints) -> Mask:
-    """Tell whether edges i and j share a vertex, or are one (edge k begins at vertex k)."""
+    """Tell whether edges i and j are equal or share a vertex (edge k begins at vertex k)."""
     return np.asarray((i == j) | (ring.after[i] == j) | (ring.after[j] == i))
 
 
@@ -213,7 +216,7 @@ def _remove(ring: Ring, gone: Mask) -> Ring:
 
 
 def _remove_triangles(ring: Ring) -> Ring:
-    """Take out polygons of three vertices whose triangle meets no edge of another polygon."""
+    """Remove polygons of three vertices whose triangle meets no edge of another polygon."""
     sizes = np.bincount(ring.knot)
     for k in np.flatnonzero(sizes == 3):
         own = np.flatnonzero(ring.knot == k)
@@ -227,8 +230,8 @@ def _remove_triangles(ring: Ring) -> Ring:
 def _find_removable(ring: Ring, share: float, rng: np.random.Generator, budget: Budget) -> Mask:
     """Find vertices that can go together: free ones of the smallest triangles, no two adjacent.
 
-    After one has gone its triangle's third side is an edge; so those must not meet the triangles
-    of the others that go.
+    Removing a vertex adds its triangle's third side as an edge, which must not meet the triangles of the
+    other vertices that go.
     """
     gone = np.zeros(len(ring.at), dtype=bool)
     sizes = np.bincount(ring.knot)
@@ -247,7 +250,7 @@ def _find_removable(ring: Ring, share: float, rng: np.random.Generator, budget: 
 
     rank = np.where(gone, rng.permutation(len(gone)).astype(np.float64), np.inf)
     gone &= (rank < rank[ring.before]) & (rank < rank[ring.after])
-    for k in np.flatnonzero((sizes > 3) & (sizes < 7)):  # too small for two at a time
+    for k in np.flatnonzero((sizes > 3) & (sizes < 7)):  # too small to lose two at a time
         own = ring.knot == k
         gone &= ~own | (rank == rank[own].min())
     chosen = np.flatnonzero(gone)
@@ -262,7 +265,7 @@ def _find_removable(ring: Ring, share: float, rng: np.random.Generator, budget: 
 def _pair_near(
     a: Array, b: Array, c: Array, p: Array, q: Array, budget: Budget
 ) -> Iterator[tuple[Ints, Ints]]:
-    """Yield pairs (triangle, segment) whose boxes overlap, some at a time."""
+    """Yield batches of (triangle, segment) pairs whose boxes overlap."""
     low, high = bound_triangles(a, b, c)
     low_e, high_e = np.minimum(p, q), np.maximum(p, q)
     tree = shapely.STRtree(shapely.box(low_e[:, 0], low_e[:, 1], high_e[:, 0], high_e[:, 1]))
@@ -277,7 +280,7 @@ def _pair_near(
 
 
 def _shake(ring: Ring, rng: np.random.Generator) -> Ring:
-    """Move each vertex in turn, mostly towards its neighbours' middle, where nothing is in the way.
+    """Move each vertex in turn, mostly towards the middle of its neighbours, if nothing is in the way.
 
     Moving B to D is an isotopy when no other edge meets the triangles ABD and CBD.
     """
@@ -300,7 +303,7 @@ def _shake(ring: Ring, rng: np.random.Generator) -> Ring:
 
 
 def touching_place(polygons: Sequence[Array]) -> Array:
-    """Find where polygons that have no general position meet themselves or each other, about, (3,)."""
+    """Return a point (3,) near which the polygons touch themselves or each other."""
     ring = ring_of(polygons)
     edge = ring.at[ring.after] - ring.at
     length = np.linalg.norm(edge, axis=1)
@@ -315,7 +318,7 @@ def touching_place(polygons: Sequence[Array]) -> Array:
 
 
 def nearest_approach(one: Array, other: Array) -> Array:
-    """Return the middle between two polygons (n, 3), (m, 3) where they are nearest to each other, (3,)."""
+    """Return the midpoint (3,) between two polygons (n, 3), (m, 3) where they are nearest."""
     ring = ring_of([one, other])
     from scipy.spatial import cKDTree
 
@@ -332,18 +335,20 @@ def nearest_approach(one: Array, other: Array) -> Array:
                 k = int(distance.argmin())
                 best = min(best, (float(distance[k]), int(i[k]), int(j[k]) + n))
     except TooTangled:
-        pass  # about there will do
+        pass  # an approximate place will do
     return _middle_between(ring, best[1], best[2])
 
 
 def _middle_between(ring: Ring, i: int, j: int) -> Array:
-    """Return middle of the shortest way between the edges i and j, (3,)."""
+    """Return the midpoint (3,) of the shortest segment between edges i and j."""
     at, end = ring.at, ring.at[ring.after]
     return np.asarray(np.mean(nearest_on_two(at[[i]], end[[i]], at[[j]], end[[j]]), axis=0)[0])
 
 
 def _find_closest(ring: Ring, reach: float) -> tuple[float, int, int]:
-    """Find the two closest edges that share no vertex: distance and numbers; infinity beyond `reach`."""
+    """Return the distance and the indices of the closest edges without a common vertex; infinity beyond
+    `reach`.
+    """
     p, q = ring.at, ring.at[ring.after]
     best = float("inf"), 0, 0
     low, high = np.minimum(p, q) - reach, np.maximum(p, q) + reach

@@ -1,9 +1,8 @@
-"""Diagrams with fewer crossings: a strand that runs above (or below) all it meets may be laid anywhere.
+"""Reduce a diagram's crossings by rerouting strands.
 
-A run of passages above is lifted off the diagram and laid down again along the way between its ends
-that crosses the fewest arcs; so is a run below. Each such step is an isotopy. Steps to ways of as many
-crossings, taken at random, lead on where no run can be shortened (Reidemeister's third move is the
-least of them).
+A strand that passes over (or under) all it meets may be laid anywhere else over (or under) the diagram:
+along the way between its ends that crosses the fewest arcs. Each step is an isotopy. If no strand can be
+shortened, random steps of equal length lead on (Reidemeister's third move is the least of them).
 """
 
 from __future__ import annotations
@@ -21,14 +20,14 @@ from knotfab_validators.knots.planar_diagram import (
     simplify,
 )
 
-WORK = 300_000  # crossings of the diagrams looked at while runs are laid: a second or two
-STARTS = 4  # walks from the given diagram, each by other chances; they share the work
-TIE = 1e-3  # the largest random share that tells ways of equal length apart
+WORK = 300_000  # total crossings of the diagrams inspected: a second or two
+STARTS = 4  # walks from the given diagram with different random choices, which share the work
+TIE = 1e-3  # random share that breaks ties between ways of equal length
 
 
 @dataclass(frozen=True)
 class _Run:
-    """Passages on one side of all that they meet: arcs[k] leads to crossings[k], the last arc away."""
+    """Consecutive passages on one side of all they meet: arcs[k] leads to crossings[k], the last arc away."""
 
     arcs: tuple[int, ...]
     crossings: tuple[int, ...]
@@ -36,7 +35,7 @@ class _Run:
 
 
 def reroute(knot: PlanarDiagram, enough: int = 0, seed: int = 0) -> PlanarDiagram:
-    """Give the knot's diagram with the fewest crossings that is met; the search ends at `enough` of them."""
+    """Return the diagram with the fewest crossings that is found; the search stops at `enough` of them."""
     walk = _Walk(WORK, random.Random(seed))
     best = first = walk.shorten(simplify(knot))
     share = walk.left / STARTS
@@ -52,7 +51,7 @@ def reroute(knot: PlanarDiagram, enough: int = 0, seed: int = 0) -> PlanarDiagra
 
 
 def summands(knot: PlanarDiagram) -> list[PlanarDiagram]:
-    """Split a knot's diagram by circles that meet it in two arcs alone, which show it to be a sum."""
+    """Split a knot's diagram into summands, by circles that meet it in only two arcs."""
     passages = _passages(knot)
     left, right = _sides(knot)
     between: dict[tuple[int, int], int] = {}
@@ -66,7 +65,7 @@ def summands(knot: PlanarDiagram) -> list[PlanarDiagram]:
 
 
 def _close(passages: list[Passage], knot: PlanarDiagram) -> PlanarDiagram:
-    """Draw the diagram of a part of the knot's passages, which holds both passages of its crossings."""
+    """Return the diagram of a summand from its passages, which include both of each of its crossings."""
     kept = {i: n for n, i in enumerate(dict.fromkeys(p.crossing for p in passages))}
     run = [Passage(kept[p.crossing], p.above) for p in passages]
     return from_passages({knot.components[0]: run}, [knot.signs[i] for i in kept])
@@ -74,13 +73,13 @@ def _close(passages: list[Passage], knot: PlanarDiagram) -> PlanarDiagram:
 
 @dataclass
 class _Walk:
-    """Steps from diagram to diagram; `left` is how many crossings may still be looked at."""
+    """A random walk through diagrams; `left` is how many crossings may still be inspected."""
 
     left: float
     chance: random.Random
 
     def shorten(self, knot: PlanarDiagram) -> PlanarDiagram:
-        """Return the diagram after every run was laid along a shorter way, where it has one."""
+        """Return the diagram with every run laid along a shorter way, if there is one."""
         again = True
         while again:
             again = False
@@ -92,7 +91,7 @@ class _Walk:
         return knot
 
     def aside(self, knot: PlanarDiagram) -> PlanarDiagram:
-        """Return the diagram with a part of a run, by chance, laid along a way no longer."""
+        """Return the diagram with part of a random run laid along another way that is no longer."""
         run = self.chance.choice(list(_runs(knot)))
         begin = self.chance.randrange(len(run.crossings))
         end = self.chance.randrange(begin, len(run.crossings)) + 1
@@ -105,7 +104,7 @@ class _Walk:
 
 
 def _passages(knot: PlanarDiagram) -> list[Passage]:
-    """Passage k of the one component lies between arcs k - 1 and k."""
+    """Return the passages in order; passage k lies between arcs k - 1 and k."""
     found = [Passage(-1, False)] * len(knot.component)
     for i, (quad, sign) in enumerate(zip(knot.crossings, knot.signs, strict=True)):
         found[quad[2]] = Passage(i, False)
@@ -114,7 +113,7 @@ def _passages(knot: PlanarDiagram) -> list[Passage]:
 
 
 def _runs(knot: PlanarDiagram) -> Iterator[_Run]:
-    """Yield the longest runs of a knot's diagram: from its first passage above to the next below, etc."""
+    """Yield the longest runs of a knot's diagram, from one change between above and below to the next."""
     passages = _passages(knot)
     count = len(passages)
     turns = [k for k in range(count) if passages[k].above != passages[k - 1].above]
@@ -127,7 +126,7 @@ def _runs(knot: PlanarDiagram) -> Iterator[_Run]:
 def _lay(
     knot: PlanarDiagram, run: _Run, chance: random.Random, fewer: bool = False
 ) -> PlanarDiagram | None:
-    """Lay the diagram's run along a shortest way; None: there is no other way (or none `fewer`)."""
+    """Lay a run along a shortest way; None if there is no other way (or, with `fewer`, no shorter one)."""
     left, right = _sides(knot)
     way = _way(left, right, run, chance)
     if way is None or len(way) > len(run.crossings) - fewer:
@@ -135,13 +134,13 @@ def _lay(
     gone = set(run.crossings)
     signs = [sign for i, sign in enumerate(knot.signs) if i not in gone]
     number = {i: n for n, i in enumerate(i for i in range(len(knot.signs)) if i not in gone)}
-    met: dict[int, Passage] = {}  # keyed by the crossed arcs, each with the run
+    met: dict[int, Passage] = {}  # by the arc crossed: the run's passage there
     laid: list[Passage] = []
     for arc, to_right in way:
         crossing = len(signs)
         met[arc] = Passage(crossing, not run.above)
         laid.append(Passage(crossing, run.above))
-        # the strand above turns counter-clockwise onto the other one in a right-handed crossing
+        # at a right-handed crossing, the upper strand turns counter-clockwise onto the lower one
         signs.append(1 if to_right == run.above else -1)
     after: list[Passage] = []
     for k, passage in enumerate(_passages(knot)):
@@ -159,7 +158,7 @@ def _sides(knot: PlanarDiagram) -> tuple[list[int], list[int]]:
     face = faces(knot)
     left, right = ([0] * len(knot.component) for _ in range(2))
     for i, (quad, sign) in enumerate(zip(knot.crossings, knot.signs, strict=True)):
-        for side in (2, 1 if sign > 0 else 3):  # the sides on which arcs leave the crossing
+        for side in (2, 1 if sign > 0 else 3):  # the sides by which arcs leave the crossing
             left[quad[side]] = face[i, side]
             right[quad[side]] = face[i, (side + 3) % 4]
     return left, right
@@ -168,7 +167,9 @@ def _sides(knot: PlanarDiagram) -> tuple[list[int], list[int]]:
 def _way(
     left: list[int], right: list[int], run: _Run, chance: random.Random
 ) -> list[tuple[int, bool]] | None:
-    """Return the arcs that a shortest way between the run's ends crosses, each with whether to its right."""
+    """Return the arcs that a shortest way between the run's ends crosses, and whether each is crossed
+    rightwards.
+    """
     ends, inner = (run.arcs[0], run.arcs[-1]), set(run.arcs[1:-1])
     beside: dict[int, list[tuple[int, int]]] = {}
     for arc in range(len(left)):
