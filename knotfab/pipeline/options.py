@@ -245,12 +245,13 @@ def options_from(given: Mapping[str, Any], known: Collection[str] = ()) -> Build
             raise InputError(
                 f"the option {name}", "there is none of that name", f"{hint}Known: {known}"
             )
-        if key in ("also", "skip", "effect", "keep", "drop") and isinstance(value, str):
+        if types[key] == tuple[str, ...] and isinstance(value, str):
             value = (value,)
         elif types[key] == str | None and value is not None and not isinstance(value, bool):
             value = str(value)
         elif types[key] == float | None and isinstance(value, str):
-            read = read_number if key in ("threshold", "smooth") else read_length
+            declared = get_type_hints(BuildOptions, include_extras=True)[key]
+            read = read_number if Decimal in get_args(declared.__origin__) else read_length
             value = read(f"the option {name}={value!r}", value)
         elif hasattr(value, "item"):  # a number of numpy's
             value = value.item()

@@ -118,8 +118,6 @@ def _kind_of(part: Path) -> str | None:
 
 def answer(request: dict[str, Any], told: object) -> dict[str, Any]:
     """Write a part's triangles (n, 3, 3) as an array to a file of its name, or return why not."""
-    import numpy as np
-
     del told
     part, folder = Path(request["part"]), Path(request["folder"])
     try:
@@ -137,7 +135,6 @@ def answer(request: dict[str, Any], told: object) -> dict[str, Any]:
 
 def _read_ply(content: bytes) -> NDArray[np.float64]:
     """Read the triangles (n, 3, 3) of a PLY; polygons become fans. Checks the counts that trimesh ignores."""
-    import numpy as np
     import trimesh
 
     content = content.removeprefix(b"\xef\xbb\xbf")
@@ -173,8 +170,6 @@ def _read_ply(content: bytes) -> NDArray[np.float64]:
 
 def _read_mixed(head: bytes, body: bytes) -> NDArray[np.float64] | None:
     """Read a binary PLY of vertices and polygons of any numbers of corners; None if it has anything else."""
-    import numpy as np
-
     order = "<" if b"binary_little_endian" in head else ">"
     lines = [line.split() for line in head.splitlines() if line.strip()]
     elements: list[tuple[bytes, int, list[list[bytes]]]] = []
@@ -216,7 +211,6 @@ def _read_mixed(head: bytes, body: bytes) -> NDArray[np.float64] | None:
 
 def _read_obj(content: bytes, tidy: Path) -> NDArray[np.float64]:
     """Read the triangles (n, 3, 3) of an OBJ; polygons are triangulated, or fans if they cross themselves."""
-    import numpy as np
     import pyvista
 
     text = SHAPELESS.sub(b" ", content)
@@ -257,8 +251,6 @@ def _read_obj(content: bytes, tidy: Path) -> NDArray[np.float64]:
 
 def _require_vertices(numbers: NDArray[Any], points: NDArray[np.float64]) -> None:
     """Refuse indices without a vertex, and vertices that are not finite."""
-    import numpy as np
-
     if not np.isfinite(points).all():
         raise _refuse("it has vertices whose coordinates are not finite")
     wrong = numbers[(numbers < 0) | (numbers >= len(points))]

@@ -66,7 +66,7 @@ def _choose(text: str, known: Callable[[], Iterable[str]] | Iterable[str]) -> Va
 
 
 def _read_as_option(name: str, text: str) -> Value:
-    """Read a field's text as the command line reads the option, with units and separators of a person."""
+    """Read a field's text as the command line reads the option, but more liberally in units and commas."""
     if name in ("keep", "drop"):
         given: Any = tuple(text.split(";"))
     elif name in ("crop", "subject"):

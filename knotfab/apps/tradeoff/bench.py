@@ -82,7 +82,7 @@ class Journal:
 
     @property
     def strange(self) -> int:
-        """The number of runs nobody has asked for, of other pictures, settings or versions."""
+        """How many of its runs this call did not ask for: those of other pictures, settings or versions."""
         return len(self.runs.keys() - self.used)
 
     def close(self) -> None:

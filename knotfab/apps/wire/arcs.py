@@ -246,7 +246,7 @@ def tool_angle_deg(bend_deg: float, springback_percent: float) -> float:
 
 
 def list_bends(wire: Wire, straight: int, springback_percent: float) -> BendList:
-    """Write a closed wire as a bending plan that starts and ends in the middle of a straight.
+    """Make the bending plan of a closed wire, which starts and ends in the middle of a straight.
 
     Args:
         straight: index of the straight to cut.
