@@ -21,6 +21,7 @@ _EDGE = (
     0.012  # the share of the picture's longer side that is cut off a sheet: its soft or shaded edge
 )
 _INK = 8.0  # levels up to which a ground is as black as a drawing's
+_PAGE = 0.5  # the share of such a picture that a page with a black margin covers at least
 _NEAR = 20.0  # levels within one flat colour
 
 
@@ -66,7 +67,7 @@ def _sheet(rgb: Colours, opaque: Mask) -> tuple[Colours, str] | None:
     bright_around = light[around].mean()
     if bright_around > 0.3 or not (clear.mean() > 0.5 or bright[around & seen].mean() < 0.9 * most):
         return None
-    if not clear.any() and reached == 0 and bright[around].max() < _INK:
+    if not clear.any() and bright[around].max() < _INK and sheet.mean() < _PAGE:
         return None  # a light shape on flat black is drawn so
     if not _has_four_corners(sheet):
         return None

@@ -42,7 +42,6 @@ PLY_TYPES = {
     **{b"uint32": "u4", b"float": "f4", b"double": "f8", b"float32": "f4", b"float64": "f8"},
 }
 HEADER_END = re.compile(rb"^end_header[ \t]*\r?\n", re.MULTILINE)
-MOST_BEHIND = 65_536  # bytes that are ignored behind the last face of a PLY
 REMEDY = "Export it again, or as STL or 3MF."
 
 OBJ = re.compile(
@@ -202,7 +201,7 @@ def _read_mixed(head: bytes, body: bytes) -> NDArray[np.float64] | None:
         ring = np.frombuffer(body, index, sides, at).tolist()
         at += sides * index.itemsize
         triangles += [(ring[0], b, c) for b, c in pairwise(ring[1:])]
-    if len(body) - at > MOST_BEHIND:
+    if body[at:].strip(b"\r\n \0"):
         return None
     chosen = np.array(triangles, dtype=np.int64).reshape(-1, 3)
     _require_vertices(chosen.ravel(), points)
