@@ -75,7 +75,7 @@ def plan_coupon(mounted: Mounted, suffix: str = "") -> Coupon | None:
     member; the strip is as thick as the plate or the stand's base. The peg is the mount's thinnest.
     """
     asked = mounted.scene.mount
-    if mounted.wall is not None and mounted.wall.plate is not None:
+    if asked.on_feet:
         return None
     if mounted.wall is not None:
         pegs = mounted.wall.pegs

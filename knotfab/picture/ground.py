@@ -73,6 +73,8 @@ def _sheet(rgb: Colours, opaque: Mask) -> tuple[Colours, str] | None:
         return None
     from scipy import ndimage
 
+    if ndimage.binary_erosion(paper, np.ones((3, 3))).sum() < 0.5 * paper.sum():
+        return None  # grain or a pattern is no paper
     steps = max(2, round(_EDGE * max(light.shape)))
     inside = ndimage.binary_erosion(sheet, np.ones((3, 3)), iterations=steps, border_value=1)
     drawn = (inside & ~light).sum() / max(1, inside.sum())

@@ -106,7 +106,8 @@ def resolve(scene: Scene) -> ResolvedScene:
     """Return the scene as a build takes it: printer and material are merged from their data files.
 
     Keys that the scene gives itself in [printer] and [material] win over the data file. Unless the scene
-    says otherwise, a tube of wire is as thick as the wire, and powder comes out between strands.
+    says otherwise, a tube of wire is as thick as the wire, powder comes out between strands, and a piece
+    that stands in a plate needs no supports.
 
     Raises:
         InputError: a printer or material that has no data file, naming those that have; a person's
@@ -119,6 +120,8 @@ def resolve(scene: Scene) -> ResolvedScene:
         piece["tube_radius_mm"] = 0.5 * material.wire_diameter_mm
     if material.process == "powder" and "clearance_mm" not in scene.piece.model_fields_set:
         piece["clearance_mm"] = max(scene.piece.clearance_mm, printer.min_gap_mm)
+    if scene.mount.on_feet and "supports" not in scene.piece.model_fields_set:
+        piece["supports"] = "none"  # arches stand in the plate
     update = {
         "printer": printer,
         "material": material,

@@ -196,6 +196,8 @@ def _of_fit() -> Iterator[Broken]:
     }  # fmt: skip
     for name, change in mounted.items():
         yield Broken(f"a mounted tube {name}", partial(_mounted, change), "tube")
+    left_out = partial(_mounted, lambda part: part)
+    yield Broken("a wall mount whose members knots.json leaves out", left_out, "mount")
 
 
 def _mounted(change: Callable[[Part], Part]) -> Part:

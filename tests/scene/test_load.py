@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from knotfab.scene.catalogue import resolve
 from knotfab.scene.load import check_scene, dump_scene, load_scene, parse_scene
 from knotfab_formats.errors import InputError
 from knotfab_formats.piece import Accuracy, Material, Piece, Pose, Printer, Region
@@ -146,6 +147,9 @@ def test_a_plate_settles_how_far_the_wall_is_and_asks_for_a_wall_mount() -> None
     scene = parse_scene("[piece]\ndepth = 250\n[mount]\nplate = 'outline'")
     assert scene.mount.asked and scene.hangs(1) and scene.mount.thickness_mm == 1.6
     assert parse_scene("[mount]\nkind = 'wall'").mount.thickness_mm == 3.0
+    assert resolve(scene).piece.supports == "none"
+    kept = parse_scene("[piece]\nsupports = 'slicer'\n[mount]\nplate = 'outline'")
+    assert resolve(kept).piece.supports == "slicer"
 
 
 def test_the_same_lengths_are_fine_where_they_do_not_contradict() -> None:
