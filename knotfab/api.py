@@ -276,11 +276,11 @@ def settle_design(question: Question, result: SearchResult, accuracy: str = "sta
 
 def _settings_for(question: Question, accuracy: str, settings: Mapping[str, Any]) -> SearchSettings:
     """Give the accuracy's settings as a build of this question has them, under the scene's own and these."""
-    from knotfab.design.settings import suit
+    from knotfab.design.settings import suit_settings
     from knotfab_formats.search import search_settings
 
     given = {**question.scene.search, **settings}
-    return suit(search_settings(accuracy, given), question, given)
+    return suit_settings(search_settings(accuracy, given), question, given)
 
 
 def sweep_tube(

@@ -1,7 +1,7 @@
-"""Makes several pictures agree before anything is searched: free moves first, then the least bending.
+"""Make several pictures agree before the search: by moves that change no picture, then by bending them.
 
-The visual hull bounds what any part can draw of each picture (`hull`). Where a bound is below `AGREED`, views
-whose places are open are moved, which changes no picture; what is left the pictures are bent by (`bend`).
+The visual hull bounds how much of each picture any part can draw (`hull`). Where a bound is below `AGREED`,
+the views that may move are moved, and the pictures are bent by the least that removes the rest (`bend`).
 """
 
 from __future__ import annotations
@@ -38,20 +38,21 @@ from knotfab_formats.errors import InputError
 from knotfab_formats.scene import ResolvedScene
 from knotfab_formats.views import View
 
-AGREED = 0.995  # bounds from here on are agreement: nothing is moved or bent
-# a share of the height: how far a point moves at most by default (docs/scenarios.md)
-MOST_BENT = 0.12
-_HOPELESS = 0.5  # a bound below which no search is begun
-_MOST_VIEWS = 12  # more leave nothing of each other
-# the most times that a bending is scaled back until the picture keeps its pieces and holes
-_SCALED = 12
-_SLACK = 0.0008  # a share of a bound: the error of a coarse measure
-_SAID = 0.001  # a share of a bound: nobody needs to be told of less
+AGREED = 0.995  # pictures whose bounds (IoU) reach this agree: nothing is moved or bent
+MOST_BENT = 0.12  # default limit on a point's displacement, as a share of the picture's height
+_HOPELESS = 0.5  # bound (IoU) below which no search begins
+_MOST_VIEWS = 12  # with more views the hull keeps nothing of each picture
+_SCALED = 12  # attempts to scale a bending back until the picture keeps its pieces and holes
+_SLACK = 0.0008  # error (IoU) of a bound that is measured coarsely
+_SAID = 0.001  # shortfall of a bound (IoU) that is not worth a message
 
 
 @dataclass(frozen=True)
 class Agreement:
-    """The scene and targets with what was moved and bent; `lines` say it; `bounds`, where one asked."""
+    """The scene and its targets after moving and bending.
+
+    `lines` describe each change. `bounds` is empty where the hull was not computed.
+    """
 
     scene: ResolvedScene
     targets: tuple[Target, ...]
@@ -62,15 +63,16 @@ class Agreement:
 def agree(
     scene: ResolvedScene, targets: Sequence[Target], *, azimuths_open: bool = False
 ) -> Agreement:
-    """Move views and bend pictures until the hull draws all of them, where that is asked for and needed.
+    """Move views and bend pictures, as far as the scene allows, until the visual hull draws all pictures.
 
-    What an earlier build settled (`views.bend_points`, `views.mirrored`) is applied as it is.
+    Values that an earlier build settled (`views.bend_points`, `views.mirrored`) are applied unchanged.
 
     Args:
-        azimuths_open: whether nobody said where the views stand.
+        azimuths_open: whether the views may be moved because nobody gave their azimuths.
 
     Raises:
-        InputError: two views see the same, or there are too many. SceneError: nothing is left of a picture.
+        InputError: two views look along one line, or there are too many views.
+        SceneError: the other pictures leave nothing of one picture.
     """
     targets = tuple(targets)
     if len(targets) < 2:
@@ -136,7 +138,7 @@ def agree(
 
 
 def apply_bending(view: View, target: Target) -> Target:
-    """Mirror and bend the target's picture as the view says; one that is bent already stays as it is."""
+    """Mirror and bend a picture as its view says; a target that carries a bending is returned unchanged."""
     if target.bending is not None or not (view.mirrored or view.bend_points):
         return target
     points = read_points(view.bend_points) if view.bend_points else None
@@ -164,7 +166,7 @@ def apply_bending(view: View, target: Target) -> Target:
 
 
 def tell_bending(targets: Sequence[Target], bounds: Sequence[HullBound]) -> str:
-    """Say by how much pictures are bent, and what for."""
+    """Describe by how much the pictures are bent and whether they agree then."""
     bendings = [t.bending for t in targets if t.bending is not None]
     rms = float(np.sqrt(np.mean([b.rms**2 for b in bendings])))
     words = {2: "both", 3: "all three", 4: "all four"}
@@ -179,10 +181,10 @@ def tell_bending(targets: Sequence[Target], bounds: Sequence[HullBound]) -> str:
 
 
 def require_agreed(agreement: Agreement, scene: ResolvedScene) -> None:
-    """Refuse what minutes of search could not make recognisable.
+    """Refuse pictures that contradict each other too much for any part to show them recognisably.
 
     Raises:
-        SceneError: naming the picture of which the others leave least.
+        SceneError: names the picture whose bound is lowest.
     """
     if not agreement.bounds or "unrecognisable" in scene.accuracy.accept:
         return
@@ -198,15 +200,15 @@ def require_agreed(agreement: Agreement, scene: ResolvedScene) -> None:
 
 
 def require_apart(views: Sequence[View]) -> None:
-    """Refuse two views along one line, which see one silhouette or its mirror image.
+    """Require lines of sight that differ: along one line a part has one silhouette or its mirror image.
 
     Raises:
-        InputError: naming both.
+        InputError: two lines of sight are closer than 3 degrees.
     """
     for n, one in enumerate(views):
         for other in views[:n]:
             cosine = abs(float(view_axes(one)[2] @ view_axes(other)[2]))
-            if cosine > np.cos(np.deg2rad(3.0)):  # lines of sight nearer to each other are one
+            if cosine > np.cos(np.deg2rad(3.0)):
                 raise InputError(
                     f"views {other.name} and {one.name}",
                     f"they look along one line ({other.azimuth_deg:g}° and {one.azimuth_deg:g}°), where a "
@@ -230,15 +232,19 @@ def _bend(
     bounds: Sequence[HullBound],
     most: float,
 ) -> tuple[ResolvedScene, tuple[Target, ...]]:
-    """Return the scene with its pictures bent, and they as bent; `drawn`, `bounds`: as before that."""
+    """Return the scene with its bend points, and the bent targets.
+
+    Args:
+        drawn, bounds: the pictures before bending, and their bounds.
+    """
     from knotfab.design.bend import bend_pictures
 
     views = framed_views(scene.views, targets)
     masks = coarse_masks(drawn, 384)  # px
 
-    # coarser silhouettes have coarser gaps: what that adds to a bound is asked in addition
+    # coarse silhouettes overrate a bound: demand that much more, but no more than 0.003
     added = [
-        float(np.clip(coarse.iou - fine.iou, 0.0, 0.003))  # at most so much
+        float(np.clip(coarse.iou - fine.iou, 0.0, 0.003))
         for coarse, fine in zip(bounds_of(scene.views, targets, masks), bounds, strict=True)
     ]
 
@@ -268,7 +274,7 @@ def _bend(
 def _tell_lacking(
     scene: ResolvedScene, targets: Sequence[Target], bounds: Sequence[HullBound], most: float
 ) -> list[str]:
-    """Return a sentence for each picture of which too little is left, however it may be bent."""
+    """Describe each picture that still lacks too much after the most bending that is allowed."""
     return [
         f"picture {target.shown}: the others leave no room for {1 - bound.iou:.1%} of it, with no point bent "
         f"by more than {most:g} of the height: allow more (--bend {min(0.3, round(1.6 * most, 2)):g}), or "

@@ -1,8 +1,8 @@
-"""Bends several pictures by the least with which their visual hull draws them all.
+"""Bend several pictures as little as possible so that their visual hull draws them all.
 
-What a picture covers and the shadow of the hull of the *other* pictures does not is a contradiction (Mitra &
-Pauly, "Shadow Art", 2009). Control points move down the sum of its squares and of an elastic energy, whose
-weight falls until nothing is left to speak of.
+A contradiction is the part of a picture that the shadow of the hull of the *other* pictures leaves uncovered
+(Mitra & Pauly, "Shadow Art", 2009). The control points descend the sum of squared contradictions and an
+elastic energy, whose weight falls until the contradictions are negligible.
 """
 
 from __future__ import annotations
@@ -19,32 +19,31 @@ from knotfab.picture.bending import COLUMNS, ROWS, spline_basis
 from knotfab.picture.silhouette import fit_size, holes_of, sample_mask
 from knotfab.scene.camera import Camera, Plane
 
-_SIDE_PX = 96  # px of a picture's longer side
-_FINE_PX = 384  # px of the longer side at which distances from the outline are taken
+_SIDE_PX = 96  # longer side of the pictures that are bent, px
+_FINE_PX = 384  # longer side at which distances from the outline are measured, px
 _STEPS = 97  # samples of a ray
-# a share of the side, about the frame: a place that moves there is out of the picture
-_SPARE = 0.16
-_BLURS_PX = (6.0, 1.0)  # half the width of a soft outline, first and last
-_WEIGHTS = (0.3, 0.001)  # weights of the elastic energy, first and last
-_ROUNDS, _TURNS = 16, 8  # weights that are tried, steps with each
-_LESS = 0.95
-_PACE = 0.004  # a share of the height: the length of a step
-_PLACE = 0.12  # a share of the height: moving all by this costs as much as stretching all by one
-_STIFF = 2.0  # factor for strokes and round holes
-_SLOPE = 0.45  # the field's slope, along either side, from which on it is held back
-_FOLD = 3.0
-_THIN = 0.07  # a share of the height: a narrower part is a stroke
-_HOLE = 0.02  # a share of the height's square: smaller holes are small
-# a share of the place about a control point: so much of strokes and small holes makes it stiff
-_DENSE = 0.25
+_SPARE = 0.16  # width of the empty margin around the frame, as a share of its height
+_BLURS_PX = (6.0, 1.0)  # half width of the soft outline, first and last
+_WEIGHTS = (0.3, 0.001)  # weight of the elastic energy, first and last
+_ROUNDS, _TURNS = 16, 8  # number of weights, and of steps with each
+_LESS = 0.95  # factor by which a sufficient bending is reduced while it stays sufficient
+_PACE = 0.004  # length of a step, as a share of the height
+_PLACE = (
+    0.12  # uniform shift that costs as much as a uniform stretch of 1, as a share of the height
+)
+_STIFF = 2.0  # stiffness of strokes and small holes, over that of areas
+_SLOPE = 0.45  # slope of the displacement above which it is penalised
+_FOLD = 3.0  # weight of that penalty
+_THIN = 0.07  # width of the widest stroke, as a share of the height
+_HOLE = 0.02  # area of the largest small hole, as a share of the squared height
+_DENSE = 0.25  # share of strokes and small holes around a control point that makes it fully stiff
 
 
 class Tension:
-    """Forces on the control points of several pictures: contradictions and elasticity.
+    """Energies of the control points of several pictures, contradiction and strain, with their gradients.
 
     Args:
-        cameras: cameras of the views, each with the pixels of its mask. reach_mm, walls: as for
-            `hull_bounds`.
+        cameras: one a view, at its mask's resolution. reach_mm, walls: as for `hull_bounds`.
     """
 
     def __init__(
@@ -62,8 +61,8 @@ class Tension:
             pad = int(np.ceil(_SPARE * height))
             small = camera.resized(width, height).padded(pad, pad)
             u, v = np.arange(small.width) - pad, np.arange(small.height) - pad
-            self.fields.append(np.pad(_distance(mask, width, height), 2 * pad, mode="edge"))
-            self.fields[-1] -= _beyond(self.fields[-1].shape, 2 * pad)
+            self.fields.append(np.pad(_signed_distance(mask, width, height), 2 * pad, mode="edge"))
+            self.fields[-1] -= _distance_from_frame(self.fields[-1].shape, 2 * pad)
             self.down.append(spline_basis(v.astype(float), height, ROWS))
             self.across.append(spline_basis(u.astype(float), width, COLUMNS))
             self.heights.append(height)
@@ -98,7 +97,7 @@ class Tension:
         self.ink = float(sum((f > 0).sum() for f in self.fields))
 
     def covers(self, points: Array, blur_px: float) -> tuple[Array, Array]:
-        """Measure how much of each pixel of all views is covered (N,), and the gradient (N, 2)."""
+        """Return the soft coverage of each pixel of all views, (N,), and its gradient, (N, 2)."""
         total = int(self.firsts[-1])
         cover, slope = np.empty(total), np.empty((total, 2))
         for k, field in enumerate(self.fields):
@@ -119,7 +118,7 @@ class Tension:
         return s * s * (3 - 2 * s), slope * (3 * s * (1 - s) / blur_px)[:, None]
 
     def contradiction(self, points: Array, blur_px: float) -> tuple[float, Array]:
-        """Return the share of the pictures that is uncovered (of its squares), and its gradient."""
+        """Return the squared uncovered ink over all ink, and its gradient by the control points."""
         cover, slope = self.covers(points, blur_px)
         pull = np.zeros(len(cover))
         total = uncovered(cover, self.firsts, self.shapes, *self.rays, self.winner, pull)
@@ -133,9 +132,10 @@ class Tension:
         return total / self.ink, gradient / self.ink
 
     def strain(self, points: Array, weight: float, stiff: float = 1.0) -> tuple[float, Array]:
-        """Give the elastic energy of all pictures, times `weight`, with what forbids folds, and its gradient.
+        """Return the weighted elastic energy plus the penalty on folds, and the gradient.
 
-        `stiff`: from 1, where strokes and small holes are as stiff as can be, to 0, where all is alike.
+        Args:
+            stiff: 1 stiffens strokes and small holes fully, 0 treats all parts alike.
         """
         total, gradient = 0.0, np.empty_like(points)
         for k, steps in enumerate(self.steps):
@@ -158,7 +158,7 @@ class Tension:
         return total, gradient
 
     def without_folds(self, points: Array) -> Array:
-        """Return the points, those of a picture scaled down where its field might fold, or nearly."""
+        """Scale the displacements of each picture down until its field cannot fold."""
         steepest = [
             max(
                 np.linalg.norm(np.diff(p, axis=axis), axis=2).max() / step
@@ -166,7 +166,7 @@ class Tension:
             )
             for p, steps in zip(points, self.steps, strict=True)
         ]
-        # the steepest slope of either side: with two of .7 some step might vanish
+        # with slopes of 0.7 along both axes a step may vanish
         shares = np.minimum(1.0, 0.69 / np.maximum(steepest, 1e-12))
         return np.asarray(points * shares[:, None, None, None])
 
@@ -179,11 +179,13 @@ def bend_pictures(
     enough: Callable[[Array], bool],
     walls: Sequence[Plane] = (),
 ) -> Array:
-    """Return the control points (m, ROWS, COLUMNS, 2) of all pictures, bent until that is `enough`.
+    """Return displacements of the control points, (m, ROWS, COLUMNS, 2) in shares of a picture's height.
+
+    The bending grows until `enough` accepts it, or the last weight of the elastic energy is reached.
 
     Args:
         cameras, masks, reach_mm, walls: as for `hull_bounds`.
-        most: that a point may move, as a share of the height.
+        most: limit on a control point's displacement, as a share of the height.
     """
     tension = Tension(cameras, masks, reach_mm, walls)
     points = np.zeros((len(masks), ROWS, COLUMNS, 2))
@@ -212,16 +214,16 @@ def bend_pictures(
     return points
 
 
-def _beyond(shape: tuple[int, ...], pad: int) -> Array:
-    """Measure how far each pixel lies outside the frame within a padded field, px."""
+def _distance_from_frame(shape: tuple[int, ...], pad: int) -> Array:
+    """Return the distance of each pixel of a padded field from the frame, px; 0 inside it."""
     rows, columns = (
         np.maximum(np.maximum(pad - np.arange(n), np.arange(n) - (n - 1 - pad)), 0) for n in shape
     )
     return np.hypot(rows[:, None], columns[None, :])
 
 
-def _distance(mask: Mask, width: int, height: int) -> Array:
-    """Return the signed distance from the outline, px of a picture so large: positive inside."""
+def _signed_distance(mask: Mask, width: int, height: int) -> Array:
+    """Return the signed distance from the outline in px of a picture of this size, positive inside."""
     from PIL import Image
 
     wide, high = fit_size(width, height, _FINE_PX)
@@ -234,9 +236,9 @@ def _distance(mask: Mask, width: int, height: int) -> Array:
 
 
 def _stiffness(mask: Mask) -> Array:
-    """Return (ROWS, COLUMNS): how stiff the picture is there; 1, more by strokes and small holes.
+    """Return the stiffness at each control point, (ROWS, COLUMNS): 1 for areas, up to `_STIFF`.
 
-    What is thin is crooked sooner than an area is, and a round hole soon is no longer round.
+    Bending shows first on strokes, which look crooked, and on small holes, which lose their roundness.
     """
     width, height = fit_size(mask.shape[1], mask.shape[0], _SIDE_PX)
     small = sample_mask(mask, width, height)
@@ -257,12 +259,9 @@ def _stiffness(mask: Mask) -> Array:
     )
 
 
-# Compiled loops of bending: what the other pictures leave uncovered of each, and its gradient.
-
-
 @compiled
 def sample_field(field: Array, u: Array, v: Array, value: Array, slope: Array) -> None:
-    """Write bilinear values (n,) of a field (h, w), and slopes (n, 2), at (u, v); at its ends as there."""
+    """Write bilinear values, (n,), and slopes, (n, 2), of a field (h, w) at (u, v), clamped to its edges."""
     rows, columns = field.shape
     for n in range(len(u)):
         x, y = min(max(u[n], 0.0), columns - 1.001), min(max(v[n], 0.0), rows - 1.001)
@@ -289,15 +288,15 @@ def uncovered(
     winner: Indices,
     pull: Array,
 ) -> float:
-    """Return the sum of squares of the pictures' parts that the shadow of the others' hull does not cover.
+    """Sum the squares of the coverage that the shadow of the other pictures' hull lacks.
 
-    The hull's shadow on a ray is the most, along it, of the least that the others cover there.
+    The hull's shadow on a ray is the maximum, over the ray's samples, of the minimum of the others' coverage.
 
     Args:
-        cover: (N,) of all views' pixels, one after the other; of view k from `firsts[k]` on.
-        projections: (m, 3, 4) onto these pixels. owner, pixel: each ray's view, and its place in `cover`.
-        inside: whether each ray is in its frame; places outside are uncovered. winner: winner
-            of each ray where the shadow was found last; it is set. pull: (N,) the gradient; it is added to.
+        cover: (N,) coverage of all views' pixels; those of view k begin at `firsts[k]`.
+        projections: (m, 3, 4) onto these pixels. owner, pixel: the view of each ray and its index in `cover`.
+        inside: whether each ray is in its frame; outside it nothing is covered.
+        winner: sample at which each ray's maximum was found last, overwritten. pull: (N,) gradient, added to.
     """
     total = 0.0
     count = len(shapes)

@@ -1,4 +1,4 @@
-"""A time budget: the least there may be, what of it is left for the search, and what is spared for it."""
+"""Keep a time budget: refuse one that is too short, tell what is left, and cut the settings to fit."""
 
 from __future__ import annotations
 
@@ -11,23 +11,24 @@ import numpy as np
 from knotfab_formats.errors import InputError
 from knotfab_formats.search import PRESETS, SearchSettings
 
+# shortest budgets, s: a part of one view, of several or a free view, and each frame of a sequence
 _LEAST_S, _LEAST_SEVERAL_S, _LEAST_FRAME_S = 5.0, 12.0, 4.0
-# seconds for a view's design, below which it takes the draft's trials, pictures, spacing, or the sketch's
+# below these seconds per view: the draft's settings, the sketch's settings
 _SHORT_S, _SHORTEST_S = 6.0, 3.0
-_SEARCH_VERTEX_S = 0.12e-3  # seconds of the least search, for each vertex
-_MOST = 4.0  # a larger factor of slowness is no measure of anything
+_SEARCH_VERTEX_S = 0.12e-3  # shortest useful search, s per vertex
+_MOST = 4.0  # largest slowdown by other programs that is believed
 _LESS = ("coarse_px", "fine_px", "depth_candidates", "radius_candidates", "mesh_sides")
 _MORE = ("settle_edge_radii", "radius_give", "radius_from", "outline_px")
 
 
 def require_budget(seconds: float, views: int, free: bool, frames: int = 0) -> None:
-    """Refuse a budget in which no part can be made and verified.
+    """Require enough time to make and verify a part.
 
     Args:
-        free: whether the view is looked for as well. frames: frames of a sequence.
+        free: whether the view is searched for as well. frames: length of a sequence, 0 for a part.
 
     Raises:
-        InputError: it is below the least.
+        InputError: the budget is too short.
     """
     least, why = _LEAST_S, "a part of one view"
     if frames:
@@ -45,11 +46,11 @@ def require_budget(seconds: float, views: int, free: bool, frames: int = 0) -> N
 
 @dataclass(frozen=True)
 class Budget:
-    """Until when a build is to be done, and what follows its search.
+    """The time at which a build must be done, and the time that its steps after the search take.
 
-    `ends`: by `time.perf_counter()`. What follows takes `after_s`, and `after_vertex_s` for each vertex of
-    the knots, on a machine that has nothing else to do: the part, its verification, which is most of it, and
-    the report. `began`: the process's start, by the same clock; None: it does not matter.
+    `ends` and `began`, the process's start, are readings of `time.perf_counter()`; without `began` the
+    machine is taken to be idle. On an idle machine part, verification and report take `after_s` plus
+    `after_vertex_s` for each vertex of the knots.
     """
 
     ends: float
@@ -58,21 +59,21 @@ class Budget:
     began: float | None = None
 
     def search_s(self, vertices: int) -> float:
-        """Return seconds that are left for a search that ends with so many vertices."""
+        """Return the seconds left for a search whose knots end with this many vertices."""
         after = self.after_s + self.after_vertex_s * vertices
         return self.ends - time.perf_counter() - self._slower() * after
 
     def view_s(self, views: int) -> float:
-        """Return seconds for the design of each view."""
+        """Return the seconds left for the design of each view."""
         return self.search_s(2500 * views) / views  # a view has some 2500 vertices
 
     def thicker(self, give: float, vertices: Callable[[float], int]) -> float:
-        """Return the IoU to give so that what follows fits: at least `give`, and more as long as it does not.
+        """Return the IoU to give up for a thicker tube: `give`, or more if the build would end too late.
 
         Args:
-            vertices: vertices of the knots that some IoU given leads to.
+            vertices: the number of vertices that giving up this much IoU leads to.
         """
-        for more in (0.012, 0.03):  # IoU given where what follows would not fit otherwise
+        for more in (0.012, 0.03):
             count = vertices(give)
             if self.search_s(count) >= _SEARCH_VERTEX_S * count:
                 break
@@ -80,17 +81,19 @@ class Budget:
         return give
 
     def _slower(self) -> float:
-        """Return how many times longer work for one core has taken so far, beside other programs."""
+        """Return the slowdown by other programs so far: wall-clock time over CPU time, from 1 to `_MOST`."""
         if self.began is None:
             return 1.0
         return float(np.clip((time.perf_counter() - self.began) / time.process_time(), 1.0, _MOST))
 
 
-def spare(settings: SearchSettings, seconds: float, given: Collection[str] = ()) -> SearchSettings:
-    """Make pictures smaller, trials fewer and the tube thicker if the seconds for a view are few.
+def cut_settings(
+    settings: SearchSettings, seconds: float, given: Collection[str] = ()
+) -> SearchSettings:
+    """Lower the settings to the draft's or the sketch's if there is little time for each view.
 
     Args:
-        given: keys that the scene gives, which stay.
+        seconds: time for each view. given: keys that the scene sets, which stay.
     """
     if seconds >= _SHORT_S:
         return settings
@@ -101,7 +104,7 @@ def spare(settings: SearchSettings, seconds: float, given: Collection[str] = ())
 
 
 def resolve_iterations(settings: SearchSettings, iterations: Mapping[int, int]) -> SearchSettings:
-    """Return the settings with the iterations that the phases of a search by the clock came to."""
+    """Enter in the settings the iterations that a search by the clock ran, by phase (0 to 2)."""
     names = ("coarse_iterations", "fine_iterations", "settle_iterations")
     return settings.but(**{names[k]: n for k, n in iterations.items()})
 
@@ -109,10 +112,10 @@ def resolve_iterations(settings: SearchSettings, iterations: Mapping[int, int]) 
 def scale_to_budget(
     seconds: float, settings: SearchSettings, trial: Callable[[SearchSettings], object]
 ) -> SearchSettings:
-    """Scale the iterations of a search by the network to the seconds, by one short run.
+    """Scale the iterations of a network search to the time available, by timing one short run.
 
     Args:
-        trial: searches by the few iterations that it is given.
+        trial: runs a search with the settings that it is given.
     """
     few = settings.but(
         coarse_iterations=6, fine_iterations=6, settle_iterations=3, network_iterations=6

@@ -1,4 +1,7 @@
-"""The tube radii that are tried, and what is said where none is thin enough; light, for previews too."""
+"""Candidate tube radii, the error where none is thin enough, and a guess of the print.
+
+Previews use this before anything is searched.
+"""
 
 from __future__ import annotations
 
@@ -20,29 +23,27 @@ from knotfab_formats.views import View
 if TYPE_CHECKING:
     from knotfab.start.filling import Template
 
-PICTURE = "the picture"  # the name in an error, where another reading of it may do
-# depth over the extent across: the contract asks for 0.6, the flow may take a little
-DEPTH_RATIO = 0.66
-_NOZZLES = (0.3, 0.25, 0.2, 0.15, 0.1)  # mm, that are sold
-_UNEVEN = 0.4  # px by which a line's width varies as it is drawn
-_DRAWN = 0.9  # IoU of the opening that makes a picture of lines worth drawing
+PICTURE = "the picture"  # the subject of errors that another reading of the picture may avoid
+DEPTH_RATIO = 0.66  # depth over width; the contract asks for 0.6, and the flow may lose a little
+_NOZZLES = (0.3, 0.25, 0.2, 0.15, 0.1)  # diameters on the market, mm
+_UNEVEN = 0.4  # variation of a drawn line's width, px
+_DRAWN = 0.9  # IoU of the opening from which a picture of lines counts as drawn
 
 
 @dataclass(frozen=True)
 class RadiusRange:
-    """The radii that are tried, as shares of the frame's side, and what a thicker tube may cost in IoU."""
+    """The radii to try, as shares of the frame's side, and the IoU that a thicker tube may cost."""
 
-    usual: float  # thinner only where the picture forbids this
+    usual: float  # the thinnest radius that is tried at once
     thickest: float
-    candidates: int | None  # None: as the settings say
-    drawn: float  # score below which thinner tubes are tried as well
-    thinner: int  # the number of these that are thinner
-    hopeless: float  # score behind the best that nothing makes up for; of several views
-    trials: int  # starts that are drawn of these
-    give: float  # IoU of the start, at least; of one view's template as much as the settings say
+    candidates: int | None  # radii that are tried at once; None: as the settings say
+    drawn: float  # IoU below which thinner tubes are tried as well
+    thinner: int  # number of radii from the printer's thinnest to the usual one
+    hopeless: float  # several views: a radius this far below the best IoU is not tried
+    trials: int  # several views: the number of starts to draw
+    give: float  # IoU that a thicker tube may cost, unless the settings allow more
 
 
-# A start for several views is drawn already (start.views): its own pictures tell.
 # With three views or more the pictures ask so much of every strand that only a thin tube serves.
 _RANGES = {
     1: RadiusRange(0.0102, 0.035, None, 0.94, 5, 0.0, 1, 0.0),
@@ -52,20 +53,20 @@ _RANGES = {
 
 
 def range_of(views: int) -> RadiusRange:
-    """Return the range for so many views."""
+    """Return the radii to try for this number of views."""
     return _RANGES[min(views, 3)]
 
 
 def line_width(view: View, radius: float) -> float:
-    """Return mm on the receiver of strokes that are drawn along their middle by one tube of this radius, mm.
+    """Return the width on the receiver of a stroke that one tube along its centre line draws, mm.
 
-    Rounded up, so that the radius of that width is no smaller: it may be the least that is printed.
+    It is rounded up, so that `line_radius` of it is no thinner than `radius`, perhaps the printer's least.
     """
     return math.ceil(2e3 * radius * view.magnification - 1e-6) / 1e3
 
 
 def line_radius(view: View) -> float:
-    """Return the radius, mm, of the one tube that runs along strokes of a view's `thicken_mm`."""
+    """Return the radius, mm, of a tube whose shadow is as wide as the view's strokes (`thicken_mm`)."""
     if not view.thicken_mm:
         raise ValueError("the width of strokes that are drawn along their middle is known")
     return math.ceil(1e4 * view.thicken_mm / (2.0 * view.magnification) - 1e-6) / 1e4
@@ -74,11 +75,11 @@ def line_radius(view: View) -> float:
 def usual_radii(
     views: Sequence[ResolvedView], thinnest: float, count: int, least: float = 1.0
 ) -> tuple[list[float], list[float]]:
-    """Return the radii, mm, that are tried at once, thinnest first, and thinner ones for fine pictures.
+    """Return the radii to try at once, thinnest first, and thinner ones for fine pictures, mm.
 
     Args:
-        thinnest: that the printer makes, mm. count: how many for one view.
-        least: the smallest that is tried at once, over the usual one.
+        thinnest: the printer's thinnest radius, mm. count: number of radii for one view.
+        least: smallest radius to try at once, over the usual one.
     """
     span = range_of(len(views))
     one = len(views) == 1
@@ -87,16 +88,17 @@ def usual_radii(
     thick = max(span.thickest * side, (1.5 if one else 1.2) * usual)
     radii = np.geomspace(usual, thick, span.candidates or count).round(4).tolist()
     thin: list[float] = []
-    if thinnest < usual:  # try thinner tubes as far as the printer goes
+    if thinnest < usual:
         thin = np.geomspace(thinnest, usual, span.thinner)[:-1].round(4).tolist()
     return radii, thin
 
 
 def most_radius(asked: float | None, view: ResolvedView, thinnest: float) -> float:
-    """Return the thickest radius, mm, that may be taken for the one view of a scene, however near its wall.
+    """Return the thickest radius that a build of one view may choose, mm.
 
     Args:
-        asked: the scene's radius, if it has one. view: with `lines` settled. thinnest: as for `usual_radii`.
+        asked: the scene's radius, if it gives one. view: with `lines` settled.
+        thinnest: as for `usual_radii`.
     """
     thick = view.thicken_mm
     if asked is not None:
@@ -107,7 +109,10 @@ def most_radius(asked: float | None, view: ResolvedView, thinnest: float) -> flo
 
 
 def drawing_radius(polygon: MultiPolygon, least: float) -> float | None:
-    """Find the thickest radius below `least`, in the polygon's unit, that draws most of it; None: dust."""
+    """Return the thickest radius below `least` that draws most of a polygon; None if it is dust.
+
+    Radii are in the polygon's unit.
+    """
     return thickest_radius(polygon, _DRAWN, least / 64, least)
 
 
@@ -120,12 +125,12 @@ def too_fine(
     otherwise: str = "--lines on, or --thicken auto",
     parts: str = "lines",
 ) -> SceneError:
-    """Return the error for a picture whose lines no printable tube draws, with remedies that each suffice.
+    """Build the error for a picture too fine for any printable tube, with remedies that each suffice.
 
     Args:
-        drawn: the radius, px, of a tube that would draw it, its shadow's size; None: none that is known.
-        pixels: width and height of the picture. why: what was found. otherwise: what else would do.
-        parts: what is too thin.
+        drawn: radius of the shadow of a tube that would draw the picture, px; None if none is known.
+        pixels: width and height of the picture. why: the reason. otherwise: one more remedy.
+        parts: the noun for what is too thin.
     """
     width, longer = pixels[0], max(pixels)
     px = view.px_per_mm(width)
@@ -135,8 +140,7 @@ def too_fine(
     ]
     if drawn is not None:
         frame = math.ceil(view.frame_width_mm * least / drawn / 10) * 10
-        # the widest frame that is advised: a person may hang it up
-        if view.frame_width_mm < frame <= 1000.0:
+        if view.frame_width_mm < frame <= 1000.0:  # wider pictures are not practical advice
             remedies.append(f"or the picture {frame} mm wide (--width {frame})")
         nozzle = printer.nozzle_mm * min(drawn / least, 0.99)
         finer = next((n for n in _NOZZLES if n <= nozzle), None)
@@ -154,20 +158,20 @@ def too_fine(
     return SceneError(PICTURE, why + lines, ", ".join(remedies).capitalize() + ".")
 
 
-# Fitted on builds of the project's own pictures (docs/silhouette.md has guesses beside the slicer's figures).
-# the tube's length over that of its flat start, or over area / width
+# Fitted to builds of the project's own pictures; docs/silhouette.md compares the guesses with the slicer's.
+# length of a tube over that of its flat start, or over area / width: with depth, and flat
 _LENGTH, _LENGTH_FLAT = 1.45, 1.12
-# hours to a cm3 of a tube of this radius; thin ones take longer
+# printing time of a tube of this radius, h/cm³; it is inversely proportional to the radius
 _HOURS, _OF_RADIUS_MM = 0.158, 1.77
-_HOURS_PLATE = 0.06
-_HOURS_AROUND = 0.007  # hours to a cm3 of the room between the strands, part of which supports fill
+_HOURS_PLATE = 0.06  # of a plate, h/cm³
+_HOURS_AROUND = 0.007  # of the room between the strands, which supports fill in part, h/cm³
 
 
 @dataclass(frozen=True)
 class Guess:
-    """Grams of the part, and hours on the printer with its supports; None where nothing is known.
+    """A guess of the part's mass and of the printing time with supports, None for other processes.
 
-    `without` names what it does not know: a stand, or what an eyelet hangs from, is planned with the knots.
+    `without` names what the guess leaves out because it is planned with the knots: a stand or an eyelet.
     """
 
     mass_g: float
@@ -184,16 +188,15 @@ def guess_print(
     pieces: int = 1,
     template: Template | None = None,
 ) -> Guess:
-    """Guess by the results of builds.
+    """Guess mass and printing time from a picture's area, by factors fitted to builds.
 
-    A tube that fills an area A with strands side by side is A / 2r long; through the depth it is longer.
-    What fills one of several pictures is hidden in the others, so that their areas add up.
+    A tube that fills an area A with adjacent strands is A / 2r long, and longer if it moves in depth. The
+    areas of several pictures add up, because strands that fill one are hidden in the others.
 
     Args:
-        areas_mm2: areas of the silhouettes. size_mm: width and height of the first one,
-            in the middle of the piece. radius_mm: radius of the tube. pieces: pieces of the picture, each a
-            knot if that is open.
-        template: the flat curves that the search starts from, where they are known.
+        areas_mm2: areas of the silhouettes. size_mm: width and height of the first one.
+        pieces: pieces of the picture, each drawn by a knot if the scene gives no number of knots.
+        template: flat curves that the search starts from, if they are known.
     """
     flat = scene.piece.depth == 0
     length = sum(areas_mm2) / (2 * radius_mm)
@@ -201,7 +204,7 @@ def guess_print(
         length = sum(float(arc_lengths(curve)[-1]) for curve in template.curves)
     length *= _LENGTH_FLAT if flat else _LENGTH
     tube, plate = np.pi * radius_mm**2 * length, 0.0
-    loose = scene.hangs(scene.count_knots(pieces))  # a wall mount holds them if they are printed
+    loose = scene.hangs(scene.count_knots(pieces))
     hangs = (scene.piece.printed and loose) or scene.mount.kind == "wall"
     if hangs and scene.mount.foot != "dowel":
         margin = 2 * scene.mount.plate_margin_mm

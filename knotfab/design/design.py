@@ -1,4 +1,4 @@
-"""The design: from a scene and its pictures, one or several, to feasible knots; every value is settled."""
+"""Design knots: from a scene and its pictures to feasible knots and a scene with every value settled."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from pathlib import Path
 from knotfab.base.errors import SceneError
 from knotfab.base.notebook import InNotebook
 from knotfab.base.progress import Progress
-from knotfab.design.budget import Budget, resolve_iterations, scale_to_budget, spare
+from knotfab.design.budget import Budget, cut_settings, resolve_iterations, scale_to_budget
 from knotfab.design.hull import HullBound
 from knotfab.design.question import Question, ask
 from knotfab.design.radius import RadiusChoice, choose_radius
-from knotfab.design.retries import better, price_limits, search_sparser, start_without_bumps
+from knotfab.design.retries import is_better, price_limits, search_sparser, start_without_bumps
 from knotfab.design.settings import (
-    fine_enough,
     outline_px,
     place_directions,
     place_start,
+    refine_mesh,
     start_pose,
-    suit,
+    suit_settings,
 )
 from knotfab.knots import Knots, read_start
 from knotfab.limits.feasibility import Feasibility
@@ -51,10 +51,9 @@ START_FILE = "start.json"
 class Design(InNotebook):
     """A finished search: knots in scene coordinates, and the scene with every value resolved.
 
-    Where the pictures' own filling could not meet a limit, `unmet` says which and where, and the result is
-    the best that meets them all, or if there is none the one that broke them. `binding` says which
-    limits keep the pictures from their IoU. `bounds`, of several views: what they leave of each other.
-    `history`: some states of the search that led here, for looking at.
+    If the search could not meet a limit, `unmet` says which and where; the result is then a sparser one that
+    meets all limits or, if none does, the one that broke them. `binding` lists the limits that cost the
+    pictures IoU. `bounds` are the visual hull's, for several views. `history` holds states of the search.
     """
 
     scene: SettledScene
@@ -64,7 +63,9 @@ class Design(InNotebook):
     opening_iou: float
     settings: SearchSettings
     region_stl: bytes | None = None  # the file that the scene names, where the region is a mesh
-    start_json: bytes | None = None  # the knots that the search went on from, likewise
+    start_json: bytes | None = (
+        None  # the knots that the search started from, where the scene names them
+    )
     unmet: Feasibility | None = None
     binding: tuple[Price, ...] = ()
     bounds: tuple[HullBound, ...] = ()
@@ -79,11 +80,11 @@ def design_knots(
     progress: Progress | None = None,
     budget: Budget | None = None,
 ) -> Design:
-    """Design feasible knots for a scene and the pictures of its views, in their order.
+    """Design knots for a scene and the pictures of its views, in the views' order.
 
     Args:
-        scene: what a person asked for, or settled by an earlier build: that gives the same knots.
-        budget: until when the build is to be done; the iterations are those that there is time for.
+        scene: as asked for, or as an earlier build settled it, which gives the same knots again.
+        budget: limits the iterations to those that there is time for.
 
     Raises:
         SceneError: the scene cannot be met; InputError: the scene or a picture is wrong.
@@ -92,7 +93,7 @@ def design_knots(
     scene, settings = _plan(scene, len(targets), budget)
     with progress.stage("question"):
         question = ask(scene, targets, progress)
-    settings = suit(settings, question, scene.search)
+    settings = suit_settings(settings, question, scene.search)
     question, radius, start, choice = choose_tube(question, settings, progress, budget)
     problem, knots = question.problem, question.scene.piece.knots
     _tell_scene(progress, question, radius)
@@ -101,7 +102,7 @@ def design_knots(
         with progress.stage("calibrate"):
             settings = _calibrate(problem, start, radius, settings, budget, device)
     with progress.stage("search"):
-        pose, settings = _place(question, radius, settings, device)
+        pose, settings = _free_views(question, radius, settings, device)
         pace = None if budget is None else Pace(budget.search_s)
         walk = partial(
             search,
@@ -119,7 +120,7 @@ def design_knots(
         elif parted := start_without_bumps(problem, result, radius, settings, knots):
             progress.say("a strand stands out of the picture: searched again from parted sides")
             again, past = _watch(walk, parted, progress)
-            if better(result, again):
+            if is_better(result, again):
                 add_work(result, again)
             else:
                 add_work(again, result)
@@ -135,7 +136,7 @@ def design_knots(
         settle_design(question, result, settings),
         radius=choice,
         start_ious=start.ious,
-        # turns of a free view, or sparser strands, led to no such knots
+        # after a retry or with free views these states do not lead to the result
         history=() if unmet or settings.free_view else tuple(history.states),
     )
     return price_design(made, question, start, unmet, progress, device, budget)
@@ -144,10 +145,10 @@ def design_knots(
 def _plan(
     scene: ResolvedScene, views: int, budget: Budget | None
 ) -> tuple[ResolvedScene, SearchSettings]:
-    """Give the scene with views to start from, if it leaves them open, and settings that a budget allows."""
+    """Return the scene with starting values for free views, and the settings that the budget allows."""
     settings = scene.settings
     if budget is not None:
-        settings = spare(settings, budget.view_s(views), scene.search)
+        settings = cut_settings(settings, budget.view_s(views), scene.search)
     if settings.free_view:
         return (place_start if views == 1 else place_directions)(scene, settings)
     return scene, settings
@@ -161,7 +162,7 @@ def _calibrate(
     budget: Budget,
     device: str,
 ) -> SearchSettings:
-    """Return settings with the iterations that there is time for."""
+    """Scale the iterations to the time that is left."""
 
     def trial(few: SearchSettings) -> None:
         plan = replace(plan_of(few, len(problem.views)), repairs=0)
@@ -171,10 +172,10 @@ def _calibrate(
     return scale_to_budget(seconds, settings, trial)
 
 
-def _place(
+def _free_views(
     question: Question, radius: float, settings: SearchSettings, device: str
 ) -> tuple[Pose | None, SearchSettings]:
-    """Return the unknown pose, or directions, where the settings ask for them."""
+    """Return the pose or the directions to search for, if the settings leave them free."""
     if not settings.free_view:
         return None, settings
     if len(question.problem.views) == 1:
@@ -189,7 +190,7 @@ def _place(
 def _watch(
     walk: Callable[..., SearchResult], start: Start, progress: Progress
 ) -> tuple[SearchResult, History]:
-    """Return the result of a search from this start, and some states on its way."""
+    """Search from a start and record some states on the way."""
     history = History()
 
     def watch(knots: Callable[[], Knots], certified: bool) -> None:
@@ -208,13 +209,13 @@ def price_design(
     device: str = "cpu",
     budget: Budget | None = None,
 ) -> Design:
-    """Return the design with the prices of its limits, where they cost the pictures their IoU.
+    """Add the prices of the limits to a design that misses its IoU or a limit.
 
     Args:
-        question: seen from where the search ended.
-        start: start of the short searches without a limit; None: as for a search of this question.
-        unmet: what the pictures' own filling came to, where that met not every limit.
-        budget: where none of it is left, no price is asked.
+        question: with the views that the search ended with.
+        start: start of the short searches without a limit; None: made anew.
+        unmet: the first result, if it broke a limit.
+        budget: once it is spent, no price is computed.
     """
     if unmet is None and made.result.iou_estimate >= made.scene.accuracy.iou_floor:
         return made
@@ -242,23 +243,22 @@ def price_design(
 
 
 def settle_design(question: Question, result: SearchResult, settings: SearchSettings) -> Design:
-    """Return the design that a search has come to: its scene with nothing left to choose.
+    """Build the design from a search's result, with every value of its scene resolved.
 
     Args:
-        question: seen from where the search ended.
+        question: with the views that the search ended with.
     """
     radius = result.knots.radius_mm
     fine = refine_settings(question, settings, radius)
     settings = settings.but(mesh_sides=fine.mesh_sides)
     region, region_stl = question.problem.region, None
-    if region.file is not None:  # the build writes it beside the scene
+    if region.file is not None:  # the build copies the mesh into the result's folder
         region_stl = Path(region.file).read_bytes()
         region = region.but(file="region.stl")
     start_json = None
     if settings.start:
         start_json = read_start(Path(settings.start)).dump_start().encode()
         settings = settings.but(start=START_FILE)
-    # the IoU that the part must reach: the scene's, or the one that its pictures allow
     asked = question.scene.accuracy.iou_floor
     floor = settings.floor(question.most_iou(radius)) if asked is None else asked
     return Design(
@@ -275,7 +275,7 @@ def settle_design(question: Question, result: SearchResult, settings: SearchSett
 
 
 def add_work(result: SearchResult, earlier: SearchResult) -> None:
-    """Enter in a search's limits and effects the calls and seconds of the one that it followed on."""
+    """Add to a result the calls and seconds that an earlier search spent on limits and effects."""
     for name, guard in earlier.guards.items():
         result.guards[name].add(guard)
     for name, decision in earlier.effects.items():
@@ -288,17 +288,17 @@ def choose_tube(
     progress: Progress,
     budget: Budget | None = None,
 ) -> tuple[Question, float, Start, RadiusChoice | None]:
-    """Choose the tube's radius, mm, the one that the scene gives or the best, and the start with it.
+    """Choose the tube radius, unless the scene gives it, and make the start of the search.
 
     Args:
         budget: as for `choose_radius`.
 
     Returns:
-        The question with the depth that this radius leaves and the start takes, radius, start, and how the
-        radius was chosen.
+        The question with the start's depth, the radius in mm, the start, and the choice of the radius
+        (None if the scene gave it).
 
     Raises:
-        SceneError: the printer makes no tube as thin as the scene asks for, or no tube draws the pictures.
+        SceneError: the printer makes no tube this thin, or no tube draws the pictures.
     """
     piece = question.scene.piece
     knots = piece.knots
@@ -329,26 +329,25 @@ def choose_tube(
 
 
 def _tell_scene(progress: Progress, question: Question, radius: float | None) -> None:
-    """Tell listeners the data that a picture of the knots is drawn with."""
+    """Send listeners the views, silhouettes and radius, with which they draw the knots."""
     masks = [view.mask for view in question.problem.views]
     progress.set_scene(question.views, lambda: [silhouette_uri(mask) for mask in masks], radius)
 
 
 def refine_settings(question: Question, settings: SearchSettings, radius: float) -> SearchSettings:
-    """Return the settings with facets and vertices fine enough for the outline's limit in every view."""
+    """Refine facets and vertices until the outline's error stays within its limit in every view."""
     problem: Problem = question.problem
     limit_px = outline_px(question.scene.accuracy, settings)
     allowed = []
     for view in question.views:
         light = view.light_distance_mm
-        # a piece of unknown depth is taken to reach this share of the way to the light
-        front = 0.2 * light
+        front = 0.2 * light  # the depth is unknown: assume a fifth of the way to the light
         if len(question.views) == 1:
             front = 0.5 * (problem.depth_mm or 0.0) + radius
-        # the shadow is largest for the part nearest to the light
+        # the part nearest to the light casts the largest shadow
         largest = (light + view.wall_distance_mm) / max(light - front, 0.1 * light)
         allowed.append(limit_px * view.pixel_mm / largest)
-    return fine_enough(settings, radius, problem.limits(radius).bend_radius, min(allowed))
+    return refine_mesh(settings, radius, problem.limits(radius).bend_radius, min(allowed))
 
 
 def _resolve(
@@ -359,7 +358,7 @@ def _resolve(
     floor: float,
     settings: SearchSettings,
 ) -> SettledScene:
-    """Return the scene with nothing left to choose."""
+    """Return the scene with every value resolved."""
     scene, problem = question.scene, question.problem
     depth = scene.piece.depth
     if len(problem.views) == 1:

@@ -1,4 +1,4 @@
-"""The chain of a sequence: one frame from a template, every other one from a neighbour."""
+"""Design the frames of a sequence: the first from a template, each other one from a neighbour's knots."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from knotfab.design.film_search import (
     Following,
     PictureDifferences,
     Tie,
-    finish,
+    finish_frame,
     list_attempts,
     list_retries,
 )
@@ -34,17 +34,17 @@ from knotfab.scene.load import require_sequence
 from knotfab_formats.scene import ResolvedScene, SettledScene
 from knotfab_formats.search import PRESETS, SearchSettings
 
-_SLACK = 1.1  # length of a frame's knot over that of the one searched first, for a picture of the same area
-_THINNER = 0.93  # the next radius over the last
+_SLACK = 1.1  # length that a frame's knots may have over the first ones, for pictures of equal area
+_THINNER = 0.93  # ratio of the next radius to the last
 
 
 @dataclass(frozen=True)
 class SequenceFrame:
-    """One frame, its `number` from 0: its design in scene coordinates, and how it came there.
+    """One frame's design in scene coordinates, and how it was found. Frames are numbered from 0.
 
-    `searched`: its knot before its vertices were doubled. `transported`: share of the displacement between
-    the pictures that could be certified; the flow did the rest. `origin`: the frame (from 0) whose knot it
-    began as. `closes`: whether it was bound to the frame that leads back around the loop.
+    `searched`: the knots before their vertices were doubled. `transported`: the share of the displacement
+    between the pictures that was certified; the flow did the rest. `origin`: the frame whose knots the search
+    began from. `closes`: whether the knots were held near the frame across the loop's seam.
     """
 
     number: int
@@ -57,7 +57,7 @@ class SequenceFrame:
 
 @dataclass(frozen=True)
 class _Common:
-    """Settings that the frame searched first gives to all, and its scene, but for the view's name."""
+    """The scene (but for the view's name), settings and radius that all frames take from the first one."""
 
     scene: SettledScene
     settings: SearchSettings
@@ -70,21 +70,21 @@ def radius_for_all(
     settings: SearchSettings,
     knots: int = 1,
 ) -> tuple[float, RadiusChoice | None]:
-    """Return a tube radius (mm) that draws that frame well, and no other much worse.
+    """Return a tube radius (mm) that draws the first frame well and no other frame much worse.
 
     Args:
-        question: the frame searched first. polygons: the silhouettes of the others. knots: their number.
+        question: of the frame that is searched first. polygons: silhouettes of the others.
     """
     given = question.scene.piece.tube_radius_mm
     if given is not None:
         return given, None
-    # another frame may need the IoU that this one can spare
+    # another frame may need the IoU that the first one can spare
     if "radius_give" not in question.scene.search:
         give = min(settings.radius_give, PRESETS["standard"].radius_give)
         settings = settings.but(radius_give=give)
     choice = choose_radius(question, settings, knots)
     radius, thinnest = choice.radius_mm, question.scene.printer.min_tube_radius_mm
-    # IoU that a frame's opening may lose against that one's before the tube is thinner
+    # a frame's opening may lose 0.01 IoU against the first one's before the tube gets thinner
     wanted = question.opening(radius) - 0.01
     while radius * _THINNER >= thinnest and any(
         opening_iou(polygon, radius) < wanted for polygon in polygons
@@ -94,19 +94,19 @@ def radius_for_all(
 
 
 def pick_first(targets: Sequence[Target]) -> int:
-    """Choose the frame (from 0) to search first: that with the most ink, or frame 0 if it has nearly as much.
+    """Choose the frame to search first: the one with the most ink, or frame 0 if it has nearly as much.
 
-    Limbs that one silhouette hides have no strands there, and no vertices: they could not come out.
+    A limb that the first silhouette hides would get no strand, and could not appear in later frames.
     """
     inks = [int(target.mask.sum()) for target in targets]
-    return 0 if inks[0] >= 0.98 * max(inks) else inks.index(max(inks))  # a share of the most ink
+    return 0 if inks[0] >= 0.98 * max(inks) else inks.index(max(inks))
 
 
 def list_ties(number: int, known: Container[int], outlines: Sequence[float]) -> tuple[Tie, ...]:
-    """Return the known frames that frame `number` must stay near, one on each side of it around the loop.
+    """Return the nearest known frames on both sides around the loop, which frame `number` must stay near.
 
     Args:
-        outlines: mm that the pictures' outlines go, from each frame to the next, from the last to the first.
+        outlines: motion of the outlines from each frame to the next, and from the last to the first, mm.
     """
     count, ties = len(outlines), []
     for step in (1, -1):
@@ -123,17 +123,17 @@ def list_ties(number: int, known: Container[int], outlines: Sequence[float]) -> 
 
 
 class Chain:
-    """All frames as the same knots with the same vertices: radius, number and order are those of one frame.
+    """Search the frames of a sequence, so that all have the same knots, vertices and tube radius.
 
-    That is the one with the most ink; the others follow, neighbour by neighbour, to the end and back to
-    the beginning. A vertex keeps within the motion bound of the neighbour; and, so that the sequence may be
-    played round and round, within what the outlines' motion around its end allows.
+    The frame with the most ink comes first (`pick_first`); the others follow, neighbour by neighbour, to the
+    end and then back to the beginning. Each vertex keeps within the motion bound of its neighbours, and in a
+    loop also within that across the seam.
 
     Args:
-        scene: scene of one view, as for `design_knots`. A free view is found with the frame searched first:
-            lamp and wall stand where they are while the frames change.
-        budget: until when the build is to be done; the iterations are set to fit, on that frame.
-        kept: frames that an interrupted build of the same sequence had done.
+        scene: of one view, as for `design_knots`. A free view is settled on the first frame, for lamp and
+            wall stay in place.
+        budget: limits the iterations, as measured on the first frame.
+        kept: frames from an interrupted build of the same sequence.
 
     Raises:
         SceneError, InputError: as `design_knots`.
@@ -153,7 +153,7 @@ class Chain:
         self._progress = progress or Progress("quiet")
         self._budget = budget
         self._closing, self._kept = scene.sequence.loop, kept
-        self.resumed = 0  # frames that were kept
+        self.resumed = 0  # number of frames taken from an interrupted build
         self._count = count_knots(targets, scene.piece.knots)
         self._first = pick_first(targets)
         self._alike = PictureDifferences([t.mask for t in targets])
@@ -162,7 +162,7 @@ class Chain:
         self._origins: dict[int, int | None] = {}
 
     def frames(self) -> Iterator[SequenceFrame]:
-        """Yield the frames, each final as it comes; the one with the most ink comes first."""
+        """Yield the frames as they are found, first the one with the most ink; none changes afterwards."""
         common, frame = self._recall(self._first) or self._begin()
         self._settle(common)
         self._why = frame.made.result.log.template
@@ -173,9 +173,9 @@ class Chain:
             yield self._add(common, recalled[1] if recalled else self._follow(number))
 
     def retry(self, number: int) -> SequenceFrame:
-        """Give a frame that did not come out once more, from another start, near its neighbours as they are.
+        """Search a failed frame again from another start, near its neighbours.
 
-        It takes its place where it is given to `accept`.
+        It replaces the failed one once `accept` gets it.
         """
         neighbours = [j for j in (number - 1, number + 1) if j in self._known]
         others = [j for j in self._known if j != number]
@@ -184,7 +184,7 @@ class Chain:
         return self._search(number, attempts)
 
     def accept(self, frame: SequenceFrame) -> None:
-        """Let a frame take its place: what follows stays near it."""
+        """Enter a frame in the chain: frames searched from now on stay near it."""
         self._known[frame.number] = frame.searched
         self._fine[frame.number] = frame.made.knots.points
         self._origins[frame.number] = frame.origin
@@ -197,7 +197,7 @@ class Chain:
         return frame
 
     def _recall(self, number: int) -> tuple[_Common, SequenceFrame] | None:
-        """Read what an interrupted build kept of a frame, if it had searched it."""
+        """Return a frame that an interrupted build had finished, None if there is none."""
         found: tuple[_Common, SequenceFrame] | None = None
         if self._kept is not None:
             found = self._kept.load(number)
@@ -205,7 +205,7 @@ class Chain:
         return found
 
     def _begin(self) -> tuple[_Common, SequenceFrame]:
-        """Return the frame with the most ink, from a template, and with it all that holds for all frames."""
+        """Search the first frame from a template; return it with what all frames share."""
         scene, targets, progress = self._scene, self._targets, self._progress
         settings = scene.settings
         if settings.free_view:
@@ -225,18 +225,17 @@ class Chain:
         share = None
         if self._budget is not None:
             left = self._budget.search_s(0)
-            # time of a later frame's search and finish over the search of the first
+            # a later frame takes 0.8 of the first one's time
             frame_s = left / (1.0 + 0.8 * (len(targets) - 1))
             share = Budget(time.perf_counter() + frame_s)
         first = design_knots(asked, [target], self._device, progress, share)
-        # the region as it was asked for: a mesh lies where the scene says, not yet beside the result; and
-        # the required IoU, unless it was given, follows from the frame's own picture
+        # keep the region's file as the scene names it, and let each frame's picture set its required IoU
         update = {"region": question.problem.region, "accuracy": scene.accuracy}
         within = first.scene.but(**update)
         question = ask(_rename_view(within, target), [target])
         rings = first.knots.rings
         with progress.stage("search"):
-            ended = finish(
+            ended = finish_frame(
                 first.result, rings, question.problem, radius, first.settings, [], self._device
             )
         made = settle_design(question, ended.result, first.settings)
@@ -246,7 +245,7 @@ class Chain:
         )
 
     def _settle(self, common: _Common) -> None:
-        """Ask each frame's question, and measure how far the outlines go between them."""
+        """Pose each frame's question, and measure the outlines' motion between frames."""
         self._common = common
         with self._progress.stage("search"):
             self._questions = [ask(_rename_view(common.scene, t), [t]) for t in self._targets]
@@ -258,14 +257,14 @@ class Chain:
             ]
 
     def _follow(self, number: int) -> SequenceFrame:
-        """Return the next frame, from its neighbour or one more like it."""
+        """Search a frame from its neighbour, or from a known frame more like it."""
         neighbour = number - 1 if number > self._first else number + 1
         nearest = self._alike.start_of(number, neighbour, self._known)
         same = self._alike.same(nearest, number)
         return self._search(number, list_attempts(nearest, neighbour, self._closing, same))
 
     def _search(self, number: int, attempts: Sequence[Attempt]) -> SequenceFrame:
-        """Return a frame by the best of some attempts."""
+        """Search a frame by several attempts, and settle the best."""
         first, count, common = self._first, len(self._targets), self._common
         areas = [problem.polygons[0].area for problem in self._problems]
         longest = _SLACK * sum(knot.length_mm for knot in self._known[first].knots)
@@ -302,7 +301,7 @@ class Chain:
 
 
 def _rename_view(scene: SettledScene, target: Target) -> ResolvedScene:
-    """Return a resolved scene whose view is that of another frame."""
+    """Return the scene with its view named after another frame's picture."""
     view = scene.views[0].but(
         name=target.name, title=target.name, picture=f"picture-{target.name}{target.suffix}"
     )

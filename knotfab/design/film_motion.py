@@ -1,7 +1,7 @@
-"""The motion of a picture's outline and of a knot's vertices from one frame to the next, and its bound.
+"""Bound the motion of a knot's vertices between frames, and carry a knot from one picture to the next.
 
-A vertex may go no further than the pictures' own outlines do, and one tube radius more. The outlines'
-motion is the Hausdorff distance of the two, in the plane z = 0 where the template lies.
+A vertex may move as far as the pictures' outlines do, plus one tube radius. The outlines' motion is their
+Hausdorff distance, in the plane z = 0 where the template lies.
 """
 
 from __future__ import annotations
@@ -23,45 +23,56 @@ from knotfab.picture.silhouette import polygon_iou
 from knotfab.search.objective import Term, Weights
 from knotfab_formats.report import Motion
 
-_TAUT = 0.05  # weight of the length beyond what the picture's area calls for
+_TAUT = 0.05  # weight of the length beyond the limit of `Tautness`
+_STEP_RADII = 0.5  # longest step of a vertex, in tube radii
+_SHORTEST = 1e-3  # shortest step, as a share of the way
+_LONGER = 144  # grid points on the longer side at the finest level
+_LEVELS = (0.25, 0.5, 1.0)  # resolution of each level, as a share of the finest
+_CLIP = 0.09  # clip of the distances from the outline at the coarsest level, as a share of the longer side
+_ITERATIONS = 80  # per level
+_SMOOTH = (
+    2.2,
+    1.6,
+    1.2,
+)  # width of the Gaussian that smooths the displacement, grid points per level
+_LONGEST = 0.5  # longest displacement of one iteration, grid points
+_BETTER = 0.05  # IoU that a shift or stretch must gain
+_ALIKE = 0.98  # IoU above which a shifted or stretched silhouette fits
 
 
 def pair_pieces(
     old: MultiPolygon, new: MultiPolygon, count: int
 ) -> list[tuple[MultiPolygon, MultiPolygon]]:
-    """Pair the `count` largest pieces of a silhouette with their later shapes; or both as a whole.
+    """Pair the `count` largest pieces of two silhouettes, or both as wholes if one has fewer pieces.
 
-    Pieces are paired so that their middles go, and their sizes change, the least in all. Where one has
-    fewer pieces, both are one pair.
+    The pairing minimises the total motion of centroids plus change of sizes.
     """
     before, after = (sorted(p.geoms, key=lambda piece: -piece.area)[:count] for p in (old, new))
     if count == 1 or min(len(before), len(after)) < count:
         return [(old, new)]
-    _, then = linear_sum_assignment([[_way(one, other) for other in after] for one in before])
+    _, then = linear_sum_assignment([[_change(one, other) for other in after] for one in before])
     return [
         (MultiPolygon([one]), MultiPolygon([after[k]])) for one, k in zip(before, then, strict=True)
     ]
 
 
-def _way(one: Polygon, other: Polygon) -> float:
-    """Return mm that a piece's middle goes, and its size changes."""
+def _change(one: Polygon, other: Polygon) -> float:
+    """Return the motion of a piece's centroid plus the change of its size, mm."""
     return float(one.centroid.distance(other.centroid) + abs(one.area**0.5 - other.area**0.5))
 
 
 def outline_motion(old: MultiPolygon, new: MultiPolygon, knots: int = 1) -> float:
-    """Return Hausdorff distance (mm) of two silhouettes' outlines, holes included.
+    """Return the Hausdorff distance of two silhouettes' outlines, holes included, mm.
 
-    Where several `knots` draw a piece each it is that of the piece which goes furthest: another one on its
-    way brings it no nearer. Each sample's distance is to the other outline itself, so the result is never
-    too long; with samples 0.1 mm apart it is at most 0.05 mm too short.
+    If each of several `knots` draws a piece of its own, it is the largest distance of paired pieces. Sampling
+    every 0.1 mm makes the result at most 0.05 mm too short, and never too long.
     """
     pairs = pair_pieces(old, new, knots)
     return max(max(_furthest(p, q), _furthest(q, p)) for p, q in pairs)
 
 
 def _furthest(one: MultiPolygon, other: MultiPolygon) -> float:
-    """Measure the largest distance of a point of the outline of `one` from that of `other`."""
-    # mm between samples on the outlines
+    """Return the largest distance of the outline of `one` from that of `other`, mm."""
     points = shapely.points(shapely.get_coordinates(one.boundary.segmentize(0.1)))
     line = other.boundary
     shapely.prepare(line)
@@ -70,20 +81,20 @@ def _furthest(one: MultiPolygon, other: MultiPolygon) -> float:
 
 @dataclass(frozen=True)
 class Anchor(Term):
-    """The places (N, 3) of another frame's vertices, mm, and how far from them they may be: a hard limit.
+    """A hard limit on each vertex's distance from its place in another frame, (N, 3) mm.
 
-    As a term: squares of what each vertex is beyond the limit, in tube radii, summed.
+    As a term of the objective it is the sum of squared excesses, in tube radii.
     """
 
     points: Array
     limit_mm: float
-    radius_mm: float  # the tube's
+    radius_mm: float
 
     def __call__(self, state: State, weights: Weights) -> Felt:
         away = state.points - self.points
-        # the root's slope has no limit at 0, where the hinge is far from touching
+        # the small term keeps the root's slope finite at 0, where the hinge is inactive anyway
         length = np.sqrt((away * away).sum(axis=1) + 1e-12)
-        # a share of a vertex's bound, from which the objective begins to hold it back
+        # the pull begins a little before the limit
         beyond = np.maximum(length - 0.97 * self.limit_mm, 0.0) / self.radius_mm
         slope = (2.0 * weights.hold / self.radius_mm * beyond / length)[:, None] * away
         return weights.hold * float((beyond * beyond).sum()), slope
@@ -92,13 +103,13 @@ class Anchor(Term):
         return self.beyond(points) <= 0
 
     def beyond(self, points: Array) -> float:
-        """Measure how far (mm) the furthest vertex is beyond the limit; negative where all keep it."""
+        """Return the largest excess over the limit, mm; negative while all vertices keep it."""
         return float(np.linalg.norm(points - self.points, axis=1).max()) - self.limit_mm
 
 
 @dataclass(frozen=True)
 class Tautness(Term):
-    """A pull on knots longer than `length_mm`: no vertices can be added, and long edges show."""
+    """Penalise knots longer than `length_mm`, whose fixed number of vertices would leave visible edges."""
 
     length_mm: float
     radius_mm: float
@@ -109,8 +120,8 @@ class Tautness(Term):
         return _TAUT * excess**2, 2.0 * _TAUT * excess / self.radius_mm * slope
 
 
-def measure(old: Array, new: Array, outline_mm: float, radius: float) -> Motion:
-    """Measure the motion of vertices from `old` to `new` (N, 3), and its bound: outline and one radius."""
+def measure_motion(old: Array, new: Array, outline_mm: float, radius: float) -> Motion:
+    """Measure the vertices' motion from `old` to `new` (N, 3) against its bound, `outline_mm` + `radius`."""
     length = np.linalg.norm(new - old, axis=1)
     largest, limit = float(length.max()), outline_mm + radius
     return Motion(
@@ -122,25 +133,10 @@ def measure(old: Array, new: Array, outline_mm: float, radius: float) -> Motion:
     )
 
 
-# Carry a knot from one picture to the next along a smooth displacement, every step certified.
-
-
-_STEP_RADII = 0.5  # tube radii that a vertex goes in one step
-_SHORTEST = 1e-3  # the shortest step, as a share of the way
-_LONGER = 144  # grid points on the longer side at the finest level
-_LEVELS = (0.25, 0.5, 1.0)  # shares of the full resolution
-_CLIP = 0.09  # a share of the longer side: distances from the outline that the coarsest level sees
-_ITERATIONS = 80  # a level
-_SMOOTH = (2.2, 1.6, 1.2)  # grid points: width of the Gaussian that keeps the displacement smooth
-_LONGEST = 0.5  # grid points in one iteration
-_BETTER = 0.05  # IoU that a shift, or a stretch, must gain
-_ALIKE = 0.98  # IoU of silhouettes that are one, shifted or stretched
-
-
-def _pairs_of(
+def _pairs_by_ring(
     rings: Sequence[Array], old: MultiPolygon, new: MultiPolygon
 ) -> list[tuple[MultiPolygon, MultiPolygon]]:
-    """Pair what each ring (n, 2) draws of `old` and is to draw of `new`: a piece each, or the whole."""
+    """Return for each ring (n, 2) the piece of `old` that it draws and its pair in `new`, or the wholes."""
     pairs = pair_pieces(old, new, len(rings))
     if len(pairs) == 1:
         return pairs * len(rings)
@@ -159,19 +155,18 @@ def transport(
     radius: float,
     furthest_mm: float,
 ) -> Carried:
-    """Move the vertices (N, 3) along their rays' displacement from silhouette `old` to `new`.
+    """Move the vertices (N, 3) by the displacement that takes silhouette `old` to `new`, step by step.
 
-    Of several knots each goes with its own piece. A vertex keeps its depth; seen from the light it moves as
-    the plane z = 0 does. Where no step is short enough to be certified the way ends there, and the flow
-    goes on.
+    Each step is certified to keep the knots' type; the way ends where no step can be. Each of several knots
+    follows its own piece. A vertex keeps its depth, and its projection from the light onto z = 0 moves.
 
     Args:
         light_mm: distance of the light from the middle of the piece.
-        furthest_mm: no vertex goes further than this.
+        furthest_mm: longest way of a vertex.
     """
     shrink = (1.0 - points[:, 2] / light_mm)[:, None]
     seen = rings.split(points[:, :2] / shrink)
-    pairs = _pairs_of(seen, old, new)
+    pairs = _pairs_by_ring(seen, old, new)
     moved = [register(*p, 6.0 * radius).at(s) for s, p in zip(seen, pairs, strict=True)]
     shift = np.concatenate(moved) * shrink
     length = np.linalg.norm(shift, axis=1)
@@ -184,14 +179,14 @@ def transport(
 
 @dataclass(frozen=True)
 class Displacement:
-    """Displacements (rows, columns, 2) mm on a grid of the plane: `low` (2,) is its first point."""
+    """Displacements (rows, columns, 2), mm, on a grid of the plane whose first point is `low` (2,)."""
 
     low: Array
     pitch: float
     values: Array
 
     def at(self, where: Array) -> Array:
-        """Return (n, 2) mm: the displacement at points (n, 2) of the plane, linear between grid points."""
+        """Interpolate the displacement bilinearly at points (n, 2) of the plane, mm."""
         column, row = ((where - self.low) / self.pitch).T
         found = [
             map_coordinates(self.values[..., k], [row, column], order=1, mode="nearest")
@@ -201,10 +196,10 @@ class Displacement:
 
 
 def register(old: MultiPolygon, new: MultiPolygon, margin: float) -> Displacement:
-    """Return the displacement that takes the silhouette `old` to `new` (both in one plane, mm).
+    """Find the smooth displacement that takes silhouette `old` to `new`, both in one plane, mm.
 
     Args:
-        margin: mm around both that the grid covers as well.
+        margin: width of the grid's border around both, mm.
     """
     both = np.array([old.bounds, new.bounds])
     low, high = both[:, :2].min(0) - margin, both[:, 2:].max(0) + margin
@@ -215,7 +210,7 @@ def register(old: MultiPolygon, new: MultiPolygon, margin: float) -> Displacemen
     for level, smooth in zip(_LEVELS, _SMOOTH, strict=True):
         pitch = finest / level
         columns, rows = (np.ceil((high - low) / pitch).astype(int) + 1).tolist()
-        # the same clip in mm at first, finer distances as the grid becomes finer
+        # the clip is the same in mm, but half as much on the finest grid
         clip = max(2.5, _CLIP * _LONGER * level * (0.5 if level == 1.0 else 1.0))
         fixed, moving = (_distances(p, low, pitch, rows, columns, clip) for p in (old, new))
         if values is None:
@@ -223,7 +218,7 @@ def register(old: MultiPolygon, new: MultiPolygon, margin: float) -> Displacemen
             at = low + pitch * grid
             values = (stretch * at + offset - at) / pitch
             before = pitch
-            # distances from the outlines of two shapes would only distort what fits already
+            # a shift or stretch that fits already would only be distorted
             if offset.any() and overlap > _ALIKE:
                 break
         else:
@@ -240,9 +235,9 @@ def register(old: MultiPolygon, new: MultiPolygon, margin: float) -> Displacemen
 
 
 def _lay_over(old: MultiPolygon, new: MultiPolygon) -> tuple[Array, Array, float]:
-    """Find what lays the silhouettes over each other, or leaves them: (stretch, offset mm, IoU then).
+    """Return the stretch and offset (mm) that lay `old` over `new`, and the IoU then.
 
-    From middle to middle, alone or with both sides stretched to the new ones, where that gains IoU.
+    Tried are a shift of the centroid, and a stretch of the bounding box; neither is taken unless IoU grows.
     """
     sizes = [np.subtract(p.bounds[2:], p.bounds[:2]) for p in (old, new)]
     middles = [0.5 * np.add(p.bounds[2:], p.bounds[:2]) for p in (old, new)]
@@ -259,7 +254,7 @@ def _lay_over(old: MultiPolygon, new: MultiPolygon) -> tuple[Array, Array, float
 def _distances(
     polygon: MultiPolygon, low: Array, pitch: float, rows: int, columns: int, clip: float
 ) -> Array:
-    """Return (rows, columns) signed distances from the outline in grid points, smoothly clipped to 1."""
+    """Return signed distances from the outline over `clip` grid points, smoothly limited to -1 … 1."""
     x = low[0] + pitch * np.arange(columns)
     y = low[1] + pitch * np.arange(rows)
     shapely.prepare(polygon)
@@ -269,7 +264,10 @@ def _distances(
 
 
 def _demons(fixed: Array, moving: Array, start: Array, smooth: float) -> Array:
-    """Return displacements in grid points (rows, columns, 2) with moving(p + u(p)) = fixed(p)."""
+    """Refine displacements u (rows, columns, 2), grid points, towards moving(p + u(p)) = fixed(p).
+
+    This is Thirion's demons algorithm with symmetric forces.
+    """
     u = start.copy()
     row, column = np.meshgrid(*(np.arange(n, dtype=np.float64) for n in fixed.shape), indexing="ij")
     slope = np.gradient(fixed)

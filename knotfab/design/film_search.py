@@ -1,4 +1,4 @@
-"""A frame of a sequence is the same search, from the frame before and with terms that hold it near."""
+"""Search one more frame of a sequence: from an earlier frame's knots, held near the frames beside it."""
 
 from __future__ import annotations
 
@@ -24,32 +24,39 @@ from knotfab.search.search import search
 from knotfab.start.depth import lower
 from knotfab_formats.search import SearchSettings
 
-_FAR = 2.0  # tube radii
-_ROOM = 1.04  # factor of the bend radius that the part must keep
+_FAR = 2.0  # distance, in tube radii, at which a strand no longer feels the silhouette
+_ROOM = (
+    1.04  # factor on the bend radius, which leaves room for the vertices that `finish_frame` adds
+)
+_SHORTEST = 1 / 32  # shortest certified step of `double_vertices`, as a share of the way
+_MORE = 2.0  # factor on the iterations of a further attempt
+POOR = 0.025  # another attempt is made where the IoU is this far below that of the opening
+_ALIKE = (
+    0.5  # another frame is the better start if it differs less than this share of the neighbour
+)
 
 
 @dataclass
 class FrameResult:
-    """One frame's knots, their vertices in the same order in all frames."""
+    """One frame's knots, whose vertices have the same order in all frames."""
 
     result: SearchResult
-    beyond_mm: float  # the worst excess over the motion bound; negative where the bound is kept
-    transported: float = 1.0  # share of the displacement that could be certified
+    beyond_mm: float  # largest excess over the motion bound; negative while it is kept
+    transported: float = 1.0  # share of the displacement that was certified
 
     @property
     def points(self) -> Array:
-        """(N, 3) mm, scene coordinates."""
+        """The vertices in scene coordinates, (N, 3) mm."""
         return self.result.knots.points
 
     @property
     def sound(self) -> bool:
-        """True if every limit holds, the motion's among them."""
+        """Whether every limit holds, the bound on motion included."""
         return self.result.feasible and self.beyond_mm <= 0
 
 
 def _plan(settings: SearchSettings, phases: Sequence[Phase]) -> Plan:
-    """Few vertices take all of a step that is measured over all: short ones end where they should."""
-
+    # few vertices share a step whose length counts over all, so repairs take short steps
     def repair(number: int) -> Phase:
         rate = 0.01 * 0.7**number
         walk = FlowSettings(iterations=60, rate=rate, rate_end=0.1 * rate)
@@ -58,7 +65,7 @@ def _plan(settings: SearchSettings, phases: Sequence[Phase]) -> Plan:
     return Plan(tuple(phases), repair, repairs=6, keep_vertices=True)
 
 
-def follow(
+def search_frame(
     before: Knots,
     rings: Polylines,
     problems: tuple[Problem, Problem],
@@ -70,16 +77,16 @@ def follow(
     report: Callable[[float, float | None], None] | None = None,
     still: bool = False,
 ) -> FrameResult:
-    """Search a frame's knot from the knot of an earlier one, `before`.
+    """Search a frame from the knots of an earlier frame, `before`; vertices keep their number and order.
 
-    Transport along the displacement between the two silhouettes, then the search on the new picture with
-    the motion bound in its objective; vertices keep their number and order.
+    The knots are transported by the displacement between the silhouettes. The search on the new picture
+    follows, with the motion bound in its objective.
 
     Args:
-        problems: problems of the earlier frame and of this one.
-        taut_mm: a longer knot is drawn taut: no vertices can be added, and long edges show.
-        anchors: frames that this one must stay near.
-        still: the knot stays as it is, and only limits that it breaks are repaired.
+        problems: of the earlier frame and of this one.
+        taut_mm: length beyond which the knots are pulled taut.
+        anchors: places that the vertices must stay near.
+        still: keep the knots as they are, and repair only the limits that they break.
     """
     old, new = problems
     log = CertificateLog("the knot of an earlier frame", tuple(knot.type for knot in before.knots))
@@ -96,7 +103,7 @@ def follow(
             device=device,
         )
         return FrameResult(result, _beyond(result, anchors), 0.0)
-    # room for the vertices that `finish` adds: where edges are uneven those bend more in places
+    # `finish_frame` adds vertices, which bend more where edges are uneven
     new = replace(new, bend_radius=_ROOM * new.limits(radius).bend_radius)
     (was,), (now,) = old.polygons, new.polygons
     furthest = outline_motion(was, now, len(rings.sizes)) + 0.5 * radius
@@ -104,7 +111,7 @@ def follow(
     moved = transport(before.points @ axes.T, rings, was, now, light, radius, furthest)
     log.accepted, log.refused = moved.steps, moved.refused
     log.add_margin(moved.least_margin)
-    # half as many iterations as from a template: the transport has done the rest
+    # the transport has done half of the work
     phases = three_phases(settings.scaled(0.5), rates=(0.12, 0.06, 0.02))
     result = search(
         new,
@@ -128,7 +135,7 @@ def follow(
 def is_far(
     points: Array, rings: Polylines, polygon: MultiPolygon, light_mm: float, radius: float
 ) -> bool:
-    """Tell whether strands, or parts of the silhouette, stand where no image pulls them together."""
+    """Return whether some strand and the silhouette are too far apart for the image's pull."""
     seen = lower(points, light_mm)
     outside = shapely.distance(polygon, shapely.points(seen))
     lines = [shapely.LinearRing(ring) for ring in rings.split(seen)]
@@ -136,7 +143,7 @@ def is_far(
     return bool(outside.max() > _FAR * radius) or not polygon.difference(covered).is_empty
 
 
-def finish(
+def finish_frame(
     earlier: SearchResult,
     rings: Polylines,
     problem: Problem,
@@ -145,10 +152,10 @@ def finish(
     anchors: Sequence[Anchor],
     device: str = "cpu",
 ) -> FrameResult:
-    """Return a frame for its part: twice as many vertices, and the limits repaired where that broke one.
+    """Double the vertices of a frame for its part, and repair the limits that this breaks.
 
     Args:
-        earlier: the search that found the frame, whose log goes on, and whose calls are counted with these.
+        earlier: the search that found the frame; its log is continued, and its work added to the result's.
     """
     log = earlier.log
     doubled, both = double_vertices(earlier.knots.points, rings)
@@ -175,24 +182,17 @@ def _beyond(result: SearchResult, anchors: Sequence[Anchor]) -> float:
     return max((a.beyond(result.knots.points) for a in anchors), default=-np.inf)
 
 
-_SHORTEST = 1 / 32  # the shortest step, as a share of the way to the spline
-
-
 def double_vertices(points: Array, rings: Polylines) -> tuple[Carried, Polylines]:
-    """Return closed polylines with a vertex more on each edge (2 N, 3), and the certificate of the way there.
+    """Add a vertex in the middle of each edge of closed polylines, and round the old ones, (2 N, 3).
 
-    The new vertices lie in the middles of the edges, which changes nothing; then the old ones move.
-    Where that cannot be certified they stop on the way.
+    A frame's search cannot add vertices, so stretched knots have long edges, which show in the outline. Each
+    old vertex moves an eighth of its second difference inwards: one subdivision step towards the uniform
+    cubic B-spline (Lane and Riesenfeld, "A theoretical development for the computer generation and display
+    of piecewise polynomial surfaces", IEEE TPAMI 2(1), 1980). The motion is certified, and stops where it
+    cannot be. Vertex 2i is the old vertex i, and 2i + 1 the new one after it.
 
-    The search moves few vertices and cannot add any: where a knot is stretched its edges are long, and a
-    tube about them has corners in its outline. The old vertices move an eighth of their second difference
-    inwards: one step of the subdivision that leads to the uniform cubic B-spline (Lane and Riesenfeld, "A
-    theoretical development for the computer generation and display of piecewise polynomial surfaces", IEEE
-    TPAMI 2(1), 1980). Vertex 2 i belongs to the old vertex i, and 2 i + 1 is the new one after it.
-
-    Where edges are even, each second difference over the square of the edge is an average of the polygon's
-    own, so it bends nowhere more than before. A curve through all old vertices does: bends that alternate
-    from vertex to vertex come out twice as strong, and no later repair sees so small a zigzag.
+    With even edges the new second differences average the old ones, so no bend gets sharper. A curve through
+    the old vertices would double bends that alternate from vertex to vertex, too small for a repair to see.
     """
     ahead, behind = points[rings.next], points[rings.previous]
     start, step = np.empty((2 * len(points), 3)), np.zeros((2 * len(points), 3))
@@ -203,43 +203,35 @@ def double_vertices(points: Array, rings: Polylines) -> tuple[Carried, Polylines
     return whole, both
 
 
-# Choose the earlier frame whose knot a frame begins as, and the next tries where that does not
-# serve.
-
-
-_MORE = 2.0  # factor of the iterations, where a frame did not come out
-POOR = 0.025  # another start is tried where the IoU is so far below what the radius allows
-_ALIKE = 0.5  # a frame that differs less than this share of the neighbour's difference is the better start
-
-
 class PictureDifferences:
-    """Measure the share of the frame in which the pictures differ."""
+    """Compare the frames' pictures, to choose the frame whose knots a search begins from."""
 
     def __init__(self, masks: Sequence[NDArray[np.bool_]]) -> None:
-        step = max(1, max(masks[0].shape) // 256)  # the longer side of pictures that are compared
+        step = max(1, max(masks[0].shape) // 256)
         self._masks = np.stack([m[::step, ::step] for m in masks])
         self._whole = masks
 
     def start_of(self, k: int, neighbour: int, known: Iterable[int]) -> int:
-        """Return the known frame to begin frame k from: its neighbour, or one much more like it.
+        """Return the known frame to begin frame k from: its neighbour, or one that is much more like it.
 
-        Where limbs part that one silhouette had hidden, the knot of a frame in which they were apart
-        knows which strand goes where.
+        When limbs part that the neighbour's silhouette merges, the knots of a frame that shows them apart
+        have a strand for each.
         """
         unlike = {j: float((self._masks[j] ^ self._masks[k]).mean()) for j in known}
         nearest = min(unlike, key=lambda j: (unlike[j], j))
         return nearest if unlike[nearest] < _ALIKE * unlike[neighbour] else neighbour
 
     def same(self, one: int, other: int) -> bool:
-        """Tell whether two frames have one picture."""
+        """Return whether two frames have equal pictures."""
         return bool(np.array_equal(self._whole[one], self._whole[other]))
 
 
 @dataclass(frozen=True)
 class Attempt:
-    """One way to search a frame: the frame (from 0) whose knot it begins as, and with what effort.
+    """One way to search a frame: from the knots of frame `origin` (from 0).
 
-    `closes`: it is bound to the frame that leads back around the loop. `still`: the knot stays as it was.
+    `closes`: whether the knots are held near the frame across the loop's seam. `effort`: factor on the
+    iterations. `still`: whether the knots are only repaired.
     """
 
     origin: int
@@ -249,12 +241,14 @@ class Attempt:
 
 
 def list_attempts(nearest: int, neighbour: int, closes: bool, same: bool) -> list[Attempt]:
-    """Yield tries in their order: the frame most alike, the neighbour, not bound to close, more iterations.
+    """List the attempts at a frame in their order.
 
-    Last the neighbour's knot as it is, which draws the wrong picture and keeps every limit.
+    They begin from the frame most alike, then from the neighbour; first held near the frame across the seam,
+    then not, then with more iterations. Last come the neighbour's knots unchanged, which draw the wrong
+    picture but keep every limit.
 
     Args:
-        closes: whether the frame may be bound to close at all. same: the nearest has the same picture.
+        closes: whether the loop is closed. same: whether the nearest frame has the same picture.
     """
     bound = [Attempt(nearest), Attempt(neighbour)] if closes else []
     free = [Attempt(nearest, False), Attempt(neighbour, False), Attempt(neighbour, False, _MORE)]
@@ -264,16 +258,16 @@ def list_attempts(nearest: int, neighbour: int, closes: bool, same: bool) -> lis
 
 
 def list_retries(origins: Iterable[int], used: int | None, closes: bool) -> list[Attempt]:
-    """Yield tries with more iterations from each frame but the one that the frame had begun as."""
+    """List attempts with more iterations, from each frame but the one that was used before."""
     found = [Attempt(j, closes, _MORE) for j in dict.fromkeys(origins) if j != used]
     return found or [Attempt(j, False, 2 * _MORE) for j in dict.fromkeys(origins)]
 
 
 @dataclass(frozen=True)
 class Tie:
-    """A frame found before that this one must stay near, and how far the outlines go in between, mm.
+    """A known frame that another must stay near, and the motion of the outlines between the two, mm.
 
-    `loop`: around the end of the sequence, from its last frame to its first.
+    `loop`: whether the seam between the last frame and the first lies between them.
     """
 
     frame: int
@@ -283,7 +277,7 @@ class Tie:
 
 @dataclass(frozen=True)
 class Trial:
-    """A frame's knot by one attempt; `ended` with twice the vertices, where it was good enough for that."""
+    """The result of one attempt; `ended`, with twice the vertices, is None if `found` breaks a limit."""
 
     attempt: Attempt
     found: FrameResult
@@ -298,14 +292,14 @@ class Trial:
 
 @dataclass(frozen=True)
 class Following:
-    """All that a search of one more frame, `number`, needs: the knots known, as searched and as finished.
+    """What the search of frame `number` needs: the frames known so far and the limits on this one.
 
-    `why`: the type of the first of them, and so of all, is known.
+    `why` says how the knot type of the first frame, and so of all, is known.
     """
 
     number: int
-    known: Mapping[int, Knots]
-    fine: Mapping[int, NDArray[np.float64]]  # (2 N, 3) mm
+    known: Mapping[int, Knots]  # as searched
+    fine: Mapping[int, NDArray[np.float64]]  # as finished, (2 N, 3) mm
     problems: Sequence[Problem]
     rings: Polylines
     radius: float
@@ -318,7 +312,7 @@ class Following:
     def search(
         self, attempts: Iterable[Attempt], report: Callable[[float, float | None], None]
     ) -> Trial:
-        """Return the first trial that keeps every limit and draws the picture well, else the best of all."""
+        """Return the first trial that keeps every limit and draws the picture well, or else the best."""
         wanted = opening_iou(self.problems[self.number].polygons[0], self.radius) - POOR
         best: Trial | None = None
         for attempt in attempts:
@@ -335,7 +329,7 @@ class Following:
         return best
 
     def _try(self, attempt: Attempt, report: Callable[[float, float | None], None]) -> Trial:
-        found = follow(
+        found = search_frame(
             self.known[attempt.origin],
             self.rings,
             (self.problems[attempt.origin], self.problems[self.number]),
@@ -352,7 +346,7 @@ class Following:
         return Trial(attempt, found, self._finish(found, attempt) if found.sound else None)
 
     def _finish(self, found: FrameResult, attempt: Attempt) -> FrameResult:
-        return finish(
+        return finish_frame(
             found.result,
             self.rings,
             self.problems[self.number],

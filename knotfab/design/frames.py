@@ -1,7 +1,7 @@
-"""Frames and places for several pictures: views spread about the piece, silhouettes of equal height.
+"""Frame the pictures of a scene: spread their views, match their heights, widen their thin strokes.
 
-Two level views see the same heights of a part. So pictures whose frames nobody sized are scaled and
-shifted until their silhouettes reach from the same height to the same height.
+Two level views see the same heights of a part. So pictures whose frames have no given size are scaled and
+shifted until all silhouettes have the same top and bottom.
 """
 
 from __future__ import annotations
@@ -23,11 +23,13 @@ from knotfab_formats.errors import InputError
 from knotfab_formats.scene import ResolvedScene, ResolvedView
 from knotfab_formats.views import View
 
-LONGER_FRAME_MM = 180.0  # the picture's longer side on the wall, where the scene does not say
-_SLIM = 1.25  # strokes thinner than so many of the tube's shadow are drawn along their lines
-_WIDEST = 0.25  # a share of the picture's narrower side: the widest strokes
-_ROOM = 1.1  # width of a stroke that is filled over the thinnest tube's shadow
-# why only one picture is drawn along its lines
+LONGER_FRAME_MM = 180.0  # default length of a picture's longer side on the wall
+_SLIM = (
+    1.25  # strokes below this many widths of the tube's shadow are drawn along their centre lines
+)
+_WIDEST = 0.25  # widest stroke, as a share of the picture's narrower side
+_ROOM = 1.1  # width of a filled stroke over that of the thinnest tube's shadow
+# reasons why only a single picture is drawn along its lines
 _ASIDE = (
     "it is for one picture: strands that run there and back along a line hide behind each other from one "
     "light alone, and stand side by side in every other"
@@ -39,9 +41,9 @@ _MEETING = (
 
 
 def spread_views(scene: ResolvedScene, pictures: Sequence[str]) -> ResolvedScene:
-    """Return the scene with a view for each picture, named after it, at azimuths 0, 180 / count, ... degrees.
+    """Give each picture a view, named after it, at azimuths 180 / count degrees apart.
 
-    Half a turn is shared out, for a silhouette from behind is its own mirror image.
+    They share half a turn, for from behind a silhouette is only mirrored.
     """
     first, names = scene.views[0], name_views(pictures)
     turn = 180.0 / len(names)
@@ -53,12 +55,12 @@ def spread_views(scene: ResolvedScene, pictures: Sequence[str]) -> ResolvedScene
 
 
 def name_views(pictures: Sequence[str]) -> list[str]:
-    """Return a view's name for each picture, no two alike."""
+    """Name a view after each picture, with a number where names would be equal."""
     names = list[str]()
     for picture in pictures:
         plain, number = name_picture(picture), 1
         name = plain
-        while name.casefold() in map(str.casefold, names):  # some disks take A for a
+        while name.casefold() in map(str.casefold, names):  # some file systems ignore case
             number += 1
             name = f"{plain}-{number}"
         names.append(name)
@@ -67,7 +69,10 @@ def name_views(pictures: Sequence[str]) -> list[str]:
 
 @dataclass(frozen=True)
 class _Extent:
-    """A silhouette's bounding box in shares of the longer side: sizes, and its middle above the frame's."""
+    """A silhouette's bounding box, in units of the picture's longer side.
+
+    `up` is the height of its centre above the frame's.
+    """
 
     width: float
     height: float
@@ -85,21 +90,20 @@ def _extent(mask: NDArray[np.bool_]) -> _Extent:
 
 
 def framed_alike(scene: ResolvedScene, targets: Sequence[Target]) -> ResolvedScene:
-    """Return the scene with frames in which all level silhouettes are equally high, and as high up.
+    """Size and shift the frames so that the silhouettes of all level views have the same top and bottom.
 
-    Views with a frame of their own are left as they are. A raised view, which sees no height, gets
-    the width of the first level silhouette. No frame is longer than 180 mm on a side. Views that share a
-    wall share its frame.
+    No frame's side exceeds `LONGER_FRAME_MM`. A raised view gets the width of the first level silhouette.
+    The scene is returned unchanged if a view's frame has a given size, or if the views share a wall.
     """
     if scene.share_wall:
         return scene
     extents = [_extent(t.mask) for t in targets]
     free = [v.frame_width_mm is None and v.frame_height_mm is None for v in scene.views]
-    # views raised by less see the same heights
+    # views raised by less than a degree count as level
     level = [n for n, v in enumerate(scene.views) if abs(v.elevation_deg) < 1.0]
     if not all(free) or len(level) < 1:
         return scene
-    # the length that a longer side of 1 mm gives each view, in units of the common height
+    # the longer side of each frame over the common height of the silhouettes
     longer = [1.0 / e.height for e in extents]
     first = level[0]
     for n in range(len(extents)):
@@ -114,9 +118,9 @@ def framed_alike(scene: ResolvedScene, targets: Sequence[Target]) -> ResolvedSce
 
 
 def size_frames(scene: ResolvedScene, targets: Sequence[Target]) -> ResolvedScene:
-    """Return frames of several pictures of which all were given one size: that is the first's.
+    """Give the first of several equally sized frames that size, and fit the others to it.
 
-    The others are sized so that the silhouettes stay equally high.
+    They are sized so that the silhouettes have the same height.
     """
     first = scene.views[0]
     width, height = first.frame_width_mm, first.frame_height_mm
@@ -135,7 +139,7 @@ def size_frames(scene: ResolvedScene, targets: Sequence[Target]) -> ResolvedScen
 
 
 def size_longer(scene: ResolvedScene, target: Target, longer_mm: float) -> ResolvedScene:
-    """Return every frame so wide, or so high, as the longer side of `target` is to be."""
+    """Size every frame by one length: its width if `target` is wider than high, or else its height."""
     key = "frame_width_mm" if target.width >= target.height else "frame_height_mm"
     sides = {"frame_width_mm": None, "frame_height_mm": None, key: longer_mm}
     return scene.but(views=tuple(view.but(**sides) for view in scene.views))
@@ -144,19 +148,19 @@ def size_longer(scene: ResolvedScene, target: Target, longer_mm: float) -> Resol
 def widen_targets(
     scene: ResolvedScene, targets: Sequence[Target], sequence: bool = False
 ) -> tuple[ResolvedScene, tuple[Target, ...]]:
-    """Widen thin strokes where the scene asks for it (`thicken_mm`, on the receiver), or draws along them.
+    """Widen thin strokes as the scene asks (`thicken_mm`, on the receiver), and settle `lines`.
 
-    The one picture of a scene is drawn along its centre lines (`lines`) where most of it is thinner than
-    the tube; its strokes are then as wide as that draws them.
+    A single picture is drawn along its centre lines if most of it is thinner than the tube; its strokes are
+    then as wide as the tube's shadow.
 
     Args:
-        scene: with its printer's figures. targets: targets of its views, or of a sequence its frames.
+        targets: one a view, or the frames of a sequence.
 
     Returns:
-        The scene, with the widths as numbers and `lines` settled, and the targets with what is to be drawn.
+        The scene with widths as numbers and `lines` settled, and the targets with their widened strokes.
 
     Raises:
-        InputError: several pictures are to be drawn along their lines.
+        InputError: several pictures were asked to be drawn along their lines.
     """
     if any(view.tone == "lines" for view in scene.views):
         return _draw_tones(scene, targets, sequence)
@@ -209,7 +213,7 @@ def widen_targets(
 def _draw_tones(
     scene: ResolvedScene, targets: Sequence[Target], sequence: bool
 ) -> tuple[ResolvedScene, tuple[Target, ...]]:
-    """Draw one picture's greys as lines of the tube's width, which is what is drawn and followed then."""
+    """Draw one picture's greys as a single line of the tube's width, which the knot then follows."""
     from knotfab.start.tone import draw_tones, read_darkness
 
     if sequence or len(targets) > 1:
@@ -241,7 +245,7 @@ def _draw_tones(
 
 
 def _without_dust(view: View, target: Target, thinnest: float) -> Target:
-    """Return the picture without its dust, which no tube draws, unless a person says how it is cleaned."""
+    """Drop specks that no tube can draw, unless the view says how its picture is cleaned."""
     if view.speck_px or view.keep_largest or view.smooth_px or view.cut_out or target.is_text:
         return target
     least = (2.0 * thinnest * frame_view(view, target).px_per_mm(target.width)) ** 2
@@ -258,16 +262,16 @@ def _without_dust(view: View, target: Target, thinnest: float) -> Target:
 
 
 def _is_thin(view: View, target: Target, radius: float) -> bool:
-    """Tell whether most of a picture is too thin for two strands of this radius, mm, side by side."""
+    """Return whether most of a picture is too thin for two adjacent strands of this radius, mm."""
     px = frame_view(view, target).px_per_mm(target.width)
     return is_thin(target.mask, _SLIM * 2.0 * radius * px)
 
 
 def widen(view: View, target: Target) -> Target:
-    """Return the target with its thin strokes as wide as its view says, where that is a number.
+    """Widen the target's thin strokes to the view's `thicken_mm`, if that is set.
 
     Raises:
-        InputError: strokes so wide are no strokes.
+        InputError: that is more than a quarter of the picture's narrower side.
     """
     if not view.thicken_mm:
         return target
@@ -275,7 +279,7 @@ def widen(view: View, target: Target) -> Target:
     if width > _WIDEST * min(target.width, target.height):
         narrow, wide = sorted(frame_view(view, target).frame_mm)
         size = math.ceil(wide * view.thicken_mm / (_WIDEST * narrow))
-        lines = view.lines  # then they are as wide as the thinnest tube draws them
+        lines = view.lines
         raise InputError(
             f"picture {target.shown}",
             f"strokes {view.thicken_mm:g} mm wide{', as a tube draws them,' if lines else ''} leave nothing "
@@ -306,7 +310,11 @@ def _resize_frame(view: View, target: Target, longer_mm: float, up_mm: float) ->
 
 
 def frame_view(view: View, target: Target) -> ResolvedView:
-    """Return the view with both sides of its frame, by the picture's aspect ratio where not given."""
+    """Resolve a view: sides of its frame that are not given follow from the picture's aspect ratio.
+
+    Raises:
+        InputError: a side would be out of its bounds.
+    """
     across, up = view.frame_width_mm, view.frame_height_mm
     if across is not None:
         scale = across / target.width

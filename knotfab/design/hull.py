@@ -1,9 +1,8 @@
-"""The visual hull of several pictures: its own shadows against the pictures.
+"""Compute the visual hull of several pictures, and how much of each its shadow draws.
 
-The visual hull (Laurentini 1994) is the largest body that spills in no view. Its shadow in a view is
-all of that picture that any part which spills nowhere can draw, so its IoU is a bound that such a
-part cannot beat; what is missing from it are contradictions between the pictures (Mitra & Pauly
-2009). It is found by following each pixel's ray, with no voxels.
+The visual hull (Laurentini 1994) is the largest body that spills in no view. A part that spills nowhere draws
+no more of a picture than the hull's shadow does, so the shadow's IoU bounds the part's. What the shadow lacks
+are contradictions between the pictures (Mitra & Pauly 2009). It is found by following each pixel's ray.
 """
 
 from __future__ import annotations
@@ -14,27 +13,19 @@ from functools import lru_cache
 
 import numpy as np
 from scipy.ndimage import distance_transform_edt
-from shapely import MultiPolygon
 
 from knotfab.base.arrays import Array, Indices, Mask
 from knotfab.base.compiled import compiled
-from knotfab.base.errors import SceneError
-from knotfab.design.candidates import DEPTH_RATIO
-from knotfab.limits.region import region_mesh
-from knotfab.scene.camera import Camera, Plane, view_axes
-from knotfab_formats.bounds import MOST_MM
-from knotfab_formats.piece import Mount, Region
-from knotfab_formats.scene import LIGHT_SHARE, WALL_SHARE, ResolvedView, SettledRegion
+from knotfab.scene.camera import Camera, Plane
 from knotfab_formats.views import View
 
 
 @dataclass(frozen=True)
 class HullBound:
-    """One view's share of the hull.
+    """The hull's shadow in one view, against the view's picture.
 
-    `covered` and `wanted` are (h, w) on a coarse grid of the view's frame: the hull's shadow and the
-    picture. `iou` is theirs. `low` and `high` (3,): the extents in mm of the hull's points met; infinite
-    where these were not asked for.
+    `covered` (the shadow) and `wanted` (the picture) are (h, w) on a coarse grid of the frame; `iou` is
+    theirs. `low` and `high`, (3,) mm, bound the hull's points found; infinite if they were not asked for.
     """
 
     covered: Mask
@@ -55,20 +46,19 @@ def hull_bounds(
     walls: Sequence[Plane] = (),
     extents: bool = True,
 ) -> tuple[HullBound, ...]:
-    """Return the bound of each view, in their order.
+    """Return the hull's bound of each view, in the views' order.
+
+    The other masks are widened by half the distance between samples, so that sampling never lowers a bound.
 
     Args:
         cameras: one a view, at its mask's resolution.
         masks: silhouettes (H, W).
-        reach_mm: half the length of ray that is followed, about the point nearest to the origin.
+        reach_mm: half the length of the rays, centred on their points nearest to the origin.
         rays_px: longer side of the grid of rays. steps: samples of a ray.
-        ends: whether what another view sees beside its frame spills nowhere: its screen ends there.
-        wider: by how much the other masks are widened, in shares of their heights.
-        walls: behind which nothing stands, as of `walls_of`.
-        extents: whether these are asked for; a ray is left at the first point met otherwise.
-
-    The other masks are widened by half a sample's distance, and a pixel of the coarse grid counts where
-    its middle is drawn, so that sampling takes nothing from the bound.
+        ends: whether the screens end at the frames, so that shadows beside a frame do not count as spilled.
+        wider: further widening of the other masks, as a share of their heights.
+        walls: planes behind which nothing stands, as `walls_of` gives them.
+        extents: whether to compute `low` and `high`, which takes longer.
     """
     step = 2 * reach_mm / steps
     wide = []
@@ -93,10 +83,10 @@ def hull_bounds(
 
 
 def contradictions(views: Sequence[View], bounds: Sequence[HullBound]) -> list[str]:
-    """Return a sentence for each view whose bound is low: how low, and where most is missing."""
+    """Describe, for each view with a low bound, how low it is and where most of its picture is missing."""
     lines = []
     for view, bound in zip(views, bounds, strict=True):
-        if bound.iou >= 0.97:  # too little to be told
+        if bound.iou >= 0.97:  # too little to mention
             continue
         missing = bound.wanted & ~bound.covered
         share = missing.sum() / max(1, bound.wanted.sum())
@@ -117,13 +107,13 @@ def contradictions(views: Sequence[View], bounds: Sequence[HullBound]) -> list[s
 
 
 def _widen(mask: Mask, cells: int) -> Mask:
-    """Return the mask and all within so many pixels of it."""
-    return np.asarray(_beyond(mask.tobytes(), mask.shape) <= cells)
+    """Dilate a mask by a disc of this radius, px."""
+    return np.asarray(_distance_from(mask.tobytes(), mask.shape) <= cells)
 
 
-@lru_cache(maxsize=16)  # views are moved, and their masks stay
-def _beyond(mask: bytes, shape: tuple[int, int]) -> Array:
-    """Measure how far pixels are from a mask, px."""
+@lru_cache(maxsize=16)  # moving views asks again for the same masks
+def _distance_from(mask: bytes, shape: tuple[int, int]) -> Array:
+    """Return the distance of each pixel from the mask, px."""
     drawn = np.frombuffer(mask, dtype=np.bool_).reshape(shape)
     return np.asarray(distance_transform_edt(~drawn), dtype=np.float32)
 
@@ -152,7 +142,7 @@ def _bound(
     met, low, high = follow_rays(
         begin,
         ray,
-        np.linspace(-1.0, 1.0, steps) if extents else outwards(steps),
+        np.linspace(-1.0, 1.0, steps) if extents else places_outwards(steps),
         np.array([c.projection for c, _ in others]).reshape(-1, 3, 4),
         np.array([w.shape for _, w in others], dtype=np.int64).reshape(-1, 2),
         np.concatenate([w.ravel() for _, w in others]) if others else np.zeros(0, dtype=np.bool_),
@@ -167,9 +157,10 @@ def _bound(
 def rays_within(
     camera: Camera, on: Array, reach_mm: float, walls: Sequence[Plane]
 ) -> tuple[Array, Array]:
-    """Return middles and halves (n, 3) of the lines through the eye and points `on` (n, 3) of the receiver.
+    """Return the midpoints and half vectors, (n, 3), of rays from the eye to points `on` of the receiver.
 
-    Each reaches `reach_mm` to both sides of its point nearest to the origin, or as far as the walls let it.
+    Each ray is a segment that extends `reach_mm` to both sides of its point nearest to the origin, and ends
+    at the walls.
     """
     ray = on - camera.eye
     ray /= np.linalg.norm(ray, axis=1)[:, None]
@@ -177,7 +168,7 @@ def rays_within(
     near, far = np.full(len(ray), -reach_mm), np.full(len(ray), reach_mm)
     for *normal, offset in walls:
         along, height = ray @ normal, begin @ normal + offset
-        # a ray beside the wall meets it nowhere
+        # keep rays parallel to the wall from dividing by zero
         along = np.where(np.abs(along) > 1e-9, along, 1e-9)
         ends = -height / along
         near = np.where(along > 0, np.maximum(near, ends), near)
@@ -186,8 +177,8 @@ def rays_within(
     return begin + (0.5 * (near + far))[:, None] * ray, half * ray
 
 
-def outwards(steps: int) -> Array:
-    """Order so many places from -1 to 1, those in the middle first."""
+def places_outwards(steps: int) -> Array:
+    """Return even places from -1 to 1, ordered from the middle outwards, (steps,)."""
     every = np.linspace(-1.0, 1.0, steps)
     return np.asarray(every[np.argsort(np.abs(every), kind="stable")])
 
@@ -203,16 +194,15 @@ def follow_rays(
     ends: bool = False,
     extents: bool = True,
 ) -> tuple[Mask, Array, Array]:
-    """Find which of the rays `begin + along * ray` (n, 3) meet a point within all masks, and these points'
-    box.
+    """Find the rays `begin + along * ray`, (n, 3), that meet the hull, and the bounding box of those points.
 
-    The first and the last of a ray's points within all masks span what that ray adds to the box, so each ray
-    is followed from its two ends. A projection of it is linear in `along`.
+    A point is in the hull if it is within all masks. For the box each ray is followed from both ends to its
+    first point there. Homogeneous pixel coordinates are linear in `along`.
 
     Args:
-        along: (k,) places; in their order, where the box is asked for.
-        projections: (m, 3, 4) of the masks' cameras. shapes: (m, 2). masks: all of them, one after the other.
-        ends: whether beside a mask counts as within it. extents: whether the box is asked for.
+        along: (k,) samples, in ascending order for the box.
+        projections: (m, 3, 4) of the masks' cameras. shapes: (m, 2). masks: all masks, concatenated flat.
+        ends: whether places beside a mask count as within it. extents: whether to compute the box.
     """
     met = np.zeros(len(ray), dtype=np.bool_)
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
@@ -253,176 +243,3 @@ def follow_rays(
             if not met[n]:
                 break
     return met, low, high
-
-
-# Room: the region with its size settled, and how much depth there is in it for a piece of one
-# view.
-
-
-_FOOT_SHARE = 0.5  # of the radius: a valley is sunk so far into its plate, and stands flat there
-_BACK_MM = 0.7  # of the plate stays below it
-_PLATE_SHARE = 0.24  # of the frame's longer side: from the middle of a piece on a plate to the wall
-_WIDER = 1.25  # the region's width over the picture's
-_BESIDE_RADII = 2.0  # before and behind the centre lines
-
-
-def resolve_region(
-    region: Region,
-    views: Sequence[ResolvedView],
-    bounds: Sequence[HullBound],
-    radius: float,
-    mount: Mount | None = None,
-) -> SettledRegion:
-    """Return the region with its extents: those of the scene, or what the pictures need.
-
-    Of one view, clear of wall and lamp, a quarter wider than the picture and turned as the view is; of
-    several, the visual hull's extents about its middle, with a tube radius (mm) of play. Where the `mount`
-    has the piece stand in a plate, it begins at that plate's back.
-
-    Raises:
-        InputError: a mesh is unfit. SceneError: it would be larger than any region.
-    """
-    known = region.model_dump()
-    if region.kind == "mesh" and region.file is not None:
-        least, most = region_mesh(region.file, region.center_mm).bounds
-        size = tuple(round(float(s), 4) for s in most - least)
-        return SettledRegion(**{**known, "size_mm": size})
-    if region.size_mm is not None:
-        return SettledRegion(**known)
-    if bounds:
-        known |= {"azimuth_deg": 0.0, "elevation_deg": 0.0}  # the hull's extents are the scene's
-        low = np.min([b.low for b in bounds], 0)
-        high = np.max([b.high for b in bounds], 0)
-        x, y, z = 2 * (np.maximum(np.abs(low), np.abs(high)) + radius)
-        around = {"cylinder": float(np.hypot(x, z)), "sphere": float(np.linalg.norm([x, y, z]))}
-    else:
-        (view,) = views
-        known |= {"azimuth_deg": view.azimuth_deg, "elevation_deg": view.elevation_deg}
-        x, y = (_WIDER / view.magnification * side for side in view.frame_mm)
-        reach = view.reach_mm
-        if mount is not None and mount.on_feet:
-            reach = view.wall_distance_mm + mount.thickness_mm - _BACK_MM / 2
-        z = 2.0 * reach
-        widest = min(max(x, y, z), 1.9 * view.light_distance_mm)
-        around = {"cylinder": widest, "sphere": widest}
-    size = {
-        "box": (x, y, z),
-        "cylinder": (around["cylinder"], y, around["cylinder"]),
-        "sphere": (around["sphere"],) * 3,
-    }[region.kind]
-    if max(size) > MOST_MM:
-        raise SceneError(
-            "the region",
-            f"it would be {max(size):.6g} mm large, and the largest is {MOST_MM:g} mm",
-            "Make the picture smaller (--size), or give another lamp (--lamp-distance).",
-        )
-    return SettledRegion(**{**known, "size_mm": tuple(round(float(s), 4) for s in size)})
-
-
-def depth_extent(
-    asked: float | None,
-    polygon: MultiPolygon,
-    region: SettledRegion,
-    radius: float,
-    ahead: Sequence[float] = (0.0, 0.0, 1.0),
-) -> float | None:
-    """Return the extent of the centre lines along the one view's axis in mm, None for a flat piece.
-
-    Args:
-        asked: the scene's depth, mm; 0: a flat piece; None: as the pictures need it.
-        ahead: that axis, towards the light.
-
-    Raises:
-        SceneError: the region has no room for it.
-    """
-    if asked == 0:
-        return None
-    low_x, low_y, high_x, high_y = polygon.bounds
-    usual = DEPTH_RATIO * (max(high_x - low_x, high_y - low_y) + 2 * radius)
-    wanted = asked or usual
-    room = most_depth_mm(0.5 * _across(region, np.asarray(ahead)), radius)
-    if room <= 0:
-        raise SceneError(
-            "the region",
-            f"a tube {2 * radius:.1f} mm thick has no room between the light and the wall",
-            "Move the wall away (--wall-distance, wall_distance_mm), make the picture smaller (--size), or "
-            "enlarge the region.",
-        )
-    if asked is not None and wanted > room + 1e-3:
-        raise SceneError(
-            "scene key piece.depth",
-            f"{wanted:g} mm do not fit a region that is {room:.1f} mm deep for it",
-            "Ask for less depth, or enlarge the region and the distance to the wall",
-        )
-    # an auto depth is rounded down, so that a rebuild from the number finds the same room
-    return float(np.floor(min(wanted, room) * 1e4) / 1e4) if asked is None else wanted
-
-
-def foot_sink_mm(mount: Mount, radius: float) -> float:
-    """Return how deep the valleys of a tube (mm) are sunk into the plate that they stand in, mm."""
-    return min(_FOOT_SHARE * radius, mount.thickness_mm - _BACK_MM)
-
-
-def plate_wall_mm(mount: Mount, view: ResolvedView, depth: float | None, thinnest: float) -> float:
-    """Return how far behind the piece's middle the wall is whose plate it stands in, mm.
-
-    Args:
-        depth: the one that is asked for, mm. thinnest: the thinnest tube's radius, mm.
-    """
-    asked = None if depth is None else 0.5 * depth + thinnest - foot_sink_mm(mount, thinnest)
-    return round(
-        min(asked or _PLATE_SHARE * view.longer_mm, LIGHT_SHARE * view.light_distance_mm), 2
-    )
-
-
-def plate_depth_mm(mount: Mount, view: ResolvedView, radius: float) -> float:
-    """Return the extent of the centre lines of a tube whose valleys stand in the plate, mm.
-
-    Raises:
-        SceneError: the wall is too near.
-    """
-    depth = 2.0 * (view.wall_distance_mm + foot_sink_mm(mount, radius) - radius)
-    if depth < 8.0 * radius:  # less than an arch over a neighbour
-        raise SceneError(
-            "scene key views.wall_distance_mm",
-            f"{view.wall_distance_mm:g} mm leave a tube {2 * radius:.1f} mm thick that stands on the wall's "
-            f"plate a depth of {max(depth, 0.0):.1f} mm",
-            "Leave it out, or use --plate pegs",
-        )
-    return float(np.floor(depth * 1e4) / 1e4)
-
-
-def most_depth_mm(reach_mm: float, radius: float) -> float:
-    """Return the extent of the centre lines in a region that reaches so far to either side, mm."""
-    return 2.0 * (reach_mm - _BESIDE_RADII * radius)
-
-
-def least_wall_mm(back_mm: float, radius: float) -> float:
-    """Return how near a flat wall may be for a region of open size, mm; the light stands far enough.
-
-    Args:
-        back_mm: how far the centre lines reach behind the middle, or half of the depth that is asked for.
-    """
-    return (back_mm + _BESIDE_RADII * radius) / WALL_SHARE
-
-
-def _across(region: SettledRegion, ahead: Array) -> float:
-    """Measure how far a region reaches along a direction (3,), alike to both sides of the middle, mm."""
-    if region.kind == "mesh" and region.file is not None:
-        least, most = region_mesh(region.file, region.center_mm).bounds
-        return 2.0 * _chord(np.minimum(most, -least), ahead)
-    axes = view_axes(region)
-    aside = 2.0 * abs(float(ahead @ region.center_mm))
-    if region.kind == "sphere":
-        return min(region.size_mm) - aside
-    half = np.array(region.size_mm) / 2.0
-    along = axes @ ahead
-    if region.kind == "cylinder":  # about its own upright axis
-        half, along = half[:2], np.array([np.hypot(along[0], along[2]), along[1]])
-    return 2.0 * _chord(half, along) - aside
-
-
-def _chord(half: Array, ahead: Array) -> float:
-    """Give half of the line through a box's middle; `half` (n,): of its sides, `ahead` (n,) a unit vector."""
-    steep = np.abs(ahead) > 1e-9
-    return float((half[steep] / np.abs(ahead[steep])).min())

@@ -1,9 +1,8 @@
-"""Frames that are done are kept until their sequence is: a build that was interrupted goes on where it was.
+"""Keep the finished frames of a sequence, so that an interrupted build can resume.
 
-They lie in the user's cache, by a digest of all that decides about them: the
-pictures, the resolved scene, the options, and this program itself. So another picture, option or version
-finds nothing, and what is found gives the same parts. Files are pickles, which only their writer should
-read: hence the user's own folder, and not the one that is built to.
+They lie in the user's cache, under a digest of all that determines them: the pictures, the resolved scene,
+the options, and this program itself. So a frame that is found gives the same part. The files are pickles,
+which nobody but their writer should read, so they are not kept in the result's folder.
 """
 
 from __future__ import annotations
@@ -30,7 +29,7 @@ from knotfab_formats.scene import ResolvedScene
 
 
 class KeptFrames:
-    """The frames of one sequence that are kept; a folder that cannot be written keeps nothing."""
+    """The kept frames of one sequence; a folder that cannot be written keeps nothing."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -39,14 +38,14 @@ class KeptFrames:
         return len(list(self.folder.glob("*.frame")))
 
     def load(self, number: int) -> Any:
-        """Read the stored result of a frame (from 0); None where nothing can be read."""
-        with contextlib.suppress(Exception):  # whatever a damaged file makes of it
+        """Return the stored result of a frame (from 0), None if it cannot be read."""
+        with contextlib.suppress(Exception):  # a damaged pickle may raise anything
             return pickle.loads(self._file(number).read_bytes())
         return None
 
     def store(self, number: int, value: Any) -> None:
-        """Keep a frame, whole or not at all."""
-        # the last three: what cannot be pickled
+        """Store the result of a frame (from 0), whole or not at all."""
+        # the last three come from values that cannot be pickled
         with contextlib.suppress(OSError, pickle.PicklingError, TypeError, AttributeError):
             self.folder.mkdir(parents=True, exist_ok=True, mode=0o700)
             staged = self._file(number).with_suffix(f".{os.getpid()}")
@@ -54,7 +53,7 @@ class KeptFrames:
             staged.replace(self._file(number))
 
     def discard(self) -> None:
-        """Remove the kept frames: the sequence is done."""
+        """Remove all kept frames of this sequence."""
         shutil.rmtree(self.folder, ignore_errors=True)
 
     def _file(self, number: int) -> Path:
@@ -64,11 +63,10 @@ class KeptFrames:
 def keep_for(
     scene: ResolvedScene, targets: Sequence[Target], device: str, time_budget_s: float | None
 ) -> KeptFrames:
-    """Find the kept frames of the sequence that is asked for; remove frames that are too old."""
+    """Return the kept frames of a sequence, and remove those of sequences not built for 30 days."""
     folder = own_folder("KNOTFAB_CACHE", user_cache_path) / "sequences"
     with contextlib.suppress(OSError):
         for other in folder.iterdir():
-            # what nobody asked for again in 30 days is removed
             if other.stat().st_mtime < time.time() - 86400 * 30.0:
                 shutil.rmtree(other, ignore_errors=True)
     digest = hashlib.sha256()
@@ -80,15 +78,15 @@ def keep_for(
 def _parts(
     scene: ResolvedScene, targets: Sequence[Target], device: str, time_budget_s: float | None
 ) -> Iterator[bytes]:
-    """Yield everything that decides about the knots of the frames."""
+    """Yield everything that determines the frames' knots."""
     yield _digest_program()
     yield scene.model_dump_json().encode()
     yield repr((device, time_budget_s)).encode()
     if scene.region.file is not None:
-        with contextlib.suppress(OSError):  # the search says what is wrong with it
+        with contextlib.suppress(OSError):  # the search reports an unreadable mesh
             yield Path(scene.region.file).read_bytes()
     for target in targets:
-        yield f"{target.name}{target.suffix}".encode()  # the name in the frame's scene
+        yield f"{target.name}{target.suffix}".encode()
         for mask in (target.mask, target.asked):
             yield repr(mask.shape).encode() + mask.tobytes()
 

@@ -1,10 +1,10 @@
-"""Places for several lamps before one screen, so that each draws its own mask and throws nothing astray.
+"""Place several lamps before one screen, so that each draws its own mask and casts no stray shadow on it.
 
-Two lamps that stand d apart, H before the wall, throw shadows of a point h before it that are k·d apart, with
-k = h / (H - h). Where the screen ends at the picture's frame, a piece whose other shadows all miss the screen
-draws one mask and nothing else. So the lamps stand as far apart as that asks for, and no farther: in a row,
-a column, or two rows. Of all k the least is taken for which lamps keep the bounds and the pieces fit the
-printer: a lamp out of place by 1 mm moves its picture by k mm.
+Two lamps d apart, at distance H from the wall, cast shadows of a point at distance h that are k·d apart, with
+k = h / (H - h). If the screen ends at the picture's frame, a piece whose other shadows miss the screen draws
+one mask alone. The lamps stand just far enough apart for that: in a row, a column, or several rows. The least
+k is taken for which they keep their bounds and the pieces fit the printer, for a lamp misplaced by 1 mm moves
+its picture by k mm.
 """
 
 from __future__ import annotations
@@ -25,26 +25,26 @@ from knotfab.picture.silhouette import fit_size, sample_mask
 from knotfab.scene.camera import camera_of
 from knotfab_formats.scene import ResolvedScene, ResolvedView
 
-# the picture's longer side, where nobody says: so the pieces of three lamps fit most printers side by side
+# default length of the picture's longer side: pieces for three lamps fit most printers side by side
 LAMPS_FRAME_MM = 120.0
-_WHOLE_MM = 800.0  # the default distance from the wall to the lamps
-_STEPS = tuple(np.round(np.arange(0.30, 1.51, 0.02), 2).tolist())  # values of k that are tried
-_SPARE_MM = 3.0  # the gap on the wall between a stray shadow and the screen
+_WHOLE_MM = 800.0  # default distance from the wall to the lamps
+_STEPS = tuple(np.round(np.arange(0.30, 1.51, 0.02), 2).tolist())  # values of k to try
+_SPARE_MM = 3.0  # gap on the wall between a stray shadow and the screen
 _NEAR = (
     "no places within the bounds keep each lamp's other shadows off the screen: what stands in the middle "
     "draws several masks, and is lost where they contradict each other"
 )
 _OPEN = "the wall goes on beside the picture, so each shadow of what is drawn must fall on a mask"
-_COARSE = 20  # every so many of the distances are tried by the hull
-_SHARES = (1.0, 0.6, 0.3)  # lamps are tried within these shares of the bounds
-_MASK_PX, _RAYS_PX, _RAY_STEPS = 120, 48, 96
-_BETTER = 0.002  # IoU of a bound that narrower places have to bring
-_MOST_DEPTH = 0.2  # share of the way from the piece's middle to wall or lamp, to either side
+_COARSE = 20  # the search by the hull tries every 20th distance
+_SHARES = (1.0, 0.6, 0.3)  # shares of the bounds that it spreads the lamps over
+_MASK_PX, _RAYS_PX, _RAY_STEPS = 120, 48, 96  # its resolution
+_BETTER = 0.002  # gain of a bound (IoU) for which it prefers other places
+_MOST_DEPTH = 0.2  # half the deepest piece, over its distance from wall or lamp
 
 
 @dataclass(frozen=True)
 class _Places:
-    """Lamps beside the axis, mm (n, 2), right and up; and the pieces' box across, mm."""
+    """Offsets of the lamps from the axis, right and up, (n, 2) mm, and the size of all pieces, mm."""
 
     beside: Array
     across: tuple[float, float]
@@ -53,10 +53,10 @@ class _Places:
 def place_lamps(
     scene: ResolvedScene, targets: Sequence[Target]
 ) -> tuple[ResolvedScene, tuple[str, ...]]:
-    """Return the scene with places for lamps and piece before the screen, and what a person is told of them.
+    """Place lamps and piece before the screen; return the scene and the messages about it.
 
-    A distance that somebody gave is kept. Where no place within the bounds keeps stray shadows off the
-    screen, the lamps stand as far apart as the bounds let them, and a line says so.
+    Given distances are kept. If no places within the bounds keep stray shadows off the screen, the lamps go
+    where the visual hull draws the worst mask best, and a message says so.
     """
     if not scene.share_wall or scene.lamps.places == "fixed":
         return scene, ()
@@ -71,7 +71,8 @@ def place_lamps(
         for v, (x, y) in zip(scene.views, beside, strict=True)
     )
     where = ", ".join(
-        f"{v.name} {_beside(v.light_right_mm, 'right', 'left')}{_beside(v.light_up_mm, 'up', 'down')}".strip()
+        f"{v.name} {_offset_words(v.light_right_mm, 'right', 'left')}"
+        f"{_offset_words(v.light_up_mm, 'up', 'down')}".strip()
         for v in placed
     )
     told = f"lamps {wall + light:g} mm before the screen: {where}; the piece {wall:g} mm before it"
@@ -82,17 +83,17 @@ def place_lamps(
 def _find_apart(
     scene: ResolvedScene, targets: Sequence[Target]
 ) -> tuple[float, float, Array] | None:
-    """Find distances of wall and lamps, and lamps (n, 2) beside the axis, mm, at which pieces stand apart.
+    """Find distances of wall and lamps, and offsets (n, 2) of the lamps, mm, that keep all pieces apart.
 
-    The first that fit the printer; if none do, the first within the bounds; None: there are none.
+    Returned are the first that fit the printer, or else the first within the bounds, or None.
     """
     views = [frame_view(v, t) for v, t in zip(scene.views, targets, strict=True)]
     boxes = np.array([_box(t.mask, v) for t, v in zip(targets, views, strict=True)])
     frame, first = np.array(views[0].frame_mm), views[0]
-    # pieces leave so much of a printer's bed free
+    # leave 12 mm of the printer's bed free
     narrow, wide = (s - 12.0 for s in sorted(scene.printer.build_volume_mm)[1:])
     bounds = 2.0 * np.array([scene.lamps.max_right_mm, scene.lamps.max_up_mm])
-    # posts of a stand that hold a piece above another would stand in the light of that one's lamp
+    # a stand's posts below an upper piece would shade a lower one
     most_rows = 1 if scene.mount.kind == "stand" else len(views)
     large: tuple[float, float, Array] | None = None
     for wall, light in _distances(scene):
@@ -112,9 +113,9 @@ def _find_apart(
 
 
 def _find_by_hull(scene: ResolvedScene, targets: Sequence[Target]) -> tuple[float, float, Array]:
-    """Find places, as `_find_apart`, whose visual hull draws the worst mask best.
+    """Find the places, returned as by `_find_apart`, whose visual hull draws the worst mask best.
 
-    Rows, columns and polygons are tried, as wide as the bounds and narrower, and every order of the lamps.
+    It tries a row, a column and a regular polygon in several sizes, with every order of the lamps.
     """
     framed = [frame_view(v, t) for v, t in zip(scene.views, targets, strict=True)]
     few = [fit_size(t.width, t.height, _MASK_PX) for t in targets]
@@ -144,7 +145,7 @@ def _find_by_hull(scene: ResolvedScene, targets: Sequence[Target]) -> tuple[floa
 
 
 def _layouts(count: int) -> Iterator[Array]:
-    """Yield (n, 2) lamps in the unit square about the axis: in a row, a column, on a circle from its top."""
+    """Yield offsets (n, 2) from -1 to 1 of lamps in a row, a column, and on a circle."""
     along = np.linspace(-1.0, 1.0, count)
     yield np.column_stack([along, np.zeros(count)])
     yield np.column_stack([np.zeros(count), along])
@@ -154,10 +155,9 @@ def _layouts(count: int) -> Iterator[Array]:
 
 
 def depth_apart(views: Sequence[ResolvedView], masks: Sequence[Mask]) -> float | None:
-    """Bound how deep, mm, pieces may be that draw one mask each and throw no other shadow on a screen that
-    ends.
+    """Return the depth, mm, of pieces that draw one mask each and cast no other shadow on the screen.
 
-    None where lamps stand too near to each other for that.
+    The screen ends at the frame. None means that the lamps stand too near to each other for that.
     """
     boxes = np.array([_box(m, v) for m, v in zip(masks, views, strict=True)])
     depth = depth_of_lamps(boxes, views[0])
@@ -182,7 +182,7 @@ def depth_apart(views: Sequence[ResolvedView], masks: Sequence[Mask]) -> float |
 
 
 def depth_of_lamps(boxes: Array, view: ResolvedView) -> float:
-    """Measure the depth, mm, of the pieces that draw masks with these boxes (n, 2, 2), mm on the wall."""
+    """Return the depth, mm, of pieces that draw masks with these bounding boxes, (n, 2, 2) mm on the wall."""
     across = float((boxes[:, 1] - boxes[:, 0]).max()) / view.magnification
     most = 2.0 * _MOST_DEPTH * min(view.wall_distance_mm, view.light_distance_mm)
     return math.floor(10 * min(DEPTH_RATIO * across, most)) / 10
@@ -192,13 +192,12 @@ def _lengths(wall: float, light: float) -> dict[str, float]:
     return {"wall_distance_mm": wall, "light_distance_mm": light}
 
 
-def _beside(far: float, one: str, other: str) -> str:
-    """Choose a place so far to one side or the other; none on the axis."""
+def _offset_words(far: float, one: str, other: str) -> str:
     return f"{abs(far):g} mm {one if far > 0 else other} " if far else ""
 
 
 def _distances(scene: ResolvedScene) -> Iterator[tuple[float, float]]:
-    """Choose distances from the piece to wall and lamps, mm: the given ones, or first those near the wall."""
+    """Yield distances from the piece to wall and lamps, mm, nearest to the wall first; given ones stay."""
     view = scene.views[0]
     given = {"wall_distance_mm", "light_distance_mm"} & view.model_fields_set
     for k in _STEPS:
@@ -215,7 +214,7 @@ def _distances(scene: ResolvedScene) -> Iterator[tuple[float, float]]:
 
 
 def _box(mask: Mask, view: ResolvedView) -> Array:
-    """Return (2, 2) least and most right and up of a mask, mm on the wall from the frame's middle."""
+    """Return a mask's lower left and upper right corner, (2, 2) mm on the wall from the frame's centre."""
     rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
     height, width = mask.shape
     w, h = view.frame_mm
@@ -227,7 +226,7 @@ def _box(mask: Mask, view: ResolvedView) -> Array:
 def _arrangements(
     boxes: Array, frame: Array, depth: float, distances: tuple[float, float], most_rows: int
 ) -> Iterator[_Places]:
-    """Yield the closest places in rows and columns at which no stray shadow meets the screen."""
+    """Yield, for each number of rows and each order, the closest places that cast no stray shadow."""
     count = len(boxes)
     for rows in range(1, most_rows + 1):
         for order in permutations(range(count)):
@@ -242,10 +241,10 @@ def _in_rows(
     order: Sequence[int],
     rows: int,
 ) -> _Places:
-    """Return lamps in so many rows, from below and from the left, each as near to the others as may be.
+    """Place lamps in rows, from the bottom left, each as near to the others as stray shadows allow.
 
     Args:
-        distances: distances of wall and lamps from the middle of the piece, mm.
+        distances: of wall and lamps from the middle of the piece, mm.
     """
     wall, light = distances
     k = (wall - 0.5 * depth) / (light + 0.5 * depth)
@@ -271,6 +270,6 @@ def _in_rows(
 
 
 def _apart(boxes: Array, frame: Array, one: int, other: int, axis: int) -> float:
-    """Return how far, on the wall, shadows of lamp `one`, on the low side, and `other` must part."""
+    """Return how far apart the shadows of two lamps must fall on the wall, mm; `one` is left or below."""
     half = 0.5 * frame[axis]
     return float(max(half + boxes[one, 1, axis], half - boxes[other, 0, axis])) + _SPARE_MM

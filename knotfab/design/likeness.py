@@ -1,9 +1,8 @@
-"""Estimate from pixels, in a second, whether a person could know a picture in any tube's shadow.
+"""Estimate from pixels, within a second, whether any tube's shadow could show a picture recognisably.
 
-A search takes minutes to find that it cannot draw noise, and so did openings of thousands of polygons. What
-a tube of one radius could draw is a union of discs. A few of those that come nearest to the picture are
-drawn, and what each of them loses is counted by labelling. It is an estimate: only where all of them
-are far from the verdict's demands (docs/verdict.md) is it a refusal.
+A tube of one radius draws a union of discs. A few unions that come near to the picture are drawn, and the
+pieces and holes that each loses are counted. Only if all are far from what the verdict demands
+(docs/verdict.md) is the picture refused; a search would take minutes to find that.
 """
 
 from __future__ import annotations
@@ -11,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import islice
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,27 +24,25 @@ from knotfab.picture.silhouette import (
     sample_mask,
 )
 
-if TYPE_CHECKING:
-    pass
-
-
-_PIXELS = 4.0  # pixels to a radius, where the picture is compared
-_LEAST_PX, _MOST_PX = 256, 1024  # px of its longer side there
-_SOLID = 0.5  # radii of outline to the area, below which most of it is wider than two tubes
-_COVERED = 1.0 / 3.0  # a piece or hole of which a smaller share is covered is lost
-_SHARED = 0.25  # a piece of which a smaller share is covered merely touches the drawing
-_SPECK = 0.5  # radii: the side of a square as large as what nobody misses
-_DRAWN = 0.9  # IoU of an opening that is a remedy
-_CHANGED = 0.65  # a share of all pieces and holes; the verdict allows one in two
-_DENSITIES = (0.3, 0.4, 0.5, 0.6, 0.7)  # shares of ink in a disc, from which on it is drawn
-_FINER = (0.8, 0.65, 0.5, 0.4, 0.3, 0.25, 0.2, 0.15, 0.1, 0.07, 0.05, 0.03)  # radii that are tried
+_PIXELS = 4.0  # resolution of the comparison, px per radius
+_LEAST_PX, _MOST_PX = 256, 1024  # limits on its longer side
+_SOLID = (
+    0.5  # outline times radius over area, below which most of a picture is wider than two tubes
+)
+_COVERED = 1.0 / 3.0  # share of a piece or hole that must be covered, or it is lost
+_SHARED = 0.25  # share of a piece that must be covered for it to join another
+_SPECK = 0.5  # side of the largest square that nobody misses, in radii
+_DRAWN = 0.9  # IoU of an opening that `recognisable_radius` accepts
+_CHANGED = 0.65  # share of pieces and holes that may change; the verdict allows one in two
+_DENSITIES = (0.3, 0.4, 0.5, 0.6, 0.7)  # least share of ink in a disc that is drawn
+_FINER = (0.8, 0.65, 0.5, 0.4, 0.3, 0.25, 0.2, 0.15, 0.1, 0.07, 0.05, 0.03)  # thinner radii to try
 
 
 @dataclass(frozen=True)
 class Likeness:
-    """The likeness of the picture and the best of the unions of discs.
+    """The likeness of a picture and a drawing of it.
 
-    `changes` are pieces and holes lost, and pieces run together, of `features` pieces and holes.
+    `changes` counts lost pieces and holes, and merged pieces, of `features` pieces and holes in all.
     """
 
     iou: float
@@ -55,18 +51,19 @@ class Likeness:
 
     @property
     def recognisable(self) -> bool:
-        """True if a search may be worth it."""
-        # changes that are never too many; the verdict allows 3
-        most = max(_CHANGED * self.features, 6)
-        # the verdict asks for 0.5, but its topology for more
+        """Whether a search may reach the verdict's demands."""
+        most = max(_CHANGED * self.features, 6)  # the verdict always allows 3
+        # the verdict asks for an IoU of 0.5, but its topology needs more
         return self.iou >= 0.55 and self.changes <= most
 
 
 def estimate_likeness(mask: Mask, radius_px: float, unions: int = 7) -> Likeness | None:
-    """Estimate how like the picture tubes of this radius could draw; None where most of it is wider.
+    """Estimate how well a tube of this radius could draw a picture.
+
+    Returned is None if most of the picture is wider than two tubes, which any filling draws.
 
     Args:
-        mask: (H, W), not empty. radius_px: radius of the tube's shadow. unions: how many are drawn.
+        mask: (H, W), not empty. radius_px: radius of the tube's shadow. unions: number of drawings to try.
     """
     if outline_px(mask) * radius_px < _SOLID * mask.sum():
         return None
@@ -89,25 +86,25 @@ def opened_share(mask: Mask, radius_px: float) -> float:
 
 
 def compare_lines(asked: Mask, widened: Mask, radius_px: float) -> Likeness:
-    """Compare a drawing's pieces and holes before and after its strokes are widened to the tube's shadow.
+    """Compare a line drawing's pieces and holes before and after its strokes are widened.
 
-    Such a drawing is judged by its widened strokes, so by its topology alone. It is compared as fine as it
-    is: sampled, a stroke of a px or two falls to dashes. A screen of the finest meshes is no drawing, and
-    its meshes no specks.
+    The widened strokes are what the part is judged by, so only topology counts here. The full resolution is
+    used, for sampling would break strokes of a pixel or two. If most holes are tiny, as those of a screen
+    are, they count as well.
     """
     _, holes = holes_of(asked)
-    # specks of holes that together are more than this share of the ink are a screen
+    # holes the size of specks that add up to half the ink make a screen
     screen = holes[holes < (_SPECK * radius_px) ** 2].sum() > 0.5 * asked.sum()
     found = _Features(asked, 0.0 if screen else radius_px).compare(widened)
     return replace(found, iou=1.0)
 
 
 def recognisable_radius(mask: Mask, radius_px: float) -> float | None:
-    """Return the largest of a few smaller radii whose opening draws the picture; None where none does.
+    """Return the largest of a few thinner radii whose opening draws the picture, px; None if none does.
 
-    A picture s times as large is to the same tube what this one is to a tube of a radius 1 / s.
+    By its ratio to `radius_px` a caller can as well enlarge the picture.
     """
-    low, high = 0, len(_FINER)  # halve: a thinner tube draws all that a thicker one draws
+    low, high = 0, len(_FINER)  # bisection: a thinner tube draws all that a thicker one draws
     while low < high:
         middle = (low + high) // 2
         found = estimate_likeness(mask, radius_px * _FINER[middle], unions=1)
@@ -119,7 +116,7 @@ def recognisable_radius(mask: Mask, radius_px: float) -> float | None:
 
 
 def _resample(mask: Mask, radius_px: float) -> tuple[Mask, float]:
-    """Give the mask by nearest sampling, as fine as the radius needs it, and its px to one of the picture."""
+    """Sample the mask as finely as the radius needs; return it and its scale, px per px of the picture."""
     longer = max(mask.shape)
     side = float(np.clip(longer * _PIXELS / radius_px, _LEAST_PX, _MOST_PX))
     height, width = (max(1, round(n * side / longer)) for n in mask.shape)
@@ -127,9 +124,9 @@ def _resample(mask: Mask, radius_px: float) -> tuple[Mask, float]:
 
 
 def _unions_of_discs(mask: Mask, radius: float) -> Iterator[Mask]:
-    """Yield unions of discs that tubes may draw of a mask: without its thin parts, and with them widened.
+    """Yield unions of discs that resemble a mask: its opening, then the mask with thin parts widened.
 
-    Then discs wherever there is ink enough in them, which may run over what is finer than they are.
+    Then come unions of all discs with enough ink in them, which may cover finer gaps.
     """
     from scipy import fft, ndimage
 
@@ -146,7 +143,7 @@ def _unions_of_discs(mask: Mask, radius: float) -> Iterator[Mask]:
 
 
 class _Features:
-    """A picture's pieces and holes, against which what is drawn is held."""
+    """A picture's pieces and holes, with which drawings are compared."""
 
     def __init__(self, mask: Mask, radius: float) -> None:
         self._mask = mask
@@ -156,7 +153,7 @@ class _Features:
         )
 
     def compare(self, drawn: Mask) -> Likeness:
-        """Return the IoU, and what is lost or run together."""
+        """Return the IoU, and the number of features that are lost or merged."""
         pieces, areas = self._pieces
         kept = _share(pieces, areas, drawn) >= _COVERED
         lost = int((~kept).sum())
@@ -178,13 +175,13 @@ class _Features:
 def _drop_specks(
     labels: NDArray[np.int32], areas: NDArray[np.int64], least: float
 ) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
-    """Return labels and areas of the regions of at least so many pixels, numbered anew."""
+    """Return labels and areas of the regions of at least `least` pixels, renumbered."""
     kept = np.concatenate([[False], areas >= least])
     number = np.where(kept, np.cumsum(kept), 0).astype(np.int32)
     return number[labels], areas[kept[1:]]
 
 
 def _share(labels: NDArray[np.int32], areas: NDArray[np.int64], covered: Mask) -> Array:
-    """Return (n,) what share of each region is covered."""
+    """Return the covered share of each region, (n,)."""
     counts = np.bincount(labels[covered], minlength=len(areas) + 1)[1:]
     return np.asarray(counts / np.maximum(areas, 1))

@@ -1,7 +1,7 @@
-"""Free moves of several views, which change no picture: order, side, angles, heights, and mirror images.
+"""Move several views so that their pictures agree better: order, sides, azimuths, heights, mirror images.
 
-What counts is the hull's bound of the view that the others leave least of. Pictures may be bent
-afterwards, so the others are taken to be wider by what a bending reaches with ease.
+Moves are rated by the lowest bound of the visual hull. Where pictures may be bent afterwards, the hull is
+also computed with masks that are wider by what bending mends easily.
 """
 
 from __future__ import annotations
@@ -21,18 +21,18 @@ from knotfab.scene.camera import cameras_of, least_apart, walls_of
 from knotfab_formats.scene import ResolvedScene, ResolvedView
 from knotfab_formats.views import View
 
-_WORTH = 0.004  # IoU of the worst bound that a free move has to bring
-_COARSE_PX, _COARSE_RAYS, _COARSE_STEPS = 96, 56, 72
-_TURNS_DEG = (16.0, 8.0)
-_APART_DEG = 0.6  # share of an equal part of half a turn that two lines of sight keep
-_SHIFTS = (0.03, 0.015)  # shares of the frame's height
-_NEAR = 0.03  # share of the height that a bending reaches with ease
-_BEST = 24  # arrangements at equal angles that are tried at closer ones
-_CLOSER = 0.66  # share of equal angles: narrow pictures stand about the side of a wide one
+_WORTH = 0.004  # gain of the lowest bound (IoU) for which a move is made
+_COARSE_PX, _COARSE_RAYS, _COARSE_STEPS = 96, 56, 72  # resolution while moves are compared
+_TURNS_DEG = (16.0, 8.0)  # turns of one view, in two rounds
+_APART_DEG = 0.6  # least angle between lines of sight, as a share of the angle at equal spacing
+_SHIFTS = (0.03, 0.015)  # shifts of one frame, as shares of its height, in two rounds
+_NEAR = 0.03  # displacement that bending reaches easily, as a share of the height
+_BEST = 24  # number of equally spaced arrangements that are also tried at closer angles
+_CLOSER = 0.66  # those angles over equal ones: narrow pictures gather around a wide one's side
 
 
 def reach_of(views: Sequence[ResolvedView]) -> float:
-    """Bound how far from the middle matter may stand: clear of every wall and light, mm."""
+    """Return the radius about the origin that is clear of every wall and light, mm."""
     return min(
         min(0.97 * v.clear_mm if v.kind == "shadow" else np.inf, 0.5 * v.light_distance_mm)
         for v in views
@@ -40,7 +40,7 @@ def reach_of(views: Sequence[ResolvedView]) -> float:
 
 
 def worst_of(bounds: Sequence[HullBound]) -> float:
-    """Return the bound of the view that the others leave least of."""
+    """Return the lowest bound (IoU) of all views."""
     return min(b.iou for b in bounds)
 
 
@@ -58,10 +58,11 @@ def bounds_of(
     wider: float = 0.0,
     extents: bool = False,
 ) -> tuple[HullBound, ...]:
-    """Return the hull's bounds of views.
+    """Return the visual hull's bound of each view.
 
     Args:
-        masks: silhouettes coarser than the targets'. rays_px, steps, wider, extents: as for `hull_bounds`.
+        masks: silhouettes to take instead of the targets'.
+        rays_px, steps, wider, extents: as for `hull_bounds`.
     """
     views = framed_views(views, targets)
     cameras = cameras_of(views, targets)
@@ -81,13 +82,13 @@ def bounds_of(
 
 
 def coarse_masks(targets: Sequence[Target], side_px: int) -> list[Mask]:
-    """Return the silhouettes with longer sides of so many pixels."""
+    """Sample the silhouettes so that their longer sides have `side_px` pixels."""
     size = partial(fit_size, longer=side_px)
     return [sample_mask(t.mask, *size(t.width, t.height)) for t in targets]
 
 
 def move_views(scene: ResolvedScene, targets: Sequence[Target], bent: bool) -> ResolvedScene:
-    """Return the scene with its views if they leave most of each other; the same if that brings too little.
+    """Move the views to where the lowest bound is highest; return the same scene if little is gained.
 
     Args:
         bent: whether pictures may be bent afterwards.
@@ -104,20 +105,20 @@ def move_views(scene: ResolvedScene, targets: Sequence[Target], bent: bool) -> R
 
     def within_reach(trial: ResolvedScene) -> bool:
         near = bounds_of(trial.views, targets, masks, _COARSE_RAYS, _COARSE_STEPS, widths[-1])
-        # bending mends a worst bound above this with ease: closer angles are not tried
+        # bending mends a bound above this easily, so closer angles are not tried
         return worst_of(near) > 0.97
 
     first = [v.azimuth_deg for v in scene.views]
-    tried = [(value(_placed(scene, places)), places) for places in _arrangements(first)]
+    tried = [(value(_at_azimuths(scene, places)), places) for places in _arrangements(first)]
     tried.sort(reverse=True)
-    if not within_reach(_placed(scene, tried[0][1])):
+    if not within_reach(_at_azimuths(scene, tried[0][1])):
         # a picture seen from closer directions reaches deeper, and is drawn less well
         closer = [p for _, places in tried[:_BEST] for p in _closer(places)]
-        tried += [(value(_placed(scene, places)), places) for places in closer]
+        tried += [(value(_at_azimuths(scene, places)), places) for places in closer]
     best, most = scene, value(scene) + _WORTH
     if max(tried)[0] > most:
         most, places = max(tried)
-        best = _placed(scene, places)
+        best = _at_azimuths(scene, places)
     apart = _APART_DEG * 180.0 / len(targets)
     for turn, shift in zip(_TURNS_DEG, _SHIFTS, strict=True):
         for n in range(len(targets)):
@@ -128,7 +129,7 @@ def move_views(scene: ResolvedScene, targets: Sequence[Target], bent: bool) -> R
 
 
 def mirror_views(scene: ResolvedScene, targets: Sequence[Target]) -> ResolvedScene:
-    """Give the scene with those pictures mirrored that agree better so; none of text, and the first never."""
+    """Mirror pictures where that makes all agree better, but no text and never the first picture."""
     masks = coarse_masks(targets, _COARSE_PX)
     best, most = scene, -1.0
     may = [(False,) if n == 0 or t.is_text else (False, True) for n, t in enumerate(targets)]
@@ -145,29 +146,28 @@ def mirror_views(scene: ResolvedScene, targets: Sequence[Target]) -> ResolvedSce
 
 
 def _arrangements(azimuths: Sequence[float]) -> Iterator[tuple[float, ...]]:
-    """Yield other orders of the views, each from before or from behind; all of few, of many some."""
+    """Yield the azimuths in other orders, each from the front or from behind; not all for many views."""
     count = len(azimuths)
     orders = ((0, *rest) for rest in permutations(range(1, count)))
     sides = list(product((0.0, 180.0), repeat=count))
     for tried, (order, side) in enumerate(product(orders, sides)):
-        # arrangements of views that are tried at most
         if side[0] or tried >= 160 * (2 if count < 6 else 1):
             continue
         yield tuple(azimuths[k] + s for k, s in zip(order, side, strict=True))
 
 
 def _closer(azimuths: Sequence[float]) -> Iterator[tuple[float, ...]]:
-    """Yield the views' lines of sight drawn together, away from each gap between two of them in turn."""
+    """Yield azimuths drawn together, each time around another arc of the views' lines of sight."""
     order = sorted(range(len(azimuths)), key=lambda n: azimuths[n] % 180.0)
     for cut in range(len(order)):
-        # behind the cut a line of sight is taken half a turn further on
+        # lines of sight before the cut continue half a turn further on
         half = {n: azimuths[n] % 180.0 + (180.0 if k < cut else 0.0) for k, n in enumerate(order)}
         start = half[order[cut]]
         drawn = [a + (_CLOSER - 1.0) * (half[n] - start) for n, a in enumerate(azimuths)]
         yield tuple(azimuths[0] + a - drawn[0] for a in drawn)
 
 
-def _placed(scene: ResolvedScene, azimuths: Sequence[float]) -> ResolvedScene:
+def _at_azimuths(scene: ResolvedScene, azimuths: Sequence[float]) -> ResolvedScene:
     views = tuple(
         v.but(azimuth_deg=float(a % 360.0)) for v, a in zip(scene.views, azimuths, strict=True)
     )
@@ -177,7 +177,7 @@ def _placed(scene: ResolvedScene, azimuths: Sequence[float]) -> ResolvedScene:
 def _nearby(
     scene: ResolvedScene, targets: Sequence[Target], number: int, turn: float, shift: float
 ) -> Iterator[ResolvedScene]:
-    """Yield the scene with one view turned, or its frame shifted, a little to either side."""
+    """Yield the scene with one view turned, or its frame shifted, to either side; view 0 is not turned."""
     view = scene.views[number]
     height = framed_views(scene.views, targets)[number].frame_height_mm
     changes = [{"azimuth_deg": (view.azimuth_deg + s * turn) % 360.0} for s in (1, -1) if number]

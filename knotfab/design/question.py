@@ -1,4 +1,4 @@
-"""Pose the question of a search from a scene and its pictures: frames, silhouettes, bounds, limits."""
+"""Pose a search's question from a scene and its pictures: frames, silhouettes, bounds and limits."""
 
 from __future__ import annotations
 
@@ -15,17 +15,10 @@ from knotfab.base.notebook import InNotebook
 from knotfab.base.progress import Progress
 from knotfab.design.agree import agree
 from knotfab.design.frames import frame_view, framed_alike
-from knotfab.design.hull import (
-    HullBound,
-    contradictions,
-    depth_extent,
-    hull_bounds,
-    plate_depth_mm,
-    plate_wall_mm,
-    resolve_region,
-)
+from knotfab.design.hull import HullBound, contradictions, hull_bounds
 from knotfab.design.lamps import depth_apart
 from knotfab.design.moves import bounds_of, reach_of
+from knotfab.design.room import depth_extent, plate_depth_mm, plate_wall_mm, resolve_region
 from knotfab.design.walls import flatten_targets
 from knotfab.effects.base import World
 from knotfab.picture.opening import opening_iou
@@ -42,15 +35,15 @@ from knotfab_formats.errors import InputError
 from knotfab_formats.piece import Region
 from knotfab_formats.scene import ResolvedScene, ResolvedView, SettledRegion
 
-_ROOM = 0.03  # a tube before its own lamp may reach so far, by the frame, beyond its mask's hull
+_ROOM = 0.03  # room for a tube beyond the hull of its lamp's mask, as a share of the frame's longer side
 
 
 @dataclass(frozen=True, repr=False)
 class Question(InNotebook):
-    """A problem, the scene it comes from with printer and material filled in, and each view's bound.
+    """A search problem, and the scene that it comes from with printer and material filled in.
 
-    `bounds` say what several pictures leave of each other; there are none of one. `likeness`: the IoU of
-    what is drawn and what it is judged by, where they are least alike: of a picture drawn smoothed.
+    `bounds` are the visual hull's, for several views. `likeness` is the least IoU between the silhouette that
+    is drawn and the one that the shadow is judged by, which differ if the picture is drawn smoothed.
     """
 
     scene: ResolvedScene
@@ -60,28 +53,31 @@ class Question(InNotebook):
 
     @property
     def views(self) -> tuple[ResolvedView, ...]:
-        """The views, their frames resolved."""
+        """The views with their frames resolved."""
         return tuple(v.view for v in self.problem.views)
 
     def opening(self, radius: float) -> float:
-        """Return the IoU of the silhouette that a tube of this radius (mm) draws worst, at best."""
+        """Return the lowest IoU, over all silhouettes, of the opening by a tube of this radius (mm)."""
         return min(opening_iou(p, radius) for p in self.problem.polygons)
 
     def most_iou(self, radius: float) -> float:
-        """Give the IoU that no such tube exceeds in all views; about, if smoothed or drawn along lines."""
+        """Return an upper bound on the IoU of a tube of this radius (mm) in its worst view.
+
+        It is approximate for pictures that are drawn smoothed or along their lines.
+        """
         most = min(self.opening(radius), *(b.iou for b in self.bounds), 1.0) * self.likeness
         view = self.problem.views[0]
-        if view.lines:  # the search may draw a little more than tubes that lie along them
+        if view.lines:  # the search may draw a little more than tubes along the lines
             most = min(most, template_iou(make_template(view, radius), view.polygon))
         return most
 
     def roomy(self) -> SettledRegion:
-        """Return a region in which nothing is in the pictures' way."""
+        """Return a region large enough not to constrain the pictures."""
         thinnest = self.scene.printer.min_tube_radius_mm
         return resolve_region(Region(), self.views, self.bounds, thinnest, self.scene.mount)
 
     def with_depth(self, radius: float) -> Question:
-        """Return the question for a tube of this radius (mm), whose thickness takes room in depth."""
+        """Return the question with the depth that its region leaves a tube of this radius (mm)."""
         if len(self.problem.views) > 1:
             return self
         region, polygon = self.problem.region, self.problem.polygons[0]
@@ -95,14 +91,14 @@ class Question(InNotebook):
         return replace(self, problem=kept)
 
     def as_started(self, start: Start) -> Question:
-        """Return the question with the depth that the start chose for itself, which is open no more."""
+        """Return the question with the depth that the start chose, if it was open."""
         if not self.problem.depth_open or start.depth is None:
             return self
         depth = start.depth.extent_mm or self.problem.depth_mm
         return replace(self, problem=replace(self.problem, depth_mm=depth, depth_open=False))
 
     def seen_from(self, views: Sequence[ResolvedView], targets: Sequence[Target]) -> Question:
-        """Return the same question from other views of the same pictures."""
+        """Return the same question with other views of the same pictures."""
         seen = tuple(
             TargetView(v, t.mask, silhouette_polygon(v, t), lines=_strokes(v, t))
             for v, t in zip(views, targets, strict=True)
@@ -119,7 +115,7 @@ class Question(InNotebook):
 def ask(
     scene: ResolvedScene, targets: Sequence[Target], progress: Progress | None = None
 ) -> Question:
-    """Return the question of a scene and the pictures of its views, in their order.
+    """Pose the question of a scene and the pictures of its views, in the views' order.
 
     Raises:
         InputError: a frame would squash its picture, or the scene asks for what several views cannot have.
@@ -167,7 +163,7 @@ def ask(
         arched=arched,
         young_modulus_mpa=scene.material.young_modulus_mpa,
         knot=scene.piece.knot,
-        # a third picture leaves the others little room; two are drawn best as equals
+        # three pictures leave each other little room; two are drawn best with equal goals
         goals=goals_of([b.iou for b in bounds]) if len(views) > 2 and apart is None else None,
         switches=dict(scene.effects),
         world=World.of(scene),
@@ -176,7 +172,7 @@ def ask(
 
 
 def _overhang_deg(scene: ResolvedScene) -> float | None:
-    """Give the steepest from the vertical that prints without supports; None where none are ever printed."""
+    """Return the largest overhang from the vertical that prints unsupported; None if none needs supports."""
     unsupported = "powder" in (scene.printer.process, scene.material.process)
     if unsupported or scene.material.process == "wire" or scene.printer.max_overhang_deg >= 90:
         return None
@@ -184,12 +180,12 @@ def _overhang_deg(scene: ResolvedScene) -> float | None:
 
 
 def _likeness(targets: Sequence[Target]) -> float:
-    """Return the least IoU of a drawn silhouette and the one that its shadow is judged by."""
+    """Return the least IoU between a drawn silhouette and the one that its shadow is judged by."""
     return min(float((t.mask & t.judged).sum() / (t.mask | t.judged).sum()) for t in targets)
 
 
 def _frame_views(scene: ResolvedScene, targets: Sequence[Target]) -> tuple[ResolvedView, ...]:
-    """Return the views with both sides of their frames settled, checked against their pictures."""
+    """Resolve the views' frames, and refuse those that would squash their pictures."""
     if len(targets) == 1 and scene.views[0].azimuth_deg != 0:
         raise InputError(
             "scene key views.azimuth_deg",
@@ -215,11 +211,7 @@ def _frame_views(scene: ResolvedScene, targets: Sequence[Target]) -> tuple[Resol
 
 
 def _trace(view: ResolvedView, target: Target) -> MultiPolygon:
-    """Return the silhouette's polygon.
-
-    Raises:
-        InputError: nothing is left of it.
-    """
+    """Return `silhouette_polygon`, and refuse a picture of which it leaves nothing."""
     polygon = silhouette_polygon(view, target)
     if polygon.is_empty:
         raise InputError(
@@ -229,7 +221,7 @@ def _trace(view: ResolvedView, target: Target) -> MultiPolygon:
 
 
 def _strokes(view: ResolvedView, target: Target) -> tuple[Array, ...]:
-    """Give the centre lines of the strokes in the plane of `silhouette_polygon`; none if areas are filled."""
+    """Trace the strokes' centre lines in the plane of `silhouette_polygon`; none if areas are filled."""
     if not view.lines or not view.thicken_mm:
         return ()
     width = view.thicken_mm * target.width / view.frame_width_mm
@@ -240,14 +232,14 @@ def _strokes(view: ResolvedView, target: Target) -> tuple[Array, ...]:
 
 
 def silhouette_polygon(view: ResolvedView, target: Target) -> MultiPolygon:
-    """Return the silhouette as a polygon, mm, in the plane through the origin, along the view's axes."""
+    """Trace the silhouette as a polygon in the plane through the origin, along the view's axes, mm."""
     moved = shapely.transform(trace_polygon(target.mask), _plane_of(view, target))
     parts = [p for p in shapely.get_parts(moved.buffer(0)) if isinstance(p, Polygon)]
     return MultiPolygon([shapely.geometry.polygon.orient(p) for p in parts if p.area > 0])
 
 
 def _plane_of(view: ResolvedView, target: Target) -> Callable[[Array], Array]:
-    """Map pixels (n, 2) of a picture to the plane through the origin, along the view's axes, mm."""
+    """Return the map from pixels (n, 2) to the plane through the origin, along the view's axes, mm."""
     own = view.but(azimuth_deg=0.0, elevation_deg=0.0)
     camera = camera_of(own, target.width, target.height)
 
@@ -260,9 +252,9 @@ def _plane_of(view: ResolvedView, target: Target) -> Callable[[Array], Array]:
 
 
 def _crop_to_hull(view: ResolvedView, target: Target, bound: HullBound) -> MultiPolygon:
-    """Crop the silhouette to the hull's shadow, as `silhouette_polygon` gives it."""
+    """Return the polygon of the part of a silhouette within the hull's shadow."""
     cell = max(1.0, max(target.mask.shape) / max(bound.covered.shape))
-    wide = binary_dilation(bound.covered, np.ones((3, 3)))  # an edge where nothing is missing stays
+    wide = binary_dilation(bound.covered, np.ones((3, 3)))  # keep edges where nothing is missing
     rows, columns = (
         np.minimum(((np.arange(n) + 0.5) / cell).astype(int), m - 1)
         for n, m in zip(target.mask.shape, wide.shape, strict=True)

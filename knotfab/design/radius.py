@@ -1,4 +1,4 @@
-"""The tube radius: the largest that still draws the pictures well."""
+"""Choose the tube radius: the largest that still draws the pictures well."""
 
 from __future__ import annotations
 
@@ -22,22 +22,21 @@ from knotfab.start.filling import Template, as_bent, fill, simple_curves, templa
 from knotfab.start.start import make_start, make_template
 from knotfab_formats.search import SearchSettings
 
-_NOTHING = 0.5  # IoU below which there is no picture
-# IoU of a start for several views with which no thinner tube is tried, or taken: the search then ends about
-# six times nearer to the pictures
+_NOTHING = 0.5  # IoU below which nothing of the picture is drawn
+# IoU of a start for several views that needs no thinner tube: the search brings it some six times nearer
 _ENOUGH = 0.86
-_THINNER = 0.75  # the next radius over the thinnest so far
-_WORKERS = 2  # radii side by side; their outcome does not depend on it
-# length over its template's, of a knot of some depth; a knight, a bicycle: 1.42 to 1.46
-_LONGER = 1.4
-_FEW = 4  # depth profiles, where only a place for a knot is looked for
-# trials of the last question: a build asks again what its preview asked
-_KEPT: dict[str, _Trials] = {}
+_THINNER = 0.75  # ratio of the next radius to the thinnest so far
+_WORKERS = 2  # radii tried in parallel; the result does not depend on it
+_LONGER = (
+    1.4  # length of knots with depth over their template's; measured on examples: 1.42 to 1.46
+)
+_FEW = 4  # depth profiles to try if only a feasible start is needed
+_KEPT: dict[str, _Trials] = {}  # trials of the last question, which a build shares with its preview
 
 
 @dataclass(frozen=True)
 class RadiusTrial:
-    """One radius tried: what it can draw of the pictures, and what its start draws (NaN: not made)."""
+    """One radius: the IoU that it can reach, and the IoU of its start (NaN if none was made)."""
 
     radius_mm: float
     template_iou: float
@@ -46,19 +45,19 @@ class RadiusTrial:
 
 @dataclass(frozen=True)
 class RadiusChoice:
-    """The radius taken, all that were tried, and what of its start is known already."""
+    """The radius chosen, all trials, and the template and start if they were made."""
 
     radius_mm: float
     trials: tuple[RadiusTrial, ...]
     template: Template | None = None
     start: Start | None = None
-    # by radius: one view keeps those that it has made
+    # by radius, for one view
     templates: Mapping[float, Template] = field(default_factory=dict)
 
 
 @dataclass
 class _Trials:
-    """The templates and starts of each radius so far."""
+    """Templates, scores and starts of the radii tried so far."""
 
     question: Question
     settings: SearchSettings
@@ -76,11 +75,11 @@ class _Trials:
 
     @property
     def filled(self) -> bool:
-        """True if each picture is filled as if it were the only one."""
+        """Whether each picture is filled by itself, as a single one is."""
         return self.one_view or self.question.problem.apart_mm is not None
 
     def score(self, radius: float) -> float:
-        """Return the IoU that a tube of this radius can draw in its worst view; -inf: none."""
+        """Return the IoU that a tube of this radius can reach in its worst view; -inf without a template."""
         if radius not in self.scores:
             self.scores[radius] = self._score(radius)
         return self.scores[radius]
@@ -103,7 +102,7 @@ class _Trials:
         return template_iou(as_bent(template, bend, flat), polygon)
 
     def _fill(self, radius: float, view: TargetView) -> float:
-        """Draw the filling of one of several masks."""
+        """Return the IoU of the filling of one of several masks; -inf if its curves cross."""
         template = fill(view.polygon, radius)
         if not simple_curves(list(template.curves)):
             return -np.inf
@@ -111,18 +110,17 @@ class _Trials:
         return template_iou(as_bent(template, bend, False), view.polygon)
 
     def vertices(self, radius: float) -> int:
-        """Return about how many the knots of this radius will have, by its template."""
+        """Estimate the number of vertices that knots of this radius will have, from the template."""
         length = sum(arc_lengths(curve)[-1] for curve in self.templates[radius].curves)
         return int(_LONGER * length / (self.settings.settle_edge_radii * radius))
 
     def begin(self, radius: float) -> float:
-        """Return the IoU of a start, in the view that it draws worst; 0 where there is none."""
+        """Make a start; return its IoU in the worst view (1 if the template rates it), 0 if there is none."""
         if radius not in self.begun:
             self.begun[radius] = self._begin(radius)
         return self.begun[radius]
 
     def _begin(self, radius: float) -> float:
-        # the problem that the search will be asked
         problem = self.question.with_depth(radius).problem
         filling = self.settings.network_start == "filling"
         settings = self.settings
@@ -151,18 +149,17 @@ def choose_radius(
 ) -> RadiusChoice:
     """Choose the largest tube radius that draws the pictures nearly as well as the best one.
 
-    Of one view the planar template tells: the largest whose IoU comes near the best. A loop smaller than any
-    closed tube of that radius counts as the least ring that there is. Short searches,
-    which were compared instead, tell less and took four times as long: of 19 pictures and 16 glyphs, each
-    searched at up to five radii, they gave up .0018 of IoU on average against the best radius, up to .019,
-    and the template .0009, up to .010. Of several views the starts are drawn.
+    For one view, radii are compared by the IoU of their flat templates, in which loops too small for a closed
+    tube count as the smallest ring. That is a better guide than short searches, and four times as fast: over
+    19 pictures and 16 glyphs at up to five radii, the template gave up 0.0009 IoU on average against the best
+    radius (at most 0.010), a short search 0.0018 (0.019). For several views, the starts are compared.
 
     Args:
         knots: as for `fill`.
         report: called with (share done, best IoU).
         watch: called with each filling that is tried.
-        budget: where what follows does not fit, more IoU is given for a thicker tube.
-        placed: whether the depths of one view's knots are looked for; a preview takes them for granted.
+        budget: gives up more IoU for a thicker tube if the build would end too late.
+        placed: whether to find depths for the knots of one view, which a preview need not.
 
     Raises:
         SceneError: no printable radius draws anything of the pictures.
@@ -206,7 +203,7 @@ def choose_radius(
 
 
 def _candidates(trials: _Trials) -> tuple[list[float], list[float]]:
-    """Return the radii, mm, that are tried at once, and thinner ones for pictures that forbid these."""
+    """Return the radii to try at once, and thinner ones for pictures too fine for these, mm."""
     question, settings = trials.question, trials.settings
     views, printer = question.views, question.scene.printer
     if question.problem.views[0].lines:  # strokes are as wide as one tube
@@ -214,18 +211,19 @@ def _candidates(trials: _Trials) -> tuple[list[float], list[float]]:
         require_radius(radius, printer, "the radius of one tube along its strokes (--thicken)")
         return [radius], []
     least, alike = settings.radius_from, views
-    if trials.filled and not trials.one_view:  # as thick on the screen as a single view's tube
-        least, alike = least * 1.2 / views[0].magnification, views[:1]  # the usual magnification
+    if trials.filled and not trials.one_view:
+        # as thick on the screen as the tube of a single view at the usual magnification, 1.2
+        least, alike = least * 1.2 / views[0].magnification, views[:1]
     return usual_radii(alike, printer.min_tube_radius_mm, settings.radius_candidates, least)
 
 
 def _begin_one(
     trials: _Trials, scores: Mapping[float, float], give: float, placed: bool
 ) -> dict[float, float]:
-    """Return what starts of one view draw, by radius, down to the first whose knots have a place too.
+    """Try starts for one view until one succeeds; return 1 or 0 by radius.
 
-    The largest that draws it well comes first, then those that draw it less and less well; without `placed`
-    there is a place for any.
+    The largest radius that draws the picture well comes first, then the others, best first. Without `placed`
+    the first one is taken to succeed.
     """
     found: dict[float, float] = {}
     well = max(scores.values()) - give
@@ -239,7 +237,7 @@ def _begin_one(
 def _begin_many(
     trials: _Trials, scores: dict[float, float], radii: list[float], report: Report | None
 ) -> dict[float, float]:
-    """Draw starts of several views, by radius: thinner ones are tried, and scored, until one will do."""
+    """Return the IoU of starts for several views, by radius; thinner ones are tried until one is enough."""
     found: dict[float, float] = {}
     span, thinnest = (
         range_of(len(trials.question.views)),
@@ -256,7 +254,6 @@ def _begin_many(
     with ThreadPoolExecutor(_WORKERS) as pool:
         list(pool.map(begin, [r for r in few if r in radii]))
     few = [r for r in few if r not in radii]
-    # a printer makes none thinner than `thinnest`
     while not found or (max(found.values()) < _ENOUGH and min(found) > thinnest):
         thinner = few.pop(0) if few else max(thinnest, _THINNER * min(found))
         if thinner not in scores:
@@ -266,7 +263,7 @@ def _begin_many(
 
 
 def _recall(question: Question, settings: SearchSettings, knots: int | None) -> _Trials:
-    """Give the trials of the last question, if it was this one, or none yet; what is printed changes none."""
+    """Return the last question's trials if this one is equal (but for `printed`), or else new ones."""
     piece = question.scene.piece.but(printed=False)
     scene = question.scene.but(piece=piece)
     parts = [repr((scene, settings, knots, question.views)).encode()]
@@ -287,7 +284,7 @@ def _thickest(scores: Mapping[float, float], give: float) -> float:
 
 
 def _require_picture(question: Question, scores: dict[float, float]) -> None:
-    """Refuse the one picture that no tube draws at all."""
+    """Refuse a picture that no printable tube draws."""
     top = max(scores.values())
     if top >= _NOTHING:
         return
@@ -312,6 +309,6 @@ def _require_picture(question: Question, scores: dict[float, float]) -> None:
 
 
 def _flat_knots(template: Template) -> Knots:
-    """Return the filling where it is drawn, in the middle of the scene."""
+    """Return the filling as flat knots in the plane z = 0."""
     laid = (np.pad(curve, ((0, 0), (0, 1))) for curve in template.curves)
     return Knots(tuple(Knot(curve) for curve in laid), template.radius)

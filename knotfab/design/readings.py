@@ -1,4 +1,4 @@
-"""Ways to read one picture as a silhouette, each tried; a person picks one."""
+"""Try several ways to read one picture as a silhouette, for a person to pick from."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from knotfab.base.errors import SceneError
 from knotfab.design.candidates import PICTURE
 from knotfab.design.frames import frame_view, widen_targets
 from knotfab.design.likeness import opened_share
-from knotfab.design.sentence import count, describe
+from knotfab.design.sentence import describe, with_noun
 from knotfab.design.survey import Survey, find_refusal, survey_views
 from knotfab.picture import raster
 from knotfab.picture.raster import encode_image
@@ -30,9 +30,9 @@ from knotfab_formats.errors import InputError
 from knotfab_formats.scene import ResolvedScene
 from knotfab_formats.views import View
 
-MOST = 6  # readings that are shown
-_ALIKE = 0.93  # IoU of two silhouettes that are one choice
-_USUAL_SHARE = 0.014  # tube radius over the frame's longer side, where the picture has room
+MOST = 6  # number of readings to show
+_ALIKE = 0.93  # IoU from which two silhouettes count as one choice
+_USUAL_SHARE = 0.014  # usual tube radius over the frame's longer side
 _OPTIONS = {
     "ink": "--ink",
     "speck_px": "--specks",
@@ -40,9 +40,11 @@ _OPTIONS = {
     "keep_largest": "--keep-largest",
     "subject_px": "--subject",
 }
-_LINES = 0.6  # the share that counts as drawn of lines: a usual tube draws none, a thin one all
-_LEAST_INK, _MOST_INK = 0.04, 0.7  # shares of the frame within which a likely reading lies
-_PANEL, _TEXT, _GAP, _COLUMNS = 300, 68, 14, 3  # px of the sheet
+_LINES = (
+    0.6  # drawn share assumed for lines, of which a usual tube draws nothing and a thin one all
+)
+_LEAST_INK, _MOST_INK = 0.04, 0.7  # ink of a likely reading, as a share of the frame
+_PANEL, _TEXT, _GAP, _COLUMNS = 300, 68, 14, 3  # layout of the sheet: three in px, and the columns
 _PAPER, _INK, _RED = (250, 248, 244), (60, 58, 56), (190, 30, 30)
 
 
@@ -50,9 +52,8 @@ _PAPER, _INK, _RED = (250, 248, 244), (60, 58, 56), (190, 30, 30)
 class TriedReading:
     """One way to read a picture.
 
-    `keys` are those of a view of the scene (`ink`, `speck_px`, …) and `options` the same for the command
-    line, quoted for a shell: "" where the picture is read as it stands. `score`, from 0 to 1, says how
-    compact what is drawn is, and `refusal` why a build would refuse it, None where it would not.
+    `keys` are keys of a scene's view (`ink`, `speck_px`, …). `score`, from 0 to 1, rates how compact the
+    silhouette is. `refusal` is the reason why a build would refuse it, None if it would not.
     """
 
     keys: dict[str, Any]
@@ -62,23 +63,23 @@ class TriedReading:
 
     @property
     def options(self) -> str:
-        """The options of `knotfab build` and `knotfab preview` that give this reading."""
+        """The options of `knotfab build` for this reading, quoted for a shell; "" if none are needed."""
         named = (
             (
                 _OPTIONS[key],
                 f"{v:g}" if isinstance(v, float) else str(v).strip("()").replace(" ", ""),
             )
             for key, v in self.keys.items()
-            if key in _OPTIONS  # a subject fills the frame without being told to
+            if key in _OPTIONS
         )
         return shlex.join(word for pair in named for word in pair)
 
     def thumbnail(self, longest_px: int = _PANEL) -> bytes:
-        """Return the drawn silhouette, dark on light, as a PNG of at most so many px."""
+        """Draw the silhouette, dark on light, as a PNG of at most `longest_px` on a side."""
         return encode_image(_paint(self.target.mask, longest_px))
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the data that a page needs, without the picture."""
+        """Return the reading as plain data, without its picture."""
         return {
             "options": self.options,
             "keys": {key: as_written(View, key, value) for key, value in self.keys.items()},
@@ -89,9 +90,9 @@ class TriedReading:
 
 
 def is_unclear(found: Survey) -> bool:
-    """Tell whether a picture may be meant otherwise.
+    """Return whether a picture may be meant otherwise than it was read.
 
-    A build refuses it, it has many pieces and holes, or its border of several colours made it a guess.
+    That is so if a build refuses it, if it has many pieces and holes, or if the reading was a guess.
     """
     if len(found.views) != 1 or found.frames:
         return False
@@ -108,12 +109,11 @@ def is_unclear(found: Survey) -> bool:
         )
     )
     refused = found.refusal is not None and found.refusal.what == PICTURE
-    # pieces and holes, from which on a picture may be meant otherwise
     return refused or guessed or seen.pieces + seen.holes >= 24
 
 
 def advise(found: Survey, readings: Sequence[TriedReading]) -> Survey:
-    """Return the survey whose refusal names what would do: a subject cut out, or another reading."""
+    """Add remedies to the refusal of a survey: another reading, or a subject cut out of a photograph."""
     error, seen = found.refusal, found.views[0]
     if error is None or len(found.views) > 1 or found.frames or error.what != PICTURE:
         return found
@@ -122,7 +122,7 @@ def advise(found: Survey, readings: Sequence[TriedReading]) -> Survey:
     cut = [r.options for r in taken if "subject_px" in r.keys]
     remedy = error.remedy
     if better:
-        shown = f"knotfab preview shows {count(len(readings), 'reading')}"
+        shown = f"knotfab preview shows {with_noun(len(readings), 'reading')}"
         remedy = f"Read it otherwise ({better[0]}; {shown}). {remedy}"
     image, _ = raster.decode(seen.target.png_bytes, seen.target.name)
     if seen.view.tone == "off" and not seen.view.cut_out and _is_photo(image):
@@ -137,16 +137,16 @@ def advise(found: Survey, readings: Sequence[TriedReading]) -> Survey:
 def try_readings(
     source: str | Path, scene: ResolvedScene, *, base: Path | None = None, font: str | None = None
 ) -> tuple[TriedReading, ...]:
-    """Try at most six readings of one picture, the best first: those that a build would take before others.
+    """Return at most `MOST` readings of one picture, best first, those that a build would take before others.
 
-    Ink is what stands out, what is dark or light, what the border's colours do not reach, and the picture's
-    commonest colours; of a photograph also what can be cut out of its middle. Of each the cleaning is taken
-    that leaves the most compact drawing, the mildest of those alike: none, specks left out, smoothed as well,
-    or the largest piece alone. Readings that look alike are one.
+    As ink they take what stands out, what is dark, what is light, what the border's colours do not reach, or
+    one of the commonest colours; from a photograph also what can be cut out of its middle. Each is cleaned by
+    the degree that leaves the most compact drawing: not at all, without specks, smoothed, or the largest
+    piece alone. Of readings that look alike only the best is kept.
 
     Args:
-        source, base, font: as for `read_target`. scene: its one view says how the picture is read so far, and
-            what its keys say of crop, threshold and inversion holds for all readings.
+        source, base, font: as for `read_target`. scene: its one view says how the picture is read so far; its
+            crop, threshold and inversion hold for all readings.
 
     Raises:
         InputError: the picture cannot be read in any of these ways.
@@ -156,13 +156,13 @@ def try_readings(
     found: list[TriedReading] = []
     for way in _ways(source, base, view):
         tried = []
-        # what is cut out is clean
+        # a cut-out needs no cleaning
         for level, cleaning in enumerate(({},) if "subject_px" in way else _cleanings(px)):
             keys = {**way, **cleaning}
             one = _try(keys, source, scene, base, font)
             if one is None:
                 break
-            # the score's factor for each step of cleaning
+            # milder cleaning is preferred: each degree costs a tenth of the score
             tried.append((one.refusal is not None, -one.score * 0.9**level, level, one))
         found += [min(tried)[-1]] if tried else []
     if not found:
@@ -182,7 +182,7 @@ def _try(
     base: Path | None,
     font: str | None,
 ) -> TriedReading | None:
-    """Return the reading with these keys; None where it holds no shape."""
+    """Return the reading with these keys, None if it holds no shape."""
     changed = scene.but(views=(scene.views[0].but(**keys),))
     try:
         target = read_target(source, changed.views[0], base=base, font=font, glance=True)
@@ -197,7 +197,7 @@ def _try(
 
 
 def _cleanings(tube_px: float) -> Iterator[dict[str, Any]]:
-    """Yield keys that clean a silhouette, mildest first; `tube_px`: the thinnest tube's shadow there."""
+    """Yield keys that clean a silhouette, mildest first; `tube_px` is the width of the thinnest shadow."""
     specks = _round_up(tube_px**2)
     yield {}
     yield {"speck_px": specks}
@@ -211,7 +211,7 @@ def _cleanings(tube_px: float) -> Iterator[dict[str, Any]]:
 
 
 def _round_up(value: float) -> int:
-    """Round up to one digit, or five of the next, which is easier to say."""
+    """Round up to a number with one significant digit, or two if the second is a 5."""
     ten = 10 ** int(np.log10(max(value, 1.0)))
     step = 5 * ten if value > 2 * ten else ten
     return int(step * np.ceil(value / step))
@@ -234,13 +234,13 @@ def _tube_px(
 
 
 def _ways(source: str | Path, base: Path | None, view: View) -> list[dict[str, Any]]:
-    """Return keys that say what is ink, those of the scene first, then the others that may be meant."""
+    """List keys that say what counts as ink: first as the scene has it, then the alternatives."""
     if view.cut_out:
         return [{}]
     path = at_home(source) if base is None else base / source
     try:
         image, _ = raster.decode(read_bytes(path, str(source)), str(source))
-    except InputError:  # drawn, not of pixels
+    except InputError:  # a vector picture
         image = Image.new("1", (1, 1))
     inks = ["auto", "dark", "light", "flood", *_colours(image)]
     ways: list[dict[str, Any]] = [{}, *({"ink": ink} for ink in inks if ink != view.ink)]
@@ -251,17 +251,17 @@ def _ways(source: str | Path, base: Path | None, view: View) -> list[dict[str, A
 
 
 def _is_photo(image: Image.Image) -> bool:
-    """Tell whether an opaque picture has as many colours as only photographs have."""
+    """Return whether an opaque picture has as many colours as a photograph."""
     if image.has_transparency_data:
         return False
     small = image.convert("RGB")
     small.thumbnail((96, 96))
-    # colours of four bits a channel, that a photograph has at least
+    # at four bits a channel
     return len(np.unique(np.asarray(small).reshape(-1, 3) >> 4, axis=0)) >= 100
 
 
 def _colours(image: Image.Image, most: int = 3) -> list[str]:
-    """Return the commonest colours of a pixel picture that are neither dark nor light, as #rrggbb."""
+    """Return the commonest vivid colours of a pixel picture, as #rrggbb."""
     small = image.convert("RGB")
     small.thumbnail((96, 96))
     few = small.quantize(8, Image.Quantize.MEDIANCUT)
@@ -273,7 +273,7 @@ def _colours(image: Image.Image, most: int = 3) -> list[str]:
 
 
 def _score(mask: Mask, lines: bool = False) -> float:
-    """Score how like one thing's silhouette this is: compact, of few parts, clear of the frame's edge."""
+    """Rate from 0 to 1 how much a mask looks like one silhouette: compact, in few parts, off the edge."""
     share = float(mask.mean())
     edge = float(np.concatenate([mask[0], mask[-1], mask[:, 0], mask[:, -1]]).mean())
     parts = len(pieces_of(mask)[1]) + len(holes_of(mask)[1])
@@ -283,7 +283,7 @@ def _score(mask: Mask, lines: bool = False) -> float:
 
 
 def _alike(one: Mask, other: Mask) -> bool:
-    """Tell whether two masks of one picture look the same at a glance."""
+    """Return whether two masks of one picture look the same at a glance."""
     if one.shape != other.shape:
         return False
     size = fit_size(one.shape[1], one.shape[0], 128)  # px
@@ -299,7 +299,7 @@ def _paint(mask: Mask, longest_px: int) -> Image.Image:
 
 
 def draw_readings(readings: Sequence[TriedReading]) -> bytes:
-    """Draw a PNG: the silhouette of each reading, numbered, with the options that give it."""
+    """Draw a PNG that shows each reading's silhouette, numbered, with the options that give it."""
     rows = -(-len(readings) // _COLUMNS)
     painted = [_paint(one.target.mask, _PANEL) for one in readings]
     high = max(picture.height for picture in painted) + _TEXT + _GAP
@@ -308,7 +308,7 @@ def draw_readings(readings: Sequence[TriedReading]) -> bytes:
     pen, font = ImageDraw.Draw(sheet), ImageFont.load_default(14)
     for n, (one, picture) in enumerate(zip(readings, painted, strict=True)):
         left, top = _GAP + n % _COLUMNS * (_PANEL + _GAP), _GAP + n // _COLUMNS * high
-        lines = wrap(f"{n + 1}: {one.options or 'as it is read'}", 42)  # letters of a line above it
+        lines = wrap(f"{n + 1}: {one.options or 'as it is read'}", 42)
         pen.text((left, top), "\n".join(lines), fill=_INK, font=font, spacing=2)
         said, colour = ("a build would refuse it", _RED) if one.refusal else (_parts(one), _INK)
         pen.text((left, top + 38), said, fill=colour, font=font)
@@ -318,19 +318,15 @@ def draw_readings(readings: Sequence[TriedReading]) -> bytes:
 
 def _parts(one: TriedReading) -> str:
     pieces, holes = (len(found(one.target.mask)[1]) for found in (pieces_of, holes_of))
-    return f"{count(pieces, 'piece')}, {count(holes, 'hole')}"
+    return f"{with_noun(pieces, 'piece')}, {with_noun(holes, 'hole')}"
 
 
 def describe_readings(readings: Sequence[TriedReading], sheet: str) -> list[str]:
-    """Describe other readings of the picture, a line each with the options that give it.
-
-    Args:
-        sheet: the picture that shows them.
-    """
+    """List the readings and their options, one a line; `sheet` names the picture that shows them."""
     if not readings:
         return []
     lines = [
-        f"  It may be meant otherwise: {sheet} shows {count(len(readings), 'reading')}. Options for each:"
+        f"  It may be meant otherwise: {sheet} shows {with_noun(len(readings), 'reading')}. Options for each:"
     ]
     for number, one in enumerate(readings, start=1):
         refused = "  (a build would refuse it)" if one.refusal else ""
@@ -339,7 +335,7 @@ def describe_readings(readings: Sequence[TriedReading], sheet: str) -> list[str]
 
 
 def list_figures(found: Survey, readings: Sequence[TriedReading] = ()) -> dict[str, Any]:
-    """List the survey as plain data: lengths in mm, places in px of the picture."""
+    """Return the survey as plain data: lengths in mm, places in px of the picture."""
     views = []
     bounds = found.bounds or (None,) * len(found.views)
     for seen, bound in zip(found.views, bounds, strict=True):

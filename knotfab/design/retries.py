@@ -1,4 +1,7 @@
-"""Prices of limits: those that bind, and the IoU that a short search reaches when one is loosened."""
+"""Search again where a result falls short: without a limit, with sparser strands, or without bumps.
+
+The searches without a limit price it: they tell how much IoU it costs.
+"""
 
 from __future__ import annotations
 
@@ -30,10 +33,10 @@ SHORT: dict[str, Any] = {
     "winners_every": 4,
     "depth_candidates": 4,
 }
-_NEAR = 0.05  # a limit that is kept by less than this share of itself binds
-_GAIN = 0.005  # IoU below which a limit costs nothing
-_USUAL_CLEARANCE = 0.4  # mm, a scene's default
-_KEYS = {  # for each limit: its key, its name, and the figure of the knots found without it
+_NEAR = 0.05  # margin, as a share of a limit, below which it binds
+_GAIN = 0.005  # gain in IoU below which a limit counts as free of cost
+_USUAL_CLEARANCE = 0.4  # a scene's default, mm
+_KEYS = {  # for each limit: its key, its name, and words for the figure that is reached without it
     "bend": ("[material] min_bend_radius_mm", "the bend limit", "bends to {} mm"),
     "clearance": ("[piece] clearance_mm", "the clearance", "leaves gaps of {} mm"),
     "region": ("[region] size_mm", "the region", "takes {} mm of room"),
@@ -50,10 +53,10 @@ def _word(value: object) -> str:
 def binding_limits(
     problem: Problem, result: SearchResult, roomy: SettledRegion
 ) -> dict[str, Problem]:
-    """Return the limits that are broken, or kept by little, each with the problem in which it is loosened.
+    """Return the limits that bind, each with the problem in which it is loosened.
 
-    The tube's own bend limit and the usual clearance are no choice of the scene's, so they are not among
-    them. `roomy`: a region in which nothing is in the picture's way.
+    A limit binds if it is broken or barely kept. The tube's own bend limit and the default clearance are not
+    the scene's choice, so they never count. `roomy` is a region that does not constrain the pictures.
     """
     state, limits = result.feasibility, result.feasibility.limits
     own_bend = limits.radius + 0.5 * problem.clearance
@@ -69,7 +72,7 @@ def binding_limits(
 
 
 def _loosen(problem: Problem, names: Sequence[str], roomy: SettledRegion) -> Problem:
-    """Return the problem without these limits."""
+    """Return the problem with these limits loosened."""
     free: dict[str, tuple[str, Any]] = {
         "bend": ("bend_radius", None),
         "clearance": ("clearance", _USUAL_CLEARANCE),
@@ -88,13 +91,10 @@ def price_limits(
     device: str = "cpu",
     iou: float | None = None,
 ) -> tuple[Price, ...]:
-    """Price each limit that binds in IoU, dearest first; where none costs by itself, all together.
-
-    The IoU is that of the view that is drawn worst.
+    """Price each binding limit in IoU of the worst view, dearest first; if none costs alone, all together.
 
     Args:
-        start: what `result` started from. iou: that of the part that keeps the limits, where it
-            is not that of `result`.
+        start: the start of the short searches. iou: of the part that keeps the limits, if `result` does not.
     """
     short, radius = settings.but(**SHORT), result.knots.radius_mm
     candidates = binding_limits(problem, result, roomy)
@@ -158,7 +158,7 @@ def _tell(
     here: float,
     other: SearchResult,
 ) -> str:
-    """Return what limits cost, in a sentence."""
+    """Write the sentence that says what the limits cost."""
     named = " and ".join(f"{_KEYS[n][1]} ({_KEYS[n][0]} = {_word(asked[n])} mm)" for n in names)
     each = zip(names, needed, strict=True)
     found = " and ".join(_KEYS[name][2].format(_word(value)) for name, value in each)
@@ -170,13 +170,11 @@ def _tell(
     )
 
 
-# The best piece that keeps every limit, where the pictures' own filling cannot: fewer strands, or
-# rings.
+# Sparser strands, or rings, where no filling of the pictures keeps every limit.
 
-
-# These settings leave the search nearly no steps.
+# with these settings the search takes nearly no steps
 _STILL = {**SHORT, "coarse_iterations": 0, "fine_iterations": 0, "settle_iterations": 2}
-_WIDER = (1.5, 2.5, 4.0, 6.5, 10.0, 16.0)  # spacings of the strands that are tried, in tube radii
+_WIDER = (1.5, 2.5, 4.0, 6.5, 10.0, 16.0)  # spacings of the strands to try, in tube radii
 
 
 def search_sparser(
@@ -186,13 +184,13 @@ def search_sparser(
     settings: SearchSettings,
     device: str = "cpu",
 ) -> SearchResult | None:
-    """Return the first result that is feasible, None where there is none.
+    """Search with sparser strands until a result is feasible; return None if none is.
 
-    The pictures are filled as by ever thicker tubes, whose strands lie further apart and bend less; a
-    piece of one view at its depth and then flat. The last tries are rings.
+    The pictures are filled as if by ever thicker tubes, whose strands are further apart and bend less. One
+    view is tried with depth and then flat, and last come rings.
 
     Args:
-        radius: radius of the tube, mm. knots: as for `make_start`.
+        radius: of the tube, mm. knots: as for `make_start`.
     """
     for asked, start, steps in _tries(problem, radius, knots, settings):
         result = search(asked, start, radius, settings.but(**steps), device=device)
@@ -204,7 +202,7 @@ def search_sparser(
 def _tries(
     problem: Problem, radius: float, knots: int | None, settings: SearchSettings
 ) -> Iterator[tuple[Problem, Start, dict[str, Any]]]:
-    """Yield (problem, start, steps) in the order in which they are tried."""
+    """Yield each attempt's problem, start and search settings."""
     limits = problem.limits(radius)
     least = max(0.5 * limits.separation, limits.bend_radius) / radius
     wide = {*(w for w in _WIDER if w < least), *(least * w for w in _WIDER)}
@@ -217,18 +215,18 @@ def _tries(
             for asked in (problem, flat) if one else (problem,):
                 try:
                     yield asked, make_start(asked, radius, short, knots, spacing), SHORT
-                except SceneError:  # no such curve, or no place for the knot that is asked for
+                except SceneError:
                     continue
     if not one or problem.knot != "unknot":
         return
-    # a ring whose edges were evened bends more than a circle: the first size that serves
-    for size in (1.1, 1.3, 1.6):  # a last ring's size over the least that the bend limit allows
+    # evening its edges bends a ring more than a circle, so try sizes above the bend limit's
+    for size in (1.1, 1.3, 1.6):
         ring = _ring(problem, size * least * radius, radius)
         yield flat, make_start(flat, radius, short, template=ring), _STILL
 
 
 def _ring(problem: Problem, least: float, radius: float) -> Template:
-    """Return the largest circle in the silhouette, or about its middle a larger one that may be bent so."""
+    """Return a ring at the silhouette's largest inscribed circle, with a radius of at least `least`, mm."""
     polygon = problem.polygons[0]
     line = shapely.maximum_inscribed_circle(polygon)
     middle = np.asarray(line.coords[0])
@@ -238,11 +236,9 @@ def _ring(problem: Problem, least: float, radius: float) -> Template:
     return Template((ring,), polygon, radius)
 
 
-# Bumps: where one strand of a stroke had to step aside past another, and stands outside the
-# picture.
+# Bumps: where a strand steps aside past another and leaves the picture.
 
-
-# radii of the tube: centre lines of a drawn stroke lie in it, that of a bump about a radius beside it
+# distance of a centre line from the picture, in radii, above which it is a bump; those are about 1 outside
 _OUTSIDE = 0.5
 
 
@@ -253,10 +249,10 @@ def start_without_bumps(
     settings: SearchSettings,
     knots: int | None,
 ) -> Start | None:
-    """Give another start for a search that came to bumps, whose strands keep their order; None without bumps.
+    """Make a start whose strands keep their order, if a search has led to bumps; None without bumps.
 
     Args:
-        radius: radius of the tube, mm. knots: as for `make_start`.
+        radius: of the tube, mm. knots: as for `make_start`.
     """
     one = len(problem.views) == 1
     given = settings.start or settings.free_view or settings.network_start == "circle"
@@ -266,19 +262,19 @@ def start_without_bumps(
         return None
     try:
         return make_start(problem, radius, settings, knots, parted=True)
-    except SceneError:  # the knot that is asked for has no place there
+    except SceneError:
         return None
 
 
-def better(one: SearchResult, other: SearchResult) -> bool:
-    """Tell whether one result is to be taken before another: by its limits, and then by its pictures."""
+def is_better(one: SearchResult, other: SearchResult) -> bool:
+    """Return whether one result is preferred to another: by feasibility, then by IoU."""
     if one.feasible != other.feasible:
         return one.feasible
     return one.iou_estimate > other.iou_estimate
 
 
 def _farthest_outside(result: SearchResult, target: TargetView) -> float:
-    """Measure how far centre lines stand outside the picture, mm in the plane of the scene's middle."""
+    """Return how far centre lines stand outside the picture, mm in the plane z = 0."""
     points = np.concatenate([knot.points for knot in result.knots.knots]) @ target.axes.T
     seen = lower(points, target.view.light_distance_mm)
     shapely.prepare(target.polygon)

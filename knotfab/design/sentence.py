@@ -1,23 +1,19 @@
-"""Tell a survey's findings in a few lines: the same before a build and in a preview."""
+"""Describe a survey in a few lines, for a preview and before a build."""
 
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING
 
 from knotfab.design.candidates import PICTURE
 from knotfab.design.survey import Survey, ViewSurvey
 from knotfab.picture.opening import Loss
 
-if TYPE_CHECKING:
-    pass
-
 
 def describe(found: Survey, exact: bool = False) -> list[str]:
-    """Say in a few lines what each picture draws, what the likely tube loses of it, and a guess of the print.
+    """Describe each silhouette, what the likely tube loses of it, and a guess of the print.
 
     Args:
-        exact: with the figures of the rule by which each picture was read.
+        exact: whether to include the figures of the rule by which each picture was read.
     """
     lines = []
     if found.frames:
@@ -37,17 +33,17 @@ def describe(found: Survey, exact: bool = False) -> list[str]:
 
 
 def _describe_silhouette(seen: ViewSurvey, exact: bool) -> str:
-    """Describe the silhouette: pieces, holes, and the size on the wall."""
+    """Describe pieces, holes, and the size on the wall."""
     width, height = seen.view.frame_mm
     rule = seen.target.rule if exact else re.sub(r" \[[^]]*\]", "", seen.target.rule)
     return (
-        f"{seen.target.shown}: {rule}; {count(seen.pieces, 'piece')}, "
-        f"{count(seen.holes, 'hole')}; {width:.0f} × {height:.0f} mm on the wall."
+        f"{seen.target.shown}: {rule}; {with_noun(seen.pieces, 'piece')}, "
+        f"{with_noun(seen.holes, 'hole')}; {width:.0f} × {height:.0f} mm on the wall."
     )
 
 
 def _describe_losses(seen: ViewSurvey, found: Survey) -> str:
-    """Describe the tube that a build takes, and what it loses; or that nobody would know the picture."""
+    """Describe the tube that a build takes and what it loses, or say that no tube shows the picture."""
     thick = f"{2 * found.radius_mm:.1f} mm thick (radius {found.radius_mm:.2f} mm)"
     if seen.view.lines:
         text = f"  A build lays one tube {thick} along each of its strokes"
@@ -66,9 +62,7 @@ def _describe_losses(seen: ViewSurvey, found: Survey) -> str:
     text = f"  A build takes a tube {thick}, which "
     if not lost:
         return f"{text}draws all of it."
-    text += (
-        f"loses {count(len(lost), 'part')} of it; the longest is {_describe_loss(lost[0], seen)}."
-    )
+    text += f"loses {with_noun(len(lost), 'part')} of it; the longest is {_describe_loss(lost[0], seen)}."
     if seen.whole_mm is not None and seen.whole_mm < found.radius_mm:
         radius = seen.whole_mm
         text += f" One {2 * radius:.1f} mm thick draws all of it (--tube-radius {radius:.2f})."
@@ -76,7 +70,7 @@ def _describe_losses(seen: ViewSurvey, found: Survey) -> str:
 
 
 def _describe_loss(loss: Loss, seen: ViewSurvey) -> str:
-    """Describe its size, and its place in the picture."""
+    """Describe a loss's size and place in the picture."""
     scale, px = seen.wall_mm_per_px, seen.target.shrunk
     x, y = seen.target.to_picture(loss.at)
     return (
@@ -89,7 +83,7 @@ def _describe_piece(found: Survey) -> str:
     wide, high = found.views[0].piece_mm
     text = f"  The piece is about {wide:.0f} × {high:.0f} mm across"
     guess = found.guess
-    if guess.hours is not None and max(wide, high) > 2000.0:  # more than a part of many plates has
+    if guess.hours is not None and max(wide, high) > 2000.0:
         return f"{text}, which no printer makes: is the size meant in mm (--size 50cm)?"
     if not found.chosen:
         return text + "."
@@ -102,13 +96,13 @@ def _describe_piece(found: Survey) -> str:
     return text + each + "."
 
 
-def count(number: int, noun: str) -> str:
-    """Say a count as a person does."""
+def with_noun(number: int, noun: str) -> str:
+    """Write a count with its noun in the right number: "no holes", "1 piece", "2 losses"."""
     return f"{number or 'no'} {noun}{'' if number == 1 else 'es' if noun[-1] == 's' else 's'}"
 
 
 def _round(value: float, unit: str) -> str:
-    """Round to the two digits that a guess has, and to no less than a printer's own play."""
+    """Round to two digits; a mass below 1 g or a time below 0.1 h is given as that bound."""
     least = {"g": 1.0, "h": 0.1}[unit]
     if value < least:
         return f"less than {least:g} {unit}"

@@ -1,4 +1,4 @@
-"""Settings that suit what is asked: how smoothly knots run, how fine pictures are, how many steps."""
+"""Adapt the search settings to a question: smoothness, resolution, iterations, and free views."""
 
 from __future__ import annotations
 
@@ -16,24 +16,26 @@ from knotfab_formats.piece import Accuracy
 from knotfab_formats.scene import VERIFIED_PX, ResolvedScene
 from knotfab_formats.search import SearchSettings
 
-# factors of the preset's grace, and what it counts, beside filled areas of one picture
+# factor on the preset's grace, and what grace penalises, except for filled areas of one picture
 GRACE = {
     "lines": (4.0, "curves"),  # a line shows every wave of its tube
-    "wire": (10.0, "bends"),  # every one is to be made by hand
-    "several": (2.65, "curves"),  # several pictures pull together, and wrinkle strands more
+    "wire": (10.0, "bends"),  # each bend is made by hand
+    "several": (2.65, "curves"),  # several pictures pull at strands and wrinkle them
 }
-_LINE_PX = 5.0  # px of the fine picture to the width of a line
+_LINE_PX = 5.0  # width of a line in the fine picture
 
 
-def suit(settings: SearchSettings, question: Question, given: Collection[str]) -> SearchSettings:
-    """Return the settings for this question; those of the names `given` stay as they are.
+def suit_settings(
+    settings: SearchSettings, question: Question, given: Collection[str]
+) -> SearchSettings:
+    """Return the settings that suit this question; the keys in `given` keep their values.
 
-    A build's own scene gives all of them: what is resolved once means the same again.
+    The scene that a build has written gives all keys, so a rebuild uses the same values.
     """
     views = question.problem.views
     asks: str = question.scene.material.process
     suited = settings
-    if len(views) > 1:  # each adds wishes that pull against the others'
+    if len(views) > 1:
         asks, suited = "several", settings.scaled(len(views))
     elif views[0].lines:
         asks, suited = "lines", settings.but(**_fine_lines(settings, question))
@@ -43,7 +45,7 @@ def suit(settings: SearchSettings, question: Question, given: Collection[str]) -
 
 
 def _fine_lines(settings: SearchSettings, question: Question) -> dict[str, int]:
-    """Return pictures fine enough for lines, which are thinner than what the presets were measured on."""
+    """Return resolutions fine enough for lines, which are thinner than the presets assume."""
     view = question.views[0]
     pixels = _LINE_PX * view.longer_mm / (2.0 * line_radius(view) * view.magnification)
     return {
@@ -52,15 +54,14 @@ def _fine_lines(settings: SearchSettings, question: Question) -> dict[str, int]:
     }
 
 
-def fine_enough(
+def refine_mesh(
     settings: SearchSettings, radius_mm: float, bend_mm: float, allowed_mm: float
 ) -> SearchSettings:
-    """Return the settings with facets and vertices close enough for the outline to stay within `allowed_mm`.
+    """Refine facets and vertices until the outline's error stays within `allowed_mm`.
 
-    A ring of m corners stands out from the round tube by r a² / 12, a = 2 pi / m, and a mitre between
-    edges e that turn by the most a bend radius R allows, tan(angle / 2) = e / 2R, by
-    r (sqrt(1 + (e / 2R)²) - 1). The first may take a third and the second a half; the rest is for
-    edges that are not quite even.
+    A ring of m corners exceeds the round tube by r a² / 12, with a = 2 pi / m. A mitre between edges e at
+    bend radius R, with tan(angle / 2) = e / 2R, exceeds it by r (sqrt(1 + (e / 2R)²) - 1). They may use a
+    third and a half of the error; uneven edges take the rest.
     """
     edge = 2.0 * bend_mm * float(np.sqrt((1.0 + 0.5 * allowed_mm / radius_mm) ** 2 - 1.0))
     return settings.but(
@@ -70,24 +71,24 @@ def fine_enough(
 
 
 def outline_px(accuracy: Accuracy, settings: SearchSettings) -> float:
-    """Return how far the file's shadow may be off the exact tube's: the scene's word, or the accuracy's."""
+    """Return the largest error allowed to the file's shadow, px: the scene's, or else the preset's."""
     asked = accuracy.max_outline_error_px
     return settings.outline_px if asked is None else asked
 
 
-# A scene whose views are free (`[search] free_view`): where the unknown pose or directions start.
+# Starting values of free views (`[search] free_view`).
 
 
 def place_start(
     scene: ResolvedScene, settings: SearchSettings
 ) -> tuple[ResolvedScene, SearchSettings]:
-    """Return the scene and the settings with the numbers that the search starts from.
+    """Enter in scene and settings the numbers that the search for a free view starts from.
 
-    A scene that a build has written holds the numbers that were found, and in its settings those that
-    were started from: started there, the search finds the same again.
+    The scene that a build has written holds the numbers found, and its settings those that the search started
+    from, so a rebuild starts there again.
 
     Raises:
-        InputError: the view is turned, where its turn is one of the unknowns.
+        InputError: the scene turns the view, although its direction is to be found.
     """
     (view,) = scene.views
     if view.azimuth_deg or view.elevation_deg:
@@ -105,7 +106,7 @@ def place_start(
     if settings.free_radius_mm:
         bend, found = scene.material.min_bend_radius_mm, scene.piece.tube_radius_mm
         if bend and found and bend <= found + 0.5 * scene.piece.clearance_mm:
-            # a limit that came from the radius found: it goes with the radius again
+            # this limit followed from the radius found, so let it follow again
             update["material"] = scene.material.but(min_bend_radius_mm=None)
         radius = {"tube_radius_mm": settings.free_radius_mm}
         update["piece"] = scene.piece.but(**radius)
@@ -115,10 +116,10 @@ def place_start(
 def place_directions(
     scene: ResolvedScene, settings: SearchSettings
 ) -> tuple[ResolvedScene, SearchSettings]:
-    """Return the same of several views, of which the azimuths are unknown.
+    """Enter in scene and settings the azimuths that a search for several free views starts from.
 
     Raises:
-        InputError: the settings name not as many azimuths as there are views.
+        InputError: the number of azimuths in the settings differs from that of the views.
     """
     views = scene.views
     if settings.free_azimuths_deg:
@@ -147,9 +148,9 @@ def start_pose(
     settings: SearchSettings,
     device: str = "cpu",
 ) -> tuple[Any, SearchSettings]:
-    """Return the pose of the one view as an unknown, and the settings that say where it started.
+    """Return the pose of a single free view, and the settings that record where it starts.
 
-    A tube radius (mm) that the scene gives is kept, and that of a wire.
+    A tube radius (mm) that the scene gives is kept, unless the settings free it.
     """
     given = scene.piece.tube_radius_mm is not None and not settings.free_radius_mm
     view = problem.views[0].view

@@ -1,4 +1,4 @@
-"""Survey a picture before anything is searched: the tube that a build takes, and its losses."""
+"""Survey pictures before a search: the tube that a build takes, what it loses, and whether to refuse."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from knotfab.design.likeness import (
 )
 from knotfab.design.question import Question, ask
 from knotfab.design.radius import choose_radius
-from knotfab.design.settings import suit
+from knotfab.design.settings import suit_settings
 from knotfab.knots import read_start
 from knotfab.picture.lamps import Separation
 from knotfab.picture.opening import (
@@ -51,23 +51,23 @@ from knotfab.start.filling import Template
 from knotfab.start.start import make_template
 from knotfab_formats.scene import ResolvedScene, ResolvedView
 
-# A guess of grams and hours before anything is searched.
-
-
-_USUAL_SHARE = 0.014  # tube radius over the frame's longer side, where the picture has room
-_SHOWN = 3  # thicker tubes that are shown beside the one that is taken
-_SPECK = 0.5  # radii of the thinnest tube: the side of a square as large as what nobody misses
-_SPARE = 0.3  # px that an outline may move by
+_USUAL_SHARE = 0.014  # usual tube radius over the frame's longer side
+_SHOWN = 3  # thicker tubes to show beside the chosen one
+_SPECK = 0.5  # side of the largest square that nobody misses, in radii of the thinnest tube
+_SPARE = 0.3  # tolerance of a simplified outline, px
+_HOPELESS = 0.45  # IoU of strokes drawn too thick, below which no search helps
+_BLOBS = 0.3  # share of strokes that run together, above which they are no drawing
+_FEW = 200  # pieces and holes up to which polygons are opened, and not pixels
 
 
 @dataclass(frozen=True)
 class ViewSurvey:
-    """One picture: its silhouette in px, and what it takes to draw it. Radii in mm of the piece.
+    """One picture's silhouette, in px, and what tubes lose of it. Radii are in mm of the piece.
 
-    `losses`: for the radius that a build takes, and for thicker ones, what they lose, in px of the picture.
-    `whole_mm`: the thickest of the radii tried that loses nothing, None where none does that is known.
-    `together`: the share of its strokes, as wide as the tube along them, that run together; 0 where areas are
-    filled. `likeness`: what the thinnest tube could draw at best, None where that need not be asked.
+    `losses`: what is lost with the chosen radius and with thicker ones, in px of the picture. `whole_mm`: the
+    thickest radius tried that loses nothing, None if there is none. `together`: the share of strokes that run
+    together when drawn by a tube; 0 if areas are filled. `likeness`: the best that the thinnest tube could
+    draw, None if most of the picture is wider than two tubes.
     """
 
     view: ResolvedView
@@ -82,17 +82,17 @@ class ViewSurvey:
 
     @property
     def recognisable(self) -> bool:
-        """True if any of these tubes may draw it so that it is known."""
+        """Whether some tube may draw the picture recognisably."""
         return self.likeness is None or self.likeness.recognisable
 
     @property
     def px_per_mm(self) -> float:
-        """px of the picture to a mm of a piece in the middle of the scene."""
+        """The picture's pixels per mm at the middle of the piece."""
         return self.view.px_per_mm(self.target.width)
 
     @property
     def wall_mm_per_px(self) -> float:
-        """mm on the wall to a px of the picture."""
+        """The size of the picture's pixels on the wall, mm."""
         return self.view.frame_width_mm / self.target.width
 
     @property
@@ -111,31 +111,31 @@ class ViewSurvey:
 class Survey:
     """All pictures of a piece, the radius that a build takes, and a guess of the print.
 
-    `refusal`: why a build ends at once, None where it does not.
+    `refusal` is the error with which a build would end at once, None if it would not.
     """
 
     views: tuple[ViewSurvey, ...]
     radius_mm: float
     guess: Guess
-    frames: int = 0  # frames of a sequence, of which `views` holds the one that is hardest to draw
+    frames: int = 0  # length of a sequence, whose hardest frame is in `views`
     refusal: SceneError | None = None
-    chosen: bool = True  # whether the radius is known: a search by the clock chooses its own
-    bounds: tuple[HullBound, ...] = ()  # the bounds that several pictures leave of each other
-    agreed: tuple[str, ...] = ()  # the changes that made them agree, a sentence each
-    parted: Separation | None = None  # the masks of a picture in colours, which lamps are to mix
+    chosen: bool = True  # whether the radius is known; a search by the clock chooses its own
+    bounds: tuple[HullBound, ...] = ()  # the visual hull's, for several pictures
+    agreed: tuple[str, ...] = ()  # the changes that made the pictures agree, a sentence each
+    parted: Separation | None = None  # the masks of a coloured picture, which lamps mix again
 
 
 def survey(
     scene: ResolvedScene, targets: Sequence[Target], sequence: bool = False, choose: bool = True
 ) -> Survey:
-    """Look at pictures as a build will: its own choice of the radius, and what that tube draws.
+    """Survey pictures with the tube radius that a build would choose.
 
     Args:
-        targets: those of the scene's views in their order; of a sequence, its frames.
-        choose: whether the radius is chosen; otherwise the thinnest is taken, and no losses are found.
+        targets: one a view, in the views' order, or the frames of a sequence.
+        choose: whether to choose the radius; otherwise the thinnest is taken, and no losses are found.
 
     Raises:
-        InputError: the pictures do not go with the scene.
+        InputError: the pictures do not fit the scene.
     """
     frames = len(targets) if sequence else 0
     targets = [_hardest(targets)] if sequence else targets
@@ -148,7 +148,7 @@ def survey(
             question, radius, templates = _choose_tube(scene, targets)
             views = _add_losses(views, question, radius, templates)
         except SceneError as error:
-            refusal = None if sequence else error  # another frame of a sequence may be taken
+            refusal = None if sequence else error  # another frame may come first
     first = views[0]
     printed = guess_print(
         scene,
@@ -164,7 +164,7 @@ def survey(
 
 
 def survey_views(scene: ResolvedScene, targets: Sequence[Target]) -> tuple[ViewSurvey, ...]:
-    """Return each picture by itself, and whether any tube draws it."""
+    """Survey each picture by itself, without a choice of the radius."""
     if len(targets) > 1:
         scene = framed_alike(scene, targets)
     found = []
@@ -194,13 +194,13 @@ def survey_views(scene: ResolvedScene, targets: Sequence[Target]) -> tuple[ViewS
 def _choose_tube(
     scene: ResolvedScene, targets: Sequence[Target]
 ) -> tuple[Question, float, dict[float, Template]]:
-    """Give a build's own question, its choice of the radius, mm, and of one view the templates that it tried.
+    """Return a build's question, its radius (mm) and, for one view, the templates that were tried.
 
     Raises:
         SceneError: no tube draws the pictures.
     """
     question = ask(scene, targets)
-    settings = suit(scene.settings, question, scene.search)
+    settings = suit_settings(scene.settings, question, scene.search)
     radius, knots = question.scene.piece.tube_radius_mm, question.scene.piece.knots
     one = len(targets) == 1
     if radius is None and settings.start:
@@ -219,7 +219,7 @@ def _add_losses(
     radius: float,
     templates: Mapping[float, Template],
 ) -> tuple[ViewSurvey, ...]:
-    """Add to the views what tubes lose of them: of one view by the templates, which a search starts from."""
+    """Add what tubes lose of each view, found by the templates for one view and by openings for several."""
     thinnest = question.scene.printer.min_tube_radius_mm
     found = []
     for seen in views:
@@ -235,7 +235,7 @@ def _add_losses(
             try:
                 losses[r] = find_losses(plain, drawn, r * px)
             except shapely.GEOSException:
-                continue  # an estimate that fails is not shown
+                continue  # skip an estimate that fails
         whole = max((r for r, lost in losses.items() if not lost), default=None)
         shown = {r: losses[r] for r in tried if r in losses}
         found.append(replace(seen, losses=shown, whole_mm=whole))
@@ -243,7 +243,7 @@ def _add_losses(
 
 
 def _drawn_by(template: Template, seen: ViewSurvey) -> Polygon | MultiPolygon:
-    """Draw a template's tube, in px of the picture."""
+    """Return the outline of a template's tube in px of the picture."""
     own = seen.view.but(azimuth_deg=0.0, elevation_deg=0.0)
     camera = camera_of(own, seen.target.width, seen.target.height)
 
@@ -255,7 +255,7 @@ def _drawn_by(template: Template, seen: ViewSurvey) -> Polygon | MultiPolygon:
 
 
 def _without_specks(polygon: MultiPolygon, least: float) -> MultiPolygon:
-    """Return the pieces and holes of at least this area, px²; all, where no piece is as large."""
+    """Drop pieces and holes below this area, px²; drop none if no piece is as large."""
     kept = [
         Polygon(piece.exterior, [hole for hole in piece.interiors if Polygon(hole).area >= least])
         for piece in polygon.geoms
@@ -266,45 +266,30 @@ def _without_specks(polygon: MultiPolygon, least: float) -> MultiPolygon:
 
 
 def _trace(mask: Mask) -> MultiPolygon:
-    """Return the silhouette in px, without vertices that a preview can spare."""
+    """Trace the silhouette in px, simplified as a preview can afford."""
     shape = trace_polygon(mask).simplify(_SPARE)
     return shape if isinstance(shape, MultiPolygon) else MultiPolygon([shape])
 
 
 def _hardest(targets: Sequence[Target]) -> Target:
     """Return the frame whose opening by a usual tube is worst."""
-    few = targets[:: -(-len(targets) // 24)]  # frames of a sequence that are looked at
+    few = targets[:: -(-len(targets) // 24)]
     return min(few, key=lambda t: opened_share(t.mask, _USUAL_SHARE * max(t.mask.shape)))
 
 
 def require_drawable(found: Survey) -> None:
-    """Refuse at once what a search would refuse after minutes.
-
-    Raises:
-        SceneError: as `Survey.refusal` says.
-    """
+    """Raise the survey's refusal, a SceneError, if it has one."""
     if found.refusal is not None:
         raise found.refusal
-
-
-# Refuse at once what a search would refuse after minutes, and say what would do.
-
-
-_HOPELESS = 0.45  # IoU that strokes drawn too thick reach, below which no search helps
-# a share of strokes as wide as the tube that run together, above which they are no drawing
-_BLOBS = 0.3
-_FEW = 200  # pieces and holes of a picture whose polygons are opened
 
 
 def find_refusal(
     views: Sequence[ViewSurvey], scene: ResolvedScene, sequence: bool = False
 ) -> SceneError | None:
-    """Find the error for pictures that no tube draws so that they are known; None where a search may.
+    """Return the error with which a build refuses pictures at once, None if a search may succeed.
 
-    That is a picture that nobody would know in the shadow of any tube, unless that is accepted. And one of
-    thin lines: a stroke thinner than the tube is drawn too thick, at an IoU of their ratio. What the
-    thinnest tube leaves out is taken to be drawn so.
-
+    Refused is a picture that no tube shows recognisably, unless the scene accepts that, and one of strokes
+    much thinner than the tube. A tube draws such strokes too thick, at an IoU of the ratio of the widths.
     """
     if "unrecognisable" not in scene.accuracy.accept:
         for one in views:
@@ -344,7 +329,7 @@ def find_refusal(
 
 
 def _unlike(seen: ViewSurvey, scene: ResolvedScene) -> SceneError:
-    """Return the error for a picture that nobody would know in the shadow of a tube."""
+    """Build the error for a picture that no tube shows recognisably."""
     likeness, px, printer = seen.likeness, seen.px_per_mm, scene.printer
     assert likeness is not None
     given, radius = scene.piece.tube_radius_mm is not None, scene.thinnest_mm
@@ -352,7 +337,7 @@ def _unlike(seen: ViewSurvey, scene: ResolvedScene) -> SceneError:
     if likeness.changes:
         which = f"{likeness.changes} of its {likeness.features} pieces and holes"
         lost = f"where {which} are lost or run together"
-    if likeness.features > _FEW:  # an opening of so many takes seconds, and there are many to try
+    if likeness.features > _FEW:  # openings of their polygons would take long
         drawn = recognisable_radius(seen.target.asked, radius * px)
     else:
         drawn = drawing_radius(trace_polygon(seen.target.asked), radius * px)

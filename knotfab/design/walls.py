@@ -1,4 +1,4 @@
-"""Pictures for round walls, taken to the flat wall that touches it: one look-up, and all else is as ever."""
+"""Map pictures for round walls to the flat wall behind or before them, so that all else sees flat walls."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from knotfab_formats.scene import ResolvedScene, ResolvedView
 def flatten_targets(
     scene: ResolvedScene, views: Sequence[ResolvedView], targets: Sequence[Target]
 ) -> tuple[Target, ...]:
-    """Return the targets as flat walls have them, where the scene's are round enough to tell.
+    """Map the targets from round walls to flat ones, if the walls are round enough to matter.
 
-    Light is straight: what is dark on a round wall is dark on the flat one behind it or before it, at
-    another place. Targets that have been taken there already stay as they are.
+    Light is straight, so each dark point on a round wall has one dark point on the flat wall. Targets that
+    have been mapped already stay as they are.
 
     Raises:
-        InputError: a wall is too narrow, does not hold the light, or throws a picture out of its frame.
+        InputError: a wall is too narrow, does not hold the light, or moves a picture out of its frame.
     """
-    # loops load numba, and calls that are refused run none
+    # imported here, for these load numba, which refused calls do not need
     from knotfab.effects.base import EffectContext, decide
     from knotfab.effects.shifts import WALL
 
@@ -40,7 +40,7 @@ def flatten_targets(
 
 
 def _flatten(view: ResolvedView, target: Target) -> Target:
-    # half of the libraries that a refusal of a missing picture would load
+    # imported here, for refused calls do not need it
     from scipy.ndimage import map_coordinates
 
     wall = CurvedWall.of(view)
@@ -56,7 +56,7 @@ def _flatten(view: ResolvedView, target: Target) -> Target:
         _to_pixels(view, target, wall.unroll(_to_wall(view, target, ends)))
         for ends in (np.column_stack([columns, np.full_like(columns, row)]) for row in (0.0, 1.0))
     )
-    # up a round wall places stay as evenly spaced as they are on the flat one
+    # each column maps linearly, so two of its places suffice
     down = top[:, 1] + rows * (bottom - top)[:, 1]
     at = np.nan_to_num(np.stack([down, np.broadcast_to(top[:, 0], down.shape)]), nan=-9.0)
 
@@ -82,13 +82,13 @@ def _flatten(view: ResolvedView, target: Target) -> Target:
 
 
 def _require_inside(view: ResolvedView, wall: CurvedWall, target: Target) -> None:
-    """Refuse a picture that leaves its frame on the flat wall, which lies behind a hollow one."""
+    """Refuse a picture that leaves its frame on the flat wall, as behind a hollow wall it may."""
     rows, columns = (np.flatnonzero(target.mask.any(axis=axis)) for axis in (1, 0))
     mask = target.mask[rows]
     first, last = mask.argmax(axis=1), target.width - 1 - mask[:, ::-1].argmax(axis=1)
     mask = target.mask[:, columns]
     top, bottom = mask.argmax(axis=0), target.height - 1 - mask[::-1].argmax(axis=0)
-    # keep the ends of every row and column: all between them stays between them
+    # the ends of every row and column suffice: what is between them stays between them
     pairs = ((first, rows), (last, rows), (columns, top), (columns, bottom))
     drawn = np.concatenate([np.column_stack(pair) for pair in pairs]).astype(np.float64)
     flat = _to_flat(view, wall, target, drawn)
@@ -107,12 +107,12 @@ def _require_inside(view: ResolvedView, wall: CurvedWall, target: Target) -> Non
 
 
 def _to_flat(view: ResolvedView, wall: CurvedWall, target: Target, pixels: Array) -> Array:
-    """Find where pixels (n, 2) of the round wall's picture are on the flat one's."""
+    """Map pixels (n, 2) of the round wall's picture to the flat wall's."""
     return _to_pixels(view, target, wall.flatten(_to_wall(view, target, pixels)))
 
 
 def _to_wall(view: ResolvedView, target: Target, pixels: Array) -> Array:
-    """Take pixels (n, 2) to places (n, 2), mm right of and above where the view's axis meets its wall."""
+    """Map pixels (n, 2) to mm right of and above the point where the view's axis meets its wall, (n, 2)."""
     wide, high = view.frame_mm
     right = (pixels[:, 0] - (target.width - 1) / 2) * wide / target.width
     down = (pixels[:, 1] - (target.height - 1) / 2) * high / target.height
@@ -120,7 +120,7 @@ def _to_wall(view: ResolvedView, target: Target, pixels: Array) -> Array:
 
 
 def _to_pixels(view: ResolvedView, target: Target, places: Array) -> Array:
-    """Return the inverse of `_to_wall`."""
+    """Invert `_to_wall`."""
     wide, high = view.frame_mm
     across = places[:, 0] * target.width / wide + (target.width - 1) / 2
     down = (view.frame_up_mm - places[:, 1]) * target.height / high + (target.height - 1) / 2

@@ -16,7 +16,7 @@ from knotfab.base.pool import count_jobs
 from knotfab.base.progress import Progress
 from knotfab.design.design import Design
 from knotfab.design.film import Chain, SequenceFrame
-from knotfab.design.film_motion import measure, outline_motion
+from knotfab.design.film_motion import measure_motion, outline_motion
 from knotfab.design.film_search import POOR
 from knotfab.design.kept import KeptFrames, keep_for
 from knotfab.design.question import silhouette_polygon
@@ -196,7 +196,7 @@ def _motions(folder: OutputFolder, pieces: Sequence[WrittenPiece]) -> list[Motio
     knots = pieces[0].made.knots
     following = [*range(1, len(pieces)), 0]
     return [
-        measure(
+        measure_motion(
             points[k],
             points[n],
             outline_motion(outlines[k], outlines[n], len(knots.knots)),

@@ -11,7 +11,7 @@ from knotfab.base.errors import SceneError
 from knotfab.base.progress import Progress
 from knotfab.design.candidates import most_radius
 from knotfab.design.design import Design, design_knots
-from knotfab.design.hull import least_wall_mm, most_depth_mm
+from knotfab.design.room import least_wall_mm, most_depth_mm
 from knotfab.hold.beams import Stiffness
 from knotfab.hold.wall import NotHeldError, sag_on_pegs
 from knotfab.knots import Knot, Knots

@@ -222,7 +222,7 @@ def advise(views: Sequence[View], made: Design) -> list[str]:
     What a blur adds to the error in brightness is in proportion to it, so what the measured error is above
     that of the hard shadow is scaled by the mean blur there over that here; both of all strands.
     """
-    from knotfab.design.hull import least_wall_mm
+    from knotfab.design.room import least_wall_mm
     from knotfab.scene.camera import view_axes
 
     points, radius, said = made.knots.points, made.knots.radius_mm, list[str]()

@@ -13,7 +13,7 @@ from shapely import MultiPolygon, Polygon
 
 from knotfab.base.arrays import Array, Mask
 from knotfab.design.hull import HullBound
-from knotfab.design.sentence import count
+from knotfab.design.sentence import with_noun
 from knotfab.design.survey import Survey, ViewSurvey
 from knotfab.geometry.polylines import polylines_of
 from knotfab.hold.mount import Mounted
@@ -284,13 +284,13 @@ def _caption(seen: ViewSurvey, radius: float | None, lost: list[Loss]) -> str:
     if radius is None:
         wide, high = seen.view.frame_mm
         name = seen.target.shown[:20]
-        parts = f"{count(seen.pieces, 'piece')}, {count(seen.holes, 'hole')}"
+        parts = f"{with_noun(seen.pieces, 'piece')}, {with_noun(seen.holes, 'hole')}"
         return f"{name}, {wide:.0f} x {high:.0f} mm, {parts}"
     which = "a build's tube" if radius == next(iter(seen.losses)) else "a tube"
     if not lost:
         return f"{which}, {2 * radius:.1f} mm thick: nothing is lost"
     longest = max(loss.extent for loss in lost) * seen.wall_mm_per_px
-    return f"{which}, {2 * radius:.1f} mm thick: {count(len(lost), 'loss')}, up to {longest:.0f} mm"
+    return f"{which}, {2 * radius:.1f} mm thick: {with_noun(len(lost), 'loss')}, up to {longest:.0f} mm"
 
 
 def _fill(draw: ImageDraw.ImageDraw, shape: MultiPolygon, scale: float, colour: object) -> None:

@@ -13,7 +13,7 @@ from knotfab.design import film_motion as module
 from knotfab.design.film_motion import (
     Anchor,
     Tautness,
-    measure,
+    measure_motion,
     outline_motion,
     pair_pieces,
     register,
@@ -71,8 +71,8 @@ def test_measure_holds_and_refuses() -> None:
     old = np.zeros((4, 3))
     new = old.copy()
     new[2] = (3.0, 0.0, 4.0)
-    assert measure(old, new, 3.5, 1.5).held
-    found = measure(old, new, 3.4, 1.5)
+    assert measure_motion(old, new, 3.5, 1.5).held
+    found = measure_motion(old, new, 3.4, 1.5)
     assert not found.held
     assert (found.largest_mm, found.limit_mm, found.mean_mm) == (5.0, 4.9, 1.25)
 

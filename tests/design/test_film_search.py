@@ -25,11 +25,11 @@ from knotfab.design.film_search import (
     Tie,
     Trial,
     double_vertices,
-    finish,
-    follow,
+    finish_frame,
     is_far,
     list_attempts,
     list_retries,
+    search_frame,
 )
 from knotfab.geometry.measures import bend_radii
 from knotfab.geometry.polylines import Polylines, polylines_of_sizes
@@ -84,7 +84,7 @@ def test_a_frame_follows_the_picture_within_its_bound(first: SearchResult) -> No
     problems = ask_one(DISC), ask_one(MOVED)
     length = 1.1 * first.knots.knots[0].length_mm
     start = Knots((trefoil,), RADIUS)  # the type goes along, whatever it is
-    found = follow(start, rings, problems, RADIUS, QUICK, length, [anchor])
+    found = search_frame(start, rings, problems, RADIUS, QUICK, length, [anchor])
     assert found.sound and found.result.feasible and found.beyond_mm <= 0
     assert found.points.shape == before.shape  # the same vertices, in their order
     assert found.result.knots.knots[0].type == "trefoil"
@@ -100,9 +100,9 @@ def test_a_finished_frame_has_twice_the_vertices_within_limits(first: SearchResu
     points = first.knots.points
     bends = first.feasibility.bend_mm
     stiff = replace(ask_one(DISC), bend_radius=1.02 * bends)
-    still = finish(logged_anew(first), rings_of(points), ask_one(DISC), RADIUS, QUICK, [])
+    still = finish_frame(logged_anew(first), rings_of(points), ask_one(DISC), RADIUS, QUICK, [])
     anchor = Anchor(still.points, 2.0, RADIUS)
-    found = finish(logged_anew(first), rings_of(points), stiff, RADIUS, QUICK, [anchor])
+    found = finish_frame(logged_anew(first), rings_of(points), stiff, RADIUS, QUICK, [anchor])
     for frame in (still, found):
         assert len(frame.points) == 2 * len(points)
         assert frame.sound and frame.result.log.certified
@@ -122,7 +122,7 @@ def test_a_bound_that_cannot_be_kept_is_told(first: SearchResult) -> None:
     points = first.knots.points
     far = np.repeat(points, 2, axis=0) + [40.0, 0.0, 0.0]
     held = [Anchor(far, 1.0, RADIUS)]
-    torn = finish(logged_anew(first), rings_of(points), ask_one(DISC), RADIUS, QUICK, held)
+    torn = finish_frame(logged_anew(first), rings_of(points), ask_one(DISC), RADIUS, QUICK, held)
     assert not torn.sound and torn.beyond_mm > 0
 
 
@@ -140,7 +140,9 @@ def test_a_knot_that_stays_still_is_the_same_knot(first: SearchResult) -> None:
     anchor = Anchor(points, RADIUS, RADIUS)
     settings = QUICK.scaled(1.0)
     rings = rings_of(points)
-    found = follow(first.knots, rings, problems, RADIUS, settings, 1e9, [anchor], "cpu", None, True)
+    found = search_frame(
+        first.knots, rings, problems, RADIUS, settings, 1e9, [anchor], "cpu", None, True
+    )
     assert np.array_equal(found.points, points)
     assert found.sound and found.result.log.certified and found.transported == 0.0
 
@@ -271,8 +273,8 @@ def _search(
     monkeypatch: pytest.MonkeyPatch, follow: _Follow, attempts: Sequence[Attempt]
 ) -> tuple[Trial, list[Asked]]:
     """Search frame 3 after frames 0, 1 and 2, whose knots hold their numbers as coordinates."""
-    monkeypatch.setattr(starts, "follow", follow)
-    monkeypatch.setattr(starts, "finish", lambda found, *_: FrameResult(found, -1.0))
+    monkeypatch.setattr(starts, "search_frame", follow)
+    monkeypatch.setattr(starts, "finish_frame", lambda found, *_: FrameResult(found, -1.0))
     monkeypatch.setattr(starts, "opening_iou", lambda *_: 0.99)
     view = ResolvedView(frame_width_mm=80.0, frame_height_mm=80.0)
     target = TargetView(view, _legs(10), MultiPolygon([box(0, 0, 9, 9)]))

@@ -8,13 +8,8 @@ from shapely import MultiPolygon, box
 
 from knotfab.base.arrays import Array, Mask
 from knotfab.design.frames import framed_alike, spread_views
-from knotfab.design.hull import (
-    contradictions,
-    depth_extent,
-    hull_bounds,
-    rays_within,
-    resolve_region,
-)
+from knotfab.design.hull import contradictions, hull_bounds, rays_within
+from knotfab.design.room import depth_extent, resolve_region
 from knotfab.limits.region import outside
 from knotfab.picture.read import Target
 from knotfab.scene.camera import Camera, camera_of, view_axes, walls_of

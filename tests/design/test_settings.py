@@ -16,11 +16,11 @@ from shapely import MultiPolygon, Point
 from knotfab.base.arrays import Array
 from knotfab.base.progress import Progress
 from knotfab.design import design
-from knotfab.design.budget import Budget, require_budget, spare
+from knotfab.design.budget import Budget, cut_settings, require_budget
 from knotfab.design.design import design_knots, price_design
 from knotfab.design.question import Question
-from knotfab.design.retries import SHORT, better, price_limits, start_without_bumps
-from knotfab.design.settings import fine_enough, outline_px, suit
+from knotfab.design.retries import SHORT, is_better, price_limits, start_without_bumps
+from knotfab.design.settings import outline_px, refine_mesh, suit_settings
 from knotfab.geometry.tube import sweep
 from knotfab.knots import Knot, Knots
 from knotfab.picture.read import read_target
@@ -54,7 +54,7 @@ ASKED = {
 
 
 def test_one_picture_of_filament_takes_the_preset_as_it_is() -> None:
-    assert suit(PLAIN, ask_of(), {}) == PLAIN
+    assert suit_settings(PLAIN, ask_of(), {}) == PLAIN
 
 
 @pytest.mark.parametrize("what", ASKED)
@@ -62,7 +62,7 @@ def test_what_asks_for_smoother_strands_gets_them_in_proportion(what: str) -> No
     question, factor = ASKED[what]
     for grace in (PLAIN.grace, 0.3, 0.0):
         settings = PLAIN.model_copy(update={"grace": grace})
-        found = suit(settings, question, {})
+        found = suit_settings(settings, question, {})
         assert found.grace == pytest.approx(factor * grace)
         assert found.grace_of == ("bends" if what == "a wire" else "curves")
 
@@ -78,18 +78,18 @@ def test_what_the_scene_gives_means_the_same_whatever_is_asked(what: str) -> Non
         "settle_iterations": 7,
     }
     settings = PLAIN.model_copy(update=given)
-    found = suit(settings, question, given)
+    found = suit_settings(settings, question, given)
     assert {key: getattr(found, key) for key in given} == given
     # a build's own scene gives everything, and that is searched again
-    assert suit(found, question, found.model_dump()) == found
+    assert suit_settings(found, question, found.model_dump()) == found
 
 
 def test_lines_get_finer_pictures_and_several_views_more_steps() -> None:
-    lines = suit(PLAIN, ask_of(lines=True), {})
+    lines = suit_settings(PLAIN, ask_of(lines=True), {})
     wanted = 5 * 180 / 3.0
     assert lines.fine_px >= wanted and lines.coarse_px >= 0.5 * wanted
     assert lines.coarse_iterations == PLAIN.coarse_iterations
-    three = suit(PLAIN, ask_of(views=3), {})
+    three = suit_settings(PLAIN, ask_of(views=3), {})
     assert (three.fine_px, three.coarse_px) == (PLAIN.fine_px, PLAIN.coarse_px)
     assert three.coarse_iterations == 3 * PLAIN.coarse_iterations
     assert three.settle_iterations == 3 * PLAIN.settle_iterations
@@ -113,7 +113,7 @@ def test_the_mesh_stands_out_no_further_at_the_sharpest_bend(
     radius_mm: float, allowed_mm: float
 ) -> None:
     bend_mm = 1.15 * radius_mm
-    fine = fine_enough(COARSE, radius_mm, bend_mm, allowed_mm)
+    fine = refine_mesh(COARSE, radius_mm, bend_mm, allowed_mm)
     # a circle on which `bend_radii` is the limit: its edges touch one of that radius from outside
     count = int(np.ceil(np.pi / np.arctan(0.5 * fine.settle_edge_radii * radius_mm / bend_mm)))
     turn = 2.0 * np.pi * np.arange(count) / count
@@ -126,14 +126,14 @@ def test_the_mesh_stands_out_no_further_at_the_sharpest_bend(
 
 def test_what_is_fine_enough_stays() -> None:
     fine = SearchSettings(mesh_sides=64, settle_edge_radii=0.2)
-    assert fine_enough(fine, 1.5, 1.8, 0.2) == fine
+    assert refine_mesh(fine, 1.5, 1.8, 0.2) == fine
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", PRESETS)
 def test_corners_of_presets_stay_within_the_clearance_check(name: str) -> None:
     """Corners of 14 sides took .02 mm of a gap of .4 mm on either side: a knight in 5 s was rejected."""
-    thick = fine_enough(PRESETS[name], 3.0, 3.5, 10.0)
+    thick = refine_mesh(PRESETS[name], 3.0, 3.5, 10.0)
     straight = np.zeros((400, 3))
     turn = 2.0 * np.pi * np.arange(400) / 400
     straight[:, :2] = 1000.0 * np.column_stack([np.cos(turn), np.sin(turn)])
@@ -176,19 +176,19 @@ def test_less_than_the_least_is_refused(least: float, asked: dict[str, Any]) -> 
 def test_what_is_spared_is_never_more_and_never_what_is_given() -> None:
     for own in PRESETS.values():
         for seconds in (0.1, 4.0, 9.0, 100.0):
-            less = spare(own, seconds, given={"fine_px"})
+            less = cut_settings(own, seconds, given={"fine_px"})
             assert less.fine_px == own.fine_px
             assert all(
                 getattr(less, key) <= getattr(own, key)
                 for key in ("coarse_px", "depth_candidates", "radius_candidates", "mesh_sides")
             )
-    assert spare(PRESETS["fine"], 100.0) == PRESETS["fine"]
+    assert cut_settings(PRESETS["fine"], 100.0) == PRESETS["fine"]
     for seconds, like in ((0.1, "sketch"), (4.0, "draft"), (100.0, "standard")):
-        less = spare(PRESETS["standard"], seconds)
+        less = cut_settings(PRESETS["standard"], seconds)
         assert less.radius_give == PRESETS[like].radius_give
         assert less.settle_edge_radii == PRESETS[like].settle_edge_radii
-        assert spare(PRESETS["standard"], seconds, {"radius_give"}).radius_give == 0.004
-    assert spare(PRESETS["sketch"], 4.0) == PRESETS["sketch"]  # never a thinner tube either
+        assert cut_settings(PRESETS["standard"], seconds, {"radius_give"}).radius_give == 0.004
+    assert cut_settings(PRESETS["sketch"], 4.0) == PRESETS["sketch"]  # never a thinner tube either
 
 
 def test_what_follows_the_search_is_kept_back() -> None:
@@ -353,6 +353,6 @@ def test_no_bump_no_other_start_nor_where_the_start_was_given() -> None:
 def test_limits_come_before_pictures() -> None:
     knots = ended(ask_heart(), 0.0).knots
     good, kept = Ended(knots, feasible=False, iou_estimate=0.99), Ended(knots, iou_estimate=0.9)
-    assert better(kept, good) and not better(good, kept)  # type: ignore[arg-type]
-    assert better(replace(kept, iou_estimate=0.95), kept)  # type: ignore[arg-type]
-    assert not better(kept, kept)  # type: ignore[arg-type]
+    assert is_better(kept, good) and not is_better(good, kept)  # type: ignore[arg-type]
+    assert is_better(replace(kept, iou_estimate=0.95), kept)  # type: ignore[arg-type]
+    assert not is_better(kept, kept)  # type: ignore[arg-type]

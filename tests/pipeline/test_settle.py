@@ -19,7 +19,7 @@ from knotfab.base.progress import Progress
 from knotfab.design.candidates import line_radius, most_radius, usual_radii
 from knotfab.design.design import design_knots
 from knotfab.design.frames import frame_view
-from knotfab.design.hull import depth_extent, resolve_region
+from knotfab.design.room import depth_extent, resolve_region
 from knotfab.hold.beams import Stiffness
 from knotfab.hold.wall import NotHeldError, plan_wall, sag_on_pegs
 from knotfab.knots import Knot, Knots

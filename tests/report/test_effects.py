@@ -11,7 +11,7 @@ from reports import LOSS, recognition, verdict_of, view_of_report
 from shapely import MultiPolygon, box
 
 from knotfab.base.errors import SceneError
-from knotfab.design.hull import depth_extent, resolve_region
+from knotfab.design.room import depth_extent, resolve_region
 from knotfab.effects.base import Decision
 from knotfab.effects.penumbra import PENUMBRA
 from knotfab.report.effects import advise as advise_nearer

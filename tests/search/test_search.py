@@ -12,7 +12,7 @@ from shapely import MultiPolygon, Point
 
 from knotfab.base.arrays import Array
 from knotfab.base.errors import SceneError
-from knotfab.design.hull import depth_extent
+from knotfab.design.room import depth_extent
 from knotfab.geometry.measures import bend_radii
 from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.knots import Knot, Knots

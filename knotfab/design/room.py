@@ -1,0 +1,186 @@
+"""The room for a piece: its region with a size, and the depth that this leaves in a single view."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from shapely import MultiPolygon
+
+from knotfab.base.arrays import Array
+from knotfab.base.errors import SceneError
+from knotfab.design.candidates import DEPTH_RATIO
+from knotfab.design.hull import HullBound
+from knotfab.limits.region import region_mesh
+from knotfab.scene.camera import view_axes
+from knotfab_formats.bounds import MOST_MM
+from knotfab_formats.piece import Mount, Region
+from knotfab_formats.scene import LIGHT_SHARE, WALL_SHARE, ResolvedView, SettledRegion
+
+_FOOT_SHARE = 0.5  # depth by which a valley is sunk into its plate, in radii
+_BACK_MM = 0.7  # thickness of the plate that stays below a valley
+_PLATE_SHARE = 0.24  # distance from a piece on a plate to the wall, over the frame's longer side
+_WIDER = 1.25  # width of the region over that of the picture
+_BESIDE_RADII = 2.0  # room before and behind the centre lines, in radii
+
+
+def resolve_region(
+    region: Region,
+    views: Sequence[ResolvedView],
+    bounds: Sequence[HullBound],
+    radius: float,
+    mount: Mount | None = None,
+) -> SettledRegion:
+    """Return the region with its size: the scene's or, if open, the size that the pictures need.
+
+    For one view it is turned like the view, a quarter wider than the picture, and clear of wall and lamp. For
+    several views it holds the visual hull, with a tube radius (mm) of play. On a `mount` whose plate holds
+    the piece's valleys it includes part of the plate.
+
+    Raises:
+        InputError: a mesh is unfit. SceneError: the region would be larger than allowed.
+    """
+    known = region.model_dump()
+    if region.kind == "mesh" and region.file is not None:
+        least, most = region_mesh(region.file, region.center_mm).bounds
+        size = tuple(round(float(s), 4) for s in most - least)
+        return SettledRegion(**{**known, "size_mm": size})
+    if region.size_mm is not None:
+        return SettledRegion(**known)
+    if bounds:
+        known |= {"azimuth_deg": 0.0, "elevation_deg": 0.0}  # the hull's extents are the scene's
+        low = np.min([b.low for b in bounds], 0)
+        high = np.max([b.high for b in bounds], 0)
+        x, y, z = 2 * (np.maximum(np.abs(low), np.abs(high)) + radius)
+        around = {"cylinder": float(np.hypot(x, z)), "sphere": float(np.linalg.norm([x, y, z]))}
+    else:
+        (view,) = views
+        known |= {"azimuth_deg": view.azimuth_deg, "elevation_deg": view.elevation_deg}
+        x, y = (_WIDER / view.magnification * side for side in view.frame_mm)
+        reach = view.reach_mm
+        if mount is not None and mount.on_feet:
+            reach = view.wall_distance_mm + mount.thickness_mm - _BACK_MM / 2
+        z = 2.0 * reach
+        widest = min(max(x, y, z), 1.9 * view.light_distance_mm)
+        around = {"cylinder": widest, "sphere": widest}
+    size = {
+        "box": (x, y, z),
+        "cylinder": (around["cylinder"], y, around["cylinder"]),
+        "sphere": (around["sphere"],) * 3,
+    }[region.kind]
+    if max(size) > MOST_MM:
+        raise SceneError(
+            "the region",
+            f"it would be {max(size):.6g} mm large, and the largest is {MOST_MM:g} mm",
+            "Make the picture smaller (--size), or give another lamp (--lamp-distance).",
+        )
+    return SettledRegion(**{**known, "size_mm": tuple(round(float(s), 4) for s in size)})
+
+
+def depth_extent(
+    asked: float | None,
+    polygon: MultiPolygon,
+    region: SettledRegion,
+    radius: float,
+    ahead: Sequence[float] = (0.0, 0.0, 1.0),
+) -> float | None:
+    """Return the depth of the centre lines along a single view's axis, mm; None for a flat piece.
+
+    Args:
+        asked: the scene's depth, mm; 0 is a flat piece, None leaves it open.
+        ahead: the view's axis, towards the light.
+
+    Raises:
+        SceneError: the region has no room for it.
+    """
+    if asked == 0:
+        return None
+    low_x, low_y, high_x, high_y = polygon.bounds
+    usual = DEPTH_RATIO * (max(high_x - low_x, high_y - low_y) + 2 * radius)
+    wanted = asked or usual
+    room = most_depth_mm(0.5 * _across(region, np.asarray(ahead)), radius)
+    if room <= 0:
+        raise SceneError(
+            "the region",
+            f"a tube {2 * radius:.1f} mm thick has no room between the light and the wall",
+            "Move the wall away (--wall-distance, wall_distance_mm), make the picture smaller (--size), or "
+            "enlarge the region.",
+        )
+    if asked is not None and wanted > room + 1e-3:
+        raise SceneError(
+            "scene key piece.depth",
+            f"{wanted:g} mm do not fit a region that is {room:.1f} mm deep for it",
+            "Ask for less depth, or enlarge the region and the distance to the wall",
+        )
+    # an auto depth is rounded down, so that a rebuild from the number finds the same room
+    return float(np.floor(min(wanted, room) * 1e4) / 1e4) if asked is None else wanted
+
+
+def foot_sink_mm(mount: Mount, radius: float) -> float:
+    """Return how deep a tube's valleys are sunk into their plate, mm."""
+    return min(_FOOT_SHARE * radius, mount.thickness_mm - _BACK_MM)
+
+
+def plate_wall_mm(mount: Mount, view: ResolvedView, depth: float | None, thinnest: float) -> float:
+    """Return the distance from the middle of a piece to the wall plate that its valleys stand in, mm.
+
+    Args:
+        depth: the depth asked for, mm. thinnest: radius of the thinnest tube, mm.
+    """
+    asked = None if depth is None else 0.5 * depth + thinnest - foot_sink_mm(mount, thinnest)
+    return round(
+        min(asked or _PLATE_SHARE * view.longer_mm, LIGHT_SHARE * view.light_distance_mm), 2
+    )
+
+
+def plate_depth_mm(mount: Mount, view: ResolvedView, radius: float) -> float:
+    """Return the depth of the centre lines of a tube whose valleys stand in the plate, mm.
+
+    Raises:
+        SceneError: the wall is too near.
+    """
+    depth = 2.0 * (view.wall_distance_mm + foot_sink_mm(mount, radius) - radius)
+    if depth < 8.0 * radius:  # less than an arch over a neighbour
+        raise SceneError(
+            "scene key views.wall_distance_mm",
+            f"{view.wall_distance_mm:g} mm leave a tube {2 * radius:.1f} mm thick that stands on the wall's "
+            f"plate a depth of {max(depth, 0.0):.1f} mm",
+            "Leave it out, or use --plate pegs",
+        )
+    return float(np.floor(depth * 1e4) / 1e4)
+
+
+def most_depth_mm(reach_mm: float, radius: float) -> float:
+    """Return the most depth of the centre lines in a region that extends `reach_mm` to each side, mm."""
+    return 2.0 * (reach_mm - _BESIDE_RADII * radius)
+
+
+def least_wall_mm(back_mm: float, radius: float) -> float:
+    """Return the least distance of a flat wall behind a region of open size, mm.
+
+    Args:
+        back_mm: extent of the centre lines behind the middle, or half the depth asked for.
+    """
+    return (back_mm + _BESIDE_RADII * radius) / WALL_SHARE
+
+
+def _across(region: SettledRegion, ahead: Array) -> float:
+    """Return the length of a region along a direction (3,), symmetric about the origin, mm."""
+    if region.kind == "mesh" and region.file is not None:
+        least, most = region_mesh(region.file, region.center_mm).bounds
+        return 2.0 * _chord(np.minimum(most, -least), ahead)
+    axes = view_axes(region)
+    aside = 2.0 * abs(float(ahead @ region.center_mm))
+    if region.kind == "sphere":
+        return min(region.size_mm) - aside
+    half = np.array(region.size_mm) / 2.0
+    along = axes @ ahead
+    if region.kind == "cylinder":  # about its own upright axis
+        half, along = half[:2], np.array([np.hypot(along[0], along[2]), along[1]])
+    return 2.0 * _chord(half, along) - aside
+
+
+def _chord(half: Array, ahead: Array) -> float:
+    """Return half the chord through the centre of a box with half sides `half` (n,), along `ahead` (n,)."""
+    steep = np.abs(ahead) > 1e-9
+    return float((half[steep] / np.abs(ahead[steep])).min())
