@@ -1,4 +1,4 @@
-"""All geometric checks that the given files allow, with what each group cost."""
+"""Run all geometric checks that the given files allow, and time each group."""
 
 from __future__ import annotations
 
@@ -39,13 +39,13 @@ if TYPE_CHECKING:
     from knotfab_validators.files.scene import Scene
 
 
-PLATE_HOLES = 2  # holes for the screws
+PLATE_HOLES = 2  # screw holes in a plate
 MARK_MM, ARROW_MM = (
     1.5,
     0.6,
 )  # depth of the notches in a plate's edges, and of the arrow in its face
-THINNEST = 0.7  # a sloping base is so many times its thickness thick where it is thinnest, at least
-Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # turns y up into z up
+THINNEST = 0.7  # least thickness of a sloping base at its thinnest, as a share of its nominal one
+Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # rotates y up into z up
 
 
 def part_checks(
@@ -57,17 +57,21 @@ def part_checks(
     skip: Collection[str] = (),
     printed: Mesh | None = None,
 ) -> list[Check]:
-    """Return everything but the shadow: mesh, tube, curves, knot type, region, printer.
+    """Make all checks but the shadow's: mesh, tube, curves, knot type, region and printer.
 
-    The thickness must reach the tube's radius, and with a scene half its clearance more; where no
-    radius is known it is measured only. A check whose file is not given is skipped, and says so.
-    Adds the seconds of each group to `seconds`. Where the part is printed on several `plates`, they
-    are what must fit the printer and can be printed, and must make up the part. A group of checks that
-    is to be left out whole (`skip`) is not measured, but for the surface where printability is asked.
-    `printed`: the part before it shrinks, where it does.
+    The thickness must reach the tube's radius plus, if there is a scene, half its clearance; without a
+    known
+    radius it is only measured. Checks whose file is not given are skipped, and say so. A group that
+    `skip`
+    names entirely is not measured, except that printability needs the surface. On `plates`, the plates
+    are
+    what must be printable and fit the printer, and they must make up the part. `printed` is the part
+    before
+    it shrinks, if it does. The seconds of each group are added to `seconds`.
 
-    A part without knots is looked through for its centre lines (`centre_line`), by which thickness,
-    knot type and clearance are measured then; they are an estimate, and not required.
+    A part without knots is searched for its centre lines (`centre_line`). Thickness, knot type and
+    clearance
+    are then measured on these estimates, and are not required.
     """
     whole = mesh if printed is None else printed
     if _is_upright(scene) and mesh is not None:
@@ -83,7 +87,7 @@ def part_checks(
 
 
 def _is_upright(scene: Scene | None) -> bool:
-    """True of a piece that is designed to print without supports."""
+    """True if the piece is designed to print without supports."""
     return (
         scene is not None
         and scene.piece.supports == "none"
@@ -93,7 +97,7 @@ def _is_upright(scene: Scene | None) -> bool:
 
 
 def _check_feet(mesh: Mesh | None, curves: Curves | None, scene: Scene) -> list[Check]:
-    """Return what knots.json says of feet and bars, against the part as it is printed."""
+    """Check what knots.json says of feet and bars against the part as it is printed."""
     if mesh is None or curves is None or curves.radius_mm is None or not mesh.usable:
         why = f"not given the {'knots' if mesh is not None and mesh.usable else 'part'}"
         return [skip_check(name, why, required=mesh is not None) for name in ("cut", "bars")]
@@ -118,9 +122,9 @@ def _check_surface(
     skip: Collection[str],
     printed: Mesh | None,
 ) -> list[Check]:
-    """Return mesh, region and printer."""
+    """Check the surface, the region and the printability."""
     left = _leave_out(PRINTING, skip)
-    # printability means nothing for a broken surface: where it is asked, the surface is checked too
+    # printability is meaningless on a broken surface: if it is asked for, the surface is checked too
     checks = (left and _leave_out(MESH, skip)) or _check_mesh(mesh, curves, scene, seconds)
     if mesh is not None and scene is not None and scene.mount.kind == "hang":
         checks += _leave_out(HELD, skip) or [_check_level(mesh, scene)]
@@ -143,7 +147,7 @@ def _check_surface(
 
 
 def _leave_out(names: Collection[str], skip: Collection[str]) -> list[Check]:
-    """Return a group of checks, none of which is asked for; empty where any is."""
+    """Skip a group of checks that nobody asked for; return nothing if any of them was."""
     asked = not set(names) <= set(skip)
     return [] if asked else [skip_check(name, "left out on request") for name in names]
 
@@ -155,7 +159,7 @@ def _check_lines(
     seconds: dict[str, float],
     skip: Collection[str],
 ) -> list[Check]:
-    """Tell whether centre lines were found, the gaps between strands, and what knots they are."""
+    """Check that centre lines were found, the gaps between strands, and the knot types."""
     line, found = _find_lines(mesh, curves, scene, seconds, skip)
     kinds = _leave_out(KNOTS, skip) or _check_knots(mesh, curves or found, scene, seconds)
     if found is not None:
@@ -173,7 +177,7 @@ def _find_lines(
     seconds: dict[str, float],
     skip: Collection[str],
 ) -> tuple[Check, Curves | None]:
-    """Find the centre lines of a part that came without any, and what there is to say of them."""
+    """Find the centre lines of a part that came without any, with the check that reports them."""
     why = "not given the part" if mesh is None else "given with the knots" if curves else None
     if why is None and _is_mounted(scene):
         why = "a part with a mount is more than tubes"
@@ -192,7 +196,7 @@ def _check_mesh(
         if scene is None or scene.mount.kind == "none":
             if curves is None or not _is_upright(scene):
                 return check_mesh(mesh, curves)
-            # cut flat, tubes have less than the volume of Pappus: `tube` says how they are cut
+            # tubes that are cut flat fall short of Pappus' volume: the check `tube` reports the cut
             holes = [1 if closed else 0 for closed in curves.closed]
             return check_mesh(mesh, bodies=len(holes), genus=holes)
         bodies, genus = _predict_topology(scene.mount, curves)
@@ -202,7 +206,7 @@ def _check_mesh(
 def _check_tube(
     mesh: Mesh | None, curves: Curves | None, scene: Scene | None, seconds: dict[str, float]
 ) -> Check:
-    """Tell whether the surface is the tube of the curves."""
+    """Check that the surface is the tube around the curves."""
     if mesh is None:
         return skip_check("tube", "not given the part")
     asked = None if scene is None else scene.piece.tube_radius_mm
@@ -214,7 +218,7 @@ def _check_tube(
 def _check_mount(
     mesh: Mesh | None, curves: Curves | None, scene: Scene | None, seconds: dict[str, float]
 ) -> Check:
-    """Tell whether the mount's members are whole, and none but they join strands."""
+    """Check that the mount's members are whole, and that nothing else joins strands."""
     if scene is None or not _is_mounted(scene):
         return skip_check("mount", "not given a scene with a mount")
     if mesh is None or curves is None:
@@ -226,7 +230,7 @@ def _check_mount(
 
 
 def _asked_of_mount(scene: Scene) -> Asked | str:
-    """Return what the scene asks of its mount, in the part's coordinates; or why that is not known."""
+    """Return what the scene requires of its mount, in the part's coordinates, or why that is unknown."""
     mount, back = scene.mount, None
     if mount.on_feet:
         return Asked(on_feet=True)
@@ -252,7 +256,7 @@ def _asked_of_mount(scene: Scene) -> Asked | str:
 def _plate_of(mount: Mount, view: ViewGeometry, back: Array) -> Solid:
     """Return the wall plate with its openings: screw holes, notches in its edges, an arrow in its face.
 
-    Its face lies on the wall, a margin wider than the frame on every side (docs/contract.md).
+    Its face lies on the wall, and is a margin wider than the frame on every side (docs/contract.md).
     """
     margin, thick = mount.plate_margin_mm, mount.thickness_mm
     x, y = (float(np.linalg.norm(2 * step)) / 2 + margin for step in (view.du, view.dv))
@@ -295,7 +299,7 @@ def _check_gap(
     seconds: dict[str, float],
     found: Curves | None,
 ) -> Check:
-    """Return the gaps between strands, which those that were `found` tell apart if the part has no curves."""
+    """Check the gaps between strands; if the part has no curves, those that were `found` separate them."""
     if mesh is None:
         return skip_check("clearance", "not given the part")
     with time_stage(seconds, "clearance"):
@@ -379,7 +383,7 @@ def _check_printability(
     before: Sequence[Check],
     seconds: dict[str, float],
 ) -> list[Check]:
-    """Return printability, where the surface is sound enough for the words to mean something."""
+    """Check printability if the surface is sound enough for it to mean something."""
     if mesh is None:
         return [skip_check(name, "not given the part") for name in PRINTING]
     broken = [c.name for c in before if c.name in MESH and c.status == "fail" and c.required]
@@ -408,7 +412,9 @@ def _check_printability(
 
 
 def _turn_upright(scene: Scene | None) -> Array | None:
-    """Return the turn (3, 3) that puts a stand upright (the scene's y up); None where it is printed so."""
+    """Return the rotation (3, 3) that puts a stand upright (the scene's y up); None if it is printed
+    upright.
+    """
     if scene is None or scene.pose is None:
         return None
     turn = Y_UP @ np.array(scene.pose.matrix, dtype=np.float64)[:3, :3]
@@ -416,7 +422,7 @@ def _turn_upright(scene: Scene | None) -> Array | None:
 
 
 def _check_curves(curves: Curves, scene: Scene | None) -> list[Check]:
-    """Return thickness, bend and length."""
+    """Check thickness, bend and length."""
     radius = curves.radius_mm
     if radius is None and scene is not None:
         radius = scene.piece.tube_radius_mm

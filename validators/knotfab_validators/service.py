@@ -1,14 +1,17 @@
 """Answer each request with a verdict.
 
-What is slow to load is loaded while no request waits, so that a parent can start this process early; and a
-graphics library that crashes takes only this process with it. A request without files is answered once all is
-loaded, and compiled loops are kept for other processes.
+Slow imports happen while no request is waiting, so that a parent can start this process early; and a
+graphics library that crashes takes only this process with it. A request without files is answered once
+all is loaded, and compiled loops are cached for other processes.
 
-Request: {"part", "knots", "scene", "pictures_dir", "failures": path or null, "skip": [name, …], "unit": that
-of a part whose file knows none ("mm"), "piece": a name that tells these files from all others, since they are
-read once}. Where two processes share a piece, each is asked for a half, "only": "geometry" or "shadows", and
-one is then asked to conclude from what both "found": [answer, answer].
-Answer: {"status", "exit_code", "conclusion", "size_mm", "notes", "checks", "views", "picture", "seconds"},
+Request: {"part", "knots", "scene", "pictures_dir", "failures": path or null, "skip": [name, …], "unit":
+that
+of a part whose file knows none ("mm"), "piece": a unique name of these files, which are read once}. If
+two
+processes share a piece, each is asked for a half, "only": "geometry" or "shadows"; one is then asked to
+conclude from what both "found": [answer, answer].
+Answer: {"status", "exit_code", "conclusion", "size_mm", "notes", "checks", "views", "picture",
+"seconds"},
 or {"error": sentence} for bad files.
 """
 
@@ -33,7 +36,7 @@ GEOMETRY = ("igl", "pymeshlab", "scipy.spatial", "scipy.sparse.csgraph")
 
 
 def prepare(*parts: str) -> Iterator[None]:
-    """Load what checks use, piece by piece: libraries, compiled loops, VTK and its OpenGL.
+    """Load what the checks need, step by step: libraries, compiled loops, VTK and its OpenGL.
 
     Args:
         parts: any of "geometry", "shadows", "graphics".
@@ -41,7 +44,7 @@ def prepare(*parts: str) -> Iterator[None]:
     importlib.import_module(".validate", __package__)
     for name in GEOMETRY if "geometry" in parts else ("scipy.ndimage",):
         yield
-        with contextlib.suppress(ImportError):  # the check that needs it will say so
+        with contextlib.suppress(ImportError):  # the check that needs it reports this
             importlib.import_module(name)
     yield
     if "geometry" in parts:
@@ -113,7 +116,7 @@ def _draw() -> None:
 
 @lru_cache(maxsize=1)
 def _read(piece: str, part: str | None, knots: str | None, scene: str | None, unit: str) -> Piece:
-    """Read the files of the piece that was asked about last; its name is never given twice."""
+    """Read the files of a piece and keep the last one; its name is never given twice."""
     from knotfab_validators.validate import read_piece
 
     del piece
@@ -121,7 +124,7 @@ def _read(piece: str, part: str | None, knots: str | None, scene: str | None, un
 
 
 def answer(request: dict[str, Any], told: object) -> dict[str, Any]:
-    """Return the verdict on written files."""
+    """Answer a request with the verdict on its files."""
     from knotfab_validators.check import BadFile
     from knotfab_validators.validate import Found, conclude_piece, measure_piece
 

@@ -42,10 +42,11 @@ AS_PRINTED = {*PRINTER, *FILES}  # checks of the part before it shrinks
 
 @dataclass(frozen=True)
 class Piece:
-    """The files of a piece, as they were read; None for a file that is not given.
+    """The files of a piece as read; None for a file that is not given.
 
-    `printed` and `lines` are those of the files. `mesh` and `curves` are as they are once the material has
-    shrunk to `left` of every length: these are measured.
+    `printed` and `lines` are as in the files. `mesh` and `curves`, which are measured, are as they will
+    be once
+    the material has shrunk to `left` of every length.
     """
 
     part: Path | None
@@ -54,7 +55,7 @@ class Piece:
     lines: Curves | None
     setting: Scene | None
     plates: Sequence[Plate]
-    table: Sequence[Plate]  # bars of the frame that holds lamps
+    table: Sequence[Plate]  # bars of the frame that holds the lamps
     mesh: Mesh | None
     curves: Curves | None
     left: float
@@ -64,7 +65,7 @@ class Piece:
 
 @dataclass(frozen=True)
 class Found:
-    """The findings on a piece: checks with their places in the file, views, costs of stages, colours."""
+    """What was found on a piece: checks with their places in the file, views, seconds by stage, colours."""
 
     checks: Sequence[Check]
     views: Sequence[View]
@@ -82,7 +83,7 @@ def validate(
     only: Half | None = None,
     unit: str = "mm",
 ) -> Verdict:
-    """Measure written files; whatever the given ones allow is checked, the rest is said to be not.
+    """Validate written files: measure all that the given ones allow, and skip the other checks.
 
     Args:
         part: STL or 3MF in print coordinates. knots: knots.json. scene: scene.toml; its pictures
@@ -166,7 +167,7 @@ def measure_piece(
 def conclude_piece(
     piece: Piece, halves: Sequence[Found | Verdict], failures: FilePath | None = None
 ) -> Verdict:
-    """Return the verdict on a piece whose checks were measured, together or as halves, by whatever processes.
+    """Conclude from a piece's checks, measured together or as halves by other processes.
 
     Args:
         halves: what `measure_piece` found, or the verdicts of other processes.
@@ -203,7 +204,7 @@ def conclude_piece(
 def _check_beside(
     mesh: Mesh | None, part: Path | None, skip: Collection[str], seconds: dict[str, float]
 ) -> Check:
-    """Tell whether the 3MF files beside the part hold its surface."""
+    """Check that the 3MF files beside the part hold its surface."""
     (name,) = FILES
     if mesh is None or part is None:
         return skip_check(name, "not given the part")
@@ -214,7 +215,7 @@ def _check_beside(
 
 
 def _check_table(piece: Piece, skip: Collection[str], seconds: dict[str, float]) -> list[Check]:
-    """Return the frame that holds lamps, where the scene names one."""
+    """Check the frame that holds the lamps, if the scene names one."""
     if not piece.table or piece.setting is None or set(TABLE) <= set(skip):
         return []
     from knotfab_validators.shadows.table import check_table
@@ -224,7 +225,7 @@ def _check_table(piece: Piece, skip: Collection[str], seconds: dict[str, float])
 
 
 def _read_scene(path: Path) -> Scene:
-    """Read the scene of a file; what reads it is loaded for it alone."""
+    """Read a scene file; the reader is imported only for this."""
     from knotfab_validators.files.scene import read_scene
 
     return read_scene(path)
@@ -233,7 +234,7 @@ def _read_scene(path: Path) -> Scene:
 def _check_shadows(
     piece: Piece, skip: Collection[str], pictures_dir: FilePath | None, seconds: dict[str, float]
 ) -> tuple[list[Check], list[View], Colours | None]:
-    """Return the checks of the shadows, what is told of each view and of colours, or why there are none."""
+    """Check the shadows, and report on each view and the colours; or skip, and say why."""
     mesh, setting, scene = piece.mesh, piece.setting, piece.scene
     nameless = [v.name for v in setting.views if not v.picture] if setting is not None else []
     if mesh is None or setting is None or scene is None:
@@ -251,14 +252,14 @@ def _check_shadows(
 def _shrink(
     mesh: Mesh | None, curves: Curves | None, share: float
 ) -> tuple[Mesh | None, Curves | None]:
-    """Return part and centre lines as they are once the material has shrunk to a share of every length."""
+    """Scale part and centre lines to `share`, as shrinkage of the material does."""
     if mesh is not None:
         mesh = Mesh(share * mesh.vertices, mesh.faces)
     return mesh, None if curves is None else curves.scaled(share)
 
 
 def _in_file(check: Check, left: float) -> Check:
-    """Return a check with its places in the file, of which the material leaves a share of every length."""
+    """Return a check with its places in the file, whose lengths the material shrinks to `left`."""
     if left == 1.0 or check.name in AS_PRINTED:
         return check
     return rescale(check, 1 / left)

@@ -136,7 +136,7 @@ def bound_triangles(a: Array, b: Array, c: Array) -> tuple[Array, Array]:
 
 
 def corner_faces(mesh: Mesh) -> tuple[Ints, Ints]:
-    """List the faces around each vertex: `faces` (3 m,), in which vertex i's begin at `first`[i], (n + 1,)."""
+    """List the faces around each vertex: `faces` (3 m,), where vertex i's begin at `first`[i], (n + 1,)."""
     corner = mesh.faces.reshape(-1)
     order = np.argsort(corner, kind="stable")
     count = np.bincount(corner, minlength=len(mesh.vertices))

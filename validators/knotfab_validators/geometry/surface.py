@@ -312,7 +312,7 @@ def _solve(vertices: int, edges: _Edges, weight: Array, forms: Array) -> Array:
 
 
 def _reduce(gram: Array) -> tuple[Ints, Ints]:
-    """Return the two shortest independent integer vectors of a quadratic form (2, 2), by Gauss's reduction."""
+    """Reduce a quadratic form (2, 2) by Gauss's method to its two shortest independent integer vectors."""
     short, long = np.array([1, 0]), np.array([0, 1])
     for _ in range(100):
         if short @ gram @ short > long @ gram @ long:

@@ -124,7 +124,7 @@ def _from_segment(p: Triple, a: Triple, b: Triple) -> float:
 
 @compiled
 def _nearest_parameters(u: Triple, v: Triple, w: Triple) -> tuple[float, float]:
-    """Find s and t in [0, 1] for which the segments s u and w + t v are nearest, as `nearest_on_two` has it."""
+    """Find s and t in [0, 1] where s u and w + t v are nearest, as `nearest_on_two` has it."""
     uu, vv, uv, uw, vw = _dot(u, u), _dot(v, v), _dot(u, v), _dot(u, w), _dot(v, w)
     det = uu * vv - uv * uv
     s = min(max((uw * vv - vw * uv) / det, 0.0), 1.0) if det > 0.0 else 0.0

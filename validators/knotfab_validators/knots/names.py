@@ -129,7 +129,7 @@ def prime_names() -> tuple[str, ...]:
 
 
 def braid_word(name: str) -> tuple[int, ...]:
-    """Return a braid whose closure is the right-handed knot of that name (see planar_diagram.closed_braid)."""
+    """Return a braid whose closure (`closed_braid`) is the right-handed knot of that name."""
     return tuple(_table()["knots"][name]["braid"])
 
 

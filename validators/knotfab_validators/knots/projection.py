@@ -66,7 +66,7 @@ def diagram_of(
 
 
 def seen_from(polygons: Sequence[Array], towards: Array) -> PlanarDiagram | None:
-    """Return the diagram seen from far off in the direction `towards` (3,), or None if a sign is uncertain."""
+    """Return the diagram seen from far off in direction `towards` (3,); None if a sign is uncertain."""
     ring = ring_of(polygons)
     crossings = _crossings(ring, towards)
     if crossings is None:

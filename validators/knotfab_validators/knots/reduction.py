@@ -147,7 +147,7 @@ def _shift(ring: Ring, nudge: float, seed: int) -> Array | None:
 
 
 def orientation(a: Array, b: Array, c: Array, d: Array) -> Signs:
-    """Return the sign of det(a - d, b - d, c - d) for rows of points (n, 3); 0 where rounding might decide."""
+    """Return the sign of det(a - d, b - d, c - d), row by row (n, 3); 0 where rounding might decide."""
     return certain_sign(a - d, b - d, c - d)
 
 

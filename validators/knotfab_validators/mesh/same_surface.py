@@ -1,4 +1,4 @@
-"""Check that the 3MF files beside an STL hold its surface: the STL is verified, and a 3MF is printed."""
+"""Check that the 3MF files beside an STL hold its surface: the STL is verified, but the 3MF is printed."""
 
 from __future__ import annotations
 
@@ -16,16 +16,17 @@ from knotfab_validators.geometry.mesh import Mesh
 
 NAME = "same_3mf"
 LIMIT_MM = 1e-3  # single precision at a metre rounds by 3e-5 mm, six decimals by 5e-7
-APART_MM = 5.0  # between two places that are named
+APART_MM = 5.0  # least distance between two places that are named
 
 
 @dataclass(frozen=True)
 class SurfaceDifference:
-    """The difference of two meshes.
+    """How two meshes differ.
 
-    `away_mm` is the largest distance from a vertex of either to the nearest of the other, infinite where one
-    has none; `at` (k, 3), mm, are places, worst first. `faces` counts those of either that the other lacks,
-    where all vertices match, and otherwise is 0.
+    `away_mm` is the largest distance from a vertex of either to the nearest one of the other, infinite if
+    one has none; `at` (k, 3), mm, are such places, worst first. `faces` counts faces that only one of
+    them
+    has, if all vertices match; otherwise it is 0.
     """
 
     away_mm: float
@@ -34,15 +35,15 @@ class SurfaceDifference:
 
 
 def compare_surfaces(mesh: Mesh, other: Mesh) -> SurfaceDifference:
-    """Match vertices, and then faces as triples of vertices in their cyclic order.
+    """Compare the vertices of two meshes, and then their faces with orientation.
 
-    The order of bodies, vertices and faces does not count, nor which corner of a face comes first; how
-    often a face is there and which way it is turned do. Faces that come in one order in both meshes are
-    compared corner by corner first, which is quick.
+    The order of bodies, vertices and faces, and the first corner of a face, do not matter. Multiplicity
+    and
+    orientation do. Faces in the same order are compared corner by corner first, which is quick.
     """
     if mesh.faces.shape == other.faces.shape:
         gap = np.abs(mesh.vertices[mesh.faces] - other.vertices[other.faces])
-        # most is the largest difference of a coordinate
+        # `most` is the largest difference of a coordinate
         if (most := float(gap.max(initial=0.0))) <= LIMIT_MM / 2:
             return SurfaceDifference(most, 0, np.empty((0, 3)))
     return _match(mesh, other)
@@ -114,29 +115,29 @@ def _match(mesh: Mesh, other: Mesh) -> SurfaceDifference:
 
 
 def _first_corner_least(faces: Ints) -> Ints:
-    """Return the same faces (m, 3), each begun at its corner of the least number."""
+    """Rotate each face (m, 3) so that its lowest vertex index comes first."""
     first = faces.argmin(axis=1)[:, None]
     return np.asarray(np.take_along_axis(faces, (first + np.arange(3)) % 3, axis=1))
 
 
 PART = re.compile(r"part(-\d+)?")
-OWN = re.compile(r"part(-\d+)?|zoetrope")  # names that a build writes as STL and as 3MF
+OWN = re.compile(r"part(-\d+)?|zoetrope")  # names that a build gives to its STL and 3MF
 
 
 def is_own(part: Path) -> bool:
-    """Tell whether a build writes files of that name: then the 3MF beside it is the same part."""
+    """Tell whether a build writes files of that name, so that the 3MF beside it must be the same part."""
     return OWN.fullmatch(part.stem) is not None
 
 
 def find_3mf(part: Path) -> list[Path]:
-    """Find the 3MF of the same name as an STL, and of a build's part its coloured one too, those there are.
+    """List the 3MF files of the same part beside an STL, also the coloured one of a build.
 
-    `part-03.3mf` and `part-colours-03.3mf` beside `part-03.stl`; none beside other formats.
+    Beside `part-03.stl` these are `part-03.3mf` and `part-colours-03.3mf`; beside other formats none.
     """
     if part.suffix.lower() != ".stl":
         return []
     names = {part.with_suffix(".3mf").name}
     if own := PART.fullmatch(part.stem):
         names.add(f"part-colours{own[1] or ''}.3mf")
-    wanted = {name.casefold() for name in names}  # part.3MF is the same file to a slicer
+    wanted = {name.casefold() for name in names}  # slicers accept part.3MF too
     return sorted(path for path in part.parent.iterdir() if path.name.casefold() in wanted)

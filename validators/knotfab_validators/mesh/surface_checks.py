@@ -1,4 +1,4 @@
-"""A part's surface: closed, wound outwards, expected bodies, right volume, nothing crossing."""
+"""Check a surface: closed, wound outwards, the expected bodies and volume, no crossing."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh, winding_numbers
 from knotfab_validators.geometry.surface import Surface, overlapping_boxes, survey, tell_heap
 
-BESIDE = 1e-3  # a share of a face's size: how far behind it one looks (in single precision)
+BESIDE = 1e-3  # how far behind a face to probe, as a share of its size (in single precision)
 
 
 def check_mesh(
@@ -26,7 +26,8 @@ def check_mesh(
     bodies: int | None = None,
     genus: Sequence[int] | None = None,
 ) -> list[Check]:
-    """Make all checks of the surface, in the order of `names.MESH`; what a failure makes void is skipped.
+    """Make all checks of the surface, in the order of `names.MESH`; those that a failure makes void are
+    skipped.
 
     Args:
         mesh: the part.
@@ -61,7 +62,7 @@ def check_mesh(
 
 
 def _count_defects(mesh: Mesh, found: Surface) -> list[Check]:
-    """Return the checks that count edges, corners and faces which must not be."""
+    """Make the checks that count defective edges, corners and faces."""
     rims, crowded = found.open_edges, found.crowded_edges
     folded, pinched = found.flipped_edges, found.pinched
     manifold = np.concatenate([_middles(mesh, crowded), mesh.vertices[pinched]])
@@ -98,14 +99,14 @@ def _count_defects(mesh: Mesh, found: Surface) -> list[Check]:
 
 
 def _check_none(name: str, at: Array, unit: str, detail: str) -> Check:
-    """Return a check that passes when there is nothing of that kind; `at` (k, 3) are the places."""
+    """Make a check that passes if the count is 0; `at` (k, 3) are the places."""
     if len(at):
         detail += f", the first at {spot(at[0])}"
     return at_most(name, len(at), 0, unit, detail, at=at)
 
 
 def _check_bodies(found: Surface, wanted: int | None, where: Array) -> Check:
-    """Name the smallest bodies first where the count is wrong: nobody meant those."""
+    """Check the number of bodies; if it is wrong, the smallest ones are named first."""
     count = len(found.volumes_mm3)
     holds = wanted is None or count == wanted
     detail = "closed surfaces" if wanted is None else "closed surfaces, and how many there must be"
@@ -123,7 +124,7 @@ def _check_bodies(found: Surface, wanted: int | None, where: Array) -> Check:
 
 
 def _check_genus(found: Surface, wanted: Sequence[int] | None, where: Array) -> Check:
-    """Count the bodies of each genus, in whatever order, against the expected ones."""
+    """Check the genera of the bodies, in any order, against the expected ones."""
     if wanted is None:
         several = ", ".join(str(g) for g in found.genus[:10])
         more = ", ..." if len(found.genus) > 10 else ""
@@ -138,7 +139,7 @@ def _check_genus(found: Surface, wanted: Sequence[int] | None, where: Array) -> 
     kinds = sorted(set(wanted))
     limit = kinds[0] if len(kinds) == 1 else ", ".join(str(g) for g in wanted)
     if not wrong:
-        # bodies that are missing altogether are another check's
+        # missing bodies are reported by another check
         measured = int(found.genus[0]) if len(kinds) == 1 else ", ".join(map(str, found.genus))
         detail = "handles of each body (1: the tube of a closed curve, 0: of an open one)"
         return Check("mesh_genus", "pass", True, measured, limit, "", detail)
@@ -153,9 +154,10 @@ def _check_genus(found: Surface, wanted: Sequence[int] | None, where: Array) -> 
 def _check_volume(
     mesh: Mesh, found: Surface, curves: Curves | None, largest: Ints, crossing: bool
 ) -> Check:
-    """Every body bounds matter from outside (or, in a part that is no tube, a cavity from inside).
+    """Check that every body encloses matter from outside or, unless the part is a plain tube, a cavity
+    from inside.
 
-    Bodies that cross each other are partly in each other's matter: another check says so.
+    Bodies that cross each other are partly in each other's matter, which another check reports.
     """
     inverted, where = ~(found.volumes_mm3 > 0), _centres(mesh, largest)
     if curves is None and len(where) > 1 and not crossing:
@@ -181,9 +183,9 @@ def _check_volume(
 
 
 def _check_pappus(found: Surface, curves: Curves, radius: float, where: Array) -> Check:
-    """A tube's volume is the section's area times the way of its centre (Pappus, Guldin).
+    """Check a tube's volume: the section's area times the length of its centre line (Pappus, Guldin).
 
-    The ends of an open tube may be flat, or balls that add 4/3 pi r³: the nearer one counts.
+    The ends of an open tube may be flat, or balls that add 4/3 pi r³: whichever is nearer counts.
     """
     lengths = np.array(curves.lengths_mm)
     tubes, by_volume = np.pi * radius**2 * lengths, np.argsort(found.volumes_mm3, kind="stable")
@@ -191,7 +193,7 @@ def _check_pappus(found: Surface, curves: Curves, radius: float, where: Array) -
     order = np.argsort(tubes, kind="stable")
     wanted, round_ends, bodies = tubes[order], balls[order], found.volumes_mm3[by_volume]
     each, at = "", where[by_volume]
-    if len(bodies) != len(wanted):  # then they can be compared in sum only
+    if len(bodies) != len(wanted):  # then only the sums can be compared
         bodies, wanted, round_ends = (a.sum(keepdims=True) for a in (bodies, wanted, round_ends))
     elif len(bodies) > 1:
         each = ", the worst of all knots"
@@ -212,24 +214,26 @@ def _check_pappus(found: Surface, curves: Curves, radius: float, where: Array) -
 
 
 def _find_misplaced(mesh: Mesh, largest: Ints) -> Mask:
-    """Tell (b,) whether a body is turned inside out, or lies in the matter of others.
+    """Mark bodies (b,) that are inside out or lie in the matter of others.
 
-    Behind a face of a solid's surface the winding number is 1. That holds for the surface of a
-    cavity too, and for a body inside a cavity. It is 0 where a body is inside out (in front of its
-    faces: -1), and 2 where it lies in matter: slicers do not agree on what that means.
+    Behind a face of a sound solid the winding number is 1, also behind that of a cavity, or of a body
+    inside
+    a cavity. It is 0 if the body is inside out (-1 in front of its faces), and 2 if it lies in matter,
+    which
+    slicers interpret in different ways.
 
     Args:
         largest: (b,) a face of each body.
     """
     a, b, c = np.moveaxis(mesh.vertices[mesh.faces[largest]], 1, 0)
-    normal = np.cross(b - a, c - a)  # its length is twice the area, and the root of that a length
+    normal = np.cross(b - a, c - a)  # twice the area as its length, so the square root is a length
     step = normal * (BESIDE / np.sqrt(np.linalg.norm(normal, axis=1)))[:, None]
     winding = winding_numbers((a + b + c) / 3 - step, mesh, exact=False)
     return np.asarray(np.rint(winding) != 1)
 
 
 def _check_crossings(mesh: Mesh, found: Surface) -> Check:
-    """Both libraries must find nothing; where only one does the detail says so, and it fails."""
+    """Check that both libraries find no crossing; if only one finds any, the check fails and says so."""
     name = "mesh_self_intersection"
     kept = np.delete(np.arange(len(mesh.faces)), found.flat)
     if not len(kept):
@@ -263,7 +267,7 @@ def _check_crossings(mesh: Mesh, found: Surface) -> Check:
 
 
 def _largest_faces(mesh: Mesh, found: Surface) -> Ints:
-    """Return (b,) the largest face of each body: where to look for it."""
+    """Return the index of each body's largest face (b,), behind which it is probed."""
     a, b, c = (mesh.vertices[mesh.faces[:, i]] for i in range(3))
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
     order = np.lexsort([-area, found.body])
@@ -272,12 +276,12 @@ def _largest_faces(mesh: Mesh, found: Surface) -> Ints:
 
 
 def _middles(mesh: Mesh, edges: Ints) -> Array:
-    """Return (k, 3) the middles of edges (k, 2)."""
+    """Return the midpoints (k, 3) of edges (k, 2)."""
     return np.asarray(mesh.vertices[edges].mean(axis=1), dtype=np.float64)
 
 
 def _centres(mesh: Mesh, faces: Ints) -> Array:
-    """Return (k, 3) the centres of faces, by their numbers (k,)."""
+    """Return the centres (k, 3) of the faces with indices (k,)."""
     return np.asarray(mesh.vertices[mesh.faces[faces]].mean(axis=1), dtype=np.float64)
 
 
@@ -285,10 +289,10 @@ def _skip_all(names: tuple[str, ...], why: str) -> list[Check]:
     return [skip_check(name, why) for name in names]
 
 
-# Faces that meet where they must not: libigl's exact predicates, and pymeshlab's second opinion.
+# Faces that meet where they must not, by libigl's exact predicates and, as a second opinion, pymeshlab.
 
 
-MOST_COUNTED = 5_000_000  # above so many crossings the first is enough
+MOST_COUNTED = 5_000_000  # crossings beyond which finding the first one is enough
 TURNS = Rotation.from_euler(
     "xyz", [(1, 2, 3), (2, 3, 1), (3, 1, 2), (4, 5, 6)]
 ).as_matrix()  # radians
@@ -296,11 +300,13 @@ TURNS = Rotation.from_euler(
 
 @dataclass(frozen=True)
 class Opinions:
-    """The findings of the two libraries in one mesh.
+    """What the two libraries find in one mesh.
 
-    `pairs` (k, 2) are faces that meet by libigl, all of them or, where `counted` is False, the first
-    that was found. `seen` are the faces that cross others by pymeshlab; None where it could not be
-    asked, and `why` says so. Both None: the mesh is such a heap that neither was asked.
+    `pairs` (k, 2) are faces that meet by libigl: all of them or, unless `counted`, the first one. `seen`
+    are
+    faces that cross others by pymeshlab; None if it could not be asked, and `why` says so. Both are None
+    if
+    the mesh is such a heap of faces that neither was asked.
     """
 
     pairs: Ints | None
@@ -310,13 +316,13 @@ class Opinions:
 
 
 def opinions(mesh: Mesh) -> Opinions:
-    """Ask both libraries; faces without an area must have been left out.
+    """Look for faces that meet by both libraries; faces without area must have been removed.
 
-    libigl (AABB tree, Shewchuk's exact predicates) takes faces that only touch for meeting: a
-    corner, an edge or a plane in common that is not in the index is enough. pymeshlab (Möller's
-    test in floating point) sees those that cross, of which each lies on both sides of the other.
-    So where faces only touch libigl alone finds them. Both let go faces of the same three corners:
-    those are duplicates, and another check's.
+    libigl (AABB tree, Shewchuk's exact predicates) reports faces that merely touch: a corner, an edge or
+    a
+    plane in common that the index does not share is enough. pymeshlab (Möller's test in floating point)
+    reports faces that each lie on both sides of the other. So faces that touch are found by libigl alone.
+    Neither reports faces with the same three corners: another check finds these duplicates.
     """
     boxes = overlapping_boxes(mesh)
     if why := tell_heap(mesh, boxes):
@@ -334,10 +340,11 @@ def opinions(mesh: Mesh) -> Opinions:
 
 
 def _ask_again(mesh: Mesh, seen: Ints) -> Ints:
-    """Keep the faces that pymeshlab still takes for crossing when it is asked of them alone, turned.
+    """Keep the faces that still cross for pymeshlab when they alone are tested again, rotated.
 
-    In a plane aslant to the axes its rounding takes long, thin faces beside each other for crossing; a real
-    crossing stays one however it is turned.
+    In planes oblique to the axes, rounding makes it report long thin neighbours. A real crossing remains
+    in
+    any orientation.
     """
     for turn in TURNS:
         if not len(seen):
@@ -350,7 +357,7 @@ def _ask_again(mesh: Mesh, seen: Ints) -> Ints:
 
 
 def self_intersections(mesh: Mesh, first_only: bool = False) -> Ints:
-    """Find pairs (k, 2) of faces that meet outside shared corners and edges, by exact predicates."""
+    """Return pairs (k, 2) of faces that meet outside shared corners and edges, by exact predicates."""
     from igl import predicates
 
     took_part("libigl", "looked for faces that cross")
@@ -363,7 +370,7 @@ def self_intersections(mesh: Mesh, first_only: bool = False) -> Ints:
 
 
 def crossing_faces(mesh: Mesh) -> Ints:
-    """Return faces that cross others by pymeshlab's filter, which repairs nothing.
+    """Return the faces that cross others by pymeshlab's filter, which repairs nothing.
 
     Raises:
         ImportError: pymeshlab, or a library of the system that it needs, is missing.

@@ -1,4 +1,4 @@
-"""Break-away bars: bodies of their own between two strands, told apart from the tubes, and what they join."""
+"""Break-away bars: bodies between two strands, told apart from the tubes, and what they join."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from knotfab_validators.geometry.mesh import Mesh, body_volumes, number_bodies
 from knotfab_validators.geometry.surface import survey
 from knotfab_validators.printing.slices import Slices, find_pieces
 
-SIZE_MM = 0.05  # a bar's width and height may be so far from what is listed
-SAME_MM = 0.5  # between the middles of a bar and of what is listed
+SIZE_MM = 0.05  # tolerance of a bar's width and height
+SAME_MM = 0.5  # largest distance between the centres of a bar and of its listing
 STEP_MM = 0.05
 SUNK_MM = (
     0.15  # an end may stick so far out of its strand: the grid of rows and layers sees no more
@@ -26,28 +26,28 @@ SUNK_MM = (
 
 @dataclass(frozen=True)
 class Parted:
-    """A part as its tubes, and the bodies without a hole, which no tube of a closed line is."""
+    """A part separated into its tubes and its bars; a bar is a body without a handle."""
 
     strands: Mesh
     bars: Mesh | None
 
 
 def part_bars(mesh: Mesh) -> Parted:
-    """Tell bars from tubes by the characteristic of Euler, 2 of a ball and 0 of a ring."""
+    """Separate bars from tubes by Euler's characteristic: 2 for a ball, 0 for a torus."""
     if not mesh.usable:
         return Parted(mesh, None)
     label, count = number_bodies(mesh)
     of = label[mesh.faces[:, 0]]
     corners = np.bincount(label[label >= 0], minlength=count)
     ball = 2 * corners - np.bincount(of, minlength=count) == 4
-    bar = ball & (body_volumes(mesh, label, count) > 0)  # a hollow is no bar
+    bar = ball & (body_volumes(mesh, label, count) > 0)  # a cavity is no bar
     if not bar.any() or bar.all():
         return Parted(mesh, None)
     return Parted(_keep(mesh, ~bar[of]), _keep(mesh, bar[of]))
 
 
 def check_bars(strands: Slices, bars: Mesh | None, listed: Sequence[Bar], reach: float) -> Check:
-    """Check `bars`: each one in the file is listed, and each that is listed is there; they join two strands.
+    """Check `bars`: the bars in the file are exactly those listed, and each joins two strands.
 
     A bar's axis begins in one strand, leaves it, and ends in another; it meets nothing between. It may be as
     wide as it likes on the bed, where it is a strip that is peeled off; elsewhere it is to be broken away.
@@ -82,10 +82,11 @@ def _keep(mesh: Mesh, faces: Mask) -> Mesh:
 
 
 def _read_bars(bars: Mesh, listed: Sequence[Bar]) -> list[Bar]:
-    """Read each body as a level box: ends of its axis, width across it, height.
+    """Read each body as a level box: the ends of its axis, its width and its height.
 
-    Its axis is that of the listed bar whose middle is nearest, for a bar may be wider than it is long; of a
-    body that is far from any, its longest way.
+    The axis is that of the listed bar with the nearest centre, since a bar may be wider than long. A body
+    far
+    from all listed bars takes its longest extent.
     """
     label, count = number_bodies(bars)
     middles = np.array([(b.start + b.end) / 2 for b in listed]).reshape(-1, 3)
@@ -117,7 +118,7 @@ def _is_listed(bar: Bar, said: Bar, reach: float) -> bool:
 
 
 def _misses(strands: Slices, bar: Bar) -> str:
-    """Say what is wrong with what a bar joins; empty where it joins two strands and nothing else."""
+    """Say what is wrong with what a bar joins; empty if it joins two strands and nothing else."""
     way = bar.end - bar.start
     steps = max(int(np.ceil(np.linalg.norm(way) / STEP_MM)), 2)
     points = bar.start + np.linspace(0.0, 1.0, steps + 1)[:, None] * way

@@ -1,4 +1,4 @@
-"""Find what a layer prints over air: bridges between two sides, ledges held at one, and islands."""
+"""Find what a layer prints over air: bridges (held on two sides), ledges (held on one) and islands."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from knotfab_validators.arrays import Array, Ints, Mask
 from knotfab_validators.geometry.curves import number_runs
 from knotfab_validators.geometry.mesh import Mesh, bound_triangles, connect
 
-STEP = 1e-4  # mm, to which heights are ranked
+STEP = 1e-4  # mm, resolution of heights when ranked
 LEVEL_MM = 1e-3  # a height this little above a layer's top still belongs to the layer
 OPPOSITE = -0.5  # cosine: 60 degrees to either side of straight across
 
 
 @dataclass(frozen=True)
 class Stretches:
-    """Connected places that one layer prints over air, one entry each.
+    """The connected places that one layer prints over air, one entry for each.
 
     `length` (n,) mm: of a bridge (`bridged`) the way from side to side past the point that is
     farthest from what holds it; of a ledge, held on one side, how far it reaches out; NaN of an
@@ -81,7 +81,7 @@ def find_unsupported(grid: Columns, layer_mm: float) -> Stretches:
     anchor_of = label[np.concatenate(held)]
     length, bridged, farthest = _measure_spans(cells, label, count, anchor, anchor_of)
     places = grid.places(air)
-    # the lowest place of each island stands for it
+    # an island is represented by its lowest place
     lowest = np.lexsort((places[:, 2], label))
     lowest = lowest[np.flatnonzero(np.diff(label[lowest], prepend=-1))]
     deciding = np.where(np.isnan(length), lowest, farthest)
@@ -92,8 +92,8 @@ def find_unsupported(grid: Columns, layer_mm: float) -> Stretches:
 def _measure_spans(
     cells: Array, label: Ints, count: int, anchor: Array, anchor_of: Ints
 ) -> tuple[Array, Mask, Ints]:
-    """Measure the length in cells, whether it is a bridge, and the deciding cell, of each stretch."""
-    apart = 4.0 * (1.0 + max(np.ptp(cells), 1.0))  # stretches on levels that cannot be confused
+    """Measure each stretch: its length in cells, whether it is a bridge, and the cell that decides."""
+    apart = 4.0 * (1.0 + max(np.ptp(cells), 1.0))  # keeps stretches on different levels apart
     length, bridged = np.full(count, np.nan), np.zeros(count, dtype=np.bool_)
     farthest = np.zeros(count, dtype=np.int64)
     if not len(anchor):
@@ -120,7 +120,7 @@ def _measure_spans(
 
 
 class _Index:
-    """Answers whether a column has material in a layer."""
+    """Looks up whether a column has material in a layer."""
 
     def __init__(self, grid: Columns) -> None:
         self.grid = grid
@@ -151,19 +151,19 @@ class _Index:
 
 
 def _key(layer: Ints, ix: Ints, iy: Ints, across: int) -> Ints:
-    """Return one number for a column of a layer; those outside the grid get one that no column has."""
+    """Return a unique key for each column of a layer; columns outside the grid share a key that none has."""
     wide = np.int64(across + 2)
     tall = np.int64(1_000_000)
     return (layer * tall + iy + 1) * wide + ix + 1
 
 
-# Vertical columns through a part: where each enters and leaves the material.
+# Vertical columns through a part: where each one enters and leaves the material.
 
 
 CELL_MM = 0.5
 MOST_TESTS = 20_000_000  # pairs of face and row, and of face and column
-HAIR = 1e-3  # cells by which a row's axes are looked for beyond the face, and edges count as level
-# the place of a column's axis in its cell: CAD parts have edges at round numbers
+HAIR = 1e-3  # cells by which a face is widened when rows look for it, and edges count as level
+# position of a column's axis within its cell: CAD parts have edges at round numbers
 OFFSET = 0.50137, 0.50079
 
 
@@ -184,14 +184,14 @@ class Columns:
     face: Ints
 
     def places(self, which: Ints) -> Array:
-        """Return (k, 3) mm, the lower ends of the stretches `which` (k,)."""
+        """Return the lower ends (k, 3), mm, of the stretches with indices `which` (k,)."""
         x = self.origin[0] + self.cell * (self.column[which] % self.across)
         y = self.origin[1] + self.cell * (self.column[which] // self.across)
         return np.column_stack([x, y, self.low[which]])
 
 
 def columns(mesh: Mesh, cell: float = CELL_MM) -> Columns:
-    """Return the columns of a closed mesh on a grid of `cell` mm from the corner of its bounding box.
+    """Cut a closed mesh into columns on a grid of `cell` mm from the corner of its bounding box.
 
     Each face is tested against the axes of the rows that cross it; an axis through an edge belongs
     to one of the edge's faces (the rule of rasterisation: an edge owns what it meets when it goes
@@ -204,7 +204,9 @@ def columns(mesh: Mesh, cell: float = CELL_MM) -> Columns:
     """
     flat = mesh.vertices[:, :2]
     low, high = flat.min(axis=0), flat.max(axis=0)
-    cell = max(cell, float((high - low).max()) / 1000)  # columns along the longer side
+    cell = max(
+        cell, float((high - low).max()) / 1000
+    )  # at most a thousand columns along the longer side
     corner = flat[mesh.faces]  # (m, 3, 2)
     while True:
         start = low + np.array(OFFSET) * cell
@@ -231,10 +233,11 @@ def columns(mesh: Mesh, cell: float = CELL_MM) -> Columns:
 
 
 def _rows(corner: Array, start: Array, cell: float) -> tuple[Ints, Ints, Ints, Ints]:
-    """Find where rows of axes may meet faces (m, 3, 2): face, number of the row, first axis in it, and how
-    many.
+    """Find the rows of axes that may meet each face (m, 3, 2).
 
-    A row's axes are those between the places where it enters and leaves the face, and a hair more.
+    Returns the face, the row's number, its first axis in the face and how many there are: those between
+    where
+    the row enters and leaves the face, and a little beyond.
     """
     place = (corner - start) / cell
     low, high = bound_triangles(*place.swapaxes(0, 1))
@@ -261,13 +264,13 @@ def _rows(corner: Array, start: Array, cell: float) -> tuple[Ints, Ints, Ints, I
 
 
 def _heights(mesh: Mesh, face: Ints, x: Array, y: Array) -> tuple[Array, Ints]:
-    """Return z (k,) of the points of `face` (k,) at (x, y), and +1 where it looks down, -1 up, 0 missed."""
+    """Return z (k,) of `face` (k,) at (x, y), and +1 if it looks down, -1 if up, 0 if it is missed."""
     area = np.zeros(len(face))
     inside = [np.ones(len(face), dtype=np.bool_) for _ in range(2)]
     weight = np.empty((3, len(face)))
     for k in range(3):
         i, j = mesh.faces[face, k], mesh.faces[face, (k + 1) % 3]
-        # the same sum for both faces of an edge, whichever way they run through it
+        # the same sum for both faces of an edge, in whichever direction they traverse it
         swap = i > j
         a, b = mesh.vertices[np.where(swap, j, i)], mesh.vertices[np.where(swap, i, j)]
         dx, dy = b[:, 0] - a[:, 0], b[:, 1] - a[:, 1]
@@ -276,21 +279,21 @@ def _heights(mesh: Mesh, face: Ints, x: Array, y: Array) -> tuple[Array, Ints]:
         sign = np.where(swap, -1.0, 1.0)
         weight[(k + 2) % 3] = value * sign
         area += value * sign
-        left = (value > 0) | ((value == 0) & owns)  # the value of the edge as it is stored
+        left = (value > 0) | ((value == 0) & owns)  # the sign for the edge in its stored direction
         left ^= swap
         inside[0] &= left
         inside[1] &= ~left
     hit = (inside[0] | inside[1]) & (area != 0)
     weight /= np.where(hit, area, 1.0)
     corner = mesh.vertices[mesh.faces[face], 2]
-    # steep faces amplify rounding, but no point of a face leaves the range of its corners
+    # steep faces amplify rounding, but z stays within the range of the corners
     z = np.einsum("ki,ik->i", weight, corner).clip(corner.min(axis=1), corner.max(axis=1))
     facing = np.where(hit, np.where(inside[0], -1, 1), 0)
     return z, facing.astype(np.int64)
 
 
 def _stretches(column: Ints, z: Array, facing: Ints, face: Ints) -> tuple[Ints, Array, Array, Ints]:
-    """Return column, low, high and lower face of each stretch, of sorted crossings."""
+    """Pair sorted crossings into stretches: column, low, high and lower face of each."""
     if not len(column):
         return column, z, z.copy(), face
     new = np.flatnonzero(np.diff(column, prepend=column[0] - 1))
@@ -301,7 +304,9 @@ def _stretches(column: Ints, z: Array, facing: Ints, face: Ints) -> tuple[Ints, 
     good = np.repeat(depth[last] == 0, np.diff(new, append=len(column)))
     enters = np.flatnonzero(good & (depth == 1) & (facing > 0))
     leaves = np.flatnonzero(good & (depth == 0) & (facing < 0))
-    if len(enters) != len(leaves):  # an axis that is inside less than no times: wound inwards
+    if len(enters) != len(
+        leaves
+    ):  # the axis is inside fewer than zero times: the mesh is wound inwards
         bad = np.unique(column[good & (depth < 0)])
         enters = enters[~np.isin(column[enters], bad)]
         leaves = leaves[~np.isin(column[leaves], bad)]
@@ -310,20 +315,21 @@ def _stretches(column: Ints, z: Array, facing: Ints, face: Ints) -> tuple[Ints, 
     return column[enters], z[enters], z[leaves], face[enters]
 
 
-# Downward tips that begin in mid-air: where a printer would have to start on nothing.
+# Downward tips that begin in mid-air, where a printer would have nothing to start on.
 
 
-UPWARD = 0.05  # z of a normal from which a face is the top of something
-ISLAND_LEVEL_MM = 1e-6  # corners joined by an edge this level are one place
+UPWARD = 0.05  # z of a normal from which a face counts as looking up
+ISLAND_LEVEL_MM = 1e-6  # corners joined by an edge this level count as one place
 
 
 def find_islands(mesh: Mesh, air: Stretches, layer_mm: float) -> Array:
-    """Find (n, 3) the tips in mid-air, lowest first: local minima of the surface, material above.
+    """Find the tips in mid-air (n, 3), lowest first: local minima of the surface with material above.
 
-    The grid of columns sees a stretch that nothing holds, but it does not see a tip or a leg that
-    is thinner than its cells. So from the column's face the way leads down along the surface, each
-    time to the lowest neighbouring corner (of all corners, where they lie level). A stretch is an
-    island if that ends above the first layer, in a place from which no face looks up.
+    The grid of columns sees a stretch that nothing holds, but not a tip or a leg thinner than its cells.
+    So
+    from the face where a column begins, a path descends along the surface, each time to the lowest
+    neighbouring corner (level corners count as one). The stretch is an island if the path ends above the
+    first layer, in a place where no face looks up.
     """
     start = np.unique(air.face[air.island])
     if not len(start):
@@ -335,8 +341,8 @@ def find_islands(mesh: Mesh, air: Stretches, layer_mm: float) -> Array:
     down = np.flatnonzero((z[low] < z[high]) & (place[low] != place[high]))
     down = down[np.argsort(-z[low[down]], kind="stable")]
     way = np.arange(len(z))
-    way[place[high[down]]] = place[low[down]]  # the last one, the lowest, stays
-    for _ in range(64):  # twice as far each time
+    way[place[high[down]]] = place[low[down]]  # the last one written, the lowest, wins
+    for _ in range(64):  # pointers double their reach each time
         further = way[way]
         if np.array_equal(further, way):
             break
@@ -352,7 +358,7 @@ def find_islands(mesh: Mesh, air: Stretches, layer_mm: float) -> Array:
 
 
 def _level_places(mesh: Mesh) -> Ints:
-    """Return (n,) one vertex of those that a vertex is joined to by level edges."""
+    """Return, for each vertex, a common representative (n,) of all vertices joined to it by level edges."""
     n, z = len(mesh.vertices), mesh.vertices[:, 2]
     start, end = mesh.faces.reshape(-1), np.roll(mesh.faces, -1, axis=1).reshape(-1)
     level = np.abs(z[start] - z[end]) <= ISLAND_LEVEL_MM

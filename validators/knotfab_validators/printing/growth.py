@@ -1,4 +1,4 @@
-"""How the sections of a part grow out of each other: what stands on what, and what reaches over air."""
+"""Follow how the layers of a part grow out of each other: what stands on what, and what reaches over air."""
 
 from __future__ import annotations
 
@@ -10,23 +10,27 @@ from knotfab_validators.arrays import Array, Ints, Mask, compiled
 from knotfab_validators.geometry.mesh import connect
 from knotfab_validators.printing.slices import Slices, link_pieces, measure_pieces
 
-SPECK_MM2 = 0.05  # what begins in mid-air and never grows larger before it is held is no island
-LINE_MM = 0.3  # what lies over air no farther than this is not looked at: most of a line is held
-CAP_MM = 6.0  # over air farther than this from what holds it: more than half of any bridge
-SPAN_MM = 40.0  # no bridge is looked for beyond
-DIRECTIONS = 36  # in which a bridge is looked for, over half a turn
-TRIED = 12  # places of one stretch
+SPECK_MM2 = 0.05  # what begins in mid-air and stays this small until it is held is no island
+LINE_MM = 0.3  # what reaches over air no farther is ignored: most of a line's width is held
+CAP_MM = 6.0  # distances over air are measured up to this, which exceeds half of any bridge
+SPAN_MM = 40.0  # the longest bridge that is looked for
+DIRECTIONS = 36  # directions over half a turn in which a bridge is looked for
+TRIED = 12  # places tested in one stretch
 
 
 @dataclass(frozen=True)
 class Growth:
-    """The pieces of all layers, and what they stand on.
+    """The connected pieces of all layers, and what they stand on.
 
-    `area` (p,) mm² and `middle` (p, 3) mm are those of the section, `round_mm2` (p,) its area square to the
-    way that the leg takes, `body` (p,) numbers what hangs together when all is printed. `held` (p,) says
-    whether a way leads down to the bed, `island` (k,) are the pieces that begin in mid-air. `free` (p,) mm is
-    the length of a leg since its foot, or since the last place where another joined it; `limp` (p,) 1/mm is
-    the move of its end under a force across it, times the modulus, and `top` (p,) whether it ends there.
+    `area` (p,), mm², and `middle` (p, 3), mm, are those of the section; `round_mm2` (p,) is its area at
+    right
+    angles to the leg. `body` (p,) numbers what is connected once all is printed. `held` (p,) tells
+    whether a
+    path leads down to the bed; `island` (k,) are the pieces that begin in mid-air. `free` (p,), mm, is
+    the
+    length of a leg since its foot, or since another one last joined it. `limp` (p,), 1/mm, is the
+    deflection
+    of its end under a transverse force, times the modulus; `top` (p,) tells whether it ends there.
     """
 
     area: Array
@@ -43,10 +47,12 @@ class Growth:
 def follow_growth(cut: Slices) -> Growth:
     """Follow each piece of each layer down to what it stands on.
 
-    A leg is a cantilever from the bed, of the sections that it has: its end moves by the sum of
-    (L - s)² ds / E I(s), with I = A² / 4 pi of a round section of the same area; L³ / 3 E I where it is even.
-    Where two pieces that reach the bed grow together, as at the peak of an arch or in the layer of a
-    bar, they brace each other, and what goes on from there begins anew.
+    A leg is a cantilever from the bed with the sections that it has. Its end moves by the sum of
+    (L - s)² ds / E I(s), with I = A² / 4 pi of a round section of the same area: L³ / 3 E I if it is
+    even.
+    Where two pieces that reach the bed grow together, as at the peak of an arch or at a bar, they brace
+    each
+    other, and what goes on from there starts anew.
     """
     area, flat = measure_pieces(cut)
     pieces = len(area)
@@ -87,7 +93,7 @@ def _grow(
         held[n] = floor[n] == 0 or legs > 0
         if legs != 1:
             continue
-        # where a piece parts in two, the way that each takes from the middle of both is not known
+        # where a piece splits in two, the direction of each from their common centre is unknown
         aside = 0.0
         if split[leg] == 1:
             aside = np.hypot(middle[n, 0] - middle[leg, 0], middle[n, 1] - middle[leg, 1])
@@ -106,10 +112,11 @@ def _grow(
 
 @dataclass(frozen=True)
 class OverAir:
-    """Stretches that a layer lays over air farther than `LINE_MM`, one entry each.
+    """Stretches that a layer lays over air by more than `LINE_MM`, one entry for each.
 
-    `reach` (n,) mm: how far its farthest `place` (n, 3) is from what the layer below holds; `span` (n,) mm:
-    the shortest straight way through the layer, past there, from side to side; infinite of a ledge.
+    `reach` (n,), mm: how far its farthest `place` (n, 3) is from what the layer below holds. `span` (n,),
+    mm:
+    the shortest straight line through the layer and that place, from side to side; infinite for a ledge.
     """
 
     reach: Array
@@ -118,7 +125,7 @@ class OverAir:
 
 
 def find_over_air(cut: Slices, held: Mask) -> OverAir:
-    """Find what reaches over air; pieces that nothing holds (p,) are left out, for they are islands."""
+    """Find what reaches over air, except the pieces that nothing holds, which are islands."""
     bucket, x, away = _reach(cut.first, cut.left, cut.right, cut.piece, held, cut.rows, cut.row)
     if not len(x):
         return OverAir(np.empty(0), np.empty(0), np.empty((0, 3)))
@@ -139,7 +146,7 @@ def find_over_air(cut: Slices, held: Mask) -> OverAir:
 
 
 def _group(bucket: Ints, x: Array, rows: int) -> tuple[Ints, int]:
-    """Label the places that lie beside each other in one layer, in rows and steps of one length."""
+    """Label the adjacent places of each layer, in rows and in steps of one row's width."""
     from scipy.spatial import cKDTree
 
     points = np.column_stack([x, bucket % rows, 4.0 * (bucket // rows)])
@@ -151,7 +158,7 @@ def _group(bucket: Ints, x: Array, rows: int) -> tuple[Ints, int]:
 def _away(
     first: Ints, left: Array, right: Array, rows: int, row: float, k: int, j: int, x: float
 ) -> float:
-    """Measure how far a place in row j of layer k is from the material of the layer below, up to `CAP_MM`."""
+    """Measure how far a place in row j of layer k is from material in the layer below, up to `CAP_MM`."""
     best = CAP_MM
     for step in range(int(CAP_MM / row) + 1):
         if step * row >= best:
@@ -173,7 +180,7 @@ def _away(
 def _reach(
     first: Ints, left: Array, right: Array, piece: Ints, held: Mask, rows: int, row: float
 ) -> tuple[Ints, Array, Array]:
-    """Find the places farther than `LINE_MM` from what holds them: row of a layer, x, and how far."""
+    """Find the places farther than `LINE_MM` from what holds them: the layer's row, x, and the distance."""
     most = 1024
     bucket_of, x_of, far = np.empty(most, np.int64), np.empty(most), np.empty(most)
     count = 0
@@ -219,7 +226,7 @@ def _inside(first: Ints, left: Array, right: Array, bucket: int, x: float) -> bo
 def _span(
     first: Ints, left: Array, right: Array, rows: int, row: float, bucket: int, x: float
 ) -> float:
-    """Find the shortest straight way through a layer past a place, both ends on the layer below."""
+    """Find the shortest straight line through a layer and a place, with both ends on the layer below."""
     k, j, best = bucket // rows, bucket % rows, np.inf
     stride = row / 2
     for d in range(DIRECTIONS):

@@ -15,26 +15,31 @@ from knotfab_validators.geometry.mesh import Mesh, corner_faces
 from knotfab_validators.geometry.surface import bound_work
 from knotfab_validators.geometry.triangles import point_triangle, triangle_triangle
 
-SAMPLE_MM = 1.2  # between samples; see `Probe`
+SAMPLE_MM = 1.2  # distance between samples; see `Probe`
 MOST_SAMPLES = 200_000
-FACING = float(np.cos(np.radians(30.0)))  # two sides of a wall or gap are this nearly parallel
-SLIVER_MM = 1e-2  # faces less high have no trustworthy normal: nothing is measured from them
-SLANTING = float(np.cos(np.radians(75.0)))  # a face beyond this does not even hint at a gap
-SEED_MM = 3.0  # around places less wide all faces are sampled
+FACING = float(
+    np.cos(np.radians(30.0))
+)  # the two sides of a wall or gap are at least this parallel
+SLIVER_MM = 1e-2  # a lower face has no reliable normal: nothing is measured from it
+SLANTING = float(np.cos(np.radians(75.0)))  # a face that slants more does not even hint at a gap
+SEED_MM = 3.0  # around narrower places, all faces are sampled
 MOST_SEEDS = 300
-NEAR_MM = 1.2  # a gap wider than this is walked from only if it is the narrowest
+NEAR_MM = 1.2  # only the narrowest of the wider gaps is refined by a walk
 BATCH = 64
 MOST_BATCHES = 16
 MOST_HOPS = 60
-MOST_PAIRS = 50_000_000  # pairs of faces, or of a face and a narrow place, that are looked at
-MET_MM = 1e-9  # nearer than this two faces meet
-START_MM = 1e-6  # a ray starts this far off its face
+MOST_PAIRS = 50_000_000  # pairs of faces, or of a face and a narrow place, that are examined
+MET_MM = 1e-9  # faces nearer than this touch
+START_MM = 1e-6  # distance off its face at which a ray starts
 
 
 @dataclass(frozen=True)
 class Facing:
-    """Pairs of places that face each other: from `point` (n, 3) on `face` a ray along the normal
-    meets `other` (n,) at `hit` (n, 3), `width` (n,) away.
+    """Pairs of places that face each other.
+
+    A ray from `point` (n, 3) on `face` along its normal meets the face `other` (n,) at `hit` (n, 3),
+    `width`
+    (n,) away.
     """
 
     point: Array
@@ -56,9 +61,9 @@ class Facing:
 
 @dataclass(frozen=True)
 class LocalThickness:
-    """The thinnest wall or gap, mm (infinite: there is none).
+    """The thinnest wall or gap, mm (infinite if there is none).
 
-    `widths` (k,) and `at` (k, 3): the narrowest places, one for each sampling cube, worst first.
+    `widths` (k,) and `at` (k, 3) are the narrowest places, one in each sampling cube, worst first.
     """
 
     value: float
@@ -102,7 +107,7 @@ class Probe:
             self.spacing,
         )
         self._around: tuple[Ints, Ints] | None = None
-        self._pairs = 0  # pairs of faces looked at so far
+        self._pairs = 0  # pairs of faces examined so far
 
     def wall(self) -> LocalThickness:
         """Return the thinnest wall: the smallest width seen through the material.
@@ -140,7 +145,7 @@ class Probe:
             best, at = np.concatenate([best, width]), np.concatenate([at, middle])
             value = float(best.min())
         else:
-            rest = order[MOST_BATCHES * BATCH :]  # measured where they are
+            rest = order[MOST_BATCHES * BATCH :]  # the rest is measured at the samples
             best = np.concatenate([best, seen.width[rest]])
             at = np.concatenate([at, (seen.point[rest] + seen.hit[rest]) / 2])
         real = np.isfinite(best)
@@ -154,7 +159,7 @@ class Probe:
         return LocalThickness(float(width[order[0]]), width[order], middle[order])
 
     def _facing(self, side: float) -> Facing:
-        """Find what the samples see, to the outer side (1) or through the material (-1).
+        """Find what the samples face, outside (1) or through the material (-1).
 
         All faces near the narrowest places are sampled too: the sample that was kept there may
         look past what its neighbours face.
@@ -178,13 +183,15 @@ class Probe:
 
     @cached_property
     def _middles(self) -> Any:
-        """A tree of the faces' middles."""
+        """A search tree of the faces' centres."""
         from scipy.spatial import cKDTree
 
         return cKDTree(self.vertices[self.faces].mean(axis=1))
 
     def _cast(self, point: Array, face: Ints, side: float) -> tuple[Facing, Array]:
-        """Find what rays from `point` along the normals meet, and the cosine between the two planes."""
+        """Cast rays from `point` along the normals; return what they meet, and the cosine of the two
+        planes.
+        """
         direction = side * self.normals[face]
         start = np.ascontiguousarray(point + START_MM * direction)
         other, _, _ = self.tree.intersect_ray_first(
@@ -193,14 +200,14 @@ class Probe:
         other = np.asarray(other, dtype=np.int64)
         cosine = -np.einsum("ij,ij->i", self.normals[face], self.normals[other])
         good = np.flatnonzero((other >= 0) & (other != face) & (cosine >= SLANTING))
-        # meet the other face's plane with the ray again: the tree's lengths are single precision
+        # intersect the other face's plane again: the tree's lengths are in single precision
         way = self.vertices[self.faces[other[good], 0]] - point[good]
         t = -side * np.einsum("ij,ij->i", way, self.normals[other[good]]) / cosine[good]
         hit = point[good] + t[:, None] * direction[good]
         return Facing(point[good], face[good], hit, other[good], t), cosine[good]
 
     def _closest(self, some: Facing) -> tuple[Array, Array]:
-        """Return gap (k,), infinite where the sides meet, and its middle (k, 3), from pairs of faces."""
+        """Return the gap (k,) between faces, infinite if they touch, and its midpoint (k, 3)."""
         corner = self.mesh.vertices[self.mesh.faces]
         one, two = some.face.copy(), some.other.copy()
         distance, p, q = triangle_triangle(corner[one], corner[two])
@@ -213,7 +220,7 @@ class Probe:
             good = self._nearly_parallel(f, g)
             owner, f, g = owner[good], f[good], g[good]
             d, a, b = triangle_triangle(corner[f], corner[g])
-            # the air between them; where they meet that cannot be told
+            # the midpoint shows whether it is air; where they touch that cannot be told
             good = (np.einsum("ij,ij->i", b - a, self.normals[f]) > 0) | (d <= MET_MM)
             owner, f, g, d, a, b = owner[good], f[good], g[good], d[good], a[good], b[good]
             order = np.lexsort((d, owner))
@@ -229,7 +236,7 @@ class Probe:
         return width, middle
 
     def _neighbouring(self, active: Ints, one: Ints, two: Ints) -> tuple[Ints, Ints, Ints]:
-        """Return pairs in which one face of the pair gives way to a neighbour: owner, first, second."""
+        """Replace one face of each pair by each of its neighbours: the pair's index, and both faces."""
         a, f = self._ring(one[active])
         b, g = self._ring(two[active])
         self._pairs += len(f) + len(g)
@@ -241,13 +248,13 @@ class Probe:
         )
 
     def _nearly_parallel(self, f: Ints, g: Ints) -> Mask:
-        """Tell whether faces face each other within 30°; slivers pass, for their normals tell nothing."""
+        """Tell whether faces are parallel within 30°; slivers pass, since their normals are unreliable."""
         facing = -np.einsum("ij,ij->i", self.normals[f], self.normals[g]) >= FACING
         mask: Mask = (f != g) & (facing | ~self.usable[f] | ~self.usable[g])
         return mask
 
     def _is_minimum(self, one: Ints, two: Ints, p: Array, q: Array, distance: Array) -> Mask:
-        """Tell whether no point of the faces around `one` is nearer to q than p, and the reverse."""
+        """Tell whether p is the nearest to q of all points on the faces around `one`, and the reverse."""
         corner = self.mesh.vertices[self.mesh.faces]
         true = distance > MET_MM
         for face, point in ((one, q), (two, p)):
@@ -259,7 +266,9 @@ class Probe:
         return true
 
     def _ring(self, face: Ints) -> tuple[Ints, Ints]:
-        """Return all faces that share a corner with `face` (k,), itself too: number in it, and face."""
+        """Return all faces that share a corner with `face` (k,) and itself: the index into `face`, and
+        the face.
+        """
         if self._around is None:
             self._around = corner_faces(self.mesh)
         faces, first = self._around
@@ -272,7 +281,9 @@ class Probe:
 def _sample_lattice(
     corner: Array, edges: Array, height: Array, usable: Mask, spacing: float
 ) -> tuple[Array, Ints]:
-    """Return points (n, 3) on the usable faces, rows along the longest edge, and the face of each."""
+    """Place points (n, 3) on the usable faces, in rows along the longest edge; return the face of each
+    too.
+    """
     face = np.flatnonzero(usable)
     longest = edges[face].argmax(axis=1)
     a, b, c = (corner[face, (longest + k) % 3] for k in range(3))
@@ -280,7 +291,7 @@ def _sample_lattice(
     rows = np.ceil(height[face] / spacing).astype(np.int64)
     at, number = number_runs(rows)
     up = (number + 0.5) / rows[at]
-    # the middle of a face with one row is its centroid, a third of the way up
+    # with one row, its height is that of the centroid, a third of the way up
     up = np.where(rows[at] == 1, 1 / 3, up)
     count = np.maximum(np.ceil(length[at] * (1 - up) / spacing), 1).astype(np.int64)
     row, number = number_runs(count)
@@ -292,19 +303,19 @@ def _sample_lattice(
 
 
 def _thin(point: Array, face: Ints, normals: Array, spacing: float) -> tuple[Array, Ints]:
-    """Return one sample for each cube of `spacing` and each of the six ways that its face may look."""
+    """Keep one sample in each cube of `spacing` for each of six directions of its face."""
     normal = normals[face]
     axis = np.abs(normal).argmax(axis=1)
     way = 2 * axis + (np.take_along_axis(normal, axis[:, None], axis=1)[:, 0] > 0)
-    # choose by lot: the first of each cube would be the same facet of a tube everywhere along it
+    # a random choice: the first in each cube would be the same facet all along a tube
     lot = np.random.default_rng(0).permutation(len(point))
-    # keep the order of the faces, so near each other: rays go faster
+    # keep faces in order, which makes rays faster
     keep = np.sort(lot[_first_in_cube(point[lot], spacing, way[lot])])
     return point[keep], face[keep]
 
 
 def _first_in_cube(point: Array, size: float, way: Ints | None = None) -> Ints:
-    """Return numbers, in order, of the first point in each cube of `size` mm (and of each `way`)."""
+    """Return the indices, ascending, of the first point in each cube of `size` mm (and of each `way`)."""
     if not len(point):
         return np.empty(0, dtype=np.int64)
     cell = np.floor((point - point.min(axis=0)) / size).astype(np.int64)

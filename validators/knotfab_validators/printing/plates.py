@@ -28,13 +28,13 @@ if TYPE_CHECKING:
 
 
 APART_MM = 0.05  # between the part's surface and that of its pieces, placed as the scene says
-VOLUME_SHARE = 0.02  # a share of the part that clearances at its connectors may take
+VOLUME_SHARE = 0.02  # share of the part's volume that clearances at its connectors may take
 
 
 def check_plates(
     part: Mesh, plates: Sequence[Plate], build_volume_mm: tuple[float, float, float] | None
 ) -> list[Check]:
-    """Give `build_volume`, of each plate instead of the part, and the checks of `names.PLATES`, all required.
+    """Make the checks `names.PLATES` and `build_volume`, the latter of each plate; all are required.
 
     - `plate_mesh`: how many of the surface's checks any plate fails.
     - `plates`: with every body moved as the scene says, how far the part's vertices are from the
@@ -59,7 +59,7 @@ def check_plates_printable(
     seconds: dict[str, float],
     young_modulus_mpa: float | None = None,
 ) -> list[Check]:
-    """Return the checks of printability, each of the plate that comes out worst.
+    """Make the checks of printability, each from the plate that comes out worst.
 
     `young_modulus_mpa`: of a piece that is designed to print without supports.
     """
@@ -149,7 +149,9 @@ def _check_whole(part: Mesh, plates: Sequence[Plate]) -> list[Check]:
 
 
 def _pick_worst(found: Sequence[Check], plates: Sequence[Plate]) -> Check:
-    """Choose the check of the plate that fails, or nearest to failing; its places are moved to the part."""
+    """Return the check of the plate that fails, or is nearest to failing, with its places moved to the
+    part.
+    """
 
     def badness(number: int) -> tuple[int, float]:
         check = found[number]

@@ -1,4 +1,4 @@
-"""Check that a printer can make a part: walls, gaps, overhangs, bridges, islands, and how it stands."""
+"""Check that a printer can make a part: walls, gaps, overhangs, bridges, islands, and whether it stands."""
 
 from __future__ import annotations
 
@@ -35,10 +35,10 @@ if TYPE_CHECKING:
     from knotfab_formats.piece import Printer
 
 
-MOST_MM = 10_000.0  # no printer is larger, and no grid over the part could be fine
+MOST_MM = 10_000.0  # a larger part would leave no fine grid; no printer is larger
 FEATURE_TOLERANCE_MM = 1e-4  # the rounding of a wall in single precision, far from the origin
 GAP_TOLERANCE = 0.08  # a share of the nozzle; see `printability_checks`
-BED_MM = 1e-3  # a height may be read so far off the bed
+BED_MM = 1e-3  # tolerance of a height at the bed
 UNNAMED = "no printer was named: measured only"
 POWDER = "printed in powder, which carries the part wherever it lies: nothing overhangs, and nothing stands"
 CARRIED = ("overhang", "support_volume", "bridge", "floating", "islands", "standing")
@@ -46,7 +46,7 @@ CARRIED = ("overhang", "support_volume", "bridge", "floating", "islands", "stand
 
 @dataclass(frozen=True)
 class _Settings:
-    """A printer's figures, with the usual ones where there is no printer."""
+    """A printer's figures, or the usual ones if there is no printer."""
 
     named: bool = False
     wall: float | None = None
@@ -186,7 +186,7 @@ def _check_gap(
     narrow = gap.widths < least - tolerance
     if proud is not None and narrow.any():
         facets = np.maximum(2 * proud(gap.at[narrow]), tolerance)
-        # the place that lacks most decides, whatever its width
+        # the place with the largest shortfall decides, whatever its width
         k = int((gap.widths[narrow] + facets).argmin())
         first = np.flatnonzero(narrow)[k]
         order = np.concatenate([[first], np.delete(np.arange(len(gap.at)), first)])
@@ -264,7 +264,7 @@ def _check_overhang(mesh: Mesh, grid: Columns, air: Stretches, use: _Settings) -
 
 
 def _find_bridged(mesh: Mesh, areas: Array, air: Stretches, cell: float, use: _Settings) -> Mask:
-    """Tell (m,) whether a face lies in a bridge that is short enough."""
+    """Mark faces (m,) that belong to bridges short enough to print."""
     from scipy.spatial import cKDTree
 
     short = air.bridged & (air.length <= _longest_bridge(use))
@@ -348,7 +348,7 @@ def _check_stands(
 
 
 def _check_turned(mesh: Mesh, desk: Array, layer: float, stands: bool) -> Check:
-    """Return `standing` of a part that is printed otherwise than it stands; places as it is printed."""
+    """Check `standing` of a part that is printed in another pose than it stands; places are as printed."""
     turned = mesh.vertices @ desk.T
     lowest = np.array([0.0, 0.0, turned[:, 2].min()])
     stood = Mesh(turned - lowest, mesh.faces)

@@ -1,4 +1,4 @@
-"""Horizontal sections of a part, layer by layer: runs of material along rows, and the pieces they form."""
+"""Horizontal sections of a part, layer by layer: runs of material along rows, and connected pieces."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.geometry.surface import bound_work
 
 ROW_MM = 0.15
-MOST_BUCKETS = 50_000_000  # rows of all layers
+MOST_BUCKETS = 50_000_000  # rows of all layers together
 MOST_CROSSINGS = 50_000_000
 
 
@@ -40,7 +40,7 @@ class Slices:
         return (len(self.first) - 1) // self.rows
 
     def height(self, floor: Ints) -> Array:
-        """Return z (k,), mm, of the sections of layers (k,)."""
+        """Return z (k,), mm, of the sections in layers (k,)."""
         return np.asarray(self.bottom + (floor + 0.5) * self.layer)
 
 
@@ -55,7 +55,7 @@ def slice_layers(mesh: Mesh, layer_mm: float, row_mm: float = ROW_MM) -> Slices:
         TooMuchWork: there are too many rows or crossings.
     """
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
-    # off the round numbers that designers use, by less than is seen
+    # slightly off the round numbers that designers use
     south = float(low[1]) - 1.2763 * row_mm
     rows = int((high[1] - south) / row_mm) + 3
     layers = max(int(np.ceil((high[2] - low[2]) / layer_mm - 1e-6)), 1)
@@ -88,7 +88,9 @@ def _cross(
     sign: Array,
     write: bool,
 ) -> None:
-    """Count where rows enter (+1) and leave (-1) the part in `at[1:]`, or write them from `at` on."""
+    """Count the places where rows enter (+1) and leave (-1) the part in `at[1:]`, or write them from `at`
+    on.
+    """
     ends = np.empty((2, 2))
     for face in range(len(faces)):
         z0, z1, z2 = (
@@ -113,7 +115,7 @@ def _cross(
                 which = 1 if up else 0
                 ends[which, 0] = vertices[a, 0] + share * (vertices[b, 0] - vertices[a, 0])
                 ends[which, 1] = vertices[a, 1] + share * (vertices[b, 1] - vertices[a, 1])
-            # outwards wound faces have the material to the left of the way from `up` to down
+            # faces wound outwards have material on the left of the path from `up` to `down`
             south_end, north_end = min(ends[0, 1], ends[1, 1]), max(ends[0, 1], ends[1, 1])
             j0 = max(int(np.floor((south_end - south) / row)), 0)
             j1 = min(int(np.ceil((north_end - south) / row)) + 1, rows)
@@ -134,7 +136,7 @@ def _cross(
 
 @compiled
 def _join_runs(first: Ints, x: Array, sign: Array) -> tuple[Ints, Array, Array]:
-    """Join the crossings of each row into runs of material; entries sort before exits at one place."""
+    """Join each row's crossings into runs of material; at one place, entries sort before exits."""
     begin = np.zeros(len(first), dtype=np.int64)
     left, right = np.empty(len(x)), np.empty(len(x))
     count = 0
@@ -164,9 +166,9 @@ def _join_runs(first: Ints, x: Array, sign: Array) -> tuple[Ints, Array, Array]:
 def _number_pieces(
     first: Ints, left: Array, right: Array, rows: int, slack: float
 ) -> tuple[Ints, Ints]:
-    """Number the connected runs (n,) of each layer, layer by layer; and the layer of each number.
+    """Number the connected runs (n,), layer by layer; return each number's layer too.
 
-    Runs of neighbouring rows are one piece where they overlap, or come as near as the rows are.
+    Runs of neighbouring rows belong to one piece if they overlap, or come as near as the rows are.
     """
     root = np.arange(len(left))
     for bucket in range(len(first) - 2):
@@ -205,7 +207,7 @@ def _number_pieces(
 
 @compiled
 def link_pieces(first: Ints, left: Array, right: Array, piece: Ints, rows: int) -> Ints:
-    """List the pairs (k, 2) of a piece and one below that it lies on; a pair may come more than once."""
+    """List pairs (k, 2) of a piece and one that it lies on; pairs may repeat."""
     found = np.empty((2 * len(left), 2), dtype=np.int64)
     count = 0
     for bucket in range(rows, len(first) - 1):
@@ -224,7 +226,7 @@ def link_pieces(first: Ints, left: Array, right: Array, piece: Ints, rows: int) 
 
 
 def measure_pieces(cut: Slices) -> tuple[Array, Array]:
-    """Return area (p,), mm², and middle (p, 2), mm, of each piece."""
+    """Return the area (p,), mm², and the centroid (p, 2), mm, of each piece."""
     count = np.diff(cut.first)
     bucket = np.repeat(np.arange(len(count)), count)
     width = cut.right - cut.left
@@ -240,9 +242,9 @@ def measure_pieces(cut: Slices) -> tuple[Array, Array]:
 def find_pieces(
     first: Ints, left: Array, right: Array, piece: Ints, reach: float, x: Array, row: Array
 ) -> Ints:
-    """Find the piece (n,) that is nearest to x in a row of all layers, whose number need not be whole.
+    """Return the piece (n,) nearest to x in a row of all layers, whose number may be fractional.
 
-    -1 where none is nearer than `reach` there, nor in the two rows beside it.
+    It is -1 if none is within `reach` there or in the two neighbouring rows.
     """
     found = np.full(len(x), -1)
     for i in range(len(x)):

@@ -14,13 +14,13 @@ from knotfab_validators.geometry.surface import bound_work
 from knotfab_validators.printing.bridges import Columns
 
 MOST_BODIES = 100_000
-MOST_AROUND = 2_000_000_000  # pairs of a hollow and a face that may be around it
-FLAT = 1e-9  # a footprint less wide than this share of its length is a line
+MOST_AROUND = 2_000_000_000  # pairs of a cavity and a face that may be around it
+FLAT = 1e-9  # width of a footprint, as a share of its length, below which it is a line
 
 
 @dataclass(frozen=True)
 class Body:
-    """A closed surface with the hollows inside it.
+    """A closed surface with the cavities inside it.
 
     `faces` (m, 3) are all its faces, `volume_mm3` what they enclose, `center` (3,) the middle of
     that volume, `lowest` (3,) its lowest vertex.
@@ -61,7 +61,7 @@ def bodies(mesh: Mesh) -> list[Body]:
     solid = [k for k in range(count) if volume[k] > 0]
     hollows = (count - len(solid)) * float(len(mesh.faces))
     bound_work(hollows, MOST_AROUND, "pairs of a hollow and a face")
-    # the smallest solid around a hollow is then found first
+    # so that the smallest solid around a cavity is found first
     solid.sort(key=lambda k: float(volume[k]))
     parts: dict[int, list[int]] = {k: [k] for k in solid}
     for k in range(count):
@@ -80,7 +80,7 @@ def bodies(mesh: Mesh) -> list[Body]:
 
 
 def footprint(vertices: Array, faces: Ints, layer_mm: float) -> Array:
-    """Return (n, 2) the points of a body's first layer (z <= `layer_mm`) that may be corners of its hull.
+    """Return the points (n, 2) of a body's first layer (z <= `layer_mm`) that may be corners of its hull.
 
     Its vertices there, and where its edges leave the layer.
     """
@@ -95,7 +95,7 @@ def footprint(vertices: Array, faces: Ints, layer_mm: float) -> Array:
 
 
 def margin(center: Array, points: Array) -> float:
-    """Measure how far inside the convex hull of `points` (n, 2) a body's `center` (3,) lies, mm.
+    """Measure how far a body's `center` (3,) lies inside the convex hull of its footprint (n, 2), mm.
 
     Seen from above: the distance to the nearest side of the hull, negative outside. A footprint
     that is a line or a point holds nothing: minus the distance to it. NaN without a footprint.
@@ -120,15 +120,15 @@ def _find_container(
     return next(around, None)
 
 
-# Check that a part that hangs by its eyelet on a thread hangs level.
+# Check that a part that hangs by its eyelet hangs level.
 
 
 MOST_TILT_DEG = 1.0
-PROBE_MM = 0.4  # above and below the thread's place: matter there, and a hole here
+PROBE_MM = 0.4  # matter is looked for this far above the thread, and a hole this far below
 
 
 def check_level(mesh: Mesh, thread: Array, up: Array) -> Check:
-    """Check `level`: how far askew the part hangs, of one material throughout, by its centre of mass.
+    """Check `level`: the tilt at which the part hangs, from its centre of mass at uniform density.
 
     Args:
         thread: (3,) where the thread carries the part; up: the unit vector (3,) that is to be upright,
@@ -153,15 +153,15 @@ def check_level(mesh: Mesh, thread: Array, up: Array) -> Check:
     return at_most("level", tilt, MOST_TILT_DEG, "deg", detail)
 
 
-# Undersides that need support: their area, and the support that would stand under them.
+# Undersides that need support: their area, and the support under them.
 
 
 ANGLE_TOLERANCE = 1e-5  # the rounding of a normal's z in single precision
-BED_MM = 1e-3  # the first layer's top may be read so far off the bed
+BED_MM = 1e-3  # tolerance of the first layer's height
 
 
 def overhang_areas(mesh: Mesh, max_overhang_deg: float, layer_mm: float) -> Array:
-    """Return (m,) mm², how much of each face overhangs: looks down, steeper than the limit, off the bed.
+    """Return how much of each face overhangs, (m,) mm²: looks down, beyond the limit, off the bed.
 
     A face overhangs by 90° less the angle between its normal and straight down: a vertical wall by
     0°, a ceiling by 90°. It counts from above the first layer on (z > `layer_mm`), where it is cut.
@@ -176,7 +176,7 @@ def overhang_areas(mesh: Mesh, max_overhang_deg: float, layer_mm: float) -> Arra
 def support_volume(
     mesh: Mesh, grid: Columns, max_overhang_deg: float, layer_mm: float
 ) -> tuple[float, Array]:
-    """Return volume, mm³, of the columns from overhanging faces down to the surface below or the bed.
+    """Return the volume of the columns from overhanging faces down to the surface below or the bed, mm³.
 
     Solid columns: what a slicer prints of them is a sparse grating. Per column of the grid its
     height times the cell's area (the midpoint rule: off by about half a cell along the rim of each
@@ -194,7 +194,7 @@ def support_volume(
 
 
 def above(z: Array, level: float) -> Array:
-    """Return (k,) the share of triangles, heights of corners (k, 3), that lies above a level."""
+    """Return the share of each triangle that lies above a level, from its corners' heights (k, 3)."""
     low, middle, high = np.sort(z, axis=1).T
     with np.errstate(divide="ignore", invalid="ignore"):
         upper = (high - level) ** 2 / ((high - low) * (high - middle))

@@ -24,15 +24,15 @@ from knotfab_validators.printing.growth import Growth, OverAir, find_over_air, f
 from knotfab_validators.printing.slices import Slices, find_pieces, slice_layers
 from knotfab_validators.printing.standing import above, margin
 
-ANGLE_TOLERANCE = 2e-3  # of a normal's z: small faces, in single precision, are off by so much
+ANGLE_TOLERANCE = 2e-3  # of a normal's z: small faces in single precision are off by this
 LENGTH_TOLERANCE_MM = 1e-6
-APART_MM = 4.0  # places of one check that are nearer are one
+APART_MM = 4.0  # places of one check that are nearer count as one
 ROUNDED_MM = MOST_BRIDGE_MM / 2 * float(np.tan(np.radians(LEAST_FLANK_DEG)))
 
 
 @dataclass(frozen=True)
 class Upright:
-    """A part as it is printed without supports: its closed mesh, bars and all (z up), and its stiffness."""
+    """A part as it prints without supports: its closed mesh with bars (z up), and its stiffness."""
 
     mesh: Mesh
     young_modulus_mpa: float
@@ -159,7 +159,7 @@ def _check_legs(grown: Growth, modulus: float) -> Check:
     limp = grown.limp[ends] / modulus
     order = worst_apart(limp, grown.middle[ends], 0.0, 1 / LEAST_STIFFNESS_N_MM)
     worst = ends[order[0]]
-    # the round leg that would give way as much
+    # the radius of a round leg that would deflect as much
     radius = float(4 * grown.free[worst] ** 3 / (3 * np.pi * grown.limp[worst])) ** 0.25
     most = longest_free_leg_mm(radius, modulus)
     weak = int((limp * LEAST_STIFFNESS_N_MM > 1).sum())
@@ -210,12 +210,14 @@ def _find_undersides(mesh: Mesh, cut: Slices, feet: int) -> Array:
     found = np.full((feet, 3), cut.bottom + cut.layer / 2)
     order = np.argsort(-low[:, 2], kind="stable")
     order = order[foot[order] >= 0]
-    found[foot[order]] = low[order]  # the last one, the lowest, stays
+    found[foot[order]] = low[order]  # the last one written, the lowest, wins
     return found
 
 
 def _check_tipping(cut: Slices, grown: Growth) -> Check:
-    """Of each body: how far its middle lies inside the hull of its feet, over its height, as an angle."""
+    """Check how far each body can be tipped: the angle from its centre's margin within the feet and its
+    height.
+    """
     bodies = int(grown.body.max()) + 1
     weight = np.bincount(grown.body, grown.area, bodies)
     moment = [np.bincount(grown.body, grown.area * x, bodies) for x in grown.middle.T]
