@@ -346,10 +346,8 @@ def tradeoff(
     asked = {"scene": scene, "accuracy": accuracy, "tube_radius": tube_radius}
     options = options_from(asked)
     chosen, _ = read_scene(options)
-    for picture in pictures:
-        read_target(
-            picture, chosen.views[0]
-        )  # so that a file that is no picture is reported at once
+    for picture in pictures:  # so that a file that is no picture is reported at once
+        read_target(picture, chosen.views[0])
     from knotfab.apps.tradeoff.run import print_tradeoff
     from knotfab.apps.tradeoff.run import tradeoff as run
 

@@ -172,9 +172,8 @@ def print_catalogue(
 # the shadow in Braille
 
 _ACROSS, _DOWN = 2, 4  # dots of a character
-_BITS = np.array(
-    [[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]]
-)  # of each dot from U+2800
+# the bit of each dot, added to U+2800
+_BITS = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]])
 _GAP = 2  # columns between views
 
 

@@ -94,9 +94,8 @@ def read_lamps(
         targets = on_one_canvas(targets)
     # masks must register with one another
     update |= {"piece": scene.piece.but(bend=0.0)}
-    if (
-        update.get("lamps") or targets is not read
-    ):  # the masks are new files, already black on white
+    # masks that are new files are already black on white
+    if update.get("lamps") or targets is not read:
         masks = {**dict(Reading()), "ink": "dark"}
         update["views"] = tuple(v.but(**masks) for v in scene.views)
     scene = scene.but(**update)

@@ -114,10 +114,10 @@ def read_scene(options: PictureOptions) -> tuple[ResolvedScene, Path | None]:
     scene = load_scene(path) if path is not None else Scene()
     given = {table: _keys(options, model) for table, model in KEYS.items()}
     views, search = given.pop("views") | _frame_keys(options), scene.search
-    if "subject_px" in views:  # the given discs count, and no others
+    if "subject_px" in views:  # a new subject drops the scene's discs
         views = {"keep_px": (), "drop_px": (), **views}
     if views.keys() & {"subject_px", "keep_px", "drop_px"}:
-        # the subject is cut anew, and fills the frame
+        # the subject is cut out again, and fills the frame
         views = {"crop_px": None, **views, "subject_mask": ""}
     update: dict[str, Any] = {
         table: getattr(scene, table).but(**keys)

@@ -152,12 +152,12 @@ def _read_ply(content: bytes) -> NDArray[np.float64]:
     elif (mixed := _read_mixed(head, body)) is not None:
         return mixed
     with warnings.catch_warnings(action="ignore"):
-        warnings.simplefilter("error", DeprecationWarning)  # old numpy's word for NaN
+        warnings.simplefilter("error", DeprecationWarning)  # how old numpy reports NaN
         try:
             mesh: Any = trimesh.load_mesh(
                 io.BytesIO(content), file_type="ply", process=False, skip_materials=True
             )
-        except Exception as error:  # trimesh checks little: anything is raised
+        except Exception as error:  # trimesh may raise anything
             long = "unexpected length" in str(error)
             raise _refuse(
                 LENGTH if long else f"it is damaged, or cut off ({shown(error)})"

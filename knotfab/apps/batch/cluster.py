@@ -26,9 +26,7 @@ from knotfab.base.pool import JOB_GB, Workers
 from knotfab.base.progress import Progress
 from knotfab_formats.errors import InputError
 
-_MEMORY = (
-    "MEMORY"  # a worker started with --resources MEMORY=8e9 gets as many builds as fit into that
-)
+_MEMORY = "MEMORY"  # with --resources MEMORY=8e9 a worker gets as many builds as fit into that
 _PATIENCE_S = 10  # for the scheduler to answer
 _KEPT_S = 20.0  # for which an idle build process, about a GB, is kept for the next build
 _idle: list[tuple[Workers, threading.Timer]] = []  # idle processes, with the timers that end them

@@ -222,11 +222,8 @@ def from_top_left(corners: Array) -> Array:
 # the four marks of setup.pdf: a dot in a light ring in a dark ring, seen at any tilt
 
 _MARKS_PX = 2000  # longer side of the photograph in which they are sought
-_WINDOWS = (
-    1 / 12,
-    1 / 30,
-    1 / 75,
-)  # windows over which the light is averaged, as shares of that side
+# windows over which the light is averaged, as shares of that side
+_WINDOWS = 1 / 12, 1 / 30, 1 / 75
 _DARKER = 0.85  # pixels below this share of the average are dark
 _LEAST_PX = 9  # least width of a mark
 _LARGEST = 0.25  # largest width of a mark, as a share of the photograph's longer side

@@ -34,7 +34,7 @@ from knotfab.pipeline.options import HELP, BuildOptions, PictureOptions
 from knotfab_formats.errors import InputError
 
 _running: set[threading.Event] = set()  # an event for each running job, which ends it
-_LEFT_OUT = {"quiet", "verbose", "json", "failures", "return"}  # for a terminal, or a disk
+_LEFT_OUT = {"quiet", "verbose", "json", "failures", "return"}  # they concern a terminal
 _TEXT, _LIST = {"type": "string"}, {"type": "array", "items": {"type": "string"}}
 _PICTURES = {
     **_LIST,

@@ -27,15 +27,8 @@ _SHOWN = (
     "setup.pdf", "report.html", "sequence.gif", "turn.gif", "report.json", "scene.toml", "knots.json",
     "slicer.ini",
 )  # fmt: skip
-_ALSO = (
-    "plate-",
-    "table-",
-    "colours",
-    "part-",
-    "setup-",
-    "shadow-",
-    "centre-lines",
-)  # prefixes of others
+# prefixes of further files
+_ALSO = "plate-", "table-", "colours", "part-", "setup-", "shadow-", "centre-lines"
 Kind = Literal["one", "views", "frames"]
 
 

@@ -43,7 +43,7 @@ _NEAR_LIMIT = 0.96  # share of the tolerance from which distances count when a p
 class Work:
     """The work that a plan may still do, in residuals of curve points, and when it must end."""
 
-    points: int = 20_000_000  # some two minutes
+    points: int = 20_000_000  # about two minutes
     ends: float = np.inf  # by `time.perf_counter()`
 
     @property
