@@ -46,7 +46,7 @@ def main(arguments: list[str] | None = None, began: float | None = None) -> None
             print(f"knotfab: interrupted; {stays or 'nothing was changed'}", file=sys.stderr)
             code = 130
         else:
-            code = _tell(error)
+            code = _print_error(error)
 
     why = why_unsaid()
     if why is not None:
@@ -104,13 +104,13 @@ def _mend_named(arguments: list[str]) -> None:
             mend(Path(place if os.path.isdir(place) else os.path.dirname(place) or "."))
 
 
-def _tell(error: Exception) -> int:
+def _print_error(error: Exception) -> int:
     """Print on standard error why the command ended, and return its exit code."""
     from knotfab.base.errors import explain_error, keep_traceback
     from knotfab_formats.errors import InputError
 
     if type(error).__module__.startswith("cyclopts"):
-        print(f"knotfab: {_tell_misuse(error)} See: knotfab --help", file=sys.stderr)
+        print(f"knotfab: {_explain_misuse(error)} See: knotfab --help", file=sys.stderr)
         return InputError.exit_code
     known = explain_error(error) or keep_traceback(
         error, "-v" in sys.argv or "--verbose" in sys.argv
@@ -119,7 +119,7 @@ def _tell(error: Exception) -> int:
     return known.exit_code
 
 
-def _tell_misuse(error: Any) -> str:
+def _explain_misuse(error: Any) -> str:
     """Return cyclopts's complaint as a sentence, with suggestions for an option that was abbreviated."""
     if "-" in sys.argv[1:]:
         return "- (standard input) is not read: name a file, or write text:… for a word."

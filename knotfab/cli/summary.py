@@ -37,7 +37,7 @@ UNABLE = (
 )
 
 
-def _value(value: Any) -> str:
+def _format_value(value: Any) -> str:
     if isinstance(value, float):
         return f"{value:.5g}"
     return "" if value is None else str(value)
@@ -60,8 +60,8 @@ def print_checks(checks: Sequence[Check]) -> None:
         table.add_row(
             _MARKS["info" if _is_informative(check) else mark_of(check)],
             escape(check.name),
-            escape(knot_in_words(_value(check.measured), "{1} ({0})")),
-            escape(_value(check.limit)),
+            escape(knot_in_words(_format_value(check.measured), "{1} ({0})")),
+            escape(_format_value(check.limit)),
             escape(check.unit),
         )
     console = Console()
@@ -93,16 +93,15 @@ def print_summary(outcome: Outcome, verbose: bool = False) -> None:
 
     report, console = outcome.found, Console(highlight=False, soft_wrap=True)
     status = "[green]pass[/]" if outcome.exit_code == 0 else "[red]fail[/]"
-    console.print(
-        f"{status}{_word(report)}  {escape(str(outcome.folder))}  in {report.timings['total']:.0f} s"
-    )
+    folder, seconds = escape(str(outcome.folder)), report.timings["total"]
+    console.print(f"{status}{_format_verdict(report)}  {folder}  in {seconds:.0f} s")
     for reason in () if report.verdict is None else report.verdict.reasons:
         console.print(f"  {escape(reason)}")
     for line in tell_result(report, verbose):
         console.print(f"  {escape(line)}")
     if verbose:
         radius = report.settings.tube_radius_mm
-        console.print(f"  tube radius {radius:.3f} mm{_graceful(report.knots)}")
+        console.print(f"  tube radius {radius:.3f} mm{_describe_curvature(report.knots)}")
         console.print(f"  {tell_stages(report.timings)}")
     for note in report.notes:
         console.print(f"  {escape(note)}")
@@ -112,10 +111,10 @@ def print_summary(outcome: Outcome, verbose: bool = False) -> None:
         print_checks([c for c in report.checks if c.status != "pass"])
     if outcome.exit_code == 3:
         console.print(UNABLE)
-    console.print(f"  {last_line(report)}open {escape(str(outcome.folder))}/report.html")
+    console.print(f"  {last_line(report)}open {folder}/report.html")
 
 
-def _graceful(knots: Sequence[KnotFigures]) -> str:
+def _describe_curvature(knots: Sequence[KnotFigures]) -> str:
     """Describe how smooth the knots are: the curvature of the least graceful, and the turns of all."""
     if not knots:
         return ""
@@ -125,7 +124,7 @@ def _graceful(knots: Sequence[KnotFigures]) -> str:
     return f", curvature × radius {mean:.2f} (90% below {most:.2f}), {turns:.0f} turns"
 
 
-def _word(report: Report) -> str:
+def _format_verdict(report: Report) -> str:
     """Return the verdict's word in colour, with a warning if the shadow is coarse or worse."""
     if report.verdict is None:
         return ""

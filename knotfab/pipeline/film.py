@@ -105,7 +105,7 @@ def build_sequence(request: Request, progress: Progress | None = None) -> Outcom
             for number, (frame, piece) in found.items():
                 with progress.stage("verify"):
                     _ = piece.verdict
-                found[number] = _mend(chain, frame, piece, write, folder)
+                found[number] = _retry_failed(chain, frame, piece, write, folder)
             ordered = [found[number] for number in sorted(found)]
             frames, pieces = [f for f, _ in ordered], [p for _, p in ordered]
             write_scene(folder, request.scene, pieces[0].scene)
@@ -114,7 +114,7 @@ def build_sequence(request: Request, progress: Progress | None = None) -> Outcom
             reports = [report_piece(piece, folder, request, progress) for piece in pieces]
             printed = [] if ring is None else check_ring(ring, pieces[0].scene.printer)
         with progress.stage("motion"):
-            motions = _motions(folder, pieces)
+            motions = _measure_motions(folder, pieces)
         loop = request.scene.sequence.loop
         closing = [check_closing(motions[-1])] if loop else []
         checks = [check_motion(motions[:-1]), *closing, *printed]
@@ -142,13 +142,13 @@ def _tell_kept(kept: KeptFrames, count: int) -> Iterator[None]:
         raise KeyboardInterrupt(said) from None
 
 
-def _fails(frame: SequenceFrame, piece: WrittenPiece) -> list[str]:
+def _list_failed(frame: SequenceFrame, piece: WrittenPiece) -> list[str]:
     limits = [] if frame.made.result.feasible else ["limits"]
     unmet = list_unmet(piece.verdict.checks)
     return [*limits, *(c.name for c in unmet if c.status == "fail")]
 
 
-def _mend(
+def _retry_failed(
     chain: Chain,
     frame: SequenceFrame,
     piece: WrittenPiece,
@@ -159,7 +159,7 @@ def _mend(
 
     A frame whose limits or floor forbid a better result is returned as it is.
     """
-    failed, made = _fails(frame, piece), frame.made
+    failed, made = _list_failed(frame, piece), frame.made
     shadows = bool(failed) and set(failed) <= {"shadow", "half_light"}
     best = shadows and made.result.iou_estimate >= made.opening_iou - POOR
     if not failed or best or made.unmet or made.binding:
@@ -167,7 +167,7 @@ def _mend(
     again = chain.retry(frame.number)
     discard_piece(piece, folder)
     other = write(again)
-    if len(_fails(again, other)) < len(failed):
+    if len(_list_failed(again, other)) < len(failed):
         chain.accept(again)
         return again, other
     discard_piece(other, folder)
@@ -183,7 +183,7 @@ def _make_ring(folder: OutputFolder, pieces: Sequence[WrittenPiece], verifier: V
     return Ring(spun, "", answer)
 
 
-def _motions(folder: OutputFolder, pieces: Sequence[WrittenPiece]) -> list[Motion]:
+def _measure_motions(folder: OutputFolder, pieces: Sequence[WrittenPiece]) -> list[Motion]:
     """Measure from the written knots the motion into frames 2, 3, … and, last, back to frame 1."""
     points, outlines = [], []
     for piece in pieces:

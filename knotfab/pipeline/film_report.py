@@ -131,7 +131,7 @@ def sequence_report(
     slicings = {name: one for piece in pieces for name, one in piece.sliced.items()}
     sliced = sum_slicings(slicings) if slicings else None
     print_, settings = _sum_prints(reports, spun), reports[0].settings
-    limits = _limits(reports)
+    limits = _merge_limits(reports)
     knotted = count_in_words(len(pieces[0].made.knots.knots))
     notes = [
         f"{len(reports)} frames of {knotted}, each a part of its own (part-NN.stl); the "
@@ -149,7 +149,7 @@ def sequence_report(
         verdict=worst_verdict(views),
         views=views,
         checks=together,
-        effects=(*_effects(reports), *limits_as_effects(limits)),
+        effects=(*_merge_effects(reports), *limits_as_effects(limits)),
         limits=limits,
         knots=tuple(knot for r in reports for knot in r.knots),
         print=with_slicing(print_, sliced) if request.printing else print_,
@@ -271,7 +271,7 @@ def _merge_checks(all_checks: Sequence[Sequence[Check]]) -> list[Check]:
         status = min((c.status for _, c in lines), key=("fail", "skipped", "pass").index)
         same = [(number, c) for number, c in lines if c.status == status]
         sign = -1.0 if status == "fail" else 1.0
-        number, worst = min(same, key=lambda line: sign * _room(line[1]))
+        number, worst = min(same, key=lambda line: sign * _distance_to_limit(line[1]))
         which = ", ".join(str(n) for n, _ in same)
         said = f"frame {number} of {len(all_checks)} has least room: {worst.detail}"
         if status == "fail":
@@ -282,7 +282,7 @@ def _merge_checks(all_checks: Sequence[Sequence[Check]]) -> list[Check]:
     return found
 
 
-def _room(check: Check) -> float:
+def _distance_to_limit(check: Check) -> float:
     """Return the distance of a check from its limit, on either side; 0 if they are not numbers."""
     measured, limit = check.measured, check.limit
     if not isinstance(measured, int | float) or not isinstance(limit, int | float):
@@ -290,7 +290,7 @@ def _room(check: Check) -> float:
     return abs(float(measured) - float(limit))
 
 
-def _effects(reports: Sequence[Report]) -> tuple[EffectLine, ...]:
+def _merge_effects(reports: Sequence[Report]) -> tuple[EffectLine, ...]:
     """Return each effect at its largest magnitude, with calls, seconds and stages summed over all frames."""
     limits = {line.name for r in reports for line in r.limits}
     every = [[line for line in r.effects if line.name not in limits] for r in reports]
@@ -298,11 +298,11 @@ def _effects(reports: Sequence[Report]) -> tuple[EffectLine, ...]:
     for lines in _by_name(every):
         worst = max(lines, key=lambda line: (line.simulated, line.magnitude))
         where = tuple(dict.fromkeys(stage for line in lines for stage in line.where))
-        found.append(replace(worst, where=where, **_spent(lines)))
+        found.append(replace(worst, where=where, **_sum_costs(lines)))
     return tuple(found)
 
 
-def _limits(reports: Sequence[Report]) -> tuple[LimitLine, ...]:
+def _merge_limits(reports: Sequence[Report]) -> tuple[LimitLine, ...]:
     """Return each limit as in the frame that comes nearest to it or goes farthest beyond."""
 
     def beyond(line: LimitLine) -> float:
@@ -310,7 +310,7 @@ def _limits(reports: Sequence[Report]) -> tuple[LimitLine, ...]:
         return -over if line.name in LEAST else over
 
     each = _by_name([r.limits for r in reports])
-    return tuple(replace(max(lines, key=beyond), **_spent(lines)) for lines in each)
+    return tuple(replace(max(lines, key=beyond), **_sum_costs(lines)) for lines in each)
 
 
 def _by_name(frames: Sequence[Sequence[Line]]) -> list[list[Line]]:
@@ -320,6 +320,6 @@ def _by_name(frames: Sequence[Sequence[Line]]) -> list[list[Line]]:
     return list(found.values())
 
 
-def _spent(lines: Sequence[EffectLine | LimitLine]) -> dict[str, Any]:
+def _sum_costs(lines: Sequence[EffectLine | LimitLine]) -> dict[str, Any]:
     seconds = round(sum(line.seconds for line in lines), 4)
     return {"calls": sum(line.calls for line in lines), "seconds": seconds}

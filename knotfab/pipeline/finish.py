@@ -213,7 +213,7 @@ def finish_build(
         report,
         find_pictures(folder.work),
         title,
-        shown=_show(pieces),
+        shown=_collect_viewer_data(pieces),
         drawings=draw_setup(folder.work),
         files=list_files(names),
     )
@@ -225,7 +225,7 @@ def finish_build(
     return Outcome(code, report, request.out / "rejected")
 
 
-def _show(pieces: Sequence[WrittenPiece]) -> dict[str, Any]:
+def _collect_viewer_data(pieces: Sequence[WrittenPiece]) -> dict[str, Any]:
     """Collect the viewer's data of the first piece; its slider goes through the search, or the frames."""
     first = pieces[0]
     bodies = [] if first.part is None else first.part.bodies

@@ -63,7 +63,7 @@ def prepare_build(
         )
     budget = None if options.time_budget is None else read_seconds(options.time_budget)
     call = _read_call(pictures, options, progress)
-    printing = _prints(options, call.scene)
+    printing = _is_printed(options, call.scene)
     if "gcode" in also and (not printing or "slicer" in skipped):
         remedy = "Add --print." if not printing else "Leave out --skip slicer."
         raise InputError("--also gcode", "nothing is sliced in this build", remedy)
@@ -170,7 +170,7 @@ def list_readings(pictures: Sequence[str], options: BuildOptions) -> tuple[Tried
     from knotfab.design.readings import try_readings
 
     scene, folder = read_scene(options)
-    sources = _sources(pictures, scene, options.scene)
+    sources = _list_sources(pictures, scene, options.scene)
     if len(sources) > 1 or options.sequence or scene.views[0].tone != "off":
         return ()
     if options.lamps is not None or scene.share_wall:
@@ -204,7 +204,7 @@ def _read_call(
 ) -> _Call:
     """Read scene and pictures of a call; with `glance` large pictures are shrunk."""
     scene, folder = read_scene(options)
-    sources = _sources(pictures, scene, options.scene)
+    sources = _list_sources(pictures, scene, options.scene)
     _check_font(options.font, sources)
     base = None if pictures else folder
     open_ = False
@@ -279,7 +279,7 @@ def _survey(call: _Call, options: BuildOptions, choose: bool = True) -> Survey:
     """Survey the pictures of a call; with `choose` the tube's radius is chosen too, as a build does."""
     from knotfab.design.survey import survey
 
-    printed = {"printed": _prints(options, call.scene)}
+    printed = {"printed": _is_printed(options, call.scene)}
     piece = call.scene.piece.but(**printed)
     scene = call.scene.but(piece=piece)
     found = survey(scene, call.targets, options.sequence, choose)
@@ -290,12 +290,14 @@ def _survey(call: _Call, options: BuildOptions, choose: bool = True) -> Survey:
     return replace(found, bounds=call.agreed.bounds, agreed=call.agreed.lines)
 
 
-def _prints(options: BuildOptions, scene: ResolvedScene) -> bool:
+def _is_printed(options: BuildOptions, scene: ResolvedScene) -> bool:
     """Return whether the piece is to be printed, as every mounted one is."""
     return options.print_ or scene.piece.printed or scene.mount.asked
 
 
-def _sources(pictures: Sequence[str], scene: ResolvedScene, path: Path | None) -> tuple[str, ...]:
+def _list_sources(
+    pictures: Sequence[str], scene: ResolvedScene, path: Path | None
+) -> tuple[str, ...]:
     for name in pictures:
         if Path(name).suffix.lower() == ".toml" and os.path.isfile(name):
             raise InputError(

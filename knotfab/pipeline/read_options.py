@@ -30,7 +30,7 @@ _SECONDS |= dict.fromkeys(("m", "min", "mins", "minute", "minutes"), 60.0)
 _SECONDS |= dict.fromkeys(("h", "hr", "hrs", "hour", "hours"), 3600.0)
 
 
-def _millimetres(
+def _read_millimetres(
     model: type[BaseModel], key: str, option: str, text: str, words: tuple[str, ...]
 ) -> Any:
     """Read a positive length in mm, or one of the words."""
@@ -112,7 +112,7 @@ def read_scene(options: PictureOptions) -> tuple[ResolvedScene, Path | None]:
 
     path = options.scene
     scene = load_scene(path) if path is not None else Scene()
-    given = {table: _keys(options, model) for table, model in KEYS.items()}
+    given = {table: _list_given_keys(options, model) for table, model in KEYS.items()}
     views, search = given.pop("views") | _frame_keys(options), scene.search
     if "subject_px" in views:  # a new subject drops the scene's discs
         views = {"keep_px": (), "drop_px": (), **views}
@@ -137,7 +137,7 @@ def read_scene(options: PictureOptions) -> tuple[ResolvedScene, Path | None]:
     if options.no_loop:
         update["sequence"] = scene.sequence.but(loop=False)
     if options.effect:
-        update["effects"] = scene.effects.but(**_switches(options.effect))
+        update["effects"] = scene.effects.but(**_read_switches(options.effect))
     if views:
         update["views"] = tuple(v.but(**views) for v in scene.views)
     scene = scene.but(**update)
@@ -146,13 +146,13 @@ def read_scene(options: PictureOptions) -> tuple[ResolvedScene, Path | None]:
     return resolve(scene), None if path is None else path.resolve().parent
 
 
-def _keys(options: PictureOptions, model: type[BaseModel]) -> dict[str, Any]:
+def _list_given_keys(options: PictureOptions, model: type[BaseModel]) -> dict[str, Any]:
     keys: dict[str, Any] = {}
     for key in model.model_fields:
         _, option = option_of(model, key) or ("", "")
         value = getattr(options, option[2:].replace("-", "_"), None) if option else None
         if value is not None and value is not False and value != ():
-            read = _read(model, key, option, value)
+            read = _read_value(model, key, option, value)
             keys[key] = values_of(model, key).get(read, read)
     return keys
 
@@ -169,11 +169,11 @@ def read_option(name: str, given: Any) -> Any:
     for model in KEYS.values():
         for key in model.model_fields:
             if (option_of(model, key) or ("", ""))[1] == "--" + name.replace("_", "-"):
-                return _read(model, key, "", getattr(options_from({name: given}), name))
+                return _read_value(model, key, "", getattr(options_from({name: given}), name))
     raise ValueError(f"no option {name} sets a key")
 
 
-def _read(model: type[BaseModel], key: str, option: str, value: Any) -> Any:
+def _read_value(model: type[BaseModel], key: str, option: str, value: Any) -> Any:
     """Read the value of an option as that of its key.
 
     Raises:
@@ -183,7 +183,7 @@ def _read(model: type[BaseModel], key: str, option: str, value: Any) -> Any:
         return _READERS[key](option, value)
     words = words_of(model, key)
     if isinstance(value, str) and key not in words and takes_number(model, key):
-        return _millimetres(model, key, option, value, words)
+        return _read_millimetres(model, key, option, value, words)
     if isinstance(value, str):
         if why_out_of_bounds(model, key, value) is not None:
             why, remedy = "it is no line of text", "Give one line of at most 200 signs."
@@ -206,7 +206,7 @@ def _frame_keys(options: PictureOptions) -> dict[str, Any]:
     return {}
 
 
-def _switches(texts: Collection[str]) -> dict[str, Any]:
+def _read_switches(texts: Collection[str]) -> dict[str, Any]:
     """Return the keys of [effects] that `--effect NAME=on|off|auto` set; the last one of a name counts."""
     known, keys = list(Switches.model_fields), {}
     for text in texts:
@@ -231,7 +231,7 @@ def _check_bounds(model: type[BaseModel], key: str, value: Any, what: str) -> No
         raise InputError(what, why, f"Give {unit} {bounds}.")
 
 
-def _ink(option: str, text: str) -> str:
+def _read_ink(option: str, text: str) -> str:
     """Read one of the words of `ink`, or a colour as #rrggbb."""
     plain = text.strip().lower()
     words = words_of(View, "ink")
@@ -246,7 +246,9 @@ def _ink(option: str, text: str) -> str:
         raise InputError(f"{option} {text}", "it is no colour", remedy) from error
 
 
-def _pixels(count: int, what: str, remedy: str, words: tuple[str, ...] = ()) -> Callable[..., Any]:
+def _pixel_reader(
+    count: int, what: str, remedy: str, words: tuple[str, ...] = ()
+) -> Callable[..., Any]:
     """Return a reader of `count` whole pixels, all but the first two of them above 0, or of words."""
 
     def read(option: str, text: str) -> Any:
@@ -262,24 +264,24 @@ def _pixels(count: int, what: str, remedy: str, words: tuple[str, ...] = ()) -> 
     return read
 
 
-_box = "LEFT,TOP,WIDTH,HEIGHT in whole px"
-_read_disc = _pixels(
+_BOX = "LEFT,TOP,WIDTH,HEIGHT in whole px"
+_read_disc = _pixel_reader(
     3, "it is no disc", "X,Y,RADIUS in whole px of the picture, such as {} 320,240,12"
 )
 
 
-def _discs(option: str, texts: Collection[str]) -> tuple[Any, ...]:
+def _read_discs(option: str, texts: Collection[str]) -> tuple[Any, ...]:
     return tuple(_read_disc(option, text) for text in texts)
 
 
-def _largest(option: str, count: int) -> int:
+def _read_largest(option: str, count: int) -> int:
     if count == 0:  # which means all of them in a scene
         raise InputError(f"{option} 0", "it is out of bounds", "Give a whole number from 1.")
     _check_bounds(View, "keep_largest", count, f"{option} {count:g}")
     return count
 
 
-def _count(option: str, text: str) -> int | str:
+def _read_count(option: str, text: str) -> int | str:
     if text == "auto":
         return text
     if not re.fullmatch(r"0*[0-9]{1,9}", text) or int(text) == 0:
@@ -292,7 +294,7 @@ def _count(option: str, text: str) -> int | str:
     return int(text)
 
 
-def _share(option: str, text: str) -> float | str:
+def _read_bend(option: str, text: str) -> float | str:
     """Read "auto", "off", or a share of a picture's height."""
     plain = text.strip().lower()
     if plain in ("auto", "off"):
@@ -312,29 +314,29 @@ def _share(option: str, text: str) -> float | str:
     return share
 
 
-def _bender(option: str, text: str) -> str:
+def _read_bender(option: str, text: str) -> str:
     """Return the name of a built-in template, or the absolute path of a file."""
     return text if re.fullmatch("[a-z]+", text) else str(at_home(text).absolute())
 
 
 # keys whose options take other words than the keys themselves
 _READERS: dict[str, Callable[..., Any]] = {
-    "ink": _ink,
-    "crop_px": _pixels(
+    "ink": _read_ink,
+    "crop_px": _pixel_reader(
         4,
         "it is no part of a picture",
-        f"auto, or {_box}, such as {{}} 20,40,600,400",
+        f"auto, or {_BOX}, such as {{}} 20,40,600,400",
         ("auto", "none"),
     ),
-    "subject_px": _pixels(
-        4, "it is no rectangle", f"{_box} of the picture, such as {{}} 20,40,600,400"
+    "subject_px": _pixel_reader(
+        4, "it is no rectangle", f"{_BOX} of the picture, such as {{}} 20,40,600,400"
     ),
-    "keep_px": _discs,
-    "drop_px": _discs,
-    "keep_largest": _largest,
-    "knots": _count,
-    "bend": _share,
-    "bender": _bender,
+    "keep_px": _read_discs,
+    "drop_px": _read_discs,
+    "keep_largest": _read_largest,
+    "knots": _read_count,
+    "bend": _read_bend,
+    "bender": _read_bender,
     "accept": lambda _, word: (word,),
 }
 

@@ -52,7 +52,7 @@ def settle_part(
     Raises:
         SceneError: no part can be made.
     """
-    shallower, nearer = _open(request)
+    shallower, nearer = _may_change(request)
     left = ROUNDS if shallower or nearer else 0
     now, unheld, settled = made, "", list[_Settled]()
     while True:
@@ -113,7 +113,7 @@ def _settle(
     return _Settled(made, part, _propose_depth(made, part) if request.printing else None)
 
 
-def _open(request: Request) -> tuple[bool, bool]:
+def _may_change(request: Request) -> tuple[bool, bool]:
     """Return whether the depth may be changed, and whether the wall's distance may."""
     scene = request.scene
     free = request.printing and request.time_budget_s is None and not scene.settings.start
@@ -132,7 +132,7 @@ def _search(
     Raises:
         SceneError: no tube can draw the picture there.
     """
-    scene, (shallower, nearer) = request.scene, _open(request)
+    scene, (shallower, nearer) = request.scene, _may_change(request)
     piece, view = scene.piece, scene.views[0]
     same = place.wall_mm == _wall_mm(made)
     if same:
@@ -147,7 +147,7 @@ def _search(
 
 
 def _propose_place(request: Request, made: Design) -> Place | None:
-    shallower, nearer = _open(request)
+    shallower, nearer = _may_change(request)
     view, asked = made.scene.views[0], request.scene.piece.tube_radius_mm
     return propose_place(
         made.knots,
@@ -247,7 +247,7 @@ def propose_place(
             if place.wall_mm > view.wall_distance_mm - 1.0:
                 continue
             best = place  # it costs no depth, and struts may do the rest
-        moved, there = _move(knots, view, deep / depth, place)
+        moved, there = _move_knots(knots, view, deep / depth, place)
         camera = camera_of(there, _PX, _PX)
         try:
             if sag_on_pegs(moved, camera, clearance_mm, firm, foot) <= firm.max_sag_mm:
@@ -271,7 +271,7 @@ def _place_wall(
     return Place(max(float(np.floor(_ROUND * depth)), 1.0) / _ROUND, wall)
 
 
-def _move(
+def _move_knots(
     knots: Knots, view: ResolvedView, share: float, place: Place
 ) -> tuple[Knots, ResolvedView]:
     """Move the knots along their light rays to `share` of their heights, scaled for the wall there."""

@@ -20,8 +20,8 @@ from PIL import Image, ImageDraw
 from reports import check_of, report_with
 
 from knotfab.part.slicer_process import REMEDY, find_slicer
-from knotfab.pipeline.film import _mend, build_sequence
-from knotfab.pipeline.film_report import _effects, advise, check_closing, check_motion
+from knotfab.pipeline.film import _retry_failed, build_sequence
+from knotfab.pipeline.film_report import _merge_effects, advise, check_closing, check_motion
 from knotfab.request import Outcome, Request
 from knotfab.scene.catalogue import resolve
 from knotfab_formats.piece import Accuracy, Mount, Piece
@@ -272,7 +272,7 @@ def test_a_failed_frame_is_tried_again_and_the_better_kept(
         (tmp_path / ("failures-01.png" if one is again else "part-01.stl")).touch()
         return other if one is again else piece
 
-    kept = _mend(chain, frame, piece, write, folder)
+    kept = _retry_failed(chain, frame, piece, write, folder)
     assert kept == ((again, other) if better else (frame, piece))
     assert accepted == ([again] if better else [])
     # the frame that lies in the folder in the end is the one that is kept
@@ -287,7 +287,7 @@ def test_a_failed_frame_is_tried_again_and_the_better_kept(
 def test_a_frame_that_no_other_start_helps_stays(frame: Any, failed: tuple[str, ...]) -> None:
     piece = _verified(*failed)
     none: Any = None
-    assert _mend(none, frame, piece, none, none) == (frame, piece)
+    assert _retry_failed(none, frame, piece, none, none) == (frame, piece)
 
 
 @pytest.mark.build
@@ -314,6 +314,6 @@ def test_an_effect_counts_in_the_stages_of_all_frames() -> None:
         report_with(effects=[{**HAZE, "magnitude": m, "where": w, "calls": c}])
         for m, w, c in ((2.0, ["depth", "verification"], 20), (3.0, ["verification"], 10))
     ]
-    (line,) = _effects(frames)
+    (line,) = _merge_effects(frames)
     assert (line.magnitude, line.calls, line.seconds) == (3.0, 30, 1.0)
     assert line.where == ("depth", "verification")

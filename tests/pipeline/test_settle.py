@@ -29,7 +29,7 @@ from knotfab.pipeline.settle import (
     LEAST_PEG_MM,
     SHARES,
     Place,
-    _move,
+    _move_knots,
     propose_place,
     settle_part,
     tell_depth,
@@ -316,7 +316,7 @@ def propose(
 
 
 def sag_at(place: Place, share: float, stiffness: Stiffness) -> float:
-    moved, there = _move(LOOSE, VIEW, share, place)
+    moved, there = _move_knots(LOOSE, VIEW, share, place)
     return sag_on_pegs(moved, camera_of(there, 64, 64), 0.4, stiffness)
 
 
@@ -328,7 +328,7 @@ def test_pegs_that_sag_before_a_far_wall_hold_before_a_near_one() -> None:
     assert place is not None and place.wall_mm < VIEW.wall_distance_mm
     share = next(s for s in SHARES if abs(s * DEPTH - place.depth_mm) <= 0.1)
     assert sag_at(place, share, replace(PLA, max_sag_mm=AIM * 0.2)) <= AIM * 0.2
-    moved, there = _move(LOOSE, VIEW, share, place)
+    moved, there = _move_knots(LOOSE, VIEW, share, place)
     assert plan_wall(moved, camera_of(there, 90, 90), 0.4, PLA, PLATE).sag_again_mm <= 0.2
 
 
@@ -354,7 +354,7 @@ def test_what_no_place_holds_is_moved_once_and_not_flattened(
     monkeypatch.setattr("knotfab.pipeline.settle.sag_on_pegs", lambda *_: 1.0)
     place = propose(PLA)
     assert place is not None and place.depth_mm == pytest.approx(DEPTH, abs=0.1)
-    moved, there = _move(LOOSE, VIEW, 1.0, place)
+    moved, there = _move_knots(LOOSE, VIEW, 1.0, place)
     for aside in (0.0, 0.5):  # the strands that a search lays there are as deep, about
         view = there.model_copy(update={"wall_distance_mm": there.wall_distance_mm + aside})
         assert propose(PLA, view=view, pieces=moved) is None
@@ -403,7 +403,7 @@ def test_the_shadow_of_what_is_moved_stays(keys: dict[str, float]) -> None:
     turned = Knots(tuple(Knot(k.points @ view_axes(view)) for k in LOOSE.knots), 0.8)
     place = propose(SOFT, view=view, pieces=turned)
     assert place is not None
-    moved, there = _move(turned, view, 0.5, place)
+    moved, there = _move_knots(turned, view, 0.5, place)
     assert pixels(moved, there) == pytest.approx(pixels(turned, view), abs=0.01)
     assert np.ptp(moved.points @ view_axes(view)[2]) == pytest.approx(0.5 * DEPTH)
 

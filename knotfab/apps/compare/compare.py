@@ -109,16 +109,17 @@ def compare_photo(
         at = read_corners(corners, image.shape[1], image.shape[0])
     elif (marks := find_marks(grey)) is not None:
         cards = card_middles(view.frame_mm, _plate_margin(scene))
-        at = map_points(homography(cards, marks), _corners_of(view))
+        at = map_points(homography(cards, marks), _frame_corners(view))
     else:
-        at = _corners_of_plate(image, scene, view, str(photo))
+        at = _find_frame_by_plate(image, scene, view, str(photo))
 
     def look(at: Array) -> tuple[Mask, float]:
         """Return the shadow in a frame with these corners, and its IoU with the picture."""
         seen = rectify(grey, at, (width, height), pad)
         if marks is not None:
-            cards = map_points(homography(at, _corners_of(view)), marks)
-            _leave_out(seen, cards * width / view.frame_width_mm + pad, width / view.frame_width_mm)
+            cards = map_points(homography(at, _frame_corners(view)), marks)
+            scale = width / view.frame_width_mm
+            _blank_cards(seen, cards * scale + pad, scale)
         shadow = find_shadow(seen, str(photo))
         return shadow, mask_iou(wanted, shadow)
 
@@ -316,13 +317,13 @@ def read_photo(path: Path) -> Array:
     return np.asarray(image.convert("RGB"), dtype=np.float64) / 255.0
 
 
-def _corners_of(view: ResolvedView) -> Array:
+def _frame_corners(view: ResolvedView) -> Array:
     """Return the frame's corners (4, 2), clockwise, in mm right and down from the first."""
     w, h = view.frame_mm
     return np.array([[0.0, 0.0], [w, 0.0], [w, h], [0.0, h]])
 
 
-def _corners_of_plate(image: Array, scene: Scene, view: ResolvedView, what: str) -> Array:
+def _find_frame_by_plate(image: Array, scene: Scene, view: ResolvedView, what: str) -> Array:
     """Find the frame's corners in the photograph by those of the plate, which lie a margin outside."""
     remedy = (
         "Put the four marks of setup.pdf about it, or point at the frame's corners (--click), or name them: "
@@ -335,11 +336,11 @@ def _corners_of_plate(image: Array, scene: Scene, view: ResolvedView, what: str)
     if plate is None:
         why = "it shows neither the four marks nor the plate's outline clearly enough"
         raise InputError(what, why, remedy)
-    frame, m = _corners_of(view), scene.mount.plate_margin_mm
+    frame, m = _frame_corners(view), scene.mount.plate_margin_mm
     return map_points(homography(frame + m * np.sign(frame - frame.mean(axis=0)), plate), frame)
 
 
-def _leave_out(seen: Array, middles: Array, scale: float) -> None:
+def _blank_cards(seen: Array, middles: Array, scale: float) -> None:
     """Set to NaN the squares that cards cover, by their middles (4, 2) px, at `scale` px to a mm."""
     v, u = np.mgrid[: seen.shape[0], : seen.shape[1]]
     half = (CARD_MM / 2 + 1.0) * scale

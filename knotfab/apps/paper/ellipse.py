@@ -144,10 +144,10 @@ def clip_segments(
     # ends that are not clipped stay exactly the same
     one = torch.where(enter > 0, start + enter * way, start)
     two = torch.where(leave < 1, start + leave * way, b[index])
-    return _at_least(one, low), _at_least(two, low), index
+    return _clamp_depth(one, low), _clamp_depth(two, low), index
 
 
-def _at_least(points: Tensor, low: float) -> Tensor:
+def _clamp_depth(points: Tensor, low: float) -> Tensor:
     """Move points that rounding put before the clipping depth back onto it."""
     return torch.cat([points[:, :2], points[:, 2:].clamp_min(low)], -1)
 

@@ -81,7 +81,7 @@ class Journal:
         self._file.flush()
 
     @property
-    def strange(self) -> int:
+    def unused(self) -> int:
         """How many of its runs this call did not ask for: those of other pictures, settings or versions."""
         return len(self.runs.keys() - self.used)
 

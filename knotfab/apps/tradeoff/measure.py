@@ -47,7 +47,7 @@ class Study:
     device: str = "cpu"
 
     @cached_property
-    def _asked(self) -> str:
+    def _digest(self) -> str:
         """A digest of everything a run depends on except its settings."""
         scene = self.question.scene
         same = {"search": {}, "accuracy": scene.accuracy.but(name="standard")}
@@ -59,7 +59,7 @@ class Study:
     def key(self, settings: SearchSettings, turn: int = 0) -> str:
         """Return a name for the run that is unique to picture, scene, settings, version and turn."""
         given = settings.model_dump(exclude={"iou_slack"})
-        text = json.dumps([self._asked, given, VERSION, self.device, turn])
+        text = json.dumps([self._digest, given, VERSION, self.device, turn])
         return hashlib.sha256(text.encode()).hexdigest()[:24]
 
 
@@ -163,10 +163,10 @@ def run_point(study: Study, settings: SearchSettings, judge: bool = True) -> Run
         faces,
         facet_error_px(problem, radius, settings.mesh_sides),
     )
-    return _judge(run, problem, result.knots, study.device) if judge else run
+    return _add_quality(run, problem, result.knots, study.device) if judge else run
 
 
-def _judge(run: Run, problem: Problem, knots: Knots, device: str) -> Run:
+def _add_quality(run: Run, problem: Problem, knots: Knots, device: str) -> Run:
     """Add the quality of the knots to a run, as seen in the view that they draw worst."""
     shadows = find_shadows(problem, knots, device)
     number = min(range(len(shadows)), key=lambda k: mask_iou(*shadows[k]))
@@ -186,11 +186,11 @@ def _judge(run: Run, problem: Problem, knots: Knots, device: str) -> Run:
         outline_px=outline_error_px(*worst, slit_px),
         curvature=float(np.average(bends, weights=lengths)),
         legible=legible,
-        shadow=_shrink(*worst),
+        shadow=_draw_thumbnail(*worst),
     )
 
 
-def _shrink(seen: Mask, wanted: Mask) -> str:
+def _draw_thumbnail(seen: Mask, wanted: Mask) -> str:
     """Draw shadow and picture as one small PNG in four colours, in base64."""
     height, width = seen.shape
     size = fit_size(width, height, _SHOWN_PX)

@@ -77,9 +77,9 @@ def render_page(explored: Explored, steps: Sequence[Step], told: _Words) -> str:
             "y": y(place[1]),
             "front": m.point.settings in front,
             "hollow": explored.sets_apart(m),
-            "figures": _figures(m.over(explored.compared)),
+            "figures": _list_figures(m.over(explored.compared)),
             "changed": [
-                [key, _plain(old), _plain(new)]
+                [key, _format(old), _format(new)]
                 for key, (old, new) in list_changes(
                     m.point.settings, explored.middle.point.settings
                 ).items()
@@ -140,7 +140,7 @@ def _remark(m: Measured, explored: Explored) -> str:
     return ""
 
 
-def _figures(m: Measured) -> list[tuple[str, str]]:
+def _list_figures(m: Measured) -> list[tuple[str, str]]:
     legible = "–" if m.legible is None else f"{m.legible:.2f}"
     return [
         ("CPU seconds" if m.clock == "cpu" else "seconds", f"{m.seconds:.2f}"),
@@ -165,7 +165,7 @@ def _staircase(corners: Sequence[tuple[float, float]]) -> str:
     return " ".join(path)
 
 
-def _plain(value: Any) -> str:
+def _format(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 

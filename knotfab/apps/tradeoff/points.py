@@ -151,7 +151,7 @@ def combine(
     for one in range(count):
         members = np.flatnonzero(number == one)
         for row in members[np.argsort(errors[members], kind="stable")]:
-            point = _combined(middle, turned, effects, chosen[row].tolist())
+            point = _combine_values(middle, turned, effects, chosen[row].tolist())
             if point.settings not in seen:
                 seen.add(point.settings)
                 found.append(point)
@@ -159,7 +159,7 @@ def combine(
     return found
 
 
-def _combined(
+def _combine_values(
     middle: SearchSettings,
     turned: Sequence[Knob],
     effects: Mapping[str, Mapping[Any, Effect]],
@@ -299,7 +299,7 @@ def _distance_to_front(one: Measured, others: Sequence[Measured]) -> float:
     return farther
 
 
-def _in_vain(one: Measured, middle: Measured) -> bool:
+def _is_too_slow(one: Measured, middle: Measured) -> bool:
     """Return whether a point takes several times the middle's seconds and is no better."""
     dear = log(one.seconds / middle.seconds) > _DEAR
     return dear and log(one.error / middle.error) > -_NEAR
@@ -316,7 +316,7 @@ def halve(
         beside: further points that count for the front but are not returned.
     """
     sound = [m for m in (*measured, *beside) if m.keeps(middle)]
-    own = [m for m in measured if m.keeps(middle) and not _in_vain(m, middle)]
+    own = [m for m in measured if m.keeps(middle) and not _is_too_slow(m, middle)]
     ends = {id(m) for m in (frontier(own)[:1] + frontier(own)[-1:])}
     ranked = sorted(own, key=lambda m: (id(m) not in ends, _distance_to_front(m, sound)))
     return [m.point for m in ranked[: ceil(len(measured) / 2)]]
@@ -366,7 +366,7 @@ def list_effects(measured: Sequence[Measured], middle: Measured) -> dict[str, di
     for knob in KNOBS:
         for value in knob.values:
             one = known.get(knob.turn(middle.point.settings, value))
-            if one is None or one is middle or one not in sound or _in_vain(one, middle):
+            if one is None or one is middle or one not in sound or _is_too_slow(one, middle):
                 continue
             if _distance_to_front(one, sound) > _NEAR:
                 continue

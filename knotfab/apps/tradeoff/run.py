@@ -171,9 +171,9 @@ def measure_tradeoff(
         except KeyboardInterrupt:
             kept = f"{len(journal.runs)} runs are kept in {journal.path}, and the same call goes on"
             raise KeyboardInterrupt(kept) from None
-        if journal.strange:
+        if journal.unused:
             progress.say(
-                f"{journal.path} holds {journal.strange} runs of other pictures, settings or versions: "
+                f"{journal.path} holds {journal.unused} runs of other pictures, settings or versions: "
                 "they stay there and are not used."
             )
     if explored is None:

@@ -101,18 +101,20 @@ def fill_template(
     )
     text = _read(name)
     try:
-        return environment.from_string(text).render(_told(bends, plan, wire))
+        return environment.from_string(text).render(_list_placeholders(bends, plan, wire))
     except TemplateSyntaxError as error:
         why = f"line {error.lineno} of its template cannot be read: {error.message}"
     except _WRONG as error:
         why = f"its template cannot be filled in: {' '.join(str(error).split())}"
-    keys = ", ".join(_told(_SAMPLE, "", wire)["bends"][0])
+    keys = ", ".join(_list_placeholders(_SAMPLE, "", wire)["bends"][0])
     raise InputError(
         f"the bender {name}", why.rstrip("."), f"A bend has {keys}; docs/wire.md lists all."
     )
 
 
-def _told(bends: tuple[Bend, ...] | list[Bend], plan: str, wire: Material) -> Mapping[str, Any]:
+def _list_placeholders(
+    bends: tuple[Bend, ...] | list[Bend], plan: str, wire: Material
+) -> Mapping[str, Any]:
     turned = accumulate(bend.rotation_deg for bend in bends)
     rows = [
         {"index": k, **asdict(b), "arc_mm": b.radius_mm * radians(b.bend_deg), "turned_deg": t}
