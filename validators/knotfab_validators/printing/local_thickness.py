@@ -220,7 +220,7 @@ class Probe:
             good = self._nearly_parallel(f, g)
             owner, f, g = owner[good], f[good], g[good]
             d, a, b = triangle_triangle(corner[f], corner[g])
-            # the midpoint shows whether it is air; where they touch that cannot be told
+            # it must lead through air; where the faces touch, that cannot be told
             good = (np.einsum("ij,ij->i", b - a, self.normals[f]) > 0) | (d <= MET_MM)
             owner, f, g, d, a, b = owner[good], f[good], g[good], d[good], a[good], b[good]
             order = np.lexsort((d, owner))

@@ -1,1 +1,1 @@
-"""The shadows of a part, rendered and by exact polygons, against their pictures."""
+"""Check the shadows of a part, rendered and by exact polygons, against their pictures."""

@@ -1,4 +1,4 @@
-"""The words that a bent picture may have: a row of the verdict for its bending."""
+"""Limit the verdict on a view by how far its picture was bent."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from knotfab_formats.verdict import Recognition
 from knotfab_validators.files.colours import Bent
 from knotfab_validators.shadows.recognition import UNKNOWN, WORDS
 
-# rms and most, in shares of the picture's height, and stretch, up to which a person who looked at pictures
-# bent by 0 to 38 % gives a bent one the word (docs/verdict.md)
+# the largest rms and maximum displacement (shares of the picture's height) and stretch for each word, as
+# judged by a person on pictures bent by 0 to 38 % (docs/verdict.md)
 BENT = {"faithful": (0.02, 0.06, 2.0), "good": (0.05, 0.125, 4.0), "coarse": (0.08, 0.2, 10.0)}
 
 
 def judge_bending(verdict: Recognition, bent: Bent) -> Recognition:
-    """Return the verdict on a view with what its bending allows: the worse of the two words, and why."""
+    """Return the verdict on a view, lowered to what its bending allows, with the reason."""
     found = (bent.rms, bent.most, bent.stretch)
     allowed = next(
         (

@@ -1,4 +1,4 @@
-"""The picture in colours that several lamps throw on one screen: how much of it has the right colour."""
+"""Check the coloured picture that several lamps cast on one screen: how much of it has the right colour."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ if TYPE_CHECKING:
     from knotfab_validators.files.scene import Scene
 
 
-# px of a frame of 1024: a pixel no farther from a border of colours is along an outline
+# px of a frame of 1024: pixels this near to a border of colours count as along an outline
 OUTLINE_PX = 2.0
-ALIKE = 1.0  # ΔE of colours that nobody tells apart
-MOVED_MM = 2.0  # a lamp that a person has put down with care
-# the step of each channel by which colours of a picture are counted; 255 is one of the steps
+ALIKE = 1.0  # ΔE below which nobody distinguishes colours
+MOVED_MM = 2.0  # placement error of a lamp put down with care
+# quantisation of each channel when a picture's colours are counted; 255 is a multiple
 STEP = 5
-EVERY = 8  # pixels, at which the light is looked at where no lamp is hidden
+EVERY = 8  # px between places at which the unobstructed light is sampled
 GAP_PX, PANEL_PX = 16, 512
 WRONG = (214, 94, 50)
 
@@ -43,9 +43,10 @@ WRONG = (214, 94, 50)
 class LampShadow:
     """One lamp's verified shadow on the padded working frame.
 
-    `hidden` (H, W) is the share of the lamp that is hidden at each pixel, `mask` (H, W) its picture, where it
-    is to be hidden. `geometry` is its view on the picture's own pixels. `tube_mm` is half the width of a
-    strand's shadow; None where the knots are not known.
+    `hidden` (H, W) is the share of the lamp that is hidden at each pixel; `mask` (H, W) is its picture,
+    where it
+    should be hidden. `geometry` is its view on the picture's own pixels. `tube_mm` is half the width of a
+    strand's shadow; None if the knots are unknown.
     """
 
     view: View
@@ -57,7 +58,7 @@ class LampShadow:
 
 @dataclass(frozen=True)
 class MixedPicture:
-    """What several lamps mix; the pictures are of the frame, (H, W, 3), sRGB."""
+    """What several lamps mix, as pictures of the frame (H, W, 3), sRGB."""
 
     found: Colours
     shown: Bytes
@@ -74,7 +75,7 @@ def measure_colours(
     caster: ShadowCaster,
     points: Array,
 ) -> MixedPicture:
-    """Mix the light of all lamps, and hold what is seen against the masks' colours and the picture.
+    """Mix the light of all lamps, and compare the result with the masks' colours and the picture.
 
     Args:
         folder: where the picture in colours lies. frame: frame of the lamps' masks. caster: caster of the
@@ -129,10 +130,12 @@ def measure_colours(
 
 
 def check_colours(told: Colours, iou_floor: float | None) -> list[Check]:
-    """Check `colours`: of what is drawn or dark, the share in the right one of the colours that lamps mix.
+    """Check `colours` and `lamp_colours`.
 
-    A lamp is hidden where half of it is. Lamps of which each has the IoU that is asked may miss so much each;
-    nothing is asked where no floor is.
+    `colours`: the share of drawn or dark pixels that have the right one of the colours the lamps mix. A
+    lamp
+    counts as hidden where half of it is. Each lamp may miss as much as its required IoU allows; without a
+    floor nothing is required.
     `lamp_colours`: the masks are nearer to the picture with each lamp's own colour than with two swapped.
     """
     count = len(told.lamps)
@@ -155,7 +158,7 @@ def check_colours(told: Colours, iou_floor: float | None) -> list[Check]:
 
 
 def write_colours(folder: Path, colours: MixedPicture) -> None:
-    """Write colours.png, what is seen on the screen, and compare-colours.png.
+    """Write colours.png, the picture seen on the screen, and compare-colours.png.
 
     In that picture, masks, what is seen, and what of it is wrong stand side by side.
     """
@@ -175,7 +178,7 @@ def write_colours(folder: Path, colours: MixedPicture) -> None:
 
 
 def _light(lamps: Sequence[LampShadow], scene: Scene, frame: WorkingFrame) -> Light:
-    """Return the lamps' light on the pixels of the frame, without its padding."""
+    """Compute the lamps' light on the pixels of the frame, without its padding."""
     inside = WorkingFrame(frame.width, frame.height, 0, 0)
     views = [
         (lamp.view, np.array(lamp.view.lamp_colour), lamp.geometry.resample(inside))
@@ -185,12 +188,12 @@ def _light(lamps: Sequence[LampShadow], scene: Scene, frame: WorkingFrame) -> Li
 
 
 def _codes(hidden: Mask) -> Ints:
-    """Return (H, W) of n masks (n, H, W) the sum of 2^k of those that hold."""
+    """Encode n masks (n, H, W) as bits: mask k adds 2^k where it holds, (H, W)."""
     return np.asarray(np.tensordot(2 ** np.arange(len(hidden)), hidden.astype(np.int64), axes=1))
 
 
 def _seen_codes(hidden: Array, light: Light) -> Ints:
-    """Return (H, W) the set of hidden lamps whose colour is nearest to what is seen, in CIELAB.
+    """Return the set of hidden lamps, as bits (H, W), whose colour is nearest in CIELAB to the one seen.
 
     Under the same light: in the middle of a penumbra the colour decides, not the share of the lamp.
     """
@@ -211,28 +214,28 @@ def _seen_codes(hidden: Array, light: Light) -> Ints:
 
 
 def _alike(table: Bytes) -> Mask:
-    """Return (m, m) of colours (m, 3) in sRGB, which of them nobody tells apart."""
+    """Mark pairs (m, m) of colours (m, 3), sRGB, that nobody distinguishes."""
     count = len(table)
     one, other = np.repeat(table, count, axis=0), np.tile(table, (count, 1))
     return np.asarray(colour_error(one, other).reshape(count, count) < ALIKE)
 
 
 def _mean(values: Array | Mask, where: Mask) -> float:
-    """Return the mean of some of them; 1 of no marks at all, and 0 of no errors."""
+    """Average values over a mask; over an empty one, marks give 1 and errors 0."""
     if not where.any():
         return 1.0 if values.dtype == bool else 0.0
     return float(values[where].mean())
 
 
 def _lit_error(light: Light) -> Array:
-    """Return (n,) ΔE from white, at places all over the screen, where no lamp is hidden."""
+    """Return ΔE from white (n,) at places all over the screen where no lamp is hidden."""
     some = replace(light, falloff=light.falloff[:, ::EVERY, ::EVERY])
     lit = to_srgb(some.mix(np.ones_like(some.falloff))).reshape(-1, 3)
     return colour_error(lit, np.full_like(lit, 255))
 
 
 def _tell_lamp(lamp: LampShadow, frame: WorkingFrame) -> Lamp:
-    """Give a lamp's colour, and what of its shadow is stray, and what is missing, in shares of the frame."""
+    """Report a lamp's colour, and the stray and missing parts of its shadow as shares of the frame."""
     dark, size = lamp.hidden >= 0.5, frame.width * frame.height
     stray, inside = dark & ~lamp.mask, np.count_nonzero((dark & ~lamp.mask)[frame.window])
     x, y, z = lamp.geometry.light.tolist()
@@ -249,13 +252,13 @@ def _tell_lamp(lamp: LampShadow, frame: WorkingFrame) -> Lamp:
 def _judge_masks(
     file: str, codes: Ints, shown: Bytes, picture: Bytes, table: Bytes, names: Sequence[str]
 ) -> Masks:
-    """Return how the masks take the picture apart, which must be nearer to it than with two lamps swapped."""
+    """Report how well the masks represent the picture, and how well they would with two lamps swapped."""
     binned = np.rint(picture / STEP).astype(np.int64) * STEP
     packed = ((codes * 256 + binned[..., 0]) * 256 + binned[..., 1]) * 256 + binned[..., 2]
     pairs, counts = np.unique(packed, return_counts=True)
     colours = (pairs[:, None] >> np.array([16, 8, 0]) & 255).astype(np.uint8)
     asked = pairs >> 24
-    # (pairs, codes): how far each mixed colour is from each colour of the picture
+    # (pairs, codes): distance of each mixed colour from each colour of the picture
     away = np.stack(
         [colour_error(colours, np.broadcast_to(c, colours.shape)) for c in table], axis=1
     )
@@ -281,7 +284,7 @@ def _judge_masks(
 def _misregistration(
     lamps: Sequence[LampShadow], renderer: Renderer, points: Array, frame: WorkingFrame
 ) -> Misregistration:
-    """Return what it costs that lamps stand beside their places."""
+    """Measure the loss if the lamps stand beside their places."""
     coarse = working_frame(frame.width, frame.height, 512)
     codes = _codes(np.stack([_on(lamp.mask, frame, coarse) for lamp in lamps]))
     allowed, still, worst = [], [], []
@@ -308,5 +311,5 @@ def _misregistration(
 
 
 def _on(mask: Mask, frame: WorkingFrame, coarse: WorkingFrame) -> Mask:
-    """Return the frame's part of a mask on coarser pixels, without padding."""
+    """Reduce a mask to coarser pixels of the frame, without padding."""
     return padded_mask(mask[frame.window], coarse)[coarse.window]

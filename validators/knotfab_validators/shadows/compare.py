@@ -1,4 +1,4 @@
-"""Measure how much of one silhouette is in another, and how well the picture is read from elsewhere."""
+"""Compare silhouettes, and measure how readable the picture is from other directions."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ ANGLES_DEG = (15, 30, 45, 60)
 
 @dataclass(frozen=True)
 class Overlap:
-    """Intersection over union, and what share of the shadow, and of the target, they share."""
+    """Intersection over union, and the shares of the shadow and of the target that they have in common."""
 
     iou: float
     precision: float
@@ -32,7 +32,7 @@ class Overlap:
 
 
 def overlap(shadow: Mask, target: Mask) -> Overlap:
-    """Compare two masks (H, W) of one grid. Two empty masks are alike (1.0)."""
+    """Compare two masks (H, W) on one grid. Two empty masks count as equal (1.0)."""
     both = int(np.count_nonzero(shadow & target))
     n, m = int(np.count_nonzero(shadow)), int(np.count_nonzero(target))
     either = n + m - both
@@ -44,7 +44,7 @@ def overlap(shadow: Mask, target: Mask) -> Overlap:
 
 
 def depth_ratio(points: Array, geometry: ViewGeometry) -> float:
-    """Return the extent of points (n, 3) along the view's axis over the larger of their extents across it."""
+    """Return the extent of points (n, 3) along the view's axis over their larger extent across it."""
     along = float(np.ptp(points @ geometry.axis))
     across = max(float(np.ptp(points @ geometry.right)), float(np.ptp(points @ geometry.up)))
     return along / across if across > 0 else float("inf")
@@ -58,7 +58,7 @@ def see_aside(
     angles_deg: tuple[int, ...] = ANGLES_DEG,
     size: int = 384,
 ) -> dict[str, list[Mask]]:
-    """Return what is seen of the part when it is turned: angle -> silhouettes, each stretched to its box.
+    """Return the part's silhouettes by turning angle, each stretched to its bounding box.
 
     The part is turned about the middle of its bounding box to both sides (about the view's
     upright axis) and up and down (about its horizontal one); silhouettes are `size` x `size` pixels.
@@ -70,7 +70,7 @@ def see_aside(
     if not len(vertices):
         return {str(angle): [] for angle in angles_deg}
     middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
-    geometry = geometry.flat  # nobody looks at a wall
+    geometry = geometry.flat  # there is no wall: an eye sees the part directly
     seen: dict[str, list[Mask]] = {}
     for angle in angles_deg:
         own = seen[str(angle)] = []
@@ -79,15 +79,15 @@ def see_aside(
                 turned = turn_view(geometry, middle, axis, np.radians(signed))
                 pixels, w = turned.project(vertices)
                 if (w <= 0).any():
-                    continue  # turned into the light: there is no silhouette to read
-                # columns are summed: numpy takes twenty times as long for rows of two numbers
+                    continue  # turned into the light: no silhouette to read
+                # sum columns: numpy is twenty times slower on rows of two numbers
                 low, high = (np.array([f(c) for c in pixels.T]) for f in (np.min, np.max))
                 own.append(renderer.render(_window(turned, low, high, size), behind=True))
     return seen
 
 
 def legibility(seen: Mapping[str, Sequence[Mask]], target: Mask) -> dict[str, float]:
-    """Measure how much of the target (H, W) is left in what is `seen` aside: angle -> largest IoU.
+    """Measure how much of the target (H, W) is left in the turned silhouettes: angle -> largest IoU.
 
     Both are cropped and stretched to their bounding boxes.
     """
@@ -100,7 +100,7 @@ def legibility(seen: Mapping[str, Sequence[Mask]], target: Mask) -> dict[str, fl
 
 
 def turn_view(geometry: ViewGeometry, middle: Array, axis: Array, angle: float) -> ViewGeometry:
-    """Return the view as the part sees it when turned by `angle` (radians): turned the other way instead."""
+    """Rotate the view by -`angle` (radians), which shows the part rotated by `angle`."""
     k = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
     rotation = np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * (k @ k)  # Rodrigues
     pose = np.eye(4)
@@ -110,7 +110,7 @@ def turn_view(geometry: ViewGeometry, middle: Array, axis: Array, angle: float) 
 
 
 def _window(geometry: ViewGeometry, low: Array, high: Array, size: int) -> ViewGeometry:
-    """Return the view of the rectangle `low` to `high` (pixels) alone, on `size` x `size` pixels."""
+    """Restrict the view to the rectangle `low` to `high` (pixels), on `size` x `size` pixels."""
     su, sv = np.maximum(high - low, 1e-9) / size
     return replace(
         geometry,
@@ -123,7 +123,7 @@ def _window(geometry: ViewGeometry, low: Array, high: Array, size: int) -> ViewG
 
 
 def _stretch(mask: Mask, size: int) -> Mask:
-    """Return the mask's bounding box on `size` x `size` pixels, each the pixel square under its centre."""
+    """Resample the mask's bounding box to `size` x `size` pixels, each from the pixel under its centre."""
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     at = (np.arange(size) + 0.5) / size
     i = rows[0] + (at * (rows[-1] - rows[0] + 1)).astype(int)
@@ -131,20 +131,21 @@ def _stretch(mask: Mask, size: int) -> Mask:
     return mask[np.ix_(i, j)]
 
 
-# Measure how well a shadow gives the greys of a picture by the spacing of its strands.
+# Measure how well the spacing of strands reproduces the greys of a picture.
 
 
-# standard deviation of the Gaussian through which shadow and picture are seen, in radii of the tube's shadow
+# standard deviation of the blur applied to shadow and picture, in radii of the tube's shadow
 SIGMA_RADII = 3.0
-MOST = 0.5  # a share of the error of one even grey
+MOST = 0.5  # largest error accepted, as a share of that of one even grey
 
 
 @dataclass(frozen=True)
 class Tone:
-    """Greys of one view: `error` is the rms difference of the greys, and `flat`, that of an even grey.
+    """The greys of one view: `error` is the rms difference, and `flat` that of an even grey.
 
-    Both are shares of the way from white to the densest shadow, `densest`, which parallel strands with
-    their clearance can throw.
+    Both are shares of the way from white to `densest`, the darkest shadow that parallel strands with
+    their
+    clearance can cast.
     """
 
     error: float
@@ -155,7 +156,7 @@ class Tone:
 def measure_tone(
     shadow: Mask, darkness: Array, frame: WorkingFrame, radius_px: float, clearance: float
 ) -> Tone:
-    """Measure the low-passed shadow against the picture's low-passed greys, over the picture's frame.
+    """Compare the blurred shadow with the picture's blurred greys, over the picture's frame.
 
     Where the picture is white no shadow is wanted, where it is black the densest: strands of radius r and
     clearance c side by side darken 2r / (2r + c). Nothing is fitted to the shadow.
@@ -181,7 +182,7 @@ def measure_tone(
 
 
 def check_tone(tones: dict[str, Tone]) -> Check:
-    """Check `tone`: the greys are nearer to those asked for than an even grey would be, by half."""
+    """Check `tone`: the error of the greys is at most half that of an even grey."""
     name = "tone"
     if not tones:
         return skip_check(name, "no view asks for greys")
@@ -195,16 +196,16 @@ def check_tone(tones: dict[str, Tone]) -> Check:
     return at_most(name, found.error, MOST * found.flat, "", detail)
 
 
-# Measure how much it matters to a picture that its wall is round.
+# Measure how much it matters that a wall is round.
 
 
-# a wall that puts the picture less far from a flat one's place is taken as flat
+# a round wall whose picture is nearer than this to a flat wall's counts as flat
 WALL_TOLERANCES = 1.0
-PLACES = 129  # across and up the frame
+PLACES = 129  # sampled places across and up the frame
 
 
 def find_wall(geometry: ViewGeometry) -> RoundWall | None:
-    """Find how far a flat wall would put the picture off its places on the round one; None of a flat one."""
+    """Measure how far a flat wall would displace the picture on the round one; None for a flat wall."""
     if geometry.cylinder is None:
         return None
     ends = (np.linspace(-0.5, n - 0.5, PLACES) for n in (geometry.width, geometry.height))
@@ -219,7 +220,7 @@ def find_wall(geometry: ViewGeometry) -> RoundWall | None:
 def receive(
     geometry: ViewGeometry, effects: Switches, tolerance_px: float = 0.25
 ) -> tuple[ViewGeometry, RoundWall | None]:
-    """Return the view on the wall that its shadows are cast on, and what `find_wall` says of that.
+    """Return the view on the wall that receives the shadows, and what `find_wall` measured.
 
     A round wall is taken as flat where the scene says so, or a flat one is not off by a tolerance.
     """

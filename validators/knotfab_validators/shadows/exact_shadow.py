@@ -1,4 +1,4 @@
-"""The exact shadow of a mesh without graphics: silhouette edges, noded, kept by winding number."""
+"""The exact shadow of a mesh without graphics: noded silhouette edges and their winding numbers."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from knotfab_validators.geometry.curves import number_runs
 from knotfab_validators.shadows.render import Renderer
 from knotfab_validators.shadows.view import ViewGeometry
 
-NEAREST = 1e-6  # w (see `ViewGeometry.projection`) of what is too near to the light to be seen
-STRAIGHT_PX = 4.0  # a line so long is straight on a curved receiver too
+NEAREST = 1e-6  # w (see `ViewGeometry.projection`) below which matter is too near to the light
+STRAIGHT_PX = 4.0  # a line this short counts as straight on a curved receiver
 
 
 class ShadowError(BadFile):
-    """The mesh has no shadow that makes sense in this scene, such as one that reaches the light."""
+    """The mesh casts no meaningful shadow in this scene, for instance because it reaches the light."""
 
 
 def _cut(homogeneous: Array, faces: Ints, inside: Mask, limit: float) -> tuple[Array, Ints]:
@@ -31,8 +31,8 @@ def _cut(homogeneous: Array, faces: Ints, inside: Mask, limit: float) -> tuple[A
     `homogeneous` (n, 3) holds (u w, v w, w), in which a straight edge stays straight; new corners are
     appended, one for each edge that is cut. `inside` (m, 3): which corners are on this side.
     """
-    single = inside.sum(axis=1) == 1  # one corner is kept, else two
-    alone = np.argmax(inside == single[:, None], axis=1)  # the corner without another on its side
+    single = inside.sum(axis=1) == 1  # one corner is kept, otherwise two
+    alone = np.argmax(inside == single[:, None], axis=1)  # the corner that is alone on its side
     a, b, c = np.take_along_axis(faces, (alone[:, None] + np.arange(3)) % 3, axis=1).T
     cut = np.sort(np.concatenate([np.stack([a, b], axis=1), np.stack([c, a], axis=1)]), axis=1)
     key, place = np.unique(cut[:, 0] * len(homogeneous) + cut[:, 1], return_inverse=True)
@@ -64,7 +64,7 @@ class EdgeTable:
         self._face, self._along = order // 3, np.where(a < b, 1, -1)[order]
 
     def find_silhouette(self, points: Array) -> Linework:
-        """Find the silhouette edges, the vertices seen at `points` (n, 2), as `shadow_lines` has them."""
+        """Find the silhouette edges, for vertices projected to `points` (n, 2), as in `shadow_lines`."""
         edge, net = _count_edges(
             np.ascontiguousarray(points), self.faces, self._first, self._face, self._along
         )
@@ -76,7 +76,7 @@ class EdgeTable:
 def _count_edges(
     points: Array, faces: Ints, first: Ints, face: Ints, along: Ints
 ) -> tuple[Ints, Ints]:
-    """Find edges through which faces, turned to positive area, run more often one way, and how much more."""
+    """Find edges that faces, turned to positive area, traverse more often one way, and by how many."""
     turned = np.zeros(len(faces), dtype=np.int64)
     for k in range(len(faces)):
         a, b, c = faces[k, 0], faces[k, 1], faces[k, 2]
@@ -98,7 +98,7 @@ def _count_edges(
 
 
 def cut_before(homogeneous: Array, faces: Ints, limit: float) -> tuple[Array, Ints] | None:
-    """Return the part of a mesh with w < `limit`, its new corners appended; None where that is all of it.
+    """Return the part of a mesh with w < `limit`, with new corners appended; None if that is all of it.
 
     `homogeneous` (n, 3) holds (u w, v w, w).
     """
@@ -116,16 +116,18 @@ def cut_before(homogeneous: Array, faces: Ints, limit: float) -> tuple[Array, In
 def shadow_lines(
     vertices: Array, faces: Ints, geometry: ViewGeometry, table: EdgeTable | None = None
 ) -> Linework:
-    """Give the silhouette edges of a mesh as oriented linework, in pixels of the flat receiver of `geometry`.
+    """Return the silhouette edges of a mesh as oriented lines, in pixels of the flat receiver of
+    `geometry`.
 
-    Every face is turned to positive area in the picture; an edge that two faces run through in
-    opposite directions cancels. What is left (silhouette edges, and free edges of a mesh that is
-    not closed) is the boundary of the sum of all projected faces, so its winding number at a point
-    is the number of faces over it: the shadow is where it is not zero, for any set of triangles.
+    Every face is turned to positive area in the picture, and an edge that two faces traverse in opposite
+    directions cancels. What is left (silhouette edges, and free edges of an open mesh) bounds the sum of
+    all
+    projected faces, so its winding number at a point is the number of faces over it. The shadow is where
+    this is not zero, for any set of triangles.
 
     Args:
         vertices: (n, 3), mm, in the coordinates of `geometry`.
-        faces: (m, 3) indices. table: table of them, where it is at hand.
+        faces: (m, 3) indices. table: their edge table, if it is at hand.
 
     Raises:
         ShadowError: the part reaches the light or lies behind it.
@@ -148,7 +150,7 @@ def shadow_lines(
 
 
 def on_page(homogeneous: Array) -> Array:
-    """Return pixels (n, 2) of (u w, v w, w) (n, 3)."""
+    """Divide (u w, v w, w) (n, 3) by w to get pixels (n, 2)."""
     return _divide(np.ascontiguousarray(homogeneous))
 
 
@@ -156,14 +158,14 @@ def on_page(homogeneous: Array) -> Array:
 def _divide(homogeneous: Array) -> Array:
     page = np.empty((len(homogeneous), 2))
     for k in range(len(homogeneous)):
-        # w is 0 at corners that no face uses only
+        # w is 0 only at corners that no face uses
         page[k, 0] = homogeneous[k, 0] / homogeneous[k, 2]
         page[k, 1] = homogeneous[k, 1] / homogeneous[k, 2]
     return page
 
 
 def shadow_mask(lines: Linework, geometry: ViewGeometry) -> Mask:
-    """Return the shadow (height, width) at the pixel centres of `geometry`."""
+    """Rasterise the shadow at the pixel centres of `geometry`, (height, width)."""
     took_part("numba", "cast the exact shadow")
     if geometry.cylinder is not None:
         along = lines.end - lines.start
@@ -178,10 +180,12 @@ def shadow_mask(lines: Linework, geometry: ViewGeometry) -> Mask:
 
 
 def shadow_polygon(lines: Linework, geometry: ViewGeometry | None = None) -> Any:
-    """Give the shadow as a shapely (multi)polygon, in pixels; `geometry`: whose receiver may be curved.
+    """Return the shadow as a shapely (multi)polygon, in pixels of `geometry`, whose receiver may be
+    curved.
 
-    The linework is noded and polygonised; of the faces of that arrangement those with a nonzero
-    winding number at an inner point are the shadow.
+    The lines are noded and polygonised. Faces of that arrangement with a nonzero winding number at an
+    inner
+    point are the shadow.
     """
     noded = shapely.unary_union(shapely.linestrings(np.stack([lines.start, lines.end], axis=1)))
     cells = shapely.get_parts(shapely.polygonize(shapely.get_parts(noded)))
@@ -192,12 +196,12 @@ def shadow_polygon(lines: Linework, geometry: ViewGeometry | None = None) -> Any
     return shapely.transform(shapely.segmentize(flat, STRAIGHT_PX), geometry.bend)
 
 
-# Winding numbers of an oriented linework in the plane, at pixel centres and at given points.
+# Winding numbers of oriented lines in the plane, at pixel centres and at given points.
 
 
 @dataclass(frozen=True)
 class Linework:
-    """Oriented straight edges whose winding numbers are well defined: their ends cancel.
+    """Oriented straight edges that bound: at every point as many end as begin.
 
     `start` and `end` are (n, 2), in pixels; `weight` (n,) counts how often an edge is run through.
     """
@@ -208,7 +212,7 @@ class Linework:
 
 
 def _rising_edges(lines: Linework) -> tuple[Linework, Array]:
-    """Return the edges that cross a row at all, turned so that y grows, and dx/dy of each."""
+    """Return the edges that cross any row, turned so that y grows, and dx/dy of each."""
     up = lines.end[:, 1] < lines.start[:, 1]
     low = np.where(up[:, None], lines.end, lines.start)
     high = np.where(up[:, None], lines.start, lines.end)
@@ -220,12 +224,12 @@ def _rising_edges(lines: Linework) -> tuple[Linework, Array]:
 
 
 def wound_mask(parts: Iterable[Linework], width: int, height: int) -> Mask:
-    """Find where the winding number of all `parts` together is not 0, (height, width); pixel centres are
-    integers.
+    """Rasterise where the joint winding number of all `parts` is not 0, (height, width).
 
-    A scan line algorithm: each edge adds its weight to all pixels of a row that lie to the right
-    of its crossing, by one entry and a running sum. An edge meets the rows of the half-open
-    interval [y_low, y_high), so a vertex on a row counts once.
+    Pixel centres are integers. In this scan line algorithm each edge adds its weight to all pixels of a
+    row
+    to the right of its crossing, by one entry and a running sum. An edge meets the rows of the half-open
+    interval [y_low, y_high), so that a vertex on a row counts once.
     """
     raster = np.zeros((height, width), dtype=np.int32)
     for lines in parts:
@@ -236,7 +240,7 @@ def wound_mask(parts: Iterable[Linework], width: int, height: int) -> Mask:
 
 @compiled
 def _add_edges(raster: NDArray[np.int32], start: Array, end: Array, weight: Ints) -> None:
-    """Add each edge's weight to the first pixel right of it in each row that it crosses."""
+    """Add each edge's weight at the first pixel to its right in each row that it crosses."""
     height, width = raster.shape
     for k in range(len(start)):
         low, high, turn = start[k], end[k], weight[k]
@@ -255,7 +259,7 @@ def _add_edges(raster: NDArray[np.int32], start: Array, end: Array, weight: Ints
 
 @compiled
 def _find_wound(raster: NDArray[np.int32]) -> Mask:
-    """Find where the running sum of a row is not 0."""
+    """Mark pixels at which the running sum of the row is not 0."""
     height, width = raster.shape
     mask = np.zeros((height, width), dtype=np.bool_)
     for row in range(height):
@@ -267,7 +271,7 @@ def _find_wound(raster: NDArray[np.int32]) -> Mask:
 
 
 def winding_at(points: Array, lines: Linework) -> Ints:
-    """Return winding numbers (m,) at points (m, 2); a tree over the edges finds those left of a point."""
+    """Return the winding numbers (m,) at points (m, 2), by a search tree over the edges."""
     if len(points) == 0 or len(lines.start) == 0:
         return np.zeros(len(points), dtype=np.int64)
     edges, slope = _rising_edges(lines)
@@ -288,14 +292,15 @@ def winding_at(points: Array, lines: Linework) -> Ints:
     return numbers
 
 
-# The silhouettes of a mesh for many lights, by a compiled scan of its silhouette edges.
+# The shadows of a mesh for many lights, by a compiled scan of its silhouette edges.
 
 
 class ShadowCaster(Renderer):
-    """A mesh whose edges are sorted once: `shadow_lines` and `shadow_mask` for light after light.
+    """A mesh whose edges are sorted once, for `shadow_lines` and `shadow_mask` under many lights.
 
-    It draws what the renderer draws (`SilhouetteRenderer` is another way to the same), so that a shadow which
-    is verified by both need not be drawn by both for each place of a lamp.
+    It draws what the renderer draws (`SilhouetteRenderer` computes the same in another way). A shadow
+    that is
+    verified by both need not be drawn by both for each place of a lamp.
 
     Args:
         vertices: (n, 3) mm. faces: (m, 3).
@@ -305,7 +310,7 @@ class ShadowCaster(Renderer):
         super().__init__(vertices)
         self._faces = np.asarray(faces, dtype=np.int64)
         self._table = EdgeTable(self._faces, len(vertices))
-        # the next picture asks for nearly the faces of the last
+        # the next picture uses nearly the same faces as the last
         self._seen = np.ones(len(self._faces), dtype=bool), self._table
 
     def lines(self, geometry: ViewGeometry) -> Linework:
@@ -324,9 +329,9 @@ class ShadowCaster(Renderer):
         whole = np.ones(len(faces), dtype=bool) if every else np.asarray(seen[faces].all(axis=1))
         table = self._table if every else self._find_table(whole)
         lines = table.find_silhouette(on_page(h))
-        if not whole.all():  # winding numbers add up, and the edges between the two cancel
+        if not whole.all():  # winding numbers add up, and the shared edges cancel
             pieces = faces[~whole]
-            # a part nearer to the light is clipped away, as by a camera
+            # matter nearer to the light is clipped, as a camera does
             for sign, bound in ((-1.0, -NEAREST), (1.0, limit)):
                 turned = h * [1.0, 1.0, sign]
                 turned, pieces = cut_before(turned, pieces, bound) or (turned, pieces)
@@ -340,7 +345,7 @@ class ShadowCaster(Renderer):
         return wound_mask([lines], geometry.width, geometry.height)
 
     def _find_table(self, whole: Mask) -> EdgeTable:
-        """Make the table of faces that are seen whole: one for all places of the light before a receiver."""
+        """Build the table of the faces seen whole; all places of the light before one receiver share it."""
         known, table = self._seen
         if not np.array_equal(known, whole):
             table = EdgeTable(self._faces[whole], len(self._vertices))

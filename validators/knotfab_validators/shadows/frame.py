@@ -1,4 +1,4 @@
-"""The silhouette of a picture file, and its mask on the grid on which shadows are compared."""
+"""The grid on which shadow and picture are compared, and drawings of that comparison."""
 
 from __future__ import annotations
 
@@ -57,17 +57,21 @@ class WorkingFrame:
 
 
 def working_frame(width: int, height: int, longer: int = LONGER_SIDE) -> WorkingFrame:
-    """Return the working frame of a picture of `width` x `height` pixels: `longer` on its longer side."""
+    """Return the working frame of a picture of `width` x `height` pixels, with `longer` px on its longer
+    side.
+    """
     scale = longer / max(width, height)
     w, h = max(1, round(width * scale)), max(1, round(height * scale))
     return WorkingFrame(w, h, max(1, round(w / 4)), max(1, round(h / 4)))
 
 
 def padded_mask(mask: Mask, frame: WorkingFrame) -> Mask:
-    """Return the mask (H, W) on the padded working frame: True where it covers half of a pixel or more.
+    """Resample the mask (H, W) to the padded working frame: True where it covers at least half of a
+    pixel.
 
-    Looked up under a working pixel's centre instead, a picture of twice as many pixels would lie aside by
-    half of one of its own. The padding is False.
+    Sampling at the centres instead would shift a picture of twice the resolution by half of its own
+    pixels.
+    The padding is False.
     """
     height, width = mask.shape
     across = mask.astype(np.int32) @ _overlaps(width, frame.width).T
@@ -78,9 +82,9 @@ def padded_mask(mask: Mask, frame: WorkingFrame) -> Mask:
 
 
 def _overlaps(pixels: int, wanted: int) -> csr_array:
-    """Return (wanted, pixels) how much of each of `pixels` each of `wanted` covers, times `wanted`.
+    """Return how much of each of `pixels` each of `wanted` covers, times `wanted`: (wanted, pixels).
 
-    Whole numbers, so that ties are ties; each row sums to `pixels`.
+    Integer weights keep ties exact; each row sums to `pixels`.
     """
     from scipy.sparse import csr_array
 
@@ -90,17 +94,17 @@ def _overlaps(pixels: int, wanted: int) -> csr_array:
     return csr_array((np.diff(cuts).astype(np.int32), places), shape=(wanted, pixels))
 
 
-# Pictures of a verified shadow: the shadow alone, and beside its target with the difference.
+# Pictures of a verified shadow: the shadow alone, and beside its target with their difference.
 
 
 PANEL_PX = 512  # longer side of a panel
 GAP_PX = 16
 PAPER = (250, 248, 244)
-FRAME = (240, 237, 231)  # inside the picture's frame, a shade darker than the padding
+FRAME = (240, 237, 231)  # colour inside the picture's frame, slightly darker than the padding
 INK = (44, 46, 52)
 SHARED = (201, 203, 206)
-SPILL = (214, 94, 50)  # shadow where none should be
-MISSING = (38, 110, 168)  # the colour of missing shadow
+SPILL = (214, 94, 50)  # colour of shadow where none should be
+MISSING = (38, 110, 168)  # colour of missing shadow
 
 
 def write_shadow(path: Path, shadow: Mask | NDArray[np.float32], frame: WorkingFrame) -> None:
@@ -138,7 +142,7 @@ def write_compare(path: Path, target: Mask, shadow: Mask, frame: WorkingFrame) -
 
 
 def _crop_window(drawn: Mask, frame: WorkingFrame) -> tuple[slice, slice]:
-    """Return the frame with a narrow margin, and as much of the padding as something is drawn in."""
+    """Return the rows and columns of the frame with a narrow margin, extended to whatever is drawn."""
 
     def span(occupied: Mask, pad: int, length: int) -> slice:
         margin = min(pad, max(frame.width, frame.height) // 24)

@@ -1,4 +1,4 @@
-"""The shadow of a lamp that has a size: the average over points of the lamp."""
+"""The shadow of an extended lamp, averaged over points of it, and the light of coloured lamps."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ if TYPE_CHECKING:
     from knotfab_formats.views import Room, Switches
 
 
-BLUR_TOLERANCES = 4.0  # a lamp that blurs the outline by fewer tolerances is taken as a point
+BLUR_TOLERANCES = 4.0  # in tolerances: a lamp that blurs the outline less counts as a point
 
 
 @dataclass(frozen=True)
 class SoftShadow:
-    """What the lamp's size does; `soft` (H, W) is the share of the lamp that is hidden at each pixel."""
+    """The effect of the lamp's size; `soft` (H, W) is the share of the lamp hidden at each pixel."""
 
     found: Penumbra
     soft: NDArray[np.float32]
@@ -38,11 +38,13 @@ class SoftShadow:
 
 
 def blur_px(vertices: Array, geometry: ViewGeometry, size_mm: float) -> float:
-    """Return widest blur on the receiver by a ball of `size_mm`, pixels, of any edge at vertices (n, 3).
+    """Return the widest blur on the receiver, px, that a ball of `size_mm` causes at any of vertices (n,
+    3).
 
-    An edge at height h over the receiver and distance D from a lamp at height H: the rays through it that
-    touch the ball, a cone, meet the receiver in an ellipse that is d h D / ((H - h)² - d²/4) long. Of a
-    curved receiver that is the plane which touches it where the edge's shadow falls.
+    For an edge at height h above the receiver, at distance D from a lamp of height H, the rays through it
+    that touch the ball form a cone. It cuts the receiver in an ellipse d h D / ((H - h)² - d²/4) long. On
+    a
+    curved receiver, the plane is the one tangent to it at the edge's shadow.
     """
     at, normal = geometry.touching(geometry.project(vertices)[0])
     height = ((vertices - at) * normal).sum(axis=1)
@@ -60,7 +62,7 @@ def averages_lamp(
     lamp: SceneLamp,
     tolerance_px: float = 0.25,
 ) -> bool:
-    """Tell whether the lamp is averaged over: the scene says so, or the blur exceeds the threshold."""
+    """Tell whether to average over the lamp: the scene demands it, or the blur exceeds the threshold."""
     size = lamp_size(lamp)
     if effects.penumbra is not None or size == 0:
         return bool(effects.penumbra) and size > 0
@@ -111,32 +113,32 @@ def measure_penumbra(
 
 
 def check_half_light(ious: Mapping[str, float], iou_floor: float | None) -> Check:
-    """Check `half_light`: of what a lamp leaves dark as wide as it is as much is asked as of its middle's.
+    """Check `half_light`: the half-light shadow must meet the same IoU as the shadow of the lamp's
+    centre.
 
     Args:
-        ious: IoU of the picture with the places where half of the lamp is hidden, by the view's name.
-        iou_floor: the least; None: nothing is asked.
+        ious: by the view's name, IoU of the picture with the places where half of the lamp is hidden.
+        iou_floor: the least IoU; None: nothing is required.
     """
     name = min(ious, key=lambda view: ious[view])
     detail = f"IoU of the picture with where at least half of the lamp is hidden, view {name}"
     return at_least("half_light", ious[name], iou_floor, "", detail, required=iou_floor is not None)
 
 
-# A lamp as the points that its shadow is averaged over.
+# Points of a lamp over which its shadow is averaged.
 
 
-# Points of a disc: the middle, and so many on rings of equal share about it. Every set looks the same from
-# the other side and has an odd number, so the half-light line of a straight edge is exact.
+# Points of a disc: its centre, and equally many per ring of equal area. Every set is point-symmetric and
+# odd in number, so that the half-light line of a straight edge is exact.
 RINGS = {7: (6,), 25: (8, 16), 101: (6, 14, 20, 26, 34)}
 GRIDS = {7: 3, 25: 5, 101: 11}  # rows and columns of a rectangle's points
-MOST_DISCS = 100  # LEDs of which each is sampled as a disc; of a larger array all together are
-# steps of a sequence that fills a square evenly from wherever it begins (M. Roberts' R2: 1 / g and 1 / g²
-# with g³ = g + 1)
+MOST_DISCS = 100  # LEDs up to which each is sampled as a disc; larger arrays are sampled as a whole
+# steps of a low-discrepancy sequence in the square (M. Roberts' R2: 1 / g and 1 / g² with g³ = g + 1)
 STEPS = (0.7548776662466927, 0.5698402909980532)
 
 
 class SceneLamp(Protocol):
-    """The keys of a scene's view that say what its lamp is; lengths in mm."""
+    """What a scene's view says about its lamp; lengths in mm."""
 
     @property
     def kind(self) -> str: ...
@@ -153,7 +155,7 @@ class SceneLamp(Protocol):
 
 
 def lamp_size(lamp: SceneLamp) -> float:
-    """Return the longest line within the lamp, mm; 0 of an eye."""
+    """Return the length of the longest line within the lamp, mm; 0 for an eye."""
     if lamp.kind == "eye":
         return 0.0
     across = float(np.hypot(lamp.light_width_mm, lamp.light_height_mm))
@@ -163,22 +165,26 @@ def lamp_size(lamp: SceneLamp) -> float:
 
 
 def is_flat(lamp: SceneLamp) -> bool:
-    """Tell whether the lamp shines less aside than ahead, by the cosine, and not behind itself."""
+    """Tell whether the lamp's light falls off by the cosine to its side, with none behind it."""
     return lamp.light_shape != "ball"
 
 
 def lamp_points(lamp: SceneLamp, blur_px: float, tolerance_px: float) -> Array:
-    """Return (n, 2) offsets right and up from the lamp's middle, mm, each for the same share of its light.
+    """Return offsets (n, 2), right and up from the lamp's centre, mm, each for an equal share of its
+    light.
 
-    A disc and a ball, which looks like one, are sampled on rings; a rectangle on a grid; of an array every
-    LED, for each throws a shadow of its own: a large array by a point of each, elsewhere on it than on the
-    others, so that all points fill the disc that one LED is. An odd number, but for arrays.
+    A disc, and a ball (which looks like one), are sampled on rings, a rectangle on a grid. Each LED of an
+    array
+    casts its own shadow and is sampled; in a large array by one point each, varied so that all points
+    together
+    fill one LED's disc. Their number is odd, except for arrays.
 
     Args:
-        blur_px: the widest blur: below 10 px fewer points serve, the fewest where `tolerance_px` is coarse.
+        blur_px: the widest blur: below 10 px fewer points suffice, and fewest if `tolerance_px` is
+        coarse.
     """
     few = 7 if tolerance_px >= 0.5 else 25
-    count = 101 if blur_px >= 10.0 else few  # a blur from which on all points are taken
+    count = 101 if blur_px >= 10.0 else few  # px of blur from which all points are used
     half = np.array([lamp.light_width_mm, lamp.light_height_mm]) / 2
     if lamp.light_shape == "rectangle":
         side = GRIDS[count]
@@ -193,14 +199,14 @@ def lamp_points(lamp: SceneLamp, blur_px: float, tolerance_px: float) -> Array:
         angle = 2 * np.pi * turn
         spots = np.sqrt(share)[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
         middle = np.zeros((len(leds) % 2, 2))
-        spots = np.concatenate([spots, middle, -spots[::-1]])  # alike from the other side
+        spots = np.concatenate([spots, middle, -spots[::-1]])  # point-symmetric
         return leds + 0.5 * lamp.light_diameter_mm * spots
     each = 0.5 * lamp.light_diameter_mm * _disc(RINGS[7 if len(leds) > 4 else few])
     return (leds[:, None] + each).reshape(-1, 2)
 
 
 def _disc(rings: tuple[int, ...]) -> Array:
-    """Place points of the unit disc that each stand for the same area: one in the middle, others on rings."""
+    """Place points on the unit disc for equal areas: one at the centre, the others on rings."""
     counts = np.array([1, *rings])
     ends = np.cumsum(counts) / counts.sum()
     found = [np.zeros((1, 2))]
@@ -211,20 +217,22 @@ def _disc(rings: tuple[int, ...]) -> Array:
     return np.concatenate(found)
 
 
-# The light that lamps of several colours throw on one screen, and what colours an eye sees in it.
+# The light of several coloured lamps on one screen, and the colours that an eye sees in it.
 
 
 Bytes = NDArray[np.uint8]
-FROM_DISC, FROM_BALL = np.pi, 4 * np.pi  # the flux of a lamp of intensity 1
+FROM_DISC, FROM_BALL = np.pi, 4 * np.pi  # flux of a lamp of intensity 1
 
 
 @dataclass(frozen=True)
 class Light:
     """The light on a screen of H x W pixels, in linear red, green and blue.
 
-    `colours` (n, 3) are the lamps' own light in the middle of the frame, `falloff` (n, H, W) what share of
-    it reaches a pixel that sees the lamp, and `other` (3,) what reaches all pixels besides. `white` (3,) is
-    all of it in the middle, which an eye that is used to it calls white.
+    `colours` (n, 3) are the lamps' own light in the middle of the frame; `falloff` (n, H, W) is the share
+    of it
+    that reaches a pixel in sight of the lamp; `other` (3,) is light that reaches all pixels. `white` (3,)
+    is
+    all light in the middle, which an adapted eye calls white.
     """
 
     colours: Array
@@ -236,16 +244,18 @@ class Light:
         return np.asarray(self.colours.sum(axis=0) + self.other)
 
     def mix(self, lit: Array) -> Array:
-        """Return (H, W, 3) what is seen where shares `lit` (n, H, W) of the lamps are seen; white is 1."""
+        """Return the colours (H, W, 3), white being 1, where shares `lit` (n, H, W) of the lamps are
+        visible.
+        """
         shape = self.falloff.shape[1:]
         return self._mix(lit.reshape(len(lit), -1), slice(None)).reshape(*shape, 3)
 
     def mix_at(self, lit: Array, where: Mask) -> Array:
-        """Return `mix` for the k pixels of a mask alone, of shares (n, k): (k, 3)."""
+        """Return `mix` at the k pixels of a mask only, for shares (n, k): (k, 3)."""
         return self._mix(lit, where.ravel())
 
     def flat(self, codes: Ints) -> Array:
-        """Return (..., 3) the colour in the middle where the lamps of a code's bits are hidden."""
+        """Return the colour in the middle (..., 3) if the lamps of a code's bits are hidden."""
         bits = np.arange(len(self.colours))
         lit = 1 - (codes[..., None] >> bits & 1)
         return self._white(lit @ self.colours + self.other)
@@ -255,7 +265,7 @@ class Light:
         return self._white((lit * falloff).T @ self.colours + self.other)
 
     def _white(self, light: Array) -> Array:
-        """Scale by white, channel by channel; a channel in which nothing shines stays dark."""
+        """Divide by white, channel by channel; a channel without light stays dark."""
         white = self.white
         return np.asarray(np.where(white > 0, light / np.where(white > 0, white, 1.0), 0.0))
 
@@ -263,9 +273,10 @@ class Light:
 def light_of(
     lamps: list[tuple[SceneLamp, Array, ViewGeometry]], room: Room, size: tuple[int, int]
 ) -> Light:
-    """Give the light of lamps, each with its colour (3,) and view, on the pixels (H, W) of a common frame.
+    """Compute the light of coloured lamps (colour (3,) and view each) on the pixels (H, W) of their
+    frame.
 
-    Grey walls of a room throw back of each lamp's light what an integrating sphere does: q / (A (1 - q)).
+    Grey walls of a room reflect each lamp's light as an integrating sphere does: q / (A (1 - q)).
     """
     colours = np.array([colour for _, colour, _ in lamps], dtype=np.float64)
     falloff, thrown = [], []
@@ -281,9 +292,10 @@ def light_of(
 
 
 def share_of_light(lamp: SceneLamp, geometry: ViewGeometry) -> Array:
-    """Return (H W,) what a lamp of intensity 1 gives each pixel, per mm²: the cosine on the screen over d².
+    """Return the light (H W,), per mm², of a lamp of intensity 1 on each pixel: the cosine at the screen
+    over d².
 
-    A flat lamp, which faces along the view's axis, is dimmer at an angle, by its cosine.
+    A flat lamp, which faces along the view's axis, dims with the cosine of its own angle.
     """
     v, u = np.mgrid[: geometry.height, : geometry.width]
     pixels = np.column_stack([u.ravel(), v.ravel()]).astype(np.float64)
@@ -297,26 +309,28 @@ def share_of_light(lamp: SceneLamp, geometry: ViewGeometry) -> Array:
 
 
 def _middle_pixel(geometry: ViewGeometry) -> ViewGeometry:
-    """Return the view of the frame's middle alone."""
+    """Restrict the view to the middle of the frame."""
     return replace(geometry, origin=geometry.middle, width=1, height=1)
 
 
 def to_srgb(light: Array) -> Bytes:
-    """Turn linear light (..., 3), white at 1, into sRGB of 8 bits (IEC 61966-2-1); brighter is white."""
+    """Convert linear light (..., 3), white at 1, to 8-bit sRGB (IEC 61966-2-1), clipping brighter light."""
     kept = np.clip(light, 0.0, 1.0)
     coded = np.where(kept <= 0.0031308, 12.92 * kept, 1.055 * kept ** (1 / 2.4) - 0.055)
     return np.rint(255.0 * coded).astype(np.uint8)
 
 
 def to_lab(srgb: Bytes) -> Array:
-    """Return sRGB of 8 bits (..., 3) in CIELAB of D65."""
+    """Convert 8-bit sRGB (..., 3) to CIELAB under D65."""
     from skimage.color import rgb2lab
 
     return np.asarray(rgb2lab(srgb))
 
 
 def colour_error(seen: Bytes, wanted: Bytes) -> Array:
-    """Give (n,) differences ΔE (CIEDE2000) of colours (n, 3) in sRGB of 8 bits, each pair worked out once."""
+    """Return the differences ΔE (n,) (CIEDE2000) of 8-bit sRGB colours (n, 3); equal pairs are computed
+    once.
+    """
     from skimage.color import deltaE_ciede2000
 
     weights = 256 ** np.arange(6, dtype=np.int64)

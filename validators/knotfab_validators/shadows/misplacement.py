@@ -1,4 +1,4 @@
-"""Measure the loss when lamp, eye, piece or wall are not quite where the scene says."""
+"""Measure the loss when lamp, eye, piece or wall are misplaced, and when a part is printed in layers."""
 
 from __future__ import annotations
 
@@ -20,22 +20,22 @@ if TYPE_CHECKING:
     from knotfab_formats.views import Placing, Switches
 
 
-PARTING_TOLERANCES = 4.0  # a shadow whose parts stay together within so many has merely moved
+PARTING_TOLERANCES = 4.0  # in tolerances: a shadow whose parts stay this close has merely moved
 
 
 @dataclass(frozen=True)
 class Likeness:
-    """A shift, scale and turn on the receiver: place + `turn` @ place + `shift`, mm from its pixel (0, 0).
+    """A similarity on the receiver: place + `turn` @ place + `shift`, mm from its pixel (0, 0).
 
-    `left_mm`: the largest distance that it leaves between points fitted by it.
+    `left_mm` is the largest residual at the points that it was fitted to.
     """
 
-    turn: Array  # (2, 2): of scale and turn, less 1
+    turn: Array  # (2, 2): scale and rotation, less the identity
     shift: Array  # (2,)
     left_mm: float
 
     def move(self, geometry: ViewGeometry) -> ViewGeometry:
-        """Return a view whose pixels lie where the likeness takes those of `geometry`."""
+        """Return the view whose pixels are those of `geometry`, moved by the similarity."""
         across = np.stack([geometry.du, geometry.dv])
         long = np.linalg.norm(across, axis=1)
         unit = across / long[:, None]
@@ -48,9 +48,9 @@ class Likeness:
 
 
 def fit_likeness(points: Array, geometry: ViewGeometry, moved: ViewGeometry) -> Likeness:
-    """Fit a likeness (least squares) to the shadows of points (n, 3) when light or piece are `moved`.
+    """Fit a similarity by least squares to the shadows of points (n, 3) before and after a move.
 
-    Both views have the same pixels on the receiver as it is seen from the piece.
+    Both views have the same pixels on the receiver as seen from the piece.
     """
     size = np.array([np.linalg.norm(geometry.du), np.linalg.norm(geometry.dv)])
     (was, _), (now, _) = geometry.project(points), moved.project(points)
@@ -68,7 +68,7 @@ def fit_likeness(points: Array, geometry: ViewGeometry, moved: ViewGeometry) -> 
 def _moved_views(
     middle: Array, geometry: ViewGeometry, placing: Placing, turns: bool
 ) -> Iterator[tuple[str, str, ViewGeometry]]:
-    """Yield the thing that is moved, which way, and the view that results (turned about an axis).
+    """Yield each move: its name, its direction, and the resulting view.
 
     What hangs on the wall (not `turns`) leans with it, which is the light turned the other way.
     """
@@ -88,14 +88,14 @@ def _moved_views(
 def parting_px(
     points: Array, middle: Array, geometry: ViewGeometry, placing: Placing, *, turns: bool = True
 ) -> float:
-    """Measure how far shadows of points (n, 3) part from their best likeness in the worst move, pixels."""
+    """Measure how far shadows of points (n, 3) depart from the best similarity in the worst move, px."""
     views = _moved_views(middle, geometry, placing, turns)
     left = [fit_likeness(points, geometry, moved).left_mm for _, _, moved in views]
     return max(left, default=0.0) / geometry.pixel_mm
 
 
 def moves_apart(effects: Switches, parting: float, tolerance_px: float = 0.25) -> bool:
-    """Tell whether moves are rendered: the scene says so, or parts of the shadow move apart visibly."""
+    """Tell whether to render moves: the scene demands it, or parts of the shadow visibly move apart."""
     if effects.misplacement is not None:
         return effects.misplacement
     return parting > PARTING_TOLERANCES * tolerance_px
@@ -113,7 +113,8 @@ def measure_misplacement(
     turns: bool = True,
     within: Mask | None = None,
 ) -> Misplacement:
-    """Measure the IoU with lamp (or eye), piece and wall moved for real, each one way; and by its likeness.
+    """Measure the IoU after moving lamp (or eye), piece and wall, each one way, as is and after the best
+    fit.
 
     As it is, the picture stays where it is on the wall, so that a shadow which merely moves counts as lost
     too. By its likeness the picture is shifted, scaled and turned as the shadow of `points` was, which is
@@ -169,15 +170,15 @@ def measure_misplacement(
     )
 
 
-# The shadow of a part as it is printed: a stack of its slices, each as thick as a layer.
+# The shadow of a part as printed: a stack of slices, each as thick as a layer.
 
 
-BLOCK = 64  # layers that are looked at together
-LAYER_TOLERANCES = 2.0  # steps of an outline that are smaller are not looked at
+BLOCK = 64  # layers processed together
+LAYER_TOLERANCES = 2.0  # in tolerances: smaller steps of an outline are ignored
 
 
 def layer_shift_px(vertices: Array, geometry: ViewGeometry, layer_mm: float) -> float:
-    """Measure how far half a layer along z shifts the shadow of any vertex (n, 3), px; all in print pose."""
+    """Measure how far half a layer along z shifts the shadow of any vertex (n, 3) in print pose, px."""
     before = vertices[geometry.project(vertices)[1] < geometry.w_of_receiver]
     if len(before) == 0:
         return 0.0
@@ -188,7 +189,7 @@ def layer_shift_px(vertices: Array, geometry: ViewGeometry, layer_mm: float) -> 
 
 
 def shows_layers(effects: Switches, shift_px: float, tolerance_px: float = 0.25) -> bool:
-    """Tell whether the slices are looked at: the scene says so, or their steps exceed the threshold."""
+    """Tell whether to render slices: the scene demands it, or their steps exceed the threshold."""
     if effects.layers is not None:
         return effects.layers
     return shift_px > LAYER_TOLERANCES * tolerance_px
@@ -198,7 +199,8 @@ def shows_layers(effects: Switches, shift_px: float, tolerance_px: float = 0.25)
 def _contours(
     vertices: Array, faces: Ints, first: Ints, begin: int, stop: int, layer_mm: float
 ) -> tuple[Array, Array, Ints]:
-    """Return starts and ends (k, 3) of slices' edges, matter on their left from above, and their layers (k,).
+    """Cut faces into slices: starts and ends (k, 3) of edges, matter on the left from above, and layers
+    (k,).
 
     A slice is cut in the middle of its layer. Of a face that turns anticlockwise about its outward normal the
     slice runs from the side that leads down through it to the one that leads up. Both faces at a side cut it
@@ -236,7 +238,8 @@ def _contours(
 
 
 def layered_mask(mesh: Mesh, geometry: ViewGeometry, layer_mm: float) -> Mask:
-    """Draw (height, width) the shadow of a closed mesh's slices, each drawn half a layer up and half down.
+    """Draw the shadow of a closed mesh's slices (height, width), each extruded by half a layer either
+    way.
 
     A ray that meets a slice enters by that of its faces which is turned to the light, or by a wall that is.
     The sum of all of these, each turned to positive area in the picture, is not zero exactly there; the
@@ -245,7 +248,7 @@ def layered_mask(mesh: Mesh, geometry: ViewGeometry, layer_mm: float) -> Mask:
     Args:
         mesh: in print pose, z up. geometry: the view in the same coordinates.
     """
-    # the slices at and above which a vertex lies: slices lie half a layer above whole layers
+    # the slices at and above each vertex: slices lie half a layer above whole layers
     first = np.ceil(mesh.vertices[:, 2] / layer_mm - 0.5).astype(np.int64)
     vertices, faces = np.ascontiguousarray(mesh.vertices), np.ascontiguousarray(mesh.faces)
     slices = (
@@ -259,8 +262,8 @@ def layered_mask(mesh: Mesh, geometry: ViewGeometry, layer_mm: float) -> Mask:
 def _slice_lines(
     start: Array, end: Array, layer: Ints, geometry: ViewGeometry, layer_mm: float
 ) -> Linework:
-    """Return the boundaries of the parts of whole slices that rays meet, in the picture."""
-    # the way to the face that is turned to the light
+    """Return the projected boundaries of those sides of the slices that rays enter."""
+    # the direction to the face turned to the light
     half = np.where(geometry.light[2] > start[:, 2:], 0.5, -0.5) * [0.0, 0.0, layer_mm]
     number = layer - layer.min(initial=0)
     (a, nearer), (b, _) = geometry.project(start + half), geometry.project(end + half)
@@ -283,7 +286,7 @@ def _slice_lines(
 
 
 def _cross(a: Array, b: Array) -> Array:
-    """Return (n,) of vectors (n, 2)."""
+    """Return the cross products (n,) of vectors (n, 2)."""
     result: Array = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
     return result
 
@@ -297,7 +300,7 @@ def measure_layers(
     shift_px: float,
     within: Mask | None = None,
 ) -> Layers:
-    """Measure what the steps of a printed part do to its shadow, on the pixels of `target` (H, W).
+    """Measure how a printed part's steps change its shadow, on the pixels of `target` (H, W).
 
     Args:
         shift_px: shift of `layer_shift_px`.

@@ -1,4 +1,4 @@
-"""Whether who sees the piece from aside names its picture: the picture's fit against foreign ones'."""
+"""Measure whether someone who sees the piece from the side could name its picture."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ import numpy as np
 from knotfab_formats.verdict import Named
 from knotfab_validators.arrays import Array, Mask, compiled
 
-# 24 signs of DejaVu Sans (a free font), each stretched to its box: one column of squares
+# 24 characters of DejaVu Sans (a free font), each stretched to its box, in a column of squares
 FOREIGN = Path(__file__).with_name("foreign.png")
-SIDE, MARGIN = 40, 5  # pixels of a compared picture, its box's margin among them
+SIDE, MARGIN = 40, 5  # side of the compared pictures in px, and the margin around the box within it
 TRIES = 260  # steps of a fit
-SAME = 0.85  # a sign that fits the picture itself so well is no foreign picture
+SAME = 0.85  # a character that fits the picture itself this well is not foreign
 
 
 def name_piece(seen: Sequence[Mask], target: Mask) -> Named | None:
-    """Measure by how much better the picture fits what is seen than foreign pictures do.
+    """Measure how much better the picture fits the silhouettes than foreign pictures do.
 
     Each picture is moved, turned, stretched and sheared over each silhouette until their IoU is largest; what
     it gains over shapes that are no picture of it, the foreign signs on average, is taken off. `z` counts the
@@ -49,7 +49,7 @@ def name_piece(seen: Sequence[Mask], target: Mask) -> Named | None:
 
 @cache
 def read_foreign() -> tuple[Array, Array]:
-    """Read the foreign signs (n, SIDE, SIDE), and the mean fit (n,) of each to the others."""
+    """Read the foreign characters (n, SIDE, SIDE), and each one's mean fit (n,) to the others."""
     from PIL import Image
 
     with Image.open(FOREIGN) as image:
@@ -61,13 +61,15 @@ def read_foreign() -> tuple[Array, Array]:
 
 
 def shrink_to_box(mask: Mask) -> Array | None:
-    """Return how much of each pixel (SIDE, SIDE) of its box a mask (h, w) covers; None of an empty one."""
+    """Return how much of each pixel of its bounding box, (SIDE, SIDE), a mask (h, w) covers; None if
+    empty.
+    """
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     if not len(rows):
         return None
     box = mask[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1].astype(np.float64)
     inner = SIDE - 2 * MARGIN
-    for _ in range(2):  # the integral along an axis, read at the pixels' borders
+    for _ in range(2):  # integrate along each axis and sample at the pixels' borders
         area = np.vstack([np.zeros(box.shape[1]), np.cumsum(box, axis=0)])
         at = np.linspace(0, len(box), inner + 1)
         low = np.minimum(at.astype(int), len(box) - 1)
@@ -79,14 +81,16 @@ def shrink_to_box(mask: Mask) -> Array | None:
 
 @compiled
 def fit_picture(picture: Array, look: Array) -> float:
-    """Return the largest IoU of two pictures (n, n) under an affine map near none, found by seeded steps."""
+    """Return the largest IoU of two pictures (n, n) under a nearly identical affine map, by a seeded
+    search.
+    """
     map_ = np.array([1.0, 0.0, 0.0, 0.0, 1.0, 0.0])
     best, scale = _overlap(picture, look, map_), 1.0
     state = np.uint64(0x9E3779B97F4A7C15)
     moved = map_.copy()
     for _ in range(TRIES):
         for i in range(6):
-            # the sum of four even numbers is near enough to a normal one
+            # the sum of four uniform numbers is nearly normal
             total = 0.0
             for _ in range(4):
                 state ^= state << np.uint64(13)

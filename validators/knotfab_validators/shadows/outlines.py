@@ -1,4 +1,4 @@
-"""The largest stretch of wrong outline: where shadow and picture differ along their edges, and how far."""
+"""Find the longest stretch along which the outlines of shadow and picture differ, and exact distances."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ WRONG_PX = 2.0
 
 @dataclass(frozen=True)
 class WrongStretch:
-    """The longest connected piece of either outline that is wrong.
+    """The longest connected stretch of either outline that is wrong.
 
     `length_px` along the outline, `off_px` how far the other outline is at its worst point, and
     `where` that point (u, v); all in pixels of the compared masks. All zero where nothing is wrong.
@@ -65,7 +65,7 @@ def find_wrong_stretch(shadow: Mask, target: Mask, wrong_px: float = WRONG_PX) -
 
 
 def _outlines(mask: Mask) -> list[Array]:
-    """Return closed polylines (n, 2) of (u, v), the last point equal to the first."""
+    """Return closed polylines (n, 2) of (u, v); the last point repeats the first."""
     from contourpy import LineType, contour_generator
 
     generator = contour_generator(z=mask.astype(np.float64), line_type=LineType.Separate)
@@ -74,15 +74,17 @@ def _outlines(mask: Mask) -> list[Array]:
 
 
 def _distance_to_outline(mask: Mask) -> Array:
-    """Return (H, W) distance of each pixel centre to the mask's outline, px; the diagonal without one."""
+    """Return the distance (H, W) of each pixel centre to the mask's outline, px; the diagonal if there is
+    none.
+    """
     if not mask.any() or mask.all():
         return np.full(mask.shape, float(np.hypot(*mask.shape)))
-    # the outline lies half a pixel before the nearest centre of the other side
+    # the outline lies half a pixel before the nearest centre on the other side
     return np.asarray(np.where(mask, depth_in(mask), depth_in(~mask)) - 0.5)
 
 
 def _sample(field: Array, points: Array) -> Array:
-    """Give the field at points (n, 2) of (u, v): the smaller of the two pixels that a point lies between."""
+    """Sample the field at points (n, 2) of (u, v): the smaller of the two neighbouring pixels' values."""
     u, v = points.T
     low = field[np.floor(v).astype(int), np.floor(u).astype(int)]
     high = field[np.ceil(v).astype(int), np.ceil(u).astype(int)]
@@ -91,14 +93,14 @@ def _sample(field: Array, points: Array) -> Array:
 
 
 def _longest_run(line: Array, off: Array, wrong_px: float) -> WrongStretch:
-    """Return the longest run of edges with both ends wrong, along one closed polyline."""
+    """Return the longest run of edges whose ends are both wrong, along one closed polyline."""
     wrong = off > wrong_px
     steps = np.linalg.norm(np.diff(line, axis=0), axis=1)
     bad = wrong[:-1] & wrong[1:]
     if bad.all():
         at = int(off.argmax())
         return WrongStretch(float(steps.sum()), float(off[at]), _point(line[at]))
-    start = int(np.flatnonzero(~bad)[0])  # begin where it is right, so that no run is cut in two
+    start = int(np.flatnonzero(~bad)[0])  # start at a correct point, so that no run is cut
     bad, steps = np.roll(bad, -start), np.roll(steps, -start)
     here = np.roll(np.arange(len(steps)), -start)
     run = np.cumsum(np.diff(bad.astype(int), prepend=0) == 1) * bad
@@ -119,9 +121,9 @@ def _point(uv: Array) -> tuple[float, float]:
 
 
 def depth_in(mask: Mask) -> Array:
-    """Return (H, W) the distance of each pixel of a mask to the nearest one outside it, 0 outside; pixels.
+    """Return the distance (H, W), px, of each pixel of a mask to the nearest one outside it; 0 outside.
 
-    The diagonal of the grid where nothing is outside.
+    If nothing is outside, it is the diagonal of the grid.
     """
     if mask.all():
         return np.full(mask.shape, float(np.hypot(*mask.shape)))
@@ -130,10 +132,11 @@ def depth_in(mask: Mask) -> Array:
 
 @compiled
 def _square_depth(mask: Mask) -> Array:
-    """Square the distances: in each column first, then by the lower envelope of parabolas in each row.
+    """Return the squared distances: columns first, then the lower envelope of parabolas in each row.
 
-    A. Meijster, J. B. T. M. Roerdink and W. H. Hesselink, "A general algorithm for computing distance
-    transforms in linear time", 2000; all in whole numbers.
+    The method, in integers throughout, is that of A. Meijster, J. B. T. M. Roerdink and W. H. Hesselink,
+    "A
+    general algorithm for computing distance transforms in linear time", 2000.
     """
     height, width = mask.shape
     far = height + width
@@ -154,7 +157,7 @@ def _square_depth(mask: Mask) -> Array:
             if g[end] == 0:
                 end += 1
                 continue
-            # a run of the mask is nearer to the pixels beside it than all others are
+            # the pixels that bound a run are the nearest to it
             begin = max(end - 1, 0)
             while end < width and g[end] > 0:
                 end += 1

@@ -1,4 +1,4 @@
-"""The shadows of a written part, view by view: checks, reports and pictures."""
+"""Check, report and draw the shadows of a written part, view by view."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def verify_shadows(
     pictures_dir: str | PathLike[str] | None,
     seconds: dict[str, float],
 ) -> tuple[list[Check], list[ViewFound], Colours | None]:
-    """Return the checks of a part's shadows, what was found in each view, and in the colours that lamps mix.
+    """Check a part's shadows; return the checks, the findings of each view, and those on mixed colours.
 
     Args:
         folder: where the scene's pictures lie. skip: with `SKIP_RENDER` the exact polygons decide
@@ -78,7 +78,7 @@ def verify_shadows(
 def _open_renderer(
     part: PosedPart, skip: Collection[str]
 ) -> tuple[SilhouetteRenderer | None, str | None]:
-    """Open a renderer of the part in the scene, or say why there is none."""
+    """Open a renderer of the posed part, or say why there is none."""
     if SKIP_RENDER in skip:
         return None, "left out on request"
     with time_stage(part.seconds, "renderer"):
@@ -89,7 +89,7 @@ def _open_renderer(
 
 
 def _write_pictures(seen: SeenView, into: Path) -> None:
-    """Write a view's shadow, also the soft one, and how it differs from the picture."""
+    """Write a view's shadow, the soft one too, and its difference from the picture."""
     found, name = seen.found, seen.view.name
     write_shadow(into / f"shadow-{name}.png", found.shadow, found.frame)
     if seen.soft is not None:
@@ -98,7 +98,7 @@ def _write_pictures(seen: SeenView, into: Path) -> None:
 
 
 def _mix_colours(part: PosedPart, seen: Sequence[SeenView], into: Path | None) -> Colours:
-    """Mix the light of the lamps on one screen, and write its pictures."""
+    """Mix the lamps' light on one screen, and write the pictures of it."""
     lamps = []
     for one in seen:
         found, hidden = one.found, one.found.shadow if one.soft is None else one.soft.soft
@@ -119,9 +119,9 @@ def _check(
     no_rendering: str | None,
     skip: Collection[str],
 ) -> list[Check]:
-    """Check shapes, soft shadows, greys and mixed colours, and that a person would know the pictures."""
+    """Check shapes, soft shadows, greys and mixed colours, and whether a person would know the pictures."""
     scene = part.scene
-    in_greys = any(view.tone == "lines" for view in scene.views)  # no IoU is asked of such views
+    in_greys = any(view.tone == "lines" for view in scene.views)  # no IoU is required of such views
     floor = None if in_greys else scene.iou_floor
     checks = shadow_checks(
         {one.view.name: one.found for one in seen},
@@ -134,7 +134,7 @@ def _check(
         bars=scene.piece.supports == "none",
         changed={view.name: _say_prepared(view) for view in scene.views if not in_greys},
     )
-    half_lit: dict[str, float] = {}  # IoU of the picture with where half of the lamp is hidden
+    half_lit: dict[str, float] = {}  # IoU of the picture with the half-light shadow, by view
     for one in seen:
         if one.soft is not None:
             beside = one.found.shadow & ~one.found.of_tube  # the stand's part of the shadow
@@ -151,7 +151,7 @@ def _check(
 
 
 def _say_prepared(view: View) -> str:
-    """Say in words how the picture was changed before it was drawn."""
+    """Say how the picture was changed before it was drawn."""
     said = []
     if view.thicken_mm:
         said.append(f"its strokes widened to {view.thicken_mm:g} mm as they are drawn")
@@ -160,16 +160,15 @@ def _say_prepared(view: View) -> str:
     return ", ".join(said)
 
 
-# The checks that follow from verified views: `shadow`, `shadow_exact`, `outline`,
-# `wrong_outline`.
+# The checks that follow from verified views: `shadow`, `shadow_exact`, `outline`, `wrong_outline`.
 
 
-# a share of the frame, darkened by a mount whose pegs hide in the tube's shadow
+# share of the frame that a mount may darken if its pegs hide in the tube's shadow
 MOST_INTRUSION = 0.001
 
 
 def skip_shadow_checks(why: str, *, required: bool) -> list[Check]:
-    """Return all of them, skipped for one reason."""
+    """Skip all shadow checks for one reason."""
     return [skip_check(name, why, required=required) for name in SHADOWS]
 
 
@@ -185,7 +184,7 @@ def shadow_checks(
     changed: Mapping[str, str] | None = None,
     bars: bool = False,
 ) -> list[Check]:
-    """Return the shadow's checks; each takes the worst view, and its detail names it.
+    """Make the shadow checks; each takes the worst view, and its detail names it.
 
     `shadow`: IoU of the rendered shadow and the picture, at least `iou_floor` (None: no floor is
     asked); what a stand darkens beside the tube is left out, for `intrusion` says it, and

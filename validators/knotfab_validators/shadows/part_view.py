@@ -1,4 +1,4 @@
-"""One view of a part: what its picture asks for, what is seen there, and what the report tells of it."""
+"""One view of a part: what its picture requires, what is seen there, and what the report says of it."""
 
 from __future__ import annotations
 
@@ -41,8 +41,8 @@ if TYPE_CHECKING:
     from knotfab_validators.files.scene import Scene
 
 
-MISPLACED_PX = 512  # losses of a few per cent are told apart as well
-SPECK_PX = 4.0  # half the length of a piece that no knot needs to draw
+MISPLACED_PX = 512  # px of the frame's longer side: enough to distinguish losses of a few per cent
+SPECK_PX = 4.0  # half the length of a piece too small to need a knot
 
 
 @dataclass(frozen=True)
@@ -66,17 +66,18 @@ class PosedPart:
 
     @property
     def points(self) -> Array:
-        """(k, 3) mm of the centre lines, or of the mesh where the lines are not known."""
+        """Points of the centre lines (k, 3), mm, or of the mesh if the lines are unknown."""
         return self.vertices if self.polygons is None else np.concatenate(self.polygons)
 
 
 @dataclass(frozen=True)
 class SeenView:
-    """What a view asks for, and what is seen there.
+    """What a view requires, and what is seen there.
 
-    `target` (H, W) is the silhouette in the picture's pixels, as is `geometry`; `drawn` (H, W) is that as the
-    part draws it, widened and `bent`; None: as it is. Where the centre lines are known, a picture in greys
-    has a `tone`, all others a `verdict`. `soft` is the shadow of a lamp whose width shows.
+    `target` (H, W) is the silhouette in the picture's pixels, as is `geometry`. `drawn` (H, W) is what
+    the part
+    draws of it, widened and `bent`; None if that is the same. If the centre lines are known, a picture in
+    greys has a `tone`, any other one a `verdict`. `soft` is the shadow of a lamp whose width shows.
     """
 
     view: View
@@ -97,12 +98,12 @@ class SeenView:
 
     @property
     def wanted(self) -> Mask:
-        """The picture on the padded frame, bent as the part bends it."""
+        """The picture on the padded frame, bent as the part draws it."""
         return self.found.target if self.bent is None else self.found.drawn
 
     @property
     def iou_drawn(self) -> float | None:
-        """IoU with the picture as it is drawn; None where it is drawn as it is."""
+        """IoU with the picture as drawn; None if that is the picture itself."""
         if self.tone is not None:
             return self.found.judged.iou
         if self.drawn is None or (self.bent is None and self.found.tube_px is None):
@@ -113,7 +114,7 @@ class SeenView:
 def pose_part(
     mesh: Mesh, curves: Curves | None, scene: Scene, folder: Path, seconds: dict[str, float]
 ) -> PosedPart:
-    """Move a part and its centre lines to where the scene has them."""
+    """Move a part and its centre lines into the scene."""
     pose = np.eye(4) if scene.pose is None else np.asarray(scene.pose.matrix, dtype=np.float64)
     vertices = move_points(mesh.vertices, pose)
     polygons = None if curves is None else [move_points(p, pose) for p in curves.polygons]
@@ -169,7 +170,7 @@ def see_view(
 
 
 def _measure_tone(part: PosedPart, seen: SeenView) -> Tone | None:
-    """Measure the greys of a view that is drawn in greys; None of another one."""
+    """Measure the greys of a view that is drawn in greys; None for any other."""
     view, found, curves = seen.view, seen.found, part.curves
     if view.tone != "lines" or found.tube_px is None or curves is None or curves.radius_mm is None:
         return None
@@ -180,7 +181,7 @@ def _measure_tone(part: PosedPart, seen: SeenView) -> Tone | None:
 
 
 def _recognise(part: PosedPart, seen: SeenView) -> Recognition | None:
-    """Judge whether a person would know the picture in the shadow; None of a picture in greys."""
+    """Judge whether a person would know the picture in the shadow; None for a picture in greys."""
     found = seen.found
     if seen.view.tone == "lines" or found.tube_px is None:
         return None
@@ -201,7 +202,7 @@ def _recognise(part: PosedPart, seen: SeenView) -> Recognition | None:
 
 
 def _blur_px(part: PosedPart, seen: SeenView) -> float:
-    """Return the width of the penumbra that the lamp gives the middle of the part, px of the padded frame."""
+    """Return the width of the penumbra at the middle of the part, px of the padded frame."""
     tube_px, fine_mm, curves = seen.found.tube_px, seen.fine.pixel_mm, part.curves
     if tube_px is None or curves is None or not curves.radius_mm:
         return 0.0
@@ -209,14 +210,14 @@ def _blur_px(part: PosedPart, seen: SeenView) -> float:
 
 
 def _count_bridged(knots: int | None, target: Mask) -> int:
-    """Count how many gaps between pieces must be bridged for so few knots to draw them."""
+    """Count the gaps between pieces that must be bridged to draw them with this many knots."""
     if knots is None:
         return 0
     return max(len(label_regions("piece", target, SPECK_PX)[1]) - knots, 0)
 
 
 def _soften(part: PosedPart, seen: SeenView) -> SoftShadow | None:
-    """Average the shadow over the lamp; None where the lamp's width does not show."""
+    """Average the shadow over the lamp; None if its width does not show."""
     scene, found, view, fine = part.scene, seen.found, seen.view, seen.fine
     tolerance = scene.settings.tolerance_px
     if not averages_lamp(scene.effects, part.vertices, fine, view, tolerance):
@@ -228,7 +229,7 @@ def _soften(part: PosedPart, seen: SeenView) -> SoftShadow | None:
 
 
 def tell_view(part: PosedPart, seen: SeenView) -> ViewFound:
-    """Tell what was found in a view, and measure what careless placing and printed layers cost there.
+    """Report what was found in a view, and measure what misplacement and printed layers cost there.
 
     `projection` and `receiver` are in the part file's coordinates; the pose is that of the shrunk part.
     """
@@ -271,7 +272,7 @@ def tell_view(part: PosedPart, seen: SeenView) -> ViewFound:
 
 
 def _misplace(part: PosedPart, seen: SeenView) -> Misplacement | None:
-    """Measure the cost of careless placing; None where it does not part the shadow far enough."""
+    """Measure the cost of misplacement; None if it does not part the shadow far enough."""
     scene, target, points = part.scene, seen.target, part.points
     middle: Array = (points.min(axis=0) + points.max(axis=0)) / 2
     turns = scene.mount.kind != "wall"
@@ -296,7 +297,7 @@ def _misplace(part: PosedPart, seen: SeenView) -> Misplacement | None:
 
 
 def _measure_layers(part: PosedPart, seen: SeenView) -> Layers | None:
-    """Measure what the layers of a printed part do to its shadow; None where they do not show."""
+    """Measure what the layers of a printed part do to its shadow; None if they do not show."""
     scene, found = part.scene, seen.found
     if not scene.piece.printed:
         return None

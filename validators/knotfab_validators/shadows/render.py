@@ -1,4 +1,4 @@
-"""The silhouette of a mesh, rendered off-screen by pyvista with a real camera at the light."""
+"""Render silhouettes of a mesh off-screen with pyvista, by a camera at the light."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from knotfab_formats.libraries import took_part
 from knotfab_validators.arrays import Array, Ints, Mask
 from knotfab_validators.shadows.view import ON_RECEIVER_MM, ViewGeometry
 
-# Draw silhouettes of a mesh, for each place of the light, on a flat receiver or a curved one.
+# Draw silhouettes of a mesh for each place of the light, on a flat or a curved receiver.
 
 
-FINER = 4  # pixels of the flat receiver to one of a curved one, each way
+FINER = 4  # pixels of the flat receiver per pixel of a curved one, each way
 
 
 class Renderer(ABC):
-    """One mesh, for as many views of it as wanted: a pixel is dark where the ray through its centre meets it.
+    """Renders one mesh in many views: a pixel is dark if the ray through its centre meets the mesh.
 
     Args:
         vertices: (n, 3) mm, of the mesh.
@@ -40,9 +40,10 @@ class Renderer(ABC):
     def render(self, geometry: ViewGeometry, *, behind: bool = False, finer: int = FINER) -> Mask:
         """Render the silhouette (height, width) on the pixels of `geometry`, in the mesh's coordinates.
 
-        Matter on or behind the receiver plane is clipped away unless `behind`. Before a cylinder that is
-        done for the flat receiver, on pixels so many times `finer`; each of the curved one's is dark where
-        the ray to it is.
+        Matter on or behind the receiver plane is clipped unless `behind`. Before a cylinder, the flat
+        receiver is
+        rendered with pixels `finer` times as fine, and each pixel of the curved one looked up along its
+        ray.
         """
         if geometry.cylinder is None:
             return self._render_flat(geometry, behind)
@@ -71,7 +72,9 @@ class Renderer(ABC):
         return shadow.reshape(geometry.height, geometry.width)
 
     def _places(self, geometry: ViewGeometry) -> tuple[Array, Array]:
-        """Find the receiver's points under all pixels, and its normals; kept, for many lamps see the same."""
+        """Return the receiver's points under all pixels, and its normals; cached, since lamps may share
+        them.
+        """
         wall = geometry.cylinder
         assert wall is not None
         lattice = (
@@ -112,7 +115,7 @@ def why_no_rendering() -> str | None:
     if os.environ.get("KNOTFAB_NO_RENDERING", "0") not in ("", "0"):
         return "rendering is switched off by KNOTFAB_NO_RENDERING"
     if not sys.platform.startswith("linux"):
-        return None  # the window system's own OpenGL is part of the system
+        return None  # the window system's own OpenGL belongs to the system
     try:
         ctypes.CDLL("libGL.so.1")
         egl = ctypes.CDLL("libEGL.so.1")
@@ -143,7 +146,7 @@ def _egl_starts(egl: ctypes.CDLL) -> bool:
 
 
 class SilhouetteRenderer(Renderer):
-    """One mesh in one off-screen window, for as many views of it as wanted.
+    """Renders one mesh in one off-screen window, in as many views as needed.
 
     Flat white on black, both sides of every face, no lights, no anti-aliasing: a pixel is white
     exactly when the ray through its centre meets the mesh.
@@ -160,14 +163,14 @@ class SilhouetteRenderer(Renderer):
         if reason is not None:
             raise CannotRender(reason)
         if sys.platform.startswith("linux"):
-            # an X server is neither needed nor looked for
+            # use no X server, and look for none
             os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
         import pyvista as untyped
 
         took_part("pyvista", "rendered the shadow of the final mesh")
         pyvista: Any = untyped
         super().__init__(vertices)
-        # the card works in single precision: keep its numbers small
+        # the card computes in single precision: keep its numbers small
         self._middle = (self._vertices.min(axis=0) + self._vertices.max(axis=0)) / 2
         points = (self._vertices - self._middle).astype(np.float32)
         surface = pyvista.PolyData.from_regular_faces(points, faces)
@@ -207,7 +210,7 @@ class SilhouetteRenderer(Renderer):
         camera.clipping_range = near, max(far, near * 1.001)
 
     def close(self) -> None:
-        """Give the window's memory back; the renderer is of no use afterwards."""
+        """Free the window's memory; the renderer cannot be used afterwards."""
         self._plotter.close()
 
     def __enter__(self) -> SilhouetteRenderer:

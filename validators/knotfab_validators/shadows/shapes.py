@@ -1,4 +1,4 @@
-"""Measure how well each piece and hole of a picture is drawn by itself, whatever lies beside it."""
+"""Measure how well each piece and hole of a picture is drawn, and find specks of light and rows of text."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ from knotfab_validators.shadows.topology import (
 )
 
 Feature = Literal["piece", "hole"]
-AROUND = 8.0  # reaches: how far from a piece the shadow is still its own
-RADIUS = 4.0  # reaches
+AROUND = 8.0  # reaches: how far from a piece the shadow may still belong to it
+RADIUS = 4.0  # the tube's radius in reaches
 
 
 @dataclass(frozen=True)
 class Shape(Change):
-    """A piece or a hole of the picture that is there and drawn out of shape.
+    """A piece or a hole of the picture that is there, but drawn out of shape.
 
-    `of` says which of the two it is, `likeness` how much of it is drawn as it is, from 0 to 1.
+    `of` says which of the two it is; `likeness` is its IoU, from 0 to 1.
     """
 
     of: Feature
@@ -39,16 +39,19 @@ class Shape(Change):
 def find_misshapen(
     shadow: Mask, target: Mask, reach_px: float, least: float, lost: Sequence[Change] = ()
 ) -> list[Shape]:
-    """Find the pieces and holes that are less alike in picture and shadow than `least`, the worst first.
+    """Find the pieces and holes whose likeness in picture and shadow is below `least`, worst first.
 
-    The likeness is the IoU of a piece with what the shadow has nearest to it, no farther than `AROUND`
-    reaches, where an outline that is off by no more than a reach is right. A piece no wider than the tube's
-    radius is a stroke, which the tube covers: its outline may be off by as much more as the tube stands out
-    to either side. Holes no wider than that are not looked at: nobody sees such slits and pinholes.
+    The likeness is the IoU of a piece with the nearest part of the shadow, no farther than `AROUND`
+    reaches; an
+    outline off by at most a reach counts as right. A piece no wider than the tube's radius is a stroke
+    that
+    the tube covers, so its outline may be off by as much more as the tube stands out. Holes no wider than
+    that
+    are slits and pinholes that nobody sees, and are ignored.
 
     Args:
         shadow, target: (H, W), on one grid.
-        reach_px: how far an outline may be off without saying anything, a quarter of the tube's radius.
+        reach_px: harmless error of an outline, a quarter of the tube's radius.
         least: from 0 to 1.
         lost: what is counted as lost already.
     """
@@ -95,16 +98,16 @@ def _compare(of: Feature, has: Mask, wants: Mask, reach: float) -> Iterator[Shap
         yield Shape("shape", where, width, box, of, likeness)
 
 
-# Specks and slits of light in a shadow, counted as they look with the lamp that the scene has.
+# Visible specks and slits of light in a shadow, under the lamp that the scene has.
 
 
-SEEN = 0.15  # a person sees a speck whose brightest place has this share of the wall's full light
-LEAST_MM2 = 0.25  # the least area of a speck: half a millimetre square
+SEEN = 0.15  # share of the wall's full light that makes a speck visible at its brightest
+LEAST_MM2 = 0.25  # the smallest speck: half a millimetre square
 
 
 @dataclass(frozen=True)
 class Specks:
-    """The number of specks, their area together and the largest, mm² on the wall, and its place (u, v)."""
+    """The number of specks, their total area and the largest, mm² on the wall, and its place (u, v)."""
 
     count: int = 0
     area_mm2: float = 0.0
@@ -117,12 +120,15 @@ def find_specks(
 ) -> Specks:
     """Find the specks of light that a person sees where the picture is dark.
 
-    A speck is light that the shadow closed by `slit_px` covers, farther than `reach_px` within the picture:
-    pinholes and slits, but no tip that is cut off and no outline that is off. The lamp's penumbra blurs it;
-    what is left of its light at its brightest says whether it is seen.
+    A speck is light that closing the shadow by `slit_px` covers, deeper than `reach_px` inside the
+    picture: a
+    pinhole or a slit, but neither a tip that is cut off nor an outline that is off. The lamp's penumbra
+    blurs
+    it; its remaining peak brightness decides whether it is seen.
 
     Args:
-        shadow, target: (H, W), on one grid. blur_px: the width of the lamp's penumbra. pixel_mm: on the wall.
+        shadow, target: (H, W), on one grid.
+        blur_px: the width of the lamp's penumbra. pixel_mm: on the wall.
     """
     from scipy.ndimage import center_of_mass, gaussian_filter, label, maximum
 
@@ -134,7 +140,7 @@ def find_specks(
     labels, count = label(light, np.ones((3, 3)))
     if not count:
         return Specks()
-    # a disc that blurs over `blur_px` spreads by a quarter of it
+    # standard deviation of a disc that blurs over `blur_px`
     soft = gaussian_filter(light.astype(np.float32), blur_px / 4, truncate=3.0)
     number = np.arange(1, count + 1)
     areas = np.bincount(labels.ravel())[1:] * pixel_mm**2
@@ -148,24 +154,24 @@ def find_specks(
     return Specks(len(kept), float(own.sum()), float(own.max()), (float(u) + left, float(v) + top))
 
 
-# Rows of small pieces, which are text to whoever looks at them.
+# Rows of small pieces, which a person reads as text.
 
 
 LEAST = 3  # pieces in a row
-TALLEST = 1 / 16  # a share of the frame's longer side: larger letters are drawings of letters
+TALLEST = 1 / 16  # share of the frame's longer side: larger letters count as drawings
 APART = 1.2  # heights between neighbours: the space between words
-ALIKE = 2.5  # the larger height over the smaller
-MOST = 2000  # small pieces: with more the picture is noise
-FILLED = 0.88  # a share of its box that a window fills and few letters do
-OVERLAP = 0.5  # a share of the smaller height that two neighbours have in common
-SAME = 0.7  # IoU of two pieces, box laid on box, from which on they are one shape
-REPEATED = 0.8  # a row with this share of pieces of one shape is a pattern, such as stars or beads
+ALIKE = 2.5  # the larger height over the smaller one
+MOST = 2000  # small pieces: a picture with more is noise
+FILLED = 0.88  # share of its box that a window fills, but few letters do
+OVERLAP = 0.5  # share of the smaller height that two neighbours must have in common
+SAME = 0.7  # IoU of two pieces, box over box, from which they have the same shape
+REPEATED = 0.8  # share of pieces of one shape that makes a row a pattern, such as stars or beads
 SHAPE_PX = 12  # px to a side when shapes are compared
 
 
 @dataclass(frozen=True)
 class Row:
-    """The box about a row, how many pieces it has, and whether these are letters, and not windows.
+    """The bounding box of a row, its number of pieces, and whether these are letters rather than windows.
 
     `repeated` says that most have one shape, as stars and beads do: as small as letters, and no text.
     """
@@ -177,7 +183,7 @@ class Row:
 
 
 def find_rows(boxes: Sequence[Box], longer_px: float, picture: Mask | None = None) -> list[Row]:
-    """Find the rows of three or more small pieces that stand side by side.
+    """Find the rows of at least three small pieces side by side.
 
     Args:
         boxes: boxes of the pieces of a picture. longer_px: the longer side of its frame.
@@ -203,7 +209,7 @@ def _is_text(row: Sequence[Box], picture: Mask | None) -> bool:
         return True
     shares = [float(picture[top:bottom, left:right].mean()) for left, top, right, bottom in row]
     full = sum(max(share, 1.0 - share) >= FILLED for share in shares)
-    return full < 0.7 * len(row)  # a row with this share of such pieces is of windows
+    return full < 0.7 * len(row)  # with this share of box-filling pieces, a row consists of windows
 
 
 def _is_repeated(row: Sequence[Box], picture: Mask | None) -> bool:
@@ -217,7 +223,7 @@ def _is_repeated(row: Sequence[Box], picture: Mask | None) -> bool:
 
 
 def _sample(box: Box, picture: Mask) -> Mask:
-    """Sample a box on a square grid."""
+    """Resample a box of the picture to a square grid."""
     left, top, right, bottom = box
     part = (np.arange(SHAPE_PX) + 0.5) / SHAPE_PX
     rows, columns = (low + part * (high - low) for low, high in ((top, bottom), (left, right)))

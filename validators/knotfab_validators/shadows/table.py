@@ -1,4 +1,4 @@
-"""Check that the printed frame for several lamps has screen and lamps where the scene has them."""
+"""Check that the printed frame for several lamps puts screen and lamps where the scene has them."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ if TYPE_CHECKING:
     from knotfab_validators.files.scene import Scene
 
 
-OFF_MM = 0.5  # how far a lamp's hole and the screen's slot may be from where they belong
+OFF_MM = 0.5  # tolerance of the places of a lamp's hole and of the screen's slot
 MOST_DARK = 0.001
-PX = 256  # px of the picture's frame, each way, for that share
-WIDEST_MM = 20.0  # the widest hole that holds a rod
-STEP_MM = 0.05  # the step at which the frame's matter is looked for along a line
-BELOW_MM = 0.6  # depth under the frame's top at which its holes are looked for
+PX = 256  # px of the picture's frame, each way, when its shaded share is measured
+WIDEST_MM = 20.0  # the widest hole for a rod
+STEP_MM = 0.05  # step at which matter is looked for along a line
+BELOW_MM = 0.6  # depth below the frame's top at which its holes are looked for
 
 
 def check_table(plates: Sequence[Plate], scene: Scene) -> list[Check]:
-    """Return `table_mesh`, `table`, `table_shadow` of the frame's files, all required.
+    """Check the frame's files: `table_mesh`, `table` and `table_shadow`, all required.
 
     - `table_mesh`: how many of the surface's checks any plate fails, and how many do not fit the bed.
     - `table`: with every body moved as the scene says, how far the hole that is right below each lamp lies
@@ -57,7 +57,7 @@ def check_table(plates: Sequence[Plate], scene: Scene) -> list[Check]:
 
 
 def _assemble(plates: Sequence[Plate]) -> Mesh:
-    """Return all bodies where the scene puts them."""
+    """Join all bodies, where the scene puts them."""
     vertices = np.concatenate([p.in_part(p.mesh.vertices, p.body) for p in plates])
     shift = np.cumsum([0] + [len(p.mesh.vertices) for p in plates[:-1]])
     faces = np.concatenate([p.mesh.faces + s for p, s in zip(plates, shift, strict=True)])
@@ -65,7 +65,7 @@ def _assemble(plates: Sequence[Plate]) -> Mesh:
 
 
 def _check_shadow(frame: Mesh, scene: Scene) -> Check:
-    """Return `table_shadow`, under each lamp."""
+    """Check `table_shadow` under each lamp."""
     caster = ShadowCaster(frame.vertices, frame.faces)
     dark = {v.name: float(caster.render(view_geometry(v, PX, PX)).mean()) for v in scene.views}
     worst = max(dark, key=lambda name: dark[name])
@@ -74,7 +74,7 @@ def _check_shadow(frame: Mesh, scene: Scene) -> Check:
 
 
 def _check_places(frame: Mesh, scene: Scene) -> Check:
-    """Return `table`, of bodies that are where the scene puts them."""
+    """Check `table` on the bodies where the scene puts them."""
     views = [view_geometry(view, 2, 2) for view in scene.views]
     up = views[0].up
     top = _find_top(frame, up)
@@ -91,7 +91,9 @@ def _check_places(frame: Mesh, scene: Scene) -> Check:
 
 
 def _find_top(frame: Mesh, up: Array) -> float:
-    """Find the height at which most of the frame's surface looks up: all ridges are narrow."""
+    """Find the height of the frame's top: where most of the surface looks up, since all ridges are
+    narrow.
+    """
     a, b, c = np.moveaxis(frame.vertices[frame.faces], 1, 0)
     twice = np.cross(b - a, c - a) @ up
     level = (twice > 0) & (np.abs((b - a) @ up) + np.abs((c - a) @ up) < 1e-3)
@@ -100,7 +102,7 @@ def _find_top(frame: Mesh, up: Array) -> float:
 
 
 def _off_hole(frame: Mesh, geometry: ViewGeometry, height: float) -> float:
-    """Measure how far the middle of the hole about the foot of a lamp is from it, mm (20 without a hole)."""
+    """Measure how far the hole at the foot of a lamp is from it, mm; 20 if there is none."""
     foot = geometry.light + (height - geometry.light @ geometry.up) * geometry.up
     free = []
     for axis in (geometry.right, -geometry.right, geometry.axis, -geometry.axis):
@@ -114,7 +116,7 @@ def _off_hole(frame: Mesh, geometry: ViewGeometry, height: float) -> float:
 
 
 def _off_slot(frame: Mesh, geometry: ViewGeometry, top: float) -> float:
-    """Measure how far from the wall the front of the slot is, mm: matter above the frame begins there."""
+    """Measure how far the front of the slot is from the wall, mm: matter above the frame begins there."""
     up = geometry.up
     middle = geometry.middle + (top + 2.0 - geometry.middle @ up) * up
     away = np.arange(-WIDEST_MM, WIDEST_MM, STEP_MM)
@@ -124,5 +126,5 @@ def _off_slot(frame: Mesh, geometry: ViewGeometry, top: float) -> float:
 
 
 def _is_solid(frame: Mesh, points: Array) -> Mask:
-    """Tell (n,) whether points (n, 3) lie in the frame."""
+    """Tell which points (n, 3) lie in the frame."""
     return np.asarray(winding_numbers(points, frame, exact=False) > 0.5)

@@ -1,4 +1,4 @@
-"""Find changes of a picture's topology in its shadow: pieces, holes, gaps and strokes, and where."""
+"""Find how the topology of a shadow differs from its picture's: pieces, holes, gaps and strokes."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ Kind = Literal["piece", "hole", "gap", "stroke", "stray", "leak", "shape", "tip"
 Box = tuple[int, int, int, int]
 """Left, top, right and bottom, in pixels, the last two exclusive."""
 
-COVERED = 1 / 3  # a piece or hole of which less is covered is lost
-MOST_STRAY = 4.0  # reaches: the width of pieces that only the shadow has and nobody sees
-SLACK_PX = 2.0  # a place is as narrow as the narrowest within this
-SHORT = 6.0  # reaches: a longer place where two pieces all but touch is a slit
-SHARED = 1 / 4  # a share of the smaller of two regions, below which they merely touch
+COVERED = 1 / 3  # the covered share below which a piece or hole is lost
+MOST_STRAY = 4.0  # reaches: the width up to which extra pieces of the shadow go unseen
+SLACK_PX = 2.0  # px: how far around a place its width is taken from the narrowest
+SHORT = 6.0  # reaches: a longer place where two pieces nearly touch is a slit
+SHARED = 1 / 4  # the share of the smaller of two regions below which they merely touch
 
-_EIGHT = np.ones((3, 3), dtype=bool)  # pieces hold together at corners, so holes and gaps do not
+_EIGHT = np.ones((3, 3), dtype=bool)  # pieces connect at corners, so holes and gaps do not
 _FOUR = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], dtype=bool)
 
 
@@ -91,7 +91,8 @@ def find_changes(shadow: Mask, target: Mask, reach_px: float) -> list[Change]:
 def crop_to_ink(
     shadow: Mask, target: Mask, edge_px: float
 ) -> tuple[Mask, Mask, tuple[int, int]] | None:
-    """Crop both masks to their ink and an edge of background, and tell their corner; None without ink.
+    """Crop both masks to their ink with an edge of background; return their corner too, or None without
+    ink.
 
     The edge, a little wider than `edge_px`, makes the outside one region and cuts no dilation by as much.
     """
@@ -105,14 +106,14 @@ def crop_to_ink(
 
 
 def close_slits(mask: Mask, reach_px: float) -> Mask:
-    """Return the mask closed by a disc: without slits and pinholes no wider than 2 `reach_px`."""
+    """Close the mask by a disc, which removes slits and pinholes no wider than 2 `reach_px`."""
     padded = np.pad(mask, int(np.ceil(reach_px)) + 2)
     edge = slice(int(np.ceil(reach_px)) + 2, -int(np.ceil(reach_px)) - 2)
     return (_shrink(_grow(padded, reach_px), reach_px) | padded)[edge, edge]
 
 
 def without_lost(target: Mask, changes: Sequence[Change]) -> Mask:
-    """Return the picture without its lost pieces, and with its lost holes filled."""
+    """Remove the lost pieces from the picture, and fill its lost holes."""
     kept = target.copy()
     for kind, ink, neighbours in (("piece", True, _EIGHT), ("hole", False, _FOUR)):
         labels, _ = _label(target == ink, neighbours)
@@ -122,16 +123,15 @@ def without_lost(target: Mask, changes: Sequence[Change]) -> Mask:
 
 
 def without_specks(target: Mask, reach_px: float) -> Mask:
-    """Return the picture without pieces no longer than 2 `reach_px`, such as the dust of a scan."""
+    """Remove pieces no longer than 2 `reach_px` from the picture, such as the dust of a scan."""
     labels, found = label_regions("piece", target, reach_px)
     return np.isin(labels, [number for number, _ in found])
 
 
 def count_repeated(gaps: Sequence[Change], target: Mask) -> int:
-    """Count how many of the bridged gaps (u, v on the mask) lie in a hole of the picture that has another
-    one.
+    """Count the bridged gaps (u, v on the mask) in a hole of the picture that has another one already.
 
-    One hole that strands cross is one thing to see, however many cross it.
+    A hole that strands cross is seen as one fault, however many cross it.
     """
     labels, _ = _label(np.pad(~target, 1, constant_values=True), _FOUR)
     found = [labels[round(c.where[1]) + 1, round(c.where[0]) + 1] for c in gaps]
@@ -140,10 +140,14 @@ def count_repeated(gaps: Sequence[Change], target: Mask) -> int:
 
 
 def count_touching(target: Mask, reach_px: float) -> int:
-    """Count the places where pieces of a picture just touch, or are just apart, as squares at their corners.
+    """Count the places where pieces of a picture barely touch or barely miss, as squares at their
+    corners.
 
-    No tube draws such a place: it runs through or leaves it open. Pieces are those of the picture opened by
-    `reach_px`; a place is where two are within as much of what parts them, and short: a slit is none.
+    No tube can draw such a place: it either runs through or leaves it open. Pieces are those of the
+    picture
+    opened by `reach_px`. A place is where two are within that distance of what parts them, and is short:
+    a
+    slit is none.
     """
     from scipy.ndimage import distance_transform_edt, find_objects
 
@@ -166,7 +170,7 @@ def count_touching(target: Mask, reach_px: float) -> int:
 
 
 def list_pieces(mask: Mask, reach_px: float) -> list[Box]:
-    """List the boxes of a mask's pieces and of its holes that are longer than 2 `reach_px`."""
+    """List the bounding boxes of a mask's pieces and holes longer than 2 `reach_px`."""
     padded = np.pad(mask, 1)
     boxes = [
         *(box for _, box in label_regions("piece", padded, reach_px)[1]),
@@ -176,7 +180,7 @@ def list_pieces(mask: Mask, reach_px: float) -> list[Box]:
 
 
 def find_widest(region: Mask) -> tuple[tuple[float, float], float]:
-    """Find the middle (u, v) of the widest disc that a region (H, W) holds, and how wide that is; pixels."""
+    """Return the centre (u, v) and the diameter of the widest disc in a region (H, W), px."""
     depth = depth_in(np.pad(region, 1))[1:-1, 1:-1]
     v, u = np.unravel_index(int(depth.argmax()), depth.shape)
     return (float(u), float(v)), 2 * float(depth.max()) - 1
@@ -200,7 +204,7 @@ def _label(mask: Mask, neighbours: Mask) -> tuple[Ints, int]:
 
 
 def _regions(labels: Ints, count: int, reach: float) -> list[tuple[int, Box]]:
-    """Return the regions longer than 2 `reach`, by number, with their boxes."""
+    """List regions longer than 2 `reach` with their number and bounding box."""
     from scipy.ndimage import find_objects
 
     found = []
@@ -212,7 +216,7 @@ def _regions(labels: Ints, count: int, reach: float) -> list[tuple[int, Box]]:
 
 
 def label_regions(kind: Kind, regions: Mask, reach: float) -> tuple[Ints, list[tuple[int, Box]]]:
-    """Return a number for each region, and those longer than 2 `reach`, with their boxes.
+    """Label all regions, and list those longer than 2 `reach` with their boxes.
 
     Of the background, which holes and leaks are in, without the region that the frame's corner lies in.
     """
@@ -235,7 +239,7 @@ def _lost(kind: Kind, regions: Mask, kept: Mask, reach: float) -> Iterator[Chang
 def _only_seen(
     kind: Kind, regions: Mask, wanted: Mask, kept: Mask, reach: float
 ) -> Iterator[Change]:
-    """Find parts of `regions` that are nothing in the picture, nor a piece (or hole) of it that grew."""
+    """Yield the parts of `regions` that are not in the picture, nor a piece (or hole) of it grown large."""
     labels, count = _label(wanted, _EIGHT if kind == "stray" else _FOUR)
     areas = np.bincount(labels.ravel(), minlength=count + 1)
     specks = np.ones(count + 1, dtype=bool)
@@ -250,14 +254,14 @@ def _only_seen(
 
 
 def _joined(kind: Kind, parts: Mask, wholes: Mask, matter: Mask, reach: float) -> Iterator[Change]:
-    """Find where several regions of `parts` lie in one region of `wholes`, one change for each join.
+    """Yield a change for each join of regions of `parts` within one region of `wholes`.
 
     Joins are those of a minimum spanning tree: the narrowest places, in `wholes`, between regions of
     `parts`. The width is that of `matter` there, of the picture's light or ink.
     """
     from scipy.sparse import csr_array
 
-    # the first pair of a gap and of a stroke are pieces, the second their complements
+    # the first pair of gap and stroke are pieces, the second their complements
     pieces = not bool(parts[0, 0])
     part, count = _label(parts, _EIGHT)
     whole, count_whole = _label(wholes, _FOUR)
@@ -287,7 +291,7 @@ def _joined(kind: Kind, parts: Mask, wholes: Mask, matter: Mask, reach: float) -
 def _narrowest(
     kind: Kind, part: Ints, inside: set[int], room: Mask, across: Array, pieces: bool
 ) -> Iterator[Change]:
-    """Yield the places of the joins between the regions `inside`, n - 1 of them."""
+    """Yield the narrowest places of the n - 1 joins between the regions `inside`."""
     from scipy.ndimage import distance_transform_edt
 
     rows, columns = np.nonzero(room)
@@ -325,7 +329,7 @@ def _narrowest(
         if one == other:
             continue
         root[one] = other
-        # pieces meet across what joins them, at its narrowest; what parts their complements lies along it
+        # pieces meet across their join at its narrowest; what parts their complements lies along it
         here = lines[which == k]
         here = here[here[:, 0] <= here[0, 0] + SLACK_PX] if pieces else here
         u, v = (here[:, 1:3].astype(int) + (window[1].start, window[0].start)).T
@@ -336,7 +340,7 @@ def _narrowest(
 
 
 def shift_change(change: SomeChange, du: int, dv: int) -> SomeChange:
-    """Return the change on a grid whose origin lies (du, dv) before that of its own."""
+    """Shift a change by (du, dv), to a grid whose origin lies that much before its own."""
     (u, v), (left, top, right, bottom) = change.where, change.box
     box = (left + du, top + dv, right + du, bottom + dv)
     return replace(change, where=(u + du, v + dv), box=box)

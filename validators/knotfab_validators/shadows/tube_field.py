@@ -1,4 +1,4 @@
-"""The exact tube's picture: signed distance to its outline, and how far a shadow is from it."""
+"""The exact tube's picture: the signed distance to its outline, and how far a shadow departs from it."""
 
 from __future__ import annotations
 
@@ -14,21 +14,23 @@ from knotfab_validators.geometry.curves import edges_of
 from knotfab_validators.shadows.exact_shadow import Linework, wound_mask
 from knotfab_validators.shadows.view import ViewGeometry
 
-MARGIN_PX = 3.0  # px outside a capsule's box within which its distance is evaluated first
-MOST_PIXELS = 20_000  # the most differing pixels; where more do, the error is far above any limit
-AT_ONCE = 2_000  # pixels asked at a time: each may lie in the boxes of hundreds of capsules
+MARGIN_PX = 3.0  # px around a capsule's box within which its distance is evaluated first
+MOST_PIXELS = (
+    20_000  # differing pixels that are examined; with more, the error is far above any limit
+)
+AT_ONCE = 2_000  # pixels evaluated at a time: each may lie in the boxes of hundreds of capsules
 ROUND = 48  # corners of a ball's outline
 
 
 @dataclass(frozen=True)
 class TubeField:
-    """Capsules (segments and one radius, mm) seen in one view, with what makes look-ups fast."""
+    """Capsules (segments with one radius, mm) seen in one view, with data for fast look-ups."""
 
     start: Array  # (n, 3), relative to the light
     end: Array  # (n, 3)
     radius: float
     geometry: ViewGeometry
-    middles: Array  # (n, 2) pixels, where each capsule's middle is seen
+    middles: Array  # (n, 2) pixels, the projected middle of each capsule
     bounds: Array  # (n, 4) pixels, each capsule's box (u0, v0, u1, v1)
     mask: Mask  # (height, width): the tube's picture at the pixel centres
 
@@ -50,7 +52,9 @@ class TubeField:
             at, capsule = tree.query(shapely.points(some))
             np.maximum.at(best, first + at, self._value(some[at], capsule))
         far = np.flatnonzero(best < -MARGIN_PX * self.geometry.pixel_mm)
-        if len(far):  # the nearest capsule may not have been asked: take those seen nearest
+        if len(
+            far
+        ):  # the nearest capsule may have been left out: try those whose middles are seen nearest
             _, near = cKDTree(self.middles).query(pixels[far], k=min(16, len(self.middles)))
             near = np.asarray(near).reshape(len(far), -1)
             values = self._value(np.repeat(pixels[far], near.shape[1], axis=0), near.ravel())
@@ -65,7 +69,7 @@ class TubeField:
         a, e = self.start[capsule], self.end[capsule] - self.start[capsule]
         ad, ed = np.cross(a, unit), np.cross(e, unit)
         square = (ed * ed).sum(axis=1)
-        # any point of the segment is as near where the ray runs along it: take its start
+        # if the ray runs along the segment, all its points are equally near: take the start
         safe = np.where(square > 0, square, 1.0)
         t = np.clip(-(ad * ed).sum(axis=1) / safe, 0.0, 1.0)
         point = a + t[:, None] * e
@@ -75,7 +79,7 @@ class TubeField:
         m = gap / np.maximum(distance, 1e-12)[:, None]
         u, v = g.across(pixels)
         slope = (along / length) * np.hypot((m * u).sum(axis=1), (m * v).sum(axis=1))
-        # on the centre line itself the direction is undefined: take the mildest slope
+        # on the centre line the direction is undefined: take the gentlest slope
         slope = np.where(distance > 1e-9, np.maximum(slope, 1e-9), along / length)
         value: Array = (self.radius - distance) / slope
         return value
@@ -87,7 +91,9 @@ def tube_field(
     geometry: ViewGeometry,
     closed: Sequence[bool] | None = None,
 ) -> TubeField:
-    """Give the exact tube of polygons [(n, 3), ...], mm, as seen in `geometry`; `closed`: all by default."""
+    """Build the exact tube of polygons [(n, 3), ...], mm, as seen in `geometry`; by default all are
+    closed.
+    """
     edges = edges_of(polygons, closed)
     start, end = edges.start - geometry.light, edges.end - geometry.light
     pictures = _picture_balls(start, end, radius, geometry)
@@ -100,10 +106,10 @@ def tube_field(
 
 
 def _picture_balls(start: Array, end: Array, radius: float, geometry: ViewGeometry) -> Array:
-    """Return pixels (n, 2 ROUND, 2) of the outlines of each capsule's two balls; its picture is their hull.
+    """Return points (n, 2 ROUND, 2) on the outlines of each capsule's two balls, px.
 
-    A ball at c is touched by the light's rays in the circle with centre c (1 - r²/|c|²), radius
-    r sqrt(1 - r²/|c|²), across c; a capsule is the convex hull of its balls, and so is its picture.
+    The light's rays touch a ball at c in the circle with centre c (1 - r²/|c|²) and radius
+    r sqrt(1 - r²/|c|²), across c. A capsule is the convex hull of its balls, and so is its picture.
     """
     angle = 2 * np.pi * np.arange(ROUND) / ROUND
     pictures = []
@@ -126,9 +132,12 @@ def _picture_balls(start: Array, end: Array, radius: float, geometry: ViewGeomet
 
 @compiled
 def _trace_hulls(points: Array) -> tuple[Array, Array]:
-    """List edges, from and to (k, 2), of the convex hulls of n lists of points (n, m, 2), all one way round.
+    """Return the edges, from and to (k, 2), of the convex hulls of n point lists (n, m, 2), all one way
+    round.
 
-    Andrew's monotone chain ("Another efficient algorithm for convex hulls in two dimensions", 1979).
+    The method is Andrew's monotone chain ("Another efficient algorithm for convex hulls in two
+    dimensions",
+    1979).
     """
     count, each = points.shape[:2]
     begin, stop = np.empty((count * each, 2)), np.empty((count * each, 2))
@@ -137,7 +146,7 @@ def _trace_hulls(points: Array) -> tuple[Array, Array]:
     for n in range(count):
         p = points[n]
         order = np.argsort(p[:, 0])
-        for i in range(1, each):  # the upper one of equal columns comes first
+        for i in range(1, each):  # of equal columns, the upper one comes first
             k, at = i, order[i]
             while k > 0 and p[order[k - 1], 0] == p[at, 0] and p[order[k - 1], 1] > p[at, 1]:
                 order[k] = order[k - 1]
@@ -157,7 +166,7 @@ def _trace_hulls(points: Array) -> tuple[Array, Array]:
                     size -= 1
                 chain[size] = at
                 size += 1
-            size -= 1  # the last is the first of the other side
+            size -= 1  # the last point is the first of the other side
         for i in range(size):
             a, b = chain[i], chain[(i + 1) % size]
             begin[found], stop[found] = p[a], p[b]
@@ -167,9 +176,9 @@ def _trace_hulls(points: Array) -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class OutlineError:
-    """The distance of a shadow from the exact tube's, in mm on the receiver, and its place (pixel)."""
+    """How far a shadow departs from the exact tube's, in mm on the receiver, and where (pixel)."""
 
-    spill_mm: float  # how far shadow reaches outside the tube's
+    spill_mm: float  # how far the shadow reaches outside the tube's
     missing_mm: float  # how far the tube's shadow reaches outside the shadow
     where: tuple[float, float]
 
@@ -181,7 +190,7 @@ class OutlineError:
 def outline_error(
     field: TubeField, outline: Array, shadow: Mask, own: Array | None = None
 ) -> OutlineError:
-    """Return the largest distance between a shadow and the exact tube's.
+    """Measure the largest distances between a shadow and the exact tube's, both ways.
 
     Spill is the largest distance outside the tube of any point of the shadow, missing the
     largest distance inside the tube of any point that is not in the shadow. Both are taken over
@@ -215,14 +224,14 @@ def outline_error(
 
 
 def _sample_mask(mask: Mask) -> Array:
-    """Return (n, 2) pixel centres at which a mask holds, evenly thinned where they are very many."""
+    """Return pixel centres (n, 2) of a mask, thinned evenly if there are very many."""
     rows, columns = np.nonzero(mask)
     stride = -(-len(rows) // MOST_PIXELS) or 1
     return np.column_stack([columns, rows])[::stride].astype(np.float64)
 
 
 def _find_well_inside(mask: Mask, pixels: Array) -> Mask:
-    """Tell (m,) whether a pixel and all around it are dark, so that nothing there can be spill."""
+    """Tell which pixels (m,) are dark with all their neighbours, so that nothing there can be spill."""
     inner = mask.copy()
     for axis in (0, 1):
         inner &= np.roll(inner, 1, axis) & np.roll(inner, -1, axis)

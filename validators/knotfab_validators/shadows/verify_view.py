@@ -1,4 +1,4 @@
-"""One view verified: the file's shadow by rendering and by exact polygons, against its picture."""
+"""Verify one view: compare the file's shadow, rendered and by exact polygons, with its picture."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from knotfab_validators.shadows.tube_field import OutlineError, outline_error, t
 from knotfab_validators.shadows.view import ViewGeometry
 from knotfab_validators.tube.mount_members import tube_vertices
 
-NAMED_AT = ("45",)  # degrees aside: there a person no longer sees the picture's own outline
+NAMED_AT = ("45",)  # degrees aside, from where the picture's own outline is no longer seen
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class VerifiedView:
 
     @property
     def shadow(self) -> Mask:
-        """The verified shadow: the rendered one where there is one."""
+        """The verified shadow: the rendered one if there is one."""
         return self.exact if self.rendered is None else self.rendered
 
 
@@ -153,7 +153,7 @@ def verify_view(
     if stand or bars:
         own = fine.project(vertices[tube_vertices(vertices, faces, polygons, radius)])[0]
     error = outline_error(field, shapely.get_coordinates(polygon), whole_exact, own)
-    # w is the distance from the light over the receiver's
+    # w is the distance from the light, over the receiver's
     middle = float(np.median(fine.project(np.concatenate(polygons))[1]))
     return replace(
         result,
@@ -167,7 +167,7 @@ def verify_view(
 
 
 def _beside_stand(view: VerifiedView, tube: Mask) -> VerifiedView:
-    """Return the view without what a stand darkens outside the frame, or beside the tube's shadow (H, W)."""
+    """Return the view without what a stand darkens outside the frame or beside the tube's shadow (H, W)."""
     kept, of_tube = view.shadow & (view.frame.mask | tube), view.shadow & tube
     return replace(
         view,
@@ -180,14 +180,16 @@ def _beside_stand(view: VerifiedView, tube: Mask) -> VerifiedView:
 
 
 def _share_of_frame(mask: Mask, frame: WorkingFrame) -> float:
-    """Measure the share of the picture's frame that a mask (H, W) on the padded frame covers."""
+    """Return the share of the picture's frame that a mask (H, W) on the padded frame covers."""
     return float(mask[frame.mask].mean())
 
 
 def _see_aside(
     caster: ShadowCaster, vertices: Array, faces: Ints, geometry: ViewGeometry
 ) -> dict[str, list[Mask]]:
-    """Return `see_aside` of what stands before the receiver: a plate on the wall is no part of the piece."""
+    """Return `see_aside` for matter before the receiver only: a plate on the wall is no part of the
+    piece.
+    """
     _, w = geometry.project(vertices)
     before = (w < geometry.w_of_receiver)[faces].any(axis=1)
     if before.all():
@@ -197,13 +199,13 @@ def _see_aside(
 
 
 def _casting(vertices: Array, geometry: ViewGeometry, pixel: tuple[float, float]) -> int:
-    """Return the number of the vertex that is seen nearest to a pixel."""
+    """Return the index of the vertex seen nearest to a pixel."""
     seen, _ = geometry.project(vertices)
     return int(((seen - np.array(pixel)) ** 2).sum(axis=1).argmin())
 
 
 def count_stray(rendered: Mask, exact: Mask, polygon: Any) -> int:
-    """Return pixels at which two masks disagree, but which are farther than a pixel from the outline.
+    """Count pixels at which two masks disagree farther than a pixel from the outline.
 
     Args:
         rendered, exact: (H, W). polygon: what `exact` was rastered from, in pixels. Its own boundary

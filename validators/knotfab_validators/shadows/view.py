@@ -1,4 +1,4 @@
-"""The places of the light, the wall and the picture's pixels: a view derived from scene and pose."""
+"""A view in one coordinate system: the light, the receiver and the pixel grid, from scene and pose."""
 
 from __future__ import annotations
 
@@ -12,10 +12,12 @@ from knotfab_validators.check import BadFile
 from knotfab_validators.geometry.curves import view_axes
 from knotfab_validators.shadows.frame import WorkingFrame
 
-# A receiver that is a cylinder: where rays meet it, and how it unrolls.
+# A cylindrical receiver: where rays meet it, and how it unrolls.
 
 
-MOST_SLANTED = np.cos(np.radians(80.0))  # light that falls on a wall at more is a glimmer
+MOST_SLANTED = np.cos(
+    np.radians(80.0)
+)  # beyond this angle of incidence, light on a wall is only a glimmer
 
 
 @dataclass(frozen=True)
@@ -31,17 +33,19 @@ class Cylinder:
     radius: float
 
     def in_part(self, pose: Array) -> Cylinder:
-        """Return the same in a part's coordinates: `x_scene = pose @ x_part` (4, 4)."""
+        """Return the cylinder in a part's coordinates, where `x_scene = pose @ x_part` (4, 4)."""
         turn = pose[:3, :3]
         return replace(self, foot=(self.foot - pose[:3, 3]) @ turn, along=self.along @ turn)
 
     def _parts(self, points: Array, normal: Array) -> tuple[Array, Array, Array]:
-        """Measure how far points (n, 3) are to the right of the line, along it, and before it (n,)."""
+        """Return how far points (n, 3) lie to the right of the line, along it, and before it, (n,) each."""
         off = points - self.foot
         return off @ np.cross(self.along, normal), off @ self.along, off @ normal
 
     def roll(self, flat: Array, normal: Array) -> tuple[Array, Array]:
-        """Find where points (n, 3) of the flat receiver come to lie, and the unit normals (n, 3) there."""
+        """Roll points (n, 3) of the flat receiver onto the cylinder; return them and the unit normals (n,
+        3).
+        """
         arc, high, _ = self._parts(flat, normal)
         right, turn = np.cross(self.along, normal), arc / self.radius
         sine, cosine = np.sin(turn)[:, None], np.cos(turn)[:, None]
@@ -50,10 +54,10 @@ class Cylinder:
         return middle - self.radius * normals, normals
 
     def unroll(self, light: Array, flat: Array, normal: Array) -> Array:
-        """Find where on the unrolled wall rays from the light (3,) to points (n, 3) of the flat one end, (n,
-        3).
+        """Return where rays from the light (3,) through points (n, 3) of the flat receiver land, unrolled
+        (n, 3).
 
-        A ray that passes beside a column ends where it is nearest to it: at its edge.
+        A ray that passes beside a column lands where it is nearest to it: at its edge.
         """
         (a,), _, (c,) = self._parts(light[None], normal)
         x, high, z = self._parts(flat, normal)
@@ -74,16 +78,16 @@ class Cylinder:
         return place
 
     def is_beyond(self, points: Array, normal: Array) -> Mask:
-        """Tell (n,) whether points (n, 3) before the flat receiver lie in or behind a hollow wall."""
+        """Tell which points (n, 3) before the flat receiver lie in or behind a hollow wall."""
         right, _, before = self._parts(points, normal)
         beyond: Mask = np.hypot(right, before - self.radius) > self.radius
         return beyond & (self.radius > 0) & (before > 0)
 
     def require(self, light: Array, normal: Array, wide: float) -> None:
-        """Refuse a cylinder that does not hold the light, or is narrower than a frame of `wide` mm.
+        """Require that the cylinder encloses the light, and is not narrower than a frame of `wide` mm.
 
         Raises:
-            BadFile: saying which.
+            BadFile: it does not; the message says which.
         """
         high = float((light - self.foot) @ normal)
         if 0 < 2 * self.radius <= high:
@@ -109,7 +113,7 @@ FRAME_MM = 180.0
 
 
 class SceneView(Protocol):
-    """The keys of a scene's view that its geometry follows from (mm, degrees); None: left open."""
+    """What a scene's view says about its geometry (mm, degrees); None where it is left open."""
 
     @property
     def frame_width_mm(self) -> float | None: ...
@@ -158,12 +162,12 @@ class ViewGeometry:
 
     @property
     def flat(self) -> ViewGeometry:
-        """The same before the flat receiver that a curved one touches."""
+        """The same view on the flat receiver that touches the curved one."""
         return replace(self, cylinder=None)
 
     @property
     def middle(self) -> Array:
-        """The middle (3,) of the pixels, on the receiver."""
+        """The middle (3,) of the pixels on the receiver."""
         right, down = (self.width - 1) / 2 * self.du, (self.height - 1) / 2 * self.dv
         return np.asarray(self.origin + right + down)
 
@@ -217,11 +221,15 @@ class ViewGeometry:
         return self.bend(h[:, :2] / w[:, None]), w
 
     def lift(self, points: Array) -> Array:
-        """Give (u w, v w, w) (n, 3) of points (n, 3), on the flat receiver; straight lines stay straight."""
+        """Project points (n, 3) to (u w, v w, w) (n, 3) on the flat receiver; straight lines stay
+        straight.
+        """
         return _lift(np.ascontiguousarray(points, dtype=np.float64), self.projection)
 
     def bend(self, pixels: Array) -> Array:
-        """Find where rays through pixels (n, 2) of the flat receiver meet the curved one, pixels."""
+        """Return where rays through pixels (n, 2) of the flat receiver meet the curved one, in its
+        pixels.
+        """
         if self.cylinder is None:
             return pixels
         places = self.cylinder.unroll(self.light, self.flat.on_receiver(pixels), self.normal)
@@ -235,20 +243,20 @@ class ViewGeometry:
         return self.cylinder.roll(flat, self.normal)[0]
 
     def touching(self, pixels: Array) -> tuple[Array, Array]:
-        """Give points (n, 3) of the receiver under pixels (n, 2), and unit normals there, (n, 3) or (3,)."""
+        """Return the receiver's points under pixels (n, 2), and unit normals there, (n, 3) or (3,)."""
         if self.cylinder is None:
             return self.on_receiver(pixels), self.normal
         return self.cylinder.roll(self.flat.on_receiver(pixels), self.normal)
 
     def across(self, pixels: Array) -> tuple[Array, Array]:
-        """Return unit vectors along `du` and `dv` on the receiver, (n, 3) or (3,), under pixels (n, 2)."""
+        """Return unit vectors along `du` and `dv` on the receiver, (n, 3) or (3,), at pixels (n, 2)."""
         u, v = self.du / np.linalg.norm(self.du), self.dv / np.linalg.norm(self.dv)
         if self.cylinder is None:
             return u, v
         return np.cross(self.touching(pixels)[1], v), v
 
     def resample(self, frame: WorkingFrame) -> ViewGeometry:
-        """Return the same view on the padded working frame's pixels."""
+        """Return this view on the padded working frame's pixels."""
         scale_u, scale_v = self.width / frame.width, self.height / frame.height
         u0, v0 = (0.5 - frame.pad_x) * scale_u - 0.5, (0.5 - frame.pad_y) * scale_v - 0.5
         return replace(
@@ -261,7 +269,7 @@ class ViewGeometry:
         )
 
     def in_part(self, pose: Array) -> ViewGeometry:
-        """Return this view of the scene in the part's coordinates: `x_scene = pose @ x_part` (4, 4)."""
+        """Return this view in the part's coordinates, where `x_scene = pose @ x_part` (4, 4)."""
         rotation, shift = pose[:3, :3], pose[:3, 3]
         return replace(
             self,
@@ -277,7 +285,7 @@ class ViewGeometry:
 
 @compiled
 def _lift(points: Array, matrix: Array) -> Array:
-    """Return `matrix` (3, 4) times (x, y, z, 1), of points (n, 3)."""
+    """Return `matrix` (3, 4) times (x, y, z, 1) for points (n, 3)."""
     lifted = np.empty((len(points), 3))
     for k in range(len(points)):
         x, y, z = points[k, 0], points[k, 1], points[k, 2]
@@ -287,7 +295,7 @@ def _lift(points: Array, matrix: Array) -> Array:
 
 
 def view_geometry(view: SceneView, width: int, height: int) -> ViewGeometry:
-    """Return the view in scene coordinates, for a picture of `width` x `height` pixels.
+    """Return a view in scene coordinates, for a picture of `width` x `height` pixels.
 
     The light stands at `light_distance_mm` from the scene's origin in the direction of the azimuth, raised
     by the elevation, and `light_right_mm` and `light_up_mm` beside that axis; the receiver's centre lies
@@ -324,7 +332,7 @@ def view_geometry(view: SceneView, width: int, height: int) -> ViewGeometry:
 
 
 def _frame_size(view: SceneView, width: int, height: int) -> tuple[float, float]:
-    """Return the width and height, mm, of the frame of a picture of `width` x `height` pixels."""
+    """Return the width and height, mm, of the frame for a picture of `width` x `height` pixels."""
     wide, high = view.frame_width_mm, view.frame_height_mm
     if wide is None and high is None:
         scale = FRAME_MM / max(width, height)
