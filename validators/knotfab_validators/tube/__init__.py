@@ -1,1 +1,1 @@
-"""The tube about the centre lines: thickness, clearance, and whether a part is that tube where it may be."""
+"""Check the tube around the centre lines: its thickness and clearance, and that the part is that tube."""

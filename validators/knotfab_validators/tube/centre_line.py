@@ -1,4 +1,4 @@
-"""The centre lines of a mesh of closed tubes, found from the surface alone."""
+"""Find the centre lines of a mesh of closed tubes from its surface alone."""
 
 from __future__ import annotations
 
@@ -13,25 +13,28 @@ from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh, sew_rims, winding_numbers
 from knotfab_validators.geometry.surface import CircleFunction, Surface, circle_functions, survey
 
-LIMIT = 0.15  # rms residual, of the radius: a hexagon's is 0.05, a square's 0.11
+LIMIT = 0.15  # rms residual in radii: a hexagon's is 0.05, a square's 0.11
 STEP = 0.25  # radii between the points at which a centre line is fitted
-THIN = 3  # a line is every third of them: over less, the turns of facets pass for bends
-FACETS = 3.0  # sides of faces: shorter waves are smoothed away, for they may be those of the faces
-SHORTEST, LONGEST = 1.2, 3.0  # radii: between which that is kept
+THIN = 3  # of the fitted points, every third is kept: at a finer spacing, facets pass for bends
+FACETS = (
+    3.0  # lengths of faces: shorter waves are smoothed away, since they may come from the faces
+)
+SHORTEST, LONGEST = 1.2, 3.0  # bounds in radii on that wavelength
 LEAST_POINTS, MOST_POINTS = 72, 20_000
-MOST_FACES = 1_500_000  # a mesh of more faces takes minutes
+MOST_FACES = 1_500_000  # a larger mesh would take minutes
 MOST_BODIES = 200
-LEAST_SLOPE = 0.2  # the least speed of feet along the line, as a share of the points' own
-ROUNDS = 6  # rounds of the fit; it converges in three or four
-EVEN = 0.1  # a share of the radius: tubes of one thickness differ by less
+LEAST_SLOPE = 0.2  # least speed of the feet along the line, as a share of the points' own
+ROUNDS = 6  # iterations of the fit, which converges in three or four
+EVEN = 0.1  # tolerance in radii within which tubes have one thickness
 
 
 @dataclass(frozen=True)
 class CentreLine:
     """The centre line (n, 3) of one closed tube, evenly sampled, with its local radii (n,), mm.
 
-    `rms` and `worst` are the residual: how far the surface is from one local radius about the line, in
-    shares of it, over the surface's area and at its worst place `at` (3,).
+    `rms` and `worst` are the residual: how far the surface departs from the local radius around the line,
+    in
+    radii, over the surface's area and at its worst place `at` (3,).
     """
 
     points: Array
@@ -42,10 +45,11 @@ class CentreLine:
 
 
 def check_centre_lines(mesh: Mesh) -> tuple[Check, Curves | None]:
-    """Check `centre_line`: the mesh is closed tubes and nothing else; and what lines were found, None: none.
+    """Check `centre_line`: the mesh consists of closed tubes only. Return the lines found too, or None.
 
-    Not required: what is no tube may well be a good part. `measured` is the largest rms residual of
-    the bodies, in radii. Tubes of unlike or of varying thickness have no radius.
+    It is not required, since a part that is no tube may well be good. `measured` is the largest rms
+    residual
+    of the bodies, in radii. Tubes of different or varying thickness have no radius.
     """
     name = "centre_line"
     if not mesh.usable:
@@ -83,7 +87,7 @@ def check_centre_lines(mesh: Mesh) -> tuple[Check, Curves | None]:
 
 
 def find_centre_line(mesh: Mesh) -> CentreLine | None:
-    """Find the centre line of one body of genus 1; None where no line within it has rings about it.
+    """Find the centre line of one body of genus 1; None if no line within it is surrounded by rings.
 
     Level sets of a harmonic function along the tube are rings about it, and their centroids the
     first line. Then each stretch is moved to the centre of the circle that fits the surface about it,
@@ -111,7 +115,7 @@ def find_centre_line(mesh: Mesh) -> CentreLine | None:
     else:
         return None
     place = ring.astype(np.float64)
-    # curvature that sets in at once, as in bends as tight as may be, overshoots without its short waves
+    # where curvature sets in abruptly, as in the tightest bends, the fit overshoots without short waves
     longest = float(np.median(np.linalg.norm(corner - np.roll(corner, 1, axis=1), axis=2).max(1)))
     wave = float(np.clip(FACETS * longest, SHORTEST * radius, LONGEST * radius))
     for _ in range(ROUNDS):
@@ -124,7 +128,7 @@ def find_centre_line(mesh: Mesh) -> CentreLine | None:
 
 
 def _find_all(mesh: Mesh, found: Surface) -> tuple[list[CentreLine], dict[int, CentreLine | str]]:
-    """Find the lines of the bodies that are tubes; of the others, by number, what they are."""
+    """Find the lines of the bodies that are tubes; for the others, by number, say what they are."""
     lines: list[CentreLine] = []
     faults: dict[int, CentreLine | str] = {}
     for number, genus in enumerate(found.genus.tolist()):
@@ -152,7 +156,7 @@ def _find_or_none(body: Mesh) -> CentreLine | None:
 
 
 def _take_body(mesh: Mesh, found: Surface, number: int) -> Mesh | None:
-    """Return one body, sewn where its two ends meet; None where it is no closed surface."""
+    """Extract one body, sewn where its two ends meet; None if it is no closed surface."""
     used, index = np.unique(mesh.faces[found.body == number], return_inverse=True)
     body = Mesh(mesh.vertices[used], index.reshape(-1, 3))
     if found.manifold or (own := survey(body)).manifold:
@@ -173,10 +177,10 @@ def _word_faults(faults: dict[int, CentreLine | str], bodies: int) -> str:
 
 
 def _cut_rings(mesh: Mesh, function: CircleFunction, count: int) -> tuple[Ints, Array, Array]:
-    """Find where `count` even levels of a function cut the faces: rings' numbers, points (k, 3), lengths
-    (k,).
+    """Cut the faces by `count` evenly spaced levels of a function, which gives rings.
 
-    Each piece of a ring is three points, by Simpson's rule.
+    Returns ring numbers, points (k, 3) and lengths (k,). Each piece of a ring becomes three points, by
+    Simpson's rule.
     """
     first = count * function.phase[mesh.faces[:, 0]]
     value = np.stack([first, *(first + count * function.rise.T)], axis=1)
@@ -207,7 +211,7 @@ def _centroids(ring: Ints, points: Array, weight: Array, count: int) -> Array:
 
 
 def _mean_radii(far: Array, at: Ints, weight: Array, line: Array, wave: float) -> Array:
-    """Return the mean distance (n,) of the surface next to each point of a line, smoothed."""
+    """Return the mean distance (n,) of the surface around each point of a line, smoothed."""
     count = len(line)
     total = np.bincount(at, weight, count)
     radii = np.bincount(at, weight * far, count) / np.maximum(total, 1e-300)
@@ -217,10 +221,11 @@ def _mean_radii(far: Array, at: Ints, weight: Array, line: Array, wave: float) -
 
 
 def _smooth(values: Array, shortest: float, line: Array | None = None) -> Array:
-    """Give values (n, k) of an even closed line (by default its points) without waves shorter than this, mm.
+    """Smooth values (n, k) along an even closed line, by default its points; removes waves below
+    `shortest` mm.
 
-    Whittaker's smoothing with third differences, in closed form on a circle: a wave of length w
-    keeps 1 / (1 + (`shortest` / w)^6) of itself.
+    Whittaker's smoothing with third differences, in closed form on a circle: a wave of length w keeps
+    1 / (1 + (`shortest` / w)^6) of its amplitude.
     """
     points = values if line is None else line
     step = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1).mean()
@@ -232,7 +237,7 @@ def _smooth(values: Array, shortest: float, line: Array | None = None) -> Array:
 
 
 def _space_evenly(line: Array, place: Array) -> tuple[Array, Array]:
-    """Sample a closed line evenly by a periodic cubic spline, and give places along it in its new numbers."""
+    """Resample a closed line evenly by a periodic cubic spline, and convert `place` to the new numbering."""
     from scipy.interpolate import CubicSpline
 
     count = len(line)
@@ -245,7 +250,9 @@ def _space_evenly(line: Array, place: Array) -> tuple[Array, Array]:
 
 
 def _frames(line: Array) -> tuple[Array, Array, Array, float]:
-    """Return unit tangents and two unit normals (n, 3) at the points of an even closed line, and its step."""
+    """Return unit tangents and two unit normals (n, 3) at the points of an even closed line, and its
+    step.
+    """
     along = np.roll(line, -1, axis=0) - np.roll(line, 1, axis=0)
     length = np.linalg.norm(along, axis=1)
     tangent = along / np.maximum(length, 1e-300)[:, None]
@@ -255,11 +262,14 @@ def _frames(line: Array) -> tuple[Array, Array, Array, float]:
 
 
 def _project(line: Array, points: Array, place: Array) -> tuple[Ints, Array]:
-    """Refer points to their feet on the line: the number of its nearest point (k,), two coordinates across.
+    """Find the feet of points on the line: the index (k,) of the line's nearest point, two coordinates
+    across.
 
-    Between its points the line is taken as the parabola with the curvature there: chords would put
-    a bend as tight as the tube half a hundredth of the radius off, and make waves of it. `place` (k,) is
-    about where along the line the feet are; it is made right.
+    Between its points the line is a parabola with the local curvature: chords would displace a bend as
+    tight
+    as the tube by half a hundredth of the radius, and turn it into waves. `place` (k,) is a guess of
+    where
+    along the line the feet are, and is corrected.
     """
     count = len(line)
     tangent, normal, other, step = _frames(line)
@@ -267,7 +277,7 @@ def _project(line: Array, points: Array, place: Array) -> tuple[Ints, Array]:
     for _ in range(3):
         at = np.round(place).astype(np.int64) % count
         gap = points - line[at]
-        # Newton's step; inside a bend as tight as the tube all points' feet run together
+        # Newton's step; inside a bend as tight as the tube all feet run together
         slope = np.maximum(1 - np.einsum("ij,ij->i", gap, bend[at]), LEAST_SLOPE)
         ahead = np.einsum("ij,ij->i", gap, tangent[at]) / (step * slope)
         place += np.clip(np.round(place) + ahead - place, -2.0, 2.0)
@@ -275,16 +285,18 @@ def _project(line: Array, points: Array, place: Array) -> tuple[Ints, Array]:
     along = (step * np.clip(place - np.round(place), -0.5, 0.5))[:, None]
     gap = points - line[at] - along * tangent[at] - 0.5 * along**2 * bend[at]
     across = np.stack([np.einsum("ij,ij->i", gap, side[at]) for side in (normal, other)], axis=1)
-    # the foot's plane is turned against that of the line's point, and lengths are the same in both
+    # the foot's plane is turned against that of the line's point; lengths are the same in both
     far = np.maximum(np.linalg.norm(across, axis=1), 1e-300)
     return at, across * (np.linalg.norm(gap, axis=1) / far)[:, None]
 
 
 def _recentre(line: Array, points: Array, weight: Array, place: Array) -> Array:
-    """Return the line with each point moved to the centre of the circle about it, by linear least squares.
+    """Move each point of the line to the centre of the circle through the surface around it, by least
+    squares.
 
-    |p - c|² = r² is linear in c and r² - |c|² (Kåsa, "A circle fitting procedure", IEEE Trans.
-    Instrum. Meas. 25, 1976). `place` is brought up to date.
+    |p - c|² = r² is linear in c and r² - |c|² (Kåsa, "A circle fitting procedure", IEEE Trans. Instrum.
+    Meas.
+    25, 1976). `place` is updated.
     """
     count = len(line)
     at, across = _project(line, points, place)
@@ -295,7 +307,7 @@ def _recentre(line: Array, points: Array, weight: Array, place: Array) -> Array:
         right[:, i] = np.bincount(at, weight * rows[:, i] * square, count)
         for j in range(3):
             left[:, i, j] = np.bincount(at, weight * rows[:, i] * rows[:, j], count)
-    # a stretch with few points keeps its place
+    # a stretch with few points stays where it is
     total, size = left[:, 2, 2] + 1e-300, float(weight @ square / weight.sum())
     left += 1e-6 * total[:, None, None] * np.diag([size, size, 1.0])
     empty = left[:, 2, 2] <= 1e-290
@@ -308,7 +320,7 @@ def _recentre(line: Array, points: Array, weight: Array, place: Array) -> Array:
 
 
 def _distances(line: Array, points: Array, place: Array) -> tuple[Array, Ints]:
-    """Measure the distance (k,) of points from the line near `place`; give the nearest of its points."""
+    """Measure the distance (k,) of points from the line near `place`, and the nearest of its points."""
     at, across = _project(line, points, place)
     return np.linalg.norm(across, axis=1), at
 
@@ -321,14 +333,14 @@ def _measure_residual(
     radii: Array,
     rings: tuple[Ints, Array],
 ) -> CentreLine:
-    """Measure how far the surface is from the tube about a line: corners and centres of faces, by area.
+    """Measure how far the surface departs from the tube around a line, over corners and centres of faces.
 
-    A quarter of an integral over a triangle is the corners' mean and the rest its centre's, exactly for
-    squares. `rings` are levels of the function, and where along the line they have come to lie.
+    The integral of a square over a triangle is a quarter of the corners' mean and three quarters of the
+    centre's value, exactly. `rings` are levels of the function, and where along the line they have moved.
     """
     count = len(line)
     level, place = rings
-    # the mean way along the line of each level, unrolled from the first
+    # the mean position of each level along the line, unrolled from the first
     angle = np.exp(2j * np.pi * place / count)
     mean = np.bincount(level, angle.real, count) + 1j * np.bincount(level, angle.imag, count)
     turned = np.unwrap(np.angle(mean)) * count / (2 * np.pi)

@@ -1,4 +1,4 @@
-"""Clearance between strands, measured on the mesh itself: how near two tube surfaces come."""
+"""Measure on the mesh itself how near the surfaces of two strands come."""
 
 from __future__ import annotations
 
@@ -24,19 +24,19 @@ from knotfab_validators.tube.thickness import Samples, StrandPairs, sample_curve
 
 MOST_BODIES = 500
 SPACING = 0.5  # radii between the samples of the centre lines
-OWN = 1.25  # radii; a face farther from the centre lines is part of a mount, not of a strand
-LOOK = 8.0  # radii; strands farther apart than that are not told from strands at that distance
-# a share of the radius: corners stand out of the exact tube by at most that; those of twelve flat sides
+OWN = 1.25  # radii from the centre lines: a face farther away belongs to a mount
+LOOK = 8.0  # radii: distances between strands are measured up to this
+# share of the radius by which corners stand out of the exact tube at most; those of twelve flat sides
 # with its volume do so by 0.0233
 FACETS = 0.0235
-MOST_AT_ONCE = 2_000_000  # pairs of faces, without a tree of them
-MOST_NEAR = 20_000_000  # pairs of two edges
-SINGLE = 1e-6  # relative rounding of the single-precision coordinates of an STL
+MOST_AT_ONCE = 2_000_000  # pairs of faces that are compared without a tree
+MOST_NEAR = 20_000_000  # pairs of two edges that are examined
+SINGLE = 1e-6  # relative rounding of an STL's single-precision coordinates
 
 
 @dataclass(frozen=True)
 class Gap:
-    """The smallest distance between two strands' surfaces, mm.
+    """The smallest distance between the surfaces of two strands, mm.
 
     `points` (2, 3) are the nearest points, `edges` the edges of the centre lines there (counted
     over all knots). `distance` is negative where the strands
@@ -52,21 +52,21 @@ class Gap:
 
 @dataclass(frozen=True)
 class _Surface:
-    """The faces that belong to strands, sorted by the edge of the centre lines they are nearest."""
+    """The faces that belong to strands, sorted by the nearest edge of the centre lines."""
 
     corners: Array  # (m, 3, 3)
     centre: Array  # (m, 3)
     size: Array  # (m,) radius of the ball that holds the face
     first: Ints  # (edges + 1,) where each edge's faces begin
-    after: Ints  # (edges,) the edge that follows
+    after: Ints  # (edges,) the next edge along the curve
     start: Array  # (edges, 3)
     end: Array  # (edges, 3)
-    reach: Array  # (edges,) farthest corner of its faces from the edge; its faces lie within
+    reach: Array  # (edges,) distance from the edge to the farthest corner of its faces
     left_out: int
 
 
 def check_clearance(mesh: Mesh, curves: Curves | None, required_mm: float | None) -> Check:
-    """Check `clearance`: no two strands' surfaces come nearer than `required_mm`; None measures only.
+    """Check `clearance`: surfaces of two strands are at least `required_mm` apart; None measures only.
 
     With curves, strands are told apart by them (`strand_gap`); without, only the distance between
     separate bodies is seen. A tube of flat facets with rings of m corners at radius r has gaps up
@@ -114,7 +114,7 @@ def check_clearance(mesh: Mesh, curves: Curves | None, required_mm: float | None
 def strand_gap(
     mesh: Mesh, curves: Curves, required_mm: float = 0.0
 ) -> tuple[Gap | None, float, int]:
-    """Return the smallest distance between surfaces of strands that face each other.
+    """Find the smallest distance between surfaces of strands that face each other.
 
     Every face belongs to the edge of the centre lines that its middle is nearest to. Triangles of
     two edges are measured exactly if places on these edges face each other (`strand_pairs`), that
@@ -155,7 +155,7 @@ def strand_gap(
 
 
 def _sort_faces(mesh: Mesh, curves: Curves, samples: Samples, radius: float) -> _Surface:
-    """Return the mesh's faces by edges; faces that no strand is near are left out."""
+    """Sort the mesh's faces by edge; faces near no strand are left out."""
     from scipy.spatial import cKDTree
 
     start, end = curves.edges.start, curves.edges.end
@@ -177,7 +177,7 @@ def _sort_faces(mesh: Mesh, curves: Curves, samples: Samples, radius: float) -> 
     near_edge = distance <= OWN * radius
     own = near_edge & (to_corner <= OWN * radius)
     if 2 * own.sum() < near_edge.sum():
-        # a coarse tube's faces are longer than their edges, and have corners that other edges are nearer to
+        # a coarse tube's faces are longer than the edges, and have corners nearer to other edges
         away, _ = tree.query(corners[near_edge].reshape(-1, 3))
         limit = np.hypot(OWN, SPACING / 2) * radius
         own[near_edge] = away.reshape(-1, 3).max(axis=1) <= limit
@@ -196,9 +196,9 @@ def _sort_faces(mesh: Mesh, curves: Curves, samples: Samples, radius: float) -> 
 def _find_smallest(
     surface: _Surface, samples: Samples, pairs: StrandPairs, which: Mask, most: float, radius: float
 ) -> Gap | None:
-    """Find the nearest triangles of the edges of some pairs of samples, up to `most` apart."""
+    """Find the nearest triangles, up to `most` apart, on the edges of pairs of samples."""
     count = np.int64(len(surface.start))
-    # the piece of the curve before a sample is as near to it as the one after
+    # the edge before a sample is as near to it as the one after
     here = [samples.edge[pairs.i[which]], samples.edge[samples.behind[pairs.i[which]]]]
     there = [samples.edge[pairs.j[which]], samples.edge[samples.behind[pairs.j[which]]]]
     keys = np.unique(np.concatenate([a * count + b for a in here for b in there]))
@@ -222,7 +222,7 @@ def _find_smallest(
         one, other = surface.corners[a], surface.corners[b]
         distance, p, q = triangle_triangle(one, other)
         crossed = triangles_cross(one, other)
-        # the deeper, the less: centre lines are too near by so much
+        # deeper means less: the distance is by how much the centre lines are too near
         deep = np.minimum(apart[own] - 2 * radius, 0.0)
         distance = np.where(crossed, deep, distance)
         k = int(distance.argmin())
@@ -238,14 +238,14 @@ def _find_smallest(
 
 
 def _find_runs(portion: Ints) -> list[tuple[int, int]]:
-    """Find where runs of equal numbers begin and end."""
+    """Return where runs of equal numbers begin and end."""
     cuts = np.flatnonzero(np.diff(portion)) + 1
     ends = [0, *cuts.tolist(), len(portion)]
     return [(a, b) for a, b in pairwise(ends) if b > a]
 
 
 def _face_pairs(surface: _Surface, e: Ints, f: Ints, most: float) -> tuple[Ints, Ints, Ints]:
-    """Return faces of edges e and f that may be `most` apart, and which pair of edges they are of."""
+    """Return pairs of faces of edges e and f that may be `most` apart, and the pair of edges of each."""
     (row, one), (column, other) = _faces_near(surface, e, f, most), _faces_near(surface, f, e, most)
     rows, columns = np.bincount(row, minlength=len(e)), np.bincount(column, minlength=len(e))
     sizes = rows * columns
@@ -280,7 +280,7 @@ def _centres_near(surface: _Surface, one: Ints, other: Ints, most: float) -> tup
 
 
 def _faces_near(surface: _Surface, e: Ints, f: Ints, most: float) -> tuple[Ints, Ints]:
-    """Return faces of edges e that may be `most` from a face of edges f, and the number of their edge."""
+    """Return faces of edges e that may be `most` from a face of edges f, and the index of their edge."""
     counts = surface.first[e + 1] - surface.first[e]
     own, number = number_runs(counts)
     face, to = surface.first[e][own] + number, f[own]
@@ -310,13 +310,15 @@ def _spots(points: Array) -> str:
 
 
 def nearest_bodies(mesh: Mesh) -> tuple[float, Array] | str:
-    """Return the least distance between two connected pieces of the surface, and the nearest points (2, 3).
+    """Return the least distance between two connected surfaces, 0 if they cross, and the nearest points
+    (2, 3).
 
-    0 where two cross. By python-fcl's trees of boxes, whose triangle distances are exact; pairs of
-    bodies are taken in the order of their bounding boxes' distance. Returns a sentence instead
-    where there is only one body, or more than 500, or the faces are such a heap that trees do not help.
+    FCL's trees of boxes give exact triangle distances. Pairs are taken by the distance of their bounding
+    boxes. If there is only one body, or more than 500, or the faces are such a heap that trees do not
+    help, a
+    sentence is returned instead.
     """
-    # faces that lie on each other are at one distance from everything
+    # faces that lie on each other are equally far from everything
     once = np.unique(np.sort(mesh.faces, axis=1), axis=0)
     if len(once) < len(mesh.faces):
         mesh = Mesh(mesh.vertices, once)

@@ -1,4 +1,6 @@
-"""The shortest doubly critical chord of polygons, by pruned pairs of arcs instead of all pairs."""
+"""Find the shortest doubly critical chord of polygons, pruning pairs of arcs instead of testing all
+pairs.
+"""
 
 from __future__ import annotations
 
@@ -14,25 +16,25 @@ CurvePoint = tuple[int, int, float]
 """A point of the polygons: knot, edge (from vertex `edge` to the next), and where on it, 0 to 1."""
 
 ANGLE_TOLERANCE = 2e-10  # cosine up to which a chord counts as perpendicular
-ROUNDING = 1e-15  # a share of the extent: the error of a coordinate difference
-CONE_SLACK = 1e-6  # radians given to every pruning test, far above its rounding
+ROUNDING = 1e-15  # error of a coordinate difference, as a share of the extent
+CONE_SLACK = 1e-6  # radians of slack in every pruning test, far above its rounding error
 PAIRS_AT_ONCE = 150_000
 TOP_ARCS = 48
-BLOCK_LEVEL = 5  # arcs of 2^5 edges: where so many pairs are left that all their edges are paired
-MANY_PAIRS = 100  # pairs for each arc of a level
-BLOCKS_AT_ONCE = 256  # pairs of arcs of that level
-MOST_PAIRS = (
-    500_000_000  # pairs of edges tried at once, half a minute's worth; a part of 8 m has few
+BLOCK_LEVEL = (
+    5  # arcs of 2^5 edges: if too many pairs are left at this level, all their edges are paired
 )
+MANY_PAIRS = 100  # pairs for each arc of a level that count as too many
+BLOCKS_AT_ONCE = 256  # pairs of arcs of that level that are processed together
+MOST_PAIRS = 500_000_000  # pairs of edges in all, half a minute's worth; a part of 8 m has few
 
 
 @dataclass(frozen=True)
 class Chord:
-    """A chord between two points of the polygons; `length` in the polygons' unit."""
+    """A chord between two points of the polygons; `length` is in their unit."""
 
     length: float
     ends: tuple[CurvePoint, CurvePoint]
-    points: Array  # (2, 3), where the ends are
+    points: Array  # (2, 3), its ends
 
     @property
     def middle(self) -> Array:
@@ -42,16 +44,16 @@ class Chord:
 
 @dataclass(frozen=True)
 class _Elements:
-    """Vertices and the edges that leave them, of all polygons in a row (n of them)."""
+    """The n vertices of all polygons in one array, each with the edge that leaves it."""
 
     knot: Ints
-    number: Ints  # the vertex's number within its polygon
-    following: Ints  # the vertex at the edge's other end; -1 at an open end
+    number: Ints  # index of the vertex within its polygon
+    following: Ints  # index of the edge's other end; -1 at an open end
     point: Array  # (n, 3)
     out: Array  # (n, 3) unit direction of the edge that leaves; 0 where there is none
     into: Array  # (n, 3) unit direction of the edge that arrives; 0 where there is none
     length: Array  # (n,) of the edge that leaves
-    origin: Array  # (3,) what `point` is relative to
+    origin: Array  # (3,) origin of `point`
     rounding: float
 
     @property
@@ -61,14 +63,16 @@ class _Elements:
 
 @dataclass(frozen=True)
 class _Arcs:
-    """Arcs of consecutive edges: a ball, a cylinder about its axis, a cone of its directions."""
+    """Arcs of consecutive edges, with a bounding ball, a cylinder around the axis and a cone of
+    directions.
+    """
 
     centre: Array  # (m, 3)
     radius: Array  # (m,) of the ball
     axis: Array  # (m, 3) unit; 0 if the directions cancel out
     across: Array  # (m,) radius of the cylinder
-    first: Ints  # (m,) element of each
-    spread: Array  # (m,) largest angle of a direction with the axis; pi if nothing may be said
+    first: Ints  # (m,) the first element of each
+    spread: Array  # (m,) largest angle between a direction and the axis; pi if unknown
     children: Ints  # (m, 2) arcs of the next finer level; -1 for none
 
 
@@ -119,7 +123,7 @@ def shortest_critical_chord(
 def _elements(polygons: Sequence[Array], closed: Sequence[bool]) -> _Elements:
     point = np.concatenate(polygons).astype(np.float64)
     origin = (point.min(axis=0) + point.max(axis=0)) / 2
-    point = point - origin  # exact, for all but the leading digits cancel out
+    point = point - origin  # exact: only leading digits cancel
     rounding = ROUNDING * float(np.abs(point).max())
     following, before, knot, number = [], [], [], []
     offset = 0
@@ -185,7 +189,7 @@ def _arcs(elements: _Elements, first: Ints, children: Ints) -> _Arcs:
     axis = axis / np.where(size > 0, size, 1.0)[:, None]
     off = [_off_axis(end - centre[member], axis[member]) for end in (p, q)]
     across = np.maximum.reduceat(np.maximum(*off), first)
-    # an end or an edge of no length has direction 0, hence the angle 90 degrees: no pruning
+    # an end or an edge of no length has direction 0, hence an angle of 90 degrees: no pruning
     cosine = np.minimum(_dot(elements.out, axis[member]), _dot(elements.into, axis[member]))
     spread = np.arccos(np.clip(np.minimum.reduceat(cosine, first), -1.0, 1.0))
     return _Arcs(centre, np.maximum.reduceat(far, first), axis, across, first, spread, children)
@@ -224,12 +228,12 @@ def _search(elements: _Elements, levels: list[_Arcs], limit: float) -> Chord | N
 
 
 def _too_many(level: int, pairs: int, arcs: int) -> bool:
-    """Tell whether so many pairs of arcs are left that all their edges are better paired at once."""
+    """Tell whether so many pairs of arcs are left that pairing all their edges is better."""
     return level == BLOCK_LEVEL and pairs > min(MANY_PAIRS * arcs, PAIRS_AT_ONCE // 2)
 
 
 def _portions(level: int, i: Ints, j: Ints) -> list[tuple[int, Ints, Ints]]:
-    """Return pairs of a level, `PAIRS_AT_ONCE` at a time."""
+    """Split a level's pairs into batches of `PAIRS_AT_ONCE`."""
     size = PAIRS_AT_ONCE
     return [(level, i[k : k + size], j[k : k + size]) for k in range(0, len(i), size)]
 
@@ -239,7 +243,7 @@ def _children(children: Ints, i: Ints, j: Ints) -> tuple[Ints, Ints]:
     first = np.concatenate([a[:, 0], a[:, 0], a[:, 1], a[:, 1]])
     second = np.concatenate([b[:, 0], b[:, 1], b[:, 1], b[:, 0]])
     keep = (first >= 0) & (second >= 0)
-    keep[3 * len(i) :] &= i != j  # an arc with itself: its two children meet once
+    keep[3 * len(i) :] &= i != j  # an arc with itself: its two children are paired once
     return first[keep], second[keep]
 
 
@@ -255,7 +259,7 @@ def _possible(arcs: _Arcs, i: Ints, j: Ints, limit: float) -> Mask:
     for k in (i, j):
         angle = np.minimum(arcs.spread[k] + deviation + CONE_SLACK, np.pi / 2)
         keep &= np.abs(_dot(between, arcs.axis[k])) <= distance * np.sin(angle) + 1e-300
-    # within an arc that turns little every chord lies in the cone of its directions
+    # within an arc that turns little, every chord lies in the cone of its directions
     keep &= (i != j) | (arcs.spread[i] > np.pi / 4 - CONE_SLACK)
     left = np.flatnonzero(keep)
     if len(left):
@@ -265,10 +269,12 @@ def _possible(arcs: _Arcs, i: Ints, j: Ints, limit: float) -> Mask:
 
 
 def _distance_bound(arcs: _Arcs, i: Ints, j: Ints, between: Array) -> Array:
-    """Return a distance that two arcs keep at least, from their cylinders (long edges fill few balls).
+    """Return a lower bound on the distance of two arcs from their cylinders (long edges fill little of
+    balls).
 
-    Along a direction, the arcs' centres are apart by its product with `between`, and each arc
-    reaches as far as its cylinder does: `across` if the direction is perpendicular to its axis.
+    Along a direction, the arcs' centres are apart by its product with `between`, and each arc reaches as
+    far
+    as its cylinder: `across`, if the direction is perpendicular to its axis.
     """
     u, v = arcs.axis[i], arcs.axis[j]
     normal = np.cross(u, v)
@@ -277,7 +283,7 @@ def _distance_bound(arcs: _Arcs, i: Ints, j: Ints, between: Array) -> Array:
     apart = np.abs(_dot(between, normal)) / np.where(sine > 1e-4, sine, np.inf) - both
     for axis, length in ((u, arcs.radius[j]), (v, arcs.radius[i])):
         apart = np.maximum(apart, _off_axis(between, axis) - both - length * sine)
-    # an axis of zero has a cylinder as large as its ball, and says no more than that
+    # an axis of zero has a cylinder as large as its ball, which bounds no better
     known = (np.abs(_dot(u, u) - 1) < 1e-6) & (np.abs(_dot(v, v) - 1) < 1e-6)
     rounding = 1e-11 * (_norm(between) + arcs.radius[i] + arcs.radius[j])
     return np.where(known, apart - rounding, 0.0)
@@ -351,13 +357,15 @@ def _within(s: Array, length: Array) -> Mask:
 
 def _curve_point(elements: _Elements, k: int, s: float) -> CurvePoint:
     knot, number = int(elements.knot[k]), int(elements.number[k])
-    if elements.following[k] < 0:  # the last vertex of an open polygon ends the edge before
+    if (
+        elements.following[k] < 0
+    ):  # the last vertex of an open polygon is the end of the edge before
         return knot, number - 1, 1.0
     return knot, number, s / float(elements.length[k]) if elements.length[k] > 0 else 0.0
 
 
 def _off_axis(a: Array, axis: Array) -> Array:
-    """Return the distance (n,) of points (n, 3) from the lines through 0 along unit vectors (n, 3)."""
+    """Return the distances (n,) from points (n, 3) to the lines through 0 along unit vectors (n, 3)."""
     return _norm(a - _dot(a, axis)[:, None] * axis)
 
 

@@ -1,4 +1,4 @@
-"""Check that a mount holds: matter fills every member, and none but the mount's joins strands."""
+"""Check that a mount holds: matter fills every member, and nothing else joins strands."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from knotfab_validators.tube.solid_matter import Solid, clip, find_hollow
 from knotfab_validators.tube.tube_fit import LIMIT
 
 NAME = "mount"
-PROUD_MM = 0.035  # a corner may stand so far out of it
-INTO_FOOT_MM = 0.15  # matter is looked for so far below the foot's surface
-ROOT = 1.6, 4.0  # a member's root may be so many of its radii wide, and so many mm high
+PROUD_MM = 0.035  # how far a corner may stand out of a member
+INTO_FOOT_MM = 0.15  # depth below the foot's surface at which matter is looked for
+ROOT = 1.6, 4.0  # largest width of a member's root in radii, and its height in mm
 BESIDE = 5.0  # radii along a knot: a face that spans more joins two strands
-SWOLLEN = 1.2  # radii from the centre lines: mitres of the sharpest bends stand out by less, and lead nowhere
-OWN = 1.25  # radii from a centre line that matter between two strands may be
+SWOLLEN = 1.2  # radii from the centre lines: mitres of the sharpest bends stand out by less
+OWN = 1.25  # radii from a centre line within which matter may fill the space between strands
 
 
 @dataclass(frozen=True)
 class Asked:
-    """What a scene asks of its mount, in the part's coordinates, mm.
+    """What a scene requires of its mount, in the part's coordinates, mm.
 
     `pegs`: how many members there are, by knots; empty: not said. `solids`: what must be filled as the
     scene alone has it (a wall plate). `hulls`: the name of the solids that knots.json must have, such as
@@ -46,7 +46,7 @@ NOTHING_ASKED = Asked()
 
 
 def check_mount(mesh: Mesh, curves: Curves, asked: Asked = NOTHING_ASKED) -> Check:
-    """Check `mount`: matter fills the whole mount, as `tube` measures it; nothing else joins strands.
+    """Check `mount`: matter fills the whole mount, and nothing else joins strands.
 
     A solid is full where no face lies in it and one of its points is in matter: in the union of a
     part's solids there are no faces. All faces of the part are then a strand's, a member's, or others;
@@ -97,7 +97,7 @@ def check_mount(mesh: Mesh, curves: Curves, asked: Asked = NOTHING_ASKED) -> Che
 
 
 def _find_lacking(curves: Curves, asked: Asked) -> str | None:
-    """Tell what knots.json leaves out of a mount."""
+    """Say what of a mount knots.json leaves out."""
     if not curves.members:
         return "knots.json names no members of the mount"
     if asked.thread is not None and not curves.rods:
@@ -108,7 +108,7 @@ def _find_lacking(curves: Curves, asked: Asked) -> str | None:
 
 
 def _find_unfit(curves: Curves, solids: Sequence[Solid], asked: Asked) -> tuple[str, Array] | None:
-    """Tell where the mount of knots.json is not what the scene asks for: such as a foot on nothing."""
+    """Say where the mount of knots.json is not what the scene requires, such as a foot on nothing."""
     for number, member in enumerate(curves.members):
         if member.foot is None:
             continue
@@ -167,12 +167,12 @@ def _check_filled(mesh: Mesh, curves: Curves, radius: float) -> Check:
 
 
 def _allowed(radius: float) -> float:
-    """Return the depth in a member, mm, at which a face may lie."""
-    return LIMIT * radius + 0.025  # a facet of a member may lie so far inside it
+    """Return the depth in a member, mm, at which a face may still lie."""
+    return LIMIT * radius + 0.025  # a facet of a member may lie this far inside it
 
 
 def _find_deepest(mesh: Mesh, member: Member, low: Array, high: Array) -> tuple[float, Array]:
-    """Measure how deep in a member a face lies, at most, as a multiple of the limit, and where (3,)."""
+    """Measure the deepest face in a member, as a multiple of the limit, and its place (3,)."""
     wide = max(member.radius_mm)
     a, b = np.minimum(member.start, member.end) - wide, np.maximum(member.start, member.end) + wide
     near = np.arange(len(low))
@@ -187,7 +187,7 @@ def _find_deepest(mesh: Mesh, member: Member, low: Array, high: Array) -> tuple[
             (whole & within.all(axis=1))[within.any(axis=1)],
         )
     deep, point = _measure_depth(corners, member)
-    # faces that lie between the planes only in part are measured by that part
+    # faces only partly between the planes are measured by that part
     fans = [
         np.stack([part[[0, k, k + 1]] for k in range(1, len(part) - 1)])
         for triangle in corners[~whole & (deep > 0)]
@@ -200,10 +200,10 @@ def _find_deepest(mesh: Mesh, member: Member, low: Array, high: Array) -> tuple[
 
 
 def _measure_depth(corners: Array, member: Member) -> tuple[Array, Array]:
-    """Measure how deep in a member's endless cone triangles (n, 3, 3) reach, and where (n, 3)."""
+    """Measure how deep triangles (n, 3, 3) reach into a member's infinite cone, and where (n, 3)."""
     unit, _ = _unit(member)
     to = corners - member.start
-    flat = to - (to @ unit)[..., None] * unit  # seen along the axis
+    flat = to - (to @ unit)[..., None] * unit  # projected along the axis
     after = np.roll(flat, -1, axis=1)
     step, turn = after - flat, np.cross(flat, after) @ unit
     square = np.einsum("nij,nij->ni", step, step)
@@ -214,7 +214,7 @@ def _measure_depth(corners: Array, member: Member) -> tuple[Array, Array]:
     span = np.roll(corners, -1, axis=1)[row, best] - corners[row, best]
     point = corners[row, best] + np.clip(share[row, best], 0.0, 1.0)[:, None] * span
     along, radial = _measure(point, member)
-    through = (turn > 0).all(axis=1) | (turn < 0).all(axis=1)  # the axis goes through it
+    through = (turn > 0).all(axis=1) | (turn < 0).all(axis=1)  # the axis passes through it
     return _radius_at(member, along) - np.where(through, 0.0, radial), point
 
 
@@ -225,7 +225,7 @@ def _unit(member: Member) -> tuple[Array, float]:
 
 
 def _planes(member: Member) -> list[tuple[Array, float]]:
-    """Return the half spaces (n · p >= offset) between which a member must be full."""
+    """Return the half spaces (n · p >= offset) within which a member must be full."""
     unit, _ = _unit(member)
     begin = (unit, float(unit @ member.start))
     if member.foot is None:
@@ -234,7 +234,7 @@ def _planes(member: Member) -> list[tuple[Array, float]]:
 
 
 def _measure(points: Array, member: Member) -> tuple[Array, Array]:
-    """Measure, for points (n, 3), how far along a member they are, mm, and how far from its axis."""
+    """Measure how far points (n, 3) are along a member and from its axis, mm."""
     unit, _ = _unit(member)
     to = points - member.start
     along = to @ unit
@@ -247,7 +247,7 @@ def _radius_at(member: Member, along: Array) -> Array:
 
 
 def _find_joints(mesh: Mesh, curves: Curves, radius: float) -> Array:
-    """Find (k, 3) places where faces that are neither a strand's nor a member's touch a strand.
+    """Find places (k, 3) where faces that belong to no strand and no member touch a strand.
 
     Without members: where a face leads from one strand to another that is too near for a strut.
     """
@@ -272,7 +272,7 @@ def _find_joints(mesh: Mesh, curves: Curves, radius: float) -> Array:
 
 
 def _in_member(points: Array, member: Member) -> Mask:
-    """Tell (n,) whether points (n, 3) are in a member, or in its root."""
+    """Tell which points (n, 3) are in a member or its root."""
     _, length = _unit(member)
     along, radial = _measure(points, member)
     wide, high = ROOT
@@ -282,7 +282,7 @@ def _in_member(points: Array, member: Member) -> Mask:
 
 
 def _find_fused(mesh: Mesh, curves: Curves, radius: float, own: Mask) -> Array:
-    """Find (k, 3) places where faces lead from one strand to another that is too near for a strut."""
+    """Find places (k, 3) where faces join two strands that are too near for a strut."""
     from scipy.spatial import cKDTree
 
     rest = np.flatnonzero(~own)
@@ -296,14 +296,16 @@ def _find_fused(mesh: Mesh, curves: Curves, radius: float, own: Mask) -> Array:
     on = (far < np.inf).reshape(-1, 3).all(axis=1)
     rest, corners, edge = rest[on], corners[on], edge.reshape(-1, 3)[on]
     foot = middle[edge]
-    # all three corners lie on strands, but of one strand they would be the strand's own face
+    # all three corners lie on strands; on a single strand it would be the strand's own face
     apart = np.linalg.norm(foot - foot[:, [1, 2, 0]], axis=2).max(axis=1, initial=0.0)
-    short: Mask = np.less(apart, 2.4 * radius)  # radii between the centre lines that it joins
+    short: Mask = np.less(
+        apart, 2.4 * radius
+    )  # in radii: distance of the centre lines that it joins
     return _one_of_each(mesh, rest, short & np.greater(apart, radius))
 
 
 def _one_of_each(mesh: Mesh, some: Ints, bad: Mask) -> Array:
-    """Return (k, 3) the middle of one bad face of each patch that connected faces form."""
+    """Return the centre (k, 3) of one bad face in each connected patch of faces."""
     if not bad.any():
         return np.empty((0, 3))
     faces = mesh.faces[some]
@@ -314,19 +316,19 @@ def _one_of_each(mesh: Mesh, some: Ints, bad: Mask) -> Array:
     return np.asarray(mesh.vertices[faces[bad][first]].mean(axis=1))
 
 
-# Part a part's vertices into those of the tube, and those of the mount that holds it.
+# Separate a part's vertices into the tube's and the mount's.
 
 
 OFF = 1.06  # radii from the centre lines: facets and mitred rings stand out by less
-REACH = 2.0  # radii from the centre lines: a mount leads farther away than that, a swollen tube does not
-PROUD = 1.02  # radii from the centre lines: what stands out farther is no facet of the tube
+REACH = 2.0  # radii from the centre lines: a mount reaches farther, a swollen tube does not
+PROUD = 1.02  # radii from the centre lines: no facet of the tube stands out farther
 BESIDE_MATTER = 3.0  # radii along a knot: a face that spans more leads from one strand to another
-SPACING = 0.125  # radii between the samples of the centre lines
-ALONG = 1.2  # times a face's side: the strand between its ends, where it runs along a straight one
+SPACING = 0.125  # radii between samples of the centre lines
+ALONG = 1.2  # largest length of the strand between the ends of a face's side, over that side
 
 
 def tube_vertices(vertices: Array, faces: Ints, polygons: Sequence[Array], radius: float) -> Mask:
-    """Tell (n,) whether each vertex is the tube's: all but those of matter that leads away from it.
+    """Tell which vertices (n,) are the tube's: all but those of matter that leads away from it.
 
     A vertex within `OFF` radii of the centre lines lies on the tube. Those farther out are the mount's
     where some vertex that is joined to them by edges, without touching the tube, is farther than
@@ -361,7 +363,7 @@ def strand_faces(
     proud: float = PROUD,
     beside: float = BESIDE_MATTER,
 ) -> Mask:
-    """Tell (m,) whether each face is the tube's surface and no mount's: close to it, and to one strand alone.
+    """Tell which faces (m,) are the tube's surface: close to it, and to a single strand.
 
     Args:
         vertices, faces: (n, 3) and (m, 3), mm. polygons: closed, [(k, 3), ...] mm, one radius.
@@ -380,15 +382,15 @@ def strand_faces(
     result: Mask = close & (knot == knot[:, :1]).all(axis=1)
     apart = np.abs(place - place[:, [1, 2, 0]])
     apart = np.minimum(apart, count[knot] - apart)
-    # a long face along a straight strand has corners as far apart as the strand between them is long
+    # a long face along a straight strand spans as much of it as its corners are apart
     side = np.linalg.norm(vertices[faces] - vertices[faces[:, [1, 2, 0]]], axis=2) / radius
-    # samples are at most SPACING apart, so that so many of them are at most so long
+    # samples are at most SPACING apart, which bounds the length that n of them span
     result &= (apart <= np.maximum(beside, ALONG * side) / SPACING).all(axis=1)
     return result
 
 
 def _sample(polygon: Array, radius: float) -> Array:
-    """Return (n, 3) points along a closed polygon, at most `SPACING` radii apart."""
+    """Sample points (n, 3) along a closed polygon, at most `SPACING` radii apart."""
     end = np.roll(polygon, -1, axis=0)
     which, begin, _ = cut_edges(polygon, end, SPACING * radius)
     return np.asarray(polygon[which] + begin[:, None] * (end - polygon)[which])

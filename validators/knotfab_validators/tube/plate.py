@@ -1,4 +1,4 @@
-"""Check that matter fills the plate in which a piece stands, from its face to its back, whole."""
+"""Check that matter fills the plate in which a piece stands, all through and all over."""
 
 from __future__ import annotations
 
@@ -16,17 +16,18 @@ if TYPE_CHECKING:
     from knotfab_validators.geometry.curves import Slab
 
 NAME = "mount"
-PROUD_MM = 0.035  # a corner may stand so far out of the plate
-LIMIT_MM = 0.06  # a face may lie so far inside the plate's surface
+PROUD_MM = 0.035  # how far a corner may stand out of the plate
+LIMIT_MM = 0.06  # how far inside the plate's surface a face may lie
 SPACING_MM = 8.0  # between places where matter is looked for
-SPLIT = 3  # points along each side of a face's part in the plate that are measured
+SPLIT = 3  # sample points along each side of a face's part in the plate
 
 
 def check_plate(mesh: Mesh, plate: Slab) -> Check:
-    """Check `mount` of a piece in a plate: no face lies in the plate, and there is matter all over it.
+    """Check `mount` of a piece in a plate: no face lies inside the plate, and matter is all over it.
 
-    In the union of the plate with feet that stand in it there are no faces: a void, a slit between a foot and
-    the plate, a hole that nobody listed or a thinner plate has some.
+    The union of the plate with feet that stand in it has no inner faces. A void, a slit between a foot
+    and the
+    plate, an unlisted hole or a thinner plate has some.
     """
     turn = _axes(plate.out)
     flat = plate.outline @ turn.T
@@ -58,7 +59,7 @@ def check_plate(mesh: Mesh, plate: Slab) -> Check:
 
 
 def inside_plate(points: Array, plate: Slab) -> Mask:
-    """Tell (n,) whether points (n, 3) lie in the plate or on its surface."""
+    """Tell which points (n, 3) lie in the plate or on its surface."""
     turn = _axes(plate.out)
     local = points @ turn.T
     height = local[:, 2] - float(plate.outline[0] @ plate.out)
@@ -69,7 +70,7 @@ def inside_plate(points: Array, plate: Slab) -> Mask:
 
 
 def _axes(out: Array) -> Array:
-    """Return (3, 3) rows: two directions along a plate, and its normal."""
+    """Return two directions along a plate, and its normal, as rows (3, 3)."""
     side = np.cross(np.eye(3)[int(np.abs(out).argmin())], out)
     side /= np.linalg.norm(side)
     return np.stack([side, np.cross(out, side), out])
@@ -84,7 +85,7 @@ def _shape(plate: Slab, turn: Array) -> shapely.Geometry:
 
 
 def _sample(corners: Array, low: float, high: float) -> Array:
-    """Return points (n, 3) all over the parts of triangles (m, 3, 3) whose height is between two."""
+    """Sample points (n, 3) all over the parts of triangles (m, 3, 3) between two heights."""
     weights = np.array(
         [(i, j, SPLIT - i - j) for i in range(SPLIT + 1) for j in range(SPLIT + 1 - i)]
     )
@@ -97,7 +98,7 @@ def _sample(corners: Array, low: float, high: float) -> Array:
 
 
 def _cut(polygon: Array, way: float, least: float) -> Array:
-    """Return the part (k, 3) of a convex polygon where `way` times the height is at least so much."""
+    """Clip a convex polygon to where `way` times the height is at least `least`, (k, 3)."""
     side = way * polygon[:, 2] - least if len(polygon) else np.empty(0)
     kept = []
     for k in range(len(polygon)):
@@ -113,7 +114,7 @@ def _cut(polygon: Array, way: float, least: float) -> Array:
 def _find_empty(
     mesh: Mesh, solid: shapely.Geometry, plate: Slab, turn: Array, face: float
 ) -> Array:
-    """Find (k, 3) places half-way through the plate that are not in matter."""
+    """Find places (k, 3) halfway through the plate that are not in matter."""
     inner = solid.buffer(-LIMIT_MM)
     x0, y0, x1, y1 = inner.bounds
     x, y = np.meshgrid(np.arange(x0, x1, SPACING_MM), np.arange(y0, y1, SPACING_MM))

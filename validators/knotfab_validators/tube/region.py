@@ -1,4 +1,4 @@
-"""Check where the part is: the tube inside the scene's region, the part inside the printer's volume."""
+"""Check that the tube lies in the scene's region, and the part in the printer's volume."""
 
 from __future__ import annotations
 
@@ -25,16 +25,17 @@ if TYPE_CHECKING:
 
 
 BED_TOLERANCE_MM = 1e-3
-REGION_TOLERANCE_MM = 1e-6  # the rounding on the way from scene to part and back
-SAMPLE_MM = 1.0  # sides of a part's faces between whose corners and middles it is not measured
+REGION_TOLERANCE_MM = 1e-6  # rounding between scene and part coordinates
+SAMPLE_MM = 1.0  # largest spacing of the points measured on a part's faces
 MOST_SAMPLES = 200_000
-# a share of the coordinates: nearer to the surface single precision may mistake its side
+# share of the coordinates: nearer to the surface, single precision may mistake the side
 SINGLE = 1e-4
-MOST_EXACT = 5_000_000  # points times faces of exact winding numbers
+MOST_EXACT = 5_000_000  # points times faces for which exact winding numbers are affordable
 
 
 def measure_excess(points: Array, region: Region, radius_mm: float = 0.0) -> Array:
-    """Measure (n,) how far balls of `radius_mm` about `points` (n, 3) stick out of a box, cylinder or sphere.
+    """Measure how far balls of `radius_mm` around `points` (n, 3) stick out of a box, cylinder or sphere,
+    (n,).
 
     In mm, negative inside, along the region's own axes. For a box the largest excess over its faces; for a
     cylinder (axis y) the larger one of those over its mantle and its ends. The region's size must be known.
@@ -124,7 +125,7 @@ def _part(region: Region, surface: Mesh | None, mesh: Mesh, matrix: Array) -> tu
 
 
 def check_build_volume(mesh: Mesh, build_volume_mm: tuple[float, float, float]) -> Check:
-    """Check `build_volume`: the part lies on the bed's positive octant and inside the printer's volume."""
+    """Check `build_volume`: the part lies in the bed's positive octant and inside the printer's volume."""
     vertices = mesh.vertices
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     excess = np.maximum(vertices - np.array(build_volume_mm), -vertices).max(axis=1)
@@ -147,7 +148,7 @@ def check_build_volume(mesh: Mesh, build_volume_mm: tuple[float, float, float]) 
 def measure_tube_excess(
     surface: Mesh, start: Array, end: Array, radius_mm: float
 ) -> tuple[Array, Array]:
-    """Measure how far the tube about the edges from `start` to `end` (k, 3) sticks out of a closed surface.
+    """Measure how far the tube around edges from `start` to `end` (k, 3) sticks out of a closed surface.
 
     The tube is inside exactly where its centre line is, and keeps a radius from the surface: FCL
     gives the least distance between all edges and all faces, 0 where they cross (a wall may poke
@@ -161,16 +162,16 @@ def measure_tube_excess(
     total = float(np.linalg.norm(end - start, axis=1).sum())
     which, begin, _ = cut_edges(start, end, max(radius_mm / 2, total / MOST_SAMPLES))
     along = start[which] + begin[:, None] * (end - start)[which]
-    points = np.concatenate([along, end])  # the ends of open curves too
+    points = np.concatenate([along, end])  # includes the ends of open curves
     excess = radius_mm - _depth(surface, points)
     gap, nearest = _least_distance(surface, start, end)
     return np.concatenate([points, nearest[None]]), np.append(excess, radius_mm - gap)
 
 
 def measure_part_excess(surface: Mesh, part: Mesh) -> tuple[Array, Array]:
-    """Measure how far a part sticks out: at its vertices, and at points 1 mm apart at most on its faces.
+    """Measure how far a part sticks out, at its vertices and at points on its faces at most 1 mm apart.
 
-    On parts so large that these would be more than 200,000, at points farther apart.
+    If these would be more than 200,000, they are spaced wider.
     """
     corner = part.vertices[part.faces]
     points = [part.vertices[np.unique(part.faces)]]
@@ -185,10 +186,11 @@ def measure_part_excess(surface: Mesh, part: Mesh) -> tuple[Array, Array]:
 
 
 def _depth(surface: Mesh, points: Array) -> Array:
-    """Return (n,) distance to the surface, positive inside (where the winding number is above 1/2).
+    """Return the distance (n,) to the surface, positive inside (where the winding number is above 1/2).
 
-    libigl's own signed distances are not asked: they are distances times 1 - 2 w, and its fast
-    winding number w has an error of a thousandth. Near the surface w is summed up exactly.
+    libigl's own signed distances are avoided: they are distances times 1 - 2 w, with a fast winding
+    number w
+    whose error is a thousandth. Near the surface w is computed exactly.
     """
     distance = surface_distance(points, surface)
     winding = winding_numbers(points, surface, exact=False)
@@ -200,7 +202,7 @@ def _depth(surface: Mesh, points: Array) -> Array:
 
 
 def _least_distance(surface: Mesh, start: Array, end: Array) -> tuple[float, Array]:
-    """Measure the least distance of edges and faces, and its place (3,) on the edges, thin triangles."""
+    """Return the least distance between edges and faces, and the place (3,) on the edges."""
     number = np.arange(len(start))
     corners = np.stack([number, number + len(start), number + len(start)], axis=1)
     edges = Mesh(np.concatenate([start, end]), corners)

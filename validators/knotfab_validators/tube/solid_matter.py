@@ -1,4 +1,4 @@
-"""Measure whether a mesh fills a convex solid with matter, but for openings that belong in it."""
+"""Measure whether a mesh fills a convex solid with matter, except for its intended openings."""
 
 from __future__ import annotations
 
@@ -11,33 +11,33 @@ from knotfab_validators.arrays import Array
 from knotfab_validators.geometry.mesh import Mesh, winding_numbers
 from knotfab_validators.tube.tube_fit import LIMIT
 
-FACET_MM = 0.025  # a facet of a round face may lie so far inside it
-SIDES = 32  # sides of the prism that stands for a round hole
+FACET_MM = 0.025  # how far inside a round face its facets may lie
+SIDES = 32  # sides of the prism that represents a round hole
 
 
 @dataclass(frozen=True)
 class HalfSpaces:
-    """A convex region: the points p with `normals @ p >= offsets`, normals (k, 3) of length 1."""
+    """The points p of a convex region, `normals @ p >= offsets`; normals (k, 3) have length 1."""
 
     normals: Array
     offsets: Array
 
     def depth(self, points: Array) -> Array:
-        """Return (n,) how deep points (n, 3) lie in it, mm; below 0 outside."""
+        """Return how deep points (n, 3) lie inside, mm, (n,); negative outside."""
         return np.asarray((points @ self.normals.T - self.offsets).min(axis=1))
 
     def way_out(self, point: Array, along: Array) -> float:
-        """Return how far it is from a point (3,) in it to its surface along a unit vector (3,), mm."""
+        """Return the distance from a point (3,) inside along a unit vector (3,) to the surface, mm."""
         rate = self.normals @ along
         left = np.maximum(self.normals @ point - self.offsets, 0.0)
         leaves = rate < -1e-9
-        # a plane that the point lies on, and that is all but level with the way, ends nothing
+        # ignore a plane through the point that is nearly parallel to the direction
         return float((left[leaves] / -rate[leaves]).min()) if leaves.any() else 0.0
 
 
 @dataclass(frozen=True)
 class Solid:
-    """What a part must fill: the hull of `corners` (n, 3) mm, less `openings` (hulls too)."""
+    """What a part must fill: the hull of `corners` (n, 3), mm, less `openings`, which are hulls too."""
 
     name: str
     corners: Array
@@ -53,13 +53,13 @@ class Solid:
 
     @property
     def allowed_mm(self) -> float:
-        """The depth in it at which a face may lie, by its thickness as a tube's by its radius."""
+        """The depth at which a face may lie, set by its thickness as a tube's is by its radius."""
         widths = np.ptp(self.corners @ self.hull.normals.T, axis=0)
         return LIMIT * float(widths.min()) / 2 + FACET_MM
 
 
 def hull_of(corners: Array) -> HalfSpaces:
-    """Return the hull of points (n, 3).
+    """Build the convex hull of points (n, 3).
 
     Raises:
         ValueError: they lie in one plane.
@@ -76,9 +76,10 @@ def hull_of(corners: Array) -> HalfSpaces:
 
 
 def find_hollow(mesh: Mesh, solid: Solid) -> tuple[float, Array] | None:
-    """Find the deepest face in a solid that is deeper than `allowed_mm`: its depth, mm, and its place (3,).
+    """Find the deepest face in a solid below `allowed_mm`: its depth, mm, and its place (3,).
 
-    Where no face lies in it and its middle is in no matter, all of it is missing: the depth is infinite.
+    If no face lies in the solid and its centre is not in matter, all of it is missing: the depth is
+    infinite.
     """
     hull, allowed = solid.hull, solid.allowed_mm
     corners = mesh.vertices[mesh.faces]
@@ -91,7 +92,7 @@ def find_hollow(mesh: Mesh, solid: Solid) -> tuple[float, Array] | None:
             continue
         piece = np.concatenate(
             [piece, piece.mean(axis=0)[None]]
-        )  # corners may all lie at the limit
+        )  # all corners may lie at the limit
         depth = hull.depth(piece)
         if depth.max() > worst:
             worst, at = float(depth.max()), piece[int(depth.argmax())]
@@ -103,7 +104,9 @@ def find_hollow(mesh: Mesh, solid: Solid) -> tuple[float, Array] | None:
 
 
 def clip_all(polygon: Array, hull: HalfSpaces, inset: float = 0.0) -> Array:
-    """Return what of a polygon (n, 3) lies in a hull, so far inside its faces; (0, 3) where nothing does."""
+    """Clip a polygon (n, 3) to the inside of a hull, `inset` away from its faces; (0, 3) if nothing is
+    left.
+    """
     high = polygon @ hull.normals.T - hull.offsets - inset
     for k in np.flatnonzero((high < 0).any(axis=0)):
         polygon = clip(polygon, hull.normals[k], hull.offsets[k] + inset)
@@ -113,7 +116,7 @@ def clip_all(polygon: Array, hull: HalfSpaces, inset: float = 0.0) -> Array:
 
 
 def clip(polygon: Array, normal: Array, offset: float) -> Array:
-    """Return what of a polygon (n, 3) lies in the half space `normal @ p >= offset`."""
+    """Clip a polygon (n, 3) to the half space `normal @ p >= offset`."""
     high = polygon @ normal - offset
     found = []
     for k, here in enumerate(polygon):
@@ -126,12 +129,12 @@ def clip(polygon: Array, normal: Array, offset: float) -> Array:
 
 
 def prism(outline: Array, low: float, high: float, motion: Array) -> Array:
-    """Return the corners of a prism on an outline (n, 2), from z = low to high, moved by (3, 4)."""
+    """Return the corners of a prism over an outline (n, 2), from z = low to high, moved by (3, 4)."""
     ends = [np.column_stack([outline, np.full(len(outline), z)]) for z in (low, high)]
     return np.asarray(np.concatenate(ends) @ motion[:, :3].T + motion[:, 3])
 
 
 def round_outline(at: Sequence[float], radius: float) -> Array:
-    """Return (n, 2) a polygon about a circle."""
+    """Return a polygon (n, 2) around a circle."""
     t = 2 * np.pi * np.arange(SIDES) / SIDES
     return np.asarray(np.array(at) + radius / np.cos(np.pi / SIDES) * np.c_[np.cos(t), np.sin(t)])

@@ -1,4 +1,4 @@
-"""Polygonal thickness of the written knots: how tight a tube around them may be, and where."""
+"""The polygonal thickness of the written knots: how thick a tube around them may be, and what limits it."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from knotfab_validators.geometry.curves import Curves, cut_edges
 from knotfab_validators.tube.critical_chords import CurvePoint, shortest_critical_chord
 
 ROUNDING = 1e-12  # relative
-STRAIGHT = 1e-5  # the sine of a turn that may be the rounding of coordinates
-TOGETHER = 1e-3  # radians that such turns in a row come to: from then on they are a bend
+STRAIGHT = 1e-5  # sine of a turn that may come from rounded coordinates
+TOGETHER = 1e-3  # radians: consecutive turns of that kind with this sum are a bend
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Thickness:
 
 
 def thickness(polygons: Sequence[Array], closed: Sequence[bool] | None = None) -> Thickness:
-    """Return polygonal thickness of all polygons together, as a radius, at full double precision.
+    """Compute the polygonal thickness of all polygons together, as a radius, in full double precision.
 
     The minimum of MinRad over the vertices, min(adjacent edges) / (2 tan(theta/2)) with theta the
     turning angle, and half the shortest doubly critical chord (Rawdon, "Approximating the
@@ -90,9 +90,9 @@ def thickness(polygons: Sequence[Array], closed: Sequence[bool] | None = None) -
 def _find_min_rad(
     polygons: Sequence[Array], closed: Sequence[bool]
 ) -> tuple[float, tuple[int, int] | None]:
-    """Find the smallest MinRad and its (knot, vertex); inf and None where nothing bends.
+    """Return the smallest MinRad and its (knot, vertex); inf and None if nothing bends.
 
-    Vertices at which nothing turns are no ends of edges: another program may have put them there.
+    Vertices without a turn are skipped: another program may have inserted them.
     """
     best, at = float("inf"), None
     for k, (polygon, is_closed) in enumerate(zip(polygons, closed, strict=True)):
@@ -107,9 +107,9 @@ def _find_min_rad(
 
 
 def _find_turning(polygon: Array, closed: bool) -> Ints:
-    """Find the vertices of a polygon (n, 3) at which it turns, and open ends.
+    """Find the vertices of a polygon (n, 3) at which it turns, and its open ends.
 
-    Where many in a row turn by next to nothing, some of them, so that a bend spread over thousands stays one.
+    Of many tiny turns in a row some are kept, so that a bend spread over thousands of vertices stays one.
     """
     n = len(polygon)
     one, other = polygon - np.roll(polygon, 1, axis=0), np.roll(polygon, -1, axis=0) - polygon
@@ -147,7 +147,7 @@ def _name_end(end: CurvePoint, place: Place) -> str:
 
 
 def _allow_rounding(limit: float | None) -> float:
-    """Return the amount by which rounding may make a measured number fall short of its limit."""
+    """Return how far rounding may let a measured number fall short of its limit."""
     return ROUNDING * (limit or 0.0)
 
 
@@ -187,7 +187,7 @@ def check_bend(curves: Curves, min_bend_radius_mm: float | None) -> Check:
 
 
 def check_length(curves: Curves, max_mm: float | None) -> Check:
-    """Check `length`: the centre lines together are no longer than `max_mm`; at: where the longest is."""
+    """Check `length`: the centre lines together are at most `max_mm` long; the place is on the longest."""
     lengths = curves.lengths_mm
     longest = lengths.index(max(lengths))
     (start,) = places([curves.polygons[longest][0]])
@@ -200,37 +200,35 @@ def check_length(curves: Curves, max_mm: float | None) -> Check:
     )
 
 
-# Find the places of centre lines that face each other, and neighbours along the same strand.
+# Places of centre lines that face each other, told from neighbours along one strand.
 
 
 MOST_SAMPLES = 200_000  # the limit on absurdly long curves
-MOST_MOVES = (
-    20_000_000  # moves of pairs, all steps together; 11 m of a thin tube take 4 million, in 4 s
-)
+MOST_MOVES = 20_000_000  # moves of pairs in all steps; 11 m of a thin tube take 4 million, in 4 s
 MOST_PAIRS = 20_000_000
 STEPS = tuple((a, b) for a in (-1, 0, 1) for b in (-1, 0, 1) if a or b)
 
 
 @dataclass(frozen=True)
 class Samples:
-    """Points along closed polygons, in order; all arrays have one entry a sample (n)."""
+    """Points along closed polygons, in order; all arrays have one entry per sample (n)."""
 
     point: Array  # (n, 3)
     knot: Ints
-    edge: Ints  # counted over all polygons
+    edge: Ints  # index over all polygons
     arc: Array  # length along its knot
     ahead: Ints
     behind: Ints
     lengths: Array  # (knots,)
-    step: float  # no piece between two samples is longer
+    step: float  # largest distance between two samples
 
 
 @dataclass(frozen=True)
 class StrandPairs:
-    """Pairs i < j of samples that are near in space and are not neighbours along one strand.
+    """Pairs i < j of samples that are near in space, but not neighbours along one strand.
 
-    `facing`: pairs of two knots, or of two strands of one: from there the distance falls to a minimum
-    above zero, not to zero. `far`: pairs of two knots, or at least `apart` along their knot.
+    `facing`: pairs of two knots, or of two strands of one, from which the distance descends to a positive
+    minimum. `far`: pairs of two knots, or at least `apart` along their knot.
     """
 
     i: Ints
@@ -240,7 +238,7 @@ class StrandPairs:
 
 
 def sample_curves(polygons: Sequence[Array], step: float) -> Samples:
-    """Return samples at most `step` apart on the edges of closed polygons, and all their vertices."""
+    """Sample the edges of closed polygons at most `step` apart, and at all vertices."""
     total = sum(float(np.linalg.norm(np.roll(p, -1, axis=0) - p, axis=1).sum()) for p in polygons)
     step = max(step, total / MOST_SAMPLES)
     point, knot, edge, arc, ahead, behind, lengths = [], [], [], [], [], [], []
@@ -272,7 +270,7 @@ def sample_curves(polygons: Sequence[Array], step: float) -> Samples:
 
 
 def strand_pairs(samples: Samples, reach: float, apart: float) -> StrandPairs:
-    """Return pairs of samples up to `reach` from each other that face each other or are `apart`.
+    """Find pairs of samples within `reach` that face each other, or are `apart` along their knot.
 
     Whether two places of a knot face each other is found by descent: both are moved along the
     curve, sample by sample, as long as that lowers their distance. Neighbours meet; what does not
@@ -302,7 +300,7 @@ def strand_pairs(samples: Samples, reach: float, apart: float) -> StrandPairs:
 
 
 def _meet(samples: Samples, i: Ints, j: Ints) -> Mask:
-    """Tell whether the descent from each pair of one knot ends where both are the same place."""
+    """Tell which pairs of one knot descend to a single place."""
     count = np.int64(len(samples.point))
     start, where = np.unique(i * count + j, return_inverse=True)
     now = start.copy()
@@ -314,7 +312,7 @@ def _meet(samples: Samples, i: Ints, j: Ints) -> Mask:
         moves += len(active)
         if moves > MOST_MOVES:
             raise ValueError("strands run side by side for too long to be told apart")
-        # pairs that have come to the same place go on as one
+        # pairs at the same place continue as one
         unique, back = np.unique(now[active], return_inverse=True)
         moved = _lower(samples, unique // count, unique % count, count)[back]
         changed = moved != now[active]
@@ -327,7 +325,7 @@ def _meet(samples: Samples, i: Ints, j: Ints) -> Mask:
 
 
 def _lower(samples: Samples, i: Ints, j: Ints, count: np.int64) -> Ints:
-    """Return the pair, among each pair's eight neighbours and itself, with the least distance."""
+    """Move each pair to the nearest-together of itself and its eight neighbours."""
     to_i = {-1: samples.behind[i], 0: i, 1: samples.ahead[i]}
     to_j = {-1: samples.behind[j], 0: j, 1: samples.ahead[j]}
     best, at = _square(samples, i, j) * (1 - 1e-12), i * count + j

@@ -1,4 +1,4 @@
-"""Check that part and knots belong together: the part's surface is the tube about the centre lines."""
+"""Check that part and knots belong together: the part's surface is the tube around the centre lines."""
 
 from __future__ import annotations
 
@@ -12,27 +12,30 @@ from knotfab_validators.check import at_most, places, skip_check, spot, worst_ap
 from knotfab_validators.geometry.curves import CurveEdges, Curves, cut_edges, quarter_triangles
 from knotfab_validators.geometry.mesh import Mesh, surface_distance, winding_numbers
 
-# a share of the radius: facets cost knotfab's parts about 1 %, twelve flat sides 3.4 %
+# share of the radius: facets cost knotfab's parts about 1 %, twelve flat sides 3.4 %
 LIMIT = 0.04
-REACH = 4.0  # radii; what is farther away is said to be that far, since trees are slow far out
-STEP = 1 / 6  # radii between the samples of the curve that find the nearest edge
+REACH = 4.0  # radii: distances are capped here, since trees are slow far out
+STEP = 1 / 6  # radii between samples of the curve, which find the nearest edge
 MOST_SAMPLES = 2_000_000  # the limit on absurdly long curves
 RING_STEP = 0.5  # radii between the rings of points on the exact tube
 ANGLES = 8  # points of a ring
-STRETCH = 8  # rings that are looked at together of a mounted part
-SHARE = 0.5  # a share of a stretch's points that must lie on the surface; beside pegs and struts 0.78 do
-PROUD = 1.0235  # radii: twelve flat sides with the tube's volume stand out so far
-SAME = 1e-6  # a share by which the radii of two files may differ
-BED_MM = 1e-3  # a foot's underside is so level, once it was read from a file
-LEVELS = 4  # how often a face that may dip too deep is cut into four
+STRETCH = 8  # rings of a mounted part that are judged together
+SHARE = (
+    0.5  # share of a stretch's points that must lie on the surface; beside pegs and struts 0.78 do
+)
+PROUD = 1.0235  # radii: corners of twelve flat sides with the tube's volume stand out this far
+SAME = 1e-6  # share by which the radii of two files may differ
+BED_MM = 1e-3  # tolerance of the level underside of a foot read from a file
+LEVELS = 4  # times that a face which may dip too deep is quartered
 
 
 @dataclass(frozen=True)
 class TubeFit:
-    """Both in radii, with the places (k, 3), mm, worst first (at least one, well apart).
+    """Deviations between mesh and exact tube, both in radii, with places (k, 3), mm, worst first.
 
-    `off` is the largest deviation of a point of the mesh from the exact tube; `bare` the largest
-    distance of a point of the exact tube from the mesh. Neither is told apart beyond `REACH`.
+    `off` is the largest deviation of a point of the mesh from the exact tube; `bare` is the largest
+    distance of
+    a point of the exact tube from the mesh. Both are capped at `REACH`.
     """
 
     off: float
@@ -44,7 +47,8 @@ class TubeFit:
 def tube_fit(
     mesh: Mesh, curves: Curves, *, mounted: bool = False, bed: float | None = None
 ) -> TubeFit:
-    """Return the distances between a part's surface and the exact tube, both ways; the radius must be known.
+    """Measure the distances between a part's surface and the exact tube, both ways; the radius must be
+    known.
 
     The exact tube is all that lies one radius from the centre lines. Where the edges of a centre line
     meet at an angle it is round outside; the two edges' cylinders, extended until they meet (a mitre),
@@ -76,7 +80,7 @@ def tube_fit(
     if mounted:
         far = np.flatnonzero((bare > LIMIT) & ~_lacks_surface(bare <= LIMIT, ring, curve)[ring])
         bare[far[winding_numbers(rings[far], mesh) > 0.5]] = 0.0
-    if not len(bare):  # a tube that lies inside itself everywhere: its points do not show
+    if not len(bare):  # the tube lies inside itself everywhere, so that no point is on its surface
         bare, rings = np.zeros(1), line.edges.start[:1]
     apart = 2 * line.radius
     i, j = worst_apart(off, points, apart, LIMIT), worst_apart(bare, rings, apart, LIMIT)
@@ -91,7 +95,7 @@ def check_tube(
     asked_mm: float | None = None,
     flat: bool = False,
 ) -> Check:
-    """Check `tube`: the mesh is the tube about these curves, within 4 % of its radius both ways.
+    """Check `tube`: the mesh is the tube around these curves, within 4 % of its radius both ways.
 
     What is proved of the knots (thickness, bend, type) holds for the part only if it is. A `mounted`
     part has more matter than the tube: then the exact tube must lie on its surface or, where the
@@ -142,9 +146,10 @@ def check_cut(mesh: Mesh, curves: Curves) -> Check:
 
 
 def measure_proud(mesh: Mesh, curves: Curves, places: Array) -> Array:
-    """Measure (k,) mm: how far corners of the mesh beside places (k, 3) stand out of the exact tube, at most.
+    """Measure how far corners of the mesh near places (k, 3) stand out of the exact tube at most, (k,)
+    mm.
 
-    Of corners within a diameter of each place, those nearer to a centre line than `PROUD` radii count.
+    Counted are corners within a diameter of each place, and nearer to a centre line than `PROUD` radii.
     """
     from scipy.spatial import cKDTree
 
@@ -160,7 +165,7 @@ def measure_proud(mesh: Mesh, curves: Curves, places: Array) -> Array:
 
 
 class _Line:
-    """The centre lines, made ready to measure distances from them."""
+    """The centre lines with a search tree, for distances from them."""
 
     def __init__(self, edges: CurveEdges, radius: float, ends: list[tuple[Array, Array]]) -> None:
         from scipy.spatial import cKDTree
@@ -174,13 +179,13 @@ class _Line:
         self.which, begin, part = cut_edges(edges.start, edges.end, self.step)
         middle = (begin + part / 2)[:, None] * self.edge[self.which]
         self.tree = cKDTree(edges.start[self.which] + middle)
-        # each edge's neighbours along its curve; at an open end one is the edge at the other end,
-        # a wrong edge does no harm: the nearest of three edges is taken
+        # each edge's neighbours along its curve; at an open end one of them is wrong, which does no harm:
+        # the nearest of three edges is taken
         count = np.bincount(edges.curve)[edges.curve]
         first = np.searchsorted(edges.curve, edges.curve)
         place = np.arange(len(first)) - first
         self.before, self.after = first + (place - 1) % count, first + (place + 1) % count
-        # a mitre reaches radius times tan of half the turn past either end of an edge
+        # a mitre reaches past either end of an edge by the radius times tan of half the turn
         cosine = np.einsum("ij,ij->i", self.unit, self.unit[self.after])
         joined = np.all(edges.end == edges.start[self.after], axis=1)
         tangent = np.sqrt(np.maximum(1 - cosine, 0.0) / np.maximum(1 + cosine, 1e-3))
@@ -188,14 +193,18 @@ class _Line:
         self.past_start = np.where(joined[self.before], self.past_end[self.before], 0.0)
 
     def distance(self, points: Array) -> tuple[Array, Array, Ints]:
-        """Return the distance (n,) of points (n, 3), at most `REACH` radii, and the number of the edge there.
+        """Return the distance (n,) of points (n, 3), capped at `REACH` radii, a mitred distance, and the
+        edge.
 
-        Between the two stands the distance from the straight line through that edge for points that
-        may belong to a mitre, and the distance itself for all others.
+        The mitred distance is that from the straight line through the edge for points that may belong to
+        a mitre,
+        and the distance itself for all others.
 
-        The nearest sample's edge and its two neighbours are measured exactly. An edge of another
-        strand that is nearer than all three is so by less than step² / (8 distance), a third of a
-        percent of the radius at the tube's surface.
+        The nearest sample\'s edge and its two neighbours are measured exactly. An edge of another strand
+        that is
+        nearer than all three is so by less than step² / (8 distance), a third of a percent of the radius
+        at the
+        tube\'s surface.
         """
         reach = REACH * self.radius
         _, sample = self.tree.query(points, distance_upper_bound=reach + self.step)
@@ -226,7 +235,7 @@ class _Line:
         return best, np.minimum(mitred, best), edge
 
     def off(self, points: Array, distance: Array, mitred: Array) -> Array:
-        """Return deviation (n,) of points from the exact tube, in radii, from their distances."""
+        """Return the deviation (n,) of points from the exact tube, in radii, given their distances."""
         off = np.minimum(np.abs(distance - self.radius), np.abs(mitred - self.radius))
         for end, outwards in self.ends:
             near = np.flatnonzero(distance < 2 * self.radius)
@@ -240,7 +249,7 @@ class _Line:
 
 
 def _open_ends(curves: Curves) -> list[tuple[Array, Array]]:
-    """Return the ends of the open curves: point (3,) and unit vector (3,) outwards."""
+    """Return the ends of the open curves: point (3,) and outward unit vector (3,)."""
     ends = []
     for polygon, closed in zip(curves.polygons, curves.closed, strict=True):
         if closed:
@@ -251,10 +260,9 @@ def _open_ends(curves: Curves) -> list[tuple[Array, Array]]:
 
 
 def _from_mesh(mesh: Mesh, line: _Line, mounted: bool, bed: float | None) -> tuple[Array, Array]:
-    """Return points of the mesh (n, 3): its vertices and more where they are needed; and how far off (n,).
+    """Return points of the mesh (n, 3), vertices and more where needed, and how far off they are (n,).
 
-    Of a `mounted` part what lies outside the tube is off by nothing; at the height of the `bed`, what lies
-    in it.
+    On a `mounted` part, points outside the tube count as 0; at the height of the `bed`, points inside do.
     """
 
     def measure(points: Array) -> tuple[Array, Array, Ints]:
@@ -270,7 +278,7 @@ def _from_mesh(mesh: Mesh, line: _Line, mounted: bool, bed: float | None) -> tup
     points, values = [mesh.vertices[used]], [off[used]]
     corner, low, at = mesh.vertices[mesh.faces], distance[mesh.faces].min(axis=1), edge[mesh.faces]
     for _ in range(LEVELS):
-        # a place that cannot be worse than the worst known needs no closer look
+        # a place that cannot exceed the known maximum needs no closer look
         deepest = max(LIMIT, *(float(v.max()) for v in values))
         dips = np.flatnonzero(_may_dip(corner, low, at, line, deepest))[:50_000]  # faces
         if not len(dips):
@@ -285,12 +293,14 @@ def _from_mesh(mesh: Mesh, line: _Line, mounted: bool, bed: float | None) -> tup
 
 
 def _may_dip(corner: Array, low: Array, at: Ints, line: _Line, deep: float) -> Mask:
-    """Tell (m,) whether a face (m, 3, 3) may come nearer to the curve than radius (1 - `deep`).
+    """Tell which faces (m, 3, 3) may come nearer to the curve than radius (1 - `deep`).
 
-    The distance d from a straight line is convex, curved by at most 1/d across it and not at all along
-    it. So over a triangle whose sides are at most h long across the line it dips by at most
-    h² / 6d below what its corners say: a circle of radius h / sqrt(3) encloses it. Where the corners
-    are nearest to edges that are no neighbours, h is the whole side.
+    The distance d from a straight line is convex; its curvature is at most 1/d across the line and 0
+    along it.
+    A triangle with sides at most h long across the line lies in a circle of radius h / sqrt(3), so within
+    it d
+    dips by at most h² / 6d below its corners' values. If the corners are nearest to edges that are not
+    neighbours, h is the whole side.
     """
     side = np.roll(corner, -1, axis=1) - corner
     along = np.einsum("mij,mj->mi", side, line.unit[at[:, 0]])
@@ -304,7 +314,7 @@ def _may_dip(corner: Array, low: Array, at: Ints, line: _Line, deep: float) -> M
 
 
 def _on_tube(line: _Line) -> tuple[Array, Ints, Ints]:
-    """Return points of the exact tube, in rings at even steps along the curves.
+    """Sample the exact tube in rings at even steps along the curves.
 
     Returns:
         (k, 3) the points, (k,) the ring of each, and (rings,) the curve of each ring.
@@ -330,7 +340,7 @@ def _on_tube(line: _Line) -> tuple[Array, Ints, Ints]:
 
 
 def _lacks_surface(on: Mask, ring: Ints, curve: Ints) -> Mask:
-    """Tell (rings,) whether a ring is in a stretch of its curve with too few points on the surface.
+    """Tell which rings (rings,) are in a stretch of their curve with too few points on the surface.
 
     Args:
         on: (k,) of each point. ring: (k,) its ring. curve: (rings,) of each ring, in order.
@@ -341,7 +351,7 @@ def _lacks_surface(on: Mask, ring: Ints, curve: Ints) -> Mask:
     for number in np.unique(curve):
         own = np.flatnonzero(curve == number)
         length = min(STRETCH, len(own))
-        # stretches that go on at the curve's beginning are summed too
+        # also stretches that wrap around the curve's start
         turn = np.concatenate([own, own[: length - 1]])
         window = np.ones(length)
         bare = np.convolve(found[turn], window, "valid") < SHARE * np.convolve(
