@@ -152,17 +152,9 @@ def run_point(study: Study, settings: SearchSettings, judge: bool = True) -> Run
         except SceneError:
             feasible = False  # too sharp a bend for a tube of this radius
     swept, cpu = time.perf_counter(), time.process_time() - cpu
-    run = Run(
-        radius,
-        radius_s,
-        searched - begun - radius_s,
-        swept - searched,
-        cpu,
-        feasible,
-        result.log.repairs,
-        faces,
-        facet_error_px(problem, radius, settings.mesh_sides),
-    )
+    search_s, sweep_s = searched - begun - radius_s, swept - searched
+    facets, repairs = facet_error_px(problem, radius, settings.mesh_sides), result.log.repairs
+    run = Run(radius, radius_s, search_s, sweep_s, cpu, feasible, repairs, faces, facets)
     return _add_quality(run, problem, result.knots, study.device) if judge else run
 
 

@@ -265,17 +265,9 @@ def list_bends(wire: Wire, straight: int, springback_percent: float) -> BendList
         turn = float(wire.turn[j])
         distance += feed
         angle = float(np.rad2deg(turn))
-        rows.append(
-            Bend(
-                distance,
-                feed,
-                rotation,
-                angle,
-                tool_angle_deg(angle, springback_percent),
-                wire.radius,
-                "" if angle >= LEAST_TURN_DEG else "as good as straight",
-            )
-        )
+        tool = tool_angle_deg(angle, springback_percent)
+        note = "" if angle >= LEAST_TURN_DEG else "as good as straight"
+        rows.append(Bend(distance, feed, rotation, angle, tool, wire.radius, note))
         distance += wire.radius * turn
         along = np.cos(turn) * wire.before[j] + np.sin(turn) * wire.inward[j]
         across = np.cos(turn) * wire.inward[j] - np.sin(turn) * wire.before[j]

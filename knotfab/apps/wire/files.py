@@ -7,7 +7,7 @@ import io
 import math
 import pathlib
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from importlib.resources import files
 from itertools import accumulate
 from math import radians
@@ -153,16 +153,7 @@ def _read(name: str) -> str:
 
 # bends.csv
 
-COLUMNS = (
-    "index",
-    "distance_mm",
-    "feed_mm",
-    "rotation_deg",
-    "bend_deg",
-    "tool_angle_deg",
-    "radius_mm",
-    "note",
-)
+COLUMNS = ("index", *(field.name for field in fields(Bend)))
 _PLACED = ("start_mm", "direction", "normal")
 
 
@@ -180,14 +171,7 @@ def write_bends(path: Path, bends: BendList, header: dict[str, str]) -> None:
     rows = csv.writer(text, lineterminator="\n")
     rows.writerow(COLUMNS)
     for number, b in enumerate(bends.bends, start=1):
-        numbers = (
-            b.distance_mm,
-            b.feed_mm,
-            b.rotation_deg,
-            b.bend_deg,
-            b.tool_angle_deg,
-            b.radius_mm,
-        )
+        numbers = (getattr(b, name) for name in COLUMNS[1:-1])
         rows.writerow([number, *(f"{round(x, 3) + 0.0:.3f}" for x in numbers), b.note])
     path.write_text(text.getvalue(), encoding="utf-8", newline="")
 
@@ -220,11 +204,11 @@ def read_bends(path: Path) -> BendList:
     for row in table:
         if None in row or None in row.values():
             raise InputError(path.name, f"row {row['index']} has too few or too many columns", "")
-        numbers = [_read_number(path, row[name]) for name in COLUMNS[1:-1]]
-        distance, feed, rotation, bend, tool, radius = numbers
-        if min(distance, feed, bend, radius) < 0:
+        numbers = {name: _read_number(path, row[name]) for name in COLUMNS[1:-1]}
+        bend = Bend(**numbers, note=row["note"])
+        if min(bend.distance_mm, bend.feed_mm, bend.bend_deg, bend.radius_mm) < 0:
             raise InputError(path.name, f"row {row['index']} holds a negative length or bend", "")
-        bends.append(Bend(distance, feed, rotation, bend, tool, radius, row["note"]))
+        bends.append(bend)
     if not bends:
         raise InputError(path.name, "it has no rows", "Write it anew.")
     return BendList(tuple(bends), placed["start_mm"], placed["direction"], placed["normal"])
