@@ -16,7 +16,7 @@ VERSION = "1.0.0"
 
 
 def list_commands() -> Iterator[Callable[..., int]]:
-    """Yield the commands that installed apps add to the command line; an app that is gone adds none."""
+    """Yield the commands that installed apps add to the command line."""
     from importlib.metadata import entry_points
 
     for entry in sorted(entry_points(group="knotfab.commands"), key=lambda e: e.name):
@@ -26,7 +26,7 @@ def list_commands() -> Iterator[Callable[..., int]]:
 
 
 def module_of(app: str) -> str:
-    """Return the name of the module that an app is entered by.
+    """Return the name of the module that starts an app.
 
     Raises:
         MachineError: it is not installed.
@@ -39,7 +39,7 @@ def module_of(app: str) -> str:
 
 
 def load_app(app: str) -> Any:
-    """Import the module that an app is entered by.
+    """Import the module that starts an app.
 
     Raises:
         MachineError: it is not installed.

@@ -1,4 +1,4 @@
-"""The arrays that the code hands around, by the kind of number in them; shapes stand in the docstrings."""
+"""Type names for arrays, by the kind of number in them. Docstrings give the shapes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Loops compiled by numba: once on a machine, kept on disk where there is a place to write."""
+"""Loops compiled by numba, once per machine: the machine code is cached on disk where possible."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ import numba
 
 _In = ParamSpec("_In")
 _Out = TypeVar("_Out")
-_ROOM_BYTES = 16_000_000  # all loops of both packages take a third of it
+_ROOM_BYTES = 16_000_000  # free disk space required; all loops together take a third of it
 _LOOPS: list[Any] = []  # numba's dispatchers
 
 
 def compiled(function: Callable[_In, _Out]) -> Callable[_In, _Out]:
-    """Compile a function of arrays and numbers when it is first called; it runs on the caller's thread.
+    """Compile a function of arrays and numbers on its first call; it runs on the caller's thread.
 
-    Floating point is that of IEEE, in the order that is written, and a division by zero gives what it gives
-    in numpy. What is compiled is kept beside the source, or else in NUMBA_CACHE_DIR or the user's
-    cache; where none of these can be written, or the disk is full, it is compiled anew in each process.
+    Floating point follows IEEE in the order written, and a division by zero gives what numpy
+    gives. The machine code is kept beside the source, else in NUMBA_CACHE_DIR or the user's cache.
+    Where none of these can be written, or the disk is full, each process compiles anew.
     """
     try:
         loop = numba.njit(cache=True, nogil=True, error_model="numpy")(function)
@@ -34,7 +34,7 @@ def compiled(function: Callable[_In, _Out]) -> Callable[_In, _Out]:
 
 
 def _has_room(loop: Any) -> bool:
-    """Tell whether the disk can take a loop's machine code, or has it already."""
+    """Return whether a loop's machine code is cached already, or the disk has room for it."""
     stats = getattr(loop, "stats", None)  # NUMBA_DISABLE_JIT leaves the function as it is
     if stats is None or shutil.disk_usage(stats.cache_path).free >= _ROOM_BYTES:
         return True
@@ -42,7 +42,7 @@ def _has_room(loop: Any) -> bool:
 
 
 def count_loops() -> tuple[int, int, str]:
-    """Count the loops that ran here and those that were compiled; name where they are kept, or ""."""
+    """Count the loops that ran and those compiled anew; return the cache's folder too, or ""."""
     ran = [loop for loop in _LOOPS if loop.signatures]
     missed = sum(sum(loop.stats.cache_misses.values()) > 0 for loop in ran)
     kept = {str(loop.stats.cache_path) for loop in ran if loop.stats.cache_path}

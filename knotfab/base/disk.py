@@ -1,4 +1,4 @@
-"""Files and folders as the system has them: where they are, what may be read of them, whose they are now."""
+"""Reading, locking and writing files and folders, within the limits that a caller sets."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ _walls: tuple[
 
 
 def at_home(path: str | Path) -> Path:
-    """Read a path whose ~ stands for a home, unless a file has that very name, or nobody lives there."""
+    """Expand a leading ~ to the home folder, unless a file has that very name or there is no home."""
     return Path(path) if os.path.lexists(path) else Path(os.path.expanduser(path))
 
 
 @contextlib.contextmanager
 def confined(folders: Sequence[Path]) -> Iterator[None]:
-    """Meanwhile, what a call or a scene names is read and written in these folders alone."""
+    """Confine all files that a call or a scene names to these folders, inside the block."""
     global _walls
     before, _walls = _walls, tuple(folder.resolve() for folder in folders)
     try:
@@ -42,7 +42,7 @@ def confined(folders: Sequence[Path]) -> Iterator[None]:
 
 
 def require_within(path: str | Path, what: str | None = None) -> None:
-    """Refuse a path that leads out of the folders of `confined`, by itself or by links.
+    """Refuse a path that leads out of the folders of `confined`, directly or through links.
 
     Args:
         what: how the error names it.
@@ -65,10 +65,10 @@ def require_within(path: str | Path, what: str | None = None) -> None:
 
 
 def own_folder(variable: str, usual: Callable[..., Path], homeless: str | None = None) -> Path:
-    """Give a folder of the user's own: what `variable` in the environment says, else this system's usual one.
+    """Return a folder of the user's own: from the environment's `variable`, else the system's usual one.
 
     Args:
-        homeless: its path where nobody has a home; by default one in which nothing can be.
+        homeless: the path to use where there is no home; by default one that can hold nothing.
     """
     own = os.environ.get(variable)
     if own:
@@ -88,7 +88,7 @@ def read_file(
     missing: str = "Check the path.",
     too_large: str = "Name another one.",
 ) -> bytes:
-    """Read a file; its kind and its size are asked first.
+    """Read a file after checking that it is a regular file of acceptable size.
 
     Args:
         what: how an error names it. noun: what it is.
@@ -125,7 +125,7 @@ def read_file(
 
 
 def read_text(path: Path, what: str, noun: str = "file", missing: str = "Check the path.") -> str:
-    """Read the text of a file, in UTF-8, with a byte order mark or without.
+    """Read a UTF-8 text file, with or without a byte order mark.
 
     Raises:
         InputError: as `read_file`; or it is no such text.
@@ -138,7 +138,7 @@ def read_text(path: Path, what: str, noun: str = "file", missing: str = "Check t
 
 
 def hold(folder: Path, wait: bool = False) -> int | None:
-    """Make a folder this process's own, until what is returned is closed or the process ends.
+    """Lock a folder for this process until the returned file is closed or the process ends.
 
     Returns:
         None where the system has no such locks.
@@ -166,7 +166,7 @@ def hold(folder: Path, wait: bool = False) -> int | None:
 
 @contextlib.contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Meanwhile, no other process is in such a block of this folder."""
+    """Keep other processes out of such a block for this folder."""
     handle = hold(folder, wait=True)
     try:
         yield
@@ -177,10 +177,11 @@ def locked(folder: Path) -> Iterator[None]:
 
 @contextlib.contextmanager
 def temporary_folder(prefix: str, place: Path | None = None) -> Iterator[Path]:
-    """Yield a folder for this process alone, which goes with the block; those that killed ones left go first.
+    """Yield a private folder that is removed with the block; folders left by killed processes go first.
 
     Args:
-        prefix: prefix of the folder's name, and of theirs. place: where it is; the machine's by default.
+        prefix: of the folder's name, and of those left behind. place: its parent; the system's
+        folder for temporary files by default.
     """
     place = Path(tempfile.gettempdir()) if place is None else place
     for left in place.glob(f"{prefix}*"):
@@ -194,7 +195,7 @@ def temporary_folder(prefix: str, place: Path | None = None) -> Iterator[Path]:
 def _remove_orphan(folder: Path) -> None:
     """Remove a folder that no process holds."""
     found = folder.lstat()
-    # a younger folder may be one that its process has not held yet
+    # a younger folder may belong to a process that has not locked it yet
     if not stat.S_ISDIR(found.st_mode) or time.time() - found.st_mtime < 60.0:
         return
     handle = hold(folder)
@@ -205,11 +206,11 @@ def _remove_orphan(folder: Path) -> None:
             os.close(handle)
 
 
-# One file written whole or not at all.
+# Writing one file whole or not at all.
 
 
 def write_whole(path: Path, content: bytes) -> None:
-    """Write beside, then move into place: never half a file.
+    """Write a file in full beside its place, then move it there, so that it is never half-written.
 
     Raises:
         InputError: it cannot be written.

@@ -32,7 +32,7 @@ _MORE_MEMORY = "Close other programs, use --accuracy draft, or a machine with 4 
 
 
 def why_of(error: OSError | ValueError) -> str:
-    """Say in words what the system says of a file."""
+    """Return the system's reason for an error with a file, in words."""
     said = error.strerror if isinstance(error, OSError) else None
     return shown(said or error)
 
@@ -51,7 +51,7 @@ class MachineError(KnotfabError):
 
 @contextmanager
 def needs_extra(what: str, extra: str) -> Iterator[None]:
-    """Guard imports that only `knotfab[extra]` installs, for `what` a person asked for.
+    """Turn a failed import of what `knotfab[extra]` installs into a sentence; `what` needs it.
 
     Raises:
         MachineError: one of them is missing.
@@ -64,7 +64,7 @@ def needs_extra(what: str, extra: str) -> Iterator[None]:
 
 
 def explain_error(error: Exception) -> KnotfabError | None:
-    """Explain what a person can do about an error of the machine or the input; None for a mistake of ours."""
+    """Explain an error of the machine or the input and its remedy; None for a fault of the program."""
     if isinstance(error, KnotfabError):
         return error
     if isinstance(error, MemoryError) or _LACKS_MEMORY.search(str(error).lower()):
@@ -102,7 +102,7 @@ def _explain_os(error: OSError) -> KnotfabError:
 
 
 def keep_traceback(error: Exception, verbose: bool = False) -> KnotfabError:
-    """Say that an error was not foreseen, and keep its traceback in a file, or show it."""
+    """Report an unforeseen error, and keep its traceback in a file, or show it where `verbose`."""
     import tempfile
     import traceback
 
@@ -142,11 +142,13 @@ _UNITS_MM = {"": 1.0, "mm": 1.0, "cm": 10.0, "m": 1000.0}
 _UNITS_MM |= dict.fromkeys(("in", "inch", "inches", '"', "″"), 25.4)
 _PLAIN = r"[+-]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:e[+-]?\d+)?"
 _LENGTH = re.compile(rf"({_PLAIN})\s*(\D*)", re.IGNORECASE)
-_TWO_WAYS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")  # 1.5 to some, 1500 to others
+_TWO_WAYS = re.compile(
+    r"[+-]?[1-9]\d{0,2},\d{3}"
+)  # "1,500" is 1.5 to some readers and 1500 to others
 
 
 def read_number(what: str, text: str) -> float:
-    """Read a number with a decimal point or comma.
+    """Parse a number with a decimal point or comma.
 
     Args:
         what: names it in the message, such as `--threshold 0,3`.
@@ -165,10 +167,10 @@ def read_number(what: str, text: str) -> float:
 
 
 def read_length(what: str, text: str, remedy: str = "") -> float:
-    """Read a length in mm: a number with or without a unit (mm, cm, m, in).
+    """Parse a length with or without a unit (mm, cm, m, in) into mm.
 
     Args:
-        remedy: what to give instead where it is no length.
+        remedy: how the error's sentence ends, where the text is no length.
 
     Raises:
         InputError: it is no length.

@@ -1,4 +1,4 @@
-"""Results in a notebook: `_repr_html_`, and a `repr` that stays short whatever it holds."""
+"""How results show in a notebook: `_repr_html_`, and a `repr` that stays short."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class InNotebook:
 
 
 def _short(value: Any) -> str:
-    """Return a plain value, cut; an array by its shape, a collection by its length, others by their kind."""
+    """Return a short `repr`: plain values are cut, arrays give their shape, collections their length."""
     if hasattr(value, "shape"):
         return f"<{'×'.join(map(str, value.shape))} {value.dtype}>"
     if value is None or isinstance(value, str | int | float | os.PathLike):

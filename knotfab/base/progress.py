@@ -1,4 +1,4 @@
-"""Progress of a build: one bar on a terminal, events for a program that watches; timings always."""
+"""Progress of a build: a bar on a terminal, events for a program that watches, timings of stages."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _MOST_COLUMNS, _MOST_ROWS = 96, 24
 
 @dataclass(frozen=True)
 class Event:
-    """A thing that happens in a build: what `--events` writes as a line, and how far the whole is by then."""
+    """Something that happens in a build, as `--events` writes it, with the share of the whole done."""
 
     name: str
     """stage, progress, scene, knots, standing, say or end."""
@@ -56,7 +56,7 @@ class Event:
 
 
 class Progress:
-    """Stages of a build, shown as they run.
+    """The stages of a build, shown and timed as they run.
 
     `auto` draws on `stream` where that is a terminal, and says nothing where it is piped; `quiet`
     never says anything; `verbose` writes a plain line with the time of each finished stage, piped
@@ -113,7 +113,7 @@ class Progress:
 
     @property
     def draws(self) -> bool:
-        """True if there is a bar: only on a terminal, and not when quiet."""
+        """True if a bar is drawn: only on a terminal, and never when quiet."""
         return self.mode != "quiet" and self._stream.isatty()
 
     @property
@@ -142,18 +142,18 @@ class Progress:
             self.tell("standing", start=self._standing().dump_start())
 
     def listen(self, events: IO[str]) -> None:
-        """Write the events to one more place."""
+        """Write the events to one more stream."""
         self._events.append(events)
 
     def plan(self, usual: Mapping[str, float]) -> None:
-        """Say which stages will come and how long they usually take, s: what the time left is judged by."""
+        """Announce the stages to come and their usual times, s, from which the time left is estimated."""
         self._usual = dict(usual)
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
-        """Time what runs inside under `name`; a stage that comes again adds to its time.
+        """Time the block under `name`; a stage that comes again adds to its time.
 
-        A stage that fails is timed as well, and the error goes on.
+        A stage that fails is timed as well, and its error is passed on.
         """
         begin = time.perf_counter()
         self._stages.append((name, begin))
@@ -173,7 +173,7 @@ class Progress:
 
     @contextmanager
     def line(self, name: str) -> Iterator[None]:
-        """Yield a line of its own for one of several things that run side by side, from any thread."""
+        """Show a progress line of its own for one of several parallel tasks; callable from any thread."""
         bar = self._bar
         line = None if bar is None else bar.add_task(name, total=None, iou="")
         try:
@@ -183,10 +183,10 @@ class Progress:
                 bar.remove_task(line)
 
     def update(self, fraction: float, iou: float | None = None, even: bool = True) -> None:
-        """Say how far the running stage is (0 to 1), and the IoU it has reached.
+        """Report how far the running stage is (0 to 1), and the IoU reached.
 
         Args:
-            even: equal shares take equal times, so that they tell how long it will take yet.
+            even: whether equal shares take equal times, so that the time left can be estimated.
         """
         if not self._stages:
             return
@@ -201,12 +201,12 @@ class Progress:
 
     @property
     def watched(self) -> bool:
-        """True if anybody sees what `update` says: a search need not measure it for nobody."""
+        """True if anybody sees what `update` reports; otherwise a search need not measure it."""
         return self._bar is not None or self._heeded
 
     @property
     def _heeded(self) -> bool:
-        """True if events go anywhere."""
+        """True if anybody listens to events."""
         return bool(self._events) or self._heard is not None
 
     def set_scene(
@@ -215,17 +215,17 @@ class Progress:
         pictures: Callable[[], list[str]],
         radius_mm: float | None,
     ) -> None:
-        """Say what the knots are drawn with: the views, and their silhouettes as data URIs."""
+        """Set how knots are drawn: the views, and their silhouettes as data URIs."""
         self._views = views
         if self._heeded:
             told = [view.model_dump(mode="json") for view in views]
             self.tell("scene", views=told, pictures=pictures(), radius_mm=radius_mm)
 
     def show(self, knots: Standing, certified: bool) -> None:
-        """Show the knots as they stand to whoever watches; they are made only where somebody does.
+        """Show the present knots to whoever watches; `knots` is called only where somebody does.
 
         Args:
-            certified: certified steps led to them, so that a search may go on from them.
+            certified: whether certified steps led to them, so that a search may resume from them.
         """
         if self._views and (room := self._room()) and self._is_due("picture", _DRAWN_S):
             assert self._draw_knots is not None
@@ -242,7 +242,7 @@ class Progress:
             self.tell("knots", radius_mm=seen.radius_mm, curves=curves)
 
     def _room(self) -> tuple[int, int] | None:
-        """Return columns and rows below the bar that a picture may fill; None where there are none."""
+        """Return the columns and rows free for a picture below the bar; None where there are none."""
         if self._bar is None or self._draw_knots is None:
             return None
         console = self._bar.console
@@ -250,12 +250,12 @@ class Progress:
         able = console.is_terminal and not console.is_dumb_terminal and not console.legacy_windows
         if not able or not console.encoding.startswith("utf"):
             return None
-        # a line stays free above the bar for what was said, and one below the picture
+        # a line stays free above the bar for messages, and one below the picture
         free = min(columns, _MOST_COLUMNS), min(rows - said - 2, _MOST_ROWS)
         return free if free[0] >= _LEAST_COLUMNS and free[1] >= _LEAST_ROWS else None
 
     def tell(self, event: str, **data: Any) -> None:
-        """Tell an event to whom it may concern; a file that nobody reads any more is no error."""
+        """Send an event to all listeners. A closed stream is dropped without an error."""
         if self._heard is not None:
             self._call(self._heard, event, data)
         if not self._events:
@@ -282,7 +282,7 @@ class Progress:
                 raise
 
     def say(self, text: str) -> None:
-        """Print a plain line that a person must see before the end, once; nothing where quiet."""
+        """Print a line that a person must see before the end, once; nothing when quiet."""
         if text in self._told:  # another frame has told it
             return
         self._told.add(text)
@@ -298,7 +298,7 @@ class Progress:
             print(text, file=self._stream, flush=True)
 
     def _is_due(self, event: str, every_s: float = _FRAME_S) -> bool:
-        """Tell whether an event that comes often is to be written now."""
+        """Return whether a frequent event is due to be written again."""
         now = time.perf_counter()
         with self._lock:
             due = now >= self._due.get(event, 0.0)
@@ -328,10 +328,10 @@ class Progress:
         return f"{left / 60:.0f} min left" if left >= 90 else f"{left:.0f} s left"
 
     def _whole(self) -> tuple[float, float | None]:
-        """Return the share of all stages that is done, and the seconds that they take yet; None: not known.
+        """Return the share of all stages that is done, and the seconds left; None where unknown.
 
-        The stages to come take their usual times, scaled by how much longer than usual those took that are
-        done; the one that runs, what its share of it promises.
+        Stages to come are given their usual times, scaled by how much longer than usual the finished
+        ones took. The time of the running stage follows from its own share.
         """
         if not self._stages:
             return self._most, None
@@ -372,7 +372,7 @@ class _Lines(logging.Handler):
 
 
 def process_age() -> float:
-    """Return seconds since this process was started, as far as its system tells; else 0."""
+    """Return the seconds since this process started; 0 where the system does not tell."""
     try:
         fields = Path("/proc/self/stat").read_text().rpartition(")")[2].split()
         started = int(fields[19]) / os.sysconf("SC_CLK_TCK")
@@ -382,7 +382,7 @@ def process_age() -> float:
 
 
 def _pack(points: Any) -> str:
-    """Return (n, 3) as little-endian float32 in base64: a tenth of a list of numbers, and of its time."""
+    """Encode points (n, 3) as little-endian float32 in base64, a tenth of the size of JSON numbers."""
     return base64.b64encode(points.astype("<f4").tobytes()).decode("ascii")
 
 

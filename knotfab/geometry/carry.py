@@ -1,4 +1,4 @@
-"""Samples of smooth closed curves, and polygons carried between them, with proofs that they keep the type.
+"""Polygons carried along isotopies in certified steps, and resampled without changing their type.
 
 A homeomorphism keeps the type of a curve, but says nothing of the polygon through a few of its points. So
 the polygon itself is carried along the path of homeomorphisms from the identity to the one in question,
@@ -29,7 +29,7 @@ _SKIP = 6  # pairs nearer along the curve are always tested, as in the flow
 
 @dataclass(frozen=True)
 class Curves:
-    """Smooth closed curves: periodic cubic splines through polygons, the parameter their arc length."""
+    """Smooth closed curves: periodic cubic splines through polygons, parametrised by arc length."""
 
     knots: Parameters  # [n] parameter of each polygon's vertices, from 0
     periods: tuple[float, ...]  # length of each polygon, mm
@@ -48,12 +48,12 @@ class Curves:
         return cls(tuple(knots), tuple(periods), tuple(splines))
 
     def at(self, where: Parameters) -> list[Array]:
-        """Return [(n, 3)] points of each curve at its parameters."""
+        """Return the points of each curve at its parameters, [(n, 3)]."""
         return [np.asarray(s(w)) for s, w in zip(self.splines, where, strict=True)]
 
 
 def refine_parameters(where: Parameters, periods: Sequence[float]) -> Parameters:
-    """Return a parameter in the middle between every two: twice as many."""
+    """Return the parameters with one more midway between each two: twice as many."""
     out = []
     for w, period in zip(where, periods, strict=True):
         ahead = np.append(w[1:], w[0] + period)
@@ -64,7 +64,7 @@ def refine_parameters(where: Parameters, periods: Sequence[float]) -> Parameters
 def space_evenly(
     where: Parameters, image: Sequence[Array], periods: Sequence[float], edge_mm: float
 ) -> Parameters:
-    """Return parameters of even vertices, `edge_mm` apart, on polygons `image` with vertices at `where`."""
+    """Return parameters at which vertices on polygons `image` are evenly `edge_mm` apart."""
     out = []
     for w, polygon, period in zip(where, image, periods, strict=True):
         arc = arc_lengths(polygon)
@@ -75,7 +75,7 @@ def space_evenly(
 
 
 def _on_polygon(polygon: Array, where: Array, period: float, wanted: Array) -> Array:
-    """Return points of the closed polygon with vertices at `where`, linear in between, at `wanted`."""
+    """Interpolate the closed polygon with vertices at `where` linearly at `wanted`."""
     return np.stack(
         [np.interp(wanted, where, polygon[:, k], period=period) for k in range(3)], axis=1
     )
@@ -88,7 +88,7 @@ def certify_same_type(
     new_where: Parameters,
     periods: Sequence[float],
 ) -> Carried:
-    """Tell whether closed polygons whose vertices have parameters are isotopic by the motion that these give.
+    """Return whether closed polygons are isotopic by the motion that matches their parameters.
 
     Both are cut at all parameters of either, which changes neither, and each point goes straight to
     the one of the same parameter, in as many certified steps as it takes: `reached` is then 1. (One step
@@ -109,7 +109,7 @@ def certify_same_type(
 
 
 def _reach(points: Array, rings: Polylines, step: Array) -> float:
-    """Measure how far pairs of segments must be known for a certificate of `step`, and of a few like it."""
+    """Return the distance up to which pairs must be known to certify `step` and a few like it."""
     edge = points[rings.next] - points
     after = edge + step[rings.next] - step
     longest = np.sqrt(max(float(dot(edge, edge).max()), float(dot(after, after).max())))
@@ -118,7 +118,7 @@ def _reach(points: Array, rings: Polylines, step: Array) -> float:
 
 @dataclass(frozen=True)
 class Carried:
-    """The polygon that was reached, and the account of its certificates."""
+    """The polygon that was reached, and the record of its certificates."""
 
     points: Array
     reached: float  # share of the way; 1: all of it is proved
@@ -187,7 +187,7 @@ class Certificate:
 
 
 def certify(points: Array, step: Array, rings: Polylines, near: Neighbours) -> Certificate:
-    """Tell whether moving `points` (N, 3) by `step` along straight lines keeps the knot type.
+    """Return whether moving `points` (N, 3) by `step` in straight lines provably keeps the knot type.
 
     `near` may be older than `points`: what it leaves out is covered by a bound on the motion since.
     """
@@ -207,11 +207,11 @@ def certify(points: Array, step: Array, rings: Polylines, near: Neighbours) -> C
 
 
 def step_limits(points: Array, rings: Polylines, near: Neighbours, largest: float) -> Array:
-    """Return [N] how far each vertex may go so that strands in `near` cannot meet: 0.45 of their gap."""
+    """Return how far each vertex may move so that strands in `near` cannot meet: 0.45 of their gap, [N]."""
     return 0.45 * kernels.step_limits(points, rings.next, near.i, near.j, largest / 0.45)
 
 
-# Resampling as a certified step: new vertices, evenly spaced along the curve, by an isotopy.
+# Resampling as a certified isotopy: new vertices, evenly spaced along the curve.
 
 
 # vertices of a ring: with twelve, the corners of rings about specks and stars come nearer than their sides
@@ -219,7 +219,7 @@ _LEAST = 24
 
 
 def _at(points: Array, parameter: Array, where: Array) -> Array:
-    """Return the closed polyline with vertices at `parameter` [n + 1], evaluated at `where`."""
+    """Interpolate the closed polyline with vertices at `parameter` [n + 1] at `where`."""
     closed = np.concatenate([points, points[:1]])
     return np.stack([np.interp(where, parameter, closed[:, k]) for k in range(3)], axis=1)
 
@@ -227,7 +227,7 @@ def _at(points: Array, parameter: Array, where: Array) -> Array:
 def resample(
     points: Array, rings: Polylines, edge_mm: float
 ) -> tuple[Array, Polylines, Certificate]:
-    """Return even vertices about `edge_mm` apart on the cubic spline through the old ones.
+    """Resample rings evenly, about `edge_mm` apart, on the cubic spline through their vertices.
 
     The straight-line motion from the old polygons to the new, matched by arc length and refined to the
     vertices of both, is certified as an isotopy. Where it is not, the same is tried along the old
@@ -252,13 +252,13 @@ def resample(
 
 
 def _resample_one(part: Array, edge_mm: float, smooth: bool) -> tuple[Array, Array, Array]:
-    """Return one ring resampled: new vertices, and old and new positions at the vertices of both."""
+    """Resample one ring; also return old and new positions at the vertices of both."""
     arc = arc_lengths(part)
     count = max(_LEAST, round(arc[-1] / edge_mm))
     where = np.linspace(0.0, arc[-1], count + 1)
     if smooth:
         spline = CubicSpline(arc, np.concatenate([part, part[:1]]), bc_type="periodic")
-        # places become even in the new polygon's own length, not only in the old one's
+        # a second pass makes vertices even in the new polygon's length, not only in the old one's
         for _ in range(2):
             at = arc_lengths(spline(where[:-1]))
             where = np.interp(np.linspace(0.0, at[-1], count + 1), at, where)
@@ -271,7 +271,7 @@ def _resample_one(part: Array, edge_mm: float, smooth: bool) -> tuple[Array, Arr
 
 
 def subdivide(points: Array, rings: Polylines, edge_mm: float) -> tuple[Array, Polylines]:
-    """Return new vertices on edges that are longer than `edge_mm`: the same curves, so nothing to certify."""
+    """Split edges longer than `edge_mm`. The curves stay the same, so nothing needs a certificate."""
     fresh = []
     for part in rings.split(points):
         edge = np.roll(part, -1, axis=0) - part

@@ -1,4 +1,4 @@
-"""Compiled loops over segments and pairs of them: nearest places, the margin of a step, hinges with slopes.
+"""Compiled loops over pairs of segments: closest points, the margin of a step, hinge penalties.
 
 Closed polylines come as points (N, 3) with the rows' successors and the start and size of each row's ring
 (see `Polylines`). Each runs on one thread, so that the order of all sums is fixed.
@@ -16,8 +16,8 @@ from knotfab.base.compiled import compiled
 
 KEEPS, FOLDS, TOO_OLD = 0, 1, 2  # results of `step_margin`
 _PARALLEL = 1e-12  # share of |u|^2 |v|^2 below which segments count as parallel
-_LEAST_SQUARE = 1e-12  # the least square of a distance that has a slope, and of a curvature
-_FOLDED = 1e-9  # share of the edges' lengths that a fold's cosine counts as
+_LEAST_SQUARE = 1e-12  # squared distances and curvatures below this have no gradient
+_FOLDED = 1e-9  # at a full fold 1 + cosine is taken as this, to keep the curvature finite
 
 
 @compiled
@@ -74,7 +74,7 @@ def closest_parameters(p: Array, u: Array, q: Array, v: Array) -> tuple[Array, A
 
 @compiled
 def _apart(points: Array, following: Indices, i: int, j: int) -> Any:
-    """Return the nearest places (s, t) of segments i and j, and what is between them."""
+    """Return the closest parameters (s, t) of segments i and j, and the vector between these points."""
     p, q = _row(points, i), _row(points, j)
     u, v = _minus(_row(points, following[i]), p), _minus(_row(points, following[j]), q)
     s, t = _closest(p, u, q, v)
@@ -89,7 +89,7 @@ def _apart(points: Array, following: Indices, i: int, j: int) -> Any:
 
 @compiled
 def _middles(points: Array, following: Indices) -> tuple[Array, Array]:
-    """Return the middle of each segment and half its length."""
+    """Return each segment's midpoint and half its length."""
     middle, half = np.empty_like(points), np.empty(len(points))
     for k in range(len(points)):
         edge = _minus(_row(points, following[k]), _row(points, k))
@@ -115,9 +115,12 @@ def least_gap(
     along: Array,  # the place of each segment's middle on its ring, mm
     length: Array,  # the length of each segment's ring, mm
     arc: float,  # pairs nearer along the curve are neighbours
-    straight: float,  # pairs further apart than this share of the arc between them are, too
+    straight: float,  # pairs further apart than this share of their arc distance are, too
 ) -> tuple[float, int]:
-    """Find the least distance of paired segments, no neighbours, and the pair; infinite and -1: none."""
+    """Find the least distance of paired segments that are not neighbours, and the pair.
+
+    Returns infinity and -1 where there is none.
+    """
     least, which = np.inf, -1
     for pair in range(len(i)):
         a, b = i[pair], j[pair]
@@ -145,7 +148,7 @@ def _slack(
 ) -> float:
     """Bound from below how near segments i and j come: their distance less their ends' relative displacement.
 
-    First by the distance of their middles less their halves; where that does not do, exactly.
+    The midpoints' distance less both half lengths comes first; where it does not do, the exact one.
     """
     moved = 0.0
     for a in (i, following[i]):
@@ -208,7 +211,7 @@ def step_margin(
         slack = _slack(points, step, following, a, b, square, half)
         if not slack >= margin:
             margin = slack
-        if margin != margin:  # no number: what follows must not hide it
+        if margin != margin:  # NaN: later comparisons must not hide it
             return KEEPS, margin
     # a run of edges that all keep a positive component along one direction, before and after, is monotone
     # along it throughout, so its segments cannot meet: only the others need a distance
@@ -235,7 +238,7 @@ def step_margin(
 
 @compiled
 def step_limits(points: Array, following: Indices, i: Indices, j: Indices, most: float) -> Array:
-    """Return [N] the least distance, up to `most`, of each vertex's segments to those paired with them."""
+    """Return each vertex's least distance from its segments to their partners, at most `most`, [N]."""
     middle, half = _middles(points, following)
     gap = np.full(len(points), most)
     for pair in range(len(i)):
@@ -258,7 +261,7 @@ def gap_hinge(
     size: Indices,
     i: Indices,
     j: Indices,
-    near: float,  # distance of the middles, mm: beyond it there is nothing to feel
+    near: float,  # mm between midpoints, beyond which a pair adds nothing
     steps: float,  # along the curve: pairs nearer than these are neighbours
     distance: float,
 ) -> tuple[float, Array]:
@@ -337,7 +340,7 @@ def bend_hinge(points: Array, following: Indices, radius: float) -> tuple[float,
 
 @compiled
 def look_up(mask: Mask, away: Array, bent: Mask) -> None:
-    """Set `bent` (H, W) where the mask, bilinear, is half or more that far `away` (H, W, 2)."""
+    """Set `bent` (H, W) where the mask, interpolated bilinearly at offsets `away` (H, W, 2), is >= 0.5."""
     rows, columns = mask.shape
     for i in range(rows):
         for j in range(columns):

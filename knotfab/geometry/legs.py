@@ -16,12 +16,12 @@ from knotfab.geometry.tube import Mesh
 from knotfab_formats.upright import longest_free_leg_mm
 
 BAR_MM = 0.8, 0.4  # width and height of a bar: pliers break it
-SUNK_MM = 0.5  # an end of a bar lies so deep in its strand
+SUNK_MM = 0.5  # depth of a bar's end in its strand
 MOST_BAR_MM = 9.0  # between the surfaces that a bar joins
-_STEP_MM = 0.4  # between the points that legs are looked at
-_PROMINENT_MM = 1.0  # a peak or valley stands out so far
+_STEP_MM = 0.4  # spacing of the points on a leg
+_PROMINENT_MM = 1.0  # least height by which a peak or valley stands out
 _SPARE = 0.93  # a share of the longest free leg: the mesh and the layers find it a little longer
-_WAITS_MM = 1.0  # a shorter bar is taken as soon as a leg has stood free for a while
+_WAITS_MM = 1.0  # a longer bar waits until its leg has stood free for 95 % of what it may
 _LEAST_MM = 0.3  # what is nearer is joined as it prints, or by no bar that could be broken
 _SOON = 0.6  # share of the longest free leg
 

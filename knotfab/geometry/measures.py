@@ -1,4 +1,4 @@
-"""What certified loops measure of closed polylines: neighbours, distances between strands, bends."""
+"""Measures of closed polylines: neighbouring segments, distances between strands, bends."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from knotfab_formats.libraries import took_part
 
 @dataclass(frozen=True)
 class Neighbours:
-    """Segment pairs (i -> i+1, j -> j+1), i < j, whose middles were within `reach` at `points`."""
+    """Pairs of segments (i -> i+1, j -> j+1), i < j, with midpoints within `reach` at `points`."""
 
     i: Indices
     j: Indices
@@ -24,12 +24,12 @@ class Neighbours:
     skip: int  # pairs closer than this many steps along the curve are left out
 
     def moved(self, points: Array) -> float:
-        """Return the largest distance a vertex has gone since the pairs were found."""
+        """Return the largest distance that a vertex has moved since the pairs were found."""
         return float(np.sqrt(dot(points - self.points, points - self.points).max()))
 
 
 def find_neighbours(points: Array, rings: Polylines, reach: float, skip: int) -> Neighbours:
-    """Find all segment pairs with middles within `reach` and at least `skip` steps apart."""
+    """Find all pairs of segments with midpoints within `reach`, at least `skip` steps apart."""
     middle = 0.5 * (points + points[rings.next])
     took_part("scipy", "found the strands that are near each other")
     pairs = cKDTree(middle).query_pairs(reach, output_type="ndarray").astype(np.int64)
@@ -39,7 +39,7 @@ def find_neighbours(points: Array, rings: Polylines, reach: float, skip: int) ->
 
 
 def segment_distance(a: Array, b: Array, c: Array, d: Array) -> Array:
-    """Return [M] distance between the segments a-b and c-d, [M, 3] each, none of them without length."""
+    """Return the distances [M] between segments a-b and c-d, [M, 3] each, all of positive length."""
     s, t = closest_parameters(a, b - a, c, d - c)
     gap = a + s[:, None] * (b - a) - c - t[:, None] * (d - c)
     return np.asarray(np.linalg.norm(gap, axis=1))
@@ -55,7 +55,7 @@ class StrandGap:
 
 
 def bend_radii(points: Array, rings: Polylines) -> Array:
-    """Return [N] min(adjacent edges) / (2 tan(theta / 2)) at each vertex (Rawdon's MinRad), mm."""
+    """Return each vertex's bend radius (Rawdon's MinRad), min(edges) / (2 tan(theta / 2)), mm, [N]."""
     ahead, behind = points[rings.next] - points, points - points[rings.previous]
     one, two = np.linalg.norm(ahead, axis=1), np.linalg.norm(behind, axis=1)
     cosine = dot(ahead, behind) / (one * two)
@@ -80,7 +80,7 @@ def strand_gap(
     total = np.add.reduceat(length, np.unique(rings.start))[rings.ring]
     longest, within = float(length.max()), min(1.2 * separation, reach)
     while True:
-        # a gap found within a distance is the least of all; most often strands are close somewhere
+        # a gap found within a short distance is the least of all, and strands are mostly close somewhere
         near = find_neighbours(points, rings, within + longest, 2)
         lists = (rings.next, rings.start, near.i, near.j, before, total)
         gap, pair = least_gap(points, *lists, 0.5 * np.pi * separation, straight)
@@ -94,7 +94,7 @@ def strand_gap(
 
 @dataclass(frozen=True)
 class Curvature:
-    """The bending of a closed polyline: curvature times the tube's radius along its length, and its turns."""
+    """The bending of a closed polyline: curvature times the tube's radius along it, and total turns."""
 
     mean: float
     quantile_90: float
@@ -102,7 +102,7 @@ class Curvature:
 
 
 def measure_curvature(points: Array, radius: float) -> Curvature:
-    """Measure the curvature of a closed polyline (n, 3): at a vertex, turning angle over its mean edge."""
+    """Measure a closed polyline's curvature (n, 3): turning angle over mean edge length at each vertex."""
     ahead = np.roll(points, -1, axis=0) - points
     length = np.linalg.norm(ahead, axis=1)
     unit = ahead / length[:, None]

@@ -1,4 +1,4 @@
-"""Fast estimates of the support that a pose would take, how it stands, and what it lays over air."""
+"""Fast estimates for a print pose: its supports, its stability, and its spans in mid-air."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from knotfab.geometry.polylines import arc_lengths
 
 FINEST_RADII = 0.8  # tube radii between two samples of a centre line
 STRIPS = (-0.8, -0.4, 0.0, 0.4, 0.8)  # across the underside, in halves of its width
-CELL_RADII = 1.0  # cells of the grid in which strands find what lies below them
+CELL_RADII = 1.0  # cells of grid cells, by which the strand below another is found
 
 # How supports are printed (part.slicer_profile), and so what they weigh: lines of this width, in
 # nozzles, this far apart between both edges of a strand's underside, and a denser roof below the strand.
@@ -83,7 +83,7 @@ class Estimate:
 def strands_along(
     curves: Sequence[Array], radius: float, closed: Sequence[bool] | None = None, most: int = 6000
 ) -> Strands:
-    """Lay rods of even length along every curve (n, 3), mm, about `FINEST_RADII` radii, `most` in all.
+    """Cut every curve (n, 3), mm, into rods of even length, about `FINEST_RADII` radii, `most` in all.
 
     Args:
         closed: which of the curves are; None: all.
@@ -138,13 +138,13 @@ def estimate(strands: Strands, turn: Array, rules: Rules) -> Estimate:
 
 
 def support_cm3(strands: Strands, turn: Array, rules: Rules) -> float:
-    """Return the `support_cm3` of `estimate` alone, for whoever asks it of thousands of curves."""
+    """Return only the `support_cm3` of `estimate`, which is quick enough for thousands of curves."""
     return _PosedStrands.of(strands, turn, rules).columns(rules).volume_cm3
 
 
 @dataclass(frozen=True)
 class _Columns:
-    """Under each strip: height, area and what it stands on, mm; strip after strip."""
+    """The column under each strip, strip after strip: its height, area and base, mm."""
 
     tall: Array
     floor: Array
@@ -184,7 +184,7 @@ class _PosedStrands:
 
 
 def _weigh_supports(volume: float, curtain: float, roof: float, rules: Rules) -> float:
-    """Return mm³ of filament in supports of a `volume`, below undersides of an area `roof`, mm² and mm³.
+    """Return the filament, mm³, in supports of a `volume`, mm³, below undersides of area `roof`, mm².
 
     A strand's support is a wall as narrow as its underside: a line along either edge, and lines across
     it. `curtain`, mm², is its length times its height.
@@ -197,7 +197,7 @@ def _weigh_supports(volume: float, curtain: float, roof: float, rules: Rules) ->
 def _columns(
     strands: Strands, flat: Array, along: Array, level: Array, z: Array, wide: Array
 ) -> tuple[Array, Array, Array]:
-    """Lower end, height of what lies below, and area, of the strips, strip after strip."""
+    """Return each strip's lower end, the height of what lies below it, and its area."""
     some = len(STRIPS) * len(z)
     cell = max(CELL_RADII * strands.radius, float(strands.length.max()))
     cells, low, high, area = _strips(
@@ -250,7 +250,7 @@ def _strips(
 
 @compiled
 def _floors(cells: Indices, low: Array, high: Array) -> Array:
-    """Give (n,) the top of what stands apart below each span of heights in its cell; 0, the bed, of none."""
+    """Return the top of the nearest separate thing below each span of heights; 0, the bed, of none, (n,)."""
     begins = np.zeros(cells.max() + 2, dtype=np.int64)
     for n in range(len(cells)):
         begins[cells[n] + 1] += 1
@@ -275,7 +275,7 @@ def _floors(cells: Indices, low: Array, high: Array) -> Array:
 
 
 def _tip(flat: Array, z: Array, weight: Array, on_bed: NDArray[np.bool_], radius: float) -> float:
-    """Return degrees by which the piece may lean before its middle leaves the hull of its feet."""
+    """Return how far the piece may lean before its centre leaves the hull of its feet, degrees."""
     center = weight @ np.column_stack([flat, z]) / weight.sum()
     points = flat[on_bed]
     if len(points) < 3:
@@ -289,7 +289,7 @@ def _tip(flat: Array, z: Array, weight: Array, on_bed: NDArray[np.bool_], radius
 
 
 def _over_air(strands: Strands, at: Array, bottom: Array, layer: float) -> tuple[int, float]:
-    """Count the lowest places that lie in mid-air, and measure the longest way within one layer over air."""
+    """Count the local minima in mid-air, and measure the longest stretch within one layer over air."""
     starts, longest, begin = 0, 0.0, 0
     for size in strands.sizes:
         own = slice(begin, begin + size)

@@ -1,4 +1,4 @@
-"""Several closed polylines in one array, with the index arithmetic that the search needs."""
+"""Several closed polylines in one array, with the index arithmetic to walk along them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from knotfab.base.arrays import Array, Indices
 
 
 def dot(a: Array, b: Array) -> Array:
-    """Return [N] row-wise scalar products of (N, 3) arrays (einsum: sums over three are slow otherwise)."""
+    """Return the row-wise scalar products [N] of (N, 3) arrays; sums over an axis of three are slow."""
     return np.asarray(np.einsum("ij,ij->i", a, b))
 
 
@@ -28,12 +28,12 @@ class Polylines:
     previous: Indices  # [N]
 
     def ahead(self, steps: int) -> Indices:
-        """Return [N] the row `steps` further along each row's ring."""
+        """Return the row `steps` further along each row's ring, [N]."""
         rows = np.arange(len(self.start))
         return self.start + (rows - self.start + steps) % self.size
 
     def index_distance(self, i: Indices, j: Indices) -> Indices:
-        """Return steps between rows along the curve; a huge number between different rings."""
+        """Return the steps between rows along the curve; a huge number between different rings."""
         apart = np.abs(i - j)
         apart = np.minimum(apart, self.size[i] - apart)
         return np.where(self.ring[i] == self.ring[j], apart, np.iinfo(np.int64).max)
@@ -44,17 +44,17 @@ class Polylines:
         return np.cumsum([0, *self.sizes], dtype=np.int64)
 
     def split(self, rows: Array) -> list[Array]:
-        """Return the (N, k) array cut into its rings."""
+        """Split an (N, k) array into its rings."""
         return np.split(rows, self.bounds[1:-1])
 
 
 def split_alike(rows: Array, curves: Sequence[Array]) -> list[Array]:
-    """Return the (N, k) array cut into runs as long as the curves, one after the other."""
+    """Split an (N, k) array into runs as long as the curves, in order."""
     return np.split(rows, np.cumsum([len(curve) for curve in curves])[:-1])
 
 
 def polylines_of(curves: Iterable[Array]) -> Polylines:
-    """Return the index arithmetic of closed polylines (n, k), laid behind each other."""
+    """Return the index arithmetic of closed polylines (n, k), concatenated."""
     return polylines_of_sizes(tuple(len(curve) for curve in curves))
 
 
@@ -75,7 +75,7 @@ def polylines_of_sizes(sizes: tuple[int, ...]) -> Polylines:
 
 
 def arc_lengths(points: Array, *, closed: bool = True) -> Array:
-    """Return (n + 1,) arc length at each vertex of a polyline (n, k), the whole last; (n,) of an open one."""
+    """Return the arc length at each vertex of a polyline (n, k), (n + 1,) if closed, else (n,)."""
     steps = np.diff(points, axis=0, append=points[:1]) if closed else np.diff(points, axis=0)
     edges = np.linalg.norm(steps, axis=1)
     return np.concatenate([[0.0], np.cumsum(edges)])
@@ -102,13 +102,13 @@ def sample_evenly(points: Array, step: float, *, at_most: bool = False, fewest: 
 
 
 def number_runs(counts: Indices) -> tuple[Indices, Indices]:
-    """Number the members of runs of lengths (n,): the run that each belongs to, and its number there."""
+    """Return, for each member of runs of lengths (n,), its run and its position there."""
     run = np.repeat(np.arange(len(counts)), counts)
     return run, np.arange(len(run)) - np.repeat(np.cumsum(counts) - counts, counts)
 
 
 def pair_nearby(curves: Sequence[Array], reach: float) -> tuple[Indices, Array]:
-    """Return (m, 2) pairs of points closer than `reach`, and (m,) how far apart they are along their curve.
+    """Find pairs of points closer than `reach`, (m, 2), and their distances along the curve, (m,).
 
     Args:
         curves: closed polylines [(n, k)], whose points are numbered one after the other.

@@ -1,4 +1,4 @@
-"""The pinhole of one view: from pixel to ray and from point to pixel (docs/conventions.md)."""
+"""The pinhole camera of a view, flat or round wall: pixel to ray, point to pixel (docs/conventions.md)."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class Camera:
 
     @property
     def middle(self) -> Array:
-        """(3,) of the frame, on the receiver."""
+        """The middle of the frame, on the receiver, (3,)."""
         half = self.corner + 0.5 * (self.width - 1) * self.du
         return np.asarray(half + 0.5 * (self.height - 1) * self.dv)
 
@@ -71,22 +71,22 @@ class Camera:
 
     @property
     def wall_axes(self) -> Array:
-        """(3, 3) rows: the picture's right, up the receiver, and out of it."""
+        """The picture's right, up the receiver, and out of it, as rows (3, 3)."""
         right, out = self.du / np.linalg.norm(self.du), self.receiver[:3]
         return np.stack([right, np.cross(out, right), out])
 
     @property
     def level_axes(self) -> Array:
-        """(3, 3) rows: the picture's right, straight up, and level towards the light."""
+        """The picture's right, straight up, and level towards the light, as rows (3, 3)."""
         right, up = self.du / np.linalg.norm(self.du), np.array([0.0, 1.0, 0.0])
         return np.stack([right, up, np.cross(right, up)])
 
     def project(self, points: Array) -> Array:
-        """Map (n, 3) points in mm -> (n, 2) pixels."""
+        """Project points (n, 3), mm, to pixels (n, 2)."""
         return project(points, self.projection).places
 
     def cast(self, points: Array) -> Array:
-        """Map (n, 3) points in mm -> (n, 3) where the rays through them meet the receiver's plane."""
+        """Return where the rays through points (n, 3), mm, meet the receiver's plane (n, 3)."""
         plane = self.receiver
         away = points - self.eye
         height = plane[:3] @ self.eye + plane[3]
@@ -119,18 +119,18 @@ def camera_of(view: ResolvedView, width: int, height: int) -> Camera:
 
 
 def light_of(view: View) -> Array:
-    """Return (3,) the middle of the view's lamp (or its eye), in the scene."""
+    """Return the middle of the view's lamp (or its eye) in the scene, (3,)."""
     beside = (view.light_right_mm, view.light_up_mm, view.light_distance_mm)
     return np.asarray(beside @ view_axes(view))
 
 
 def cameras_of(views: Iterable[ResolvedView], pictures: Iterable[_Sized]) -> list[Camera]:
-    """Return the cameras of views, each with the pixels of its picture."""
+    """Return the camera of each view, with the resolution of its picture."""
     return [camera_of(v, p.width, p.height) for v, p in zip(views, pictures, strict=True)]
 
 
 def walls_of(views: Iterable[ResolvedView]) -> tuple[Plane, ...]:
-    """Return (nx, ny, nz, d) of each wall: n · p + d is how far p stands before what is clear of it, mm."""
+    """Return each wall's plane (nx, ny, nz, d); n · p + d is the clearance of p before it, mm."""
     walls = []
     for view in views:
         if view.kind == "shadow":
@@ -141,7 +141,7 @@ def walls_of(views: Iterable[ResolvedView]) -> tuple[Plane, ...]:
 
 
 def view_axes(view: View | Region) -> Array:
-    """Return (3, 3) rows: the view's right, up and towards its light; a region's own axes."""
+    """Return the view's right, up and towards its light, as rows (3, 3); a region's own axes."""
     azimuth, elevation = np.deg2rad(view.azimuth_deg), np.deg2rad(view.elevation_deg)
     right = np.array([np.cos(azimuth), 0.0, -np.sin(azimuth)])
     level = np.array([np.sin(azimuth), 0.0, np.cos(azimuth)])
@@ -152,7 +152,7 @@ def view_axes(view: View | Region) -> Array:
 
 
 def least_apart(views: Sequence[View]) -> float:
-    """Return the least angle between two lines of sight, degrees; from behind a line is the same."""
+    """Return the least angle between two lines of sight, degrees; opposite directions count as one."""
     axes = np.array([view_axes(v)[2] for v in views])
     cosine = np.abs(axes @ axes.T)[np.triu_indices(len(axes), 1)]
     return float(np.rad2deg(np.arccos(np.clip(cosine.max(), 0.0, 1.0))))
@@ -162,8 +162,8 @@ def least_apart(views: Sequence[View]) -> float:
 # touches it.
 
 
-_SLANTED_DEG = 80.0  # light that falls on a wall at more is a glimmer
-_ACROSS = 65  # places of half a frame's width that are looked at
+_SLANTED_DEG = 80.0  # light at a steeper angle from the normal hardly brightens a wall
+_ACROSS = 65  # sample places over half of a frame's width
 
 
 @dataclass(frozen=True)
@@ -195,7 +195,7 @@ class CurvedWall:
         return CurvedWall(view.wall_radius_mm, axes, foot, axes @ (camera.eye - foot), frame)
 
     def flatten(self, places: Array) -> Array:
-        """Return places (n, 2) of the flat wall on the rays through places (n, 2) of this one."""
+        """Map places (n, 2) of this wall along their rays to the flat wall (n, 2)."""
         turn = places[:, 0] / self.radius
         before = self.before(turn)
         on = before / (self.light[2] - before)
@@ -203,7 +203,7 @@ class CurvedWall:
         return np.column_stack([across, places[:, 1] + (places[:, 1] - self.light[1]) * on])
 
     def unroll(self, flat: Array) -> Array:
-        """Return the inverse of `flatten`; NaN where a ray passes beside a column.
+        """Invert `flatten`: map places of the flat wall to this one; NaN where a ray passes a column.
 
         A ray to (x, y) is at x (1 - u) across and H u before the flat wall, and on the circle where
         (x² + H²) u² - 2 (x² + R H) u + x² = 0; of both roots the one near u = 0, from their product, for a
@@ -219,9 +219,9 @@ class CurvedWall:
         return np.column_stack([arc, flat[:, 1] - (flat[:, 1] - self.light[1]) * u])
 
     def areas(self, across: Array, half: float) -> Array:
-        """Return (n,) what strips about places `across` (n,) of the flat wall stand for here, over their own.
+        """Return how much larger each vertical strip of the flat wall is when cast on the round one, (n,).
 
-        Each is from `half` mm before its place to as far behind; 0 of what light does not bring here.
+        Strips reach `half` mm to either side of `across` (n,); 0 where no light arrives.
         """
         ends = [
             self.unroll(np.column_stack([x, np.zeros_like(x)]))
@@ -232,7 +232,7 @@ class CurvedWall:
         return np.nan_to_num((ends[1] - ends[0])[:, 0] / (2 * half) * (above - level))
 
     def stand(self, places: Array) -> tuple[Array, Array]:
-        """Return points (n, 3) in the scene of places (n, 2), and the wall's unit normals (n, 3) there."""
+        """Return the points (n, 3) of places (n, 2) in the scene, and the wall's unit normals (n, 3) there."""
         turn = places[:, 0] / self.radius
         before = self.before(turn)
         local = np.column_stack([self.radius * np.sin(turn), places[:, 1], before])
@@ -240,11 +240,11 @@ class CurvedWall:
         return self.foot + local @ self.axes, normal @ self.axes
 
     def before(self, turn: Array | float) -> Array:
-        """Measure how far before the flat wall this one is, turned so far, mm: R (1 - cos), which cancels."""
+        """Return how far this wall stands before the flat one at angle `turn`, mm, without cancellation."""
         return np.asarray(2 * self.radius * np.sin(0.5 * turn) ** 2)
 
     def touching(self, points: Array) -> Array:
-        """Find (n, 4) the planes that touch the wall at the shadows of points (n, 3); NaN beside it."""
+        """Return the planes tangent to the wall at the shadows of points (n, 3), (n, 4); NaN beside it."""
         local = (points - self.foot) @ self.axes.T
         share = self.light[2] / (self.light[2] - local[:, 2:])
         at, normal = self.stand(
@@ -253,7 +253,7 @@ class CurvedWall:
         return np.column_stack([normal, -(normal * at).sum(axis=1)])
 
     def room_mm(self, points: Array) -> float:
-        """Measure how near points (n, 3) of the scene come to the wall at most, mm; less than 0 behind it.
+        """Return the least clearance of points (n, 3) before the wall, mm; negative behind it.
 
         Of a hollow wall that is also how near what lies between them comes.
         """
@@ -263,7 +263,7 @@ class CurvedWall:
 
     @property
     def off_mm(self) -> float:
-        """Measure how far the picture of a flat wall lies from that of this one, at most in the frame, mm.
+        """Bound how far the flat wall's picture lies from this one's within the frame, mm.
 
         About |x|³ / (2 R H) across, less what a bent wall is longer, |x|³ / (6 R²), and y x² / (2 R H) up.
         """
@@ -280,7 +280,7 @@ class CurvedWall:
         return float(np.linalg.norm(np.concatenate(off), axis=1).max())
 
     def slant_deg(self, arc: float) -> float:
-        """Give the angle from the wall's normal at which light falls so far aside, level with the light."""
+        """Return the angle between light and the wall's normal at this arc length, level with the light."""
         turn = arc / self.radius
         if abs(turn) >= 0.5 * np.pi:
             return 180.0

@@ -1,4 +1,4 @@
-"""Printers and materials that are known by name, and a scene with their figures filled in."""
+"""Printers and materials by name, and a scene completed with their figures."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def materials() -> dict[str, Material]:
 
 
 def asked_for(model: type[Named], text: str) -> Named:
-    """Return the printer or material of a name, whose figures `resolve` fills in, or of a file, whole.
+    """Return a printer or material: of a name, completed later by `resolve`, or of a file, complete.
 
     Raises:
         InputError: the file is no such thing.
@@ -46,11 +46,11 @@ def asked_for(model: type[Named], text: str) -> Named:
 
 
 def _fill_in(own: Named) -> Named:
-    """Return `own` with the data file's figures wherever the scene did not give a key itself."""
+    """Complete `own` with the data file's figures for keys that the scene does not set."""
     written = {key: getattr(own, key) for key in own.model_fields_set if key != "name"}
     keys = set(type(own).model_fields) - {"name"}
     if keys <= set(written):
-        return own  # a build writes it so: no file is needed, and none can change it
+        return own  # a build writes scenes so: complete, so that no data file can change them
     kind = kind_of(type(own))
     name = find_name(kind, own.name)
     if name not in known_names(kind):
@@ -70,7 +70,7 @@ def _fill_in(own: Named) -> Named:
 
 
 def _fill_in_open(printer: Printer) -> ResolvedPrinter:
-    """Fill in the printer's numbers: supports have its room, walls and gaps its nozzle's width."""
+    """Derive figures that the printer leaves open: most support volume, least wall and gap."""
     width, depth, height = printer.build_volume_mm
     usual = {
         "max_support_cm3": width * depth * height / 1000,
@@ -82,7 +82,7 @@ def _fill_in_open(printer: Printer) -> ResolvedPrinter:
 
 
 def _find_material(own: Material, printer: Printer) -> Material:
-    """Find the scene's material with its figures; where it names none, the usual one of the printer.
+    """Return the scene's material with its figures, or else the printer's usual one.
 
     Raises:
         InputError: the printer does not print with such a material.
@@ -103,7 +103,7 @@ def _find_material(own: Material, printer: Printer) -> Material:
 
 
 def resolve(scene: Scene) -> ResolvedScene:
-    """Return the scene as a build takes it: printer and material are merged from their data files.
+    """Complete the scene for a build: printer and material are merged with their data files.
 
     Keys that the scene gives itself in [printer] and [material] win over the data file. Unless the scene
     says otherwise, a tube of wire is as thick as the wire, powder comes out between strands, and a piece
@@ -141,7 +141,7 @@ def resolve(scene: Scene) -> ResolvedScene:
 Kind = Literal["printer", "material"]
 Named = TypeVar("Named", Printer, Material)
 
-# How a part is printed: what holds for most printers and materials, so that one's own need not say.
+# Usual values for most printers and materials, which a person's own file may leave out.
 USUAL = {"layer_height_mm", "supports", "max_overhang_deg", "max_bridge_mm", "max_support_cm3"}
 USUAL |= {"process", "color", "min_wall_mm", "min_gap_mm"}
 USUAL |= {"wire_diameter_mm", "tool_radius_mm", "min_straight_mm", "max_bend_deg"}
@@ -149,27 +149,27 @@ USUAL |= {"springback_percent", "young_modulus_mpa", "yield_mpa", "transmittance
 USUAL |= {"shrinkage_percent"}
 
 
-_FOR_PEOPLE = ("title", "aliases")  # keys of a data file that are none of the model
+_FOR_PEOPLE = ("title", "aliases")  # keys of a data file that the model does not have
 
 
 def data_folder() -> Path:
-    """Return a person's own data: $KNOTFAB_DATA, else knotfab in this system's folder for settings."""
+    """Return the folder of a person's own data: $KNOTFAB_DATA, else the system's settings folder."""
     return own_folder("KNOTFAB_DATA", user_config_path, "$KNOTFAB_DATA")
 
 
 def kind_of(model: type[Printer] | type[Material]) -> Kind:
-    """Return the table's name."""
+    """Return the name of the model's table in a scene."""
     return "printer" if model is Printer else "material"
 
 
 def is_file_name(text: str) -> bool:
-    """Tell whether a printer or material is meant as a file, not by its name."""
+    """Return whether a printer or material is given as a file, not by its name."""
     return text.endswith(".toml") or "/" in text or os.sep in text
 
 
 @cache
 def _list_supplied(kind: Kind) -> dict[str, dict[str, Any]]:
-    """List content of each data file that comes along, by its name; the title is left out."""
+    """Return the content of each bundled data file by name, without its title."""
     files = resources.files("knotfab.scene").joinpath("data", f"{kind}s").iterdir()
     found: dict[str, dict[str, Any]] = {}
     for file in sorted(files, key=lambda f: f.name):
@@ -184,7 +184,7 @@ def title_of(kind: Kind, name: str) -> str:
 
 
 def find_name(kind: Kind, text: str) -> str:
-    """Find the known name that a person means by `text`; `text` itself where none is meant or several are.
+    """Match `text` to a known name; return `text` itself where no name or several match.
 
     Case, spaces, hyphens and a maker's name before it do not matter: "Bambu P1S", "P1S", "pla".
     """
@@ -197,7 +197,7 @@ def find_name(kind: Kind, text: str) -> str:
         table = _list_supplied(kind).get(name, {})
         for way in (name, table.get("title", name), *table.get("aliases", ())):
             words = re.split(r"[\s_-]+", way)
-            for start in range(len(words)):  # names with and without the maker
+            for start in range(len(words)):  # with and without the maker's name
                 ways.setdefault(_squeeze("".join(words[start:])), set()).add(name)
     exact = [name for name in names if _squeeze(name) == meant]
     found = exact or list(ways.get(meant, ()))
@@ -205,12 +205,12 @@ def find_name(kind: Kind, text: str) -> str:
 
 
 def _squeeze(text: str) -> str:
-    """Return only its letters and digits, small."""
+    """Return the letters and digits of a text, in lower case."""
     return "".join(c for c in text.lower() if c.isalnum())
 
 
 def _own_files(kind: Kind) -> dict[str, Path]:
-    """Return a person's own files by name; none where the folder is not there."""
+    """Return a person's own files by name; empty where their folder does not exist."""
     folder = data_folder() / f"{kind}s"
     try:
         return {path.stem: path for path in sorted(folder.glob("*.toml"))}
@@ -224,7 +224,7 @@ def known_names(kind: Kind) -> list[str]:
 
 
 def load_named(model: type[Named], name: str) -> Named:
-    """Load the printer or material of this known name, one's own before one that comes along.
+    """Load a printer or material by name, a person's own before a bundled one.
 
     Raises:
         InputError: one's own file is no such thing.
@@ -237,7 +237,7 @@ def load_named(model: type[Named], name: str) -> Named:
 
 
 def load_file(model: type[Named], path: Path) -> Named:
-    """Load the printer or material that a file describes, every key set; it is named after its file.
+    """Load a complete printer or material from a file, after which it is named.
 
     Its keys are those of [printer] or [material] in a scene; they may stand below such a header.
     Those of `USUAL` may be left out for the model's defaults.

@@ -1,4 +1,4 @@
-"""Several lamps before one wall: what cannot be."""
+"""Several lamps before one wall: reading `--lamps`, and refusing lamps that cannot work together."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from knotfab_formats.errors import InputError
 from knotfab_formats.scene import ResolvedScene, Scene
 from knotfab_formats.views import View
 
-# linear light of lamps that are sold, in red, green and blue of sRGB; each as bright as the others where lit
+# light of lamps on the market, linear sRGB, equally bright in their strongest channel
 _COLOURS: dict[str, tuple[float, float, float]] = {
     "red": (1.0, 0.0, 0.0),
     "green": (0.0, 1.0, 0.0),
@@ -24,16 +24,16 @@ _COLOURS: dict[str, tuple[float, float, float]] = {
     "cold": (0.75, 0.87, 1.0),  # about 8000 K
 }
 _SETS = {"rgb": "red+green+blue"}
-# a file beside the scene: the picture that masks were taken from
+# a file beside the scene: the picture from which the masks were taken
 COLOURS_FILE = "picture-colours.png"
 SWITCH = "switch"  # the word for lamps that are lit one after the other
 MOST_LAMPS = 5  # five lamps mix 32 colours
-_APART_MM = 1.0  # two lamps that stand nearer to each other throw one shadow
-_ALIKE = 0.05  # a share of a colour's length: two lamps of colours nearer to each other mix nothing
+_APART_MM = 1.0  # lamps nearer to each other cast one and the same shadow
+_ALIKE = 0.05  # share of a colour's length by which lamps must differ for their colours to mix
 
 
 def require_lamps(scene: Scene, what: str) -> None:
-    """Refuse lamps before one wall that show nothing together, once their places are fixed.
+    """Refuse lamps before one wall that cannot show a picture together, once their places are fixed.
 
     Raises:
         InputError: lamps of one colour twice, or at one place.
@@ -56,20 +56,20 @@ def require_lamps(scene: Scene, what: str) -> None:
 
 
 def _alike(one: View, other: View) -> bool:
-    """Tell whether two lamps differ in brightness at most."""
+    """Return whether two lamps have the same colour, brightness aside."""
     lengths = [hypot(*view.lamp_colour) or 1.0 for view in (one, other)]
     ways = [[c / n for c in v.lamp_colour] for v, n in zip((one, other), lengths, strict=True)]
     return hypot(*(a - b for a, b in zip(*ways, strict=True))) < _ALIKE
 
 
 def _apart_mm(one: View, other: View) -> float:
-    """Measure how far two lamps stand from each other."""
+    """Return the distance between two lamps."""
     keys = ("light_right_mm", "light_up_mm", "light_distance_mm")
     return hypot(*(getattr(one, key) - getattr(other, key) for key in keys))
 
 
 def lamps_named(text: str) -> dict[str, tuple[float, float, float]]:
-    """Return the lamps of `--lamps`, each by its name with its colour: rgb, or names with + between them.
+    """Parse `--lamps` into names and colours: "rgb", or names joined by +.
 
     Raises:
         InputError: there is no such lamp, or fewer than two.
@@ -98,7 +98,7 @@ def lamps_named(text: str) -> dict[str, tuple[float, float, float]]:
 
 
 def with_lamps(scene: ResolvedScene, text: str, names: Sequence[str] = ()) -> ResolvedScene:
-    """Return the scene with a view for each lamp of `--lamps`, all before the wall of its first view.
+    """Return the scene with one view for each lamp of `--lamps`, before the wall of its first view.
 
     Args:
         names: names of the pictures of lamps that are switched, one each.
@@ -128,7 +128,7 @@ def with_lamps(scene: ResolvedScene, text: str, names: Sequence[str] = ()) -> Re
 
 
 def with_small_lamps(scene: ResolvedScene) -> ResolvedScene:
-    """Give the scene with lamps as small as LEDs, where nobody says their size: colours need sharp edges."""
+    """Return the scene with lamps as small as LEDs where no size is set: colours need sharp edges."""
     if any("light_diameter_mm" in view.model_fields_set for view in scene.views):
         return scene
     small = {"light_diameter_mm": 3.0}  # an LED

@@ -32,7 +32,7 @@ def load_scene(path: str | Path) -> Scene:
 
 
 def _beside(scene: Scene, folder: Path) -> Scene:
-    """Return the scene with all files but pictures named by whole paths: a build may run elsewhere."""
+    """Return the scene with absolute paths for all files but pictures, so that it works elsewhere."""
     update: dict[str, Any] = {}
     region, start = scene.region, scene.search.get("start")
     if region.file is not None:
@@ -67,7 +67,7 @@ def parse_scene(text: str, what: str = "scene.toml") -> Scene:
 
 
 def _reach_mm(region: Region, view: View) -> float | None:
-    """Measure how far a region reaches from the scene's middle towards a view's light, mm; None: open."""
+    """Return how far a region reaches from the scene's middle towards a light, mm; None if open."""
     size = region.size_mm
     if size is None or region.kind == "mesh":
         return None
@@ -83,7 +83,7 @@ def _reach_mm(region: Region, view: View) -> float | None:
 
 
 def check_scene(scene: Scene, what: str = "scene.toml") -> None:
-    """Reject lengths that are each possible, but not together.
+    """Refuse settings that are possible alone but not together.
 
     Raises:
         InputError: two views of one name; lamps before one wall that show nothing together; a region
@@ -104,7 +104,7 @@ def check_scene(scene: Scene, what: str = "scene.toml") -> None:
 
 
 def _faults_of_region(scene: Scene) -> Iterator[tuple[str, str]]:
-    """Yield what is wrong with a scene's region, and the remedy of each fault."""
+    """Yield each fault of a scene's region, with its remedy."""
     region, radius = scene.region, scene.piece.tube_radius_mm or 0.0
     if region.kind == "mesh" and not region.file:
         yield '[region] kind is "mesh", but it names no file', 'Write file = "room.stl".'
@@ -127,7 +127,7 @@ def _faults_of_region(scene: Scene) -> Iterator[tuple[str, str]]:
 
 
 def _faults_of_plate(scene: Scene) -> Iterator[tuple[str, str]]:
-    """Yield what does not go with a plate that the piece stands in, and the remedy of each fault."""
+    """Yield each setting that conflicts with a plate in which the piece stands, with its remedy."""
     mount, view = scene.mount, scene.views[0]
     if mount.plate == "pegs":
         return
@@ -161,7 +161,7 @@ def _faults_of_plate(scene: Scene) -> Iterator[tuple[str, str]]:
 
 
 def _faults_of_view(scene: Scene, view: View) -> Iterator[tuple[str, str]]:
-    """Yield what does not go together of a view's picture, piece and lamps, and the remedy of each fault."""
+    """Yield each conflict between a view's picture, piece and lamps, with its remedy."""
     radius = scene.piece.tube_radius_mm or 0.0
     reach = max(0.5 * (scene.piece.depth or 0.0), radius)
     light, wall = view.light_distance_mm, view.wall_distance_mm
@@ -210,7 +210,7 @@ def _faults_of_view(scene: Scene, view: View) -> Iterator[tuple[str, str]]:
 
 
 def _faults_of_place(scene: Scene, view: View) -> Iterator[tuple[str, str]]:
-    """Yield what the frame and the region of a view have no room for, and the remedy of each fault."""
+    """Yield each way in which the tube or region does not fit a view, with its remedy."""
     radius = scene.piece.tube_radius_mm or 0.0
     frame = [s for s in (view.frame_width_mm, view.frame_height_mm) if s is not None]
     if frame and 2.0 * radius >= min(frame):
@@ -247,17 +247,17 @@ def dump_scene(scene: Scene) -> str:
 
 
 def _without_none(value: Any) -> Any:
-    """Leave out keys without a value, which TOML has no word for; what is open is "auto" by now."""
+    """Drop keys without a value, since TOML has no null."""
     if isinstance(value, dict):
         return {key: _without_none(one) for key, one in value.items() if one is not None}
     return [_without_none(one) for one in value] if isinstance(value, list | tuple) else value
 
 
-# Refuse what a scene cannot ask for, whoever reads it.
+# Checks of a whole scene, whoever made it.
 
 
 def require_mount(scene: ResolvedScene) -> None:
-    """Refuse a mount that cannot be, before any work is done.
+    """Refuse an impossible mount before any work is done.
 
     Raises:
         InputError: a wall mount of a piece with several views, or on a wall that is not flat.
@@ -278,7 +278,7 @@ def require_mount(scene: ResolvedScene) -> None:
 
 
 def require_walls(scene: ResolvedScene) -> None:
-    """Refuse what a round wall cannot have.
+    """Refuse settings that a round wall excludes.
 
     Raises:
         InputError: a mount on it, an eye before it, or a view that is yet to be found.
@@ -303,7 +303,7 @@ def require_walls(scene: ResolvedScene) -> None:
 
 
 def require_several(scene: ResolvedScene) -> None:
-    """Refuse what several views cannot have, for a physical reason.
+    """Refuse settings that several views exclude for a physical reason.
 
     Raises:
         InputError: naming the key and what to do.
@@ -326,7 +326,7 @@ def require_several(scene: ResolvedScene) -> None:
 
 
 def require_supports(scene: ResolvedScene) -> None:
-    """Refuse to do without supports where nothing could stand, or nothing needs them.
+    """Refuse `supports = "none"` where a piece could not stand without them, or never needs them.
 
     Raises:
         InputError: of a material or printer of another process, a flat piece, or a view yet to be found.
@@ -352,7 +352,7 @@ def require_supports(scene: ResolvedScene) -> None:
 
 
 def require_start(scene: ResolvedScene) -> None:
-    """Refuse a start that the search cannot go on from.
+    """Refuse a start from which the search cannot go on.
 
     Raises:
         InputError: it is no file of knots in the scene, or holds not the knot that is asked for.
@@ -391,7 +391,7 @@ def require_tube(scene: ResolvedScene) -> None:
 
 
 def require_radius(radius: float, printer: Printer, what: str) -> None:
-    """Require the same of a radius, mm, that `what` asks for."""
+    """Refuse a radius, mm, wanted by `what`, that is too thin for the printer."""
     if radius < printer.min_tube_radius_mm:
         raise SceneError(
             what,
@@ -401,7 +401,7 @@ def require_radius(radius: float, printer: Printer, what: str) -> None:
 
 
 def require_sequence(scene: ResolvedScene) -> None:
-    """Refuse what makes no sense for a sequence, or is not there for it.
+    """Refuse settings that a sequence excludes or does not support.
 
     Raises:
         InputError: naming the key and what to do.
