@@ -109,7 +109,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """Load a public name when it is first used (PEP 562): importing knotfab loads nothing heavy."""
+    """Load a public name on first use (PEP 562), so that importing knotfab stays light."""
     if name not in _HOME:
         raise AttributeError(f"module 'knotfab' has no attribute {name!r}")
     found = globals()[name] = getattr(importlib.import_module(_HOME[name]), name)

@@ -1,4 +1,4 @@
-"""The public functions: the main job as one call, and its stages one by one, from data to data.
+"""The public functions: a whole build as one call, and its stages one by one, from data to data.
 
 Everything heavy is imported where it is needed.
 """
@@ -113,7 +113,7 @@ def build(
 
 @contextmanager
 def _in_keywords(place: str) -> Iterator[None]:
-    """Let errors name options as the call does, `tube_radius=2` for `--tube-radius 2`, and hide a folder."""
+    """Rewrite errors to name options as keywords, `tube_radius=2` for `--tube-radius 2`, and no folder."""
     from knotfab.pipeline.options import BuildOptions
 
     def keyword(found: Match[str]) -> str:
@@ -159,7 +159,7 @@ def read_picture(source: Source, *, font: str | None = None, **reading: Any) -> 
 
 
 def _file_of(source: Source, path: Path) -> str:
-    """Return the name of a picture; one that is no file is written to `path`.
+    """Return the path of a picture; one that is no file is written to `path` first.
 
     Raises:
         InputError: it is no picture.
@@ -201,7 +201,7 @@ def design_knots(
 
 
 def pose_question(scene: Scene, targets: Sequence[Target]) -> Question:
-    """Pose the question of a search: views with their frames, silhouettes, limits, and each view's bound.
+    """Set up the question of a search: views with frames, silhouettes, limits, and the bound of each.
 
     Raises:
         InputError: the scene or a picture is wrong.
@@ -213,7 +213,7 @@ def pose_question(scene: Scene, targets: Sequence[Target]) -> Question:
 
 
 def choose_tube(question: Question, accuracy: str = "standard") -> tuple[Question, float, Start]:
-    """Choose the tube's radius (mm), the scene's or the best, and the curves of known type to start from.
+    """Choose the tube's radius (mm), unless the scene sets it, and start curves of known type.
 
     Returns:
         The question with the depth that this radius leaves, the radius, and the start.
@@ -238,7 +238,7 @@ def search_knots(
     device: str = "cpu",
     **settings: Any,
 ) -> SearchResult:
-    """Return knots that draw every picture of the question, by certified steps from the start.
+    """Search for knots that draw every picture of the question, by certified steps from the start.
 
     Args:
         radius: radius of the tube, mm. settings: keys of [search], over the scene's own and the accuracy's.
@@ -268,14 +268,14 @@ def _name_of(term: object, number: int) -> str:
 
 
 def settle_design(question: Question, result: SearchResult, accuracy: str = "standard") -> Design:
-    """Return the design that a search has come to: its knots, and the scene with nothing left to choose."""
+    """Turn a search's result into a design: its knots, and the scene with every choice made."""
     from knotfab.design.design import settle_design as settle
 
     return settle(question, result, _settings_for(question, accuracy, {}))
 
 
 def _settings_for(question: Question, accuracy: str, settings: Mapping[str, Any]) -> SearchSettings:
-    """Give the accuracy's settings as a build of this question has them, under the scene's own and these."""
+    """Return the search settings that a build would use: accuracy < scene < `settings`."""
     from knotfab.design.settings import suit_settings
     from knotfab_formats.search import search_settings
 
@@ -286,7 +286,7 @@ def _settings_for(question: Question, accuracy: str, settings: Mapping[str, Any]
 def sweep_tube(
     knot: Knot, radius: float, sides: int = 48
 ) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
-    """Return the tube about a closed knot, in mm: vertices (n, 3) and triangles (m, 3), watertight.
+    """Sweep a watertight tube about a closed knot: vertices (n, 3), mm, and triangles (m, 3).
 
     Raises:
         SceneError: it bends tighter than a tube of this radius can.
@@ -297,7 +297,7 @@ def sweep_tube(
 
 
 def assemble_part(design: Design, targets: Sequence[Target], *, printing: bool = True) -> Part:
-    """Return one watertight tube a knot with its mount, in print pose.
+    """Build the part: one watertight tube per knot with its mount, in print pose.
 
     Raises:
         SceneError: the piece does not fit the printer, or its mount does not fit the piece.
@@ -308,7 +308,7 @@ def assemble_part(design: Design, targets: Sequence[Target], *, printing: bool =
 
 
 def write_files(part: Part, targets: Sequence[Target], folder: str | Path) -> Path:
-    """Write part.stl, part.3mf, part.glb, knots.json, scene.toml and the pictures, whole or not at all.
+    """Write part.stl, part.3mf, part.glb, knots.json, scene.toml and the pictures, all or none.
 
     Raises:
         InputError: the folder cannot be written.
@@ -327,7 +327,7 @@ def write_files(part: Part, targets: Sequence[Target], folder: str | Path) -> Pa
 def validate_part(
     part: str | Path | None, knots: str | Path | None = None, scene: str | Path | None = None
 ) -> dict[str, Any]:
-    """Measure written files with other code than wrote them; a folder stands for the files in it.
+    """Check written files with independent code; a folder stands for the files in it.
 
     Returns:
         {"status", "checks", "views"}, as `knotfab validate --json` prints it.

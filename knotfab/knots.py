@@ -1,4 +1,4 @@
-"""Knots: the only thing the search hands on. One or more polylines with one radius."""
+"""Knots, the result of a search: one or more polylines with one tube radius."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from knotfab.geometry.polylines import Polylines, polylines_of
 from knotfab_formats.errors import InputError
 from knotfab_formats.knots import KnotsFile, why_no_knots
 
-_FEWEST = 8  # vertices of a knot that a search goes on from
-_DIGITS = 6  # digits of a radius in mm that was scaled and back
-_RIGID = 1e-9  # the error of a matrix that does not scale
+_FEWEST = 8  # the fewest vertices of a knot from which a search can start
+_DIGITS = 6  # significant digits kept of a radius, mm, that was scaled and scaled back
+_RIGID = 1e-9  # tolerance for a matrix to count as rigid
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Knots:
 
     @property
     def points(self) -> NDArray[np.float64]:
-        """(n, 3) all vertices of all knots, in order."""
+        """The vertices of all knots, in order, (n, 3)."""
         return np.concatenate([k.points for k in self.knots])
 
     @property
@@ -60,7 +60,7 @@ class Knots:
         return polylines_of(k.points for k in self.knots)
 
     def moved(self, matrix: NDArray[np.float64]) -> Knots:
-        """Return the same knots under a 4x4 `matrix`, a rigid motion or a similarity."""
+        """Return the knots moved by a 4x4 `matrix`, a rigid motion or a similarity."""
         turn, shift = matrix[:3, :3], matrix[:3, 3]
         scale = float(np.cbrt(np.linalg.det(turn)))
         return Knots(
@@ -69,7 +69,7 @@ class Knots:
         )
 
     def to_file(self, **more: Any) -> KnotsFile:
-        """Return the content of knots.json, with more of its keys."""
+        """Return the content of knots.json, with further keys."""
         knots = [
             {"closed": k.closed, "type": k.type, "points": k.points.tolist()} for k in self.knots
         ]
@@ -77,21 +77,21 @@ class Knots:
         return KnotsFile.model_validate({**held, **more})
 
     def write(self, path: Path, **more: Any) -> None:
-        """Write knots.json, with more of its keys: members of the part's mount, its bars and feet."""
+        """Write knots.json, with further keys: members of the mount, bars and feet."""
         path.write_text(self.to_file(**more).dumps())
 
     def dump_start(self) -> str:
-        """Write the text of a start, for knots in the scene: at full precision, a search can go on there."""
+        """Return the text of a start file, at full precision, from which a search can go on."""
         return self.to_file(coordinates="scene").dumps()
 
 
 def count_in_words(count: int) -> str:
-    """Say "one knot", or how many."""
+    """Return "one knot", or the number with "knots"."""
     return "one knot" if count == 1 else f"{count} knots"
 
 
 def read_knots(path: Path) -> Knots:
-    """Read the knots of a knots.json or a start, in the coordinates that they are written in.
+    """Read the knots of a knots.json or a start file, in the file's own coordinates.
 
     Raises:
         OSError, ValueError, RecursionError: it cannot be read, or is no such file.
@@ -108,11 +108,11 @@ def _knots_from(held: KnotsFile) -> Knots:
 
 
 class _Unfit(ValueError):
-    """Knots that a search cannot go on from."""
+    """The knots cannot serve as a start."""
 
 
 def read_start(path: Path) -> Knots:
-    """Read knots to go on from, in the scene: of a start (`Knots.dump_start`), or of a finished part.
+    """Read knots to start from, in scene coordinates: a start file or a finished part.
 
     Args:
         path: a start.json, or a knots.json that its scene.toml lies beside, or the folder of these two.
@@ -130,7 +130,7 @@ def read_start(path: Path) -> Knots:
         found = _knots_from(held)
         if not all(k.closed and len(k.points) >= _FEWEST for k in found.knots):
             raise _Unfit("it holds no closed knots")
-        if held.coordinates != "scene":  # they lie as their part is printed
+        if held.coordinates != "scene":  # the knots lie in print pose
             found = found.moved(_read_pose(path))
             # a printer's thinnest tube stays that when it was enlarged and is not any more
             found = Knots(found.knots, round(found.radius_mm, _DIGITS))
@@ -145,7 +145,7 @@ def read_start(path: Path) -> Knots:
 
 
 def _read_pose(path: Path) -> NDArray[np.float64]:
-    """Read (4, 4) of the scene.toml beside a knots.json (scene-NN.toml of knots-NN.json): to the scene.
+    """Read the matrix (4, 4) back to the scene from the scene.toml beside a knots.json.
 
     Raises:
         ValueError: there is none, or it has no pose.

@@ -1,4 +1,4 @@
-"""The question to a search, its start, and its answer."""
+"""The question put to a search, its start, and its result."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Watch = Callable[[Callable[[], Knots], bool], None]
 
 @dataclass(frozen=True)
 class TargetView:
-    """One view and the silhouette wanted there."""
+    """One view and its target silhouette."""
 
     view: ResolvedView
     mask: Mask  # (H, W)
@@ -36,8 +36,10 @@ class TargetView:
     )
     # the part that the other views' pictures leave of it; None: all
     left: MultiPolygon | None = None
-    lines: tuple[Array, ...] = ()  # its centre lines in that plane, where they are what is drawn
-    ends: bool = False  # whether the screen ends at the frame, beside which no shadow counts
+    lines: tuple[Array, ...] = ()  # centre lines in that plane, where strokes are drawn along them
+    ends: bool = (
+        False  # whether the screen ends at the frame, so that shadows beside it do not count
+    )
 
     def image_at(
         self,
@@ -47,7 +49,7 @@ class TargetView:
         precision: Precision = "single",
         renderer: Renderer = "ray",
     ) -> ViewImage:
-        """Return the picture with `pixels` on the longer side; `radius` of the tube in mm."""
+        """Return the picture, `pixels` on its longer side, for a tube of `radius` mm."""
         given = (radius, pixels, device, precision, renderer)
         if device != "cpu" or renderer != "ray":
             return image_at(self.view, self.mask, *given, ends=self.ends)
@@ -61,7 +63,7 @@ class TargetView:
 
     @cached_property
     def axes(self) -> Array:
-        """(3, 3) rows: the view's right, up and towards its light, in the scene."""
+        """The view's right, up and towards its light in the scene, as rows (3, 3)."""
         return view_axes(self.view)
 
 
@@ -79,7 +81,7 @@ class Problem:
     region: SettledRegion
     # the extent of the centre lines along one view's axis; None: flat
     depth_mm: float | None = None
-    depth_open: bool = False  # whether less of it will do where the scene calls for that
+    depth_open: bool = False  # whether less depth will do where the scene calls for that
     # for lamps before one screen: the depth of the pieces with which each draws its mask, while the others
     # throw these beside the screen; None: views share all pieces
     apart_mm: float | None = None
@@ -94,7 +96,7 @@ class Problem:
     world: World = field(default_factory=World)
 
     def limits(self, radius: float) -> Limits:
-        """Return the hard limits for a tube of this radius."""
+        """Return the hard limits of a tube of this radius."""
         bend = max(self.bend_radius or 0.0, radius + 0.5 * self.clearance)
         # with one view the region ends before the wall
         walls = walls_of([v.view for v in self.views]) if len(self.views) > 1 else ()
@@ -102,13 +104,13 @@ class Problem:
 
     @property
     def polygons(self) -> list[MultiPolygon]:
-        """The silhouettes, view by view."""
+        """The silhouette of each view, as polygons."""
         return [v.polygon for v in self.views]
 
 
 @dataclass(frozen=True)
 class DepthChoice:
-    """Depths (mm towards the light) of each template vertex, and the legibility they were chosen for.
+    """The chosen depth of each template vertex, mm towards the light, and its legibility.
 
     `extent_mm`: the best from the deepest to the highest, lanes left out; less than theirs where less is
     better. None: flat.
@@ -121,7 +123,7 @@ class DepthChoice:
 
 @dataclass(frozen=True, repr=False)
 class Start(InNotebook):
-    """Closed polylines [(n, 3) mm] of known type, and why it is known.
+    """Start curves [(n, 3) mm] of known knot type, and why it is known.
 
     `far`: they are nowhere near the pictures yet. `facing`: the view in which they are simple; None: a
     direction between two views. `ious`: with each of several pictures, on a coarse image.
@@ -134,7 +136,7 @@ class Start(InNotebook):
     far: bool = False
     facing: int | None = 0
     ious: tuple[float, ...] = ()
-    # effects that were called for by now
+    # effects called for so far
     effects: Mapping[str, Decision] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -156,7 +158,7 @@ class ViewNumbers:
 
 @dataclass
 class CertificateLog:
-    """The certificates of a search, for its report."""
+    """The record of a search's certificates, for its report."""
 
     template: str = ""
     types: tuple[str, ...] = ()  # the knots' types
@@ -174,13 +176,13 @@ class CertificateLog:
         return bool(self.template) and self.least_margin_mm > 0
 
     def add_margin(self, margin_mm: float) -> None:
-        """Enter the margin of a certificate that was granted."""
+        """Record the margin of a granted certificate."""
         self.least_margin_mm = min(self.least_margin_mm, margin_mm)
 
 
 @dataclass(repr=False)
 class SearchResult(InNotebook):
-    """Knots in scene coordinates, how they came about, and how it ended.
+    """The knots in scene coordinates, how they were found, and whether they are feasible.
 
     Where `feasible` is False, `feasibility.violations` says which limit is broken, by how much and where.
     `views` are those of the problem, or the one that a search with an unknown pose found, in whose axes
@@ -192,14 +194,14 @@ class SearchResult(InNotebook):
     log: CertificateLog
     effects: dict[str, Decision]
     depth: DepthChoice | None
-    ious: tuple[float, ...]  # one a view, as the search itself saw them
+    ious: tuple[float, ...]  # one per view, as the search measured them
     views: tuple[ResolvedView, ...] = ()
-    numbers: ViewNumbers | None = None  # the numbers of a pose that was found
+    numbers: ViewNumbers | None = None  # of a pose that the search found
     guards: Mapping[str, Guard] = field(default_factory=dict)  # by the limit's name
 
     @property
     def iou_estimate(self) -> float:
-        """The IoU of the view that is drawn worst."""
+        """The IoU of the worst view."""
         return min(self.ious, default=0.0)
 
     @property

@@ -16,9 +16,9 @@ from knotfab_formats.errors import plain
 from knotfab_formats.report import Report
 from knotfab_formats.scene import ResolvedScene
 
-# times after a search: s, and s for each vertex; of a piece that is printed, and mounted, as well
+# usual seconds after a search: always, of a printed piece, of a mounted one, and per vertex
 _AFTER_S, _AFTER_PRINTED_S, _AFTER_MOUNT_S, _AFTER_VERTEX_S = 1.2, 3.0, 8.0, 0.55e-3
-_WIRE_SHARE = 0.6  # the share of a time budget that is for the plan of a wire's bends
+_WIRE_SHARE = 0.6  # share of a time budget for planning a wire's bends
 
 
 @dataclass(frozen=True)
@@ -46,11 +46,11 @@ class Request:
     preview: tuple[str, ...] = ()  # lines of the preview, before the build
 
     def is_mounted(self, knots: int) -> bool:
-        """Tell whether so many knots are printed with a mount."""
+        """Return whether a piece of this many knots is printed with a mount."""
         return self.printing and (self.scene.mount.asked or self.scene.hangs(knots))
 
     def budget(self, spent_s: float, mounted: bool) -> Budget | None:
-        """Return the rest of the time budget after `spent_s`; None where there is none."""
+        """Return what is left of the time budget after `spent_s`; None where there is none."""
         if self.time_budget_s is None:
             return None
         after = _AFTER_S
@@ -66,7 +66,7 @@ class Request:
 
 @dataclass(frozen=True, repr=False)
 class Outcome(InNotebook):
-    """Exit code by the contract, what was found, and the folder that was written."""
+    """The result of a build: exit code, report, and the folder written."""
 
     exit_code: int
     found: Report
@@ -79,7 +79,7 @@ class Outcome(InNotebook):
 
 
 def require_device(name: str) -> None:
-    """Refuse a device that this machine has not.
+    """Refuse a device that this machine lacks.
 
     Raises:
         MachineError: torch finds none of that kind.

@@ -1,1 +1,1 @@
-"""Effects: simulated only when they matter. Each module is one effect."""
+"""Physical effects, simulated only where they matter; each module holds one or more."""

@@ -1,4 +1,4 @@
-"""An effect: a bound known beforehand, a threshold, and code that runs only above it."""
+"""Effects: a bound on the magnitude, a threshold, and code that runs only above it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from knotfab_formats.views import Placing, Room, Switch
 
 @dataclass(frozen=True)
 class World:
-    """A scene's words on people, room and matter.
+    """The scene's settings about people, room and material.
 
     `turns`: whether the piece can turn against its wall: not one that is mounted on it, as of an open mount
     one of several loose knots is (`loose_turns`).
@@ -35,12 +35,12 @@ class World:
 
     @staticmethod
     def of(scene: ResolvedScene) -> World:
-        """Return the world of a scene, as long as its piece is taken to be one knot."""
+        """Return the world of a scene, taking its piece to be one knot."""
         turns, loose = (not scene.hangs(knots) for knots in (1, 2))
         return World(scene.placing, scene.room, scene.material, scene.printer, turns, loose)
 
     def holding(self, knots: int) -> World:
-        """Return the same world once it is known of how many knots its piece is."""
+        """Return the world for a piece of this many knots."""
         return replace(self, turns=self.turns and self.loose_turns) if knots > 1 else self
 
 
@@ -71,9 +71,9 @@ class EffectContext:
 
 @dataclass(frozen=True)
 class Effect:
-    """One effect of the world that a scene may or may not call for.
+    """One physical effect that a scene may call for.
 
-    `magnitude` bounds what it does, in `unit`, before anything is simulated; it is simulated above
+    `magnitude` bounds the effect, in `unit`, beforehand; it is simulated above
     `tolerances` times the tolerance of the accuracy setting.
     """
 
@@ -110,7 +110,7 @@ class Decision:
 
     @property
     def simulated(self) -> bool:
-        """True if its code runs."""
+        """True if the effect is simulated."""
         return self.called_for if self.forced is None else self.forced
 
     @property
@@ -125,7 +125,7 @@ class Decision:
         return 1.0 - self.threshold / self.magnitude
 
     def count(self, stage: str, calls: int, seconds: float) -> None:
-        """Enter so many calls of the effect's code in a stage, and the seconds that they took."""
+        """Record calls of the effect's code in a stage, and their seconds."""
         self.calls += calls
         self.seconds += seconds
         if calls and stage not in self.where:
@@ -133,7 +133,7 @@ class Decision:
 
     @contextmanager
     def called(self, stage: str) -> Iterator[None]:
-        """Count one call, and the time that it takes."""
+        """Record one call and its duration."""
         begun = time.perf_counter()
         try:
             yield
@@ -141,20 +141,20 @@ class Decision:
             self.count(stage, 1, time.perf_counter() - begun)
 
     def add(self, earlier: Decision) -> None:
-        """Enter what an earlier search spent on it, before this one took over."""
+        """Add the calls and seconds of an earlier search."""
         self.keep_largest(earlier)
         self.calls += earlier.calls
         self.seconds += earlier.seconds
         self.where = list(dict.fromkeys([*earlier.where, *self.where]))
 
     def keep_largest(self, fresh: Decision) -> None:
-        """Judge it anew: the larger magnitude counts, for nothing that was simulated is taken back."""
+        """Keep the larger magnitude of two decisions, so that nothing simulated is taken back."""
         if fresh.magnitude > self.magnitude:
             self.magnitude, self.threshold = fresh.magnitude, fresh.threshold
 
     @property
     def warning(self) -> str | None:
-        """A sentence where the scene's own word goes against the magnitude; None where it does not."""
+        """A warning where the scene's own setting contradicts the magnitude, else None."""
         if self.forced is not False or not self.called_for:
             return None
         return (
@@ -169,7 +169,7 @@ class Decision:
 
     @property
     def reason(self) -> str:
-        """The reason why it is simulated or not, in a line."""
+        """The reason for simulating it or not, in one line."""
         if self.forced is not None:
             word = "on" if self.forced else "off"
             return f"{self.effect.name}: {word} by the scene's own word; {self._words}"
@@ -178,7 +178,7 @@ class Decision:
 
 
 def decide(effect: Effect, context: EffectContext, switches: Mapping[str, Switch]) -> Decision:
-    """Tell whether an effect is simulated; `switches` are the scene's own words, by name."""
+    """Decide whether an effect is simulated; `switches` are the scene's own settings by name."""
     threshold = effect.threshold(context.tolerance_px)
     return Decision(effect, effect.magnitude(context), threshold, switches.get(effect.name))
 
@@ -189,13 +189,13 @@ def decide(effect: Effect, context: EffectContext, switches: Mapping[str, Switch
 
 @dataclass(frozen=True)
 class OnWall:
-    """A view as its wall sees it: `axes` (3, 3) rows right, up and normal, in which the lamp is at `lamp`.
+    """A view in its wall's axes: rows right, up and normal (3, 3), with the lamp at `lamp`.
 
     Of a wall that is round those of the flat one that touches it. `middle` (3,): of the frame, in the same.
     """
 
     axes: Array
-    foot: Array  # the foot of the wall's axes, in the scene
+    foot: Array  # the origin of the wall's axes, in the scene
     lamp: Array
     middle: Array
     round: CurvedWall | None
@@ -203,7 +203,7 @@ class OnWall:
     @staticmethod
     @lru_cache(maxsize=8)  # the same views are asked for many times
     def of(view: ResolvedView) -> OnWall:
-        """Find where light and wall are."""
+        """Return a view's light and wall."""
         camera = camera_of(view, 1, 1)
         axes = np.stack([camera.du, -camera.dv, camera.receiver[:3]])
         axes /= np.linalg.norm(axes, axis=1)[:, None]
@@ -213,21 +213,21 @@ class OnWall:
 
     @property
     def bend(self) -> float:
-        """One over the wall's radius without its sign, 1/mm; 0 of a flat one."""
+        """The wall's absolute curvature, 1/mm; 0 for a flat wall."""
         return 0.0 if self.round is None else 1 / abs(self.round.radius)
 
     def place(self, points: Array) -> Array:
-        """Return (n, 3) points (n, 3) of the scene in the wall's axes."""
+        """Return points (n, 3) of the scene in the wall's axes, (n, 3)."""
         return np.asarray((points - self.foot) @ self.axes.T)
 
     def cast(self, places: Array, lamp: Array | None = None) -> Array:
-        """Cast points (n, 3) on the flat wall, in its axes, by its lamp or one at (3,) in them: (n, 2)."""
+        """Cast points (n, 3), in the wall's axes, onto the flat wall from its lamp or `lamp` (3,), (n, 2)."""
         return _cast(places, self.lamp if lamp is None else lamp)
 
 
 @dataclass(frozen=True)
 class Shadows:
-    """The shadows of `places` (n, 3), in the axes of the wall that they fall on."""
+    """Shadows of `places` (n, 3), which are in the axes of the wall."""
 
     view: ResolvedView
     wall: OnWall
@@ -245,29 +245,29 @@ class Shadows:
 
     @cached_property
     def span(self) -> tuple[Array, float]:
-        """(3,) the middle of the places, and how far from it they reach, mm."""
+        """The middle of the places (3,), and their largest distance from it, mm."""
         return _span(self.places)
 
     @property
     def feet(self) -> Array:
-        """(n, 3) points of the wall where they fall."""
+        """The points of the wall where the shadows fall, (n, 3)."""
         return self._touched[0]
 
     @property
     def axes(self) -> Array:
-        """(n, 3, 3) rows right, up and normal of the wall there, or (1, 3, 3) of a flat one."""
+        """Rows right, up and normal of the wall there, (n, 3, 3), or (1, 3, 3) for a flat wall."""
         return self._touched[1]
 
     @property
     def unrolled(self) -> Array:
-        """(n, 2) where they fall, on the wall unrolled."""
+        """The shadows on the wall unrolled, (n, 2)."""
         return self._touched[2]
 
     @cached_property
     def _touched(self) -> tuple[Array, Array, Array]:
-        """Feet, axes and places on the wall unrolled.
+        """Feet and axes of the shadows, and their places on the wall unrolled.
 
-        What casts no shadow on a column, beside it, is taken to the flat wall.
+        Where a ray passes beside a column, the flat wall is used.
         """
         wall, flat = self.wall, self.wall.cast(self.places)
         if wall.round is None:
@@ -278,7 +278,7 @@ class Shadows:
 
 @compiled
 def _cast(places: Array, lamp: Array) -> Array:
-    """Return (n, 2) shadows on the plane z = 0 of places (n, 3)."""
+    """Project places (n, 3) onto the plane z = 0, (n, 2)."""
     found = np.empty((len(places), 2))
     for n in range(len(places)):
         share = lamp[2] / (lamp[2] - places[n, 2])
@@ -310,7 +310,7 @@ def _bend(flat: Array, on: Array, line: Array, radius: float) -> tuple[Array, Ar
 
 @compiled
 def _span(places: Array) -> tuple[Array, float]:
-    """Return the middle of the box about places (n, 3), and how far from it they reach."""
+    """Return the middle of the places' box, and their largest distance from it."""
     low, high, square = places[0].copy(), places[0].copy(), 0.0
     for n in range(len(places)):
         for i in range(3):

@@ -1,4 +1,4 @@
-"""Contrast: light that reaches the shadow, and light that the lamp spreads unevenly. No outline moves."""
+"""Contrast: stray light in the shadow, and uneven light of the lamp. Outlines stay where they are."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from knotfab.scene.camera import CurvedWall, camera_of, view_axes
 from knotfab_formats.scene import ResolvedView
 from knotfab_formats.verdict import Contrast
 
-_PLACES = (9, 513)  # across and up, of the frame, where the lamp's light is looked at
+_PLACES = (9, 513)  # sample places across and up the frame
 _VARIES = 5.0  # times the square of a step between places over the light's distance: at most, of its light
 _FEET = 200  # points of the wall behind strands, where their own light is
 _LOOKED_AT = 8  # places that are looked at, where most is thrown back
@@ -24,14 +24,14 @@ _CHORDS = 200  # across a strand
 
 
 def magnitude(context: EffectContext) -> float:
-    """Measure what a shadow lacks of black on an evenly lit wall, as a share of 1."""
+    """Return the loss of contrast against a black shadow on an evenly lit wall, 0 to 1."""
     found = [contrast_of(seen, context.radius, context.world) for seen in context.shadows]
     lit = [c for c in found if c is not None]
     return max((1.0 - min(c.contrast_least, c.falloff) for c in lit), default=0.0)
 
 
 def contrast_of(seen: Shadows, radius: float, world: World) -> Contrast | None:
-    """Compute the light in the picture of a view with strands at places; None of an eye: it needs no lamp.
+    """Compute a view's light with strands at places; None for an eye, which needs no lamp.
 
     A bulb of intensity I gives a wall at distance d, whose normal is an angle off, I cos / d²; of a flat lamp
     that is times the cosine of the angle at which it is seen. On a wall that faces it: cos³ and cos⁴.
@@ -61,7 +61,9 @@ def contrast_of(seen: Shadows, radius: float, world: World) -> Contrast | None:
 
     def contrast(share: float) -> float:
         """Return (lit - dark) / lit where the lamp gives `share` of its light in the middle."""
-        own = share * (1 - transmitted) - bounced  # which the brightest of the wall sent
+        own = (
+            share * (1 - transmitted) - bounced
+        )  # the bounced light comes from the brightest of the wall
         return max(own, 0.0) / (share + other)
 
     return Contrast(
@@ -80,7 +82,7 @@ def contrast_of(seen: Shadows, radius: float, world: World) -> Contrast | None:
 
 @lru_cache(maxsize=8)  # the same views are asked for many times
 def _lamp_light(view: ResolvedView, flat: bool) -> tuple[float, float]:
-    """Return the least light over the most in the frame, and that in its middle by a lamp of 1, per mm²."""
+    """Return the frame's least light over its most, and the light of a unit lamp at its middle, per mm²."""
     camera = camera_of(view, *_PLACES)
     ends = (np.linspace(-0.5, n - 0.5, n) for n in _PLACES)
     u, v = (grid.reshape(-1, 1) for grid in np.meshgrid(*ends))
@@ -100,20 +102,20 @@ def _lamp_light(view: ResolvedView, flat: bool) -> tuple[float, float]:
 
 
 def _ghost_shift(view: ResolvedView, second: Array) -> float:
-    """Measure how far from the shadow of the scene's origin a second lamp throws it, mm."""
+    """Return the distance on the wall between two lamps' shadows of the scene's origin, mm."""
     wall = OnWall.of(view)
     origin, lamp = wall.place(np.zeros((1, 3))), wall.place(second[None])[0]
     return float(np.linalg.norm(wall.cast(origin, lamp) - wall.cast(origin)))
 
 
 def _through(transmittance: float, radius: float) -> float:
-    """Compute the share of light that a strand lets through, mean across it."""
+    """Return the share of light that passes a strand, averaged across it."""
     x = (np.arange(_CHORDS) + 0.5) / _CHORDS
     return float((transmittance ** (2 * radius * np.sqrt(1 - x**2))).mean())
 
 
 def _bounced(seen: Shadows, radius: float, world: World) -> float:
-    """Bound the wall's light that strands throw back onto their own shadow, where that is most."""
+    """Bound the share of the wall's light that strands reflect onto their own shadow, where it is most."""
     own = np.array([int(world.material.color[k : k + 2], 16) / 255 for k in (1, 3, 5)])
     linear = np.where(own <= 0.04045, own / 12.92, ((own + 0.055) / 1.055) ** 2.4)  # IEC 61966-2-1
     light = world.room.reflectance * float(linear @ [0.2126, 0.7152, 0.0722])
@@ -133,19 +135,19 @@ def _bounced(seen: Shadows, radius: float, world: World) -> float:
 
 
 def _pieces(places: Array, radius: float) -> tuple[Array, Array]:
-    """Return starts (n, 3) of pieces of the strands through places (N, 3), and what leads to their ends."""
+    """Cut strands through places (N, 3) into pieces: their starts (n, 3), and the vectors to their ends."""
     steps = np.diff(places, axis=0)
     step = float(np.sqrt(np.median(np.einsum("ni,ni->n", steps, steps))))
     some = places[:: max(1, int(_PIECE_RADII * radius / max(step, 1e-9)))]
     along = np.roll(some, -1, axis=0) - some
     long = np.linalg.norm(along, axis=1)
-    kept = long <= 4 * max(np.median(long), radius)  # a knot's last is followed by another's first
+    kept = long <= 4 * max(np.median(long), radius)  # longer ones join two knots
     return some[kept], along[kept]
 
 
 @compiled
 def _filled(feet: Array, axes: Array, starts: Array, alongs: Array, radius: float) -> Array:
-    """Return (m,) in proportion to what pieces (n, 3) fill of what lights feet (m, 3), none hidden."""
+    """Return the sum of the sky that pieces (n, 3) hide from feet (m, 3), up to a factor, (m,)."""
     found = np.zeros(len(feet))
     for m in range(len(feet)):
         normal = axes[min(m, len(axes) - 1), 2]
@@ -174,7 +176,7 @@ def _hidden(
     cells: int,
     least: float,
 ) -> float:
-    """Compute the share of a uniform sky that round strands about pieces (n, 3) hide, weighed by the cosine.
+    """Return the cosine-weighted share of a uniform sky hidden by round strands about pieces (n, 3).
 
     `least` where that is no more.
 

@@ -1,4 +1,4 @@
-"""Misplacement: lamp, eye, piece or wall are not quite where the scene says, as people place them."""
+"""Misplacement: people place lamp, eye, piece and wall only about where the scene says."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _LAMP, _TURN, _TILT = range(3)  # kinds of moves
 
 
 def magnitude(context: EffectContext) -> float:
-    """Measure how far any strand's shadow parts from the picture's best likeness in the worst view, px."""
+    """Return the largest departure of any shadow from the picture's best likeness, in the worst view, px."""
     return max(
         max(parting_mm(seen, context.radius, context.world)) / seen.view.pixel_mm
         for seen in context.shadows
@@ -28,7 +28,7 @@ def magnitude(context: EffectContext) -> float:
 
 @dataclass(frozen=True)
 class _Field:
-    """The shadows of points, and how these move: to first order, exact for the directions.
+    """Shadows of points and their first-order motion, exact in all directions.
 
     In the axes (right, up, normal to the lamp) of the plane that touches the wall where a point's shadow
     falls: a flat wall itself. A point at height h, the lamp at height H, w how far the ray to the point goes
@@ -51,7 +51,7 @@ class _Field:
 
     @staticmethod
     def of(seen: Shadows, middle: Array, turns: bool) -> _Field:
-        """Return the field for shadows about `middle`, in the wall's axes, that `turns` or hangs there."""
+        """Return the field of shadows; the piece turns about `middle` if `turns`, else hangs on the wall."""
         wall = seen.wall
         found = _moves(seen.places, seen.feet, seen.axes, wall.lamp, middle, wall.middle, turns)
         return _Field(seen.unrolled, *found)
@@ -61,7 +61,7 @@ class _Field:
 def _moves(
     places: Array, feet: Array, axes: Array, lamp: Array, middle: Array, steady: Array, turns: bool
 ) -> tuple[Array, Array, Array, Array]:
-    """Compute `_Field` of (n, 3) places, of a piece that turns about `middle` and a wall about `steady`."""
+    """Compute the numbers of `_Field` at places (n, 3); the wall turns about `steady`."""
     count = len(places)
     moves, slopes = np.empty((count, 8, 2)), np.empty(count)
     high, below, ray, by = np.empty(count), np.empty(count), np.empty(3), np.empty(3)
@@ -100,10 +100,10 @@ def _moves(
 
 @compiled
 def _likeness(moves: Array, shadows: Array) -> tuple[Array, Array, Array]:
-    """Fit the best likeness of shadows (n, 2) to moves (n, 8, 2), by least squares, all together.
+    """Fit one similarity of shadows (n, 2) to moves (n, 8, 2) by least squares.
 
-    (4, 8): its shift along both axes, its scale and its turn; (4,) by how much each of these counts, in
-    squares: the sum of squares that it takes away is this times its square. And (2,) its middle.
+    Returns shift along both axes, scale and turn (4, 8), their weights (4,) and the centre (2,). The
+    sum of squares that each removes is its weight times its square.
     """
     count, found, centre, size = len(moves), np.zeros((4, 8)), np.zeros(2), 0.0
     for n in range(count):
@@ -125,7 +125,7 @@ def _likeness(moves: Array, shadows: Array) -> tuple[Array, Array, Array]:
 
 @compiled
 def _left(moves: Array, shadows: Array, likeness: Array, centre: Array) -> Array:
-    """Return (n, 8, 2) what a likeness (4, 8) about `centre` of shadows (n, 2) leaves of moves (n, 8, 2)."""
+    """Subtract a likeness (4, 8) of shadows (n, 2) about `centre` from moves (n, 8, 2)."""
     found = np.empty_like(moves)
     for n in range(len(moves)):
         x, y = shadows[n, 0] - centre[0], shadows[n, 1] - centre[1]
@@ -138,7 +138,7 @@ def _left(moves: Array, shadows: Array, likeness: Array, centre: Array) -> Array
 
 @compiled
 def _largest(moves: Array) -> Array:
-    """Return (3, n) the largest singular value of moves (n, 8, 2) by the lamp, the piece and the wall."""
+    """Return the largest singular value of moves (n, 8, 2) for lamp, piece and wall, (3, n)."""
     found, ends = np.empty((3, len(moves))), (0, 3, 6, 8)
     for n in range(len(moves)):
         for of in range(3):
@@ -151,7 +151,7 @@ def _largest(moves: Array) -> Array:
 
 
 class Parting(NamedTuple):
-    """Bounds, mm on the wall, of how far shadows part from their best likeness, by misplacement."""
+    """Bounds, mm on the wall, of how far misplacement moves shadows from their best likeness."""
 
     lamp: float
     turn: float  # the piece's
@@ -159,7 +159,7 @@ class Parting(NamedTuple):
 
 
 def parting_mm(seen: Shadows, radius: float, world: World) -> Parting:
-    """Measure how far shadows of matter within `radius` of places part by misplacement (`world.placing`).
+    """Bound how far shadows within `radius` of places depart by misplacement (`world.placing`).
 
     The lamp (or eye) is off by `lamp_mm` in any direction, the piece turned by `turn_deg` about any axis
     through its middle, the wall tilted by `tilt_deg` about any line on it. What a shift, a scale and a turn
@@ -196,7 +196,7 @@ def parting_mm(seen: Shadows, radius: float, world: World) -> Parting:
     grows = _largest(field.moves) if wall.round is not None else None
 
     def bent(kind: int, by: float) -> float:
-        """Compute what a round wall adds along it, within `radius`: it leaves the plane that touches it."""
+        """Return what the wall's curvature adds along it, within `radius`."""
         if grows is None:
             return 0.0
         way = by * grows[kind] * (1 + field.slopes * radius / clear)
@@ -228,7 +228,7 @@ def parting_mm(seen: Shadows, radius: float, world: World) -> Parting:
 
 
 def _worst_of(size: Array) -> Indices:
-    """Return the largest few of (n,); the slope of others does not make them the worst."""
+    """Return the indices of the largest few of (n,), the only ones that can become the worst."""
     some = np.flatnonzero(size >= _WORST * size.max())
     if len(some) > _MOST:
         some = some[np.argpartition(size[some], -_MOST)[-_MOST:]]
@@ -246,7 +246,7 @@ MISPLACEMENT = Effect(
 
 @dataclass(frozen=True)
 class Steadying:
-    """The demand of careless placing on depth: the piece has less of it.
+    """What careless placing asks of the depth: less of it.
 
     `axes` (3, 3) rows: the view's, in the scene. `outline`: the silhouette in the plane through the origin,
     mm.
@@ -259,12 +259,12 @@ class Steadying:
     world: World
 
     def cost(self, parts: list[Array]) -> float:
-        """Return the IoU that lifted points (n, 3) of each curve may lose, from the threshold on."""
+        """Return the expected IoU loss of lifted points (n, 3) of each curve, above the threshold."""
         with self.decision.called("depth"):
             return self.decision.excess * self.lost(np.concatenate(parts))
 
     def lost(self, points: Array) -> float:
-        """Give the IoU that careless placing is expected to cost strands at points (n, 3) of the view's axes.
+        """Return the expected IoU loss from misplacement for strands at points (n, 3) in the view's axes.
 
         Lamp, piece and wall are off by as much as the scene expects along and about each axis, one regardless
         of the other. What the best likeness leaves of the moves, to first order, has a root mean square u

@@ -16,7 +16,7 @@ from knotfab.effects.base import Decision, Effect, EffectContext, Shadows
 from knotfab.scene.camera import light_of, view_axes
 from knotfab_formats.scene import ResolvedView
 
-_LOWERED = 0.5  # share of the way to the wall that strands of the outline are lowered by, at most
+_LOWERED = 0.5  # share of the way to the wall by which outline strands are lowered at most
 _LOWERED_PX = 32.0  # px of blur above the threshold, from which on it has its full share
 # tube radii from the outline: a strand there draws none of it; over which that fades
 _DRAWS = (2.0, 0.7)
@@ -31,7 +31,7 @@ _WEIGHT_PX = 16.0  # px of blur above the threshold, from which on it has its fu
 
 
 def magnitude(context: EffectContext) -> float:
-    """Return the widest blur that any strand's surface has on a wall, px; the view counts if it is widest."""
+    """Return the widest blur of any strand's edge on a wall, px; of several views the largest."""
     return max(
         float(blurs_mm(seen, context.radius).max(initial=0.0)) / seen.view.pixel_mm
         for seen in context.shadows
@@ -39,7 +39,7 @@ def magnitude(context: EffectContext) -> float:
 
 
 def blurs_mm(shadows: Shadows, radius: float) -> Array:
-    """Return (N,) an upper bound of the blur, mm, of every edge within `radius` of (N, 3) places.
+    """Bound the blur of every edge within `radius` of places (N, 3), mm, (N,).
 
     An edge at distance D from the middle of a lamp, at height h over the wall's plane where the lamp is at H,
     is blurred over the section of a cone: the rays through it that touch the ball of radius R about
@@ -74,7 +74,7 @@ def blurs_mm(shadows: Shadows, radius: float) -> Array:
 
 
 def _lamps_of(view: ResolvedView) -> tuple[Array, float]:
-    """Give centres (n, 3) and diameter of balls whose hull holds the lamp: one, or a rectangle's corners."""
+    """Return balls, by centres (n, 3) and diameter, whose hull holds the lamp: one, or one per corner."""
     right, up, _ = view_axes(view)
     middle = light_of(view)
     if not view.light_has_sides:
@@ -86,10 +86,10 @@ def _lamps_of(view: ResolvedView) -> tuple[Array, float]:
 
 @compiled
 def _throw(place: Array, foot: Array, normal: Array, ball: Array, size: float, spot: Array) -> None:
-    """Throw a ball through a place onto the plane through `foot`, into `spot` (5,).
+    """Project a ball through a place onto the plane through `foot`; write the ellipse to `spot` (5,).
 
-    Of that ellipse the place on the ray of the ball's middle, the half of its longer axis, and how far it
-    reaches from there.
+    The numbers are the place hit by the ball's central ray, the half longer axis, and the reach
+    from that place.
     """
     height = below = square = 0.0
     for i in range(3):
@@ -109,7 +109,7 @@ def _throw(place: Array, foot: Array, normal: Array, ball: Array, size: float, s
 
 @compiled
 def _longest(one: Array, other: Array, same: bool) -> Any:
-    """Return the longest line in the hull of two ellipses; of one its axis."""
+    """Return the longest line in the hull of two ellipses, or the axis of one."""
     if same:
         return 2 * one[3]
     u, v, w = one[0] - other[0], one[1] - other[1], one[2] - other[2]
@@ -142,7 +142,7 @@ def _blurs_about(
     size: float,
     radius: float,
 ) -> Array:
-    """Return the same of edges within `radius` of places: of each pair that in the direction of its slope."""
+    """Return the same for edges within `radius` of places, each pair in its steepest direction."""
     spots, ends, found = np.empty((4, len(balls), 5)), np.empty((2, 5)), np.zeros(len(places))
     near, slope = np.empty(3), np.empty(3)
     for n in range(len(places)):
@@ -177,7 +177,7 @@ PENUMBRA = Effect(
 
 @dataclass(frozen=True)
 class Sharpening:
-    """The demand of a wide lamp on depth: strands that draw the outline stand near the wall.
+    """What a wide lamp asks of the depth: outline strands stand near the wall.
 
     The error of a soft shadow in brightness is 0.212 times the blur along the outline, whatever strands do
     sideways; only depth lowers it. `outline`: the silhouette in the plane through the origin, mm.
@@ -189,14 +189,14 @@ class Sharpening:
     radius: float
 
     def strength(self, full_px: float) -> float:
-        """Return the strength, from 0 at the threshold to 1 from so many pixels of blur above it on."""
+        """Return the strength: 0 at the threshold, 1 from `full_px` of blur above it on."""
         if not self.decision.simulated:
             return 0.0
         over = self.decision.magnitude - self.decision.threshold
         return float(np.clip(over / full_px, 0.0, 1.0))
 
     def drawing(self, curves: tuple[Array, ...]) -> list[Array]:
-        """Weigh (0 to 1) how much points (n, 2), mm, of each evenly sampled closed curve draw the outline."""
+        """Return a weight for each point of evenly sampled closed curves, mm: 1 on the outline, 0 off it."""
         from scipy.spatial import cKDTree
 
         reach, fade = (share * self.radius for share in _DRAWS)
@@ -212,13 +212,13 @@ class Sharpening:
         return found
 
     def lower(self, heights: list[Array], drawing: list[Array]) -> list[Array]:
-        """Return heights of each curve, mm, those of its outline strands nearer to the lowest of all."""
+        """Lower the heights, mm, of each curve's outline strands towards the lowest of all."""
         low = min(float(h.min()) for h in heights)
         share = _LOWERED * self.strength(_LOWERED_PX)
         return [h + share * d * (low - h) for h, d in zip(heights, drawing, strict=True)]
 
     def cost(self, parts: list[Array], drawing: list[Array]) -> float:
-        """Weigh the brightness error to be expected of lifted points (n, 3), evenly spaced on each curve.
+        """Return the weighted brightness error expected of lifted points (n, 3), evenly spaced on each curve.
 
         0.212 times the mean blur of what draws the outline, times its length, over the silhouette's area.
         """

@@ -1,4 +1,4 @@
-"""Sag: the piece bends under its own weight on its mount, and its shadow with it."""
+"""Effects that shift a shadow: sag on the mount, printed layers, and round walls."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from knotfab.scene.camera import CurvedWall, view_axes
 from knotfab_formats.scene import VERIFIED_PX, ResolvedView
 from knotfab_formats.verdict import Sag
 
-OF_STRAND = 1 / 8  # a shift that nobody sees is this share of a strand's shadow,
-OF_BLUR = 1 / 4  # and this one of its blur
-_UNIT_MM = 1e-3  # a move whose shift is in proportion
+OF_STRAND = 1 / 8  # an invisible shift is this share of a strand's shadow,
+OF_BLUR = 1 / 4  # plus this share of its blur
+_UNIT_MM = 1e-3  # a move so small that the shift is linear in it
 
 
 def sag_magnitude(context: EffectContext) -> float:
-    """Return the furthest that any strand's shadow is shifted, px; 0 of a piece without a mount."""
+    """Return the largest shift of any strand's shadow, px; 0 for a piece without a mount."""
     if context.moves is None or len(context.moves) == 0:
         return 0.0
     return max(
@@ -31,9 +31,9 @@ def sag_magnitude(context: EffectContext) -> float:
 
 
 def shifts_mm(shadows: Shadows, moves: Array, radius: float) -> Array:
-    """Return (m, N) bounds, mm, of how far shadows of what is within `radius` of (N, 3) places are shifted.
+    """Bound the shifts of shadows within `radius` of places (N, 3), mm, (m, N).
 
-    By moves (m, N, 3) in the scene, or (m, 1, 3) of all places alike.
+    `moves` are (m, N, 3) in the scene, or (m, 1, 3) where all places move alike.
 
     A point at height h under a lamp at height H that moves by u, u_n of it towards the lamp, casts its shadow
 
@@ -59,7 +59,7 @@ def shifts_mm(shadows: Shadows, moves: Array, radius: float) -> Array:
 def _shifts(
     places: Array, feet: Array, axes: Array, lamp: Array, moves: Array, radius: float, bend: float
 ) -> Array:
-    """Return (m, n) `shifts_mm` of places (n, 3) moved by (m, n or 1, 3), in the axes of their wall."""
+    """Bound shifts as `shifts_mm` does, for places (n, 3) and moves (m, n or 1, 3) in the wall's axes."""
     found = np.empty((len(moves), len(places)))
     ray, move = np.empty(3), np.empty(3)
     for n in range(len(places)):
@@ -94,7 +94,7 @@ def measure_sag(
     radius: float,
     wall: CurvedWall | None = None,
 ) -> Sag:
-    """Measure the IoU of the knots' own shadow with a mask (H, W) as they are designed and as they sag.
+    """Measure the IoU of the knots' shadow with a mask (H, W), as designed and as sagged.
 
     `widest_px`: the furthest that a centre line's shadow is shifted. `wall`: the round one that the shadow
     falls on, the mask being its picture as the flat wall that touches it has it; there each place counts by
@@ -119,7 +119,7 @@ def measure_sag(
 
 
 def allow_sag_mm(views: Sequence[ResolvedView], points: Array, radius: float) -> float:
-    """Return how far points (N, 3) of centre lines may move without anybody seeing it in a shadow, mm.
+    """Return how far points (N, 3) of centre lines may move without a visible change of shadow, mm.
 
     A strand's shadow is w = 2 r H / (H - h) wide at least. Shifted aside by s it covers 1 - s / w of its
     place still. While that is 7/8, no gap and no strand of the picture, which are as wide, comes or goes,
@@ -150,11 +150,11 @@ SAG = Effect(
 )
 
 
-# Layers: a printed part is a stack of slices, whose steps show in its outline.
+# Layers: a printed part is a stack of slices whose steps show in its outline.
 
 
 def layers_magnitude(context: EffectContext) -> float:
-    """Return the furthest that half a layer shifts any strand's shadow, px; 0 if it is not known how it lies.
+    """Return the largest shift of a shadow by half a layer, px; 0 while the print pose is unknown.
 
     A slice of thickness h is cut in its middle: a point of the stack has one of the part within h / 2 up or
     down, and the other way round; but for a rim of a round tube of radius r, which a middle misses by up to
@@ -184,11 +184,11 @@ LAYERS = Effect(
 )
 
 
-# Wall: a cylinder, a column, a lampshade or a round room, is not the flat wall that touches it.
+# Wall: a column, a lampshade or a round room differs from the flat wall that touches it.
 
 
 def wall_magnitude(context: EffectContext) -> float:
-    """Measure how far the picture on a flat wall would lie from that on the round one, px."""
+    """Return how far the picture on the flat wall would lie from that on the round one, px."""
     walls = [(view, CurvedWall.of(view)) for view in context.views]
     return max(
         (w.off_mm / view.pixel_mm for view, w in walls if w is not None),

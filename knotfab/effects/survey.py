@@ -1,4 +1,4 @@
-"""All effects of a scene, judged before anything is simulated."""
+"""All effects of a scene, decided before anything is simulated."""
 
 from __future__ import annotations
 
@@ -15,5 +15,5 @@ EFFECTS: tuple[Effect, ...] = (PENUMBRA, MISPLACEMENT, CONTRAST, SAG, LAYERS, WA
 
 
 def survey(context: EffectContext, switches: Mapping[str, Switch]) -> dict[str, Decision]:
-    """Return each effect's magnitude against its threshold, by name; `switches` are the scene's own words."""
+    """Decide for each effect, by name, whether it is simulated; `switches` are the scene's own settings."""
     return {effect.name: decide(effect, context, switches) for effect in EFFECTS}

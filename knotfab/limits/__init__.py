@@ -1,1 +1,1 @@
-"""Limits: what the finished knots must keep to. Guarded always; each module is one limit."""
+"""Limits that finished knots must keep; all are always guarded."""

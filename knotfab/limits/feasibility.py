@@ -12,12 +12,12 @@ from knotfab.geometry.polylines import Polylines
 from knotfab.limits.region import REGION, tube_outside
 from knotfab.limits.terms import BEND, CLEARANCE, LENGTH, Guard, Limit, Limits
 
-LEAST = ("bend", "clearance")  # limits that a piece may exceed, and not fall below
+LEAST = ("bend", "clearance")  # limits that are lower bounds
 
 
 @dataclass(frozen=True)
 class Feasibility:
-    """Measured against limits; every `..._ok` holds, or the piece is not finished."""
+    """Measured figures and limits. A piece is finished only if every `..._ok` holds."""
 
     bend_mm: float
     bend_at: Array
@@ -30,7 +30,7 @@ class Feasibility:
 
     @property
     def figures(self) -> dict[str, tuple[float, float]]:
-        """The measured figures and their limits by name, mm; bend and clearance are least values."""
+        """Each figure with its limit by name, mm; bend and clearance are lower bounds."""
         lim = self.limits
         return {
             "bend": (self.bend_mm, lim.bend_radius),
@@ -50,7 +50,7 @@ class Feasibility:
 
     @property
     def violations(self) -> list[str]:
-        """One sentence a violated limit, with the place in mm; empty when feasible."""
+        """A sentence for each violated limit, with the place in mm; empty when feasible."""
         lim, out = self.limits, []
         broken = self.broken
         if "bend" in broken:
@@ -78,7 +78,7 @@ def _place(point: Array) -> str:
 
 
 def measure_feasibility(points: Array, rings: Polylines, limits: Limits) -> Feasibility:
-    """Measure every hard limit of the search on the polygons themselves."""
+    """Measure every hard limit of the search exactly, on the polygons."""
     bends = bend_radii(points, rings)
     worst_bend = int(np.argmin(bends))
     gap = strand_gap(points, rings, limits.separation, 1.5 * limits.separation)
@@ -97,12 +97,12 @@ def measure_feasibility(points: Array, rings: Polylines, limits: Limits) -> Feas
     )
 
 
-# All limits of a search, each under watch.
+# The guards of all limits.
 
 
 LIMITS: tuple[Limit, ...] = (CLEARANCE, BEND, REGION, LENGTH)
 
 
 def guard_limits() -> dict[str, Guard]:
-    """Return a fresh watch over every limit, by name."""
+    """Return a fresh guard for every limit, by name."""
     return {limit.name: Guard(limit) for limit in LIMITS}

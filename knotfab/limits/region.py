@@ -1,4 +1,4 @@
-"""Region: the tube, surface included, stays inside a box, cylinder, sphere or mesh, and before walls."""
+"""Region limit: the tube, surface included, stays inside a box, cylinder, sphere or mesh, before walls."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from knotfab_formats.scene import SettledRegion
 def outside(
     points: Array, region: SettledRegion, radius: float, walls: Sequence[Plane] = ()
 ) -> tuple[Array, Array]:
-    """Measure how far a ball of `radius` about each point sticks out, mm (N,), and the gradient (N, 3).
+    """Return how far a ball about each point sticks out of the region, mm (N,), and its gradient (N, 3).
 
     `walls` are planes (nx, ny, nz, d), before which n · p + d > 0.
     """
@@ -39,7 +39,7 @@ def outside(
 
 
 def _outside_region(points: Array, region: SettledRegion, radius: float) -> tuple[Array, Array]:
-    """Measure the same as `outside`, for the region alone.
+    """Return the same as `outside`, for the region alone.
 
     For a box the largest excess over its faces; cylinder (its own axis y): over mantle and ends. In the
     precision of the points.
@@ -75,7 +75,7 @@ def _outside_region(points: Array, region: SettledRegion, radius: float) -> tupl
 
 
 def tube_outside(points: Array, ahead: Array, limits: Limits) -> tuple[Array, Array]:
-    """Return points (k, 3) of a centre line, and how far the tube sticks out there at most, mm (k,).
+    """Return points (k, 3) of a centre line, and bounds of how far the tube sticks out there, mm (k,).
 
     Convex regions: the vertices `points` (n, 3) decide. Into a tube in a mesh a wall may poke between
     them, so the middles of the edges to `ahead` (n, 3) are measured too. A wall point at distance d
@@ -103,7 +103,9 @@ def region_term(state: State, limits: Limits) -> Felt:
 
 
 def slack(points: Array, rings: Polylines, limits: Limits) -> float:
-    """No vertex comes nearer to a boundary than it moves.
+    """Return how far every vertex may move before the region is felt, mm.
+
+    No vertex comes nearer to a boundary than it moves.
 
     In a mesh the radius grows with the mean edge e as sqrt(r² + (e/2)²), which is at most half as fast as
     e, and e at most twice as fast as vertices move: together they come nearer twice as fast.
@@ -115,7 +117,7 @@ def slack(points: Array, rings: Polylines, limits: Limits) -> float:
 
 
 def _felt_radius(limits: Limits, spacing: float) -> float:
-    """Return the tube's radius with a margin; a wall may poke into a mesh's tube between two vertices."""
+    """Return the tube's radius with a margin: a mesh wall may poke in between two vertices."""
     radius = limits.radius * 1.02
     return hypot(radius, spacing / 2) if limits.region.kind == "mesh" else radius
 
@@ -123,18 +125,18 @@ def _felt_radius(limits: Limits, spacing: float) -> float:
 REGION = Limit("region", region_term, slack)
 
 
-# A closed mesh as the allowed region, as the search needs it: signed distances with a gradient.
+# A closed mesh as the allowed region: signed distances with a gradient.
 
 
 _REMEDY = "Export it again as a closed solid (STL, millimetres), with its faces turned outwards."
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("spare", "<u2")])
 _MOST_BYTES = 2**30
-_ON_RIM = 1e-9  # share of a corner in a point of a face: below it the point lies on the other side
+_ON_RIM = 1e-9  # barycentric coordinates below this are zero: the point lies on the opposite edge
 
 
 @dataclass(frozen=True)
 class RegionMesh:
-    """A closed surface in scene coordinates, with what makes signed distances fast.
+    """A closed surface in scene coordinates, prepared for fast signed distances.
 
     `face_normals` (m, 3), `edge_normals` (m, 3, 3: of the side across from each corner) and
     `corner_normals` (n, 3) are the pseudonormals of Bærentzen and Aanæs ("Signed distance
@@ -155,7 +157,7 @@ class RegionMesh:
         return self.vertices.min(axis=0), self.vertices.max(axis=0)
 
     def nearest(self, points: Array) -> tuple[Array, Array]:
-        """Return the nearest points (k, 3) of the surface, and 1 outside or -1 inside (k,)."""
+        """Return the nearest surface points (k, 3), and 1 outside or -1 inside, (k,)."""
         p = np.ascontiguousarray(points, dtype=np.float64)
         _, face, foot = self.tree.squared_distance(self.vertices, self.faces, p)
         share = _shares(self.vertices[self.faces[face]], foot)
@@ -173,7 +175,7 @@ class RegionMesh:
 
 
 def beyond(points: Array, mesh: RegionMesh) -> tuple[Array, Array]:
-    """Measure how far points (N, 3) are outside the surface, mm (N,), and the gradient (N, 3)."""
+    """Return how far points (N, 3) lie outside the surface, mm (N,), and its gradient (N, 3)."""
     foot, sign = (found.astype(points.dtype) for found in mesh.nearest(points))
     gap = points - foot
     distance = np.sqrt(np.maximum((gap * gap).sum(axis=1), 1e-18))
@@ -210,7 +212,7 @@ def region_mesh(file: str, center_mm: tuple[float, float, float]) -> RegionMesh:
 
 
 def _corners(path: Path, what: str) -> Array:
-    """Return (3m, 3) the corners of an STL file's triangles, binary or of words."""
+    """Read the corners of an STL file's triangles, binary or ASCII, (3m, 3)."""
     content = read_file(path, what, "closed STL", _MOST_BYTES, missing="Check [region] file.")
     count = int.from_bytes(content[80:84], "little")
     if len(content) >= 84 and len(content) == 84 + 50 * count:
@@ -242,7 +244,7 @@ def _require_closed(vertices: Array, faces: Indices, what: str) -> None:
 
 
 def _shares(corner: Array, point: Array) -> Array:
-    """Return (k, 3) barycentric coordinates of points (k, 3) in their triangles (k, 3, 3)."""
+    """Return barycentric coordinates (k, 3) of points (k, 3) in their triangles."""
     area = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     square = np.maximum(np.einsum("ij,ij->i", area, area), 1e-300)
     to = corner - point[:, None]
@@ -251,7 +253,7 @@ def _shares(corner: Array, point: Array) -> Array:
 
 
 def _angles(corner: Array) -> Array:
-    """Return (m, 3) the angles of triangles (m, 3, 3)."""
+    """Return the corner angles of triangles (m, 3, 3), (m, 3)."""
     ahead = unit(np.roll(corner, -1, axis=1) - corner)
     behind = unit(np.roll(corner, 1, axis=1) - corner)
     return np.asarray(np.arccos(np.clip(np.einsum("mij,mij->mi", ahead, behind), -1.0, 1.0)))

@@ -1,4 +1,4 @@
-"""A limit: a term of the objective, called only while it can be felt."""
+"""Limits as terms of the objective, evaluated only while they can be felt."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Limits:
     bend_radius: float
     length: float
     region: SettledRegion
-    walls: tuple[Plane, ...] = ()  # before which it stands: each a normal, and an offset in mm
+    walls: tuple[Plane, ...] = ()  # walls behind the piece, each a normal and an offset in mm
 
     @property
     def separation(self) -> float:
@@ -54,12 +54,12 @@ class State:
 
 
 def follow_edges(slope: Array, rings: Polylines) -> Array:
-    """Return the gradient (N, 3) in the vertices of what has the gradient `slope` (N, 3) in the edges."""
+    """Convert a gradient in the edges, `slope` (N, 3), into the gradient in the vertices (N, 3)."""
     return np.asarray(slope[rings.previous] - slope)
 
 
 def weigh(parts: Iterable[tuple[float, Felt]], points: Array) -> Felt:
-    """Return the sum of weighted terms, and its gradient, of vertices `points` (N, 3)."""
+    """Return the weighted sum of terms, and its gradient in vertices `points` (N, 3)."""
     total, slope = 0.0, np.zeros_like(points)
     for weight, (value, pull) in parts:
         total += weight * value
@@ -68,7 +68,7 @@ def weigh(parts: Iterable[tuple[float, Felt]], points: Array) -> Felt:
 
 
 def total_length(state: State) -> Felt:
-    """Return the length of all edges, mm; one without length has no direction, and pulls nowhere."""
+    """Return the total edge length, mm, with its gradient; edges of no length pull nowhere."""
     length = np.sqrt((state.edge * state.edge).sum(axis=1))
     along = state.edge / np.maximum(length, 1e-300)[:, None]
     return float(length.sum()), follow_edges(along, state.rings)
@@ -81,9 +81,9 @@ Slack = Callable[[Array, Polylines, Limits], float]
 
 @dataclass(frozen=True)
 class Limit:
-    """One limit: its term, a hinge with its gradient, and how far it is from being felt.
+    """One limit: its hinge term with gradient, and how far it is from being felt.
 
-    Without a `slack` it is felt always: strands of a filling lie side by side, and every curve turns.
+    Without a `slack` it is always evaluated: strands of a filling lie side by side, every curve bends.
     """
 
     name: str
@@ -95,8 +95,8 @@ class Limit:
 class Guard:
     """A limit as one search watches it: how often its term was called, and what that cost.
 
-    A term is nothing, and so is its slope, until some vertex has gone as far as the slack that was
-    measured; then the slack is measured anew. To leave it out before that changes no step.
+    The term and its gradient are zero until some vertex has moved as far as the measured slack,
+    which is then measured anew. Skipping the term before that changes no step.
     """
 
     limit: Limit
@@ -116,7 +116,7 @@ class Guard:
         return found
 
     def add(self, earlier: Guard) -> None:
-        """Enter the calls and seconds of an earlier search, before this one took over."""
+        """Add the calls and seconds of an earlier search."""
         self.calls += earlier.calls
         self.seconds += earlier.seconds
 
@@ -142,7 +142,7 @@ _BEND_OVERSHOOT = 1.06
 
 
 def bend_term(state: State, limits: Limits) -> Felt:
-    """Return the squared hinge of curvature over what is allowed, and its gradient."""
+    """Return the squared hinge of excess curvature, and its gradient."""
     total, gradient = bend_hinge(
         state.points, state.rings.next, limits.bend_radius * _BEND_OVERSHOOT
     )
@@ -197,7 +197,10 @@ def length_term(state: State, limits: Limits) -> Felt:
 
 
 def slack(points: Array, rings: Polylines, limits: Limits) -> float:
-    """Vertices that go at most d each lengthen n edges by at most 2 d each."""
+    """Return how far every vertex may move before the length is felt, mm.
+
+    Vertices that move by at most d lengthen n edges by at most 2 d each.
+    """
     length = float(np.linalg.norm(points[rings.next] - points, axis=1).sum())
     return (_AIM * limits.length - length) / (2 * len(points))
 

@@ -34,7 +34,7 @@ def ray_miss(
     qx: Tensor,  # [...] ray direction, x/z
     qy: Tensor,  # [...]
 ) -> tuple[Tensor, Tensor]:
-    """Measure how far rays pass from segments a-b (mm), and the depth of the segment's closest point (mm).
+    """Return how far rays pass from segments a-b, and the depth of the closest point, both mm.
 
     All arguments broadcast; differentiable with respect to `a` and `b`.
     """
@@ -82,7 +82,7 @@ def cut_before_light(
     b: Tensor,  # [n, 3]
     radius: float,
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """Keep of segments a-b what is deeper than `silhouette.NEAREST_RADII` tube radii; [n] which have any.
+    """Cut segments a-b at `silhouette.NEAREST_RADII` tube radii of depth; return which have a part left, [n].
 
     A ray's line goes on behind the light, so without the cut a segment that crosses the light's plane
     would be hit there. What is not cut comes back to the last bit; what has no part left comes back as
@@ -111,14 +111,14 @@ def cut_before_light(
 
 
 def _size(p: Tensor) -> Tensor:
-    """Return [n] how far across times how deep."""
+    """Return the lateral extent of points times their depth, [n]."""
     return p[:, :2].abs().amax(1) * p[:, 2]
 
 
 def _cut(
     a: Tensor, b: Tensor, near_a: Tensor, near_b: Tensor, least: float
 ) -> tuple[Tensor, Tensor]:
-    """Return segments with an end at the depth `least` where they cross it."""
+    """Return segments whose end is moved to the depth `least` where they cross it."""
     change = b[:, 2] - a[:, 2]
     crossing = near_a ^ near_b
     t = (least - a[:, 2]) / torch.where(crossing, change, 1.0)
@@ -130,17 +130,17 @@ def _cut(
     return a_cut, b_cut
 
 
-# A frame as a function of turns and distances that carry gradients: the view as an unknown.
+# A frame that is differentiable in its turns and distances: the view as an unknown.
 
 
 def tensor_frame(frame: Frame, dtype: torch.dtype, device: str | torch.device = "cpu") -> Frame:
-    """Return the view of a frame for tensors."""
+    """Return a frame whose numbers are tensors."""
     axes, eye = (torch.as_tensor(x, dtype=dtype, device=device) for x in (frame.axes, frame.eye))
     return replace(frame, axes=axes, eye=eye)
 
 
 def turn_matrix(turn_deg: Tensor) -> Tensor:
-    """Return [3, 3] the turn of a view by [3] azimuth, elevation, roll: columns are its x, y, z there.
+    """Return the rotation of a view by azimuth, elevation and roll [3]; its columns are x, y, z, [3, 3].
 
     Azimuth turns light, wall and picture about the scene's y axis (docs/conventions.md); then
     elevation raises the light, and roll turns the picture counter-clockwise seen from the light.
@@ -163,7 +163,7 @@ def posed_frame(
     light_distance_mm: Tensor,  # [] light to the middle of the piece
     wall_distance_mm: Tensor,  # [] middle of the piece to the wall
 ) -> Frame:
-    """Return the frame of `sheet` seen from a light at these numbers, differentiable in all of them.
+    """Return the frame of `sheet` for a light at these angles and distances, differentiable in all.
 
     Without elevation and roll it equals `frame_of(camera_of(view, ...))`.
     """

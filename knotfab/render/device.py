@@ -1,4 +1,4 @@
-"""The silhouette of tensors: compiled on the CPU, in torch elsewhere and for slopes in the view itself."""
+"""Silhouettes of tensors: compiled loops on the CPU, torch on devices and for gradients in the view."""
 
 from __future__ import annotations
 
@@ -83,14 +83,14 @@ def squared_error(
 
 
 def _torch_alone(starts: Tensor, frame: Frame, radius: Number) -> bool:
-    """Tell whether only torch's form serves: on other devices, and for slopes in the view's own numbers."""
+    """Return whether only torch can draw: on other devices, and for gradients in the view's own numbers."""
     numbers = (frame.u0, frame.v0, frame.step, radius)
     free = any(isinstance(n, Tensor) and n.requires_grad for n in numbers)
     return free or starts.device.type != "cpu"
 
 
 def _rows(points: Tensor) -> Any:
-    """Give rows to the kernels as they take them."""
+    """Convert rows to the arrays that the kernels take."""
     return points.detach().contiguous().numpy()
 
 
@@ -103,14 +103,14 @@ def _places(won: Winners | None) -> silhouette.Winners | None:
 
 @dataclass(frozen=True)
 class DeviceImage:
-    """A picture [height, width] on a device and its frame, for callers that have arrays and want arrays."""
+    """A picture [height, width] and its frame on a device, called with arrays and answering in arrays."""
 
     frame: Frame
     target: Tensor
 
     @classmethod
     def of(cls, frame: Frame, target: Real, device: str) -> DeviceImage:
-        """Return the picture of arrays."""
+        """Move a picture and its frame, given as arrays, to a device."""
         there = torch.as_tensor(target, device=device)
         return cls(tensor_frame(frame, there.dtype, device), there)
 
@@ -131,13 +131,13 @@ class DeviceImage:
     def find_winners(
         self, points: Real, rings: Polylines, radius: float, reach_px: float
     ) -> Winners:
-        """Find `winners` of the tube about vertices (N, 3)."""
+        """Find the winners of the tube about vertices (N, 3)."""
         return winners(*self._ends(points, rings), self.frame, radius, reach_px)
 
     def render(
         self, points: Real, rings: Polylines, radius: float, tau: float, cutoff: float
     ) -> Real:
-        """Render `render` of the tube about vertices (N, 3)."""
+        """Render the tube about vertices (N, 3)."""
         with torch.no_grad():
             image = self._image(*self._ends(points, rings), radius, tau, cutoff)
         return np.asarray(image.cpu().numpy())
@@ -168,7 +168,7 @@ def draw_on(
 
 
 class _Image(torch.autograd.Function):
-    """The flat image; its gradient works the distances out once more, which is cheaper than keeping them."""
+    """The flat image; the backward pass recomputes distances, which is cheaper than storing them."""
 
     @staticmethod
     def forward(ctx: Any, starts: Tensor, ends: Tensor, frame: Frame, *rest: Any) -> Tensor:
@@ -189,7 +189,7 @@ class _Image(torch.autograd.Function):
 
 
 def known(value: float, *parts: tuple[Tensor, Array]) -> Tensor:
-    """Return the scalar `value`; `parts` are tensors that it depends on, and its gradient in each."""
+    """Return the scalar `value` as a node of the graph; `parts` pair tensors with its known gradients."""
     tensors = [tensor for tensor, _ in parts]
     gradients = [gradient for _, gradient in parts]
     return _Known.apply(value, gradients, *tensors)  # type: ignore[no-untyped-call,no-any-return]

@@ -1,4 +1,4 @@
-"""The target picture and its frame at the search's own resolution."""
+"""A view's picture and frame at the resolution of a search phase."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from knotfab_formats.search import Precision, Renderer
 
 CUTOFF = 5.0  # a search's: sigmoid(-5) = 0.7 %, and a pixel further out pulls on nothing
 _KINDS: dict[Precision, type[np.floating[Any]]] = {"single": np.float32, "double": np.float64}
-_HARD = 10.0  # per px: a sharpness at which half a pixel beside an outline nothing is left
+_HARD = 10.0  # per px: so sharp that half a pixel off an outline is empty
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class ViewImage:
         return draw_on(self.device, self.frame, self.target, self.renderer)
 
     def from_frame(self, frame: Frame) -> ViewImage:
-        """Return the same picture where another frame looks from; what is on a device stays there."""
+        """Return the same picture seen from another frame. What is on a device stays there."""
         moved = replace(self, frame=frame)
         if self._drawn is not None:
             # a cached property keeps it so
@@ -65,21 +65,21 @@ class ViewImage:
         return total, one + two[rings.previous]
 
     def find_winners(self, points: Array, rings: Polylines, radius: float, tau: float) -> Any:
-        """Find the capsule that colours each pixel, for `squared_error` of vertices that moved little."""
+        """Find the capsule that colours each pixel, for calls of `squared_error` after small motions."""
         p = points.astype(self.target.dtype)
         if self._drawn is not None:
             return self._drawn.find_winners(p, rings, radius, CUTOFF / tau)
         return silhouette.winners(p, p[rings.next], self.frame, radius, CUTOFF / tau)
 
     def seen(self, points: Array, rings: Polylines, radius: float) -> Mask:
-        """Return (H, W) the tube's hard silhouette about vertices (N, 3), mm, at half coverage."""
+        """Return the hard silhouette, at half coverage, of the tube about vertices (N, 3), mm, (H, W)."""
         if self._drawn is not None:
             p = points.astype(self.target.dtype)
             return self._drawn.render(p, rings, radius, _HARD, CUTOFF) > 0.5
         return silhouette.cast(points, points[rings.next], self.frame, radius)
 
     def iou(self, points: Array, rings: Polylines, radius: float) -> float:
-        """Return the IoU of `seen` with the target's half coverage; `radius` in mm."""
+        """Return the IoU of the tube's hard silhouette with the target's; `radius` in mm."""
         return mask_iou(self.seen(points, rings, radius), self.target > 0.5)
 
 
@@ -93,9 +93,9 @@ def image_at(
     renderer: Renderer = "ray",
     ends: bool = False,
 ) -> ViewImage:
-    """Return the picture of a view with `pixels` on the longer side; `radius` of the tube in mm.
+    """Return a view's picture, `pixels` on its longer side, for a tube of `radius` mm.
 
-    With `ends` the screen ends at the frame: what is seen beside it is not in the picture.
+    With `ends` the screen ends at the frame, and shadows beside it do not count.
     """
     frame, target, pixel_mm = _picture_at(view, mask, pixels, precision, ends)
     sheet = Sheet(frame.width, frame.height, pixel_mm, view.wall_tilt_deg)
@@ -106,7 +106,7 @@ def image_at(
 def _picture_at(
     view: ResolvedView, mask: Mask, pixels: int, precision: Precision, ends: bool
 ) -> tuple[Frame, NDArray[np.floating[Any]], float]:
-    """Return (frame, target, pixel in mm), `pixels` on the longer side; with a margin if without `ends`.
+    """Return frame, target and pixel size, mm, for `pixels` on the longer side; margins unless `ends`.
 
     The target is the exact share of each pixel that the mask covers. Pixels need not fit the frame's
     sides a whole number of times: the margin takes up the rest.
@@ -125,7 +125,7 @@ def _picture_at(
 
 
 def frame_at(view: ResolvedView, sheet: Sheet, precision: Precision = "single") -> Frame:
-    """Return the frame in which a view sees a sheet's raster, whose middle is that of the view's frame."""
+    """Return the frame of a view for a sheet's raster, centred where the view's frame is."""
     sides = {
         "frame_width_mm": sheet.width * sheet.pixel_mm,
         "frame_height_mm": sheet.height * sheet.pixel_mm,
@@ -142,7 +142,7 @@ def grid_at(
     more: int = 0,
     beside: bool = False,
 ) -> tuple[Mask, Camera]:
-    """Return the mask looked up on about square cells, and the camera whose pixels they are.
+    """Sample the mask on nearly square cells; return it with the camera that has them as pixels.
 
     Args:
         margin: margin of the frame on each side, and `more` cells beyond: all outside the mask, or inside it

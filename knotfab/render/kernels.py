@@ -25,7 +25,7 @@ _AREA = _SIDE * _SIDE
 _HALF = 0.5 * (_SIDE - 1)
 _DIAGONAL = 1.41422 * _HALF  # the way from a tile's middle to its farthest pixel
 _BAND = 8  # rows of tiles whose candidates are held at once
-_ROUNDING_PX = 1e-3  # a bound must be beaten by this
+_ROUNDING_PX = 1e-3  # a capsule is dropped only if it loses by more than this
 _BLOCK = 256  # pixels evaluated at once, to stay in cache
 _TINY = 1e-30  # this and the next as in render.capsule
 _NEAREST = 1e-12
@@ -71,7 +71,7 @@ def _four(real: Any, numbers: Array) -> Any:
 
 @compiled
 def _meet(a: Any, b: Any, qx: Any, qy: Any, lost: Any, tiny: Any, zero: Any, one: Any) -> Any:
-    """Find where a ray passes a segment nearest: t along it, the moments c there and e of the whole of it.
+    """Find where a ray passes closest to a segment: t along it, the moment c there, the segment's e.
 
     Then |e|^2, how far the ray passes, and whether that is more than rounding. See `render.capsules`.
     """
@@ -95,7 +95,7 @@ def _meet(a: Any, b: Any, qx: Any, qy: Any, lost: Any, tiny: Any, zero: Any, one
 def _boxes(
     a: Real, b: Real, seen: NDArray[np.bool_], numbers: Array, columns: int, rows: int, reach: float
 ) -> NDArray[np.int32]:
-    """Return [n, 4] first column and row of the tiles that each capsule can colour, and how many of them.
+    """Return the first tile (column, row) that each capsule can colour, and the numbers of tiles, [n, 4].
 
     A sphere's silhouette reaches less than r / (z - 2r) * (1 + |q|)^2 * focal beyond its centre's
     pixel, and the signed distance falls by at least one pixel in 1 + |q| beyond that.
@@ -116,7 +116,7 @@ def _boxes(
             left, right = min(left, u - grow), max(right, u + grow)
             top, bottom = min(top, v - grow), max(bottom, v + grow)
         last_u, last_v = _SIDE * columns - 1.0, _SIDE * rows - 1.0
-        # written so that what is not a number is left out
+        # comparisons are written so that NaN is left out
         if right >= 0 and left <= last_u and bottom >= 0 and top <= last_v:
             boxes[k, 0] = int(max(left, 0.0)) // _SIDE
             boxes[k, 1] = int(max(top, 0.0)) // _SIDE
@@ -132,7 +132,7 @@ def _candidates(
     boxes: NDArray[np.int32],
     numbers: Array,
     columns: int,
-    rows: tuple[int, int],  # tiles: the first row, and the first that is not asked for
+    rows: tuple[int, int],  # rows of tiles: the first, and one past the last
     reach: float,
 ) -> tuple[NDArray[np.int64], Places]:
     """List the capsules that can win a pixel of each tile t of these rows, from first[t] to first[t + 1].
@@ -239,7 +239,7 @@ def find_winners(
 
 @compiled
 def are_within(places: Places, count: int) -> bool:
-    """Tell whether all are numbers of `count` things."""
+    """Return whether all indices lie in range(count)."""
     least, most = 0, -1
     for n in range(len(places)):
         least, most = min(least, places[n]), max(most, places[n])
@@ -261,9 +261,9 @@ def evaluate(
     slopes: Array,  # [n, 6] with respect to a and b, added to
     image: Real,  # [height * width], or empty: where g goes
 ) -> float:
-    """Return the sum over pixels of own g^2 / 2 + other g f, f the field there, and its gradient.
+    """Return the sum over pixels of own g^2 / 2 + other g f, and add its gradient to `slopes`.
 
-    g is the silhouette sigmoid(tau s) of the pixel's winning capsule.
+    Here g = sigmoid(tau s) is the silhouette of the pixel's winning capsule, f the field there.
     """
     real = a.dtype.type
     u0, v0, step, radius = _four(real, numbers)

@@ -1,4 +1,4 @@
-"""Pages that print at full size: papers, tiles to be laid together, crosses and a ruler to check by."""
+"""Pages for printing at full size: paper formats, overlapping tiles, alignment marks, a ruler."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ Box = tuple[float, float, float, float]  # left, bottom, right, top
 OVERLAP_MM = 10.0  # neighbouring pages share this
 RULER_MM = 100.0
 FULL_SIZE = "print at 100 %, not fitted to the page"
-_HEAD_MM = 16.0  # room at the foot of each page, for the ruler and the page's name
+_HEAD_MM = 16.0  # room at the foot of each page for the ruler and the page's name
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Paper:
 
     @property
     def room(self) -> tuple[float, float]:
-        """Width and height that a drawing may fill."""
+        """The width and height that a drawing may fill, mm."""
         return self.width - 2 * self.margin, self.height - 2 * self.margin - _HEAD_MM
 
 
@@ -62,7 +62,7 @@ class Tile:
 
 
 def lay_tiles(box: Box, paper: Paper) -> list[Tile]:
-    """Return the pages that cover `box` of a drawing (mm).
+    """Divide `box` of a drawing (mm) into pages.
 
     Pages overlap by `OVERLAP_MM`, rows run from the top, and the whole is centred.
     """
@@ -81,7 +81,7 @@ def lay_tiles(box: Box, paper: Paper) -> list[Tile]:
 
 
 def write_pages(path: Path, title: str, pages: Iterable[Figure]) -> int:
-    """Return one PDF of these pages, the same bytes for the same pages; returns how many there are."""
+    """Write the pages as one PDF, byte for byte reproducible; return the number of pages."""
     from matplotlib import rc_context
     from matplotlib.backends.backend_pdf import PdfPages
 
@@ -102,7 +102,7 @@ def write_pages(path: Path, title: str, pages: Iterable[Figure]) -> int:
 
 
 def choose_fonts(page: Figure) -> None:
-    """Give each text of a page the fonts that have its letters; letters that none has are told by number."""
+    """Set fonts for each text of a page; characters that no font has are told by code point."""
     from matplotlib.text import Text
 
     for text in page.findobj(Text):
@@ -125,7 +125,7 @@ def choose_fonts(page: Figure) -> None:
 
 @cache
 def _family_of(path: str) -> str:
-    """Name the family of a font's file; matplotlib is told of it once, or it forgets what it found."""
+    """Return the family of a font file, and register it with matplotlib once."""
     from matplotlib.font_manager import FontProperties, fontManager
 
     fontManager.addfont(path)
@@ -133,13 +133,13 @@ def _family_of(path: str) -> str:
 
 
 def _name_letters(found: re.Match[str]) -> str:
-    """Name letters that no font of this machine has."""
+    """Replace characters that no installed font has by their code points."""
     more = " …" if len(found[0]) > 1 else ""
     return f"[no font here for U+{ord(found[0][0]):04X}{more}]"
 
 
 def make_page(paper: Paper) -> tuple[Figure, Axes]:
-    """Make a figure of exactly the paper's size, whose axes are millimetres from its lower left."""
+    """Create a figure of exactly the paper's size, with axes in mm from its lower left corner."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(paper.width / 25.4, paper.height / 25.4))
@@ -150,7 +150,7 @@ def make_page(paper: Paper) -> tuple[Figure, Axes]:
 
 
 def draw_ruler(axes: Axes, paper: Paper, before: str) -> None:
-    """Draw 100 mm at the lower left, to be measured before one `before`s."""
+    """Draw a 100 mm ruler at the lower left, to be checked before one `before`s."""
     x, y = paper.margin, paper.margin + 6
     axes.plot([x, x + RULER_MM], [y, y], color="black", lw=0.5, solid_capstyle="butt")
     for k in range(int(RULER_MM) // 10 + 1):
@@ -159,7 +159,7 @@ def draw_ruler(axes: Axes, paper: Paper, before: str) -> None:
 
 
 def draw_foot(axes: Axes, paper: Paper, page: str, what: str, note: str = "") -> None:
-    """Draw at a page's lower right its name, the paper and the page's number, and a note."""
+    """Write the page's name, paper, number and a note at its lower right."""
     right = paper.width - paper.margin
     axes.text(right, paper.margin + 10.5, note, size=6, ha="right", va="top")
     axes.text(right, paper.margin + 7, what, size=7, ha="right", va="top")
@@ -167,7 +167,7 @@ def draw_foot(axes: Axes, paper: Paper, page: str, what: str, note: str = "") ->
 
 
 def draw_facts(paper: Paper, title: str, facts: Sequence[str], page: str, before: str) -> Figure:
-    """Draw a page of words, with a ruler."""
+    """Draw a page of text with a ruler."""
     figure, axes = make_page(paper)
     top = paper.height - paper.margin
     axes.text(paper.margin, top, title, size=14, va="top")
@@ -180,7 +180,7 @@ def draw_facts(paper: Paper, title: str, facts: Sequence[str], page: str, before
 
 @dataclass(frozen=True)
 class Drawing:
-    """A drawing at full size that may take several pages: its bounds, mm, and what draws it on one of them.
+    """A full-size drawing that may span several pages: its bounds, mm, and a function to draw it.
 
     `draw` is handed a page's axes, the shift (2,), mm, from the drawing to it, and the window to clip by.
     """
@@ -193,7 +193,7 @@ class Drawing:
 def draw_tiled(
     paper: Paper, title: str, facts: Sequence[str], drawings: Sequence[Drawing], before: str
 ) -> Iterator[Figure]:
-    """Draw a page of words and pages that cover each drawing; the ruler is measured before one `before`s."""
+    """Draw a page of text, then pages that cover each drawing; the ruler is checked before one `before`s."""
     tiled = [(drawing, lay_tiles(drawing.box, paper)) for drawing in drawings]
     total = 1 + sum(len(tiles) for _, tiles in tiled)
     yield draw_facts(paper, title, facts, f"page 1 of {total}", before)
@@ -211,7 +211,7 @@ def draw_tiled(
 
 
 def draw_tile(paper: Paper, tile: Tile) -> tuple[Figure, Axes, Array, Rectangle]:
-    """Draw a page for one tile of a drawing: its window, and crosses to lay on each other.
+    """Draw the page of one tile: its window, and crosses for aligning neighbours.
 
     Returns:
         The figure, its axes, the shift (2,), mm, from the drawing to the page, and the window to clip by.
@@ -238,12 +238,12 @@ def draw_tile(paper: Paper, tile: Tile) -> tuple[Figure, Axes, Array, Rectangle]
 _STEPS = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)
 _LINE = 0.35  # points
 _TEXT = 6.5  # points
-_GAP_MM = 1.0  # between a thing and the line that leads away from it
+_GAP_MM = 1.0  # gap between an object and its extension line
 _ARROW_MM = 1.6  # length of an arrow's head
 
 
 def length(value: float) -> str:
-    """Return a length as a person reads it off a ruler: to the tenth of a mm, whole ones without a point."""
+    """Format a length to a tenth of a mm; whole numbers have no decimal point."""
     return f"{value:.1f}".removesuffix(".0").replace("-0", "0" if abs(value) < 0.05 else "-0")
 
 
@@ -255,7 +255,7 @@ class Scaled:
     shift: tuple[float, float]
 
     def __call__(self, points: Array) -> Array:
-        """Map (..., 2) mm of the thing -> mm of the page."""
+        """Map points (..., 2), mm of the object, to mm of the page."""
         page: Array = np.asarray(points, dtype=np.float64) / self.ratio + np.asarray(self.shift)
         return page
 
@@ -265,7 +265,7 @@ class Scaled:
 
 
 def fit_scale(points: Array, zone: Box) -> Scaled:
-    """Give the largest usual scale at which points (n, 2), mm, fit `zone` (mm of the page): in its middle."""
+    """Return the largest usual scale at which points (n, 2), mm, fit into `zone` (mm), centred there."""
     low, high = points.min(axis=0), points.max(axis=0)
     size = high - low
     room = np.array([zone[2] - zone[0], zone[3] - zone[1]])
@@ -290,7 +290,7 @@ def draw_dimension(
     *,
     color: str = "#06c",
 ) -> None:
-    """Draw a dimension of two points of the page (mm), its line moved from them by the vector `away`.
+    """Dimension two points of the page (mm); the line is offset from them by the vector `away`.
 
     The text stands above the line as one reads it, or beside it where there is no room between.
     """
@@ -334,7 +334,7 @@ def draw_dimension(
 
 
 def _arrow(axes: Axes, tip: Array, into: Array, color: str) -> None:
-    """Draw a filled head whose point is at `tip`, its shaft in the direction `into`."""
+    """Draw a filled arrowhead with its point at `tip` and its shaft in direction `into`."""
     side = np.array([-into[1], into[0]])
     back = tip + _ARROW_MM * into
     head = np.stack([tip, back + 0.25 * _ARROW_MM * side, back - 0.25 * _ARROW_MM * side])

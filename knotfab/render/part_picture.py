@@ -1,4 +1,4 @@
-"""Pictures of the part from several sides: the picture from the light, a tangle from elsewhere."""
+"""Pictures of the part from several sides: from the light it shows the picture, elsewhere a tangle."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from knotfab.geometry.tube import face_normals, unit
 from knotfab.scene.camera import camera_of
 from knotfab_formats.scene import ResolvedView
 
-ANGLES_DEG = (0.0, 30.0, 60.0, 90.0)  # turns about the vertical, a panel each
+ANGLES_DEG = (0.0, 30.0, 60.0, 90.0)  # turns about the vertical, one panel each
 PANEL_PX = 360  # side of a panel
 OVERSAMPLING = 2
 PAPER = (250, 248, 244)  # sRGB
@@ -27,7 +27,7 @@ AMBIENT, DIFFUSE, SPECULAR, SHINE = 0.34, 0.8, 0.22, 18  # the tube's (Phong)
 LAMPS = (((-0.5, 0.8, 1.2), 0.9), ((0.9, -0.4, 0.6), 0.25))
 MARGIN = 1.12  # the frame over the part's extent
 CREASE = 0.7  # the cosine between a vertex and a face beyond which an edge is sharp
-SAME_DEG = 5.0  # directions nearer to each other show the same
+SAME_DEG = 5.0  # directions closer than this count as one
 
 
 def draw_part(
@@ -37,7 +37,7 @@ def draw_part(
     eyes: Array,
     panel_px: int = PANEL_PX,
 ) -> None:
-    """Draw the part in a row of panels, one for each eye, all with one scale on the page's background.
+    """Draw the part as a row of panels, one for each eye, all at one scale.
 
     Args:
         vertices: (n, 3) mm in scene coordinates, so that y is up.
@@ -54,7 +54,7 @@ def draw_part(
 
 
 def place_eyes(views: Sequence[ResolvedView]) -> Array:
-    """Return (k, 3) mm: where each view's light (or eye) is, and others about the vertical that make up four.
+    """Return the eyes: each view's light (or eye), and turns of the first to make up four, (k, 3) mm.
 
     From a view's light the part shows its picture; the others begin at the first view's.
     """
@@ -66,19 +66,19 @@ def place_eyes(views: Sequence[ResolvedView]) -> Array:
 
 
 def turn_eye(eye: Sequence[float] | Array, angles_deg: Sequence[float]) -> Array:
-    """Return (k, 3): `eye` turned about the vertical by each angle, to the right as the part sees it."""
+    """Turn `eye` about the vertical by each angle, to the right as the part sees it, (k, 3)."""
     one = np.asarray(eye, dtype=np.float64)
     return np.array([turn_upright(one, angle) for angle in angles_deg])
 
 
 def turn_upright(points: Array, angle_deg: float) -> Array:
-    """Return points (..., 3) turned about the vertical through the origin, anticlockwise from above."""
+    """Turn points (..., 3) about the vertical through the origin, anticlockwise from above."""
     c, s = np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))
     return np.asarray(points @ np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]]))
 
 
 def _level(eyes: Array) -> Array:
-    """Return (k, 2) unit directions of eyes in the horizontal."""
+    """Return the horizontal unit directions of eyes, (k, 2)."""
     flat = eyes[:, [0, 2]]
     return np.asarray(flat / np.maximum(np.linalg.norm(flat, axis=1), 1e-9)[:, None])
 
@@ -89,7 +89,7 @@ def _render(
     eyes: Array,
     pixels: int,
 ) -> list[NDArray[np.uint8]]:
-    """Render a picture (pixels, pixels, 3) of the part from each eye."""
+    """Render the part from each eye, (pixels, pixels, 3) each."""
 
     middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
     points = vertices - middle
@@ -124,7 +124,7 @@ def _render(
 
 
 def _shade(found: NDArray[np.bool_], normal: Array) -> NDArray[np.uint8]:
-    """Shade what was `found` (h, w) by its normals (h, w, 3) as the eye has them (Phong): (h, w, 3)."""
+    """Shade covered pixels `found` (h, w) by normals in the eye's axes (Phong), (h, w, 3)."""
     n = normal[found]
     n = n / np.maximum(np.linalg.norm(n, axis=1), 1e-12)[:, None]
     lit, shine = np.zeros(len(n)), np.zeros(len(n))
@@ -141,10 +141,10 @@ def _shade(found: NDArray[np.bool_], normal: Array) -> NDArray[np.uint8]:
 
 
 def _normals(points: Array, faces: NDArray[np.integer[Any]]) -> Array:
-    """Return (3 m, 3) unit normals at the corners of faces (m, 3).
+    """Return unit normals at the corners of faces (m, 3), (3 m, 3).
 
-    A vertex has one normal, that of the faces around by their area, without those beyond a crease. A corner
-    of such a face has its own: a plate stays flat to the rim of a hole in it.
+    A vertex's normal averages its faces by area, leaving out those beyond a crease. Such a face has
+    corner normals of its own: a plate stays flat up to the rim of a hole.
     """
     face = face_normals(points[faces])
     own = np.repeat(unit(face), 3, axis=0)
@@ -164,7 +164,7 @@ def _normals(points: Array, faces: NDArray[np.integer[Any]]) -> Array:
 def draw_faces(
     places: Array, normals: Array, faces: NDArray[np.int64], pixels: int
 ) -> tuple[NDArray[np.bool_], Array]:
-    """Draw triangles into a square of `pixels`; at each pixel's centre the one nearest to the eye is kept.
+    """Rasterise triangles into a square of `pixels`; the face nearest to the eye wins each pixel.
 
     Args:
         places: (n, 3): column and row, in pixels from the upper left corner, and what is larger the nearer
@@ -219,7 +219,7 @@ _LONGER_PX = 384  # longer side of the pictures
 
 
 def write_gif(path: Path, images: Sequence[Image.Image], frame_ms: int | list[int]) -> None:
-    """Write `images` (all of one size) as a GIF that repeats for ever, each shown for `frame_ms`.
+    """Write `images` (all of one size) as an endless GIF, each shown for `frame_ms`.
 
     Raises:
         ValueError: no image, or images of different sizes.
@@ -233,7 +233,7 @@ def write_gif(path: Path, images: Sequence[Image.Image], frame_ms: int | list[in
 
 
 def write_shadows_gif(path: Path, shadows: Sequence[Path], cyclic: bool) -> None:
-    """Write the verified shadows, one after the other, and back again where the sequence does not close.
+    """Write the verified shadows as a GIF, forwards and back unless the sequence is `cyclic`.
 
     Raises:
         ValueError: no shadow.

@@ -25,13 +25,13 @@ Number: TypeAlias = Any  # a float, or a tensor [] where it has a gradient
 
 
 def number(value: Number) -> float:
-    """Return the value without its gradient."""
+    """Return the value as a float, without its gradient."""
     return float(value if isinstance(value, float | int) else value.detach())
 
 
 @compiled
 def _turn_to(points: Real, axes: Real, eye: Real) -> Real:
-    """Return (n, 3) points about `eye` in these axes (3, 3), rounded as `Frame.local` says it."""
+    """Return points relative to `eye` in these axes (3, 3), (n, 3), rounded as `Frame.local` explains."""
     out = np.empty_like(points)
     for n in range(len(points)):
         x, y, z = points[n, 0] - eye[0], points[n, 1] - eye[1], points[n, 2] - eye[2]
@@ -82,7 +82,7 @@ class Frame:
         return uv - uv.new_tensor(corner)
 
     def arrays(self) -> Frame:
-        """Return the same view for arrays: its present numbers, without gradient."""
+        """Return the same view with arrays and floats, without gradients."""
         if isinstance(self.axes, np.ndarray):
             return self
         axes, eye = (x.detach().cpu().numpy() for x in (self.axes, self.eye))
@@ -134,7 +134,7 @@ def frame_of(
 
 
 CUTOFF = 40.0  # pixels with tau * s below minus this are empty: sigmoid(-40) is 4e-18
-NEAREST_RADII = 2.5  # centre lines nearer to the light's plane than so many tube radii are cut away
+NEAREST_RADII = 2.5  # centre lines are cut at this depth before the light's plane, in tube radii
 _LEAST_MM = 1e-9
 
 Winners = tuple[Places, Places]  # flat indices of pixels, and the capsule that colours each
@@ -156,7 +156,7 @@ class _Cut:
     swapped: NDArray[np.bool_] | None = None
 
     def pull(self, slopes: Array, least: float) -> tuple[Array, Array]:
-        """Return a gradient (n, 6) in a and b as gradients (n, 3) in the ends that were cut."""
+        """Convert a gradient (n, 6) in a and b into gradients (n, 3) in the original ends."""
         one, two = slopes[:, :3], slopes[:, 3:]
         if self.swapped is not None:
             other = self.swapped[:, None]
@@ -213,7 +213,7 @@ def _place(starts: Real, ends: Real, frame: Frame, radius: float) -> _Cut:
 
 
 def least_depth(radius: float) -> float:
-    """Return the least depth that is seen, mm: what is nearer to the light's plane is cut away."""
+    """Return the least depth that casts a shadow, mm; anything nearer to the light's plane is cut away."""
     return max(NEAREST_RADII * radius, _LEAST_MM)
 
 
@@ -229,7 +229,7 @@ def winners(
 
 
 def cast(starts: Array, ends: Array, frame: Frame, radius: float) -> Mask:
-    """Mark (height, width) pixels whose rays meet a capsule of `radius` mm about a segment: the hard shadow.
+    """Return the hard shadow: pixels whose rays meet a capsule of `radius` mm, (height, width).
 
     Args:
         starts, ends: (n, 3) mm in the scene.
@@ -286,13 +286,13 @@ def squared_error(
 
 
 def _numbers(frame: Frame, radius: float) -> Array:
-    """Return the numbers that the kernels go by: u0, v0, step, radius."""
+    """Return the numbers that the kernels take: u0, v0, step, radius."""
     return np.array([number(frame.u0), number(frame.v0), number(frame.step), radius])
 
 
 @dataclass(frozen=True)
 class Capsules:
-    """The rendered capsules: segments in receiver axes, who wins each pixel, radius and sharpness."""
+    """Rendered capsules: segments in receiver axes, each pixel's winner, radius and sharpness."""
 
     cut: _Cut
     won: Winners
@@ -327,7 +327,7 @@ class Capsules:
         return cls(cut, won, frame, radius, tau)
 
     def image(self) -> Real:
-        """Return (height * width,) the silhouette."""
+        """Return the silhouette, (height * width,)."""
         image = np.zeros(self.frame.width * self.frame.height, self.cut.a.dtype)
         self._evaluate(image, 0.0, 0.0, image)
         return image
@@ -348,7 +348,7 @@ class Capsules:
 
 
 class DrawnImage(Protocol):
-    """A view's picture that something else than the compiled loops draws; arrays in, arrays out."""
+    """A view's picture drawn by something other than the compiled loops; arrays in, arrays out."""
 
     def from_frame(self, frame: Frame) -> DrawnImage:
         """Return the same picture, seen from another frame."""
@@ -359,7 +359,7 @@ class DrawnImage(Protocol):
         """Return the squared difference of tube and picture, and its gradient in the vertices (N, 3)."""
 
     def find_winners(self, points: Real, rings: Polylines, radius: float, reach_px: float) -> Any:
-        """Find the capsule that colours each pixel, for `squared_error` of vertices that moved little."""
+        """Find the capsule that colours each pixel, for calls of `squared_error` after small motions."""
 
     def render(
         self, points: Real, rings: Polylines, radius: float, tau: float, cutoff: float

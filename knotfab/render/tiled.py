@@ -126,7 +126,7 @@ def _settle(
     radius: float,
     columns: int,
 ) -> None:
-    """Settle the winner of each place among its rivals; among several, by the image's own formula."""
+    """Choose each place's winner among its rivals; the image's own formula decides between several."""
     winner[place] = rival
     other = (winner[place] != rival).nonzero()[:, 0]
     place, rival = place[other], rival[other]
@@ -144,7 +144,7 @@ def _settle(
 
 
 def _pixel(place: Tensor, columns: int) -> tuple[Tensor, Tensor]:
-    """Return (u, v) of places in the list of all tiles' pixels, `columns` tiles a row."""
+    """Return the pixel (u, v) of places in the list of tiles, `columns` tiles a row."""
     # tiles are 4 x 4: shifts are much faster than divisions
     tile, inner = place >> 4, place & 15
     row = tile // columns
@@ -261,7 +261,7 @@ def _may_win(
     tile_v: Tensor,
     size: int,
 ) -> Tensor:
-    """Find which (capsule, tile) pairs can hold a winner: those not surely beaten all over the tile.
+    """Return which (capsule, tile) pairs may hold a winner: those not beaten all over the tile.
 
     The distance of a pixel's ray to a segment changes by at most |p| per unit of direction (p the
     farther end), so its value at the tile's middle bounds it over the tile; depths between the ends'

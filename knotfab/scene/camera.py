@@ -232,7 +232,7 @@ class CurvedWall:
         return np.nan_to_num((ends[1] - ends[0])[:, 0] / (2 * half) * (above - level))
 
     def stand(self, places: Array) -> tuple[Array, Array]:
-        """Return the points (n, 3) of places (n, 2) in the scene, and the wall's unit normals (n, 3) there."""
+        """Return the scene's points (n, 3) of places (n, 2), and the wall's unit normals (n, 3) there."""
         turn = places[:, 0] / self.radius
         before = self.before(turn)
         local = np.column_stack([self.radius * np.sin(turn), places[:, 1], before])
