@@ -1,5 +1,4 @@
-"""The formats: models of scene.toml, knots.json, report.json, and the names in them.
+"""The file formats: models of scene.toml, knots.json and report.json, and the names in them.
 
-Maker and validators read the same declaration. Nothing here measures anything, and nothing here imports
-either of them.
+Maker and validators share these declarations. Nothing here measures anything or imports either of them.
 """

@@ -1,7 +1,7 @@
-"""Every kind of number that a scene holds, with its bounds: a value beyond is a slip, or no part at all.
+"""The kinds of numbers in a scene, with their bounds; a value beyond them must be a slip.
 
-A number is a number (whole ones too), never a text or a truth value that looks like one. The bounds are
-shown by docs/scene.schema.json.
+Neither text nor a truth value passes for a number, but an integer does. docs/scene.schema.json shows the
+bounds.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 MOST_MM, LEAST_MM = 1e5, 1e-3  # the shadow on a tower; a thousandth of a hair
 MOST_COORDINATE_MM = 1e7  # coordinates, and a tube's length
-_FAR_MM = 1e9  # a lamp that stands for the sun, and the radius of a wall that is all but flat
+_FAR_MM = 1e9  # a lamp that stands for the sun, and the radius of an almost flat wall
 _MOST_WHOLE = 10**9
 
 
 def _not_nothing(radius: float) -> float:
-    """Positive: hollow towards the light; negative: a column."""
+    """Require a radius that is not nearly 0: positive is hollow towards the light, negative a column."""
     if abs(radius) < LEAST_MM:
         raise PydanticCustomError(
             "radius", "a radius, not 0: positive of a hollow wall, negative of a column"
@@ -42,14 +42,16 @@ def _not_nothing(radius: float) -> float:
     return radius
 
 
-AUTO = "auto"  # the word of a file for what a build is to choose
+AUTO = "auto"  # how a file says that the build is to choose
 
 
 @dataclass(frozen=True)
 class Word:
-    """Reads a word of a file as a value, so that no stage tells words from numbers; a table writes it again.
+    """Reads a word of a file as a value, so that no stage has to tell words from numbers; a table writes
+    it back.
 
-    A word for nothing is read as None; where the key may be `AUTO` too, which is None then, as 0 or False.
+    A word for nothing is read as None. If the key may also be `AUTO`, which is None then, it is 0 or
+    False.
     """
 
     word: str
@@ -64,7 +66,7 @@ class Word:
         )
 
     def _spell(self, value: Any, about: ValidationInfo) -> Any:
-        """Return the word for its own value, which a program may give, but no file (`about.context`)."""
+        """Return the word for its own value, which a program may pass, but no file (`about.context`)."""
         alike = type(value) is type(self.value) and value == self.value
         return self.word if alike and (value is None or about.context is None) else value
 
@@ -72,7 +74,7 @@ class Word:
 Auto = Annotated[None, Word(AUTO)]
 Number = Annotated[float, Strict()]
 Length = Annotated[float, Strict(), Field(ge=LEAST_MM, le=MOST_MM)]
-Spread = Annotated[float, Strict(), Field(ge=0, le=MOST_MM)]  # a length that may be nothing
+Spread = Annotated[float, Strict(), Field(ge=0, le=MOST_MM)]  # a length that may be 0
 LampDistance = Annotated[float, Strict(), Field(ge=LEAST_MM, le=_FAR_MM)]
 TubeLength = Annotated[float, Strict(), Field(ge=1, le=MOST_COORDINATE_MM)]
 Coordinate = Annotated[float, Strict(), Field(ge=-MOST_COORDINATE_MM, le=MOST_COORDINATE_MM)]
@@ -86,7 +88,7 @@ Density = Annotated[float, Strict(), Field(ge=1e-3, le=25)]  # from aerogel to o
 Modulus = Annotated[float, Strict(), Field(ge=1e-3, le=2e6)]  # MPa
 Ratio = Annotated[
     float, Strict(), Field(ge=0, le=1e6)
-]  # over the lamp's own light, and square metres
+]  # ambient light over the lamp's own, and areas in m²
 Volume = Annotated[float, Strict(), Field(ge=0, le=1e9)]  # cm³
 Pixels = Annotated[float, Strict(), Field(gt=0, le=1024)]
 Vector = tuple[Coordinate, Coordinate, Coordinate]
@@ -99,7 +101,7 @@ Side = Annotated[int, Strict(), Field(ge=1, le=_MOST_WHOLE)]
 
 
 def why_out_of_bounds(model: type[BaseModel], key: str, value: Any) -> str | None:
-    """Return the bounds of a key, in words, where a number lies beyond them; None where it does not."""
+    """Say in words which bounds of a key a number exceeds; None if it does not."""
     kind, adapter = _kind_of(model, key)
     try:
         adapter.validate_python(value)
@@ -114,13 +116,13 @@ def why_out_of_bounds(model: type[BaseModel], key: str, value: Any) -> str | Non
 def _kind_of(model: type[BaseModel], key: str) -> tuple[Any, TypeAdapter[Any]]:
     """Return the type of a key with its bounds, and the adapter that checks its values."""
     field = model.model_fields[key]
-    # pydantic takes Strict, Ge, … off the field's own type, and leaves them in its branches
+    # pydantic strips Strict, Ge, … from the field's own type, but not from its branches
     kind: Any = Annotated[(field.annotation, *field.metadata, None)]
     return kind, TypeAdapter(kind)
 
 
 def _bounds(kind: Any) -> Iterator[Any]:
-    """Yield the bounds in an annotation, the lower one first."""
+    """Yield the bounds in an annotation, lower one first."""
     for part in get_args(kind):
         for bound in getattr(part, "metadata", [part]):
             if isinstance(bound, Ge | Gt | Le | Lt):
@@ -128,18 +130,17 @@ def _bounds(kind: Any) -> Iterator[Any]:
         yield from _bounds(part)
 
 
-# The words of a scene's keys: the sentence below each, and the option of `knotfab build` that
-# sets it.
+# The documentation of a scene's keys: the sentence below each, and the build option that sets it.
 
 
 def option(default: Any, name: str, **bounds: float) -> Any:
-    """Return a key's default and the option that sets it, after its group: "Piece --lamp-distance"."""
+    """Declare a key's default and the option that sets it, after its group: "Piece --lamp-distance"."""
     field: Any = Field
     return field(default, json_schema_extra={"option": name}, **bounds)
 
 
 def option_of(model: type[BaseModel], key: str) -> tuple[str, str] | None:
-    """Return the group and the name of the option that sets a key; None where there is none."""
+    """Return the group and the name of the option that sets a key; None if there is none."""
     extra = model.model_fields[key].json_schema_extra
     if not isinstance(extra, dict):
         return None
@@ -148,7 +149,7 @@ def option_of(model: type[BaseModel], key: str) -> tuple[str, str] | None:
 
 
 def words_of(model: type[BaseModel], key: str) -> tuple[str, ...]:
-    """Return the words that a key takes beside, or instead of, a number."""
+    """List the words that a key takes beside, or instead of, a number."""
     kind = model.model_fields[key].annotation
     parts = (kind, *get_args(kind))
     literal = (w for part in parts if get_origin(part) is Literal for w in get_args(part))
@@ -157,25 +158,25 @@ def words_of(model: type[BaseModel], key: str) -> tuple[str, ...]:
 
 @cache
 def values_of(model: type[BaseModel], key: str) -> dict[str, Any]:
-    """Return what a key's words are read as, where that is another value: {"none": 0.0, "auto": None}."""
+    """Return the values that a key's words are read as, if they differ: {"none": 0.0, "auto": None}."""
     parts = get_args(model.model_fields[key].annotation)
     found = (said for part in parts for said in getattr(part, "__metadata__", ()))
     return {said.word: said.value for said in found if isinstance(said, Word)}
 
 
 def as_written(model: type[BaseModel], key: str, value: Any) -> Any:
-    """Return a key's value as a file holds it: the word that stands for it, where there is one."""
+    """Return a key's value as a file holds it: by the word that stands for it, if there is one."""
     return next((word for word, read in values_of(model, key).items() if read == value), value)
 
 
 def takes_number(model: type[BaseModel], key: str) -> bool:
-    """Tell whether a key takes a number that need not be whole."""
+    """Tell whether a key takes numbers that are not integers."""
     kind = model.model_fields[key].annotation
     return any(float in (part, *get_args(part)) for part in (kind, *get_args(kind)))
 
 
 def sentences_of(model: type[BaseModel]) -> dict[str, str]:
-    """Give the sentence that stands below each key of a table, read from the source when it is asked for."""
+    """Return the sentence below each key of a table, read from the source when first needed."""
     found: dict[str, str] = {}
     for kind in reversed(model.__mro__):
         if kind.__module__.startswith("knotfab_formats"):
@@ -185,7 +186,7 @@ def sentences_of(model: type[BaseModel]) -> dict[str, str]:
 
 @cache
 def _sentences(module: str) -> dict[str, dict[str, str]]:
-    """Return the sentences below the fields of each class of a module."""
+    """Parse the sentences below the fields of each class of a module."""
     found: dict[str, dict[str, str]] = {}
     for kind in ast.parse(inspect.getsource(sys.modules[module])).body:
         if not isinstance(kind, ast.ClassDef):

@@ -11,14 +11,14 @@ from typing import Any, TypeVar
 
 
 def shown(thing: object, most: int = 600) -> str:
-    """Quote on one line: bytes that are no UTF-8, and signs that steer a terminal, as their numbers.
+    """Quote a thing on one line; invalid UTF-8 and terminal control characters are shown by number.
 
     Args:
-        most: characters; what is longer is cut.
+        most: characters beyond this are cut.
     """
     try:
         text = str(thing)
-    except (ValueError, RecursionError):  # a number of thousands of digits; lists in lists
+    except (ValueError, RecursionError):  # a number with thousands of digits; deeply nested lists
         return "something too long to be shown"
     signs = [
         c
@@ -33,23 +33,23 @@ def shown(thing: object, most: int = 600) -> str:
 
 
 def short(thing: object) -> str:
-    """Quote what a file holds, in a sentence about that file."""
+    """Quote what a file holds, for a sentence about that file."""
     return shown(thing, 80)
 
 
 def spelled(text: str) -> str:
-    """Give a text that any encoding of Unicode holds: bytes of a name that are no UTF-8 as their numbers."""
+    """Replace bytes of a name that are not UTF-8 by their numbers, so that any encoding can hold it."""
     return re.sub("[\ud800-\udfff]", lambda found: shown(found[0]), text)
 
 
 class KnotfabError(Exception):
-    """Base of every error knotfab raises on purpose; `exit_code` follows the contract."""
+    """Base of all errors that knotfab raises on purpose; `exit_code` follows the contract."""
 
     exit_code = 2
 
     def __init__(self, what: str, why: str, remedy: str) -> None:
         self.what, self.why, self.remedy = shown(what), why, remedy
-        # a remedy that ends in a command or a path keeps what can be copied
+        # a remedy may end in a command or a path, which a full stop would spoil for copying
         stop = "" if ": " in remedy or not remedy[-1:].isalnum() else "."
         about = f"{self.what}: " if what else ""
         super().__init__(f"{about}{why}. {remedy}{stop}")
@@ -61,7 +61,7 @@ class InputError(KnotfabError):
     exit_code = 2
 
 
-# Records of what was found, as JSON has them and back.
+# Convert records to JSON and back.
 
 
 T = TypeVar("T")
@@ -69,7 +69,7 @@ _READERS: dict[type[Any], Any] = {}
 
 
 def plain(value: Any) -> Any:
-    """Return `value` in JSON's own types; numbers that are not finite become None.
+    """Convert `value` to JSON's own types; numbers that are not finite become None.
 
     Raises:
         TypeError: the value has no such form.
@@ -78,7 +78,7 @@ def plain(value: Any) -> Any:
         return spelled(value)
     if value is None or isinstance(value, bool):
         return value
-    if hasattr(value, "tolist"):  # an array or a number of numpy
+    if hasattr(value, "tolist"):  # a numpy array or number
         return plain(value.tolist())
     if isinstance(value, int):
         return int(value)
@@ -90,7 +90,7 @@ def plain(value: Any) -> Any:
         return [plain(item) for item in value]
     if isinstance(value, PathLike):
         return spelled(fspath(value))
-    if hasattr(value, "model_dump"):  # a model of pydantic
+    if hasattr(value, "model_dump"):  # a pydantic model
         return plain(value.model_dump())
     if is_dataclass(value):
         found = {f: getattr(value, f.name) for f in fields(value)}
@@ -99,7 +99,7 @@ def plain(value: Any) -> Any:
 
 
 def read_as(kind: type[T], content: Any) -> T:
-    """Read the record in the content of a JSON text; keys that `kind` does not know are passed over.
+    """Parse a record from JSON text; keys that `kind` does not have are ignored.
 
     Raises:
         ValueError: a key lacks, or has a value of another type.

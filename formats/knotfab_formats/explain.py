@@ -1,4 +1,4 @@
-"""Say in one sentence what is wrong with a scene file: from a validation error to an InputError."""
+"""Turn a scene file's validation error into an InputError of one sentence."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pydantic import BaseModel, ValidationError
 
 from knotfab_formats.errors import InputError, shown
 
-# Millimetres or degrees in one of each unit that people write instead.
+# Millimetres or degrees per unit that people write instead.
 _LENGTHS = {"mm": 1.0, "cm": 10.0, "dm": 100.0, "m": 1000.0, "um": 0.001, "in": 25.4, "inch": 25.4}
 _LENGTHS |= {"inches": 25.4, "ft": 304.8, '"': 25.4}
 _ANGLES = {"deg": 1.0, "degrees": 1.0, "°": 1.0, "rad": 57.29577951308232}
@@ -22,7 +22,7 @@ _NAMES = {"mm": "millimetres", "deg": "degrees"}
 def explain(
     error: ValidationError, raw: Mapping[str, Any], what: str, scene: type[BaseModel]
 ) -> InputError:
-    """Return the most telling of the errors that validation found.
+    """Return the most telling of the errors that validation found, as an InputError.
 
     Args:
         error: from the validation of `raw`, what a TOML file held, by the model `scene`.
@@ -41,7 +41,7 @@ def explain(
 
 
 def _path(loc: tuple[int | str, ...], raw: Any) -> tuple[int | str, ...]:
-    """Return the part of an error's location that names keys of the file, not branches of a type."""
+    """Return the part of an error's location that names keys of the file rather than branches of a type."""
     path: list[int | str] = []
     for step in loc:
         is_key = isinstance(raw, dict) and step in raw
@@ -60,7 +60,7 @@ def _look_up(path: tuple[int | str, ...], raw: Any) -> Any:
 
 
 def _name_table(path: tuple[int | str, ...]) -> str:
-    """Return a table's name as the file writes it, with the view's number."""
+    """Write a table's name as the file does, with the view's number."""
     if not path:
         return "the top level"
     if path[0] == "views":
@@ -69,7 +69,7 @@ def _name_table(path: tuple[int | str, ...]) -> str:
 
 
 def tables_of(scene: type[BaseModel]) -> dict[str, type[BaseModel]]:
-    """Return each table's name and its model."""
+    """List the model of each table by its name."""
     tables: dict[str, type[BaseModel]] = {}
     for name, field in scene.model_fields.items():
         for part in (field.annotation, *get_args(field.annotation)):
@@ -86,7 +86,7 @@ def _key_names(table: str | None, scene: type[BaseModel]) -> list[str]:
 
 
 def _convert(number: float, unit: str, target: str) -> float | None:
-    """Return `number` of `unit` in mm or deg, or None where the units do not fit."""
+    """Convert `number` from `unit` to mm or deg; None if the units do not fit."""
     table = _LENGTHS if target == "mm" else _ANGLES
     factor = table.get(unit if unit == '"' else unit.lower())
     return None if factor is None else float(f"{number * factor:.12g}")
@@ -123,7 +123,7 @@ def _unknown_key(
 
 
 def _describe_expected(error: Mapping[str, Any]) -> str:
-    """Describe the values that one branch of a type would have taken."""
+    """Describe the values that one branch of a type accepts."""
     context = error.get("ctx", {})
     match error["type"]:
         case "float_type" | "finite_number":
@@ -184,7 +184,7 @@ def _wrong_value(
 
 
 def _remedy(key: str, value: Any) -> str:
-    """Return the line to write instead, where a text holds a number."""
+    """Suggest the line to write instead, if a text holds a number."""
     unit = key.rpartition("_")[2]
     if isinstance(value, str) and (match := _QUANTITY.fullmatch(value)):
         number = _convert(float(match[1]), match[2] or unit, unit) if unit in _NAMES else None

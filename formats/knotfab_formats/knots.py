@@ -1,4 +1,4 @@
-"""What a knots.json holds: the knots, and the members of the mount that holds them."""
+"""The contents of knots.json: the knots, and the mount that holds them; and the names of knot types."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from knotfab_formats.bounds import MOST_COORDINATE_MM, Vector
 from knotfab_formats.errors import InputError, short
 
 MOST_KNOTS = 1000
-MOST_MEMBERS = 10_000  # members of a mount; a build makes a hundred
+MOST_MEMBERS = 10_000  # members of a mount; a build makes about a hundred
 MOST_CORNERS = 5_000  # corners of a hull
 
 _Radius = Annotated[float, Strict(), Field(gt=0, le=MOST_COORDINATE_MM)]
@@ -62,7 +62,7 @@ class Bar(BaseModel):
 
 
 class Feet(BaseModel):
-    """The part is cut level, so that each valley stands flat: so much is missing of the lowest one's tube."""
+    """Feet cut level so that each valley stands flat; `cut_mm` of the lowest one's tube is missing."""
 
     model_config = _FINITE
 
@@ -89,7 +89,7 @@ class Hull(BaseModel):
 
 
 class Line(BaseModel):
-    """A knot's centre line, a polygon in mm; where it is `closed` the last point joins the first."""
+    """A knot's centre line, a polygon in mm; a `closed` one joins its last point to its first."""
 
     model_config = _FINITE
 
@@ -99,12 +99,12 @@ class Line(BaseModel):
 
     @property
     def promise(self) -> str:
-        """The type, also where the file leaves it out."""
+        """The knot type, with a default if the file leaves it out."""
         return self.type or ("unknot" if self.closed else "open")
 
 
 class KnotsFile(BaseModel):
-    """The whole of a knots.json (docs/contract.md), or of a start, whose `coordinates` are the scene's."""
+    """All of a knots.json (docs/contract.md), or of a start, whose `coordinates` are the scene's."""
 
     model_config = _FINITE
 
@@ -121,7 +121,7 @@ class KnotsFile(BaseModel):
     coordinates: str = ""
 
     def dumps(self) -> str:
-        """Return the text of the file, with the keys that were given."""
+        """Serialise the file, with only the keys that were given."""
         return json.dumps(self.model_dump(by_alias=True, exclude_unset=True))
 
 
@@ -141,7 +141,7 @@ _WANTED = {
 
 
 def why_no_knots(error: ValidationError) -> str:
-    """Return what keeps a content from being a `KnotsFile`, in words that name the knot and the point."""
+    """Say why a content is no `KnotsFile`, naming the knot and the point."""
     first: Any = error.errors(include_url=False)[0]
     kind, got, place = first["type"], first["input"], first["loc"]
     match place:
@@ -169,7 +169,7 @@ def why_no_knots(error: ValidationError) -> str:
     return f"{where}{key} {_WANTED.get(key, first['msg'].lower())}, {has}"
 
 
-# The prime knots of up to 8 crossings by name: braid words, and what may be asked for.
+# The prime knots of up to 8 crossings: their names and braid words, and the parser of names.
 
 
 # Letter k > 0: strands k and k + 1 cross right-handedly; k < 0: left-handedly.
@@ -212,7 +212,7 @@ BRAIDS: dict[str, tuple[int, ...]] = {
 }
 
 _AMPHICHIRAL = frozenset({"4_1", "6_3", "8_3", "8_9", "8_12", "8_17", "8_18"})
-# names that people use, and those of the table
+# common names, and those in the table
 NICKNAMES = {
     "trefoil": "3_1",
     "figure-eight": "4_1",
@@ -233,7 +233,7 @@ NO_SUCH_KNOT = (
 
 @dataclass(frozen=True)
 class Factor:
-    """A prime knot of the table; `mirrored` is its left-handed form (never of an amphichiral one)."""
+    """A prime knot of the table; `mirrored` is its left-handed form (never set for an amphichiral one)."""
 
     name: str
     mirrored: bool
@@ -241,14 +241,14 @@ class Factor:
 
 @dataclass(frozen=True)
 class KnotName:
-    """A knot that is asked for: `promise` is the type as knots.json states it, the unknot has no factors."""
+    """A knot that was asked for; `promise` is its type as in knots.json. The unknot has no factors."""
 
     promise: str
     factors: tuple[Factor, ...]
 
 
 def parse_knot_name(text: str) -> KnotName:
-    """Return the knot that a name stands for; without a hand, the right-handed one.
+    """Parse the name of a knot; without a hand, it is the right-handed one.
 
     Raises:
         InputError: no such name is known.
@@ -280,7 +280,7 @@ def parse_knot_name(text: str) -> KnotName:
 
 
 def _state_type(factors: tuple[Factor, ...]) -> str:
-    """Return the type as a file states it: with the hand, where there is one."""
+    """Write the type as a file states it, with the hand if there is one."""
     hands = {f.mirrored for f in factors if f.name not in _AMPHICHIRAL}
     if len(hands) == 2:
         return "#".join(("m" if f.mirrored else "") + f.name for f in factors)

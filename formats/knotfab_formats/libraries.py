@@ -1,6 +1,6 @@
-"""Which libraries have a part in what runs: told where they are called, for a report's `settings.parts`.
+"""Record which libraries take part in a run, where they are called, for a report's `settings.parts`.
 
-Maker, validators and fixtures tell it alike; what their processes tell comes back with each answer.
+Maker, validators and fixtures do so alike; records of their processes come back with each answer.
 """
 
 from __future__ import annotations
@@ -14,10 +14,11 @@ _told: ContextVar[Deeds | None] = ContextVar("libraries", default=None)
 
 
 def took_part(library: str, *deeds: str) -> None:
-    """Record what a library does now, for whoever is `recording`.
+    """Record what a library does, for whoever is `recording`.
 
     Args:
-        library: its distribution, as `pip` installs it. deeds: in the past tense, as in "swept the tubes".
+        library: its distribution, as `pip` installs it. deeds: in the past tense, as in "swept the
+        tubes".
     """
     if (told := _told.get()) is not None:
         known = told.setdefault(library, [])
@@ -26,7 +27,7 @@ def took_part(library: str, *deeds: str) -> None:
 
 @contextmanager
 def recording() -> Iterator[Deeds]:
-    """Record what libraries do in this block; one within another goes on with its record.
+    """Record what libraries do in this block; a nested block adds to the outer record.
 
     Threads record too, if they run in a copy of this context.
     """
@@ -40,11 +41,11 @@ def recording() -> Iterator[Deeds]:
 
 
 def add_parts(parts: Mapping[str, list[str]]) -> None:
-    """Record what another process told."""
+    """Add what another process recorded."""
     for library, deeds in parts.items():
         took_part(library, *deeds)
 
 
 def list_parts() -> dict[str, str]:
-    """Return what each library has done so far, sorted by name."""
+    """List what each library has done so far, sorted by name."""
     return {library: ", ".join(deeds) for library, deeds in sorted((_told.get() or {}).items())}

@@ -45,18 +45,18 @@ class Table(BaseModel):
 
     @model_serializer(mode="wrap")
     def _write_words(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Write the words that were read as other values."""
+        """Write values back as the words that they were read from."""
         keys: dict[str, Any] = write(self)
         own = type(self).model_fields
         return {k: as_written(type(self), k, v) if k in own else v for k, v in keys.items()}
 
     def but(self, **keys: Any) -> Self:
-        """Return the same table with other values of some keys, which are not checked again."""
+        """Copy the table with some keys changed; the new values are not validated."""
         return self.model_copy(update=keys)
 
 
 def _one_line(text: str) -> str:
-    """Return a line that a file's metadata can hold."""
+    """Require a line that a file's metadata can hold."""
     if not text.isprintable():
         raise PydanticCustomError("line", "one line of signs that can be printed")
     return text
@@ -64,7 +64,7 @@ def _one_line(text: str) -> str:
 
 Line = Annotated[str, Strict(), Field(max_length=200), AfterValidator(_one_line)]
 Color = Annotated[str, Strict(), Field(pattern=r"^#[0-9a-fA-F]{6}$")]
-MOST_BEND = 0.3  # share of a picture's height: the most that a point of it may be allowed to move
+MOST_BEND = 0.3  # share of a picture's height: the largest limit on a point's displacement
 Bend = Annotated[float, Strict(), Field(gt=0, le=MOST_BEND)]
 
 
@@ -99,7 +99,7 @@ class Piece(Table):
 
 
 class Region(Table):
-    """The region that the whole tube must stay inside (scene coordinates).
+    """The region that must hold the whole tube (scene coordinates).
 
     Turned about its middle as a view of the same angles is; of an auto size and one view it is that view's.
     """
@@ -158,7 +158,7 @@ class Material(Table):
 
     @property
     def shrinks_to(self) -> float:
-        """The share of every length that is left of the printed part."""
+        """The share of every length that is left after the printed part has shrunk."""
         return 1 - self.shrinkage_percent / 100
 
 
@@ -193,7 +193,7 @@ class Printer(Table):
     """Solid columns under the overhangs may have this volume; auto: the whole build volume."""
 
     def stated(self, key: str) -> Any:
-        """Return a figure; None where it is open, as the scene names another printer than the usual one."""
+        """Return a figure; None if it is open, because the scene names another printer than the default."""
         given = key in self.model_fields_set or self.name == type(self).model_fields["name"].default
         return getattr(self, key) if given else None
 
@@ -254,7 +254,7 @@ class Mount(Table):
 
     @property
     def asked(self) -> bool:
-        """True if somebody asks for a mount, whatever the pieces."""
+        """True if a mount is required, whatever the pieces."""
         return self.kind in ("wall", "stand", "hang") or self.on_feet
 
     @property
@@ -269,7 +269,7 @@ class Mount(Table):
 
 
 class About(Table):
-    """The words of part.3mf about itself; "" leaves them to the build."""
+    """What part.3mf says about itself; "" leaves it to the build."""
 
     title: Line = option("", "Output --title")
     """What part.3mf is called in slicers and on print sites; the picture's name by default."""

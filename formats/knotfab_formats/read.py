@@ -1,4 +1,6 @@
-"""Read what a scene.toml holds, for both sides: its TOML, its keys, and what views share."""
+"""Read a scene.toml for maker and validators: its TOML, its keys, and what views share; and list all
+keys.
+"""
 
 from __future__ import annotations
 
@@ -18,14 +20,14 @@ from knotfab_formats.scene import Scene
 from knotfab_formats.search import OF_NO_PRESET, SearchSettings
 from knotfab_formats.views import OF_WALL, View
 
-_MOST_DOTS = 200  # a key has no more, nor have a file's quoted keys
+_MOST_DOTS = 200  # most dots in a key, and in a file's quoted keys
 _QUOTED_KEY = re.compile(r"[\"']\s*\.")
 
 AScene = TypeVar("AScene", bound=Scene)
 
 
 def scene_of(raw: Mapping[str, Any], what: str, model: type[AScene]) -> AScene:
-    """Return the scene in the content of a TOML file, as `model` holds it.
+    """Build the scene from a TOML file's content, as an instance of `model`.
 
     Raises:
         InputError: an unknown key, a wrong type, unit or bound; a wall that is no earlier view's.
@@ -48,7 +50,7 @@ def scene_of(raw: Mapping[str, Any], what: str, model: type[AScene]) -> AScene:
 
 
 def parse_toml(text: str, what: str) -> dict[str, Any]:
-    """Parse a TOML text; a byte order mark before it is passed over.
+    """Parse a TOML text; a leading byte order mark is ignored.
 
     Raises:
         InputError: it is none; with the number of the line.
@@ -74,7 +76,7 @@ def parse_toml(text: str, what: str) -> dict[str, Any]:
 
 
 def _remedy_of(line: str) -> str:
-    """Say in a maker's words how a line that the parser refuses is mended."""
+    """Say how to mend a line that the parser refuses, in a maker's words."""
     key, _, value = (part.strip() for part in line.partition("="))
     shown_value = short(value)
     if set(line) & set("“”„‘’«»"):
@@ -98,7 +100,7 @@ def _remedy_of(line: str) -> str:
 
 
 def _share_walls(views: tuple[View, ...], what: str) -> tuple[View, ...]:
-    """Return the views, in which each that shines on another's wall has the keys of that wall and frame.
+    """Give each view that shines on another's wall the keys of that wall and frame.
 
     Raises:
         InputError: the wall is none of an earlier view, or the view says otherwise of it.
@@ -129,7 +131,7 @@ def _share_walls(views: tuple[View, ...], what: str) -> tuple[View, ...]:
     return tuple(found)
 
 
-# List scene.toml's keys: a JSON schema for editors, and docs/scene.toml with every default.
+# The keys of scene.toml as a JSON schema for editors, and as docs/scene.toml with every default.
 
 
 _DIALECT = "https://json-schema.org/draft/2020-12/schema"
@@ -144,12 +146,12 @@ matrices = [[[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]]"""
 
 
 def list_tables() -> dict[str, type[BaseModel]]:
-    """List the model of each table of a scene, by its name; that of [[views]] is one view's."""
+    """List the model of each table of a scene by its name; [[views]] stands for one view."""
     return tables_of(Scene) | {"search": SearchSettings}
 
 
 def dump_schema() -> str:
-    """Return the schema as JSON, made from the models that read a scene (JSON Schema, draft 2020-12)."""
+    """Write the JSON schema (draft 2020-12) of the models that read a scene."""
     scene: dict[str, Any] = Scene.model_json_schema(by_alias=True)
     scene["properties"]["search"] = SearchSettings.model_json_schema()
     for name, model in list_tables().items():
@@ -163,7 +165,7 @@ def dump_schema() -> str:
             if values_of(model, key):
                 node["default"] = as_written(model, key, model.model_fields[key].default)
             if name == "search":
-                del node["default"]  # the preset that [accuracy] names has its own
+                del node["default"]  # it depends on the preset that [accuracy] names
     return json.dumps({"$schema": _DIALECT, **scene, "title": "scene.toml"}, indent=1) + "\n"
 
 

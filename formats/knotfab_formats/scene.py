@@ -1,4 +1,4 @@
-"""The scene as frozen models: as it is written, and with every value chosen."""
+"""The scene as frozen models: as written, and with every value chosen."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ from knotfab_formats.piece import (
 from knotfab_formats.search import SearchSettings, search_settings
 from knotfab_formats.views import Lamps, Placing, Room, Switches, View
 
-# shares of the way to the light, and to the wall, that a piece may reach where its region is "auto"
+# shares of the way to the light and to the wall that a piece may occupy if its region is "auto"
 LIGHT_SHARE, WALL_SHARE = 0.25, 0.9
-# px on the longer side of a frame at which shadows are verified and magnitudes told
+# px on the longer side of a frame at which shadows are verified and magnitudes reported
 VERIFIED_PX = 1024
 
 
@@ -46,7 +46,7 @@ class Scene(Table):
     def _in_words(
         cls, raw: Any, read: ModelWrapValidatorHandler[Self], about: ValidationInfo
     ) -> Self:
-        """Say in one sentence what is wrong with a scene; the validation's context is the file's name."""
+        """Turn a validation error into one sentence; the validation's context is the file's name."""
         try:
             return read(raw)
         except ValidationError as error:
@@ -73,7 +73,7 @@ class Scene(Table):
 
     @property
     def settings(self) -> SearchSettings:
-        """Every setting of the search: the accuracy's preset with the scene's own keys over it.
+        """Every setting of the search: the accuracy's preset, overridden by the scene's own keys.
 
         Raises:
             InputError: for a key that is none, or a value out of its bounds.
@@ -91,11 +91,11 @@ class Scene(Table):
         return self.share_wall and self.lamps.screen == "ends"
 
     def count_knots(self, pieces: int) -> int:
-        """Count how many knots so many pieces of a picture become."""
+        """Return how many knots a picture of `pieces` pieces becomes."""
         return self.piece.knots or pieces
 
     def hangs(self, knots: int) -> bool:
-        """Tell whether so many knots get a wall mount; if open: several, of one view before a flat wall."""
+        """Tell whether the piece gets a wall mount; if open, several knots of one view on a flat wall do."""
         if self.mount.kind != "auto" or self.mount.on_feet:
             return self.mount.kind == "wall" or self.mount.on_feet
         one_flat = len(self.views) == 1 and self.views[0].wall_radius_mm is None
@@ -117,11 +117,11 @@ class ResolvedScene(Scene):
 
     @property
     def thinnest_mm(self) -> float:
-        """The tube's radius; where it is left open, that of the thinnest that the printer makes."""
+        """The tube's radius; if it is open, that of the thinnest tube that the printer makes."""
         return self.piece.tube_radius_mm or self.printer.min_tube_radius_mm
 
 
-# A design settles these: the same tables, with every size a number.
+# Settled by a design: the same tables, with every size a number.
 
 
 class SettledPiece(Piece):
@@ -161,12 +161,12 @@ class ResolvedView(View):
 
     @property
     def pixel_mm(self) -> float:
-        """Side of a pixel of the pictures that shadows are verified at, on the receiver."""
+        """The side of a pixel of the pictures at which shadows are verified, on the receiver."""
         return self.longer_mm / VERIFIED_PX
 
     @property
     def clear_mm(self) -> float:
-        """The distance from the piece's middle to the nearest place of the wall, also beside its frame."""
+        """The distance from the piece's middle to the nearest place of the wall, also outside its frame."""
         radius = self.wall_radius_mm
         if radius is None or radius < 0:
             return self.wall_distance_mm
@@ -176,12 +176,14 @@ class ResolvedView(View):
 
     @property
     def reach_mm(self) -> float:
-        """Bound how far from its middle a piece may reach to either side, where its region is "auto"."""
+        """Return how far from its middle a piece may reach to either side, if its region is "auto"."""
         before_lamp = WALL_SHARE * (self.light_distance_mm - 0.5 * self.light_size_mm)
         return min(WALL_SHARE * self.clear_mm, LIGHT_SHARE * self.light_distance_mm, before_lamp)
 
     def px_per_mm(self, width_px: int) -> float:
-        """Return px of a picture so wide to a mm of a piece in the middle of the scene."""
+        """Return how many px of a picture `width_px` wide make up a mm of a piece in the middle of the
+        scene.
+        """
         return self.magnification * width_px / self.frame_width_mm
 
 
@@ -193,7 +195,7 @@ class SettledAccuracy(Accuracy):
 
 
 class SettledScene(ResolvedScene):
-    """A scene with nothing left to choose: the same keys, so it is written and read as any scene is."""
+    """A scene with nothing left to choose; it has the same keys, and is written and read as any other."""
 
     piece: SettledPiece
     region: SettledRegion

@@ -1,4 +1,4 @@
-"""Every setting of the search that trades accuracy for time, and the presets measured on the frontier."""
+"""All settings of the search that trade accuracy for time, and the measured presets."""
 
 from __future__ import annotations
 
@@ -99,17 +99,17 @@ class SearchSettings(Table):
 
     @property
     def iterations(self) -> int:
-        """The iterations of all phases that the method has."""
+        """The sum of iterations over all phases that the method has."""
         network = 0 if self.method == "flow" else self.network_iterations
         flow = self.coarse_iterations + self.fine_iterations + self.settle_iterations
         return network + (0 if self.method == "inn" else flow)
 
     def floor(self, bound: float) -> float:
-        """Return the IoU that a part must reach where nothing can exceed `bound`."""
+        """Return the IoU that a part must reach if nothing can exceed `bound`."""
         return round(max(0.3, bound - self.iou_slack), 4)
 
     def scaled(self, factor: float) -> SearchSettings:
-        """Return the same point with `factor` times the iterations (a time budget's answer)."""
+        """Scale the iterations by `factor`, to meet a time budget."""
         return self.but(
             coarse_iterations=max(10, round(self.coarse_iterations * factor)),
             fine_iterations=max(10, round(self.fine_iterations * factor)),
@@ -161,14 +161,14 @@ PRESETS: dict[str, SearchSettings] = {
 }
 
 
-# keys that no preset decides: another accuracy keeps a scene's values of these
+# keys that no preset sets: they survive a change of accuracy
 OF_NO_PRESET = ("seed", "start", "method", "grace", "grace_of", "network_start") + tuple(
     name for name in SearchSettings.model_fields if name.startswith("free_")
 )
 
 
 def search_settings(accuracy: str, overrides: dict[str, Any]) -> SearchSettings:
-    """Return the preset of `accuracy` with the scene's own `[search]` keys over it.
+    """Return the preset of `accuracy`, overridden by the scene's own `[search]` keys.
 
     Raises:
         InputError: for a key that is none, or a value out of its bounds.

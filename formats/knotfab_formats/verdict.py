@@ -1,4 +1,4 @@
-"""Findings of the validators in written files: checks, views, colours; a build's report goes on from them.
+"""The validators' findings on written files: checks, views, colours; a build's report extends them.
 
 Places and lengths are in mm unless a name says otherwise, shares and IoU from 0 to 1.
 """
@@ -38,22 +38,19 @@ class Check:
 
 
 def exit_code(checks: Iterable[Check]) -> int:
-    """Apply the one rule of what passes: 1 if a required check failed, else 3 if one could not run, else 0.
-
-    What is not required decides nothing.
-    """
+    """Return 1 if a required check failed, else 3 if one could not run, else 0; others decide nothing."""
     required = {check.status for check in checks if check.required}
     return 1 if "fail" in required else 3 if "skipped" in required else 0
 
 
 def list_unmet(checks: Iterable[Check]) -> list[Check]:
-    """List the required checks that did not pass: a skipped one proves nothing."""
+    """List the required checks that did not pass; skipped ones count, since they prove nothing."""
     return [check for check in checks if check.required and check.status != "pass"]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Loss:
-    """One thing that the shadow lost of its picture, by its place on the picture and on the wall.
+    """One thing that the shadow lost of its picture, with its place on the picture and on the wall.
 
     `needed_mm` is the width of the tube's shadow. A report names the `view`.
     """
@@ -71,10 +68,11 @@ class Loss:
 
 @dataclass(frozen=True, kw_only=True)
 class Recognition:
-    """A word, the reasons that it is no better one, and what was lost, worst first.
+    """The verdict on a picture's shadow: a word, the reasons why it is no better one, and the losses.
 
-    The numbers of changes are by kind, those of text among them; `touching` counts places where pieces of the
-    picture just touch, `cut_tips` tips that are cut off.
+    Losses come worst first. Changes are counted by kind, including those in text. `touching` counts
+    places
+    where pieces of the picture just touch, `cut_tips` tips that are cut off.
     """
 
     word: str
@@ -96,7 +94,7 @@ class Recognition:
 
 @dataclass(frozen=True, kw_only=True)
 class RoundWall:
-    """The distance by which a flat wall would have the picture off its places, px of a frame of 1024."""
+    """How far a flat wall would displace the picture, px of a frame of 1024."""
 
     radius_mm: float
     off_px: float
@@ -122,7 +120,7 @@ class Penumbra:
 
 @dataclass(frozen=True)
 class Move:
-    """The IoU after a move: `raw` as it is, `fitted` by the shadow's likeness."""
+    """The IoU after a move: `raw` as it is, and `fitted` once the shadow's similarity is undone."""
 
     raw: float
     fitted: float
@@ -130,7 +128,7 @@ class Move:
 
 @dataclass(frozen=True)
 class WorstMove(Move):
-    """The move by which the most is lost: `of` lamp, turn or tilt, on its `way`."""
+    """The most costly move: `of` lamp, turn or tilt, in its direction `way`."""
 
     of: str
     way: str
@@ -138,10 +136,11 @@ class WorstMove(Move):
 
 @dataclass(frozen=True, kw_only=True)
 class Misplacement:
-    """The cost of lamp (or eye), piece and wall that are off by so much, each one way.
+    """The cost of lamp (or eye), piece and wall each being misplaced, one way at a time.
 
-    `iou` is that unmoved, on the same grid; `samples` counts the shadows. Turns are named by their axes, and
-    left out where nothing can turn, tilts where the scene expects none.
+    `iou` is that of the unmoved scene on the same grid; `samples` counts the shadows. Turns are named by
+    their
+    axes, and are left out if nothing can turn; tilts are left out if the scene expects none.
     """
 
     parting_px: float
@@ -161,7 +160,7 @@ class Misplacement:
 
 @dataclass(frozen=True, kw_only=True)
 class Layers:
-    """The effect of a printed part's steps on its shadow.
+    """The effect of a printed part's layers on its shadow.
 
     `shift_px` is the most that half a layer shifts a shadow; `iou` is that of the slices' shadow and the
     picture, `iou_smooth` that of the mesh itself; `samples` counts the slices.
@@ -176,7 +175,7 @@ class Layers:
 
 @dataclass(frozen=True, kw_only=True)
 class Bending:
-    """The distance of a bent picture's pixels from where they were, in shares of its height.
+    """How far the pixels of a bent picture moved, in shares of its height.
 
     `stretch` is the largest change of a length, as a factor; None where the picture folds.
     """
@@ -191,10 +190,13 @@ class Bending:
 class Contrast:
     """The darkness of the shadow, (lit - dark) / lit, in the middle and where it is palest.
 
-    `falloff`: the lamp's least light within the frame over its largest. `ambient`, `room`, `second`: what
-    comes of elsewhere, of the room's walls, of a second lamp. Of the lamp's own, strands let `transmitted`
-    through, and throw back at most `bounced` that the wall sent them. `ghost_shift_mm`: how far from the
-    shadow of the piece's middle the second lamp throws it, with `ghost_contrast`; None without one.
+    `falloff` is the lamp's least light within the frame over its greatest. `ambient`, `room` and `second`
+    are
+    light from elsewhere, from the room's walls and from a second lamp. Strands let `transmitted` of the
+    lamp's
+    light through, and throw at most `bounced` back at the wall. The second lamp casts the shadow of the
+    piece's
+    middle `ghost_shift_mm` away, with `ghost_contrast`; None without one.
     """
 
     contrast: float
@@ -211,7 +213,7 @@ class Contrast:
 
 @dataclass(frozen=True, kw_only=True)
 class Sag:
-    """IoU of the knots' own shadow as they sag and as designed; the furthest that a strand's is shifted."""
+    """The IoU of the knots' own shadow as designed and as they sag, and the largest shift of a strand's."""
 
     widest_px: float
     iou: float
@@ -220,7 +222,7 @@ class Sag:
 
 @dataclass(frozen=True)
 class Named:
-    """The place of the picture among foreign ones, seen in a turned piece: `z`, and whether it is `first`."""
+    """The picture's rank among foreign ones in a turned piece: its `z`, and whether it is `first`."""
 
     z: float
     first: bool
@@ -274,7 +276,7 @@ class View:
 
 @dataclass(frozen=True, kw_only=True)
 class Lamp:
-    """One of several lamps on a screen: what of its shadow is stray, and missing, in shares of the frame."""
+    """One of several lamps on a screen, and the stray and missing shares of its shadow in the frame."""
 
     name: str
     colour: tuple[float, float, float]
@@ -318,7 +320,7 @@ class Misregistration:
 
 @dataclass(frozen=True, kw_only=True)
 class Colours:
-    """The mixture of several lamps on one screen: shares of pixels in the right colour, mean errors ΔE."""
+    """What several lamps mix on one screen: shares of pixels in the right colour, mean errors ΔE."""
 
     lamps: tuple[Lamp, ...]
     share: float
@@ -358,20 +360,20 @@ class Verdict:
     seconds: dict[str, float]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return its fields but exit code and seconds, of values that JSON knows (no infinities)."""
+        """Return its fields, except exit code and seconds, as values that JSON can hold (no infinities)."""
         told: dict[str, Any] = plain(self)
         return {key: told[key] for key in told if key not in ("exit_code", "seconds")}
 
 
-# The names of all checks, in one place: what a report lists, and what may be left out by name.
+# The names of all checks: those that a report lists, and that may be left out by name.
 
 
 MESH = (
     *("mesh_closed", "mesh_winding", "mesh_degenerate", "mesh_duplicate", "mesh_manifold"),
     *("mesh_bodies", "mesh_genus", "mesh_volume", "mesh_self_intersection"),
 )
-FILES = ("same_3mf",)  # what is printed is what was verified
-# checks of the part as a tube, in the place where it is measured
+FILES = ("same_3mf",)  # the printed file is the verified one
+# checks of the part as a tube, where it is measured
 TUBE = ("centre_line", "tube", "mount", "clearance", "region", "build_volume")
 KNOTS = ("thickness", "bend", "length", "knot_type", "linking")
 PRINTING = (
@@ -384,7 +386,7 @@ UPRIGHT = ("cut", "bars", *GROWN)
 HELD = ("level",)  # a part that hangs on a thread
 PLATES = ("plate_mesh", "plates", "plates_volume")
 TABLE = ("table_mesh", "table", "table_shadow")  # the frame that holds several lamps
-# checks that are no concern of a piece that is not to be printed
+# checks that do not concern a piece that is not to be printed
 PRINTER = ("build_volume", *PRINTING, *UPRIGHT, *PLATES, *TABLE)
 SHADOWS = (
     *("shadow", "shadow_exact", "outline", "wrong_outline", "recognisable"),

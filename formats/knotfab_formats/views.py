@@ -29,17 +29,17 @@ from knotfab_formats.piece import Color, Plate, Table
 
 
 def _few_bytes(name: str) -> str:
-    """Return a name that file systems hold, with what goes around it."""
+    """Require a name that file systems can hold with the affixes of knotfab's files."""
     if len(name.encode()) > 180:
         raise PydanticCustomError("name", "a shorter name, of at most 180 bytes")
     return name
 
 
 Leds = Annotated[int, Strict(), Field(ge=1, le=100)]
-MOST_LEDS = 400  # an array has no more: the verification renders a shadow for each
+MOST_LEDS = 400  # LEDs in an array: the verification renders a shadow for each
 Box = tuple[Whole, Whole, Side, Side]
-Disc = tuple[Whole, Whole, Side]  # the middle's x and y, and the radius
-# A name is that of a file: letters, digits and signs of any script, "_" and "-".
+Disc = tuple[Whole, Whole, Side]  # x and y of the centre, and the radius
+# A name is part of file names: letters, digits and signs of any script, "_" and "-".
 ViewName = Annotated[
     str,
     Strict(),
@@ -48,7 +48,7 @@ ViewName = Annotated[
 ]
 Colour = Annotated[float, Strict(), Field(ge=0, le=1)]
 Switch = Auto | Annotated[bool, Word("on", True)] | Annotated[bool, Word("off", False)]
-# keys of a view that lie with its wall: views that share a wall share them
+# keys that views on one wall share
 OF_WALL = (
     *("azimuth_deg", "elevation_deg", "wall_distance_mm", "wall_tilt_deg", "wall_radius_mm"),
     *("frame_up_mm", "frame_width_mm", "frame_height_mm"),
@@ -198,12 +198,12 @@ class View(Reading):
 
     @property
     def drawn_picture(self) -> str:
-        """The file beside the scene that shows what is drawn, where that is not the picture as it came."""
+        """The file beside the scene that shows what is drawn, if that is not the original picture."""
         return f"drawn-{self.name}.png"
 
     @property
     def light_size_mm(self) -> float:
-        """The longest line within the lamp; 0 of a point, and of an eye."""
+        """The length of the longest line within the lamp; 0 for a point, and for an eye."""
         if self.kind == "eye":
             return 0.0
         across = hypot(self.light_width_mm, self.light_height_mm)
@@ -218,7 +218,7 @@ class View(Reading):
 
     @property
     def light_is_flat(self) -> bool:
-        """Whether the lamp shines less aside than ahead, by the cosine, and not behind itself."""
+        """Whether the lamp's light falls off by the cosine to its side, with none behind it."""
         return self.light_shape != "ball"
 
     @property
