@@ -134,8 +134,7 @@ def keep_traceback(error: Exception, verbose: bool = False) -> KnotfabError:
     )
 
 
-# Numbers and lengths as people write them: `180`, `180mm`, `18 cm`, `7in`, `1,5`; always told in
-# mm.
+# Numbers and lengths as people write them: `180`, `180mm`, `18 cm`, `7in`, `1,5`. Errors give mm.
 
 
 _UNITS_MM = {"": 1.0, "mm": 1.0, "cm": 10.0, "m": 1000.0}

@@ -64,13 +64,13 @@ class OutputFolder:
 
     @property
     def work(self) -> Path:
-        """The folder to write into; only inside `with`, and before `commit` or `reject`."""
+        """The folder to write into; valid inside `with`, before `commit` or `reject`."""
         if self._hidden is None:
             raise RuntimeError("the output folder is not open")
         return self._hidden / "new"
 
     def file(self, name: str) -> Path:
-        """Return the path at which the file that becomes DIR/name is written."""
+        """Return the path to write so that it becomes DIR/name."""
         return self.work / name
 
     def write(self, name: str, content: str | bytes) -> Path:
@@ -130,11 +130,11 @@ class OutputFolder:
         self._move(steps)
 
     def reject(self) -> None:
-        """Move the new files to DIR/rejected, in place of an earlier build's."""
+        """Move the new files to DIR/rejected, replacing those of an earlier build."""
         self._move(lambda _: [("new", REJECTED)])
 
     def _move(self, steps: Callable[[Sequence[str]], list[Step]]) -> None:
-        """Take these steps of the new files' names, alone in DIR."""
+        """Carry out these moves, with DIR locked."""
         assert self._hidden is not None
         with self._explained(MachineError):
             names = self._settle()
@@ -162,7 +162,7 @@ class OutputFolder:
             )
 
     def _settle(self) -> list[str]:
-        """Return names of the new files, once every byte of them is on the disk."""
+        """Return the new files' names, once all their bytes are on the disk."""
         if self._is_full():
             # A library that does not look at its writes may have cut a file short.
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
@@ -173,7 +173,7 @@ class OutputFolder:
         return names
 
     def _clear(self) -> None:
-        """Remove the hidden folder, and folders made for this build that stayed empty."""
+        """Remove the hidden folder, and empty folders that this build created."""
         if self._hidden is not None and not is_moving(self._hidden):
             with contextlib.suppress(OSError):
                 remove(self._hidden)
@@ -187,14 +187,14 @@ class OutputFolder:
         self._created = []
 
     def _probe(self) -> None:
-        """Write something, so that a disk that cannot be written is noticed."""
+        """Write a few bytes, so that an unwritable disk is noticed early."""
         assert self._hidden is not None
         probe = self._hidden / "probe"
         probe.write_bytes(b"\0" * _PROBE)
         probe.unlink()
 
     def _why_unwritten(self, error: Exception) -> KnotfabError | None:
-        """Say what became of the disk, where a build failed for that; None where it did not.
+        """Return the disk's fault, if it made a build fail, else None.
 
         Libraries in C++ report it in their own words, or as a plain failed write; the process that verifies
         may have died of it.
@@ -241,7 +241,7 @@ class OutputFolder:
 
     @contextlib.contextmanager
     def _explained(self, kind: type[KnotfabError]) -> Iterator[None]:
-        """Turn what the system says into one sentence."""
+        """Turn the system's error into one sentence."""
         try:
             yield
         except OSError as error:
@@ -266,7 +266,7 @@ class OutputFolder:
         )
 
 
-# Moving what was built into its folder: all of it, or none, whatever ends the process in between.
+# Moving new files into their folder, all or none, even if the process is killed in between.
 
 
 REJECTED = "rejected"
@@ -307,12 +307,12 @@ def move_all(folder: Path, hidden: Path, steps: Sequence[Step]) -> None:
 
 
 def is_moving(hidden: Path) -> bool:
-    """Tell whether a hidden folder is still needed: its moves could be neither finished nor undone."""
+    """Return whether a hidden folder is still needed: its moves could be neither finished nor undone."""
     return (hidden / _DO).exists() or (hidden / _UNDO).exists()
 
 
 def mend(folder: Path) -> None:
-    """Finish what killed processes were moving into `folder`, and remove what else they left there."""
+    """Finish moves into `folder` by killed processes, and remove what else they left there."""
     with contextlib.suppress(OSError):
         if any(name.startswith(HIDDEN) for name in os.listdir(folder)):
             with locked(folder):
@@ -320,7 +320,7 @@ def mend(folder: Path) -> None:
 
 
 def mend_locked(folder: Path) -> None:
-    """Do the same, by one who has locked `folder`."""
+    """Do the same where the caller has locked `folder`."""
     for hidden in sorted(folder.glob(f"{HIDDEN}*")):
         with contextlib.suppress(OSError):  # another's who still lives, or nobody's to change
             if not stat.S_ISDIR(hidden.lstat().st_mode):
@@ -344,7 +344,7 @@ def seal(hidden: Path) -> None:
 
 
 def remove(hidden: Path) -> None:
-    """Remove a hidden folder, its seal last, by which the rest that a killed process leaves is known."""
+    """Remove a hidden folder, its seal last, so that leftovers of a killed process are recognised."""
     for path in hidden.iterdir():
         if path.is_dir() and not path.is_symlink():
             shutil.rmtree(path)
@@ -354,7 +354,7 @@ def remove(hidden: Path) -> None:
 
 
 def _is_sealed(hidden: Path) -> bool:
-    """Tell whether this user's own build made a hidden folder, and none of its parts is a link."""
+    """Return whether this user's build made a hidden folder that contains no link."""
     for name, kind in ((_SEAL, stat.S_ISREG), ("new", stat.S_ISDIR), ("old", stat.S_ISDIR)):
         path = hidden / name
         if os.path.lexists(path) and not kind(path.lstat().st_mode):
@@ -366,7 +366,7 @@ def _is_sealed(hidden: Path) -> bool:
 
 
 def _sign(hidden: Path, text: str) -> str:
-    """Return what only this user can write for a text in this very folder."""
+    """Return a signature of a text, which only this user can make, for this very folder."""
     where = [os.path.realpath(hidden), hidden.stat().st_ino, text]
     return hmac.new(_secret(), json.dumps(where).encode(), hashlib.sha256).hexdigest()
 
@@ -379,7 +379,7 @@ def _secret() -> bytes:
 
 @functools.cache
 def _kept_secret(place: Path) -> bytes:
-    """Return the secret kept there, made where there is none; this process's where none can be kept."""
+    """Return the secret kept in a file, created if missing; this process's if none can be kept."""
     with contextlib.suppress(OSError):
         if not place.exists():
             place.parent.mkdir(parents=True, exist_ok=True)
@@ -397,7 +397,7 @@ def _kept_secret(place: Path) -> bytes:
 
 
 def _read_steps(hidden: Path, name: str) -> list[Step]:
-    """Read moves that this user's own build wrote down; none where they are anything else."""
+    """Read the moves recorded by this user's build; none where anything else is written."""
     with contextlib.suppress(ValueError, TypeError, RecursionError):
         said, text = json.loads((hidden / name).read_text("utf-8"))
         if hmac.compare_digest(said, _sign(hidden, text)):
@@ -408,7 +408,7 @@ def _read_steps(hidden: Path, name: str) -> list[Step]:
 
 
 def _is_plain(step: Any) -> bool:
-    """Tell whether a step leads from the new files of a hidden folder to a name of its own folder."""
+    """Return whether a step leads from a hidden folder's new files to a name in its own folder."""
     source, name = step
     if not isinstance(name, str) or not _PLAIN.fullmatch(name) or _DEVICES.match(name):
         return False
@@ -443,7 +443,7 @@ def _do(folder: Path, hidden: Path, step: Step) -> None:
 
 
 def _undo(folder: Path, hidden: Path, steps: Sequence[Step]) -> None:
-    """Put back what was there; what was to be there goes back into the hidden folder."""
+    """Put earlier files back, and new ones into the hidden folder."""
     if (hidden / _DO).is_file():
         os.replace(hidden / _DO, hidden / _UNDO)
     for source, name in reversed(steps):
@@ -457,7 +457,7 @@ def _undo(folder: Path, hidden: Path, steps: Sequence[Step]) -> None:
 
 
 def _keep(path: Path, aside: Path) -> None:
-    """Give a second name for a file, so that it can be put back; a move where links are unknown."""
+    """Keep a file under a second name to restore it; it is moved where links are unsupported."""
     if path.name == REJECTED:
         os.replace(path, aside)
         return
@@ -470,7 +470,7 @@ def _keep(path: Path, aside: Path) -> None:
 
 
 def sync(path: Path) -> None:
-    """Have the system write a file, or a folder's entries, to the disk."""
+    """Flush a file, or a folder's entries, to the disk."""
     folder = path.is_dir()
     try:
         handle = os.open(path, os.O_RDONLY if folder else os.O_RDWR)

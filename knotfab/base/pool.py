@@ -1,4 +1,4 @@
-"""Work side by side in processes: how many this machine holds, and the one kind of worker."""
+"""Parallel work in processes: how many this machine holds, and the one kind of worker."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from typing import Any, ParamSpec, Self, TypeVar
 
 from knotfab_formats.libraries import add_parts
 
-JOB_GB = 2.0  # a build takes this much memory
+JOB_GB = 2.0  # memory of one build
 # A process beside others runs one thread: threads that wait for each other cost more than they bring.
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
-_GRACE_S = 15.0  # a process that is asked to end has this long: a build tidies up
+_GRACE_S = 15.0  # grace period for a process that is asked to end; a build tidies up
 _PYTHON = sys.executable
 _SERVE = str(Path(__file__).with_name("serve.py"))  # the child's side
 # This program runs a command in its own place; the system asks the command to end when the parent has ended.
@@ -38,13 +38,13 @@ _T = TypeVar("_T")
 
 
 def count_cores() -> int:
-    """Return cores that this process may use."""
+    """Return the number of cores that this process may use."""
     affinity = getattr(os, "sched_getaffinity", None)
     return len(affinity(0)) if affinity is not None else (os.cpu_count() or 1)
 
 
 def measure_memory_gb() -> float | None:
-    """Measure memory of this machine, in GiB; None where that cannot be read."""
+    """Return this machine's memory, GiB; None where it cannot be read."""
     try:
         return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30
     except (AttributeError, OSError, ValueError):  # Windows
@@ -56,9 +56,9 @@ def measure_memory_gb() -> float | None:
 
 
 def count_jobs() -> int:
-    """Return processes to run side by side: as many as this machine has cores, and 2 GB for each.
+    """Return how many processes to run in parallel: one per core, given 2 GB of memory each.
 
-    `KNOTFAB_JOBS` in the environment answers for it; a batch sets it to a build's share.
+    The environment's `KNOTFAB_JOBS` overrides this; a batch sets it to a build's share.
     """
     told = os.environ.get("KNOTFAB_JOBS", "")
     if told.isdigit() and int(told) > 0:
@@ -69,7 +69,7 @@ def count_jobs() -> int:
 
 
 def tie(command: Sequence[str], number: int = signal.SIGTERM) -> list[str]:
-    """Return the command as one that does not outlive this process, whatever ends it, if the system is Linux.
+    """Wrap a command so that it never outlives this process; only on Linux.
 
     The thread that starts it must live as long as it.
 
@@ -128,11 +128,11 @@ class Workers:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Ask all to end, drop what waits, and kill what does not end."""
+        """Ask all to end, drop waiting requests, and kill those that do not end."""
         self.ended.set()
         self._threads.shutdown(wait=False, cancel_futures=True)
         self.interrupt()
-        # one that was stopped, or hangs, hears no such request
+        # a stopped or hanging process does not react
         killer = threading.Timer(_GRACE_S, self.interrupt, (signal.Signals(9),))
         killer.daemon = True
         killer.start()
@@ -143,35 +143,35 @@ class Workers:
 
     @property
     def idle(self) -> bool:
-        """True if all that they were asked is answered."""
+        """True if no request is waiting or running."""
         return self._free.qsize() == len(self._all)
 
     @property
     def processes(self) -> list[subprocess.Popen[str]]:
-        """The processes that run."""
+        """The running processes."""
         return [w.process for w in self._all if w.process is not None and w.process.poll() is None]
 
     def start(self) -> None:
-        """Start what does not run, so that it loads what it needs."""
+        """Start processes that do not run yet, so that they load their libraries early."""
         for worker in self._all:
             worker.start()
 
     def interrupt(self, number: int = signal.SIGTERM) -> None:
-        """Send all a signal: what they answer ends early, and what answers nothing ends."""
+        """Send all a signal: running answers end early, and idle processes end."""
         for process in self.processes:
             process.send_signal(number)
 
     def submit(self, call: Callable[_P, _T], *arguments: _P.args, **named: _P.kwargs) -> Future[_T]:
-        """Call it on a thread, of which there are as many as processes."""
+        """Call a function on a thread of the pool, which has one for each process."""
         context = copy_context()
         return self._threads.submit(lambda: context.run(call, *arguments, **named))
 
     def ask(self, request: dict[str, Any], hear: Hear | None = None) -> Future[dict[str, Any]]:
-        """Hand over a request; `result` of what is returned waits for the answer."""
+        """Queue a request; `result` of the returned future waits for the answer."""
         return self.submit(self.answer, request, hear)
 
     def answer(self, request: dict[str, Any], hear: Hear | None = None) -> dict[str, Any]:
-        """Hand over a request, and wait for a free process and its answer.
+        """Wait for a free process, hand it a request, and return its answer.
 
         Args:
             hear: told of each thing that the process tells before it answers.
@@ -187,21 +187,21 @@ class Workers:
 
 
 class _Worker:
-    """One process, and what it writes to standard error."""
+    """One process, and its last output on standard error."""
 
     def __init__(self, words: Sequence[str], env: Mapping[str, str] | None) -> None:
         self._words, self._env = words, env
         self.process: subprocess.Popen[str] | None = None
 
     def start(self) -> None:
-        """Start it, or one that takes the place of one that ended."""
+        """Start the process, or a replacement for one that ended."""
         if self.process is not None and self.process.poll() is None:
             return
         self.close()
         with contextlib.ExitStack() as failed:
             self._said = failed.enter_context(tempfile.TemporaryFile())
             self.process = subprocess.Popen(
-                # -P: modules come from the installation, never from the folder one happens to be in
+                # -P: import modules from the installation, never from the working folder
                 [sys.executable, "-P", _SERVE, *self._words],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
@@ -234,7 +234,7 @@ class _Worker:
         raise Crash(code, (lines or [""])[-1].strip())
 
     def close(self) -> None:
-        """Wait for its end, which is near when its input closes."""
+        """Close its input, which makes it end, and wait."""
         if self.process is not None:
             with contextlib.suppress(OSError):  # it did not read all; EINVAL on Windows
                 self.process.communicate()

@@ -1,1 +1,1 @@
-"""The target: a picture becomes a silhouette, as a raster and as polygons with holes."""
+"""The target: a picture becomes a silhouette, as a mask and as polygons with holes."""

@@ -16,9 +16,9 @@ from knotfab.picture.silhouette import holes_of, pieces_of
 
 ROWS, COLUMNS = 15, 11  # rows and columns of control points; the outermost lie outside the frame
 _UNIT = 1e-4  # control points are written in this share of the picture's height
-# places in which slopes are looked at: so smooth a field has no steeper ones between
+# sample places for slopes, dense enough for so smooth a field
 _GRID = 120, 120
-_CRUMB = 1e-4  # a share of the picture: a piece or hole has no fewer pixels
+_CRUMB = 1e-4  # share of the picture's pixels below which a piece or hole is ignored
 
 
 @dataclass(frozen=True)
@@ -32,20 +32,20 @@ class Bending:
 
 
 def read_points(rows: Sequence[str]) -> Array:
-    """Read (ROWS, COLUMNS, 2) control points, right and down, as shares of the picture's height."""
+    """Parse control points, right and down, as shares of the picture's height, (ROWS, COLUMNS, 2)."""
     return _UNIT * np.array(
         [[pair.split(",") for pair in row.split()] for row in rows], dtype=float
     )
 
 
 def write_points(points: Array) -> tuple[str, ...]:
-    """Write control points as `read_points` reads them: a text for each row."""
+    """Format control points for `read_points`, one text per row."""
     whole = np.rint(points / _UNIT).astype(int)
     return tuple(" ".join(f"{x},{y}" for x, y in row) for row in whole)
 
 
 def spline_basis(at: Array, length: float, count: int) -> Array:
-    """Return (len(at), count): weights of control points at places along a side, px; its ends go on."""
+    """Return the weights of `count` control points at places `at`, px, along a side, (len(at), count)."""
     s = 1.0 + np.clip((at + 0.5) / length, 0.0, 1.0) * (count - 3)
     away = np.abs(s[:, None] - np.arange(count))
     near, far = 2.0 / 3.0 - away**2 + 0.5 * away**3, np.maximum(2.0 - away, 0.0) ** 3 / 6.0
@@ -53,14 +53,14 @@ def spline_basis(at: Array, length: float, count: int) -> Array:
 
 
 def displace(points: Array, height: int, width: int) -> Array:
-    """Return (height, width, 2): how far to the right and down of each pixel its picture is found, px."""
+    """Return for each pixel how far right and down to look in the picture, px, (height, width, 2)."""
     down = spline_basis(np.arange(height, dtype=float), height, ROWS)
     across = spline_basis(np.arange(width, dtype=float), width, COLUMNS)
     return np.asarray(height * np.einsum("ri,ijd,cj->rcd", down, points, across, optimize=True))
 
 
 def bend_mask(mask: Mask, points: Array) -> Mask:
-    """Give the mask as bent: each pixel holds what the mask has if the field says; outside it is nothing."""
+    """Return the bent mask: each pixel holds what lies where the field points; outside is empty."""
     from knotfab.geometry.kernels import look_up  # only where a picture is bent: loops load numba
 
     bent = np.empty(mask.shape, dtype=np.bool_)
@@ -69,7 +69,7 @@ def bend_mask(mask: Mask, points: Array) -> Mask:
 
 
 def stretch_of(points: Array, aspect: float) -> tuple[float, float]:
-    """Give the longest and the shortest that a step of one becomes under the field; negative where it folds.
+    """Return the field's largest and smallest local stretch; the smallest is negative where it folds.
 
     Args:
         aspect: the picture's width over its height.
@@ -85,7 +85,7 @@ def stretch_of(points: Array, aspect: float) -> tuple[float, float]:
 
 
 def measure_bending(bent: Mask, points: Array) -> Bending:
-    """Measure how far the field moves the silhouette that is bent by it."""
+    """Measure how far the field moves the bent silhouette."""
     away = displace(points, *bent.shape)
     moved = np.hypot(away[..., 0], away[..., 1])[bent] / bent.shape[0]
     if not len(moved):
@@ -96,7 +96,7 @@ def measure_bending(bent: Mask, points: Array) -> Bending:
 
 
 def keeps_shape(mask: Mask, bent: Mask) -> bool:
-    """Tell whether both have as many pieces and holes, crumbs aside."""
+    """Return whether both masks have equally many pieces and holes, crumbs aside."""
     least = _CRUMB * mask.size
 
     def count(one: Mask) -> list[int]:

@@ -1,4 +1,4 @@
-"""Colours of a picture: clusters of opaque pixels, and the parts that another colour encloses."""
+"""Colours of a picture: clusters of opaque pixels, enclosed parts, and uneven light on paper."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _REACH = 12  # bins: colours within 96 levels of a cluster's first are of its ki
 _LEAST_SHARE = 200  # a cluster has at least one pixel in 200
 _SHORE = 2  # px to either side of where two colours meet
 _WINDOW = 2 * _SHORE + 1
-_SHARP = 48.0  # levels that they differ by across it
+_SHARP = 48.0  # levels by which they differ across it
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Clusters:
     of_bin: NDArray[np.uint8]
 
     def label(self, colours: Colours) -> NDArray[np.uint8]:
-        """Return (...,) the cluster of each colour (..., 3)."""
+        """Return the cluster of each colour (..., 3), (...,)."""
         return np.asarray(self.of_bin[_bins(colours)])
 
 
@@ -114,7 +114,7 @@ def enclosed_parts(colours: Colours, inside: Mask) -> tuple[Mask, Clusters | Non
 
 
 def _seams(main: Mask, inside: Mask, kinds: NDArray[np.uint8]) -> Mask:
-    """Return pixels of the largest colour by accident alone: where two others meet, their mixture is like it.
+    """Return pixels that only look like the main colour: seams where two other colours mix.
 
     A seam is nowhere 3 px thick, lies alone or has 6 px, and no other colour makes up more than four fifths
     of the pixels beside it.
@@ -137,7 +137,7 @@ def _seams(main: Mask, inside: Mask, kinds: NDArray[np.uint8]) -> Mask:
 
 
 def _part_sharply(colours: Colours, part: Mask, main: Mask) -> bool:
-    """Tell whether two neighbouring regions (H, W) differ within two pixels of where they meet."""
+    """Return whether the colours of two neighbouring regions change within two pixels of their border."""
     from scipy import ndimage
 
     rim = colours[part & ndimage.maximum_filter(main, _WINDOW)]
@@ -145,15 +145,14 @@ def _part_sharply(colours: Colours, part: Mask, main: Mask) -> bool:
     return bool(np.linalg.norm(rim.mean(0) - shore.mean(0)) >= _SHARP)
 
 
-# Drawings on paper that was photographed under uneven light: the light is taken out of the
-# picture.
+# Drawings on paper photographed under uneven light: the light is divided out.
 
 
-_SIDE = 600  # px of the longer side on which light is estimated
+_SIDE = 600  # px of the longer side at which the light is estimated
 # shares of that side, wider than strokes and narrower than shadows; each is tried
 _CLOSED = (0.36, 0.22, 0.14)
-_UNEVEN = 1.3  # the brightest light over the darkest, from which on it disturbs
-_LEVELS = 24  # levels that a photographed border has at least; painted pictures have fewer
+_UNEVEN = 1.3  # ratio of the brightest light to the darkest above which it disturbs
+_LEVELS = 24  # least number of levels in a photographed border; painted pictures have fewer
 _PAPER, _INK = 0.8, 0.5  # shares of the light that paper reflects at least, and ink at most
 # shares: pixels between paper and ink, at most, to the ink; ink, at least, to the picture
 _BETWEEN, _LEAST = 0.4, 0.004
@@ -163,7 +162,7 @@ _EDGE, _EDGES = 0.3, 0.85
 
 
 def even_out(image: Image.Image) -> Image.Image | None:
-    """Return the picture under even light; None where it is no dark drawing on paper, or the light will do.
+    """Return a dark drawing on paper under even light; None for other pictures or light even enough.
 
     It is one only if what is dark after the division has clear edges in the picture itself, little is
     neither dark nor light, and the border is paper of one hue.
@@ -191,7 +190,7 @@ def even_out(image: Image.Image) -> Image.Image | None:
 
 
 def _light(grey: Array, closed: float) -> Array | None:
-    """Return the brightness (h, w) that paper has, or would have under the ink; None if there is no paper."""
+    """Estimate the paper's brightness, also under the ink, (h, w); None where there is no paper."""
     from scipy import ndimage
 
     coarse = max(1, max(grey.shape) // 150)
@@ -220,7 +219,7 @@ def _light(grey: Array, closed: float) -> Array | None:
 
 
 def _is_drawing(grey: Array, light: Array) -> bool:
-    """Tell whether a picture divided by this light is dark ink on paper."""
+    """Return whether a picture divided by this light is dark ink on paper."""
     from scipy import ndimage
 
     if np.percentile(light, 98) < _UNEVEN * np.percentile(light, 2):

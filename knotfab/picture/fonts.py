@@ -1,4 +1,4 @@
-"""Fonts for text pictures: those that come along, one asked for by name or file, those of this machine."""
+"""Fonts for text pictures: bundled, asked for by name or file, or installed on this machine."""
 
 from __future__ import annotations
 
@@ -47,14 +47,14 @@ def load_font(path: str) -> FT2Font:
 
 
 def supplied_folder() -> str:
-    """Return the folder of the fonts that come along."""
+    """Return the folder of the bundled fonts."""
     import matplotlib
 
     return f"{matplotlib.get_data_path()}/fonts/ttf"
 
 
 def supply_fonts(asked: str | None) -> tuple[str, ...]:
-    """Return files of the fonts to draw with, the one asked for first, then those that come along.
+    """Return the font files to draw with: the one asked for, then the bundled ones.
 
     Args:
         asked: a family's name, such as "DejaVu Serif", or a font file; None: no matter which.
@@ -67,7 +67,7 @@ def supply_fonts(asked: str | None) -> tuple[str, ...]:
 
 
 def find_font(character: str, fonts: tuple[str, ...], what: str) -> str:
-    """Find the file of the first font that has a character: of `fonts`, or else of this machine's.
+    """Return the first font file that has a character, from `fonts` or else this machine's.
 
     Raises:
         InputError: no font has it; `what` is how the message names the picture.
@@ -88,7 +88,7 @@ def find_font(character: str, fonts: tuple[str, ...], what: str) -> str:
 
 
 def _draws(path: str, character: str) -> bool:
-    """Tell whether a font can be read and has an outline for a character, not only a coloured picture."""
+    """Return whether a font is readable and has an outline for a character, not only a bitmap."""
     try:
         font = load_font(path)
         if not font.get_char_index(ord(character)):
@@ -100,7 +100,7 @@ def _draws(path: str, character: str) -> bool:
 
 
 def _named_font(asked: str) -> str:
-    """Return the file of a font asked for by name or file; InputError where there is none."""
+    """Return the file of a font given by name or file; raises InputError where there is none."""
     what = f"--font {asked}"
     path = at_home(asked)
     if path.suffix.lower() in (".ttf", ".otf", ".ttc", ".otc", ".pfb", ".woff") or os.path.isfile(
@@ -126,7 +126,7 @@ def _named_font(asked: str) -> str:
 
 @cache
 def find_family(asked: str) -> tuple[str, ...] | None:
-    """Find files of a family's fonts, upright and regular ones first; None where this machine has none."""
+    """Return the files of a family, upright and regular first; None if it is not installed."""
     family = asked.replace("\\", "\\\\").replace(":", "\\:").replace("-", "\\-").replace(",", "\\,")
     files = []
     for found in _system_fonts(family) if asked.strip() else ():
@@ -136,7 +136,7 @@ def find_family(asked: str) -> tuple[str, ...] | None:
     if files:
         return tuple(files)
     from matplotlib.font_manager import (
-        findfont,  # knows matplotlib's own, where fontconfig does not
+        findfont,  # finds matplotlib's own fonts, which fontconfig does not
     )
 
     try:
@@ -146,9 +146,9 @@ def find_family(asked: str) -> tuple[str, ...] | None:
 
 
 def _system_fonts(pattern: str) -> Iterator[str]:
-    """Yield files of this machine's fonts that match a fontconfig pattern, upright and regular ones first.
+    """Yield installed font files that match a fontconfig pattern, upright and regular first.
 
-    Where there is no fontconfig: of all fonts that matplotlib finds, if a character is looked for.
+    Without fontconfig: all fonts that matplotlib finds, if the pattern asks for a character.
     """
     if shutil.which("fc-list") is None:
         if pattern.startswith(":"):
@@ -162,13 +162,13 @@ def _system_fonts(pattern: str) -> Iterator[str]:
 
 
 def list_families() -> tuple[str, ...]:
-    """List the families that a text can be drawn in, by name."""
+    """Return the names of the families in which a text can be drawn."""
     found = _ask_fontconfig("%{family[0]}\n", ":outline=true")
     return tuple(sorted({*found, "DejaVu Sans", "DejaVu Sans Mono", "DejaVu Serif"}))
 
 
 def _ask_fontconfig(form: str, pattern: str) -> list[str]:
-    """Return lines of this form, one for each font that matches; none where there is no fontconfig."""
+    """Return a line in this format for each matching font; none without fontconfig."""
     program = shutil.which("fc-list")
     if program is None:
         return []

@@ -94,7 +94,7 @@ def read_frames(
 
 
 def count_knots(targets: Sequence[Target], asked: int | None = None) -> int:
-    """Count the knots that move through all frames: one a piece where all frames have as many, else one.
+    """Return how many knots move through all frames: one per piece if all have equally many, else one.
 
     Args:
         asked: what the scene says of it.
@@ -117,7 +117,7 @@ def count_knots(targets: Sequence[Target], asked: int | None = None) -> int:
 
 
 def tell_apart(targets: Sequence[Target], knots: int) -> str | None:
-    """Say which strand shows between pieces that one knot joins; None where there is none."""
+    """Return a note on the strand that shows between pieces joined by one knot; None if there is none."""
     apart = [k for k, target in enumerate(targets, start=1) if target.pieces > knots]
     if not apart:
         return None
@@ -130,10 +130,10 @@ def tell_apart(targets: Sequence[Target], knots: int) -> str | None:
 
 
 def _files(path: Path, what: str) -> list[Path]:
-    """Return the pictures of a folder, or the files that a pattern stands for."""
+    """Return the pictures of a folder, or the files that match a pattern."""
     try:
         if path.is_dir():
-            frames = PICTURE_SUFFIXES - {".gif"}  # a GIF moves by itself
+            frames = PICTURE_SUFFIXES - {".gif"}  # a GIF is itself a sequence
             return [p for p in path.iterdir() if is_picture(p, frames)]
         return [p for p in path.parent.glob(path.name) if p.is_file() and p.name[0] != "."]
     except OSError as error:
@@ -143,7 +143,7 @@ def _files(path: Path, what: str) -> list[Path]:
 
 
 def _by_number(path: Path) -> tuple[list[int], str]:
-    """Files sort by the numbers in their names: 2 before 10."""
+    """Return a sort key by the numbers in a name: 2 before 10."""
     return [int(n) for n in re.findall(r"\d+", path.stem)], path.name
 
 
@@ -161,8 +161,8 @@ def _count(what: str, count: int) -> None:
 
 
 def _of_animation(path: Path, what: str, reading: Reading) -> list[Target]:
-    """Return the frames of an animated picture, each as a PNG of its own."""
-    read_target(path, reading)  # says what is wrong with a file that is no picture
+    """Return the frames of an animation, each as a PNG."""
+    read_target(path, reading)  # raises the right error for a file that is no picture
     found: list[Target] = []
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # Pillow warns of odd metadata

@@ -1,4 +1,4 @@
-"""What a drawing lies on, where that is not plain: a sheet within the picture, a board, squares."""
+"""Removing the background under a drawing: a sheet of paper, a checkerboard, squared paper."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from knotfab.picture.silhouette import fill_holes, pieces_of
 
 Colours = NDArray[np.uint8]  # (H, W, 3)
 
-_SIDE = 600  # px of the longer side on which a sheet is looked for
+_SIDE = 600  # px of the longer side at which a sheet is looked for
 _LIGHT = 0.78  # the share of the brightest level that paper has at least
 _GREY = 60  # levels by which the channels of paper differ at most
 _LEAST = 0.15  # the share of the picture that a sheet covers at least
@@ -22,13 +22,13 @@ _EDGE = (
 )
 _INK = 8.0  # levels up to which a ground is as black as a drawing's
 _PAGE = 0.5  # the share of such a picture that a page with a black margin covers at least
-_NEAR = 20.0  # levels within one flat colour
+_NEAR = 20.0  # levels that differ within one flat colour
 
 
 def plain_ground(image: Image.Image) -> tuple[Image.Image, str] | None:
-    """Return the picture on plain paper and a note, where it lies on a sheet, a board or squares.
+    """Return the picture on plain paper, with a note, if it lies on a sheet, a board or squares.
 
-    None where it does not, or where nothing is drawn on the sheet.
+    Returns None if it does not, or if nothing is drawn on the sheet.
     """
     if image.mode.startswith(("I", "F")):
         return None
@@ -41,7 +41,7 @@ def plain_ground(image: Image.Image) -> tuple[Image.Image, str] | None:
 
 
 def _sheet(rgb: Colours, opaque: Mask) -> tuple[Colours, str] | None:
-    """Paint what lies around a sheet of light paper in the paper's colour."""
+    """Paint the surroundings of a sheet of light paper in the paper's colour."""
     every = -(-max(opaque.shape) // _SIDE)
     few, seen = rgb[::every, ::every].astype(np.int64), opaque[::every, ::every]
     if not seen.any():
@@ -99,7 +99,7 @@ def _has_four_corners(sheet: Mask) -> bool:
 
 
 def _ends(mask: Mask) -> Array:
-    """Return (n, 2) the first and the last px of each row."""
+    """Return the first and the last set px of each row, (n, 2)."""
     rows = np.flatnonzero(mask.any(axis=1))
     first = mask[rows].argmax(axis=1)
     last = mask.shape[1] - 1 - mask[rows][:, ::-1].argmax(axis=1)
@@ -108,7 +108,7 @@ def _ends(mask: Mask) -> Array:
 
 
 def _checkerboard(rgb: Colours, opaque: Mask) -> tuple[Colours, str] | None:
-    """Draw, dark on white, what hides a painted board of two greys, which stands for transparency."""
+    """Draw, dark on white, what covers a painted checkerboard of two greys, which means transparency."""
     if not opaque.all():
         return None
     runs, colours = [], []

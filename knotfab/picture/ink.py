@@ -1,4 +1,4 @@
-"""The pixels of a picture that are its silhouette, by the rules of docs/silhouette.md."""
+"""Which pixels of a picture are its silhouette, by the rules of docs/silhouette.md."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from knotfab_formats.views import Reading
 
 Levels = NDArray[Any]  # (H, W) or (H, W, 3) of 8 bits, or grey of 16
 
-_ROWS = 512  # rows handled at once where colours are compared, to bound the memory
+_ROWS = 512  # rows compared at once, to bound the memory
 _LUMA = (299, 587, 114)  # ITU-R BT.601, in thousandths
-# levels (of 255) by which blank paper differs from itself, once it is saved as a JPEG
+# levels (of 255) by which blank paper varies after JPEG compression
 _NOISE = 8.0
-# A hue below so many degrees has this name.
+# upper bounds of hues, degrees, and their names
 _HUES: tuple[tuple[int, str], ...] = (
     *((15, "red"), (45, "orange"), (68, "yellow"), (165, "green"), (195, "turquoise")),
     *((255, "blue"), (290, "purple"), (345, "pink"), (361, "red")),
@@ -81,7 +81,9 @@ def find_ink(image: Image.Image, reading: Reading, what: str) -> tuple[Mask, str
             f"nothing in it is near {reading.ink}",
             "Name a colour that it has; `knotfab preview` without --ink tells its colours.",
         )
-    called = _word_of(np.median(colours[near & opaque], axis=0))  # what is near need not be it
+    called = _word_of(
+        np.median(colours[near & opaque], axis=0)
+    )  # may differ from the one asked for
     exact = f"[what differs from {reading.ink} by less than {share}]"
     return near & opaque, f"what is {called} {exact}"
 
@@ -104,9 +106,9 @@ def split_channels(image: Image.Image) -> tuple[Levels, NDArray[np.uint8] | None
 
 
 def takes_alpha(colours: Levels, alpha: NDArray[np.uint8] | None, reading: Reading) -> bool:
-    """Tell whether transparency says what ink is, where nobody does: it is more than stray pixels.
+    """Return whether transparency decides what is ink: more than stray pixels, and nobody says otherwise.
 
-    A hundredth of the picture that is clear is the fault of an export, unless nothing else tells a shape.
+    Up to a hundredth of clear pixels is a fault of export, unless nothing else shows a shape.
     """
     if alpha is None or reading.ink != "auto":
         return False
@@ -119,7 +121,7 @@ def takes_alpha(colours: Levels, alpha: NDArray[np.uint8] | None, reading: Readi
 
 
 def _faint(alpha: NDArray[np.uint8], what: str) -> InputError:
-    """Say why nothing of a picture is opaque, and what would do."""
+    """Return the error for a picture without opaque pixels, with a remedy."""
     from scipy import ndimage
 
     peak = int(alpha.max()) / 255
@@ -136,7 +138,7 @@ def _faint(alpha: NDArray[np.uint8], what: str) -> InputError:
 
 
 def _take_opaque(colours: Levels, opaque: Mask, reading: Reading) -> tuple[Mask, str]:
-    """Take the opaque pixels, less enclosed parts of another colour than the largest."""
+    """Return the opaque pixels without enclosed parts in another colour than the main one."""
     rule = f"what is opaque [alpha at least {reading.threshold:g}]"
     if reading.ink == "alpha" or colours.ndim == 2:
         return opaque, rule
@@ -149,9 +151,9 @@ def _take_opaque(colours: Levels, opaque: Mask, reading: Reading) -> tuple[Mask,
 
 
 def _tell_colours(colours: Levels, mask: Mask) -> str:
-    """Name the colours of ink that has several: a person may want one of them alone.
+    """Name the colours where ink has several, since a person may want only one of them.
 
-    Those of soft edges are none: they are nowhere 3 px thick.
+    Colours of soft edges, nowhere 3 px thick, do not count.
     """
     from scipy import ndimage
 
@@ -174,14 +176,14 @@ def _tell_colours(colours: Levels, mask: Mask) -> str:
 
 
 def take_border(colours: Levels) -> Levels:
-    """Return (n, channels) the outermost pixels, each once."""
+    """Return the outermost pixels, each once, (n, channels)."""
     rows = [colours[0], colours[-1], colours[1:-1, 0], colours[1:-1, -1]]
     channels = 1 if colours.ndim == 2 else colours.shape[2]
     return np.concatenate([r.reshape(-1, channels) for r in rows])
 
 
 def _by_rows(colours: Levels, measure: Callable[[NDArray[Any]], NDArray[Any]]) -> NDArray[Any]:
-    """Return (H, W) what `measure` makes of colours (h, W, channels), some rows at a time.
+    """Apply `measure` to colours (h, W, channels), some rows at a time, (H, W).
 
     In single precision where the colours have 8 bits: doubled differences, squared and summed, stay
     below 2^24, so that they are exact, and levels on either side of the half fall where they belong.
@@ -195,7 +197,7 @@ def _by_rows(colours: Levels, measure: Callable[[NDArray[Any]], NDArray[Any]]) -
 
 
 def _squares(colours: Levels, middle: Array) -> NDArray[Any]:
-    """Return (H, W) squared Euclidean differences from one colour."""
+    """Return the squared Euclidean differences from one colour, (H, W)."""
 
     def measure(part: NDArray[Any]) -> NDArray[Any]:
         away = part - middle.astype(part.dtype)
@@ -207,7 +209,7 @@ def _squares(colours: Levels, middle: Array) -> NDArray[Any]:
 def _differ(
     colours: Levels, middle: Array, threshold: float, what: str, clear: Mask | None
 ) -> Mask:
-    """Find pixels that differ from a colour by more than a share of the largest difference; no clear ones."""
+    """Return opaque pixels that differ from a colour by more than a share of the largest difference."""
     squared = _squares(colours, middle)
     if clear is not None:
         squared[clear] = 0
@@ -225,7 +227,7 @@ def _differ(
 
 
 def _flood(colours: Levels, threshold: float, what: str) -> Mask:
-    """Return the background: pixels near one of the border's colours, joined to the border."""
+    """Return the background: pixels near a colour of the border and connected to it."""
     if colours.dtype != np.uint8:
         colours = (colours >> 8).astype(np.uint8)
     rgb = np.stack([colours] * 3, axis=-1) if colours.ndim == 2 else colours
@@ -240,7 +242,7 @@ def _flood(colours: Levels, threshold: float, what: str) -> Mask:
 def _split_brightness(
     colours: Levels, opaque: Mask, reading: Reading, what: str
 ) -> tuple[Mask, str]:
-    """Give pixels darker, or lighter, than a share of the way between the extremes; clear ones never are."""
+    """Return opaque pixels darker, or lighter, than a share of the way between the extremes."""
     if colours.ndim == 2:
         bright = colours.astype(np.int64)
     else:
@@ -273,7 +275,7 @@ def name_colour(colour: Array | NDArray[np.uint8]) -> str:
 
 
 def _tell_shape(middle: Array, colours: Levels, mask: Mask) -> str:
-    """Name the shape that a person sees drawn, such as "the dark shape on white"."""
+    """Name the shape as a person sees it, such as "the dark shape on white"."""
     most = np.iinfo(colours.dtype).max
     ground = np.broadcast_to(255 * middle / most, 3)
     ink = np.broadcast_to(255 * colours[mask].mean(axis=0) / most, 3)
@@ -284,7 +286,7 @@ def _tell_shape(middle: Array, colours: Levels, mask: Mask) -> str:
 
 
 def _word_of(colour: Array) -> str:
-    """Name a colour (0 .. 255) as a person does."""
+    """Return a word for a colour (0 .. 255)."""
     hue, saturation, value = rgb_to_hsv(*(colour / 255))
     if value < 0.15 or saturation < 0.15:
         return "black" if value < 0.2 else "white" if value > 0.85 else "grey"
@@ -293,13 +295,13 @@ def _word_of(colour: Array) -> str:
 
 
 def _name(middle: Array, colours: Levels) -> str:
-    """Return a border's colour as a person writes it."""
+    """Return a border's colour as a person would write it."""
     if colours.dtype != np.uint8:
         return f"grey {middle[0]:g}"
     return name_colour(np.repeat(middle, 3) if len(middle) == 1 else middle)
 
 
-# Guess from the edge of an opaque picture how to read it: a thin frame, a border of two colours.
+# Guessing from its border how to read an opaque picture: thin frames, borders of several colours.
 
 
 _ALIKE, _APART = 24.0, 96.0  # levels, Euclidean in RGB: within one colour, and between two
@@ -309,14 +311,14 @@ _MOST = 0.98  # the share of a frame that has its colour
 # the least share of pixels that differ from the paper where a frame goes about a shape
 _SHAPE = 1e-3
 _SPOT = 0.02  # the largest share of the picture that is a spot
-_MAJORITY = 0.6  # a colour with this share of the border is its background's
+_MAJORITY = 0.6  # a colour with this share of the border is the background
 _FLAT = 0.9  # at most three colours make up this share of a painted border
 
 
 def guess_reading(
     image: Image.Image, reading: Reading, what: str
 ) -> tuple[Reading, tuple[str, ...]]:
-    """Guess how an opaque picture is read where nobody says what is ink, with sentences that tell of it.
+    """Guess how to read an opaque picture where nobody says what is ink; return the notes, too.
 
     A frame of one colour, thinner than 1.5 % of the shorter side, is cropped off. Where the border is of two
     or three colours, none of which has most of it, what none of them reaches is drawn (`flood`).
@@ -366,9 +368,9 @@ def guess_reading(
 
 
 def _pale_threshold(rgb: NDArray[np.uint8], border: NDArray[np.uint8], usual: float) -> float:
-    """Return the share of the largest difference that a pale body has, where a small spot alone exceeds it.
+    """Return a lower threshold where only a small spot exceeds the usual one, but a pale body does not.
 
-    0 where there is none: the body has one colour, and covers five times what the spot does.
+    0 where there is no such body: one of a single colour, with five times the spot's area.
     """
     every = -(-max(rgb.shape[:2]) // 1500)
     few = rgb[::every, ::every]
@@ -387,13 +389,13 @@ def _pale_threshold(rgb: NDArray[np.uint8], border: NDArray[np.uint8], usual: fl
 
 
 def _away(colours: NDArray[np.uint8], colour: Array | NDArray[np.uint8]) -> NDArray[np.float32]:
-    """Return (...) how far colours (..., 3) are from one, in levels."""
+    """Return the distances of colours (..., 3) from one, in levels, (...)."""
     apart = colours.astype(np.float32) - np.asarray(colour, np.float32)
     return np.asarray(np.sqrt(np.einsum("...k,...k->...", apart, apart)))
 
 
 def frame_px(rgb: NDArray[np.uint8]) -> int:
-    """Measure how thick a frame of one colour about a shape on paper of another is; 0 where there is none."""
+    """Return the thickness of a one-coloured frame about a shape on other paper; 0 without one."""
     most = max(1, round(_THIN * min(rgb.shape[:2])))
     outer = np.median(take_border(rgb), axis=0)
     for depth in range(most + 1):

@@ -30,11 +30,11 @@ from knotfab.picture.silhouette import resample_mask
 from knotfab_formats.errors import InputError, shown
 from knotfab_formats.scene import ResolvedScene
 
-_LIGHTNESS, _CHROMA = 0.5, 0.35  # their weights beside hue's, of a colour that is strong
-_GREY = 0.04  # a picture with less chroma everywhere is grey (a pure red has 0.26)
-_COLOURED = 0.002  # share of the picture's pixels that must have more
+_LIGHTNESS, _CHROMA = 0.5, 0.35  # weights relative to hue, for a strong colour
+_GREY = 0.04  # chroma below which a pixel is grey (a pure red has 0.26)
+_COLOURED = 0.002  # least share of coloured pixels
 _SAME = 0.06  # two mixtures nearer to each other than this in OKLab look alike
-_FLAT = 0.05  # a pixel that differs less (sRGB) from its neighbours lies in a flat colour
+_FLAT = 0.05  # sRGB difference between neighbours below which a pixel lies in a flat colour
 # a share of the longer side: spots smaller than a square so wide join their surroundings
 _SPECK = 0.008
 # a picture is a photograph where this share of its pixels differs by the grain (sRGB) from its neighbours
@@ -43,7 +43,7 @@ _GRAIN, _PHOTOGRAPH = 0.02, 0.35
 _SLIVER = 0.0045
 # a loss is told where a colour is so far off in OKLab, on this share of the picture
 _TOLD = (0.15, 0.01)
-_LARGEST_PX = 1024  # longer side of masks; a larger picture is shrunk for them
+_LARGEST_PX = 1024  # longer side of the masks; larger pictures are shrunk
 
 _TO_LMS = np.array(
     [
@@ -84,24 +84,24 @@ class Separation:
 
 
 def to_linear(srgb: Array) -> Array:
-    """Return linear light of sRGB from 0 to 1 (IEC 61966-2-1)."""
+    """Convert sRGB from 0 to 1 to linear light (IEC 61966-2-1)."""
     return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
 
 
 def to_srgb(linear: Array) -> Array:
-    """Return the inverse of `to_linear`."""
+    """Convert linear light to sRGB; the inverse of `to_linear`."""
     return np.where(
         linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 1e-9) ** (1 / 2.4) - 0.055
     )
 
 
 def to_oklab(srgb: Array) -> Array:
-    """Return OKLab (..., 3): lightness, and two axes of hue and chroma."""
+    """Convert sRGB to OKLab (..., 3)."""
     return np.asarray(np.cbrt(to_linear(srgb) @ _TO_LMS.T) @ _TO_LAB.T)
 
 
 def mixtures_of(colours: Array, ambient: float = 0.0) -> Array:
-    """Return (2^n, 3) sRGB of what n lamps of colours (n, 3, linear) show; bit k of a row: lamp k is hidden.
+    """Return the sRGB colours that n lamps (n, 3, linear) mix, (2^n, 3); bit k of a row: lamp k is hidden.
 
     The screen is white where all are lit; `ambient` is white light beside theirs, as a share of it.
     """
@@ -119,7 +119,7 @@ def separate(
     ambient: float = 0.0,
     most: int = 0,
 ) -> Separation:
-    """Return the masks of lamps of these linear colours (n, 3) for a picture, which an error names as `what`.
+    """Separate a picture, which errors call `what`, into masks of lamps of linear colours (n, 3).
 
     Args:
         most: no more mixtures than that are used, those that take most of the picture; 0: all.
@@ -169,7 +169,7 @@ def separate(
 def read_masks(
     source: str, scene: ResolvedScene, base: Path | None = None
 ) -> tuple[tuple[Target, ...], Separation]:
-    """Read the masks of a scene's lamps, in their order, for the picture in colours at `source`.
+    """Read the picture in colours at `source`, and return the masks of the scene's lamps in order.
 
     Args:
         base: as `read_target` takes it.
@@ -204,10 +204,10 @@ def read_masks(
 
 
 def on_one_canvas(targets: tuple[Target, ...]) -> tuple[Target, ...]:
-    """Return pictures that lamps show one after the other, each in the middle of one canvas for all."""
+    """Centre pictures that lamps show in turn on one common canvas."""
     if len({target.mask.shape for target in targets}) == 1:
         return targets
-    # all become as high as the first, and then as wide as the widest
+    # all are scaled to the first one's height, and padded to the largest width
     height = targets[0].height
     widths = [round(t.width * height / t.height) for t in targets]
     found = []
@@ -222,7 +222,7 @@ def on_one_canvas(targets: tuple[Target, ...]) -> tuple[Target, ...]:
 
 
 def _flatten(image: Image.Image) -> Image.Image:
-    """Return the picture on white paper, in RGB, of at most `_LARGEST_PX` on its longer side."""
+    """Return the picture on white, in RGB, at most `_LARGEST_PX` on its longer side."""
     image = image.convert("RGBA")
     paper = Image.new("RGBA", image.size, "white")
     paper.alpha_composite(image)
@@ -236,7 +236,7 @@ def _bits(label_: int, count: int) -> tuple[int, ...]:
 
 
 def _nearest(lab: Array, palette: Array, kept: Labels) -> Labels:
-    """Return (H, W) the row of the palette each pixel is nearest to, of those `kept`; alike ones are one."""
+    """Return each pixel's nearest row of the palette among `kept`, (H, W); look-alikes count as one."""
     apart = [
         k
         for n, k in enumerate(kept.tolist())
@@ -252,7 +252,7 @@ def _nearest(lab: Array, palette: Array, kept: Labels) -> Labels:
 
 
 def _distance(lab: Array, mixture: Array) -> Array:
-    """Return (H, W) how unlike a mixture (3,) the pixels' colours (H, W, 3) look, squared; both in OKLab.
+    """Return the squared dissimilarity of colours (H, W, 3) to a mixture (3,), both OKLab, (H, W).
 
     Hue counts in full, lightness and chroma less, for lamps mix only strong colours. But what has little
     chroma of its own is to get none: a grey must not turn blue because it is as dark.
@@ -267,11 +267,11 @@ def _distance(lab: Array, mixture: Array) -> Array:
 
 
 def _without_seams(srgb: Array, labels: Labels) -> Labels:
-    """Give the labels, if a pixel that lies between two flat colours beside it has that of the nearer one."""
+    """Relabel pixels whose colour lies between two flat neighbours as the nearer of them."""
     rows, columns = np.nonzero(_spread(srgb) > _FLAT)
     found = labels.copy()
     height, width = labels.shape
-    for reach in (2, 3, 4):  # distances at which the two colours beside a pixel are looked for
+    for reach in (2, 3, 4):  # px, to either side of a pixel
         best, name = np.full(len(rows), np.inf), np.zeros(len(rows), dtype=np.int64)
         for down, right in ((0, 1), (1, 0), (1, 1), (1, -1)):
             (a, b), (c, d) = (
@@ -286,7 +286,7 @@ def _without_seams(srgb: Array, labels: Labels) -> Labels:
             along = ((here - one) * way).sum(-1) / np.maximum((way * way).sum(-1), 1e-9)
             beside = np.linalg.norm(here - one - along[:, None] * way, axis=-1)
             between = (labels[a, b] != labels[c, d]) & (along > 0) & (along < 1)
-            # antialiasing may lie so far (sRGB) from the line between two colours
+            # sRGB distance of antialiased pixels from the line between two colours
             between &= (beside < 0.10) & (beside < best)
             best[between] = beside[between]
             nearer = np.where(along < 0.5, labels[a, b], labels[c, d])
@@ -298,20 +298,20 @@ def _without_seams(srgb: Array, labels: Labels) -> Labels:
 
 
 def _spread(srgb: Array) -> Array:
-    """Return (H, W) how much the pixels about each differ, in the channel that differs most."""
+    """Return the range of the pixels about each, in the channel where it is largest, (H, W)."""
     channels = [maximum_filter(c, 3) - minimum_filter(c, 3) for c in np.moveaxis(srgb, -1, 0)]
     return np.asarray(np.max(channels, axis=0))
 
 
 def _voted(labels: Labels, reach_px: float) -> Labels:
-    """Return the labels, each the one that most about it have: what is finer than the tube is let go."""
+    """Replace each label by the majority around it, which drops detail finer than the tube."""
     names = np.unique(labels)
     votes = [gaussian_filter((labels == k).astype(np.float32), reach_px) for k in names]
     return np.asarray(names[np.argmax(votes, axis=0)])
 
 
 def _without_specks(labels: Labels, least_px: float) -> Labels:
-    """Return the labels with spots of fewer pixels given to their surroundings."""
+    """Give spots of fewer pixels to their surroundings."""
     small = np.zeros(labels.shape, dtype=bool)
     for k in np.unique(labels):
         parts, count = label(labels == k)
@@ -325,7 +325,7 @@ def _without_specks(labels: Labels, least_px: float) -> Labels:
 
 
 def _without_slivers(labels: Labels, reach_px: float) -> Labels:
-    """Return the labels, with ends that taper off thinner than twice the reach given to their neighbours.
+    """Give tapering ends thinner than twice the reach to their neighbours.
 
     No strand is as thin as a crescent's horn. An area that is so thin all over, as a line is, stays.
     """
@@ -347,11 +347,11 @@ def _without_slivers(labels: Labels, reach_px: float) -> Labels:
 
 
 def _tell(srgb: Array, off: Array, seen: Array) -> tuple[str, ...]:
-    """Say which colours of the picture cannot be mixed, and as what they are seen, the largest first."""
+    """Name the colours that cannot be mixed and how they will look, the largest areas first."""
     far = off > _TOLD[0]
     if far.mean() < _TOLD[1]:
         return ()
-    steps = np.rint(srgb * 7).astype(np.int64)  # colours that are alike are one
+    steps = np.rint(srgb * 7).astype(np.int64)  # similar colours count as one
     keys = (steps[..., 0] * 8 + steps[..., 1]) * 8 + steps[..., 2]
     names, counts = np.unique(keys[far], return_counts=True)
     told = []
@@ -360,12 +360,12 @@ def _tell(srgb: Array, off: Array, seen: Array) -> tuple[str, ...]:
         if at.mean() < 0.5 * _TOLD[1]:
             break
         told.append(f"{_hex(srgb[at])} as {_hex(seen[at])} ({100 * at.mean():.0f} %)")
-    if not told:  # outlines alone, which are blurred
+    if not told:  # only blurred outlines
         return ()
     share = f"{100 * far.mean():.0f} % of the picture has colours that these lamps cannot mix"
     return (f"{share}: {', '.join(told)}",)
 
 
 def _hex(pixels: Array) -> str:
-    """Return the middle one of some colours (n, 3), as #rrggbb."""
+    """Return the median of colours (n, 3), as #rrggbb."""
     return "#{:02x}{:02x}{:02x}".format(*np.rint(255 * np.median(pixels, axis=0)).astype(int))

@@ -1,4 +1,4 @@
-"""The part of a silhouette that a tube can draw: its morphological opening by a disc, exact on polygons."""
+"""What a tube can draw of a silhouette: its opening by a disc, its losses, and strokes made wider."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from shapely import LinearRing, MultiPolygon, Polygon
 from knotfab.base.arrays import Array, Mask
 from knotfab.picture.silhouette import outline_px, pieces_of, polygon_iou
 
-_COARSE = 0.02  # radii that an outline may move by before it is opened
-_SLIVER = 0.03  # radii: no slivers that this leaves along edges are twice as thick
+_COARSE = 0.02  # radii by which an outline may be simplified before opening
+_SLIVER = 0.03  # radii; slivers at edges are less than twice as thick
 _CORNERS = 64  # corners of a ring
 
 
@@ -21,29 +21,29 @@ def _open(shape: Polygon | MultiPolygon, radius: float) -> Polygon | MultiPolygo
 
 
 def open_by(shape: Polygon | MultiPolygon, radius: float) -> Polygon | MultiPolygon:
-    """Return the opening by a disc, to a fiftieth of its radius; the same of an opening by a smaller disc."""
+    """Return the morphological opening by a disc, exact to a fiftieth of its radius."""
     return _open(shape.simplify(_COARSE * radius), radius)
 
 
 def opening_iou(polygon: MultiPolygon, radius: float) -> float:
-    """Return the IoU of the silhouette with its morphological opening: what a tube draws without spilling."""
+    """Return the IoU of a silhouette with its opening: the share that a tube draws without spilling."""
     opened = _open(polygon, radius)
     return polygon_iou(opened, polygon)
 
 
 def longer_side(shape: Polygon | LinearRing) -> float:
-    """Return the longer side of the narrowest rectangle about a shape."""
+    """Return the longer side of a shape's narrowest bounding rectangle."""
     return float(max(np.linalg.norm(side) for side in _rectangle(shape)[1]))
 
 
 def _rectangle(shape: Polygon | LinearRing) -> tuple[Array, Array]:
-    """Return the middle (2,) of the narrowest rectangle about a shape, and its sides (2, 2)."""
+    """Return the centre (2,) and the sides (2, 2) of a shape's narrowest bounding rectangle."""
     corners = np.asarray(shapely.minimum_rotated_rectangle(shape).exterior.coords)[:4]
     return corners.mean(axis=0), np.diff(corners[:3], axis=0)
 
 
 def least_ring(shape: Polygon | LinearRing, inset: float, bend: float, flat: bool = False) -> Array:
-    """Return (m, 2) The centre line, as it is seen, of the least closed tube in a shape's place.
+    """Return the smallest closed tube in a shape's place, as its projected centre line, (m, 2).
 
     A closed tube is no smaller across than a circle of its least bend radius; seen from aside that is an
     ellipse, which lies along the shape and is as wide as fits.
@@ -65,7 +65,7 @@ def least_ring(shape: Polygon | LinearRing, inset: float, bend: float, flat: boo
 
 
 def thickest_radius(polygon: MultiPolygon, iou: float, low: float, high: float) -> float | None:
-    """Return the largest radius between two with which the opening has this IoU, None where `low` has not.
+    """Return the largest radius, `low` to `high`, whose opening has this IoU; None if `low` has not.
 
     In the polygon's own unit; a frame s times as large allows a tube s times as thick.
     """
@@ -73,7 +73,7 @@ def thickest_radius(polygon: MultiPolygon, iou: float, low: float, high: float) 
         return None
     if opening_iou(polygon, high) >= iou:
         return high
-    while high > 1.002 * low:  # how far above the largest radius the search may end, as a factor
+    while high > 1.002 * low:  # the search's relative tolerance
         middle = float(np.sqrt(low * high))
         if opening_iou(polygon, middle) >= iou:
             low = middle
@@ -96,9 +96,9 @@ class Loss:
 
 
 def find_losses(polygon: MultiPolygon, opened: Polygon | MultiPolygon, radius: float) -> list[Loss]:
-    """Find the parts that a tube of this radius loses, largest first; `opened` is what it draws (`open_by`).
+    """Return the parts lost by a tube of this radius, largest first; `opened` is what it draws (`open_by`).
 
-    A part counts that reaches more than a radius beyond what is drawn: rounded corners are no loss.
+    Only parts that reach more than a radius beyond what is drawn count; rounded corners do not.
     """
     try:
         whole = polygon.difference(opened)
@@ -125,7 +125,7 @@ def find_losses(polygon: MultiPolygon, opened: Polygon | MultiPolygon, radius: f
     return sorted(found, key=lambda loss: -loss.shape.area)
 
 
-# Thin strokes of a silhouette, widened until a tube can draw them.
+# Widening thin strokes of a silhouette until a tube can draw them.
 
 
 _MOST = 0.5  # the share of a line drawing's middle lines that are thinner than the tube
@@ -133,7 +133,7 @@ _SOLID = 0.2  # the largest share of its area that is twice as thick
 
 
 def _inside(mask: Mask) -> Array:
-    """Return (H, W) distance of each pixel's middle from the background, px."""
+    """Return each pixel's distance from the background, px, (H, W)."""
     from scipy import ndimage
 
     # a pixel's middle is half a pixel inside its side
@@ -142,7 +142,7 @@ def _inside(mask: Mask) -> Array:
 
 
 def draw_discs(middles: Mask, radius: float) -> Mask:
-    """Draw discs of a radius (px) about these pixels."""
+    """Draw discs of a radius (px) about the marked pixels."""
     from scipy import ndimage
 
     if not middles.any():
@@ -151,12 +151,12 @@ def draw_discs(middles: Mask, radius: float) -> Mask:
 
 
 def _opened(inside: Array, radius: float) -> Mask:
-    """Draw the discs of a radius that lie in a mask."""
+    """Draw the discs of a radius that fit inside a mask."""
     return draw_discs(inside >= radius, radius)
 
 
 def _ridge(mask: Mask, inside: Array) -> Mask:
-    """Return the middle lines: pixels of which no neighbour is further in."""
+    """Return the medial axis: pixels with no neighbour further inside."""
     from scipy import ndimage
 
     # px: on a slope of the distance a neighbour is further in by 0.9 or more, on a ridge by less
@@ -164,9 +164,9 @@ def _ridge(mask: Mask, inside: Array) -> Mask:
 
 
 def is_thin(mask: Mask, width_px: float) -> bool:
-    """Tell whether a silhouette is a drawing of lines thinner than this.
+    """Return whether a silhouette is a line drawing with strokes thinner than this.
 
-    Most of its middle lines are, by their length, and hardly any of its area is twice as thick.
+    By length most of its medial axis is, and hardly any of its area is twice as thick.
     """
     # a thick picture is told at once: where a fifth at most is solid, the area is bounded by the edge
     if 2.0 * mask.sum() > 2.0 / (1.0 - _SOLID) * width_px * outline_px(mask):
@@ -179,14 +179,14 @@ def is_thin(mask: Mask, width_px: float) -> bool:
 
 
 def run_together(mask: Mask, widened: Mask, width_px: float) -> float:
-    """Measure the share of widened strokes where they ran together: thicker than one, where none was."""
+    """Return the share of widened strokes that merged into something thicker than one stroke."""
     radius = 0.75 * width_px
     blobs = _opened(_inside(widened), radius) & ~_opened(_inside(mask), radius)
     return float(blobs.sum() / widened.sum())
 
 
 def thicken(mask: Mask, width_px: float) -> Mask:
-    """Return the silhouette with its strokes at least `width_px` wide, along their middle lines.
+    """Widen strokes to at least `width_px`, along their medial axis.
 
     What an opening by a disc of that width leaves out, and is longer than the disc is wide, is a stroke: a
     disc is added at every point of its middle line, which is where the distance to the background is

@@ -1,4 +1,4 @@
-"""Pixel pictures: decode a file's bytes safely and take the silhouette by the contract's rule."""
+"""Pixel pictures: safe decoding, the silhouette by the contract's rule, and encoding for pages."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from knotfab_formats.views import Box, Reading
 
 SMALLEST_SIDE = 16
 LARGEST_SIDE = 8000
-_GLANCE = 1280  # px of a longer side that tell what a tube makes of a picture; a verdict takes 1024
-_LEAST = 200  # px of a shorter side that are left at a glance
-MARGIN = 0.06  # clear space about a drawing in parts of the frame's longer side
+_GLANCE = 1280  # px of a longer side for a glance at a picture; a verdict takes 1024
+_LEAST = 200  # least px of a shorter side at a glance
+MARGIN = 0.06  # margin about a drawing, as a share of the frame's longer side
 
 # What Pillow calls each format that is read, and the suffixes its files carry, the usual one first.
 SUFFIXES: dict[str, tuple[str, ...]] = {
@@ -49,7 +49,7 @@ _BEGINNINGS = (
     b"\0\0\1\0", b"\0\0\0\x0cjP", b"\xff\x4f\xff\x51", *(b"P%d" % n for n in range(1, 8)),
 )  # fmt: skip
 _EXPORT = "Open it in the program that made it, and export it as PNG or SVG."
-# files that people take for pictures: the first bytes, the file's kind, the remedy
+# files mistaken for pictures: first bytes, kind, remedy
 _OTHERS: tuple[tuple[bytes, str, str], ...] = (
     (rb"%PDF", "a PDF", "Export its page as SVG or PNG, by Inkscape or by pdftoppm -png."),
     (rb"%!PS|\xc5\xd0\xd3\xc6", "PostScript (EPS)", "Export it as SVG or PNG, by Inkscape."),
@@ -68,13 +68,13 @@ _OTHERS: tuple[tuple[bytes, str, str], ...] = (
 
 
 def looks_like_raster(data: bytes) -> bool:
-    """Tell whether the first bytes are of a pixel format that can be read."""
+    """Return whether the first bytes belong to a readable pixel format."""
     return data.startswith(_BEGINNINGS) or data[8:12] == b"WEBP" or data[4:8] == b"ftyp"
 
 
 @cache
 def _read_heif() -> bool:
-    """Register pillow-heif, which reads photos of iPhones, and tell whether it is there."""
+    """Register pillow-heif for photos of iPhones; return whether it is installed."""
     try:
         from pillow_heif import register_heif_opener
     except ImportError:
@@ -85,7 +85,7 @@ def _read_heif() -> bool:
 
 
 def _unreadable(data: bytes, what: str) -> InputError:
-    """Say why a file is no picture that can be read, and its kind, if its first bytes tell."""
+    """Return the error for an unreadable picture, with its kind if the first bytes tell."""
     for beginning, name, remedy in _OTHERS:
         if re.match(beginning, data, re.S):
             return InputError(what, f"it is {name}, which cannot be read", remedy)
@@ -175,25 +175,25 @@ def decode(
                 "Stretch its levels in an image editor, and save it with 8 bits a channel.",
             )
     if kind in ("BMP", "ICO") and upright.mode == "RGBA" and not upright.getchannel("A").getbbox():
-        upright = upright.convert("RGB")  # an alpha of nothing means that there is none
+        upright = upright.convert("RGB")  # an alpha of zero everywhere means that there is none
     return upright, kind
 
 
 def shrink_factor(image: Image.Image) -> int:
-    """Return how many px across may become one where a picture is only glanced at."""
+    """Return the factor by which a picture may shrink for a glance."""
     deep = image.mode.startswith(("I", "F"))  # Pillow does not reduce these modes
     return 1 if deep else min(-(-max(image.size) // _GLANCE), max(1, min(image.size) // _LEAST))
 
 
 def shrink(image: Image.Image, factor: int) -> Image.Image:
-    """Return the means of squares of px."""
+    """Shrink a picture by averaging squares of `factor` px."""
     if image.mode not in ("L", "LA", "RGB", "RGBA"):
         image = image.convert("RGBA" if image.has_transparency_data else "RGB")
     return image.reduce(factor)
 
 
 def count_frames(data: bytes) -> int:
-    """Return frames of a pixel picture that `decode` can read; 1 where it does not move."""
+    """Return the number of frames that `decode` can read; 1 for a still picture."""
     with Image.open(io.BytesIO(data), formats=_formats()) as image:
         return int(getattr(image, "n_frames", 1))
 
@@ -210,14 +210,14 @@ def take_frame(data: bytes, number: int) -> Image.Image:
 
 
 def to_plain(image: Image.Image) -> Image.Image:
-    """Return a picture in a mode that a PNG holds, nothing of the file about it."""
+    """Return a picture in a mode that PNG supports, without metadata."""
     if image.mode == "F":
         levels = np.asarray(image, dtype=np.float64)
         known = np.isfinite(levels)
         if not known.any():
             return Image.fromarray(np.zeros(levels.shape, dtype=np.uint16))
         low, high = levels[known].min(), levels[known].max()
-        # what is no number is as the border is
+        # NaN is taken as the border's value
         rim = np.concatenate([levels[0], levels[-1], levels[:, 0], levels[:, -1]])
         rim = rim[np.isfinite(rim)] if np.isfinite(rim).any() else levels[known]
         levels = np.where(known, levels, np.median(rim))
@@ -270,7 +270,7 @@ def silhouette(
 
 
 def own_box(mask: Mask) -> Box:
-    """Return the box of a silhouette with a margin about it, as far as the picture reaches."""
+    """Return a silhouette's bounding box with a margin, clipped to the picture."""
     rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
     height, width = mask.shape
     longer = max(rows[-1] - rows[0], columns[-1] - columns[0]) + 1
@@ -282,7 +282,7 @@ def own_box(mask: Mask) -> Box:
 
 
 def crop_image(image: Image.Image, what: str, reading: Reading) -> tuple[Image.Image, Box | None]:
-    """Return the part of a picture that is read, and its box in px; as for `silhouette`."""
+    """Crop a picture to the part that is read; return it with its box in px."""
     box = reading.crop_px
     if box is None:
         whole, *_ = silhouette(image, what, reading.but(crop_px=False))
@@ -304,7 +304,7 @@ def _crop(image: Image.Image, box: Box, what: str) -> Image.Image:
 
 
 def check_shape(mask: Mask, what: str) -> None:
-    """Reject what no tube can draw: a full frame, an empty one, nothing but specks."""
+    """Refuse masks that no tube can draw: full, empty, or nothing but specks."""
     area = int(np.count_nonzero(mask))
     if area == mask.size:
         raise InputError(
@@ -315,7 +315,7 @@ def check_shape(mask: Mask, what: str) -> None:
         )
     smallest = max(2.0, 1e-4 * mask.size)
     largest = area
-    if smallest <= area < mask.size // 50:  # more cannot be made of specks alone in a real picture
+    if smallest <= area < mask.size // 50:  # real pictures do not consist of specks that fill more
         largest = int(pieces_of(mask)[1].max())
     if largest < smallest:
         raise InputError(
@@ -325,22 +325,21 @@ def check_shape(mask: Mask, what: str) -> None:
         )
 
 
-# Pictures for pages, as the bytes of a file and as data URIs, and the digests of the pages'
-# scripts.
+# Pictures for pages as file bytes and data URIs, and digests of the pages' scripts.
 
 
 _LONGER_PX = 512  # longer side of a picture on a page
 
 
 def encode_image(image: Image.Image, kind: str = "png", **options: Any) -> bytes:
-    """Return the bytes of a picture's file, by Pillow's name of the format and with its options."""
+    """Encode a picture in the format that Pillow calls `kind`, with that format's options."""
     with io.BytesIO() as file:
         image.save(file, kind.upper(), **options)
         return file.getvalue()
 
 
 def data_uri(data: bytes, media: str) -> str:
-    """Return a file as a URI that holds all of it; `media` such as "image/png"."""
+    """Return a file's bytes as a data URI; `media` such as "image/png"."""
     return f"data:{media};base64,{base64.b64encode(data).decode('ascii')}"
 
 
@@ -350,7 +349,7 @@ def image_uri(image: Image.Image, kind: str = "png", **options: Any) -> str:
 
 
 def silhouette_uri(mask: Mask) -> str:
-    """Return a silhouette (H, W) as a data URI: a PNG of two colours, dark on white, 512 px long at most."""
+    """Return a silhouette (H, W) as a data URI of a two-colour PNG, at most 512 px long."""
     image = Image.fromarray(~mask)
     if max(image.size) > _LONGER_PX:
         size = fit_size(*image.size, _LONGER_PX)
@@ -360,5 +359,5 @@ def silhouette_uri(mask: Mask) -> str:
 
 
 def hash_script(script: str) -> str:
-    """Return the digest that a page's content security policy allows a script by (SHA-256, in base64)."""
+    """Return a script's SHA-256 digest, in base64, for a page's content security policy."""
     return base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()

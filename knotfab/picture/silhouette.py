@@ -1,4 +1,4 @@
-"""Functions on silhouette masks: smooth polygons with holes, pieces, and resampled images."""
+"""Silhouette masks: smooth polygons with holes, resampling, pieces, holes and specks."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
 
-LONGER_SIDE = 1024  # pixels at which pictures are compared and traced
+LONGER_SIDE = 1024  # px of the longer side when pictures are compared and traced
 _SPECK = 2.0  # px²: smaller pieces and holes are dropped from polygons
 _REACH = 0.5  # px: how far smoothing may move the outline; half of it where coverage is known
 _SPACING = 0.5  # px between samples while smoothing
@@ -26,7 +26,7 @@ _LEVEL = 0.499
 
 
 def _overlaps(source: int, wanted: int, low: float, high: float) -> scipy.sparse.csr_array:
-    """Return (wanted, source) box weights: how target pixels, evenly from low to high, cover source pixels.
+    """Return box weights: the coverage of source pixels by even target pixels, (wanted, source).
 
     Rows sum to 1 where low to high lies in the source, to less where a target pixel stands out of it.
     """
@@ -73,12 +73,12 @@ def resample_mask(
 
 
 def polygon_iou(one: BaseGeometry, other: BaseGeometry) -> float:
-    """Return the area that two shapes share over that of both."""
+    """Return the intersection over union of two shapes."""
     return float(one.intersection(other).area / one.union(other).area)
 
 
 def fit_size(width: int, height: int, longer: int) -> tuple[int, int]:
-    """Return the width and height, px, of the same frame with so many on its longer side."""
+    """Scale a frame's width and height, px, to `longer` px on the longer side."""
     scale = longer / max(width, height)
     return max(1, round(width * scale)), max(1, round(height * scale))
 
@@ -89,7 +89,7 @@ def _area(ring: Array) -> float:
 
 
 def _smooth(ring: Array, length: float, reach: float) -> Array:
-    """Return a closed ring without its stair steps, never further than about `reach` from where it was.
+    """Smooth the stair steps of a closed ring, moving it by at most about `reach`.
 
     Strong smoothing alone would round corners: so moves are clipped to `reach`, and the clipped
     ring is smoothed again, more lightly, twice. Vertices that straight runs can spare are dropped.
@@ -139,7 +139,7 @@ def _restore_area(ring: Array, area: float, reach: float) -> Array:
 
 
 def _trace(coverage: NDArray[np.float32]) -> list[list[Array]]:
-    """Return outlines at half coverage: for each piece its outer ring and its holes, none repeated."""
+    """Trace the outlines at half coverage: each piece's outer ring and holes, no point repeated."""
     import contourpy
 
     generator = contourpy.contour_generator(
@@ -153,7 +153,7 @@ def _trace(coverage: NDArray[np.float32]) -> list[list[Array]]:
 
 
 def trace_polygon(mask: Mask, smooth_px: float = 1.5) -> MultiPolygon:
-    """Return the silhouette as smooth polygons with holes, in the mask's pixel coordinates.
+    """Trace the silhouette as smooth polygons with holes, in the mask's pixel coordinates.
 
     The half-coverage outline (marching squares) of the mask, brought down to 1024 px on the longer
     side first where it is larger, with the stair steps of its pixels smoothed away.
@@ -197,7 +197,7 @@ def trace_polygon(mask: Mask, smooth_px: float = 1.5) -> MultiPolygon:
 def _smooth_piece(
     rings: list[tuple[Array, float]], smooth_px: float, reach: float
 ) -> list[Polygon]:
-    """Return one piece, smoothed as much as its thin parts allow without running into themselves."""
+    """Smooth one piece as much as its thin parts allow without self-intersection."""
     import shapely
     from shapely import Polygon
 
@@ -220,12 +220,11 @@ def _polygons(shape: object) -> MultiPolygon:
     return MultiPolygon([p for p in parts if isinstance(p, Polygon) and p.area > 0])
 
 
-# Silhouette masks as sets of pixels: their pieces (8-connected), holes (4-connected) and
-# outlines.
+# Masks as sets of pixels: pieces (8-connected), holes (4-connected) and outlines.
 
 
 _MANY, _HARDLY = 6, 0.015  # the fewest specks of dust, and their largest share of the ink
-_HALF = 0.5 - 1e-5  # coverage is summed in single precision
+_HALF = 0.5 - 1e-5  # with room for single precision
 
 
 def mask_iou(one: Mask, other: Mask) -> float:
@@ -241,12 +240,12 @@ def outline_px(mask: Mask) -> int:
 
 
 def sample_mask(mask: Mask, width: int, height: int) -> Mask:
-    """Give (height, width) the mask (H, W) at another resolution: where it covers half of a pixel or more."""
+    """Resample a mask to (height, width): set where it covers half of a pixel or more."""
     return resample_mask(mask, width, height) >= _HALF
 
 
 def pieces_of(mask: Mask) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
-    """Return (H, W) each piece's number, from 1, and (n,) its pixels; two that touch at a corner are one."""
+    """Number the pieces from 1, (H, W), and count their pixels, (n,); corner contact joins pieces."""
     from scipy import ndimage
 
     labels, _ = ndimage.label(mask, np.ones((3, 3)))
@@ -254,7 +253,7 @@ def pieces_of(mask: Mask) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
 
 
 def holes_of(mask: Mask) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
-    """Number holes, from 1, (H, W), and count their pixels (n,): background that the frame does not reach."""
+    """Number the holes from 1, (H, W), and count their pixels, (n,); holes do not touch the frame."""
     from scipy import ndimage
 
     around, count = ndimage.label(np.pad(~mask, 1, constant_values=True))
@@ -265,7 +264,7 @@ def holes_of(mask: Mask) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
 
 
 def keep_largest(mask: Mask, count: int) -> Mask:
-    """Return the `count` largest pieces; of equals those that come first, row by row."""
+    """Keep the `count` largest pieces; of equal ones the first, row by row."""
     labels, areas = pieces_of(mask)
     kept = np.zeros(len(areas) + 1, dtype=bool)
     kept[1 + np.argsort(-areas, kind="stable")[:count]] = True
@@ -273,21 +272,21 @@ def keep_largest(mask: Mask, count: int) -> Mask:
 
 
 def drop_specks(mask: Mask, least_px: int) -> Mask:
-    """Remove pieces of fewer pixels, and fill holes of fewer."""
+    """Remove pieces and fill holes of fewer than `least_px` pixels."""
     labels, areas = pieces_of(mask)
     return fill_holes(np.concatenate([[False], areas >= least_px])[labels], least_px)
 
 
 def fill_holes(mask: Mask, least_px: float) -> Mask:
-    """Fill holes of fewer pixels."""
+    """Fill holes of fewer than `least_px` pixels."""
     labels, areas = holes_of(mask)
     return np.asarray(mask | np.concatenate([[False], areas < least_px])[labels])
 
 
 def count_dust(mask: Mask, least_px: float) -> int:
-    """Count the pieces and holes of fewer pixels, where they are dust; 0 where they may be meant.
+    """Count pieces and holes below `least_px` that are dust; 0 where they may be intended.
 
-    Dust is many, hardly any of the ink, and scattered: what is written, or dotted, stands closer.
+    Dust is numerous, a tiny share of the ink, and scattered; lettering and dots stand closer.
     """
     from scipy import ndimage
     from scipy.spatial import KDTree
@@ -300,12 +299,12 @@ def count_dust(mask: Mask, least_px: float) -> int:
     if len(at) < _MANY or np.square(sides).sum() > _HARDLY * mask.sum():
         return 0
     apart = KDTree(at).query(at, 2)[0][:, 1]
-    # the distance between specks of dust over their size, at least
+    # least ratio of the distance between specks of dust to their size
     return len(at) if np.median(apart) > 2.5 * np.median(sides) else 0
 
 
 def smooth(mask: Mask, sigma_px: float) -> Mask:
-    """Return the mask blurred by a Gaussian, at half; what lies at the frame goes on beyond it."""
+    """Smooth a mask by a Gaussian, cut at half; beyond the frame it is continued."""
     from scipy import ndimage
 
     blurred = ndimage.gaussian_filter(mask.astype(np.float32), sigma_px, mode="nearest")

@@ -1,4 +1,4 @@
-"""The centre lines of a drawing's strokes, as a plane graph: where one tube is to run along each."""
+"""Centre lines of a drawing's strokes as a plane graph, along whose edges one tube each runs."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _DOT = 0.5  # half widths: length of the line that stands for a dot
 
 
 def trace_strokes(mask: Mask, width_px: float) -> list[Line]:
-    """Return the centre lines of strokes, all of which are about `width_px` wide or wider.
+    """Trace the centre lines of strokes that are about `width_px` wide or wider.
 
     The skeleton by thinning (Zhang and Suen 1984, of scikit-image) is taken as a graph of pixels. Its chains
     are lines; spurs are dropped, junctions nearer than a stroke is wide become one, stair steps are smoothed.
@@ -76,7 +76,7 @@ def _link_pixels(skeleton: Mask) -> tuple[Indices, Indices]:
 
 
 def _cut_ends(pixels: Indices, links: Indices, inside: Array) -> tuple[Indices, Indices]:
-    """Take away what leads from the middle of a stroke's round end to its outline.
+    """Trim the links from a stroke's round end to its outline.
 
     Args:
         inside: (H, W) px from the background.
@@ -94,7 +94,7 @@ def _degrees(links: Indices, count: int) -> Indices:
 
 
 def _chains(pixels: Indices, links: Indices) -> nx.MultiGraph:
-    """Return ends and junctions as nodes, the chains between them as edges with their points."""
+    """Build the graph with ends and junctions as nodes, and pixel chains between them as edges."""
     import networkx as nx
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import connected_components
@@ -133,7 +133,7 @@ def _add_line(graph: nx.MultiGraph, one: Any, other: Any, points: Line) -> None:
 
 
 def _tidy(graph: nx.MultiGraph) -> None:
-    """Drop spurs, let junctions that lie close become one, and join lines at nodes that are none."""
+    """Drop spurs, merge close junctions, and join lines at nodes of degree two."""
     while True:
         degree = dict(graph.degree)
         short = [
@@ -165,7 +165,7 @@ def _tidy(graph: nx.MultiGraph) -> None:
 
 
 def _contract(graph: nx.MultiGraph, one: Any, other: Any, key: int) -> None:
-    """Make the two ends of an edge become one node in its middle; of a loop only the edge goes."""
+    """Contract an edge to a node at its midpoint; of a loop only the edge goes."""
     graph.remove_edge(one, other, key)
     if one == other:
         return
@@ -183,14 +183,14 @@ def _contract(graph: nx.MultiGraph, one: Any, other: Any, key: int) -> None:
 
 
 def _starts_at(data: dict[str, Any], graph: nx.MultiGraph, node: Any) -> bool:
-    """Tell whether an edge's points begin at this one of its nodes, rather than end there."""
+    """Return whether an edge's points start, rather than end, at this node."""
     first, last = data["points"][0], data["points"][-1]
     at = graph.nodes[node]["at"]
     return bool(np.hypot(*(first - at)) <= np.hypot(*(last - at)))
 
 
 def _join_through(graph: nx.MultiGraph, node: Any) -> None:
-    """Join lines that meet where no third does."""
+    """Join the two lines at a node of degree two."""
     if node not in graph or graph.degree(node) != 2:
         return
     edges = list(graph.edges(node, keys=True, data=True))
@@ -205,7 +205,7 @@ def _join_through(graph: nx.MultiGraph, node: Any) -> None:
 
 
 def _lines(graph: nx.MultiGraph) -> list[Line]:
-    """Return the edges, smoothed with their ends where they are; a dot as a short line."""
+    """Return the edges smoothed with fixed ends; a dot becomes a short line."""
     found = []
     for node in graph:
         if graph.degree(node) == 0:
@@ -218,7 +218,7 @@ def _lines(graph: nx.MultiGraph) -> list[Line]:
 
 
 def _smooth(points: Line, closed: bool) -> Line:
-    """Sample a line evenly and smooth it; the ends stay, but for a ring's."""
+    """Resample a line evenly and smooth it, with fixed ends unless it is closed."""
     from scipy.ndimage import gaussian_filter1d
 
     arc = arc_lengths(points, closed=False)

@@ -27,26 +27,26 @@ from knotfab_formats.views import Box, Disc, Reading
 Levels = NDArray[np.float32]
 _Gaussian = tuple[float, NDArray[np.float64], NDArray[np.float64]]  # share, mean, covariance
 
-_CUT_PX, _FINE_PX = 320, 1600  # longer side where the cut is made, and where its outline is refined
-_MARGIN = 0.25  # a share of the rectangle's longer side: pixels that near tell of the background
-_KINDS, _ROUNDS = 5, 6  # Gaussians for each of the two, and cuts at most
-_COARSE_PX = 200  # longer side from which on it is cut so first
+_CUT_PX, _FINE_PX = 320, 1600  # longer side for the cut, and for refining its outline
+_MARGIN = 0.25  # share of the rectangle's longer side; pixels this near model the background
+_KINDS, _ROUNDS = 5, 6  # Gaussians for subject and background each, and most cuts
+_COARSE_PX = 200  # longer side above which a coarse cut comes first
 # the first cuts are so much coarser; the last moves their outline by so much
 _COARSER, _BAND_PX = 2, 6
-_EDGE = 50.0  # weight of an outline through pixels alike, against the likelihood of one pixel
-_GRAIN = 5.0  # levels by which pixels of one colour differ at least
-_FEW = 16  # pixels that a mixture is learnt from at least
+_EDGE = 50.0  # weight of an outline between like pixels, against one pixel's likelihood
+_GRAIN = 5.0  # least levels by which pixels of one colour differ
+_FEW = 16  # least pixels from which a mixture is learnt
 _SURE = 1e6  # weight of known pixels
 _ALIKE = (0.05 * 255) ** 2  # variance of brightness below which the outline follows no edge
-_ROUND = 0.004  # the smoothing's radius, as a share of the rectangle's longer side
+_ROUND = 0.004  # smoothing radius, as a share of the rectangle's longer side
 # shares of the largest piece: smaller pieces are left out, smaller holes filled
 _CRUMB, _HOLE = 0.05, 0.03
-_FULL = 0.995  # a subject that fills this share of the rectangle is all of it
+_FULL = 0.995  # a cut that fills this share of the rectangle has found nothing apart
 _SIDES = ((0, 1), (1, 0), (1, 1), (1, -1))  # steps to half of a pixel's eight neighbours
 
 
 def middle_boxes(width: int, height: int) -> list[Box]:
-    """Return rectangles in the middle of a picture to begin with: 80 % of it, and an upright one."""
+    """Return starting rectangles in the middle of a picture: 80 % of it, and an upright one."""
     return [
         (
             round((1 - x) / 2 * width),
@@ -59,7 +59,7 @@ def middle_boxes(width: int, height: int) -> list[Box]:
 
 
 def take_subject(image: Image.Image, reading: Reading, folder: Path, what: str) -> Mask:
-    """Return (H, W) what was cut out of an upright picture: as its mask's file has it, or else by a new cut.
+    """Return the subject of an upright picture, from its mask's file or by a new cut, (H, W).
 
     Args:
         folder: what the name of the mask's file is relative to.
@@ -87,9 +87,9 @@ def take_subject(image: Image.Image, reading: Reading, folder: Path, what: str) 
 def cut_subject(
     image: Image.Image, box: Box, keep: Sequence[Disc], drop: Sequence[Disc], what: str
 ) -> Mask:
-    """Cut out the thing in a rectangle of a picture: (H, W), no crumbs, smooth, the same each time.
+    """Cut out the subject in a rectangle: smooth, without crumbs, reproducible, (H, W).
 
-    Mixtures of Gaussians tell the colours of the thing from those of its surroundings, which are known
+    Mixtures of Gaussians tell the subject's colours from those of its surroundings, which are known
     outside the rectangle. The outline is a minimal cut of the grid's graph. Both are repeated until they
     agree.
 
@@ -153,7 +153,7 @@ def cut_subject(
 
 
 def _discs(x: Array, y: Array, discs: Sequence[Disc]) -> Mask:
-    """Return (len(y), len(x)) what the discs cover."""
+    """Return which grid points the discs cover, (len(y), len(x))."""
     covered = np.zeros((len(y), len(x)), dtype=bool)
     for u, v, radius in discs:
         covered |= (x - u) ** 2 + (y[:, None] - v) ** 2 <= radius**2
@@ -161,7 +161,7 @@ def _discs(x: Array, y: Array, discs: Sequence[Disc]) -> Mask:
 
 
 def _grab_coarsely(levels: Levels, kept: Mask, outside: Mask) -> Mask:
-    """Cut and learn by turns at half the size, then cut once more near the outline that was found."""
+    """Alternate cuts and learning at a coarse size, then cut once more near that outline."""
     from scipy.ndimage import binary_dilation, binary_erosion
 
     height, width = kept.shape
@@ -189,7 +189,7 @@ def _grab(
     rounds: int = _ROUNDS,
     edge: float = _EDGE,
 ) -> Mask:
-    """Cut and learn by turns, at first from all that may belong, or from a start; the two never change."""
+    """Alternate cuts and learning from `start`, or from all that may belong; known pixels never change."""
     import maxflow
 
     took_part("PyMaxflow", "cut the subject out")
@@ -217,13 +217,13 @@ def _grab(
         )
         graph.maxflow()
         before, mask = mask, ~graph.get_grid_segments(nodes)
-        if (before != mask).mean() < 1e-3:  # the last cut changes at most this share of the pixels
+        if (before != mask).mean() < 1e-3:  # share of pixels changed below which it has converged
             break
     return np.asarray(mask)
 
 
 def _edge_weights(levels: Levels, edge: float) -> dict[tuple[int, int], NDArray[np.float64]]:
-    """Return (H, W) for each direction, what an outline between a pixel and that neighbour weighs."""
+    """Return, for each direction, the cost of an outline between a pixel and its neighbour, (H, W)."""
     squares = {}
     for down, right in _SIDES:
         shifted = np.roll(levels, (-down, -right), (0, 1))  # beyond the grid there is no edge
@@ -235,7 +235,7 @@ def _edge_weights(levels: Levels, edge: float) -> dict[tuple[int, int], NDArray[
 
 
 def _learn(pixels: Levels, old: list[_Gaussian]) -> list[_Gaussian]:
-    """Fit Gaussians to pixels (n, 3), each by the nearest of the old ones; at first split the widest."""
+    """Fit Gaussians to pixels (n, 3) grouped by the old ones; without old ones, split the widest."""
     if old:
         kind = _costs(pixels, old).argmin(1)
     else:
@@ -263,7 +263,7 @@ def _learn(pixels: Levels, old: list[_Gaussian]) -> list[_Gaussian]:
 
 
 def _costs(pixels: Levels, mixture: list[_Gaussian]) -> Levels:
-    """Return (n, kinds) how unlikely each pixel is in each Gaussian: minus the logarithm of its density."""
+    """Return each pixel's negative log density in each Gaussian, (n, kinds)."""
     columns = []
     for share, middle, cov in mixture:
         root = np.linalg.cholesky(np.linalg.inv(cov))
@@ -274,7 +274,7 @@ def _costs(pixels: Levels, mixture: list[_Gaussian]) -> Levels:
 
 
 def _finish(mask: Mask, part: Image.Image, kept: Mask, dropped: Mask, round_px: float) -> Mask:
-    """Return the cut at the size of the picture's part: along its edges, smooth, no crumbs, holes if real."""
+    """Refine the cut at full size: along edges, smooth, without crumbs, with real holes only."""
     size = fit_size(*part.size, min(_FINE_PX, max(part.size)))
     scale = size[0] / mask.shape[1]
     mask = _follow_edges(mask, part.convert("L").resize(size, Image.Resampling.BOX), scale)
@@ -293,7 +293,7 @@ def _finish(mask: Mask, part: Image.Image, kept: Mask, dropped: Mask, round_px: 
 
 
 def _follow_edges(mask: Mask, grey: Image.Image, scale: float) -> Mask:
-    """Give the mask in the size of a grey picture, along its edges: a guided filter (He, Sun, Tang 2010)."""
+    """Upsample the mask along the edges of a grey picture: a guided filter (He, Sun, Tang 2010)."""
     from scipy.ndimage import uniform_filter
 
     guide = np.asarray(grey, dtype=np.float32)

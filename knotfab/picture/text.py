@@ -24,11 +24,11 @@ from knotfab_formats.errors import InputError
 _Box = tuple[float, float, float, float]  # left, top, width, height
 
 _EM = 1000  # units to a letter's height
-_LONGEST = 200  # characters; more than this is no picture
+_LONGEST = 200  # most characters
 
 
 _STYLES = "\ufe0e\ufe0f"
-# Letters join in Brahmic scripts, Thai to Tibetan, Korean, Khmer and Mongolian, further blocks included.
+# Scripts with joining letters: Brahmic, Thai to Tibetan, Korean, Khmer, Mongolian, further blocks.
 _JOINED = re.compile(
     "[\u0900-\u11ff\u1780-\u1cff\ua800-\uabff\U00010a00-\U00011fff\U0001e900-\U0001e95f]"
 )
@@ -50,7 +50,7 @@ class Outline:
 
 
 def outline_text(text: str, font: str | None = None) -> Outline:
-    """Return glyph outlines of one line of text.
+    """Trace the glyph outlines of one line of text.
 
     Args:
         text: characters in the order they are drawn, left to right, each by itself (not `needs_shaping`).
@@ -95,7 +95,7 @@ def outline_text(text: str, font: str | None = None) -> Outline:
 
 
 def _path_data(vertices: NDArray[np.float64], codes: Any) -> str:
-    """Return SVG path data from vertices and codes (1 move, 2 line, 3 and 4 curves, 79 end)."""
+    """Convert vertices and codes (1 move, 2 line, 3 and 4 curves, 79 end) to SVG path data."""
     data: list[str] = []
     i = 0
     while i < len(codes):
@@ -111,7 +111,7 @@ def _path_data(vertices: NDArray[np.float64], codes: Any) -> str:
 
 
 def needs_shaping(text: str) -> bool:
-    """Tell whether glyphs depend on their neighbours, run from right to left, or carry marks."""
+    """Return whether glyphs depend on their neighbours, run from right to left, or carry marks."""
     return any(
         _JOINED.match(c)
         or unicodedata.bidirectional(c) in ("R", "AL", "AN")
@@ -125,7 +125,7 @@ def _name(text: str) -> str:
 
 
 def _shape_text(text: str, font: str | None) -> tuple[str, tuple[str, ...], _Box]:
-    """Return an SVG <text> that resvg shapes (HarfBuzz's rules), its fonts, and the box of its ink.
+    """Build an SVG <text> that resvg shapes as HarfBuzz does; return it with fonts and ink box.
 
     Raises:
         InputError: no ink, no such font, or a character that no font has.
@@ -167,7 +167,7 @@ def _has(path: str, character: str) -> bool:
 
 
 def _frame(body: str, box: _Box, longer: int) -> str:
-    """Return an SVG of a part of the plane, whole pixels wide and high."""
+    """Build an SVG that shows a box of the plane, in whole pixels."""
     step = max(box[2:]) / longer
     columns, rows = (max(1, round(side / step)) for side in box[2:])
     x, y, w, h = (f"{v:.9f}" for v in box)
@@ -232,7 +232,7 @@ def render_text(text: str, font: str | None = None) -> bytes:
 
 
 def _with_note(png: bytes, key: str, value: str) -> bytes:
-    """Return the PNG with a tEXt entry behind its header (PNG specification, 11.3.4.3)."""
+    """Insert a tEXt entry after a PNG's header (PNG specification, 11.3.4.3)."""
     entry = b"tEXt" + f"{key}\0{value}".encode("latin-1", "replace")
     chunk = struct.pack(">I", len(entry) - 4) + entry + struct.pack(">I", zlib.crc32(entry))
     end = 8 + 25  # the signature and the header, which comes first

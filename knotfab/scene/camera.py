@@ -158,8 +158,7 @@ def least_apart(views: Sequence[View]) -> float:
     return float(np.rad2deg(np.arccos(np.clip(cosine.max(), 0.0, 1.0))))
 
 
-# A wall that is a cylinder: where light puts on it what it would put on the flat wall that
-# touches it.
+# A wall that is a cylinder, and the flat wall that touches it.
 
 
 _SLANTED_DEG = 80.0  # light at a steeper angle from the normal hardly brightens a wall

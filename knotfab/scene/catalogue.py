@@ -134,8 +134,7 @@ def resolve(scene: Scene) -> ResolvedScene:
     return kind.model_construct(None, **known | update)
 
 
-# Printers and materials as TOML files: those that come along, and a person's own, checked key by
-# key.
+# Printers and materials as TOML files, bundled or a person's own, checked key by key.
 
 
 Kind = Literal["printer", "material"]
