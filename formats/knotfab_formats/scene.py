@@ -36,6 +36,7 @@ from knotfab_formats.views import Lamps, Placing, Room, Switches, View
 LIGHT_SHARE, WALL_SHARE = 0.25, 0.9
 # px on the longer side of a frame at which shadows are verified and magnitudes reported
 VERIFIED_PX = 1024
+MOST_VIEWS = 240  # as many as a sequence has frames
 
 
 class Scene(Table):
@@ -59,7 +60,7 @@ class Scene(Table):
     region: Region = Region()
     material: Material = Material()
     printer: Printer = Printer()
-    views: Annotated[tuple[View, ...], Field(min_length=1)] = (View(),)
+    views: Annotated[tuple[View, ...], Field(min_length=1, max_length=MOST_VIEWS)] = (View(),)
     accuracy: Accuracy = Accuracy()
     placing: Placing = Placing()
     room: Room = Room()

@@ -111,7 +111,8 @@ def read_file(
                 data = file.read(most + 1)
         size = max(state.st_size, len(data))
         if size > most:
-            why = f"the file has {size / 2**20:.0f} MiB, too much for a {noun}"
+            told = f"{size / 2**20:.0f} MiB" if size >= 2**20 else f"{size / 2**10:.0f} KiB"
+            why = f"the file has {told}, too much for a {noun}"
             raise InputError(what, why, too_large)
         return data
     except FileNotFoundError as error:

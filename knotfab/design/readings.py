@@ -15,6 +15,7 @@ from PIL import Image, ImageDraw, ImageFont
 from knotfab.base.arrays import Mask
 from knotfab.base.disk import at_home
 from knotfab.base.errors import SceneError
+from knotfab.base.limited import run_limited
 from knotfab.design.candidates import PICTURE
 from knotfab.design.frames import frame_view, widen_targets
 from knotfab.design.likeness import opened_share
@@ -22,11 +23,11 @@ from knotfab.design.sentence import describe, with_noun
 from knotfab.design.survey import Survey, find_refusal, survey_views
 from knotfab.picture import raster
 from knotfab.picture.raster import encode_image
-from knotfab.picture.read import Target, read_bytes, read_target
+from knotfab.picture.read import SECONDS, Target, read_bytes, read_target
 from knotfab.picture.silhouette import fit_size, holes_of, mask_iou, pieces_of, sample_mask
 from knotfab.picture.subject import middle_boxes
 from knotfab_formats.bounds import as_written
-from knotfab_formats.errors import InputError
+from knotfab_formats.errors import InputError, shown
 from knotfab_formats.scene import ResolvedScene
 from knotfab_formats.views import View
 
@@ -151,6 +152,17 @@ def try_readings(
     Raises:
         InputError: the picture cannot be read in any of these ways.
     """
+    return run_limited(
+        lambda: _try_readings(source, scene, base, font),
+        shown(source),
+        seconds=5 * SECONDS,
+        verb="trying readings of it",
+    )
+
+
+def _try_readings(
+    source: str | Path, scene: ResolvedScene, base: Path | None, font: str | None
+) -> tuple[TriedReading, ...]:
     view = scene.views[0]
     px = _tube_px(source, scene, base, font)
     found: list[TriedReading] = []

@@ -13,6 +13,7 @@ import numpy as np
 from PIL import Image, ImageSequence
 
 from knotfab.base.disk import at_home, require_within
+from knotfab.base.limited import run_limited
 from knotfab.picture.raster import own_box
 from knotfab.picture.read import (
     PICTURE_SUFFIXES,
@@ -20,12 +21,14 @@ from knotfab.picture.read import (
     Target,
     is_picture,
     name_picture,
+    read_image,
     read_target,
 )
-from knotfab_formats.errors import InputError
+from knotfab_formats.errors import InputError, shown
 from knotfab_formats.views import Reading
 
 MOST_FRAMES = 240  # frames of a sequence
+_SECONDS = 900  # processor time in which all are read
 
 
 def frame_name(number: int) -> str:
@@ -60,6 +63,17 @@ def read_frames(
         InputError: fewer than two frames, more than 240, frames of different sizes, or a picture
             that cannot be read.
     """
+    named = [shown(source) for source in sources]
+    return run_limited(
+        lambda: _read_frames(sources, reading, base, font),
+        named[0] if len(named) == 1 else "the sequence",
+        seconds=_SECONDS,
+    )
+
+
+def _read_frames(
+    sources: Sequence[str], reading: Reading, base: Path | None, font: str | None
+) -> tuple[Target, ...]:
     if reading.crop_px is None:  # one box for all, about whatever moves in it
         whole = reading.but(crop_px=False)
         moving = np.logical_or.reduce(
@@ -162,7 +176,7 @@ def _count(what: str, count: int) -> None:
 
 def _of_animation(path: Path, what: str, reading: Reading) -> list[Target]:
     """Return the frames of an animation, each as a PNG."""
-    read_target(path, reading)  # raises the right error for a file that is no picture
+    read_image(path)  # raises the right error for a file that is no picture
     found: list[Target] = []
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # Pillow warns of odd metadata

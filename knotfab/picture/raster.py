@@ -7,6 +7,7 @@ import hashlib
 import io
 import re
 import warnings
+from collections.abc import Iterator
 from functools import cache
 from typing import Any
 
@@ -198,15 +199,16 @@ def count_frames(data: bytes) -> int:
         return int(getattr(image, "n_frames", 1))
 
 
-def take_frame(data: bytes, number: int) -> Image.Image:
-    """Return a frame of a moving picture, counted from 0.
-
-    Raises:
-        EOFError, OSError, ValueError: there is none, or it is damaged.
-    """
+def take_frames(data: bytes, most: int) -> Iterator[Image.Image]:
+    """Yield the frames of a moving picture, in RGBA, at most so many, up to one that is damaged."""
     with Image.open(io.BytesIO(data), formats=_formats()) as image:
-        image.seek(number)
-        return image.convert("RGBA")
+        for number in range(most):
+            try:
+                image.seek(number)
+                frame = image.convert("RGBA")
+            except (EOFError, OSError, ValueError):
+                return
+            yield frame
 
 
 def to_plain(image: Image.Image) -> Image.Image:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from knotfab.base.disk import at_home, read_file
+from knotfab.base.limited import run_limited
 from knotfab.base.notebook import InNotebook
 from knotfab.picture import raster, text
 from knotfab.picture.bending import Bending
@@ -40,6 +41,8 @@ MOVING = ("GIF", "WEBP", "PNG", "AVIF")  # formats that may hold an animation
 
 # the longest name; file systems hold names with prefixes and suffixes
 _MOST_SIGNS, _MOST_BYTES = 60, 180
+SECONDS = 60  # processor time in which a picture is read
+_MOST_TRIED = 100  # frames of a moving picture that are looked at for the first with a shape
 _CRUMB = 0.01  # a share of the ink: a smaller part is no piece of its own
 
 
@@ -209,6 +212,14 @@ def read_target(
     Raises:
         InputError: the picture cannot be read, or holds no shape that can be drawn.
     """
+    return run_limited(
+        lambda: _read_target(source, reading, base, font, glance), shown(source), seconds=SECONDS
+    )
+
+
+def _read_target(
+    source: str | Path, reading: Reading, base: Path | None, font: str | None, glance: bool
+) -> Target:
     what = shown(source)
     if isinstance(source, str) and source.startswith(TEXT_PREFIX):
         content = source.removeprefix(TEXT_PREFIX)
@@ -264,6 +275,10 @@ def read_image(source: str | Path, *, base: Path | None = None) -> Image.Image:
     Raises:
         InputError: it cannot be read.
     """
+    return run_limited(lambda: _read_image(source, base), shown(source), seconds=SECONDS)
+
+
+def _read_image(source: str | Path, base: Path | None) -> Image.Image:
     what = shown(source)
     if isinstance(source, str) and source.startswith(TEXT_PREFIX):
         data = text.render_text(source.removeprefix(TEXT_PREFIX))
@@ -298,9 +313,13 @@ def read_targets(
             f"{len(sources)} pictures are given for {len(views)} views",
             "Give one picture for each [[views]] of the scene, in their order",
         )
-    return tuple(
-        read_target(source, view, base=base, font=font, glance=glance)
-        for source, view in zip(sources, views, strict=True)
+    return run_limited(
+        lambda: tuple(
+            read_target(source, view, base=base, font=font, glance=glance)
+            for source, view in zip(sources, views, strict=True)
+        ),
+        ", ".join(map(shown, sources)) if len(sources) < 4 else "the pictures",
+        seconds=SECONDS * len(sources),
     )
 
 
@@ -372,17 +391,19 @@ def _first_drawn(
 ) -> Target:
     """Return the first frame of a moving picture that holds a shape, where its very first holds none."""
     refused = None
-    for number in range(frames):
+    for number, frame in enumerate(raster.take_frames(data, _MOST_TRIED), start=1):
+        if (np.ptp(np.asarray(frame), axis=(0, 1)) == 0).all():
+            continue  # of one colour
         try:
-            frame = encode_image(raster.take_frame(data, number))
-            found = _take_target(frame, what, name, "", reading, glance, folder)
+            found = _take_target(encode_image(frame), what, name, "", reading, glance, folder)
         except InputError as error:
             refused = refused or error
-        except (EOFError, OSError, ValueError):
-            break
         else:
-            rule = f"frame {number + 1} of its {frames}, the first with a shape: {found.rule}"
+            rule = f"frame {number} of its {frames}, the first with a shape: {found.rule}"
             return replace(found, rule=rule)
+    tried = (
+        f"none of its first {_MOST_TRIED} frames" if frames > _MOST_TRIED else "none of its frames"
+    )
     raise refused or InputError(
-        what, "its frames cannot be read", "Export the animation again, as GIF or PNG."
+        what, f"{tried} holds a shape", "Export the animation again, as GIF or PNG."
     )

@@ -58,16 +58,16 @@ class _Validators:
 
     def _verify(self, request: dict[str, Any]) -> dict[str, Any]:
         if self._shadows is None or request["part"] is None or request["scene"] is None:
-            return self._whole.answer(request)
+            return _answer(self._whole, request)
         shadows, geometry = (
-            workers.ask({**request, "failures": None, "only": half})
+            workers.submit(_answer, workers, {**request, "failures": None, "only": half})
             for workers, half in ((self._shadows, "shadows"), (self._whole, "geometry"))
         )
         found = [geometry.result(), shadows.result()]
         for answer in found:
             if "error" in answer:
                 return answer
-        return self._whole.answer({**request, "found": found})
+        return _answer(self._whole, {**request, "found": found})
 
     @property
     def idle(self) -> bool:
@@ -79,6 +79,16 @@ class _Validators:
         for workers in (self._whole, self._shadows):
             if workers is not None:
                 workers.__exit__()
+
+
+def _answer(workers: Workers, request: dict[str, Any]) -> dict[str, Any]:
+    """Have a request answered, again where somebody killed the process that did."""
+    try:
+        return workers.answer(request)
+    except Crash as crash:
+        if crash.code not in (-9, -signal.SIGTERM) or workers.ended.is_set():
+            raise
+        return workers.answer(request)
 
 
 @dataclass(frozen=True)

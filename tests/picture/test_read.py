@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 import os
 import struct
+import sys
 import zlib
 from pathlib import Path
 from typing import Any
@@ -14,6 +16,7 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image, ImageCms
 
+from knotfab.base import limited
 from knotfab.picture.read import Target, name_picture, read_bytes, read_target
 from knotfab_formats.errors import InputError
 from knotfab_formats.views import Reading, View
@@ -442,3 +445,41 @@ def test_svg_keeps_its_aspect_ratio(tmp_path: Path, box: str, size: tuple[int, i
     target = read_target(path)
     assert (target.width, target.height) == size
     assert target.mask.mean() == pytest.approx(0.25, rel=5e-3)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux limits it")
+@pytest.mark.parametrize(
+    "svg",
+    ids=["selectors", "blanks"],
+    argvalues=[
+        "<svg xmlns='http://www.w3.org/2000/svg' width='99' height='99'><style>x "
+        + "g " * 12
+        + "rect{fill:red}</style>"
+        + "<g>" * 40
+        + "<rect x='9' y='9' width='60' height='60'/>"
+        + "</g>" * 40
+        + "</svg>",
+        " " * 3_000_000 + "<svg xmlns='http://www.w3.org/2000/svg'/>",
+    ],
+)
+def test_a_drawing_ends_within_its_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, svg: str
+) -> None:
+    """It is drawn, or refused in a sentence; what reads it is stopped, whatever it is at."""
+    monkeypatch.setattr("knotfab.picture.read.SECONDS", 1)
+    (tmp_path / "slow.svg").write_bytes(svg.encode())
+    with contextlib.suppress(InputError):
+        read_target(tmp_path / "slow.svg")
+    assert not limited._living
+
+
+def test_only_the_first_frames_are_searched_for_a_shape(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    frames = [Image.new("L", (40, 40), 250 - shade) for shade in range(12)]
+    frames[-1].paste(0, (10, 10, 30, 30))
+    frames[0].save(tmp_path / "late.gif", save_all=True, append_images=frames[1:])
+    assert read_target(tmp_path / "late.gif").rule.startswith("frame 12 of its 12")
+    monkeypatch.setattr("knotfab.picture.read._MOST_TRIED", 11)
+    with pytest.raises(InputError, match="none of its first 11 frames holds a shape"):
+        read_target(tmp_path / "late.gif")

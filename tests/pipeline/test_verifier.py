@@ -26,6 +26,9 @@ def answer(request, told):
     seconds = {request.get("only") or "all": os.getpid()}
     for half in request.get("found", []):
         seconds |= half["seconds"]
+    if request["part"].endswith("killed") and not os.path.exists("killed-once"):
+        open("killed-once", "w").close()
+        os.kill(os.getpid(), 9)
     if request["part"].endswith("bad") and request.get("only") == "shadows":
         return {"error": "part.bad: it is no mesh"}
     told = {"status": "pass", "exit_code": 0, "size_mm": None, "notes": [], "checks": [], "views": []}
@@ -96,6 +99,13 @@ def test_kept_validators_that_died_are_replaced(echo: None) -> None:
     process.wait()
     second, _ = ask()
     assert second != first and is_there(second)
+
+
+def test_a_validator_that_is_killed_is_started_again(
+    echo: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert ask("part.killed")[1].endswith("part.killed")
 
 
 def test_kept_validators_find_a_file_from_another_folder(

@@ -126,6 +126,7 @@ def _read(piece: str, part: str | None, knots: str | None, scene: str | None, un
 def answer(request: dict[str, Any], told: object) -> dict[str, Any]:
     """Answer a request with the verdict on its files."""
     from knotfab_validators.check import BadFile
+    from knotfab_validators.files.picture import PictureError
     from knotfab_validators.validate import Found, conclude_piece, measure_piece
 
     del told
@@ -140,6 +141,6 @@ def answer(request: dict[str, Any], told: object) -> dict[str, Any]:
             measure_piece(piece, request["skip"], request["pictures_dir"], request.get("only"))
         ]
         verdict = conclude_piece(piece, found, request["failures"])
-    except BadFile as error:
+    except (BadFile, PictureError) as error:
         return {"error": str(error)}
     return dict(plain(verdict))

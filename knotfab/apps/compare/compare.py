@@ -23,9 +23,10 @@ from knotfab.apps.compare.rectify import (
 )
 from knotfab.base.arrays import Array, Mask
 from knotfab.base.disk import write_whole
+from knotfab.base.limited import run_limited
 from knotfab.knots import Knot, Knots, read_knots
 from knotfab.picture.raster import decode, encode_image
-from knotfab.picture.read import read_bytes, read_target
+from knotfab.picture.read import SECONDS, read_bytes, read_target
 from knotfab.picture.silhouette import mask_iou, sample_mask
 from knotfab.report.drill_template import CARD_MM, card_middles
 from knotfab.scene.camera import Camera, camera_of
@@ -313,8 +314,12 @@ def read_photo(path: Path) -> Array:
         InputError: the file is missing, or is no image that can be read.
     """
     data = read_bytes(path, str(path), _LARGEST_PX, "Check the path.")
-    image, _ = decode(data, str(path), largest=_LARGEST_PX)
-    return np.asarray(image.convert("RGB"), dtype=np.float64) / 255.0
+    image = run_limited(
+        lambda: decode(data, str(path), largest=_LARGEST_PX)[0].convert("RGB"),
+        str(path),
+        seconds=SECONDS,
+    )
+    return np.asarray(image, dtype=np.float64) / 255.0
 
 
 def _frame_corners(view: ResolvedView) -> Array:

@@ -94,6 +94,8 @@ def validate(given: Given, hear: Hear, known: Collection[str]) -> Answer:
     if not isinstance(skip, list) or not all(isinstance(name, str) for name in skip):
         raise InputError("skip", "it is no list of texts", 'Give one such as ["shadow-render"].')
     files, skipped = files_to_validate(part, knots, scene), read_skips(skip)
+    for path in filter(None, (files.part, files.knots, files.scene)):  # links in a folder
+        require_within(path)
     if files.scene is not None:  # whose pictures the validators read
         for view in load_scene(files.scene).views:
             for name in filter(None, (view.picture, view.subject_mask)):

@@ -28,12 +28,14 @@ from knotfab.apps.mcp import jobs
 from knotfab.base.apps import VERSION
 from knotfab.base.disk import at_home, confined
 from knotfab.base.errors import explain_error, keep_traceback
+from knotfab.base.limited import end_copies
 from knotfab.base.progress import Event
 from knotfab.cli import commands
 from knotfab.pipeline.options import HELP, BuildOptions, PictureOptions
 from knotfab_formats.errors import InputError
 
 _running: set[threading.Event] = set()  # an event for each running job, which ends it
+_GRACE_S = 10.0  # a job that is asked to end has this long: a build tidies up
 _LEFT_OUT = {"quiet", "verbose", "json", "failures", "return"}  # they concern a terminal
 _TEXT, _LIST = {"type": "string"}, {"type": "array", "items": {"type": "string"}}
 _PICTURES = {
@@ -180,6 +182,9 @@ async def _serve() -> None:
         tasks.start_soon(_end_when_asked)
         async with stdio_server() as (read, write):
             await server.run(read, write, server.create_initialization_options())
+            if _running:  # the client left: nobody waits for these
+                await _end_jobs()
+                os._exit(0)
         tasks.cancel_scope.cancel()
 
 
@@ -190,12 +195,19 @@ async def _end_when_asked() -> None:
         anyio.open_signal_receiver(signal.SIGINT, signal.SIGTERM) as asked,
     ):
         async for _ in asked:
-            for stop in list(_running):
-                stop.set()
-            while _running:
-                await anyio.sleep(0.05)
+            await _end_jobs()
             print("knotfab: interrupted; nothing was changed", file=sys.stderr, flush=True)
             os._exit(130)
+
+
+async def _end_jobs() -> None:
+    """Ask all jobs to end, and give them time to; what a job leaves then is mended as after any kill."""
+    for stop in list(_running):
+        stop.set()
+    end_copies()
+    with anyio.move_on_after(_GRACE_S):
+        while _running:
+            await anyio.sleep(0.05)
 
 
 async def _when_cancelled(stop: threading.Event) -> None:

@@ -10,9 +10,10 @@ from PIL import Image
 from pydantic import BaseModel, ConfigDict
 
 from knotfab.base.disk import write_whole
+from knotfab.base.limited import run_limited
 from knotfab.picture import raster, text
 from knotfab.picture.raster import encode_image
-from knotfab.picture.read import MOVING, TEXT_PREFIX, name_picture
+from knotfab.picture.read import MOVING, SECONDS, TEXT_PREFIX, name_picture
 from knotfab.picture.svg.render import render_svg
 from knotfab.picture.svg.xml import looks_like_svg
 from knotfab_formats.errors import InputError
@@ -55,6 +56,10 @@ def keep_picture(data: bytes, file_name: str, folder: Path) -> StudioPicture:
         InputError: it cannot be read, or is too large.
     """
     what = "".join(c for c in file_name if c.isprintable())[:80] or "the picture"
+    return run_limited(lambda: _keep_picture(data, what, folder), what, seconds=SECONDS)
+
+
+def _keep_picture(data: bytes, what: str, folder: Path) -> StudioPicture:
     if not data:
         raise InputError(what, "the file is empty", "Copy or export it again.")
     if len(data) > LARGEST_BYTES:

@@ -23,6 +23,7 @@ from knotfab.apps.studio.server import make_app
 from knotfab.apps.studio.session import Studio
 from knotfab.base.disk import at_home
 from knotfab.base.folder import OutputFolder
+from knotfab.base.limited import end_copies
 from knotfab_formats.errors import InputError
 
 _HOST = "127.0.0.1"
@@ -78,8 +79,15 @@ def serve(
         # unless started by nohup, it ends with its terminal, and its build too
         if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is signal.SIG_DFL:
             signal.signal(signal.SIGHUP, lambda *_: server.leave())
-        with contextlib.suppress(KeyboardInterrupt):  # uvicorn raises it again after its cleanup
-            asyncio.run(server.serve(sockets=[listening]))
+        with contextlib.suppress(KeyboardInterrupt):  # it has tidied up, and passes the signal on
+            asyncio.run(_serve(server, listening))
+
+
+async def _serve(server: uvicorn.Server, listening: socket.socket) -> None:
+    try:
+        await server.serve(sockets=[listening])
+    finally:
+        end_copies()  # threads that wait for them would keep the process
 
 
 def open_in_browser(address: str) -> None:

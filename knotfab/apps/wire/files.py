@@ -21,7 +21,8 @@ from jinja2.sandbox import SandboxedEnvironment
 from knotfab.apps.wire.arcs import Bend, BendList
 from knotfab.base.apps import VERSION
 from knotfab.base.arrays import Array
-from knotfab.base.disk import at_home
+from knotfab.base.disk import at_home, read_file
+from knotfab.base.limited import run_limited
 from knotfab.render.pages import Drawing, Paper, draw_tiled, write_pages
 from knotfab_formats.errors import InputError
 from knotfab_formats.piece import Material
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
 
 BENDERS = {"lra": "lra.csv", "grbl": "grbl.gcode"}  # files in the folder benders, by name
 _MOST_BYTES = 100_000
+_SECONDS = 10  # processor time in which a template is filled in
 _WRONG = (TemplateError, TypeError, ValueError, ArithmeticError, LookupError, RuntimeError)
 _NEEDED = {  # what a template must write for each bend: a key of it, and how to write it
     "length": ("feed_mm", "{{ bend.feed_mm }} (or distance_mm)"),
@@ -100,8 +102,16 @@ def fill_template(
         keep_trailing_newline=True,
     )
     text = _read(name)
+    told = _list_placeholders(bends, plan, wire)
     try:
-        return environment.from_string(text).render(_list_placeholders(bends, plan, wire))
+        return run_limited(
+            lambda: environment.from_string(text).render(told),
+            f"the bender {name}",
+            seconds=_SECONDS,
+            gigabytes=0.5,
+            verb="filling in its template",
+            remedy="Write no loop into it but that over the bends.",
+        )
     except TemplateSyntaxError as error:
         why = f"line {error.lineno} of its template cannot be read: {error.message}"
     except _WRONG as error:
@@ -138,17 +148,13 @@ def _read(name: str) -> str:
     """
     if name in BENDERS:
         return (files("knotfab.apps.wire") / "benders" / BENDERS[name]).read_text(encoding="utf-8")
-    path = at_home(name)
+    what = f"the bender {name}"
     known = f"Name a file, or one of {', '.join(BENDERS)}."
+    data = read_file(at_home(name), what, "template", _MOST_BYTES, missing=known, too_large=known)
     try:
-        if path.is_file() and path.stat().st_size > _MOST_BYTES:
-            raise InputError(f"the bender {name}", "its template is too large", known)
-        return path.read_text(encoding="utf-8")
-    except UnicodeDecodeError:
-        why = "its template is no text in UTF-8"
-    except OSError as error:
-        why = f"its template cannot be read ({error.strerror})"
-    raise InputError(f"the bender {name}", why, known)
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(what, "its template is no text in UTF-8", known) from error
 
 
 # bends.csv

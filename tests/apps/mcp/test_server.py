@@ -147,6 +147,17 @@ def test_moves_that_came_with_a_folder_are_not_done(folder: Path) -> None:
     assert (hidden / "evil").exists() and not (folder.parent / "victim").exists()
 
 
+@pytest.mark.parametrize("name", ["part.stl", "knots.json", "scene.toml"])
+def test_links_of_a_folder_lead_nowhere_else(folder: Path, name: str) -> None:
+    (folder / "built").mkdir()
+    if name != "part.stl":
+        (folder / "built" / "part.stl").write_text("solid")
+    (folder.parent / name).write_text("of somebody else")
+    (folder / "built" / name).symlink_to(folder.parent / name)
+    said = _refused(_call(folder, "validate", part="built"))
+    assert "outside the folders" in said and "of somebody else" not in said
+
+
 def test_a_wrong_call_is_told_as_the_command_line_tells_it(folder: Path) -> None:
     def told(*words: str) -> str:
         command = [sys.executable, "-m", "knotfab", *words]

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import re
+import sys
 from dataclasses import replace
 from math import pi
 from pathlib import Path
@@ -38,6 +40,7 @@ from knotfab.apps.wire.judge import (
     replay,
 )
 from knotfab.apps.wire.residual import FitLimits
+from knotfab.base.disk import confined
 from knotfab.base.progress import Progress
 from knotfab.pipeline.options import options_from
 from knotfab.pipeline.prepare import prepare_build
@@ -322,18 +325,37 @@ def test_a_file_that_is_no_template_is_refused(tmp_path: Path) -> None:
     (tmp_path / "binary").write_bytes(b"\xff\xfe\x00")
     (tmp_path / "large").write_text("x" * 200_000)
     for name, why in (
-        ("binary", "no text"),
-        ("large", "too large"),
-        ("missing", "No such file"),
+        ("binary", "its template is no text"),
+        ("large", "too much for a template"),
+        ("missing", "there is no such file"),
         (".", ""),
     ):
-        with pytest.raises(InputError, match=f"its template .*{why}.*one of lra, grbl"):
+        with pytest.raises(InputError, match=f"the bender .*{why}"):
             require_bender(Scene(piece=Piece(bender=str(tmp_path / name))))
 
 
 def test_a_build_refuses_before_it_searches() -> None:
     wire, quiet = {"material": "steel-wire-2mm"}, Progress("quiet")
-    with pytest.raises(InputError, match=r"the bender .*nowhere\.nc: its template cannot be read"):
+    with pytest.raises(InputError, match=r"the bender .*nowhere\.nc: there is no such file"):
         prepare_build(["text:C"], options_from({**wire, "bender": "nowhere.nc"}), "", quiet)
     with pytest.raises(InputError, match="--bender lra: there is no wire to bend"):
         prepare_build(["text:C"], options_from({"bender": "lra"}), "", quiet)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux limits it")
+def test_a_template_that_never_ends_and_one_that_is_no_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("knotfab.apps.wire.files._SECONDS", 1)
+    loop = "{% for a in range(99999) %}{% for b in range(99999) %}{% endfor %}{% endfor %}"
+    (tmp_path / "loop").write_text(loop)
+    os.mkfifo(tmp_path / "pipe")
+    for name, why in (
+        (tmp_path / "loop", "takes more than 1 s"),
+        (tmp_path / "pipe", "not a regular file"),
+        ("/dev/zero", "not a regular file"),
+    ):
+        with pytest.raises(InputError, match=why):
+            fill_template(str(name), BENDS, "bends", STEEL)
+    with confined([tmp_path / "inside"]), pytest.raises(InputError, match="outside the folders"):
+        fill_template(str(tmp_path / "loop"), BENDS, "bends", STEEL)

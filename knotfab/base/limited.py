@@ -1,0 +1,151 @@
+"""Work on what a stranger made in a copy of this process with limits: it cannot hang, fill or end this one.
+
+A copy costs some milliseconds, and loads nothing anew. Only Linux makes one; elsewhere the work is done here.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import pickle
+import select
+import signal
+import sys
+import threading
+import time
+import traceback
+from collections.abc import Callable
+from typing import Any, NoReturn, TypeVar
+
+from knotfab.base.errors import keep_traceback
+from knotfab_formats.errors import InputError
+
+_T = TypeVar("_T")
+_SLOWER = 10  # wall-clock time over processor time, on a machine that is busy
+_lock = threading.Lock()  # two copies made at once would hold each other's pipes
+_living: set[int] = set()
+_is_copy = False
+
+
+def run_limited(
+    work: Callable[[], _T],
+    what: str,
+    *,
+    seconds: int,
+    gigabytes: float = 3.0,
+    verb: str = "reading it",
+    remedy: str = "Scale it down or simplify it, or save it as a PNG.",
+) -> _T:
+    """Return what `work` returns or raise what it raises; all else that it changes in memory is lost.
+
+    Args:
+        what, verb, remedy: for the sentence where it takes too much.
+        seconds: processor time. gigabytes: memory beside what this process has.
+
+    Raises:
+        InputError: it takes more, or crashes.
+    """
+    if _is_copy or sys.platform != "linux":
+        return work()
+    with _lock:
+        ours, theirs = os.pipe()
+        child = os.fork()
+        if child == 0:
+            _work_as_copy(work, theirs, seconds, gigabytes)
+        os.close(theirs)
+        _living.add(child)
+    late, code = False, None
+    try:
+        sent, late = _receive(ours, time.monotonic() + _SLOWER * seconds)
+    finally:
+        os.close(ours)
+        _living.discard(child)
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(child, signal.SIGKILL)
+        code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+    if late or code == -signal.SIGXCPU:
+        raise InputError(what, f"{verb} takes more than {seconds} s", remedy)
+    if not sent:
+        raise InputError(what, f"{verb} crashes what reads it", remedy)
+    kind, value, state = pickle.loads(sent)  # of this program's own copy
+    if kind is None:
+        returned: _T = value
+        return returned
+    if issubclass(kind, MemoryError):
+        raise InputError(what, f"{verb} takes more than {gigabytes:g} GB", remedy)
+    error = kind.__new__(kind, *value)
+    error.args = value
+    error.__dict__.update(state)
+    raise error
+
+
+def end_copies() -> None:
+    """End all copies, as this process ends; those who wait for them get an error."""
+    for child in list(_living):
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(child, signal.SIGKILL)
+
+
+def _receive(ours: int, until: float) -> tuple[bytes, bool]:
+    """Return what a copy sent in all, and whether it was late; b"" where it did not come to the end."""
+    parts: list[bytes] = []
+    while (left := until - time.monotonic()) > 0:
+        if select.select([ours], [], [], left)[0]:
+            part = os.read(ours, 2**20)
+            if not part:
+                sent = b"".join(parts)
+                return (sent[:-1] if sent[-1:] == b"." else b""), False
+            parts.append(part)
+    return b"", True
+
+
+def _work_as_copy(work: Callable[[], Any], theirs: int, seconds: int, gigabytes: float) -> NoReturn:
+    global _is_copy
+    _is_copy = True
+    code = 1
+    try:
+        _limit(seconds, gigabytes)
+        sent: tuple[Any, ...]
+        try:
+            sent = (None, work(), {})
+        except Exception as error:
+            error.add_note(traceback.format_exc())
+            sent = (type(error), error.args, error.__dict__)
+        with open(theirs, "wb") as pipe:
+            pipe.write(_packed(sent) + b".")
+        code = 0
+    finally:
+        os._exit(code)  # no tidying up of what is the parent's
+
+
+def _packed(sent: tuple[Any, ...]) -> bytes:
+    try:
+        return pickle.dumps(sent, pickle.HIGHEST_PROTOCOL)
+    except MemoryError:
+        return pickle.dumps((MemoryError, (), {}))
+    except Exception as error:
+        told = keep_traceback(error)
+        return pickle.dumps((type(told), told.args, told.__dict__))
+
+
+def _limit(seconds: int, gigabytes: float) -> None:
+    import ctypes
+    import resource
+
+    signal.set_wakeup_fd(-1)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, which ends this
+    for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGXCPU):
+        signal.signal(number, signal.SIG_DFL)
+    ctypes.CDLL(None).prctl(1, int(signal.SIGKILL))  # it goes with its parent
+    with contextlib.suppress(OSError, ValueError):
+        with open("/proc/self/statm") as file:
+            held = int(file.read().split()[0]) * resource.getpagesize()
+        most = held + int(gigabytes * 2**30)
+        for kind, bound in (
+            (resource.RLIMIT_CPU, seconds),
+            (resource.RLIMIT_AS, most),
+            (resource.RLIMIT_CORE, 0),
+        ):
+            soft, hard = resource.getrlimit(kind)
+            held_to = [limit for limit in (soft, hard) if limit >= 0]
+            resource.setrlimit(kind, (min(bound, *held_to) if held_to else bound, hard))

@@ -1,0 +1,73 @@
+"""Work with limits: what it gives and raises comes back, and nothing that it does ends this process."""
+
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable
+
+import pytest
+
+from knotfab.base import limited
+from knotfab.base.errors import SceneError
+from knotfab.base.limited import end_copies, run_limited
+from knotfab_formats.errors import InputError
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="only Linux makes copies")
+
+
+def spin() -> None:
+    while True:
+        pass
+
+
+def refuse() -> None:
+    raise SceneError("the thing", "it is wrong", "Mend it.")
+
+
+def test_what_is_given_and_raised_comes_back() -> None:
+    here = os.getpid()
+    assert run_limited(lambda: (os.getpid() != here, b"x" * 3_000_000), "it", seconds=5) == (
+        True,
+        b"x" * 3_000_000,
+    )
+    with pytest.raises(SceneError, match=r"the thing: it is wrong\. Mend it\.") as caught:
+        run_limited(refuse, "it", seconds=5)
+    assert caught.value.why == "it is wrong" and caught.value.exit_code == 1
+    with pytest.raises(FileNotFoundError) as missing:
+        run_limited(lambda: os.stat("/no/such/file"), "it", seconds=5)
+    assert missing.value.errno == 2
+
+
+@pytest.mark.parametrize(
+    ("work", "said"),
+    [
+        (spin, "it: reading it takes more than 1 s"),
+        (lambda: time.sleep(60), "it: reading it takes more than 1 s"),
+        (lambda: bytearray(2 * 2**30), "it: reading it takes more than 1 GB"),
+        (os.abort, "it: reading it crashes"),
+        (lambda: os.kill(os.getpid(), signal.SIGKILL), "it: reading it crashes"),
+        (lambda: os._exit(0), "it: reading it crashes"),
+    ],
+)
+def test_work_that_takes_too_much_is_one_sentence(work: Callable[[], object], said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        run_limited(work, "it", seconds=1, gigabytes=1)
+
+
+def test_an_interrupt_ends_it() -> None:
+    def interrupt() -> None:
+        time.sleep(0.3)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    threading.Thread(target=interrupt).start()
+    with pytest.raises(KeyboardInterrupt):
+        run_limited(spin, "it", seconds=60)
+    assert not limited._living
+
+
+def test_it_ends_with_all_copies() -> None:
+    threading.Timer(0.5, end_copies).start()
+    with pytest.raises(InputError, match="crashes"):
+        run_limited(spin, "it", seconds=60)
