@@ -24,6 +24,9 @@ _SPARE = 0.93  # a share of the longest free leg: the mesh and the layers find i
 _WAITS_MM = 1.0  # a longer bar waits until its leg has stood free for 95 % of what it may
 _LEAST_MM = 0.3  # what is nearer is joined as it prints, or by no bar that could be broken
 _SOON = 0.6  # share of the longest free leg
+_TRIED = 8  # points at the same height
+_ASLANT = 0.75  # cosine of the least angle between a bar and its strand: its end meets no surface sooner
+_BACK = 3  # points, from one place to the next
 
 
 @dataclass(frozen=True)
@@ -117,9 +120,36 @@ def plan_bars(
     own = np.repeat(np.arange(len(legs)), sizes)
     along = np.concatenate([_STEP_MM * np.arange(size) for size in sizes])
     total = _STEP_MM * np.array(sizes)
+    begin = np.cumsum([0, *sizes])
     steps = np.concatenate([np.gradient(leg.points, axis=0) for leg in legs])
     ways = steps / np.linalg.norm(steps, axis=1)[:, None]
     flat, level = cKDTree(points[:, :2]), cKDTree(points)
+
+    def find_bar(n: int, longest: float) -> tuple[Bar, int] | None:
+        """Find the shortest bar from a point, no longer than `longest`, and the point that it leads to."""
+        here = points[n]
+        near = np.array(flat.query_ball_point(here[:2], 2 * radius + longest))
+        near = near[(np.abs(points[near, 2] - here[2]) < 0.5 * _STEP_MM) & (own[near] != own[n])]
+        near = near[along[near] > 3 * radius]
+        away = np.linalg.norm(points[near] - here, axis=1)
+        for k in np.argsort(away, kind="stable").tolist()[:_TRIED]:
+            if away[k] < 1.9 * radius:
+                continue
+            there = points[near[k]] * np.array([1.0, 1.0, 0.0]) + here * np.array([0.0, 0.0, 1.0])
+            across = (there - here) / np.linalg.norm(there - here)
+            aslant = np.abs(ways[[n, near[k]]] @ across)
+            if aslant.max() > _ASLANT:
+                continue
+            one, other = radius / np.sqrt(1 - aslant**2)
+            gap = float(np.linalg.norm(there - here) - one - other)
+            if gap > longest:
+                break
+            found = Bar(here + one * across, there - other * across, gap)
+            line = here + np.linspace(0.0, 1.0, 9)[:, None] * (there - here)
+            if gap >= _LEAST_MM and _is_clear(found, level, points, radius) and hidden(line):
+                return found, int(near[k])
+        return None
+
     tied = np.zeros(len(legs))
     bars, lacking = list[Bar](), list[Array]()
     for n in np.argsort(points[:, 2], kind="stable").tolist():
@@ -127,36 +157,23 @@ def plan_bars(
         free = along[n] - tied[leg]
         if total[leg] - tied[leg] <= most or free < _SOON * most:
             continue
-        here = points[n]
-        bar = None
-        near = np.array(flat.query_ball_point(here[:2], 2 * radius + MOST_BAR_MM))
-        near = near[(np.abs(points[near, 2] - here[2]) < 0.5 * _STEP_MM) & (own[near] != leg)]
-        near = near[along[near] > 3 * radius]
-        away = np.linalg.norm(points[near] - here, axis=1)
-        for k in np.argsort(away, kind="stable").tolist()[:6]:
-            if away[k] < 1.9 * radius:
-                continue
-            there = points[near[k]] * np.array([1.0, 1.0, 0.0]) + here * np.array([0.0, 0.0, 1.0])
-            across = (there - here) / np.linalg.norm(there - here)
-            one, other = (radius / np.sqrt(1 - (ways[m] @ across) ** 2) for m in (n, near[k]))
-            gap = float(np.linalg.norm(there - here) - one - other)
-            if gap < _LEAST_MM:
-                continue
-            if gap > _WAITS_MM and free < 0.95 * most:
-                break
-            found = Bar(here + one * across, there - other * across, gap)
-            if _is_clear(found, level, points, radius) and hidden(
-                here + np.linspace(0.0, 1.0, 9)[:, None] * (there - here)
-            ):
-                bar, joined = found, int(near[k])
-                break
-        if bar is not None:
+        late = free >= 0.95 * most
+        found = find_bar(n, MOST_BAR_MM if late else _WAITS_MM)
+        if found is None and free > most:
+            # nothing where a bar would be best: the next one down
+            first = begin[leg] + int(tied[leg] / _STEP_MM) + 1
+            for n in range(n - _BACK, max(first, begin[leg] + int(3 * radius / _STEP_MM)), -_BACK):
+                if (found := find_bar(n, MOST_BAR_MM)) is not None:
+                    break
+            else:
+                n = begin[leg] + int(round((tied[leg] + most) / _STEP_MM))
+                lacking.append(points[n])
+                tied[leg] = along[n]
+        if found is not None:
+            bar, other = found
             bars.append(bar)
             tied[leg] = along[n]
-            tied[own[joined]] = max(tied[own[joined]], along[joined])
-        elif free > most:
-            lacking.append(here)
-            tied[leg] = along[n]
+            tied[own[other]] = max(tied[own[other]], along[other])
     return bars, np.array(lacking).reshape(-1, 3)
 
 

@@ -49,7 +49,10 @@ _EXTENTS = 20  # extents at which a profile is judged where placing is careless
 _NOISE = 0.025  # legibility differs by as much from draw to draw of profiles: less is no reason
 # of the distance from a curve's middle to a side of its hull: so near is a side of its feet's hull
 _FEET_SHARE = 0.6
-_HALVINGS = 5  # rounds in which arches are halved
+# arches are split so often at most, one after the other, at these shares
+_SPLITS = 40
+_SPLIT_SHARES = 0.5, 0.3, 0.7
+_FREE_LEG = 0.03  # weight of a leg that sways, against legibility
 _TURNS = 3  # turns to the bed, in which supports are weighed: the best of the first profiles
 
 
@@ -182,18 +185,44 @@ class _Judge:
         return _fit(self.sharpening.lower(fitted, drawing), self.extent_mm)
 
     def brace(self, arches: Arches, modulus_mpa: float) -> Arches:
-        """Return the arches, those of which a leg can be held by no neighbour halved until none is left."""
-        for _ in range(_HALVINGS):
+        """Return the arches, with those split of which a leg can be held by no neighbour.
+
+        Of the ways to split one, in halves or unevenly, the one is taken by which the picture is read least
+        from aside, and fewest legs are free.
+        """
+
+        def judge(arches: Arches) -> tuple[float, list[Array], Array]:
             parts = self.place(arches)
-            _, lacking = plan_bars(find_legs(parts), self.radius, modulus_mpa)
-            if not len(lacking):
+            _, lacking = plan_bars(find_legs(parts), self.radius, modulus_mpa, self.hides)
+            return self.legibility(parts) + _FREE_LEG * len(lacking), parts, lacking
+
+        share = np.concatenate([arc[:-1] / arc[-1] for arc in self.arcs])
+        of = np.repeat(np.arange(len(self.samples)), [len(s) for s in self.samples])
+        now = arches, *judge(arches)
+        for _ in range(_SPLITS):
+            arches, cost, parts, lacking = now
+            tree, found = cKDTree(np.concatenate(parts)), list[tuple[Arches, float, list[Array], Array]]()
+            for place in lacking:
+                nearest = int(tree.query(place)[1])
+                tried = [
+                    arches.split(int(of[nearest]), float(share[nearest]), f) for f in _SPLIT_SHARES
+                ]
+                found = [(other, *judge(other)) for other in tried if other is not arches]
+                if found:
+                    break
+            if not found:
                 break
-            of = np.repeat(np.arange(len(parts)), [len(p) for p in parts])
-            share = np.concatenate([arc[:-1] / arc[-1] for arc in self.arcs])
-            _, nearest = cKDTree(np.concatenate(parts)).query(lacking)
-            for curve in np.unique(of[nearest]).tolist():
-                arches = arches.halved(curve, share[nearest[of[nearest] == curve]])
-        return arches
+            now = min(found, key=lambda one: one[1])
+        return now[0]
+
+    def hides(self, points: Array) -> bool:
+        """Tell whether the shadow of points (n, 3) falls on the picture, to a cell of `target`."""
+        flat = lower(points, self.light_distance)
+        every = np.concatenate(self.curves)
+        low, high = every.min(0) - self.radius, every.max(0) + self.radius
+        cell = np.floor((flat - low) / (high - low) * len(self.target)).astype(int)
+        inside = ((cell >= 0) & (cell < len(self.target))).all()
+        return bool(inside and self.target[len(self.target) - 1 - cell[:, 1], cell[:, 0]].all())
 
     def blur(self, parts: list[Array]) -> float:
         """Return the weighted brightness error of a wide lamp; 0 where none is called for."""

@@ -149,19 +149,23 @@ class Arches:
         at = (arc[:-1] + begin * length) % length
         return np.asarray(np.interp(at, step * np.arange(points), smooth, period=length))
 
-    def halved(self, curve: int, shares: Array) -> Arches:
-        """Return another in which the arches at these shares of a curve are two each, half as high."""
+    def split(self, curve: int, share: float, first: float) -> Arches:
+        """Return another in which the arch at this share of a curve is two, of `first` and what is left.
+
+        Both are as steep as it was, and all others stay where they are.
+        """
         chain = self.chains[curve]
         if not len(chain):
             return self
         ends = np.cumsum((chain[:, :1] / chain[:, 1:]).sum(1))
-        length = self.lengths[curve]
-        count = min(int(np.searchsorted(ends, length)) + 1, len(chain))
-        at = np.searchsorted(ends, (shares + self.begins[curve]) % 1.0 * ends[count - 1])
-        often = np.ones(len(chain), dtype=int)
-        often[np.unique(at[chain[at, 0] > 2 * _LYING_RADII * self.radius_mm])] = 2
-        lower = np.repeat(np.column_stack([chain[:, 0] / often, chain[:, 1:]]), often, axis=0)
-        return replace(self, chains=(*self.chains[:curve], lower, *self.chains[curve + 1 :]))
+        count = min(int(np.searchsorted(ends, self.lengths[curve])) + 1, len(chain))
+        at = int(np.searchsorted(ends, (share + self.begins[curve]) % 1.0 * ends[count - 1]))
+        peaks = chain[at, 0] * np.array([first, 1.0 - first])
+        if peaks.min() < _LYING_RADII * self.radius_mm:
+            return self
+        two = np.column_stack([peaks, np.repeat(chain[at : at + 1, 1:], 2, axis=0)])
+        other = np.concatenate([chain[:at], two, chain[at + 1 :]])
+        return replace(self, chains=(*self.chains[:curve], other, *self.chains[curve + 1 :]))
 
     def varied(self, rng: np.random.Generator, change: float) -> Arches:
         """Return another, in which about half of the arches are changed by this share of their spread."""

@@ -147,6 +147,40 @@ def test_a_leg_is_as_stiff_as_the_beam_of_the_books(radius: float) -> None:
         assert legs.measured == pytest.approx(LEAST_STIFFNESS_N_MM / share**3, rel=0.03)
 
 
+def lean(length: float, rise_deg: float = 50.0) -> Mesh:
+    """A square leg of 3.3 mm from the bed, that leans along x."""
+    up = length * np.sin(np.radians(rise_deg))
+    shift = up / np.tan(np.radians(rise_deg))
+    return prism([(0, 0), (4.3, 0), (4.3 + shift, up), (shift, up)], 3.3)
+
+
+@pytest.mark.parametrize(
+    ("also", "most"),
+    [
+        ("a foot that lies", 1.42),  # as if the leg began on it, 3.3 mm further up
+        ("a foot that lies across", 1.42),
+        ("a speck at the tip", 1.02),
+        ("a needle at the tip", 0.0),
+    ],
+)
+def test_a_leg_is_as_stiff_whatever_its_foot_and_its_tip_are_like(also: str, most: float) -> None:
+    """Where part of a foot ends, its middle moves by mm, and the leg does not go aside for it."""
+    leg = lean(30.0)
+    tip = leg.vertices[leg.vertices[:, 2] > leg.vertices[:, 2].max() - 1e-9].mean(axis=0)
+    more = {
+        "a foot that lies": [box((-14, 0, 0), (3, 3.3, 2.5))],
+        "a foot that lies across": [box((0, -14, 0), (3, 3, 2.5))],
+        "a speck at the tip": [move(box((0.4, -0.05, -0.5), (0.5, 0.05, 0.15)), shift=tip)],
+        "a needle at the tip": [move(box((0.0, -0.15, -0.5), (0.4, 0.15, 9)), shift=tip)],
+    }[also]
+    plain, found = judge(leg)["legs"], judge(together(leg, *more))["legs"]
+    assert isinstance(plain.measured, float) and isinstance(found.measured, float)
+    if most:
+        assert 0.98 < found.measured / plain.measured < most
+    else:
+        assert found.status == "fail"
+
+
 @pytest.mark.parametrize(("off_deg", "bad"), [(0.0, False), (-1.0, True), (1.0, False)])
 def test_flanks_are_asked_for_their_angle(off_deg: float, bad: bool, tmp_path: Path) -> None:
     shift = 12 / np.tan(np.radians(LEAST_FLANK_DEG + off_deg))

@@ -8,7 +8,7 @@ import numpy as np
 
 from knotfab_validators.arrays import Array, Ints, Mask, compiled
 from knotfab_validators.geometry.mesh import connect
-from knotfab_validators.printing.slices import Slices, link_pieces, measure_pieces
+from knotfab_validators.printing.slices import Slices, bound_pieces, link_pieces, measure_pieces
 
 SPECK_MM2 = 0.05  # what begins in mid-air and stays this small until it is held is no island
 LINE_MM = 0.3  # what reaches over air no farther is ignored: most of a line's width is held
@@ -63,7 +63,7 @@ def follow_growth(cut: Slices) -> Growth:
     below = np.ascontiguousarray(pairs[:, 1])
     split = np.bincount(below, minlength=pieces)
     held, start, free, limp, top, square = _grow(
-        cut.floor, area, flat, begin, below, split, cut.layer
+        cut.floor, area, flat, bound_pieces(cut), begin, below, split, cut.layer, cut.row
     )
     largest = np.zeros(pieces)
     np.maximum.at(largest, start[~held], area[~held])
@@ -75,7 +75,15 @@ def follow_growth(cut: Slices) -> Growth:
 
 @compiled
 def _grow(
-    floor: Ints, area: Array, middle: Array, begin: Ints, below: Ints, split: Ints, layer: float
+    floor: Ints,
+    area: Array,
+    middle: Array,
+    box: Array,
+    begin: Ints,
+    below: Ints,
+    split: Ints,
+    layer: float,
+    row: float,
 ) -> tuple[Mask, Ints, Array, Array, Mask, Array]:
     pieces = len(area)
     held, top = np.zeros(pieces, dtype=np.bool_), np.ones(pieces, dtype=np.bool_)
@@ -94,10 +102,10 @@ def _grow(
         if legs != 1:
             continue
         # where a piece splits in two, the direction of each from their common centre is unknown
-        aside = 0.0
+        step = layer
         if split[leg] == 1:
-            aside = np.hypot(middle[n, 0] - middle[leg, 0], middle[n, 1] - middle[leg, 1])
-        step = np.hypot(layer, aside)
+            step = np.hypot(step, _moved(middle, box, n, leg, 0, row))
+            step = np.hypot(step, _moved(middle, box, n, leg, 1, row))
         square[n] = area[n] * layer / step
         s, soft = free[leg] + step / 2, step * 4 * np.pi / square[n] ** 2
         sums[n, 0] = sums[leg, 0] + soft
@@ -106,8 +114,24 @@ def _grow(
         end = free[leg] + step
         free[n] = end
         limp[n] = end * end * sums[n, 0] - 2 * end * sums[n, 1] + sums[n, 2]
-        top[leg] = False
+        # a speck at the tip of a peak is no line that a nozzle would drag at: the leg ends below it
+        if area[n] < SPECK_MM2:
+            top[n] = False
+        else:
+            top[leg] = False
     return held, start, free, limp, top, square
+
+
+@compiled
+def _moved(middle: Array, box: Array, n: int, leg: int, axis: int, row: float) -> float:
+    """Measure how far a leg goes aside, by its middle: that also moves where part of a foot ends.
+
+    No side of the box stays behind where the whole goes aside.
+    """
+    low = box[n, 2 * axis] - box[leg, 2 * axis]
+    high = box[n, 2 * axis + 1] - box[leg, 2 * axis + 1]
+    both = min(abs(low), abs(high)) if low * high > 0 else 0.0
+    return min(abs(middle[n, axis] - middle[leg, axis]), both + row)
 
 
 @dataclass(frozen=True)

@@ -238,6 +238,19 @@ def measure_pieces(cut: Slices) -> tuple[Array, Array]:
     return np.asarray(length * cut.row, dtype=np.float64), middle
 
 
+def bound_pieces(cut: Slices) -> Array:
+    """Return the box (p, 4) of each piece: least and most x, least and most y, mm."""
+    count = np.diff(cut.first)
+    y = cut.south + cut.row * (np.repeat(np.arange(len(count)), count) % cut.rows)
+    box = np.empty((len(cut.floor), 4))
+    for side, (at, extreme) in enumerate(
+        [(cut.left, np.minimum), (cut.right, np.maximum), (y, np.minimum), (y, np.maximum)]
+    ):
+        box[:, side] = np.inf if extreme is np.minimum else -np.inf
+        extreme.at(box[:, side], cut.piece, at)
+    return box
+
+
 @compiled
 def find_pieces(
     first: Ints, left: Array, right: Array, piece: Ints, reach: float, x: Array, row: Array

@@ -1,0 +1,76 @@
+"""Legs of strands that stand in arches, and the bars between them: as long as they may be free, and no bar more."""
+
+import numpy as np
+import pytest
+
+from knotfab.base.arrays import Array
+from knotfab.geometry.legs import BAR_MM, MOST_BAR_MM, SUNK_MM, find_legs, plan_bars
+from knotfab_formats.upright import longest_free_leg_mm
+
+RADIUS, PLA = 1.66, 2300.0
+MOST = longest_free_leg_mm(RADIUS, PLA)
+
+
+def ring(heights: tuple[float, ...], across_mm: float = 200.0, shift: float = 0.0) -> Array:
+    """A closed line of straight legs, up to these heights and down to the bed, `across_mm` apart in plan."""
+    corners = np.array([z for height in heights for z in (0.0, height)])
+    count = len(corners)
+    s = np.linspace(0.0, count, 400 * count, endpoint=False)
+    z = np.interp(s, np.arange(count + 1), [*corners, 0.0])
+    angle, half = 2 * np.pi * s / count, across_mm / 2
+    return np.column_stack([half * np.cos(angle) + shift, half * np.sin(angle), z])
+
+
+@pytest.mark.parametrize(("heights", "legs"), [((30.0, 40.0, 50.0), 6), ((30.0, 0.5), 2)])
+def test_a_leg_goes_from_each_valley_to_each_peak_beside_it(
+    heights: tuple[float, ...], legs: int
+) -> None:
+    found = find_legs([ring(heights)])
+    assert len(found) == legs
+    for leg in found:
+        assert leg.points[0, 2] < 0.6 < 29.0 < leg.points[-1, 2]
+
+
+@pytest.mark.parametrize(
+    ("height", "across_mm", "apart_mm", "hidden", "bars", "lacking"),
+    [
+        (0.5 * MOST, 40.0, 5.0, True, False, False),  # short: it needs none
+        (2.0 * MOST, 100.0, 90.0, True, True, True),  # near its own valley alone
+        (1.6 * MOST, 60.0, 2 * RADIUS + 3.0, True, True, False),
+        (1.6 * MOST, 60.0, 2 * RADIUS + MOST_BAR_MM + 1.0, True, True, True),
+        (1.6 * MOST, 60.0, 2 * RADIUS + 3.0, False, False, True),  # it would show
+    ],
+)
+def test_bars_are_where_legs_would_sway_and_a_neighbour_is_near(
+    height: float, across_mm: float, apart_mm: float, hidden: bool, bars: bool, lacking: bool
+) -> None:
+    """Two rings, one within the other, whose legs stand side by side."""
+    inner, outer = (ring((height,) * 3, across) for across in (across_mm, across_mm + 2 * apart_mm))
+    planned, lacks = plan_bars(find_legs([inner, outer]), RADIUS, PLA, lambda _: hidden)
+    assert ((len(planned) > 0), (len(lacks) > 0)) == (bars, lacking)
+    for bar in planned:
+        assert bar.start[2] == bar.end[2] and bar.gap_mm <= MOST_BAR_MM
+
+
+def test_where_the_best_place_has_no_neighbour_the_next_one_down_has_the_bar() -> None:
+    """A low arch beside a tall one, and less steep, is near it below alone."""
+    tall, low = ring((1.3 * MOST,) * 3, 60.0), ring((0.7 * MOST,) * 3, 60.0 + 4 * RADIUS + 4.0)
+    planned, lacking = plan_bars(find_legs([tall, low]), RADIUS, PLA)
+    assert not len(lacking)
+    assert sum(bar.start[2] < 0.3 * MOST for bar in planned) == 6
+
+
+def test_a_bar_is_the_box_that_it_is_listed_as() -> None:
+    one = ring((1.6 * MOST,) * 3, 60.0)
+    other = one * [1.2, 1.2, 1.0]
+    bars, _ = plan_bars(find_legs([one, other]), RADIUS, PLA)
+    for bar in bars:
+        vertices, faces = bar.make_body()
+        listed = bar.record()
+        a, b = np.array(listed["from"]), np.array(listed["to"])
+        corners = vertices[faces]
+        volume = np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])).sum()
+        length = np.linalg.norm(b - a)
+        assert length == pytest.approx(bar.gap_mm + 2 * SUNK_MM)
+        assert volume / 6 == pytest.approx(length * BAR_MM[0] * BAR_MM[1])
+        np.testing.assert_allclose(vertices.mean(axis=0), (a + b) / 2)
