@@ -25,7 +25,9 @@ _WAITS_MM = 1.0  # a longer bar waits until its leg has stood free for 95 % of w
 _LEAST_MM = 0.3  # what is nearer is joined as it prints, or by no bar that could be broken
 _SOON = 0.6  # share of the longest free leg
 _TRIED = 8  # points at the same height
-_ASLANT = 0.75  # cosine of the least angle between a bar and its strand: its end meets no surface sooner
+_ASLANT = (
+    0.75  # cosine of the least angle between a bar and its strand: its end meets no surface sooner
+)
 _BACK = 3  # points, from one place to the next
 
 
@@ -161,12 +163,12 @@ def plan_bars(
         found = find_bar(n, MOST_BAR_MM if late else _WAITS_MM)
         if found is None and free > most:
             # nothing where a bar would be best: the next one down
-            first = begin[leg] + int(tied[leg] / _STEP_MM) + 1
-            for n in range(n - _BACK, max(first, begin[leg] + int(3 * radius / _STEP_MM)), -_BACK):
-                if (found := find_bar(n, MOST_BAR_MM)) is not None:
+            lowest = begin[leg] + int(max(tied[leg], 3 * radius) / _STEP_MM) + 1
+            for lower in range(n - _BACK, lowest, -_BACK):
+                if (found := find_bar(lower, MOST_BAR_MM)) is not None:
+                    n = lower
                     break
             else:
-                n = begin[leg] + int(round((tied[leg] + most) / _STEP_MM))
                 lacking.append(points[n])
                 tied[leg] = along[n]
         if found is not None:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from math import floor, inf
 
 import numpy as np
-from scipy.spatial import ConvexHull, QhullError, cKDTree
+from scipy.spatial import cKDTree
 
 from knotfab.base.arrays import Array, Indices, Mask
 from knotfab.base.compiled import compiled
@@ -32,10 +32,10 @@ from knotfab.start.profiles import (
     draw_arches,
     draw_profile,
     draw_relief,
+    highest_mm,
     legibility_from,
     turns_aside,
 )
-from knotfab_formats.upright import LEAST_TIP_DEG
 
 AnyProfile = Profile | Relief | Arches
 
@@ -47,8 +47,6 @@ _KEPT = 4  # profiles that are varied in turn
 _RODS = 600  # rods by which supports are estimated
 _EXTENTS = 20  # extents at which a profile is judged where placing is careless
 _NOISE = 0.025  # legibility differs by as much from draw to draw of profiles: less is no reason
-# of the distance from a curve's middle to a side of its hull: so near is a side of its feet's hull
-_FEET_SHARE = 0.6
 # arches are split so often at most, one after the other, at these shares
 _SPLITS = 40
 _SPLIT_SHARES = 0.5, 0.3, 0.7
@@ -98,6 +96,15 @@ def _turns() -> Array:
     return np.stack([side, np.cross(ups, side), ups], axis=1)
 
 
+@dataclass(frozen=True)
+class _Braced:
+    """Arches, the places (k, 3) where a leg lacks a bar, and what both cost, against legibility."""
+
+    arches: Arches
+    lacking: Array
+    cost: float
+
+
 @dataclass
 class _Judge:
     """Data by which a profile is judged: samples of the curves, and whoever hides whom."""
@@ -120,7 +127,7 @@ class _Judge:
         self.samples = tuple(sample_evenly(c, step) for c in self.curves)
         self.arcs = [arc_lengths(s) for s in self.samples]
         self.pairs = _overlapping(self.samples, self.radius)
-        self.tops = np.array([min(self.extent_mm, _highest_mm(c)) for c in self.curves])
+        self.tops = np.array([min(self.extent_mm, highest_mm(c)) for c in self.curves])
         self.drawing = [] if self.sharpening is None else self.sharpening.drawing(self.samples)
         self.beside = None  # the lanes' part of the samples' heights, mm
         if self.lanes is not None:
@@ -191,29 +198,28 @@ class _Judge:
         from aside, and fewest legs are free.
         """
 
-        def judge(arches: Arches) -> tuple[float, list[Array], Array]:
-            parts = self.place(arches)
-            _, lacking = plan_bars(find_legs(parts), self.radius, modulus_mpa, self.hides)
-            return self.legibility(parts) + _FREE_LEG * len(lacking), parts, lacking
-
         share = np.concatenate([arc[:-1] / arc[-1] for arc in self.arcs])
         of = np.repeat(np.arange(len(self.samples)), [len(s) for s in self.samples])
-        now = arches, *judge(arches)
+        now = self._free_legs(arches, modulus_mpa)
         for _ in range(_SPLITS):
-            arches, cost, parts, lacking = now
-            tree, found = cKDTree(np.concatenate(parts)), list[tuple[Arches, float, list[Array], Array]]()
-            for place in lacking:
+            tree, found = cKDTree(np.concatenate(self.place(now.arches))), list[_Braced]()
+            for place in now.lacking:
                 nearest = int(tree.query(place)[1])
-                tried = [
-                    arches.split(int(of[nearest]), float(share[nearest]), f) for f in _SPLIT_SHARES
-                ]
-                found = [(other, *judge(other)) for other in tried if other is not arches]
+                curve, at = int(of[nearest]), float(share[nearest])
+                tried = [now.arches.split(curve, at, first) for first in _SPLIT_SHARES]
+                others = [one for one in tried if one is not now.arches]
+                found = [self._free_legs(one, modulus_mpa) for one in others]
                 if found:
                     break
             if not found:
                 break
-            now = min(found, key=lambda one: one[1])
-        return now[0]
+            now = min(found, key=lambda one: one.cost)
+        return now.arches
+
+    def _free_legs(self, arches: Arches, modulus_mpa: float) -> _Braced:
+        parts = self.place(arches)
+        _, lacking = plan_bars(find_legs(parts), self.radius, modulus_mpa, self.hides)
+        return _Braced(arches, lacking, self.legibility(parts) + _FREE_LEG * len(lacking))
 
     def hides(self, points: Array) -> bool:
         """Tell whether the shadow of points (n, 3) falls on the picture, to a cell of `target`."""
@@ -308,22 +314,6 @@ class _Judge:
         """Keep from here on only the turns in which these need least."""
         mean = np.mean([self.supports(parts) for parts in placed], axis=0)
         self.turns = self.turns[np.argsort(mean, kind="stable")[:_TURNS]]
-
-
-def _highest_mm(curve: Array) -> float:
-    """Return the highest peak of a closed curve (n, 2), mm, that stands alone and is not to topple.
-
-    Its middle is about 0.4 of that high, and feet are anywhere along the curve.
-    """
-    edge = np.roll(curve, -1, axis=0) - curve
-    length = np.linalg.norm(edge, axis=1)
-    middle = length @ (curve + 0.5 * edge) / length.sum()
-    try:
-        sides = ConvexHull(curve).equations
-    except QhullError:
-        return 0.0
-    inside = float(-(sides[:, :2] @ middle + sides[:, 2]).max())
-    return _FEET_SHARE * inside / (0.4 * float(np.tan(np.radians(LEAST_TIP_DEG))))
 
 
 def _fit(heights: list[Array], extent_mm: float) -> list[Array]:

@@ -6,10 +6,12 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
+from scipy.spatial import ConvexHull, QhullError
 from scipy.special import erf
 
 from knotfab.base.arrays import Array, Mask
 from knotfab.base.compiled import compiled
+from knotfab_formats.upright import LEAST_TIP_DEG
 
 _WAVELENGTHS = (0.65, 0.85, 1.1)  # shortest wave of a profile, in extents across the piece
 # the waves of a relief, likewise: both passes of a stroke rise and fall with it
@@ -22,6 +24,8 @@ _LOWEST_PEAK = 0.55
 _FEET = 3  # of a curve, at least: it stands on them
 _ROUNDED_RADII = 2.1  # width of what rounds a peak and a valley, in tube radii
 _LYING_RADII = 2.5  # what has no room for arches as high lies on the floor instead
+# of the distance from a curve's middle to a side of its hull: so near is a side of its feet's hull
+_FEET_SHARE = 0.6
 _BLOCK = 256  # points whose waves are summed at once: they stay in the processor's nearest cache
 
 
@@ -206,6 +210,22 @@ def draw_arches(
         chains.append(np.hstack([peaks, np.tan(angles)]))
     lengths = tuple(float(arc[-1]) for arc in arcs)
     return Arches(tuple(chains), rng.uniform(size=len(arcs)), tops, radius_mm, lengths)
+
+
+def highest_mm(curve: Array) -> float:
+    """Return the highest peak of a closed curve (n, 2), mm, that stands alone and is not to topple.
+
+    Its middle is about 0.4 of that high, and feet are anywhere along the curve.
+    """
+    edge = np.roll(curve, -1, axis=0) - curve
+    length = np.linalg.norm(edge, axis=1)
+    middle = length @ (curve + 0.5 * edge) / length.sum()
+    try:
+        sides = ConvexHull(curve).equations
+    except QhullError:
+        return 0.0
+    inside = float(-(sides[:, :2] @ middle + sides[:, 2]).max())
+    return _FEET_SHARE * inside / (0.4 * float(np.tan(np.radians(LEAST_TIP_DEG))))
 
 
 def draw_relief(rng: np.random.Generator, number: int, across_mm: float) -> Relief:

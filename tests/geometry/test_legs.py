@@ -1,4 +1,4 @@
-"""Legs of strands that stand in arches, and the bars between them: as long as they may be free, and no bar more."""
+"""Legs of strands that stand in arches, and the bars between them: where a leg would sway, a neighbour near."""
 
 import numpy as np
 import pytest
