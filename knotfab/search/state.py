@@ -21,7 +21,7 @@ from knotfab.problem import CertificateLog, Problem, Start, ViewNumbers, Watch
 from knotfab.render.image import ViewImage
 from knotfab.search.flow import Between, Phase
 from knotfab.search.objective import Grace, Objective, Pose, Spill, Term
-from knotfab.search.upright import RISE, Upright
+from knotfab.search.upright import Upright
 from knotfab_formats.search import SearchSettings
 
 # Weigh each of three views or more in the search: the more, the further it falls short of its
@@ -185,7 +185,7 @@ def begin(
     if problem.arched:
         up = problem.views[0].axes[2]
         floor, top = float((points @ up).min()), float((points @ up).max())
-        terms += (Upright(radius, up, floor, top + RISE * (top - floor)),)
+        terms += (Upright(radius, up, floor, top),)
     state = SearchState(
         problem,
         radius,

@@ -11,7 +11,6 @@ from knotfab.limits.terms import Felt, State
 from knotfab.search.objective import Term, Weights
 
 FLANK_DEG = 50.0  # from the bed: edges flatter than that cost
-RISE = 0.15  # of its start's height: so much higher a piece may become without a pull
 _VALLEY = 1.0  # the weight of a valley a tube radius above the floor, in tube radii of level strand
 _PEAK = 0.3  # likewise of a vertex a tube radius above the top
 

@@ -192,26 +192,21 @@ class _Judge:
         return _fit(self.sharpening.lower(fitted, drawing), self.extent_mm)
 
     def brace(self, arches: Arches, modulus_mpa: float) -> Arches:
-        """Return the arches, with those split of which a leg can be held by no neighbour.
-
-        Of the ways to split one, in halves or unevenly, the one is taken by which the picture is read least
-        from aside, and fewest legs are free.
-        """
+        """Split arches until a neighbour can hold every leg, each where that hides the picture best."""
 
         share = np.concatenate([arc[:-1] / arc[-1] for arc in self.arcs])
         of = np.repeat(np.arange(len(self.samples)), [len(s) for s in self.samples])
         now = self._free_legs(arches, modulus_mpa)
         for _ in range(_SPLITS):
-            tree, found = cKDTree(np.concatenate(self.place(now.arches))), list[_Braced]()
+            tree = cKDTree(np.concatenate(self.place(now.arches)))
             for place in now.lacking:
                 nearest = int(tree.query(place)[1])
                 curve, at = int(of[nearest]), float(share[nearest])
                 tried = [now.arches.split(curve, at, first) for first in _SPLIT_SHARES]
-                others = [one for one in tried if one is not now.arches]
-                found = [self._free_legs(one, modulus_mpa) for one in others]
+                found = [self._free_legs(a, modulus_mpa) for a in tried if a is not now.arches]
                 if found:
                     break
-            if not found:
+            else:
                 break
             now = min(found, key=lambda one: one.cost)
         return now.arches
