@@ -1,4 +1,4 @@
-"""Removing the background under a drawing: a sheet of paper, a checkerboard, squared paper."""
+"""The ground of a picture: what a drawing lies on is removed, and its border tells how to read it."""
 
 from __future__ import annotations
 
@@ -8,8 +8,11 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from knotfab.base.arrays import Array, Mask
-from knotfab.picture.ink import frame_px, name_colour
+from knotfab.picture.colours import cluster_colours
+from knotfab.picture.ink import name_colour, split_channels, take_border, takes_alpha
 from knotfab.picture.silhouette import fill_holes, pieces_of
+from knotfab_formats.errors import InputError
+from knotfab_formats.views import Reading
 
 Colours = NDArray[np.uint8]  # (H, W, 3)
 
@@ -181,3 +184,116 @@ def _squares(rgb: Colours, opaque: Mask) -> tuple[Colours, str] | None:
     return painted.astype(np.uint8), (
         f"the lines of squared paper ({name}) are left out (--ink {name} draws them)"
     )
+
+
+# Guessing from its border how to read an opaque picture: thin frames, borders of several colours.
+
+
+_ALIKE, _APART = 24.0, 96.0  # levels, Euclidean in RGB: within one colour, and between two
+_THIN = 0.015  # the thickest frame, as a share of the shorter side
+_EVEN = 0.75  # the share of each side of a frame's inside that has the colour of the paper
+_MOST = 0.98  # the share of a frame that has its colour
+# the least share of pixels that differ from the paper where a frame goes about a shape
+_SHAPE = 1e-3
+_SPOT = 0.02  # the largest share of the picture that is a spot
+_MAJORITY = 0.6  # a colour with this share of the border is the background
+_FLAT = 0.9  # at most three colours make up this share of a painted border
+
+
+def guess_reading(
+    image: Image.Image, reading: Reading, what: str
+) -> tuple[Reading, tuple[str, ...]]:
+    """Guess how to read an opaque picture where nobody says what is ink; return the notes, too.
+
+    A frame of one colour, thinner than 1.5 % of the shorter side, is cropped off. Where the border is of two
+    or three colours, none of which has most of it, what none of them reaches is drawn (`flood`).
+
+    Raises:
+        InputError: the picture has only the colours of its border, of which none is the background.
+    """
+    colours, alpha = split_channels(image)
+    if reading.ink != "auto" or colours.dtype != np.uint8 or takes_alpha(colours, alpha, reading):
+        return reading, ()
+    rgb = np.stack([colours] * 3, axis=-1) if colours.ndim == 2 else colours
+    notes: list[str] = []
+    box = reading.crop_px or None
+    if reading.crop_px is False and (thick := frame_px(rgb)):
+        box = (thick, thick, image.width - 2 * thick, image.height - 2 * thick)
+        reading = reading.but(crop_px=box)
+        notes.append(
+            f"the frame about it, {thick} px of {name_colour(rgb[0, 0])}, is cropped off "
+            f"(--crop 0,0,{image.width},{image.height} keeps it)"
+        )
+    if box is not None:
+        rgb = rgb[box[1] : box[1] + box[3], box[0] : box[0] + box[2]]
+    border = take_border(rgb)
+    if threshold := _pale_threshold(rgb, border, reading.threshold):
+        notes.append(
+            "most of what is drawn is paler than its darkest spot, and is drawn with it "
+            f"(--threshold {threshold:g} does the same, --ink dark draws the spot alone)"
+        )
+        return reading.but(threshold=threshold), tuple(notes)
+    found = cluster_colours(border.astype(np.uint8, copy=False))
+    if found.shares[0] >= _MAJORITY or found.shares[:3].sum() < _FLAT:
+        return reading, tuple(notes)
+    shares = zip(found.colours[:3], found.shares[:3], strict=False)
+    named = " and ".join(f"{name_colour(c)} ({share:.0%})" for c, share in shares)
+    others = np.logical_and.reduce([_away(rgb, c) > _APART for c in found.colours])
+    if others.mean() >= 5 * _SHAPE:
+        notes.append(f"its border is {named}, so what none of these reaches is drawn (--ink flood)")
+        return reading.but(ink="flood"), tuple(notes)
+    if _away(border, np.median(border, axis=0)).min() > _ALIKE:
+        one, other = (name_colour(c) for c in found.colours[:2])
+        raise InputError(
+            what,
+            f"its border is {named}, so none of these is its background",
+            f'Say which is drawn: --ink "{one}" or --ink "{other}".',
+        )
+    return reading, tuple(notes)
+
+
+def _pale_threshold(rgb: NDArray[np.uint8], border: NDArray[np.uint8], usual: float) -> float:
+    """Return a lower threshold where only a small spot exceeds the usual one, but a pale body does not.
+
+    0 where there is no such body: one of a single colour, with five times the spot's area.
+    """
+    every = -(-max(rgb.shape[:2]) // 1500)
+    few = rgb[::every, ::every]
+    middle = np.median(border, axis=0)
+    if (_away(border, middle) <= _ALIKE).mean() < _MAJORITY:
+        return 0.0
+    away = _away(few, middle)
+    most = float(away.max())
+    spot, pale = away > usual * most, (away > _ALIKE) & (away <= usual * most)
+    if not spot.any() or spot.mean() > _SPOT or pale.mean() < max(0.01, 5 * spot.mean()):
+        return 0.0
+    typical = float(np.median(away[pale]))
+    if (np.abs(away[pale] - typical) <= _ALIKE).mean() < _EVEN:
+        return 0.0
+    return round(0.5 * typical / most, 3)
+
+
+def _away(colours: NDArray[np.uint8], colour: Array | NDArray[np.uint8]) -> NDArray[np.float32]:
+    """Return the distances of colours (..., 3) from one, in levels, (...)."""
+    apart = colours.astype(np.float32) - np.asarray(colour, np.float32)
+    return np.asarray(np.sqrt(np.einsum("...k,...k->...", apart, apart)))
+
+
+def frame_px(rgb: NDArray[np.uint8]) -> int:
+    """Return the thickness of a one-coloured frame about a shape on other paper; 0 without one."""
+    most = max(1, round(_THIN * min(rgb.shape[:2])))
+    outer = np.median(take_border(rgb), axis=0)
+    for depth in range(most + 1):
+        inside = rgb[depth : len(rgb) - depth, depth : rgb.shape[1] - depth]
+        sides = (inside[0], inside[-1], inside[:, 0], inside[:, -1])
+        paper = np.median(take_border(inside), axis=0)
+        framed: Mask = _away(take_border(inside), outer) <= _ALIKE
+        if framed.mean() >= _MOST:
+            continue
+        if depth == 0:
+            return 0
+        further = np.median(take_border(inside[1:-1, 1:-1]), axis=0)
+        even = all((_away(side, paper) <= _ALIKE).mean() >= _EVEN for side in sides)
+        if even and _away(paper, outer) >= _APART and _away(paper, further) <= _ALIKE:
+            return depth if (_away(inside, paper) > _APART).mean() >= _SHAPE else 0
+    return 0

@@ -1,4 +1,4 @@
-"""Read a picture from wherever it comes: an image file, an SVG, or `text:…`."""
+"""Reading a picture from any source: an image file, an SVG, or `text:…`."""
 
 from __future__ import annotations
 
@@ -22,8 +22,7 @@ from knotfab.base.notebook import InNotebook
 from knotfab.picture import raster, text
 from knotfab.picture.bending import Bending
 from knotfab.picture.colours import even_out
-from knotfab.picture.ground import plain_ground
-from knotfab.picture.ink import guess_reading
+from knotfab.picture.ground import guess_reading, plain_ground
 from knotfab.picture.raster import encode_image
 from knotfab.picture.silhouette import pieces_of, smooth
 from knotfab.picture.subject import take_subject
@@ -37,13 +36,13 @@ _DRAWN = (".svg", ".svgz")
 PICTURE_SUFFIXES = frozenset(chain(*raster.SUFFIXES.values(), _DRAWN))
 PLAIN = Reading()
 _MISSING = "Check the path, or write text:… for a word or a glyph."
-MOVING = ("GIF", "WEBP", "PNG", "AVIF")  # formats that may hold an animation
+MOVING = ("GIF", "WEBP", "PNG", "AVIF")  # formats that can hold an animation
 
 # the longest name; file systems hold names with prefixes and suffixes
 _MOST_SIGNS, _MOST_BYTES = 60, 180
 SECONDS = 60  # processor time in which a picture is read
-_MOST_TRIED = 100  # frames of a moving picture that are looked at for the first with a shape
-_CRUMB = 0.01  # a share of the ink: a smaller part is no piece of its own
+_MOST_TRIED = 100  # frames of an animation searched for the first with a shape
+_CRUMB = 0.01  # share of the ink below which a part is no piece of its own
 
 
 @dataclass(frozen=True, repr=False)
@@ -84,7 +83,7 @@ class Target(InNotebook):
     flattened_s: float | None = None
     shrunk: int = 1
     bending: Bending | None = None
-    is_text: bool = False  # written out, which nobody reads in a mirror
+    is_text: bool = False  # whether it is text, which must not be mirrored
     notes: tuple[str, ...] = ()
     ink: str | None = None
     threshold: float | None = None
@@ -95,23 +94,23 @@ class Target(InNotebook):
 
     @property
     def shown(self) -> str:
-        """The name for people to read."""
+        """The name to show to people."""
         return self.title or self.name
 
     def to_picture(self, at: tuple[float, float]) -> tuple[float, float]:
-        """Return the px of the picture, whose centres are whole numbers, at one of the masks."""
+        """Convert a point of the masks to px of the picture, whose pixel centres are whole numbers."""
         x, y = ((c + 0.5) * self.shrunk - 0.5 for c in at)
         return x, y
 
     @cached_property
     def pieces(self) -> int:
-        """The number of pieces that are drawn, crumbs aside."""
+        """The number of drawn pieces, crumbs aside."""
         _, areas = pieces_of(self.mask)
         return int((areas >= _CRUMB * areas.sum()).sum())
 
     @property
     def judged(self) -> NDArray[np.bool_]:
-        """The silhouette by which a shadow is judged."""
+        """The silhouette by which a shadow is scored."""
         return self.asked if self.widened is None else self.widened
 
     @property
@@ -120,7 +119,7 @@ class Target(InNotebook):
         return self.mask if self.original is None else self.original
 
     def drawing_png(self) -> bytes:
-        """Return the drawn silhouette, black on white, as the view's own wall has it, as a PNG."""
+        """Return the drawn silhouette as a black-on-white PNG, as the view's own wall shows it."""
         return encode_image(Image.fromarray(~(self.mask if self.drawing is None else self.drawing)))
 
     @property
@@ -130,7 +129,7 @@ class Target(InNotebook):
 
 
 def plain_name(raw: str, fallback: str) -> str:
-    """Keep of `raw` letters, digits and signs of any script, "_" and "-"; give `fallback` if nothing is left.
+    """Reduce `raw` to letters, digits, signs of any script, "_" and "-"; `fallback` if none is left.
 
     A longer one ends in a digest of the whole: two that begin alike stay two.
     """
@@ -152,14 +151,14 @@ def _name_text(content: str) -> str:
 
 
 def name_picture(source: str) -> str:
-    """Return the name that a picture's target has (`plain_name`)."""
+    """Return the name that a picture's target will have (`plain_name`)."""
     if source.startswith(TEXT_PREFIX):
         return _name_text(source.removeprefix(TEXT_PREFIX))
     return plain_name(Path(source).stem, "picture")
 
 
 def is_picture(path: Path, suffixes: Collection[str] = PICTURE_SUFFIXES) -> bool:
-    """Tell whether a file of a folder is taken for a picture by its name; hidden files are not."""
+    """Return whether a file's name is that of a picture; hidden files are not pictures."""
     return path.suffix.lower() in suffixes and not path.name.startswith(".")
 
 
@@ -169,7 +168,7 @@ def read_bytes(
     largest: int = raster.LARGEST_SIDE,
     missing: str = _MISSING,
 ) -> bytes:
-    """Read a picture's file, of at most `largest` px on a side; `what` is how an error names it.
+    """Read a picture's file, at most `largest` px on a side; errors call it `what`.
 
     Args:
         missing: the remedy where there is no such file.
@@ -246,12 +245,12 @@ def _read_target(
 
 
 def _titled(given: str) -> str:
-    """Return a name as it was given, where it is short and every sign of it can be shown; or nothing."""
+    """Return a name as given if it is short and can be shown, else ""."""
     return given if given.isprintable() and len(given) <= _MOST_SIGNS else ""
 
 
 def _read_file(source: str | Path, base: Path | None) -> tuple[bytes, Path]:
-    """Read a picture's file and say where it lies; arguments as `read_target` takes them."""
+    """Read a picture's file; return its bytes and path. Arguments as `read_target` takes them."""
     what = shown(source)
     if re.match(r"(?i)file://", str(source)):
         source = unquote(re.sub(r"(?i)^file://(?:localhost)?(?=/)", "", str(source)))
@@ -342,7 +341,7 @@ def _take_target(
         if even is not None:
             image, data, kind = even, encode_image(even), "PNG"
             notes = ("the light on it is uneven, and is taken out of it (--ink dark leaves it)",)
-    if reading.cut_out:  # the mask is the picture from here on
+    if reading.cut_out:  # from here on the mask takes the picture's place
         image = Image.fromarray(take_subject(image, reading, folder, what)).convert("L")
         subject = encode_image(image.convert("1"))
     try:
@@ -389,7 +388,7 @@ def _take_target(
 def _first_drawn(
     data: bytes, what: str, name: str, reading: Reading, glance: bool, frames: int, folder: Path
 ) -> Target:
-    """Return the first frame of a moving picture that holds a shape, where its very first holds none."""
+    """Return an animation's first frame that holds a shape, if its very first one holds none."""
     refused = None
     for number, frame in enumerate(raster.take_frames(data, _MOST_TRIED), start=1):
         if (np.ptp(np.asarray(frame), axis=(0, 1)) == 0).all():

@@ -12,7 +12,7 @@ import pytest
 from PIL import Image
 
 from knotfab.picture.read import Target, read_target
-from knotfab.picture.svg import draw, render
+from knotfab.picture.svg import render
 from knotfab_formats.errors import InputError
 
 URI = "http://www.w3.org/2000/svg"
@@ -392,7 +392,7 @@ def test_a_filter_without_end_is_ended(tmp_path: Path, monkeypatch: pytest.Monke
         '<filter id="f"><feTurbulence numOctaves="1000000" baseFrequency=".1"/></filter>'
         f'<g filter="url(#f)">{SQUARE}</g>'
     )
-    monkeypatch.setattr(draw, "_CHILD", draw._CHILD.replace(f", {draw._SECONDS})", ", 1)"))
+    monkeypatch.setattr(render, "_CHILD", render._CHILD.replace(f", {render._SECONDS})", ", 1)"))
     with pytest.raises(InputError, match="drawing it takes more than 20 s"):
         read(tmp_path, endless)
 

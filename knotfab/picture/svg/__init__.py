@@ -1,1 +1,1 @@
-"""SVG pictures: read safely, rewritten to what the library draws, drawn in a process with limits."""
+"""SVG pictures: parsed safely, rewritten for resvg, and drawn in a process with limits."""

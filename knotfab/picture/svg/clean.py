@@ -1,4 +1,4 @@
-"""Leave of an SVG tree what is drawn, and tell what goes; links stay in the file; pictures become PNG."""
+"""Reduce an SVG tree to what is drawn, and report the rest; only links within the file are kept."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from urllib.parse import unquote_to_bytes
 from xml.etree.ElementTree import Element
 
 from knotfab.picture.raster import data_uri, decode, image_uri
+from knotfab.picture.svg.css import read_length
 from knotfab.picture.svg.xml import SVG, local_name, looks_like_svg
 from knotfab_formats.errors import InputError
 
@@ -54,11 +55,11 @@ _UNSEEN = (
 def clean(
     root: Element, what: str, notes: dict[str, None], draw: Callable[[bytes, str], bytes]
 ) -> None:
-    """Leave in a tree what a still picture shows, and tell in `notes` what goes.
+    """Reduce a tree to what a still picture shows; sentences in `notes` tell what was left out.
 
     Args:
         what: how an error names the picture.
-        draw: from the bytes of an SVG file that is embedded to a PNG.
+        draw: renders the bytes of an embedded SVG file to a PNG.
 
     Raises:
         InputError: an element refers to something outside the file, or embeds what cannot be read.
@@ -72,7 +73,7 @@ def clean(
         for key in ("systemLanguage", "requiredFeatures", "requiredExtensions"):
             element.attrib.pop(key, None)
     for element in root.iter(f"{{{SVG}}}feDisplacementMap"):
-        if element.get("scale", "0").strip() not in ("", "0"):  # resvg moves too far
+        if element.get("scale", "0").strip() not in ("", "0"):  # resvg displaces too far
             element.set("scale", "0")
             notes["a filter that displaces outlines is not drawn: flatten it in the editor"] = None
     for element in root.iter():
@@ -96,7 +97,7 @@ def clean(
 
 
 def refuse_outside(link: str, name: str, what: str) -> None:
-    """Refuse an element that refers to something outside the file; only it and its pictures are drawn."""
+    """Refuse an element that refers outside the file, of which only embedded pictures are drawn."""
     shown = link if len(link) <= 60 else link[:57] + "..."
     kind = re.match(r"data:([\w.+/-]*)", link, re.I)
     reason = f"refers to something outside the file ({shown!r})"
@@ -109,7 +110,7 @@ def refuse_symbols(root: Element, what: str) -> None:
     """Refuse a drawing that only defines symbols for others to use."""
     named = [e.get("id", "") for e in root.iter(f"{{{SVG}}}symbol") if e.get("id")]
     rest = [local_name(child) for child in root]
-    while rest.count("g") == len(rest) == 1 and len(root):  # a page moved as a whole
+    while rest.count("g") == len(rest) == 1 and len(root):  # the whole page in one group
         root = root[0]
         rest = [local_name(child) for child in root]
     if named and set(rest) <= {"symbol", "defs", "style"}:
@@ -122,9 +123,9 @@ def refuse_symbols(root: Element, what: str) -> None:
 
 
 def _choose(parent: Element) -> None:
-    """Put in the place of each <switch> the child that is drawn: the first in English or any language.
+    """Replace each <switch> by the child that is drawn: the first for English or for any language.
 
-    HTML counts where there is nothing else: editors write what draws without it beside it.
+    An HTML child is chosen only if it is the sole one, since editors add SVG that draws without it.
     """
     for child in parent:
         _choose(child)
@@ -149,11 +150,11 @@ def _is_for_all(element: Element) -> bool:
 
 
 def _prune(parent: Element, notes: dict[str, None]) -> None:
-    """Take out what is no SVG or is not drawn; the order of the rest, and text between, stays."""
+    """Remove elements that are not SVG or not drawn; the order of the rest, and text between, stays."""
     before: Element | None = None
     for child in list(parent):
         name = local_name(child) if isinstance(child.tag, str) else ""
-        if name == "style":  # that of HTML counts as well, as in browsers
+        if name == "style":  # HTML style sheets apply as well, as in browsers
             child.tag = f"{{{SVG}}}style"
         ours = isinstance(child.tag, str) and child.tag.startswith(f"{{{SVG}}}")
         if ours and name not in _LEFT_OUT and name not in _UNSEEN:
@@ -175,7 +176,7 @@ def _has_text(element: Element) -> bool:
 
 
 def _embed(link: str, what: str, draw: Callable[[bytes, str], bytes]) -> str:
-    """Return the data URI of an embedded picture as that of a PNG, whatever it holds."""
+    """Return an embedded picture of any kind as the data URI of a PNG."""
     head, _, body = link.partition(",")
     try:
         data = unquote_to_bytes(body)
@@ -189,3 +190,47 @@ def _embed(link: str, what: str, draw: Callable[[bytes, str], bytes]) -> str:
     if kind == "PNG":
         return data_uri(data, "image/png")
     return image_uri(image.convert("RGBA" if image.has_transparency_data else "RGB"))
+
+
+def rename_ids(root: Element) -> dict[str, str]:
+    """Rename ids to names that resvg finds in references; return the new names by the old."""
+    found: dict[str, str] = {}
+    taken = {e.get("id") for e in root.iter()}
+    for element in root.iter():
+        old = element.get("id")
+        if old is None:
+            continue
+        if old not in found:
+            new = re.sub(r"[^\w.:-]", "_", old)
+            while new != old and new in taken:
+                new += "_"
+            taken.add(new)
+            found[old] = new
+        element.set("id", found[old])
+    return found
+
+
+def move_page(root: Element) -> None:
+    """Move a transform of the page to its content, about the page's middle, as browsers do."""
+    moved = root.attrib.pop("transform", "").strip()
+    if not moved:
+        return
+    try:
+        box = [float(n) for n in root.get("viewBox", "").replace(",", " ").split()]
+    except ValueError:
+        box = []
+    sides = [read_length(root.get(side, "")) for side in ("width", "height")]
+    if len(box) != 4:
+        box = [0.0, 0.0, sides[0] or 100.0, sides[1] or 100.0]
+    ratios = [s / b for s, b in zip(sides, box[2:], strict=True) if s and b]
+    scale = min(ratios, default=1.0)
+    x, y = box[0] + box[2] / 2, box[1] + box[3] / 2
+    group = Element(
+        f"{{{SVG}}}g",
+        {
+            "transform": f"translate({x:.9g} {y:.9g}) scale({1 / scale:.9g}) {moved} "
+            f"scale({scale:.9g}) translate({-x:.9g} {-y:.9g})"
+        },
+    )
+    group.extend(list(root))
+    root[:] = [group]

@@ -1,25 +1,36 @@
-"""SVG pictures: made safe, and drawn by resvg to a canonical PNG; what it cannot draw is told."""
+"""SVG pictures: made safe, drawn by resvg to a canonical PNG; what it cannot draw is told.
+
+resvg runs in a child process with limits, so that no picture hangs or kills its reader.
+"""
 
 from __future__ import annotations
 
+import importlib.util
+import json
+import signal
 import struct
+import subprocess
+import sys
+import unicodedata
+from pathlib import Path
 from typing import Any
-from xml.etree.ElementTree import tostring
+from xml.etree.ElementTree import Element, tostring
 
-from knotfab.picture.fonts import supplied_folder
+from knotfab.base.pool import tie
+from knotfab.picture.fonts import find_family, find_font, supplied_folder, supply_fonts
 from knotfab.picture.raster import LARGEST_SIDE, SMALLEST_SIDE
 from knotfab.picture.svg.clean import clean, refuse_symbols
-from knotfab.picture.svg.draw import draw_svg
-from knotfab.picture.svg.size import CSS_DPI, set_pixel_size
-from knotfab.picture.svg.xml import parse_svg
+from knotfab.picture.svg.css import CSS_DPI, set_pixel_size
+from knotfab.picture.svg.xml import SVG, parse_svg
 from knotfab_formats.errors import InputError, shown
+from knotfab_formats.libraries import took_part
 
-LONGER_SIDE = 2048  # px of what is drawn
+LONGER_SIDE = 2048  # px of the drawn picture
 
 Notes = dict[str, None]  # sentences, in their order
 
 _MOST_NOTES = 8  # notes of the renderer that are passed on
-_NESTED = 3  # drawings in each other, as pictures
+_NESTED = 3  # depth of drawings embedded in each other
 _FONTS = {
     "font_family": "DejaVu Sans",
     "sans_serif_family": "DejaVu Sans",
@@ -65,7 +76,6 @@ def _render(data: bytes, what: str, notes: Notes, nested: int) -> bytes:
             )
         return _render(inner, name, notes, nested - 1)
 
-    from knotfab.picture.svg.fonts import TextFonts
     from knotfab.picture.svg.style import Styles
 
     root = parse_svg(data, what)
@@ -83,11 +93,11 @@ def _render(data: bytes, what: str, notes: Notes, nested: int) -> bytes:
 def render(
     svg: str, what: str, *, files: tuple[str, ...] | None = None, background: str | None = None
 ) -> bytes:
-    """Draw trusted SVG text as an RGBA PNG as `render_svg` says.
+    """Draw trusted SVG text as an RGBA PNG, as `render_svg` describes.
 
     Args:
-        files: fonts of its <text>, beside those that come along; None: it has none.
-        background: a colour in hexadecimal digits, beneath all.
+        files: fonts for its <text>, beside the bundled ones; None: it has no text.
+        background: a hexadecimal colour to draw on.
     """
     options: dict[str, Any] = {"skip_system_fonts": True, "background": background}
     if files is not None:
@@ -99,3 +109,154 @@ def render(
         if min(struct.unpack(">II", png[16:24])) >= SMALLEST_SIDE:  # width and height in the header
             break
     return png
+
+
+# The child process that draws.
+
+_PYTHON = sys.executable
+_SECONDS = 20  # of processor time
+_BYTES = 2**30
+# The process loads only the drawing library (20 ms).
+_CHILD = f"""
+import json, sys
+try:
+    import resource as r
+    for what, most in ((r.RLIMIT_CPU, {_SECONDS}), (r.RLIMIT_AS, {_BYTES}), (r.RLIMIT_CORE, 0)):
+        least, hard = r.getrlimit(what)
+        r.setrlimit(what, (most if hard < 0 else min(most, hard), hard))
+except (ImportError, OSError, ValueError):
+    pass
+asked = json.load(sys.stdin.buffer)
+sys.path.append(asked.pop("folder"))
+import resvg_py
+try:
+    png = resvg_py.svg_to_bytes(**asked)
+except ValueError as error:
+    sys.exit("refused: " + " ".join(str(error).split()))
+sys.stdout.buffer.write(bytes(png))
+"""
+_SIMPLER = "Simplify it in an SVG editor (fewer points, no filters), or save it as a PNG."
+
+
+def draw_svg(svg: str, what: str, **options: Any) -> bytes:
+    """Draw SVG text to a PNG with resvg; `options` are those of `resvg_py.svg_to_bytes`.
+
+    Raises:
+        InputError: it cannot be drawn, or takes more than 20 s or 1 GB (`what` names the picture).
+    """
+    found = importlib.util.find_spec("resvg_py")
+    took_part("resvg-py", "drew the SVG")
+    if found is None or found.origin is None:
+        raise ModuleNotFoundError("resvg_py")
+    folder = str(Path(found.origin).parent.parent)
+    asked = json.dumps({"svg_string": svg, "folder": folder, **options}).encode()
+    try:
+        done = subprocess.run(
+            tie([_PYTHON, "-I", "-S", "-c", _CHILD], signal.SIGKILL),
+            input=asked,
+            capture_output=True,
+            timeout=240,  # wall-clock time, generous for a busy machine
+            check=False,
+        )
+    except subprocess.TimeoutExpired as error:
+        raise _too_slow(what) from error
+    if done.returncode == 0:
+        return done.stdout
+    said = done.stderr.decode("utf-8", "replace").strip()
+    if done.returncode == -getattr(signal, "SIGXCPU", 0):
+        raise _too_slow(what)
+    if said.startswith("refused: "):
+        raise InputError(
+            what,
+            f"it cannot be rendered ({said.removeprefix('refused: ')})",
+            "Open it in an SVG editor, check its size, and save it as a plain SVG.",
+        )
+    if "memory" in said.lower():  # an allocation failed, or MemoryError
+        raise InputError(what, f"drawing it takes more than {_BYTES // 2**30} GB", _SIMPLER)
+    raise InputError(what, "the library that draws SVG files fails on it", _SIMPLER)
+
+
+def _too_slow(what: str) -> InputError:
+    return InputError(what, f"drawing it takes more than {_SECONDS} s", _SIMPLER)
+
+
+# Fonts of a drawing's text: those that it names if installed, sans serif otherwise.
+
+_SANS, _SERIF, _MONO = "DejaVu Sans", "DejaVu Serif", "DejaVu Sans Mono"
+_GENERIC = {
+    **dict.fromkeys(("serif", "ui-serif", "math"), _SERIF),
+    **dict.fromkeys(("monospace", "ui-monospace"), _MONO),
+    **dict.fromkeys(("sans-serif", "ui-sans-serif", "system-ui", "inherit", "initial"), _SANS),
+}
+# Unicode categories without a glyph of their own: controls, separators, marks
+_UNDRAWN = ("Cc", "Cf", "Mn", "Zl", "Zp", "Zs")
+
+
+class TextFonts:
+    """The font families of a drawing's text; `notes` tell which replace missing ones."""
+
+    def __init__(self, root: Element) -> None:
+        self.notes: dict[str, None] = {}
+        self._files: dict[str, None] = {}
+        self._texts = list(root.iter(f"{{{SVG}}}text"))
+        parents = {child: parent for parent in root.iter() for child in parent}
+        self._asked: set[Element] = set()  # elements whose font family can reach text
+        for text in self._texts:
+            self._asked.update(text.iter())
+            at = parents.get(text)
+            while at is not None and at not in self._asked:
+                self._asked.add(at)
+                at = parents.get(at)
+        self._said = "".join("".join(text.itertext()) for text in self._texts)
+
+    @property
+    def needed(self) -> bool:
+        """Whether the drawing has text."""
+        return bool(self._said.strip())
+
+    def choose(self, named: str, element: Element | None) -> str:
+        """Return the family drawn for a CSS font list of an element, or of a style sheet (None)."""
+        family = _SANS
+        if element is None or element in self._asked:
+            family, found = _choose(named)
+            self._files.update(dict.fromkeys(found))
+            first = named.split(",")[0].strip(" \"'")
+            if first and family.lower() != first.lower() and first.lower() not in _GENERIC:
+                self.notes[
+                    f"its text is drawn in {family} instead of {first}, which this machine lacks "
+                    "(turn it to paths in the editor to keep its look)"
+                ] = None
+        return family
+
+    def list_files(self, what: str) -> tuple[str, ...]:
+        """Return the font files that the text needs, beside the bundled ones.
+
+        Raises:
+            InputError: no font of this machine has a character of the text; `what` names the picture.
+        """
+        for text in self._texts:
+            for element in text.iter():
+                style = element.get("style", "").replace(" ", "")
+                rtl = element.get("direction") == "rtl" or "direction:rtl" in style
+                if rtl and element.text and not len(element):
+                    # resvg starts every line at the left
+                    element.text = f"\u2067{element.text}\u2069"
+        supplied = (*self._files, *supply_fonts(None))
+        for character in dict.fromkeys(self._said):
+            if unicodedata.category(character) not in _UNDRAWN:
+                path = find_font(character, supplied, what)
+                if path not in supplied:
+                    self._files[path] = None
+        return tuple(self._files)
+
+
+def _choose(named: str) -> tuple[str, tuple[str, ...]]:
+    """Return the first installed family of a CSS font list, with its font files unless it is bundled."""
+    for part in named.split(","):
+        family = part.strip(" \"'")
+        if family.lower() in _GENERIC:
+            return _GENERIC[family.lower()], ()
+        found = find_family(family)
+        if found is not None:
+            return family, found
+    return _SANS, ()

@@ -1,4 +1,4 @@
-"""CSS of an SVG drawing, made safe for resvg, which reads it: no links, no selectors that backtrack.
+"""An SVG drawing's CSS, made safe for resvg: no links, no selectors that backtrack.
 
 resvg knows CSS 2 and the colours of CSS 3. What goes beyond that is left out, so that the value it would
 replace counts, and a note says what to do. All scanning is linear in the length of the text.
@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from urllib.parse import unquote
 from xml.etree.ElementTree import Element
 
-from knotfab.picture.svg.clean import refuse_outside
+from knotfab.picture.svg.clean import move_page, refuse_outside, rename_ids
 from knotfab.picture.svg.css import (
     Declarations,
     expand_font,
@@ -20,13 +20,13 @@ from knotfab.picture.svg.css import (
     page_colour,
     read_declarations,
     read_functions,
+    read_length,
     rem_in_px,
     split_statements,
     strip_css,
     write_declarations,
 )
-from knotfab.picture.svg.size import read_length
-from knotfab.picture.svg.xml import SVG, XLINK, local_name
+from knotfab.picture.svg.xml import XLINK, local_name
 from knotfab_formats.errors import InputError
 
 _COLOURS = ("fill", "stroke", "color", "stop-color", "flood-color", "lighting-color")
@@ -40,7 +40,7 @@ _WORDS = re.findall(
     shape-rendering stroke-linecap stroke-linejoin text-anchor text-decoration text-rendering visibility
     word-spacing writing-mode
     """,
-)  # their values are keywords or numbers, which CSS takes in capitals too
+)  # keywords or numbers, which CSS accepts in capitals too
 _LINKS = ("clip-path", "filter", "marker", "marker-end", "marker-mid", "marker-start", "mask")
 _NUMBERS = (
     *("fill-opacity", "flood-opacity", "opacity", "stop-opacity", "stroke-dasharray"),
@@ -71,12 +71,12 @@ _PLAIN |= {"(prefers-contrast:no-preference)", "(prefers-reduced-motion:no-prefe
 _NEVER = {"print", "speech", "only print", "(prefers-color-scheme:dark)", "(prefers-contrast:more)"}
 _NEVER |= {"(prefers-reduced-motion:reduce)"}
 _ANCESTORS = 3  # descendant combinators in a selector; resvg tries all ways to match more
-_NESTED = 8  # blocks in each other
-_LONGEST = 100_000  # characters of a value, its variables written out
+_NESTED = 8  # depth of nested blocks
+_LONGEST = 100_000  # most characters of a value after its variables are expanded
 
 
 class Styles:
-    """Rewrites the style sheets, style attributes and attributes of a tree in place.
+    """Rewriting of a tree's style sheets, style attributes and attributes, in place.
 
     `notes` are told; `page` is the colour behind the drawing, if it has one. `choose_family` maps a list
     of fonts to the family that is drawn; it is None where the drawing has no text.
@@ -88,7 +88,7 @@ class Styles:
         self.notes: dict[str, None] = {}
         self.page: str | None = None
         self.root, self._what, self._choose_family = root, what, choose_family
-        self._ids = _rename_ids(root)
+        self._ids = rename_ids(root)
         self._dashed, self._inside = False, ""
         sheets = []
         for parent in list(root.iter()):
@@ -113,7 +113,7 @@ class Styles:
         for element in root.iter():
             self._write_attributes(element)
             self._write_style(element, own.get(element, []))
-        self._move_page()
+        move_page(self.root)
         if any(e.get("pathLength") for e in root.iter()) and self._dashed:
             self._note(
                 "pathLength is not read: its dashes are as long as they are drawn without it"
@@ -123,7 +123,7 @@ class Styles:
         self.notes[sentence] = None
 
     def _applies(self, query: str) -> bool:
-        """Tell whether a media query holds on a light screen; what it asks beyond that is told."""
+        """Return whether a media query holds on a light screen; note what it asks beyond that."""
         unknown = False
         for option in query.lower().split(","):
             parts = [" ".join(p.replace(":", " : ").split()) for p in option.split(" and ")]
@@ -138,7 +138,7 @@ class Styles:
         return False
 
     def _rules(self, css: str, depth: int) -> Iterator[tuple[str, Declarations]]:
-        """Yield selector and declarations of each rule of a sheet that counts."""
+        """Yield the selector and declarations of each rule that applies."""
         for prelude, block in split_statements(strip_css(css)):
             if not prelude.startswith("@"):
                 if block is not None:
@@ -183,7 +183,7 @@ class Styles:
         element.text = "\n".join(lines)
 
     def _selector(self, text: str) -> str | None:
-        """Return a selector that resvg matches without trying many ways, or None."""
+        """Return a selector that resvg matches without backtracking, or None."""
         text = text.replace(":root", "svg")
         plain = text.replace(":first-child", "").replace("svg|", "")
         steps = plain.replace(">", " > ").split()
@@ -236,7 +236,7 @@ class Styles:
     def _write(
         self, body: Declarations, element: Element | None, selectors: list[str]
     ) -> Declarations:
-        """Return the declarations of a style that resvg draws; `element` is None in a sheet."""
+        """Return the declarations that resvg draws; `element` is None for a style sheet."""
         written: Declarations = []
         self._inside = "style" if element is None else local_name(element)
         for name, value in body:
@@ -263,7 +263,7 @@ class Styles:
                     or (element is not None and name in element.attrib)
                 )
             ):
-                self.notes = before  # editors write a plain colour before a newer one
+                self.notes = before  # editors write a plain colour first, then a newer one
             for key, text in read:
                 written.append((key, f"{text} !important" if mark else text))
         return written
@@ -312,7 +312,7 @@ class Styles:
         return [(name, word)]
 
     def _read_transform(self, name: str, word: str, element: Element | None) -> Declarations:
-        """Read a transform of a style attribute: without units where these are px and degrees."""
+        """Convert a transform of a style attribute to SVG's syntax, without units."""
         if word == "none":
             return []
         if name == "transform-origin":
@@ -358,7 +358,7 @@ class Styles:
         targets = [self._link(link, name) for _, _, link in found]
         if name == "filter":
             if any(target not in self._ids.values() for target in targets):
-                return []  # browsers draw what has a filter that is not there
+                return []  # browsers draw elements whose filter is missing
             return [(name, " ".join(f"url(#{target})" for target in targets))]
         return [(name, f"url(#{targets[0]})")]
 
@@ -371,7 +371,7 @@ class Styles:
         return self._ids.get(asked) or self._ids.get(unquote(asked)) or "gone"
 
     def _resolve(self, value: str, depth: int = 0) -> str | None:
-        """Write out var(); None where one has no value, or several in this drawing."""
+        """Expand var(); None if a variable has no value, or several in this drawing."""
         at = value.find("var(")
         if at < 0:
             return value
@@ -394,46 +394,3 @@ class Styles:
                 return None
             end, at = stop, value.find("var(", stop)
         return "".join([*parts, value[end:]])
-
-    def _move_page(self) -> None:
-        """Turn a transform of the page into one of its content, about its middle, as browsers do."""
-        moved = self.root.attrib.pop("transform", "").strip()
-        if not moved:
-            return
-        try:
-            box = [float(n) for n in self.root.get("viewBox", "").replace(",", " ").split()]
-        except ValueError:
-            box = []
-        sides = [read_length(self.root.get(side, "")) for side in ("width", "height")]
-        if len(box) != 4:
-            box = [0.0, 0.0, sides[0] or 100.0, sides[1] or 100.0]
-        ratios = [s / b for s, b in zip(sides, box[2:], strict=True) if s and b]
-        scale = min(ratios, default=1.0)
-        x, y = box[0] + box[2] / 2, box[1] + box[3] / 2
-        group = Element(
-            f"{{{SVG}}}g",
-            {
-                "transform": f"translate({x:.9g} {y:.9g}) scale({1 / scale:.9g}) {moved} "
-                f"scale({scale:.9g}) translate({-x:.9g} {-y:.9g})"
-            },
-        )
-        group.extend(list(self.root))
-        self.root[:] = [group]
-
-
-def _rename_ids(root: Element) -> dict[str, str]:
-    """Give ids names that resvg reads in references; return the new names by the old."""
-    found: dict[str, str] = {}
-    taken = {e.get("id") for e in root.iter()}
-    for element in root.iter():
-        old = element.get("id")
-        if old is None:
-            continue
-        if old not in found:
-            new = re.sub(r"[^\w.:-]", "_", old)
-            while new != old and new in taken:
-                new += "_"
-            taken.add(new)
-            found[old] = new
-        element.set("id", found[old])
-    return found

@@ -1,4 +1,4 @@
-"""Parse the bytes of an SVG file into a tree of SVG elements: any encoding, no bombs, nothing loaded."""
+"""Parse an SVG file in any encoding into a tree, without entity bombs or external loading."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _XML_ENTITIES = ("amp", "lt", "gt", "quot", "apos")
 
 
 def looks_like_svg(data: bytes) -> bool:
-    """Tell whether the bytes begin as an XML text that soon opens an svg element."""
+    """Return whether the bytes begin like XML that soon opens an svg element."""
     if data.startswith(b"\x1f\x8b"):
         try:
             data = zlib.decompressobj(31).decompress(data, 65536)
@@ -53,7 +53,7 @@ def local_name(element: Element) -> str:
 
 
 def unzip(data: bytes, what: str) -> bytes:
-    """Return a compressed SVG (.svgz) unpacked, other data as they are."""
+    """Unpack a compressed SVG (.svgz); other data stays as it is."""
     if not data.startswith(b"\x1f\x8b"):
         return data
     packed = zlib.decompressobj(31)
@@ -73,7 +73,7 @@ def unzip(data: bytes, what: str) -> bytes:
 
 
 def _decode(data: bytes, what: str) -> str:
-    """Return the text of an XML file, without its declaration and blank lines before it."""
+    """Decode an XML file's text, without its declaration and leading blank lines."""
     data = data.lstrip(b" \t\r\n")
     mark = next((m for m in _BOMS if data.startswith(m)), None)
     said = _ENCODING.match(data[:1000])
@@ -100,7 +100,7 @@ def _decode(data: bytes, what: str) -> str:
 
 
 class _Builder:
-    """Builds the tree while expat reads, and refuses what is too deep, too much or outside."""
+    """Tree builder for expat that refuses what is too deep, too large or external."""
 
     def __init__(self, text: str, what: str) -> None:
         self._what = what
@@ -177,7 +177,7 @@ def _clark(name: str) -> str:
 
 
 def _name_characters(text: str) -> str:
-    """Write out HTML's names of characters (&nbsp;), which XML does not know."""
+    """Replace HTML's named characters (&nbsp;), which XML does not know."""
 
     declared = {*_XML_ENTITIES, *re.findall(r"<!ENTITY\s+([^\s%]+)\s", text)}
 
@@ -188,7 +188,7 @@ def _name_characters(text: str) -> str:
 
 
 def _bind_prefixes(text: str) -> str:
-    """Declare the prefixes that a text uses and does not declare, in its outermost element."""
+    """Declare undeclared namespace prefixes in the outermost element."""
     known = {"xlink": XLINK, "svg": SVG}
     declared = {"xml", "xmlns", *re.findall(r"\sxmlns:([\w.-]+)\s*=", text)}
     new = "".join(
@@ -199,7 +199,7 @@ def _bind_prefixes(text: str) -> str:
 
 
 def parse_svg(data: bytes, what: str) -> Element:
-    """Return the outermost element of an SVG file, all of whose drawing has SVG's namespace.
+    """Parse an SVG file; all drawn elements come back in SVG's namespace.
 
     Blank lines before the declaration, prefixes that are not declared and a namespace that is left out
     are mended. Internal entities are written out under a limit.
