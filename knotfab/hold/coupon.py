@@ -11,7 +11,7 @@ from knotfab.hold.modeller import model
 from knotfab.hold.mount import Mounted
 from knotfab_fixtures.holders import fit_pin, fit_strip
 from knotfab_fixtures.solids import peg
-from knotfab_formats.report import CouponFigures
+from knotfab_formats.print_figures import CouponFigures
 
 COUPON = "coupon.3mf"
 # Each hole has this play about the pin, and as many dots as tenths.

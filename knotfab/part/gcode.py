@@ -15,7 +15,7 @@ from knotfab.base.arrays import Array
 from knotfab.geometry.polylines import number_runs
 from knotfab.geometry.tube import Mesh, box_of, mesh_volume
 from knotfab.part.slicer_profile import INFILL_PERCENT, line_width
-from knotfab_formats.report import SlicerCheck
+from knotfab_formats.print_figures import SlicerCheck
 from knotfab_formats.scene import ResolvedScene
 
 MOST_BYTES = 1_000_000_000  # a larger file is not read

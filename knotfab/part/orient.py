@@ -13,7 +13,7 @@ from knotfab.base.arrays import Array
 from knotfab.geometry.overhang import Estimate, Rules, Strands, estimate, strands_along
 from knotfab.geometry.tube import face_normals
 from knotfab.knots import Knot, Knots
-from knotfab_formats.report import Flatter
+from knotfab_formats.print_figures import Flatter
 
 # ResolvedScene to bed, in order of preference: back down (the light above), a side down, and the reverses.
 AXES = (

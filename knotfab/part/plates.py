@@ -20,7 +20,7 @@ from knotfab.knots import Knot, Knots
 from knotfab.part.cut import CLEARANCE_MM, Line, cut_body, find_cuts
 from knotfab.part.pose import PrintPose, choose_pose
 from knotfab.scene.camera import Camera
-from knotfab_formats.report import PlateFile, PlatesFigures, PoseFigures
+from knotfab_formats.print_figures import PlateFile, PlatesFigures, PoseFigures
 
 if TYPE_CHECKING:
     from manifold3d import Manifold

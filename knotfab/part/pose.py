@@ -16,7 +16,7 @@ from knotfab.geometry.overhang import Rules
 from knotfab.geometry.tube import Mesh, box_of
 from knotfab.knots import Knots
 from knotfab.part.orient import AXES, Ranked, keeps_limits, propose_turns, rank_turns, strands_of
-from knotfab_formats.report import PoseFigures, TurnFigures
+from knotfab_formats.print_figures import PoseFigures, TurnFigures
 
 FITS_MM = 1e-6  # a part of exactly the build volume's size fits
 # a share of a frame that would fit: the search does not give the same piece again, only smaller

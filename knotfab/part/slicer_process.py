@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Literal
 
 from knotfab.base.pool import tie
-from knotfab_formats.report import SlicerCheck, SlicerWarning
+from knotfab_formats.print_figures import SlicerCheck, SlicerWarning
 
 MOST_SAID = 4_000_000  # bytes on standard output or error
 MOST_WRITTEN = 1_000_000_000  # bytes in the working folder

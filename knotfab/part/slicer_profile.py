@@ -9,7 +9,7 @@ from pathlib import Path
 
 from knotfab.geometry.overhang import ROOF_GAP_MM, ROOF_LAYERS, SPACING_MM, SUPPORT_LINE_NOZZLES
 from knotfab.part.slicer_process import find_slicer, read_version
-from knotfab_formats.report import SlicerWarning
+from knotfab_formats.print_figures import SlicerWarning
 from knotfab_formats.scene import ResolvedScene
 
 PROFILE = "slicer.ini"

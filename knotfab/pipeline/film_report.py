@@ -17,17 +17,15 @@ from knotfab.report.effects import limits_as_effects
 from knotfab.report.for_maker import report_slicing, tell_unsliced, with_slicing
 from knotfab.request import Request
 from knotfab_formats.piece import Printer
+from knotfab_formats.print_figures import MountFigures, Print, ZoetropeFigures
 from knotfab_formats.report import (
     Certificate,
     EffectLine,
     FrameView,
     LimitLine,
     Motion,
-    MountFigures,
-    Print,
     Report,
     SequenceFigures,
-    ZoetropeFigures,
 )
 from knotfab_formats.verdict import Check, Status, exit_code, list_unmet
 from knotfab_validators.check import at_least, at_most

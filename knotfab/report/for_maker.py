@@ -19,7 +19,7 @@ from knotfab.picture.raster import image_uri
 from knotfab.render.pages import length
 from knotfab.report.setup_words import lamp_facts, steps_of
 from knotfab.scene.camera import Camera
-from knotfab_formats.report import Flatter, Print, Proven, SetupSteps, SlicerFigures
+from knotfab_formats.print_figures import Flatter, Print, Proven, SetupSteps, SlicerFigures
 from knotfab_formats.verdict import Check, Status
 from knotfab_formats.views import View
 from knotfab_validators.check import at_most

@@ -29,7 +29,7 @@ from knotfab.render.pages import length
 from knotfab.render.part_picture import turn_upright, write_gif
 from knotfab.report.page import Picture
 from knotfab.scene.camera import view_axes
-from knotfab_formats.report import Turning
+from knotfab_formats.print_figures import Turning
 from knotfab_formats.scene import SettledScene
 
 

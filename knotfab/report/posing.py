@@ -16,7 +16,7 @@ from knotfab.geometry.polylines import number_runs
 from knotfab.geometry.tube import Mesh, box_of, face_normals
 from knotfab.part.orient import spread_turns
 from knotfab.report.for_maker import tell_flatter
-from knotfab_formats.report import Flatter, Kept, PoseFigures, Print, SupportAccess
+from knotfab_formats.print_figures import Flatter, Kept, PoseFigures, Print, SupportAccess
 
 if TYPE_CHECKING:
     from knotfab.part.assemble import Part

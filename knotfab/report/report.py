@@ -23,14 +23,12 @@ from knotfab.request import Request
 from knotfab.scene.catalogue import title_of
 from knotfab_formats.errors import plain
 from knotfab_formats.libraries import list_parts
+from knotfab_formats.print_figures import MountFigures, PlateFigures, Print
 from knotfab_formats.report import (
     BendingPlan,
     Certificate,
     KnotFigures,
-    MountFigures,
     NextStep,
-    PlateFigures,
-    Print,
     RadiusChoice,
     RadiusTrial,
     Report,

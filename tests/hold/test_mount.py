@@ -21,7 +21,7 @@ from knotfab.scene.camera import CurvedWall
 from knotfab.scene.catalogue import resolve
 from knotfab_fixtures.solids import ARROW_MARKS
 from knotfab_formats.piece import Mount, Printer
-from knotfab_formats.report import MountFigures
+from knotfab_formats.print_figures import MountFigures
 from knotfab_formats.scene import ResolvedView, Scene
 
 ONE = knots(ring(50.0))

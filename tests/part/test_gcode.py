@@ -29,7 +29,7 @@ from knotfab.part.slicer_profile import (
     write_profile,
 )
 from knotfab.scene.catalogue import materials, printers
-from knotfab_formats.report import SlicerCheck
+from knotfab_formats.print_figures import SlicerCheck
 
 SUPPORTED = """G1 X14 Y30 E1.5
 ;TYPE:Support material

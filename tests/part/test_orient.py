@@ -24,7 +24,7 @@ from knotfab.part.orient import (
     strands_of,
 )
 from knotfab.part.pose import PrintPose, choose_pose
-from knotfab_formats.report import Flatter
+from knotfab_formats.print_figures import Flatter
 from tests.geometry.test_overhang import RADIUS, knots_of, wave
 
 pytestmark = pytest.mark.slow

@@ -21,7 +21,7 @@ from knotfab.report.for_maker import tell_flatter
 from knotfab.report.posing import TOOLS_MM, find_access, lay_out, measure_access, tell_access
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.load import parse_scene
-from knotfab_formats.report import (
+from knotfab_formats.print_figures import (
     Flatter,
     Kept,
     PlateFile,

@@ -30,7 +30,7 @@ from knotfab.report.for_maker import (
 from knotfab.report.setup import draw_sheets, shadow_outlines, write_setup
 from knotfab.report.setup_words import costs_of, lamp_facts, lamp_name, steps_of
 from knotfab_formats.errors import plain, read_as
-from knotfab_formats.report import Print, SlicerCheck, SlicerFigures, SlicerWarning
+from knotfab_formats.print_figures import Print, SlicerCheck, SlicerFigures, SlicerWarning
 
 pytestmark = pytest.mark.slow
 

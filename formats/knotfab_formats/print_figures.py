@@ -1,0 +1,278 @@
+"""What a report says of the printed piece: its mount, pose, plates and cost, and the slicer's figures.
+
+Lengths are in mm, times in seconds and shares from 0 to 1, unless a name says otherwise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from knotfab_formats.verdict import Status
+
+Range = tuple[float, float]
+Extent = tuple[float, float, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class MountFigures:
+    """The holder of the piece: a wall mount, a stand, an eyelet, or nothing."""
+
+    kind: str
+    foot: str | None = None
+    plate: str | None = None
+    feet_of_knots: tuple[int, ...] | None = None
+    pegs: int | None = None
+    posts: int | None = None
+    struts: int | None = None
+    pegs_of_knots: tuple[int, ...] | None = None
+    knots_joined: tuple[tuple[int, int], ...] | None = None
+    peg_length_mm: Range | None = None
+    peg_diameter_mm: float | None = None
+    thinnest_peg_mm: float | None = None
+    members_of_knots: tuple[int, ...] | None = None
+    member_diameter_mm: Range | None = None
+    base_mm: Extent | None = None
+    base_back_mm: float | None = None
+    margin_mm: float | None = None
+    tip_deg: float | None = None
+    thread_mm: Extent | None = None
+    hole_mm: float | None = None
+    tilt_deg: float | None = None
+    max_tilt_deg: float | None = None
+    predicted_intrusion: float | None = None
+    sag_mm: float | None = None
+    max_sag_mm: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlateFigures:
+    """The plate on the wall in which a piece stands, as it is printed.
+
+    All of its layers lie below all strands: a change of filament at the height `change_at_mm`, before the
+    layer `change_layer` (the first is 1), gives a screen and a piece of two colours. `outline` (n, 2), mm
+    right and up from the frame's middle. `hidden_aside`: the share of the shadow's edge that the piece hides
+    from who stands so many degrees to either side.
+    """
+
+    thickness_mm: float
+    change_at_mm: float
+    change_layer: int
+    mass_g: float
+    hidden_aside: dict[str, float]
+    outline: tuple[tuple[float, float], ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SetupSteps:
+    """The steps of setting a view up, and the lamp to take, in sentences."""
+
+    view: str
+    steps: tuple[str, ...]
+    lamp: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class TurnFigures:
+    """One way to lay the piece on the bed, by estimates; `up` is the scene's direction that looks up then."""
+
+    height_mm: float
+    support_cm3_estimate: float | None = None
+    support_filament_cm3_estimate: float | None = None
+    contact_mm2: float | None = None
+    tips_at_deg: float | None = None
+    cost_minutes: float | None = None
+    up: Extent | None = None
+
+
+@dataclass(frozen=True)
+class Kept:
+    """A length before and after a piece was built anew, and the one that is proposed."""
+
+    first: float
+    kept: float
+    proposed: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class PoseFigures(TurnFigures):
+    """The pose of the piece, or of one body on a plate, and the poses that it was chosen from."""
+
+    chosen_by: str
+    body: str | None = None
+    tried: int | None = None
+    too_large: int | None = None
+    within_limits: bool | None = None
+    runners_up: tuple[TurnFigures, ...] | None = None
+    least_height: TurnFigures | None = None
+    box_cm3: float | None = None
+    shrinkage_percent: float | None = None
+    depth_mm: Kept | None = None
+    wall_distance_mm: Kept | None = None
+
+
+@dataclass(frozen=True)
+class PlateFile:
+    """The bodies that are printed in one go."""
+
+    file: str
+    bodies: tuple[str, ...]
+    size_mm: tuple[float, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlatesFigures:
+    """The plates of a piece that the printer does not hold whole."""
+
+    files: tuple[PlateFile, ...]
+    cuts_of_knots: tuple[int, ...]
+    pin_diameter_mm: Range | None = None
+    pin_length_mm: float | None = None
+    pin_clearance_mm: float | None = None
+    poses: tuple[PoseFigures, ...]
+
+
+@dataclass(frozen=True)
+class Flatter:
+    """The cost of printing a piece, its depth as a share of the one that was made."""
+
+    depth_share: float
+    hours: float
+    grams: float
+    support_grams: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class SupportAccess:
+    """The reach of tools to the supports under a piece.
+
+    `area_cm2`: of the undersides that need support. `reached`: for each tool, the share of them that it
+    reaches. `worst`: the place that only the thinnest tool reaches, or none, deepest inside of all such;
+    `worst_tool`: which one reaches it, None where none does.
+    """
+
+    area_cm2: float
+    tools_mm: Mapping[str, float]
+    reached: Mapping[str, float]
+    worst: Extent | None
+    worst_tool: str | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class CouponFigures:
+    """The small print to try a mount's fit on: the pin, and the holes with their numbers of dots."""
+
+    file: str
+    pin_mm: float
+    holes_mm: tuple[float, ...]
+    dots: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Turning:
+    """The angle by which a piece is turned for each view, and how far its picture is aside then."""
+
+    angles_deg: Mapping[str, float]
+    aside_mm: Mapping[str, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ZoetropeFigures:
+    """All frames on one ring."""
+
+    scale: float
+    tube_radius_mm: float
+    diameter_mm: float
+    height_mm: float
+    gap_mm: float
+    posts: tuple[Any, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Print:
+    """The printed piece: its size, its mount, its pose, its cost."""
+
+    volume_mm3: float
+    mass_g: float
+    bounding_box_mm: Extent | None
+    depth_ratio: float | None
+    printer: str
+    printer_title: str | None = None
+    mount: MountFigures | None = None
+    opening: str | None = None
+    time_s: float | None = None
+    filament_m: float | None = None
+    filament_g: float | None = None
+    support_g: float | None = None
+    support_share: float | None = None
+    drawings: tuple[str, ...] | None = None
+    setup: tuple[SetupSteps, ...] | None = None
+    turning: Turning | None = None
+    pose: PoseFigures | None = None
+    plates: PlatesFigures | None = None
+    plate: PlateFigures | None = None
+    coupon: CouponFigures | None = None
+    flatter: tuple[Flatter, ...] | None = None
+    support_access: SupportAccess | None = None
+    parts: int | None = None
+    zoetrope: ZoetropeFigures | None = None
+
+
+@dataclass(frozen=True)
+class SlicerWarning:
+    """One warning: what it says; what it means for this part; whether that settles it.
+
+    `explanation` is empty where nobody knows it. A warning that is not settled fails the part.
+    """
+
+    text: str
+    explanation: str = ""
+    settled: bool = False
+
+
+@dataclass(frozen=True)
+class SlicerCheck:
+    """One of knotfab's own looks at the slicer's reading of the file."""
+
+    name: str
+    status: Status
+    measured: float | None
+    limit: float | None
+    unit: str
+    detail: str
+
+    @property
+    def passed(self) -> bool:
+        """Whether nothing was found."""
+        return self.status == "pass"
+
+
+@dataclass(frozen=True)
+class Proven:
+    """A proof, and who gave it."""
+
+    what: str
+    by: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class SlicerFigures:
+    """The slicer's figures for the files, or the reason that there are none."""
+
+    program: str | None
+    version: str | None
+    time_s: float | None
+    filament_m: float | None
+    filament_g: float | None
+    support_m: float | None
+    layers: int | None
+    objects: int | None = None
+    reason: str | None = None
+    remedy: str | None = None
+    warnings: tuple[SlicerWarning, ...]
+    checks: tuple[SlicerCheck, ...]
+    proven: tuple[Proven, ...]
+    command: str | None = None
+    profile: Mapping[str, str] | None = None
+    seconds: float | None = None
