@@ -17,7 +17,7 @@ from benchmarks.brought import OVERTAKEN, WORDS, draw_brought
 from benchmarks.measurement import build_apart, make_folder, read_report, run_study, save_pictures
 from examples.pictures import pictures
 from knotfab_validators import validate
-from knotfab_validators.shadows.recognition import UNKNOWN, worst_verdict
+from knotfab_validators.shadows.verdict_rules import UNKNOWN, worst_verdict
 
 REFUSED = "refused"
 GOOD = ("faithful", "good")

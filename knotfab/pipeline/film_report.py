@@ -29,7 +29,7 @@ from knotfab_formats.report import (
 )
 from knotfab_formats.verdict import Check, Status, exit_code, list_unmet
 from knotfab_validators.check import at_least, at_most
-from knotfab_validators.shadows.recognition import worst_verdict
+from knotfab_validators.shadows.verdict_rules import worst_verdict
 
 Line = TypeVar("Line", EffectLine, LimitLine)
 _OF_FRAME = ("pose", "plates", "flatter", "support_access")  # keys of `print` told by frame

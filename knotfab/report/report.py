@@ -38,7 +38,7 @@ from knotfab_formats.scene import ResolvedScene
 from knotfab_formats.search import PRESETS
 from knotfab_formats.verdict import Check, Verdict, View, exit_code
 from knotfab_validators.check import at_most
-from knotfab_validators.shadows.recognition import worst_verdict
+from knotfab_validators.shadows.verdict_rules import worst_verdict
 
 
 def check_3mf(warnings: list[str]) -> Check:

@@ -11,7 +11,7 @@ from knotfab_formats.errors import read_as
 from knotfab_formats.report import Report
 from knotfab_formats.search import PRESETS
 from knotfab_formats.verdict import Check, Recognition, Verdict, View, exit_code
-from knotfab_validators.shadows.recognition import worst_verdict
+from knotfab_validators.shadows.verdict_rules import worst_verdict
 
 VIEW: dict[str, Any] = {
     "name": "front", "kind": "shadow", "picture": "front.png", "width": 512, "height": 512,

@@ -17,18 +17,19 @@ from knotfab_validators.arrays import Mask
 from knotfab_validators.check import BadFile
 from knotfab_validators.files.colours import Bent
 from knotfab_validators.files.scene import parse_scene
-from knotfab_validators.shadows.bending_rule import BENT, judge_bending
 from knotfab_validators.shadows.compare import overlap
 from knotfab_validators.shadows.frame import padded_mask, working_frame
-from knotfab_validators.shadows.recognition import (
+from knotfab_validators.shadows.recognition import recognise
+from knotfab_validators.shadows.topology import count_repeated, find_changes
+from knotfab_validators.shadows.verdict_rules import (
+    BENT,
     RULES,
     UNKNOWN,
     WORDS,
     check_recognisable,
-    recognise,
+    judge_bending,
     worst_verdict,
 )
-from knotfab_validators.shadows.topology import count_repeated, find_changes
 from knotfab_validators.shadows.view import view_geometry
 
 SIZE = 512  # px of the picture, 180 mm on the wall

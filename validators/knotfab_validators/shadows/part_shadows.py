@@ -25,8 +25,8 @@ from knotfab_validators.shadows.frame import write_compare, write_shadow
 from knotfab_validators.shadows.lamp import check_half_light
 from knotfab_validators.shadows.outlines import WRONG_PX
 from knotfab_validators.shadows.part_view import PosedPart, SeenView, pose_part, see_view, tell_view
-from knotfab_validators.shadows.recognition import check_recognisable, worst_verdict
 from knotfab_validators.shadows.render import CannotRender, SilhouetteRenderer
+from knotfab_validators.shadows.verdict_rules import check_recognisable, worst_verdict
 from knotfab_validators.shadows.verify_view import VerifiedView
 
 if TYPE_CHECKING:

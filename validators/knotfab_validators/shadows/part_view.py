@@ -17,7 +17,6 @@ from knotfab_validators.files.colours import Bent, bend_of, bend_silhouette
 from knotfab_validators.files.picture import read_greys, read_silhouette, widen_strokes
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh, move_points
-from knotfab_validators.shadows.bending_rule import judge_bending
 from knotfab_validators.shadows.compare import Tone, depth_ratio, measure_tone, overlap, receive
 from knotfab_validators.shadows.exact_shadow import ShadowCaster
 from knotfab_validators.shadows.frame import padded_mask, working_frame
@@ -33,6 +32,7 @@ from knotfab_validators.shadows.misplacement import (
 from knotfab_validators.shadows.recognition import recognise
 from knotfab_validators.shadows.render import SilhouetteRenderer
 from knotfab_validators.shadows.topology import label_regions
+from knotfab_validators.shadows.verdict_rules import judge_bending
 from knotfab_validators.shadows.verify_view import VerifiedView, verify_view
 from knotfab_validators.shadows.view import ViewGeometry, view_geometry
 
