@@ -191,7 +191,7 @@ def draw_failures(
             for point in check.at[:MOST_MARKS]:
                 u, v = _on_page(np.array([point]), axes, middle, scale)[0]
                 inside = np.clip([u, v], 10, PANEL_PX - 10)  # far away: at the panel's edge
-                _place(draw, left + inside[0], GAP_PX + inside[1], str(number), font)
+                _draw_ring(draw, left + inside[0], GAP_PX + inside[1], str(number), font)
     y = PANEL_PX + 2 * GAP_PX
     for number, (check, part) in enumerate(zip(failed, [p for _, p in lines], strict=True), 1):
         _mark(draw, GAP_PX + 10, y + 8, str(number) if check.at else "-", font)
@@ -260,7 +260,7 @@ def _panel(cloud: _Cloud, axes: Array, middle: Array, scale: float) -> NDArray[n
     return panel
 
 
-def _place(draw: Any, x: float, y: float, label: str, font: Any) -> None:
+def _draw_ring(draw: Any, x: float, y: float, label: str, font: Any) -> None:
     """Draw a ring around a place with its number beside it, so that neither hides the place."""
     aside = 16 if x < PANEL_PX * len(SIDES) else -16
     draw.line((x + np.sign(aside) * 5, y - 5, x + aside, y - 16), fill=MARK, width=2)

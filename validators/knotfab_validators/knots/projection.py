@@ -47,7 +47,7 @@ def diagram_of(
     towards /= np.linalg.norm(towards, axis=1)[:, None]
     counts: list[int] = []
     for eye in towards:
-        counts.append(_about(ring, eye))
+        counts.append(_count_crossings(ring, eye))
         if min(counts) > HOPELESS * most:
             return None
     best: PlanarDiagram | None = None
@@ -150,7 +150,7 @@ def _signs(u: Array, v: Array, w: Array) -> NDArray[np.int8]:
 
 def _pairs(ring: Ring, towards: Array) -> tuple[Ints, Ints]:
     """Return pairs of edges i < j that may cross: not adjacent, with overlapping boxes in the projection."""
-    flat = ring.at @ _across(towards)
+    flat = ring.at @ _axes_across(towards)
     end = flat[ring.after]
     margin = 1e-12 * float(np.abs(flat).max())  # many times the rounding error of the product above
     low, high = np.minimum(flat, end) - margin, np.maximum(flat, end) + margin
@@ -167,9 +167,9 @@ def _pairs(ring: Ring, towards: Array) -> tuple[Ints, Ints]:
     return i[keep].astype(np.int64), j[keep].astype(np.int64)
 
 
-def _about(ring: Ring, towards: Array) -> int:
+def _count_crossings(ring: Ring, towards: Array) -> int:
     """Count the crossings seen along a direction, up to rounding."""
-    flat = ring.at @ _across(towards)
+    flat = ring.at @ _axes_across(towards)
     i, j = _pairs(ring, towards)
     p, q, r, s = flat[i], flat[ring.after[i]], flat[j], flat[ring.after[j]]
 
@@ -181,7 +181,7 @@ def _about(ring: Ring, towards: Array) -> int:
     return int(crossed.sum())
 
 
-def _across(towards: Array) -> Array:
+def _axes_across(towards: Array) -> Array:
     """Return two orthogonal axes (3, 2) across a direction."""
     return np.asarray(np.linalg.svd(towards[None])[2][1:].T)
 

@@ -286,12 +286,12 @@ def _misregistration(
 ) -> Misregistration:
     """Measure the loss if the lamps stand beside their places."""
     coarse = working_frame(frame.width, frame.height, 512)
-    codes = _codes(np.stack([_on(lamp.mask, frame, coarse) for lamp in lamps]))
+    codes = _codes(np.stack([_reduce_mask(lamp.mask, frame, coarse) for lamp in lamps]))
     allowed, still, worst = [], [], []
     for lamp in lamps:
         seen = lamp.geometry.resample(coarse)
         here = lamp.geometry.project(points)[0]
-        mask = _on(lamp.mask, frame, coarse)
+        mask = _reduce_mask(lamp.mask, frame, coarse)
         still.append(renderer.render(seen)[coarse.window])
         moved = []
         for way in (seen.right, -seen.right, seen.up, -seen.up):
@@ -310,6 +310,6 @@ def _misregistration(
     )
 
 
-def _on(mask: Mask, frame: WorkingFrame, coarse: WorkingFrame) -> Mask:
+def _reduce_mask(mask: Mask, frame: WorkingFrame, coarse: WorkingFrame) -> Mask:
     """Reduce a mask to coarser pixels of the frame, without padding."""
     return padded_mask(mask[frame.window], coarse)[coarse.window]
