@@ -32,7 +32,7 @@ from knotfab.scene.load import require_tube
 from knotfab.search.flow import plan_of
 from knotfab.search.objective import Pose
 from knotfab.search.search import History, Pace, search
-from knotfab.start.start import go_on, make_start
+from knotfab.start.start import make_start, start_from_knots
 from knotfab_formats.report import Price
 from knotfab_formats.scene import (
     ResolvedScene,
@@ -308,7 +308,7 @@ def choose_tube(
         radius = piece.tube_radius_mm or knots_then.radius_mm
         require_tube(question.scene.but(piece=piece.but(tube_radius_mm=radius)))
         question = question.with_depth(radius)
-        return question, radius, go_on(question.problem, knots_then, radius), None
+        return question, radius, start_from_knots(question.problem, knots_then, radius), None
     if piece.tube_radius_mm is None:
         with progress.stage("radius"):
             _tell_scene(progress, question, None)

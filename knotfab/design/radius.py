@@ -18,7 +18,7 @@ from knotfab.knots import Knot, Knots
 from knotfab.picture.silhouette import trace_polygon
 from knotfab.problem import Report, Start, TargetView, Watch
 from knotfab.scene.load import require_radius
-from knotfab.start.filling import Template, as_bent, fill, simple_curves, template_iou
+from knotfab.start.filling import Template, enlarge_loops, fill, simple_curves, template_iou
 from knotfab.start.start import make_start, make_template
 from knotfab_formats.search import SearchSettings
 
@@ -99,7 +99,7 @@ class _Trials:
             return -np.inf
         bend = self.question.problem.limits(radius).bend_radius
         flat = self.question.scene.piece.depth == 0
-        return template_iou(as_bent(template, bend, flat), polygon)
+        return template_iou(enlarge_loops(template, bend, flat), polygon)
 
     def _fill(self, radius: float, view: TargetView) -> float:
         """Return the IoU of the filling of one of several masks; -inf if its curves cross."""
@@ -107,7 +107,7 @@ class _Trials:
         if not simple_curves(list(template.curves)):
             return -np.inf
         bend = self.question.problem.limits(radius).bend_radius
-        return template_iou(as_bent(template, bend, False), view.polygon)
+        return template_iou(enlarge_loops(template, bend, False), view.polygon)
 
     def vertices(self, radius: float) -> int:
         """Estimate the number of vertices that knots of this radius will have, from the template."""

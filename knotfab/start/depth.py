@@ -1,10 +1,10 @@
-"""The depth profile: where along the light's rays each stretch of the template goes.
+"""Choose the depth profile: how far along the light's rays each stretch of the template moves.
 
-Moving points along rays leaves the picture of a simple curve simple, so the lifted curve is still an
-unknot by inspection. Of random smooth profiles the best are varied, by descent: those from which the
-picture can least be read elsewhere, and which need little support in print. Where the lamp is wide, strands
-that draw the outline are lowered towards the wall; where people place carelessly, the extent may be less.
-Strands that hide each other and still come too near are parted in the end, along the rays.
+Moving points along the rays leaves the shadow of a simple curve simple, so the lifted curve is still an
+unknot by inspection. Random smooth profiles are drawn, and the best are varied: those that make the picture
+least legible from aside and need little support in print. If the lamp is wide, strands that draw the outline
+are lowered towards the wall; if careless placing matters, the depth may be reduced. Strands that hide each
+other and are still too near are parted along the rays at the end.
 """
 
 from __future__ import annotations
@@ -39,11 +39,13 @@ from knotfab.start.profiles import (
 
 AnyProfile = Profile | Relief | Arches
 
-# degrees that a profile is looked at from, the farthest first, and their weights
-_ASIDE = {45.0: 0.75, 30.0: 0.25}
-_SURELY = 0.9  # a share of the least support so far, which the next profile needs too
-_DRAWN = 6  # one candidate in so many is drawn at random; the others vary the best so far
-_KEPT = 4  # profiles that are varied in turn
+_ASIDE = {
+    45.0: 0.75,
+    30.0: 0.25,
+}  # weight by angle from which a profile is viewed, degrees, largest first
+_SURELY = 0.9  # share of the least support so far that every profile is assumed to need
+_DRAWN = 6  # one candidate in six is drawn at random, the others are variations of the best
+_KEPT = 4  # number of profiles that are varied in turn
 _RODS = 600  # rods by which supports are estimated
 _EXTENTS = 20  # extents at which a profile is judged where placing is careless
 _NOISE = 0.025  # legibility differs by as much from draw to draw of profiles: less is no reason
@@ -55,20 +57,17 @@ _TURNS = 3  # turns to the bed, in which supports are weighed: the best of the f
 
 
 def lift(curve: Array, depth: Array, light_distance: float) -> Array:
-    """Return (n, 2) points of the plane z = 0 moved along their rays to height `depth`: (n, 3)."""
+    """Move points (n, 2) of the plane z = 0 along their rays to height `depth`; (n, 3)."""
     return np.column_stack([curve * (1.0 - depth / light_distance)[:, None], depth])
 
 
 def lower(points: Array, light_distance: float) -> Array:
-    """Give (..., 2) where rays from the light through (..., 3) points meet the plane z = 0: `lift` undone."""
+    """Project points (..., 3) from the light onto the plane z = 0, (..., 2); the inverse of `lift`."""
     return np.asarray(points[..., :2] / (1.0 - points[..., 2:] / light_distance))
 
 
 def _overlapping(samples: tuple[Array, ...], radius: float) -> tuple[Indices, Indices]:
-    """Return pairs of samples that hide each other seen from the light, so that they must differ in depth.
-
-    Where two strands run in a stroke about one tube wide, neither can step aside without a trace.
-    """
+    """Return pairs of samples that hide each other from the light and so must differ in depth."""
     pairs, along = pair_nearby(samples, 1.85 * radius)
     one, other = pairs[along > 6.0 * radius].T
     return one, other
@@ -87,7 +86,7 @@ def _count_close(points: Array, one: Indices, other: Indices, reach: float) -> i
 
 
 def _turns() -> Array:
-    """Return (18, 3, 3) turns to the bed whose ways up lie along the axes and between two of them."""
+    """Return rotations whose upward directions are the axes and the diagonals between two, (18, 3, 3)."""
     ups = np.stack(np.meshgrid(*3 * [[-1.0, 0.0, 1.0]], indexing="ij"), axis=-1).reshape(-1, 3)
     ups = ups[np.isin(np.abs(ups).sum(1), (1, 2))]
     ups /= np.linalg.norm(ups, axis=1)[:, None]
@@ -107,7 +106,7 @@ class _Braced:
 
 @dataclass
 class _Judge:
-    """Data by which a profile is judged: samples of the curves, and whoever hides whom."""
+    """The costs of a profile, with samples of the curves and the pairs that hide each other."""
 
     curves: tuple[Array, ...]
     radius: float
@@ -119,17 +118,17 @@ class _Judge:
     lanes: tuple[Array, ...] | None = None
     arched: bool = False  # strands stand on a floor, in arches
     turns: Array = field(default_factory=_turns)
-    sides: list[int] = field(default_factory=lambda: [0, 1, 2, 3])  # the one first that told last
-    least: float = inf  # weighted support so far
+    sides: list[int] = field(default_factory=lambda: [0, 1, 2, 3])  # the most telling side first
+    least: float = inf  # least weighted support so far
 
     def __post_init__(self) -> None:
-        step = 0.8 * self.radius  # between the points that a profile is judged at
+        step = 0.8 * self.radius
         self.samples = tuple(sample_evenly(c, step) for c in self.curves)
         self.arcs = [arc_lengths(s) for s in self.samples]
         self.pairs = _overlapping(self.samples, self.radius)
         self.tops = np.array([min(self.extent_mm, highest_mm(c)) for c in self.curves])
         self.drawing = [] if self.sharpening is None else self.sharpening.drawing(self.samples)
-        self.beside = None  # the lanes' part of the samples' heights, mm
+        self.beside = None  # heights that the lanes add to the samples, mm
         if self.lanes is not None:
             shares = [arc_lengths(c)[:-1] / arc_lengths(c)[-1] for c in self.curves]
             self.beside = [
@@ -138,7 +137,7 @@ class _Judge:
             ]
 
     def draw(self, rng: np.random.Generator, number: int, across_mm: float) -> AnyProfile:
-        """Draw a profile by chance: a relief where strands have lanes, arches where they stand."""
+        """Draw a random profile: a relief if strands have lanes, arches if they stand on the bed."""
         if self.lanes is not None:
             return draw_relief(rng, number, across_mm)
         if self.arched:
@@ -148,7 +147,7 @@ class _Judge:
     def heights(
         self, profile: AnyProfile, curves: tuple[Array, ...], drawing: list[Array]
     ) -> list[Array]:
-        """Return the depth of each vertex of the curves, lanes left out."""
+        """Return the depth of each vertex of the curves, without their lanes."""
         if isinstance(profile, Relief):
             return self.fit(profile.heights(list(curves)), drawing)
         if isinstance(profile, Arches):
@@ -157,7 +156,7 @@ class _Judge:
         return self.fit(profile.heights([arc_lengths(c) for c in curves]), drawing)
 
     def place(self, profile: AnyProfile) -> list[Array]:
-        """Return the samples lifted."""
+        """Lift the samples by a profile and their lanes."""
         heights = self.heights(profile, self.samples, self.drawing)
         if self.beside is not None:
             heights = [h + b for h, b in zip(heights, self.beside, strict=True)]
@@ -166,7 +165,7 @@ class _Judge:
     def part(
         self, profile: AnyProfile, heights: list[Array], separation: float
     ) -> tuple[list[Array], list[Array]]:
-        """Return the curves' heights, and the samples lifted, with strands that hide each other parted."""
+        """Part strands that hide each other; return the curves' heights and the lifted samples."""
         own = self.heights(profile, self.samples, self.drawing)
         moves = part_sides(
             self.samples, np.concatenate(own), self.pairs, separation, self.light_distance
@@ -185,7 +184,7 @@ class _Judge:
         return parted, parts
 
     def fit(self, heights: list[Array], drawing: list[Array]) -> list[Array]:
-        """Give the heights of all curves, scaled to the extent; what draws the outline nearer to the wall."""
+        """Scale heights to the extent, and lower the strands that draw the outline if the lamp is wide."""
         fitted = _fit(heights, self.extent_mm)
         if self.sharpening is None:
             return fitted
@@ -226,15 +225,14 @@ class _Judge:
         return bool(inside and self.target[len(self.target) - 1 - cell[:, 1], cell[:, 0]].all())
 
     def blur(self, parts: list[Array]) -> float:
-        """Return the weighted brightness error of a wide lamp; 0 where none is called for."""
+        """Return the weighted brightness error of a wide lamp; 0 for a small one."""
         return 0.0 if self.sharpening is None else self.sharpening.cost(parts, self.drawing)
 
     def find_extent(self, profile: AnyProfile, least_mm: float, steadying: Steadying) -> float:
-        """Find the extent, mm, from `least_mm` to its own, at which a profile is best.
+        """Find the depth from `least_mm` to the profile's own, mm, at which its total cost is least.
 
-        Shadows part by how far apart strands are in depth: the cost of careless placing depends on a
-        profile's extent, and little on its shape. An IoU that is lost counts as one that is read from
-        aside; with it weighs what else depends on the extent, supports in print too.
+        The cost of careless placing grows with the depth and hardly depends on the profile's shape. IoU lost
+        by it counts like IoU read from aside, and is added to the other costs.
         """
         most, found = self.extent_mm, []
         extents = np.linspace(max(least_mm / most, 1 / _EXTENTS), 1.0, _EXTENTS) * most
@@ -247,20 +245,22 @@ class _Judge:
         costs = np.array(found)
         best = int(costs.sum(axis=1).argmin())
         other, parting = costs[-1] - costs[best]
-        # the gain must exceed the noise, with other savings and without
+        # the gain must exceed the noise both with and without the other costs
         if min(parting, other + parting) <= _NOISE:
             return most
-        return floor(1e4 * float(extents[best])) / 1e4  # a rebuild from the number is the same
+        return (
+            floor(1e4 * float(extents[best])) / 1e4
+        )  # so that a rebuild from the number is the same
 
     def legibility(self, parts: list[Array], at_most: float = inf) -> float:
-        """Estimate legibility from 45 and 30 degrees aside, and how much strands hide each other.
+        """Estimate how legible the picture is from 45 and 30 degrees aside, plus a cost of strands too close.
 
-        Of what is more than `at_most` a part that is. From nearer the picture is read no worse, as a rule, so
-        that of most profiles a few sides at 45 degrees tell.
+        Once the sum exceeds `at_most` the rest is left out. At smaller angles a picture is rarely less
+        legible, so a few sides at 45 degrees rule most profiles out.
         """
         points = np.concatenate(parts)
         close = _count_close(points, *self.pairs, 2.2 * self.radius)
-        # weight of strands that hide each other at the same depth, against legibility
+        # 0.6: weight of strands that hide each other at nearly equal depth
         found = 0.6 * close / max(len(self.pairs[0]), 1)
         centred, left = about_middle(points), sum(_ASIDE.values())
         for angle, share in _ASIDE.items():
@@ -278,10 +278,10 @@ class _Judge:
         return found
 
     def cost(self, parts: list[Array], at_most: float, supported: bool = True) -> float:
-        """Give the sum of all judgements, with supports or without; part of it where that exceeds `at_most`.
+        """Return the total cost, with or without supports; a lower bound once that exceeds `at_most`.
 
-        Supports take as long as all else: they are worked out only where what is judged sooner leaves
-        room for `_SURELY` of the least so far.
+        Supports take as long as all else, so they are computed only if the other costs plus `_SURELY` of the
+        least support so far stay below `at_most`.
         """
         cost, least = self.blur(parts), _SURELY * self.least if supported else 0.0
         cost += self.legibility(parts, at_most - least - cost)
@@ -290,29 +290,29 @@ class _Judge:
         return cost + self.support(parts)
 
     def support(self, parts: list[Array]) -> float:
-        """Return the least of `supports`."""
+        """Return the cost of supports in the best orientation."""
         found = float(self.supports(parts).min())
         self.least = min(self.least, found)
         return found
 
     def supports(self, parts: list[Array]) -> Array:
-        """Return (turns,) The weighted volume of the supports, over the tube's."""
+        """Return the weighted volume of supports over the tube's, for each orientation, (turns,)."""
         if self.overhang_deg is None:
             return np.zeros(1)
         rules, rods = Rules(self.overhang_deg), strands_along(parts, self.radius, most=_RODS)
         tube_cm3 = np.pi * self.radius**2 * rods.length.sum() / 1000
         found = [support_cm3(rods, turn, rules) for turn in self.turns]
-        # weight of supports in print, in volumes of the tube, against legibility
+        # 0.02: weight of a support volume equal to the tube's
         return np.asarray(0.02 * np.array(found) / tube_cm3)
 
     def keep_best_turns(self, placed: list[list[Array]]) -> None:
-        """Keep from here on only the turns in which these need least."""
+        """Keep only the orientations in which these samples need the least support."""
         mean = np.mean([self.supports(parts) for parts in placed], axis=0)
         self.turns = self.turns[np.argsort(mean, kind="stable")[:_TURNS]]
 
 
 def _fit(heights: list[Array], extent_mm: float) -> list[Array]:
-    """Return the heights of all curves, shifted and scaled to the extent about zero."""
+    """Shift and scale the heights of all curves to the extent, centred on zero."""
     joined = np.concatenate(heights)
     low, high = float(joined.min()), float(joined.max())
     scale = extent_mm / max(high - low, 1e-9)
@@ -335,23 +335,23 @@ def choose_depth(
     separation: float | None = None,
     modulus_mpa: float | None = None,
 ) -> DepthChoice:
-    """Give the best of `candidates` profiles of the given extent: some random, the others varied from those.
+    """Return the best of `candidates` depth profiles: some are random, the others variations of the best.
 
     Args:
         curves: closed planar polylines [(n, 2) mm], evenly sampled.
         radius: tube radius, mm.
-        light_distance: mm to the middle of the piece.
+        light_distance: from the light to the middle of the piece, mm.
         extent_mm: extent of the centre lines along the view's axis.
-        target: the picture's mask, from `legibility.stretch_mask`.
-        overhang_deg: the steepest from the vertical that prints without supports; None: they cost nothing.
-        sharpening: what a wide lamp asks of depth; None: it is not called for.
-        lanes: [(n,) mm] by which strands that hide each other differ; they are judged with them, and the
-            depths that are returned leave them out.
-        steadying: what careless placing asks of the extent, likewise; the choice says which would be best.
-        least_mm: no less than this.
-        separation: mm by which centre lines that hide each other are to be apart; None: as they are.
-        modulus_mpa: Young's; strands stand in arches on a floor then, at the deepest of the extent. Those of
-            which a leg would sway while it prints, and no neighbour is near enough to hold it, are lower.
+        target: the picture's mask from `profiles.stretch_mask`.
+        overhang_deg: largest overhang from the vertical that prints unsupported; None: supports cost nothing.
+        sharpening: the cost of a wide lamp, None if it need not be considered.
+        lanes: [(n,) mm] offsets of strands that hide each other. Profiles are judged with them, but the
+            depths returned leave them out.
+        steadying: the cost of careless placing, None likewise; with it the choice names the best extent.
+        least_mm: lower bound on that extent.
+        separation: distance to which strands that hide each other are parted, mm; None: they are not.
+        modulus_mpa: Young's modulus. If it is given, strands stand in arches on a floor at the extent's
+            bottom, and arches with a leg that would sway while printing are halved.
     """
     rng = np.random.default_rng(seed)
     judge = _Judge(
@@ -378,7 +378,7 @@ def choose_depth(
     judge.keep_best_turns([parts for _, _, parts in first])
     scored = [(seen + judge.support(parts), profile) for seen, profile, parts in first]
     best = sorted(scored, key=lambda one: one[0])[:_KEPT]
-    # shares of a wave's spread by which it is changed, at first and at last
+    # size of the variations, first and last, as a share of a wave's standard deviation
     begin, end = 0.6, 0.1
     for n in range(drawn, candidates):
         change = begin + (end - begin) * (n - drawn) / (candidates - drawn)

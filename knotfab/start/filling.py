@@ -1,7 +1,7 @@
-"""The filling template: concentric insets of the silhouette, joined into one simple closed curve a piece.
+"""Fill a silhouette with a template: concentric insets, joined into one simple closed curve a piece.
 
-Polylines lie one projected tube width apart, so the planar tube covers the picture. Being simple and
-planar, every curve is an unknot, and the curves together an unlink, by inspection.
+Neighbouring strands lie one projected tube width apart, so the planar tube covers the picture. The curves are
+simple, disjoint and planar, so each is an unknot and all together are an unlink, by inspection.
 """
 
 from __future__ import annotations
@@ -21,22 +21,20 @@ from knotfab.geometry.polylines import sample_evenly
 from knotfab.picture.opening import least_ring, longer_side
 from knotfab.picture.silhouette import polygon_iou
 
-_THIN_OUTER = 0.55  # a part of the outline is drawn if wider than this times the tube's width
-_BRIDGES = 4  # nearest curves that a curve may be joined to
-_THIN_INNER = 0.12  # an inner band is filled if wider than this times the tube's width
-_NOISY = 5000  # corners: an outline of more, without room for the tube, is noise to it
-# a loop in the middle of a piece smaller than the tube covers at least this share of it
-_COVERED = 1.0 / 3.0
-_HAIR = 1e-7  # a share of the radius
-# a share of the radius: such an outline's area is less than this times its length
-_NOISE_WIDTH = 0.5
+_THIN_OUTER = 0.55  # least width of a part of the outline that is drawn, over the tube's
+_BRIDGES = 4  # number of nearest curves that a curve may be joined to
+_THIN_INNER = 0.12  # least width of an inner band that is filled, over the tube's
+_NOISY = 5000  # number of corners above which an outline may be noise
+_NOISE_WIDTH = 0.5  # area over length, in radii, below which it is
+_COVERED = 1.0 / 3.0  # least share of a tiny piece that a small loop must cover
+_HAIR = 1e-7  # reduction of the radius where GEOS fails on touching strands, as a share of it
 
 
 @dataclass(frozen=True)
 class Template:
-    """Closed planar curves [(n, 2) mm], disjoint and simple, and the polygon they fill.
+    """Closed planar curves [(n, 2) mm], disjoint and simple, and the polygon that they fill.
 
-    With `passes` they run along lines, there and back, and hide behind themselves.
+    With `passes` they run along lines there and back, so strands hide each other.
     """
 
     curves: tuple[Array, ...]
@@ -58,14 +56,14 @@ def _polygons(shape: BaseGeometry) -> list[Polygon]:
 
 
 def _without_noise(piece: Polygon, radius: float) -> list[Polygon]:
-    """Return the piece, or where it is all outline to the tube, what is left of it at the tube's own scale.
+    """Return the piece, or a coarse version of it at the tube's scale if it is noise.
 
     Insets of noise take minutes and leave nothing that a tube could draw.
     """
     noisy = shapely.get_num_coordinates(piece) > _NOISY
     if not noisy or piece.area > _NOISE_WIDTH * radius * piece.length:
         return [piece]
-    least = np.pi * radius**2  # a hole or a piece below the tube's own section is a speck
+    least = np.pi * radius**2  # a hole or piece smaller than the tube's cross-section is a speck
     holes = [hole for hole in piece.interiors if Polygon(hole).area > least]
     coarse = Polygon(piece.exterior, holes).simplify(radius, preserve_topology=False)
     parts = [part for part in _polygons(shapely.make_valid(coarse)) if part.area > least]
@@ -73,7 +71,7 @@ def _without_noise(piece: Polygon, radius: float) -> list[Polygon]:
 
 
 def _ring_region(region: BaseGeometry, radius: float, thin: float) -> BaseGeometry:
-    """Find where centre lines may run: the inset, with parts narrower than the tube inset by less."""
+    """Return the inset region that bounds centre lines; parts narrower than the tube are inset by less."""
     inset = region.buffer(-radius, join_style="mitre")
     opened = inset.buffer(radius * 1.02, join_style="mitre")
     try:
@@ -86,12 +84,12 @@ def _ring_region(region: BaseGeometry, radius: float, thin: float) -> BaseGeomet
 
 
 def rings_of(piece: Polygon, radius: float, spacing: float = 2.0) -> list[LinearRing]:
-    """Draw the centre lines of concentric tubes that cover `piece`, outermost first; none: no tube draws it.
+    """Return centre lines of concentric tubes that cover a piece, outermost first; none if no tube draws it.
 
     Args:
         piece: silhouette, mm.
         radius: projected tube radius, mm.
-        spacing: distance between neighbouring rings in tube radii.
+        spacing: distance between neighbouring rings, in tube radii.
     """
     rings: list[LinearRing] = []
     region: BaseGeometry = piece
@@ -105,7 +103,7 @@ def rings_of(piece: Polygon, radius: float, spacing: float = 2.0) -> list[Linear
         region = region.buffer(-spacing * radius)
         thin = _THIN_INNER
     if not rings:
-        # a piece smaller than the tube: one small loop in its middle, if that is where it is
+        # a piece smaller than the tube gets one small loop, if its centroid lies within it
         loop = _small_loop(piece, radius)
         drawn = Polygon(loop).buffer(radius)
         if piece.intersection(drawn).area >= _COVERED * piece.area:
@@ -114,13 +112,13 @@ def rings_of(piece: Polygon, radius: float, spacing: float = 2.0) -> list[Linear
 
 
 def _small_loop(piece: Polygon, radius: float) -> LinearRing:
-    """Return a loop in the middle of a piece, smaller than the tube can bend."""
+    """Return a loop at a piece's centroid that is smaller than the tube can bend."""
     middle = piece.representative_point() if piece.is_empty else piece.centroid
     return middle.buffer(radius * 0.35).exterior
 
 
 def _turning(points: Array) -> Array:
-    """Return the unsigned turning angle at each vertex, averaged over a few neighbours."""
+    """Return the unsigned turning angle around each vertex, summed over seven vertices."""
     edge = np.diff(points, axis=0, append=points[:1])
     angle = np.arctan2(edge[:, 1], edge[:, 0])
     turn = np.abs((np.diff(angle, prepend=angle[-1:]) + np.pi) % (2 * np.pi) - np.pi)
@@ -129,7 +127,7 @@ def _turning(points: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class _Loop:
-    """A closed polyline (n, 2) while loops are joined, with what is asked of it time and again."""
+    """A closed polyline (n, 2) that is being joined, with cached queries."""
 
     points: Array
 
@@ -151,7 +149,10 @@ class _Loop:
 
 
 def _closest(one: _Loop, other: _Loop, radius: float) -> tuple[float, int, int]:
-    """Return the best place for a bridge: nearly the shortest, where both curves are straight."""
+    """Find the best bridge: among nearly shortest ones, where both curves are straightest.
+
+    Returned are the shortest distance, and the bridge's vertex on each curve.
+    """
     near, index = other.tree.query(one.points)
     shortest = float(near.min())
     turns = np.minimum(one.turning, 2.0) + np.minimum(other.turning[index], 2.0)
@@ -162,14 +163,14 @@ def _closest(one: _Loop, other: _Loop, radius: float) -> tuple[float, int, int]:
 
 
 def _cut_open(points: Array, at: int, gap: int) -> Array:
-    """Return the closed polyline cut open around vertex `at`, `gap` steps wide."""
+    """Cut a closed polyline open around vertex `at`, `gap` edges wide."""
     gap = max(1, min(gap, len(points) // 3))
     start = at + (gap + 1) // 2
     return np.roll(points, -start, axis=0)[: len(points) - gap + 1]
 
 
 def _bridge(one: Array, at: int, other: Array, to: int, gap: int, step: float) -> Array:
-    """Return both closed polylines joined by two parallel strands."""
+    """Join two closed polylines by two parallel strands."""
     a, b = _cut_open(one, at, gap), _cut_open(other, to, gap)
     straight = np.linalg.norm(a[-1] - b[0]) + np.linalg.norm(b[-1] - a[0])
     turned = np.linalg.norm(a[-1] - b[-1]) + np.linalg.norm(b[0] - a[0])
@@ -184,7 +185,7 @@ def _bridge(one: Array, at: int, other: Array, to: int, gap: int, step: float) -
 
 
 def simple_curves(curves: list[Array]) -> bool:
-    """Tell whether the closed curves are simple and disjoint."""
+    """Return whether closed curves are simple and disjoint."""
     rings = [LinearRing(c) for c in curves]
     if not all(ring.is_simple for ring in rings):
         return False
@@ -195,10 +196,9 @@ def simple_curves(curves: list[Array]) -> bool:
 def join_curves(
     curves: list[Array], radius: float, step: float, until: int = 1, keep: bool = False
 ) -> list[Array]:
-    """Return closed curves joined, smallest first and each to its nearest, until so many are left.
+    """Join closed curves, the smallest to its nearest, until `until` are left.
 
-    What is joined is simple, and clear of the others. A curve that no bridge reaches is left out, or with
-    `keep` stays as it is.
+    The results stay simple and disjoint. A curve that no bridge reaches is dropped, or kept with `keep`.
     """
     loops, kept = [_Loop(curve) for curve in curves], []
     sizes = np.array([len(loop.points) for loop in loops])
@@ -220,7 +220,7 @@ def join_curves(
             low = np.minimum(boxes[k, :2], one.box[:2])
             high = np.maximum(boxes[k, 2:], one.box[2:])
             within = ((boxes[:, :2] <= high) & (boxes[:, 2:] >= low)).all(axis=1)
-            within[k] = False  # no bridge between the two crosses a place outside the box of both
+            within[k] = False  # a bridge stays within the box of both, so others cannot cross it
             others = shapely.STRtree([loops[i].ring for i in np.flatnonzero(within)])
             for width in (2.0, 1.2, 0.6, 0.3):
                 gap = max(1, round(width * radius / step))
@@ -235,7 +235,6 @@ def join_curves(
             if keep:  # a piece of the picture stays a knot of its own
                 kept.append(one.points)
                 until -= 1
-            # an inner ring without a bridge is left out: its neighbours must cover for it
             continue
         loop, k = joined
         loops[k], sizes[k], boxes[k] = loop, len(loop.points), loop.box
@@ -243,7 +242,7 @@ def join_curves(
 
 
 def smooth_closed(curve: Array, sigma: float) -> Array:
-    """Return Gaussian smoothing along an evenly sampled closed curve, sigma in samples."""
+    """Smooth an evenly sampled closed curve by a Gaussian; sigma is in samples."""
     frequency = np.fft.rfftfreq(len(curve)) * 2 * np.pi
     damp = np.exp(-0.5 * (sigma * frequency) ** 2)[:, None]
     return np.asarray(np.fft.irfft(np.fft.rfft(curve, axis=0) * damp, len(curve), axis=0))
@@ -252,17 +251,16 @@ def smooth_closed(curve: Array, sigma: float) -> Array:
 def fill(
     polygon: MultiPolygon, radius: float, knots: int | None = None, spacing: float = 2.0
 ) -> Template:
-    """Return the filling template of a silhouette.
+    """Build the filling template of a silhouette.
 
-    A piece that no tube draws, as a thin frame, gets no curve: a loop in its middle would stand where the
-    picture has nothing. Where that is all of them each gets its loop, for whoever measures how little
-    that draws.
+    A piece that no tube draws, such as a thin frame, gets no curve, for a loop at its centroid would lie
+    outside it. If no piece gets one, each gets its loop, so that callers can measure how little that draws.
 
     Args:
         polygon: silhouette in the plane of the template, mm.
         radius: projected tube radius there, mm.
-        knots: None for one curve a piece; a number to bridge pieces until so many are left.
-        spacing: distance between neighbouring rings in tube radii.
+        knots: None for one curve a piece, or the number of curves to bridge the pieces to.
+        spacing: distance between neighbouring rings, in tube radii.
     """
     step = radius * 0.25
     curves: list[Array] = []
@@ -284,11 +282,11 @@ def fill(
     return Template(tuple(smoothed), polygon, radius)
 
 
-def as_bent(template: Template, bend: float, flat: bool = False) -> Template:
-    """Return the template with the least ring in place of each curve that is smaller than any closed tube.
+def enlarge_loops(template: Template, bend: float, flat: bool = False) -> Template:
+    """Replace each curve that is smaller than any closed tube by the smallest ring.
 
     Args:
-        bend: the tube's least bend radius, mm. flat: as for `least_ring`.
+        bend: least bend radius of the tube, mm. flat: as for `least_ring`.
     """
     smaller = [_is_smaller(curve, bend) for curve in template.curves]
     if not any(smaller):
@@ -301,7 +299,7 @@ def as_bent(template: Template, bend: float, flat: bool = False) -> Template:
 
 
 def _is_smaller(curve: Array, bend: float) -> bool:
-    """Tell whether a closed curve (n, 2) is smaller than any with this least bend radius, mm."""
+    """Return whether a closed curve (n, 2) is smaller than any with this least bend radius, mm."""
     low, high = curve.min(axis=0), curve.max(axis=0)
     if float((high - low).max()) >= 2.0 * bend:
         return False
@@ -309,15 +307,15 @@ def _is_smaller(curve: Array, bend: float) -> bool:
 
 
 def template_iou(template: Template, polygon: MultiPolygon) -> float:
-    """Return the IoU of the planar tube with the silhouette, exact on polygons."""
+    """Return the IoU of the planar tube with a silhouette, computed on polygons."""
     return polygon_iou(template.tube, polygon)
 
 
 def _band(curve: Array, radius: float) -> Polygon | MultiPolygon:
-    """Return the area that a closed planar curve covers, drawn with a pen of this radius.
+    """Return the area within `radius` of a closed planar curve.
 
-    Where strands of a picture with straight sides just touch, GEOS gives an invalid polygon of a wrong
-    area, which no union takes, on a grid or off it: a pen that is a hair slimmer leaves gaps instead.
+    Where straight strands just touch, GEOS returns an invalid polygon of a wrong area; a radius smaller by a
+    hair leaves gaps there and is valid.
     """
     line = LinearRing(curve)
     band = line.buffer(radius)

@@ -1,13 +1,12 @@
-"""Curves that grow on a lattice by moves over empty unit squares: each is an isotopy.
+"""Grow curves on a lattice by moves over empty unit squares, each of which is an isotopy.
 
-A closed lattice curve begins as a unit square. A move replaces a side of an empty unit square by the
-other three, two by the other two, or three by the one that is left (Berg and Foerster 1981; Aragao de
-Carvalho and Caracciolo 1983). No strand meets the inside of the square, for strands run along edges, and
-the nodes that are entered lie on no curve. So a curve stays an unknot, and curves that began as disjoint
-squares stay an unlink, whatever the hull's holes and branches are.
+A closed lattice curve begins as a unit square. A move replaces one side of an empty unit square by the other
+three, two by the other two, or three by the fourth (Berg and Foerster 1981; Aragao de Carvalho and Caracciolo
+1983). Strands run along edges, so none meets the square's interior, and the nodes entered lie on no curve. So
+a curve stays an unknot, and disjoint squares grow into an unlink, whatever the hull's topology.
 
-First the curves reach for open places, by the shortest ways; then they are annealed (Kirkpatrick, Gelatt
-and Vecchi 1983), which takes back whatever draws less than its length and its corners cost.
+First the curves reach for undrawn places by the shortest paths. Then they are annealed (Kirkpatrick, Gelatt
+and Vecchi 1983), which removes stretches that draw less than their length and corners cost.
 """
 
 from __future__ import annotations
@@ -25,10 +24,10 @@ from knotfab.start.lattice import Lattice
 
 @dataclass(frozen=True)
 class Growth:
-    """Settings of growing curves. The unit of prices and heat: an edge that draws its own length in one view.
+    """Settings of growth. Prices are in units of the worth of an edge that draws its length in one view.
 
-    `edge` and `corner` are the prices of one, `least` is the worth of an edge that is reached for, `heat`
-    that of the first moves. There are `rounds` of reaching, and after each so many `moves` a node are tried.
+    `edge` and `corner` are prices; `least` is the worth from which an edge is reached for; `heat` is the
+    initial temperature. Each of `rounds` reaches out and then tries `moves` moves per node.
     """
 
     edge: float = 0.05
@@ -43,14 +42,14 @@ class Growth:
 def grow_curves(
     lattice: Lattice, worth: Array, unit: float, seeds: Sequence[Indices], how: Growth
 ) -> list[Indices]:
-    """Give the nodes (n,) of closed lattice curves, one grown from each of the disjoint ones that are given.
+    """Grow a closed lattice curve from each seed, keeping its knot type; return their nodes, (n,) each.
 
     Args:
-        worth: worth of each cell that is drawn. unit: unit of an edge, as for `Growth`.
-        seeds: unit squares (4,), or knots (n,), whose types the curves keep.
+        worth: worth of drawing each cell. unit: the worth that is 1 for `Growth`.
+        seeds: disjoint unit squares (4,) or knots (n,), as nodes.
 
     Raises:
-        ValueError: two curves begin at one node.
+        ValueError: two seeds share a node.
     """
     if len(np.unique(np.concatenate(seeds))) < sum(map(len, seeds)):
         raise ValueError("two curves begin at one node")
@@ -78,7 +77,7 @@ def grow_curves(
 
 @compiled
 def _edge(a: int, b: int, strides: Indices) -> int:
-    """Return the edge between neighbouring nodes."""
+    """Return the number of the edge between neighbouring nodes."""
     apart = abs(b - a)
     axis = 0 if apart == strides[0] else 1 if apart == strides[1] else 2
     return 3 * min(a, b) + axis
@@ -86,7 +85,7 @@ def _edge(a: int, b: int, strides: Indices) -> int:
 
 @compiled
 def _count(edge: Any, sign: int, drawing: Any, drawn: Indices) -> float:
-    """Draw an edge, or with sign -1 take it back, or with 0 only look: what that is worth."""
+    """Draw an edge (sign 1), erase it (-1) or only look (0); return the gain in worth."""
     _, _, starts, cells, worth = drawing
     gain = 0.0
     for k in range(starts[edge], starts[edge + 1]):
@@ -104,10 +103,10 @@ def _count(edge: Any, sign: int, drawing: Any, drawn: Indices) -> float:
 def _plan(
     a: int, u: int, loops: Any, drawing: Any, old: Indices, new: Indices, path: Indices
 ) -> int:
-    """Find the move over the square by the edge after node a, towards u: edges `old`, `new`, nodes `path`.
+    """Plan the move over the square on the `u` side of the edge after node a; fill `old`, `new` and `path`.
 
-    Returns:
-        How many nodes the path has, along which the curve is to run; 0: the square is not empty.
+    `old` and `new` are edges, `path` the nodes that the curve would run through. Returned is the number of
+    these nodes; 0 if the square is not empty.
     """
     strides, opened, _, _, _ = drawing
     _, _, after, before, _, _ = loops
@@ -141,7 +140,7 @@ def _plan(
 
 @compiled
 def _corners(path: Indices, n: int, loops: Any) -> int:
-    """Count the corners that the curves have more along the path than as they run now."""
+    """Count the corners that a curve gains by running along the path."""
     _, _, after, before, _, _ = loops
     first, last = path[0], path[n - 1]
     come, count = first - before[first], 0
@@ -159,7 +158,7 @@ def _corners(path: Indices, n: int, loops: Any) -> int:
 
 @compiled
 def _run(path: Indices, n: int, a: int, loops: Any, size: int) -> int:
-    """Let the curve run along the path in place of the edge after a; the number of nodes on curves then."""
+    """Reroute the curve along the path, in place of the edge after a; return the new size."""
     curve, place, after, before, _, owner = loops
     for node in (a, after[a]):
         if path[0] != node and path[n - 1] != node:
@@ -182,7 +181,7 @@ def _run(path: Indices, n: int, a: int, loops: Any, size: int) -> int:
 
 @compiled
 def _extrude(f: int, came: Indices, way: Indices, loops: Any, size: int, drawing: Any) -> int:
-    """Grow a finger to edge f, as `came` and `way` say, as far as nothing is in its way; the size then."""
+    """Grow a finger towards edge f along `came` and `way` until it is blocked; return the new size."""
     strides, after, drawn = drawing[0], loops[2], loops[4]
     old, new, path = np.empty(3, np.int64), np.empty(3, np.int64), np.empty(4, np.int64)
     trail = [f]
@@ -207,10 +206,10 @@ def _extrude(f: int, came: Indices, way: Indices, loops: Any, size: int, drawing
 
 @compiled
 def _reach(least: float, loops: Any, size: int, drawing: Any) -> int:
-    """Grow fingers, the nearest first, to edges that are worth at least so much; the size then."""
+    """Grow fingers to all edges worth at least `least`, nearest first; return the new size."""
     strides, opened, _, _, _ = drawing
     curve, _, after, _, drawn, _ = loops
-    # the edge from which each is reached, -1: it lies on a curve, -2: not yet; and towards where
+    # the edge from which each edge is reached (-1: it is on a curve, -2: not reached yet), and the direction
     came, way = np.full(len(opened), -2), np.zeros(len(opened), np.int64)
     queue = np.empty(2 * len(opened), np.int64)
     head, tail = 0, 0
@@ -257,7 +256,7 @@ def _reach(least: float, loops: Any, size: int, drawing: Any) -> int:
 
 @compiled
 def _random(state: Any) -> Any:
-    """Return the next state of a linear congruential generator (Knuth 1997)."""
+    """Advance a linear congruential generator (Knuth 1997) to its next state."""
     return state * np.uint64(6364136223846793005) + np.uint64(1442695040888963407)
 
 
@@ -265,13 +264,13 @@ def _random(state: Any) -> Any:
 def _grow(
     loops: Any, size: int, drawing: Any, prices: Array, rounds: int, moves: int, seed: int
 ) -> int:
-    """Grow and anneal curves in place; the number of nodes on them then.
+    """Grow and anneal curves in place; return the number of nodes on them.
 
     Args:
-        loops: nodes on curves, `size` of them; the place of each node among them; the node after and before
-            each, -1: free; how often each cell is drawn, 0 as yet; which curve each was entered by last.
-        drawing: strides, open edges, what they draw from where on, and the worth of each cell.
-        prices: (4,) of an edge and a corner, worth of an edge that is reached for, heat of the first moves.
+        loops: the nodes on curves, `size` of them; each node's index among them; the nodes after and before
+            each (-1 if free); the count of draws of each cell, 0 at first; the curve that each node is on.
+        drawing: strides, open edges, starts and cells of what edges draw, and the worth of each cell.
+        prices: (4,) prices of an edge and a corner, worth from which an edge is reached for, temperature.
     """
     price, bend, least, heat = prices
     strides = drawing[0]

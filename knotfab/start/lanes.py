@@ -1,13 +1,13 @@
-"""Lanes: strands that hide each other, seen from the light, are kept apart along its rays.
+"""Keep strands that hide each other from the light apart along its rays, by lanes or by their order.
 
-A curve that runs along strokes there and back lies behind itself. Each of its passes is given a lane, a
-whole number of half separations, so that passes in one place have lanes that differ by two or more: a
-stretch at a time, each the best (Viterbi 1967) for what all others leave. Then the depths themselves are
-moved until the strands are as far apart as they must be, slopes and all.
+A curve that runs along strokes there and back hides itself. Each pass gets a lane, an integer number of half
+separations, so that passes in one place differ by two or more. Lanes are assigned stretch by stretch, each
+optimal (Viterbi 1967) given the others. Then depths are moved until the strands are far enough apart,
+slopes included.
 
-Where the two sides of a filled stroke hide each other, their depths have an order already. Were it to
-change on the way, the one would have to step aside past the other, a bump on the outline: the order that
-is the larger along the stretch holds for all of it.
+Where the two sides of a filled stroke hide each other, their depths are ordered already. If the order changed
+along the stretch, one side would have to step aside past the other and bump the outline. So the order that
+prevails along the stretch is made to hold on all of it.
 """
 
 from __future__ import annotations
@@ -29,23 +29,20 @@ from knotfab.geometry.polylines import (
 )
 
 _LANES = 8  # lanes on either side of the middle
-_STEP = 0.5  # separations between samples that have a lane each
-# a straight way less than this share of the way along it is a turn, at a stroke's end
-_TURNED = 0.5
-_HIDDEN = (1.5, 1.0)  # price of a sample in the lane of another that it hides, or half in it
-# A change by one lane costs this; so does a sample one lane off the middle.
-_CHANGE, _ASIDE = 0.15, 0.02
-# samples whose lanes are changed together, pass by pass
-_STRETCHES = (4, 8, 16, 6, 12, 5, 10, 4, 3)
-_ROOM = 1.03  # separations that strands are given
+_STEP = 0.5  # distance between samples, each with a lane, in separations
+_TURNED = 0.5  # straight distance over that along the curve, below which it turns at a stroke's end
+_HIDDEN = (1.5, 1.0)  # price of a hidden sample in the same lane, and in the next one
+_CHANGE, _ASIDE = 0.15, 0.02  # price of a change by one lane, and of each lane off the middle
+_STRETCHES = (4, 8, 16, 6, 12, 5, 10, 4, 3)  # samples that are reassigned together, in each round
+_ROOM = 1.03  # distance that strands are moved to, in separations
 _ROUNDS = 60  # rounds of moving them apart
-# separations along which a strand is moved with the place that has to: passes lie close all along, sides
-# cross now and then and keep their slopes
+# width over which a move is spread along the strand, in separations: passes stay close all along, while
+# sides meet now and then and keep their slopes
 _PASSES, _SIDES = 0.3, 1.0
 
 
 def assign_lanes(curves: tuple[Array, ...], separation: float) -> tuple[Array, ...]:
-    """Return a lane for each vertex of closed planar curves [(n, 2) mm]: (n,) in half separations, smooth."""
+    """Return a smooth lane for each vertex of closed planar curves [(n, 2) mm], (n,) in half separations."""
     samples = [sample_evenly(curve, _STEP * separation) for curve in curves]
     near = _Neighbours(samples, separation)
     lanes: Array = np.full(near.count, np.nan)
@@ -68,7 +65,7 @@ def assign_lanes(curves: tuple[Array, ...], separation: float) -> tuple[Array, .
 
 
 class _Neighbours:
-    """Samples of all curves in a row, and which of them hide each other."""
+    """The samples of all curves, concatenated, and which of them hide each other."""
 
     def __init__(self, samples: list[Array], separation: float) -> None:
         self.sizes = [len(s) for s in samples]
@@ -81,14 +78,14 @@ class _Neighbours:
         self.others = both[:, 1]
 
     def curves(self) -> Iterator[tuple[int, int]]:
-        """Yield the first sample of each curve and how many it has."""
+        """Yield the index of each curve's first sample, and its number of samples."""
         first = 0
         for size in self.sizes:
             yield first, size
             first += size
 
     def prices(self, block: Indices, lanes: Array) -> Array:
-        """Give (k, lanes) what each sample of a stretch costs in each lane, for the others as they stand."""
+        """Return the price of each sample of a stretch in each lane, given the other lanes, (k, lanes)."""
         levels = np.arange(-_LANES, _LANES + 1)
         prices = np.tile(_ASIDE * np.abs(levels), (len(block), 1))
         inside = set(block.tolist())
@@ -102,9 +99,9 @@ class _Neighbours:
 
 
 def _best_lanes(prices: Array, before: float, after: float) -> Array:
-    """Return the cheapest lanes of a stretch, each at most one from the last.
+    """Return the cheapest lanes of a stretch, in steps of at most one.
 
-    `before`, `after`: the lanes beside it; nan where they are free.
+    `before` and `after` are the lanes next to it, nan if they are open.
     """
     levels = np.arange(prices.shape[1]) - _LANES
     score = np.zeros(len(levels))
@@ -130,15 +127,15 @@ def _best_lanes(prices: Array, before: float, after: float) -> Array:
 
 
 def _hiding(samples: list[Array], separation: float) -> tuple[Indices, Array]:
-    """Find (k, 2) pairs of samples nearer than the separation in the plane, and how far along their curve.
+    """Find pairs of samples closer than the separation, (k, 2), and their distances along the curve, (k,).
 
-    Neighbours along a curve are left out, but where it turns on the spot. Infinite: of different curves.
+    Neighbours along a curve are left out unless it turns back there. Between curves the distance is infinite.
     """
     points = np.concatenate(samples)
     pairs, along = pair_nearby(samples, separation)
     i, j = pairs[:, 0], pairs[:, 1]
     turned = np.hypot(*(points[i] - points[j]).T) < _TURNED * along
-    # separations along the curve within which a strand is its own neighbour
+    # within 2.5 separations along the curve a strand is its own neighbour
     found = (along > 2.5 * separation) | turned
     return np.asarray(pairs[found]), along[found]
 
@@ -150,15 +147,15 @@ def part_passes(
     separation: float,
     light_distance: float,
 ) -> tuple[Array, ...]:
-    """Return the depths moved until strands that hide each other are a separation apart, as their lanes lie.
+    """Move depths, in the order of the lanes, until strands that hide each other are a separation apart.
 
     Args:
         curves: closed planar polylines [(n, 2) mm], evenly sampled. depths: [(n,) mm] towards the light.
-        lanes: lanes of `assign_lanes`.
+        lanes: from `assign_lanes`.
     """
     plane, lane, depth = (np.concatenate(each) for each in (curves, lanes, depths))
     pairs, along = _hiding(list(curves), separation)
-    # a turn on the spot is half a circle, as wide as the separation, along the light's rays
+    # a strand that turns back does so in a half circle, as wide as the separation, along the rays
     turn = np.minimum(along / separation, 1.0)
     apart = _ROOM * separation * np.sqrt(turn * (2.0 - turn))
     one, other = pairs[:, 0], pairs[:, 1]
@@ -177,16 +174,16 @@ def part_sides(
     separation: float,
     light_distance: float,
 ) -> Array:
-    """Measure (N,) how far samples move along their rays until those that hide each other are apart.
+    """Return the moves (N,), mm along the rays, that part strands that hide each other.
 
     Args:
         samples: closed planar polylines [(n, 2) mm], evenly sampled, N points in all.
-        depths: (N,) mm towards the light. pairs: samples of two strands that hide each other.
+        depths: (N,) mm towards the light. pairs: indices of samples that hide each other.
     """
     one, other = pairs
     if not len(one):
         return np.zeros_like(depths)
-    # each pair both ways about: which of two samples comes first changes where a curve begins
+    # take each pair in both orders, for the order of indices changes where a curve begins
     a, b = np.concatenate([one, other]), np.concatenate([other, one])
     stretch = _number_stretches(a, b, [len(s) for s in samples])
     swap = np.bincount(stretch, depths[a] - depths[b])[stretch[: len(one)]] < 0
@@ -206,7 +203,7 @@ def part_sides(
 
 
 def _number_stretches(one: Indices, other: Indices, sizes: list[int]) -> Indices:
-    """Return (m,) For each ordered pair of samples, the stretch along which two strands hide each other."""
+    """Number the stretches along which two strands hide each other, for each ordered pair of samples, (m,)."""
     count = sum(sizes)
     ends = np.cumsum(sizes)
     after = np.arange(1, count + 1)
@@ -243,11 +240,11 @@ def _move_apart(
     light_distance: float,
     along_mm: float,
 ) -> Array:
-    """Move depths (N,) until each point of `above` is `apart` over that of `below`, as far as it goes.
+    """Move depths (N,) until each point of `above` is `apart` from that of `below`, or rounds run out.
 
     Args:
-        plane: (N, 2) the curves' points in a row, of which `depth` (N,) are the depths.
-        along_mm: the length of curve that moves with a point, as a normal distribution's deviation.
+        plane: (N, 2) points of all curves, in the order of `depth`.
+        along_mm: standard deviation of the Gaussian that spreads a move along the curve.
     """
     depth = depth.copy()
     bounds = polylines_of(curves).bounds

@@ -1,4 +1,4 @@
-"""The lattice in the visual hull on which curves for several views grow, and what each of its edges draws."""
+"""Build the lattice in the visual hull on which curves for several views grow, with what its edges draw."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ from knotfab.render.image import grid_at
 Cells = NDArray[np.int32]
 Flags = NDArray[np.bool_]
 
-
-_CELL = 0.35  # tube radii of a cell of the grids on which views are drawn
-_MARGIN = 0.25  # a share of the frame, on each side
-NUDGED = 0.25  # a share of the pitch by which a node may be moved: strands stay half a pitch apart
-_SHORTEST = 0.8  # a share of the pitch: the shortest edge between moved nodes
-_FAR = 10.0  # tube radii outside, of what stands out of the region
+_CELL = 0.35  # side of the cells on which views are drawn, in tube radii
+_MARGIN = 0.25  # margin around the frame on each side, as a share of it
+NUDGED = 0.25  # longest move of a node, over the pitch: strands stay half a pitch apart
+_SHORTEST = 0.8  # shortest edge between moved nodes, over the pitch
+_FAR = 10.0  # distance outside the silhouettes, in tube radii, that stands for outside the region
 
 
 @dataclass(frozen=True)
 class Sight:
-    """One view as the lattice is drawn in it: cells from `first` on, `depth` (H, W) mm inside the silhouette.
+    """One view as a grid of cells on which the lattice is drawn.
 
-    `projection` (3, 4) leads to cells, `near` is how many cells a mm is where w = 1. Of a screen that ends at
-    the frame all that is seen beside it counts as inside, and `drawn` (H, W) are the cells of the picture.
+    `depth` (H, W) is the distance inside the silhouette, in cells, negative outside. `projection` (3, 4) maps
+    to cells, and `near` is the number of cells per mm where w = 1. The view's cells are numbered from `first`.
+    If the screen ends at the frame, all beside it counts as inside, and `drawn` (H, W) is the picture.
     """
 
     depth: Array
@@ -42,24 +42,24 @@ class Sight:
     drawn: Flags | None = None
 
     def draws(self, points: Array) -> Flags:
-        """Tell whether each of points (n, 3) is seen on the picture; all are where no screen ends."""
+        """Return whether each point (n, 3) is seen on the picture; always true if the screen does not end."""
         if self.drawn is None:
             return np.ones(len(points), dtype=bool)
         seen, _ = self.look(points)
         return np.asarray(self._at(self.drawn.astype(float), seen) > 0.5)
 
     def look(self, points: Array) -> tuple[Array, Array]:
-        """Find where points (n, 3) are seen, in cells (n, 2), and the cells that a mm is there (n,)."""
+        """Project points (n, 3) to cells, (n, 2), and return the number of cells per mm there, (n,)."""
         h = points @ self.projection[:, :3].T + self.projection[:, 3]
         return h[:, :2] / h[:, 2:], self.near / h[:, 2]
 
     def room(self, points: Array) -> Array:
-        """Measure how far inside the silhouette points are seen, mm where they stand (n,)."""
+        """Return how far inside the silhouette points (n, 3) are seen, mm at their distance, (n,)."""
         seen, scale = self.look(points)
         return self._at(self.depth, seen) / scale
 
     def inwards(self, points: Array) -> Array:
-        """Give (n, 3) unit steps from points to where they are seen further inside; 0 without a slope."""
+        """Return unit steps that lead points further inside the silhouette, (n, 3); 0 on a plateau."""
         seen, _ = self.look(points)
         down, right = (self._at(np.asarray(g), seen) for g in np.gradient(self.depth))
         away = seen[:, :, None] * self.projection[2, :3]
@@ -74,12 +74,12 @@ class Sight:
 
 @dataclass(frozen=True)
 class Lattice:
-    """A padded box of nodes, and the edges that a curve may take there with what each draws.
+    """A padded box of nodes, the edges that curves may take, and the cells that each edge draws.
 
-    `nodes` (n, 3) mm stand in an array of `shape`, whose `strides` lead along the `axes` (3, 3 rows), `pitch`
-    mm apart. `spill` (n,) is the share of the tube there that is seen outside, summed over the views, and
-    `inner` says which nodes are no padding. Edge 3 * node + axis leads from its node along an axis: `open`
-    (3 n,) says whether it may be taken, and `cells[starts[e] : starts[e + 1]]` are what it draws everywhere.
+    `nodes` (n, 3), mm, form an array of `shape` along the `axes` (rows of 3 x 3), `pitch` mm apart. `spill`
+    (n,) is the share of the tube that is seen outside there, summed over the views. `inner` marks the nodes
+    that are not padding. Edge 3 * node + axis leads from a node along an axis; `open` (3 n,) marks the edges
+    that may be taken, and `cells[starts[e] : starts[e + 1]]` are what edge e draws in all views.
     """
 
     nodes: Array
@@ -94,15 +94,15 @@ class Lattice:
 
     @property
     def strides(self) -> Indices:
-        """The steps from a node to the next along each axis."""
+        """The difference of node numbers along each axis, (3,)."""
         return np.array([self.shape[1] * self.shape[2], self.shape[2], 1], dtype=np.int64)
 
     def ends(self, edges: Indices) -> tuple[Indices, Indices]:
-        """Return the nodes of edges (k,)."""
+        """Return the nodes at both ends of edges (k,)."""
         return edges // 3, edges // 3 + self.strides[edges % 3]
 
     def squares(self, opened: Flags) -> Indices:
-        """Return (k, 4) the edges of the unit squares whose edges are all `opened` (3 n,)."""
+        """Return the unit squares whose edges are all in `opened` (3 n,), by their edges, (k, 4)."""
         found = []
         per_node = opened.reshape(-1, 3)
         for i, j in ((0, 1), (0, 2), (1, 2)):
@@ -124,9 +124,9 @@ class Lattice:
 
 
 def sights_of(views: Sequence[TargetView], radius: float) -> tuple[list[Sight], Array]:
-    """Return the views as grids for a tube of this radius, mm; and the worth of each cell that is drawn.
+    """Return the views as grids for a tube of this radius, mm, and the worth of drawing each cell.
 
-    A view's wanted cells are worth one together, and what it does not want as much less.
+    The cells of a view's silhouette are worth 1 together; each cell outside costs as much as one inside.
     """
     found, worth, first = [], [], 0
     for target in views:
@@ -148,7 +148,7 @@ def sights_of(views: Sequence[TargetView], radius: float) -> tuple[list[Sight], 
 def _draw(
     one: Array, two: Array, wide: Array, shape: Indices, first: int, at: Indices, cells: Cells
 ) -> None:
-    """Count on `at` (k,) over the cells of each edge's capsule, and enter them into `cells` there, if any."""
+    """Advance `at` (k,) by the number of cells in each edge's capsule, and write these into `cells`, if any."""
     for e in range(len(one)):
         ax, ay, r = one[e, 0], one[e, 1], wide[e]
         ex, ey = two[e, 0] - ax, two[e, 1] - ay
@@ -174,18 +174,18 @@ def lattice_in(
     limits: Limits,
     spill: float,
 ) -> Lattice:
-    """Give the lattice if a tube fits all silhouettes, along `axes` (3, 3 rows); empty where it fits nowhere.
+    """Build the lattice along `axes` (rows of 3 x 3) whose edges are open where a tube fits all silhouettes.
 
     Args:
-        shift: shift of a node from the origin, in pitches (3,). reach: reach of the box about the origin, mm.
-        spill: how far a ball of the tube about a node or the middle of an edge may stand out of a
-            silhouette, in tube radii.
+        shift: offset of the nodes from the origin, in pitches (3,). reach: half the side of the box, mm.
+        spill: how far a ball of the tube, about a node or an edge's midpoint, may stand out of a silhouette,
+            in tube radii.
     """
 
     def measure(points: Array) -> Array:
-        """Measure how far inside each silhouette points are seen, in tube radii (views, n).
+        """Return how far inside each silhouette points are seen, in tube radii (views, n).
 
-        It is far outside of what leaves the region, and of what draws nothing before screens that end.
+        It is `-_FAR` outside the region, and where a point draws on no screen.
         """
         room = np.stack([s.room(points) for s in sights]) / limits.radius
         outside = tube_outside(points, points, limits)[1][: len(points)]
@@ -203,8 +203,7 @@ def lattice_in(
     inner = np.asarray(((at >= low) & (at <= high)).all(1))
     nodes = pitch * (at + shift) @ axes
     room = measure(nodes)
-    for _ in range(3):  # tries to move a node to where the tube fits better
-        # nodes are moved to where the tube fits better
+    for _ in range(3):  # move nodes to where the tube fits better
         near = np.flatnonzero(inner & (room.min(0) < 1.0) & (room.min(0) > -1.0))
         short = np.clip(1.0 - room[:, near], 0.0, None) * (0.5 * limits.radius)
         steps = (s.inwards(nodes[near]) * by[:, None] for s, by in zip(sights, short, strict=True))
@@ -236,7 +235,7 @@ def lattice_in(
 
 
 def draw_edges(lattice: Lattice, opened: Flags, sights: Sequence[Sight], radius: float) -> Lattice:
-    """Draw the lattice with these edges (3 n,) open, and what a tube of this radius, mm, draws along each."""
+    """Return the lattice with these edges (3 n,) open and the cells that a tube of this radius (mm) draws."""
     edges = np.flatnonzero(opened)
     one, two = (lattice.nodes[end] for end in lattice.ends(edges))
     counts = np.zeros(len(edges), dtype=np.int64)

@@ -1,4 +1,4 @@
-"""The start of one view: the template's curves moved along the light's rays to their depths."""
+"""Make the start of one view, or of one view per lamp: move the template along the light's rays."""
 
 from __future__ import annotations
 
@@ -23,7 +23,9 @@ from knotfab.start.lanes import assign_lanes, part_passes
 from knotfab.start.profiles import stretch_mask
 from knotfab_formats.search import SearchSettings
 
-_FLAT_RADII = 3.0  # depth of a flat piece: strands pass over each other, no more
+_FLAT_RADII = (
+    3.0  # depth of a flat piece, in radii: just enough for strands to pass over each other
+)
 
 
 def lift_template(
@@ -33,9 +35,9 @@ def lift_template(
     settings: SearchSettings,
     parted: bool = False,
 ) -> Start:
-    """Return the template's curves at their depths, evenly sampled, in the scene: unknots by inspection.
+    """Move the template's curves to their depths and sample them evenly; they are unknots by inspection.
 
-    With `parted` the sides of a stroke that hide each other keep their order in depth all along.
+    With `parted`, sides of a stroke that hide each other keep their order in depth all along.
     """
     problem = replace(problem, world=problem.world.holding(len(template.curves)))
     target = problem.views[0]
@@ -76,7 +78,7 @@ def lift_template(
     if flat:
         depth = replace(depth, extent_mm=None)
     elif depth.extent_mm is not None and depth.extent_mm < extent:
-        # all that is judged by the extent is judged anew
+        # start again with the smaller depth, on which all costs depend
         less = replace(problem, depth_mm=depth.extent_mm, depth_open=False)
         start = lift_template(less, template, radius, settings, parted)
         for decision in (wide, moved):
@@ -93,7 +95,7 @@ def lift_template(
     ]
     shadows = [lower(p, light) for p in parts]
     if not simple_curves(shadows):
-        # even samples cut corners; the template's own vertices are simple as they stand
+        # even samples cut corners, while the template's own vertices are simple
         parts = [lift(c, d, light) for c, d in zip(template.curves, depth.depths, strict=True)]
         shadows = list(template.curves)
     if not simple_curves(shadows):
@@ -110,9 +112,10 @@ def lift_template(
 def _judge_effects(
     problem: Problem, template: Template, extent: float, radius: float, settings: SearchSettings
 ) -> tuple[Decision, Decision]:
-    """Tell whether the lamp is wide, and whether placing counts, before depths are known.
+    """Judge penumbra and misplacement before the depths are known.
 
-    The one by strands as near to the lamp as any may come; the other by these and some as far from it.
+    The penumbra is judged with all strands as near to the lamp as allowed, misplacement with strands at both
+    ends of the depth.
     """
     target = problem.views[0]
     view, light = target.view, target.view.light_distance_mm
@@ -128,9 +131,7 @@ def _judge_effects(
     )
 
 
-# The start before several lamps whose pieces stand apart: each mask filled as the one picture of
-# its lamp.
-
+# The start before several lamps, whose pieces stand apart.
 
 _WHY = "; each lamp's pieces stand in its own light, where no others are"
 
@@ -143,13 +144,13 @@ def start_by_lamp(
     spacing: float = 1.0,
     tie: Callable[[Problem, Start, float], Start] | None = None,
 ) -> Start:
-    """Return each lamp's own filling at its depths, sheared to where that lamp sees it as its mask.
+    """Fill each lamp's mask as a single picture, and shear the curves to where that lamp sees them as its mask.
 
     Args:
-        radius: radius of the tube, mm.
-        knots: None for one curve a piece of each mask; a number to bridge pieces until so many are left.
+        radius: of the tube, mm.
+        knots: None for one curve a piece of each mask, or the number of curves to bridge the pieces to.
         spacing: as for `make_start`.
-        tie: ties the problem's knot into the longest curve of a start of one view.
+        tie: ties the problem's knot into the longest curve of a start.
 
     Raises:
         SceneError: a filling's curves cross each other.
@@ -199,7 +200,7 @@ def on_axis(target: TargetView) -> TargetView:
 
 
 def _bridged(templates: list[Template], knots: int | None) -> dict[int, int]:
-    """Count how many curves the masks are to become that are bridged, the one with the most first."""
+    """Return the number of curves for each mask whose pieces must be bridged to have `knots` in all."""
     counts = [len(template.curves) for template in templates]
     asked = dict[int, int]()
     while knots is not None and sum(counts) > knots and max(counts) > 1:

@@ -13,9 +13,8 @@ from knotfab.base.arrays import Array, Mask
 from knotfab.base.compiled import compiled
 from knotfab_formats.upright import LEAST_TIP_DEG
 
-_WAVELENGTHS = (0.65, 0.85, 1.1)  # shortest wave of a profile, in extents across the piece
-# the waves of a relief, likewise: both passes of a stroke rise and fall with it
-_RELIEF = 1.0, 1.4, 2.0
+_WAVELENGTHS = (0.65, 0.85, 1.1)  # shortest wave of a profile, over the width of the piece
+_RELIEF = 1.0, 1.4, 2.0  # shortest wave of a relief, likewise
 _RELIEF_WAVES = 4
 _CHANGED = 0.5  # share of its waves that a variation changes
 # arches: least and most angle of a flank from the bed, and the lowest peak over the highest
@@ -26,14 +25,15 @@ _ROUNDED_RADII = 2.1  # width of what rounds a peak and a valley, in tube radii
 _LYING_RADII = 2.5  # what has no room for arches as high lies on the floor instead
 # of the distance from a curve's middle to a side of its hull: so near is a side of its feet's hull
 _FEET_SHARE = 0.6
+_GRID = 128  # side of the grid on which legibility is estimated, to 0.02
 _BLOCK = 256  # points whose waves are summed at once: they stay in the processor's nearest cache
 
 
 @compiled
 def sum_waves(angles: Array, cosines: Array, sines: Array) -> Array:
-    """Give (n,) the sum over k of cosines[k - 1] cos(k angle) - sines[k - 1] sin(k angle), by Horner's rule.
+    """Sum cosines[k - 1] cos(k angle) - sines[k - 1] sin(k angle) over k, by Horner's rule; (n,).
 
-    It is the real part of a polynomial in exp(i angle), whose coefficients are cosines + i sines.
+    That is the real part of a polynomial in exp(i angle) with coefficients cosines + i sines.
     """
     total = np.empty(len(angles))
     real, imaginary = np.empty(_BLOCK), np.empty(_BLOCK)
@@ -53,28 +53,30 @@ def sum_waves(angles: Array, cosines: Array, sines: Array) -> Array:
 
 @dataclass(frozen=True)
 class Profile:
-    """Per curve the cosines and sines (2, k) of its first k waves and an offset; the shortest wave, mm."""
+    """A smooth depth profile: for each curve the cosines and sines (2, k) of k waves, and an offset.
+
+    `shortest` is the shortest wavelength, mm.
+    """
 
     waves: tuple[Array, ...]
     offsets: Array
     shortest: float
 
     def heights(self, arcs: list[Array]) -> list[Array]:
-        """Give heights between about -2 and 2 at arc lengths (n + 1,) of each curve, its length last."""
+        """Return heights from about -2 to 2 at each curve's arc lengths (n + 1,), the last its length."""
         out = []
         for (cosines, sines), offset, arc in zip(self.waves, self.offsets, arcs, strict=True):
             length = float(arc[-1])
             wave = sum_waves(2 * np.pi / length * arc[:-1], cosines, sines)
-            # a normal variable made uniform: the curve spends as much length in front as in the middle, so
-            # that neighbouring parts of the outline are far apart in depth; a curve shorter than a wave
-            # keeps its slope small and goes to a depth of its own instead
+            # the error function makes a normal variable uniform, so the curve spreads evenly over the depth;
+            # a curve shorter than a wave stays nearly level, at a depth of its own
             own = offset if length < 3 * self.shortest else 0.0
             spread = erf(wave / np.sqrt(2 * len(cosines)))
             out.append(2.0 * spread * min(1.0, length / self.shortest) + own)
         return out
 
     def varied(self, rng: np.random.Generator, change: float) -> Profile:
-        """Return another of the same spread, in which about half of the waves are changed by this share."""
+        """Return a variation of equal variance: about half the waves get a share `change` of new noise."""
 
         def mix(wave: Array) -> Array:
             step = rng.normal(size=wave.shape) * (rng.random(wave.shape[-1]) < _CHANGED)
@@ -86,13 +88,16 @@ class Profile:
 
 @dataclass(frozen=True)
 class Relief:
-    """Plane waves over the picture: (k, 2) wave vectors, 1/mm, and the cosines and sines (2, k) of each."""
+    """A depth profile of plane waves over the picture, for passes of a stroke that rise and fall together.
+
+    `vectors` (k, 2) are wave vectors in rad/mm, `waves` (2, k) the cosines and sines.
+    """
 
     vectors: Array
     waves: Array
 
     def heights(self, places: list[Array]) -> list[Array]:
-        """Return between about -2 and 2 at points (n, 2) of each curve: of a place, whichever strand."""
+        """Return heights from about -2 to 2 at points (n, 2) of each curve, equal for all strands there."""
         out = []
         for points in places:
             angle = points @ self.vectors.T
@@ -101,17 +106,17 @@ class Relief:
         return out
 
     def varied(self, rng: np.random.Generator, change: float) -> Relief:
-        """Return another of the same wave vectors, in which each wave is changed by this share."""
+        """Return a variation with the same wave vectors, each wave with a share `change` of new noise."""
         step = rng.normal(size=self.waves.shape)
         return Relief(self.vectors, np.sqrt(1.0 - change**2) * self.waves + change * step)
 
 
 @dataclass(frozen=True)
 class Arches:
-    """Per curve a chain of arches: each has a peak, mm, and the slopes of its two flanks.
+    """A depth profile of arches: for each curve a chain (k, 3) of peaks, mm, and slopes of both flanks.
 
-    `chains` are (k, 3), of no arch where a curve lies on the floor; they begin at the shares `begins` of
-    their curves. No peak of a curve is higher than its `tops`, mm.
+    A curve that lies on the floor has an empty chain. Each chain begins at the share `begins` of its curve's
+    length; `tops` bounds its peaks, mm. `lengths` are the curves', mm.
     """
 
     chains: tuple[Array, ...]
@@ -121,7 +126,7 @@ class Arches:
     lengths: tuple[float, ...]
 
     def heights(self, arcs: list[Array]) -> list[Array]:
-        """Return heights above the floor, mm, at arc lengths (n + 1,) of each curve, its length last."""
+        """Return heights above the floor, mm, at each curve's arc lengths (n + 1,), the last its length."""
         given = zip(self.chains, self.begins.tolist(), arcs, strict=True)
         return [self._heights_of(*one) for one in given]
 
@@ -131,7 +136,7 @@ class Arches:
         length = float(arc[-1])
         flanks = chain[:, :1] / chain[:, 1:]
         ends = np.cumsum(flanks.sum(1))
-        # as many whole arches as the length takes, and a little lower, so that they are as steep
+        # round the number of arches up and scale them down, which keeps their slopes
         count = min(int(np.searchsorted(ends, length)) + 1, len(chain))
         share = length / ends[count - 1]
         corners = share * np.concatenate([[0.0], np.cumsum(flanks[:count].ravel())])
@@ -146,7 +151,7 @@ class Arches:
         beyond = len(window) // 2
         wrapped = np.take(rough, np.arange(-beyond, points + beyond), mode="wrap")
         smooth = np.convolve(wrapped, window / window.sum(), "valid")
-        # rounded valleys come down to the floor again
+        # lower the rounded valleys to the floor again
         valleys = np.round(corners[::2] / step).astype(int) % points
         raised = np.interp(step * np.arange(points), corners[::2], smooth[valleys])
         smooth = np.maximum(smooth - raised, 0.0)
@@ -172,7 +177,7 @@ class Arches:
         return replace(self, chains=(*self.chains[:curve], other, *self.chains[curve + 1 :]))
 
     def varied(self, rng: np.random.Generator, change: float) -> Arches:
-        """Return another, in which about half of the arches are changed by this share of their spread."""
+        """Return a variation in which about half the arches change, by `change` times their spread."""
         low, high = _slopes()
         chains = []
         for chain, top in zip(self.chains, self.tops.tolist(), strict=True):
@@ -192,13 +197,12 @@ def _slopes() -> tuple[float, float]:
 def draw_arches(
     rng: np.random.Generator, arcs: list[Array], tops: Array, radius_mm: float
 ) -> Arches:
-    """Draw arches by chance, of curves of these arc lengths (n + 1,), with peaks up to `tops`, mm.
+    """Draw random arches for curves of these arc lengths (n + 1,), with peaks up to `tops`, mm.
 
-    A curve with too little length for three feet gets lower ones; with hardly any, it lies on the floor.
+    A curve too short for three feet gets lower arches, and a very short one lies on the floor.
     """
     low, high = _slopes()
-    # the length of an arch over its height
-    wide = 2.0 / (0.5 * (low + high))
+    wide = 2.0 / (0.5 * (low + high))  # length of an arch over its height
     tops = np.minimum(tops, [float(arc[-1]) / (_FEET * wide) for arc in arcs])
     chains = []
     for arc, top in zip(arcs, tops.tolist(), strict=True):
@@ -229,7 +233,7 @@ def highest_mm(curve: Array) -> float:
 
 
 def draw_relief(rng: np.random.Generator, number: int, across_mm: float) -> Relief:
-    """Draw the relief of this number, by chance, of a piece so wide."""
+    """Draw a random relief for a piece `across_mm` wide; `number` picks its wavelengths."""
     turn = rng.uniform(0.0, 2 * np.pi, _RELIEF_WAVES)
     length = _RELIEF[number % len(_RELIEF)] * across_mm * rng.uniform(1.0, 2.0, _RELIEF_WAVES)
     vectors = 2 * np.pi / length[:, None] * np.stack([np.cos(turn), np.sin(turn)], axis=1)
@@ -239,7 +243,7 @@ def draw_relief(rng: np.random.Generator, number: int, across_mm: float) -> Reli
 def draw_profile(
     rng: np.random.Generator, number: int, across_mm: float, arcs: list[Array]
 ) -> Profile:
-    """Draw the profile of this number, by chance, of curves of these arc lengths (n + 1,)."""
+    """Draw a random profile for curves of these arc lengths (n + 1,); `number` picks its wavelengths."""
     shortest = _WAVELENGTHS[number % len(_WAVELENGTHS)] * across_mm
     counts = [max(1, int(arc[-1] / shortest)) for arc in arcs]
     return Profile(
@@ -247,14 +251,11 @@ def draw_profile(
     )
 
 
-# Estimate quickly how well the picture can be read from elsewhere, to choose depth profiles by.
-
-
-_GRID = 128  # cells on a side: with 64 the estimate is off by up to 0.06, with this by 0.02
+# Legibility: how well the picture can be read from aside.
 
 
 def stretch_mask(mask: Mask) -> Mask:
-    """Return the mask cropped to its bounding box and stretched to the estimate's grid."""
+    """Crop a mask to its bounding box and stretch it to the grid of `legibility`."""
     rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
     at = (np.arange(_GRID) + 0.5) / _GRID
     v = rows[0] + (at * (rows[-1] + 1 - rows[0])).astype(int)
@@ -264,7 +265,7 @@ def stretch_mask(mask: Mask) -> Mask:
 
 @compiled
 def _cover(points: Array, radius: float, grid: int) -> Mask:
-    """Fill (grid, grid) cells, row 0 at the top, whose middles lie in discs (n, 2), on their common box."""
+    """Rasterise discs about points (n, 2) on their bounding box, (grid, grid) with row 0 at the top."""
     covered = np.zeros((grid, grid), dtype=np.bool_)
     left, low = points[:, 0].min() - radius, points[:, 1].min() - radius
     wide = (points[:, 0].max() + radius - left) / grid
@@ -287,7 +288,10 @@ def _cover(points: Array, radius: float, grid: int) -> Mask:
 def _iou_aside(
     centred: Array, radius: float, light_distance: float, target: Mask, turn: Array
 ) -> float:
-    """Give the IoU of the tube through `centred` (axis view, dense samples), turned, scaled to the grid."""
+    """Return the IoU of the turned tube's silhouette, stretched to its box, with the target.
+
+    `centred` are dense samples (n, 3) in the view's axes.
+    """
     flat = np.empty((len(centred), 2))
     for n in range(len(centred)):
         x, y, z = centred[n, 0], centred[n, 1], centred[n, 2]
@@ -306,7 +310,7 @@ def _iou_aside(
 
 @lru_cache
 def turns_aside(angle_deg: float) -> list[Array]:
-    """Return (4) turns (3, 3) of a piece by this angle: to both sides, up and down."""
+    """Return four rotations (3, 3) by this angle: to both sides, up and down."""
     a = np.deg2rad(angle_deg)
     c, s = np.cos(a), np.sin(a)
     sideways = [np.array([[c, 0, d], [0, 1, 0], [-d, 0, c]]) for d in (s, -s)]
@@ -316,21 +320,20 @@ def turns_aside(angle_deg: float) -> list[Array]:
 def legibility(
     points: Array, radius: float, light_distance: float, target: Mask, angle_deg: float
 ) -> float:
-    """Return the largest IoU of the turned part's silhouette with the target's.
+    """Return the largest IoU, over four sides, of the turned part's silhouette with the target's.
 
     Args:
-        points: (n, 3) mm in the view's own axes (z towards the light), less than a radius apart.
-        radius: tube radius, mm.
-        light_distance: mm from the light to the part's middle.
-        target: the picture's mask from `stretch_mask`.
-        angle_deg: the turn.
+        points: (n, 3) mm in the view's axes (z towards the light), less than a radius apart.
+        radius: of the tube, mm.
+        light_distance: from the light to the part's middle, mm.
+        target: from `stretch_mask`.
     """
     turns, centred = turns_aside(angle_deg), about_middle(points)
     return max(legibility_from(centred, radius, light_distance, target, turn) for turn in turns)
 
 
 def about_middle(points: Array) -> Array:
-    """Return points (n, 3) about the middle of their box, about which a part is turned."""
+    """Shift points (n, 3) so that the centre of their bounding box, about which a part turns, is at 0."""
     middle = [0.5 * (column.min() + column.max()) for column in points.T]
     return np.asarray(points - np.array(middle))
 
@@ -338,10 +341,10 @@ def about_middle(points: Array) -> Array:
 def legibility_from(
     centred: Array, radius: float, light_distance: float, target: Mask, turn: Array
 ) -> float:
-    """Return the same of points about their middle, from one side.
+    """Return `legibility` from one side, for points that `about_middle` has centred.
 
     Raises:
-        ValueError: the target is none of `stretch_mask`.
+        ValueError: the target does not come from `stretch_mask`.
     """
     if target.shape != (_GRID, _GRID):
         raise ValueError(f"a target of {_GRID} x {_GRID} cells is asked for, got {target.shape}")

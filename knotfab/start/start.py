@@ -1,4 +1,4 @@
-"""Make a search's start: curves of known type that nearly draw every picture, the knot asked for tied in."""
+"""Make a search's start: curves of known knot type that nearly draw every picture."""
 
 from __future__ import annotations
 
@@ -34,16 +34,16 @@ def make_start(
     template: Template | None = None,
     parted: bool = False,
 ) -> Start:
-    """Make the start for a tube of this radius, mm: a filling at its depths, or circles if settings say so.
+    """Make the start for a tube of this radius, mm: a filling with depth, or circles if the settings say so.
 
     Args:
-        knots: None for one curve a piece of the picture; a number to bridge pieces until so many are left.
-        spacing: spacing of the strands, over the one that fills the picture.
-        template: template of the one view, where it is known already.
+        knots: None for one curve a piece of the picture, or the number of curves to bridge the pieces to.
+        spacing: distance of the strands over that which fills the picture.
+        template: of a single view, if it is known already.
         parted: as for `lift_template`.
 
     Raises:
-        SceneError: no such curve keeps clear of itself, or it has no place for the knot.
+        SceneError: there is no such curve that is clear of itself, or the knot has no place in it.
     """
     one = len(problem.views) == 1
     if one and template is None:
@@ -64,14 +64,14 @@ def make_start(
 
 
 def make_template(target: TargetView, radius: float, knots: int | None = None) -> Template:
-    """Make closed planar curves that fill one view's picture or follow its lines; `knots`: `make_start`'s."""
+    """Make closed planar curves that fill one view's picture, or follow its lines; `knots` as `make_start`."""
     if target.lines:
         return follow_strokes(list(target.lines), target.polygon, radius, knots)
     return fill(target.polygon, radius, knots)
 
 
-def go_on(problem: Problem, knots: Knots, radius: float) -> Start:
-    """Return a start from knots whose types are known, in the scene; `radius` of the tube in mm."""
+def start_from_knots(problem: Problem, knots: Knots, radius: float) -> Start:
+    """Start from the knots that an earlier search found, in scene coordinates; `radius` is in mm."""
     start = Start(
         tuple(knot.points for knot in knots.knots),
         "knots that an earlier search had come to by certified steps, as their file states their types",
@@ -83,7 +83,7 @@ def go_on(problem: Problem, knots: Knots, radius: float) -> Start:
 
 
 def tie_knot(problem: Problem, start: Start, radius: float) -> Start:
-    """Tie the problem's knot into the longest of the start's curves, seen from the view they face."""
+    """Tie the problem's knot into the longest of the start's curves, as seen from the view they face."""
     wanted = parse_knot_name(problem.knot)
     if not wanted.factors:
         return start
@@ -115,19 +115,22 @@ def tie_knot(problem: Problem, start: Start, radius: float) -> Start:
     return replace(start, curves=curves, types=tuple(types), why=why, ious=())
 
 
-# Circles as a start, the paper's own template: unknots that are nowhere near the pictures yet.
+# Circles as a start, as in the paper: unknots that are far from the pictures.
 
-
-_WAVES, _OUTLINE, _FITS = 4, 300, 30  # waves, outline samples and fits of a circle bent in depth
+_WAVES, _OUTLINE, _FITS = (
+    4,
+    300,
+    30,
+)  # waves, outline samples and rounds of fitting a circle's depth
 
 
 def start_at_circles(
     problem: Problem, radius: float, settings: SearchSettings, template: Template | None = None
 ) -> Start:
-    """Make a circle for each curve of the template; for several views one that is bent towards all of them.
+    """Make a circle for each curve of the template, or for several views one circle bent towards all.
 
     Raises:
-        SceneError: a knot is asked for that no circle is.
+        SceneError: the scene asks for another knot than the unknot.
     """
     if problem.knot != "unknot":
         raise SceneError(
@@ -139,29 +142,28 @@ def start_at_circles(
         parts = _circles(template.curves, radius, 2.0 * problem.limits(radius).separation)
         why = "one circle a knot, in parallel planes: an unlink of unknots, by inspection"
         return Start(tuple(parts), why, far=True)
-    # the silhouette with the most ink needs the most curve: the others may see strands in a row
+    # the silhouette with the most ink needs the longest curve
     facing = int(np.argmax([p.area for p in problem.polygons]))
     axes = [v.axes for v in problem.views]
-    points = _facing(facing, problem.polygons, axes, radius, settings)
+    points = _bent_circle(facing, problem.polygons, axes, radius, settings)
     name = problem.views[facing].view.name
     why = f"a circle bent in depth alone, simple as view {name} sees it: an unknot"
     return Start((points,), why, far=True, facing=facing)
 
 
 def _circles(curves: Sequence[Array], radius: float, separation: float) -> list[Array]:
-    """Return a circle for each planar curve [(n, 2) mm], each in a plane of its own: [(m, 3) mm].
+    """Return a circle for each planar curve [(n, 2) mm], each in a plane of its own, [(m, 3) mm].
 
-    Convex polygons in parallel planes: an unlink of unknots, by inspection (paper, sec. 3.2, whose
-    template (cos s, sin s, 0) wants s from 0 to 2 pi, not to 1).
+    Convex polygons in parallel planes are an unlink of unknots (paper, sec. 3.2; its template
+    (cos s, sin s, 0) needs s from 0 to 2 pi instead of 1).
 
     Args:
-        radius: radius of the tube, mm; no circle is smaller than four of these.
-        separation: between neighbouring planes, mm.
+        radius: of the tube, mm; no circle is smaller than four radii.
+        separation: distance of neighbouring planes, mm.
     """
     found = []
     for k, curve in enumerate(curves):
         low, high = curve.min(0), curve.max(0)
-        # radius of a circle over the shorter side of its picture
         around = max(0.35 * float((high - low).min()), 4.0 * radius)
         count = max(48, round(2 * np.pi * around / (0.5 * radius)))
         angle = 2 * np.pi * np.arange(count) / count
@@ -178,17 +180,17 @@ def _circles(curves: Sequence[Array], radius: float, separation: float) -> list[
     return found
 
 
-def _facing(
+def _bent_circle(
     facing: int,
     polygons: Sequence[MultiPolygon],
     axes: Sequence[Array],
     radius: float,
     settings: SearchSettings,
 ) -> Array:
-    """Return the circle that faces one view, stretched to it, and bent in depth towards the others."""
+    """Return an ellipse that faces one view, bent in depth towards the others, (n, 3) mm."""
     boxes = np.array([p.bounds for p in polygons])
     wide, high = np.maximum(0.4 * (boxes[facing, 2:] - boxes[facing, :2]), 2.0 * radius)
-    # the middle is nearest to those of all silhouettes by least squares
+    # its centre is the least-squares fit to the centres of all silhouettes
     rows = np.concatenate([a[:2] for a in axes])
     middles = 0.5 * (boxes[:, :2] + boxes[:, 2:]).ravel()
     centre = np.linalg.lstsq(rows, middles, rcond=None)[0]
@@ -197,23 +199,23 @@ def _facing(
     t = 2 * np.pi * np.arange(count) / count
     points = centre + wide * np.cos(t)[:, None] * right + high * np.sin(t)[:, None] * up
     others = [n for n in range(len(axes)) if n != facing]
-    depth = _bent(points, t, towards, [axes[n] for n in others], [polygons[n] for n in others])
+    depth = _fit_depth(points, t, towards, [axes[n] for n in others], [polygons[n] for n in others])
     return sample_evenly(points + depth[:, None] * towards, settings.edge_radii * radius)
 
 
 def _outline(polygon: MultiPolygon) -> Array:
-    """Return even samples (n, 2) of a silhouette's outline, mm."""
+    """Sample a silhouette's outline evenly, (n, 2) mm."""
     edge = polygon.boundary
     at = shapely.line_interpolate_point(edge, np.linspace(0, edge.length, _OUTLINE))
     return np.asarray(shapely.get_coordinates(at))
 
 
-def _bent(
+def _fit_depth(
     points: Array, t: Array, towards: Array, axes: list[Array], polygons: list[MultiPolygon]
 ) -> Array:
-    """Return depths (n,), waves of a few orders, that bring the curve nearest to the other views' outlines.
+    """Fit depths (n,), a short Fourier series, that bring a curve near to the other views' outlines.
 
-    Nearest points both ways, and a linear fit of the waves to them, in turn; parallel light.
+    It alternates between nearest points, both ways, and a linear fit to them; the light is taken as parallel.
     """
     waves = [np.ones_like(t)]
     for k in range(1, _WAVES + 1):

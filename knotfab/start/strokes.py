@@ -1,10 +1,10 @@
-"""The stroke template: a drawing's centre lines as one simple closed curve for each connected drawing.
+"""Follow a drawing's centre lines by a template: one simple closed curve for each connected drawing.
 
-The curve is the outline of a disc. A plane graph parts the plane into faces; some of them are filled, so that
-lines between a filled face and an empty one are run through once (as many as can be: a largest cut of the
-dual graph, by ascent). A line between two empty faces is a thin ribbon, one between two filled ones a slit;
-both are run through there and back. Where lines meet, filled faces and ribbons are joined until they
-are one disc: a tree of joints, so that its outline is one curve, which meets itself nowhere.
+The curve is the outline of a disc. The lines are a plane graph, of which some faces are filled so that the
+curve runs once along a line between a filled and an empty face; their total length is made large, as a maximum
+cut of the dual graph, by ascent. A line between two empty faces becomes a thin ribbon, one between two filled
+faces a slit, and the curve runs along both there and back. Where lines meet, filled faces and ribbons are
+joined into one disc. The joints form a spanning tree, so the outline is one simple curve.
 """
 
 from __future__ import annotations
@@ -21,22 +21,23 @@ from knotfab.base.arrays import Array
 from knotfab.geometry.polylines import sample_evenly
 from knotfab.start.filling import Template, join_curves, simple_curves, smooth_closed
 
-_APART = 0.07  # radii: half the distance between the two passes of a line, seen from the light
-_JOINT = 0.5  # radii about a place where lines meet, where filled faces and ribbons may be joined
-_SIDE = 0.02  # radii beside a line where its faces are looked up
-_STEP = 0.25  # radii between the curve's points
-_WIDE = 1.2  # radii of half a stroke that two passes side by side draw better than one
+# lengths in tube radii
+_APART = 0.07  # half the distance between the two passes of a line, as the light sees them
+_JOINT = 0.5  # distance from a crossing within which faces and ribbons are joined
+_SIDE = 0.02  # distance from a line at which its faces are looked up
+_STEP = 0.25  # distance between the curve's points
+_WIDE = 1.2  # half width of a stroke from which two adjacent passes draw it better than one
 
 
 def follow_strokes(
     lines: list[Array], polygon: MultiPolygon, radius: float, knots: int | None = None
 ) -> Template:
-    """Return one simple closed curve along the lines of each connected drawing.
+    """Lead one simple closed curve along the lines of each connected drawing.
 
     Args:
-        lines: [(n, 2) mm] of `target.strokes.trace_strokes`, which meet in common ends only.
-        polygon: what is to be drawn, mm. radius: projected tube radius, mm.
-        knots: None for one curve a drawing; a number to bridge them until so many are left.
+        lines: [(n, 2) mm] from `picture.strokes.trace_strokes`, which meet only at their ends.
+        polygon: the silhouette, mm. radius: projected tube radius, mm.
+        knots: None for one curve a drawing, or the number of curves to bridge them to.
     """
     step = _STEP * radius
     curves = [
@@ -54,7 +55,7 @@ def follow_strokes(
 
 
 def _connected(lines: list[Array]) -> list[list[LineString]]:
-    """Return the lines in groups that hang together by their ends."""
+    """Group the lines that are connected by their ends."""
     groups: dict[tuple[float, float], int] = {}
     members: dict[int, list[LineString]] = {}
     for number, points in enumerate(lines):
@@ -70,14 +71,14 @@ def _connected(lines: list[Array]) -> list[list[LineString]]:
 
 @dataclass(frozen=True)
 class _Plane:
-    """Lines and the faces they part; of each line the face on either side, 0 of which is all around."""
+    """Lines, the faces that they bound, and the face on each side of every line; 0 is the unbounded face."""
 
     lines: list[LineString]
     faces: list[Polygon]
     sides: list[tuple[int, int]]
 
     def face_at(self, x: float, y: float) -> int:
-        """Return the number of the face that holds a point."""
+        """Return the number of the face that contains a point."""
         point = Point(x, y)
         return next((n for n, f in enumerate(self.faces, 1) if f.covers(point)), 0)
 
@@ -96,10 +97,10 @@ def _part_plane(lines: list[LineString], radius: float) -> _Plane:
 
 
 def _fill_faces(plane: _Plane, wide: list[bool]) -> list[bool]:
-    """Choose the faces that are filled, so that the lines between filled and empty are as long as may be.
+    """Choose the faces to fill, so that the total length of lines between filled and empty ones is large.
 
-    Those that are wide count against it: they are better run through twice.
-    Ascent by one face and by two neighbours at a time; the outermost stays empty.
+    Wide lines count negative, for the curve should run along them twice. The ascent flips one face or two
+    neighbours at a time; the unbounded face stays empty.
     """
     count = len(plane.faces) + 1
     weight = np.zeros((count, count))
@@ -126,7 +127,7 @@ def _fill_faces(plane: _Plane, wide: list[bool]) -> list[bool]:
 
 
 def _is_wide(line: LineString, edge: BaseGeometry, radius: float) -> bool:
-    """Tell whether most of a stroke is wider than one tube draws it; `edge`: of the drawing."""
+    """Return whether most of a stroke is wider than one tube draws; `edge` is the silhouette's outline."""
     at = shapely.line_interpolate_point(line, np.linspace(0.1, 0.9, 9), normalized=True)
     return bool(np.median(shapely.distance(at, edge)) > _WIDE * radius)
 
@@ -134,7 +135,7 @@ def _is_wide(line: LineString, edge: BaseGeometry, radius: float) -> bool:
 def _outline_disc(
     lines: list[LineString], polygon: MultiPolygon, radius: float
 ) -> shapely.LinearRing:
-    """Return the closed curve along lines that hang together."""
+    """Return the closed curve along connected lines."""
     plane = _part_plane(lines, radius)
     edge = polygon.boundary
     filled = _fill_faces(plane, [_is_wide(line, edge, radius) for line in lines])
@@ -164,9 +165,9 @@ def _outline_disc(
 def _join_at_ends(
     plane: _Plane, filled: list[bool], reach: float
 ) -> dict[tuple[float, float], list[Array]]:
-    """Return for each place where filled faces or ribbons meet, the points about it that are joined to it.
+    """Return for each crossing the points around it, in faces or ribbons, that are joined to it.
 
-    They are joined unless they hang together already.
+    Parts are joined only if they are not connected already.
     """
     meeting: dict[tuple[float, float], list[tuple[int, Array]]] = defaultdict(list)
     for number, line in enumerate(plane.lines):

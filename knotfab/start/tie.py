@@ -1,11 +1,10 @@
-"""A knot of chosen type tied into a filling template, in front of it or behind it as seen from the light.
+"""Tie a knot of chosen type into a filling template, before or behind it as seen from the light.
 
-The type rests on three facts, all tested on the polygons themselves. Seen from the light, no other
-strand meets the hull of the short arc that is cut. Two legs rise from the arc along light rays. And
-the tight knot on top of them is nearer to the light (or further from it) than every strand whose
-shadow meets the hull of its own: so a ball holds the knot alone, and without it the legs shrink back
-onto the arc. The result is the connected sum of curve and knot. Where the picture is wide the knot's
-shadow lies within the silhouette, and adds nothing.
+The type rests on three facts, all tested on the polygons themselves. As the light sees it, no other strand
+meets the hull of the short arc that is cut. Two legs rise from the arc along light rays. And the tight knot on
+top of them is nearer to the light (or further from it) than every strand whose shadow meets its hull. So a
+ball contains the knot alone, and without it the legs shrink back onto the arc. The result is the connected sum
+of curve and knot. Where the picture is wide, the knot's shadow lies within the silhouette.
 """
 
 from __future__ import annotations
@@ -30,23 +29,24 @@ from knotfab.start.depth import lower
 from knotfab_formats.errors import InputError
 from knotfab_formats.knots import BRAIDS, NO_SUCH_KNOT, Factor
 
-# Lengths in units of half the strands' least distance, or of the bend radius if that is larger.
-_SPARE = 1.03  # the knot's size over a tight one's
-_CUT = 2.2  # tube radii cut from strand and knot, to each side of their joint
-_HANDLE = 1.1  # tube radii from there to the corner of the leg
-_HOVER = 2.2  # between the strands below and the knot
-_PLACES = 60  # tried, where the silhouette is widest
-_WAYS = 48  # turns of the knot that are tried
-_STRAIGHT = 0.6  # radians that the strand may turn where it is cut
-_GRID = 0.5  # spacing of the grid of distances to the outline
+# lengths in units of half the strands' least distance, or of the bend radius if that is larger
+_SPARE = 1.03  # size of the knot over a tight one
+_CUT = 2.2  # length cut from strand and knot, to each side of their joint
+_HANDLE = 1.1  # distance from there to the corner of the leg
+_HOVER = 2.2  # distance of the knot from the strands below
+_PLACES = 60  # places to try, where the silhouette is widest
+_WAYS = 48  # orientations of the knot to try
+_STRAIGHT = 0.6  # most turning of the strand where it is cut, radians
+_GRID = 0.5  # cell of the grid of distances to the outline, in tube radii
 
 
 @dataclass(frozen=True)
 class KnotRoom:
-    """The room for the knot, mm: `polygon` is the silhouette in the plane z = 0.
+    """The room for a knot, in mm.
 
-    `light` is the light's z; `radius` the tube's; `unit` half the strands' least distance, or the bend
-    radius if that is larger; `outside` says how far a tube about these points leaves its region.
+    `polygon` is the silhouette in the plane z = 0, `light` the light's z, `radius` the tube's. `unit` is half
+    the strands' least distance, or the bend radius if that is larger. `outside` measures how far a tube about
+    points leaves its region.
     """
 
     polygon: MultiPolygon
@@ -58,9 +58,9 @@ class KnotRoom:
 
 @dataclass(frozen=True)
 class Tied:
-    """Curves (n, 3) mm with the knot in number `component`, and where it is.
+    """Curves [(n, 3) mm] with a knot tied into number `component`, at `place`.
 
-    `spill` is how far its tube's shadow reaches out of the silhouette, mm in the plane z = 0.
+    `spill` is how far the knot's shadow extends beyond the silhouette, mm in the plane z = 0.
     """
 
     curves: tuple[Array, ...]
@@ -71,10 +71,10 @@ class Tied:
 
 @dataclass(frozen=True)
 class _Poses:
-    """The knot turned many ways about its lowest point, opened there.
+    """A knot in many orientations, each opened at its lowest point.
 
-    `points` (p, m, 3) run from the first leg to the second; columns: along the strand, across it,
-    away from it. `reach` (p,) is how far each is from the axis at most.
+    `points` (p, m, 3) run from the first leg to the second, with coordinates along the strand, across it and
+    away from it. `reach` (p,) is the largest distance of each from the upward axis.
     """
 
     points: Array
@@ -83,7 +83,7 @@ class _Poses:
 
 @dataclass(frozen=True)
 class _Site:
-    """The knot (m, 3) at a vertex of the strand: `side` is 1 before the strands, -1 behind them."""
+    """A knot (m, 3) placed at a vertex of the strand; `side` is 1 before the strands, -1 behind them."""
 
     vertex: int
     side: int
@@ -93,19 +93,19 @@ class _Site:
 
 
 def tie(curves: tuple[Array, ...], factors: tuple[Factor, ...], room: KnotRoom) -> Tied:
-    """Return the sum of these knots tied into the longest curve, one after the other.
+    """Tie knots into the longest curve, one after the other.
 
     Args:
-        curves: closed polylines (n, 3) mm, simple and disjoint seen from the light at (0, 0, light).
+        curves: closed polylines (n, 3) mm, simple and disjoint as the light at (0, 0, light) sees them.
         factors: knots of the table.
-        room: what the curve must keep to.
+        room: where the knots may go.
 
     Raises:
         SceneError: there is no place for the knot.
     """
     lengths = [float(np.linalg.norm(np.roll(c, -1, axis=0) - c, axis=1).sum()) for c in curves]
     component = int(np.argmax(lengths))
-    plain: Mask = np.ones(len(curves[component]), dtype=bool)  # vertices still of the template
+    plain: Mask = np.ones(len(curves[component]), dtype=bool)  # vertices that are the template's
     tied = Tied(curves, component, np.zeros(3), 0.0)
     for factor in factors:
         knot = load_knot(factor.name, factor.mirrored) * (room.unit * _SPARE)
@@ -116,7 +116,7 @@ def tie(curves: tuple[Array, ...], factors: tuple[Factor, ...], room: KnotRoom) 
 def _tie_one(
     tied: Tied, plain: Mask, poses: _Poses, name: str, room: KnotRoom
 ) -> tuple[Tied, Mask]:
-    """Return the knot in the best of its places where the construction holds."""
+    """Tie one knot in at the best site at which the construction is proved."""
     curve = tied.curves[tied.component]
     rest = [c for k, c in enumerate(tied.curves) if k != tied.component]
     for site in sorted(_sites(curve, rest, plain, poses, room), key=lambda s: s.cost):
@@ -138,7 +138,7 @@ def _tie_one(
 
 
 def _poses(knot: Array, unit: float) -> _Poses:
-    """Return the knot turned many ways, each time opened at what is then its lowest point."""
+    """Turn the knot to many orientations, and open each at its lowest point."""
     n = len(knot)
     k = np.arange(_WAYS) + 0.5
     z = 1.0 - 2.0 * k / _WAYS
@@ -158,7 +158,7 @@ def _poses(knot: Array, unit: float) -> _Poses:
         frame = np.column_stack([along, np.cross(up, along), up])
         turned = (np.roll(knot, -lowest, axis=0) - knot[lowest]) @ frame
         points = turned[cut : n - cut + 1]
-        # the rest must not sag into the gap between the legs
+        # skip orientations whose rest sags into the gap between the legs
         if points[0, 0] > -0.2 * unit or points[-1, 0] < 0.2 * unit:
             continue
         found.append(points)
@@ -169,7 +169,7 @@ def _poses(knot: Array, unit: float) -> _Poses:
 def _sites(
     curve: Array, rest: list[Array], plain: Mask, poses: _Poses, room: KnotRoom
 ) -> Iterator[_Site]:
-    """Yield every pose at every promising place, with its cost: spill first, then depth."""
+    """Yield every orientation at every promising place, with its cost, mostly spill, then depth."""
     unit, light = room.unit, room.light
     step = float(np.linalg.norm(_next(curve) - curve, axis=1).mean())
     cut = max(2, round(_CUT * unit / step))
@@ -178,7 +178,7 @@ def _sites(
     every = np.concatenate(shadows)
     heights = np.concatenate([curve, *rest])[:, 2]
     low, high = float(heights.min()), float(heights.max())
-    for vertex in _places(curve, shadows, plain, inside, cut):
+    for vertex in _vertices_to_cut(curve, shadows, plain, inside, cut):
         at, ray = curve[vertex], np.array([0.0, 0.0, light]) - curve[vertex]
         ray /= np.linalg.norm(ray)
         along = curve[(vertex + 1) % len(curve)] - curve[vertex - 1]
@@ -187,7 +187,7 @@ def _sites(
         grown = 1.0 / (1.0 - at[2] / light)
         under = np.searchsorted(away[order], (poses.reach + 2 * unit) * grown) - 1
         for side in (1, -1):
-            # the pose's lowest point is above every strand near its axis
+            # the lowest point hovers over every strand near the axis
             base = side * np.maximum.accumulate(side * heights[order])[under] + side * _HOVER * unit
             up = side * ray
             x = along - (along @ up) * up
@@ -198,7 +198,7 @@ def _sites(
             near = z.max(axis=1) < 0.9 * light
             points, z, base = points[near], z[near], base[near]
             deeper = np.maximum(np.maximum(z.max(axis=1) - high, low - z.min(axis=1)), 0.0)
-            # the tube's shadow is as much wider as it is nearer to the light
+            # a tube nearer to the light has a wider shadow
             out = room.radius / (1.0 - z / light) - inside(lower(points, light))
             over = np.maximum(out, 0.0) / room.radius
             cost = (over * over).sum(axis=1) + 0.05 * deeper / unit
@@ -208,7 +208,7 @@ def _sites(
 
 
 class _Inside:
-    """Distance of points of the plane z = 0 to the silhouette's outline, negative outside, mm."""
+    """The distance of points of the plane z = 0 from the silhouette's outline, mm, negative outside."""
 
     def __init__(self, polygon: MultiPolygon, step: float) -> None:
         self.step = step
@@ -229,13 +229,13 @@ class _Inside:
         return np.asarray(self.depth[nearest[..., 0], nearest[..., 1]] - beyond)
 
 
-def _places(
+def _vertices_to_cut(
     curve: Array, shadows: list[Array], plain: Mask, inside: _Inside, cut: int
 ) -> Iterator[int]:
-    """Yield vertices where the strand may be cut, those deepest in the silhouette first.
+    """Yield vertices at which the strand may be cut, those deepest in the silhouette first.
 
-    The arc is the template's own and nearly straight, and its shadow's hull meets no other strand's.
-    `shadows` are those of `curve` and of all others.
+    The arc around each is nearly straight and belongs to the template, and its shadow's hull meets no other
+    strand. `shadows` begin with that of `curve`.
     """
     n = len(curve)
     edge = _next(curve) - curve
@@ -261,12 +261,12 @@ def _places(
 def _splice(
     curve: Array, rest: list[Array], plain: Mask, site: _Site, room: KnotRoom
 ) -> tuple[Array, Mask] | None:
-    """Return the curve with the knot in it, and which vertices are the template's; None: not proved."""
+    """Splice the knot into the curve; return it and a mask of the template's vertices, None if not proved."""
     unit, light, side = room.unit, room.light, site.side
     step = float(np.linalg.norm(np.roll(curve, -1, axis=0) - curve, axis=1).mean())
     cut = max(2, round(_CUT * unit / step))
     handle = max(1, cut - max(1, round(_HANDLE * unit / step)))
-    # the strand goes from the far end of the cut round to its near end
+    # the strand runs from the far end of the cut around to its near end
     turned = np.roll(curve, -site.vertex, axis=0)
     strand = turned[cut : len(curve) - cut + 1]
     feet = turned[[-handle, handle]]
@@ -278,7 +278,7 @@ def _splice(
             knot[-1] + after * (_HANDLE * unit / np.linalg.norm(after)),
         ]
     )
-    # the rays from the feet reach up past all strands below, to the knot's own level
+    # the legs must pass all strands below before they reach the knot's level
     level = float((side * np.concatenate([knot, corners])[:, 2]).min())
     hull = MultiPoint(lower(np.concatenate([knot, corners, feet]), light)).convex_hull
     shapely.prepare(hull)
@@ -311,14 +311,14 @@ def _next(points: Array) -> Array:
 
 
 def _edges(shadow: Array) -> NDArray[np.object_]:
-    """Return [n] the edges of a closed polyline."""
+    """Return the edges of a closed polyline as an array of lines, (n,)."""
     return np.asarray(shapely.linestrings(np.stack([shadow, _next(shadow)], axis=1)))
 
 
 def _round_corners(corners: Array, step: float) -> Array:
-    """Return the polyline with its corners cut three times (Chaikin 1974), evenly sampled, both ends kept.
+    """Cut a polyline's corners three times (Chaikin 1974) and sample it evenly; both ends are kept.
 
-    Each corner is replaced within the triangle of it and the middles of its two edges.
+    Each corner stays within the triangle that it forms with the midpoints of its edges.
     """
     line = corners
     for _ in range(3):
@@ -341,12 +341,12 @@ def _table() -> dict[str, Any]:
 
 
 def load_knot(name: str, mirrored: bool = False, step: float = 0.4) -> Array:
-    """Load the tight centre line of a knot of the table, (n, 3) in tube radii, about its middle.
+    """Load the tight centre line of a knot of the table, centred, (n, 3) in tube radii.
 
-    Vertices are about `step` apart. Strands keep 2 between them and bends a radius of 1.
+    Vertices are about `step` apart, strands at least 2, and bend radii are at least 1.
 
     Raises:
-        InputError: no such knot is known.
+        InputError: the table has no such knot.
     """
     if name not in BRAIDS:
         raise InputError(f"the knot {name!r}", "there is no such name in the table", NO_SUCH_KNOT)

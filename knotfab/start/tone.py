@@ -1,8 +1,8 @@
-"""A grey picture as one closed line as thick as the tube, which lies closer to itself where it is darker.
+"""Draw a grey picture as one closed line of the tube's width, which is denser where the picture is darker.
 
-Points are spread so that they are the denser the darker the picture is, and the line is a short tour through
-all of them (Kaplan and Bosch, "TSP art", Bridges 2005): it crosses itself nowhere, for a tour that does is
-not short, and so it is an unknot seen from the light, as all starts are.
+Points are spread with a density that follows the darkness, and a short tour leads through all of them (Kaplan
+and Bosch, "TSP art", Bridges 2005). A tour that crosses itself can be shortened, so the result is simple and,
+like every start, an unknot.
 """
 
 from __future__ import annotations
@@ -18,39 +18,39 @@ from knotfab.picture.silhouette import resample_mask
 from knotfab.start.filling import simple_curves, smooth_closed
 from knotfab_formats.errors import InputError
 
-_TURN = 1.25  # a tour's step between points so spread, over the spacing that black allows
-_ROUNDS = 30  # rounds of spreading
-_CELLS = 3.0  # cells of the grid that is spread over, to the least distance of lines
-_LINE_PX = 10.0  # px to a line's width in the drawing
-_STEP = 0.125  # widths between points of the line
-_NEAR = 10  # neighbours that a tour may be led to
-_LEAST = 8  # points of a line
+_TURN = 1.25  # step of the tour over the least distance of lines, in black
+_ROUNDS = 30  # rounds of Lloyd's method
+_CELLS = 3.0  # cells of the density's grid per least distance of lines
+_LINE_PX = 10.0  # width of a line in the drawing, px
+_STEP = 0.125  # distance between points of the line, in widths
+_NEAR = 10  # nearest points that a tour may lead to
+_LEAST = 8  # least number of points of a line
 _SEED = 1
-_SMOOTH = 0.35  # pitches
-_HELD = 0.1  # the share of the way back to the tour at each move
-_APART = 2.0  # pitches along the line: what is nearer is its own bend
+_SMOOTH = 0.35  # width of the smoothing, in pitches
+_HELD = 0.1  # share of the way back to the tour, in each round of rounding off
+_APART = 2.0  # distance along the line, in pitches, within which it is its own neighbour
 
 
 def draw_tones(darkness: Array, width: float, gap: float) -> tuple[Mask, Array]:
-    """Draw one closed line of a width, whose distance from itself gives the tones.
+    """Draw tones by one closed line of constant width, by its distance from itself.
 
     Args:
-        darkness: (H, W) 0 .. 1; 1 is drawn as lines `gap` apart. width, gap: in px of it.
+        darkness: (H, W) from 0 to 1, where lines have gaps of `gap`. width, gap: px of it.
 
     Returns:
-        The drawing (h, w) of the same frame, with 10 px to the line's width, empty where nothing is dark;
-        and the line (n, 2), x and y in its pixels.
+        The drawing (h, w) of the same frame, with 10 px per line width, and the line (n, 2), x and y in its
+        pixels. Both are empty if nothing is dark.
     """
     height, across = darkness.shape
     pitch, zoom = width + gap, _LINE_PX / width
     size = (max(1, round(zoom * height)), max(1, round(zoom * across)))
     cells, cell = _shrink(darkness, pitch / _CELLS)
     area = float(cell.prod())
-    wanted = float(cells.sum()) * area / pitch  # length of line
+    wanted = float(cells.sum()) * area / pitch  # length of the line
     step = _TURN * pitch
     count = round(float((cells**2).sum()) * area / step**2)
     line = np.empty((0, 2))
-    for _ in range(2):  # the second with as many points as make up the length
+    for _ in range(2):  # the second time with the number of points that gives this length
         points = spread_points(cells**2, count) * cell if count >= _LEAST else np.empty((0, 2))
         if len(points) == 0:
             return np.zeros(size, dtype=bool), np.empty((0, 2))
@@ -62,14 +62,13 @@ def draw_tones(darkness: Array, width: float, gap: float) -> tuple[Mask, Array]:
 
 
 def spread_points(density: Array, count: int) -> Array:
-    """Return (n, 2) points, x and y in cells, as dense as asked for and evenly spread, n at most `count`.
+    """Spread at most `count` points evenly by a density, (n, 2), x and y in cells; none if all of it is pale.
 
-    Lloyd's method with the density as weight (Secord, "Weighted Voronoi stippling", NPAR 2002). There are
-    none where all of it is pale.
+    By Lloyd's method with the density as weight (Secord, "Weighted Voronoi stippling", NPAR 2002).
     """
     from scipy.spatial import cKDTree
 
-    rows, columns = np.nonzero(density > 0.1**2)  # a lighter place has no points
+    rows, columns = np.nonzero(density > 0.1**2)  # a darkness of 0.1; density is its square
     if len(rows) == 0:
         return np.empty((0, 2))
     weight = density[rows, columns]
@@ -88,9 +87,9 @@ def spread_points(density: Array, count: int) -> Array:
 
 
 def shortest_tour(points: Array) -> list[int]:
-    """Return (n,) the order of a short closed tour through points (n, 2), which crosses itself nowhere.
+    """Return the order of a short closed tour through points (n, 2) that does not cross itself.
 
-    From the nearest neighbour's tour by 2-opt and Or-opt among near points until neither helps (Bentley,
+    The nearest-neighbour tour is improved by 2-opt and Or-opt among near points until neither helps (Bentley,
     "Fast algorithms for geometric traveling salesman problems", ORSA J. Computing 4, 1992).
     """
     tour = _Tour(points)
@@ -98,17 +97,17 @@ def shortest_tour(points: Array) -> list[int]:
     while better:
         better = False
         for a in range(len(points)):
-            while tour.turn_round(a) or tour.move(a):
+            while tour.two_opt(a) or tour.or_opt(a):
                 better = True
         for i, j in [] if better else _crossings(points[tour.order]):
-            tour.reverse(i + 1, j)  # crossing edges are longer than edges that do not cross
+            tour.reverse(i + 1, j)  # shortens the tour, for crossing edges are longer
             better = True
             break
     return tour.order
 
 
 class _Tour:
-    """A closed tour through points (n, 2): their order, and the place of each in it."""
+    """A closed tour through points (n, 2): their order, and each point's place in it."""
 
     def __init__(self, points: Array) -> None:
         from scipy.spatial import cKDTree
@@ -125,11 +124,11 @@ class _Tour:
         return float(((x - u) ** 2 + (y - v) ** 2) ** 0.5)
 
     def at(self, place: int) -> int:
-        """Return the point at a place, counted round."""
+        """Return the point at a place, modulo the length of the tour."""
         return self.order[place % self.count]
 
     def reverse(self, i: int, j: int) -> None:
-        """Turn the stretch from place i to place j round, the shorter way about."""
+        """Reverse the tour from place i to place j, or equivalently the rest if that is shorter."""
         count = self.count
         inside = (j - i) % count + 1
         if 2 * inside > count:
@@ -140,8 +139,8 @@ class _Tour:
             self.place[b], self.place[a] = i, j
             i, j = (i + 1) % count, (j - 1) % count
 
-    def turn_round(self, a: int) -> bool:
-        """Return 2-opt: turn a stretch round that begins or ends at point a, where that is shorter."""
+    def two_opt(self, a: int) -> bool:
+        """Try a 2-opt move at point a; return whether the tour got shorter."""
         far = self.far
         for way in (1, -1):
             b = self.at(self.place[a] + way)
@@ -157,8 +156,8 @@ class _Tour:
                     return True
         return False
 
-    def move(self, a: int) -> bool:
-        """Return Or-opt: lead up to three points from a on between two others, where that is shorter."""
+    def or_opt(self, a: int) -> bool:
+        """Try to move up to three points from a on between two others; return whether the tour got shorter."""
         far = self.far
         for way in (1, -1):
             for more in (0, 1, 2):
@@ -175,12 +174,12 @@ class _Tour:
                         if d in moved or {c, d} == {p, n}:
                             continue
                         if saved - far(c, a) - far(e, d) + far(c, d) > 1e-9:
-                            self._lead(moved, c, d)
+                            self._insert(moved, c, d)
                             return True
         return False
 
-    def _lead(self, moved: list[int], c: int, d: int) -> None:
-        """Take points, in their order, out of the tour, and lead it from c through them to d."""
+    def _insert(self, moved: list[int], c: int, d: int) -> None:
+        """Move points, in their order, between c and d."""
         rest = [x for x in self.order if x not in moved]
         at = rest.index(c)
         if rest[(at + 1) % len(rest)] == d:  # c, a … e, d
@@ -191,7 +190,7 @@ class _Tour:
 
 
 def _crossings(points: Array) -> list[tuple[int, int]]:
-    """Return the edges of a closed polygon (n, 2) that cross, by the numbers of their first points."""
+    """Return the pairs of edges of a closed polygon (n, 2) that cross, by the index of their first points."""
     import shapely
 
     edges = shapely.linestrings(np.stack([points, np.roll(points, -1, axis=0)], axis=1))
@@ -200,7 +199,7 @@ def _crossings(points: Array) -> list[tuple[int, int]]:
 
 
 def _nearest_first(points: Array) -> list[int]:
-    """Return a tour that goes on to the nearest point that is left."""
+    """Return the tour that always goes on to the nearest point left."""
     left = np.ones(len(points), dtype=bool)
     tour = [0]
     left[0] = False
@@ -212,7 +211,7 @@ def _nearest_first(points: Array) -> list[int]:
 
 
 def _shrink(darkness: Array, cell: float) -> tuple[Array, Array]:
-    """Return the mean darkness over cells of about so many px, and their width and height."""
+    """Return the mean darkness over cells of about `cell` px, and the cells' exact width and height."""
     height, width = darkness.shape
     size = (max(8, round(width / cell)), max(8, round(height / cell)))
     small = resample_mask(darkness, *size).astype(np.float64)
@@ -220,17 +219,17 @@ def _shrink(darkness: Array, cell: float) -> tuple[Array, Array]:
 
 
 def _round_off(tour: Array, width: float, pitch: float) -> Array:
-    """Round a closed polygon off: evenly sampled, without corners, and nearly `pitch` from itself.
+    """Round off a closed polygon and bring its strands to about `pitch` from each other; sample it evenly.
 
-    Smoothing and the polygon itself pull at every point, and strands nearer than that push each other away, a
-    little at a time; the last is taken that crosses itself nowhere.
+    Points are pulled to the smoothed curve and back to the polygon, while strands that are too near repel
+    each other. The last state without crossings is taken.
     """
     from scipy.spatial import cKDTree
 
     step = _STEP * width
     line = kept = origin = sample_evenly(tour, step)
     count = len(line)
-    for turn in range(1, 41):  # small moves that round the tour off
+    for turn in range(1, 41):
         pairs = cKDTree(line).query_pairs(pitch, output_type="ndarray")
         along = np.abs(pairs[:, 0] - pairs[:, 1])
         pairs = pairs[np.minimum(along, count - along) * step > _APART * pitch]
@@ -251,7 +250,7 @@ def _round_off(tour: Array, width: float, pitch: float) -> Array:
 
 
 def _draw(line: Array, size: tuple[int, int]) -> Mask:
-    """Draw (h, w) what a pen of 10 px covers along a closed line, x and y in px."""
+    """Draw a closed line, x and y in px, with a pen of `_LINE_PX`; (h, w)."""
     from scipy import ndimage
 
     off = np.ones(size, dtype=bool)
@@ -261,17 +260,13 @@ def _draw(line: Array, size: tuple[int, int]) -> Mask:
     return np.asarray(ndimage.distance_transform_edt(off) <= 0.5 * _LINE_PX)
 
 
-# The greys of a picture as shares of black, for shadows that give tones by the spacing of
-# strands.
-
-
 def read_darkness(target: Target, invert: bool = False) -> Array:
-    """Read (H, W) 0 where the picture is white, to 1 where it is black; what is transparent is white.
+    """Read a picture's darkness from 0, white, to 1, black, (H, W); transparent pixels are white.
 
-    Luma of ITU-R BT.601 as the file has it, from its first percentile (black) to its last (white).
+    The luma of ITU-R BT.601 is stretched so that its 1st percentile is black and its 99th is white.
 
     Raises:
-        InputError: it is all one grey.
+        InputError: the picture is a single grey.
     """
     what = f"picture {target.shown}"
     image, _ = raster.decode(target.png_bytes, what)
@@ -287,7 +282,6 @@ def read_darkness(target: Target, invert: bool = False) -> Array:
         grey = rgb @ [0.299, 0.587, 0.114]
     if invert:
         grey = 255.0 - grey
-    # percentiles of the pixels that are taken for black and for white
     black, white_at = np.percentile(grey, (1.0, 99.0))
     if white_at - black < 1.0:
         raise InputError(what, "it is all one grey, so there are no tones in it", "Use another.")

@@ -1,4 +1,4 @@
-"""Make the start for several views: curves of known type, grown in the room that all pictures leave."""
+"""Make the start for several views: curves of known type, grown on a lattice in the visual hull."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from knotfab.start.lattice import Lattice, Sight, draw_edges, lattice_in, sights
 from knotfab_formats.knots import BRAIDS, Factor, parse_knot_name
 from knotfab_formats.search import SearchSettings
 
-_SEEN_PX = 160
-_REACH = 1.2  # the reach of strands from the middle, over that of silhouettes
-_TURNS = (0.0, 45.0)  # degrees of the lattices that are tried, from where its edges face no view
-_SHIFTS = ((0.0, 0.0, 0.0), (0.5, 0.5, 0.5))  # shifts in pitches
-# tube radii that a ball of the tube may stand out of a silhouette: what it draws outside counts against
-# its edge, and strokes hardly wider than the tube get strands that go there and back; 1.0 bridges gaps
+_SEEN_PX = 160  # longer side of the images that starts are compared by
+_REACH = 1.2  # half the side of the lattice's box, over the silhouettes' extent
+_TURNS = (0.0, 45.0)  # turns of the lattices to try, degrees from where edges face no view
+_SHIFTS = ((0.0, 0.0, 0.0), (0.5, 0.5, 0.5))  # their shifts, in pitches
+# how far a ball of the tube may stand out of a silhouette, in tube radii, so that strokes hardly wider than
+# the tube get strands there and back; its spill counts against an edge, and 1.0 would bridge gaps
 _SPILL = 0.75
 _GROWN = (
     "grown from disjoint unit squares on a lattice, each move over an empty square: an isotopy, and so an "
@@ -42,15 +42,15 @@ def start_between_views(
     knots: int | None = None,
     spacing: float = 1.0,
 ) -> Start:
-    """Give the start that grows in the visual hull, on the lattice whose curves draw best the worst picture.
+    """Grow a start in the visual hull, on the lattice whose curves draw the worst picture best.
 
     Args:
-        radius: radius of the tube, mm.
-        knots: None for one curve a piece of the hull; a number to bridge pieces, or to part them.
-        spacing: spacing of the lattice, in half the strands' least distance.
+        radius: of the tube, mm.
+        knots: None for one curve a piece of the hull, or the number of curves to bridge or split pieces to.
+        spacing: least pitch of the lattice, in tube diameters.
 
     Raises:
-        SceneError: no closed tube fits into the silhouettes, or the knot has no place in them.
+        SceneError: no closed tube fits into the silhouettes, or the knot does not.
     """
     wanted = parse_knot_name(problem.knot)
     knot = lattice_knot(wanted.factors) if wanted.factors else None
@@ -61,7 +61,7 @@ def start_between_views(
     reach = _REACH * max(float(np.abs(p.bounds).max()) for p in problem.polygons)
     images = [v.image_at(radius, _SEEN_PX) for v in problem.views]
     how = Growth(seed=settings.seed)
-    brief = replace(how, moves=how.moves // 5)  # factor of fewer moves, where lattices are compared
+    brief = replace(how, moves=how.moves // 5)  # enough to compare lattices
 
     def grow(lattice: Lattice, seeds: list[Indices], how: Growth) -> Start:
         curves = grow_curves(lattice, worth, edge_worth(lattice, worth), seeds, how)
@@ -102,7 +102,7 @@ def start_between_views(
 
 
 def start_ious(problem: Problem, start: Start, radius: float) -> tuple[float, ...]:
-    """Return the IoU of the tube about the start's curves with each view's picture, on a coarse image."""
+    """Return the IoU of the start's tube with each view's picture, on a coarse image."""
     return _compare([v.image_at(radius, _SEEN_PX) for v in problem.views], start, radius)
 
 
@@ -113,7 +113,7 @@ def _compare(images: Sequence[ViewImage], start: Start, radius: float) -> tuple[
 
 
 def _lattices(views: Sequence[TargetView]) -> Iterator[tuple[Array, Array]]:
-    """Yield axes (3, 3 rows) and shifts (3,) of lattices to try: upright, edges aslant to all views."""
+    """Yield the axes (rows of 3 x 3) and shifts (3,) of upright lattices whose edges face no view."""
     along = np.array([np.degrees(np.arctan2(v.axes[2, 0], v.axes[2, 2])) for v in views])
     every = np.arange(0.0, 90.0, 7.5)
     off = np.abs((every[:, None] - along + 45.0) % 90.0 - 45.0).min(1)
@@ -125,7 +125,7 @@ def _lattices(views: Sequence[TargetView]) -> Iterator[tuple[Array, Array]]:
 
 
 def _round_corners(curve: Array) -> Array:
-    """Return a closed polyline with its corners cut twice (Chaikin 1974): each within its own unit square."""
+    """Cut a closed polyline's corners twice (Chaikin 1974); each stays within its own unit square."""
     for _ in range(2):
         ahead = np.roll(curve, -1, axis=0)
         curve = np.stack([0.75 * curve + 0.25 * ahead, 0.25 * curve + 0.75 * ahead], 1).reshape(
@@ -134,25 +134,25 @@ def _round_corners(curve: Array) -> Array:
     return curve
 
 
-# The pieces of the lattice in the hull: one curve for each, and where pieces are bridged.
+# The pieces of the lattice: one curve for each, and bridges between them.
 
-
-_LEAST = 2.0  # edges' worth that only this piece draws, or it gets no curve
-# the price of a bridge over a square in the hull, where 1 is over one seen wholly outside
-_STEP = 0.02
-_NECK = 0.5  # tube radii that a bridge's middle may be seen outside: a gap of twice that is one
+_LEAST = 2.0  # worth, in edges, that a piece must draw alone to get a curve
+_STEP = 0.02  # price of a bridge over a square within the hull; 1 is one seen wholly outside
+_NECK = (
+    0.5  # how far a bridge's middle may be seen outside, in tube radii, to count as within the hull
+)
 
 
 def edge_worth(lattice: Lattice, worth: Array) -> float:
-    """Return the worth of an edge that draws its own length in one view alone; `worth` is the cells'."""
+    """Return the worth of an edge that draws its length in a single view; `worth` is that of the cells."""
     total = float(np.maximum(worth[lattice.cells], 0.0).sum()) / max(1, int(lattice.open.sum()))
     return total / max(1, round(float(worth[worth > 0].sum())))
 
 
 def _pieces(lattice: Lattice, worth: Array) -> list[Indices]:
-    """Give the squares (k, 4) of each piece that draws what larger ones leave, those of the largest first."""
+    """Return the squares (k, 4) of each piece that draws something beyond larger pieces, largest first."""
     squares = lattice.squares(lattice.open)
-    # a curve grows from square to square over the edge that they share
+    # curves grow from square to square over shared edges
     one, two = np.repeat(squares[:, 0], 3), squares[:, 1:].ravel()
     linked = csr_array((np.ones(len(one)), (one, two)), shape=(len(lattice.open),) * 2)
     piece = connected_components(linked, directed=False)[1][squares[:, 0]]
@@ -169,7 +169,7 @@ def _pieces(lattice: Lattice, worth: Array) -> list[Indices]:
 
 
 def _corners(lattice: Lattice, squares: Indices) -> Indices:
-    """Return (k, 4) the nodes of squares, one after the other."""
+    """Return the nodes of squares in cyclic order, (k, 4)."""
     one, two, three, _ = (lattice.ends(edges) for edges in squares.T)
     return np.stack([one[0], one[1], two[1], three[0]], axis=1)
 
@@ -177,12 +177,12 @@ def _corners(lattice: Lattice, squares: Indices) -> Indices:
 def join_pieces(
     lattice: Lattice, sights: Sequence[Sight], worth: Array, radius: float, knots: int | None
 ) -> Lattice:
-    """Return the lattice with edges opened that join pieces, over squares that show least.
+    """Open edges of the lattice that join pieces, over squares that spill least.
 
     Args:
-        radius: radius of the tube, mm.
-        knots: None: pieces are joined that the visual hull holds as one, too narrow between them for the
-            lattice; a number: then the nearest also across gaps, until so many are left.
+        radius: of the tube, mm.
+        knots: None joins only pieces that are one in the visual hull, with necks too narrow for the lattice;
+            a number then also bridges gaps until that many pieces are left.
     """
     pieces = _pieces(lattice, worth)
     if len(pieces) < 2:
@@ -203,7 +203,7 @@ def join_pieces(
         least = np.min([s.room(points.reshape(-1, 3)) for s in sights], axis=0)
         return np.asarray(least.reshape(points.shape[:-1]))
 
-    # a bridge leads from the middle of an edge to that of the square, and on
+    # a bridge leads from the midpoint of an edge through the square's centre to another edge
     least = np.minimum(room(middles + 0.5 * (centres - middles)), room(centres))
     least = np.minimum(least, room(crossed)[at].reshape(squares.shape))
     outside = np.maximum(-least, 0.0) / radius
@@ -211,7 +211,7 @@ def join_pieces(
     price = _STEP + spill + np.where(outside < _NECK, 10.0 * outside, 100.0)
     of = np.broadcast_to(count + np.arange(len(squares))[:, None], squares.shape)
     opened = lattice.open.copy()
-    # first within the hull, whatever number is asked for; then also across gaps, if there are more than that
+    # first join within the hull; then across gaps until `knots` groups remain
     for kept, until in ((outside < _NECK, 1), (outside < np.inf, knots or len(groups))):
         arcs = (price[kept], (of[kept], squares[kept]))
         graph = csr_array(arcs, shape=(count + len(squares),) * 2)
@@ -237,13 +237,13 @@ def join_pieces(
 def seed_curves(
     lattice: Lattice, worth: Array, knots: int | None, knot: Indices | None = None
 ) -> list[Indices]:
-    """Return the nodes that each curve grows from; no two curves share one.
+    """Choose the disjoint seeds, as nodes, that curves grow from: unit squares (4,), the first perhaps a knot.
 
-    All are unit squares (4,), but for the first where a `knot` (n, 3) of the lattice is asked for.
+    Fewer than `knots` may be found, and none if the largest piece has no place for the knot.
 
     Args:
-        knots: None for one a piece; more than there are pieces part them. Fewer may be found; none where
-            the largest piece has no place for the knot.
+        knots: None for one a piece; a larger number splits pieces.
+        knot: a lattice knot (n, 3) that takes the place of the first square.
     """
     pieces = _pieces(lattice, worth)
     if not pieces:
@@ -259,9 +259,8 @@ def seed_curves(
         seeds.append(place)
         taken[place] = True
         every = every[~taken[every].any(1)]
-    for squares in corners[
-        len(seeds) :
-    ]:  # pieces may touch at a node, where no two curves may begin
+    for squares in corners[len(seeds) :]:
+        # pieces may touch at a node, which only one seed may take
         free = squares[~taken[squares].any(1)]
         if len(free):
             seeds.append(free[len(free) // 2])
@@ -277,22 +276,21 @@ def seed_curves(
             ],
             axis=0,
         )
-        if apart.max() < 2.0 * lattice.pitch:  # squares that near each other may share a node
+        if apart.max() < 2.0 * lattice.pitch:  # nearer squares may share a node
             break
         seeds.append(every[apart.argmax()])
     return seeds
 
 
-# Knots on the cubic lattice: where curves of a chosen type start to grow.
+# Knots on the cubic lattice, from which curves of a chosen type grow.
 
-
-_ROOM = 3  # edges about the braid, within which it becomes short
+_ROOM = 3  # margin around the braid while it is shortened, in edges
 _SHRINK = Growth(edge=1.0, corner=0.05, least=1.0, heat=0.6, rounds=2, moves=150)
 
 
 @cache
 def lattice_knot(factors: tuple[Factor, ...]) -> Indices:
-    """Give (n, 3) nodes of a short closed lattice polygon, the connected sum of these knots of the table."""
+    """Return a short closed lattice polygon that is the connected sum of knots of the table, nodes (n, 3)."""
     word: list[int] = []
     strands = 1
     for factor in factors:
@@ -310,9 +308,9 @@ def lattice_knot(factors: tuple[Factor, ...]) -> Indices:
 
 
 def find_place(lattice: Lattice, edges: Indices, knot: Indices) -> Indices | None:
-    """Find the nodes (n,) along the knot where it lies within these edges and least outside the pictures.
+    """Place a lattice knot within these edges so that it spills least; return its nodes (n,).
 
-    It is turned in all 24 ways. None: it fits nowhere.
+    All 24 rotations are tried. None means that it fits nowhere.
     """
     opened = np.zeros(len(lattice.open), dtype=bool)
     opened[edges] = True
@@ -349,10 +347,10 @@ def _turns() -> list[Indices]:
 
 
 def _close_braid(word: Sequence[int], strands: int) -> Indices:
-    """Return (n, 3) nodes of the closed braid: x along it, y across it; a letter takes three edges of x."""
+    """Return the nodes (n, 3) of a closed braid with x along it and y across it; a letter takes 3 edges of x."""
     paths: list[list[tuple[int, int, int]]] = []
     end, row = 3 * len(word), 0
-    while True:  # round and round, until the strand is met that was begun with
+    while True:  # until the strand closes
         path = [(0, row, 0)]
         for n, letter in enumerate(word):
             x, low = 3 * n, abs(letter) - 1
@@ -378,7 +376,7 @@ def _close_braid(word: Sequence[int], strands: int) -> Indices:
 
 
 def _free_lattice(shape: tuple[int, ...]) -> Lattice:
-    """Return a box of nodes of which all edges within its padding may be taken, and none draws anything."""
+    """Return a padded box of nodes whose inner edges are all open and draw nothing."""
     nodes = np.stack(np.meshgrid(*map(np.arange, shape), indexing="ij"), -1).reshape(-1, 3)
     inner = np.asarray(((nodes > 0) & (nodes < np.array(shape) - 1)).all(1))
     opened = np.zeros((len(nodes), 3), dtype=bool)

@@ -18,7 +18,7 @@ from benchmarks.hard.pictures import HardPicture, circle, hard_pictures
 from knotfab.geometry.polylines import sample_evenly
 from knotfab.picture.silhouette import trace_polygon
 from knotfab.start.depth import lift
-from knotfab.start.filling import as_bent, fill, rings_of, simple_curves, template_iou
+from knotfab.start.filling import enlarge_loops, fill, rings_of, simple_curves, template_iou
 from knotfab.start.lanes import assign_lanes, part_passes
 from knotfab.start.strokes import follow_strokes
 
@@ -83,7 +83,7 @@ def test_a_piece_that_no_tube_draws_gets_no_curve() -> None:
 def test_a_loop_counts_as_the_least_ring_that_the_tube_bends_to() -> None:
     dot = MultiPolygon([Point(0, 0).buffer(6.0), DISC.buffer(0).difference(DISC.buffer(-20))])
     template = fill(dot, 5.5)
-    bent = as_bent(template, 5.7)
+    bent = enlarge_loops(template, 5.7)
     changed = [
         k for k, (a, b) in enumerate(zip(template.curves, bent.curves, strict=True)) if a is not b
     ]
@@ -92,7 +92,7 @@ def test_a_loop_counts_as_the_least_ring_that_the_tube_bends_to() -> None:
     assert np.linalg.norm(ring, axis=1).max() == pytest.approx(5.7, rel=1e-3)
     assert template_iou(bent, dot) < template_iou(template, dot) - 0.01
     thin = fill(dot, 2.0)
-    assert all(a is b for a, b in zip(as_bent(thin, 2.2).curves, thin.curves, strict=True))
+    assert all(a is b for a, b in zip(enlarge_loops(thin, 2.2).curves, thin.curves, strict=True))
 
 
 def test_even_samples_are_even_and_stay_on_the_curve() -> None:

@@ -17,7 +17,7 @@ from knotfab.base.progress import Progress
 from knotfab.design.design import choose_tube
 from knotfab.knots import Knot, Knots, read_start
 from knotfab.scene.load import load_scene
-from knotfab.start.start import go_on
+from knotfab.start.start import start_from_knots
 from knotfab_formats.errors import InputError
 from knotfab_formats.scene import Scene
 from knotfab_formats.search import PRESETS
@@ -111,7 +111,7 @@ def test_the_thinnest_tube_stays_no_thinner(tmp_path: Path) -> None:
 def test_a_search_goes_on_and_keeps_the_type(tmp_path: Path) -> None:
     problem = ask_heart()
     knots = read_start(write(tmp_path / "start.json", Knots((Knot(TREFOIL, "3_1"),), 2.0)))
-    start = go_on(problem, knots, knots.radius_mm)
+    start = start_from_knots(problem, knots, knots.radius_mm)
     one, two = (start_and_search(problem, 2.0, FEW, start, repairs=0) for _ in range(2))
     assert (one.knots.points == two.knots.points).all()
     assert one.log.certified and [k.type for k in one.knots.knots] == ["3_1"]
