@@ -1,1 +1,1 @@
-"""The search: from a template to knots whose shadow is the picture, every step certified."""
+"""Search from a start to knots whose shadow is the picture, every step certified."""

@@ -1,8 +1,8 @@
-"""The directions of several views as unknowns: their azimuths are found along with the knots.
+"""Search for the azimuths of several views along with the knots.
 
 Neural Shadow Art (Wang and Deng 2024) turns lights and screens along with its volume by back-propagation. A
-view that turns about the vertical sees what it would see of knots that turn the other way, so the slope of
-its picture in its azimuth is a torque of the slopes in the vertices, which the flow needs in any case.
+view that turns about the vertical sees the same as if the knots turned the other way. So the derivative of
+its image term by the azimuth is a torque of the gradient by the vertices, which the flow computes anyway.
 """
 
 from __future__ import annotations
@@ -22,16 +22,15 @@ from knotfab.search.objective import Objective
 from knotfab.search.optimizer import Adam
 from knotfab_formats.search import SearchSettings
 
-MOST_TURN_DEG = 12.0  # the most, to each side of where a view starts
-# a share of the least angle between two lines of sight at the start: they come no nearer
-NEAREST = 0.7
-_EVERY = 4  # iterations of the flow to a step of the directions
-_RATE_DEG, _LAST = 0.5, 0.05  # a step at the start, and the share of that at the end
-_KEPT, _SQUARES = 0.8, 0.95  # shares of the means of slopes and of their squares that Adam keeps
+MOST_TURN_DEG = 12.0  # largest turn of a view from where it starts, to each side
+NEAREST = 0.7  # least angle between lines of sight, over the least one at the start
+_EVERY = 4  # iterations of the flow per step of the directions
+_RATE_DEG, _LAST = 0.5, 0.05  # first step, and the last one as a share of it
+_KEPT, _SQUARES = 0.8, 0.95  # Adam's betas
 
 
 class FreeDirections:
-    """Azimuths of all views but the first, in degrees, moved by Adam against their pictures' errors."""
+    """The azimuths of all views but the first, degrees, which Adam moves to reduce the pictures' errors."""
 
     def __init__(
         self, views: Sequence[TargetView], radius: float, settings: SearchSettings
@@ -45,10 +44,10 @@ class FreeDirections:
         self._apart = NEAREST * least_apart([v.view for v in views])
 
     def keep(self, points: Array) -> None:
-        """Do nothing: directions keep their bounds whatever the points are."""
+        """Do nothing, for the bounds on directions do not depend on the points."""
 
     def show(self, objective: Objective, problem: Problem) -> None:
-        """Let the objective see its views from the present directions."""
+        """Give the objective the images of the views from the present directions."""
         objective.images = tuple(
             image.from_frame(frame_at(view.view, image.sheet, self._settings.precision))
             for image, view in zip(objective.images, self._views(problem), strict=True)
@@ -62,7 +61,7 @@ class FreeDirections:
         near: Neighbours,
         progress: float,
     ) -> None:
-        """Turn the views one step against the objective at vertices (N, 3), every few calls."""
+        """Turn the views one step down the objective at vertices (N, 3), on every few calls."""
         self._asked += 1
         if self._asked % _EVERY:
             return
@@ -82,15 +81,15 @@ class FreeDirections:
             self._turned.copy_(torch.from_numpy(self.azimuth_deg - self.first_deg))
 
     def slope(self, objective: Objective, number: int, points: Array, progress: float) -> float:
-        """Return the slope of a view's image term in its azimuth, per degree."""
+        """Return the derivative of a view's image term by its azimuth, per degree."""
         tau = objective.tau_px(number, progress)
         pull = objective.image_term(number, points, tau)[1]
-        # turned by a positive angle about y, a point moves by (z, 0, -x); the view's own turn undoes that
+        # a rotation about y moves a point by (z, 0, -x); turning the view does the opposite
         torque = float((pull[:, 2] * points[:, 0] - pull[:, 0] * points[:, 2]).sum())
         return float(np.radians(torque))
 
     def settle(self, problem: Problem, points: Array) -> tuple[Problem, Array, ViewNumbers | None]:
-        """Turn the problem's views to the directions found, rounded as a scene file would have them."""
+        """Turn the problem's views to the directions found, rounded as in a scene file."""
         self.azimuth_deg = np.round(self.azimuth_deg, 3)
         return replace(problem, views=self._views(problem)), points, None
 

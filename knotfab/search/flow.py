@@ -1,4 +1,4 @@
-"""The certified flow's settings and parts (`search.optimizer` runs it), and the phases of a search."""
+"""Define the certified flow's settings and parts, which `search.optimizer` runs, and a search's phases."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ Between = Callable[[Array, Neighbours, int, float], None]  # (points, near, iter
 
 @dataclass(frozen=True)
 class FlowSettings:
-    """Settings of the flow. Lengths in tube radii unless a unit says otherwise."""
+    """Settings of the flow. Lengths are in tube radii."""
 
     iterations: int = 200
-    rate: float = 0.12  # root-mean-square step at the start, in tube radii
+    rate: float = 0.12  # root-mean-square step at the start
     rate_end: float = 0.02
-    clamp: float = 0.3  # no vertex goes further in one step, in tube radii
-    smoothing: float = 1.5  # width of the H1 preconditioner along the curve, in tube radii
+    clamp: float = 0.3  # longest step of a vertex
+    smoothing: float = 1.5  # width of the H1 preconditioner along the curve
     momentum: float = 0.85
-    evening: float = 0.25  # share of the tangential motion that would even the edges out, a step
-    reach: float = 4.0  # neighbour lists hold segments at least this close, in tube radii
+    evening: float = 0.25  # share of the tangential motion that would even out the edges, per step
+    reach: float = 4.0  # neighbour lists contain all segments at least this close
 
 
 @dataclass
 class FlowResult:
-    """The end of the flow, and the account of its certificates."""
+    """The vertices at the end of the flow, and the counts and least margin of its certificates."""
 
     points: Array
     accepted: int = 0
@@ -47,11 +47,11 @@ class FlowResult:
 
 @compiled
 def _filter(ring: Array, share: float) -> None:
-    """Add to each of a ring's numbers (n,), in place, `share` of the filtered number before it."""
+    """Filter a ring (n,) in place: each number becomes itself plus `share` of the filtered one before it."""
     last = 0.0
     for n in range(len(ring)):
         last = ring[n] + share * last
-    last *= 1.0 / (1.0 - share ** len(ring))  # the sum as if it had gone round for ever
+    last *= 1.0 / (1.0 - share ** len(ring))  # the limit of infinitely many rounds
     for n in range(len(ring)):
         last = ring[n] + share * last
         ring[n] = last
@@ -61,9 +61,9 @@ def _filter(ring: Array, share: float) -> None:
 def precondition(gradient: Array, bounds: Indices, sigma: float) -> Array:
     """Return the H1 gradient: for each ring, the x that solves x - sigma^2 x'' = g, sigma in samples.
 
-    Smoothed by (1, 2, 1) / 4: what changes sides from vertex to vertex is the pixels' noise. By differences
-    the matrix is, but for a factor, (1 - r S)(1 - r S^-1), S the shift along the ring: a filter forth
-    and one back. `bounds` are those of `Polylines`.
+    It is also smoothed by (1, 2, 1) / 4, which removes the pixels' noise that alternates between vertices.
+    The finite-difference matrix is proportional to (1 - r S)(1 - r S^-1), with S the shift along the ring, so
+    it is inverted by one filter forward and one backward. `bounds` are those of `Polylines`.
     """
     square = sigma * sigma
     half = 1.0 / (2.0 * square)
@@ -87,7 +87,7 @@ def precondition(gradient: Array, bounds: Indices, sigma: float) -> Array:
 
 
 def along_curve(points: Array, rings: Polylines) -> Array:
-    """Return the step along the curve that brings each vertex midway between its neighbours."""
+    """Return the tangential step that brings each vertex midway between its neighbours, (N, 3)."""
     ahead, behind = points[rings.next] - points, points - points[rings.previous]
     tangent = ahead + behind
     tangent /= np.sqrt(dot(tangent, tangent))[:, None]
@@ -98,11 +98,11 @@ def along_curve(points: Array, rings: Polylines) -> Array:
 def find_felt(
     points: Array, rings: Polylines, radius: float, separation: float, reach: float = 4.0
 ) -> Neighbours:
-    """Find everything that the clearance term can feel before the list is made anew, after 0.3 radii.
+    """Find all pairs of segments that the clearance term may feel before a vertex has moved 0.3 radii.
 
     Args:
         separation: least distance of centre lines that is asked for, mm.
-        reach: radii that are looked at in any case.
+        reach: least distance to search, in tube radii.
     """
     edge = points[rings.next] - points
     longest = float(np.sqrt(dot(edge, edge).max()))
@@ -110,19 +110,17 @@ def find_felt(
     return find_neighbours(points, rings, max(reach * radius, felt), 6)
 
 
-# The plan of a search: the phases that it goes through, and the repairs while a limit is
-# violated.
+# The plan of a search: its phases, and its repairs while a limit is violated.
 
-
-SETTLE = Weights(clearance=20.0, bend=5.0, region=50.0)  # weights of the phase that ends feasible
+SETTLE = Weights(clearance=20.0, bend=5.0, region=50.0)  # of the last phase, which ends feasible
 
 
 @dataclass(frozen=True)
 class Phase:
-    """One walk of the flow: the picture's longer side, the steps, the weights, and tau from start to end.
+    """One run of the flow at one resolution, with the picture's sharpness `tau` from start to end.
 
-    tau is in units of one over the projected tube radius. `spill`: strands that stand outside a silhouette
-    are drawn to it; `balanced`: views that fall short of their goals count for more.
+    `pixels` is the picture's longer side; tau is in units of one over the projected tube radius. `spill`
+    pulls strands outside a silhouette to it. `balanced` gives more weight to views that miss their goals.
     """
 
     pixels: int
@@ -139,21 +137,21 @@ class Phase:
 
 @dataclass(frozen=True)
 class Plan:
-    """The phases of a search; `repair` gives the repair of a number, from 0.
+    """The phases of a search; `repair` returns the repair of a number, from 0.
 
-    `network`: the paper's network moves the curves first.
+    With `network` the paper's network moves the curves first.
     """
 
     phases: tuple[Phase, ...]
     repair: Callable[[int], Phase]
-    repairs: int = 8  # repairs of the whole curve; each round gives the picture less weight
-    mendings: int = 4  # repairs of single stretches, before those
-    keep_vertices: bool = False  # their number and order stay: no resampling
+    repairs: int = 8  # most repairs of the whole curve; later ones give the picture less weight
+    mendings: int = 4  # most repairs of single stretches, which come first
+    keep_vertices: bool = False  # whether vertices keep their number and order, without resampling
     network: bool = False
 
 
 def plan_of(settings: SearchSettings, views: int = 1) -> Plan:
-    """Return the plan of a search from a template for so many views; without phases for the network alone."""
+    """Return the plan of a search; the network alone (`method` "inn") has no phases."""
     phases: tuple[Phase, ...] = ()
     if settings.method != "inn":
         phases = three_phases(settings, views)
@@ -164,16 +162,16 @@ def plan_of(settings: SearchSettings, views: int = 1) -> Plan:
 def three_phases(
     settings: SearchSettings, views: int = 1, rates: tuple[float, float, float] | None = None
 ) -> tuple[Phase, Phase, Phase]:
-    """Return a coarse picture, a fine one, and one that weighs the limits most.
+    """Return three phases: a coarse picture, a fine one, and one that weighs the limits most.
 
     Args:
-        views: several begin softer and with longer steps, for there is further to go, and first pull in what
-            stands outside a silhouette (later a spill may stay that draws as much elsewhere).
-        rates: rates of the steps, in tube radii, at the start of the coarse phase, between the two, and at
-            the end of the fine one; None: by the number of views.
+        views: with several, strands have further to go. The search then begins softer and with longer steps,
+            and pulls in what is outside a silhouette; later, spill may stay that draws as much elsewhere.
+        rates: step sizes in tube radii at the start of the coarse phase, between it and the fine one, and at
+            the end of that; None chooses by the number of views.
     """
     several = views > 1
-    # smooth first, what the picture asks for comes in later; several ask for more than that leaves them
+    # one picture: keep strands smooth first and let its details come later; several need more freedom
     smooth = (1.0, 1.0) if several else (4.0, 2.0)
     start, middle, end = rates or ((0.2, 0.08, 0.03) if several else (0.15, 0.06, 0.02))
     return (
@@ -183,7 +181,7 @@ def three_phases(
             Weights(grace=smooth[0]),
             (1.0 if several else 1.5, 3.0),
             spill=several,
-            balanced=False,  # the coarse picture is too soft to say what a view falls short of
+            balanced=False,  # the coarse picture is too soft to measure a view's shortfall
         ),
         Phase(
             settings.fine_px,
@@ -201,7 +199,7 @@ def three_phases(
 
 
 def repair_phase(settings: SearchSettings, number: int) -> Phase:
-    """Return the repair of this number, from 0; every second one gives the picture less weight."""
+    """Return repair `number`, from 0; every second one gives the picture less weight."""
     weights = Weights(
         image=0.3 ** (number // 2),
         clearance=40.0,

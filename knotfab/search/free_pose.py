@@ -1,7 +1,7 @@
-"""The view as an unknown: turns, light and wall distance and the tube's radius, found with the knots.
+"""Search for a view's rotation, light and wall distances, and the tube's radius along with the knots.
 
-The paper leaves this as future work (section 7). Points go by the certified flow, the view's numbers
-by Adam on the same objective; bounds keep the light in front of the piece and the wall behind it.
+The paper leaves this as future work (section 7). The certified flow moves the vertices, and Adam the view's
+numbers, by the same objective; bounds keep the light in front of the piece and the wall behind it.
 """
 
 from __future__ import annotations
@@ -30,22 +30,22 @@ from knotfab_formats.scene import LIGHT_SHARE, WALL_SHARE
 Name = Literal["azimuth", "elevation", "roll", "light", "wall", "radius"]
 
 ALL: tuple[Name, ...] = ("azimuth", "elevation", "roll", "light", "wall", "radius")
-_TURN_RATE = 0.4  # degrees a step at the start
-_LENGTH_RATE = 0.008  # share of a length a step at the start
-_LAST = 0.05  # share of these rates at the end
-_SHARP = 12.0  # tau times the projected radius that the pose is judged by
-_CHANGE = 1e-4  # relative change of the radius that the limits' slope is measured over
+_TURN_RATE = 0.4  # first step of an angle, degrees
+_LENGTH_RATE = 0.008  # first step of a length, relative
+_LAST = 0.05  # last step over the first
+_SHARP = 12.0  # sharpness of the picture that the pose is fitted to: tau times the projected radius
+_CHANGE = 1e-4  # relative change of the radius for the finite difference of the limits
 
 
 @dataclass(frozen=True)
 class Bounds:
-    """Bounds of the pose, and which of ALL are unknown."""
+    """Bounds of the pose, and the names of its free numbers."""
 
     free: tuple[Name, ...] = ALL
-    turn_deg: float = 45.0  # the most, to each side of the start
-    light: tuple[float, float] = (0.5, 2.0)  # shares of the start
+    turn_deg: float = 45.0  # largest change of an angle, to each side
+    light: tuple[float, float] = (0.5, 2.0)  # as shares of the start's
     wall: tuple[float, float] = (0.5, 1.5)
-    least_radius_mm: float = 0.8  # the least that the printer makes
+    least_radius_mm: float = 0.8  # the printer's thinnest
     most_radius_mm: float = float("inf")
 
     def __post_init__(self) -> None:
@@ -65,13 +65,13 @@ class Bounds:
 
 
 def turn_of(numbers: ViewNumbers) -> Array:
-    """Return (3, 3) columns are the view's x, y, z in the scene: `points @ turn` are points in view axes."""
+    """Return the rotation (3, 3) whose columns are the view's axes, so `points @ turn` are in view axes."""
     turn = torch.tensor([numbers.azimuth_deg, numbers.elevation_deg, numbers.roll_deg]).double()
     return np.asarray(turn_matrix(turn).numpy())
 
 
 class FreePose:
-    """A view's numbers as tensors that Adam moves: degrees, and logarithms of lengths over their start."""
+    """The numbers of a view that Adam moves: angles in degrees, and logarithms of relative lengths."""
 
     def __init__(
         self,
@@ -90,7 +90,7 @@ class FreePose:
         self.start, self.bounds = start, bounds
         turn = [start.azimuth_deg, start.elevation_deg, start.roll_deg]
         self.turn_deg = torch.tensor(turn, dtype=dtype, device=device, requires_grad=True)
-        # logs holds those of light, wall and radius
+        # of light, wall and radius
         self.logs = torch.zeros(3, dtype=dtype, device=device, requires_grad=True)
         lengths = [start.light_distance_mm, start.wall_distance_mm, start.radius_mm]
         self._first_mm = torch.tensor(lengths, dtype=dtype, device=device)
@@ -100,19 +100,19 @@ class FreePose:
             for part in (ALL[:3], ALL[3:])
         ]
         self._adam = Adam(self.tensors, betas=(0.8, 0.95))
-        self._of: object = None  # the picture whose tensor `picture_term` keeps
+        self._of: object = None  # the picture that `_target` was made from
 
     @property
     def tensors(self) -> tuple[Tensor, Tensor]:
-        """The tensors that gradients are taken with respect to."""
+        """The tensors to differentiate by."""
         return self.turn_deg, self.logs
 
     @property
     def lengths(self) -> Tensor:
-        """[3] light distance, wall distance and radius, mm, with gradient.
+        """Light distance, wall distance and radius, [3] mm, with gradient.
 
-        A free wall goes along with the light: that keeps the size of the shadow, so that size and
-        perspective have an unknown each.
+        A free wall moves along with the light, which keeps the shadow's size. So size and perspective have
+        one unknown each.
         """
         light, wall, radius = self.logs
         along = light + wall if "wall" in self.bounds.free else wall
@@ -120,11 +120,11 @@ class FreePose:
 
     @property
     def radius_mm(self) -> float:
-        """The tube's radius now."""
+        """The present radius of the tube."""
         return float(self.lengths[2].detach())
 
     def frame(self, sheet: Sheet, dtype: torch.dtype) -> Frame:
-        """Return the sheet's frame at the present numbers, with gradient."""
+        """Return the sheet's frame for the present numbers, with gradient."""
         light, wall, _ = self.lengths.to(dtype)
         return posed_frame(sheet, self.turn_deg.to(dtype), light, wall)
 
@@ -134,7 +134,7 @@ class FreePose:
         return ViewNumbers(light, wall, radius, *self.turn_deg.detach().tolist())
 
     def move(self, gradients: tuple[Tensor, Tensor], points: Array, progress: float) -> None:
-        """Take one step of Adam against `gradients` of `tensors`, then back into the bounds."""
+        """Take one step of Adam by the `gradients` of `tensors`, and return into the bounds."""
         share = _LAST**progress
         for tensor, mask, gradient in zip(self.tensors, self._mask, gradients, strict=True):
             tensor.grad = torch.where(mask, gradient, 0.0)
@@ -142,7 +142,7 @@ class FreePose:
         self.keep(points)
 
     def keep(self, points: Array) -> None:
-        """Bring the light before the points (N, 3), the wall behind, and the radius to one that prints."""
+        """Clamp the numbers: the light before the points (N, 3), the wall behind, the radius printable."""
         b, s = self.bounds, self.start
         with torch.no_grad():
             self.turn_deg.clamp_(self._first_turn - b.turn_deg, self._first_turn + b.turn_deg)
@@ -154,7 +154,7 @@ class FreePose:
             light = float(np.clip(light, near, far))
             near, far = (share * s.wall_distance_mm for share in b.wall)
             wall = float(np.clip(wall, near, far))
-            # a number that is not free stays where the person put it, near or not
+            # a number that is not free stays where the scene has it
             light = max(light, front / LIGHT_SHARE) if "light" in b.free else s.light_distance_mm
             wall = max(wall, back / WALL_SHARE) if "wall" in b.free else s.wall_distance_mm
             kept = self.logs.new_tensor([light, wall, radius]) / self._first_mm
@@ -171,10 +171,10 @@ class FreePose:
         near: Neighbours,
         progress: float,
     ) -> None:
-        """Move one step against the objective at vertices (N, 3), and let the objective look from there.
+        """Take one step down the objective at vertices (N, 3), and show the objective the new pose.
 
-        A soft picture shows touching strands as a dark seam and so rewards a thicker tube: the pose answers
-        to a sharp one, and to the limits as they weigh at the end.
+        A soft picture shows touching strands as a dark seam and so rewards a thicker tube. So the pose is
+        fitted to a sharp picture, and to the limits with the weights of the last phase.
         """
         seen, radius = self.picture_term(objective, points), self.radius_mm
         turn_of = turn_matrix(self.turn_deg)
@@ -193,7 +193,7 @@ class FreePose:
         self.show(objective, problem)
 
     def picture_term(self, objective: Objective, points: Array) -> Tensor:
-        """Give the objective's image term of its one view at vertices (N, 3), sharp, with its slopes."""
+        """Return the sharp image term of the one view at vertices (N, 3), differentiable by `tensors`."""
         image = objective.images[0]
         if self._of is not image.target:
             target = torch.as_tensor(image.target, device=self.logs.device)
@@ -217,16 +217,16 @@ class FreePose:
         return (error / image.radius_px**2).to(self.logs.dtype)
 
     def show(self, objective: Objective, problem: Problem) -> None:
-        """Let the objective see its one view from here."""
+        """Give the objective the image of its view from the present pose."""
         image = objective.images[0]
         frame = self.frame(image.sheet, torch.float32).arrays()
         turn = turn_matrix(self.turn_deg.detach()).cpu().numpy()
         objective.look_from(frame, problem.limits(self.radius_mm), turn)
 
     def settle(self, problem: Problem, points: Array) -> tuple[Problem, Array, ViewNumbers]:
-        """Return the problem with its view here, its lengths rounded as a scene file would have them.
+        """Enter the pose in the problem's view, its lengths rounded as in a scene file.
 
-        The points (N, 3) are turned into the view's axes: a scene with one view looks along z.
+        The points (N, 3) are turned into the view's axes, for a scene with one view looks along z.
         """
         n = self.numbers()
         numbers = ViewNumbers(

@@ -1,4 +1,4 @@
-"""The objective of a search: the pictures of all views, the limits that can be felt, more terms."""
+"""Define the objective of a search: the images of all views, the limits, and further terms."""
 
 from __future__ import annotations
 
@@ -20,46 +20,44 @@ from knotfab.render.image import ViewImage, grid_at
 from knotfab.render.silhouette import Frame
 from knotfab.scene.camera import camera_of
 
-# tau per px: beyond, a pixel's middle sees too little of the outline that crosses it
-SHARPEST = 5.0
+SHARPEST = 5.0  # largest tau, 1/px; a sharper outline crosses pixels whose centres hardly notice it
 
 
 @dataclass(frozen=True)
 class Weights:
-    """Weights of the terms; each term is in squared tube radii or a count of radii of curve."""
+    """Weights of the terms, each of which is in squared tube radii, or in tube radii of curve."""
 
     image: float = 1.0
     clearance: float = 1.0
     bend: float = 0.1
     region: float = 10.0
     length: float = 1.0
-    hold: float = 4.0  # the weight of an anchor to another frame of a sequence
-    grace: float = 1.0  # times the setting of that name
+    hold: float = 4.0  # of an anchor to another frame of a sequence
+    grace: float = 1.0  # factor on the setting of that name
 
 
 class Term:
-    """One more part of an objective. A subclass may also be a hard limit: `kept` is then asked at the end."""
+    """A further term of an objective; a subclass that is also a hard limit overrides `kept`."""
 
     def __call__(self, state: State, weights: Weights) -> Felt:
-        """Return a number, in the units of the other terms, and its gradient (N, 3) in the vertices.
+        """Return the value, in the units of the other terms, and its gradient by the vertices, (N, 3).
 
-        `state` holds the walk's own arrays, which are not to be changed.
+        The arrays of `state` belong to the caller and must not be changed.
         """
         raise NotImplementedError
 
     def kept(self, points: Array) -> bool:
-        """Tell whether vertices (N, 3), mm, keep it."""
+        """Return whether vertices (N, 3), mm, keep the limit."""
         return True
 
 
 @dataclass
 class Objective:
-    """Callable loss: (points (N, 3), near, progress) -> (number, gradient (N, 3)), without side effects.
+    """The loss of a phase: (points (N, 3), near, progress) -> (value, gradient (N, 3)), without side effects.
 
-    It sums the pictures of all views, shared out by `shares` (their mean is 1), the limits that can be
-    felt, and `terms`. tau grows geometrically from `tau[0]` to `tau[1]`, in units of one over
-    the projected tube radius. What changes while a phase runs is changed between calls, by the loop:
-    the winning capsules (`find_winners`), the shares, and the pose (`look_from`).
+    It sums the image terms of all views, weighted by `shares` (of mean 1), the terms of the limits, and
+    `terms`. tau grows geometrically from `tau[0]` to `tau[1]`, in units of one over the projected tube
+    radius. The dominant capsules (`find_winners`), shares and pose (`look_from`) change only between calls.
     """
 
     images: tuple[ViewImage, ...]
@@ -71,7 +69,7 @@ class Objective:
     terms: tuple[Term, ...] = ()
     loose: NDArray[np.bool_] | None = None  # (N,) vertices that may move; None: all
     shares: Array = field(init=False)
-    # for each view, as `ViewImage` finds it: which capsule colours which pixel
+    # for each view the capsule that dominates each pixel, as `ViewImage.find_winners` returns it
     won: list[Any] = field(init=False)
     _turn: Array | None = field(init=False, default=None)
 
@@ -97,13 +95,13 @@ class Objective:
         return total, slope
 
     def tau_px(self, number: int, progress: float) -> float:
-        """Return sharpness of a view's image, per px, where a share `progress` of the phase is done."""
+        """Return the sharpness tau of a view's image, 1/px, after a share `progress` of the phase."""
         start, end = self.tau
         sharp = start * (end / start) ** progress / self.images[number].radius_px
         return float(min(sharp, SHARPEST))
 
     def image_term(self, number: int, points: Array, tau: float) -> Felt:
-        """Integrate the squared difference of a view's images, in squared projected radii; tau per px."""
+        """Integrate the squared error of a view's image, in squared projected radii; tau is in 1/px."""
         image = self.images[number]
         error, slope = image.squared_error(
             points, self.rings, self.limits.radius, tau, self.won[number]
@@ -119,13 +117,13 @@ class Objective:
         weights: Weights,
         turn: Array,
     ) -> Felt:
-        """Return the weighted terms of all limits that can be felt, in the axes of `turn` (3, 3)."""
+        """Return the weighted terms of all limits, computed in the axes that are the columns of `turn`."""
         state = State.at(points @ turn, self.rings, near)
         total, slope = add_limits(state, limits, self.guards, weights)
         return total, slope @ turn.T
 
     def find_winners(self, points: Array, progress: float) -> None:
-        """Find each pixel's winning capsule anew; until the next call others do not colour it."""
+        """Recompute the capsule that dominates each pixel; it stays fixed until the next call."""
         if self.weights.image == 0:
             return
         for number, image in enumerate(self.images):
@@ -133,27 +131,27 @@ class Objective:
             self.won[number] = image.find_winners(points, self.rings, self.limits.radius, tau)
 
     def look_from(self, frame: Frame, limits: Limits, turn: Array) -> None:
-        """See the one view from another pose: its frame, the limits there, and its axes (3, 3) as columns."""
+        """Take another pose of the one view: its frame, its limits, and its axes as columns of `turn`."""
         self.images = (self.images[0].from_frame(frame),)
         self.limits, self._turn = limits, turn
 
     def ious(self, points: Array) -> tuple[float, ...]:
-        """Return the hard silhouettes' IoU with the target, view by view."""
+        """Return the IoU of each view's hard silhouette with its target."""
         return tuple(i.iou(points, self.rings, self.limits.radius) for i in self.images)
 
 
 class Pose(Protocol):
-    """The pose of one view (`free_pose.FreePose`), or directions of several (`FreeDirections`)."""
+    """A free pose: of one view (`free_pose.FreePose`) or directions of several (`FreeDirections`)."""
 
     @property
     def radius_mm(self) -> float:
-        """The tube's radius now."""
+        """The present radius of the tube."""
 
     def keep(self, points: Array) -> None:
-        """Go back into the bounds, which the points (N, 3) may set."""
+        """Return into the bounds, which may depend on the points (N, 3)."""
 
     def show(self, objective: Objective, problem: Problem) -> None:
-        """Let the objective see its views from here."""
+        """Give the objective the images of its views from the present pose."""
 
     def descend(
         self,
@@ -163,39 +161,36 @@ class Pose(Protocol):
         near: Neighbours,
         progress: float,
     ) -> None:
-        """Move one step against the objective at vertices (N, 3), and let it see from there."""
+        """Take one step down the objective at vertices (N, 3), and show it the new pose."""
 
     def settle(self, problem: Problem, points: Array) -> tuple[Problem, Array, ViewNumbers | None]:
-        """Return the problem with its views here, and the points (N, 3) in their axes."""
+        """Return the problem with the pose entered, the points (N, 3) in its axes, and one view's numbers."""
 
 
 def add_limits(state: State, limits: Limits, guards: dict[str, Guard], weights: Weights) -> Felt:
-    """Return the weighted sum of the terms of all limits that can be felt; calls and seconds are counted."""
+    """Sum the weighted terms of all limits that have one; the guards count calls and seconds."""
     found = ((getattr(weights, name), guard.term(state, limits)) for name, guard in guards.items())
     return weigh(((weight, felt) for weight, felt in found if felt is not None), state.points)
 
 
-# Grace: the energy of an elastic curve under tension, which the eye dislikes and few pictures ask
-# for.
+# Grace: the energy of an elastic curve under tension, which is low for curves that please the eye.
 
-
-_TENSION = 0.5  # the tension on one tube radius of length, in units of the bending energy
-# curvature times radius: where counted bends weigh as much as their bending energy; of straight stretches
+_TENSION = 0.5  # cost of one tube radius of length, in units of the bending energy
+# curvature times radius: where a counted bend costs as much as its bending energy, and of a straight stretch
 _BENT, _STRAIGHT = 0.3, 0.05
 
 
 @dataclass(frozen=True)
 class Grace(Term):
-    """Callable term: weight * (r * integral of squared curvature + tension * length / r), free of scale.
+    """The scale-free term weight * (r * integral of squared curvature + tension * length / r).
 
-    Euler's elastica under tension. On a polyline the bending energy is the sum over vertices of
-    |t' - t|^2 / l, t and t' the unit tangents before and after, l the mean of the two edges (Bergou et
-    al., "Discrete elastic rods", 2008, with 2 sin(theta / 2) for 2 tan(theta / 2): bounded where an edge
-    folds back).
+    It is the energy of Euler's elastica. On a polyline the bending energy is the sum over vertices of
+    |t' - t|^2 / l, with unit tangents t and t' before and after and l the mean of the two edges (Bergou et
+    al., "Discrete elastic rods", 2008, with 2 sin(theta / 2) for 2 tan(theta / 2), which stays bounded where
+    an edge folds back).
 
-    With `bends` a root of curvature takes the place of its square, as bends are counted: a straight that
-    may be t beside a curve of curvature k stands for 4 sqrt(t / k) of it. Smooth where there is none, it
-    grows about as curvature does: a bend costs the same however tight it is.
+    With `bends` the root of curvature replaces its square, to count bends: a straight segment within t of a
+    curve of curvature k covers 4 sqrt(t / k) of it. The root is smoothed near 0.
     """
 
     radius_mm: float
@@ -209,7 +204,7 @@ class Grace(Term):
         turn = unit[following] - unit
         between = 0.5 * (one + one[following])
         length, turned = _divisor(between), (turn * turn).sum(axis=1)
-        # each vertex's share, and its slopes in the square of its turn and in the length that is its own
+        # each vertex's energy, and its derivatives by the squared turn and by the vertex's length
         if self.bends:
             lengths = length / self.radius_mm
             counted, slope = _count_bends(turned / lengths / lengths)
@@ -221,7 +216,7 @@ class Grace(Term):
             by_length = -shares / length
         by_length = np.where(between > 0, by_length, 0.0)
         pull = 2.0 * by_turn[:, None] * turn
-        pull = pull[previous] - pull  # the pull on the unit edges
+        pull = pull[previous] - pull  # gradient by the unit edges
         along = (pull * unit).sum(axis=1)
         stretch = 0.5 * (by_length + by_length[previous]) + _TENSION / self.radius_mm
         edges = (pull - along[:, None] * unit) / _divisor(one)[:, None] + stretch[:, None] * unit
@@ -231,9 +226,9 @@ class Grace(Term):
 
 
 def _count_bends(squares: Array) -> tuple[Array, Array]:
-    """Return the root of squared curvature, in tube radii, smooth at 0; and its slope.
+    """Return the scaled root of curvature, smoothed at 0, and its derivative by the squared curvature.
 
-    At `_BENT` it is that square.
+    Curvature is in units of one over the tube radius; at `_BENT` the result equals its square.
     """
     least = _STRAIGHT**0.5
     scale = _BENT**2 / ((_BENT**2 + _STRAIGHT**2) ** 0.25 - least)
@@ -242,24 +237,23 @@ def _count_bends(squares: Array) -> tuple[Array, Array]:
 
 
 def _divisor(lengths: Array) -> Array:
-    """Return lengths, 1 where there is none: an edge without length turns by no angle that is known."""
+    """Return lengths to divide by, with 1 in place of 0."""
     return np.where(lengths > 0, lengths, 1.0)
 
 
-# A pull on strands that stand outside a silhouette, by how far outside they stand.
-
-
-_MARGIN = 0.5  # a share of the frame on each side; a place further out counts as its edge
-_CELLS = 240  # cells along the longer side
-# weight of a strand that stands a tube radius outside, against one tube radius squared of image
-_WEIGHT = 0.5
+_MARGIN = 0.5  # margin of the distance field around the frame, as a share of it
+_CELLS = 240  # cells of the field along the frame's longer side
+_WEIGHT = (
+    0.5  # cost of a tube radius of strand, one radius outside, in squared radii of image error
+)
 
 
 @dataclass(frozen=True)
 class Spill(Term):
-    """Length times distance outside a silhouette, in squared tube radii.
+    """A pull on strands outside a silhouette: length times distance, in squared tube radii.
 
-    `field` (H, W) is the distance to the silhouette in tube radii, `projection` (3, 4) leads to it.
+    `field` (H, W) is the distance from the silhouette in tube radii, and `projection` (3, 4) maps to its
+    cells. Places beyond the field count as its edge.
     """
 
     projection: Array
@@ -268,7 +262,7 @@ class Spill(Term):
 
     @classmethod
     def of(cls, target: TargetView, radius: float) -> Spill:
-        """Return the term of one view; the tube's radius in mm."""
+        """Build the term for one view; the tube's radius is in mm."""
         view = target.view
         cell = view.longer_mm / _CELLS
         wanted, camera = grid_at(view, target.mask, cell, _MARGIN, beside=target.ends)
@@ -281,28 +275,25 @@ class Spill(Term):
         at = np.clip(seen.places, 0.0, last)
         cell = np.minimum(at.astype(np.int64), last - 1)
         share = at - cell
-        # the field is bilinear between the middles of four cells
+        # interpolate bilinearly between the centres of four cells
         (u, v), (x, y) = cell.T, share.T
         f = self.field
         upper, lower = f[v, u], f[v + 1, u]
         rise, fall = f[v, u + 1] - upper, f[v + 1, u + 1] - lower
         upper, lower = upper + x * rise, lower + x * fall
         slope = np.column_stack([(1.0 - y) * rise + y * fall, lower - upper])
-        slope[at != seen.places] = 0.0  # beyond the edge it stays what it is there
+        slope[at != seen.places] = 0.0  # constant beyond the edge
         scale = _WEIGHT * weights.image * state.spacing / self.radius
         return scale * float(((1.0 - y) * upper + y * lower).sum()), scale * seen.pull(slope)
 
 
-# A far-sighted pull for curves that are nowhere near their pictures: nearest points, both ways.
-
-
 _SAMPLES = 700  # samples of each silhouette
-TENSION = 3.0
+TENSION = 3.0  # weight of the squared edges of `Chamfer`
 
 
 @dataclass(frozen=True)
 class _Side:
-    """One view: its projection (3, 4) to mm on the receiver, and samples (k, 2) there, with their tree."""
+    """One view's projection (3, 4) to mm on the receiver, and samples (k, 2) of its silhouette there."""
 
     projection: Array
     samples: Array
@@ -311,14 +302,17 @@ class _Side:
 
 @dataclass(frozen=True)
 class Chamfer(Term):
-    """Mean squared distances, both ways, of every view, in squared tube radii; and some tension."""
+    """A far-reaching pull on curves that are far from their pictures, in squared tube radii.
+
+    It sums squared distances to nearest points, both ways in every view, and a tension.
+    """
 
     sides: tuple[_Side, ...]
     radius: float
 
     @classmethod
     def of(cls, views: Sequence[TargetView], radius: float) -> Chamfer:
-        """Return the term of all views, their silhouettes thinned by a tube radius where they can be."""
+        """Build the term for all views, with silhouettes eroded by about a radius unless little remains."""
         sides = []
         for target in views:
             height, width = target.mask.shape
@@ -335,7 +329,7 @@ class Chamfer(Term):
 
     def __call__(self, state: State, weights: Weights) -> Felt:
         points, edge = state.points, state.edge
-        # tension: what is pulled from many sides at once would crumple
+        # without tension, strands pulled from many sides would crumple
         taut = TENSION / (state.spacing * self.radius)
         total = taut * float((edge * edge).sum())
         slope = follow_edges(2.0 * taut * edge, state.rings)

@@ -1,4 +1,4 @@
-"""Torch optimizers: the certified flow that moves the knots, and Adam for what moves beside them."""
+"""Optimise with torch: the certified flow moves the knots, and Adam the numbers of free views."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from knotfab.search.flow import (
 from knotfab_formats.errors import InputError
 from knotfab_formats.libraries import took_part
 
-_LEAST = 1e-8  # the least root mean square of Adam: no step is infinite
+_LEAST = 1e-8  # Adam's epsilon
 
 
 class _Light(Optimizer):
@@ -51,7 +51,7 @@ class _Light(Optimizer):
 
 
 class CertifiedFlow(_Light):
-    """Moves the vertices of closed polylines against a loss, and never one strand through another.
+    """Move the vertices of closed polylines down a loss, and never one strand through another.
 
         optimizer = CertifiedFlow(points, rings, radius, FlowSettings(iterations=200))
         for _ in range(200):
@@ -60,14 +60,14 @@ class CertifiedFlow(_Light):
             loss.backward()
             optimizer.step()
 
-    A step goes along the H1 gradient with momentum, evens out the edges, and is clamped. Each accepted step
-    is certified to be an isotopy (`geometry.carry.certify`): one that fails is halved up to six times, then
+    A step follows the H1 gradient with momentum, evens out the edges, and is clamped. Each step taken is
+    certified to be an isotopy (`geometry.carry.certify`); one that is not is halved up to six times and then
     refused.
 
     Args:
         points: the vertices [N, 3], mm, float64, on the CPU, with gradient.
-        settings: its rates go from those of the first of `settings.iterations` steps to those of the last.
-        separation: the least distance of centre lines that the loss asks for, mm.
+        settings: the step size falls from `rate` to `rate_end` over `iterations` steps.
+        separation: least distance of centre lines that the loss asks for, mm.
     """
 
     def __init__(
@@ -92,12 +92,12 @@ class CertifiedFlow(_Light):
 
     @property
     def progress(self) -> float:
-        """The share of its steps that are done, from 0 to 1."""
+        """The share of the steps that are done, from 0 to 1."""
         return min(1.0, self.steps / max(1, self.settings.iterations - 1))
 
     @property
     def near(self) -> Neighbours:
-        """The pairs of segments that the loss can feel where the vertices are."""
+        """The pairs of segments that the loss can feel at the present vertices."""
         points = self.result.points
         if self._near is None or self._near.moved(points) > 0.3 * self.radius:
             reach = self.settings.reach
@@ -106,11 +106,10 @@ class CertifiedFlow(_Light):
 
     @torch.no_grad()
     def step(self) -> None:  # type: ignore[override]
-        """Take one certified step; `result` counts those that were shortened or refused.
+        """Take one certified step; `result` counts steps that were shortened or refused.
 
         Raises:
-            InputError: the vertices have no gradient, or one that is not finite, or something else than
-                this optimizer moved them.
+            InputError: the vertices have no finite gradient, or other code has moved them.
         """
         (points,) = self.tensors
         if points.grad is None or not torch.isfinite(points.grad).all():
@@ -168,14 +167,14 @@ def descend(
     between: Between | None = None,
     terms: Sequence[Callable[[Tensor], Tensor]] = (),
 ) -> FlowResult:
-    """Descend `objective` from `points` (N, 3), mm, keeping the knot type.
+    """Minimise `objective` from `points` (N, 3), mm, keeping the knot type.
 
     Args:
-        objective: gives its value and, by hand, its gradient (N, 3), which enter torch's graph as one node.
-        report: called each iteration with (share of the way, points).
-        done: may end the flow early.
+        objective: returns its value and gradient (N, 3), which enter torch's graph as one node.
+        report: called each iteration with (share done, points).
+        done: ends the flow early when it returns True.
         between: called before each step with (points, near, iteration, progress).
-        terms: functions in torch of the vertices, to scalars that are added to the loss.
+        terms: torch functions of the vertices, whose values are added to the loss.
     """
     took_part("numba", "ran the loops of pictures and limits")
     vertices = torch.from_numpy(points.copy()).requires_grad_()
@@ -203,13 +202,13 @@ def descend(
 
 
 class Adam(_Light):
-    """D. P. Kingma and J. Ba, "Adam: a method for stochastic optimization", ICLR 2015, algorithm 1.
+    """Adam (Kingma and Ba, "Adam: a method for stochastic optimization", ICLR 2015, algorithm 1).
 
-    Unlike torch's own, each step is told its rate, of all tensors or of each.
+    Unlike torch's own, each step gets its rate, for all tensors or for each.
 
     Args:
-        tensors: what is to be moved, in place.
-        betas: how much of the means of gradients and of their squares a step keeps.
+        tensors: moved in place.
+        betas: decay of the running means of gradients and of their squares.
     """
 
     def __init__(
@@ -222,7 +221,7 @@ class Adam(_Light):
 
     @torch.no_grad()
     def step(self, rate: float | Sequence[float]) -> None:  # type: ignore[override]
-        """Move against the tensors' gradients by about `rate`, of all or of each."""
+        """Move the tensors down their gradients by about `rate`, one number or one for each."""
         self._steps += 1
         first, second = self._betas
         rates = rate if isinstance(rate, Sequence) else [rate] * len(self.tensors)
@@ -239,10 +238,10 @@ class Adam(_Light):
 
 @contextmanager
 def one_thread() -> Iterator[Any]:
-    """Run torch on one thread inside.
+    """Run torch on one thread within the context.
 
-    Its barriers cost more than they gain on tensors this small, and many times more where the cores
-    are shared; and sums come out the same whatever the number of cores.
+    On small tensors its barriers cost more than they gain, above all on shared cores, and results no longer
+    depend on the number of cores.
     """
     before = torch.get_num_threads()
     torch.set_num_threads(1)

@@ -1,8 +1,7 @@
-"""The search: from curves of known type to knots that draw every picture and keep every limit.
+"""Search from curves of known type for knots that draw every picture and keep every limit.
 
-There is one search. One view is the case of several; a free view has its pose among the unknowns; a frame
-of a sequence starts from the frame before, with terms that hold it near; and the paper's network differs
-from the flow in moving curves.
+All builds share one search. A free view adds its pose to the unknowns, a frame of a sequence starts from an
+earlier frame with terms that hold it near, and the paper's network is another way to move the curves.
 """
 
 from __future__ import annotations
@@ -26,14 +25,14 @@ from knotfab.limits.feasibility import Feasibility
 from knotfab.problem import CertificateLog, Problem, Report, SearchResult, Start, Watch
 from knotfab.search.flow import FlowSettings, Phase, Plan, plan_of
 from knotfab.search.objective import Chamfer, Pose, Term, Weights
-from knotfab.search.state import SearchState, begin, resample_state, run_phase
+from knotfab.search.state import SearchState, begin_search, resample_state, run_phase
 from knotfab_formats.search import SearchSettings
 
-_SEEN_EVERY = 10  # iterations between measurements of the IoU that is reported
-# iterations of each: no setting, since those of a time budget are not known yet
-_APPROACH_ITERATIONS = 80
-# rates of the phases that bring a far start near, in tube radii
-_APPROACH_RATES = 0.25, 0.2, 0.12
+_SEEN_EVERY = 10  # iterations between measurements of the reported IoU
+_APPROACH_ITERATIONS = (
+    80  # of each phase that brings a far start near; a time budget does not change them
+)
+_APPROACH_RATES = 0.25, 0.2, 0.12  # step sizes of these phases, in tube radii
 
 
 def search(
@@ -51,29 +50,31 @@ def search(
     report: Report | None = None,
     watch: Watch | None = None,
 ) -> SearchResult:
-    """Return knots that draw every picture of the problem, carried there from the start by certified steps.
+    """Carry a start by certified steps to knots that draw every picture of the problem.
 
-    Three phases: coarse picture, fine picture, and one that weighs the limits most; then, while a limit
-    is violated, mending and repairs, which give the picture ever less weight. With `settings.method`
-    "inn" the paper's network takes the place of the three phases, with "inn+flow" it comes before them.
+    The three phases have a coarse picture, a fine one, and high weights of the limits. While a limit is
+    violated, mending and repairs follow, which give the picture less and less weight. With `settings.method`
+    "inn" the paper's network replaces the three phases, and with "inn+flow" it precedes them.
 
     Args:
-        radius: radius of the tube, mm.
-        terms: further parts of the objective; those that are hard limits are repaired as limits are.
-        pose: pose of the one view, or directions of several, where these are unknowns: found along in all
-            phases but the last, before which the knots are turned into the axes of the one view found.
-        pace: settles the iterations of each phase by the clock; None: those that the settings say.
+        radius: of the tube, mm.
+        terms: further terms of the objective; those that are hard limits are repaired like limits.
+        pose: the free pose of one view, or free directions of several. It is found in all phases but the
+            last, before which the knots are turned into the axes of a single view.
+        pace: sets the iterations of each phase by the clock; None: as the settings say.
         log: the certified steps that led to the start, to be continued.
-        device: where the pictures are drawn, and where the network runs: "cpu", "cuda".
-        plan: instead of the one that follows from the settings and the number of views.
-        report: called with (share of the search that is done, least IoU, measured now and then).
-        watch: called each iteration with the knots as they stand; it changes no result.
+        device: where the pictures are drawn and the network runs: "cpu" or "cuda".
+        plan: replaces the one that follows from the settings and the number of views.
+        report: called with (share done, least IoU, which is measured now and then).
+        watch: called each iteration with the present knots; it changes no result.
 
     Returns:
-        The result says itself whether it is feasible, or which limit is violated, by how much and where.
+        The result, feasible or not; it says which limit is violated, by how much and where.
     """
     plan = plan or plan_of(settings, 1 if problem.apart_mm is not None else len(problem.views))
-    state = begin(problem, start, radius, settings, terms, pose, plan.keep_vertices, log, device)
+    state = begin_search(
+        problem, start, radius, settings, terms, pose, plan.keep_vertices, log, device
+    )
     state.watch = watch
     if pose is not None:
         pose.keep(state.points)
@@ -113,7 +114,7 @@ def search(
 def _run_phases(
     state: SearchState, phases: tuple[Phase, ...], report: Report | None, pace: Pace | None = None
 ) -> None:
-    """Run the phases that have iterations, each from evenly spaced vertices on."""
+    """Run the phases that have iterations, and resample the curves before each."""
     settings = state.settings
     total, done = sum(phase.iterations for phase in phases), 0
     seen: float | None = None
@@ -145,7 +146,7 @@ def _run_phases(
 
 
 def _settle_pose(state: SearchState) -> None:
-    """End the search for the pose: from here on the knots stand in the axes of the view found."""
+    """Fix the free pose, if there is one, and turn the knots into its axes."""
     if state.pose is None:
         return
     state.problem, state.points, state.numbers = state.pose.settle(state.problem, state.points)
@@ -155,7 +156,7 @@ def _settle_pose(state: SearchState) -> None:
 
 
 def _approach(state: SearchState) -> None:
-    """Bring a start that is far from the pictures near, by the chamfer distance, certified as ever."""
+    """Bring a start that is far from the pictures near, by certified steps down the chamfer distance."""
     weights = Weights(image=0.0, clearance=60.0, bend=30.0)
     kept = state.terms
     state.terms += (Chamfer.of(state.problem.views, state.radius),)
@@ -171,33 +172,32 @@ def _approach(state: SearchState) -> None:
     state.terms = kept
 
 
-# A search that watches the clock: how many iterations each phase gets is settled when it begins.
+# A search by the clock.
 
-
-_TRIED = 6  # iterations by which a phase is timed before it begins; they are taken back
-_LEAST = (20, 16, 12)  # iterations of the phases, that a verified part needs
-_MOST = 5.0  # factor of the settings' iterations: more has nothing to gain
-_OVERHEAD = 0.5  # a share of an iteration that even a picture of no pixels would cost
-_MENDING = 0.4  # the last phase's extra cost, for its closer vertices and repairs, as a share
+_TRIED = 6  # iterations by which a phase is timed before it begins; their result is discarded
+_LEAST = (20, 16, 12)  # least iterations of the phases from which a part is verified
+_MOST = 5.0  # most iterations over the settings'; more gain nothing
+_OVERHEAD = 0.5  # cost of an iteration apart from pixels, in units of a 256 px picture
+_MENDING = 0.4  # extra cost of the last phase, for its closer vertices and for repairs
 
 
 @dataclass
 class Pace:
-    """Iterations of the phases by the seconds that are left.
+    """Set the iterations of the phases by the time that is left.
 
-    A phase is timed by a few iterations that are taken back, and gets its share of what is left by then: so
-    the last one, which ends feasible, makes up for what the others took too much. The number of iterations
-    alone decides what a phase does: a search that is given the same numbers does the same.
+    Each phase is timed by a few iterations that are discarded, and then gets its share of the time left. So
+    the last phase makes up for others that took too long. A phase depends on the clock only through its
+    number of iterations, so a search with the same numbers does the same.
 
     Args:
-        left: seconds that the search may still take, where it ends with so many vertices.
+        left: returns the seconds left for a search that ends with this many vertices.
     """
 
     left: Callable[[int], float]
     iterations: dict[int, int] = field(default_factory=dict)  # keyed by the phase's number
 
     def fit(self, state: SearchState, phases: Sequence[Phase], number: int) -> Phase:
-        """Return the phase of this number with as many iterations as there is time for."""
+        """Return phase `number` with as many iterations as there is time for."""
         each = self._seconds_each(state, phases[number])
         ahead = [
             phase.iterations * each * _cost(phase) / _cost(phases[number])
@@ -211,9 +211,9 @@ class Pace:
         return replace(asked, walk=replace(asked.walk, iterations=count))
 
     def _seconds_each(self, state: SearchState, phase: Phase) -> float:
-        """Return seconds of an iteration of a phase from where the search stands, which is left as it is."""
+        """Measure the seconds per iteration of a phase, without changing the state."""
         spent = []
-        # the first loads what is compiled; what every phase does at its beginning falls out of the others
+        # the first run loads compiled code; the difference of the others leaves out what each run begins with
         for count in (1, 1, 1 + _TRIED):
             tried = replace(
                 state,
@@ -230,16 +230,17 @@ class Pace:
 
 
 def _cost(phase: Phase) -> float:
-    """Weigh an iteration against others of the same search: by its pixels, plus a constant."""
+    """Return the relative cost of an iteration: its pixels, plus a constant."""
     return _OVERHEAD * 256.0**2 + phase.pixels**2
 
 
-# Repair a violated limit after the phases: stretches alone first, then the whole curve.
+# Repairs after the phases.
 
-
-_REACH = 4.0  # tube radii of a stretch about a violation
-_ITERATIONS = 60
-_STRETCHED = 0.87  # a share of the spacing: an edge half as long again as that is cut in two
+_REACH = 4.0  # half the length of a stretch around a violation, in tube radii
+_ITERATIONS = 60  # of each mending
+_STRETCHED = (
+    0.87  # length that edges are cut by, over the spacing; edges 1.5 times as long are halved
+)
 _RATE, _RATE_END = 0.04, 0.005  # root-mean-square step of the vertices that move, in tube radii
 
 
@@ -247,7 +248,7 @@ def repair(state: SearchState, plan: Plan) -> None:
     """Mend and repair until every limit holds, or the plan's rounds are used up."""
     if plan.repairs == 0 or not state.wanting(state.points):
         return
-    # most often a few bends are left, and the whole curve need not give way for them
+    # usually a few bends are left, for which the whole curve need not move
     mended = mend_stretches(state, plan.repair(0), plan.mendings)
     while state.log.repairs < plan.repairs and state.wanting(state.points):
         resample_state(state, state.settings.settle_edge_radii * state.radius)
@@ -258,11 +259,10 @@ def repair(state: SearchState, plan: Plan) -> None:
 
 
 def mend_stretches(state: SearchState, phase: Phase, rounds: int) -> int:
-    """Mend what violates a limit where it can be, by the weights of `phase`; the rounds that took.
+    """Move only the stretches that violate a limit, with the weights of `phase`; return the rounds taken.
 
-    Every round lets go of the stretches that violate a limit then. Too great a length is no matter of
-    a stretch, and stays. Steps are certified as everywhere. Edges that a round has stretched are cut in
-    two: by the bend radius they may turn further, and their mitres would stand out.
+    Each round frees the stretches that violate a limit then. Excess length has no stretch, so it remains.
+    Edges that a round has stretched are halved, for their mitres would stand out.
     """
     edge_mm = _STRETCHED * state.settings.settle_edge_radii * state.radius
     for done in range(rounds):
@@ -271,7 +271,7 @@ def mend_stretches(state: SearchState, phase: Phase, rounds: int) -> int:
         loose = find_stretches(state.points, state.rings, feasibility)
         if not feasibility.violations or not loose.any():
             return done
-        # the flow's rates are root mean squares over all vertices, moved or not
+        # the flow's rates are root mean squares over all vertices, including fixed ones
         share = float(np.sqrt(loose.mean()))
         walk = FlowSettings(iterations=_ITERATIONS, rate=_RATE * share, rate_end=_RATE_END * share)
         run_phase(state, replace(phase, walk=walk), until_kept=True, loose=loose)
@@ -285,7 +285,7 @@ def _cut_long_edges(state: SearchState, edge_mm: float) -> None:
 
 
 def find_stretches(points: Array, rings: Polylines, feasibility: Feasibility) -> NDArray[np.bool_]:
-    """Find [N] True near a violated bend, the narrowest violated gap or the place furthest outside."""
+    """Mark the vertices near violated bends, the narrowest gap or the place furthest outside, (N,)."""
     limits = feasibility.limits
     places = [points[bend_radii(points, rings) < limits.bend_radius]]
     if "clearance" in feasibility.broken:
@@ -299,14 +299,10 @@ def find_stretches(points: Array, rings: Polylines, feasibility: Feasibility) ->
     return np.asarray(apart < _REACH * limits.radius)
 
 
-# A search to look back on: its knots, now and then.
-
-
 class History:
-    """The kept states of a search, `most` at most, spread evenly over its iterations.
+    """Record at most `most` states of a search, spread evenly over its iterations; pass it as `watch`.
 
-    It is handed to the search as its `watch`. When it is full every other state is dropped, and half as
-    many are taken from there on, so that few more are made than are kept.
+    When it is full, every other state is dropped, and from then on half as many are recorded.
     """
 
     def __init__(self, most: int = 24) -> None:
@@ -314,7 +310,7 @@ class History:
         self._most, self._every, self._seen = most, 1, 0
 
     def __call__(self, knots: Callable[[], Knots], certified: bool) -> None:
-        """Take the knots as they stand, where their turn has come."""
+        """Record the present knots if it is their turn."""
         if self._seen % self._every == 0:
             self.states.append(knots())
         self._seen += 1

@@ -1,4 +1,4 @@
-"""The state of a search (vertices, what is asked of them, the certificates so far), and its single steps."""
+"""Hold the state of a search (vertices, objective, certificates), and run its single phases."""
 
 from __future__ import annotations
 
@@ -24,29 +24,24 @@ from knotfab.search.objective import Grace, Objective, Pose, Spill, Term
 from knotfab.search.upright import Upright
 from knotfab_formats.search import SearchSettings
 
-# Weigh each of three views or more in the search: the more, the further it falls short of its
-# goal.
-
-
-_SHORT = 0.015  # a view may stay so far below its bound; settling and repairs take some more
-_GAIN = 30.0  # at an update 0.01 further below the goal than the mean of all gains e^0.3
-# the part of a share's logarithm that stays at an update: shares are equal where no view lacks anything
-_KEPT = 0.9
-_MOST = 4.0  # a view counts at most so many times more or less than among equals
+_SHORT = 0.015  # IoU by which a goal is below the view's bound; settling and repairs cost some more
+_GAIN = 30.0  # an update multiplies a share by e^0.3 for each 0.01 of shortfall beyond the mean
+_KEPT = 0.9  # share of the logarithm that is kept at an update, so that shares fade back to equal
+_MOST = 4.0  # largest share, and the inverse of the least
+_BALANCED_EVERY = 20  # iterations between updates of the shares
 
 
 def goals_of(bounds: Sequence[float]) -> tuple[float, ...]:
-    """Return the IoU that each view is to reach, from the IoU of the hull's own shadows."""
+    """Return the IoU that each view should reach, from the visual hull's bounds."""
     return tuple(bound - _SHORT for bound in bounds)
 
 
 @dataclass
 class Balance:
-    """The weights of the views, and what moves them.
+    """Weights of three or more views, larger for views that fall short of their goals.
 
-    `shares` (n,) has the mean 1. A view above its goal asks for nothing, and where none lacks anything the
-    shares go back to equal. This is the multiplicative weights method (Arora, Hazan & Kale 2012,
-    section 2) on the shortfalls, with a memory that fades.
+    `shares` (n,) have the mean 1, and fade back to equal when no view falls short. This is the multiplicative
+    weights method (Arora, Hazan & Kale 2012, section 2) on the shortfalls, with a fading memory.
     """
 
     goals: tuple[float, ...]
@@ -56,7 +51,7 @@ class Balance:
         self.shares = np.ones(len(self.goals))
 
     def update(self, ious: Sequence[float]) -> NDArray[np.float64]:
-        """Return new shares (n,) from the IoU of each view as it stands."""
+        """Update the shares by the present IoU of each view, and return them."""
         short = np.maximum(np.array(self.goals) - np.array(ious), 0.0)
         moved = self.shares**_KEPT * np.exp(_GAIN * (short - short.mean()))
         moved = np.clip(moved, 1.0 / _MOST, _MOST)
@@ -64,14 +59,11 @@ class Balance:
         return self.shares
 
 
-_BALANCED_EVERY = 20  # iterations between looks at what each view falls short of
-
-
 @dataclass
 class SearchState:
-    """Vertices `points` (N, 3), mm, of the polylines `rings`, and all that the search goes by.
+    """The vertices `points` (N, 3), mm, of the polylines `rings`, and all that the search depends on.
 
-    `pose` is the one view's pose, or the directions of several views, while these are unknowns.
+    `pose` is the free pose of one view, or the free directions of several, until it is settled.
     """
 
     problem: Problem
@@ -87,7 +79,7 @@ class SearchState:
     keep_vertices: bool = False
     device: str = "cpu"
     balance: Balance | None = None
-    numbers: ViewNumbers | None = None  # the pose's, once it is found
+    numbers: ViewNumbers | None = None  # of the pose, once it is settled
     watch: Watch | None = None
 
     @property
@@ -96,22 +88,22 @@ class SearchState:
         return self.problem.limits(self.radius)
 
     def knots_at(self, points: Array, rings: Polylines) -> Knots:
-        """Return vertices (N, 3) of polylines as knots of their types."""
+        """Build knots, with their known types, from the vertices (N, 3) of polylines."""
         parts = zip(rings.split(points), self.log.types, strict=True)
         return Knots(tuple(Knot(part, kind) for part, kind in parts), self.radius)
 
     def feasibility(self) -> Feasibility:
-        """Return the hard limits measured on the polylines as they are."""
+        """Measure the hard limits on the present polylines."""
         return measure_feasibility(self.points, self.rings, self.limits)
 
     def wanting(self, points: Array) -> bool:
-        """Tell whether vertices (N, 3) break a limit, or a term that is a limit."""
+        """Return whether vertices (N, 3) break a limit, or a term that is a limit."""
         if not all(term.kept(points) for term in self.terms):
             return True
         return bool(measure_feasibility(points, self.rings, self.limits).violations)
 
     def judge_effects(self) -> None:
-        """Judge every effect on the polylines as they are; nothing that was simulated is taken back."""
+        """Judge every effect on the present polylines; an effect once simulated stays so."""
         views = tuple(v.view for v in self.problem.views)
         tolerance = self.settings.tolerance_px
         world = self.problem.world.holding(len(self.rings.sizes))
@@ -123,7 +115,7 @@ class SearchState:
                 self.effects[name] = fresh
 
     def ious(self) -> tuple[float, ...]:
-        """Return the IoU of each view at the resolution of the fine phase."""
+        """Measure the IoU of each view at the resolution of the fine phase."""
         images = self._images(self.settings.fine_px)
         return tuple(i.iou(self.points, self.rings, self.radius) for i in images)
 
@@ -133,7 +125,7 @@ class SearchState:
         return tuple(v.image_at(*given) for v in self.problem.views)
 
     def objective(self, phase: Phase, loose: NDArray[np.bool_] | None = None) -> Objective:
-        """Weigh the objective of a phase on the polylines; `loose` (N,): vertices that may move."""
+        """Build the objective of a phase; `loose` (N,) marks the vertices that may move (None: all)."""
         terms = self.terms
         if phase.spill:
             terms += tuple(Spill.of(v, self.radius) for v in self.problem.views)
@@ -152,7 +144,7 @@ class SearchState:
         return objective
 
     def between(self, objective: Objective, phase: Phase) -> Between:
-        """Change what changes between the steps of a phase: pose, winning capsules, weights of the views."""
+        """Return the callback that updates dominant capsules, pose and shares between a phase's steps."""
         balance = self.balance if phase.balanced else None
 
         def update(points: Array, near: Neighbours, iteration: int, progress: float) -> None:
@@ -167,7 +159,7 @@ class SearchState:
         return update
 
 
-def begin(
+def begin_search(
     problem: Problem,
     start: Start,
     radius: float,
@@ -178,7 +170,7 @@ def begin(
     log: CertificateLog | None = None,
     device: str = "cpu",
 ) -> SearchState:
-    """Return the state at the start of a search, its effects judged there."""
+    """Build the state at the start of a search, with the effects judged there."""
     if settings.grace > 0:
         terms += (Grace(radius, settings.grace, settings.grace_of == "bends"),)
     points = np.concatenate(start.curves)
@@ -206,7 +198,7 @@ def begin(
 
 
 def resample_state(state: SearchState, edge_mm: float) -> None:
-    """Resample with a certificate; where it cannot be certified, new vertices on the long edges only."""
+    """Resample the polylines if that can be certified, or else only halve their long edges."""
     if state.keep_vertices:
         return
     points, rings, verdict = resample(state.points, state.rings, edge_mm)
@@ -226,10 +218,10 @@ def run_phase(
     until_kept: bool = False,
     loose: NDArray[np.bool_] | None = None,
 ) -> Objective:
-    """Run one phase of the certified flow; `until_kept` ends it as soon as every limit holds.
+    """Run one phase of the certified flow; with `until_kept` it ends as soon as every limit holds.
 
     Args:
-        report: called each iteration with (share of the phase, what measures the least IoU).
+        report: called each iteration with (share of the phase, a function that measures the least IoU).
 
     Returns:
         The objective at the end of the phase.
@@ -243,11 +235,11 @@ def run_phase(
         if report is not None:
             report(progress, lambda: min(objective.ious(points)))
 
-    # torch, which nothing before a search needs
+    # imported here, for nothing before a search needs torch
     from knotfab.search.optimizer import descend
     from knotfab.search.term import TorchTerm
 
-    # a person's own terms are added to the loss as torch has them
+    # torch differentiates terms that are written in torch
     own = [term.loss for term in objective.terms if isinstance(term, TorchTerm)]
     objective.terms = tuple(t for t in objective.terms if not isinstance(t, TorchTerm))
 

@@ -1,4 +1,4 @@
-"""A further part of a search's objective that is written in torch; torch finds its gradient."""
+"""Add a term written in torch to a search's objective."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from knotfab_formats.errors import InputError
 
 
 class TorchTerm(Term):
-    """A function of the vertices, a tensor [N, 3] in mm, to a scalar, added to the loss.
+    """A term of the objective: a torch function from vertices [N, 3], mm, to a scalar.
 
         def low(points):
             return 0.01 * points[:, 1].relu().square().mean()
 
         search(problem, start, radius, settings, terms=(TorchTerm(low),))
 
-    The picture's own term is in squared tube radii of area: choose the factor beside that. The search
-    asks for this term at each iteration, in double precision.
+    The image term is in squared tube radii of area; scale yours to match. It is evaluated at each iteration,
+    in double precision.
 
-    Raises (when the search asks):
-        InputError: it fails, gives no real scalar, or its value or its slope is not finite.
+    Raises (when it is evaluated):
+        InputError: the function fails or returns no real scalar, or its value or gradient is not finite.
     """
 
     def __init__(
@@ -34,7 +34,7 @@ class TorchTerm(Term):
         self.name = name or getattr(function, "__name__", type(function).__name__)
 
     def loss(self, points: Tensor) -> Tensor:
-        """Return the term at `points` [N, 3], its value and slope held to be finite."""
+        """Evaluate the term at `points` [N, 3]; a value or gradient that is not finite raises InputError."""
         felt = points.view_as(points)
         if felt.requires_grad:
             felt.register_hook(self._require_finite)  # type: ignore[no-untyped-call]
@@ -57,7 +57,7 @@ class TorchTerm(Term):
     def __call__(self, state: State, weights: Weights) -> Felt:
         points = torch.tensor(state.points, requires_grad=True)
         value = self.loss(points)
-        if not value.requires_grad:  # it does not depend on the vertices
+        if not value.requires_grad:  # the term does not depend on the vertices
             return float(value), 0.0 * state.points
         value.backward()  # type: ignore[no-untyped-call]
         assert points.grad is not None

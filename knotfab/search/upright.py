@@ -1,4 +1,4 @@
-"""The pull on strands to stand in arches that print without supports, the light's axis up."""
+"""Pull strands into arches that print without supports, with the light's axis upwards."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from knotfab.base.arrays import Array
 from knotfab.limits.terms import Felt, State
 from knotfab.search.objective import Term, Weights
 
-FLANK_DEG = 50.0  # from the bed: edges flatter than that cost
-_VALLEY = 1.0  # the weight of a valley a tube radius above the floor, in tube radii of level strand
-_PEAK = 0.3  # likewise of a vertex a tube radius above the top
+FLANK_DEG = 50.0  # angle from the bed below which edges cost
+_VALLEY = 1.0  # cost of a valley one tube radius above the floor
+_PEAK = 0.3  # cost of a vertex one tube radius above the top
 
 
 @dataclass(frozen=True)
 class Upright(Term):
-    """Length of edges flatter than `FLANK_DEG`, by the square of what their slope lacks, in tube radii.
+    """The length of edges flatter than `FLANK_DEG`, times their squared lack of slope, in tube radii.
 
-    What lies on the floor may be flat. Valleys are drawn down, or up, to the floor, and what is above the top
-    down to it. `up` (3,) is a unit vector, `floor_mm` and `top_mm` are heights of centre lines along it. The
-    pull is along `up` alone: no picture gives way to it, and edges that it turns are not made longer.
+    Edges on the floor may be flat. Valleys are pulled to the floor, and vertices above the top down to it.
+    `up` (3,) is a unit vector, along which `floor_mm` and `top_mm` are heights of centre lines. The gradient
+    is taken along `up` alone, so it hardly disturbs the picture.
     """
 
     radius_mm: float
@@ -35,7 +35,7 @@ class Upright(Term):
         length = np.sqrt((state.edge * state.edge).sum(axis=1))
         length = np.where(length > 0, length, 1.0)
         lack = np.maximum(0.0, np.sin(np.radians(FLANK_DEG)) - np.abs(rise) / length)
-        # nothing on the floor, all from a tube radius above it on
+        # rises from 0 on the floor to 1 a tube radius above it
         free = np.clip((height + 0.5 * rise - self.floor_mm) / radius, 0.0, 1.0)
         share, grows = free * free * (3.0 - 2.0 * free), 6.0 * free * (1.0 - free) / radius
         flat = length * lack**2 / radius

@@ -203,7 +203,7 @@ def part_sides(
 
 
 def _number_stretches(one: Indices, other: Indices, sizes: list[int]) -> Indices:
-    """Number the stretches along which two strands hide each other, for each ordered pair of samples, (m,)."""
+    """Return for each ordered pair of samples the number of the stretch that it belongs to, (m,)."""
     count = sum(sizes)
     ends = np.cumsum(sizes)
     after = np.arange(1, count + 1)

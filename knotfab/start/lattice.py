@@ -31,8 +31,8 @@ class Sight:
     """One view as a grid of cells on which the lattice is drawn.
 
     `depth` (H, W) is the distance inside the silhouette, in cells, negative outside. `projection` (3, 4) maps
-    to cells, and `near` is the number of cells per mm where w = 1. The view's cells are numbered from `first`.
-    If the screen ends at the frame, all beside it counts as inside, and `drawn` (H, W) is the picture.
+    to cells, and `near` is the number of cells per mm where w = 1. Cells are numbered from `first`. If the
+    screen ends at the frame, all beside it counts as inside, and `drawn` (H, W) is the picture.
     """
 
     depth: Array
@@ -148,7 +148,7 @@ def sights_of(views: Sequence[TargetView], radius: float) -> tuple[list[Sight], 
 def _draw(
     one: Array, two: Array, wide: Array, shape: Indices, first: int, at: Indices, cells: Cells
 ) -> None:
-    """Advance `at` (k,) by the number of cells in each edge's capsule, and write these into `cells`, if any."""
+    """Advance `at` (k,) by the number of cells in each edge's capsule; fill `cells` unless it is empty."""
     for e in range(len(one)):
         ax, ay, r = one[e, 0], one[e, 1], wide[e]
         ex, ey = two[e, 0] - ax, two[e, 1] - ay

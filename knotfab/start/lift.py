@@ -144,7 +144,7 @@ def start_by_lamp(
     spacing: float = 1.0,
     tie: Callable[[Problem, Start, float], Start] | None = None,
 ) -> Start:
-    """Fill each lamp's mask as a single picture, and shear the curves to where that lamp sees them as its mask.
+    """Fill each lamp's mask as a single picture, and shear the curves so that the lamp sees them as its mask.
 
     Args:
         radius: of the tube, mm.

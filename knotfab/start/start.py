@@ -64,7 +64,7 @@ def make_start(
 
 
 def make_template(target: TargetView, radius: float, knots: int | None = None) -> Template:
-    """Make closed planar curves that fill one view's picture, or follow its lines; `knots` as `make_start`."""
+    """Make closed planar curves that fill one view's picture or follow its lines; `knots`: `make_start`'s."""
     if target.lines:
         return follow_strokes(list(target.lines), target.polygon, radius, knots)
     return fill(target.polygon, radius, knots)

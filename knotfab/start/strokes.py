@@ -1,10 +1,10 @@
 """Follow a drawing's centre lines by a template: one simple closed curve for each connected drawing.
 
 The curve is the outline of a disc. The lines are a plane graph, of which some faces are filled so that the
-curve runs once along a line between a filled and an empty face; their total length is made large, as a maximum
-cut of the dual graph, by ascent. A line between two empty faces becomes a thin ribbon, one between two filled
-faces a slit, and the curve runs along both there and back. Where lines meet, filled faces and ribbons are
-joined into one disc. The joints form a spanning tree, so the outline is one simple curve.
+curve runs once along a line between a filled and an empty face; their total length is made large, as a
+maximum cut of the dual graph, by ascent. A line between two empty faces becomes a thin ribbon, one between
+two filled faces a slit, and the curve runs along both there and back. Where lines meet, filled faces and
+ribbons are joined into one disc. The joints form a spanning tree, so the outline is one simple curve.
 """
 
 from __future__ import annotations

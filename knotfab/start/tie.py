@@ -1,10 +1,10 @@
 """Tie a knot of chosen type into a filling template, before or behind it as seen from the light.
 
 The type rests on three facts, all tested on the polygons themselves. As the light sees it, no other strand
-meets the hull of the short arc that is cut. Two legs rise from the arc along light rays. And the tight knot on
-top of them is nearer to the light (or further from it) than every strand whose shadow meets its hull. So a
-ball contains the knot alone, and without it the legs shrink back onto the arc. The result is the connected sum
-of curve and knot. Where the picture is wide, the knot's shadow lies within the silhouette.
+meets the hull of the short arc that is cut. Two legs rise from the arc along light rays. And the tight knot
+on top of them is nearer to the light (or further from it) than every strand whose shadow meets its hull. So a
+ball contains the knot alone, and without it the legs shrink back onto the arc. The result is the connected
+sum of curve and knot. Where the picture is wide, the knot's shadow lies within the silhouette.
 """
 
 from __future__ import annotations

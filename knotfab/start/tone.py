@@ -157,7 +157,7 @@ class _Tour:
         return False
 
     def or_opt(self, a: int) -> bool:
-        """Try to move up to three points from a on between two others; return whether the tour got shorter."""
+        """Try an Or-opt move of up to three points from a on; return whether the tour got shorter."""
         far = self.far
         for way in (1, -1):
             for more in (0, 1, 2):

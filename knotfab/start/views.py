@@ -237,7 +237,7 @@ def join_pieces(
 def seed_curves(
     lattice: Lattice, worth: Array, knots: int | None, knot: Indices | None = None
 ) -> list[Indices]:
-    """Choose the disjoint seeds, as nodes, that curves grow from: unit squares (4,), the first perhaps a knot.
+    """Choose the disjoint seeds, as nodes, that curves grow from: unit squares (4,), or first a knot (n,).
 
     Fewer than `knots` may be found, and none if the largest piece has no place for the knot.
 
@@ -347,7 +347,7 @@ def _turns() -> list[Indices]:
 
 
 def _close_braid(word: Sequence[int], strands: int) -> Indices:
-    """Return the nodes (n, 3) of a closed braid with x along it and y across it; a letter takes 3 edges of x."""
+    """Return the nodes (n, 3) of a closed braid, x along and y across it; a letter takes 3 edges of x."""
     paths: list[list[tuple[int, int, int]]] = []
     end, row = 3 * len(word), 0
     while True:  # until the strand closes

@@ -29,7 +29,7 @@ from knotfab.search.flow import SETTLE, FlowSettings, Phase
 from knotfab.search.free_pose import ALL, Bounds, FreePose, turn_of
 from knotfab.search.objective import Objective, Weights
 from knotfab.search.optimizer import Adam
-from knotfab.search.state import SearchState, begin
+from knotfab.search.state import SearchState, begin_search
 from knotfab.start.start import make_start
 from knotfab_formats.errors import InputError
 from knotfab_formats.piece import Piece
@@ -176,7 +176,7 @@ NEAR = find_neighbours(TIGHT, polylines_of_sizes((len(TIGHT),)), 40.0, 6)
 
 def _state(problem: Problem, points: np.ndarray, pose: FreePose | None = None) -> SearchState:
     """The state at the start of a search."""
-    return begin(problem, Start((points,), "for its slope alone"), 4.0, QUICK, pose=pose)
+    return begin_search(problem, Start((points,), "for its slope alone"), 4.0, QUICK, pose=pose)
 
 
 def _objective(state: SearchState) -> Objective:

@@ -17,7 +17,7 @@ from knotfab.limits.terms import Felt, State
 from knotfab.problem import Problem, Start
 from knotfab.search.flow import FlowSettings, Phase
 from knotfab.search.objective import SHARPEST, Grace, Objective, Spill, Weights, add_limits
-from knotfab.search.state import begin
+from knotfab.search.state import begin_search
 from knotfab_formats.search import PRESETS
 
 RADIUS, TAU = 4.0, 2.0
@@ -54,7 +54,7 @@ def objective_at(
     problem: Problem, points: Array, weights: Weights | None = None, spill: bool = False
 ) -> Objective:
     """The objective of a coarse phase at one closed polyline."""
-    state = begin(problem, Start((points,), "for its slope alone"), RADIUS, DRAFT)
+    state = begin_search(problem, Start((points,), "for its slope alone"), RADIUS, DRAFT)
     phase = Phase(96, FlowSettings(), weights or Weights(), (TAU, TAU), spill)
     return state.objective(phase)
 
@@ -162,7 +162,9 @@ def test_the_picture_gets_sharper_as_far_as_its_pixels_show_it(
     points: Array, radius: float, capped: bool
 ) -> None:
     """A thin tube's outline would lie between the pixels' middles, which then pull on nothing."""
-    state = begin(ask_views([DISC], 0.0), Start((points,), "for its tau alone"), radius, DRAFT)
+    state = begin_search(
+        ask_views([DISC], 0.0), Start((points,), "for its tau alone"), radius, DRAFT
+    )
     objective = state.objective(Phase(96, FlowSettings(), Weights(), (1.5, 15.0)))
     taus = [objective.tau_px(0, progress) for progress in np.linspace(0.0, 1.0, 5)]
     wanted = [1.5 * 10.0**k / objective.images[0].radius_px for k in np.linspace(0.0, 1.0, 5)]
@@ -177,7 +179,7 @@ def test_pictures_in_double_precision_tell_the_same_more_exactly(points: Array) 
     for precision in ("single", "double"):
         settings = DRAFT.model_copy(update={"precision": precision})
         phase = Phase(96, FlowSettings(), IMAGE_ALONE, (TAU, TAU))
-        objective = begin(problem, start, RADIUS, settings).objective(phase)
+        objective = begin_search(problem, start, RADIUS, settings).objective(phase)
         found[precision] = value_and_slope(objective, points)
         # along the slope it changes as the slope says
         total, slope = found[precision]

@@ -23,7 +23,7 @@ from knotfab.search import search as module
 from knotfab.search.flow import plan_of, repair_phase, three_phases
 from knotfab.search.objective import Term, Weights
 from knotfab.search.search import History, Pace, find_stretches, mend_stretches, search
-from knotfab.search.state import SearchState, begin
+from knotfab.search.state import SearchState, begin_search
 from knotfab.start.start import make_start
 from knotfab_formats.errors import InputError
 from knotfab_formats.scene import SettledRegion
@@ -157,7 +157,7 @@ PHASES = three_phases(SETTINGS)
 def state() -> SearchState:
     turn = np.linspace(0, 2 * np.pi, 121)[:-1]
     ring = 30.0 * np.stack([np.cos(turn), np.sin(turn), 0 * turn], 1)
-    return begin(ask_heart(), Start((ring,), "a circle"), 2.5, SETTINGS)
+    return begin_search(ask_heart(), Start((ring,), "a circle"), 2.5, SETTINGS)
 
 
 @pytest.mark.slow
@@ -246,7 +246,7 @@ WITHOUT_LIMITS = Weights(image=0.0, clearance=0.0, bend=0.0, region=0.0, length=
 def begun(points: Array, problem: Problem | None = None, term: Term | None = None) -> SearchState:
     settings = DRAFT.model_copy(update={"settle_edge_radii": EDGE / 0.87 / RADIUS})
     terms = (term or Stiffness(),)
-    return begin(problem or room(), Start((points,), "a circle"), RADIUS, settings, terms)
+    return begin_search(problem or room(), Start((points,), "a circle"), RADIUS, settings, terms)
 
 
 def mend(state: SearchState, rounds: int) -> int:

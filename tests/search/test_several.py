@@ -26,7 +26,7 @@ from knotfab.scene.catalogue import resolve
 from knotfab.scene.load import load_scene
 from knotfab.search import search as search_module
 from knotfab.search.objective import TENSION, Chamfer, Spill, Term, Weights
-from knotfab.search.state import begin
+from knotfab.search.state import begin_search
 from knotfab.start.filling import simple_curves
 from knotfab.start.start import make_start
 from knotfab.start.views import start_ious
@@ -307,7 +307,7 @@ def test_a_far_start_is_brought_near_alike_by_any_budget(monkeypatch: pytest.Mon
     for count in (1, 57, 400):
         walked.append([])
         few = circle.model_copy(update={"coarse_iterations": count})
-        search_module._approach(begin(problem, start, 7.0, few))
+        search_module._approach(begin_search(problem, start, 7.0, few))
     assert walked[0] and walked[0] == walked[1] == walked[2]
 
 

@@ -20,7 +20,7 @@ from knotfab.limits.terms import Felt, State
 from knotfab.problem import Problem, Start
 from knotfab.search.flow import FlowSettings, Phase
 from knotfab.search.objective import Weights
-from knotfab.search.state import Balance, begin, goals_of
+from knotfab.search.state import Balance, begin_search, goals_of
 from knotfab.search.term import TorchTerm
 from knotfab.search.upright import FLANK_DEG, Upright
 from knotfab.start.filling import fill
@@ -86,7 +86,7 @@ def test_the_objective_weighs_each_image_by_its_share() -> None:
     (curve,) = fill(DISC, RADIUS, 1).curves
     points = np.column_stack([curve, 4.0 * np.cos(np.arange(len(curve)))])
     plain = DRAFT.model_copy(update={"grace": 0.0})
-    state = begin(asked, Start((points,), "nearly flat"), RADIUS, plain)
+    state = begin_search(asked, Start((points,), "nearly flat"), RADIUS, plain)
     none = Weights(image=0.5, clearance=0.0, bend=0.0, region=0.0, length=0.0)
     phase = Phase(96, FlowSettings(), none, (2.0, 2.0))
     near = find_neighbours(points, state.rings, 12.0, 6)

@@ -247,8 +247,8 @@ class Studio(Broadcast):
         if self.warm and not self.builder.ended.is_set():
             self.builder.start()
 
-    def press(self, start_from_knots: bool = False) -> None:
-        """Build the chosen pictures; with `start_from_knots` starting from the knots of the build that is shown.
+    def press(self, go_on: bool = False) -> None:
+        """Build the chosen pictures; with `go_on` starting from the knots of the build that is shown.
 
         Raises:
             InputError: a build runs, nothing is chosen, a field is wrong, or there are no knots.
@@ -261,7 +261,7 @@ class Studio(Broadcast):
             fields = ", ".join(FIELDS[name].label for name in self.settings.wrong)
             raise InputError(fields, "this is not right yet", "Correct what is marked, then build.")
         start = self.builds.start_of(self.current)
-        if start_from_knots and start is None:
+        if go_on and start is None:
             raise InputError("the build", "there are no knots to go on from", "Build it anew.")
         pictures = [self.pictures[name] for name in self.chosen]
         record = Record(
@@ -270,7 +270,7 @@ class Studio(Broadcast):
             kind=self.kind,
             settings=dict(self.settings.values),
         )
-        further = [f"--start={start}"] if start_from_knots else []
+        further = [f"--start={start}"] if go_on else []
         # behind "--" nothing is taken for an option
         arguments = [*list_arguments(self._options()), *further, "--", *self._sources()]
         name = self.builds.begin(folder_after(self.chosen, self.kind), record)

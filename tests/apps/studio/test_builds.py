@@ -53,13 +53,13 @@ def opened(folder: Path) -> Iterator[Callable[..., Any]]:
 
 
 def built(
-    ask: Callable[..., Any], text: str = "", start_from_knots: bool = False, **settings: Any
+    ask: Callable[..., Any], text: str = "", go_on: bool = False, **settings: Any
 ) -> dict[str, Any]:
     """Build what is chosen, or a text that says how it goes; the state at its end."""
     if text:
         assert ask("text", text=text) == ""
     assert ask("settings", **settings) == ""
-    assert ask("build", start_from_knots=start_from_knots) == ""
+    assert ask("build", go_on=go_on) == ""
     until = time.monotonic() + 20
     while time.monotonic() < until:
         state: dict[str, Any] = ask()
@@ -83,7 +83,7 @@ def test_builds_are_numbered_and_an_old_one_comes_back_whole(runs: Path, tmp_pat
         assert state["build"]["phase"] == "done" and state["build"]["result"]["where"] == "pass"
         assert ask("open", name="pass-2") == "" and ask()["settings"]["tube_radius"] == 1.5
         assert ask("open", name="pass-3").startswith("the build pass-3: there is none")
-        built(ask, start_from_knots=True)
+        built(ask, go_on=True)
     calls = (runs / "text:pass.runs").read_text().split()
     start = tmp_path / "studio" / "starts" / "pass-2.json"
     assert [c for c in calls if c.startswith("--start")] == [f"--start={start}"]

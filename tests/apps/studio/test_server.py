@@ -330,7 +330,7 @@ def test_a_build_that_was_stopped_goes_on_from_its_knots(
     assert state["can_go_on"]
     ask(client, "/api/settings", lamp_distance=700)
     ask(client, "/api/text", text="pass")
-    assert ask(client, "/api/build", start_from_knots=True).status_code == 200
+    assert ask(client, "/api/build", go_on=True).status_code == 200
     wait_for(client, "done")
     call = (runs / "text:pass.runs").read_text().split()
     start = next(a for a in call if a.startswith("--start=")).removeprefix("--start=")
