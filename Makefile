@@ -10,7 +10,7 @@ DONE := $(VENV)/.installed
 TORCH_INDEX ?=
 TORCH := -q -c constraints.txt --no-deps $(if $(TORCH_INDEX),--index-url $(TORCH_INDEX)) torch==2.13.0
 
-.PHONY: demo lines test all-tests test-quick wheel-test docs gallery lint accuracy-table outside-suites feature-table mount-table effects-table traced-colours several-table lamps-table bending-table tied-knots paper-table paper-ablations validator-table verdict-table mutations frontier budgets worst-cases batch-throughput system slicer browser viewer pictures typed-pages clean
+.PHONY: demo lines test all-tests test-quick wheel-test docs gallery lint accuracy-table outside-suites feature-table mount-table effects-table traced-colours several-table lamps-table bending-table tied-knots paper-table paper-ablations validator-table verdict-table mutations frontier budgets worst-cases batch-throughput system slicer browser viewer pictures typed-pages clean studio-times
 
 $(DONE): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
@@ -184,6 +184,10 @@ budgets: system $(DONE)
 # renderers, losses, terms, network, certificates and bounds of effects searched for worse cases (an hour)
 worst-cases: $(DONE)
 	KNOTFAB_EXAMPLES=2000 $(BIN)/python -m pytest --timeout 3600 tests/benchmarks/hard/test_values.py -k no_search
+
+# a studio that reads a picture without end: how soon it answers others, and ends after Ctrl-C (half a minute)
+studio-times: $(DONE)
+	$(BIN)/python -m benchmarks.studio_times
 
 # the viewer of report and studio, bundled from web/ with three.js: knotfab/report/viewer (needs node)
 viewer:

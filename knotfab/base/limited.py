@@ -22,6 +22,7 @@ from knotfab_formats.errors import InputError
 
 _T = TypeVar("_T")
 _SLOWER = 10  # wall-clock time over processor time, on a machine that is busy
+_ENDING = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP} if sys.platform == "linux" else set()
 _lock = threading.Lock()  # two copies made at once would hold each other's pipes
 _living: set[int] = set()
 _is_copy = False
@@ -49,13 +50,20 @@ def run_limited(
         return work()
     with _lock:
         ours, theirs = os.pipe()
-        child = os.fork()
+        # a signal that came in between would be lost, or heeded by the copy
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, _ENDING)
+        try:
+            child = os.fork()
+        except BaseException:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+            raise
         if child == 0:
             _work_as_copy(work, theirs, seconds, gigabytes)
         os.close(theirs)
         _living.add(child)
     late, code = False, None
     try:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
         sent, late = _receive(ours, time.monotonic() + _SLOWER * seconds)
     finally:
         os.close(ours)
@@ -132,10 +140,13 @@ def _limit(seconds: int, gigabytes: float) -> None:
     import ctypes
     import resource
 
+    with open(os.devnull, "wb") as nowhere:  # libraries talk, and print what they crash of
+        os.dup2(nowhere.fileno(), 2)
     signal.set_wakeup_fd(-1)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, which ends this
     for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGXCPU):
         signal.signal(number, signal.SIG_DFL)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, _ENDING)
     ctypes.CDLL(None).prctl(1, int(signal.SIGKILL))  # it goes with its parent
     with contextlib.suppress(OSError, ValueError):
         with open("/proc/self/statm") as file:

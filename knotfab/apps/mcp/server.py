@@ -180,12 +180,21 @@ async def _serve() -> None:
     # `stdio_server` diverts what libraries print to standard error
     async with anyio.create_task_group() as tasks:
         tasks.start_soon(_end_when_asked)
-        async with stdio_server() as (read, write):
+        async with stdio_server() as (came, write):
+            send, read = anyio.create_memory_object_stream[Any](0)
+            tasks.start_soon(_pass_on, came, send)
             await server.run(read, write, server.create_initialization_options())
-            if _running:  # the client left: nobody waits for these
-                await _end_jobs()
-                os._exit(0)
         tasks.cancel_scope.cancel()
+
+
+async def _pass_on(came: Any, send: Any) -> None:
+    """Pass on what the client says; when it has left, nobody waits for the jobs that run."""
+    async with send:
+        async for message in came:
+            await send.send(message)
+    await _end_jobs()
+    if _running:
+        os._exit(0)
 
 
 async def _end_when_asked() -> None:

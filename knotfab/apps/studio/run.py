@@ -14,6 +14,7 @@ import threading
 import webbrowser
 from collections.abc import Callable, Coroutine
 from pathlib import Path
+from types import FrameType
 from typing import TextIO
 
 import uvicorn
@@ -113,6 +114,10 @@ class _Server(uvicorn.Server):
         if self.until is not None:
             self.waiting = asyncio.create_task(self.until())
             self.waiting.add_done_callback(lambda _: self.leave())
+
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        end_copies()  # requests that wait for them are answered, and keep nothing
+        super().handle_exit(sig, frame)
 
     def leave(self) -> None:
         self.should_exit = True
