@@ -131,7 +131,7 @@ def _moved(middle: Array, box: Array, n: int, leg: int, axis: int, row: float) -
     low = box[n, 2 * axis] - box[leg, 2 * axis]
     high = box[n, 2 * axis + 1] - box[leg, 2 * axis + 1]
     both = min(abs(low), abs(high)) if low * high > 0 else 0.0
-    return min(abs(middle[n, axis] - middle[leg, axis]), both + row)
+    return float(min(abs(middle[n, axis] - middle[leg, axis]), both + row))
 
 
 @dataclass(frozen=True)
