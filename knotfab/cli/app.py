@@ -96,7 +96,7 @@ def _mend_named(arguments: list[str]) -> None:
     """Finish the interrupted commits of killed builds in the folders that a call names."""
     from pathlib import Path
 
-    from knotfab.base.folder import mend
+    from knotfab.base.moves import mend
 
     for word in arguments:
         place = word.partition("=")[2] if word.startswith("-") else word

@@ -28,7 +28,7 @@ from knotfab.limits.feasibility import Feasibility
 from knotfab.picture.raster import silhouette_uri
 from knotfab.picture.read import Target
 from knotfab.problem import Problem, SearchResult, Start
-from knotfab.scene.load import require_tube
+from knotfab.scene.require import require_tube
 from knotfab.search.flow import plan_of
 from knotfab.search.objective import Pose
 from knotfab.search.search import History, Pace, search

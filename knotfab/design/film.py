@@ -30,7 +30,7 @@ from knotfab.knots import Knots
 from knotfab.picture.frames import count_knots
 from knotfab.picture.opening import opening_iou
 from knotfab.picture.read import Target
-from knotfab.scene.load import require_sequence
+from knotfab.scene.require import require_sequence
 from knotfab_formats.scene import ResolvedScene, SettledScene
 from knotfab_formats.search import PRESETS, SearchSettings
 

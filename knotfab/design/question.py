@@ -27,7 +27,7 @@ from knotfab.picture.silhouette import trace_polygon
 from knotfab.picture.strokes import trace_strokes
 from knotfab.problem import Problem, Start, TargetView
 from knotfab.scene.camera import camera_of, cameras_of, walls_of
-from knotfab.scene.load import require_several
+from knotfab.scene.require import require_several
 from knotfab.search.state import goals_of
 from knotfab.start.filling import template_iou
 from knotfab.start.start import make_template

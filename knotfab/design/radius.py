@@ -17,7 +17,7 @@ from knotfab.geometry.polylines import arc_lengths
 from knotfab.knots import Knot, Knots
 from knotfab.picture.silhouette import trace_polygon
 from knotfab.problem import Report, Start, TargetView, Watch
-from knotfab.scene.load import require_radius
+from knotfab.scene.require import require_radius
 from knotfab.start.filling import Template, enlarge_loops, fill, simple_curves, template_iou
 from knotfab.start.start import make_start, make_template
 from knotfab_formats.search import SearchSettings

@@ -19,7 +19,7 @@ from knotfab.hold.stand import StandMount, StandSettings, plan_stand
 from knotfab.hold.wall import WallMount, plan_wall, wall_bodies, wall_fixtures
 from knotfab.knots import Knots
 from knotfab.scene.camera import Camera, CurvedWall, camera_of
-from knotfab.scene.load import require_mount
+from knotfab.scene.require import require_mount
 from knotfab_formats.print_figures import MountFigures, PlateFigures
 from knotfab_formats.scene import ResolvedScene, SettledScene
 from knotfab_formats.verdict import Check

@@ -42,7 +42,8 @@ from knotfab.pipeline.piece import WrittenPiece, discard_piece, write_piece
 from knotfab.pipeline.verifier import Files, Verifier
 from knotfab.render.part_picture import draw_part, write_shadows_gif
 from knotfab.request import Outcome, Request, require_device
-from knotfab.scene.load import dump_scene, require_sequence
+from knotfab.scene.load import dump_scene
+from knotfab.scene.require import require_sequence
 from knotfab_formats.report import Motion
 from knotfab_formats.scene import ResolvedScene
 from knotfab_formats.verdict import PRINTER, list_unmet

@@ -26,7 +26,7 @@ from knotfab.pipeline.options import ALL_OUT, BuildOptions
 from knotfab.pipeline.read_lamps import read_lamps
 from knotfab.pipeline.read_options import read_also, read_scene, read_seconds, read_skips
 from knotfab.request import Request
-from knotfab.scene.load import (
+from knotfab.scene.require import (
     require_sequence,
     require_several,
     require_start,

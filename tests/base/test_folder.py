@@ -15,7 +15,8 @@ import pytest
 from command import killed_build, knotfab, picture, square
 
 from knotfab.base.errors import MachineError
-from knotfab.base.folder import REJECTED, OutputFolder, _kept_secret, _sign, mend
+from knotfab.base.folder import OutputFolder
+from knotfab.base.moves import REJECTED, _kept_secret, _sign, mend
 from knotfab_formats.errors import InputError
 
 
@@ -545,7 +546,7 @@ def test_moves_of_a_user_without_a_place_for_the_secret_are_left(
     build(tmp_path / "out", note="new")
     assert listing(tmp_path / "out") == {"note": b"new"}
     killed_build(tmp_path / "out", note="newer")
-    monkeypatch.setattr("knotfab.base.folder._PASSING", b"of the next process")
+    monkeypatch.setattr("knotfab.base.moves._PASSING", b"of the next process")
     _kept_secret.cache_clear()
     before = listing(tmp_path)
     mend(tmp_path / "out")

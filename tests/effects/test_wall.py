@@ -17,7 +17,8 @@ from knotfab.effects.base import EffectContext
 from knotfab.effects.shifts import WALL
 from knotfab.picture.read import Target
 from knotfab.scene.camera import CurvedWall, require_wall
-from knotfab.scene.load import dump_scene, parse_scene, require_walls
+from knotfab.scene.load import dump_scene, parse_scene
+from knotfab.scene.require import require_walls
 from knotfab_formats.errors import InputError
 from knotfab_formats.piece import Mount
 from knotfab_formats.scene import ResolvedView, Scene

@@ -14,7 +14,7 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-from knotfab.base import folder as moves
+from knotfab.base import moves
 from knotfab.base.folder import OutputFolder
 from knotfab.cli.app import main
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from knotfab_formats.verdict import HELD, KNOTS, MESH, PRINTING, UPRIGHT, Check
 from knotfab_validators.arrays import Array
+from knotfab_validators.asked_mount import asked_of_mount
 from knotfab_validators.check import skip_check, time_stage
 from knotfab_validators.files.mesh import Plate
 from knotfab_validators.geometry.curves import Curves
@@ -24,12 +25,10 @@ from knotfab_validators.printing.printability import printability_checks
 from knotfab_validators.printing.slices import slice_layers
 from knotfab_validators.printing.standing import check_level
 from knotfab_validators.printing.upright import Upright
-from knotfab_validators.shadows.view import ViewGeometry, view_geometry
 from knotfab_validators.tube.centre_line import check_centre_lines
 from knotfab_validators.tube.clearance import check_clearance
-from knotfab_validators.tube.mount_members import Asked, check_mount, strand_faces
+from knotfab_validators.tube.mount_members import check_mount, strand_faces
 from knotfab_validators.tube.region import check_build_volume, check_region
-from knotfab_validators.tube.solid_matter import HalfSpaces, Solid, hull_of, prism, round_outline
 from knotfab_validators.tube.thickness import check_bend, check_length, check_thickness
 from knotfab_validators.tube.tube_fit import check_cut, check_tube, measure_proud
 
@@ -40,11 +39,6 @@ if TYPE_CHECKING:
 
 
 PLATE_HOLES = 2  # screw holes in a plate
-MARK_MM, ARROW_MM = (
-    1.5,
-    0.6,
-)  # depth of the notches in a plate's edges, and of the arrow in its face
-THINNEST = 0.7  # least thickness of a sloping base at its thinnest, as a share of its nominal one
 Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # rotates y up into z up
 
 
@@ -224,72 +218,9 @@ def _check_mount(
     if mesh is None or curves is None:
         return skip_check("mount", f"not given the {'part' if mesh is None else 'knots'}")
     with time_stage(seconds, "tube"):
-        if isinstance(asked := _asked_of_mount(scene), str):
+        if isinstance(asked := asked_of_mount(scene), str):
             return Check("mount", "fail", True, "unknown", None, "", asked)
         return check_mount(mesh, curves, asked)
-
-
-def _asked_of_mount(scene: Scene) -> Asked | str:
-    """Return what the scene requires of its mount, in the part's coordinates, or why that is unknown."""
-    mount, back = scene.mount, None
-    if mount.on_feet:
-        return Asked(on_feet=True)
-    if scene.pose is not None:
-        back = np.linalg.inv(np.array(scene.pose.matrix, dtype=np.float64))
-    if mount.kind == "stand":
-        return Asked(mount.pegs, hulls=("base", THINNEST * mount.base_thickness_mm))
-    if mount.kind == "wall" and mount.foot == "dowel":
-        return Asked(mount.pegs, hulls=("dowel", mount.dowel_depth_mm))
-    if back is None:
-        return "the scene has no pose, so that nothing says where its mount is"
-    if mount.kind == "hang":
-        if mount.thread_mm is None:
-            return "the scene does not say where the thread is"
-        place = back @ np.array([*mount.thread_mm, 1.0])
-        return Asked(mount.pegs, thread=np.asarray(place[:3]))
-    view = scene.views[0]
-    if view.frame_width_mm is None or view.frame_height_mm is None:
-        return "the scene does not say how large its frame is, which its plate follows"
-    return Asked(mount.pegs, solids=(_plate_of(mount, view_geometry(view, 2, 2), back),))
-
-
-def _plate_of(mount: Mount, view: ViewGeometry, back: Array) -> Solid:
-    """Return the wall plate with its openings: screw holes, notches in its edges, an arrow in its face.
-
-    Its face lies on the wall, and is a margin wider than the frame on every side (docs/contract.md).
-    """
-    margin, thick = mount.plate_margin_mm, mount.thickness_mm
-    x, y = (float(np.linalg.norm(2 * step)) / 2 + margin for step in (view.du, view.dv))
-    right = view.du / np.linalg.norm(view.du)
-    turn = np.column_stack([right, np.cross(view.normal, right), view.normal])
-    motion = np.column_stack([back[:3, :3] @ turn, back[:3, :3] @ view.middle + back[:3, 3]])
-    hole, inset = mount.hole_diameter_mm / 2, margin / 2 + mount.hole_diameter_mm / 4
-    deep = min(MARK_MM, margin / 5, (inset - hole) / 2)
-    deep = deep if deep >= 0.5 else 0.0
-
-    def hull(outline: Array, low: float = -thick - 1.0, high: float = 1.0) -> HalfSpaces:
-        return hull_of(prism(outline, low, high, motion))
-
-    openings = [hull(round_outline((side * (x - inset), 0.0), hole)) for side in (-1, 1)]
-    if deep:
-        w = 2 * deep
-        notches = [
-            [(-w, s * (y + deep)), (w, s * (y + deep)), (0.0, s * (y - deep))] for s in (-1, 1)
-        ]
-        notches += [
-            [(s * (x + deep), -w), (s * (x + deep), w), (s * (x - deep), 0.0)] for s in (-1, 1)
-        ]
-        openings += [hull(np.array(notch)) for notch in notches]
-        arrow = np.array([(0.0, y - w), (-w, y - 2 * w), (w, y - 2 * w)])
-        openings.append(hull(arrow, -min(ARROW_MM, thick / 4)))
-    r = min(6.0, margin)
-    corners = [
-        round_outline((a * (x - r), b * (y - r)), r) if r > 0 else np.array([(a * x, b * y)])
-        for a in (-1, 1)
-        for b in (-1, 1)
-    ]
-    outline = np.clip(np.concatenate(corners), [-x, -y], [x, y])
-    return Solid("plate", prism(outline, -thick, 0.0, motion), tuple(openings))
 
 
 def _check_gap(

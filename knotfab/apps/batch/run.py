@@ -25,7 +25,7 @@ from knotfab.apps.batch.worker import (
 )
 from knotfab.base.disk import at_home, locked, write_whole
 from knotfab.base.errors import why_of
-from knotfab.base.folder import REJECTED, mend
+from knotfab.base.moves import REJECTED, mend
 from knotfab.base.pool import Workers, count_jobs
 from knotfab.base.progress import Progress
 from knotfab.pipeline.options import ALL_OUT, BuildOptions

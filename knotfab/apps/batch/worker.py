@@ -17,7 +17,8 @@ from typing import Any
 from knotfab.base.apps import VERSION
 from knotfab.base.disk import at_home, read_file, temporary_folder
 from knotfab.base.errors import why_of
-from knotfab.base.folder import REJECTED, OutputFolder
+from knotfab.base.folder import OutputFolder
+from knotfab.base.moves import REJECTED
 from knotfab.base.pool import ONE_THREAD, Crash, Workers, count_jobs
 from knotfab.picture.read import TEXT_PREFIX, is_picture, name_picture
 from knotfab.pipeline.options import BuildOptions

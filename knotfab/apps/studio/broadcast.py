@@ -14,7 +14,7 @@ from typing import Any
 
 from knotfab.apps.batch.worker import run_apart
 from knotfab.apps.studio.builds import describe_folder
-from knotfab.base.folder import REJECTED
+from knotfab.base.moves import REJECTED
 from knotfab.base.pool import Workers
 
 _PHASES = {0: "done", 1: "rejected", 130: "stopped"}

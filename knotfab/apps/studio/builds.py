@@ -15,7 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from knotfab.apps.studio.pictures import StudioPicture
 from knotfab.base.disk import write_whole
-from knotfab.base.folder import REJECTED, mend
+from knotfab.base.moves import REJECTED, mend
 from knotfab_formats.errors import InputError
 
 BUILDS = "builds"

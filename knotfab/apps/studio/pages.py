@@ -23,7 +23,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from knotfab.apps.studio.builds import child_of, plain_files
 from knotfab.apps.studio.fields import FIELDS
 from knotfab.apps.studio.pictures import thumbnail
-from knotfab.base.folder import REJECTED
+from knotfab.base.moves import REJECTED
 from knotfab.picture.fonts import list_families
 from knotfab.picture.read import PICTURE_SUFFIXES
 from knotfab.report.page import VIEWER

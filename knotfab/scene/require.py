@@ -1,0 +1,194 @@
+"""Refusals of what no search, mount or print can meet, before any work is done."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from knotfab.base.errors import SceneError
+from knotfab.knots import read_start
+from knotfab_formats.errors import InputError
+from knotfab_formats.knots import parse_knot_name
+from knotfab_formats.piece import Printer
+from knotfab_formats.scene import ResolvedScene
+
+
+def require_mount(scene: ResolvedScene) -> None:
+    """Refuse an impossible mount before any work is done.
+
+    Raises:
+        InputError: a wall mount of a piece with several views, or on a wall that is not flat.
+    """
+    if scene.mount.kind == "wall" and any(v.wall_radius_mm is not None for v in scene.views):
+        raise InputError(
+            "a wall mount (--mount wall)",
+            "plate, pegs and drilling template are for a flat wall, and this one is round",
+            "Use --mount stand, or none",
+        )
+    if scene.mount.kind == "wall" and len(scene.views) > 1:
+        raise InputError(
+            "a wall mount (--mount wall)",
+            f"this piece has {len(scene.views)} views: pegs that run along one light's rays stand in the "
+            "picture of the other",
+            "Use --mount stand, whose base lies below all pictures, or hang",
+        )
+
+
+def require_walls(scene: ResolvedScene) -> None:
+    """Refuse settings that a round wall excludes.
+
+    Raises:
+        InputError: a mount on it, an eye before it, or a view that is yet to be found.
+    """
+    if all(view.wall_radius_mm is None for view in scene.views):
+        return
+    require_mount(scene)
+    what = "scene key views.wall_radius_mm"
+    if any(v.kind == "eye" and v.wall_radius_mm is not None for v in scene.views):
+        raise InputError(
+            what,
+            "an eye sees the piece itself, in a flat frame, and no shadow on a wall",
+            "Leave it out of the views of an eye",
+        )
+    if scene.settings.free_view:
+        raise InputError(
+            what,
+            "where a round wall has the picture depends on where lamp and wall are, which a free view is yet "
+            "to find (--free)",
+            "Leave one of the two out",
+        )
+
+
+def require_several(scene: ResolvedScene) -> None:
+    """Refuse settings that several views exclude for a physical reason.
+
+    Raises:
+        InputError: naming the key and what to do.
+    """
+    if scene.piece.depth is not None:
+        raise InputError(
+            "scene key piece.depth",
+            "with several views the pictures decide the depth: what is deep for one light is wide in the "
+            "picture of another",
+            'Leave it out, or write "auto"; [region] size_mm bounds the piece',
+        )
+    if scene.piece.supports == "none":
+        raise InputError(
+            "a piece without supports (--supports none)",
+            "strands stand on the bed in arches along one light's axis, and the picture of another light "
+            "fixes their height",
+            "Leave it out, or give one picture",
+        )
+    require_mount(scene)
+
+
+def require_supports(scene: ResolvedScene) -> None:
+    """Refuse `supports = "none"` where a piece could not stand without them, or never needs them.
+
+    Raises:
+        InputError: of a material or printer of another process, a flat piece, or a view yet to be found.
+    """
+    if scene.piece.supports != "none":
+        return
+    process = next(
+        (p for p in (scene.material.process, scene.printer.process) if p != "filament"), None
+    )
+    why = {
+        "resin": "resin hangs from a plate while it hardens, and only supports hold it there",
+        "powder": "powder carries a piece wherever it lies, and no supports are printed",
+        "wire": "wire is bent, and nothing is printed",
+    }.get(process or "")
+    remedy = "Leave it out"
+    if scene.piece.depth == 0:
+        why = "a flat piece has no depth for the arches in which its strands would stand"
+        remedy = "Leave out --depth flat, or --supports none: what is flat lies on the bed with few supports"
+    elif scene.settings.free_view:
+        why = "arches stand along the light's axis, and a free view (--free) has yet to find it"
+    if why is not None:
+        raise InputError("a piece without supports (--supports none)", why, remedy)
+
+
+def require_start(scene: ResolvedScene) -> None:
+    """Refuse a start from which the search cannot go on.
+
+    Raises:
+        InputError: it is no file of knots in the scene, or holds not the knot that is asked for.
+    """
+    name = scene.settings.start
+    if not isinstance(name, str) or not name:
+        return
+    if scene.settings.free_view:
+        raise InputError(
+            "a free view (--free view)",
+            "a search that goes on from knots keeps the view that they were made for",
+            "Leave it out, or leave out --start",
+        )
+    types = [knot.type for knot in read_start(Path(name)).knots]
+    wanted = parse_knot_name(scene.piece.knot).promise
+    if wanted not in types:
+        raise InputError(
+            f"a start of {', '.join(sorted(set(types)))} (--start)",
+            f"the knot that is asked for, {wanted}, is none of them, and no step of a search changes a type",
+            "Leave out --knot, or leave out --start",
+        )
+
+
+def require_tube(scene: ResolvedScene) -> None:
+    """Refuse a tube that the printer cannot make.
+
+    Args:
+        scene: with its printer's figures.
+
+    Raises:
+        SceneError: it is too thin.
+    """
+    radius = scene.piece.tube_radius_mm
+    if radius is not None:
+        require_radius(radius, scene.printer, "scene key piece.tube_radius_mm")
+
+
+def require_radius(radius: float, printer: Printer, what: str) -> None:
+    """Refuse a radius, mm, wanted by `what`, that is too thin for the printer."""
+    if radius < printer.min_tube_radius_mm:
+        raise SceneError(
+            what,
+            f"{radius:g} mm is thinner than {printer.name} prints",
+            f"Use at least {printer.min_tube_radius_mm:g} mm, or another printer",
+        )
+
+
+def require_sequence(scene: ResolvedScene) -> None:
+    """Refuse settings that a sequence excludes or does not support.
+
+    Raises:
+        InputError: naming the key and what to do.
+    """
+    if len(scene.views) != 1:
+        raise InputError(
+            "the scene",
+            f"it has {len(scene.views)} views, and a sequence is seen from one side",
+            "Leave one [[views]] in it, or leave out --sequence",
+        )
+    if scene.views[0].wall_radius_mm is not None:
+        raise InputError(
+            "scene key views.wall_radius_mm",
+            "frames of a sequence are registered to each other on a flat wall",
+            "Leave it out, or leave out --sequence",
+        )
+    if scene.views[0].cut_out:
+        raise InputError(
+            "--subject",
+            "a rectangle is about the subject of one picture, not of all frames",
+            "Cut the frames out beforehand, or leave out --sequence",
+        )
+    if scene.material.shrinkage_percent:
+        raise InputError(
+            "scene key material.shrinkage_percent",
+            "the frames on their ring are written as they are to be",
+            "Leave it out and scale by the slicer, or leave out --sequence",
+        )
+    if scene.settings.start:
+        raise InputError(
+            "a start (--start)",
+            "a sequence begins with a template of its first frame",
+            "Leave it out, or leave out --sequence",
+        )
