@@ -19,6 +19,7 @@ from typing import Any, NoReturn, TypeVar
 
 from knotfab.base.errors import keep_traceback
 from knotfab_formats.errors import InputError
+from knotfab_formats.libraries import add_parts, recording
 
 _T = TypeVar("_T")
 _SLOWER = 10  # wall-clock time over processor time, on a machine that is busy
@@ -77,7 +78,9 @@ def run_limited(
         raise InputError(what, f"{verb} crashes what reads it", remedy)
     kind, value, state = pickle.loads(sent)  # of this program's own copy
     if kind is None:
-        returned: _T = value
+        returned: _T
+        returned, parts = value
+        add_parts(parts)
         return returned
     if issubclass(kind, MemoryError):
         raise InputError(what, f"{verb} takes more than {gigabytes:g} GB", remedy)
@@ -115,7 +118,8 @@ def _work_as_copy(work: Callable[[], Any], theirs: int, seconds: int, gigabytes:
         _limit(seconds, gigabytes)
         sent: tuple[Any, ...]
         try:
-            sent = (None, work(), {})
+            with recording() as parts:
+                sent = (None, (work(), parts), {})
         except Exception as error:
             error.add_note(traceback.format_exc())
             sent = (type(error), error.args, error.__dict__)

@@ -22,7 +22,7 @@ import knotfab.pipeline.piece as piece
 from knotfab.design.design import Design
 from knotfab.report.checks import CHECKS
 from knotfab_formats.search import PRESETS
-from knotfab_formats.verdict import KNOTS, MESH, PRINTING
+from knotfab_formats.verdict import KNOTS, MESH, PRINTING, UPRIGHT
 
 pytestmark = pytest.mark.build
 
@@ -217,7 +217,9 @@ def test_the_scene_is_resolved(good: Good) -> None:
     assert scene["piece"]["bend"] == "auto"  # several pictures have their bending in their views
     # lamps that share a wall have places, and one view has not
     assert scene["lamps"]["places"] == "auto"
-    assert text.count('"auto"') == 3 + len(scene["effects"])
+    # what holds nothing is settled where something holds the piece
+    assert {scene["mount"][key] for key in ("max_sag_mm", "plate_thickness_mm")} == {"auto"}
+    assert text.count('"auto"') == 5 + len(scene["effects"])
     assert scene["piece"]["tube_radius_mm"] == RADIUS and scene["piece"]["knots"] == 1
     assert scene["piece"]["depth"] > 50
     assert {"seed", "coarse_iterations", "fine_px", "mesh_sides"} <= set(scene["search"])
@@ -255,7 +257,7 @@ def test_skip_knows_every_check_of_a_report(good: Good) -> None:
         "table",
         "table_shadow",
     }
-    assert set(checks_of(good.folder)) - own == set(CHECKS) - sometimes
+    assert set(checks_of(good.folder)) - own == set(CHECKS) - sometimes - set(UPRIGHT)
 
 
 # --- validate and shadow, on what it wrote ---

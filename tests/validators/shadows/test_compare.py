@@ -32,6 +32,7 @@ from knotfab_validators.shadows.frame import (
     write_shadow,
 )
 from knotfab_validators.shadows.naming import (
+    GAINS,
     MARGIN,
     SIDE,
     fit_picture,
@@ -284,11 +285,12 @@ def test_nothing_to_see_is_not_named() -> None:
 
 
 def test_signs_are_two_dozen_pictures_none_of_which_is_another() -> None:
-    signs, gains = read_foreign()
-    assert signs.shape == (24, SIDE, SIDE) and gains.shape == (24,)
+    signs = read_foreign()
+    assert signs.shape == (24, SIDE, SIDE)
     fits = np.array([[fit_picture(a, b) for b in signs] for a in signs])
     assert np.diag(fits) == pytest.approx(1.0)
     assert (fits - np.eye(24)).max() < 0.9
+    assert pytest.approx((fits.sum(axis=1) - 1) / 23, abs=1e-5) == GAINS
 
 
 def test_a_box_is_stretched_with_all_that_it_covers() -> None:

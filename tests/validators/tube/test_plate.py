@@ -13,12 +13,15 @@ from knotfab_validators.check import BadFile
 from knotfab_validators.files.scene import parse_knots
 from knotfab_validators.geometry.curves import Curves, Slab
 from knotfab_validators.geometry.mesh import Mesh
-from knotfab_validators.tube.mount_members import check_mount
+from knotfab_validators.tube.mount_members import Asked, check_mount
 
 RADIUS, THICK, SIDE = 1.5, 1.6, 50.0
 CORNERS = 0.5 * SIDE * np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
 HOLES = np.array([[-20.0, 0, 0], [20.0, 0, 0]])
 FEET = 4
+
+
+ON_FEET = Asked(on_feet=True)
 
 
 def crown(feet: int = FEET) -> Array:
@@ -55,19 +58,17 @@ def wall(long: float, wide: float, high: float, x: float = 0.0, y: float = 0.0) 
 
 
 def test_an_honest_plate_passes_wherever_it_lies() -> None:
-    assert check_mount(as_mesh(honest()), CURVES, (FEET,), on_feet=True).status == "pass"
+    assert check_mount(as_mesh(honest()), CURVES, ON_FEET).status == "pass"
     turn = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]
     turn *= np.sign(np.linalg.det(turn))
     shift = np.array([3.0, -7.0, 11.0])
     moved = honest().transform(np.column_stack([turn, shift]))
     plate = Slab(CORNERS @ turn.T + shift, HOLES @ turn.T + shift, 4.0, THICK, turn[:, 2])
     curves = replace(CURVES, polygons=(crown() @ turn.T + shift,), plate=plate)
-    assert check_mount(as_mesh(moved), curves, (FEET,), on_feet=True).status == "pass"
+    assert check_mount(as_mesh(moved), curves, ON_FEET).status == "pass"
     grown = as_mesh(honest())
     assert (
-        check_mount(
-            Mesh(1.25 * grown.vertices, grown.faces), CURVES.scaled(1.25), (FEET,), on_feet=True
-        ).status
+        check_mount(Mesh(1.25 * grown.vertices, grown.faces), CURVES.scaled(1.25), ON_FEET).status
         == "pass"
     )
 
@@ -87,13 +88,13 @@ def test_an_honest_plate_passes_wherever_it_lies() -> None:
     ],
 )  # fmt: skip
 def test_a_forged_plate_is_told(what: str, forged) -> None:  # type: ignore[no-untyped-def]
-    found = check_mount(as_mesh(forged(honest())), CURVES, (FEET,), on_feet=True)
+    found = check_mount(as_mesh(forged(honest())), CURVES, ON_FEET)
     assert found.status == "fail" and found.required, what
 
 
 def test_a_plate_that_the_scene_asks_for_must_be_in_the_file_of_the_knots() -> None:
     bare = replace(CURVES, plate=None)
-    assert check_mount(as_mesh(honest()), bare, (FEET,), on_feet=True).status == "fail"
+    assert check_mount(as_mesh(honest()), bare, ON_FEET).status == "fail"
 
 
 def test_a_plate_is_read_from_the_file_and_bad_ones_are_refused() -> None:

@@ -87,9 +87,14 @@ def join_rounded(mesh: Mesh, within: float) -> tuple[Mesh, float]:
 
 def _open_edges(faces: Ints) -> Ints:
     """Return the edges (n, 2) that an odd number of faces share."""
-    edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
-    found, counts = np.unique(edges, axis=0, return_counts=True)
-    return np.asarray(found[counts % 2 == 1])
+    if not len(faces):
+        return np.empty((0, 2), dtype=np.int64)
+    one, other = faces.ravel().astype(np.int64), np.roll(faces, -1, axis=1).ravel()
+    count = int(faces.max()) + 1
+    keys = np.sort(np.minimum(one, other) * count + np.maximum(one, other))
+    begins = np.flatnonzero(np.diff(keys, prepend=-1))
+    odd = np.diff(begins, append=len(keys)) % 2 == 1
+    return np.stack(np.divmod(keys[begins[odd]], count), axis=1)
 
 
 @compiled
