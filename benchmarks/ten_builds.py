@@ -3,7 +3,7 @@
     python -m benchmarks.ten_builds --out before.json        # on one commit
     python -m benchmarks.ten_builds --out after.json --beside before.json
 
-Unmounted knots are to be the same to the bit, mounted parts the same volume to a millionth, verdicts the same.
+Unmounted knots are to be the same to the bit, mounted parts of one volume to a millionth; the verdict too.
 """
 
 from __future__ import annotations
