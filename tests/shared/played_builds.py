@@ -6,16 +6,18 @@ from pathlib import Path
 
 import numpy as np
 
+import knotfab_formats
 from knotfab.base.arrays import Array
 from knotfab.knots import Knot, Knots
 from knotfab_formats.scene import ResolvedView
 
+FORMATS = str(Path(knotfab_formats.__file__).parents[1])
 PYTHON = sys.executable  # itself, where that which builds run with is played
 
 SCRIPT = """\
 #!{python} -S
 import runpy, sys
-sys.path.insert(0, {folder!r})
+sys.path[:0] = [{folder!r}, {formats!r}]  # -S: no installation
 (serve,) = [word for word in sys.argv if word.endswith("serve.py")]
 sys.argv = [serve, "played_build"]
 runpy.run_path(serve, run_name="__main__")
@@ -112,7 +114,7 @@ def write_player(tmp_path: Path) -> tuple[Path, Path]:
         "curves": [base64.b64encode(ring.astype("<f4").tobytes()).decode() for ring in rings],
         "view": ResolvedView(frame_width_mm=120.0, frame_height_mm=120.0).model_dump(),
     }
-    script.write_text(SCRIPT.format(python=PYTHON, folder=str(tmp_path)))
+    script.write_text(SCRIPT.format(python=PYTHON, folder=str(tmp_path), formats=FORMATS))
     code = PLAYED.format(python=PYTHON, runs=str(runs), **played)
     (tmp_path / "played_build.py").write_text(code)
     script.chmod(0o755)
