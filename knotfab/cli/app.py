@@ -5,6 +5,7 @@ Nothing heavy is imported before interrupts are handled.
 
 from __future__ import annotations
 
+import atexit
 import codecs
 import contextlib
 import gc
@@ -51,8 +52,20 @@ def main(arguments: list[str] | None = None, began: float | None = None) -> None
     why = why_unsaid()
     if why is not None:
         print(f"knotfab: {why}", file=sys.stderr)
+    if code == 130 and arguments is None:
+        atexit.register(_leave, code)
     gc.freeze()  # a last collection would take a second, and the process ends anyway
     sys.exit(code or (0 if why is None else 3))
+
+
+def _leave(code: int) -> None:
+    """End the process with `code`, once all else has tidied up.
+
+    An interrupt that falls into a library's start (torch's) would make Python end by SIGINT instead.
+    """
+    atexit.unregister(_leave)
+    atexit._run_exitfuncs()
+    os._exit(code)
 
 
 def set_environment() -> None:
