@@ -10,7 +10,7 @@ import numpy as np
 from scipy.signal import find_peaks
 from scipy.spatial import cKDTree
 
-from knotfab.base.arrays import Array, Indices
+from knotfab.base.arrays import Array, Indices, Mask
 from knotfab.geometry.polylines import sample_evenly
 from knotfab.geometry.tube import Mesh
 from knotfab_formats.upright import longest_free_leg_mm
@@ -29,6 +29,7 @@ _ASLANT = (
     0.75  # cosine of the least angle between a bar and its strand: its end meets no surface sooner
 )
 _BACK = 3  # points, from one place to the next
+_OWN_RADII = 5.0  # so near along its leg, a point is part of the strand that a bar ends in
 
 
 @dataclass(frozen=True)
@@ -148,7 +149,14 @@ def plan_bars(
                 break
             found = Bar(here + one * across, there - other * across, gap)
             line = here + np.linspace(0.0, 1.0, 9)[:, None] * (there - here)
-            if gap >= _LEAST_MM and _is_clear(found, level, points, radius) and hidden(line):
+            if gap < _LEAST_MM or not hidden(line):
+                continue
+            # a strand that leans towards the other is near the bar, and in nobody's way
+            ends = n, near[k]
+            theirs = [
+                (own == own[e]) & (np.abs(along - along[e]) < _OWN_RADII * radius) for e in ends
+            ]
+            if _is_clear(found, level, points, theirs[0] | theirs[1], radius):
                 return found, int(near[k])
         return None
 
@@ -179,14 +187,14 @@ def plan_bars(
     return bars, np.array(lacking).reshape(-1, 3)
 
 
-def _is_clear(bar: Bar, level: cKDTree, points: Array, radius: float) -> bool:
-    """Tell whether no strand but the two lies between a bar's ends."""
+def _is_clear(bar: Bar, level: cKDTree, points: Array, ends: Mask, radius: float) -> bool:
+    """Tell whether no strand lies between a bar's ends, but for the points near its `ends` (n,)."""
     way = bar.end - bar.start
     length = float(np.linalg.norm(way))
     middle = 0.5 * (bar.start + bar.end)
-    near = points[level.query_ball_point(middle, 0.5 * length + radius)]
+    near = np.array(level.query_ball_point(middle, 0.5 * length + radius), dtype=np.int64)
+    near = points[near[~ends[near]]]
     along = (near - bar.start) @ way / length
     aside = np.linalg.norm(near - bar.start - along[:, None] * way / length, axis=1)
-    # the strands that it joins are a radius and more beyond its ends
     between = (along > -0.5 * radius) & (along < length + 0.5 * radius)
     return not bool((between & (aside < radius + 0.5 * BAR_MM[0])).any())

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from knotfab.base.arrays import Array
-from knotfab.geometry.legs import BAR_MM, MOST_BAR_MM, SUNK_MM, find_legs, plan_bars
+from knotfab.geometry.legs import BAR_MM, MOST_BAR_MM, SUNK_MM, Leg, find_legs, plan_bars
 from knotfab_formats.upright import longest_free_leg_mm
 
 RADIUS, PLA = 1.66, 2300.0
@@ -54,10 +54,26 @@ def test_bars_are_where_legs_would_sway_and_a_neighbour_is_near(
 
 def test_where_the_best_place_has_no_neighbour_the_next_one_down_has_the_bar() -> None:
     """A low arch beside a tall one, and less steep, is near it below alone."""
-    tall, low = ring((1.3 * MOST,) * 3, 60.0), ring((0.7 * MOST,) * 3, 60.0 + 4 * RADIUS + 4.0)
+    tall, low = ring((1.3 * MOST,) * 3, 60.0), ring((0.6 * MOST,) * 3, 60.0 + 4 * RADIUS + 4.0)
     planned, lacking = plan_bars(find_legs([tall, low]), RADIUS, PLA)
     assert not len(lacking)
-    assert sum(bar.start[2] < 0.3 * MOST for bar in planned) >= 3
+    assert sum(bar.start[2] < 0.4 * MOST for bar in planned) >= 3
+
+
+@pytest.mark.parametrize("lean", [0.0, 0.4, 0.6, 0.7])
+@pytest.mark.parametrize("between", [False, True])
+def test_a_leg_that_leans_towards_the_bar_is_in_nobodys_way(lean: float, between: bool) -> None:
+    """Two parallel legs, and perhaps a third strand that passes between them."""
+    way = np.array([lean, 0.0, np.sqrt(1 - lean**2)])
+    line = np.arange(0.0, 1.5 * MOST, 0.4)[:, None] * way
+    apart = np.array([7.0, 0.0, 0.0]) + np.array([2 * RADIUS, 0.0, 0.0])
+    legs = [Leg(0, line), Leg(1, line + apart)]
+    if between:
+        legs.append(Leg(2, line + 0.5 * apart + np.array([0.0, 0.5, 0.0])))
+    bars, lacking = plan_bars(legs, RADIUS, PLA)
+    assert len(bars) and not len(lacking)
+    # with a strand between them, no bar goes past it
+    assert all((bar.gap_mm < 3.0) == between for bar in bars)
 
 
 def test_a_bar_is_the_box_that_it_is_listed_as() -> None:
