@@ -20,7 +20,7 @@ from benchmarks.measurement import run_study
 from examples.pictures import pictures
 from knotfab.part.slicer import slice_part
 from knotfab.part.slicer_process import Sliced
-from knotfab.report.in_words import tell_share
+from knotfab.report.summary import tell_share
 from knotfab.scene.load import load_scene
 
 HEIGHT, WIDTH = 360, 1400  # px of a row of panels; of the page's pictures

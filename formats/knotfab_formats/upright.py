@@ -19,10 +19,9 @@ MOST_BAR_MM2 = 0.5  # section of a bar that pliers or fingers can break
 def longest_free_leg_mm(radius_mm: float, young_modulus_mpa: float) -> float:
     """Return how long a leg may stand free while it prints: 44 mm at r 1.66, 16 mm at r 0.8, in PLA.
 
-    A force F at the tip of a cantilever of length L moves it by F L³ / 3 E I (Euler and Bernoulli), with
-    I = pi r⁴ / 4 for a round section; 3 E I / L³ = `LEAST_STIFFNESS_N_MM` gives L. A leaning leg deflects
-    less
-    under a level force, and whatever joins it to another ends its free length.
+    A force F at the tip of a cantilever of length L moves it by F L³ / 3 E I (Euler and Bernoulli),
+    with I = pi r⁴ / 4 for a round section; 3 E I / L³ = `LEAST_STIFFNESS_N_MM` gives L. A leaning
+    leg deflects less under a level force, and whatever joins it to another ends its free length.
     """
     inertia = pi * radius_mm**4 / 4
     return float((3 * young_modulus_mpa * inertia / LEAST_STIFFNESS_N_MM) ** (1 / 3))

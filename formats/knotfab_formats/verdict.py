@@ -71,8 +71,7 @@ class Recognition:
     """The verdict on a picture's shadow: a word, the reasons why it is no better one, and the losses.
 
     Losses come worst first. Changes are counted by kind, including those in text. `touching` counts
-    places
-    where pieces of the picture just touch, `cut_tips` tips that are cut off.
+    places where pieces of the picture just touch, `cut_tips` tips that are cut off.
     """
 
     word: str
@@ -190,13 +189,11 @@ class Bending:
 class Contrast:
     """The darkness of the shadow, (lit - dark) / lit, in the middle and where it is palest.
 
-    `falloff` is the lamp's least light within the frame over its greatest. `ambient`, `room` and `second`
-    are
-    light from elsewhere, from the room's walls and from a second lamp. Strands let `transmitted` of the
-    lamp's
-    light through, and throw at most `bounced` back at the wall. The second lamp casts the shadow of the
-    piece's
-    middle `ghost_shift_mm` away, with `ghost_contrast`; None without one.
+    `falloff` is the lamp's least light within the frame over its greatest. `ambient`, `room` and
+    `second` are light from elsewhere, from the room's walls and from a second lamp. Strands let
+    `transmitted` of the lamp's light through, and throw at most `bounced` back at the wall. The
+    second lamp casts the shadow of the piece's middle `ghost_shift_mm` away, with `ghost_contrast`;
+    None without one.
     """
 
     contrast: float

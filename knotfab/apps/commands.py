@@ -268,7 +268,7 @@ def _print_comparison(
 
     from knotfab.apps.compare.compare import advise
     from knotfab.apps.compare.fix import tell_fix
-    from knotfab.report.in_words import tell_share
+    from knotfab.report.summary import tell_share
 
     if json:
         fix = {} if plan is None else {"fix": plan.to_dict()}

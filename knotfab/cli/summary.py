@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotfab.base.arrays import Mask
-from knotfab.report.checks import mark_of
-from knotfab.report.in_words import last_line, tell_result
+from knotfab.report.summary import last_line, mark_of, tell_result
 from knotfab_formats.scene import ResolvedView
 
 if TYPE_CHECKING:

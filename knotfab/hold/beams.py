@@ -1,4 +1,5 @@
-"""The frame of a whole piece under its own weight: its tubes, and the members that hold or stiffen them."""
+"""A whole piece as a frame under its own weight: its tubes, and the members that hold or stiffen
+them."""
 
 from __future__ import annotations
 
@@ -20,7 +21,7 @@ DOWN = np.array([0.0, -1.0, 0.0])
 
 @dataclass(frozen=True)
 class Stiffness:
-    """The piece's material and how far it may sag: MPa, g/cm³, mm."""
+    """The piece's material, and how far it may sag: MPa, g/cm³, mm."""
 
     young_mpa: float
     density_g_cm3: float
@@ -28,7 +29,8 @@ class Stiffness:
 
     @classmethod
     def of(cls, scene: SettledScene, knots: Knots) -> Stiffness:
-        """Return the stiffness of a scene's material, and how far its mount may let these knots sag."""
+        """Read the material's stiffness from a scene, and how far its mount may let these knots
+        sag."""
         material, most = scene.material, scene.mount.max_sag_mm
         if most is None:
             points = np.concatenate([knot.points for knot in knots.knots])
@@ -37,7 +39,7 @@ class Stiffness:
 
 
 def taper(top: Array, foot: Array, pieces: int = PIECES) -> Array:
-    """Return (..., pieces) radii of cones cut into round pieces, from their tops (...,) to their feet."""
+    """Cut cones into round pieces: their radii (..., pieces) from tops to feet (...,)."""
     share = (np.arange(pieces) + 0.5) / pieces
     return np.asarray(top[..., None] + share * (foot - top)[..., None])
 
@@ -53,7 +55,7 @@ def piece_beams(
     The sites are the first joints, in their order.
 
     Args:
-        pieces: that each member is cut into; those that taper need several.
+        pieces: how many beams stand for each member; those that taper need several.
     """
     n, m, inner = len(sites.knot), len(members), pieces - 1
     share = np.arange(pieces + 1)[:, None] / pieces
@@ -82,7 +84,7 @@ def piece_beams(
 def piece_frame(
     knots: Knots, sites: Sites, members: Candidates, stiffness: Stiffness
 ) -> SpaceFrame:
-    """Give the frame of a piece with joints at the sites, and along members that taper, ready to be asked."""
+    """Assemble the frame of a piece with joints at the sites and along members that taper."""
     pieces = 1 if members.end_radius is None else PIECES
     beams, fixed = piece_beams(knots.radius_mm, sites, members, pieces)
     return frame_of(beams, fixed, stiffness.young_mpa, stiffness.density_g_cm3, DOWN)
@@ -95,11 +97,12 @@ def sag_moves(
     stiffness: Stiffness,
     step_radii: float = JOINT_RADII,
 ) -> Array:
-    """Return (N, 3) how far each vertex of the knots moves on their members, mm, by a frame built anew.
+    """Compute how far each vertex of the knots moves on their members, mm (N, 3), by a frame of its
+    own.
 
     Its joints are `step_radii` tube radii apart and wherever a member ends, and members are cut in
-    pieces: a second opinion on those who choose members by a coarser frame. Between joints moves are
-    interpolated by the vertices' numbers.
+    pieces: a second opinion where members were chosen by a coarser frame. Moves are interpolated
+    between joints by the vertices' numbers.
 
     Args:
         sites: that the members join.
@@ -125,7 +128,7 @@ def sag_moves(
 
 
 def worst_of(moves: Array, points: Array) -> tuple[float, Array]:
-    """Return the largest of moves (N, 3), mm, and at which of the points (3,)."""
+    """Return the largest of moves (N, 3), mm, and the point where it occurs (3,)."""
     size = np.linalg.norm(moves, axis=1)
     worst = int(size.argmax())
     return float(size[worst]), points[worst]
@@ -135,7 +138,8 @@ def worst_of(moves: Array, points: Array) -> tuple[float, Array]:
 
 
 def springs_of(some: Candidates, before: Array, stiffness: Stiffness) -> tuple[Array, Array]:
-    """Return (m, 12, 12) what members add to the stiffness at their ends, (m, 12) their weight's loads there.
+    """Compute what members add at their ends: stiffness (m, 12, 12), and loads by their weight (m,
+    12).
 
     Args:
         before: (m,) mm, the radius that each had; 0 where it was not there.
@@ -146,7 +150,8 @@ def springs_of(some: Candidates, before: Array, stiffness: Stiffness) -> tuple[A
 
 
 def _of_bars(some: Candidates, stiffness: Stiffness) -> tuple[Array, Array]:
-    """Give stiffness and loads of members; those that taper are chains, whose inner joints are worked out."""
+    """Compute stiffness and loads of members; a tapered one is a chain whose inner joints are
+    condensed."""
     pieces = 1 if some.end_radius is None else PIECES
     m, every = len(some), 6 * (pieces + 1)
     share = np.arange(pieces + 1)[:, None] / pieces
@@ -169,10 +174,11 @@ def _of_bars(some: Candidates, stiffness: Stiffness) -> tuple[Array, Array]:
 
 
 class HeldFrame:
-    """The answers of a frame whose joints further members hold as springs, without solving it anew.
+    """A solved frame to which members are added as springs, without solving it again.
 
     With the frame's flexibility F at the ends of members of stiffness K and own loads f, these move
-    by u = (I + F K)⁻¹ (u0 + F f), and all joints by what the members then exert, f - K u (Woodbury 1950).
+    by u = (I + F K)⁻¹ (u0 + F f), and all joints by what the members then exert, f - K u (Woodbury
+    1950).
     """
 
     def __init__(self, frame: SpaceFrame) -> None:
@@ -181,7 +187,8 @@ class HeldFrame:
         self._moves: dict[int, Array] = {}  # the flexibility of each joint that was asked for
 
     def hold(self, members: Candidates, springs: Array, loads: Array) -> None:
-        """Be held by these members alone: springs (m, 12, 12) and loads (m, 12) at their ends."""
+        """Hold the frame by these members alone: springs (m, 12, 12) and loads (m, 12) at their
+        ends."""
         ends = np.column_stack([members.first, members.second]).ravel()
         self._forget(ends)
         self._rows, self._by, own = self._moved_by(ends)
@@ -196,16 +203,18 @@ class HeldFrame:
         self._now = self._at_rest + exerted @ self._by
 
     def displacements(self) -> Array:
-        """Return (n, 6) displacements and turns of the joints under the weight of frame and members."""
+        """Return the joints' displacements and turns under the weight of frame and members, (n,
+        6)."""
         return self._now.reshape(self.joints, 6)
 
     def response(self, force: Array) -> Array:
-        """Return (n, 6) displacements and turns under forces and couples (n, 6) instead of the weight."""
+        """Return displacements and turns (n, 6) under forces and couples (n, 6) in place of the
+        weight."""
         moved = self.frame.response(force).ravel()
         return (moved - (self._stiff @ moved[self._rows]) @ self._by).reshape(self.joints, 6)
 
     def displacements_with_each(self, members: Candidates, springs: Array, loads: Array) -> Array:
-        """Return (m, n, 6) displacements and turns with each one of these members besides."""
+        """Return displacements and turns with each of these members added alone, (m, n, 6)."""
         moved = np.repeat(self._now[None], len(members), axis=0)
         back = np.zeros((len(members), len(self._rows)))
         for n in range(len(members)):
@@ -220,9 +229,10 @@ class HeldFrame:
         return (moved - back @ self._by).reshape(len(members), self.joints, 6)
 
     def _moved_by(self, ends: Indices) -> tuple[Indices, Array, Indices]:
-        """Return the unknowns (e,) of ends that the ground does not hold, and what a unit load on each moves.
+        """Find the unknowns (e,) of ends that the ground does not hold, and what a unit load on
+        each moves.
 
-        And which of all ends' unknowns they are, (e,).
+        Returned last: which of all the ends' unknowns they are, (e,).
         """
         real = ends != GROUND
         new = np.array([j for j in np.unique(ends[real]) if j not in self._moves], dtype=np.int64)
@@ -234,7 +244,7 @@ class HeldFrame:
         return rows, np.concatenate(by), np.flatnonzero(np.repeat(real, 6))
 
     def _forget(self, ends: Indices) -> None:
-        """Keep what loads on these ends move, where much else is known."""
+        """Drop the cached responses to all loads but those on these ends, once there are many."""
         if len(self._moves) > 300:  # joints whose flexibility is kept: some 100 MB of a large piece
             self._moves = {j: self._moves[j] for j in set(ends.tolist()) & set(self._moves)}
 
@@ -264,17 +274,17 @@ class Beams:
 
 
 def round_beams(joints: Array, ends: Indices, radius: Array) -> Beams:
-    """Return beams of round section, `radius` (m,) mm."""
+    """Make beams of round section, `radius` (m,) mm."""
     area = np.pi * radius**2
     return Beams(joints, ends, area, np.pi / 4 * radius**4, np.pi / 2 * radius**4)
 
 
 @dataclass(frozen=True)
 class SpaceFrame:
-    """A frame whose stiffness is factored: forces in, displacements and turns out.
+    """A frame with its stiffness factored: forces in, displacements and turns out.
 
-    `loose` are the numbers of the free unknowns among six for each joint (three displacements in
-    mm, three turns in radians), `weight` (6 n,) the frame's own load on them.
+    Each joint has six unknowns: three displacements in mm, three turns in radians. `loose` numbers
+    the free ones, `weight` (6 n,) is the frame's own load.
     """
 
     joints: int
@@ -283,11 +293,12 @@ class SpaceFrame:
     factor: Any
 
     def displacements(self) -> Array:
-        """Return (n, 6) displacements and turns of the joints under the frame's own weight."""
+        """Return the joints' displacements and turns under the frame's own weight, (n, 6)."""
         return self._solve(self.weight[:, None]).reshape(self.joints, 6)
 
     def flexibility(self, joints: Indices) -> Array:
-        """Return (6 n, c, 6): how everything moves for a unit force or couple on each of c joints."""
+        """Return how every joint moves for a unit force or couple on each of c joints, (6 n, c,
+        6)."""
         unit = np.zeros((6 * self.joints, len(joints), 6))
         for number, joint in enumerate(joints):
             unit[6 * joint + np.arange(6), number, np.arange(6)] = 1.0
@@ -296,7 +307,8 @@ class SpaceFrame:
         return moves
 
     def response(self, force: Array) -> Array:
-        """Return (n, 6) displacements and turns under forces and couples (n, 6) instead of the weight."""
+        """Return displacements and turns (n, 6) under forces and couples (n, 6) in place of the
+        weight."""
         return self._solve(force.reshape(-1, 1)).reshape(self.joints, 6)
 
     def _solve(self, force: Array) -> Array:
@@ -312,7 +324,7 @@ def frame_of(
     density_g_cm3: float,
     down: Array,
 ) -> SpaceFrame:
-    """Return the frame of beams under their own weight, ready to be asked.
+    """Assemble and factor the frame of these beams, loaded by their own weight.
 
     The direct stiffness method with 12 x 12 element matrices and consistent loads (Przemieniecki,
     "Theory of Matrix Structural Analysis", 1968, ch. 5): exact at the joints for small
@@ -350,7 +362,8 @@ def frame_of(
 
 
 def stiffness_of(beams: Beams, young_mpa: float) -> Array:
-    """Return (m, 12, 12) the beams' stiffness matrices in common axes: six unknowns of each end."""
+    """Return the beams' stiffness matrices in common axes, for the six unknowns of each end, (m,
+    12, 12)."""
     length, axes = _lengths_and_axes(beams)
     turn = _turns(axes)
     found: Array = np.swapaxes(turn, 1, 2) @ _stiffness(beams, length, young_mpa) @ turn
@@ -358,7 +371,8 @@ def stiffness_of(beams: Beams, young_mpa: float) -> Array:
 
 
 def _turns(axes: Array) -> Array:
-    """Return (m, 12, 12) from common axes to the beams' own (m, 3, 3)."""
+    """Return the rotations from common axes to the beams' own (m, 3, 3), for both ends: (m, 12,
+    12)."""
     turn = np.zeros((len(axes), 12, 12))
     for block in range(4):
         turn[:, 3 * block : 3 * block + 3, 3 * block : 3 * block + 3] = axes
@@ -366,7 +380,8 @@ def _turns(axes: Array) -> Array:
 
 
 def _lengths_and_axes(beams: Beams) -> tuple[Array, Array]:
-    """Give (m,) lengths of the beams, mm, and (m, 3, 3) their axes in rows: along each, and two across it."""
+    """Return the beams' lengths (m,), mm, and axes in rows (m, 3, 3): along each, and two across
+    it."""
     along = beams.joints[beams.ends[:, 1]] - beams.joints[beams.ends[:, 0]]
     length = np.linalg.norm(along, axis=1)
     unit = along / np.maximum(length, 1e-300)[:, None]
@@ -378,7 +393,7 @@ def _lengths_and_axes(beams: Beams) -> tuple[Array, Array]:
 
 
 def _stiffness(beams: Beams, length: Array, young: float) -> Array:
-    """Return (m, 12, 12) element matrices in the beams' own axes."""
+    """Return the element matrices in the beams' own axes, (m, 12, 12)."""
     shear = young / (2 * (1 + POISSON))
     k = np.zeros((len(length), 12, 12))
     stretch, twist = young * beams.area / length, shear * beams.twist / length
@@ -398,7 +413,7 @@ def _stiffness(beams: Beams, length: Array, young: float) -> Array:
 
 
 def loads_of(beams: Beams, density_g_cm3: float, down: Array) -> Array:
-    """Return (m, 12) consistent loads of the beams' weight at their ends, in common axes."""
+    """Return the consistent loads of the beams' weight at their ends, in common axes, (m, 12)."""
     length, axes = _lengths_and_axes(beams)
     weight = beams.area * density_g_cm3 * 1e-6 * GRAVITY_M_S2  # N/mm
     q = axes @ down * weight[:, None]  # (m, 3) along the beams' own axes

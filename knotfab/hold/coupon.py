@@ -1,4 +1,4 @@
-"""The coupon of a mount: its pins and holes at a few clearances, to be printed and tried beforehand."""
+"""A coupon: the mount's pins and holes at a few clearances, to be printed and tried beforehand."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _DOTS = tuple(round(10 * play) for play in PLAYS_MM)
 
 @dataclass(frozen=True)
 class Coupon:
-    """Sizes in mm: the pin and how deep it goes, the strip, and the peg that stands on it."""
+    """A pin and how deep it goes, a strip of holes, and a peg that stands on it; lengths in mm."""
 
     pin_mm: float
     depth_mm: float
@@ -34,7 +34,6 @@ class Coupon:
 
     @property
     def holes_mm(self) -> tuple[float, ...]:
-        """The diameters of the holes."""
         return tuple(self.pin_mm + play for play in PLAYS_MM)
 
     def make_bodies(self) -> list[Mesh]:
@@ -53,12 +52,12 @@ class Coupon:
 
     @property
     def figures(self) -> CouponFigures:
-        """What a report says of it."""
+        """The coupon's entry in the report."""
         holes = tuple(round(hole, 3) for hole in self.holes_mm)
         return CouponFigures(file=COUPON, pin_mm=round(self.pin_mm, 3), holes_mm=holes, dots=_DOTS)
 
     def tell(self) -> str:
-        """Return one sentence for the report."""
+        """Say in one sentence what the coupon is for."""
         return (
             f"Print {COUPON} first, in half an hour: its pin of {self.pin_mm:.1f} mm and its holes, "
             f"{PLAYS_MM[0]:g} to {PLAYS_MM[-1]:g} mm wider, show what play your printer needs."
@@ -66,13 +65,13 @@ class Coupon:
 
 
 def plan_coupon(mounted: Mounted, suffix: str = "") -> Coupon | None:
-    """Return the coupon of a wall mount or a stand, None without a mount.
+    """Plan the coupon of a wall mount or a stand; None without either.
+
+    The pin is as thick as what enters a hole: a dowel or the root of a peg, or a stand's thickest
+    member. The strip is as thick as the plate or the stand's base. The peg is the mount's thinnest.
 
     Args:
-        suffix: suffix of the piece's files, such as "-01" of a frame, which has no coupon.
-
-    The pin is as thick as a dowel or peg in its hole: a dowel or the root of a peg, or a stand's thickest
-    member; the strip is as thick as the plate or the stand's base. The peg is the mount's thinnest.
+        suffix: of the piece's files, such as "-01" of a frame, which has no coupon.
     """
     asked = mounted.scene.mount
     if asked.on_feet:

@@ -1,4 +1,5 @@
-"""A thin plate on the wall in which the piece stands by its own valleys, as large as frame or picture."""
+"""A thin plate on the wall in which the piece stands by its own valleys, as large as frame or
+picture."""
 
 from __future__ import annotations
 
@@ -37,8 +38,8 @@ LEAST_BACK_MM = 0.15  # of a plate below the lowest foot
 class FootPlate:
     """A plate whose face is the wall.
 
-    `outline` (n, 2) anticlockwise and `holes` (2, 2), the middles of its screws' holes, lie right and up from
-    the middle of the frame, mm. `feet` are how many valleys of each knot stand in it.
+    `outline` (n, 2), anticlockwise, and `holes` (2, 2), the middles of the screw holes, are mm
+    right and up from the frame's middle. `feet` counts the valleys of each knot that stand in it.
     """
 
     outline: Array
@@ -48,9 +49,9 @@ class FootPlate:
 
 @dataclass(frozen=True)
 class StandingPiece:
-    """A plate, what the piece sags on it (mm, and where), and how far each vertex moves (N, 3).
+    """A plate, how far the piece sags on it (mm, and where), and how far each vertex moves (N, 3).
 
-    `hidden_aside`: for each angle of view the share of the shadow's edge that the piece hides.
+    `hidden_aside` has for each angle of view the share of the shadow's edge that the piece hides.
     """
 
     plate: FootPlate
@@ -62,7 +63,8 @@ class StandingPiece:
 
 @dataclass(frozen=True)
 class _Foot:
-    """A piece of tube in the plate: its middle, right and up from the frame's, and its reach, mm."""
+    """A piece of tube in the plate: its middle, right and up from the frame's, and its reach,
+    mm."""
 
     knot: int
     middle: Array
@@ -99,12 +101,12 @@ def plan_foot_plate(
 
 
 def ears_mm(settings: Mount) -> float:
-    """Return how much wider the plate is for the ears that hold its screws, at both sides together."""
+    """Return how much wider, over both sides, the plate is for the ears that hold its screws."""
     return 2 * (settings.hole_diameter_mm + OFF_MM + RIM_MM)
 
 
 def foot_plate_fixture(plate: FootPlate, camera: Camera, settings: Mount) -> Fixture:
-    """Return the plate, its face on the receiver plane."""
+    """Make the plate, its face on the receiver plane."""
     wall = np.column_stack(list(camera.wall_axes))
     places = np.concatenate([plate.holes, plate.outline]).ravel().tolist()
     sizes = (settings.thickness_mm, settings.hole_diameter_mm, *places)
@@ -113,7 +115,7 @@ def foot_plate_fixture(plate: FootPlate, camera: Camera, settings: Mount) -> Fix
 
 
 def _find_feet(tubes: list[Mesh], to_wall: Array, thickness_mm: float) -> list[_Foot]:
-    """Find what of the tubes lies below the wall's face (3, 4), in pieces that do not meet there."""
+    """Find the pieces of tube below the wall's face (3, 4) that do not meet there."""
     found = []
     for number, tube in enumerate(tubes):
         below = as_manifold(tube).transform(to_wall).trim_by_plane((0.0, 0.0, -1.0), 0.0)
@@ -133,7 +135,7 @@ def _find_feet(tubes: list[Mesh], to_wall: Array, thickness_mm: float) -> list[_
 def _shape(
     knots: Knots, feet: list[_Foot], camera: Camera, to_wall: Array, settings: Mount
 ) -> tuple[Array, Array]:
-    """Return the outline (n, 2) of the plate, and the middles (2, 2) of its holes."""
+    """Shape the plate: its outline (n, 2), and the middles of its screw holes (2, 2)."""
     import shapely
 
     within = shapely.union_all([shapely.Point(f.middle).buffer(f.reach_mm + RIM_MM) for f in feet])
@@ -151,7 +153,7 @@ def _shape(
 
 
 def _shadow(knots: Knots, camera: Camera, to_wall: Array) -> Geometry:
-    """Return the shadow of the tubes on the wall, about."""
+    """Cast the tubes on the wall, approximately."""
     import shapely
 
     wide = knots.radius_mm * np.linalg.norm(camera.eye - camera.middle)
@@ -164,9 +166,11 @@ def _shadow(knots: Knots, camera: Camera, to_wall: Array) -> Geometry:
 
 
 def _hide_edge(knots: Knots, camera: Camera, to_wall: Array, angle_deg: float) -> float:
-    """Measure which share of the shadow's edge the tubes hide from far viewers at both sides, on average.
+    """Measure the share of the shadow's edge that the tubes hide from far viewers, averaged over
+    both sides.
 
-    They see the wall narrower, and on it each strand moved aside as far as its height's tangent.
+    From aside the wall looks narrower, and each strand stands displaced by its height times the
+    tangent of the angle.
     """
     import shapely
 
@@ -190,7 +194,7 @@ def _hide_edge(knots: Knots, camera: Camera, to_wall: Array, angle_deg: float) -
 
 
 def _join(body: Geometry) -> Polygon:
-    """Return one connected sheet: its islands with strips along the shortest ways between them."""
+    """Connect a sheet's islands by strips along the shortest ways between them."""
     import shapely
 
     islands = list(shapely.get_parts(body))
@@ -204,16 +208,18 @@ def _join(body: Geometry) -> Polygon:
 
 
 def _fill(sheet: Polygon) -> Polygon:
-    """Return a sheet without holes: a screen is to be behind them too."""
+    """Fill the sheet's holes: they too are to be a screen for the shadow."""
     import shapely
 
     return shapely.Polygon(sheet.exterior)
 
 
 def _find_holes(sheet: Polygon, wide_mm: float) -> tuple[Array, Geometry]:
-    """Find the middles (2, 2) of two holes on a level line, beside the sheet, and ears that hold them.
+    """Place two screw holes on a level line beside the sheet, with ears that hold them: middles (2,
+    2), ears.
 
-    The line is where the sheet is widest, or nearest to the frame's middle: the ears then stand out least.
+    The line is where the sheet is widest, or nearest to the frame's middle, so that the ears stand
+    out least.
     """
     import shapely
 
@@ -236,7 +242,7 @@ def _find_holes(sheet: Polygon, wide_mm: float) -> tuple[Array, Geometry]:
 def _sag(
     knots: Knots, feet: list[_Foot], camera: Camera, stiffness: Stiffness
 ) -> NDArray[np.float64]:
-    """Return (N, 3) how far each vertex moves, where the vertex over each foot is held."""
+    """Compute how far each vertex moves where the vertex over each foot is held, (N, 3)."""
     wall = camera.wall_axes
     held: dict[int, list[int]] = {k: [] for k in range(len(knots.knots))}
     for foot in feet:

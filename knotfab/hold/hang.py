@@ -1,8 +1,9 @@
-"""A hanger: an eyelet straight above the centre of mass, so that the piece hangs level on one thread.
+"""A hanger: an eyelet straight above the centre of mass, so that the piece hangs level on one
+thread.
 
-Matter in the visual hull of all pictures, or above every frame, changes no picture (Mitra & Pauly 2009):
-the eyelet stands where it darkens least. A thread leaves the turn about it free, so a piece of several
-views shows its pictures one after the other under a single lamp.
+Matter in the visual hull of all pictures, or above every frame, changes no picture (Mitra & Pauly
+2009): the eyelet stands where it darkens least. A thread lets the piece turn, so that one of
+several views shows its pictures in turn under a single lamp.
 """
 
 from __future__ import annotations
@@ -56,7 +57,8 @@ _ROUNDS = 4  # rounds of moving the eyelet above the centre of mass, to which po
 
 @dataclass(frozen=True)
 class Eyelet:
-    """A ring of round wire in the scene, mm: its middle (3,), and the unit vector (3,) through its hole."""
+    """A ring of round wire in the scene, mm: its middle (3,), and the unit vector (3,) through its
+    hole."""
 
     middle: Array
     through: Array
@@ -65,11 +67,11 @@ class Eyelet:
 
     @property
     def thread(self) -> Array:
-        """(3,) where the thread carries the piece: the top of the hole."""
+        """Where the thread carries the piece: the top of the hole, (3,)."""
         return np.asarray(self.middle + (self.ring_mm - self.wire_mm) * UP)
 
     def outline(self, sides: int) -> Array:
-        """Return (sides, 3) points round the wire's centre line."""
+        """Sample the wire's centre line, (sides, 3)."""
         turn, angle = along(self.through, self.middle), 2 * np.pi * np.arange(sides) / sides
         across = np.outer(np.cos(angle), turn[:, 0]) + np.outer(np.sin(angle), turn[:, 1])
         return np.asarray(self.middle + self.ring_mm * across)
@@ -85,9 +87,9 @@ class Eyelet:
 class HangMount:
     """A hanger, in the scene.
 
-    `members` are struts and posts, which lead to the eyelet (their `second` is `GROUND`); `holds` (n,)
-    says which knot each was added for. `tilt_deg` is how far askew the piece hangs. The other fields
-    mean what they mean of a `StandMount`.
+    `members` are struts and posts, which lead to the eyelet (their `second` is `GROUND`); `holds`
+    (n,) names the knot that each was added for. `tilt_deg` is how far askew the piece hangs. Other
+    fields are as in `StandMount`.
     """
 
     members: Candidates
@@ -115,14 +117,14 @@ def plan_hang(
 ) -> HangMount:
     """Choose struts, posts and an eyelet for knots in scene coordinates (gravity: -y).
 
-    The knots are joined to one piece, the eyelet is set above its centre of mass where post and ring show
-    least, struts are added until nothing sags (`plan_members`), and the eyelet is moved above what is then
-    the centre of mass. Where it meets something there, or the piece sags all the same, that is done again.
+    The knots are joined to one piece. The eyelet goes above its centre of mass, where post and ring
+    show least; struts are added until nothing sags (`plan_members`); then the eyelet is moved above
+    the new centre of mass. If it meets something there, or the piece still sags, this is repeated.
 
     Args:
         cameras, targets: each view's camera, and its picture's silhouette (H, W) over the whole
             frame.
-        least_radius_mm: least radius of a member that the printer can make.
+        least_radius_mm: of a member that the printer can make.
         ends: whether screens end at their frames, beside which no shadow is seen.
 
     Raises:
@@ -184,10 +186,10 @@ def plan_hang(
 
 
 def _swing(points: Array, moves: Array, thread: Array) -> Array:
-    """Return (N, 3) moves of a piece that is free to turn about its thread, from those of one clamped there.
+    """Turn the moves (N, 3) of a piece clamped at its thread into those of one free to swing there.
 
-    What sags to one side turns the piece until its centre of mass is below the thread again: by the two
-    small angles about level axes that take the mean of the moves back to the plumb line.
+    What sags to one side turns the piece until its centre of mass is below the thread again: by the
+    two small angles about level axes that take the mean of the moves back to the plumb line.
     """
     lever = points - thread
     drop, aside = -float(lever[:, 1].mean()), moves.mean(axis=0)
@@ -204,13 +206,13 @@ def _no_place() -> SceneError:
 
 
 def _centre(*several: Masses) -> Array:
-    """Return (3,) the common centre of mass."""
+    """Return the common centre of mass, (3,)."""
     volume = np.concatenate([m.volume for m in several])
     return np.asarray(volume @ np.concatenate([m.center for m in several]) / volume.sum())
 
 
 def _around(ring: Eyelet) -> Candidates:
-    """Return a member as thick as the whole ring is wide: what struts must keep clear of."""
+    """Return a member as thick as the whole ring is wide, of which struts keep clear."""
     reach = ring.ring_mm + ring.wire_mm
     beside = ring.through * ring.wire_mm
     none = np.array([GROUND])
@@ -233,7 +235,8 @@ def _outline(ring: Eyelet) -> Candidates:
 
 
 def _aim(posts: Candidates, ring: Eyelet, middle: Array) -> tuple[Candidates, Eyelet]:
-    """Return posts and eyelet with the eyelet straight above the centre of mass `middle`, as high as before.
+    """Move the eyelet straight above the centre of mass `middle`, as high as before, and its posts
+    with it.
 
     All posts end where the first one meets the ring.
     """
@@ -247,7 +250,7 @@ def _aim(posts: Candidates, ring: Eyelet, middle: Array) -> tuple[Candidates, Ey
 
 
 def _free(obstacles: Obstacles, *rings: Eyelet) -> Mask:
-    """Tell (n,) whether no strand is near the ring, nor in the thread's way above it."""
+    """Tell (n,) whether no strand is near the ring or in the thread's way above it."""
     tube, points = obstacles.tube, obstacles.points
     free = np.ones(len(rings), dtype=bool)
     for n, ring in enumerate(rings):
@@ -269,7 +272,8 @@ def _post(
     obstacles: Obstacles,
     shadows: MountShadows,
 ) -> tuple[Candidates, Eyelet]:
-    """Return the post from a strand to an eyelet above `middle` (3,) that shows least, and its eyelet.
+    """Choose the post from a strand to an eyelet above `middle` (3,) that shows least; with its
+    eyelet.
 
     Raises:
         SceneError: there is none.
@@ -313,10 +317,10 @@ def _more_posts(
     shadows: MountShadows,
     fewest: int,
 ) -> Candidates:
-    """Return the post, and others from elsewhere to the same place of the ring, as long as they help.
+    """Add posts from elsewhere to where the first meets the ring, as long as they help.
 
-    One strand alone, by which all the weight hangs, yields under it. There are `fewest` of them at least,
-    if they have room.
+    A single strand that carries all the weight yields under it. At least `fewest` posts are
+    returned, if they have room.
     """
     end, tube = post.end[0], knots.radius_mm
     along = end - sites.point
@@ -363,7 +367,7 @@ def _more_posts(
 
 
 def hang_bodies(tubes: list[Mesh], mount: HangMount) -> list[Mesh]:
-    """Return tubes, struts, post and eyelet as one watertight body, scene coordinates.
+    """Unite tubes, struts, post and eyelet to one watertight body, in scene coordinates.
 
     Raises:
         SceneError: the union is not what the members predict: something else touches.
@@ -385,7 +389,7 @@ def hang_bodies(tubes: list[Mesh], mount: HangMount) -> list[Mesh]:
 
 
 def hang_fixtures(mount: HangMount) -> list[Fixture]:
-    """Return struts, post and eyelet, scene coordinates."""
+    """List struts, posts and eyelet as fixtures, in scene coordinates."""
     members, ring = mount.members, mount.eyelet
     ends = zip(members.start, members.end, members.radius, strict=True)
     bars = [strut(start, end, float(radius)) for start, end, radius in ends]

@@ -35,10 +35,10 @@ APART_MM, EDGE_MM = 4.0, 4.0  # between bars on the bed, and from them to its ed
 
 @dataclass(frozen=True)
 class Bar:
-    """One piece: sizes of `fixtures.bar.table_bar`, and where it goes.
+    """One bar: sizes of `fixtures.bar.table_bar`, and where it goes.
 
-    `along` and `start` (2,) are its direction and the middle of its beginning, right and out of the wall from
-    the middle of the piece, mm.
+    `along` and `start` (2,) are its direction and the middle of its beginning, right and out of the
+    wall from the middle of the piece, mm.
     """
 
     start: Array
@@ -52,7 +52,7 @@ class Bar:
     ridges: tuple[tuple[float, float, float, float, float], ...] = ()
 
     def make(self) -> Mesh:
-        """Make the piece as it is printed: along x, from its own beginning."""
+        """Make the bar as it is printed: along x, from its own beginning."""
         named: dict[str, Any] = {
             key: getattr(self, key) for key in ("tail", "socket", "sockets", "holes", "ridges")
         }
@@ -70,7 +70,8 @@ class Sheet:
 
 @dataclass(frozen=True)
 class Table:
-    """The frame: its bars; `level` (3, 3) with rows right, up and out; `top_mm` how high its top is."""
+    """A frame of bars. `level` (3, 3) has rows right, up and out, `top_mm` is the height of its
+    top."""
 
     bars: tuple[Bar, ...]
     level: Array
@@ -80,7 +81,8 @@ class Table:
 
     @cached_property
     def _beds(self) -> list[list[tuple[Bar, float, float]]]:
-        """The bars side by side on as many beds as they need, the longest first, and where each begins."""
+        """Lay the bars side by side on as few beds as they need, longest first; with where each
+        begins."""
         wide, deep = (side - 2 * EDGE_MM for side in self.bed_mm)
         room, rows = max(wide, deep), min(wide, deep)
         order = sorted(self.bars, key=lambda bar: (-bar.width_mm, -bar.length_mm))
@@ -99,7 +101,7 @@ class Table:
 
     @property
     def beds(self) -> int:
-        """The number of plates that are printed."""
+        """How many beds are printed."""
         return len(self._beds)
 
     @cached_property
@@ -127,7 +129,7 @@ class Table:
         return Sheet(name, bodies, motions)
 
     def _into_scene(self, bar: Bar) -> Array:
-        """Return (4, 4) from a bar as it is made to the scene; its own z is up."""
+        """Return the motion (4, 4) from a bar as it is made, its z up, to the scene."""
         right, up, out = self.level
         along = bar.along[0] * right + bar.along[1] * out
         motion = np.eye(4)
@@ -137,7 +139,8 @@ class Table:
 
 
 def frame_of(mounted: Mounted) -> tuple[Table | None, str]:
-    """Give the frame, or None if the scene asks for none; and why none can be made, where it asks for one."""
+    """Return the frame, None if the scene asks for none; or else the reason why none can be
+    made."""
     try:
         return plan_table(mounted), ""
     except ValueError as error:
@@ -145,7 +148,8 @@ def frame_of(mounted: Mounted) -> tuple[Table | None, str]:
 
 
 def plan_table(mounted: Mounted) -> Table | None:
-    """Return the frame for lamps on one upright, flat screen; None if there are no such lamps, or no printer.
+    """Plan the frame for lamps on one upright, flat screen; None without such lamps, or without a
+    printer.
 
     Raises:
         ValueError: no bars of these kinds hold the lamps.
@@ -168,7 +172,8 @@ def plan_table(mounted: Mounted) -> Table | None:
 
 
 def _top(places: Sequence[Placement], lamps: Array) -> float:
-    """Give the height of the frame's top: below a stand and the picture, of which the slot hides nothing."""
+    """Choose the height of the frame's top: below a stand, and below the picture, which its slot
+    must not hide."""
     first = places[0]
     edge = float(first.level[1] @ first.middle) - first.frame_mm[1] / 2
     if first.base is not None:
@@ -178,7 +183,8 @@ def _top(places: Sequence[Placement], lamps: Array) -> float:
 
 
 class _Layout:
-    """The places of the bars: a spine from the screen to the lamps, and arms to either side of it."""
+    """The places of the bars: a spine from the screen to the lamps, and arms to either side of
+    it."""
 
     def __init__(self, place: Placement, lamps: Array, top: float, longest: float) -> None:
         self.lamps, self.longest = lamps, longest
@@ -190,7 +196,6 @@ class _Layout:
         self.raised = 0.0 if place.base is None else place.base.bottom - top  # a stand, on pads
 
     def bars(self) -> list[Bar]:
-        """Return all of them."""
         arms, holes = self._arms()
         begin = self._begin
         end = max(*(float(z) for z in self.lamps[:, 2]), 0.0) + WIDTH_MM / 2
@@ -211,7 +216,8 @@ class _Layout:
         return [*spine, *(piece for arm in arms for piece in _cut(arm, self.longest))]
 
     def _arms(self) -> tuple[list[Bar], list[tuple[float, float, float, float]]]:
-        """Model arms beside the spine, each from its far end, and its holes (right, out, diameter, boss).
+        """Lay out arms beside the spine, from their far ends, and its holes (right, out, diameter,
+        boss).
 
         Raises:
             ValueError: a lamp stands so near to the spine, or to another, that nothing can hold it.
@@ -243,7 +249,7 @@ class _Layout:
         return arms, holes
 
     def _screen_arm(self, side: int) -> Bar:
-        """Return an arm with the screen's slot along it."""
+        """Make an arm with the screen's slot along it."""
         middle = self._begin + WIDTH_MM / 2
         length = max(self.reach - self.spine / 2, 30.0)
         ridges = []
@@ -253,7 +259,8 @@ class _Layout:
         return self._arm(side, middle, length, ridges=tuple(ridges))
 
     def _stand_arm(self, side: int) -> Bar | None:
-        """Give an arm with a fence beside a stand's foot; None where the foot is no wider than the spine."""
+        """Make an arm with a fence beside a stand's foot; None if the foot is no wider than the
+        spine."""
         if self.base is None:
             return None
         edge = (self.base.right if side > 0 else -self.base.left) + FENCE_PLAY_MM
@@ -269,17 +276,18 @@ class _Layout:
         return self._arm(side, (self.base.back + self.base.front) / 2, length, ridges=tuple(ridges))
 
     def _arm(self, side: int, z: float, length: float, **own: Any) -> Bar:
-        """Return an arm to one side, from its far end to the spine, which its dovetail enters."""
+        """Make an arm to one side, from its far end to the spine, which its dovetail enters."""
         start = np.array([side * (self.spine / 2 + length), z])
         return Bar(start, np.array([-float(side), 0.0]), length, tail=True, **own)
 
     @property
     def _begin(self) -> float:
-        """Find where the spine begins, out of the middle of the piece: behind the screen's slot."""
+        """Return how far out of the piece's middle the spine begins, behind the screen's slot."""
         return self.screen - CARD_MM - CARD_PLAY_MM - RIDGE_MM - 4.0
 
     def _across(self) -> list[tuple[float, float, float]]:
-        """List ridges across the spine, (from, to, height): the screen's slot, and about a stand."""
+        """List the ridges across the spine (from, to, height): along the screen's slot and a
+        stand."""
         front, back = self.screen, self.screen - CARD_MM - CARD_PLAY_MM
         found = [(front, front + RIDGE_MM, SLOT_MM), (back - RIDGE_MM, back, SLOT_MM)]
         if self.base is not None:
@@ -292,7 +300,8 @@ class _Layout:
 
 
 def _spine_width(aside: Array) -> float:
-    """Return a spine's width with each lamp, so far (n,) from its middle line, on it or well beside it.
+    """Choose a spine's width so that each lamp, (n,) from its middle line, is on it or well beside
+    it.
 
     Raises:
         ValueError: it would be wider than `WIDEST_MM`.
@@ -308,7 +317,7 @@ def _spine_width(aside: Array) -> float:
 
 
 def _cut(bar: Bar, longest: float) -> list[Bar]:
-    """Return a bar as pieces that the bed holds, none of them cut where something stands on it."""
+    """Cut a bar into pieces that the bed holds, nowhere where something stands on it."""
     taken = [
         (x - wide / 2 - BOSS_WALL_MM, x + wide / 2 + BOSS_WALL_MM) for x, _, wide, _ in bar.holes
     ]

@@ -1,4 +1,4 @@
-"""The solids that mounts and STEP are made of, by a process of their own while a build lasts."""
+"""A process of its own that models the solids of mounts and STEP while a build lasts."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ _kept: ContextVar[Workers | None] = ContextVar("modeller", default=None)
 def keep_modeller(early: bool) -> Iterator[None]:
     """Have the fixtures of this block modelled by one process, which ends with it.
 
-    OpenCascade takes two seconds to load and 300 MB to keep: beside a search it costs no time, and it has
-    gone when the part is verified.
+    OpenCascade takes two seconds to load and 300 MB to keep. Beside a search the loading costs no
+    time, and the memory is free again when the part is verified.
 
     Args:
-        early: start it now, since it will be asked; else when it is first asked.
+        early: start it now, since it will be needed; otherwise at the first request.
     """
     with Workers(_MODULE, early=early) as modeller:
         before = _kept.set(modeller)
@@ -39,13 +39,14 @@ def keep_modeller(early: bool) -> Iterator[None]:
 
 
 def model(fixture: Callable[_In, Mesh], *sizes: _In.args, **named: _In.kwargs) -> Mesh:
-    """Return the mesh of a fixture, a function of `knotfab_fixtures`: as `ask` has it."""
+    """Make the mesh of a fixture, a function of `knotfab_fixtures`, as `ask` does."""
     vertices, faces = ask(fixture, *sizes, **named)
     return np.array(vertices), np.array(faces, dtype=np.int32)
 
 
 def ask(fixture: Callable[_In, Any], *sizes: _In.args, **named: _In.kwargs) -> Any:
-    """Call a function of `knotfab_fixtures`, in the process that is kept or else here: its result as JSON.
+    """Call a function of `knotfab_fixtures` in the kept process, or else in this one; its result as
+    JSON.
 
     Raises:
         MachineError: the process ended instead.

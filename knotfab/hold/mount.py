@@ -1,4 +1,4 @@
-"""Join the tubes with the mount that the scene asks for into the piece that is printed."""
+"""Join the tubes with the mount that the scene asks for, into the piece that is printed."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ BASE_DOWN = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # sc
 class Mounted:
     """The bodies to print, in scene coordinates.
 
-    `scene` has the mount resolved (its foot, the pegs of each knot); `upright` is the turn (3, 3)
-    from scene to bed in which the mount is best printed, None where any will do.
+    `scene` has the mount resolved (its foot, the pegs of each knot). `upright` is the rotation (3,
+    3) from scene to bed in which the mount prints best, None where any will do.
     """
 
     bodies: list[Mesh]
@@ -51,7 +51,7 @@ class Mounted:
 
     @property
     def holder(self) -> WallMount | StandMount | HangMount | None:
-        """The mount that holds the piece."""
+        """The mount that holds the piece, if any."""
         return self.wall or self.stand or self.hang
 
     @cached_property
@@ -60,7 +60,8 @@ class Mounted:
         return [as_manifold(body) for body in self.bodies]
 
     def fixtures(self, camera: Camera) -> list[Fixture]:
-        """Return the parts that the mount is united from, scene coordinates; `camera`: of the first view."""
+        """List the solids of which the mount is united, in scene coordinates; `camera` is the first
+        view's."""
         if self.wall is not None:
             groups = wall_fixtures(self.wall, camera, max(len(self.scene.mount.pegs), 1))
             return [fixture for group in groups for fixture in group]
@@ -70,14 +71,17 @@ class Mounted:
 
     @property
     def moves(self) -> Array | None:
-        """(N, 3) how far each vertex of the knots moves under its own weight, mm; None without a mount."""
+        """How far each vertex of the knots moves under its own weight, mm (N, 3); None without a
+        mount."""
         return None if self.holder is None else self.holder.moves
 
     def members(self, to_part: Array) -> list[dict[str, Any]]:
-        """Return the members of knots.json: pegs or posts, and struts, by a (4, 4) similarity from the scene.
+        """List pegs or posts, and struts, for knots.json; `to_part` is a (4, 4) similarity from the
+        scene.
 
-        Each goes `from` a centre line `to` the mount's foot or another centre line; `radius_mm` are those of
-        its ends, `foot` the unit normal of the plate, wall or base that it stands on, if it does.
+        Each goes `from` a centre line `to` the mount's foot or another centre line. `radius_mm` are
+        those of its ends, `foot` is the unit normal of the plate, wall or base that it stands on,
+        if it does.
         """
         turn, shift = to_part[:3, :3], to_part[:3, 3]
         scale = float(np.cbrt(np.linalg.det(turn)))
@@ -109,9 +113,10 @@ class Mounted:
         ]
 
     def makeup(self, to_part: Array) -> dict[str, list[dict[str, Any]]]:
-        """Return what knots.json says of the mount, by a (4, 4) similarity from the scene.
+        """Describe the mount for knots.json; `to_part` is a (4, 4) similarity from the scene.
 
-        `members`, the `rods` of an eyelet, the `hulls` of a base or dowels; a plate follows from the scene.
+        That is `members`, the `rods` of an eyelet, and the `hulls` of a base or dowels; a plate
+        follows from the scene.
         """
         turn, shift = to_part[:3, :3], to_part[:3, 3]
         scale = float(np.cbrt(np.linalg.det(turn)))
@@ -135,10 +140,10 @@ class Mounted:
         return {"members": self.members(to_part), "rods": rods, "hulls": hulls}
 
     def slab(self, to_part: Array) -> dict[str, Any] | None:
-        """Return the plate of knots.json in which the piece stands, if it does, as `members` are.
+        """Describe, as `members` does, the plate in which the piece stands; None without one.
 
-        `outline` are the corners of its `face`, whose unit normal is `out`, `holes` the middles of its
-        screws' holes there, `hole_mm` wide.
+        `outline` are the corners of its face, whose unit normal is `out`, and `holes` the middles
+        of the screw holes there, `hole_mm` wide.
         """
         if self.wall is None or self.wall.plate is None or self.upright is None:
             return None
@@ -160,7 +165,7 @@ class Mounted:
         }
 
     def plate_figures(self, shrinks_to: float) -> PlateFigures | None:
-        """Return what a report says of the plate in which the piece stands; it is printed the larger."""
+        """Report the plate in which the piece stands; it is printed larger by the shrinkage."""
         if self.wall is None or self.wall.plate is None:
             return None
         import shapely
@@ -181,15 +186,16 @@ class Mounted:
 
     @property
     def must_be_upright(self) -> bool:
-        """A wall mount must; a stand that is too tall for the printer may lie down."""
+        """Whether only `upright` will do: a stand too tall for the printer may lie down."""
         return self.wall is not None
 
     @property
     def fixed_mm(self) -> tuple[float, float, float] | None:
-        """The part's extents, as `upright` lays it, that do not scale with the picture's frame.
+        """What of the part's extents, as `upright` lays it, does not scale with the picture's
+        frame.
 
-        Margin and thickness of a plate, a dowel's length, and the distance from the wall; None
-        where that is the tube's thickness alone.
+        Margin and thickness of a plate, a dowel's length, and the distance from the wall; None if
+        it is the tube's thickness alone.
         """
         if self.wall is None:
             return None
@@ -205,7 +211,7 @@ class Mounted:
 
     @property
     def figures(self) -> MountFigures:
-        """What a report says of the mount."""
+        """The mount's entry in the report."""
         if self.stand is not None:
             return self._stand_figures(self.stand)
         if self.hang is not None:
@@ -276,7 +282,8 @@ class Mounted:
         )
 
     def check_sag(self) -> Check | None:
-        """Check `sag`: how far the piece moves under its own weight, by the frame of tubes and members."""
+        """Check `sag`: how far the piece moves under its own weight, by the frame of tubes and
+        members."""
         mount = self.holder
         if mount is None:
             return None
@@ -316,12 +323,12 @@ def mount_piece(
 ) -> Mounted:
     """Add the scene's mount to the tubes (one per knot, scene coordinates).
 
-    Where the scene leaves it open, several loose knots of one view before a flat wall get a wall mount,
-    others none.
+    Where the scene leaves it open, several loose knots of one view before a flat wall get a wall
+    mount, others none.
 
     Args:
-        cameras: cameras of the views. targets: their pictures' silhouettes (H, W), which a stand and a hanger
-            need and in which struts hide.
+        cameras: of the views. targets: their pictures' silhouettes (H, W), which a stand and a
+            hanger need, and in which struts hide.
         thoroughly: as for `plan_wall`.
 
     Raises:
@@ -432,7 +439,7 @@ def _names(count: int) -> list[str]:
 
 
 def _resolve_mount(scene: SettledScene, knots: Knots, cameras: Sequence[Camera]) -> SettledScene:
-    """Return the scene with the mount's kind and foot chosen, where it leaves them open."""
+    """Choose the mount's kind and foot where the scene leaves them open."""
     kind, foot = scene.mount.kind, scene.mount.foot
     if scene.mount.on_feet:
         kind, foot = "wall", "plate"
@@ -445,7 +452,8 @@ def _resolve_mount(scene: SettledScene, knots: Knots, cameras: Sequence[Camera])
 
 
 def _choose_foot(scene: ResolvedScene, knots: Knots, camera: Camera) -> Literal["plate", "dowel"]:
-    """Give a plate where the printer holds one as large as the frame, and as high as the piece stands off."""
+    """Choose a plate if the printer holds one as large as the frame and as high as the piece stands
+    off."""
     asked = scene.mount
     across, along = (side + 2 * asked.plate_margin_mm for side in camera.frame_mm)
     wall = camera.receiver

@@ -1,4 +1,5 @@
-"""Brace a piece that sags on its pegs: struts, and pegs that lean, in the shadow from end to end."""
+"""Brace a piece that sags on its pegs, by struts and by leaning pegs whose whole shadow is
+hidden."""
 
 from __future__ import annotations
 
@@ -40,12 +41,12 @@ def hidden_braces(
     pegs: Candidates,
     root_radius_mm: Array,
 ) -> Candidates:
-    """Return the members that keep a piece on its pegs from sagging.
+    """Find the members that keep a piece from sagging on its pegs.
 
-    A light ray to the wall is often barred by a strand behind; a strut to that strand is not. And a
-    peg along a ray only bends, where one that leans is pulled or pressed, which it resists many
-    times better. A member whose whole shadow lies in that of the knots shows as little as a peg along a
-    ray does, and draws nothing that the knots do not.
+    A light ray to the wall is often barred by a strand behind it; a strut to that strand is not.
+    And a peg along a ray only bends, where one that leans is pulled or pressed, which it resists
+    many times better. A member whose whole shadow lies in that of the knots shows as little as a
+    peg along a ray, and draws nothing that the knots do not.
 
     Args:
         target: (H, W) the picture's silhouette. sites: that the pegs stand on (`sites_with`).
@@ -83,10 +84,10 @@ def tie_to_held(
     root_radius_mm: Array,
     barred: tuple[int, ...],
 ) -> Candidates:
-    """Return a strut from each knot that has no peg to one that is held: the shortest that is hidden.
+    """Tie each knot without a peg to one that is held, by the shortest strut that is hidden.
 
-    Such a knot lies in front of another, as the dot of an i may before its stem: the strut runs from one to
-    the other, as a peg would to the wall.
+    Such a knot lies in front of another, as the dot of an i may before its stem: the strut runs
+    from one to the other, as a peg would to the wall.
 
     Args:
         target: (H, W) the picture's silhouette. sites: that the pegs stand on (`sites_with`).
@@ -126,7 +127,7 @@ def _tie(
     shadows: MountShadows,
     reach: float,
 ) -> Candidates:
-    """Return the shortest hidden strut from a knot to one that is not barred: one, or none."""
+    """Find the shortest hidden strut from a knot to one that is not barred: one, or none."""
     own, held = np.flatnonzero(sites.knot == knot), np.flatnonzero(~np.isin(sites.knot, barred))
     gaps = np.linalg.norm(sites.point[own][:, None] - sites.point[held][None], axis=2)
     near = np.argwhere(gaps <= reach)
@@ -143,7 +144,7 @@ def _tie(
 
 
 def sites_with(knots: Knots, rays: Rays, chosen: Indices) -> Sites:
-    """Return sites along all tubes, and those where the chosen rays begin."""
+    """Return sites along all tubes, with those where the chosen rays begin."""
     of = rays.knot[chosen]
     return sites_of(knots, also={k: rays.vertex[chosen][of == k] for k in range(len(knots.knots))})
 
@@ -151,7 +152,8 @@ def sites_with(knots: Knots, rays: Rays, chosen: Indices) -> Sites:
 def pegs_on(
     sites: Sites, rays: Rays, chosen: Indices, top_radius_mm: Array, foot_radius_mm: Array
 ) -> Candidates:
-    """Give the pegs along the chosen rays as members: radii (n,) of each ray at the tube and at the wall."""
+    """Make members of the chosen rays' pegs, with radii (n,) of each ray at the tube and at the
+    wall."""
     first = [
         int(np.flatnonzero((sites.knot == rays.knot[i]) & (sites.vertex == rays.vertex[i]))[0])
         for i in chosen
@@ -160,7 +162,8 @@ def pegs_on(
 
 
 def _leaning(sites: Sites, shadows: MountShadows, camera: Camera, tube_mm: float) -> Candidates:
-    """Lead pegs from sites to the wall so that they stay in the shadow of other sites all the way."""
+    """List pegs from sites to the wall that lean so as to stay in the shadow of other sites all the
+    way."""
     normal = camera.receiver[:3]
     some = np.unique(np.linspace(0, len(sites.knot) - 1, STARTS).astype(np.int64))
     feet = camera.cast(sites.point[some])
@@ -189,7 +192,8 @@ CANDIDATES = 192  # rays of one knot: in each stretch of its length the shortest
 class Pegs:
     """Chosen pegs, as numbers of rays, and the largest displacement (mm) with them, and where (3,).
 
-    `barred` are the knots from which no ray to the wall is free: without a peg, and not in the displacement.
+    `barred` are the knots from which no ray to the wall is free: they have no peg, and do not count
+    in the displacement.
     """
 
     rays: Indices
@@ -207,8 +211,8 @@ def choose_pegs(
 ) -> Pegs:
     """Choose rays for pegs until no point of any knot sags more than `max_sag_mm` (gravity: -y).
 
-    Each knot starts with one peg, and gets more by itself (`plan_members`). Where no free ray helps any more,
-    the sag is what it is: the caller compares.
+    Each knot starts with one peg, and is given more by itself (`plan_members`). Where no free ray
+    helps any more the sag stays above the limit: the caller compares.
 
     Args:
         knots: in scene coordinates, those that `rays` belong to.
@@ -247,7 +251,7 @@ def choose_pegs(
 
 
 class Feet(Way):
-    """Pegs along free rays keep clear of each other where their feet are apart."""
+    """Pegs along free rays, which keep clear of each other if their feet are apart."""
 
     def __init__(self, apart_mm: float, members: Candidates) -> None:
         super().__init__(members)
@@ -261,7 +265,8 @@ class Feet(Way):
 
 
 def _spread(one: Knots, rays: Rays, own: Indices) -> Indices:
-    """Give the shortest of a knot's rays in each stretch of its length; that of its first peg comes first."""
+    """Choose the shortest of a knot's rays in each stretch of its length; the first peg's comes
+    first."""
     every = sites_of(one, JOINT_RADII, {0: rays.vertex[own]})
     arc = every.arc[np.searchsorted(every.vertex, rays.vertex[own])]
     bins = (arc / float(every.perimeter[0]) * CANDIDATES).astype(np.int64)
@@ -275,7 +280,7 @@ def _spread(one: Knots, rays: Rays, own: Indices) -> Indices:
 def along(
     rays: Rays, some: Indices, top: Array, foot: Array, sites: Indices | None = None
 ) -> Candidates:
-    """Return pegs along rays, of radii (n,) at top and foot of each ray, from sites where those are given."""
+    """Make pegs along rays, with radii (n,) at top and foot of each ray, from `sites` if given."""
     ground = np.full(len(some), GROUND)
     first = ground if sites is None else sites
     return Candidates(first, ground, rays.top[some], rays.foot[some], top[some], foot[some])

@@ -1,4 +1,4 @@
-"""Place the lamp, measured from marks that a person finds on the wall, the plate or the desk."""
+"""Say where the lamp stands, measured from marks that a person finds on wall, plate or desk."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ QUARTER_DEG = 90.0
 
 @dataclass(frozen=True)
 class Mark:
-    """A place that can be touched with the end of a tape measure: its name, where it is in the scene
-    (3,), and how far from it the middle of the lamp is."""
+    """A place for the end of a tape measure: its name, where it is (3,), and the lamp's distance
+    from it."""
 
     name: str
     at: Array
@@ -31,8 +31,9 @@ class Mark:
 class Footing:
     """A stand's base as one view meets it: its bounds in the view's level axes, mm.
 
-    `bottom` is the desk. `turned_deg` is how far the view is turned from the first, anticlockwise from
-    above; `wall_side` and `lamp_side` name what of the base is next to the wall and to the lamp.
+    `bottom` is the desk. `turned_deg` is how far the view is turned from the first, anticlockwise
+    from above; `wall_side` and `lamp_side` name what of the base is next to the wall and to the
+    lamp.
     """
 
     left: float
@@ -49,13 +50,16 @@ class Footing:
 class Placement:
     """Measures that put the lamp where the scene says (mm, scene coordinates).
 
-    `wall` (3, 3) has rows: right, up the wall, and out of it; `level` (3, 3): right, straight up, and
-    level towards the lamp. `middle` (3,) is the frame's, on the wall; `frame_mm` its width and
-    height; `plate_mm` those of a wall plate. The point of the wall square opposite the lamp lies
-    `right_mm` and `up_mm` from that middle, and the lamp stands `off_wall_mm` out of it. `holes` (k, 2)
-    are those in plate or wall, right and up from the middle; `base` is a stand's, as this view meets it.
-    `outline` (n, 2) is that of a plate in which the piece stands, which has no edges to measure from.
-    A wall that is `round` touches the flat one, by which lengths are given, at its middle line.
+    `wall` (3, 3) has rows: right, up the wall, and out of it; `level` (3, 3): right, straight up,
+    and level towards the lamp. `middle` (3,) is the frame's, on the wall, `frame_mm` its width and
+    height, `plate_mm` those of a wall plate.
+
+    The point of the wall square opposite the lamp is `right_mm` and `up_mm` from that middle, and
+    the lamp `off_wall_mm` out of it. `holes` (k, 2) are those in plate or wall, right and up from
+    the middle. `base` is a stand's, as this view meets it. `outline` (n, 2) is that of a plate in
+    which the piece stands, which has no edges to measure from.
+
+    A `round` wall touches the flat one, by which lengths are given, at its middle line.
     """
 
     lamp: Array
@@ -74,30 +78,35 @@ class Placement:
     outline: Array | None = None
 
     def on_wall(self, points: Array) -> Array:
-        """Map (..., 3) scene -> (..., 2) right and up from the frame's middle, square to the wall."""
+        """Project points (..., 3) square to the wall: (..., 2) right and up from the frame's
+        middle."""
         return np.asarray((points - self.middle) @ self.wall[:2].T)
 
     def throw(self, points: Array) -> Array:
-        """Take points (n, 3) into the wall's axes about `middle`, as light throws them; a height last."""
+        """Throw points (n, 3) along the light: into the wall's axes about `middle`, a height
+        last."""
         lamp = self.wall @ (self.lamp - self.middle)
         reach = lamp[2] / (lamp[2] - points[:, 2:])
         moved = lamp[:2] + (points[:, :2] - lamp[:2]) * reach
         return np.column_stack([moved, points[:, 2] * reach[:, 0]])
 
     def lay_flat(self, thrown: Array) -> Array:
-        """Map (n, 2) on the flat wall -> where the light meets a round one, along it, mm."""
+        """Take shadows (n, 2) on the flat wall to where the light meets a round one, along it,
+        mm."""
         if self.round is None:
             return thrown
         middle = self.wall[:2] @ (self.middle - self.round.foot)
         return np.asarray(self.round.unroll(thrown + middle) - middle)
 
     def cast(self, points: Array) -> Array:
-        """Cast points (n, 3): (n, 2) right and up from the frame's middle along the wall, mm."""
+        """Cast points (n, 3) on the wall: (n, 2) right and up from the frame's middle, along it,
+        mm."""
         return self.lay_flat(self.throw((points - self.middle) @ self.wall.T)[:, :2])
 
 
 def placement_of(mounted: Mounted, camera: Camera, view: ResolvedView | None = None) -> Placement:
-    """Return the placement of a mounted piece's lamp, by the scene alone; `view`: whose wall may be round."""
+    """Measure where a mounted piece's lamp stands, by the scene alone; `view` may have a round
+    wall."""
     wall, level, middle = camera.wall_axes, camera.level_axes, camera.middle
     width, height = camera.frame_mm
     plate: tuple[float, float] | None = None
@@ -140,7 +149,7 @@ def placement_of(mounted: Mounted, camera: Camera, view: ResolvedView | None = N
 
 
 def _footing(base: Base, level: Array) -> Footing:
-    """Return the bounds of a base in the level axes (3, 3) of a view."""
+    """Bound a base in a view's level axes (3, 3)."""
     low, high = (f(base.corners @ level.T, axis=0) for f in (np.min, np.max))
     way = base.slope.axes @ level[2]
     turned = float(np.degrees(np.arctan2(way[0], way[2])))
@@ -161,7 +170,8 @@ def _places(
     plate: tuple[float, float] | None,
     base: Base | None,
 ) -> dict[str, Array]:
-    """Return four places to measure from: middles of the base's or plate's edges, or the frame's corners."""
+    """Return four places to measure from: the middles of the base's or plate's edges, or the
+    frame's corners."""
     if base is not None:
         x, z = (base.left + base.right) / 2, (base.back + base.front) / 2
         sides = {

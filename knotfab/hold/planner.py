@@ -1,4 +1,5 @@
-"""Members that hold or stiffen a piece: each where it helps most and shows least, till nothing sags much."""
+"""Choose members that hold or stiffen a piece, where they help most and show least, until nothing
+sags."""
 
 from __future__ import annotations
 
@@ -21,9 +22,10 @@ MOST = 100  # members that are added
 
 @dataclass(frozen=True)
 class Planned:
-    """The members (the given ones first), and the largest displacement (mm) and where (3,) it is.
+    """The members, given ones first, and the largest displacement (mm) and where it is (3,).
 
-    `taken` (n,) are the candidates that the members after the given ones were.
+    `taken` (n,) are the candidates that became members, in the order in which they follow the given
+    ones.
     """
 
     members: Candidates
@@ -47,14 +49,15 @@ def plan_members(
 ) -> Planned:
     """Add members, or thicken those that show, until nothing sags more than allowed (gravity: -y).
 
-    Each step ranks all candidates (`Manner.rank`). The best few that are clear, and every visible member made
-    thicker, are then worked out exactly, as springs on the solved frame. In the end those are taken away
-    that the limit does not need.
+    Each step ranks all candidates (`Manner.rank`). The best few that are clear, and every visible
+    member made thicker, are then worked out exactly, as springs on the solved frame. In the end
+    members that the limit does not need are taken away.
 
     Args:
         way, shadows: hold the given members already; more are added.
         visible: (n,) which candidates may darken pixels; only these have their cost computed.
-        given: hold every knot already; they stay, and where `settled` they are not thickened either.
+        given: hold every knot already; they stay, and where `settled` they are not thickened
+            either.
         manner: how candidates are weighed; `BRACES` by default.
     """
     manner = manner or BRACES
@@ -85,7 +88,7 @@ def plan_members(
 
 @dataclass(frozen=True)
 class _Change:
-    """A candidate that is added, or a member that is made thicker: its number, and how it is then."""
+    """A candidate to add, or a member to thicken: its number, and how it is then."""
 
     number: int
     added: bool
@@ -95,7 +98,8 @@ class _Change:
 
 @dataclass
 class _Plan:
-    """The members by now and the candidates taken for them, and what they and the candidates darken."""
+    """The members so far and the candidates taken for them, and what they and the candidates
+    darken."""
 
     way: Way
     shadows: MountShadows
@@ -116,12 +120,13 @@ class _Plan:
         self.cost[self.shown] = self.shadows.cost(self.candidates.of(self.shown))
 
     def seen_of(self, members: Candidates, known: Array) -> Array:
-        """Give (n,) the share of the frames, summed, that members alone darken; `known` of the first ones."""
+        """Return the summed share of the frames that each member alone darkens, (n,), given the
+        first ones'."""
         asked = range(len(known), len(members))
         return np.append(known, [self.shadows.darken(members.of([n])).sum() for n in asked])
 
     def find_change(self, piece: _Piece, moved: Array) -> _Change | None:
-        """Find the change that helps most for its price, where one helps at all."""
+        """Find the change that helps most for its price; None if none helps."""
         manner, search = self.manner, self.search
         promise = manner.rank(piece.frame, piece.sites, self.candidates, moved, manner.norm)
         promise = promise / (1 + self.cost / self.dear)
@@ -143,7 +148,8 @@ class _Plan:
         return None
 
     def _thicker(self) -> tuple[Indices, Candidates, Array]:
-        """Thicken the members that show and have room: their numbers, they themselves, prices (pixels)."""
+        """Thicken the members that show and have room: their numbers, they themselves, prices in
+        pixels."""
         self.seen = self.seen_of(self.members, self.seen)
         old = np.flatnonzero(self.seen > SEEN_SHARE)
         thicker = self.members.of(old).thicken(THICKER, self.most_mm)
@@ -154,7 +160,8 @@ class _Plan:
         return old, thicker, more * (self.seen[old] * self.shadows.pixels)
 
     def make(self, change: _Change) -> None:
-        """Add the candidate, or thicken the member; what lies in its shadow costs less from now on."""
+        """Add the candidate, or thicken the member; what lies in its shadow costs less from now
+        on."""
         one, number = change.member, change.number
         if change.added:
             self.taken = [*self.taken, number]
@@ -172,14 +179,15 @@ class _Plan:
 
 
 class _Piece:
-    """The piece on the given members, solved once, and what it moves on others as well."""
+    """The piece on the given members, solved once, and how it moves on others as well."""
 
     def __init__(self, knots: Knots, sites: Sites, given: Candidates, stiffness: Stiffness) -> None:
         self.sites, self.given, self.stiffness = sites, given, stiffness
         self.frame = HeldFrame(piece_frame(knots, sites, given, stiffness))
 
     def on(self, members: Candidates, left: Indices | None = None) -> tuple[Array, float, Array]:
-        """Return (n, 6) how sites move, how far at most (mm), and where (3,); on those of `left`, or all."""
+        """Return how sites move on these members (n, 6), how far at most (mm), and where (3,);
+        `left` sites only."""
         before = np.zeros(len(members))
         before[: len(self.given)] = self.given.radius
         changed = members.radius != before
@@ -192,7 +200,8 @@ class _Piece:
         return moved, float(size.max()), self.sites.point[int(size.argmax())]
 
     def gains(self, tried: Candidates, before: Array, moved: Array, manner: Manner) -> Array:
-        """Return (m,) the share of the displacements' norm that each takes away, from radius `before` on."""
+        """Return the share of the displacements' norm that each takes away, thickened from
+        `before`, (m,)."""
         springs, loads = springs_of(tried, before, self.stiffness)
         loads *= manner.weighed
         after = self.frame.displacements_with_each(tried, springs, loads)[:, : len(moved), :3]
@@ -210,7 +219,7 @@ class _Search:
         self.spoiled: list[int] = []
 
     def best(self, promise: Array, group: Mask, most: int) -> Indices:
-        """Return up to `most` clear candidates of a group, of high promise, and well apart."""
+        """Pick up to `most` clear candidates of a group, of high promise and well apart."""
         open_ones = np.flatnonzero(group & ~self.blocked & (promise > 0))
         # candidates of highest promise among which those are sought
         count = min(400, len(open_ones))
@@ -244,7 +253,7 @@ class _Search:
 
 
 def _norm(moved: Array, norm: float) -> Array:
-    """Return (...,) the norm of displacements (..., n, 3)."""
+    """Return the norm of displacements (..., n, 3)."""
     size = np.linalg.norm(moved, axis=-1)
     largest = size.max(axis=-1, keepdims=True)
     return np.asarray(largest[..., 0] * ((size / largest) ** norm).sum(axis=-1) ** (1 / norm))
@@ -253,9 +262,10 @@ def _norm(moved: Array, norm: float) -> Array:
 def _promise(
     frame: HeldFrame, sites: Sites, candidates: Candidates, moved: Array, norm: float
 ) -> Array:
-    """Return (n,) how much a stiff link at each candidate would take from the norm, to first order.
+    """Estimate how much a stiff link at each candidate would take from the norm, to first order,
+    (n,).
 
-    The product of how far its ends move apart under the weight and how far they do under the norm's
+    It is the product of how far its ends move apart under the weight, and how far under the norm's
     gradient as a load.
     """
     n = len(sites.knot)
@@ -276,7 +286,8 @@ def _promise(
 def _nearness(
     frame: HeldFrame, sites: Sites, candidates: Candidates, moved: Array, norm: float
 ) -> Array:
-    """Return (n,) larger where a candidate begins nearer, along its knot, to the site that moves farthest."""
+    """Rank candidates by how near, along its knot, each begins to the site that moves farthest,
+    (n,)."""
     worst = int(np.linalg.norm(moved[:, :3], axis=1).argmax())
     gap = np.abs(sites.arc[candidates.first] - sites.arc[worst])
     gap = np.minimum(gap, sites.perimeter[sites.knot[worst]] - gap)
@@ -314,7 +325,9 @@ PEGS = Manner(_nearness, 4.0, 32, 0.0, 0.005, True, 1.0)
 def _prune(
     piece: _Piece, members: Candidates, dark: Array, limit: float, thinnest_mm: float
 ) -> tuple[Indices, Candidates]:
-    """Return which members the limit needs, the given ones among them, and all, those that show made thin.
+    """Take away the members that the limit does not need, and make thin those that show.
+
+    Returned are the members that stay, the given ones among them, and all of them as they then are.
 
     Args:
         dark: (n,) the share of the frames, summed, that each member alone darkens.

@@ -36,28 +36,29 @@ class Slope:
 
     @property
     def normal(self) -> Array:
-        """(3,) unit vector upwards."""
+        """Unit vector upwards, (3,)."""
         up: Array = self.axes[1] - self.rise * self.axes[2]
         return np.asarray(up / np.linalg.norm(up))
 
     def above(self, points: Array) -> Array:
-        """Return (n,) how far above the plane points (n, 3) lie, straight up, mm."""
+        """Return how far above the plane points (n, 3) lie, straight up, mm."""
         own = points @ self.axes.T
         return np.asarray(own[:, 1] - self.height_mm - self.rise * own[:, 2])
 
     def lower(self, by_mm: float) -> Slope:
-        """Return the same plane farther down."""
+        """Return the plane `by_mm` farther down."""
         return Slope(self.axes, self.height_mm - by_mm, self.rise)
 
     def no_fall(self, front: float) -> Slope:
-        """Return the same plane; where it falls towards a low light, level and as low as at its front."""
+        """Return the plane; if it falls towards a low light, level and as low as at its front."""
         if self.rise >= 0:
             return self
         return Slope(self.axes, self.height_mm + self.rise * front, 0.0)
 
 
 def slope_below(cameras: Sequence[Camera], rectangle: Rectangle = UNIT) -> Slope:
-    """Return the highest plane, level across the first view, that lies below all frames over a rectangle.
+    """Find the highest plane, level across the first view, that lies below all frames over a
+    rectangle.
 
     With one view that is the plane through the light and the lower edge of the frame, wherever the
     rectangle is.
@@ -66,7 +67,8 @@ def slope_below(cameras: Sequence[Camera], rectangle: Rectangle = UNIT) -> Slope
         rectangle: left, right, back and front, in the first view's axes, mm.
 
     Raises:
-        SceneError: a light looks down so steeply that whatever stands below the piece is in its picture.
+        SceneError: a light looks down so steeply that whatever stands below the piece is in its
+            picture.
     """
     own = [_slope_of(camera) for camera in cameras]
     axes = own[0].axes
@@ -112,9 +114,9 @@ class Masses:
 class Base:
     """A block on the desk, in the axes of its slope: right, up and out, mm.
 
-    `left`, `right`, `back` and `front` bound it; `bottom` is the desk. `margin_mm` is how far inside its
-    foot the centre of mass of the whole part lies, `height_mm` how high; `tip_deg` how far it can be
-    tipped, whether the base is solid or printed with little infill.
+    `left`, `right`, `back` and `front` bound it; `bottom` is the desk. `margin_mm` is how far
+    inside its foot the centre of mass of the whole part lies, `height_mm` how high; `tip_deg` how
+    far it can be tipped, whether the base is solid or printed with little infill.
     """
 
     slope: Slope
@@ -138,7 +140,7 @@ class Base:
 
     @property
     def corners(self) -> Array:
-        """(8, 3) in the scene."""
+        """In the scene, (8, 3)."""
         own = [
             [x, y, z]
             for x in (self.left, self.right)
@@ -158,11 +160,11 @@ def base_for(
     tip_deg: float,
     walls: Sequence[CurvedWall] = (),
 ) -> Base:
-    """Return the smallest base that holds all feet and does not tip before `tip_deg`.
+    """Find the smallest base that holds all feet and does not tip before `tip_deg`.
 
     Args:
         feet: (n, 3) where posts meet the top. root_mm: their radius there.
-        weights: everything that stands on the base. thickness_mm: thickness of the base at its back.
+        weights: everything that stands on the base. thickness_mm: of the base at its back.
         walls: the round walls of the views.
 
     Raises:
@@ -227,7 +229,8 @@ def _measure(
     piece: Array,
     thickness: float,
 ) -> tuple[Base, float, tuple[tuple[float, float], tuple[float, float]]]:
-    """Give a base, the largest height of the centre of mass, and the ranges of its place across and along."""
+    """Measure a base of this outline: it, the highest centre of mass, and its place across and
+    along."""
     bottom = slope.height_mm + slope.rise * back - thickness
     depth, width = front - back, right - left
     rear, fore = thickness, thickness + slope.rise * depth

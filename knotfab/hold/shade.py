@@ -40,7 +40,7 @@ ACROSS = (-0.8, -0.4, 0.0, 0.4, 0.8)  # places in half widths at which a strip's
 
 
 class MountShadows:
-    """The shadows of one piece in all its views: what a member darkens is asked of each of them."""
+    """The shadows of one piece in all its views; what a member darkens is looked up in each."""
 
     def __init__(
         self,
@@ -55,7 +55,7 @@ class MountShadows:
         )
 
     def twin(self) -> MountShadows:
-        """Return the same shadows, to which members are added apart from these."""
+        """Copy the shadows, so that members can be added to the copy alone."""
         found = copy(self)
         found.views = tuple(copy(view) for view in self.views)
         return found
@@ -71,19 +71,21 @@ class MountShadows:
             view.add(some)
 
     def darken(self, some: Candidates) -> Array:
-        """Return (views,) share of each frame that members alone darken outside picture and knots."""
+        """Return the share of each frame that members alone darken outside picture and knots,
+        (views,)."""
         return np.array([view.darken(some) for view in self.views])
 
     def hidden(self, some: Candidates) -> Mask:
-        """Tell (n,) whether a member's whole shadow lies, in every view, where it is dark anyway."""
+        """Tell (n,) whether, in every view, a member's whole shadow lies where it is dark
+        anyway."""
         return self._in_all(some, MountShadow.hidden)
 
     def behind_knots(self, some: Candidates) -> Mask:
-        """Tell (n,) whether a member's whole shadow lies, in every view, in that of the knots."""
+        """Tell (n,) whether, in every view, a member's whole shadow lies in the knots'."""
         return self._in_all(some, MountShadow.behind_knots)
 
     def _in_all(self, some: Candidates, unseen: Callable[[MountShadow, Candidates], Mask]) -> Mask:
-        """Return (n,) of which every view says so; the next view is asked only about those that are left."""
+        """Tell (n,) what is true in every view, asking each view only about those still left."""
         found = np.ones(len(some), dtype=bool)
         for view in self.views:
             left = np.flatnonzero(found)
@@ -93,18 +95,18 @@ class MountShadows:
     def cost(
         self, some: Candidates, samples: int = 40, across: tuple[float, ...] = ACROSS
     ) -> Array:
-        """Return (n,) pixels, about, that members would darken in all views beyond those dark by now."""
+        """Estimate how many more pixels members would darken, over all views, (n,)."""
         return np.asarray(sum(view.cost(some, samples, across) for view in self.views))
 
 
 class MountShadow:
-    """The dark pixels of one view's frame, at `VERIFIED_PX`, and what more of it a mount darkens.
+    """The dark pixels of one view's frame, at `VERIFIED_PX`, and those that a mount adds.
 
-    Below the frame nothing is picture and all counts as dark; beside and above it all is light, unless the
-    screen ends there (`ends`).
+    Below the frame there is no picture and all counts as dark. Beside and above it all is light,
+    unless the screen ends there (`ends`).
 
     Attributes:
-        camera: camera of the frame's fine pixels. own: (H + 2, W + 2), dark by the knots, with one row or
+        camera: of the frame's fine pixels. own: (H + 2, W + 2), dark by the knots, with one row or
             column around the frame. before: dark by picture or knots. dark: the same with the
             members that were added.
     """
@@ -152,9 +154,10 @@ class MountShadow:
         return found
 
     def behind_knots(self, some: Candidates) -> Mask:
-        """Tell (n,) whether a member's whole shadow lies in that of the knots: it draws nothing itself.
+        """Tell (n,) whether a member's whole shadow lies in that of the knots: it draws nothing
+        itself.
 
-        Looked at no more than a pixel apart along the member.
+        The shadow is looked at no more than a pixel apart along the member.
         """
         depth = np.asarray(distance_transform_edt(self.own))
         a, half_a = self._seen(some.start, some.radius)
@@ -173,7 +176,8 @@ class MountShadow:
     def cost(
         self, some: Candidates, samples: int = 40, across: tuple[float, ...] = ACROSS
     ) -> Array:
-        """Return (n,) pixels of the frame, about, that members would darken beyond those dark by now.
+        """Estimate how many pixels of the frame members would darken beyond those dark by now,
+        (n,).
 
         Each shadow is looked at in `samples` places along it and `across` half its width.
         """
@@ -193,12 +197,13 @@ class MountShadow:
         return cost
 
     def _seen(self, points: Array, radius: Array | float) -> tuple[Array, Array]:
-        """Return pixels (n, 2) where points are seen, and how many pixels (n,) the radius there covers."""
+        """Return the pixels where points are seen (n, 2), and how many pixels the radius covers
+        there (n,)."""
         seen = project(points, self.camera.projection)
         return seen.places, radius * self.magnification / seen.depth
 
     def _magnification(self) -> float:
-        """Return pixels that a millimetre across the view covers on the receiver, at most."""
+        """Return how many pixels a millimetre across the view covers on the receiver, at most."""
         c = self.camera
         across, down = np.linalg.norm(c.du), np.linalg.norm(c.dv)
         out = c.receiver[:3]
@@ -212,7 +217,7 @@ class MountShadow:
         return np.clip(whole[..., 1], 0, height - 1), np.clip(whole[..., 0], 0, width - 1)
 
     def _cast(self, some: Candidates) -> Mask:
-        """Return the pixels that members cover; the margins stay light."""
+        """Draw the pixels that members cover; the margins stay light."""
         covered = np.zeros_like(self.before)
         for radius in np.unique(some.radius):
             own = some.of(some.radius == radius)
@@ -221,7 +226,7 @@ class MountShadow:
 
 
 def near_struts(sites: Sites, tube_mm: float) -> Candidates:
-    """Return struts between strands that are near each other."""
+    """List struts between strands that are near each other."""
     from scipy.spatial import cKDTree
 
     # a hidden strut has at most 20 tube radii
@@ -230,7 +235,7 @@ def near_struts(sites: Sites, tube_mm: float) -> Candidates:
 
 
 def hidden_struts(sites: Sites, shadows: MountShadows, tube_mm: float) -> Candidates:
-    """Return struts between strands that are near each other, in every view's shadow from end to end."""
+    """List struts between near strands that lie in every view's shadow from end to end."""
     every = near_struts(sites, tube_mm)
     return every.of(shadows.hidden(every))
 
@@ -246,9 +251,9 @@ JOINT_RADII = 3.0  # tube radii of arc on each side of a peg's top that belong t
 class Rays:
     """The light rays through the vertices of the knots, (n,) in the knots' order.
 
-    `top` and `foot` (n, 3) are where a ray leaves the tube's middle and where it meets the wall, mm;
-    `free` says that a peg may stand there whose radius is `share` of that of the tube's shadow; `tangent`
-    (n, 3) are the tube's unit directions.
+    `top` and `foot` (n, 3) are where a ray leaves the tube's middle and where it meets the wall,
+    mm. Where it is `free` a peg may stand on it, of `share` of the radius of the tube's shadow.
+    `tangent` (n, 3) are the tube's unit directions.
     """
 
     knot: Indices
@@ -261,7 +266,7 @@ class Rays:
 
     @property
     def length_mm(self) -> Array:
-        """(n,) from top to foot."""
+        """From top to foot, (n,)."""
         return np.asarray(np.linalg.norm(self.foot - self.top, axis=1))
 
 
@@ -269,9 +274,9 @@ def free_rays(knots: Knots, camera: Camera, peg_share: float, clearance_mm: floa
     """Find the rays on which a round peg is hidden and touches nothing but its own joint.
 
     Whatever lies on a ray behind a point of the tube, no farther from it than the tube's radius
-    magnified from the light, is in the tube's shadow (design, section 8). A peg is a cone of which
-    `peg_share` of that is filled. It is free when every other stretch of tube that lies behind its
-    top stays `clearance_mm` away.
+    magnified from the light, is in the tube's shadow (design, section 8). A peg is a cone that
+    fills `peg_share` of that. It is free if every other stretch of tube behind its top stays
+    `clearance_mm` away.
 
     Args:
         knots: in scene coordinates. camera: the light and its wall.
@@ -306,8 +311,8 @@ def _clear(
 ) -> Mask:
     """Tell (n,) whether all tubes but a peg's own joint keep their clearance from it.
 
-    Seen from the light a ray is a point, and what may touch it lies near that point: samples of
-    the centre lines are looked up on the unit sphere about the light, and measured in space.
+    Seen from the light a ray is a point, and what may touch it lies near that point: samples of the
+    centre lines are looked up on the unit sphere about the light, and measured in space.
     """
     from scipy.spatial import cKDTree
 

@@ -1,4 +1,4 @@
-"""Fixtures where they belong: what mounts are united from, and what STEP holds as true solids."""
+"""The solids of which mounts are united and which STEP holds exactly, each in its place."""
 
 from __future__ import annotations
 
@@ -25,9 +25,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Fixture:
-    """One solid of a mount: a function of `knotfab_fixtures` with its arguments, and where it belongs.
+    """One solid of a mount: a function of `knotfab_fixtures` with its arguments, and where it
+    belongs.
 
-    `motion` (3, 4) takes it there. Of `above`, a plane's normal (3,) and offset, only what is beyond stays.
+    `motion` (3, 4) takes it there. Given `above`, a plane's normal (3,) and offset, only what lies
+    beyond the plane stays.
     """
 
     kind: str
@@ -38,12 +40,12 @@ class Fixture:
     above: tuple[Array, float] | None = None
 
     def solid(self) -> Manifold:
-        """Return the solid as facets, ready to be united."""
+        """Make the solid of facets, ready to be united."""
         solid = as_manifold(model(self.of, *self.sizes, **self.named)).transform(self.motion)
         return solid if self.above is None else solid.trim_by_plane(*self.above)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the solid as `knotfab_fixtures.step.write_solids` takes it."""
+        """Describe the solid for `knotfab_fixtures.step.write_solids`."""
         return {
             "module": self.of.__module__,
             "fixture": self.of.__name__,
@@ -55,7 +57,8 @@ class Fixture:
 
 
 def along(axis: Array, point: Array, helper: Array | None = None) -> Array:
-    """Return (3, 4) the motion that takes the origin to a point (3,), and z to the unit vector `axis`.
+    """Return the motion (3, 4) that takes the origin to a point (3,), and z to the unit vector
+    `axis`.
 
     Args:
         helper: (3,) not along the axis; x comes to lie square to both.
@@ -67,12 +70,12 @@ def along(axis: Array, point: Array, helper: Array | None = None) -> Array:
 
 
 def place_along(solid: Manifold, axis: Array, point: Array) -> Manifold:
-    """Return a solid moved `along` an axis to a point."""
+    """Move a solid's origin to a point, and its z along an axis."""
     return solid.transform(along(axis, point))
 
 
 def strut(start: Array, end: Array, radius_mm: float) -> Fixture:
-    """Return a round bar between two points (3,) mm."""
+    """Make a round bar between two points (3,) mm."""
     length = float(np.linalg.norm(start - end))
     return Fixture("strut", peg, (length, radius_mm, radius_mm), along((start - end) / length, end))
 
@@ -85,7 +88,7 @@ OVERLAP_MM = 0.5  # a post goes so much deeper into the base than its root needs
 
 
 def stand_bodies(tubes: list[Mesh], mount: StandMount) -> list[Mesh]:
-    """Return tubes, posts, struts and base as one watertight body, scene coordinates.
+    """Unite tubes, posts, struts and base to one watertight body, in scene coordinates.
 
     Raises:
         SceneError: the union is not what the members predict: something else touches.
@@ -107,7 +110,7 @@ def stand_bodies(tubes: list[Mesh], mount: StandMount) -> list[Mesh]:
 
 
 def stand_fixtures(mount: StandMount) -> list[Fixture]:
-    """Return posts, struts and base, scene coordinates."""
+    """List posts, struts and base as fixtures, in scene coordinates."""
     normal, members = mount.base.slope.normal, mount.members
     found = []
     for i in range(len(members)):

@@ -1,7 +1,7 @@
-"""A stand for a desk: a base below all pictures, posts up into their shadow, struts that no shadow shows.
+"""A stand for a desk: a base below all pictures, posts up into their shadow, struts that no shadow
+shows.
 
-Matter behind what is dark in every view, or below every view's frame, changes no picture. One view is
-the case of one.
+Matter behind what is dark in every view, or below every view's frame, changes no picture.
 """
 
 from __future__ import annotations
@@ -58,11 +58,8 @@ LENGTH_WEIGHT = 0.02  # pixels: among members that show equally little the short
 
 @dataclass(frozen=True)
 class StandSettings:
-    """Settings of a stand.
-
-    `base_thickness_mm` of the base at its back, `tip_deg` how far the part may be tipped and comes
-    back, `min_radius_mm` of a member that the printer can make.
-    """
+    """Settings of a stand: `base_thickness_mm` at the back, `tip_deg` from which the part still
+    comes back, and the least radius of a member that the printer can make."""
 
     base_thickness_mm: float
     tip_deg: float
@@ -73,10 +70,11 @@ class StandSettings:
 class StandMount:
     """A stand, in the scene.
 
-    `members` are posts (their `second` is `GROUND`, their `end` on the base) and struts; `holds` (n,)
-    says which knot each was added for. `sag_mm` (at `sag_at`) is by the model that chose the members,
-    `sag_again_mm` by a finer one, with `moves` (N, 3) of all vertices. `predicted_intrusion` (views,) is
-    the share of each frame that the stand darkens outside picture and knots.
+    `members` are posts (their `second` is `GROUND`, their `end` on the base) and struts; `holds`
+    (n,) names the knot that each was added for. `sag_mm` (at `sag_at`) is by the model that chose
+    the members, `sag_again_mm` by a finer one, with `moves` (N, 3) of all vertices.
+    `predicted_intrusion` (views,) is the share of each frame that the stand darkens outside picture
+    and knots.
     """
 
     members: Candidates
@@ -109,9 +107,10 @@ def plan_stand(
 ) -> StandMount:
     """Choose posts, struts and a base for knots in scene coordinates (gravity: -y).
 
-    First every knot is joined to the base, through as few lit pixels as possible (Prim's spanning
-    tree, each member free where those before have darkened the picture); then members are added
-    until nothing sags (`plan_members`); then the base is made as large as the piece needs to stay upright.
+    First every knot is joined to the base through as few lit pixels as possible, by Prim's spanning
+    tree: a member costs nothing where earlier ones have darkened the picture. Then members are
+    added until nothing sags (`plan_members`), and the base is made as large as the piece needs to
+    stay upright.
 
     Args:
         cameras, targets: each view's camera, and its picture's silhouette (H, W) over the whole
@@ -120,7 +119,8 @@ def plan_stand(
         ends: whether screens end at their frames, beside which no shadow is seen.
 
     Raises:
-        SceneError: a knot cannot be reached, or a wall is too near for the base, or a light above it.
+        SceneError: a knot cannot be reached, or a wall is too near for the base, or a light above
+            it.
     """
     tube = knots.radius_mm
     thin, thick = (max(s * tube, min(settings.min_radius_mm, tube)) for s in VISIBLE_SHARES)
@@ -175,7 +175,7 @@ def plan_stand(
 
 
 def _footprint(knots: Knots, cameras: Sequence[Camera], settings: StandSettings) -> Rectangle:
-    """Return the area that a stand's base may cover: below the piece, and more to keep it from tipping."""
+    """Bound the area that a base may cover: below the piece, and more to keep it from tipping."""
     axes = slope_below(cameras).axes
     own = knots.points @ axes.T
     low, high = own.min(axis=0) - 2 * CORNER_MM, own.max(axis=0) + 2 * CORNER_MM
@@ -193,7 +193,7 @@ def _footprint(knots: Knots, cameras: Sequence[Camera], settings: StandSettings)
 def _posts(
     sites: Sites, slope: Slope, cameras: Sequence[Camera], shadows: MountShadows, radius: float
 ) -> Candidates:
-    """Return posts from every site to the base, upright or leaning a little; those that show least."""
+    """List the posts from every site to the base, upright or leaning a little, that show least."""
     right, up, out = slope.axes
     deep = sites.point @ out
     parts = []
@@ -221,7 +221,7 @@ def _posts(
 
 
 def least_shown(every: Candidates, shadows: MountShadows, count: int, sites: int) -> Candidates:
-    """Return the members that show least of all, and least of each stretch of the tubes."""
+    """Keep the members that show least of all, and least of each stretch of the tubes."""
     cost = shadows.cost(every, COARSE, (0.0,)) + LENGTH_WEIGHT * every.length_mm
     order = np.argsort(cost, kind="stable")
     stretch = every.first[order] * STRETCHES // sites
@@ -234,7 +234,7 @@ def least_shown(every: Candidates, shadows: MountShadows, count: int, sites: int
 
 
 def bridges(sites: Sites, shadows: MountShadows, tube: float, radius: float) -> Candidates:
-    """Return struts between two knots, however visible; those that show least."""
+    """List the struts between two knots, however visible, that show least."""
     parts = [nothing()]
     for a in range(len(sites.perimeter)):
         for b in range(a):
@@ -254,7 +254,7 @@ def join_knots(
     shadows: MountShadows,
     root: int | None = None,
 ) -> tuple[Candidates, Indices]:
-    """Return the members that join every knot to the ground, and which knot each was taken for.
+    """Join every knot to the ground; return the members and the knot that each was taken for.
 
     Args:
         root: the knot to which all others are joined instead, where there is no ground.
@@ -311,7 +311,8 @@ def _more_posts(
     shadows: MountShadows,
     apart_mm: float,
 ) -> Candidates:
-    """Return posts up to `LEAST_POSTS`, their feet apart, wherever they show least; as many as there are."""
+    """Add posts up to `LEAST_POSTS`, feet apart, where they show least; fewer if there is no
+    room."""
     more = nothing()
     while True:
         there = join([chosen, more])
@@ -332,7 +333,7 @@ def _more_posts(
 
 
 def masses_of(knots: Knots, members: Candidates) -> Masses:
-    """Return all tubes, posts and struts by volume and centre of mass."""
+    """Return the volume and centre of mass of each tube, post and strut."""
     volume, center = [], []
     for knot in knots.knots:
         after = np.roll(knot.points, -1, axis=0)

@@ -1,4 +1,5 @@
-"""Straight members between strands, or from a strand to the ground: where they may run clear of all else."""
+"""Straight members between strands, or from a strand to the ground, that run clear of everything
+else."""
 
 from __future__ import annotations
 
@@ -25,8 +26,9 @@ ROOT_SHARE = 1.5  # the root's radius over the post's, where it meets the base
 class Sites:
     """Places on the centre lines where a member may end: vertices of the knots, (n,), knot by knot.
 
-    `vertex` (n,) of the knot, `point` (n, 3) mm, `tangent` (n, 3) unit, `arc` (n,) mm from the knot's
-    first vertex; `perimeter` (k,) of each knot; `following` (n,) the next site along the same knot.
+    `vertex` (n,) of the knot, `point` (n, 3) mm, `tangent` (n, 3) unit, `arc` (n,) mm from the
+    knot's first vertex; `perimeter` (k,) of each knot; `following` (n,) the next site along the
+    same knot.
     """
 
     knot: Indices
@@ -41,7 +43,8 @@ class Sites:
 def sites_of(
     knots: Knots, step_radii: float = SITE_RADII, also: Mapping[int, Indices] | None = None
 ) -> Sites:
-    """Give vertices about `step_radii` tube radii apart, at least 8 a knot, and those in `also`, by knot."""
+    """Choose vertices about `step_radii` tube radii apart, at least 8 a knot, and those in `also`,
+    by knot."""
     knot, vertex, point, tangent, arcs, following, perimeter = [], [], [], [], [], [], []
     first = 0
     for k, curve in enumerate(knots.knots):
@@ -72,7 +75,8 @@ def sites_of(
 
 
 def tangents(points: Array) -> Array:
-    """Return (n, 3) unit directions of a closed polyline at its vertices, by both neighbours."""
+    """Return the unit directions of a closed polyline at its vertices, by both neighbours, (n,
+    3)."""
     ahead = np.roll(points, -1, axis=0) - np.roll(points, 1, axis=0)
     return np.asarray(ahead / np.linalg.norm(ahead, axis=1)[:, None])
 
@@ -94,7 +98,7 @@ class Candidates:
 
     @property
     def foot_radius(self) -> Array:
-        """(n,) mm at the ends, of members that taper and others."""
+        """The radius at the end, whether or not members taper, (n,) mm."""
         return self.radius if self.end_radius is None else self.end_radius
 
     def __len__(self) -> int:
@@ -111,13 +115,13 @@ class Candidates:
         )
 
     def thicken(self, times: float, most_mm: float) -> Candidates:
-        """Return all of them, their radius so many times larger, but at most `most_mm`."""
+        """Return the members with their radius multiplied, up to `most_mm`."""
         return replace(
             self, radius=np.maximum(self.radius, np.minimum(times * self.radius, most_mm))
         )
 
     def with_radius(self, number: int, radius_mm: float) -> Candidates:
-        """Return the same with another radius of one."""
+        """Return the members with another radius of one."""
         radius = self.radius.copy()
         radius[number] = radius_mm
         return replace(self, radius=radius)
@@ -128,13 +132,12 @@ class Candidates:
 
 
 def nothing() -> Candidates:
-    """Return no members at all."""
     none = np.empty(0, dtype=np.int64)
     return Candidates(none, none, np.empty((0, 3)), np.empty((0, 3)), np.empty(0))
 
 
 def join(parts: list[Candidates]) -> Candidates:
-    """Return all of them, in order."""
+    """Concatenate members, in order."""
     return Candidates(
         np.concatenate([p.first for p in parts]),
         np.concatenate([p.second for p in parts]),
@@ -148,7 +151,8 @@ def join(parts: list[Candidates]) -> Candidates:
 
 
 def struts(sites: Sites, pairs: Indices, tube_mm: float, radius_mm: float) -> Candidates:
-    """Give the straight members of one radius between pairs (m, 2) of sites that meet both tubes squarely."""
+    """List the members of one radius between pairs (m, 2) of sites that meet both tubes
+    squarely."""
     a, b = pairs[:, 0], pairs[:, 1]
     gap = np.abs(sites.arc[a] - sites.arc[b])
     gap = np.minimum(gap, sites.perimeter[sites.knot[a]] - gap)
@@ -165,7 +169,7 @@ def struts(sites: Sites, pairs: Indices, tube_mm: float, radius_mm: float) -> Ca
 
 
 def sample_strands(knots: Knots) -> tuple[Array, Indices, Array, Array]:
-    """Return points (m, 3) along all knots, whose they are, their arc length, and each knot's length."""
+    """Sample all knots: points (m, 3), whose they are, their arc length, and each knot's length."""
     points, owner, arcs, lengths = [], [], [], []
     for i, k in enumerate(knots.knots):
         even = sample_evenly(k.points, SAMPLE_RADII * knots.radius_mm, at_most=True)
@@ -184,16 +188,15 @@ class Way:
         self.members = members
 
     def add(self, some: Candidates) -> None:
-        """Take up more members that are there."""
         self.members = join([self.members, some])
 
     def clear(self, some: Candidates, but: int | None = None) -> Mask:
-        """Tell (n,) whether members touch nothing; `but`: the number of a member that is not in the way."""
+        """Tell (n,) whether members touch nothing; the member numbered `but` is not in the way."""
         raise NotImplementedError
 
 
 class Obstacles(Way):
-    """All tubes, but at a member's own joints, and members that are there."""
+    """All tubes, except at a member's own joints, and the members that are there."""
 
     def __init__(self, knots: Knots, sites: Sites, clearance_mm: float) -> None:
         from scipy.spatial import cKDTree
@@ -251,7 +254,8 @@ class Obstacles(Way):
     def _narrow(
         self, some: Candidates, i: Indices, j: Indices, ahead: Mask, unit: Array, length: Array
     ) -> Mask:
-        """Tell (m,) whether a strand leaves its joint with member i slowly at its sample j, or comes back."""
+        """Tell (m,) whether a strand leaves its joint with member i slowly at its sample j, or
+        comes back."""
         onward = self.beside[np.where(ahead, 1, 0), j]
         (_, here), (_, there) = (
             off_segments(self.points[of], some.start[i], unit[i], length[i]) for of in (j, onward)
@@ -261,14 +265,15 @@ class Obstacles(Way):
 
 
 def off_segments(points: Array, start: Array, unit: Array, length: Array) -> tuple[Array, Array]:
-    """Return (n,) how far along its segment from `start` each point is next to it, and how far off it."""
+    """Return how far along its segment each point is next to it, and how far off the line it lies,
+    (n,) each."""
     to = points - start
     along = np.clip(np.einsum("ij,ij->i", to, unit), 0.0, length)
     return along, np.asarray(np.linalg.norm(to - along[:, None] * unit, axis=1))
 
 
 def beside_on_rings(counts: Indices) -> Indices:
-    """Return (2, n) the samples before and after each one on its ring, for rings of so many samples each."""
+    """Return the samples before and after each one, (2, n), for rings of so many samples each."""
     ring, place = number_runs(counts)
     first, around = np.arange(len(place)) - place, counts[ring]
     return np.stack([first + (place - 1) % around, first + (place + 1) % around])
@@ -277,13 +282,15 @@ def beside_on_rings(counts: Indices) -> Indices:
 def opens_slowly(
     here: Array, there: Array, step: Array, contact: Array, clearance_mm: float
 ) -> Mask:
-    """Tell (n,) whether a strand and its member part so slowly that the printer closes the gap between them.
+    """Tell (n,) whether a strand and its member part so slowly that the printer closes the gap
+    between them.
 
-    From just before the two come apart until they are clear of each other it must open along the strand.
+    The gap must open along the strand from just before the two come apart until they are clear of
+    each other.
 
     Args:
-        here, there: (n,) distance between their middles at a sample and at the next one, `step` (n,)
-            further from their joint; at `contact` (n,) they touch.
+        here, there: (n,) distance between their middles at a sample and at the next one, `step`
+            (n,) further from their joint; at `contact` (n,) they touch.
     """
     parted = here >= contact - 0.5 * clearance_mm
     # how fast a strand and its member part, mm per mm along the strand

@@ -51,7 +51,8 @@ def hole_inset_mm(asked: Mount) -> float:
 
 
 def mark_depth_mm(asked: Mount) -> float:
-    """Return depth of the notches in a plate's edges, which stay in its margin; 0 where there is no room."""
+    """Return the depth of the notches in a plate's edges, inside its margin; 0 where there is no
+    room."""
     beside = (hole_inset_mm(asked) - asked.hole_diameter_mm / 2) / 2
     deep = min(MARK_MM, asked.plate_margin_mm / 5, beside)
     return deep if deep >= 0.5 else 0.0  # a plate gets no notches where no deeper ones have room
@@ -74,24 +75,26 @@ class Peg:
 
     @property
     def drill_mm(self) -> float:
-        """The drill for its hole: the largest that shops sell whose dowel leaves the peg its shoulder."""
+        """The drill for its hole: the largest that shops sell whose dowel leaves the peg its
+        shoulder."""
         wide = 2 * self.foot_radius_mm + PLAY_MM
         return max((d for d in DRILLS_MM if d <= wide), default=wide)
 
     @property
     def dowel_radius_mm(self) -> float:
-        """The radius of the body that goes into the wall."""
+        """The radius of what goes into the wall."""
         return 0.5 * (self.drill_mm - PLAY_MM)
 
 
 @dataclass(frozen=True)
 class WallMount:
-    """Pegs (those that lean last), struts between strands, and what the piece sags on them (mm, and where).
+    """Pegs (leaning ones last), struts between strands, and what the piece sags on them (mm, and
+    where).
 
     `sag_mm` is by the model that chose the pegs, `sag_again_mm` by a whole frame with all members,
-    solved anew; `sag_at` is where that is largest, `moves` (N, 3) how far each vertex of the knots moves.
-    `strut_knots` (n, 2) are the knots that each strut joins, often one and the same. On a `plate` in which
-    the piece stands by its own valleys there are neither pegs nor struts.
+    solved again; `sag_at` is where that is largest, `moves` (N, 3) how far each vertex of the knots
+    moves. `strut_knots` (n, 2) are the knots that each strut joins, often one and the same. On a
+    `plate` in which the piece stands by its own valleys there are neither pegs nor struts.
     """
 
     pegs: tuple[Peg, ...]
@@ -106,7 +109,7 @@ class WallMount:
     hidden_aside: dict[int, float] = field(default_factory=dict)
 
     def dowels(self, peg: Peg, wall: Array | None) -> list[Fixture]:
-        """Return the dowel of a peg, where it has one; `wall` (3, 3) has rows as `Camera.wall_axes`."""
+        """Make the dowel of a peg, if it has one; `wall` (3, 3) has rows as `Camera.wall_axes`."""
         if self.settings.foot == "plate" or wall is None:
             return []
         return _peg_fixtures(peg, wall.T, self.settings)[1:]
@@ -122,20 +125,21 @@ def plan_wall(
     *,
     thoroughly: bool = True,
 ) -> WallMount:
-    """Choose pegs for knots in scene coordinates (design, section 8), and struts where pegs are not enough.
+    """Choose pegs for knots in scene coordinates (design, section 8), and struts where pegs are not
+    enough.
 
-    A knot that other strands bar from the wall hangs on one of them by a strut. Struts join strands and
-    so need a plate: on dowels every knot is a body that can be split.
+    A knot that other strands bar from the wall hangs on one of them by a strut. Struts join strands
+    and so need a plate: on dowels every knot is a body that can be split.
 
     Args:
-        settings: what the scene asks of its mount, with a foot of a kind.
+        settings: what the scene asks of its mount, with its foot chosen.
         target: (H, W) the picture's silhouette; None: nothing but the knots hides struts.
-        thoroughly: all that may help is tried, and what then sags is returned; otherwise, where the piece
-            could be moved instead, what takes long and hardly helps is left out.
+        thoroughly: try all that may help, and accept what then sags. Otherwise, where the piece
+            could be moved instead, leave out what takes long and hardly helps.
 
     Raises:
-        NotHeldError: a knot has no free ray to the wall, and nothing to hang on; and not `thoroughly`,
-            where it sags too much.
+        NotHeldError: a knot has no free ray to the wall, and nothing to hang on; and not
+            `thoroughly`, where it sags too much.
     """
     best: WallMount | None = None
     remedy = "Use --mount none, a thinner tube, or fewer knots"
@@ -170,7 +174,8 @@ def _with_share(
     target: Mask | None,
     thoroughly: bool,
 ) -> WallMount:
-    """Return pegs that fill `share` of the tube's shadow; raises ValueError where nothing holds a knot."""
+    """Choose pegs that fill `share` of the tube's shadow; raises ValueError if nothing holds a
+    knot."""
     rays, chosen, top, foot = _choose(share, knots, camera, clearance_mm, stiffness)
     if settings.foot != "plate":
         _require_rays(chosen)
@@ -229,7 +234,7 @@ def _with_share(
 
 
 def _joined_knots(sites: Sites, struts: Candidates) -> NDArray[np.int64]:
-    """Return (n, 2) the knots of the strands that each strut runs from and to."""
+    """Return the two knots that each strut joins, (n, 2)."""
     return np.stack([sites.knot[struts.first], sites.knot[struts.second]], axis=1)
 
 
@@ -240,9 +245,10 @@ def sag_on_pegs(
     stiffness: Stiffness,
     foot: Literal["plate", "dowel"] = "plate",
 ) -> float:
-    """Measure how far knots would sag on the thickest pegs alone, mm, by the model that chooses them.
+    """Measure how far knots would sag on the thickest pegs alone, mm, by the model that chooses
+    them.
 
-    Of a piece on a plate without the knots that no ray to the wall is free from: those may hang on others.
+    On a plate, knots from which no ray to the wall is free do not count: they may hang on others.
 
     Raises:
         ValueError: a knot has no free ray to the wall, and nothing to hang on.
@@ -261,10 +267,10 @@ def _require_rays(chosen: Pegs) -> None:
 def _choose(
     share: float, knots: Knots, camera: Camera, clearance_mm: float, stiffness: Stiffness
 ) -> tuple[Rays, Pegs, Array, Array]:
-    """Choose pegs among the rays; give the rays too, and (n,) the radii of pegs at the tube and at the wall.
+    """Choose pegs among the free rays; with the rays, and the radii (n,) of pegs at tube and wall.
 
-    Pegs fill `share` of the tube's shadow, and less of a knot that leaves none as thick a way: what is
-    hardly larger than its tube is in the way itself.
+    Pegs fill `share` of the tube's shadow, and less for a knot that leaves none as thick a way: one
+    hardly larger than its tube is in its own way.
     """
     rays = free_rays(knots, camera, share, clearance_mm)
     for thinner in (s for s in (*PEG_SHARES, *THIN_SHARES) if s < share):
@@ -281,13 +287,13 @@ def _choose(
 
 
 def _spread(rays: Rays, light: Array) -> Array:
-    """Return (n,) how many times larger the tube's shadow is than the tube, at each ray."""
+    """Return how many times larger the tube's shadow is than the tube, at each ray, (n,)."""
     far, near = (np.linalg.norm(p - light, axis=1) for p in (rays.foot, rays.top))
     return np.asarray(far / near)
 
 
 def wall_bodies(tubes: list[Mesh], mount: WallMount, camera: Camera) -> list[Mesh]:
-    """Return the tubes with their pegs and plate or dowels as watertight bodies, scene coordinates.
+    """Unite the tubes with pegs and plate or dowels to watertight bodies, in scene coordinates.
 
     On a plate everything is one body; on dowels each knot is one with its own.
 
@@ -313,7 +319,8 @@ def wall_bodies(tubes: list[Mesh], mount: WallMount, camera: Camera) -> list[Mes
 
 
 def _require_predicted(solid: Manifold, number: int, knots: int, mount: WallMount) -> None:
-    """Require one body with a handle for each knot, each member that closes a loop, and both holes."""
+    """Require one body with a handle for each knot, each member that closes a loop, and both
+    holes."""
     plate = mount.settings.foot == "plate"
     feet = 0 if mount.plate is None else sum(mount.plate.feet)
     genus = feet + len(mount.pegs) + len(mount.struts) + 2 if plate else 1
@@ -328,7 +335,8 @@ def _require_predicted(solid: Manifold, number: int, knots: int, mount: WallMoun
 
 
 def wall_fixtures(mount: WallMount, camera: Camera, knots: int) -> list[list[Fixture]]:
-    """Give pegs, dowels and struts of each of so many knots, and at last a plate alone; scene coordinates."""
+    """List pegs, dowels and struts of each of so many knots, the plate last and by itself; in the
+    scene."""
     wall = np.column_stack(list(camera.wall_axes))
     groups: list[list[Fixture]] = [[] for _ in range(knots)]
     for peg in mount.pegs:
@@ -343,7 +351,7 @@ def wall_fixtures(mount: WallMount, camera: Camera, knots: int) -> list[list[Fix
 
 
 def _peg_fixtures(peg: Peg, wall: Array, settings: Mount) -> list[Fixture]:
-    """Return a peg from tube to wall, and what holds it there."""
+    """Make a peg from tube to wall, and what holds it there."""
     axis = (peg.top - peg.foot) / peg.length_mm
     cosine = float(axis @ wall[:, 2])
     slant = float(np.sqrt(max(0.0, 1.0 - cosine**2)) / cosine)
@@ -365,7 +373,8 @@ def _peg_fixtures(peg: Peg, wall: Array, settings: Mount) -> list[Fixture]:
 
 
 def _plate(camera: Camera, wall: Array, mount: WallMount) -> Fixture:
-    """Return the plate, its face on the receiver plane, a margin wider than the frame on every side."""
+    """Make the plate, its face on the receiver plane, a margin wider than the frame on every
+    side."""
     s = mount.settings
     width, height = camera.frame_mm
     sizes = (

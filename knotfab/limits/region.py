@@ -39,10 +39,10 @@ def outside(
 
 
 def _outside_region(points: Array, region: SettledRegion, radius: float) -> tuple[Array, Array]:
-    """Return the same as `outside`, for the region alone.
+    """Do as `outside`, for the region alone, in the precision of the points.
 
-    For a box the largest excess over its faces; cylinder (its own axis y): over mantle and ends. In the
-    precision of the points.
+    Of a box the largest excess over its faces counts, of a cylinder (its own axis y) that over
+    mantle and ends.
     """
     if region.kind == "mesh":
         assert region.file is not None
@@ -105,10 +105,9 @@ def region_term(state: State, limits: Limits) -> Felt:
 def slack(points: Array, rings: Polylines, limits: Limits) -> float:
     """Return how far every vertex may move before the region is felt, mm.
 
-    No vertex comes nearer to a boundary than it moves.
-
-    In a mesh the radius grows with the mean edge e as sqrt(r² + (e/2)²), which is at most half as fast as
-    e, and e at most twice as fast as vertices move: together they come nearer twice as fast.
+    No vertex comes nearer to a boundary than it moves. In a mesh the radius grows with the mean
+    edge e as sqrt(r² + (e/2)²), which is at most half as fast as e, and e grows at most twice as
+    fast as vertices move: together they come nearer twice as fast.
     """
     spacing = float(np.linalg.norm(points[rings.next] - points, axis=1).mean())
     radius = _felt_radius(limits, spacing)

@@ -160,9 +160,10 @@ _GAP_OVERSHOOT = 1.02  # aim a little wider than required, so the end is on the 
 
 
 def clearance_term(state: State, limits: Limits) -> Felt:
-    """Return the squared hinge over segment pairs whose arc distance exceeds pi (r + c/2), in squared radii.
+    """Return the squared hinge (2r + c - d)+^2 over near pairs of segments, in squared radii.
 
-    (2r + c - d)+^2, with exact distances d between segments; 2 % are added to aim a little wide.
+    Pairs count if their arc distance exceeds pi (r + c/2); d is the exact distance between
+    segments. Two per cent are added to aim a little wide.
     """
     distance = limits.separation * _GAP_OVERSHOOT
     total, gradient = gap_hinge(

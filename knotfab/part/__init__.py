@@ -1,1 +1,1 @@
-"""The part: posed for the printer, and written as STL and 3MF."""
+"""The printed part: posed on the bed, and written as STL and 3MF."""

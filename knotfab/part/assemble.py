@@ -1,4 +1,4 @@
-"""Make the part that is written from a finished search: tubes, mount, print pose."""
+"""Make the part from a finished search: tubes, mount, print pose."""
 
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ _ANY_SIZE = (1e6, 1e6, 1e6)
 
 @dataclass(frozen=True, repr=False)
 class Part(InNotebook):
-    """The piece: `bodies` in print pose, with the tubes and mount that they were made of.
+    """The piece: `bodies` in print pose, with the tubes and mount of which they were made.
 
-    `plates`: what is printed, where the printer does not hold the whole. `standing`: of a piece that prints
-    without supports; its bars are the last of the bodies.
+    `plates` are what is printed, if the printer does not hold the whole. `standing` is of a piece
+    that prints without supports; its bars are the last of the bodies.
     """
 
     bodies: list[Mesh]
@@ -54,7 +54,8 @@ class Part(InNotebook):
 
     @cached_property
     def framing(self) -> tuple[Table | None, str]:
-        """The frame that holds screen, piece and lamps, if there is one; or why there can be none."""
+        """The frame that holds screen, piece and lamps, if there is one; or why there can be
+        none."""
         return frame_of(self.mounted)
 
 
@@ -66,7 +67,7 @@ def part_of(
     *,
     thoroughly: bool = True,
 ) -> Part:
-    """Return one watertight tube per knot, its mount if it is to be printed, in print pose.
+    """Make one watertight tube for each knot, with its mount if it is to be printed, in print pose.
 
     Args:
         targets: the pictures of all views.
@@ -108,7 +109,8 @@ def part_of(
 
 
 def _hide_behind(mask: Mask, camera: Camera, matrix: Array) -> Callable[[Array], bool]:
-    """Tell of points (n, 3) in print coordinates whether all of their shadows fall on a picture's."""
+    """Return a test whether all shadows of points (n, 3), print coordinates, fall on a
+    picture's."""
     height, width = mask.shape
     projection = camera.projection @ matrix
 
@@ -128,9 +130,9 @@ def _choose_poses(
     cameras: Sequence[Camera],
     masks: Sequence[Mask],
 ) -> tuple[Mounted, PrintPose, Plates | None]:
-    """Choose the print pose of the whole, and the plates if only they can be printed.
+    """Choose the print pose of the whole, and the plates if only these can be printed.
 
-    A mount that may lie down is returned without its `upright` where the printer does not hold it so.
+    A mount that may lie down is returned without its `upright` if the printer does not hold it so.
     """
     frame, printer = made.scene.views[0].frame_mm, made.scene.printer
     # a stand that must lie down is more than its knots, which are all that an estimate knows
@@ -171,17 +173,19 @@ def _choose_poses(
 
 
 def shrink_of(scene: ResolvedScene) -> Array:
-    """Return the change (4, 4) of a printed part by its material; the identity where nothing is asked."""
+    """Return the material's shrinkage of a printed part as a matrix (4, 4); the identity without
+    any."""
     return np.diag([*np.full(3, 1 - scene.material.shrinkage_percent / 100), 1.0])
 
 
 def enlarge_knots(made: Design) -> Knots:
-    """Return the knots of a design in the scene's axes, larger by their material's shrinkage."""
+    """Return a design's knots in the scene's axes, enlarged by what their material will shrink."""
     return made.knots.moved(np.diag(1 / np.diag(shrink_of(made.scene))))
 
 
 def rules_of(scene: ResolvedScene) -> Rules:
-    """Return the printer's limits on overhangs, and the room that its supports take beside a piece."""
+    """Read the printer's limits on overhangs, and the room that its supports take beside a
+    piece."""
     printer = scene.printer
     powder = printer.process == "powder"
     supports = printer.supports and scene.piece.supports != "none"

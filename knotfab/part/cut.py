@@ -1,4 +1,4 @@
-"""Cut a tube too large for the printer at straight places that do not show, as few as fit."""
+"""Cut a tube too large for the printer at straight, hidden places, into as few pieces as fit."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Line:
     """The centre line of a knot, with all that must be known to cut it.
 
     `points` (n, 3) mm, closed; `hidden` (n,) from 0 (on the picture's outline) to 1 (well inside);
-    `barred` (n,) where nothing may be cut, as a peg is near. `beside` (k, 3) are points of what
+    `barred` (n,) where nothing may be cut because a peg is near. `beside` (k, 3) are points of what
     hangs on it (pegs), and `beside_of` (k,) their vertices.
     """
 
@@ -52,7 +52,8 @@ class Line:
 class Cut:
     """A cut through vertex `vertex`, at `point` (3,), across `along` (3,), a unit vector.
 
-    The pin sticks out along `along` times `side` (1: it belongs to the piece before the cut).
+    The pin sticks out along `along` times `side`, which is 1 if it belongs to the piece before the
+    cut.
     """
 
     vertex: int
@@ -66,12 +67,11 @@ class Cut:
 def find_cuts(
     line: Line, build_volume_mm: tuple[float, float, float], nozzle_mm: float, name: str
 ) -> list[Cut]:
-    """Return cuts, in order of their vertices, into pieces of which each fits the build volume.
+    """Find cuts, in order of their vertices, into pieces that each fit the build volume.
 
-    From each of some first places the curve is followed as far as it still fits, in any of
-    `TURNS` ways up, and cut at the best place before; the fewest pieces win, then the best places.
-    A place is good where a thick pin finds room (the curve is straight) and far from the
-    picture's outline.
+    The curve is followed from several first places as far as it still fits, any of `TURNS` ways up,
+    and cut at the best place before that; the fewest pieces win, then the best places. A place is
+    good if a thick pin finds room (the curve is straight) and far from the picture's outline.
 
     Raises:
         SceneError: the tube is too thin for a pin, too bent, or a piece would need to be too short.
@@ -112,7 +112,7 @@ def find_cuts(
 
 
 def _places(line: Line, nozzle: float) -> dict[int, tuple[int, float, float]]:
-    """Return the vertices that may be cut: side of the pin, its radius, and how good the place is."""
+    """Find the vertices that may be cut: side of the pin, its radius, and how good the place is."""
     p, r = line.points, line.radius
     edge = np.linalg.norm(np.roll(p, -1, axis=0) - p, axis=1)
     reach = PIN_RADII * r + 0.5 * r
@@ -148,7 +148,7 @@ def _places(line: Line, nozzle: float) -> dict[int, tuple[int, float, float]]:
 
 
 def _tangents(points: Array) -> Array:
-    """Return (n, 3) normals of the planes that bisect the angles."""
+    """Return the normals of the planes that bisect the angles, (n, 3)."""
     ahead = np.roll(points, -1, axis=0) - points
     ahead /= np.linalg.norm(ahead, axis=1)[:, None]
     along = ahead + np.roll(ahead, 1, axis=0)
@@ -161,7 +161,8 @@ def _cut_line(line: Line, vertex: int, place: tuple[int, float, float]) -> Cut:
 
 
 class _Spans:
-    """Measure how far a curve can be followed from a vertex until it fits the printer no more."""
+    """Measure how far a curve can be followed from a vertex before it no longer fits the
+    printer."""
 
     def __init__(self, line: Line, room: tuple[float, float, float]) -> None:
         turns = spread_turns(TURNS)
@@ -179,7 +180,8 @@ class _Spans:
         self.known: dict[int, int] = {}
 
     def fits(self, first: int) -> int:
-        """Return the number of vertices from `first` on of the longest piece that fits, its pins included."""
+        """Return how many vertices from `first` on the longest piece that fits has, pins
+        included."""
         if first in self.known:
             return self.known[first]
         n = self.count
@@ -194,7 +196,8 @@ class _Spans:
 
 
 def _greedy(span: _Spans, at: Indices, worth: Array, first: int, early: float) -> list[int] | None:
-    """Return vertices of cuts from `first` all round; None where a piece would not reach the next place."""
+    """Choose the vertices of cuts from `first` all round; None if a piece would not reach the next
+    place."""
     n, cuts, here, gone = span.count, [first], first, 0
     while True:
         reach = span.fits(here)
@@ -234,7 +237,8 @@ class CutPiece:
 def cut_body(
     body: Mesh, points: Array, radius: float, gap_mm: float, cuts: Sequence[Cut]
 ) -> list[CutPiece]:
-    """Cut a tube (and what hangs on it) at two or more places; the pieces in order of the cuts.
+    """Cut a tube (and what hangs on it) at two or more places; return the pieces in order of the
+    cuts.
 
     A slice of `KERF_MM` is taken out at each cut. Of the pieces beside it, one gets a pin with a
     chamfered tip, the other a hole that is wider by `CLEARANCE_MM` all round and a little deeper.
@@ -293,7 +297,7 @@ def cut_body(
 
 
 def _connector(cut: Cut, radius: float) -> tuple[Manifold, Manifold]:
-    """Return the pin and the hole along z, the cut at z = 0."""
+    """Make the pin and the hole along z, with the cut at z = 0."""
     from manifold3d import CrossSection
 
     pin, long = cut.pin_radius, cut.pin_length
@@ -314,7 +318,7 @@ def _connector(cut: Cut, radius: float) -> tuple[Manifold, Manifold]:
 def _in_order(
     parts: list[Manifold], points: Array, radius: float, cuts: Sequence[Cut]
 ) -> list[Manifold] | None:
-    """Return the parts by the cut that each begins at; None where they are not one for each cut."""
+    """Order the parts by the cut that each begins at; None unless there is one for each cut."""
     if len(parts) != len(cuts):
         return None
     tree = cKDTree(points)

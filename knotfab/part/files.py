@@ -1,4 +1,5 @@
-"""3MF by lib3mf: millimetres, one object for the whole piece, what it is, the same bytes each time."""
+"""Files of the part. 3MF by lib3mf in mm, one object for the whole piece, the same bytes each
+time."""
 
 from __future__ import annotations
 
@@ -38,17 +39,17 @@ class About:
 
 
 def write_3mf(path: Path, bodies: Sequence[Mesh], about: About = About()) -> None:
-    """Write `bodies` (vertices (n, 3) mm, faces (m, 3)) as ONE object: a single mesh, their shells.
+    """Write `bodies` (vertices (n, 3) mm, faces (m, 3)) as the shells of one mesh, in ONE object.
 
-    A slicer lets each object that a file places drop onto the bed, PrusaSlicer even each component of
-    an object: the shells of one mesh alone stay where they are. The file holds no settings.
+    A slicer lets each object that a file places drop onto the bed, PrusaSlicer even each component
+    of an object: only the shells of a single mesh stay where they are. The file holds no settings.
 
     Args:
         about: what the package says of itself; its title is the object's name as well.
 
     Raises:
-        ValueError: a body without faces, or a vertex below zero or not finite (3MF wants the positive
-            octant).
+        ValueError: a body without faces, or a vertex below zero or not finite (3MF wants the
+            positive octant).
     """
     _require_positive(bodies)
     model, wrapper = _new_model(about)
@@ -61,8 +62,8 @@ def write_coloured_3mf(
 ) -> None:
     """Write `bodies` as objects with names and colours, for printers with several filaments.
 
-    They are the components of one more object, which is the build's only item: the standard says
-    that they are one thing, and a slicer that asks whether to load them as one must be told yes.
+    They are the components of one more object, the only item of the build: by the standard that
+    makes them one thing, and a slicer that asks whether to load them as one must be told yes.
 
     Args:
         names, colors: one for each body; colours as "#rrggbb" in sRGB.
@@ -97,7 +98,7 @@ def _require_positive(bodies: Sequence[Mesh]) -> None:
 
 
 def _new_model(about: About) -> tuple[Any, Any]:
-    """Return a model in millimetres that says what it is, and lib3mf's wrapper."""
+    """Make a model in millimetres with its words about itself; returned with lib3mf's wrapper."""
     import lib3mf
 
     wrapper = lib3mf.get_wrapper()
@@ -131,8 +132,8 @@ def _add_mesh(wrapper: Any, model: Any, mesh: Mesh, name: str, number: int) -> A
 def _write(path: Path, model: Any, whole: Any, names: Sequence[str]) -> None:
     """Write `whole` as the only item, where it is.
 
-    Every UUID follows from the names, and the archive's dates are constant in lib3mf: so the file is the
-    same byte for byte.
+    Every UUID follows from the names, and lib3mf keeps the archive's dates constant, so the file is
+    the same byte for byte.
     """
     import lib3mf
 
@@ -191,7 +192,7 @@ def read_shells(path: Path) -> list[Mesh]:
 
 
 def _palette(wrapper: Any, model: Any, colors: Sequence[str]) -> dict[str, tuple[int, int]]:
-    """Return resource and property of each colour that occurs, as base materials of the model."""
+    """Add the colours to the model as base materials; return each one's resource and property."""
     wanted = dict.fromkeys(color.lower() for color in colors)
     for color in wanted:
         if not re.fullmatch("#[0-9a-f]{6}", color):
@@ -228,7 +229,7 @@ def _set_geometry(
 
 
 def _geometry(wrapper: Any, body: Any) -> Mesh:
-    """Return vertices (n, 3) and faces (m, 3), into arrays at once for the same reason."""
+    """Read vertices (n, 3) and faces (m, 3) into arrays at once, for the same reason."""
     import lib3mf
 
     vertices = np.empty((body.GetVertexCount(), 3), dtype=np.float32)
@@ -246,7 +247,7 @@ def _geometry(wrapper: Any, body: Any) -> Mesh:
 
 @contextmanager
 def _locale_kept() -> Iterator[None]:
-    """lib3mf leaves the process in the locale "C", where Python opens text files as ASCII."""
+    """Restore the locale: lib3mf sets it to "C", in which Python opens text files as ASCII."""
     before = locale.setlocale(locale.LC_ALL)
     try:
         yield
@@ -269,8 +270,8 @@ FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute"
 def write_stl(path: Path, bodies: Sequence[Mesh]) -> None:
     """Write all `bodies` (vertices (n, 3) mm, faces (m, 3)) into one binary STL.
 
-    Coordinates are rounded to single precision, the format's; equal vertices stay equal, so a
-    closed mesh stays closed. Normals are those of the unrounded faces.
+    Coordinates are rounded to the format's single precision. Equal vertices stay equal, so a closed
+    mesh stays closed. Normals are those of the unrounded faces.
 
     Raises:
         ValueError: no faces at all, or a coordinate that is not finite.
@@ -303,10 +304,10 @@ _INKSCAPE = "http://www.inkscape.org/namespaces/inkscape"
 def write_svg(
     path: Path, layers: Layers, frame_mm: tuple[float, float], title: str, filled: bool = False
 ) -> None:
-    """Write closed paths, a group for each layer; the page is the frame, one user unit is 1 mm.
+    """Write closed paths, a group for each layer. The page is the frame, one user unit is 1 mm.
 
     Args:
-        filled: whether what the lines enclose is black (by even and odd), or the lines are drawn.
+        filled: whether to fill what the lines enclose (even-odd) instead of drawing the lines.
     """
     width, height = frame_mm
     style = 'fill="#000" fill-rule="evenodd"'
@@ -328,10 +329,8 @@ def write_svg(
 
 
 def write_dxf(path: Path, layers: Layers, frame_mm: tuple[float, float]) -> None:
-    """Write closed polylines of DXF R12, which every program reads; the origin is the frame's lower left.
-
-    The header's units are millimetres.
-    """
+    """Write closed polylines as DXF R12, which every program reads, in mm from the frame's lower
+    left."""
     corner = 0.5 * frame_mm[0], 0.5 * frame_mm[1]
     tags: list[tuple[int, object]] = [(0, "SECTION"), (2, "HEADER")]
     tags += [

@@ -1,4 +1,4 @@
-"""Read PrusaSlicer's G-code: its own figures, and every printed line with what it is a part of."""
+"""Read PrusaSlicer's G-code: its own figures, and every printed line with what it belongs to."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class Gcode:
 
 
 def read_gcode(path: Path) -> Gcode:
-    """Read figures and lines of a G-code with relative extrusion lengths (`profile` asks for them).
+    """Read figures and lines of a G-code with relative extrusion, as `profile` asks for.
 
     Raises:
         BadGcode: the file is missing, cut off, too large, or not from PrusaSlicer.
@@ -101,9 +101,10 @@ def read_gcode(path: Path) -> Gcode:
 
 
 def points_along(start: Array, end: Array, spacing: float) -> Array:
-    """Return (k, 3) points on the lines from `start` to `end`, (n, 3) each: the middles of equal pieces.
+    """Place points (k, 3) on the lines from `start` to `end`, (n, 3) each: the middles of equal
+    pieces.
 
-    No piece is longer than `spacing`, so no place of a line is further than half of it from a point.
+    No piece is longer than `spacing`, so every place of a line is within half of that of a point.
     """
     length = np.linalg.norm(end - start, axis=1)
     pieces = np.maximum(np.ceil(length / spacing), 1).astype(np.int64)
@@ -114,8 +115,8 @@ def points_along(start: Array, end: Array, spacing: float) -> Array:
 
 
 def _moves(content: bytes) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_], Array]:
-    """Read moves (n, 3): x, y and filament fed (negative: none); whether each is support, neither support nor
-    part; its height."""
+    """Read each move's x, y and fed filament (negative: none), (n, 3); whether it is support;
+    whether it is neither support nor part; its height."""
     pieces = _MARK.split(content)
     found: list[tuple[bytes, bytes]] = []
     counts, kinds, heights = [], [], []
@@ -143,7 +144,7 @@ def _moves(content: bytes) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_],
 
 
 def _duration(tail: bytes) -> float:
-    """Return seconds of "1d 2h 3m 4s"."""
+    """Parse a duration such as "1d 2h 3m 4s" into seconds."""
     found = _TIME.search(tail)
     if found is None:
         raise BadGcode("the G-code is cut off: it gives no printing time")
@@ -176,15 +177,15 @@ VOLUME_SHARE = 1 / 1024  # by which both volumes may differ
 def judge(
     name: str, passed: bool, measured: float, limit: float, unit: str, detail: str
 ) -> SlicerCheck:
-    """Return the outcome of one look."""
+    """Make one check of the slicing."""
     return SlicerCheck(name, "pass" if passed else "fail", measured, limit, unit, detail)
 
 
 def compare_info(said: str, bodies: Sequence[Mesh]) -> tuple[int, SlicerCheck]:
     """Check that `--info` lists one object, of the bodies' size, place and volume.
 
-    Several would drop onto the bed each by itself. It is the one question in which PrusaSlicer says by
-    itself that a mesh has holes.
+    Several objects would each drop onto the bed. And only here does PrusaSlicer say by itself that
+    a mesh has holes.
     """
     objects = re.split(r"^\[.*\]$", said, flags=re.MULTILINE)[1:]
     found = [dict(re.findall(r"^(\w+) = +(\S+)", text, re.MULTILINE)) for text in objects]
@@ -217,12 +218,12 @@ def compare_info(said: str, bodies: Sequence[Mesh]) -> tuple[int, SlicerCheck]:
 def compare_gcode(
     gcode: Gcode, bodies: Sequence[Mesh], scene: ResolvedScene, shift: Array
 ) -> list[SlicerCheck]:
-    """Return the printed lines against the bodies, moved by `shift` (3,) to their place on the bed.
+    """Compare the printed lines with the bodies, moved by `shift` (3,) to their place on the bed.
 
-    - `bed`: every line, supports too, inside the build volume;
+    - `bed`: every line, supports too, is inside the build volume;
     - `place`: the lines of the part reach as far as the mesh, in each direction;
-    - `surface`: no place of any body's surface is far from a printed line: a body that was left
-      out, dropped onto the bed or moved, or a piece too thin to be printed;
+    - `surface`: no place of any body's surface is far from a printed line, as it is where a body
+      was left out, dropped onto the bed or moved, or a piece is too thin to be printed;
     - `filament`: as much as the mesh is big, less at most what the infill spares;
     - `layers`: as many as the height asks for.
     """
@@ -288,7 +289,7 @@ def _surface(gcode: Gcode, bodies: Sequence[Mesh], shift: Array, limit: float) -
 
 
 def _sample(body: Mesh, wanted: int) -> Array:
-    """Return points (k, 3) of the surface: corners and middles of faces, evenly taken from the lists."""
+    """Sample the surface at corners and middles of faces, evenly taken from the lists, (k, 3)."""
     vertices, faces = body
     corners = vertices[:: max(1, 2 * len(vertices) // wanted)]
     some = faces[:: max(1, 2 * len(faces) // wanted)]
@@ -308,7 +309,7 @@ def _filament(gcode: Gcode, bodies: Sequence[Mesh]) -> SlicerCheck:
 
 
 def _layers(gcode: Gcode, bodies: Sequence[Mesh], bottom: float, layer: float) -> SlicerCheck:
-    """A layer is there where its middle height cuts a body."""
+    """Check that there are as many layers as the bodies are cut by at a layer's middle height."""
     tops = [(v[:, 2].min() - bottom, v[:, 2].max() - bottom) for v, _ in bodies]
     middles = (np.arange(ceil(max(high for _, high in tops) / layer) + 1) + 0.5) * layer
     wanted = sum(any(low <= z < high for low, high in tops) for z in middles)

@@ -1,4 +1,4 @@
-"""Turn a piece as it may lie: the turns that are tried, and the choice among them."""
+"""Orient a piece on the bed: the rotations that are tried, and the choice among them."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ MINUTES_CONTACT = 5.0
 
 @dataclass(frozen=True)
 class Ranked:
-    """A turn (3, 3) from scene to bed, its estimate, and its cost."""
+    """A rotation (3, 3) from scene to bed, its estimate, and its cost."""
 
     turn: Array
     estimate: Estimate
@@ -66,16 +66,18 @@ def strands_of(knots: Knots, most: int = 6000) -> Strands:
 
 
 def estimate_print_minutes(found: Estimate) -> float:
-    """Estimate minutes for supports and layers; the strands themselves take the same in every pose."""
+    """Estimate minutes for supports and layers; the strands themselves take the same in every
+    pose."""
     return (
         MINUTES_PER_CM3 * found.filament_cm3 + MINUTES_PER_LAYER * found.height_mm / USUAL_LAYER_MM
     )
 
 
 def propose_turns(strands: Strands) -> list[Array]:
-    """Return the turns (3, 3) that are tried: axes, principal axes, faces of the hull, and all round.
+    """List the rotations (3, 3) to try: axes, principal axes, faces of the hull, and all round.
 
-    All but the scene's axes are tied to the piece: it does not matter how it was turned before.
+    All but the scene's axes are tied to the piece, so that it does not matter how it was turned
+    before.
     """
     own = _principal(strands)
     up = [*own, *(-own), *_hull_faces(strands.middle), *(_sphere(SPHERE) @ own)]
@@ -89,7 +91,7 @@ def propose_turns(strands: Strands) -> list[Array]:
 
 
 def rank_turns(strands: Strands, turns: Sequence[Array], rules: Rules) -> list[Ranked]:
-    """Return the turns with their estimates, the best first.
+    """Estimate the rotations and sort them, the best first.
 
     Those that keep the printer's limits come first, by their cost; the others by their supports.
     Ties keep the order of `turns`.
@@ -116,7 +118,8 @@ def keeps_limits(found: Estimate, rules: Rules) -> bool:
 
 
 def spread_turns(count: int) -> Array:
-    """Return (count + 3, 3, 3) turns of the scene's axes, and of directions all round, onto the vertical."""
+    """Return rotations of the scene's axes, and of directions all round, onto the vertical, (count
+    + 3, 3, 3)."""
     right = np.array([1.0, 0.0, 0.0])
     return np.stack([*AXES[:3], *(_turn_to(up, right) for up in _sphere(count))])
 
@@ -127,7 +130,7 @@ def _order(pose: Ranked, rules: Rules) -> tuple[bool, float]:
 
 
 def _principal(strands: Strands) -> Array:
-    """Return (3, 3) rows: the directions of most, middle and least extent, right-handed.
+    """Return the directions of most, middle and least extent as rows (3, 3), right-handed.
 
     Each of the first two points to the side of the longer tail, so that they turn with the piece.
     """
@@ -141,7 +144,8 @@ def _principal(strands: Strands) -> Array:
 
 
 def _hull_faces(points: Array) -> Array:
-    """Return (k, 3) the upward directions of a piece that lies on the largest faces of its hull."""
+    """Return the upward directions of a piece that lies on the largest faces of its hull, (k,
+    3)."""
     try:
         hull = ConvexHull(points)
     except QhullError:  # flat: it lies on its own plane, which is a principal one
@@ -153,7 +157,7 @@ def _hull_faces(points: Array) -> Array:
 
 
 def _sphere(count: int) -> Array:
-    """Return (count, 3) directions spread evenly: a spiral of golden angles."""
+    """Spread directions evenly over the sphere, on a spiral of golden angles, (count, 3)."""
     k = np.arange(count)
     z = 1.0 - (2 * k + 1) / count
     around = k * pi * (3.0 - sqrt(5.0))
@@ -162,7 +166,8 @@ def _sphere(count: int) -> Array:
 
 
 def _turn_to(up: Array, right: Array) -> Array:
-    """Return the turn that brings `up` upwards, and `right`, as far as it can be, to the right."""
+    """Return the rotation that brings `up` upwards and `right`, as far as possible, to the
+    right."""
     across = right - (right @ up) * up
     if np.linalg.norm(across) < 1e-6:
         other = np.eye(3)[int(np.abs(up).argmin())]
@@ -183,11 +188,11 @@ FLATTER = (0.6, 0.0)  # shares of the depth that are estimated for the report as
 
 @dataclass(frozen=True)
 class Flattening:
-    """The changes for supports beyond the printer's limit and pegs that do not hold: depths in mm.
+    """What was changed for supports beyond the printer's limit, or for pegs that do not hold; mm.
 
-    `from_mm` is the depth of the first search, `to_mm` of the one that was kept (equal where
-    none followed), and `proposed_mm` what the kept one would still need, None where nothing. `unheld` says
-    why no pegs held the first, `wall_mm` how far before its wall the first and the kept one stand.
+    `from_mm` is the depth of the first search, `to_mm` of the one that was kept (equal if none
+    followed), and `proposed_mm` what the kept one would still need, if anything. `unheld` says why
+    no pegs held the first; `wall_mm` are the distances of the first and the kept one from the wall.
     """
 
     from_mm: float
@@ -198,15 +203,16 @@ class Flattening:
 
 
 def flatter_depth(knots: Knots, depth_mm: float, rules: Rules) -> float | None:
-    """Return the largest extent along z, mm, at which some pose is estimated to keep `max_support_cm3`.
+    """Find the largest extent along z, mm, at which some pose is estimated to keep
+    `max_support_cm3`.
 
-    The curves' depths are scaled, all else stays; so the number is a proposal, for a new search.
+    The curves' depths are scaled and all else stays, so the number is a proposal for a new search.
 
     Args:
         knots: in scene coordinates, with centre lines that extend `depth_mm` along z.
 
     Returns:
-        None: there is no limit, it is kept as it is, or not even a flat piece would keep it.
+        None: there is no limit, it is kept already, or not even a flat piece would keep it.
     """
     if rules.max_support_cm3 is None or not rules.supports or rules.powder:
         return None
@@ -231,9 +237,9 @@ def estimate_flatter(
 ) -> list[Flatter]:
     """Estimate the cost of the same curves with less depth, each in its own best pose.
 
-    An estimate from centre lines: the strands cost by their length what the slicer says of the piece as
-    it is, less supports and layers; these are the pose's, supports scaled as the slicer's are to the
-    estimate of the piece as it is. A new search with less depth lays the strands anew.
+    The strands cost by their length what the slicer says of the piece as it is, less supports and
+    layers. These are the pose's, with supports scaled as the slicer's are to their estimate. A new
+    search with less depth lays the strands anew.
 
     Args:
         knots: in scene coordinates. sliced: the piece as it is, by the slicer.
@@ -256,7 +262,7 @@ def estimate_flatter(
 
 
 def _rank_flattened(knots: Knots, share: float, rules: Rules) -> tuple[Strands, list[Ranked]]:
-    """Return the strands with their depths scaled, and their poses, the best first."""
+    """Scale the strands' depths, and rank their poses, the best first."""
     flat = np.array([1.0, 1.0, share])
     scaled = (Knot(k.points * flat, closed=k.closed) for k in knots.knots)
     # rods that stand for the strands

@@ -1,4 +1,4 @@
-"""A piece too large for the printer in several: whole knots, or cut ones, laid out on plates."""
+"""A piece too large for the printer as several: whole knots, or cut ones, laid out on plates."""
 
 from __future__ import annotations
 
@@ -38,7 +38,6 @@ class Printable:
     line: Line
 
     def scaled(self, share: float) -> Printable:
-        """Scale every length by a factor."""
         (vertices, faces), line = self.mesh, self.line
         points, radius, beside = share * line.points, share * line.radius, share * line.beside
         line = replace(line, points=points, radius=radius, beside=beside)
@@ -59,7 +58,8 @@ class PrintPlate:
 
 @dataclass(frozen=True)
 class Plates:
-    """All plates; `cuts` counts the cuts of each body, `pins` gives their diameters and lengths, mm."""
+    """All plates; `cuts` counts the cuts of each body, `pins` are their diameters and lengths,
+    mm."""
 
     plates: list[PrintPlate]
     cuts: list[int]
@@ -67,11 +67,11 @@ class Plates:
     poses: list[PoseFigures]
 
     def files(self, suffix: str = "") -> list[str]:
-        """Return the plates' file names; `suffix` is such as "-01" of a sequence's frame."""
+        """Name the plates' files; `suffix` is such as "-01" of a sequence's frame."""
         return [f"plate{suffix}-{number}.3mf" for number in range(1, len(self.plates) + 1)]
 
     def figures(self, suffix: str = "") -> PlatesFigures:
-        """Return what a report says of them."""
+        """Make the plates' entry in the report."""
         diameters = [diameter for diameter, _ in self.pins]
         return PlatesFigures(
             files=tuple(
@@ -105,13 +105,13 @@ def lay_on_plates(
 ) -> Plates:
     """Lay every body on a plate in a print pose of its own; bodies that no plate holds are cut.
 
-    Pieces are cut so that their supports fit beside them (`rules.margin_mm`), or where no cut leaves that
-    room, so that they fit themselves, as a whole piece would (`choose_pose`).
+    Pieces are cut so that their supports fit beside them (`rules.margin_mm`); or if no cut leaves
+    that room, so that they fit themselves, as a whole piece would (`choose_pose`).
 
     Args:
         part_pose: pose of the assembled piece, as it is written to part.stl.
         gap_mm: the least between strands; see `cut_body`.
-        upright: the turn that a mount asks for; a body that it does not let fit may lie otherwise.
+        upright: the rotation that a mount asks for; a body that does not fit so may lie otherwise.
 
     Raises:
         SceneError: a body does not fit and cannot be cut; names it and the numbers.
@@ -156,9 +156,10 @@ def _cut_to_fit(
     gap: float,
     pose: Callable[[str, Mesh, Array, float, bool], _PosedBody],
 ) -> tuple[list[_PosedBody], list[tuple[float, float]]]:
-    """Return the posed pieces of a body, and their pins; a little smaller where one misses the printer.
+    """Cut a body and pose the pieces, with their pins; make it a little smaller if one misses the
+    printer.
 
-    `rooms` are tried in their order; where none serves, the error says why the last does not.
+    `rooms` are tried in their order; if none serves, the error says why the last does not.
     """
     why: SceneError | None = None
     for room, share in product(rooms, (1.0, 0.96, 0.92, 0.85)):
@@ -181,7 +182,7 @@ def _cut_to_fit(
 def _pack(
     posed: Sequence[_PosedBody], room: tuple[float, float, float], to_part: Array
 ) -> list[PrintPlate]:
-    """Return rows of bodies, the deepest first, on as few plates as that takes."""
+    """Pack bodies in rows, the deepest first, on as few plates as that takes."""
     order = sorted(range(len(posed)), key=lambda k: -round(float(posed[k].size[1]), 3))
     plates: list[PrintPlate] = []
     spots: list[list[float]] = []  # for each plate: x and y of the next body, and the row's depth
@@ -259,7 +260,8 @@ def list_printables(
 def measure_hiding(
     points: Array, radius_mm: float, camera: Camera, mask: NDArray[np.bool_]
 ) -> Array:
-    """Measure (n,) from 0 on the picture's outline, or off the picture, to 1 three tube radii inside it."""
+    """Measure how well points are hidden (n,): 0 on the picture's outline or off it, 1 from three
+    tube radii inside."""
     pixel = float(np.linalg.norm(camera.du))
     depth = np.asarray(distance_transform_edt(mask)) * pixel
     uv = np.rint(camera.project(points)).astype(np.int64)
@@ -272,7 +274,8 @@ def measure_hiding(
 def _pegs(
     mounted: Mounted, knot: int, points: Array, radius: float
 ) -> tuple[NDArray[np.bool_], Array, Indices]:
-    """Find the vertices next to a peg, the points that bound the knot's pegs, and their vertices."""
+    """Find the vertices next to a peg, the points that bound the knot's pegs, and their
+    vertices."""
     barred = np.zeros(len(points), dtype=np.bool_)
     beside, beside_of = [np.empty((0, 3))], [np.empty(0, dtype=np.int64)]
     for peg in mounted.wall.pegs if mounted.wall is not None else ():
@@ -305,10 +308,11 @@ TOLERANCES_MM = (1e-3, 2e-3, 5e-3, 1e-2, 2e-2)
 
 
 def clean_body(body: Mesh) -> Mesh:
-    """Return the body with corners that single precision (STL) holds exactly, without crossings if possible.
+    """Round a body to what single precision (STL) holds exactly, if possible without crossings.
 
-    Each tolerance is tried until libigl's exact predicates find no two faces that cross and none
-    without an area; where none is enough, the last is returned and the validators will say so.
+    Tolerances are tried until libigl's exact predicates find no two faces that cross and none
+    without an area. If none is enough, the result of the last is returned and the validators will
+    say so.
 
     Args:
         body: a closed mesh in print coordinates.

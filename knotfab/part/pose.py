@@ -28,10 +28,11 @@ QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 
 @dataclass(frozen=True)
 class PoseAccount:
-    """The account of a pose's choice: `chosen` of the `tried` turns, the next best, the one of least height.
+    """How a pose was chosen: the `chosen` one of the `tried`, the next best, and the one of least
+    height.
 
-    `too_large` of the tried cost less but do not fit the printer. `within`: it keeps the printer's
-    limits for overhangs, as far as the estimates can say.
+    `too_large` of the tried cost less but do not fit the printer. `within` tells whether it keeps
+    the printer's limits for overhangs, as far as estimates can say.
     """
 
     chosen: Ranked
@@ -42,7 +43,7 @@ class PoseAccount:
     within: bool
 
     def figures(self, body: str | None = None) -> PoseFigures:
-        """Return what a report says of the pose, of a body on a plate with its name."""
+        """Make the pose's entry in the report; of a body on a plate, with its name."""
         return PoseFigures(
             **vars(_figures(self.chosen)),
             body=body,
@@ -57,10 +58,11 @@ class PoseAccount:
 
 @dataclass(frozen=True)
 class PrintPose:
-    """The piece on the bed: z up, least corner of its surface at the origin.
+    """The piece on the bed: z up, the least corner of its surface at the origin.
 
-    `matrix` is (4, 4), rigid unless the material shrinks, and takes print coordinates to the scene
-    (`[pose]`); `knots` and `tubes` are in print coordinates. `account`: where supports were weighed.
+    `matrix` (4, 4) takes print coordinates to the scene (`[pose]`), and is rigid unless the
+    material shrinks. `knots` and `tubes` are in print coordinates. There is an `account` if
+    supports were weighed.
     """
 
     matrix: Array
@@ -70,7 +72,7 @@ class PrintPose:
 
     @property
     def size_mm(self) -> Array:
-        """(3,) extents of the surface."""
+        """Extents of the surface, (3,)."""
         return box_of(self.tubes)[1]
 
 
@@ -85,22 +87,23 @@ def choose_pose(
 ) -> PrintPose:
     """Choose the pose that costs least to print among those that the build volume holds.
 
-    With `rules` some ninety turns are weighed by an estimate of their supports, their height and
-    how they stand (`knotfab.part.orient`), from the centre lines alone; the cheapest that fits is
-    taken. In powder the same turns are weighed by the volume of the piece's box. Without rules the axis
-    of least height points up. Each is tried square to the bed and, where it does not fit, turned about
-    the vertical.
+    With `rules` some ninety rotations are weighed by an estimate of their supports, their height
+    and how they stand (`knotfab.part.orient`), from the centre lines alone, and the cheapest that
+    fits is taken. In powder the volume of the piece's box is weighed instead. Without rules the
+    axis of least height points up. Each is tried square to the bed and, if it does not fit, turned
+    about the vertical.
 
     Args:
         knots: in scene coordinates.
         tubes: their meshes (vertices (n, 3) mm, faces), scene coordinates.
         build_volume_mm: width, depth and height of the printer.
         frame_mm: width and height of the picture's frame, for the advice when nothing fits.
-        upright: (3, 3) the turn from scene to bed that a mount asks for; then only turns about the
-            vertical are tried. The meshes are then whatever is to be printed, mount and all.
-        rules: the printer's for overhangs; not read where there is `upright`.
-        fixed_mm: the part of the extents, as `upright` gives them, that would stay with a smaller frame, for
-            that advice; the tube's thickness by default.
+        upright: (3, 3) the rotation from scene to bed that a mount asks for; then only rotations
+            about the vertical are tried. The meshes are then whatever is to be printed, mount and
+            all.
+        rules: the printer's for overhangs; not read if there is `upright`.
+        fixed_mm: the part of the extents, as `upright` gives them, that would stay with a smaller
+            frame, for that advice; the tube's thickness by default.
 
     Raises:
         SceneError: no such pose fits; names the sizes and the largest frame that would.
@@ -133,7 +136,7 @@ def _weigh(
     rules: Rules,
     frame: tuple[float, float] | None,
 ) -> PrintPose:
-    """Return the first of the poses in `order` that fits, with its supports if one does.
+    """Take the first of the poses in `order` that fits, with its supports if one does.
 
     `points` are the corners of the hull.
     """
@@ -161,7 +164,8 @@ def _weigh(
 def _fitting(
     points: Array, room: Array, order: Sequence[Ranked]
 ) -> tuple[list[tuple[Ranked, Array]], list[Array]]:
-    """Return the first poses that fit, with the turns in which they do; and the sizes of what did not."""
+    """Find the first poses that fit, with the rotations in which they do; and the sizes of those
+    that did not."""
     fitting: list[tuple[Ranked, Array]] = []
     sizes: list[Array] = []
     for pose in order:
@@ -177,7 +181,8 @@ def _fitting(
 def _find_turn(
     points: Array, room: Array, sides: Sequence[Array]
 ) -> tuple[Array | None, list[Array]]:
-    """Find the first turn with one of `sides` up that fits, square to the bed or not; and sizes before it."""
+    """Find the first rotation with one of `sides` up that fits, square to the bed or not; and sizes
+    before it."""
     sizes: list[Array] = []
     for turn, size in chain(_square_turns(points, sides), _oblique_turns(points, room, sides)):
         if _fits(size, room):
@@ -207,7 +212,7 @@ def _figures(pose: Ranked) -> TurnFigures:
 def lay_on_bed(
     knots: Knots, tubes: Sequence[Mesh], turn: Array, account: PoseAccount | None = None
 ) -> PrintPose:
-    """Return the piece turned by `turn` (3, 3) from the scene and laid on the bed's corner."""
+    """Rotate the piece by `turn` (3, 3) from the scene, and move it to the bed's corner."""
     turned = [(vertices @ turn.T, faces) for vertices, faces in tubes]
     corner, _ = box_of(turned)
     to_print, to_scene = np.eye(4), np.eye(4)
@@ -219,7 +224,7 @@ def lay_on_bed(
 
 
 def _square_turns(points: Array, sides: Sequence[Array]) -> list[tuple[Array, Array]]:
-    """Return the turns (3, 3) of `sides`, and a quarter further, and the sizes they give; least height first.
+    """Rotate each of `sides` up, and a quarter further; with the sizes, least height first.
 
     Ties keep the order of preference.
     """
@@ -229,9 +234,9 @@ def _square_turns(points: Array, sides: Sequence[Array]) -> list[tuple[Array, Ar
 
 
 def _compact_turns(points: Array, sides: Sequence[Array]) -> list[tuple[Array, Array]]:
-    """Return each side up, turned about the vertical to the least footprint; the least box first.
+    """Rotate each side up, then about the vertical to the least footprint; the least box first.
 
-    Each way round: the bed may be longer in one direction.
+    Both ways round are listed, for the bed may be longer in one direction.
     """
     found = []
     for side in sides:
@@ -245,7 +250,7 @@ def _compact_turns(points: Array, sides: Sequence[Array]) -> list[tuple[Array, A
 
 
 def _sweep_about(points: Array) -> tuple[Array, Array, Array]:
-    """Return angles about the vertical, rad, and the widths and depths of the footprint at each."""
+    """Return angles about the vertical, rad, and the footprint's width and depth at each."""
     flat = _corners(points[:, :2])
     angle = np.deg2rad(np.arange(0.0, 180.0, 0.25))
     c, s = np.cos(angle), np.sin(angle)
@@ -267,7 +272,8 @@ def _quarters(turn: Array) -> tuple[tuple[Array, Array], ...]:
 def _oblique_turns(
     points: Array, room: Array, sides: Sequence[Array]
 ) -> Iterator[tuple[Array, Array]]:
-    """Find for each side up the turn about the vertical that leaves most room; least height first."""
+    """Find for each side up the rotation about the vertical that leaves most room; least height
+    first."""
     for upright, _ in _square_turns(points, sides)[::2]:
         turned = points @ upright.T
         angle, width, depth = _sweep_about(turned)
@@ -283,7 +289,7 @@ def _too_large(
     frame: tuple[float, float] | None,
     mounted: bool = False,
 ) -> SceneError:
-    """Return the factor that fits: a smaller frame shrinks all of a size but the part `fixed` (3,)."""
+    """Say which smaller frame would fit: it shrinks all of a size but the part `fixed` (3,)."""
     scales = [
         float(((room - fixed) / np.maximum(size - fixed, 1e-9))[size > room + FITS_MM].min())
         for size in sizes
@@ -320,7 +326,7 @@ def _by(size: Array) -> str:
 
 
 def _corners(points: Array) -> Array:
-    """Return the corners of the convex hull of points; all points where they are flat."""
+    """Return the corners of the points' convex hull; all points if they are flat."""
     try:
         return np.asarray(points[ConvexHull(points).vertices])
     except QhullError:

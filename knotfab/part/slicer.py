@@ -1,4 +1,5 @@
-"""Slice written 3MF files with PrusaSlicer, beside the build, without touching anybody's settings."""
+"""Slice written 3MF files with PrusaSlicer, beside the build, without touching anybody's
+settings."""
 
 from __future__ import annotations
 
@@ -42,9 +43,7 @@ MOST_QUOTED = 400  # characters quoted of its output
 class SlicerQueue:
     """`slice_part` of file after file, on threads of their own, while others search and verify.
 
-        with SlicerQueue() as queue:
-            sliced = queue.submit(folder / "part.3mf", scene)
-            ...
+        with SlicerQueue() as queue: sliced = queue.submit(folder / "part.3mf", scene) ...
             sliced.result()
 
     Leaving the context ends the program if it still runs, and removes its temporary files.
@@ -76,7 +75,7 @@ class SlicerQueue:
     def submit(
         self, part_3mf: Path, scene: ResolvedScene, kept_png: bytes = b""
     ) -> Future[Sliced | NotSliced]:
-        """Slice a file that `write_3mf` wrote, when its turn comes. Arguments as `slice_part` has them."""
+        """Queue a file that `write_3mf` wrote. Arguments are as for `slice_part`."""
         return self._threads.submit(
             slice_part,
             part_3mf,
@@ -90,7 +89,7 @@ class SlicerQueue:
         )
 
     def _hear(self, said: str) -> None:
-        """Take note of the last per cent that the program told; it goes back and forth."""
+        """Note the last percentage that the program printed; it goes back and forth."""
         self.done = max(
             (int(n) / 100 for n in re.findall(r"^ *(\d+) => ", said, re.M)), default=0.0
         )
@@ -116,9 +115,9 @@ def slice_part(
         scene: resolved; its printer is what the G-code must keep to.
         work: an existing folder for temporary files, all removed again; the machine's by default.
         timeout_s: over both runs of the program.
-        program: program of PrusaSlicer; the one on the path by default.
-        stop: ends the program when it is set. hear: told what it says while it slices.
-        kept_png: a picture of the part; where it is given, the G-code is kept beside the file, with it.
+        program: path of PrusaSlicer; the one on the path by default.
+        stop: ends the program when it is set. hear: called with what it prints while it slices.
+        kept_png: a picture of the part; with it, the G-code is kept beside the file.
 
     Raises:
         ValueError: the file is not a 3MF.
@@ -197,7 +196,7 @@ class _Job:
     def _call(
         self, *arguments: str, heard: Callable[[str], None] | None = None
     ) -> Ended | NotSliced:
-        """Run the program; NotSliced where it did not end well."""
+        """Run the program; NotSliced if it did not end well."""
         left = self.timeout_s - (time.monotonic() - self.began)
         command = [self.program, "--datadir", "settings", *arguments]
         if heard is not None and (flush := shutil.which("stdbuf")):
@@ -226,7 +225,7 @@ class _Job:
 
 
 def _quote(ended: Ended) -> str:
-    """Quote the program's words beside its progress, in one line."""
+    """Quote what the program said apart from its progress, in one line."""
     said = [*read_warnings(ended.err), *read_warnings(ended.out)]
     text = "; ".join(" ".join(warning.text.split()) for warning in said)
     return text if len(text) <= MOST_QUOTED else text[:MOST_QUOTED] + " …"

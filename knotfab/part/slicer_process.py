@@ -1,4 +1,4 @@
-"""One command with limits on its time and its output: nothing of it is left when it returns."""
+"""Run one command with limits on its time and output, and leave nothing of it behind."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ OUT_OF_TIME = "no answer in time"
 
 @dataclass(frozen=True)
 class Ended:
-    """The end of a command: its exit code (negative: a signal), or why it was stopped."""
+    """How a command ended: its exit code (negative: a signal), or why it was stopped."""
 
     code: int
     out: str
@@ -44,15 +44,15 @@ def run_limited(
     stop: threading.Event | None = None,
     hear: Callable[[str], None] | None = None,
 ) -> Ended:
-    """Run `command` in `folder`, which is its home, in a process group that is killed when it must stop.
-
-    On Linux it ends with this process, too.
+    """Run `command` in `folder`, which is its home, in a process group that is killed when it must
+    stop.
 
     It is stopped when `timeout_s` have passed, when it says or writes too much, and when `stop` is
-    set. What it says goes to files of the folder, so that it never waits for a reader.
+    set. On Linux it ends with this process, too. What it says goes to files of the folder, so that
+    it never waits for a reader.
 
     Args:
-        hear: told what it has said so far, while it runs.
+        hear: called with what it has said so far, while it runs.
 
     Raises:
         OSError: the command cannot be started.
@@ -93,7 +93,7 @@ def run_limited(
 
 
 def _environment(folder: Path) -> dict[str, str]:
-    """Return this process's environment, but with a home of its own, no display and no other language."""
+    """Copy this process's environment, with another home, no display and the language "C"."""
     kept = {
         key: value
         for key, value in os.environ.items()
@@ -139,14 +139,14 @@ REMEDY = "apt-get install --no-install-recommends prusa-slicer"
 
 
 def find_slicer() -> str | None:
-    """Find the program's path, where it is installed."""
+    """Find the program's path, if it is installed."""
     path = os.pathsep.join([os.environ.get("PATH", os.defpath), *PLACES])
     return next(filter(None, (shutil.which(name, path=path) for name in NAMES)), None)
 
 
 @cache
 def ask_help(program: str) -> Ended:
-    """Ask for its help text, which begins with its version."""
+    """Print its help text, which begins with its version."""
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as home:
         try:
             return run_limited([program, "--help"], Path(home), 20.0)
@@ -155,7 +155,8 @@ def ask_help(program: str) -> Ended:
 
 
 def read_version(program: str) -> tuple[int, int] | None:
-    """Read its version's first two numbers, as it says them itself; None where it does not."""
+    """Read the first two numbers of its version from its own words; None if it does not say
+    them."""
     found = re.search(r"PrusaSlicer-(\d+)\.(\d+)", ask_help(program).out)
     return None if found is None else (int(found[1]), int(found[2]))
 
@@ -200,7 +201,7 @@ class Sliced:
 
 @dataclass(frozen=True)
 class NotSliced:
-    """The reason why there are no figures.
+    """Why there are no figures.
 
     - `missing`: the program is not installed; `process`: the piece is not of filament; `stopped`:
       no answer in the time it had. Nothing is known of the part.
@@ -217,8 +218,8 @@ class NotSliced:
 def sum_slicings(files: Mapping[str, Sliced | NotSliced]) -> Sliced | NotSliced:
     """Sum several files, by their names: the first that could not be sliced decides.
 
-    Times, filament, layers and objects are summed; checks and warnings say of which file they are, and
-    the command is that of part-N.3mf.
+    Times, filament, layers and objects are added. Checks and warnings name their file, and the
+    command is that of part-N.3mf.
     """
     for name, one in files.items():
         if isinstance(one, NotSliced):

@@ -36,7 +36,7 @@ FILAMENTS = {
 
 
 def why_not_sliced(scene: ResolvedScene) -> str | None:
-    """Say why a slicer for filament has nothing to say of this piece; None where it has."""
+    """Say why a slicer for filament has nothing to say of this piece; None if it has."""
     if scene.material.process == "wire":
         return "wire: bent, not sliced"
     resin = "resin" in (scene.material.process, scene.printer.process)
@@ -57,10 +57,10 @@ def line_width(scene: ResolvedScene) -> float:
 def profile(scene: ResolvedScene, program: str | None = None) -> dict[str, str]:
     """Return PrusaSlicer's settings for a print of this scene, by their names in its .ini files.
 
-    Supports are branches (organic) where the `program` that is to read it is known to grow them.
-    Bed, height, nozzle, layers and supports are the printer's; density and temperatures the
-    material's; the rest is a cautious machine, so that the time is rather too long than too short.
-    Names are those of PrusaSlicer 2.5, which later versions read too.
+    Bed, height, nozzle, layers and supports are the printer's, density and temperatures the
+    material's. The rest is a cautious machine, so that the time is rather too long than too short.
+    Supports are branches (organic) if the `program` that is to read the file can grow them. Names
+    are those of PrusaSlicer 2.5, which later versions read too.
     """
     printer, material = scene.printer, scene.material
     across, deep, high = printer.build_volume_mm
@@ -137,16 +137,18 @@ def profile(scene: ResolvedScene, program: str | None = None) -> dict[str, str]:
 
 
 def _support_style(program: str | None) -> str:
-    """Return branches that touch a strand's underside alone, or else walls no wider than it.
+    """Choose branches that touch a strand's underside alone, or else walls no wider than it.
 
-    A grid would widen them to its cells: half the filament. A version without branches refuses the file.
+    A grid would widen them to its cells: half the filament. A version without branches refuses the
+    file.
     """
     version = None if program is None else read_version(program)
     return "organic" if version is not None and version >= (2, 6) else "snug"  # PrusaSlicer
 
 
 def write_profile(folder: Path, scene: ResolvedScene) -> None:
-    """Write slicer.ini, where a slicer for filament has something to say of the piece: for the one here."""
+    """Write slicer.ini for the program of this machine, if a slicer has something to say of the
+    piece."""
     if why_not_sliced(scene) is None:
         found = profile(scene, find_slicer()).items()
         text = "".join(f"{key} = {value}\n" for key, value in found) + _tell_change(scene)
@@ -154,7 +156,7 @@ def write_profile(folder: Path, scene: ResolvedScene) -> None:
 
 
 def _tell_change(scene: ResolvedScene) -> str:
-    """Return lines that offer a change of filament above the plate in which a piece stands, as comments."""
+    """Write comments that offer a change of filament above the plate in which a piece stands."""
     if not scene.mount.on_feet:
         return ""
     layers = ceil(
@@ -223,7 +225,7 @@ _START = re.compile(r"^print(?:_object)? warning: ")
 
 
 def explain_warning(text: str) -> SlicerWarning:
-    """Return `text` with what is known of it."""
+    """Add to a warning what is known of it."""
     for pattern, explanation, settled in _KNOWN:
         if re.search(pattern, text):
             return SlicerWarning(text, explanation, settled)
@@ -231,10 +233,10 @@ def explain_warning(text: str) -> SlicerWarning:
 
 
 def read_warnings(said: str) -> list[SlicerWarning]:
-    """Read the warnings in what PrusaSlicer said: all that is not its report of progress.
+    """Read the warnings in what PrusaSlicer said: all that does not report progress.
 
-    A warning runs over several lines, up to the next line of progress; the same one is given once.
-    Lines that belong to no warning stand for themselves.
+    A warning runs over several lines, up to the next line of progress; a repeated one is listed
+    once. Lines that belong to no warning stand for themselves.
     """
     blocks: list[list[str]] = []
     inside = False

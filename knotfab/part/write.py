@@ -46,7 +46,7 @@ def make_pose(matrix: Array, plates: Plates | None = None, suffix: str = "") -> 
 
 
 def pose_scene(part: Part, suffix: str = "") -> SettledScene:
-    """Return the part's scene, its mount resolved, with the pose that takes the written files to it."""
+    """Add to the part's scene, its mount resolved, the pose that takes the written files to it."""
     pose, scene = make_pose(part.pose.matrix, part.plates, suffix), part.mounted.scene
     table, _ = part.framing
     sheets = () if table is None else table.sheets
@@ -66,7 +66,8 @@ def write_part(
     colours: bool = False,
     suffix: str = "",
 ) -> None:
-    """Write part.stl and .3mf, the plates, a mount's coupon, knots.json, the pictures and scene.toml.
+    """Write part.stl and .3mf, the plates, a mount's coupon, knots.json, the pictures and
+    scene.toml.
 
     Args:
         scene: with the pose (`pose_scene`).
@@ -114,7 +115,8 @@ def write_part(
 
 
 def write_model(folder: OutputFolder, part: Part, scene: SettledScene, suffix: str = "") -> None:
-    """Write part.glb, which is looked at and not verified. Arguments as `write_part` has them."""
+    """Write part.glb, which is for looking at and not verified. Arguments are as for
+    `write_part`."""
     assert scene.pose is not None
     pose, color = np.array(scene.pose.matrix), scene.material.color
     write_glb(folder.file(f"part{suffix}.glb"), part.bodies, pose, part.names, color)
@@ -123,9 +125,10 @@ def write_model(folder: OutputFolder, part: Part, scene: SettledScene, suffix: s
 def write_unbuilt(
     folder: OutputFolder, made: Design, targets: Sequence[Target], suffix: str = ""
 ) -> SettledScene:
-    """Write knots.json, the pictures and scene.toml of knots without a part; returns that scene.
+    """Write knots.json, the pictures and scene.toml of knots without a part; return that scene.
 
-    The knots are `enlarge_knots`, as a part's would be, and the scene's pose takes them back.
+    The knots are enlarged as a part's would be (`enlarge_knots`), and the scene's pose takes them
+    back.
     """
     scene = made.scene.but(pose=make_pose(shrink_of(made.scene)))
     enlarge_knots(made).write(folder.file(f"knots{suffix}.json"))
@@ -161,7 +164,7 @@ def write_glb(
 
     Args:
         pose: (4, 4), from the bodies' coordinates to the scene, whose y is up as glTF's is.
-        names: names of the bodies. color: their colour, "#rrggbb".
+        names: of the bodies. color: theirs, "#rrggbb".
     """
     import trimesh as untyped
 
@@ -189,10 +192,11 @@ GCODE_PX = 480  # G-code has smaller copies of this picture
 
 
 def about_part(part: Part, scene: SettledScene, targets: Sequence[Target]) -> About:
-    """Return the words of the part's 3MF files: the scene's [about], and what follows from the piece itself.
+    """Collect the words of the part's 3MF files: the scene's [about], and what follows from the
+    piece.
 
-    Without a title it is the pictures' names; without a designer, knotfab. Terms of a licence are left out
-    where nobody gave them: whose the picture is, no file says.
+    The title defaults to the pictures' names, the designer to knotfab. Without terms of a licence
+    the file has none: whose the picture is, it cannot know.
     """
     names = " and ".join(target.shown for target in targets)
     return About(
@@ -205,7 +209,7 @@ def about_part(part: Part, scene: SettledScene, targets: Sequence[Target]) -> Ab
 
 
 def draw_thumbnail(part: Part, views: Sequence[ResolvedView], pixels: int) -> bytes:
-    """Draw the part as the first view's light sees it, so that its picture shows: a PNG, square."""
+    """Draw the part as the first view's light sees it, so that its picture shows: a square PNG."""
     vertices, faces = join_meshes(part.bodies)
     seen = vertices @ part.pose.matrix[:3, :3].T + part.pose.matrix[:3, 3]
     found = io.BytesIO()
@@ -214,7 +218,7 @@ def draw_thumbnail(part: Part, views: Sequence[ResolvedView], pixels: int) -> by
 
 
 def _describe(part: Part, views: Sequence[ResolvedView], names: str) -> str:
-    """Say what the piece is and how to light it, in a sentence; setup.pdf says more."""
+    """Say in a sentence what the piece is and how to light it; setup.pdf says more."""
     view, knots = views[0], part.pose.knots
     tube = f"{count_in_words(len(knots.knots))} of a tube {length(2 * knots.radius_mm)} mm thick"
     tube = tube[:1].upper() + tube[1:]

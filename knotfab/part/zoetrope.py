@@ -1,8 +1,8 @@
 """A zoetrope: all frames of a sequence on one ring, upright and facing outwards, as one solid.
 
-Seen from outside, at the scaled distance of the light, each frame shows its picture as it comes to the
-front. Every frame stands on posts below its lowest strands, so that a figure may also leap. The ring has
-a hub for the spindle of a record player, to spin it under a lamp that flashes.
+Seen from outside, at the scaled distance of the light, each frame shows its picture as it comes to
+the front. Every frame stands on posts below its lowest strands, so that a figure may also leap. The
+ring has a hub for the spindle of a record player, on which it spins under a flashing lamp.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ _POST = 0.9  # a share of the tube's radius: a post ends inside the tube
 class Zoetrope:
     """The solid in print pose (z up, on the bed's positive octant), mm, and its figures.
 
-    `scale`: scale of the frames against their parts. `tube_radius_mm`: as printed, and `gap_mm`: the smallest
-    between two strands.
+    `scale` is that of the frames against their parts, `tube_radius_mm` the radius as printed,
+    `gap_mm` the smallest gap between two strands.
     """
 
     mesh: Mesh
@@ -56,7 +56,7 @@ def find_footholds(points: Array, width: float, height: float) -> list[int]:
     """Find up to four vertices for posts: the lowest dips of the curve, spread out.
 
     Args:
-        points: (n, 3) mm, y up. width, height: width and height of the frame's knot, mm.
+        points: (n, 3) mm, y up. width, height: of the frame's knot, mm.
     """
     y = points[:, 1]
     dips = np.flatnonzero((y <= np.roll(y, 1)) & (y <= np.roll(y, -1)))
@@ -78,8 +78,8 @@ def build_zoetrope(
     """Place all frames at even angles on a ring, as large as the printer holds, at most full size.
 
     Args:
-        frames: in scene coordinates, one knot each, all of one radius, in the order of the sequence;
-            seen from above they follow each other counter-clockwise.
+        frames: in scene coordinates, one knot each, all of one radius, in the order of the
+            sequence; seen from above they follow each other counter-clockwise.
         clearance_mm: between strands, which the frames keep.
 
     Raises:
@@ -142,7 +142,7 @@ def build_zoetrope(
 
 
 def _distance(count: int, beside: float, nearest: float, radius: float) -> float:
-    """Measure how far from the axis the frames' planes are, so that each keeps to its own sector."""
+    """Choose how far from the axis the frames' planes are, so that each keeps to its own sector."""
     least = 3.0 * radius - nearest
     if count < 3:
         return least
@@ -150,7 +150,7 @@ def _distance(count: int, beside: float, nearest: float, radius: float) -> float
 
 
 def _ring(outer: float, inner: float) -> Manifold:
-    """Return the ring with its hub and spokes, in mm as printed, its top at z = 0."""
+    """Make the ring with its hub and spokes, in mm as printed, its top at z = 0."""
     from manifold3d import Manifold
 
     ring = Manifold.cylinder(_THICK_MM, outer, outer, 256)
@@ -169,7 +169,7 @@ def _ring(outer: float, inner: float) -> Manifold:
 
 
 def _standing(knots: Knots, ground: float) -> tuple[Manifold, int]:
-    """Return a frame's tube with its posts down to the height `ground`, y up; and how many posts."""
+    """Stand a frame's tube on posts down to the height `ground`, y up; with the number of posts."""
     from manifold3d import Manifold
 
     knot, radius = knots.knots[0], knots.radius_mm
@@ -186,7 +186,8 @@ def _standing(knots: Knots, ground: float) -> tuple[Manifold, int]:
 
 
 def _tube(knot: Knot, radius: float) -> Manifold:
-    """Return the tube with fewer rings if it bends little enough: scaled down, they are fine all the same."""
+    """Sweep the tube with fewer rings if it bends little enough: scaled down, they are fine all the
+    same."""
     count = len(knot.points)
     most = max(1, int(0.55 * radius * count / knot.length_mm))  # tube radii between rings
     step = next(k for k in range(most, 0, -1) if count % k == 0)

@@ -114,10 +114,10 @@ def enclosed_parts(colours: Colours, inside: Mask) -> tuple[Mask, Clusters | Non
 
 
 def _seams(main: Mask, inside: Mask, kinds: NDArray[np.uint8]) -> Mask:
-    """Return pixels that only look like the main colour: seams where two other colours mix.
+    """Mark pixels that only look like the main colour: seams where two other colours mix.
 
-    A seam is nowhere 3 px thick, lies alone or has 6 px, and no other colour makes up more than four fifths
-    of the pixels beside it.
+    A seam is nowhere 3 px thick, lies alone or has 6 px, and no other colour makes up more than
+    four fifths of the pixels beside it.
     """
     from scipy import ndimage
 

@@ -57,10 +57,10 @@ def supply_fonts(asked: str | None) -> tuple[str, ...]:
     """Return the font files to draw with: the one asked for, then the bundled ones.
 
     Args:
-        asked: a family's name, such as "DejaVu Serif", or a font file; None: no matter which.
+        asked: a family's name, such as "DejaVu Serif", or a font file; None for any.
 
     Raises:
-        InputError: there is no such font, or the file is none.
+        InputError: there is no such font, or the file is not a font.
     """
     supplied = tuple(f"{supplied_folder()}/{name}.ttf" for name in _SUPPLIED)
     return supplied if asked is None else (_named_font(asked), *supplied)
@@ -168,7 +168,8 @@ def list_families() -> tuple[str, ...]:
 
 
 def _ask_fontconfig(form: str, pattern: str) -> list[str]:
-    """Return a line in this format for each matching font; none without fontconfig."""
+    """Ask fontconfig for a line in this format about each matching font; none without
+    fontconfig."""
     program = shutil.which("fc-list")
     if program is None:
         return []

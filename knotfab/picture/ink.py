@@ -121,7 +121,7 @@ def takes_alpha(colours: Levels, alpha: NDArray[np.uint8] | None, reading: Readi
 
 
 def _faint(alpha: NDArray[np.uint8], what: str) -> InputError:
-    """Return the error for a picture without opaque pixels, with a remedy."""
+    """Make the error for a picture without opaque pixels, with a remedy."""
     from scipy import ndimage
 
     peak = int(alpha.max()) / 255
@@ -138,7 +138,7 @@ def _faint(alpha: NDArray[np.uint8], what: str) -> InputError:
 
 
 def _take_opaque(colours: Levels, opaque: Mask, reading: Reading) -> tuple[Mask, str]:
-    """Return the opaque pixels without enclosed parts in another colour than the main one."""
+    """Mark the opaque pixels, without enclosed parts in another colour than the main one."""
     rule = f"what is opaque [alpha at least {reading.threshold:g}]"
     if reading.ink == "alpha" or colours.ndim == 2:
         return opaque, rule
@@ -209,7 +209,8 @@ def _squares(colours: Levels, middle: Array) -> NDArray[Any]:
 def _differ(
     colours: Levels, middle: Array, threshold: float, what: str, clear: Mask | None
 ) -> Mask:
-    """Return opaque pixels that differ from a colour by more than a share of the largest difference."""
+    """Mark opaque pixels that differ from a colour by more than a share of the largest
+    difference."""
     squared = _squares(colours, middle)
     if clear is not None:
         squared[clear] = 0
@@ -227,7 +228,7 @@ def _differ(
 
 
 def _flood(colours: Levels, threshold: float, what: str) -> Mask:
-    """Return the background: pixels near a colour of the border and connected to it."""
+    """Mark the background: pixels near a colour of the border and connected to it."""
     if colours.dtype != np.uint8:
         colours = (colours >> 8).astype(np.uint8)
     rgb = np.stack([colours] * 3, axis=-1) if colours.ndim == 2 else colours
@@ -242,7 +243,7 @@ def _flood(colours: Levels, threshold: float, what: str) -> Mask:
 def _split_brightness(
     colours: Levels, opaque: Mask, reading: Reading, what: str
 ) -> tuple[Mask, str]:
-    """Return opaque pixels darker, or lighter, than a share of the way between the extremes."""
+    """Mark opaque pixels darker, or lighter, than a share of the way between the extremes."""
     if colours.ndim == 2:
         bright = colours.astype(np.int64)
     else:
@@ -270,7 +271,7 @@ def _one_colour(what: str) -> InputError:
 
 
 def name_colour(colour: Array | NDArray[np.uint8]) -> str:
-    """Return a colour as #rrggbb."""
+    """Write a colour as #rrggbb."""
     return "#" + "".join(f"{int(c):02x}" for c in colour)
 
 

@@ -122,7 +122,7 @@ def separate(
     """Separate a picture, which errors call `what`, into masks of lamps of linear colours (n, 3).
 
     Args:
-        most: no more mixtures than that are used, those that take most of the picture; 0: all.
+        most: how many mixtures to use, those that take most of the picture; 0: all.
 
     Raises:
         InputError: the picture is grey, or a lamp is hidden nowhere.
@@ -311,7 +311,7 @@ def _voted(labels: Labels, reach_px: float) -> Labels:
 
 
 def _without_specks(labels: Labels, least_px: float) -> Labels:
-    """Give spots of fewer pixels to their surroundings."""
+    """Merge spots of fewer pixels into their surroundings."""
     small = np.zeros(labels.shape, dtype=bool)
     for k in np.unique(labels):
         parts, count = label(labels == k)
@@ -325,9 +325,10 @@ def _without_specks(labels: Labels, least_px: float) -> Labels:
 
 
 def _without_slivers(labels: Labels, reach_px: float) -> Labels:
-    """Give tapering ends thinner than twice the reach to their neighbours.
+    """Merge tapering ends thinner than twice the reach into their neighbours.
 
-    No strand is as thin as a crescent's horn. An area that is so thin all over, as a line is, stays.
+    No strand is as thin as a crescent's horn. An area that is so thin all over, as a line is,
+    stays.
     """
     thin = np.zeros(labels.shape, dtype=bool)
     for k in np.unique(labels):
@@ -367,5 +368,5 @@ def _tell(srgb: Array, off: Array, seen: Array) -> tuple[str, ...]:
 
 
 def _hex(pixels: Array) -> str:
-    """Return the median of colours (n, 3), as #rrggbb."""
+    """Write the median of colours (n, 3) as #rrggbb."""
     return "#{:02x}{:02x}{:02x}".format(*np.rint(255 * np.median(pixels, axis=0)).astype(int))

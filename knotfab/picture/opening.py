@@ -45,11 +45,11 @@ def _rectangle(shape: Polygon | LinearRing) -> tuple[Array, Array]:
 def least_ring(shape: Polygon | LinearRing, inset: float, bend: float, flat: bool = False) -> Array:
     """Return the smallest closed tube in a shape's place, as its projected centre line, (m, 2).
 
-    A closed tube is no smaller across than a circle of its least bend radius; seen from aside that is an
-    ellipse, which lies along the shape and is as wide as fits.
+    A closed tube is no smaller across than a circle of its least bend radius. Seen from the side
+    that is an ellipse, which lies along the shape and is as wide as fits.
 
     Args:
-        inset: inset of the centre line in the shape. bend: the least bend radius.
+        inset: of the centre line in the shape. bend: the least bend radius.
         flat: the ring cannot be turned out of the picture's plane.
     """
     middle, sides = _rectangle(shape)

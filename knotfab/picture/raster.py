@@ -200,7 +200,8 @@ def count_frames(data: bytes) -> int:
 
 
 def take_frames(data: bytes, most: int) -> Iterator[Image.Image]:
-    """Yield the frames of a moving picture, in RGBA, at most so many, up to one that is damaged."""
+    """Yield the frames of a moving picture, in RGBA: `most` of them, or those before a damaged
+    one."""
     with Image.open(io.BytesIO(data), formats=_formats()) as image:
         for number in range(most):
             try:
@@ -238,15 +239,18 @@ def silhouette(
 ) -> tuple[Mask, str, Box | None]:
     """Return the silhouette of a decoded picture, by the rules of docs/silhouette.md.
 
-    Cropped first; then the ink, inverted where that is asked for, its largest pieces, without specks.
+    The picture is cropped; then ink is found, and inverted if asked; then the largest pieces are
+    kept and specks removed.
 
     Args:
-        image: upright, as `decode` gives it.
+        image: upright, as from `decode`.
         what: how an error names the picture.
-        shrunk: so many px of the picture, across, are one of `image`; `reading` is in px of the picture.
+        shrunk: how many px of the picture make one of `image`, across; `reading` is in px of the
+            picture.
 
     Returns:
-        (H, W) bool of the cropped picture, row 0 at the top, True where the shape is; the rule in words;
+        (H, W) bool of the cropped picture, row 0 at the top, True where the shape is; the rule in
+            words;
         and the crop in px (left, top, width, height), None where there is none.
 
     Raises:
@@ -341,17 +345,17 @@ def encode_image(image: Image.Image, kind: str = "png", **options: Any) -> bytes
 
 
 def data_uri(data: bytes, media: str) -> str:
-    """Return a file's bytes as a data URI; `media` such as "image/png"."""
+    """Encode a file's bytes as a data URI; `media` is such as "image/png"."""
     return f"data:{media};base64,{base64.b64encode(data).decode('ascii')}"
 
 
 def image_uri(image: Image.Image, kind: str = "png", **options: Any) -> str:
-    """Return a picture as a data URI; arguments as `encode_image` has them."""
+    """Encode a picture as a data URI; arguments as for `encode_image`."""
     return data_uri(encode_image(image, kind, **options), f"image/{kind}")
 
 
 def silhouette_uri(mask: Mask) -> str:
-    """Return a silhouette (H, W) as a data URI of a two-colour PNG, at most 512 px long."""
+    """Encode a silhouette (H, W) as a data URI of a two-colour PNG, at most 512 px long."""
     image = Image.fromarray(~mask)
     if max(image.size) > _LONGER_PX:
         size = fit_size(*image.size, _LONGER_PX)

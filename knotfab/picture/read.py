@@ -49,23 +49,25 @@ _CRUMB = 0.01  # share of the ink below which a part is no piece of its own
 class Target(InNotebook):
     """A picture and its silhouette.
 
-    `mask` is (height, width) bool, row 0 at the top, True where the shape is that is drawn; `rule` says
-    which rule made it. `original` is the silhouette that a shadow is compared with, where that is not
-    what is drawn; where strokes were widened, `widened` is what it is judged by, that with wider strokes.
-    `line` (n, 2), in px, is the one closed line of a drawing in greys.
-    `crop_px` is the part of the picture that was read (left, top, width, height).
-    `png_bytes` is the file to copy beside scene.toml: the original's bytes for a pixel picture,
-    the canonical PNG for SVG and text. Reading that file again, in the same way, gives the same
-    mask. `suffix` (".png", ".jpg", ...) says what those bytes are. `name` is a
-    `plain_name`, `title` the name as it was given, where that can be shown.
-    Of a picture for a round wall the masks are as a flat one has them, once
-    `flattened_s`, the seconds that this took, is set; `drawing` is then what is drawn on the round one.
-    `bending`: by how much it is bent (and maybe mirrored), once it is: `mask` and `widened` are as bent.
-    `notes` say, a sentence each, what of the file is left out or guessed; `ink` and `threshold` are
-    those that were, `speck_px` the size of specks.
-    `shrunk`: so many px of the picture, across, are one of the masks, of a glance at a large picture.
-    `subject_png`: where a subject was cut out, its mask in the picture's size, white where it is, as a PNG.
-    `colours_png`: the picture in colours that the first lamp's mask was taken from, in its size, as a PNG.
+    `mask` (height, width) is True where the shape is that is drawn, row 0 at the top; `rule` says
+    how it was read. `original` is the silhouette that a shadow is compared with, if that is
+    another. If strokes were widened, the shadow is scored by `widened`, the original with these
+    strokes. `line` (n, 2) is the one closed line, px, that draws a picture in greys.
+
+    `crop_px` is the part of the picture that was read (left, top, width, height). `png_bytes` is
+    the file to copy beside scene.toml, with `suffix`: the original for a pixel picture, the
+    canonical PNG for SVG and text; read again in the same way it gives the same mask. `name` is a
+    `plain_name`, `title` the name as it was given, if it can be shown.
+
+    For a round wall the masks are as they would be on a flat one, once `flattened_s`, the seconds
+    that took, is set; `drawing` is then what is drawn on the round one. `bending` says how the
+    picture was bent, or mirrored; `mask` and `widened` are then as bent. `notes` are sentences on
+    what was left out or guessed. `ink` and `threshold` are those used, `speck_px` is the size of
+    specks. `shrunk` is how many px of the picture make one of the masks, across, after a glance at
+    a large picture.
+
+    `subject_png` is the mask of a subject that was cut out, white on black, and `colours_png` the
+    picture in colours from which the first lamp's mask was taken, both in the picture's size.
     """
 
     name: str
@@ -158,7 +160,7 @@ def name_picture(source: str) -> str:
 
 
 def is_picture(path: Path, suffixes: Collection[str] = PICTURE_SUFFIXES) -> bool:
-    """Return whether a file's name is that of a picture; hidden files are not pictures."""
+    """Return whether a file is named like a picture; hidden files are not pictures."""
     return path.suffix.lower() in suffixes and not path.name.startswith(".")
 
 

@@ -126,7 +126,7 @@ def _smooth(ring: Array, length: float, reach: float) -> Array:
 
 
 def _restore_area(ring: Array, area: float, reach: float) -> Array:
-    """Return the ring offset along its normals, by at most `reach` px, so that it encloses `area`."""
+    """Offset the ring along its normals, by at most `reach` px, so that it encloses `area`."""
     for _ in range(2):  # the second takes care of the offset's curvature term
         tangent = np.roll(ring, -1, axis=0) - np.roll(ring, 1, axis=0)
         tangent /= np.maximum(np.hypot(*tangent.T), 1e-9)[:, None]

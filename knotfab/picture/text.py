@@ -188,11 +188,13 @@ def render_text(text: str, font: str | None = None) -> bytes:
 
     Args:
         text: what stands after `text:`.
-        font: a family's name or a font file; None: the first of those that come along that serves.
+        font: a family's name or a font file; by default the first bundled one that has the
+            characters.
 
     Returns:
         A PNG, 2048 px on the longer side; the frame hugs the ink with a margin of 6 % of that. Its
-        text entry `Font` names the files of the fonts that were drawn from.
+            text
+        entry `Font` names the files of the fonts that were used.
 
     Raises:
         InputError: no ink, no such font, or a character that no font has.

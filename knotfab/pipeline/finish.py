@@ -19,11 +19,14 @@ from knotfab.pipeline.piece import WrittenPiece, files_for_slicer
 from knotfab.pipeline.settle import tell_depth
 from knotfab.report.drill_template import write_drill_template
 from knotfab.report.effects import (
-    advise,
+    advise_nearer_wall,
+    advise_widening,
     count_flattened,
     judge_made,
     list_contrasts,
     list_sags,
+    list_views,
+    tell_bounds,
     tell_contrast,
     tell_walls,
     tell_warnings,
@@ -39,7 +42,7 @@ from knotfab.report.for_maker import (
 )
 from knotfab.report.page import write_report_html
 from knotfab.report.pictures import draw_agreement, find_pictures, turn_piece
-from knotfab.report.posing import find_access, lay_out
+from knotfab.report.posing import find_access, report_posing
 from knotfab.report.report import (
     WirePlan,
     check_3mf,
@@ -56,7 +59,6 @@ from knotfab.report.report import (
 )
 from knotfab.report.setup import draw_sheets, write_setup
 from knotfab.report.viewer import HistoryFrame, viewer_data
-from knotfab.report.views import advise_widening, list_views, tell_bounds
 from knotfab.request import Outcome, Request
 from knotfab.scene.camera import cameras_of
 from knotfab_formats.report import Report
@@ -109,7 +111,7 @@ def report_piece(
         filament = printing and plan is None
         print_ = with_slicing(print_, sliced) if filament else print_
         how = piece.flattening, piece.suffix
-        print_, laid = lay_out(print_, part, *how, printing=printing, access=access)
+        print_, laid = report_posing(print_, part, *how, printing=printing, access=access)
         notes = _list_notes(piece, request, views, sliced, plan, (turned, laid))
         found = verdict, checks, views, print_, notes, sliced, plan
         return report_of(request, made, piece.knots, *found)
@@ -167,7 +169,7 @@ def _list_notes(
         *turned,
         *tell_binding(made),
         *tell_warnings(made.result.effects),
-        *advise(views, made),
+        *advise_nearer_wall(views, made),
         *tell_contrast(views),
         *tell_walls(views),
         *tell_bounds(made, targets),

@@ -36,8 +36,8 @@ from knotfab.part.write import (
 from knotfab.picture.read import Target
 from knotfab.pipeline.settle import settle_part
 from knotfab.pipeline.verifier import Files, Verifier
-from knotfab.report.checks import verdict_without_part
 from knotfab.report.setup import shadow_outlines
+from knotfab.report.summary import verdict_without_part
 from knotfab.request import Request
 from knotfab.scene.camera import Camera, cameras_of
 from knotfab_fixtures.step import write_centre_lines, write_solids

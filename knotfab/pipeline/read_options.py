@@ -13,7 +13,7 @@ from pydantic import BaseModel
 from knotfab.base.disk import at_home
 from knotfab.base.errors import read_length
 from knotfab.pipeline.options import KEYS, PictureOptions, options_from
-from knotfab.report.checks import CHECKS
+from knotfab.report.summary import CHECKS
 from knotfab_formats.bounds import option_of, takes_number, values_of, why_out_of_bounds, words_of
 from knotfab_formats.errors import InputError
 from knotfab_formats.piece import MOST_BEND, Material, Piece, Printer

@@ -17,7 +17,7 @@ from typing import Any
 from knotfab.base.disk import require_within
 from knotfab.base.errors import MachineError, explain_error
 from knotfab.base.pool import Crash, Workers, count_jobs
-from knotfab.report.checks import place_of
+from knotfab.report.summary import rank_check
 from knotfab_formats.errors import InputError, KnotfabError, read_as
 from knotfab_formats.verdict import Verdict
 
@@ -105,10 +105,8 @@ class Files:
 class Verifier:
     """Verifies written files in child processes, which load VTK while their parent still searches.
 
-        with Verifier(skip) as verifier:
-            answer = verifier.submit(files)
-            ...
-            verdict = answer.result()
+        with Verifier(skip) as verifier: answer = verifier.submit(files) ... verdict =
+            answer.result()
 
     Args:
         skip: the checks to leave out, for every piece.
@@ -168,7 +166,7 @@ class Answer:
             ) from late
         if "error" in answer:
             raise explain_unreadable(str(answer["error"]))
-        checks = sorted(answer["checks"], key=lambda check: place_of(check["name"]))
+        checks = sorted(answer["checks"], key=lambda check: rank_check(check["name"]))
         return read_as(Verdict, {**answer, "checks": checks})
 
 
@@ -241,7 +239,8 @@ def _crashed(crash: Crash) -> KnotfabError:
 
 
 def explain_unreadable(sentence: str) -> InputError:
-    """Turn the validators' `NAME: reason` about a file that they cannot read or write into an error."""
+    """Make an error of the validators' `NAME: reason` about a file that they cannot read or
+    write."""
     name, _, reason = sentence.partition(": ")
     if not reason:
         name, reason = "the files", sentence

@@ -41,12 +41,11 @@ def write_drill_template(
 ) -> list[str]:
     """Write drill-template-a4.pdf and drill-template-letter.pdf of a wall mount on dowels.
 
-    They print at full size: each hole a circle of its drill's diameter, with cross
-    hairs and its number, in the frame's outline, seen from the lamp's side. The same piece gives the
-    same bytes.
+    They print at full size and show the frame from the lamp's side, each hole a circle of its
+    drill's diameter with cross hairs and a number. The same piece gives the same bytes.
 
     Args:
-        suffix: suffix of the files' names.
+        suffix: of the files' names.
 
     Returns:
         The names of the files; none for any other mount.
@@ -55,11 +54,11 @@ def write_drill_template(
         return []
     place = placement_of(mounted, camera)
     across = np.array([peg.drill_mm for peg in mounted.wall.pegs])
-    facts = _facts(place, across, mounted.wall.settings.dowel_depth_mm + SPARE_DEPTH_MM)
+    facts = _list_facts(place, across, mounted.wall.settings.dowel_depth_mm + SPARE_DEPTH_MM)
     half = np.array(place.frame_mm) / 2 + 4.0  # mm around the frame
     reach = np.abs(place.holes).max(axis=0) + across.max()
     x, y = (float(v) for v in np.maximum(half, reach))
-    shown = Drawing("drill template", (-x, -y, x, y), partial(_draw, place, across))
+    shown = Drawing("drill template", (-x, -y, x, y), partial(_draw_holes, place, across))
     names = []
     for key, paper in PAPERS.items():
         names.append(f"drill-template{suffix}-{key}.pdf")
@@ -68,8 +67,8 @@ def write_drill_template(
     return names
 
 
-def _facts(place: Placement, across: Array, deep: float) -> list[str]:
-    """Return the page of words: what to do, and the table of the holes."""
+def _list_facts(place: Placement, across: Array, deep: float) -> list[str]:
+    """Write the page of words: what to do, and the table of holes."""
     bits = sorted({ceil(10 * a - 1e-6) / 10 for a in across})  # bits are sold with no more digits
     lines = [
         "Print all pages at 100 %, not fitted to the page.",
@@ -89,7 +88,7 @@ def _facts(place: Placement, across: Array, deep: float) -> list[str]:
     return lines
 
 
-def _draw(place: Placement, across: Array, axes: Axes, off: Array, window: Rectangle) -> None:
+def _draw_holes(place: Placement, across: Array, axes: Axes, off: Array, window: Rectangle) -> None:
     """Draw frame, holes and arrows on a page, moved by `off` (2,), mm, and clipped to the window."""
     from matplotlib.patches import Circle, Rectangle
 
@@ -135,18 +134,18 @@ _INNER = ((1, -1), (-1, -1), (-1, 1), (1, 1))
 
 
 def card_middles(frame_mm: tuple[float, float], margin_mm: float) -> Array:
-    """Return (4, 2) the marks' middles, mm right and down from the frame's top left corner, clockwise.
+    """Return the marks' middles (4, 2), mm right and down from the frame's top left corner,
+    clockwise.
 
     Args:
-        margin_mm: margin of the plate about the frame, whose corners the cards touch; 0: they touch the
-            frame's.
+        margin_mm: of the plate around the frame, whose corners the cards touch; 0 without a plate.
     """
     (w, h), off = frame_mm, margin_mm + CARD_MM / 2
     return np.array([[-off, -off], [w + off, -off], [w + off, h + off], [-off, h + off]])
 
 
 def draw_marks_page(paper: Paper, plate: bool) -> Figure:
-    """Draw the page of the four cards."""
+    """Draw the page with the four cards that are cut out."""
     from matplotlib.patches import Circle, Rectangle
 
     figure, axes = make_page(paper)

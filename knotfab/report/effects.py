@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from math import ceil
 from typing import TYPE_CHECKING, Any
 
@@ -10,6 +11,7 @@ from knotfab_formats.report import EffectLine, LimitLine
 from knotfab_formats.verdict import (
     Contrast,
     Misplacement,
+    Recognition,
     Sag,
     Verdict,
     View,
@@ -22,14 +24,15 @@ if TYPE_CHECKING:
     from knotfab.effects.base import Decision
     from knotfab.picture.read import Target
     from knotfab.problem import SearchResult
-    from knotfab_formats.scene import ResolvedScene
+    from knotfab_formats.scene import ResolvedScene, SettledScene
 
 
 _GAIN = 0.01  # a gain of brightness error from which on a nearer wall is worth a word
 
 
 def list_effects(result: SearchResult, verdict: Verdict) -> tuple[EffectLine, ...]:
-    """List a line an effect: what the design did, and what the validators' `verdict` says that they did."""
+    """List a line for each effect: what the design did, and what the validators' `verdict` says
+    they did."""
     lines = []
     for name, decision in result.effects.items():
         runs = [getattr(view, name, None) for view in verdict.views]
@@ -58,7 +61,8 @@ def list_effects(result: SearchResult, verdict: Verdict) -> tuple[EffectLine, ..
 
 
 def list_limits(result: SearchResult) -> tuple[LimitLine, ...]:
-    """List a line a limit: what it is, what was measured at the end, and how often its term was called."""
+    """List a line for each limit: what it is, what was measured at the end, how often its term was
+    called."""
     return tuple(
         LimitLine(
             name=name,
@@ -73,7 +77,7 @@ def list_limits(result: SearchResult) -> tuple[LimitLine, ...]:
 
 
 def limits_as_effects(limits: Sequence[LimitLine]) -> tuple[EffectLine, ...]:
-    """Return the limits as lines of `effects`, where earlier readers look for them."""
+    """Repeat the limits as lines of `effects`, where older readers look for them."""
     return tuple(
         EffectLine(
             name=line.name,
@@ -92,12 +96,13 @@ def limits_as_effects(limits: Sequence[LimitLine]) -> tuple[EffectLine, ...]:
 
 
 def tell_warnings(effects: Mapping[str, Decision]) -> list[str]:
-    """Say which effects are switched off that the scene calls for, a sentence each."""
+    """Warn of each effect that is switched off though the scene calls for it."""
     return [decision.warning for decision in effects.values() if decision.warning is not None]
 
 
 def list_contrasts(made: Design) -> list[Contrast | None]:
-    """List what light is where in each view, where the scene calls for it."""
+    """Measure how light and dark each view's wall is; None in each where the scene does not call
+    for it."""
     from knotfab.effects.base import Shadows, World
     from knotfab.effects.contrast import CONTRAST, contrast_of
 
@@ -116,9 +121,9 @@ def list_contrasts(made: Design) -> list[Contrast | None]:
 def judge_made(
     made: Design, scene: ResolvedScene, moves: Array | None, upwards: Array | None
 ) -> None:
-    """Judge the effects anew, once the piece is mounted and lies on the printer's bed.
+    """Judge the effects again, now that the piece is mounted and posed.
 
-    What is judged is the mesh that was written, whose mitres and corners stand out of the round tube.
+    The written mesh is judged, whose mitres and corners stand out of the round tube.
 
     Args:
         scene: with its mount resolved. moves: (N, 3) how far its mount lets each vertex sag, mm.
@@ -139,14 +144,14 @@ def judge_made(
 
 
 def count_flattened(effects: Mapping[str, Decision], targets: Sequence[Target]) -> None:
-    """Enter what it took to have the pictures of round walls as flat ones have them."""
+    """Record how long it took to flatten the pictures of round walls."""
     for target in targets:
         if target.flattened_s is not None and "wall" in effects:
             effects["wall"].count("picture", 1, target.flattened_s)
 
 
 def tell_walls(views: Sequence[View]) -> list[str]:
-    """Say which walls are round, a sentence each, where that matters."""
+    """Say which walls are round, one sentence each, where that matters."""
     said = []
     for view in views:
         if found := view.wall:
@@ -161,7 +166,8 @@ def tell_walls(views: Sequence[View]) -> list[str]:
 
 
 def list_sags(made: Design, moves: Array | None, masks: Sequence[Mask]) -> list[Sag | None]:
-    """List what is left of the knots' shadow in each view where the mount lets them sag, if it shows.
+    """Measure what is left of the knots' shadow in each view when its mount sags; None where none
+    shows.
 
     Args:
         moves: (N, 3) of each vertex, mm; None without a mount. masks: (H, W) the views' pictures.
@@ -183,7 +189,7 @@ def list_sags(made: Design, moves: Array | None, masks: Sequence[Mask]) -> list[
 
 
 def tell_contrast(views: Sequence[View]) -> list[str]:
-    """Tell how dark the shadows are, a sentence each, where that was looked at."""
+    """Say how dark the shadows are, one sentence for each view where that was measured."""
     said = []
     for view in views:
         found = view.contrast
@@ -205,7 +211,7 @@ def tell_contrast(views: Sequence[View]) -> list[str]:
 
 
 def tell_move(move: WorstMove, off: Misplacement, kind: str) -> str:
-    """Return a move of a misplacement in words: "the lamp 5 mm to the side"; `kind` is the view's."""
+    """Describe a misplacement, as "the lamp 5 mm to the side"; `kind` is the view's."""
     from knotfab.report.setup_words import LAMP_WAYS, TURN_WAYS
 
     if move.of == "turn":
@@ -216,11 +222,11 @@ def tell_move(move: WorstMove, off: Misplacement, kind: str) -> str:
     return f"the {what} {off.lamp_mm:g} mm {LAMP_WAYS[move.way]}"
 
 
-def advise(views: Sequence[View], made: Design) -> list[str]:
-    """Tell what a wide lamp's shadow would gain by a nearer wall, a sentence each.
+def advise_nearer_wall(views: Sequence[View], made: Design) -> list[str]:
+    """Say what a wide lamp's shadow would gain from a nearer wall, one sentence for each view.
 
-    What a blur adds to the error in brightness is in proportion to it, so what the measured error is above
-    that of the hard shadow is scaled by the mean blur there over that here; both of all strands.
+    The blur adds to the error in brightness in proportion to its width: what the measured error has
+    above that of the hard shadow is scaled by the mean blur there over that here, of all strands.
     """
     from knotfab.design.room import least_wall_mm
     from knotfab.scene.camera import view_axes
@@ -249,3 +255,72 @@ def advise(views: Sequence[View], made: Design) -> list[str]:
                 f"{view.light_size_mm:g} mm falls from {error:.3f} to about {left:.3f}."
             )
     return said
+
+
+def list_views(
+    views: Sequence[View],
+    made: Design,
+    targets: Sequence[Target],
+    contrasts: Sequence[Contrast | None],
+    sags: Sequence[Sag | None],
+) -> list[View]:
+    """Add to each of the validators' views what the maker knows of its picture and effects.
+
+    That is the rule by which the picture was read; of several views the `bound`, the best IoU of a
+    part without spill; and the file of what is drawn where that was bent. A part may have no views.
+    """
+    bounds = {v.name: b.iou for v, b in zip(made.scene.views, made.bounds, strict=False)}
+    files = {view.name: view.drawn_picture for view in made.scene.views}
+    each = zip(views, targets, contrasts, sags, strict=False)
+    return [
+        replace(
+            view,
+            silhouette=target.rule,
+            picture_notes=tuple(target.notes) or None,
+            bound=bounds.get(view.name),
+            drawn=files[view.name] if bounds and view.bending is not None else None,
+            contrast=contrast,
+            sag=sag,
+        )
+        for view, target, contrast, sag in each
+    ]
+
+
+def tell_bounds(made: Design, targets: Sequence[Target]) -> list[str]:
+    """Say how several pictures were made to agree, and where they contradict each other.
+
+    For one view there is nothing to say: nothing contradicts a single picture.
+    """
+    from knotfab.design.agree import tell_bending
+    from knotfab.design.hull import contradictions
+
+    if not made.bounds:
+        return []
+    bent = any(target.bending is not None for target in targets)
+    said = [f"The pictures are {tell_bending(targets, made.bounds)}."] if bent else []
+    return [*said, *contradictions(made.scene.views, made.bounds)]
+
+
+def advise_widening(verdict: Recognition | None, scene: SettledScene) -> list[str]:
+    """Advise --thicken where what is lost is thinner than the tube's shadow; otherwise nothing.
+
+    A larger picture is not advised: its strokes, once wider than one tube and not yet as wide as
+    two, are drawn no better.
+
+    Args:
+        scene: of the piece, or of a sequence's first frame.
+    """
+    if verdict is None or verdict.word in ("faithful", "good") or scene.views[0].thicken_mm:
+        return []
+    thin = [
+        loss
+        for loss in verdict.lost
+        if loss.what in ("piece", "stroke", "text") and 0.0 < loss.size_mm < loss.needed_mm
+    ]
+    if not thin:
+        return []
+    least = min(thin, key=lambda loss: loss.size_mm)
+    return [
+        f"What is lost is as thin as {least.size_mm:.1f} mm, and the tube's shadow is "
+        f"{least.needed_mm:.1f} mm wide: --thicken auto widens thin strokes to it."
+    ]

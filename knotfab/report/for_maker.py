@@ -68,7 +68,7 @@ FILES = (
 def tell_setup(
     mounted: Mounted, cameras: Sequence[Camera], tube_radius_mm: float
 ) -> tuple[SetupSteps, ...]:
-    """Write the report's `print.setup`: what to do for each view, and what lamp to take, in two sentences."""
+    """Say for each view what to do and which lamp to take: the report's `print.setup`."""
     return tuple(
         SetupSteps(
             view=view.name,
@@ -80,10 +80,10 @@ def tell_setup(
 
 
 def advise_lamp(view: View, tube_radius_mm: float) -> list[str]:
-    """Say which lamp will do, a sentence or two each: the drawing's facts, a phone's torch, a bulb.
+    """Say which lamp will do: the drawing's facts, then whether a phone's torch or a bulb will.
 
-    The shadow of an edge in the middle of the piece is as wide as the lamp, by the distances
-    behind and before it.
+    The shadow of an edge in the middle of the piece is blurred over the lamp's width times the
+    distance behind the piece over that before it.
     """
     facts = lamp_facts(view)
     if view.kind != "shadow" or view.light_has_sides:
@@ -104,9 +104,11 @@ def advise_lamp(view: View, tube_radius_mm: float) -> list[str]:
 
 
 def list_files(names: Iterable[str]) -> list[tuple[str, str]]:
-    """List the files beside a report with what each is for, those that a maker opens first.
+    """List the files beside a report with what each is for, those that a maker opens first at the
+    top.
 
-    Of the numbered ones of a sequence the first and the last stand for all: "part-01.3mf … part-12.3mf".
+    Where a sequence has many files of a kind, its first and last stand for all: "part-01.3mf …
+    part-12.3mf".
     """
     found = []
     for pattern, what in FILES:
@@ -121,7 +123,8 @@ def list_files(names: Iterable[str]) -> list[tuple[str, str]]:
 
 
 def draw_setup(folder: Path) -> list[str]:
-    """Draw the drawings of setup.svg without their words, as data URIs: one, or two that stand far apart."""
+    """Render the drawings of setup.svg without their words, as data URIs: two where they stand far
+    apart."""
     path = next(iter(sorted(folder.glob("setup*.svg"))), None)
     if path is None:
         return []
@@ -149,7 +152,8 @@ def draw_setup(folder: Path) -> list[str]:
 
 
 def _near_ink(image: Any, axis: int) -> NDArray[np.bool_]:
-    """Find which rows (axis 1) or columns (axis 0) of a picture have ink, or are near one that has."""
+    """Find the rows (axis 1) or columns (axis 0) of a picture that have ink, or lie within 16 px of
+    some."""
     from scipy.ndimage import binary_dilation
 
     inked = (np.asarray(image.convert("L")) < _PAPER).any(axis=axis)
@@ -183,7 +187,7 @@ OPENING = (
 
 
 def tell_kept(result: Sliced | NotSliced | None) -> list[str]:
-    """Say why no G-code lies in the folder, though it was asked for; nothing where it does."""
+    """Say why the folder holds no G-code, though it was asked for; nothing if it does."""
     if not isinstance(result, NotSliced):
         return []
     remedy = f" {result.remedy}" if result.remedy else ""
@@ -191,18 +195,18 @@ def tell_kept(result: Sliced | NotSliced | None) -> list[str]:
 
 
 def tell_unsliced(result: Sliced | NotSliced | None) -> list[str]:
-    """Return why hours and supports of a piece that is printed are not known; nothing where they are."""
+    """Say why the hours and supports of a printed piece are not known; nothing if they are."""
     if not isinstance(result, NotSliced) or result.kind == "process":
         return []
     return [f"Hours and supports are not known: {result.reason}. {result.remedy}".strip()]
 
 
 def check_slicing(result: Sliced | NotSliced) -> Check:
-    """Return the check `slicer`.
+    """Check `slicer`: whether PrusaSlicer makes G-code that prints the part.
 
-    It fails for a part that PrusaSlicer refuses or dies of, for a warning that nothing settles, and
-    for G-code that does not print the part. Where there was no slicer to ask, or no answer in
-    time, it is skipped and not required.
+    It fails if the program refuses the part or crashes on it, for a warning that nothing settles,
+    and for G-code that does not print the part. Without a slicer, or without an answer in time, it
+    is skipped and not required.
     """
     if isinstance(result, Sliced):
         problems = result.problems
@@ -222,9 +226,9 @@ def check_slicing(result: Sliced | NotSliced) -> Check:
 
 
 def report_slicing(result: Sliced | NotSliced) -> SlicerFigures:
-    """Return the report's table `slicer`; its figures are None where the part was not sliced."""
+    """Fill the report's table `slicer`; its figures are None where the part was not sliced."""
     if isinstance(result, NotSliced):
-        figures = (
+        figures = [
             "program",
             "version",
             "time_s",
@@ -232,7 +236,7 @@ def report_slicing(result: Sliced | NotSliced) -> SlicerFigures:
             "filament_g",
             "support_m",
             "layers",
-        )
+        ]
         return SlicerFigures(
             **dict.fromkeys(figures),
             reason=result.reason,
@@ -245,7 +249,7 @@ def report_slicing(result: Sliced | NotSliced) -> SlicerFigures:
 
 
 def with_slicing(print_: Print, result: Sliced | NotSliced | None) -> Print:
-    """Add to a printed piece's figures how its files are opened, and what the slicer says it takes."""
+    """Add to a printed piece's figures how to open its files, and what the slicer says it takes."""
     if not isinstance(result, Sliced):
         return replace(print_, opening=OPENING)
     return replace(
@@ -260,14 +264,11 @@ def with_slicing(print_: Print, result: Sliced | NotSliced | None) -> Print:
 
 
 def tell_flatter(flatter: Sequence[Flatter]) -> str:
-    """Tell what less depth would take, in one sentence."""
+    """Say in one sentence what a flatter piece would take."""
     less = []
     for other in flatter:
         share = other.depth_share
         how = f"with {share:.0%} of its depth" if share else "flat"
-        less.append(f"{how} {_hours(other.hours)} and {other.grams:.0f} g")
+        hours = f"{other.hours:.1f} h" if other.hours >= 1 else f"{60 * other.hours:.0f} min"
+        less.append(f"{how} {hours} and {other.grams:.0f} g")
     return f"A flatter piece would take, by an estimate: {', '.join(less)}."
-
-
-def _hours(hours: float) -> str:
-    return f"{hours:.1f} h" if hours >= 1 else f"{60 * hours:.0f} min"

@@ -1,4 +1,5 @@
-"""Show a build or a stage in a notebook: words and pictures, all of it in the piece of page itself."""
+"""Show a build or a stage in a notebook, as a piece of page that holds its words and pictures
+itself."""
 
 from __future__ import annotations
 
@@ -21,9 +22,9 @@ from knotfab.picture.raster import image_uri, silhouette_uri
 from knotfab.picture.read import Target
 from knotfab.problem import SearchResult, Start
 from knotfab.render.part_picture import draw_part, place_eyes
-from knotfab.report.in_words import conclude, tell_knots
 from knotfab.report.page import VERDICTS, make_environment
 from knotfab.report.pictures import find_pictures
+from knotfab.report.summary import conclude, tell_knots
 from knotfab.request import Outcome
 from knotfab_formats.errors import spelled
 from knotfab_formats.scene import ResolvedView
@@ -38,7 +39,8 @@ Pictures = Sequence[tuple[str, str]]  # data URI and caption
 
 @singledispatch
 def show(result: object) -> str | None:
-    """Give the piece of a page for a result of a public function; None for others, that show their `repr`."""
+    """Render a result of a public function as a piece of page; None for others, which show their
+    `repr`."""
     return None
 
 
@@ -130,7 +132,7 @@ def _page(title: str, lines: Sequence[str], pictures: Pictures) -> str:
 
 
 def _draw_knots(knots: Knots, views: Sequence[ResolvedView]) -> Pictures:
-    """Draw the tubes; none where a knot bends tighter than they can."""
+    """Draw the tubes; nothing if a knot bends too tightly to be swept."""
     try:
         tubes = [sweep(knot.points, knots.radius_mm, _SIDES) for knot in knots.knots]
     except SceneError:
@@ -139,7 +141,7 @@ def _draw_knots(knots: Knots, views: Sequence[ResolvedView]) -> Pictures:
 
 
 def _draw(mesh: Mesh, views: Sequence[ResolvedView]) -> Pictures:
-    """Draw a mesh in scene coordinates, from four sides."""
+    """Draw a mesh, in scene coordinates, from four sides."""
     eyes: Array = place_eyes(views)
     with io.BytesIO() as file:
         draw_part(*mesh, file, eyes, _PANEL_PX)

@@ -15,8 +15,7 @@ from markupsafe import Markup
 from PIL import Image
 
 from knotfab.picture.raster import data_uri, hash_script, image_uri
-from knotfab.report.checks import mark_of, tally_checks
-from knotfab.report.in_words import tell_colours
+from knotfab.report.summary import mark_of, tally_checks, tell_colours, tell_share
 from knotfab_formats.errors import plain, spelled
 from knotfab_formats.report import Report
 from knotfab_formats.verdict import list_unmet
@@ -44,7 +43,8 @@ MEDIA = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".gif
 
 
 def _verdicts(report: Report) -> dict[str, tuple[str, str]]:
-    """Return `VERDICTS`; that nobody would miss anything is said only where nothing is, speck or tip."""
+    """Choose the sentence of each verdict: "faithful" says more where no speck, cut tip or loss was
+    found."""
     verdict, made = report.verdict, report.settings
     # accuracies that leave a shadow as clean as this says
     clean = made.accuracy in ("standard", "fine") and not made.time_budget_s
@@ -86,7 +86,7 @@ def make_environment(folder: Path) -> Environment:
 
 @cache
 def load_template() -> Template:
-    """Load the page's template, compiled; a build does so while its part is verified."""
+    """Load and compile the page's template; a build does so while its part is verified."""
     environment = make_environment(Path(__file__).parent)
     environment.filters |= {
         "number": _number,
@@ -96,7 +96,7 @@ def load_template() -> Template:
         "share": _share,
         "glow": _glow,
         "colours": tell_colours,
-        "flat": lambda record: _flat(plain(record)),
+        "flat": lambda record: _flatten(plain(record)),
         "mark": mark_of,
         "tally": tally_checks,
     }
@@ -145,13 +145,13 @@ def write_report_html(
     title: str = "knotfab",
     **more: Any,
 ) -> None:
-    """Write `render_html`'s page as UTF-8."""
+    """Render the page and write it as UTF-8."""
     page = spelled(render_html(report, pictures, title, **more))
     path.write_text(page, encoding="utf-8", newline="\n")
 
 
 def encode_for_script(data: Mapping[str, Any]) -> str:
-    """Return JSON that no text of the data can end a <script> or begin a comment with."""
+    """Encode as JSON in which no text can end a <script> or begin a comment."""
     text = json.dumps(data, allow_nan=False, separators=(",", ":"))
     for character in "<>&":
         text = text.replace(character, f"\\u{ord(character):04x}")
@@ -159,7 +159,8 @@ def encode_for_script(data: Mapping[str, Any]) -> str:
 
 
 def _number(value: object, digits: int = 4) -> str:
-    """Return a number with `digits` significant ones, whole digits never lost; a dash for nothing."""
+    """Write a value with `digits` significant digits, whole ones never dropped; a dash for
+    nothing."""
     if value is None:
         return "–"
     if isinstance(value, bool):
@@ -183,45 +184,45 @@ def _number(value: object, digits: int = 4) -> str:
 
 
 def _format_fixed(value: object, places: int) -> str:
-    """Return a number with so many decimals, for columns that are compared."""
+    """Write a number with `places` decimals, for columns that are compared."""
     return f"{value:.{places}f}" if isinstance(value, float | int) and isfinite(value) else "–"
 
 
 def _share(value: object) -> str:
-    """Return a fraction in percent, with a decimal that it does not round up to the whole."""
+    """Write a fraction in percent, as `tell_share` does, with a space that does not break."""
     if not isinstance(value, float | int) or not isfinite(value):
         return "–"
-    return "100\u00a0%" if value == 1 else f"{min(100 * value, 99.9):.1f}\u00a0%"
+    return tell_share(value).replace("%", "\u00a0%")
 
 
 def _glow(colour: Sequence[float]) -> str:
-    """Return a lamp's linear red, green and blue as CSS has it."""
+    """Convert a lamp's linear red, green and blue to a CSS colour."""
     most = max(*colour, 1e-9)
     return f"rgb({' '.join(str(round(255 * (c / most) ** (1 / 2.2))) for c in colour)})"
 
 
 def _percent(value: object) -> float:
-    """Return a fraction as a width in percent, within 0 to 100."""
+    """Convert a fraction to a width in percent, clipped to 0 and 100."""
     ok = isinstance(value, int | float) and isfinite(value)
     return round(100 * min(max(float(value), 0.0), 1.0), 2) if ok else 0.0  # type: ignore[arg-type]
 
 
 def _duration(seconds: object) -> str:
-    """Return hours and minutes, rounded up to the next minute."""
+    """Write hours and minutes, rounded up to the next minute."""
     if not isinstance(seconds, int | float) or not isfinite(seconds):
         return "–"
     hours, minutes = divmod(ceil(seconds / 60), 60)
     return f"{hours} h {minutes} min" if hours else f"{minutes} min"
 
 
-def _flat(value: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
-    """Return nested tables as (dotted key, value) rows, those of a list numbered from 1."""
+def _flatten(value: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
+    """Flatten nested tables to rows of dotted key and value, the items of lists numbered from 1."""
     rows: list[tuple[str, Any]] = []
     for key, item in value.items():
         if isinstance(item, list) and item and all(isinstance(one, Mapping) for one in item):
             item = {str(number): one for number, one in enumerate(item, start=1)}
         if isinstance(item, Mapping):
-            rows += _flat(item, f"{prefix}{key}.")
+            rows += _flatten(item, f"{prefix}{key}.")
         elif item is not None:
             rows.append((f"{prefix}{key}", item))
     return rows

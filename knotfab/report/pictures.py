@@ -34,7 +34,7 @@ from knotfab_formats.scene import SettledScene
 
 
 def find_pictures(folder: Path) -> list[Picture]:
-    """Find the report's pictures that lie in a folder, with their captions."""
+    """Find the report's pictures in a folder, and caption them."""
     found = []
     part = folder / "part.png"
     for path in sorted(folder.glob("failures*.png")):
@@ -85,10 +85,11 @@ _SHARED = (
 
 
 def turns_of(scene: SettledScene) -> dict[str, float]:
-    """Give the angle, 0 to 360 degrees, by which the piece is turned for each view before the first's lamp.
+    """Find by how much the piece is turned for each view to stand before the first view's lamp, 0
+    to 360°.
 
-    The turn is about the vertical, anticlockwise from above. Views with lamps or walls of their own heights
-    and distances share no lamp, and have no angles; nor has an eye, nor one view alone.
+    It turns about the vertical, anticlockwise from above. Empty where the views have lamps or walls
+    at heights and distances of their own, so that they share no lamp; for an eye; and for one view.
     """
     first = scene.views[0]
     alike = all(getattr(v, key) == getattr(first, key) for v in scene.views for key in _SHARED)
@@ -102,7 +103,7 @@ def turns_of(scene: SettledScene) -> dict[str, float]:
 
 
 def turn_piece(folder: Path, mounted: Mounted, knots: Knots) -> tuple[Turning | None, list[str]]:
-    """Tell how a piece on a stand or thread shows its pictures in turn, with a note; write turn.gif."""
+    """Say at which angles a piece on a stand or thread shows its pictures, and write turn.gif."""
     angles = turns_of(mounted.scene)
     if not angles or (mounted.stand is None and mounted.hang is None):
         return None, []
@@ -112,7 +113,7 @@ def turn_piece(folder: Path, mounted: Mounted, knots: Knots) -> tuple[Turning | 
     for name, angle in angles.items():
         moved = (axis - turn_upright(axis, angle)) @ view_axes(view)[0]
         aside[name] = float(moved) * view.magnification
-    words = [f"{name} at {angle:.0f}°{_beside(aside[name])}" for name, angle in angles.items()]
+    words = [f"{name} at {angle:.0f}°{_tell_aside(aside[name])}" for name, angle in angles.items()]
     about = (
         "its thread" if mounted.stand is None else "the vertical through the middle of the scene"
     )
@@ -121,7 +122,7 @@ def turn_piece(folder: Path, mounted: Mounted, knots: Knots) -> tuple[Turning | 
     return Turning(angles, aside), [note]
 
 
-def _beside(aside_mm: float) -> str:
+def _tell_aside(aside_mm: float) -> str:
     if abs(aside_mm) < _LEAST_MM:
         return ""
     return f" ({length(abs(aside_mm))} mm to the {'right' if aside_mm > 0 else 'left'})"
@@ -172,17 +173,18 @@ class Panel(NamedTuple):
 
 
 def draw_survey(found: Survey) -> bytes:
-    """Draw a PNG: a row for each picture, with its silhouette and one panel for each radius."""
-    return _lay_out(_rows(found))
+    """Draw a PNG with a row for each picture: its silhouette and one panel for each radius."""
+    return _lay_out(_draw_rows(found))
 
 
 def draw_agreement(target: Target, bound: HullBound) -> bytes:
-    """Draw a PNG of one of several pictures: as it came, as it is bent, and what all leave of it."""
+    """Draw a PNG of one of several pictures: as it came, as it was bent, and what all leave of
+    it."""
     return _lay_out([_agreement(target, bound, _PANEL)])
 
 
 def _lay_out(panels: Sequence[Sequence[Panel]]) -> bytes:
-    """Return rows of panels with their captions on one sheet, as a PNG."""
+    """Lay rows of panels with their captions on one sheet; return it as PNG."""
     rows = [[_with_caption(panel) for panel in row] for row in panels]
     width = _GAP + max(len(row) for row in rows) * (_PANEL + _GAP)
     heights = [max(p.height for p in row) + _GAP for row in rows]
@@ -196,12 +198,13 @@ def _lay_out(panels: Sequence[Sequence[Panel]]) -> bytes:
 
 
 def draw_panels(found: Survey, side_px: int = 2 * _PANEL) -> list[Panel]:
-    """Draw the panels of all pictures in their order, so many px on the longer side."""
-    return [panel for row in _rows(found, side_px) for panel in row]
+    """Draw the panels of all pictures in their order, `side_px` on the longer side."""
+    return [panel for row in _draw_rows(found, side_px) for panel in row]
 
 
-def _rows(found: Survey, side_px: int = _PANEL) -> list[list[Panel]]:
-    """Give the panels of each picture: it, what of it agrees with the others, and what tubes lose of that."""
+def _draw_rows(found: Survey, side_px: int = _PANEL) -> list[list[Panel]]:
+    """Draw each picture's panels: it, what of it agrees with the others, and what tubes lose of
+    that."""
     colours = []
     if (parted := found.parted) is not None:
         came = Image.open(io.BytesIO(parted.png))
@@ -211,8 +214,8 @@ def _rows(found: Survey, side_px: int = _PANEL) -> list[list[Panel]]:
         ]
     bounds = found.bounds or (None,) * len(found.views)
     return colours + [
-        (_agreement(seen.target, bound, side_px) if bound else [_panel(seen, None, side_px)])
-        + [_panel(seen, radius, side_px) for radius in seen.losses]
+        (_agreement(seen.target, bound, side_px) if bound else [_draw_panel(seen, None, side_px)])
+        + [_draw_panel(seen, radius, side_px) for radius in seen.losses]
         for seen, bound in zip(found.views, bounds, strict=True)
     ]
 
@@ -228,7 +231,7 @@ def _agreement(target: Target, bound: HullBound, side_px: int) -> list[Panel]:
 
 
 def _mask_panel(caption: str, mask: Mask, side_px: int, lost: Mask | None = None) -> Panel:
-    """Return a mask in ink; what is `lost` in red."""
+    """Draw a mask in ink, and what is `lost` in red."""
     colours = np.where(mask[..., None], _INK, _PAPER)
     if lost is not None:
         colours = np.where(lost[..., None], _RED, colours)
@@ -236,7 +239,7 @@ def _mask_panel(caption: str, mask: Mask, side_px: int, lost: Mask | None = None
 
 
 def _picture_panel(caption: str, picture: Image.Image, side_px: int) -> Panel:
-    """Return a picture with a frame."""
+    """Draw a picture inside a frame."""
     picture = picture.convert("RGB")
     picture = picture.resize(fit_size(*picture.size, side_px), Image.Resampling.LANCZOS)
     ends = (0, 0, picture.width - 1, picture.height - 1)
@@ -262,19 +265,20 @@ def _with_caption(panel: Panel) -> Image.Image:
     return sheet
 
 
-def _panel(seen: ViewSurvey, radius: float | None, side_px: int) -> Panel:
-    """Return the silhouette, or what is left of it for a tube of this radius (mm) and what is lost."""
+def _draw_panel(seen: ViewSurvey, radius: float | None, side_px: int) -> Panel:
+    """Draw the silhouette, or what a tube of this radius (mm) leaves of it, with the losses in
+    red."""
     width, height = seen.target.width, seen.target.height
     scale = side_px * _FINER / max(width, height)
     size = fit_size(width, height, side_px * _FINER)
     picture = Image.new("RGB", size, _PAPER)
     draw = ImageDraw.Draw(picture)
     lost = [] if radius is None else seen.losses[radius]
-    _fill(draw, seen.polygon, scale, _INK if radius is None else _FAINT)
+    _fill_shape(draw, seen.polygon, scale, _INK if radius is None else _FAINT)
     for loss in lost:
-        _fill(draw, MultiPolygon([loss.shape]), scale, _RED)
+        _fill_shape(draw, MultiPolygon([loss.shape]), scale, _RED)
     for loss in lost:
-        _ring(draw, loss, scale)
+        _mark_loss(draw, loss, scale)
     draw.rectangle((0, 0, size[0] - 1, size[1] - 1), outline=_FRAME, width=_FINER)
     picture = picture.resize((size[0] // _FINER, size[1] // _FINER), Image.Resampling.BOX)
     return Panel(_caption(seen, radius, lost), picture)
@@ -293,21 +297,23 @@ def _caption(seen: ViewSurvey, radius: float | None, lost: list[Loss]) -> str:
     return f"{which}, {2 * radius:.1f} mm thick: {with_noun(len(lost), 'loss')}, up to {longest:.0f} mm"
 
 
-def _fill(draw: ImageDraw.ImageDraw, shape: MultiPolygon, scale: float, colour: object) -> None:
-    """Fill polygons; a hole is painted over, and what lies in it after it, for larger pieces come first."""
+def _fill_shape(
+    draw: ImageDraw.ImageDraw, shape: MultiPolygon, scale: float, colour: object
+) -> None:
+    """Fill polygons, larger ones first, so that what lies in a hole is painted after it."""
     for piece in sorted(shape.geoms, key=lambda p: -Polygon(p.exterior).area):
-        draw.polygon(_at(piece.exterior.coords, scale), fill=colour)  # type: ignore[arg-type]
+        draw.polygon(_to_sheet(piece.exterior.coords, scale), fill=colour)  # type: ignore[arg-type]
         for hole in piece.interiors:
-            draw.polygon(_at(hole.coords, scale), fill=_PAPER)
+            draw.polygon(_to_sheet(hole.coords, scale), fill=_PAPER)
 
 
-def _at(points: object, scale: float) -> list[tuple[float, float]]:
+def _to_sheet(points: object, scale: float) -> list[tuple[float, float]]:
     moved: Array = (np.asarray(points, dtype=np.float64) + 0.5) * scale - 0.5
     return [(float(x), float(y)) for x, y in moved]
 
 
-def _ring(draw: ImageDraw.ImageDraw, loss: Loss, scale: float) -> None:
+def _mark_loss(draw: ImageDraw.ImageDraw, loss: Loss, scale: float) -> None:
     reach = 0.5 * loss.extent * scale
     if reach < _SEEN * _FINER:
-        (x, y), r = _at([loss.at], scale)[0], _SEEN * _FINER
+        (x, y), r = _to_sheet([loss.at], scale)[0], _SEEN * _FINER
         draw.ellipse((x - r, y - r, x + r, y + r), outline=_RED, width=2 * _FINER)

@@ -1,4 +1,4 @@
-"""The report on how a piece is laid on the bed: its pose, its plates, and what its supports need."""
+"""The report on how a piece lies on the bed: its pose, its plates, and what its supports need."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from knotfab.part.orient import Flattening
 
 
-def lay_out(
+def report_posing(
     print_: Print,
     part: Part,
     flattening: Flattening | None,
@@ -32,11 +32,11 @@ def lay_out(
     printing: bool = False,
     access: SupportAccess | None = None,
 ) -> tuple[Print, list[str]]:
-    """Return the figures of a piece with its pose, plates if there are any, and supports; and notes on these.
+    """Add pose, plates and supports to the figures of a piece, with notes on them.
 
     Args:
-        suffix: suffix of the plates' files, such as "-01" of a sequence's frame.
-        printing: it is printed: also what supports cost and whether they can be taken out.
+        suffix: of the plates' files, such as "-01" of a sequence's frame.
+        printing: whether it is printed: then also what supports cost and whether they can be taken out.
         access: what `find_access` says of the part.
     """
     pose = _pose_figures(part, flattening)
@@ -73,7 +73,7 @@ def lay_out(
 
 
 def _pose_figures(part: Part, flattening: Flattening | None) -> PoseFigures:
-    """Return how the piece lies, why, and what it was before it was made flatter."""
+    """Report how the piece lies and why, and its depth before it was made flatter."""
     account, powder = part.pose.account, part.mounted.scene.printer.process == "powder"
     if account is not None:
         pose = account.figures()
@@ -99,7 +99,7 @@ def _pose_figures(part: Part, flattening: Flattening | None) -> PoseFigures:
 
 
 def _tell_flattening(flattening: Flattening | None) -> list[str]:
-    """Tell that a piece was built anew, nearer to the wall or flatter, or would have to be."""
+    """Say that a piece was rebuilt nearer to the wall or flatter, or would have to be."""
     if flattening is None:
         return []
     notes = []
@@ -123,7 +123,8 @@ def _tell_flattening(flattening: Flattening | None) -> list[str]:
 
 
 def find_access(part: Part) -> SupportAccess | None:
-    """Say whether the supports can be taken out; None without supports, or for a part cut into plates."""
+    """Measure whether supports can be taken out; None without any, or for a part cut into
+    plates."""
     from knotfab.part.assemble import rules_of
 
     rules = rules_of(part.mounted.scene)
@@ -136,7 +137,7 @@ def find_access(part: Part) -> SupportAccess | None:
 def _with_supports(
     print_: Print, part: Part, suffix: str, access: SupportAccess | None
 ) -> tuple[Print, list[str]]:
-    """Return the figures with a coupon, flatter pieces and what supports need; and notes on these."""
+    """Add coupon, flatter pieces and access to supports to the figures, with notes on them."""
     from knotfab.hold.coupon import plan_coupon
     from knotfab.part.assemble import rules_of
     from knotfab.part.orient import estimate_flatter
@@ -178,7 +179,7 @@ SPACING_MM = 1.0
 
 
 def tell_access(access: SupportAccess) -> str:
-    """Return one sentence for the report and the summary."""
+    """Say in one sentence how the supports come off."""
     by_hand, cut = access.reached["finger"], access.reached["cutter"]
     text = f"Supports: {by_hand:.0%} come off by hand, {cut:.0%} with a cutter"
     if access.worst is None or access.worst_tool == "finger":
@@ -190,7 +191,7 @@ def tell_access(access: SupportAccess) -> str:
 
 
 def measure_access(bodies: Sequence[Mesh], rules: Rules) -> SupportAccess:
-    """Cast tools from all round at the undersides of a piece that need support.
+    """Find which tools reach, from outside, the undersides of a piece that need support.
 
     A tool is a cylinder with a ball for a tip. The tip touches the underside, the axis goes straight
     out in one of `WAYS` directions, and the surface must keep away from it by the tool's radius all the
@@ -202,13 +203,13 @@ def measure_access(bodies: Sequence[Mesh], rules: Rules) -> SupportAccess:
         rules: the printer's for overhangs.
     """
     if not rules.supports or rules.powder:
-        return _figures(0.0, dict.fromkeys(TOOLS_MM, 1.0))
+        return _access_figures(0.0, dict.fromkeys(TOOLS_MM, 1.0))
     middle, normal, size = _sample(np.concatenate([v[f] for v, f in bodies]))
     steep = -normal[:, 2] > np.sin(np.radians(rules.max_overhang_deg)) + 1e-6
     under = np.flatnonzero(steep & (middle[:, 2] > 2 * rules.layer_mm))
     area = size[under] / 100
     if not len(under):
-        return _figures(0.0, dict.fromkeys(TOOLS_MM, 1.0))
+        return _access_figures(0.0, dict.fromkeys(TOOLS_MM, 1.0))
     # look as often at each mm² of underside
     along = (np.arange(min(SAMPLES, len(under))) + 0.5) / min(SAMPLES, len(under))
     chosen = np.unique(under[np.searchsorted(area.cumsum(), along * area.sum())])
@@ -222,14 +223,15 @@ def measure_access(bodies: Sequence[Mesh], rules: Rules) -> SupportAccess:
         rest = np.flatnonzero(best == 0)
         hit = _reaches(place[rest], out[rest], ways, diameter / 2, surface, low, high)
         best[rest[hit]] = diameter
-    deepest = np.lexsort((-_depth(place, low, high), best))[0]
+    inside = np.minimum(place - low, high - place).min(axis=1)  # how deep in the box
+    deepest = np.lexsort((-inside, best))[0]
     tool = next((name for name, d in TOOLS_MM.items() if d == best[deepest]), None)
     reached = {name: float((best >= diameter).mean()) for name, diameter in TOOLS_MM.items()}
     x, y, z = (round(float(c), 2) for c in place[deepest])
-    return _figures(float(area.sum()), reached, (x, y, z), tool)
+    return _access_figures(float(area.sum()), reached, (x, y, z), tool)
 
 
-def _figures(
+def _access_figures(
     area: float,
     reached: dict[str, float],
     worst: tuple[float, float, float] | None = None,
@@ -253,7 +255,8 @@ def _reaches(
     low: Array,
     high: Array,
 ) -> NDArray[np.bool_]:
-    """Tell (n,) whether a tool of this radius, its tip at a place, gets out of the box on some way."""
+    """Tell (n,) whether a tool of this radius, its tip at a place, gets out of the box along some
+    way."""
     found = np.zeros(len(place), dtype=np.bool_)
     tip = place + radius * out
     free, _ = surface.query(tip)
@@ -272,10 +275,10 @@ def _reaches(
 
 
 def _sample(corners: Array) -> tuple[Array, Array, Array]:
-    """Sample triangles (m, 3, 3): points (k, 3), unit normals (k, 3), and areas (k,), mm², of each.
+    """Sample triangles (m, 3, 3): points (k, 3), unit normals (k, 3), and the area of each, mm².
 
-    Rows along each triangle's longest edge, at most `SPACING_MM` apart, as are the points of a row: a sliver
-    is sampled along its length alone.
+    The points lie in rows along each triangle's longest edge, rows and points at most `SPACING_MM`
+    apart: a sliver is sampled along its length alone.
     """
     across = face_normals(corners)
     double = np.linalg.norm(across, axis=1)
@@ -299,13 +302,8 @@ def _sample(corners: Array) -> tuple[Array, Array, Array]:
 
 
 def _thin(points: Array) -> Array:
-    """Return one point of each cell of half the spacing."""
+    """Keep one point in each cell of half the spacing."""
     cell = np.floor(2 * (points - points.min(axis=0)) / SPACING_MM).astype(np.int64)
     wide, high = cell[:, 1].max() + 1, cell[:, 2].max() + 1
     _, kept = np.unique((cell[:, 0] * wide + cell[:, 1]) * high + cell[:, 2], return_index=True)
     return np.asarray(points[kept])
-
-
-def _depth(place: Array, low: Array, high: Array) -> Array:
-    """Measure how far inside the box a place lies."""
-    return np.asarray(np.minimum(place - low, high - place).min(axis=1))

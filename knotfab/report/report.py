@@ -49,7 +49,7 @@ def check_3mf(warnings: list[str]) -> Check:
 
 
 def check_certificate(made: Design) -> Check:
-    """Check `isotopy`: the maker's own proof of the knot type: every step of the search an isotopy."""
+    """Check `isotopy`: the search's own proof that every step it took was an isotopy."""
     a = made.result.log
     return Check(
         "isotopy",
@@ -66,7 +66,8 @@ def check_certificate(made: Design) -> Check:
 
 
 def check_limits(made: Design) -> Check:
-    """Check `limits`: the search's own measure of them; failed too where they cost the picture its IoU."""
+    """Check `limits` as the search measured them. It fails too if keeping them cost the picture its
+    IoU."""
     broken = made.result.feasibility.violations
     detail = "; ".join(broken) or "bend, clearance, region and length, as the search measured them"
     floor = made.scene.accuracy.iou_floor
@@ -77,7 +78,7 @@ def check_limits(made: Design) -> Check:
 
 
 def tell_binding(made: Design) -> list[str]:
-    """Say which limits keep the picture from its IoU, and what each costs, a sentence each."""
+    """Say which limits keep the picture from its IoU and what each costs, one sentence each."""
     if made.unmet is None and not made.binding:
         return []
     alone = "No limit alone is to blame: without any one of them the picture is drawn no better."
@@ -85,7 +86,7 @@ def tell_binding(made: Design) -> list[str]:
 
 
 def print_of(made: Design, bodies: Sequence[Mesh], views: Sequence[View]) -> Print:
-    """Return what is known of a piece before its mount, its pose and its slicing are told."""
+    """Measure a piece's volume, mass and box. Its mount, pose and slicing are filled in later."""
     scene, volume = made.scene, sum(mesh_volume(v, f) for v, f in bodies)
     box = None
     if bodies:
@@ -115,11 +116,12 @@ def report_of(
     sliced: Sliced | NotSliced | None = None,
     plan: WirePlan | None = None,
 ) -> Report:
-    """Return the report of a build: what was made, and what the validators' `verdict` says of its files.
+    """Assemble the report of a build from what was made and the validators' `verdict` on its files.
 
     Args:
         placed: the knots as they are in their file; they are reported as they will have shrunk.
-        checks: the validators', and the build's own. views: the validators', with what the build adds.
+        checks: the validators', and the build's own. views: the validators', with what the build
+            adds.
     """
     from knotfab.part.assemble import shrink_of
 
@@ -135,7 +137,7 @@ def report_of(
         limits=limits,
         knots=_list_knots(placed),
         print=print_,
-        settings=_settings(request, made, placed, print_.mount),
+        settings=_list_settings(request, made, placed, print_.mount),
         colours=verdict.colours,
         notes=tuple(notes),
         binding=made.binding if bound else None,
@@ -168,7 +170,7 @@ def _list_knots(placed: Knots) -> tuple[KnotFigures, ...]:
     return tuple(found)
 
 
-def _settings(
+def _list_settings(
     request: Request, made: Design, placed: Knots, mount: MountFigures | None
 ) -> Settings:
     from knotfab_validators.tube.thickness import thickness
@@ -199,7 +201,8 @@ def _settings(
 
 
 def _radius_choice(made: Design) -> RadiusChoice:
-    """Tell the radius's cost: every radius tried, with the IoU of its template and of its start."""
+    """Say how the radius was chosen: every one tried, with the IoU of its template and of its
+    start."""
     if made.radius is None:
         return RadiusChoice(chosen_by="the scene", trials=())
     return RadiusChoice(
@@ -227,7 +230,7 @@ class WirePlan:
 
 
 def tell_plan(plan: WirePlan | None) -> list[str]:
-    """Say how much wire a bending plan takes, where there is one."""
+    """Say how much wire the bending plan takes, if there is one."""
     if plan is None:
         return []
     cut = (
@@ -242,10 +245,10 @@ def tell_plan(plan: WirePlan | None) -> list[str]:
 
 
 def tell_mount(knots: int, mount: MountFigures, hangs: bool) -> list[str]:
-    """Return what a reader must not miss of a mount, or of a piece without one.
+    """Say what a reader must not miss about a mount, or about a piece without one.
 
     Args:
-        knots: how many. hangs: a wall mount could hold the piece.
+        knots: their number. hangs: whether a wall mount could hold the piece.
     """
     loose = f"Its {knots} knots are loose pieces; the file keeps them in place."
     if mount.kind == "none":
@@ -260,7 +263,8 @@ def tell_mount(knots: int, mount: MountFigures, hangs: bool) -> list[str]:
 
 
 def tell_plate(plate: PlateFigures | None, scene: ResolvedScene) -> list[str]:
-    """Return how a plate in which the piece stands is printed, and what it costs viewers aside."""
+    """Say how a plate in which the piece stands is printed, and what it hides from viewers
+    aside."""
     if plate is None:
         return []
     hidden = " and ".join(
@@ -288,11 +292,12 @@ _WORK = (
 
 
 def plan_next_step(report: Report, timings: Mapping[str, float]) -> NextStep | None:
-    """Give what a better accuracy would bring, where a build took the settings of one that has a better one.
+    """Estimate what the next better accuracy would bring, in IoU and seconds.
 
-    There is none with a budget, nor where the search had other iterations or pixels than the accuracy's. An
-    estimate: the stages take as many times longer as they did on the pictures that were measured, and the
-    error shrinks as theirs did, of several views down to the bound that their visual hull leaves.
+    The stages are taken to last as many times longer as they did on the pictures that were
+    measured, and the error to shrink as it did there, of several views down to the bound of their
+    visual hull. None under a time budget, for the best accuracy, and for a search with settings of
+    its own.
     """
     settings, views = report.settings, report.views
     # a stand outside the picture is not what a better search would draw better
@@ -329,14 +334,15 @@ def plan_next_step(report: Report, timings: Mapping[str, float]) -> NextStep | N
 
 
 def _as_preset(settings: Settings, views: int) -> bool:
-    """Tell whether a search had the iterations and pixels of its accuracy's preset, for so many views."""
+    """Tell whether a search of so many views ran with the iterations and pixels of its accuracy's
+    preset."""
     preset = PRESETS[settings.accuracy]
     preset = preset.scaled(views) if views > 1 else preset
     return all(getattr(settings.search, key) == getattr(preset, key) for key in _WORK)
 
 
 def tell_stages(timings: Mapping[str, float]) -> str:
-    """Return the seconds in all, and of the stages that took most of them."""
+    """Say how many seconds a build took, and which stages took most of them."""
     total = timings["total"]
     most = sorted(((s, name) for name, s in timings.items() if name != "total"), reverse=True)
     stages = ", ".join(f"{name} {s:.1f}" for s, name in most if s > _SHARE * total)
@@ -345,6 +351,6 @@ def tell_stages(timings: Mapping[str, float]) -> str:
 
 @cache
 def _study() -> dict[str, Any]:
-    """Return what was measured for each accuracy: the mean error, 1 - IoU, and seconds by stage."""
+    """Read the measured mean error, 1 - IoU, and the seconds by stage of each accuracy."""
     found: dict[str, Any] = json.loads(_MEASURED.read_text("utf-8"))
     return found

@@ -65,7 +65,10 @@ SHADOW = "0.82"
 
 @dataclass(frozen=True)
 class Sheets:
-    """Pages that set a piece up, one a view, but for what misplacement costs; `plan`: all from above."""
+    """The pages on setting a piece up, one for each view, still without the costs of misplacement.
+
+    `plan` shows everything from above, `marks` has the cards for a photograph.
+    """
 
     pages: list[Figure]
     plan: Figure | None
@@ -75,15 +78,14 @@ class Sheets:
 
 
 def draw_sheets(mounted: Mounted, scene: SettledScene, cameras: Sequence[Camera]) -> Sheets:
-    """Draw how a piece is set up.
+    """Draw the pages that set a piece up.
 
     Args:
-        mounted: the piece and its mount, in scene coordinates. scene: with its frames resolved.
-        cameras: cameras of its views.
+        mounted: in scene coordinates. scene: with its frames resolved. cameras: of its views.
     """
     places = [placement_of(mounted, c, view) for c, view in zip(cameras, scene.views, strict=True)]
     each = zip(places, scene.views, strict=True)
-    pages = [_sheet(mounted, *view, alone=len(cameras) == 1) for view in each]
+    pages = [_draw_sheet(mounted, *view, alone=len(cameras) == 1) for view in each]
     plan = None
     if scene.share_wall:
         plan = lamps_sheet(mounted, places, scene.views, frame_of(mounted)[0])
@@ -97,20 +99,20 @@ def draw_sheets(mounted: Mounted, scene: SettledScene, cameras: Sequence[Camera]
 def write_setup(
     folder: Path, sheets: Sheets, misplacements: Sequence[Misplacement | None], suffix: str = ""
 ) -> list[str]:
-    """Write setup.pdf and setup.svg, A4, the same bytes for the same piece; returns their names.
+    """Write setup.pdf and setup.svg, A4, reproducible to the byte; return their names.
 
-    With one view before a flat wall that is one page. With several, or a round wall, the first page,
-    which is the SVG, shows all lamps and walls from above, and each view has a page of its own after it. The
-    PDF's last page has the marks for a photograph.
+    With one view before a flat wall that is one page. With several, or a round wall, the first
+    page, which is the SVG, shows all lamps and walls from above, and one page for each view
+    follows. The last page of the PDF has the marks for a photograph.
 
     Args:
-        sheets: as `draw_sheets` gives them; used up. misplacements: what the verification measured of each
-            view (`views[].misplacement` of the report), if it did. suffix: suffix of the files' names.
+        sheets: from `draw_sheets`; used up. misplacements: what the verification measured of each view
+            (`views[].misplacement` of the report), if it did. suffix: of the files' names.
     """
     from matplotlib import rc_context
 
     for page, view, found in zip(sheets.pages, sheets.views, misplacements, strict=True):
-        _costs(page.axes[0], LEFT, costs_of(found, view, on_wall=sheets.on_wall))
+        _write_costs(page.axes[0], LEFT, costs_of(found, view, on_wall=sheets.on_wall))
     pages = [*([] if sheets.plan is None else [sheets.plan]), *sheets.pages]
     names = [f"setup{suffix}.pdf", f"setup{suffix}.svg"]
     write_pages(folder / names[0], "Setting up", [*pages, sheets.marks])
@@ -122,7 +124,7 @@ def write_setup(
     return names
 
 
-def _sheet(
+def _draw_sheet(
     mounted: Mounted,
     place: Placement,
     view: View,
@@ -142,15 +144,15 @@ def _sheet(
         f"not the drawing. Side view {side.name}, front view {front.name}.",
         size=6.5, va="top", gid=WORDS, color="0.35",
     )  # fmt: skip
-    y = _words(axes, WORDS_Y, "What to do", steps_of(mounted, place, view), numbered=True)
-    _words(axes, y - 3.0, "The lamp", lamp_facts(view))
+    y = _write_column(axes, WORDS_Y, "What to do", steps_of(mounted, place, view), numbered=True)
+    _write_column(axes, y - 3.0, "The lamp", lamp_facts(view))
     return figure
 
 
-def _words(
+def _write_column(
     axes: Axes, top: float, title: str, lines: Sequence[str], *, numbered: bool = False
 ) -> float:
-    """Return lines of the column of words, from `top` down; returns where they end."""
+    """Write lines down the right-hand column from `top`; return the height where they end."""
     axes.text(WORDS_X, top, title, size=9, va="top", gid=WORDS, weight="bold")
     y = top - 6.0
     for number, line in enumerate(lines, start=1):
@@ -164,7 +166,7 @@ def _words(
     return y
 
 
-def _costs(axes: Axes, left: float, lines: Sequence[str]) -> None:
+def _write_costs(axes: Axes, left: float, lines: Sequence[str]) -> None:
     axes.text(left, COSTS_Y, "What it costs to be off", size=9, va="top", gid=WORDS, weight="bold")
     half = (len(lines) + 1) // 2
     for k, line in enumerate(lines):
@@ -179,7 +181,8 @@ def _costs(axes: Axes, left: float, lines: Sequence[str]) -> None:
 
 
 def _side_view(axes: Axes, mounted: Mounted, place: Placement, view: View) -> Scaled:
-    """Return lamp, piece and wall from the left of someone at the lamp: the lamp is at the right."""
+    """Draw lamp, piece and wall as seen from the left of someone at the lamp, which is at the
+    right."""
     # axes to the right of the page: level towards the lamp; the viewer is at the piece's left
     seen = np.stack([place.level[2], place.level[1], -place.level[0]])
     piece = project_outlines(mounted.solids, seen)
@@ -214,15 +217,15 @@ def _side_view(axes: Axes, mounted: Mounted, place: Placement, view: View) -> Sc
         for p in (a, b):
             axes.plot([p[0], p[0]], [p[1] - 3, down - 1], color="#06c", lw=0.2)
     if abs(view.wall_tilt_deg) > 1e-9:
-        _tilt(axes, place, seen, to, view.wall_tilt_deg)
+        _draw_tilt(axes, place, seen, to, view.wall_tilt_deg)
     if desk is not None and base is not None:
-        _desk(axes, place, seen, to, desk)
+        _draw_desk(axes, place, seen, to, desk)
     axes.text(SIDE[0], bottom - 17.0, f"Side view, from the left, {to.name}", size=7.5, va="top")
     return to
 
 
 def _wall_lines(place: Placement, seen: Array) -> tuple[Array, Array]:
-    """Return the frame and the wall seen from the side, (2, 2) each, from below."""
+    """Return frame and wall as lines seen from the side, from below, (2, 2) each."""
     middle, up = seen[:2] @ place.middle, seen[:2] @ place.wall[1]
     half = place.frame_mm[1] / 2
     shown = (half if place.plate_mm is None else place.plate_mm[1] / 2) + 12.0
@@ -234,8 +237,8 @@ def _wall_lines(place: Placement, seen: Array) -> tuple[Array, Array]:
     return frame, np.stack([middle - low * up, middle + top * up])
 
 
-def _tilt(axes: Axes, place: Placement, seen: Array, to: Scaled, tilt: float) -> None:
-    """Draw a tilted wall: its angle, and the lamp's distance square to it."""
+def _draw_tilt(axes: Axes, place: Placement, seen: Array, to: Scaled, tilt: float) -> None:
+    """Draw a tilted wall's angle, and the lamp's distance square to it."""
     foot = place.lamp - place.off_wall_mm * place.wall[2]
     a, b = to(np.stack([foot, place.lamp]) @ seen[:2].T)
     axes.plot(*np.stack([a, b]).T, color="#06c", lw=0.3, ls=":")
@@ -248,7 +251,7 @@ def _tilt(axes: Axes, place: Placement, seen: Array, to: Scaled, tilt: float) ->
     )  # fmt: skip
 
 
-def _desk(axes: Axes, place: Placement, seen: Array, to: Scaled, desk: float) -> None:
+def _draw_desk(axes: Axes, place: Placement, seen: Array, to: Scaled, desk: float) -> None:
     """Draw the desk, the lamp's height above it, and where the base stands."""
     assert place.base is not None
     lamp = seen[:2] @ place.lamp
@@ -266,7 +269,7 @@ def _desk(axes: Axes, place: Placement, seen: Array, to: Scaled, desk: float) ->
 
 
 def _front_view(axes: Axes, mounted: Mounted, place: Placement) -> Scaled:
-    """Return the wall as seen from the lamp's side: frame, shadow, plate, marks, holes, the lamp's foot."""
+    """Draw the wall as seen from the lamp: frame, shadow, plate, marks, holes, the lamp's foot."""
     from matplotlib.patches import Rectangle
 
     wide, high = place.frame_mm
@@ -294,7 +297,7 @@ def _front_view(axes: Axes, mounted: Mounted, place: Placement) -> Scaled:
             )  # fmt: skip
     if place.outline is not None:
         axes.plot(*to(np.append(place.outline, place.outline[:1], axis=0)).T, color=INK, lw=0.8)
-    _marks(axes, mounted, place, to)
+    _draw_marks(axes, mounted, place, to)
     if desk is not None:
         line = to(np.array([[-0.6 * wide, desk], [0.6 * wide, desk]]))
         axes.plot(*line.T, color=INK, lw=0.8)
@@ -355,8 +358,8 @@ def _front_dimensions(axes: Axes, place: Placement, to: Scaled, bottom: float) -
         )
 
 
-def _marks(axes: Axes, mounted: Mounted, place: Placement, to: Scaled) -> None:
-    """Screw holes or drill holes, the plate's notches, and which way is up."""
+def _draw_marks(axes: Axes, mounted: Mounted, place: Placement, to: Scaled) -> None:
+    """Draw screw holes or drill holes, the plate's notches, and which way is up."""
     for number, hole in enumerate(to(place.holes), start=1):
         axes.plot(*hole, "o", ms=2.6, mfc="white", mec=INK, mew=0.5, zorder=4)
         if place.plate_mm is None and place.outline is None:
@@ -379,7 +382,7 @@ def _marks(axes: Axes, mounted: Mounted, place: Placement, to: Scaled) -> None:
 
 
 def shadow_outlines(mounted: Mounted, place: Placement, within_mm: float = 0.05) -> list[Array]:
-    """Return the outlines (n, 2) of the shadow on the wall, right and up from the frame's middle, mm."""
+    """Outline the shadow on the wall: polygons (n, 2), right and up from the frame's middle, mm."""
     from manifold3d import CrossSection
 
     flat = CrossSection()

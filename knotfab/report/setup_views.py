@@ -48,23 +48,23 @@ BESIDE_MM = 12.0  # the wall reaches so far beside its frame
 
 
 def plan_sheet(mounted: Mounted, places: Sequence[Placement], views: Sequence[View]) -> Figure:
-    """Return one page of A4 with everything from above, the first lamp below the piece.
+    """Draw one page of A4 with everything from above, the first lamp below the piece.
 
     Args:
-        places, views: places and views of the piece, one each in the scene's order.
+        places, views: one of each for each view, in the scene's order.
     """
     paper = PAPERS["a4"]
     figure, axes = make_page(paper)
     right, up, out = places[0].level
     above = np.stack([right, -out, up])  # axes: to the right and up the page, and to the viewer
     piece = project_outlines(mounted.solids, above)
-    walls = [_wall(place, above) for place in places]
+    walls = [_wall_from_above(place, above) for place in places]
     lamps = [above[:2] @ place.lamp for place in places]
     every = np.concatenate([*piece, *walls, np.stack(lamps)])
     to = fit_scale(every, ZONE)
     fill(axes, [to(p) for p in piece], PIECE)
     for place, view, wall, lamp in zip(places, views, walls, lamps, strict=True):
-        _view(axes, place, view, wall, lamp, above, to)
+        _draw_view(axes, place, view, wall, lamp, above, to)
     cross(axes, to(np.zeros(2)), 2.0, 0.4)
     left, top = 14.0, paper.height - 12
     axes.text(left, top, "Setting up", size=15, va="top", gid=WORDS)
@@ -84,8 +84,9 @@ def plan_sheet(mounted: Mounted, places: Sequence[Placement], views: Sequence[Vi
     return figure
 
 
-def _wall(place: Placement, above: Array, beside: float = BESIDE_MM) -> Array:
-    """Return (n, 2) a wall seen from above, so far beside its frame, at the height of the frame's middle."""
+def _wall_from_above(place: Placement, above: Array, beside: float = BESIDE_MM) -> Array:
+    """Return a wall from above, `beside` mm past its frame, at the height of the frame's middle,
+    (n, 2)."""
     reach = place.frame_mm[0] / 2 + beside
     across = np.linspace(-reach, reach, 2 if place.round is None else BENDS)
     if place.round is None:
@@ -96,7 +97,7 @@ def _wall(place: Placement, above: Array, beside: float = BESIDE_MM) -> Array:
     return np.asarray(points @ above[:2].T)
 
 
-def _view(
+def _draw_view(
     axes: Axes,
     place: Placement,
     view: View,
@@ -106,7 +107,7 @@ def _view(
     to: Scaled,
 ) -> None:
     """Draw one view's lamp, wall, frame and rays, with how far lamp and wall are from the middle."""
-    frame = _wall(place, above, 0.0)
+    frame = _wall_from_above(place, above, 0.0)
     for end in frame[[0, -1]]:
         axes.plot(*to(np.stack([lamp, end])).T, color=LIGHT, lw=0.4)
     axis = to(np.stack([lamp, above[:2] @ place.middle]))
@@ -143,10 +144,11 @@ BAR = "0.9"
 def lamps_sheet(
     mounted: Mounted, places: Sequence[Placement], views: Sequence[View], table: Table | None
 ) -> Figure:
-    """Return one page of A4: screen, piece, lamps and frame from above, and where each lamp stands in words.
+    """Draw one page of A4: screen, piece, lamps and frame from above, and in words where lamps
+    stand.
 
     Args:
-        places, views: places and views of the lamps, in the scene's order. table: the frame, if there is one.
+        places, views: of the lamps, in the scene's order. table: the frame, if there is one.
     """
     paper = PAPERS["a4"]
     figure, axes = make_page(paper)
@@ -154,8 +156,8 @@ def lamps_sheet(
     above = np.stack([right, -out, up])  # axes: to the right and up the page, and to the viewer
     piece = project_outlines(mounted.solids, above)
     lamps = np.stack([above[:2] @ place.lamp for place in places])
-    screen = _across(places[0], above)
-    bars = [] if table is None else [_outline(bar) for bar in table.bars]
+    screen = _wall_from_above(places[0], above, 0.0)
+    bars = [] if table is None else [_bar_outline(bar) for bar in table.bars]
     to = fit_scale(np.concatenate([*piece, *bars, screen, lamps]), FRAME_ZONE)
     for bar in bars:
         axes.fill(*to(bar).T, fc=BAR, ec="0.6", lw=0.4)
@@ -186,11 +188,11 @@ def lamps_sheet(
         x, end = left - 6.0 * number, float(to(np.array([0.0, -z]))[1])
         draw_dimension(axes, (x, middle[1]), (x, end), (0, 0), length(z))
     note(axes, wall + (0.0, 3.0), "screen", size=7.5, ha="center")
-    _words(axes, paper.height, to.name, places, views, table)
+    _write_words(axes, paper.height, to.name, places, views, table)
     return figure
 
 
-def _words(
+def _write_words(
     axes: object,
     height: float,
     scale: str,
@@ -212,7 +214,7 @@ def _words(
     middle = float(first.level[1] @ first.middle)
     lines = [
         f"The screen's picture is {length(across)} × {length(high)} mm, its middle "
-        f"{_above(middle)} the middle of the piece."
+        f"{_tell_height(middle)} the middle of the piece."
     ]
     for place, view in zip(places, views, strict=True):
         x, y, z = (float(value) for value in place.level @ place.lamp)
@@ -222,12 +224,12 @@ def _words(
             else "in the middle"
         )
         lines.append(
-            f"{view.name}: {aside}, {length(z)} mm before the piece, {_above(y)} its middle"
+            f"{view.name}: {aside}, {length(z)} mm before the piece, {_tell_height(y)} its middle"
             + ("" if table is None else f", {length(y - table.top_mm)} mm above the frame")
             + "."
         )
     if table is not None:
-        files = ", ".join(sheet for sheet in _files(table))
+        files = ", ".join(f"table-{number}.3mf" for number in range(1, table.beds + 1))
         edge = middle - high / 2 - table.top_mm
         lines += [
             f"The picture's lower edge is {length(edge)} mm above the frame, on which its card stands.",
@@ -242,25 +244,16 @@ def _words(
         text(14.0, 80.0 - ROW_MM * number, row, size=7, va="top", gid=WORDS)
 
 
-def _files(table: Table) -> list[str]:
-    return [f"table-{number}.3mf" for number in range(1, table.beds + 1)]
-
-
-def _above(value: float) -> str:
-    """Say how high a point is: "12 mm above"."""
+def _tell_height(value: float) -> str:
+    """Say how high a point is, as "12 mm above"."""
     if abs(value) < 0.05:
         return "level with"
     return f"{length(abs(value))} mm {'above' if value > 0 else 'below'}"
 
 
-def _across(place: Placement, above: Array) -> Array:
-    """Return (2, 2) the frame's ends on the wall, seen from above."""
-    reach = np.array([[-0.5], [0.5]]) * place.frame_mm[0]
-    return np.asarray((place.middle + reach * place.wall[0]) @ above[:2].T)
-
-
-def _outline(bar: Bar) -> Array:
-    """Return (4, 2) a bar on the page: to the right and, as it lies before the wall, down."""
+def _bar_outline(bar: Bar) -> Array:
+    """Return a bar's corners on the page (4, 2): to the right and, as it lies before the wall,
+    down."""
     aside = 0.5 * bar.width_mm * np.array([-bar.along[1], bar.along[0]])
     end = bar.start + bar.length_mm * bar.along
     return np.stack([bar.start + aside, end + aside, end - aside, bar.start - aside]) * [1.0, -1.0]

@@ -1,4 +1,5 @@
-"""Words of a mount's drawing: how a person hangs or stands the piece, and the cost of being off."""
+"""Words and strokes of a mount's drawing: how to hang or stand the piece, and what it costs to be
+off."""
 
 from __future__ import annotations
 
@@ -29,35 +30,34 @@ LAMP_WAYS = {"right": "to the side", "up": "up or down", "towards": "nearer or f
 TURN_WAYS = {"up": "left or right", "right": "forward or back", "axis": "like a wheel"}
 
 
-def _opposite(place: Placement) -> str:
-    """Return words for the point of the wall that lies square opposite the lamp."""
-    parts = []
-    for value, (more, less) in (
-        (place.up_mm, ("above", "below")),
-        (place.right_mm, ("to the right of", "to the left of")),
-    ):
-        if abs(value) >= HEAR_MM:
-            parts.append(f"{length(abs(value))} mm {more if value > 0 else less}")
-    middle = "the middle of the frame"
-    return f"{' and '.join(parts)} {middle}" if parts else middle
+def _tell_offset(right: float, up: float, from_: str) -> str:
+    """Say where a point is, as "12 mm above and 3 mm to the left of" what it is measured from."""
+    ways = (up, "above", "below"), (right, "to the right of", "to the left of")
+    said = [
+        f"{length(abs(v))} mm {more if v > 0 else less}"
+        for v, more, less in ways
+        if abs(v) >= HEAR_MM
+    ]
+    return f"{' and '.join(said)} {from_}" if said else from_
 
 
 def steps_of(mounted: Mounted, place: Placement, view: View) -> list[str]:
-    """Return the steps, one sentence or two each."""
+    """List the steps by which a person sets a view up, one or two sentences each."""
     lamp = "lamp" if view.kind == "shadow" else "eye"
     off = f"{length(place.off_wall_mm)} mm off"
+    opposite = _tell_offset(place.right_mm, place.up_mm, "the middle of the frame")
     if place.base is not None:
         steps = _desk_steps(place, view, lamp)
     elif place.outline is not None and mounted.wall is not None:
         s, across = mounted.wall.settings, float(np.ptp(place.holes[:, 0]))
+        right, up = (-place.holes.mean(axis=0)).tolist()
         steps = [
             f"Drill two holes {length(across)} mm apart on a level line; the middle of the frame is "
-            f"{_beside_holes(place)}half-way between them.",
+            f"{_tell_offset(right, up, 'half-way between them')}.",
             "Screw the plate on, the way up that is drawn (screws of at most "
             f"{length(s.hole_diameter_mm)} mm). Keep the corners of the frame in pencil until the "
             "lamp stands.",
-            f"Put the middle of the {lamp} {off} the plate's face, square to it, opposite "
-            f"{_opposite(place)}.",
+            f"Put the middle of the {lamp} {off} the plate's face, square to it, opposite {opposite}.",
         ]
     elif mounted.wall is not None and mounted.wall.settings.foot == "plate":
         across = float(place.holes[1, 0] - place.holes[0, 0])
@@ -71,8 +71,7 @@ def steps_of(mounted: Mounted, place: Placement, view: View) -> list[str]:
             if marked
             else f"Screw the plate on, the way up that is drawn (screws of at most "
             f"{length(s.hole_diameter_mm)} mm).",
-            f"Put the middle of the {lamp} {off} the plate's face, square to it, opposite "
-            f"{_opposite(place)}.",
+            f"Put the middle of the {lamp} {off} the plate's face, square to it, opposite {opposite}.",
         ]
     elif mounted.wall is not None:
         s = mounted.wall.settings
@@ -82,25 +81,28 @@ def steps_of(mounted: Mounted, place: Placement, view: View) -> list[str]:
             f"{length(s.dowel_depth_mm + 1)} mm deep.",
             "Push the pegs in until they meet the wall. Keep the corners of the frame in pencil "
             "until the lamp stands.",
-            f"Put the middle of the {lamp} {off} the wall, square to it, opposite {_opposite(place)}.",
+            f"Put the middle of the {lamp} {off} the wall, square to it, opposite {opposite}.",
         ]
     else:
-        thread = (
-            ""
-            if mounted.hang is None
-            else f"Tie it to a thread by its eyelet: {_thread(mounted, place)}. "
-        )
+        thread = ""
+        if mounted.hang is not None:
+            across, up, out = ((mounted.hang.eyelet.thread - place.middle) @ place.wall.T).tolist()
+            thread = (
+                "Tie it to a thread by its eyelet: the thread carries it "
+                f"{_tell_side(up, 'above')} and {_tell_side(across, 'right of')} the frame's middle, "
+                f"{length(out)} mm off the wall. "
+            )
         steps = [
             "Mark the corners of the frame on the wall.",
-            f"{thread}Hang the piece before the frame as the views show: {_reach(mounted, place)}.",
-            f"Put the middle of the {lamp} {off} the wall, square to it, opposite {_opposite(place)}.",
+            f"{thread}Hang the piece before the frame as the views show: {_tell_reach(mounted, place)}.",
+            f"Put the middle of the {lamp} {off} the wall, square to it, opposite {opposite}.",
         ]
     distances = [mark.lamp_mm for mark in place.marks]
     if max(distances) - min(distances) < HEAR_MM:
-        each = f"{length(distances[0])} mm from every {_common(place)}"
+        each = f"{length(distances[0])} mm from every {' '.join(place.marks[0].name.split()[-4:])}"
     else:
         each = "; ".join(
-            f"{length(mark.lamp_mm)} mm from the {_names(place, mark.lamp_mm)}"
+            f"{length(mark.lamp_mm)} mm from the {_name_marks(place, mark.lamp_mm)}"
             for i, mark in enumerate(place.marks)
             if not any(abs(mark.lamp_mm - d) < HEAR_MM for d in distances[:i])
         )
@@ -115,24 +117,8 @@ def steps_of(mounted: Mounted, place: Placement, view: View) -> list[str]:
     return [*steps, f"Check with a tape from {what}: the {lamp} is {each}."]
 
 
-def _beside_holes(place: Placement) -> str:
-    """Say where the frame's middle is beside the one of a plate's holes."""
-    right, up = (-place.holes.mean(axis=0)).tolist()
-    ways = (up, "above", "below"), (right, "to the right of", "to the left of")
-    said = [
-        f"{length(abs(v))} mm {more if v > 0 else less}"
-        for v, more, less in ways
-        if abs(v) >= HEAR_MM
-    ]
-    return " and ".join(said) + " " if said else ""
-
-
-def _common(place: Placement) -> str:
-    return " ".join(place.marks[0].name.split()[-4:])
-
-
-def _names(place: Placement, lamp_mm: float) -> str:
-    """Return the marks that are so far from the lamp."""
+def _name_marks(place: Placement, lamp_mm: float) -> str:
+    """Name the marks that are so far from the lamp."""
     alike = [m.name for m in place.marks if abs(m.lamp_mm - lamp_mm) < HEAR_MM]
     thing = max((f" {w} " for w in ("edge", "corner")), key=lambda w: w in alike[0])
     last = alike[-1] if len(alike) == 1 else alike[-1].replace(thing, f"{thing.rstrip()}s ")
@@ -140,24 +126,16 @@ def _names(place: Placement, lamp_mm: float) -> str:
     return " and ".join([*firsts, last])
 
 
-def _reach(mounted: Mounted, place: Placement) -> str:
+def _tell_reach(mounted: Mounted, place: Placement) -> str:
     """Say between which places a piece that hangs free must be."""
     points = np.concatenate([vertices for vertices, _ in mounted.bodies]) - place.middle
     (x0, y0, z0), (x1, y1, z1) = (f(points @ place.wall.T, axis=0) for f in (np.min, np.max))
-    up = f"from {_sign(y0, 'below')} to {_sign(y1, 'above')}"
-    across = f"from {_sign(x0, 'left of')} to {_sign(x1, 'right of')}"
+    up = f"from {_tell_side(y0, 'below')} to {_tell_side(y1, 'above')}"
+    across = f"from {_tell_side(x0, 'left of')} to {_tell_side(x1, 'right of')}"
     return f"{up}, and {across}, the frame's middle, {length(z0)} to {length(z1)} mm off the wall"
 
 
-def _thread(mounted: Mounted, place: Placement) -> str:
-    """Return the place where the thread carries a piece that hangs."""
-    assert mounted.hang is not None
-    across, up, off = ((mounted.hang.eyelet.thread - place.middle) @ place.wall.T).tolist()
-    where = f"{_sign(up, 'above')} and {_sign(across, 'right of')} the frame's middle"
-    return f"the thread carries it {where}, {length(off)} mm off the wall"
-
-
-def _sign(value: float, way: str) -> str:
+def _tell_side(value: float, way: str) -> str:
     other = {"below": "above", "above": "below", "left of": "right of", "right of": "left of"}
     usual = value < 0 if way in ("below", "left of") else value > 0
     return f"{length(abs(value))} mm {way if usual else other[way]}"
@@ -197,7 +175,7 @@ def _desk_steps(place: Placement, view: View, lamp: str) -> list[str]:
 
 
 def level_wall(place: Placement, height: float) -> float:
-    """Return how far towards the lamp (mm, level) the wall is at a height of the scene."""
+    """Return how far the wall reaches towards the lamp at this height of the scene, mm."""
     out, up = place.wall[2] @ place.level.T, height - float(place.level[1] @ place.middle)
     return float(place.level[2] @ place.middle) - up * float(out[1]) / float(out[2])
 
@@ -229,12 +207,12 @@ def _lamp_shape(view: View) -> str:
 
 
 def costs_of(misplacement: Misplacement | None, view: View, *, on_wall: bool) -> list[str]:
-    """Say what is lost when lamp or piece are off their places, a line each.
+    """Say what is lost when lamp or piece are off their places, one line each.
 
-    A piece that is fixed to its wall turns with it, which is the lamp moving about both.
+    A piece fixed to its wall turns with it, as if the lamp moved about both.
 
     Args:
-        misplacement: None: nobody measured it. on_wall: the piece is fixed to the wall.
+        misplacement: None where nobody measured it. on_wall: whether the piece is fixed to the wall.
     """
     if misplacement is None:
         return ["Not measured: too little to see, or nothing rendered."]
@@ -243,20 +221,20 @@ def costs_of(misplacement: Misplacement | None, view: View, *, on_wall: bool) ->
     lines = []
     for key, way in LAMP_WAYS.items():
         moves = f" (the shadow moves {length(shift)} mm)" if key != "towards" else ""
-        lines.append(f"Lamp {length(LAMP_MM)} mm {way}: {_loss(LAMP_MM * lamp[key])}{moves}")
+        lines.append(f"Lamp {length(LAMP_MM)} mm {way}: {_tell_loss(LAMP_MM * lamp[key])}{moves}")
     if on_wall:
         reach = (view.light_distance_mm + view.wall_distance_mm) * sin(radians(1.0))
         return [
             *lines,
-            f"Wall and piece turned by 1° left or right: {_loss(reach * lamp['right'])}",
-            f"Wall and piece leaning by 1° forward or back: {_loss(reach * lamp['up'])}",
+            f"Wall and piece turned by 1° left or right: {_tell_loss(reach * lamp['right'])}",
+            f"Wall and piece leaning by 1° forward or back: {_tell_loss(reach * lamp['up'])}",
         ]
     return lines + [
-        f"Piece turned by 1° {way}: {_loss(turn[key])}" for key, way in TURN_WAYS.items()
+        f"Piece turned by 1° {way}: {_tell_loss(turn[key])}" for key, way in TURN_WAYS.items()
     ]
 
 
-def _loss(loss: float) -> str:
+def _tell_loss(loss: float) -> str:
     return f"about {min(loss, 1.0):.2f} IoU" if loss >= 0.005 else "less than 0.01 IoU"
 
 
@@ -268,7 +246,8 @@ WORDS = "words"  # the name, in an SVG, of parts beside the drawing that are tol
 
 
 def fill(axes: Axes, polygons: Sequence[Array], color: str, above: float | None = None) -> None:
-    """Fill polygons and their holes as one path, cut off below a height of the page."""
+    """Fill polygons and their holes as one path, of which nothing below the height `above` is
+    drawn."""
     from matplotlib.patches import PathPatch, Rectangle
     from matplotlib.path import Path as Outline
 
@@ -281,7 +260,8 @@ def fill(axes: Axes, polygons: Sequence[Array], color: str, above: float | None 
 
 
 def cross(axes: Axes, at: Array, reach: float, width: float) -> None:
-    """Draw two strokes through a point (2,) of the page, so many mm to each side and so many points wide."""
+    """Draw a cross at a point (2,) of the page, `reach` mm to each side, in strokes `width` points
+    wide."""
     for arm in (np.array([reach, 0.0]), np.array([0.0, reach])):
         axes.plot(*np.stack([at - arm, at + arm]).T, color=INK, lw=width)
 
@@ -297,7 +277,7 @@ def draw_lamp(axes: Axes, at: Array, across: float) -> None:
 
 
 def hatch(axes: Axes, wall: Array) -> None:
-    """Draw short strokes behind the wall's line (n, 2)."""
+    """Hatch the back of a wall, whose line is (n, 2), with short strokes."""
     steps = np.diff(wall, axis=0)
     ends = arc_lengths(wall, closed=False)
     for s in np.arange(1.5, ends[-1], 2.5):
@@ -314,7 +294,7 @@ def note(axes: Axes, at: Array, text: str, **style: Any) -> None:
 
 
 def lamp_name(view: View) -> str:
-    """Return the lamp and its size, or the eye."""
+    """Name the lamp with its size, or the eye."""
     if view.kind != "shadow":
         return "eye"
     return f"lamp, {length(view.light_size_mm)} mm" if view.light_size_mm > 0 else "lamp"

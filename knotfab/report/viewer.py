@@ -37,15 +37,15 @@ VIEW_KEYS = (
 
 @dataclass(frozen=True)
 class HistoryFrame:
-    """A place of the viewer's slider: what it says, the knots in scene coordinates, and the silhouette that
-    these are to draw, where that is not the first view's."""
+    """A place of the viewer's slider: its label, the knots in scene coordinates, and the silhouette
+    that these are to draw, if it is not the first view's."""
 
     label: str
     knots: Knots
     silhouette: Mask | None = None
 
     def to_dict(self, most: int) -> Record:
-        """Return for the viewer, with about `most` vertices and no more than can be told apart."""
+        """Pack it for the viewer, with about `most` vertices and no more than can be told apart."""
         length = sum(knot.length_mm for knot in self.knots.knots)
         step = max(THIN_RADII * self.knots.radius_mm, length / most)
         curves = [_thin(knot.points, step) for knot in self.knots.knots]
@@ -65,12 +65,12 @@ def viewer_data(
     history: Sequence[HistoryFrame] = (),
     history_label: str = "search",
 ) -> Record:
-    """Return the viewer's data (docs/viewer.md) of a written piece.
+    """Pack a written piece for the viewer (docs/viewer.md).
 
     Args:
         scene: with its pose. knots, bodies: as they are in the file, the bodies with their mount.
-        silhouettes: silhouettes of the views' pictures (H, W).
-        history: what the slider goes through: of a search the states before the knots that are written, of a
+        silhouettes: (H, W), of the views' pictures.
+        history: what the slider goes through: of a search the states before the written knots, of a
             sequence all of its frames (`history_label` "frame").
     """
     assert scene.pose is not None
@@ -90,7 +90,10 @@ def viewer_data(
         lamps = scene.lamps
         data["lamps"] = {"mode": lamps.mode, "screen": lamps.screen, "ambient": scene.room.ambient}
     if scene.mount.kind != "none":
-        data["meshes"] = [_pack_mesh(mesh) for mesh in _mount_of(placed, bodies, matrix)]
+        data["meshes"] = [
+            {"positions": pack_rows(vertices), "faces": _base64(faces.astype("<u4"))}
+            for vertices, faces in _find_mount(placed, bodies, matrix)
+        ]
     if scene.piece.printed and bodies:
         width, depth, _ = scene.printer.build_volume_mm
         data["print"] = {"matrix": matrix.tolist(), "bed_mm": [width, depth]}
@@ -108,7 +111,7 @@ def viewer_data(
 
 
 def pack_rows(rows: Array) -> Record:
-    """Return rows (n, k) of mm as whole steps in 16 bits, each column from its least on."""
+    """Pack rows (n, k) of mm into 16-bit steps, counted from the least of each column."""
     low = np.round(rows.min(axis=0), 4)
     step = max(float((rows - low).max()), 1e-6) / LEVELS
     q = np.round((rows - low) / step).clip(0, LEVELS).astype("<u2")
@@ -142,7 +145,8 @@ def find_supports(bodies: Sequence[Mesh], rules: Rules) -> Array:
 
 
 def _thin(points: Array, step_mm: float) -> Array:
-    """Return every so many of a curve's points, about `step_mm` apart, and eight at least."""
+    """Keep every k-th point of a curve, so that they are about `step_mm` apart, but at least
+    eight."""
     edges = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)
     stride = round(step_mm / max(float(edges.mean()), 1e-9))
     return points[:: max(1, min(stride, len(points) // 8))]
@@ -152,13 +156,9 @@ def _base64(array: NDArray[Any]) -> str:
     return base64.b64encode(np.ascontiguousarray(array).tobytes()).decode("ascii")
 
 
-def _pack_mesh(mesh: Mesh) -> Record:
-    vertices, faces = mesh
-    return {"positions": pack_rows(vertices), "faces": _base64(faces.astype("<u4"))}
-
-
-def _mount_of(knots: Knots, bodies: Sequence[Mesh], matrix: Array) -> list[Mesh]:
-    """Return the faces of bodies (file coordinates) that stick out of the tubes about `knots` (scene)."""
+def _find_mount(knots: Knots, bodies: Sequence[Mesh], matrix: Array) -> list[Mesh]:
+    """Find the faces of bodies (file coordinates) that stand out of the tubes of `knots`
+    (scene)."""
     step = 0.1 * knots.radius_mm
     fine = [sample_evenly(knot.points, step, at_most=True) for knot in knots.knots]
     middles = cKDTree(np.concatenate(fine))
@@ -169,12 +169,12 @@ def _mount_of(knots: Knots, bodies: Sequence[Mesh], matrix: Array) -> list[Mesh]
         off = middles.query(points)[0] > 1.02 * knots.radius_mm
         own = faces[off[faces].any(axis=1)]
         if len(own):
-            found.append(_fewer(keep_faces(points, own)))
+            found.append(_decimate(keep_faces(points, own)))
     return found
 
 
-def _fewer(mesh: Mesh) -> Mesh:
-    """Return the mesh with MOUNT_FACES at most, by quadric decimation."""
+def _decimate(mesh: Mesh) -> Mesh:
+    """Reduce the mesh to MOUNT_FACES at most, by quadric decimation."""
     vertices, faces = mesh
     if len(faces) <= MOUNT_FACES:
         return mesh

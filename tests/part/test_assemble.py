@@ -17,7 +17,7 @@ from knotfab.knots import Knot, Knots
 from knotfab.part.assemble import Part, _choose_poses
 from knotfab.part.write import pose_scene
 from knotfab.part.zoetrope import build_zoetrope, find_footholds
-from knotfab.report.posing import lay_out
+from knotfab.report.posing import report_posing
 from knotfab.scene.camera import camera_of
 from knotfab.scene.catalogue import resolve
 from knotfab_formats.piece import Material, Printer
@@ -56,7 +56,7 @@ def test_what_is_printed_is_larger_and_the_pose_takes_it_back() -> None:
     for vertices, _ in part.bodies:
         back = vertices @ turn.T + part.pose.matrix[:3, 3]
         assert np.hypot(back[:, 0], back[:, 1]).max() == pytest.approx(32.0, abs=0.1)
-    found, (note,) = lay_out(report_with().print, part, None)
+    found, (note,) = report_posing(report_with().print, part, None)
     assert "4.17 % larger" in note
     assert found.pose is not None and found.pose.shrinkage_percent == 4.0
 

@@ -20,7 +20,7 @@ from PIL import Image
 import knotfab.design.design as designing
 import knotfab.pipeline.piece as piece
 from knotfab.design.design import Design
-from knotfab.report.checks import CHECKS
+from knotfab.report.summary import CHECKS
 from knotfab_formats.search import PRESETS
 from knotfab_formats.verdict import KNOTS, MESH, PRINTING, UPRIGHT
 

@@ -14,9 +14,8 @@ from knotfab.base.errors import SceneError
 from knotfab.design.room import depth_extent, resolve_region
 from knotfab.effects.base import Decision
 from knotfab.effects.penumbra import PENUMBRA
-from knotfab.report.effects import advise as advise_nearer
-from knotfab.report.effects import list_effects, tell_move
-from knotfab.report.views import advise_widening
+from knotfab.report.effects import advise_nearer_wall as advise_nearer
+from knotfab.report.effects import advise_widening, list_effects, tell_move
 from knotfab.scene.catalogue import resolve
 from knotfab_formats.scene import ResolvedView, Scene, SettledScene
 from knotfab_formats.verdict import WorstMove

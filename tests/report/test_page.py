@@ -20,12 +20,11 @@ from reports import VERDICT, check_of, report_with
 from knotfab.geometry.tube import sweep
 from knotfab.render.part_picture import draw_part, place_eyes, turn_eye
 from knotfab.report import page as report_html
-from knotfab.report.checks import CHECKS, mark_of, tally_checks
 from knotfab.report.for_maker import list_files
-from knotfab.report.in_words import tell_colours
 from knotfab.report.page import Picture, render_html, write_report_html
 from knotfab.report.pictures import find_pictures
 from knotfab.report.report import write_report_json
+from knotfab.report.summary import CHECKS, mark_of, tally_checks, tell_colours
 from knotfab_formats.errors import plain, read_as
 from knotfab_formats.report import Report
 from knotfab_formats.scene import ResolvedView

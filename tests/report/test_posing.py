@@ -18,7 +18,7 @@ from knotfab.part.orient import Flattening
 from knotfab.part.plates import Plates, PrintPlate
 from knotfab.part.slicer_process import NotSliced, Sliced, sum_slicings
 from knotfab.report.for_maker import tell_flatter
-from knotfab.report.posing import TOOLS_MM, find_access, lay_out, measure_access, tell_access
+from knotfab.report.posing import TOOLS_MM, find_access, measure_access, report_posing, tell_access
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.load import parse_scene
 from knotfab_formats.print_figures import (
@@ -45,7 +45,7 @@ def part(plates: Plates | None = None, upright: object = None, scene: str = "") 
 
 
 def told(piece: Any, flattening: Flattening | None = None, **more: Any) -> tuple[Print, list[str]]:
-    return lay_out(replace(report_with().print, **more), piece, flattening)
+    return report_posing(replace(report_with().print, **more), piece, flattening)
 
 
 def test_a_pose_that_the_mount_asks_for() -> None:
@@ -90,7 +90,7 @@ def test_a_piece_that_was_brought_to_its_wall() -> None:
 def test_powder_asks_for_neither_supports_nor_access() -> None:
     piece = part(scene="[printer]\nname = 'hp-mjf'")
     how = {"printing": True, "access": find_access(piece)}
-    found, (note,) = lay_out(report_with().print, piece, None, **how)
+    found, (note,) = report_posing(report_with().print, piece, None, **how)
     assert found.pose is not None and found.pose.chosen_by == "the volume of its box"
     assert "no supports" in note and "6 cm³" in note
     assert found.support_access is None
@@ -99,10 +99,10 @@ def test_powder_asks_for_neither_supports_nor_access() -> None:
 def test_what_was_sliced_is_told_with_its_supports() -> None:
     sliced = {"time_s": 5400.0, "filament_g": 20.0, "support_g": 5.0, "support_share": 0.25}
     print_, how = report_with(print=sliced).print, {"printing": True, "access": find_access(part())}
-    found, _ = lay_out(print_, part(), None, **how)
+    found, _ = report_posing(print_, part(), None, **how)
     assert found.support_access is not None
     assert found.support_access.worst is None  # a box that has no face
-    assert lay_out(print_, part(), None)[0].support_access is None
+    assert report_posing(print_, part(), None)[0].support_access is None
 
 
 def test_what_less_depth_would_take_is_one_sentence() -> None:

@@ -32,7 +32,8 @@ def __getattr__(name: str) -> Any:
 
 
 class _Package(ModuleType):
-    """Keeps `validate` the function: importing the module of that name would replace it."""
+    """The package as a module whose name `validate` stays the function when the module is
+    imported."""
 
     def __setattr__(self, name: str, value: object) -> None:
         if name == "validate" and isinstance(value, ModuleType):

@@ -53,19 +53,15 @@ def part_checks(
 ) -> list[Check]:
     """Make all checks but the shadow's: mesh, tube, curves, knot type, region and printer.
 
-    The thickness must reach the tube's radius plus, if there is a scene, half its clearance; without a
-    known
-    radius it is only measured. Checks whose file is not given are skipped, and say so. A group that
-    `skip`
-    names entirely is not measured, except that printability needs the surface. On `plates`, the plates
-    are
-    what must be printable and fit the printer, and they must make up the part. `printed` is the part
-    before
-    it shrinks, if it does. The seconds of each group are added to `seconds`.
+    The thickness must reach the tube's radius plus, if there is a scene, half its clearance;
+    without a known radius it is only measured. Checks whose file is not given are skipped, and say
+    so. A group that `skip` names entirely is not measured, except that printability needs the
+    surface. On `plates`, the plates are what must be printable and fit the printer, and they must
+    make up the part. `printed` is the part before it shrinks, if it does. The seconds of each group
+    are added to `seconds`.
 
     A part without knots is searched for its centre lines (`centre_line`). Thickness, knot type and
-    clearance
-    are then measured on these estimates, and are not required.
+    clearance are then measured on these estimates, and are not required.
     """
     whole = mesh if printed is None else printed
     if _is_upright(scene) and mesh is not None:

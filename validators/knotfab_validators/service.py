@@ -4,14 +4,11 @@ Slow imports happen while no request is waiting, so that a parent can start this
 graphics library that crashes takes only this process with it. A request without files is answered once
 all is loaded, and compiled loops are cached for other processes.
 
-Request: {"part", "knots", "scene", "pictures_dir", "failures": path or null, "skip": [name, …], "unit":
-that
-of a part whose file knows none ("mm"), "piece": a unique name of these files, which are read once}. If
-two
-processes share a piece, each is asked for a half, "only": "geometry" or "shadows"; one is then asked to
-conclude from what both "found": [answer, answer].
-Answer: {"status", "exit_code", "conclusion", "size_mm", "notes", "checks", "views", "picture",
-"seconds"},
+Request: {"part", "knots", "scene", "pictures_dir", "failures": path or null, "skip": [name, …],
+"unit": that of a part whose file knows none ("mm"), "piece": a unique name of these files, which
+are read once}. If two processes share a piece, each is asked for a half, "only": "geometry" or
+"shadows"; one is then asked to conclude from what both "found": [answer, answer]. Answer:
+{"status", "exit_code", "conclusion", "size_mm", "notes", "checks", "views", "picture", "seconds"},
 or {"error": sentence} for bad files.
 """
 

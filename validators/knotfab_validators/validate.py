@@ -44,9 +44,8 @@ AS_PRINTED = {*PRINTER, *FILES}  # checks of the part before it shrinks
 class Piece:
     """The files of a piece as read; None for a file that is not given.
 
-    `printed` and `lines` are as in the files. `mesh` and `curves`, which are measured, are as they will
-    be once
-    the material has shrunk to `left` of every length.
+    `printed` and `lines` are as in the files. `mesh` and `curves`, which are measured, are as they
+    will be once the material has shrunk to `left` of every length.
     """
 
     part: Path | None

@@ -17,8 +17,8 @@ from knotfab.knots import Knot, Knots
 from knotfab.picture.raster import image_uri
 from knotfab.picture.silhouette import mask_iou
 from knotfab.render.pages import length
-from knotfab.report.in_words import tell_share
 from knotfab.report.page import make_environment
+from knotfab.report.summary import tell_share
 from knotfab.scene.camera import Camera
 from knotfab.scene.load import dump_scene
 from knotfab_formats.errors import InputError

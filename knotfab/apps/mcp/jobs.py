@@ -54,7 +54,7 @@ def build(given: Given, hear: Hear, known: Collection[str]) -> Answer:
     """Do what `knotfab build` does, in an allowed folder."""
     from knotfab.api import build as run
     from knotfab.pipeline.options import options_from
-    from knotfab.report.in_words import conclude, last_line
+    from knotfab.report.summary import conclude, last_line
 
     pictures = _pictures(given)
     options_from(given, known)  # refuses unknown options
@@ -83,7 +83,7 @@ def validate(given: Given, hear: Hear, known: Collection[str]) -> Answer:
     from knotfab.pipeline.read_options import read_skips
     from knotfab.pipeline.strangers import validate_files
     from knotfab.pipeline.verifier import files_to_validate
-    from knotfab.report.in_words import tell_unmet
+    from knotfab.report.summary import tell_unmet
     from knotfab.scene.load import load_scene
 
     skip, unit = given.pop("skip", []), given.pop("unit", "mm")

@@ -121,7 +121,7 @@ def render_page(explored: Explored, steps: Sequence[Step], told: _Words) -> str:
 
 
 def _count_shadows(measured: Sequence[Measured]) -> int:
-    """Return for how many pictures the page has room to show every point's shadow."""
+    """Return for how many pictures the page has room to show each point's shadow."""
     for count in range(max(len(m.runs) for m in measured), 1, -1):
         # keeps the page below 2 MB
         if sum(len(run.shadow) for m in measured for run in m.runs[:count]) < 1_300_000:
@@ -156,7 +156,7 @@ def _list_figures(m: Measured) -> list[tuple[str, str]]:
 
 
 def _staircase(corners: Sequence[tuple[float, float]]) -> str:
-    """Return the points of an SVG polyline: the least error that can be had within a given time."""
+    """Write the points of an SVG polyline: the least error that can be had within a given time."""
     path: list[str] = []
     for number, (x, y) in enumerate(corners):
         if number:

@@ -90,11 +90,8 @@ class Placed:
 class Shape:
     """An object of one of the `TYPES`: a mesh in the model's unit, or components.
 
-    Points are rounded to single precision, as slicers and lib3mf hold them, so that the checks see the
-    same mesh.
-
-    Points are rounded to single precision, in which slicers and lib3mf hold them: the checks are to
-    see the mesh that these will see.
+    Points are rounded to single precision, as slicers and lib3mf hold them, so that the checks see
+    the same mesh.
     """
 
     points: array[float] = field(default_factory=lambda: array("f"))

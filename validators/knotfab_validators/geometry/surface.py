@@ -20,12 +20,11 @@ class Surface:
     """A mesh with finite vertices, taken apart.
 
     Edges are pairs (k, 2) of vertices: `open_edges` belong to an odd number of faces (one: the rim
-    of a hole), `crowded_edges` to more than two, and the faces of `flipped_edges` run through
-    them more often one way than the other. `pinched` are vertices where several fans of faces
-    meet; they are looked for only where every edge has its two faces. `body` (m,) is each face's
-    body: what is joined across edges of two faces. `genus` and `volumes_mm3` (signed) have one
-    value per body, and mean something only where the mesh is closed, wound in one way and not
-    pinched.
+    of a hole), `crowded_edges` to more than two, and the faces of `flipped_edges` run through them
+    more often one way than the other. `pinched` are vertices where several fans of faces meet; they
+    are looked for only where every edge has its two faces. `body` (m,) is each face's body: what is
+    joined across edges of two faces. `genus` and `volumes_mm3` (signed) have one value per body,
+    and mean something only where the mesh is closed, wound in one way and not pinched.
     """
 
     open_edges: Ints
@@ -132,9 +131,8 @@ def _scramble(x: NDArray[np.uint64]) -> NDArray[np.uint64]:
 def _find_pinched(faces: Ints, one: Ints, other: Ints, count: int) -> Ints:
     """Find vertices whose faces form more than one fan; `one` and `other` are paired half-edges.
 
-    Half-edge 3f + i leads from corner i of face f to the next one. The twin of the half-edge before it
-    leaves
-    the same corner: repeated, this walk around the corner must reach every face there.
+    Half-edge 3f + i leads from corner i of face f to the next one. The twin of the half-edge before
+    it leaves the same corner: repeated, this walk around the corner must reach every face there.
     """
     twin = np.empty(faces.size, dtype=np.int64)
     twin[one], twin[other] = other, one

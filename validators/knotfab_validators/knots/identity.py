@@ -31,13 +31,11 @@ MOST_SEEN = 800  # crossings up to which a determinant is computed modulo a prim
 class Identity:
     """What was found about the knot of one polygon.
 
-    `knots` are those of the table that it may be; `complete` says that it must be one of them. If that
-    leaves
-    one it is `proved`, and `reason` says how. `invariants` are None if too many crossings are left, or if
-    two
-    ways to one number disagree (`trouble`); `colouring`, ±Δ(-1) modulo 2^31 - 1, may be known even then.
-    `ruled_out` are knots with the same invariants that representations exclude. `places` (m, 3) are the
-    vertices that the reduction leaves.
+    `knots` are those of the table that it may be; `complete` says that it must be one of them. If
+    that leaves one it is `proved`, and `reason` says how. `invariants` are None if too many
+    crossings are left, or if two ways to one number disagree (`trouble`); `colouring`, ±Δ(-1)
+    modulo 2^31 - 1, may be known even then. `ruled_out` are knots with the same invariants that
+    representations exclude. `places` (m, 3) are the vertices that the reduction leaves.
     """
 
     knots: tuple[Knot, ...]

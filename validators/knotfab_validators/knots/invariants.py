@@ -141,11 +141,10 @@ class Invariants:
     def hand(self) -> int:
         """1 right-handed, -1 left-handed, 0 if no invariant tells it from its mirror image.
 
-        A knot is right-handed if its Jones polynomial reaches farther into the positive powers, as that of
-        the
-        right-handed trefoil does, t + t^3 - t^4. If it reaches equally far both ways, the signature must be
-        negative. If that is 0, the first coefficients that differ, from outside in, must be larger among the
-        positive powers.
+        A knot is right-handed if its Jones polynomial reaches farther into the positive powers, as
+        that of the right-handed trefoil does, t + t^3 - t^4. If it reaches equally far both ways,
+        the signature must be negative. If that is 0, the first coefficients that differ, from
+        outside in, must be larger among the positive powers.
         """
         if self.jones is not None:
             reach = self.jones.lowest + self.jones.highest

@@ -59,9 +59,8 @@ class KnotFinding:
 class KnotTypes:
     """The findings on all closed polygons, and how these are linked.
 
-    `touching` is a place where polygons meet, or are too near to tell: then they have no type. `tangled`
-    says
-    that there was too much to look at.
+    `touching` is a place where polygons meet, or are too near to tell: then they have no type.
+    `tangled` says that there was too much to look at.
     """
 
     knots: tuple[KnotFinding, ...]

@@ -54,9 +54,8 @@ class Budget:
 class Reduced:
     """The polygons that are left, (m, 3) each; `components` are their indices among those given.
 
-    Missing ones were proved unknots, split from all others. If none is left, the polygons are a proved
-    unknot
-    or unlink.
+    Missing ones were proved unknots, split from all others. If none is left, the polygons are a
+    proved unknot or unlink.
     """
 
     polygons: tuple[Array, ...]

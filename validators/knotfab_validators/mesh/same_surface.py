@@ -23,10 +23,9 @@ APART_MM = 5.0  # least distance between two places that are named
 class SurfaceDifference:
     """How two meshes differ.
 
-    `away_mm` is the largest distance from a vertex of either to the nearest one of the other, infinite if
-    one has none; `at` (k, 3), mm, are such places, worst first. `faces` counts faces that only one of
-    them
-    has, if all vertices match; otherwise it is 0.
+    `away_mm` is the largest distance from a vertex of either to the nearest one of the other,
+    infinite if one has none; `at` (k, 3), mm, are such places, worst first. `faces` counts faces
+    that only one of them has, if all vertices match; otherwise it is 0.
     """
 
     away_mm: float

@@ -216,11 +216,9 @@ def _check_pappus(found: Surface, curves: Curves, radius: float, where: Array) -
 def _find_misplaced(mesh: Mesh, largest: Ints) -> Mask:
     """Mark bodies (b,) that are inside out or lie in the matter of others.
 
-    Behind a face of a sound solid the winding number is 1, also behind that of a cavity, or of a body
-    inside
-    a cavity. It is 0 if the body is inside out (-1 in front of its faces), and 2 if it lies in matter,
-    which
-    slicers interpret in different ways.
+    Behind a face of a sound solid the winding number is 1, also behind that of a cavity, or of a
+    body inside a cavity. It is 0 if the body is inside out (-1 in front of its faces), and 2 if it
+    lies in matter, which slicers interpret in different ways.
 
     Args:
         largest: (b,) a face of each body.
@@ -302,11 +300,9 @@ TURNS = Rotation.from_euler(
 class Opinions:
     """What the two libraries find in one mesh.
 
-    `pairs` (k, 2) are faces that meet by libigl: all of them or, unless `counted`, the first one. `seen`
-    are
-    faces that cross others by pymeshlab; None if it could not be asked, and `why` says so. Both are None
-    if
-    the mesh is such a heap of faces that neither was asked.
+    `pairs` (k, 2) are faces that meet by libigl: all of them or, unless `counted`, the first one.
+    `seen` are faces that cross others by pymeshlab; None if it could not be asked, and `why` says
+    so. Both are None if the mesh is such a heap of faces that neither was asked.
     """
 
     pairs: Ints | None
@@ -342,9 +338,8 @@ def opinions(mesh: Mesh) -> Opinions:
 def _ask_again(mesh: Mesh, seen: Ints) -> Ints:
     """Keep the faces that still cross for pymeshlab when they alone are tested again, rotated.
 
-    In planes oblique to the axes, rounding makes it report long thin neighbours. A real crossing remains
-    in
-    any orientation.
+    In planes oblique to the axes, rounding makes it report long thin neighbours. A real crossing
+    remains in any orientation.
     """
     for turn in TURNS:
         if not len(seen):

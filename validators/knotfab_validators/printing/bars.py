@@ -84,9 +84,8 @@ def _keep(mesh: Mesh, faces: Mask) -> Mesh:
 def _read_bars(bars: Mesh, listed: Sequence[Bar]) -> list[Bar]:
     """Read each body as a level box: the ends of its axis, its width and its height.
 
-    The axis is that of the listed bar with the nearest centre, since a bar may be wider than long. A body
-    far
-    from all listed bars takes its longest extent.
+    The axis is that of the listed bar with the nearest centre, since a bar may be wider than long.
+    A body far from all listed bars takes its longest extent.
     """
     label, count = number_bodies(bars)
     middles = np.array([(b.start + b.end) / 2 for b in listed]).reshape(-1, 3)

@@ -23,9 +23,8 @@ class Stretches:
     `length` (n,) mm: of a bridge (`bridged`) the way from side to side past the point that is
     farthest from what holds it; of a ledge, held on one side, how far it reaches out; NaN of an
     island, which nothing holds. `place` (n, 3) is that point, of an island the lowest one, and
-    `face` (n,) the mesh's face there.
-    `cell_place` (k, 3) and `cell_of` (k,): the lower ends of all columns over air, and which
-    stretch they belong to.
+    `face` (n,) the mesh's face there. `cell_place` (k, 3) and `cell_of` (k,): the lower ends of all
+    columns over air, and which stretch they belong to.
     """
 
     length: Array
@@ -235,9 +234,8 @@ def columns(mesh: Mesh, cell: float = CELL_MM) -> Columns:
 def _rows(corner: Array, start: Array, cell: float) -> tuple[Ints, Ints, Ints, Ints]:
     """Find the rows of axes that may meet each face (m, 3, 2).
 
-    Returns the face, the row's number, its first axis in the face and how many there are: those between
-    where
-    the row enters and leaves the face, and a little beyond.
+    Returns the face, the row's number, its first axis in the face and how many there are: those
+    between where the row enters and leaves the face, and a little beyond.
     """
     place = (corner - start) / cell
     low, high = bound_triangles(*place.swapaxes(0, 1))
@@ -325,11 +323,10 @@ ISLAND_LEVEL_MM = 1e-6  # corners joined by an edge this level count as one plac
 def find_islands(mesh: Mesh, air: Stretches, layer_mm: float) -> Array:
     """Find the tips in mid-air (n, 3), lowest first: local minima of the surface with material above.
 
-    The grid of columns sees a stretch that nothing holds, but not a tip or a leg thinner than its cells.
-    So
-    from the face where a column begins, a path descends along the surface, each time to the lowest
-    neighbouring corner (level corners count as one). The stretch is an island if the path ends above the
-    first layer, in a place where no face looks up.
+    The grid of columns sees a stretch that nothing holds, but not a tip or a leg thinner than its
+    cells. So from the face where a column begins, a path descends along the surface, each time to
+    the lowest neighbouring corner (level corners count as one). The stretch is an island if the
+    path ends above the first layer, in a place where no face looks up.
     """
     start = np.unique(air.face[air.island])
     if not len(start):

@@ -22,15 +22,12 @@ TRIED = 12  # places tested in one stretch
 class Growth:
     """The connected pieces of all layers, and what they stand on.
 
-    `area` (p,), mm², and `middle` (p, 3), mm, are those of the section; `round_mm2` (p,) is its area at
-    right
-    angles to the leg. `body` (p,) numbers what is connected once all is printed. `held` (p,) tells
-    whether a
-    path leads down to the bed; `island` (k,) are the pieces that begin in mid-air. `free` (p,), mm, is
-    the
-    length of a leg since its foot, or since another one last joined it. `limp` (p,), 1/mm, is the
-    deflection
-    of its end under a transverse force, times the modulus; `top` (p,) tells whether it ends there.
+    `area` (p,), mm², and `middle` (p, 3), mm, are those of the section; `round_mm2` (p,) is its
+    area at right angles to the leg. `body` (p,) numbers what is connected once all is printed.
+    `held` (p,) tells whether a path leads down to the bed; `island` (k,) are the pieces that begin
+    in mid-air. `free` (p,), mm, is the length of a leg since its foot, or since another one last
+    joined it. `limp` (p,), 1/mm, is the deflection of its end under a transverse force, times the
+    modulus; `top` (p,) tells whether it ends there.
     """
 
     area: Array
@@ -47,12 +44,10 @@ class Growth:
 def follow_growth(cut: Slices) -> Growth:
     """Follow each piece of each layer down to what it stands on.
 
-    A leg is a cantilever from the bed with the sections that it has. Its end moves by the sum of
-    (L - s)² ds / E I(s), with I = A² / 4 pi of a round section of the same area: L³ / 3 E I if it is
-    even.
-    Where two pieces that reach the bed grow together, as at the peak of an arch or at a bar, they brace
-    each
-    other, and what goes on from there starts anew.
+    A leg is a cantilever from the bed with the sections that it has. Its end moves by the sum of (L
+    - s)² ds / E I(s), with I = A² / 4 pi of a round section of the same area: L³ / 3 E I if it is
+    even. Where two pieces that reach the bed grow together, as at the peak of an arch or at a bar,
+    they brace each other, and what goes on from there starts anew.
     """
     area, flat = measure_pieces(cut)
     pieces = len(area)

@@ -37,9 +37,8 @@ START_MM = 1e-6  # distance off its face at which a ray starts
 class Facing:
     """Pairs of places that face each other.
 
-    A ray from `point` (n, 3) on `face` along its normal meets the face `other` (n,) at `hit` (n, 3),
-    `width`
-    (n,) away.
+    A ray from `point` (n, 3) on `face` along its normal meets the face `other` (n,) at `hit` (n,
+    3), `width` (n,) away.
     """
 
     point: Array

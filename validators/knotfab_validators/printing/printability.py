@@ -81,15 +81,14 @@ def printability_checks(
     - `feature`, `gap`: the thinnest wall and gap against the printer's, required. Gaps may be 8 %
       narrower: a tube of m flat sides with the round one's volume stands out by r a² / 12 at its
       corners (a = 2 pi / m; 0.015 mm at r = 2 mm and m = 24), so that two strands whose centre
-      lines keep their distance come up to twice as much closer in the file. Where it is known how far
-      that is (`proud`), they may be so much narrower if that is more.
+      lines keep their distance come up to twice as much closer in the file. Where it is known how
+      far that is (`proud`), they may be so much narrower if that is more.
     - `overhang`: area steeper than the printer's `max_overhang_deg`, cm²; `support_volume`: solid
       columns under it, cm³; `bridge`: longest stretch over air, where a ledge that is held on one
       side counts twice; `islands`: how many places begin in mid-air; `floating`: how many bodies do
-      not reach the bed.
-      With supports only the `support_volume` has a limit. Without, it has none, and there must
-      be neither island nor floating body, no bridge longer than `max_bridge_mm`, and no overhang
-      but such bridges.
+      not reach the bed. With supports only the `support_volume` has a limit. Without, it has none,
+      and there must be neither island nor floating body, no bridge longer than `max_bridge_mm`, and
+      no overhang but such bridges.
     - `standing`: how far the middle of a body's mass lies inside the hull of its first layer, the
       least of all bodies that reach the bed; must not be negative where the part `stands`.
 

@@ -43,10 +43,9 @@ WRONG = (214, 94, 50)
 class LampShadow:
     """One lamp's verified shadow on the padded working frame.
 
-    `hidden` (H, W) is the share of the lamp that is hidden at each pixel; `mask` (H, W) is its picture,
-    where it
-    should be hidden. `geometry` is its view on the picture's own pixels. `tube_mm` is half the width of a
-    strand's shadow; None if the knots are unknown.
+    `hidden` (H, W) is the share of the lamp that is hidden at each pixel; `mask` (H, W) is its
+    picture, where it should be hidden. `geometry` is its view on the picture's own pixels.
+    `tube_mm` is half the width of a strand's shadow; None if the knots are unknown.
     """
 
     view: View
@@ -132,11 +131,10 @@ def measure_colours(
 def check_colours(told: Colours, iou_floor: float | None) -> list[Check]:
     """Check `colours` and `lamp_colours`.
 
-    `colours`: the share of drawn or dark pixels that have the right one of the colours the lamps mix. A
-    lamp
-    counts as hidden where half of it is. Each lamp may miss as much as its required IoU allows; without a
-    floor nothing is required.
-    `lamp_colours`: the masks are nearer to the picture with each lamp's own colour than with two swapped.
+    `colours`: the share of drawn or dark pixels that have the right one of the colours the lamps
+    mix. A lamp counts as hidden where half of it is. Each lamp may miss as much as its required IoU
+    allows; without a floor nothing is required. `lamp_colours`: the masks are nearer to the picture
+    with each lamp's own colour than with two swapped.
     """
     count = len(told.lamps)
     floor = None if iou_floor is None else max(1 - count * (1 - iou_floor), 0.0)

@@ -143,9 +143,8 @@ MOST = 0.5  # largest error accepted, as a share of that of one even grey
 class Tone:
     """The greys of one view: `error` is the rms difference, and `flat` that of an even grey.
 
-    Both are shares of the way from white to `densest`, the darkest shadow that parallel strands with
-    their
-    clearance can cast.
+    Both are shares of the way from white to `densest`, the darkest shadow that parallel strands
+    with their clearance can cast.
     """
 
     error: float

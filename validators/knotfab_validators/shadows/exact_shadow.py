@@ -119,11 +119,10 @@ def shadow_lines(
     """Return the silhouette edges of a mesh as oriented lines, in pixels of the flat receiver of
     `geometry`.
 
-    Every face is turned to positive area in the picture, and an edge that two faces traverse in opposite
-    directions cancels. What is left (silhouette edges, and free edges of an open mesh) bounds the sum of
-    all
-    projected faces, so its winding number at a point is the number of faces over it. The shadow is where
-    this is not zero, for any set of triangles.
+    Every face is turned to positive area in the picture, and an edge that two faces traverse in
+    opposite directions cancels. What is left (silhouette edges, and free edges of an open mesh)
+    bounds the sum of all projected faces, so its winding number at a point is the number of faces
+    over it. The shadow is where this is not zero, for any set of triangles.
 
     Args:
         vertices: (n, 3), mm, in the coordinates of `geometry`.
@@ -183,9 +182,8 @@ def shadow_polygon(lines: Linework, geometry: ViewGeometry | None = None) -> Any
     """Return the shadow as a shapely (multi)polygon, in pixels of `geometry`, whose receiver may be
     curved.
 
-    The lines are noded and polygonised. Faces of that arrangement with a nonzero winding number at an
-    inner
-    point are the shadow.
+    The lines are noded and polygonised. Faces of that arrangement with a nonzero winding number at
+    an inner point are the shadow.
     """
     noded = shapely.unary_union(shapely.linestrings(np.stack([lines.start, lines.end], axis=1)))
     cells = shapely.get_parts(shapely.polygonize(shapely.get_parts(noded)))
@@ -226,10 +224,9 @@ def _rising_edges(lines: Linework) -> tuple[Linework, Array]:
 def wound_mask(parts: Iterable[Linework], width: int, height: int) -> Mask:
     """Rasterise where the joint winding number of all `parts` is not 0, (height, width).
 
-    Pixel centres are integers. In this scan line algorithm each edge adds its weight to all pixels of a
-    row
-    to the right of its crossing, by one entry and a running sum. An edge meets the rows of the half-open
-    interval [y_low, y_high), so that a vertex on a row counts once.
+    Pixel centres are integers. In this scan line algorithm each edge adds its weight to all pixels
+    of a row to the right of its crossing, by one entry and a running sum. An edge meets the rows of
+    the half-open interval [y_low, y_high), so that a vertex on a row counts once.
     """
     raster = np.zeros((height, width), dtype=np.int32)
     for lines in parts:
@@ -298,9 +295,8 @@ def winding_at(points: Array, lines: Linework) -> Ints:
 class ShadowCaster(Renderer):
     """A mesh whose edges are sorted once, for `shadow_lines` and `shadow_mask` under many lights.
 
-    It draws what the renderer draws (`SilhouetteRenderer` computes the same in another way). A shadow
-    that is
-    verified by both need not be drawn by both for each place of a lamp.
+    It draws what the renderer draws (`SilhouetteRenderer` computes the same in another way). A
+    shadow that is verified by both need not be drawn by both for each place of a lamp.
 
     Args:
         vertices: (n, 3) mm. faces: (m, 3).

@@ -70,8 +70,7 @@ def padded_mask(mask: Mask, frame: WorkingFrame) -> Mask:
     pixel.
 
     Sampling at the centres instead would shift a picture of twice the resolution by half of its own
-    pixels.
-    The padding is False.
+    pixels. The padding is False.
     """
     height, width = mask.shape
     across = mask.astype(np.int32) @ _overlaps(width, frame.width).T

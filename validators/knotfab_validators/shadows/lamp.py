@@ -41,10 +41,9 @@ def blur_px(vertices: Array, geometry: ViewGeometry, size_mm: float) -> float:
     """Return the widest blur on the receiver, px, that a ball of `size_mm` causes at any of vertices (n,
     3).
 
-    For an edge at height h above the receiver, at distance D from a lamp of height H, the rays through it
-    that touch the ball form a cone. It cuts the receiver in an ellipse d h D / ((H - h)² - d²/4) long. On
-    a
-    curved receiver, the plane is the one tangent to it at the edge's shadow.
+    For an edge at height h above the receiver, at distance D from a lamp of height H, the rays
+    through it that touch the ball form a cone. It cuts the receiver in an ellipse d h D / ((H - h)²
+    - d²/4) long. On a curved receiver, the plane is the one tangent to it at the edge's shadow.
     """
     at, normal = geometry.touching(geometry.project(vertices)[0])
     height = ((vertices - at) * normal).sum(axis=1)
@@ -173,11 +172,9 @@ def lamp_points(lamp: SceneLamp, blur_px: float, tolerance_px: float) -> Array:
     """Return offsets (n, 2), right and up from the lamp's centre, mm, each for an equal share of its
     light.
 
-    A disc, and a ball (which looks like one), are sampled on rings, a rectangle on a grid. Each LED of an
-    array
-    casts its own shadow and is sampled; in a large array by one point each, varied so that all points
-    together
-    fill one LED's disc. Their number is odd, except for arrays.
+    A disc, and a ball (which looks like one), are sampled on rings, a rectangle on a grid. Each LED
+    of an array casts its own shadow and is sampled; in a large array by one point each, varied so
+    that all points together fill one LED's disc. Their number is odd, except for arrays.
 
     Args:
         blur_px: the widest blur: below 10 px fewer points suffice, and fewest if `tolerance_px` is
@@ -228,11 +225,9 @@ FROM_DISC, FROM_BALL = np.pi, 4 * np.pi  # flux of a lamp of intensity 1
 class Light:
     """The light on a screen of H x W pixels, in linear red, green and blue.
 
-    `colours` (n, 3) are the lamps' own light in the middle of the frame; `falloff` (n, H, W) is the share
-    of it
-    that reaches a pixel in sight of the lamp; `other` (3,) is light that reaches all pixels. `white` (3,)
-    is
-    all light in the middle, which an adapted eye calls white.
+    `colours` (n, 3) are the lamps' own light in the middle of the frame; `falloff` (n, H, W) is the
+    share of it that reaches a pixel in sight of the lamp; `other` (3,) is light that reaches all
+    pixels. `white` (3,) is all light in the middle, which an adapted eye calls white.
     """
 
     colours: Array

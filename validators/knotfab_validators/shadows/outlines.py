@@ -16,10 +16,10 @@ WRONG_PX = 2.0
 class WrongStretch:
     """The longest connected stretch of either outline that is wrong.
 
-    `length_px` along the outline, `off_px` how far the other outline is at its worst point, and
-    `where` that point (u, v); all in pixels of the compared masks. All zero where nothing is wrong.
-    `quantile_95_px` is of all of both outlines, not of this piece: the distance from the other one that 95 %
-    of either are no farther than.
+    `length_px` is its length along the outline, `off_px` how far the other outline is from its
+    worst point, and `where` that point (u, v); all in pixels of the compared masks. All are zero if
+    nothing is wrong. `quantile_95_px` is of both outlines as a whole: the distance from the other
+    outline within which 95 % of either one lies.
     """
 
     length_px: float
@@ -134,9 +134,8 @@ def depth_in(mask: Mask) -> Array:
 def _square_depth(mask: Mask) -> Array:
     """Return the squared distances: columns first, then the lower envelope of parabolas in each row.
 
-    The method, in integers throughout, is that of A. Meijster, J. B. T. M. Roerdink and W. H. Hesselink,
-    "A
-    general algorithm for computing distance transforms in linear time", 2000.
+    The method, in integers throughout, is that of A. Meijster, J. B. T. M. Roerdink and W. H.
+    Hesselink, "A general algorithm for computing distance transforms in linear time", 2000.
     """
     height, width = mask.shape
     far = height + width

@@ -187,16 +187,15 @@ def shadow_checks(
     """Make the shadow checks; each takes the worst view, and its detail names it.
 
     `shadow`: IoU of the rendered shadow and the picture, at least `iou_floor` (None: no floor is
-    asked); what a stand darkens beside the tube is left out, for `intrusion` says it, and
-    the picture is changed as its view has it drawn (`changed` says how, by the view's name). Where
+    asked); what a stand darkens beside the tube is left out, for `intrusion` says it, and the
+    picture is changed as its view has it drawn (`changed` says how, by the view's name). Where
     nothing was rendered (`no_rendering` says why) it is skipped, though required, unless
-    `polygons_decide`.
-    `shadow_exact`: pixels at which rendering and exact polygons disagree away from the outline, at
-    most 0. `outline`: distance from the exact tube's shadow.
-    `vertices` (n, 3) are the part's, in its own coordinates: places are named there.
-    `intrusion`: the share of the frame that a mount, or bars, darken outside picture and knots, at most
-    `MOST_INTRUSION` on a wall mount and of a piece without supports, which may have `bars`. `wrong_outline`:
-    the longest stretch along which the outlines of shadow and picture are farther apart than `WRONG_PX`, for
+    `polygons_decide`. `shadow_exact`: pixels at which rendering and exact polygons disagree away
+    from the outline, at most 0. `outline`: distance from the exact tube's shadow. `vertices` (n, 3)
+    are the part's, in its own coordinates: places are named there. `intrusion`: the share of the
+    frame that a mount, or bars, darken outside picture and knots, at most `MOST_INTRUSION` on a
+    wall mount and of a piece without supports, which may have `bars`. `wrong_outline`: the longest
+    stretch along which the outlines of shadow and picture are farther apart than `WRONG_PX`, for
     information.
     """
     checks = [

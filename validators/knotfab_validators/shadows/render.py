@@ -40,10 +40,9 @@ class Renderer(ABC):
     def render(self, geometry: ViewGeometry, *, behind: bool = False, finer: int = FINER) -> Mask:
         """Render the silhouette (height, width) on the pixels of `geometry`, in the mesh's coordinates.
 
-        Matter on or behind the receiver plane is clipped unless `behind`. Before a cylinder, the flat
-        receiver is
-        rendered with pixels `finer` times as fine, and each pixel of the curved one looked up along its
-        ray.
+        Matter on or behind the receiver plane is clipped unless `behind`. Before a cylinder, the
+        flat receiver is rendered with pixels `finer` times as fine, and each pixel of the curved
+        one looked up along its ray.
         """
         if geometry.cylinder is None:
             return self._render_flat(geometry, behind)

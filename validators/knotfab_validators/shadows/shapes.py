@@ -29,7 +29,7 @@ RADIUS = 4.0  # the tube's radius in reaches
 class Shape(Change):
     """A piece or a hole of the picture that is there, but drawn out of shape.
 
-    `of` says which of the two it is; `likeness` is its IoU, from 0 to 1.
+    `of` tells which of the two it is; `likeness` is its IoU, from 0 to 1.
     """
 
     of: Feature
@@ -42,12 +42,9 @@ def find_misshapen(
     """Find the pieces and holes whose likeness in picture and shadow is below `least`, worst first.
 
     The likeness is the IoU of a piece with the nearest part of the shadow, no farther than `AROUND`
-    reaches; an
-    outline off by at most a reach counts as right. A piece no wider than the tube's radius is a stroke
-    that
-    the tube covers, so its outline may be off by as much more as the tube stands out. Holes no wider than
-    that
-    are slits and pinholes that nobody sees, and are ignored.
+    reaches; an outline off by at most a reach counts as right. A piece no wider than the tube's
+    radius is a stroke that the tube covers, so its outline may be off by as much more as the tube
+    stands out. Holes no wider than that are slits and pinholes that nobody sees, and are ignored.
 
     Args:
         shadow, target: (H, W), on one grid.
@@ -121,10 +118,8 @@ def find_specks(
     """Find the specks of light that a person sees where the picture is dark.
 
     A speck is light that closing the shadow by `slit_px` covers, deeper than `reach_px` inside the
-    picture: a
-    pinhole or a slit, but neither a tip that is cut off nor an outline that is off. The lamp's penumbra
-    blurs
-    it; its remaining peak brightness decides whether it is seen.
+    picture: a pinhole or a slit, but neither a tip that is cut off nor an outline that is off. The
+    lamp's penumbra blurs it; its remaining peak brightness decides whether it is seen.
 
     Args:
         shadow, target: (H, W), on one grid.

@@ -144,10 +144,8 @@ def count_touching(target: Mask, reach_px: float) -> int:
     corners.
 
     No tube can draw such a place: it either runs through or leaves it open. Pieces are those of the
-    picture
-    opened by `reach_px`. A place is where two are within that distance of what parts them, and is short:
-    a
-    slit is none.
+    picture opened by `reach_px`. A place is where two are within that distance of what parts them,
+    and is short: a slit is none.
     """
     from scipy.ndimage import distance_transform_edt, find_objects
 

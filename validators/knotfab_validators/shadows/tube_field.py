@@ -136,8 +136,7 @@ def _trace_hulls(points: Array) -> tuple[Array, Array]:
     round.
 
     The method is Andrew's monotone chain ("Another efficient algorithm for convex hulls in two
-    dimensions",
-    1979).
+    dimensions", 1979).
     """
     count, each = points.shape[:2]
     begin, stop = np.empty((count * each, 2)), np.empty((count * each, 2))

@@ -32,9 +32,8 @@ EVEN = 0.1  # tolerance in radii within which tubes have one thickness
 class CentreLine:
     """The centre line (n, 3) of one closed tube, evenly sampled, with its local radii (n,), mm.
 
-    `rms` and `worst` are the residual: how far the surface departs from the local radius around the line,
-    in
-    radii, over the surface's area and at its worst place `at` (3,).
+    `rms` and `worst` are the residual: how far the surface departs from the local radius around the
+    line, in radii, over the surface's area and at its worst place `at` (3,).
     """
 
     points: Array
@@ -48,8 +47,7 @@ def check_centre_lines(mesh: Mesh) -> tuple[Check, Curves | None]:
     """Check `centre_line`: the mesh consists of closed tubes only. Return the lines found too, or None.
 
     It is not required, since a part that is no tube may well be good. `measured` is the largest rms
-    residual
-    of the bodies, in radii. Tubes of different or varying thickness have no radius.
+    residual of the bodies, in radii. Tubes of different or varying thickness have no radius.
     """
     name = "centre_line"
     if not mesh.usable:
@@ -265,11 +263,9 @@ def _project(line: Array, points: Array, place: Array) -> tuple[Ints, Array]:
     """Find the feet of points on the line: the index (k,) of the line's nearest point, two coordinates
     across.
 
-    Between its points the line is a parabola with the local curvature: chords would displace a bend as
-    tight
-    as the tube by half a hundredth of the radius, and turn it into waves. `place` (k,) is a guess of
-    where
-    along the line the feet are, and is corrected.
+    Between its points the line is a parabola with the local curvature: chords would displace a bend
+    as tight as the tube by half a hundredth of the radius, and turn it into waves. `place` (k,) is
+    a guess of where along the line the feet are, and is corrected.
     """
     count = len(line)
     tangent, normal, other, step = _frames(line)
@@ -294,9 +290,8 @@ def _recentre(line: Array, points: Array, weight: Array, place: Array) -> Array:
     """Move each point of the line to the centre of the circle through the surface around it, by least
     squares.
 
-    |p - c|² = r² is linear in c and r² - |c|² (Kåsa, "A circle fitting procedure", IEEE Trans. Instrum.
-    Meas.
-    25, 1976). `place` is updated.
+    |p - c|² = r² is linear in c and r² - |c|² (Kåsa, "A circle fitting procedure", IEEE Trans.
+    Instrum. Meas. 25, 1976). `place` is updated.
     """
     count = len(line)
     at, across = _project(line, points, place)

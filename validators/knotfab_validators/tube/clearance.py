@@ -313,10 +313,9 @@ def nearest_bodies(mesh: Mesh) -> tuple[float, Array] | str:
     """Return the least distance between two connected surfaces, 0 if they cross, and the nearest points
     (2, 3).
 
-    FCL's trees of boxes give exact triangle distances. Pairs are taken by the distance of their bounding
-    boxes. If there is only one body, or more than 500, or the faces are such a heap that trees do not
-    help, a
-    sentence is returned instead.
+    FCL's trees of boxes give exact triangle distances. Pairs are taken by the distance of their
+    bounding boxes. If there is only one body, or more than 500, or the faces are such a heap that
+    trees do not help, a sentence is returned instead.
     """
     # faces that lie on each other are equally far from everything
     once = np.unique(np.sort(mesh.faces, axis=1), axis=0)

@@ -272,9 +272,8 @@ def _distance_bound(arcs: _Arcs, i: Ints, j: Ints, between: Array) -> Array:
     """Return a lower bound on the distance of two arcs from their cylinders (long edges fill little of
     balls).
 
-    Along a direction, the arcs' centres are apart by its product with `between`, and each arc reaches as
-    far
-    as its cylinder: `across`, if the direction is perpendicular to its axis.
+    Along a direction, the arcs' centres are apart by its product with `between`, and each arc
+    reaches as far as its cylinder: `across`, if the direction is perpendicular to its axis.
     """
     u, v = arcs.axis[i], arcs.axis[j]
     normal = np.cross(u, v)

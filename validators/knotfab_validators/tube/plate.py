@@ -25,9 +25,8 @@ SPLIT = 3  # sample points along each side of a face's part in the plate
 def check_plate(mesh: Mesh, plate: Slab) -> Check:
     """Check `mount` of a piece in a plate: no face lies inside the plate, and matter is all over it.
 
-    The union of the plate with feet that stand in it has no inner faces. A void, a slit between a foot
-    and the
-    plate, an unlisted hole or a thinner plate has some.
+    The union of the plate with feet that stand in it has no inner faces. A void, a slit between a
+    foot and the plate, an unlisted hole or a thinner plate has some.
     """
     turn = _axes(plate.out)
     flat = plate.outline @ turn.T

@@ -189,8 +189,7 @@ def _depth(surface: Mesh, points: Array) -> Array:
     """Return the distance (n,) to the surface, positive inside (where the winding number is above 1/2).
 
     libigl's own signed distances are avoided: they are distances times 1 - 2 w, with a fast winding
-    number w
-    whose error is a thousandth. Near the surface w is computed exactly.
+    number w whose error is a thousandth. Near the surface w is computed exactly.
     """
     distance = surface_distance(points, surface)
     winding = winding_numbers(points, surface, exact=False)

@@ -34,8 +34,7 @@ class TubeFit:
     """Deviations between mesh and exact tube, both in radii, with places (k, 3), mm, worst first.
 
     `off` is the largest deviation of a point of the mesh from the exact tube; `bare` is the largest
-    distance of
-    a point of the exact tube from the mesh. Both are capped at `REACH`.
+    distance of a point of the exact tube from the mesh. Both are capped at `REACH`.
     """
 
     off: float
@@ -196,15 +195,12 @@ class _Line:
         """Return the distance (n,) of points (n, 3), capped at `REACH` radii, a mitred distance, and the
         edge.
 
-        The mitred distance is that from the straight line through the edge for points that may belong to
-        a mitre,
-        and the distance itself for all others.
+        The mitred distance is that from the straight line through the edge for points that may
+        belong to a mitre, and the distance itself for all others.
 
-        The nearest sample\'s edge and its two neighbours are measured exactly. An edge of another strand
-        that is
-        nearer than all three is so by less than step² / (8 distance), a third of a percent of the radius
-        at the
-        tube\'s surface.
+        The nearest sample\'s edge and its two neighbours are measured exactly. An edge of another
+        strand that is nearer than all three is so by less than step² / (8 distance), a third of a
+        percent of the radius at the tube\'s surface.
         """
         reach = REACH * self.radius
         _, sample = self.tree.query(points, distance_upper_bound=reach + self.step)
@@ -295,12 +291,10 @@ def _from_mesh(mesh: Mesh, line: _Line, mounted: bool, bed: float | None) -> tup
 def _may_dip(corner: Array, low: Array, at: Ints, line: _Line, deep: float) -> Mask:
     """Tell which faces (m, 3, 3) may come nearer to the curve than radius (1 - `deep`).
 
-    The distance d from a straight line is convex; its curvature is at most 1/d across the line and 0
-    along it.
-    A triangle with sides at most h long across the line lies in a circle of radius h / sqrt(3), so within
-    it d
-    dips by at most h² / 6d below its corners' values. If the corners are nearest to edges that are not
-    neighbours, h is the whole side.
+    The distance d from a straight line is convex; its curvature is at most 1/d across the line and
+    0 along it. A triangle with sides at most h long across the line lies in a circle of radius h /
+    sqrt(3), so within it d dips by at most h² / 6d below its corners' values. If the corners are
+    nearest to edges that are not neighbours, h is the whole side.
     """
     side = np.roll(corner, -1, axis=1) - corner
     along = np.einsum("mij,mj->mi", side, line.unit[at[:, 0]])

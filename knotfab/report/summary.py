@@ -1,20 +1,42 @@
-"""A report in a few lines: on a terminal, in a notebook, to a program that asked for the build."""
+"""A report in a few lines: for a terminal, a notebook, or a program that asked for the build."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from knotfab.knots import count_in_words
 from knotfab.report.effects import tell_move
 from knotfab_formats.report import Report
-from knotfab_formats.verdict import Check, View, list_unmet
+from knotfab_formats.verdict import (
+    FILES,
+    HELD,
+    KNOTS,
+    MESH,
+    PLATES,
+    PRINTING,
+    SHADOWS,
+    TABLE,
+    TUBE,
+    UPRIGHT,
+    Check,
+    Verdict,
+    list_unmet,
+)
+
+# names that `--skip` knows: the validators' checks, the rendering that some of them use, the slicer
+_OF_PRINT = (*HELD, *PRINTING, *UPRIGHT, *PLATES, *TABLE)
+CHECKS = ("shadow-render", "slicer", *SHADOWS, *KNOTS, *MESH, *FILES, *TUBE, *_OF_PRINT)
+
+_TALLIED = {"pass": "passed", "fail": "failed", "warn": "not required and not met"}
+_TALLIED |= {"skipped": "skipped", "info": "for information"}
+_FEW = 4  # checks that are named
 
 
 def conclude(report: Report, verbose: bool = False) -> list[str]:
-    """Conclude how good the piece is: failed checks, losses that a person sees, important notes.
+    """Say how good the piece is: failed checks, losses that a person sees, important notes.
 
     Args:
-        verbose: with the IoU.
+        verbose: whether to add the IoU.
     """
     verdict = report.verdict
     lost = [] if verdict is None else [loss.sentence for loss in verdict.lost]
@@ -26,7 +48,7 @@ def conclude(report: Report, verbose: bool = False) -> list[str]:
 
 
 def tell_unmet(checks: Sequence[Check]) -> list[str]:
-    """Return a sentence for each required check that failed or did not run."""
+    """Say which required checks failed or did not run, one sentence each."""
     return [
         f"{check.name} {'did not run' if check.status == 'skipped' else 'failed'}: {check.detail}"
         for check in list_unmet(checks)
@@ -40,7 +62,8 @@ def tell_result(report: Report, verbose: bool = False) -> list[str]:
 
 
 def tell_views(report: Report, verbose: bool = False) -> list[str]:
-    """Tell how alike each view's shadow and picture are, and how legible; a sequence has one line."""
+    """Say how alike each view's shadow and picture are, and how legible; a sequence has one
+    line."""
     views, mount = report.views, report.print.mount
     standing = mount is not None and mount.kind == "stand"
     # a part that the desk hides below the frame is no fault of the picture
@@ -59,14 +82,16 @@ def tell_views(report: Report, verbose: bool = False) -> list[str]:
         if view.bound is not None and view.bound > drawn:
             said += f" (at most {tell_share(view.bound)} without spill)"
         read = view.legibility.get("45")
-        said += _misplaced(view) + ("" if read is None else f"; from 45° aside {read:.0%} readable")
+        if (off := view.misplacement) is not None and off.worst is not None:
+            said += f"; {off.worst.fitted:.0%} with {tell_move(off.worst, off, view.kind)}"
+        said += "" if read is None else f"; from 45° aside {read:.0%} readable"
         name = f"{view.name}: " if len(views) > 1 else ""
         lines.append(name + said + (f"; IoU {iou:.4f}" if verbose else ""))
     return lines
 
 
 def tell_colours(report: Report) -> list[str]:
-    """Tell how several lamps mix a picture's colours, in sentences; none where none do."""
+    """Say how well several lamps mix the picture's colours, in sentences; nothing where none do."""
     found = report.colours
     if found is None:
         return []
@@ -97,12 +122,12 @@ def tell_colours(report: Report) -> list[str]:
 
 
 def tell_share(share: float) -> str:
-    """Return a share in percent with a decimal, which it is not rounded up to the whole by."""
+    """Write a share in percent with one decimal; only the whole is 100%."""
     return "100%" if share == 1 else f"{min(100 * share, 99.9):.1f}%"
 
 
 def tell_piece(report: Report) -> str:
-    """Return its size, its weight, its knots and how thick they are."""
+    """Say the piece's size, weight, number of knots and thickness of its tube."""
     piece, knots = report.print, report.knots
     size = " × ".join(f"{s:.0f}" for s in piece.bounding_box_mm or ())
     weight = f"{piece.mass_g:.0f} g"
@@ -116,12 +141,12 @@ def tell_piece(report: Report) -> str:
 
 
 def tell_knots(count: int, radius_mm: float, where: str = "") -> str:
-    """Return how many knots there are (`where`), and how thick their tube is."""
+    """Say how many knots there are, `where`, and how thick their tube is."""
     return f"{count_in_words(count)}{where} of a tube {2 * radius_mm:.1f} mm thick"
 
 
 def last_line(report: Report) -> str:
-    """Return the verdict, hours, grams and supports, as far as they are known."""
+    """Say verdict, hours, grams and supports, as far as they are known."""
     piece, said = report.print, list[str]()
     if report.verdict is not None:
         said.append(report.verdict.word)
@@ -135,9 +160,42 @@ def last_line(report: Report) -> str:
     return ", ".join(said) + ": " if said else ""
 
 
-def _misplaced(view: View) -> str:
-    """Tell what a person sees of a view where lamp or piece are off the worst way."""
-    off = view.misplacement
-    if off is None or off.worst is None:
-        return ""
-    return f"; {off.worst.fitted:.0%} with {tell_move(off.worst, off, view.kind)}"
+def rank_check(name: str) -> int:
+    """Return the place of a check in a report: as in `CHECKS`, and others after these."""
+    return CHECKS.index(name) if name in CHECKS else len(CHECKS)
+
+
+def mark_of(check: Check) -> str:
+    """Return a check's status, or "warn" if it fails without being required."""
+    fails = check.status == "fail" and not check.required
+    return "warn" if fails else check.status
+
+
+def tally_checks(checks: Iterable[Check]) -> str:
+    """Count the checks by outcome, and name those that did not pass: "35 passed, 1 skipped:
+    slicer"."""
+    names: dict[str, list[str]] = {}
+    for check in checks:
+        names.setdefault(mark_of(check), []).append(check.name)
+    told = []
+    for mark, word in _TALLIED.items():
+        if found := names.get(mark, []):
+            which = f": {', '.join(found)}" if mark != "pass" and len(found) <= _FEW else ""
+            told.append(f"{len(found)} {word}{which}")
+    return ", ".join(told)
+
+
+def verdict_without_part(why: str) -> Verdict:
+    """Make the verdict on a piece of which no part could be made: failed, because of `why`."""
+    return Verdict(
+        status="fail",
+        exit_code=1,
+        conclusion="",
+        size_mm=None,
+        notes=(),
+        checks=(Check("part", "fail", True, None, None, "", why),),
+        views=(),
+        colours=None,
+        picture=None,
+        seconds={},
+    )
