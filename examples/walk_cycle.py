@@ -59,12 +59,7 @@ def _skeleton(phase: float) -> dict[str, list[Point]]:
     # both arms reach ahead, where they can be seen: the lower one swings, the upper one waves
     for limb, shoulder, raised, bend in (
         ("arm", neck, 0.95 - 0.30 * cos(phase), 0.20),
-        (
-            "other arm",
-            _add(neck, (0.02, 0.0)),
-            1.95 + 0.15 * sin(phase),
-            0.35 + 0.4 * sin(phase),
-        ),
+        ("other arm", _add(neck, (0.02, 0.0)), 1.95 + 0.15 * sin(phase), 0.35 + 0.4 * sin(phase)),
     ):
         elbow = polar_down(shoulder, 0.16, raised)
         found[limb] = [shoulder, elbow, polar_down(elbow, 0.135, raised + bend)]

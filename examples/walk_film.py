@@ -56,9 +56,7 @@ def zoetrope_picture(part: Path, path: Path, pixels: int = 1100) -> bool:
     a = np.deg2rad(ABOVE_DEG)
     # from z up to y up, as the pictures of parts have it, and tilted towards the eye
     x, y, z = mesh.vertices.T
-    tilted = np.column_stack(
-        [x, z * np.cos(a) + y * np.sin(a), z * np.sin(a) - y * np.cos(a)],
-    )
+    tilted = np.column_stack([x, z * np.cos(a) + y * np.sin(a), z * np.sin(a) - y * np.cos(a)])
     if why_no_rendering() is not None:
         return False
     import pyvista

@@ -62,10 +62,7 @@ def wall_shares(case: WallCase) -> tuple[float, float]:
     places = np.column_stack([arcs, 0.7 * case.reach * np.cos(3 * arcs / case.reach)])
     flat = case.wall.flatten(places)
     error = share = 0.0
-    for exact, given, found in (
-        (_flatten, places, flat),
-        (_unroll, flat, case.wall.unroll(flat)),
-    ):
+    for exact, given, found in ((_flatten, places, flat), (_unroll, flat, case.wall.unroll(flat))):
         for place, other in zip(given, found, strict=True):
             inputs = [*place.tolist(), case.radius, case.high, case.up]
             for axis in (0, 1):

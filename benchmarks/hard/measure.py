@@ -219,11 +219,7 @@ def double_error(case: RenderCase, count: int = 5) -> float:
     for k in [*order.tolist(), *special]:
         i, j = case.edges[int(exact.winner[k])]
         true = signed_distance_px(
-            p[i].tolist(),
-            p[j].tolist(),
-            (float(qx[k]), float(qy[k])),
-            case.radius,
-            frame.focal_px,
+            p[i].tolist(), p[j].tolist(), (float(qx[k]), float(qy[k])), case.radius, frame.focal_px
         )
         found = float(exact.s[k])
         if true is None:

@@ -130,16 +130,9 @@ def render_cases(samples: int = 50_000) -> tuple[RenderCase, ...]:
             *_pairs((5, 2, -100), (5, 2, 500)),
         ),
         RenderCase(
-            "behind the light",
-            "must not be seen at all",
-            *_pairs((0.5, 0, -500), (3, 1, -400)),
+            "behind the light", "must not be seen at all", *_pairs((0.5, 0, -500), (3, 1, -400))
         ),
-        RenderCase(
-            "thin",
-            "a radius of 1e-12 mm: nothing to hit",
-            *chain,
-            radius=1e-12,
-        ),
+        RenderCase("thin", "a radius of 1e-12 mm: nothing to hit", *chain, radius=1e-12),
         RenderCase(
             "no radius", "a radius of 0", *_pairs((-6.1, -3, 500), (5.7, 4, 510)), radius=0.0
         ),
@@ -207,11 +200,7 @@ def render_cases(samples: int = 50_000) -> tuple[RenderCase, ...]:
             *_pairs((-5, 2, 500), (3000, 900, 200), (2, -4, 520), (-9000, -200, 30)),
         ),
         RenderCase(
-            "grazing",
-            "40 strands anywhere at all depths",
-            *_tangle(40, 8),
-            radius=1.0,
-            real=True,
+            "grazing", "40 strands anywhere at all depths", *_tangle(40, 8), radius=1.0, real=True
         ),
     )
 

@@ -251,12 +251,7 @@ def network_cases() -> tuple[ValueCase, ...]:
         network_case("8 layers", "none: what the others are held against", 8, 1.0, 0.1),
         network_case("scale near 0", "each layer shrinks by up to e^-6", 3, 6.0, 2.0),
         network_case(
-            "inverse of scale near 0",
-            "each layer grows by up to e^6",
-            3,
-            6.0,
-            2.0,
-            back=True,
+            "inverse of scale near 0", "each layer grows by up to e^6", 3, 6.0, 2.0, back=True
         ),
         network_case("24 layers", "roundings and slopes add up", 24, 0.1, 0.03),
         network_case(

@@ -283,10 +283,7 @@ def add_work(result: SearchResult, earlier: SearchResult) -> None:
 
 
 def choose_tube(
-    question: Question,
-    settings: SearchSettings,
-    progress: Progress,
-    budget: Budget | None = None,
+    question: Question, settings: SearchSettings, progress: Progress, budget: Budget | None = None
 ) -> tuple[Question, float, Start, RadiusChoice | None]:
     """Choose the tube radius, unless the scene gives it, and make the start of the search.
 

@@ -65,10 +65,7 @@ class _Common:
 
 
 def radius_for_all(
-    question: Question,
-    polygons: Sequence[MultiPolygon],
-    settings: SearchSettings,
-    knots: int = 1,
+    question: Question, polygons: Sequence[MultiPolygon], settings: SearchSettings, knots: int = 1
 ) -> tuple[float, RadiusChoice | None]:
     """Return a tube radius (mm) that draws the first frame well and no other frame much worse.
 

@@ -129,10 +129,7 @@ def _find_by_hull(scene: ResolvedScene, targets: Sequence[Target]) -> tuple[floa
         for layout in _layouts(count):
             beside = np.round(share * bounds * layout[list(order)], 1)
             cameras = [
-                camera_of(
-                    view.but(**_lengths(wall, light), light_right_mm=x, light_up_mm=y),
-                    *size,
-                )
+                camera_of(view.but(**_lengths(wall, light), light_right_mm=x, light_up_mm=y), *size)
                 for view, size, (x, y) in zip(framed, few, beside.tolist(), strict=True)
             ]
             reach = min(0.9 * wall, 0.5 * light)
@@ -167,10 +164,7 @@ def depth_apart(views: Sequence[ResolvedView], masks: Sequence[Mask]) -> float |
             if i == j:
                 continue
             away = np.array(
-                [
-                    one.light_right_mm - other.light_right_mm,
-                    one.light_up_mm - other.light_up_mm,
-                ]
+                [one.light_right_mm - other.light_right_mm, one.light_up_mm - other.light_up_mm]
             )
             if one.light_distance_mm != other.light_distance_mm:
                 return None

@@ -16,13 +16,7 @@ from numpy.typing import NDArray
 
 from knotfab.base.arrays import Array, Mask
 from knotfab.picture.opening import draw_discs, thicken
-from knotfab.picture.silhouette import (
-    holes_of,
-    mask_iou,
-    outline_px,
-    pieces_of,
-    sample_mask,
-)
+from knotfab.picture.silhouette import holes_of, mask_iou, outline_px, pieces_of, sample_mask
 
 _PIXELS = 4.0  # resolution of the comparison, px per radius
 _LEAST_PX, _MOST_PX = 256, 1024  # limits on its longer side

@@ -116,11 +116,7 @@ def price_limits(
 
 
 def _price(
-    names: tuple[str, ...],
-    problem: Problem,
-    other: SearchResult,
-    result: SearchResult,
-    here: float,
+    names: tuple[str, ...], problem: Problem, other: SearchResult, result: SearchResult, here: float
 ) -> Price:
     radius = result.knots.radius_mm
     points = np.concatenate([k.points for k in other.knots.knots])

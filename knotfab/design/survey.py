@@ -12,13 +12,7 @@ from shapely import MultiPolygon, Polygon
 
 from knotfab.base.arrays import Array, Mask
 from knotfab.base.errors import SceneError
-from knotfab.design.candidates import (
-    Guess,
-    drawing_radius,
-    guess_print,
-    line_radius,
-    too_fine,
-)
+from knotfab.design.candidates import Guess, drawing_radius, guess_print, line_radius, too_fine
 from knotfab.design.frames import frame_view, framed_alike
 from knotfab.design.hull import HullBound
 from knotfab.design.likeness import (
@@ -33,19 +27,9 @@ from knotfab.design.radius import choose_radius
 from knotfab.design.settings import suit_settings
 from knotfab.knots import read_start
 from knotfab.picture.lamps import Separation
-from knotfab.picture.opening import (
-    Loss,
-    find_losses,
-    open_by,
-    opening_iou,
-    run_together,
-)
+from knotfab.picture.opening import Loss, find_losses, open_by, opening_iou, run_together
 from knotfab.picture.read import Target
-from knotfab.picture.silhouette import (
-    holes_of,
-    pieces_of,
-    trace_polygon,
-)
+from knotfab.picture.silhouette import holes_of, pieces_of, trace_polygon
 from knotfab.scene.camera import camera_of
 from knotfab.start.filling import Template
 from knotfab.start.start import make_template

@@ -168,13 +168,7 @@ def _filled(feet: Array, axes: Array, starts: Array, alongs: Array, radius: floa
 
 @compiled
 def _hidden(
-    foot: Array,
-    axes: Array,
-    starts: Array,
-    alongs: Array,
-    radius: float,
-    cells: int,
-    least: float,
+    foot: Array, axes: Array, starts: Array, alongs: Array, radius: float, cells: int, least: float
 ) -> float:
     """Return the cosine-weighted share of a uniform sky hidden by round strands about pieces (n, 3).
 

@@ -190,10 +190,7 @@ LAYERS = Effect(
 def wall_magnitude(context: EffectContext) -> float:
     """Return how far the picture on the flat wall would lie from that on the round one, px."""
     walls = [(view, CurvedWall.of(view)) for view in context.views]
-    return max(
-        (w.off_mm / view.pixel_mm for view, w in walls if w is not None),
-        default=0.0,
-    )
+    return max((w.off_mm / view.pixel_mm for view, w in walls if w is not None), default=0.0)
 
 
 WALL = Effect(

@@ -79,11 +79,7 @@ def _apart(points: Array, following: Indices, i: int, j: int) -> Any:
     u, v = _minus(_row(points, following[i]), p), _minus(_row(points, following[j]), q)
     s, t = _closest(p, u, q, v)
     w = _minus(p, q)
-    between = (
-        w[0] + s * u[0] - t * v[0],
-        w[1] + s * u[1] - t * v[1],
-        w[2] + s * u[2] - t * v[2],
-    )
+    between = (w[0] + s * u[0] - t * v[0], w[1] + s * u[1] - t * v[1], w[2] + s * u[2] - t * v[2])
     return s, t, between
 
 

@@ -45,10 +45,7 @@ def taper(top: Array, foot: Array, pieces: int = PIECES) -> Array:
 
 
 def piece_beams(
-    radius_mm: float,
-    sites: Sites,
-    members: Candidates,
-    pieces: int = 1,
+    radius_mm: float, sites: Sites, members: Candidates, pieces: int = 1
 ) -> tuple[Beams, Indices]:
     """Return the beams of tubes and members, and the joints that the ground (desk or wall) holds.
 
@@ -318,11 +315,7 @@ class SpaceFrame:
 
 
 def frame_of(
-    beams: Beams,
-    fixed: Indices,
-    young_mpa: float,
-    density_g_cm3: float,
-    down: Array,
+    beams: Beams, fixed: Indices, young_mpa: float, density_g_cm3: float, down: Array
 ) -> SpaceFrame:
     """Assemble and factor the frame of these beams, loaded by their own weight.
 

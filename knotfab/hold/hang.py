@@ -217,11 +217,7 @@ def _around(ring: Eyelet) -> Candidates:
     beside = ring.through * ring.wire_mm
     none = np.array([GROUND])
     return Candidates(
-        none,
-        none,
-        (ring.middle - beside)[None],
-        (ring.middle + beside)[None],
-        np.array([reach]),
+        none, none, (ring.middle - beside)[None], (ring.middle + beside)[None], np.array([reach])
     )
 
 

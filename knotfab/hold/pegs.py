@@ -203,11 +203,7 @@ class Pegs:
 
 
 def choose_pegs(
-    knots: Knots,
-    rays: Rays,
-    top_radius_mm: Array,
-    foot_radius_mm: Array,
-    stiffness: Stiffness,
+    knots: Knots, rays: Rays, top_radius_mm: Array, foot_radius_mm: Array, stiffness: Stiffness
 ) -> Pegs:
     """Choose rays for pegs until no point of any knot sags more than `max_sag_mm` (gravity: -y).
 

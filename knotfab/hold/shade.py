@@ -43,11 +43,7 @@ class MountShadows:
     """The shadows of one piece in all its views; what a member darkens is looked up in each."""
 
     def __init__(
-        self,
-        knots: Knots,
-        cameras: Sequence[Camera],
-        targets: Sequence[Mask],
-        ends: bool = False,
+        self, knots: Knots, cameras: Sequence[Camera], targets: Sequence[Mask], ends: bool = False
     ) -> None:
         self.views = tuple(
             MountShadow(knots, camera, target, ends)

@@ -124,11 +124,7 @@ def _hide_behind(mask: Mask, camera: Camera, matrix: Array) -> Callable[[Array],
 
 
 def _choose_poses(
-    made: Design,
-    mounted: Mounted,
-    printing: bool,
-    cameras: Sequence[Camera],
-    masks: Sequence[Mask],
+    made: Design, mounted: Mounted, printing: bool, cameras: Sequence[Camera], masks: Sequence[Mask]
 ) -> tuple[Mounted, PrintPose, Plates | None]:
     """Choose the print pose of the whole, and the plates if only these can be printed.
 

@@ -231,10 +231,7 @@ def can_be_split(mounted: Mounted) -> bool:
 
 
 def list_printables(
-    mounted: Mounted,
-    knots: Knots,
-    cameras: Sequence[Camera],
-    masks: Sequence[NDArray[np.bool_]],
+    mounted: Mounted, knots: Knots, cameras: Sequence[Camera], masks: Sequence[NDArray[np.bool_]]
 ) -> list[Printable]:
     """List the bodies of a piece that can be split, with their centre lines (scene coordinates).
 

@@ -32,10 +32,7 @@ class Standing:
 
 
 def stand(
-    pose: PrintPose,
-    bodies: list[Mesh],
-    young_modulus_mpa: float,
-    hidden: Callable[[Array], bool],
+    pose: PrintPose, bodies: list[Mesh], young_modulus_mpa: float, hidden: Callable[[Array], bool]
 ) -> tuple[PrintPose, list[Mesh], Standing]:
     """Cut the feet of a piece level and lay it on them, and plan its bars.
 

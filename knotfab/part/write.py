@@ -86,11 +86,7 @@ def write_part(
         count = len(part.bodies)
         paint = [scene.material.color, *(_PALETTE[k % len(_PALETTE)] for k in range(count - 1))]
         write_coloured_3mf(
-            folder.file(COLOURED.replace(".", f"{suffix}.")),
-            part.bodies,
-            part.names,
-            paint,
-            about,
+            folder.file(COLOURED.replace(".", f"{suffix}.")), part.bodies, part.names, paint, about
         )
     coupon = plan_coupon(part.mounted, suffix)
     if coupon is not None:

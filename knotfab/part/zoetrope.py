@@ -71,9 +71,7 @@ def find_footholds(points: Array, width: float, height: float) -> list[int]:
 
 
 def build_zoetrope(
-    frames: Sequence[Knots],
-    build_volume_mm: tuple[float, float, float],
-    clearance_mm: float = 0.0,
+    frames: Sequence[Knots], build_volume_mm: tuple[float, float, float], clearance_mm: float = 0.0
 ) -> Zoetrope:
     """Place all frames at even angles on a ring, as large as the printer holds, at most full size.
 

@@ -180,14 +180,7 @@ def read_masks(
     names = [view.name for view in scene.views]
     colours = np.array([view.lamp_colour for view in scene.views])
     image, _ = crop_image(read_image(source, base=base), shown(source), scene.views[0])
-    found = separate(
-        image,
-        names,
-        colours,
-        shown(source),
-        scene.room.ambient,
-        scene.lamps.colours,
-    )
+    found = separate(image, names, colours, shown(source), scene.room.ambient, scene.lamps.colours)
     plain = name_picture(source)
     targets = list[Target]()
     for name, mask in zip(names, found.masks, strict=True):

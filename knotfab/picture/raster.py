@@ -160,9 +160,7 @@ def decode(
             upright = ImageOps.exif_transpose(image)
         except Exception as error:
             raise InputError(
-                what,
-                f"the {kind} data is damaged or cut short",
-                "Copy or export the file again.",
+                what, f"the {kind} data is damaged or cut short", "Copy or export the file again."
             ) from error
     opaque = upright.mode == "RGB" or (
         upright.mode == "RGBA" and np.ptp(np.asarray(upright)[..., 3]) == 0

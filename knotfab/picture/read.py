@@ -165,10 +165,7 @@ def is_picture(path: Path, suffixes: Collection[str] = PICTURE_SUFFIXES) -> bool
 
 
 def read_bytes(
-    path: Path,
-    what: str,
-    largest: int = raster.LARGEST_SIDE,
-    missing: str = _MISSING,
+    path: Path, what: str, largest: int = raster.LARGEST_SIDE, missing: str = _MISSING
 ) -> bytes:
     """Read a picture's file, at most `largest` px on a side; errors call it `what`.
 

@@ -84,10 +84,7 @@ def _level(eyes: Array) -> Array:
 
 
 def _render(
-    vertices: Array,
-    faces: NDArray[np.integer[Any]],
-    eyes: Array,
-    pixels: int,
+    vertices: Array, faces: NDArray[np.integer[Any]], eyes: Array, pixels: int
 ) -> list[NDArray[np.uint8]]:
     """Render the part from each eye, (pixels, pixels, 3) each."""
 

@@ -24,10 +24,7 @@ VIEWER = Path(__file__).parent / "viewer" / "viewer.js"
 # So the page says a person's judgement of the shadow (docs/verdict.md), in a word and in a sentence.
 VERDICTS = {
     "faithful": ("A faithful likeness.", "The shadow is the picture."),
-    "good": (
-        "A good likeness.",
-        "The shadow is the picture; who looks closely finds differences.",
-    ),
+    "good": ("A good likeness.", "The shadow is the picture; who looks closely finds differences."),
     "coarse": (
         "Warning: coarse.",
         "The shadow can be known again, but parts of the picture are lost.",

@@ -247,13 +247,7 @@ def _access_figures(
 
 
 def _reaches(
-    place: Array,
-    out: Array,
-    ways: Array,
-    radius: float,
-    surface: cKDTree,
-    low: Array,
-    high: Array,
+    place: Array, out: Array, ways: Array, radius: float, surface: cKDTree, low: Array, high: Array
 ) -> NDArray[np.bool_]:
     """Tell (n,) whether a tool of this radius, its tip at a place, gets out of the box along some
     way."""

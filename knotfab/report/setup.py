@@ -124,13 +124,7 @@ def write_setup(
     return names
 
 
-def _draw_sheet(
-    mounted: Mounted,
-    place: Placement,
-    view: View,
-    *,
-    alone: bool,
-) -> Figure:
+def _draw_sheet(mounted: Mounted, place: Placement, view: View, *, alone: bool) -> Figure:
     paper = PAPERS["a4"]
     figure, axes = make_page(paper)
     side = _side_view(axes, mounted, place, view)

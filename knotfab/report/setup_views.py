@@ -98,13 +98,7 @@ def _wall_from_above(place: Placement, above: Array, beside: float = BESIDE_MM) 
 
 
 def _draw_view(
-    axes: Axes,
-    place: Placement,
-    view: View,
-    wall: Array,
-    lamp: Array,
-    above: Array,
-    to: Scaled,
+    axes: Axes, place: Placement, view: View, wall: Array, lamp: Array, above: Array, to: Scaled
 ) -> None:
     """Draw one view's lamp, wall, frame and rays, with how far lamp and wall are from the middle."""
     frame = _wall_from_above(place, above, 0.0)

@@ -122,11 +122,7 @@ def resolve(scene: Scene) -> ResolvedScene:
         piece["clearance_mm"] = max(scene.piece.clearance_mm, printer.min_gap_mm)
     if scene.mount.on_feet and "supports" not in scene.piece.model_fields_set:
         piece["supports"] = "none"  # arches stand in the plate
-    update = {
-        "printer": printer,
-        "material": material,
-        "piece": scene.piece.but(**piece),
-    }
+    update = {"printer": printer, "material": material, "piece": scene.piece.but(**piece)}
     known = {
         key: getattr(scene, key) for key in scene.model_fields_set - update.keys() - {"schema_"}
     }

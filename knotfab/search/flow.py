@@ -201,12 +201,7 @@ def three_phases(
 def repair_phase(settings: SearchSettings, number: int) -> Phase:
     """Return repair `number`, from 0; every second one gives the picture less weight."""
     weights = Weights(
-        image=0.3 ** (number // 2),
-        clearance=40.0,
-        bend=40.0,
-        region=100.0,
-        length=20.0,
-        hold=160.0,
+        image=0.3 ** (number // 2), clearance=40.0, bend=40.0, region=100.0, length=20.0, hold=160.0
     )
     walk = FlowSettings(iterations=60, rate=0.02 if number < 2 else 0.04, rate_end=0.005)
     return Phase(settings.fine_px, walk, weights, (settings.tau, settings.tau))

@@ -110,12 +110,7 @@ class Objective:
         return scale * error, scale * slope
 
     def limit_terms(
-        self,
-        points: Array,
-        near: Neighbours,
-        limits: Limits,
-        weights: Weights,
-        turn: Array,
+        self, points: Array, near: Neighbours, limits: Limits, weights: Weights, turn: Array
     ) -> Felt:
         """Return the weighted terms of all limits, computed in the axes that are the columns of `turn`."""
         state = State.at(points @ turn, self.rings, near)

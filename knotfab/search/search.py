@@ -162,10 +162,7 @@ def _approach(state: SearchState) -> None:
     state.terms += (Chamfer.of(state.problem.views, state.radius),)
     for rate in _APPROACH_RATES:
         walk = FlowSettings(
-            iterations=_APPROACH_ITERATIONS,
-            rate=rate,
-            rate_end=0.3 * rate,
-            smoothing=4.0,
+            iterations=_APPROACH_ITERATIONS, rate=rate, rate_end=0.3 * rate, smoothing=4.0
         )
         resample_state(state, state.settings.edge_radii * state.radius)
         run_phase(state, Phase(32, walk, weights, (1.0, 1.0), balanced=False))

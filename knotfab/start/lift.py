@@ -164,11 +164,7 @@ def start_by_lamp(
     curves, types, effects, why = list[Array](), list[str](), dict[str, Decision](), ""
     for n, (target, template) in enumerate(zip(straight, templates, strict=True)):
         alone = replace(
-            problem,
-            views=(target,),
-            depth_mm=problem.apart_mm,
-            apart_mm=None,
-            goals=None,
+            problem, views=(target,), depth_mm=problem.apart_mm, apart_mm=None, goals=None
         )
         start = lift_template(alone, template, radius, settings)
         if tie is not None and n == tied:

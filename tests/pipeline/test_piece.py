@@ -280,12 +280,7 @@ RING = np.abs(np.hypot(U - 40, V - 40) - 26) < 8  # thin and small: its plan is 
 @pytest.mark.build
 def test_a_build_of_wire_writes_all_that_was_asked_for(tmp_path: Path) -> None:
     file = str(picture(tmp_path / "ring.png", RING))
-    asked = {
-        "material": "steel-wire-2mm",
-        "size": 20.0,
-        "accuracy": "sketch",
-        "also": "svg,dxf",
-    }
+    asked = {"material": "steel-wire-2mm", "size": 20.0, "accuracy": "sketch", "also": "svg,dxf"}
     made = knotfab.build([file], tmp_path / "out", **asked, skip=("slicer", "shadow-render"))
     there = {path.name for path in made.folder.iterdir()}
     assert {f"centre-lines.{kind}" for kind in ("svg", "dxf")} <= there

@@ -65,9 +65,7 @@ def _first_corners(points: Array, scaled: Array, tolerance: float) -> Indices:
 
 
 def fit_wires(
-    curves: list[Array],
-    limits: FitLimits,
-    pictures: Sequence[GridLikeness] = (),
+    curves: list[Array], limits: FitLimits, pictures: Sequence[GridLikeness] = ()
 ) -> list[Wire]:
     """Fit wires of few straights and bends to closed curves.
 
@@ -203,10 +201,7 @@ _HIGHEST = 8.0  # tolerances by which a removed corner may stand out from its ne
 
 
 def prune(
-    strands: list[Strand],
-    limits: FitLimits,
-    rounds: int,
-    pictures: Sequence[GridLikeness] = (),
+    strands: list[Strand], limits: FitLimits, rounds: int, pictures: Sequence[GridLikeness] = ()
 ) -> int:
     """Remove corners as long as no limit gets worse. Returns how many were removed.
 
@@ -287,10 +282,7 @@ ROUNDING = 0.01  # mm or degrees by which a limit may be missed without fault
 
 
 def adjust(
-    strands: list[Strand],
-    limits: FitLimits,
-    steps: int,
-    pictures: Sequence[GridLikeness] = (),
+    strands: list[Strand], limits: FitLimits, steps: int, pictures: Sequence[GridLikeness] = ()
 ) -> None:
     """Move the corners of all strands by Levenberg-Marquardt steps, until the work of the limits is used up.
 
