@@ -1,5 +1,4 @@
-"""A whole piece as a frame under its own weight: its tubes, and the members that hold or stiffen
-them."""
+"""A piece as a frame under its own weight: its tubes, and the members that hold or stiffen them."""
 
 from __future__ import annotations
 
@@ -29,8 +28,7 @@ class Stiffness:
 
     @classmethod
     def of(cls, scene: SettledScene, knots: Knots) -> Stiffness:
-        """Read the material's stiffness from a scene, and how far its mount may let these knots
-        sag."""
+        """Read a scene's material, and how far its mount may let these knots sag."""
         material, most = scene.material, scene.mount.max_sag_mm
         if most is None:
             points = np.concatenate([knot.points for knot in knots.knots])
@@ -94,8 +92,7 @@ def sag_moves(
     stiffness: Stiffness,
     step_radii: float = JOINT_RADII,
 ) -> Array:
-    """Compute how far each vertex of the knots moves on their members, mm (N, 3), by a frame of its
-    own.
+    """Compute how far each vertex moves on the members, mm (N, 3), by a frame of its own.
 
     Its joints are `step_radii` tube radii apart and wherever a member ends, and members are cut in
     pieces: a second opinion where members were chosen by a coarser frame. Moves are interpolated
@@ -135,8 +132,7 @@ def worst_of(moves: Array, points: Array) -> tuple[float, Array]:
 
 
 def springs_of(some: Candidates, before: Array, stiffness: Stiffness) -> tuple[Array, Array]:
-    """Compute what members add at their ends: stiffness (m, 12, 12), and loads by their weight (m,
-    12).
+    """Compute members' stiffness at their ends, (m, 12, 12), and loads by their weight, (m, 12).
 
     Args:
         before: (m,) mm, the radius that each had; 0 where it was not there.
@@ -147,8 +143,7 @@ def springs_of(some: Candidates, before: Array, stiffness: Stiffness) -> tuple[A
 
 
 def _of_bars(some: Candidates, stiffness: Stiffness) -> tuple[Array, Array]:
-    """Compute stiffness and loads of members; a tapered one is a chain whose inner joints are
-    condensed."""
+    """Compute stiffness and loads of members; of a tapered one its inner joints are condensed."""
     pieces = 1 if some.end_radius is None else PIECES
     m, every = len(some), 6 * (pieces + 1)
     share = np.arange(pieces + 1)[:, None] / pieces
@@ -184,8 +179,7 @@ class HeldFrame:
         self._moves: dict[int, Array] = {}  # the flexibility of each joint that was asked for
 
     def hold(self, members: Candidates, springs: Array, loads: Array) -> None:
-        """Hold the frame by these members alone: springs (m, 12, 12) and loads (m, 12) at their
-        ends."""
+        """Hold the frame by these members alone: springs (m, 12, 12) and loads (m, 12)."""
         ends = np.column_stack([members.first, members.second]).ravel()
         self._forget(ends)
         self._rows, self._by, own = self._moved_by(ends)
@@ -200,13 +194,11 @@ class HeldFrame:
         self._now = self._at_rest + exerted @ self._by
 
     def displacements(self) -> Array:
-        """Return the joints' displacements and turns under the weight of frame and members, (n,
-        6)."""
+        """Return joints' moves and turns under the weight of frame and members, (n, 6)."""
         return self._now.reshape(self.joints, 6)
 
     def response(self, force: Array) -> Array:
-        """Return displacements and turns (n, 6) under forces and couples (n, 6) in place of the
-        weight."""
+        """Return moves and turns (n, 6) under forces and couples (n, 6), without the weight."""
         moved = self.frame.response(force).ravel()
         return (moved - (self._stiff @ moved[self._rows]) @ self._by).reshape(self.joints, 6)
 
@@ -226,8 +218,7 @@ class HeldFrame:
         return (moved - back @ self._by).reshape(len(members), self.joints, 6)
 
     def _moved_by(self, ends: Indices) -> tuple[Indices, Array, Indices]:
-        """Find the unknowns (e,) of ends that the ground does not hold, and what a unit load on
-        each moves.
+        """Find the ends' free unknowns (e,), and what a unit load on each of them moves.
 
         Returned last: which of all the ends' unknowns they are, (e,).
         """
@@ -294,8 +285,7 @@ class SpaceFrame:
         return self._solve(self.weight[:, None]).reshape(self.joints, 6)
 
     def flexibility(self, joints: Indices) -> Array:
-        """Return how every joint moves for a unit force or couple on each of c joints, (6 n, c,
-        6)."""
+        """Return all moves for a unit force or couple on each of c joints, (6 n, c, 6)."""
         unit = np.zeros((6 * self.joints, len(joints), 6))
         for number, joint in enumerate(joints):
             unit[6 * joint + np.arange(6), number, np.arange(6)] = 1.0
@@ -304,8 +294,7 @@ class SpaceFrame:
         return moves
 
     def response(self, force: Array) -> Array:
-        """Return displacements and turns (n, 6) under forces and couples (n, 6) in place of the
-        weight."""
+        """Return moves and turns (n, 6) under forces and couples (n, 6), without the weight."""
         return self._solve(force.reshape(-1, 1)).reshape(self.joints, 6)
 
     def _solve(self, force: Array) -> Array:
@@ -355,8 +344,7 @@ def frame_of(
 
 
 def stiffness_of(beams: Beams, young_mpa: float) -> Array:
-    """Return the beams' stiffness matrices in common axes, for the six unknowns of each end, (m,
-    12, 12)."""
+    """Return stiffness matrices in common axes, for six unknowns of each end, (m, 12, 12)."""
     length, axes = _lengths_and_axes(beams)
     turn = _turns(axes)
     found: Array = np.swapaxes(turn, 1, 2) @ _stiffness(beams, length, young_mpa) @ turn
@@ -364,8 +352,7 @@ def stiffness_of(beams: Beams, young_mpa: float) -> Array:
 
 
 def _turns(axes: Array) -> Array:
-    """Return the rotations from common axes to the beams' own (m, 3, 3), for both ends: (m, 12,
-    12)."""
+    """Return rotations from common axes to the beams' (m, 3, 3), for both ends: (m, 12, 12)."""
     turn = np.zeros((len(axes), 12, 12))
     for block in range(4):
         turn[:, 3 * block : 3 * block + 3, 3 * block : 3 * block + 3] = axes
@@ -373,8 +360,7 @@ def _turns(axes: Array) -> Array:
 
 
 def _lengths_and_axes(beams: Beams) -> tuple[Array, Array]:
-    """Return the beams' lengths (m,), mm, and axes in rows (m, 3, 3): along each, and two across
-    it."""
+    """Return the beams' lengths (m,), mm, and axes (m, 3, 3) in rows: along, and two across."""
     along = beams.joints[beams.ends[:, 1]] - beams.joints[beams.ends[:, 0]]
     length = np.linalg.norm(along, axis=1)
     unit = along / np.maximum(length, 1e-300)[:, None]

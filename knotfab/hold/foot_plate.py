@@ -1,5 +1,4 @@
-"""A thin plate on the wall in which the piece stands by its own valleys, as large as frame or
-picture."""
+"""A thin plate on the wall, as large as frame or picture, in which the piece's valleys stand."""
 
 from __future__ import annotations
 
@@ -63,8 +62,7 @@ class StandingPiece:
 
 @dataclass(frozen=True)
 class _Foot:
-    """A piece of tube in the plate: its middle, right and up from the frame's, and its reach,
-    mm."""
+    """A piece of tube in the plate: its middle, right and up from the frame's, and reach, mm."""
 
     knot: int
     middle: Array
@@ -166,8 +164,7 @@ def _shadow(knots: Knots, camera: Camera, to_wall: Array) -> Geometry:
 
 
 def _hide_edge(knots: Knots, camera: Camera, to_wall: Array, angle_deg: float) -> float:
-    """Measure the share of the shadow's edge that the tubes hide from far viewers, averaged over
-    both sides.
+    """Measure the share of the shadow's edge that tubes hide from far viewers at either side.
 
     From aside the wall looks narrower, and each strand stands displaced by its height times the
     tangent of the angle.
@@ -215,8 +212,7 @@ def _fill(sheet: Polygon) -> Polygon:
 
 
 def _find_holes(sheet: Polygon, wide_mm: float) -> tuple[Array, Geometry]:
-    """Place two screw holes on a level line beside the sheet, with ears that hold them: middles (2,
-    2), ears.
+    """Place two screw holes on a level line beside the sheet, (2, 2), and ears that hold them.
 
     The line is where the sheet is widest, or nearest to the frame's middle, so that the ears stand
     out least.

@@ -1,5 +1,4 @@
-"""A hanger: an eyelet straight above the centre of mass, so that the piece hangs level on one
-thread.
+"""A hanger: an eyelet above the centre of mass, so that the piece hangs level on one thread.
 
 Matter in the visual hull of all pictures, or above every frame, changes no picture (Mitra & Pauly
 2009): the eyelet stands where it darkens least. A thread lets the piece turn, so that one of
@@ -57,8 +56,7 @@ _ROUNDS = 4  # rounds of moving the eyelet above the centre of mass, to which po
 
 @dataclass(frozen=True)
 class Eyelet:
-    """A ring of round wire in the scene, mm: its middle (3,), and the unit vector (3,) through its
-    hole."""
+    """A ring of round wire, mm: its middle (3,), and the unit vector (3,) through its hole."""
 
     middle: Array
     through: Array
@@ -231,8 +229,7 @@ def _outline(ring: Eyelet) -> Candidates:
 
 
 def _aim(posts: Candidates, ring: Eyelet, middle: Array) -> tuple[Candidates, Eyelet]:
-    """Move the eyelet straight above the centre of mass `middle`, as high as before, and its posts
-    with it.
+    """Move eyelet and posts so that the eyelet is straight above the centre of mass `middle`.
 
     All posts end where the first one meets the ring.
     """
@@ -268,8 +265,7 @@ def _post(
     obstacles: Obstacles,
     shadows: MountShadows,
 ) -> tuple[Candidates, Eyelet]:
-    """Choose the post from a strand to an eyelet above `middle` (3,) that shows least; with its
-    eyelet.
+    """Choose the post and the eyelet above `middle` (3,) that show least.
 
     Raises:
         SceneError: there is none.

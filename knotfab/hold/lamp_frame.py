@@ -70,8 +70,7 @@ class Sheet:
 
 @dataclass(frozen=True)
 class Table:
-    """A frame of bars. `level` (3, 3) has rows right, up and out, `top_mm` is the height of its
-    top."""
+    """A frame of bars: `level` (3, 3) has rows right, up and out, `top_mm` is its height."""
 
     bars: tuple[Bar, ...]
     level: Array
@@ -81,8 +80,7 @@ class Table:
 
     @cached_property
     def _beds(self) -> list[list[tuple[Bar, float, float]]]:
-        """Lay the bars side by side on as few beds as they need, longest first; with where each
-        begins."""
+        """Lay bars side by side on few beds, the longest first; with where each begins."""
         wide, deep = (side - 2 * EDGE_MM for side in self.bed_mm)
         room, rows = max(wide, deep), min(wide, deep)
         order = sorted(self.bars, key=lambda bar: (-bar.width_mm, -bar.length_mm))
@@ -139,8 +137,7 @@ class Table:
 
 
 def frame_of(mounted: Mounted) -> tuple[Table | None, str]:
-    """Return the frame, None if the scene asks for none; or else the reason why none can be
-    made."""
+    """Return the frame, None if the scene asks for none; or why none can be made."""
     try:
         return plan_table(mounted), ""
     except ValueError as error:
@@ -148,8 +145,7 @@ def frame_of(mounted: Mounted) -> tuple[Table | None, str]:
 
 
 def plan_table(mounted: Mounted) -> Table | None:
-    """Plan the frame for lamps on one upright, flat screen; None without such lamps, or without a
-    printer.
+    """Plan the frame for lamps on one upright, flat screen; None without these or a printer.
 
     Raises:
         ValueError: no bars of these kinds hold the lamps.
@@ -172,8 +168,7 @@ def plan_table(mounted: Mounted) -> Table | None:
 
 
 def _top(places: Sequence[Placement], lamps: Array) -> float:
-    """Choose the height of the frame's top: below a stand, and below the picture, which its slot
-    must not hide."""
+    """Choose the height of the frame's top: below a stand, and below the picture."""
     first = places[0]
     edge = float(first.level[1] @ first.middle) - first.frame_mm[1] / 2
     if first.base is not None:
@@ -183,8 +178,7 @@ def _top(places: Sequence[Placement], lamps: Array) -> float:
 
 
 class _Layout:
-    """The places of the bars: a spine from the screen to the lamps, and arms to either side of
-    it."""
+    """Where the bars go: a spine from the screen to the lamps, and arms to either side."""
 
     def __init__(self, place: Placement, lamps: Array, top: float, longest: float) -> None:
         self.lamps, self.longest = lamps, longest
@@ -216,8 +210,7 @@ class _Layout:
         return [*spine, *(piece for arm in arms for piece in _cut(arm, self.longest))]
 
     def _arms(self) -> tuple[list[Bar], list[tuple[float, float, float, float]]]:
-        """Lay out arms beside the spine, from their far ends, and its holes (right, out, diameter,
-        boss).
+        """Lay out arms beside the spine, and its holes (right, out, diameter, boss).
 
         Raises:
             ValueError: a lamp stands so near to the spine, or to another, that nothing can hold it.
@@ -259,8 +252,7 @@ class _Layout:
         return self._arm(side, middle, length, ridges=tuple(ridges))
 
     def _stand_arm(self, side: int) -> Bar | None:
-        """Make an arm with a fence beside a stand's foot; None if the foot is no wider than the
-        spine."""
+        """Make an arm with a fence for a stand's foot; None if that fits the spine."""
         if self.base is None:
             return None
         edge = (self.base.right if side > 0 else -self.base.left) + FENCE_PLAY_MM
@@ -286,8 +278,7 @@ class _Layout:
         return self.screen - CARD_MM - CARD_PLAY_MM - RIDGE_MM - 4.0
 
     def _across(self) -> list[tuple[float, float, float]]:
-        """List the ridges across the spine (from, to, height): along the screen's slot and a
-        stand."""
+        """List ridges across the spine (from, to, height): along slot and stand."""
         front, back = self.screen, self.screen - CARD_MM - CARD_PLAY_MM
         found = [(front, front + RIDGE_MM, SLOT_MM), (back - RIDGE_MM, back, SLOT_MM)]
         if self.base is not None:
@@ -300,8 +291,7 @@ class _Layout:
 
 
 def _spine_width(aside: Array) -> float:
-    """Choose a spine's width so that each lamp, (n,) from its middle line, is on it or well beside
-    it.
+    """Choose a width at which each lamp, (n,) from the middle, is on the spine or well off.
 
     Raises:
         ValueError: it would be wider than `WIDEST_MM`.

@@ -45,8 +45,7 @@ def model(fixture: Callable[_In, Mesh], *sizes: _In.args, **named: _In.kwargs) -
 
 
 def ask(fixture: Callable[_In, Any], *sizes: _In.args, **named: _In.kwargs) -> Any:
-    """Call a function of `knotfab_fixtures` in the kept process, or else in this one; its result as
-    JSON.
+    """Call a function of `knotfab_fixtures` in the kept process or here; its result as JSON.
 
     Raises:
         MachineError: the process ended instead.

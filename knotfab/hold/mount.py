@@ -60,8 +60,7 @@ class Mounted:
         return [as_manifold(body) for body in self.bodies]
 
     def fixtures(self, camera: Camera) -> list[Fixture]:
-        """List the solids of which the mount is united, in scene coordinates; `camera` is the first
-        view's."""
+        """List the mount's solids, in scene coordinates; `camera` is the first view's."""
         if self.wall is not None:
             groups = wall_fixtures(self.wall, camera, max(len(self.scene.mount.pegs), 1))
             return [fixture for group in groups for fixture in group]
@@ -71,13 +70,11 @@ class Mounted:
 
     @property
     def moves(self) -> Array | None:
-        """How far each vertex of the knots moves under its own weight, mm (N, 3); None without a
-        mount."""
+        """How far each vertex sags under the piece's weight, mm (N, 3); None without a mount."""
         return None if self.holder is None else self.holder.moves
 
     def members(self, to_part: Array) -> list[dict[str, Any]]:
-        """List pegs or posts, and struts, for knots.json; `to_part` is a (4, 4) similarity from the
-        scene.
+        """List members for knots.json; `to_part` is a (4, 4) similarity from the scene.
 
         Each goes `from` a centre line `to` the mount's foot or another centre line. `radius_mm` are
         those of its ends, `foot` is the unit normal of the plate, wall or base that it stands on,
@@ -191,8 +188,7 @@ class Mounted:
 
     @property
     def fixed_mm(self) -> tuple[float, float, float] | None:
-        """What of the part's extents, as `upright` lays it, does not scale with the picture's
-        frame.
+        """What of the extents, as `upright` lays the part, does not scale with the frame.
 
         Margin and thickness of a plate, a dowel's length, and the distance from the wall; None if
         it is the tube's thickness alone.
@@ -282,8 +278,7 @@ class Mounted:
         )
 
     def check_sag(self) -> Check | None:
-        """Check `sag`: how far the piece moves under its own weight, by the frame of tubes and
-        members."""
+        """Check `sag`: how far the piece moves under its own weight, as a frame."""
         mount = self.holder
         if mount is None:
             return None
@@ -452,8 +447,7 @@ def _resolve_mount(scene: SettledScene, knots: Knots, cameras: Sequence[Camera])
 
 
 def _choose_foot(scene: ResolvedScene, knots: Knots, camera: Camera) -> Literal["plate", "dowel"]:
-    """Choose a plate if the printer holds one as large as the frame and as high as the piece stands
-    off."""
+    """Choose a plate if the printer holds one as large as frame and distance ask for."""
     asked = scene.mount
     across, along = (side + 2 * asked.plate_margin_mm for side in camera.frame_mm)
     wall = camera.receiver

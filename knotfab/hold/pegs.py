@@ -1,5 +1,4 @@
-"""Brace a piece that sags on its pegs, by struts and by leaning pegs whose whole shadow is
-hidden."""
+"""Brace a piece that sags on its pegs, by struts and leaning pegs that are wholly hidden."""
 
 from __future__ import annotations
 
@@ -152,8 +151,7 @@ def sites_with(knots: Knots, rays: Rays, chosen: Indices) -> Sites:
 def pegs_on(
     sites: Sites, rays: Rays, chosen: Indices, top_radius_mm: Array, foot_radius_mm: Array
 ) -> Candidates:
-    """Make members of the chosen rays' pegs, with radii (n,) of each ray at the tube and at the
-    wall."""
+    """Make members of the chosen rays' pegs, with radii (n,) of each ray at tube and wall."""
     first = [
         int(np.flatnonzero((sites.knot == rays.knot[i]) & (sites.vertex == rays.vertex[i]))[0])
         for i in chosen
@@ -162,8 +160,7 @@ def pegs_on(
 
 
 def _leaning(sites: Sites, shadows: MountShadows, camera: Camera, tube_mm: float) -> Candidates:
-    """List pegs from sites to the wall that lean so as to stay in the shadow of other sites all the
-    way."""
+    """List pegs to the wall that lean so as to stay in the shadow of other sites."""
     normal = camera.receiver[:3]
     some = np.unique(np.linspace(0, len(sites.knot) - 1, STARTS).astype(np.int64))
     feet = camera.cast(sites.point[some])
@@ -261,8 +258,7 @@ class Feet(Way):
 
 
 def _spread(one: Knots, rays: Rays, own: Indices) -> Indices:
-    """Choose the shortest of a knot's rays in each stretch of its length; the first peg's comes
-    first."""
+    """Choose the shortest ray in each stretch of a knot; the first peg's comes first."""
     every = sites_of(one, JOINT_RADII, {0: rays.vertex[own]})
     arc = every.arc[np.searchsorted(every.vertex, rays.vertex[own])]
     bins = (arc / float(every.perimeter[0]) * CANDIDATES).astype(np.int64)

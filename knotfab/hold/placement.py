@@ -19,8 +19,7 @@ QUARTER_DEG = 90.0
 
 @dataclass(frozen=True)
 class Mark:
-    """A place for the end of a tape measure: its name, where it is (3,), and the lamp's distance
-    from it."""
+    """A place to measure from: its name, where it is (3,), and the lamp's distance from it."""
 
     name: str
     at: Array
@@ -78,35 +77,30 @@ class Placement:
     outline: Array | None = None
 
     def on_wall(self, points: Array) -> Array:
-        """Project points (..., 3) square to the wall: (..., 2) right and up from the frame's
-        middle."""
+        """Project points (..., 3) square to the wall: right and up from its middle, (..., 2)."""
         return np.asarray((points - self.middle) @ self.wall[:2].T)
 
     def throw(self, points: Array) -> Array:
-        """Throw points (n, 3) along the light: into the wall's axes about `middle`, a height
-        last."""
+        """Throw points (n, 3) along the light into the wall's axes about `middle`."""
         lamp = self.wall @ (self.lamp - self.middle)
         reach = lamp[2] / (lamp[2] - points[:, 2:])
         moved = lamp[:2] + (points[:, :2] - lamp[:2]) * reach
         return np.column_stack([moved, points[:, 2] * reach[:, 0]])
 
     def lay_flat(self, thrown: Array) -> Array:
-        """Take shadows (n, 2) on the flat wall to where the light meets a round one, along it,
-        mm."""
+        """Take shadows (n, 2) on the flat wall to where they fall on a round one, mm."""
         if self.round is None:
             return thrown
         middle = self.wall[:2] @ (self.middle - self.round.foot)
         return np.asarray(self.round.unroll(thrown + middle) - middle)
 
     def cast(self, points: Array) -> Array:
-        """Cast points (n, 3) on the wall: (n, 2) right and up from the frame's middle, along it,
-        mm."""
+        """Cast points (n, 3) on the wall: right and up from its middle, mm, (n, 2)."""
         return self.lay_flat(self.throw((points - self.middle) @ self.wall.T)[:, :2])
 
 
 def placement_of(mounted: Mounted, camera: Camera, view: ResolvedView | None = None) -> Placement:
-    """Measure where a mounted piece's lamp stands, by the scene alone; `view` may have a round
-    wall."""
+    """Measure where a piece's lamp stands, by the scene alone; `view` may have a round wall."""
     wall, level, middle = camera.wall_axes, camera.level_axes, camera.middle
     width, height = camera.frame_mm
     plate: tuple[float, float] | None = None
@@ -170,8 +164,7 @@ def _places(
     plate: tuple[float, float] | None,
     base: Base | None,
 ) -> dict[str, Array]:
-    """Return four places to measure from: the middles of the base's or plate's edges, or the
-    frame's corners."""
+    """Return four places to measure from: edges of base or plate, or the frame's corners."""
     if base is not None:
         x, z = (base.left + base.right) / 2, (base.back + base.front) / 2
         sides = {

@@ -1,5 +1,4 @@
-"""Choose members that hold or stiffen a piece, where they help most and show least, until nothing
-sags."""
+"""Choose members where they help most and show least, until nothing of the piece sags."""
 
 from __future__ import annotations
 
@@ -98,8 +97,7 @@ class _Change:
 
 @dataclass
 class _Plan:
-    """The members so far and the candidates taken for them, and what they and the candidates
-    darken."""
+    """The members so far, the candidates taken for them, and what all of these darken."""
 
     way: Way
     shadows: MountShadows
@@ -120,8 +118,7 @@ class _Plan:
         self.cost[self.shown] = self.shadows.cost(self.candidates.of(self.shown))
 
     def seen_of(self, members: Candidates, known: Array) -> Array:
-        """Return the summed share of the frames that each member alone darkens, (n,), given the
-        first ones'."""
+        """Return the summed share of frames that each member darkens, (n,); `known` come first."""
         asked = range(len(known), len(members))
         return np.append(known, [self.shadows.darken(members.of([n])).sum() for n in asked])
 
@@ -148,8 +145,7 @@ class _Plan:
         return None
 
     def _thicker(self) -> tuple[Indices, Candidates, Array]:
-        """Thicken the members that show and have room: their numbers, they themselves, prices in
-        pixels."""
+        """Thicken members that show and have room: their numbers, they, prices in pixels."""
         self.seen = self.seen_of(self.members, self.seen)
         old = np.flatnonzero(self.seen > SEEN_SHARE)
         thicker = self.members.of(old).thicken(THICKER, self.most_mm)
@@ -160,8 +156,7 @@ class _Plan:
         return old, thicker, more * (self.seen[old] * self.shadows.pixels)
 
     def make(self, change: _Change) -> None:
-        """Add the candidate, or thicken the member; what lies in its shadow costs less from now
-        on."""
+        """Add the candidate, or thicken the member; what its shadow covers then costs less."""
         one, number = change.member, change.number
         if change.added:
             self.taken = [*self.taken, number]
@@ -186,8 +181,8 @@ class _Piece:
         self.frame = HeldFrame(piece_frame(knots, sites, given, stiffness))
 
     def on(self, members: Candidates, left: Indices | None = None) -> tuple[Array, float, Array]:
-        """Return how sites move on these members (n, 6), how far at most (mm), and where (3,);
-        `left` sites only."""
+        """Return how (`left`) sites move on members, (n, 6), how far at most (mm), and where
+        (3,)."""
         before = np.zeros(len(members))
         before[: len(self.given)] = self.given.radius
         changed = members.radius != before
@@ -200,8 +195,7 @@ class _Piece:
         return moved, float(size.max()), self.sites.point[int(size.argmax())]
 
     def gains(self, tried: Candidates, before: Array, moved: Array, manner: Manner) -> Array:
-        """Return the share of the displacements' norm that each takes away, thickened from
-        `before`, (m,)."""
+        """Return the share of the norm that each takes away, thickened from `before`, (m,)."""
         springs, loads = springs_of(tried, before, self.stiffness)
         loads *= manner.weighed
         after = self.frame.displacements_with_each(tried, springs, loads)[:, : len(moved), :3]
@@ -262,8 +256,7 @@ def _norm(moved: Array, norm: float) -> Array:
 def _promise(
     frame: HeldFrame, sites: Sites, candidates: Candidates, moved: Array, norm: float
 ) -> Array:
-    """Estimate how much a stiff link at each candidate would take from the norm, to first order,
-    (n,).
+    """Estimate to first order what a stiff link at each candidate takes from the norm, (n,).
 
     It is the product of how far its ends move apart under the weight, and how far under the norm's
     gradient as a load.
@@ -286,8 +279,7 @@ def _promise(
 def _nearness(
     frame: HeldFrame, sites: Sites, candidates: Candidates, moved: Array, norm: float
 ) -> Array:
-    """Rank candidates by how near, along its knot, each begins to the site that moves farthest,
-    (n,)."""
+    """Rank candidates by how near along its knot each is to the site that moves most, (n,)."""
     worst = int(np.linalg.norm(moved[:, :3], axis=1).argmax())
     gap = np.abs(sites.arc[candidates.first] - sites.arc[worst])
     gap = np.minimum(gap, sites.perimeter[sites.knot[worst]] - gap)

@@ -57,8 +57,7 @@ class Slope:
 
 
 def slope_below(cameras: Sequence[Camera], rectangle: Rectangle = UNIT) -> Slope:
-    """Find the highest plane, level across the first view, that lies below all frames over a
-    rectangle.
+    """Find the highest plane, level across the first view, below all frames over a rectangle.
 
     With one view that is the plane through the light and the lower edge of the frame, wherever the
     rectangle is.
@@ -229,8 +228,7 @@ def _measure(
     piece: Array,
     thickness: float,
 ) -> tuple[Base, float, tuple[tuple[float, float], tuple[float, float]]]:
-    """Measure a base of this outline: it, the highest centre of mass, and its place across and
-    along."""
+    """Measure a base of this outline: it, the highest centre of mass, and where it may stand."""
     bottom = slope.height_mm + slope.rise * back - thickness
     depth, width = front - back, right - left
     rear, fore = thickness, thickness + slope.rise * depth

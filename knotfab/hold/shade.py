@@ -67,13 +67,11 @@ class MountShadows:
             view.add(some)
 
     def darken(self, some: Candidates) -> Array:
-        """Return the share of each frame that members alone darken outside picture and knots,
-        (views,)."""
+        """Return the share of each frame that members alone darken, (views,)."""
         return np.array([view.darken(some) for view in self.views])
 
     def hidden(self, some: Candidates) -> Mask:
-        """Tell (n,) whether, in every view, a member's whole shadow lies where it is dark
-        anyway."""
+        """Tell (n,) whether a member's whole shadow lies where all views are dark."""
         return self._in_all(some, MountShadow.hidden)
 
     def behind_knots(self, some: Candidates) -> Mask:
@@ -150,8 +148,7 @@ class MountShadow:
         return found
 
     def behind_knots(self, some: Candidates) -> Mask:
-        """Tell (n,) whether a member's whole shadow lies in that of the knots: it draws nothing
-        itself.
+        """Tell (n,) whether a member's whole shadow lies in that of the knots.
 
         The shadow is looked at no more than a pixel apart along the member.
         """
@@ -172,8 +169,7 @@ class MountShadow:
     def cost(
         self, some: Candidates, samples: int = 40, across: tuple[float, ...] = ACROSS
     ) -> Array:
-        """Estimate how many pixels of the frame members would darken beyond those dark by now,
-        (n,).
+        """Estimate how many more pixels of the frame members would darken, (n,).
 
         Each shadow is looked at in `samples` places along it and `across` half its width.
         """
@@ -193,8 +189,7 @@ class MountShadow:
         return cost
 
     def _seen(self, points: Array, radius: Array | float) -> tuple[Array, Array]:
-        """Return the pixels where points are seen (n, 2), and how many pixels the radius covers
-        there (n,)."""
+        """Return where points are seen, px (n, 2), and how many px the radius covers (n,)."""
         seen = project(points, self.camera.projection)
         return seen.places, radius * self.magnification / seen.depth
 

@@ -25,8 +25,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Fixture:
-    """One solid of a mount: a function of `knotfab_fixtures` with its arguments, and where it
-    belongs.
+    """One solid of a mount: a function of `knotfab_fixtures`, its arguments, and its place.
 
     `motion` (3, 4) takes it there. Given `above`, a plane's normal (3,) and offset, only what lies
     beyond the plane stays.
@@ -57,8 +56,7 @@ class Fixture:
 
 
 def along(axis: Array, point: Array, helper: Array | None = None) -> Array:
-    """Return the motion (3, 4) that takes the origin to a point (3,), and z to the unit vector
-    `axis`.
+    """Return the motion (3, 4) that takes the origin to `point` and z to the unit vector `axis`.
 
     Args:
         helper: (3,) not along the axis; x comes to lie square to both.

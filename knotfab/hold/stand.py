@@ -1,5 +1,4 @@
-"""A stand for a desk: a base below all pictures, posts up into their shadow, struts that no shadow
-shows.
+"""A stand for a desk: a base below all pictures, posts into their shadow, hidden struts.
 
 Matter behind what is dark in every view, or below every view's frame, changes no picture.
 """
@@ -311,8 +310,7 @@ def _more_posts(
     shadows: MountShadows,
     apart_mm: float,
 ) -> Candidates:
-    """Add posts up to `LEAST_POSTS`, feet apart, where they show least; fewer if there is no
-    room."""
+    """Add posts up to `LEAST_POSTS`, feet apart, where they show least and have room."""
     more = nothing()
     while True:
         there = join([chosen, more])

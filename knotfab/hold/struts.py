@@ -1,5 +1,4 @@
-"""Straight members between strands, or from a strand to the ground, that run clear of everything
-else."""
+"""Straight members between strands, or from strand to ground, that run clear of all else."""
 
 from __future__ import annotations
 
@@ -43,8 +42,8 @@ class Sites:
 def sites_of(
     knots: Knots, step_radii: float = SITE_RADII, also: Mapping[int, Indices] | None = None
 ) -> Sites:
-    """Choose vertices about `step_radii` tube radii apart, at least 8 a knot, and those in `also`,
-    by knot."""
+    """Choose vertices about `step_radii` tube radii apart, 8 a knot at least, and those in
+    `also`."""
     knot, vertex, point, tangent, arcs, following, perimeter = [], [], [], [], [], [], []
     first = 0
     for k, curve in enumerate(knots.knots):
@@ -75,8 +74,7 @@ def sites_of(
 
 
 def tangents(points: Array) -> Array:
-    """Return the unit directions of a closed polyline at its vertices, by both neighbours, (n,
-    3)."""
+    """Return a closed polyline's unit directions at its vertices, by both neighbours, (n, 3)."""
     ahead = np.roll(points, -1, axis=0) - np.roll(points, 1, axis=0)
     return np.asarray(ahead / np.linalg.norm(ahead, axis=1)[:, None])
 
@@ -151,8 +149,7 @@ def join(parts: list[Candidates]) -> Candidates:
 
 
 def struts(sites: Sites, pairs: Indices, tube_mm: float, radius_mm: float) -> Candidates:
-    """List the members of one radius between pairs (m, 2) of sites that meet both tubes
-    squarely."""
+    """List members of one radius between pairs (m, 2) of sites that meet both tubes squarely."""
     a, b = pairs[:, 0], pairs[:, 1]
     gap = np.abs(sites.arc[a] - sites.arc[b])
     gap = np.minimum(gap, sites.perimeter[sites.knot[a]] - gap)
@@ -254,8 +251,7 @@ class Obstacles(Way):
     def _narrow(
         self, some: Candidates, i: Indices, j: Indices, ahead: Mask, unit: Array, length: Array
     ) -> Mask:
-        """Tell (m,) whether a strand leaves its joint with member i slowly at its sample j, or
-        comes back."""
+        """Tell (m,) whether a strand leaves its joint with member i slowly, or comes back."""
         onward = self.beside[np.where(ahead, 1, 0), j]
         (_, here), (_, there) = (
             off_segments(self.points[of], some.start[i], unit[i], length[i]) for of in (j, onward)
@@ -265,8 +261,7 @@ class Obstacles(Way):
 
 
 def off_segments(points: Array, start: Array, unit: Array, length: Array) -> tuple[Array, Array]:
-    """Return how far along its segment each point is next to it, and how far off the line it lies,
-    (n,) each."""
+    """Return how far along its segment each point is, and how far off the line, (n,) each."""
     to = points - start
     along = np.clip(np.einsum("ij,ij->i", to, unit), 0.0, length)
     return along, np.asarray(np.linalg.norm(to - along[:, None] * unit, axis=1))
@@ -282,8 +277,7 @@ def beside_on_rings(counts: Indices) -> Indices:
 def opens_slowly(
     here: Array, there: Array, step: Array, contact: Array, clearance_mm: float
 ) -> Mask:
-    """Tell (n,) whether a strand and its member part so slowly that the printer closes the gap
-    between them.
+    """Tell (n,) whether a strand and its member part so slowly that printing closes the gap.
 
     The gap must open along the strand from just before the two come apart until they are clear of
     each other.

@@ -51,8 +51,7 @@ def hole_inset_mm(asked: Mount) -> float:
 
 
 def mark_depth_mm(asked: Mount) -> float:
-    """Return the depth of the notches in a plate's edges, inside its margin; 0 where there is no
-    room."""
+    """Return the depth of the notches in a plate's edges; 0 if its margin has no room."""
     beside = (hole_inset_mm(asked) - asked.hole_diameter_mm / 2) / 2
     deep = min(MARK_MM, asked.plate_margin_mm / 5, beside)
     return deep if deep >= 0.5 else 0.0  # a plate gets no notches where no deeper ones have room
@@ -75,8 +74,7 @@ class Peg:
 
     @property
     def drill_mm(self) -> float:
-        """The drill for its hole: the largest that shops sell whose dowel leaves the peg its
-        shoulder."""
+        """The drill for its hole: the largest sold whose dowel leaves the peg its shoulder."""
         wide = 2 * self.foot_radius_mm + PLAY_MM
         return max((d for d in DRILLS_MM if d <= wide), default=wide)
 
@@ -88,8 +86,7 @@ class Peg:
 
 @dataclass(frozen=True)
 class WallMount:
-    """Pegs (leaning ones last), struts between strands, and what the piece sags on them (mm, and
-    where).
+    """Pegs (leaning ones last), struts between strands, and the sag on them (mm, and where).
 
     `sag_mm` is by the model that chose the pegs, `sag_again_mm` by a whole frame with all members,
     solved again; `sag_at` is where that is largest, `moves` (N, 3) how far each vertex of the knots
@@ -125,8 +122,7 @@ def plan_wall(
     *,
     thoroughly: bool = True,
 ) -> WallMount:
-    """Choose pegs for knots in scene coordinates (design, section 8), and struts where pegs are not
-    enough.
+    """Choose pegs for knots in scene coordinates (design, section 8), and struts if need be.
 
     A knot that other strands bar from the wall hangs on one of them by a strut. Struts join strands
     and so need a plate: on dowels every knot is a body that can be split.
@@ -174,8 +170,7 @@ def _with_share(
     target: Mask | None,
     thoroughly: bool,
 ) -> WallMount:
-    """Choose pegs that fill `share` of the tube's shadow; raises ValueError if nothing holds a
-    knot."""
+    """Choose pegs that fill `share` of the tube's shadow; ValueError if a knot is not held."""
     rays, chosen, top, foot = _choose(share, knots, camera, clearance_mm, stiffness)
     if settings.foot != "plate":
         _require_rays(chosen)
@@ -245,8 +240,7 @@ def sag_on_pegs(
     stiffness: Stiffness,
     foot: Literal["plate", "dowel"] = "plate",
 ) -> float:
-    """Measure how far knots would sag on the thickest pegs alone, mm, by the model that chooses
-    them.
+    """Measure how far knots would sag on the thickest pegs alone, mm, as `choose_pegs` does.
 
     On a plate, knots from which no ray to the wall is free do not count: they may hang on others.
 
@@ -319,8 +313,7 @@ def wall_bodies(tubes: list[Mesh], mount: WallMount, camera: Camera) -> list[Mes
 
 
 def _require_predicted(solid: Manifold, number: int, knots: int, mount: WallMount) -> None:
-    """Require one body with a handle for each knot, each member that closes a loop, and both
-    holes."""
+    """Require one body with a handle for each knot, closed loop of members, and hole."""
     plate = mount.settings.foot == "plate"
     feet = 0 if mount.plate is None else sum(mount.plate.feet)
     genus = feet + len(mount.pegs) + len(mount.struts) + 2 if plate else 1
@@ -335,8 +328,7 @@ def _require_predicted(solid: Manifold, number: int, knots: int, mount: WallMoun
 
 
 def wall_fixtures(mount: WallMount, camera: Camera, knots: int) -> list[list[Fixture]]:
-    """List pegs, dowels and struts of each of so many knots, the plate last and by itself; in the
-    scene."""
+    """List the fixtures of each of so many knots, and last the plate; in the scene."""
     wall = np.column_stack(list(camera.wall_axes))
     groups: list[list[Fixture]] = [[] for _ in range(knots)]
     for peg in mount.pegs:
@@ -373,8 +365,7 @@ def _peg_fixtures(peg: Peg, wall: Array, settings: Mount) -> list[Fixture]:
 
 
 def _plate(camera: Camera, wall: Array, mount: WallMount) -> Fixture:
-    """Make the plate, its face on the receiver plane, a margin wider than the frame on every
-    side."""
+    """Make the plate, its face on the receiver plane, a margin wider than the frame."""
     s = mount.settings
     width, height = camera.frame_mm
     sizes = (

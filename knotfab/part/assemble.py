@@ -54,8 +54,7 @@ class Part(InNotebook):
 
     @cached_property
     def framing(self) -> tuple[Table | None, str]:
-        """The frame that holds screen, piece and lamps, if there is one; or why there can be
-        none."""
+        """The frame that holds screen, piece and lamps, if any; or why there can be none."""
         return frame_of(self.mounted)
 
 
@@ -109,8 +108,7 @@ def part_of(
 
 
 def _hide_behind(mask: Mask, camera: Camera, matrix: Array) -> Callable[[Array], bool]:
-    """Return a test whether all shadows of points (n, 3), print coordinates, fall on a
-    picture's."""
+    """Return a test whether points (n, 3), in print, cast all shadows on a picture's."""
     height, width = mask.shape
     projection = camera.projection @ matrix
 
@@ -169,8 +167,7 @@ def _choose_poses(
 
 
 def shrink_of(scene: ResolvedScene) -> Array:
-    """Return the material's shrinkage of a printed part as a matrix (4, 4); the identity without
-    any."""
+    """Return the shrinkage of a printed part as a matrix (4, 4); the identity without any."""
     return np.diag([*np.full(3, 1 - scene.material.shrinkage_percent / 100), 1.0])
 
 
@@ -180,8 +177,7 @@ def enlarge_knots(made: Design) -> Knots:
 
 
 def rules_of(scene: ResolvedScene) -> Rules:
-    """Read the printer's limits on overhangs, and the room that its supports take beside a
-    piece."""
+    """Read the printer's limits on overhangs, and how far supports reach beside a piece."""
     printer = scene.printer
     powder = printer.process == "powder"
     supports = printer.supports and scene.piece.supports != "none"

@@ -161,8 +161,7 @@ def _cut_line(line: Line, vertex: int, place: tuple[int, float, float]) -> Cut:
 
 
 class _Spans:
-    """Measure how far a curve can be followed from a vertex before it no longer fits the
-    printer."""
+    """How far a curve can be followed from a vertex before it no longer fits the printer."""
 
     def __init__(self, line: Line, room: tuple[float, float, float]) -> None:
         turns = spread_turns(TURNS)
@@ -180,8 +179,7 @@ class _Spans:
         self.known: dict[int, int] = {}
 
     def fits(self, first: int) -> int:
-        """Return how many vertices from `first` on the longest piece that fits has, pins
-        included."""
+        """Count the vertices of the longest piece from `first` that fits, pins included."""
         if first in self.known:
             return self.known[first]
         n = self.count
@@ -196,8 +194,7 @@ class _Spans:
 
 
 def _greedy(span: _Spans, at: Indices, worth: Array, first: int, early: float) -> list[int] | None:
-    """Choose the vertices of cuts from `first` all round; None if a piece would not reach the next
-    place."""
+    """Choose cuts from `first` all round; None if a piece does not reach the next place."""
     n, cuts, here, gone = span.count, [first], first, 0
     while True:
         reach = span.fits(here)
@@ -237,8 +234,7 @@ class CutPiece:
 def cut_body(
     body: Mesh, points: Array, radius: float, gap_mm: float, cuts: Sequence[Cut]
 ) -> list[CutPiece]:
-    """Cut a tube (and what hangs on it) at two or more places; return the pieces in order of the
-    cuts.
+    """Cut a tube, and what hangs on it, at two or more places; pieces in order of the cuts.
 
     A slice of `KERF_MM` is taken out at each cut. Of the pieces beside it, one gets a pin with a
     chamfered tip, the other a hole that is wider by `CLEARANCE_MM` all round and a little deeper.

@@ -1,5 +1,4 @@
-"""Files of the part. 3MF by lib3mf in mm, one object for the whole piece, the same bytes each
-time."""
+"""Files of the part; 3MF by lib3mf, in mm, one object, the same bytes each time."""
 
 from __future__ import annotations
 
@@ -329,8 +328,7 @@ def write_svg(
 
 
 def write_dxf(path: Path, layers: Layers, frame_mm: tuple[float, float]) -> None:
-    """Write closed polylines as DXF R12, which every program reads, in mm from the frame's lower
-    left."""
+    """Write closed polylines as DXF R12, which all programs read; mm from the lower left."""
     corner = 0.5 * frame_mm[0], 0.5 * frame_mm[1]
     tags: list[tuple[int, object]] = [(0, "SECTION"), (2, "HEADER")]
     tags += [

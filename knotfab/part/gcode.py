@@ -101,8 +101,7 @@ def read_gcode(path: Path) -> Gcode:
 
 
 def points_along(start: Array, end: Array, spacing: float) -> Array:
-    """Place points (k, 3) on the lines from `start` to `end`, (n, 3) each: the middles of equal
-    pieces.
+    """Place points (k, 3) on lines from `start` to `end`, (n, 3): the middles of equal pieces.
 
     No piece is longer than `spacing`, so every place of a line is within half of that of a point.
     """

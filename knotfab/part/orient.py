@@ -66,8 +66,7 @@ def strands_of(knots: Knots, most: int = 6000) -> Strands:
 
 
 def estimate_print_minutes(found: Estimate) -> float:
-    """Estimate minutes for supports and layers; the strands themselves take the same in every
-    pose."""
+    """Estimate minutes for supports and layers; strands take the same in every pose."""
     return (
         MINUTES_PER_CM3 * found.filament_cm3 + MINUTES_PER_LAYER * found.height_mm / USUAL_LAYER_MM
     )
@@ -118,8 +117,7 @@ def keeps_limits(found: Estimate, rules: Rules) -> bool:
 
 
 def spread_turns(count: int) -> Array:
-    """Return rotations of the scene's axes, and of directions all round, onto the vertical, (count
-    + 3, 3, 3)."""
+    """Return rotations of the axes, and of directions all round, onto the vertical."""
     right = np.array([1.0, 0.0, 0.0])
     return np.stack([*AXES[:3], *(_turn_to(up, right) for up in _sphere(count))])
 
@@ -144,8 +142,7 @@ def _principal(strands: Strands) -> Array:
 
 
 def _hull_faces(points: Array) -> Array:
-    """Return the upward directions of a piece that lies on the largest faces of its hull, (k,
-    3)."""
+    """Return which way is up for a piece on the largest faces of its hull, (k, 3)."""
     try:
         hull = ConvexHull(points)
     except QhullError:  # flat: it lies on its own plane, which is a principal one
@@ -166,8 +163,7 @@ def _sphere(count: int) -> Array:
 
 
 def _turn_to(up: Array, right: Array) -> Array:
-    """Return the rotation that brings `up` upwards and `right`, as far as possible, to the
-    right."""
+    """Return the rotation that brings `up` upwards and `right`, if possible, to the right."""
     across = right - (right @ up) * up
     if np.linalg.norm(across) < 1e-6:
         other = np.eye(3)[int(np.abs(up).argmin())]
@@ -203,8 +199,7 @@ class Flattening:
 
 
 def flatter_depth(knots: Knots, depth_mm: float, rules: Rules) -> float | None:
-    """Find the largest extent along z, mm, at which some pose is estimated to keep
-    `max_support_cm3`.
+    """Find the largest depth, mm, at which some pose is estimated to keep `max_support_cm3`.
 
     The curves' depths are scaled and all else stays, so the number is a proposal for a new search.
 

@@ -58,8 +58,7 @@ class PrintPlate:
 
 @dataclass(frozen=True)
 class Plates:
-    """All plates; `cuts` counts the cuts of each body, `pins` are their diameters and lengths,
-    mm."""
+    """All plates; `cuts` counts each body's cuts, `pins` are their diameters and lengths, mm."""
 
     plates: list[PrintPlate]
     cuts: list[int]
@@ -156,8 +155,7 @@ def _cut_to_fit(
     gap: float,
     pose: Callable[[str, Mesh, Array, float, bool], _PosedBody],
 ) -> tuple[list[_PosedBody], list[tuple[float, float]]]:
-    """Cut a body and pose the pieces, with their pins; make it a little smaller if one misses the
-    printer.
+    """Cut a body and pose the pieces, with their pins; a little smaller if one does not fit.
 
     `rooms` are tried in their order; if none serves, the error says why the last does not.
     """
@@ -257,8 +255,7 @@ def list_printables(
 def measure_hiding(
     points: Array, radius_mm: float, camera: Camera, mask: NDArray[np.bool_]
 ) -> Array:
-    """Measure how well points are hidden (n,): 0 on the picture's outline or off it, 1 from three
-    tube radii inside."""
+    """Measure how hidden points are (n,): 0 on the outline or off it, 1 from 3 radii inside."""
     pixel = float(np.linalg.norm(camera.du))
     depth = np.asarray(distance_transform_edt(mask)) * pixel
     uv = np.rint(camera.project(points)).astype(np.int64)
@@ -271,8 +268,7 @@ def measure_hiding(
 def _pegs(
     mounted: Mounted, knot: int, points: Array, radius: float
 ) -> tuple[NDArray[np.bool_], Array, Indices]:
-    """Find the vertices next to a peg, the points that bound the knot's pegs, and their
-    vertices."""
+    """Find vertices next to a peg, the points that bound the knot's pegs, and their vertices."""
     barred = np.zeros(len(points), dtype=np.bool_)
     beside, beside_of = [np.empty((0, 3))], [np.empty(0, dtype=np.int64)]
     for peg in mounted.wall.pegs if mounted.wall is not None else ():

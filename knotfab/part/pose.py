@@ -28,8 +28,7 @@ QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 
 @dataclass(frozen=True)
 class PoseAccount:
-    """How a pose was chosen: the `chosen` one of the `tried`, the next best, and the one of least
-    height.
+    """How a pose was chosen: the `chosen` one of the `tried`, the next best, and the lowest.
 
     `too_large` of the tried cost less but do not fit the printer. `within` tells whether it keeps
     the printer's limits for overhangs, as far as estimates can say.
@@ -164,8 +163,7 @@ def _weigh(
 def _fitting(
     points: Array, room: Array, order: Sequence[Ranked]
 ) -> tuple[list[tuple[Ranked, Array]], list[Array]]:
-    """Find the first poses that fit, with the rotations in which they do; and the sizes of those
-    that did not."""
+    """Find the first poses that fit, with their rotations, and the sizes of those that do not."""
     fitting: list[tuple[Ranked, Array]] = []
     sizes: list[Array] = []
     for pose in order:
@@ -181,8 +179,7 @@ def _fitting(
 def _find_turn(
     points: Array, room: Array, sides: Sequence[Array]
 ) -> tuple[Array | None, list[Array]]:
-    """Find the first rotation with one of `sides` up that fits, square to the bed or not; and sizes
-    before it."""
+    """Find the first rotation with one of `sides` up that fits; and the sizes before it."""
     sizes: list[Array] = []
     for turn, size in chain(_square_turns(points, sides), _oblique_turns(points, room, sides)):
         if _fits(size, room):
@@ -272,8 +269,7 @@ def _quarters(turn: Array) -> tuple[tuple[Array, Array], ...]:
 def _oblique_turns(
     points: Array, room: Array, sides: Sequence[Array]
 ) -> Iterator[tuple[Array, Array]]:
-    """Find for each side up the rotation about the vertical that leaves most room; least height
-    first."""
+    """Rotate each side up, and about the vertical to leave most room; lowest first."""
     for upright, _ in _square_turns(points, sides)[::2]:
         turned = points @ upright.T
         angle, width, depth = _sweep_about(turned)

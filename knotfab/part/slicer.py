@@ -1,5 +1,4 @@
-"""Slice written 3MF files with PrusaSlicer, beside the build, without touching anybody's
-settings."""
+"""Slice written 3MF files with PrusaSlicer, beside the build, without anybody's settings."""
 
 from __future__ import annotations
 

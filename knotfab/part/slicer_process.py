@@ -44,8 +44,7 @@ def run_limited(
     stop: threading.Event | None = None,
     hear: Callable[[str], None] | None = None,
 ) -> Ended:
-    """Run `command` in `folder`, which is its home, in a process group that is killed when it must
-    stop.
+    """Run `command` with `folder` as its home, in a process group that is killed to stop it.
 
     It is stopped when `timeout_s` have passed, when it says or writes too much, and when `stop` is
     set. On Linux it ends with this process, too. What it says goes to files of the folder, so that
@@ -155,8 +154,7 @@ def ask_help(program: str) -> Ended:
 
 
 def read_version(program: str) -> tuple[int, int] | None:
-    """Read the first two numbers of its version from its own words; None if it does not say
-    them."""
+    """Read the program's version, two numbers, from what it says; None if it does not."""
     found = re.search(r"PrusaSlicer-(\d+)\.(\d+)", ask_help(program).out)
     return None if found is None else (int(found[1]), int(found[2]))
 

@@ -111,8 +111,7 @@ def write_part(
 
 
 def write_model(folder: OutputFolder, part: Part, scene: SettledScene, suffix: str = "") -> None:
-    """Write part.glb, which is for looking at and not verified. Arguments are as for
-    `write_part`."""
+    """Write part.glb, to be looked at and not verified. Arguments are as for `write_part`."""
     assert scene.pose is not None
     pose, color = np.array(scene.pose.matrix), scene.material.color
     write_glb(folder.file(f"part{suffix}.glb"), part.bodies, pose, part.names, color)
@@ -188,8 +187,7 @@ GCODE_PX = 480  # G-code has smaller copies of this picture
 
 
 def about_part(part: Part, scene: SettledScene, targets: Sequence[Target]) -> About:
-    """Collect the words of the part's 3MF files: the scene's [about], and what follows from the
-    piece.
+    """Collect the words of the part's 3MF files, from the scene's [about] and the piece.
 
     The title defaults to the pictures' names, the designer to knotfab. Without terms of a licence
     the file has none: whose the picture is, it cannot know.

@@ -184,8 +184,7 @@ def _standing(knots: Knots, ground: float) -> tuple[Manifold, int]:
 
 
 def _tube(knot: Knot, radius: float) -> Manifold:
-    """Sweep the tube with fewer rings if it bends little enough: scaled down, they are fine all the
-    same."""
+    """Sweep the tube, with fewer rings if it bends little: scaled down, they are fine enough."""
     count = len(knot.points)
     most = max(1, int(0.55 * radius * count / knot.length_mm))  # tube radii between rings
     step = next(k for k in range(most, 0, -1) if count % k == 0)

@@ -168,8 +168,7 @@ def list_families() -> tuple[str, ...]:
 
 
 def _ask_fontconfig(form: str, pattern: str) -> list[str]:
-    """Ask fontconfig for a line in this format about each matching font; none without
-    fontconfig."""
+    """Ask fontconfig for a line in this format about each match; none without it."""
     program = shutil.which("fc-list")
     if program is None:
         return []

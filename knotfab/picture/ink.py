@@ -209,8 +209,7 @@ def _squares(colours: Levels, middle: Array) -> NDArray[Any]:
 def _differ(
     colours: Levels, middle: Array, threshold: float, what: str, clear: Mask | None
 ) -> Mask:
-    """Mark opaque pixels that differ from a colour by more than a share of the largest
-    difference."""
+    """Mark opaque pixels that differ from a colour by a share of the largest difference."""
     squared = _squares(colours, middle)
     if clear is not None:
         squared[clear] = 0

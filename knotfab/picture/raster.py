@@ -198,8 +198,7 @@ def count_frames(data: bytes) -> int:
 
 
 def take_frames(data: bytes, most: int) -> Iterator[Image.Image]:
-    """Yield the frames of a moving picture, in RGBA: `most` of them, or those before a damaged
-    one."""
+    """Yield `most` frames of a moving picture, in RGBA, or those before a damaged one."""
     with Image.open(io.BytesIO(data), formats=_formats()) as image:
         for number in range(most):
             try:

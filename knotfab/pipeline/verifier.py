@@ -239,8 +239,7 @@ def _crashed(crash: Crash) -> KnotfabError:
 
 
 def explain_unreadable(sentence: str) -> InputError:
-    """Make an error of the validators' `NAME: reason` about a file that they cannot read or
-    write."""
+    """Make an error of the validators' `NAME: reason` about a file they cannot use."""
     name, _, reason = sentence.partition(": ")
     if not reason:
         name, reason = "the files", sentence

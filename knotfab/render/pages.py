@@ -52,8 +52,7 @@ PAPERS = {"a4": Paper("A4", 210.0, 297.0), "letter": Paper("Letter", 215.9, 279.
 
 @dataclass(frozen=True)
 class Tile:
-    """One page of a drawing: its place among the others, and where in the drawing (mm) its room's lower
-    left corner lies."""
+    """One page of a drawing: its place among the others, and the lower left of its room, mm."""
 
     row: int
     column: int

@@ -134,8 +134,7 @@ _INNER = ((1, -1), (-1, -1), (-1, 1), (1, 1))
 
 
 def card_middles(frame_mm: tuple[float, float], margin_mm: float) -> Array:
-    """Return the marks' middles (4, 2), mm right and down from the frame's top left corner,
-    clockwise.
+    """Return the marks' middles (4, 2), mm right and down from the frame's first corner.
 
     Args:
         margin_mm: of the plate around the frame, whose corners the cards touch; 0 without a plate.

@@ -31,8 +31,7 @@ _GAIN = 0.01  # a gain of brightness error from which on a nearer wall is worth 
 
 
 def list_effects(result: SearchResult, verdict: Verdict) -> tuple[EffectLine, ...]:
-    """List a line for each effect: what the design did, and what the validators' `verdict` says
-    they did."""
+    """List for each effect what the design did, and what the verification measured."""
     lines = []
     for name, decision in result.effects.items():
         runs = [getattr(view, name, None) for view in verdict.views]
@@ -61,8 +60,7 @@ def list_effects(result: SearchResult, verdict: Verdict) -> tuple[EffectLine, ..
 
 
 def list_limits(result: SearchResult) -> tuple[LimitLine, ...]:
-    """List a line for each limit: what it is, what was measured at the end, how often its term was
-    called."""
+    """List for each limit what was measured at the end, and how often its term was called."""
     return tuple(
         LimitLine(
             name=name,
@@ -101,8 +99,7 @@ def tell_warnings(effects: Mapping[str, Decision]) -> list[str]:
 
 
 def list_contrasts(made: Design) -> list[Contrast | None]:
-    """Measure how light and dark each view's wall is; None in each where the scene does not call
-    for it."""
+    """Measure the light and dark of each view; None where the scene does not call for it."""
     from knotfab.effects.base import Shadows, World
     from knotfab.effects.contrast import CONTRAST, contrast_of
 
@@ -166,8 +163,7 @@ def tell_walls(views: Sequence[View]) -> list[str]:
 
 
 def list_sags(made: Design, moves: Array | None, masks: Sequence[Mask]) -> list[Sag | None]:
-    """Measure what is left of the knots' shadow in each view when its mount sags; None where none
-    shows.
+    """Measure what of the knots' shadow each view keeps when the mount sags; None without.
 
     Args:
         moves: (N, 3) of each vertex, mm; None without a mount. masks: (H, W) the views' pictures.

@@ -104,8 +104,7 @@ def advise_lamp(view: View, tube_radius_mm: float) -> list[str]:
 
 
 def list_files(names: Iterable[str]) -> list[tuple[str, str]]:
-    """List the files beside a report with what each is for, those that a maker opens first at the
-    top.
+    """List the files beside a report with what each is for, the first to open at the top.
 
     Where a sequence has many files of a kind, its first and last stand for all: "part-01.3mf …
     part-12.3mf".
@@ -123,8 +122,7 @@ def list_files(names: Iterable[str]) -> list[tuple[str, str]]:
 
 
 def draw_setup(folder: Path) -> list[str]:
-    """Render the drawings of setup.svg without their words, as data URIs: two where they stand far
-    apart."""
+    """Render setup.svg without its words, as data URIs: two if its drawings stand far apart."""
     path = next(iter(sorted(folder.glob("setup*.svg"))), None)
     if path is None:
         return []
@@ -152,8 +150,7 @@ def draw_setup(folder: Path) -> list[str]:
 
 
 def _near_ink(image: Any, axis: int) -> NDArray[np.bool_]:
-    """Find the rows (axis 1) or columns (axis 0) of a picture that have ink, or lie within 16 px of
-    some."""
+    """Find rows (axis 1) or columns (axis 0) of a picture with ink, or within 16 px of it."""
     from scipy.ndimage import binary_dilation
 
     inked = (np.asarray(image.convert("L")) < _PAPER).any(axis=axis)

@@ -1,5 +1,4 @@
-"""Show a build or a stage in a notebook, as a piece of page that holds its words and pictures
-itself."""
+"""Show a build or a stage in a notebook: words and pictures in one piece of page."""
 
 from __future__ import annotations
 
@@ -39,8 +38,7 @@ Pictures = Sequence[tuple[str, str]]  # data URI and caption
 
 @singledispatch
 def show(result: object) -> str | None:
-    """Render a result of a public function as a piece of page; None for others, which show their
-    `repr`."""
+    """Render the result of a public function; None for others, which show their `repr`."""
     return None
 
 

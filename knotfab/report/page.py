@@ -40,8 +40,7 @@ MEDIA = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".gif
 
 
 def _verdicts(report: Report) -> dict[str, tuple[str, str]]:
-    """Choose the sentence of each verdict: "faithful" says more where no speck, cut tip or loss was
-    found."""
+    """Choose the words of each verdict; "faithful" says more if nothing at all is lost."""
     verdict, made = report.verdict, report.settings
     # accuracies that leave a shadow as clean as this says
     clean = made.accuracy in ("standard", "fine") and not made.time_budget_s
@@ -156,8 +155,7 @@ def encode_for_script(data: Mapping[str, Any]) -> str:
 
 
 def _number(value: object, digits: int = 4) -> str:
-    """Write a value with `digits` significant digits, whole ones never dropped; a dash for
-    nothing."""
+    """Write a value with `digits` significant digits, all whole ones; a dash for nothing."""
     if value is None:
         return "–"
     if isinstance(value, bool):

@@ -85,8 +85,7 @@ _SHARED = (
 
 
 def turns_of(scene: SettledScene) -> dict[str, float]:
-    """Find by how much the piece is turned for each view to stand before the first view's lamp, 0
-    to 360°.
+    """Find the angle, 0 to 360°, that brings each view before the first view's lamp.
 
     It turns about the vertical, anticlockwise from above. Empty where the views have lamps or walls
     at heights and distances of their own, so that they share no lamp; for an eye; and for one view.
@@ -178,8 +177,7 @@ def draw_survey(found: Survey) -> bytes:
 
 
 def draw_agreement(target: Target, bound: HullBound) -> bytes:
-    """Draw a PNG of one of several pictures: as it came, as it was bent, and what all leave of
-    it."""
+    """Draw a PNG of a picture as it came, as it was bent, and what all leave of it."""
     return _lay_out([_agreement(target, bound, _PANEL)])
 
 
@@ -203,8 +201,7 @@ def draw_panels(found: Survey, side_px: int = 2 * _PANEL) -> list[Panel]:
 
 
 def _draw_rows(found: Survey, side_px: int = _PANEL) -> list[list[Panel]]:
-    """Draw each picture's panels: it, what of it agrees with the others, and what tubes lose of
-    that."""
+    """Draw each picture's panels: it, what agrees with the others, and what tubes lose."""
     colours = []
     if (parted := found.parted) is not None:
         came = Image.open(io.BytesIO(parted.png))
@@ -266,8 +263,7 @@ def _with_caption(panel: Panel) -> Image.Image:
 
 
 def _draw_panel(seen: ViewSurvey, radius: float | None, side_px: int) -> Panel:
-    """Draw the silhouette, or what a tube of this radius (mm) leaves of it, with the losses in
-    red."""
+    """Draw the silhouette, or what a tube of `radius` mm leaves of it and loses, in red."""
     width, height = seen.target.width, seen.target.height
     scale = side_px * _FINER / max(width, height)
     size = fit_size(width, height, side_px * _FINER)

@@ -123,8 +123,7 @@ def _tell_flattening(flattening: Flattening | None) -> list[str]:
 
 
 def find_access(part: Part) -> SupportAccess | None:
-    """Measure whether supports can be taken out; None without any, or for a part cut into
-    plates."""
+    """Measure whether supports come out; None without any, or for a part cut into plates."""
     from knotfab.part.assemble import rules_of
 
     rules = rules_of(part.mounted.scene)
@@ -249,8 +248,7 @@ def _access_figures(
 def _reaches(
     place: Array, out: Array, ways: Array, radius: float, surface: cKDTree, low: Array, high: Array
 ) -> NDArray[np.bool_]:
-    """Tell (n,) whether a tool of this radius, its tip at a place, gets out of the box along some
-    way."""
+    """Tell (n,) whether a tool of this radius, tip at a place, gets out of the box some way."""
     found = np.zeros(len(place), dtype=np.bool_)
     tip = place + radius * out
     free, _ = surface.query(tip)

@@ -66,8 +66,7 @@ def check_certificate(made: Design) -> Check:
 
 
 def check_limits(made: Design) -> Check:
-    """Check `limits` as the search measured them. It fails too if keeping them cost the picture its
-    IoU."""
+    """Check `limits`, as the search measured them, and whether keeping them cost the IoU."""
     broken = made.result.feasibility.violations
     detail = "; ".join(broken) or "bend, clearance, region and length, as the search measured them"
     floor = made.scene.accuracy.iou_floor
@@ -201,8 +200,7 @@ def _list_settings(
 
 
 def _radius_choice(made: Design) -> RadiusChoice:
-    """Say how the radius was chosen: every one tried, with the IoU of its template and of its
-    start."""
+    """Say how the radius was chosen: all that were tried, with the IoU of their starts."""
     if made.radius is None:
         return RadiusChoice(chosen_by="the scene", trials=())
     return RadiusChoice(
@@ -263,8 +261,7 @@ def tell_mount(knots: int, mount: MountFigures, hangs: bool) -> list[str]:
 
 
 def tell_plate(plate: PlateFigures | None, scene: ResolvedScene) -> list[str]:
-    """Say how a plate in which the piece stands is printed, and what it hides from viewers
-    aside."""
+    """Say how a plate in which the piece stands is printed, and what it hides."""
     if plate is None:
         return []
     hidden = " and ".join(
@@ -334,8 +331,7 @@ def plan_next_step(report: Report, timings: Mapping[str, float]) -> NextStep | N
 
 
 def _as_preset(settings: Settings, views: int) -> bool:
-    """Tell whether a search of so many views ran with the iterations and pixels of its accuracy's
-    preset."""
+    """Tell whether a search of so many views had its accuracy's iterations and pixels."""
     preset = PRESETS[settings.accuracy]
     preset = preset.scaled(views) if views > 1 else preset
     return all(getattr(settings.search, key) == getattr(preset, key) for key in _WORK)

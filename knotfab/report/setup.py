@@ -175,8 +175,7 @@ def _write_costs(axes: Axes, left: float, lines: Sequence[str]) -> None:
 
 
 def _side_view(axes: Axes, mounted: Mounted, place: Placement, view: View) -> Scaled:
-    """Draw lamp, piece and wall as seen from the left of someone at the lamp, which is at the
-    right."""
+    """Draw lamp, piece and wall from the left of someone at the lamp, which is at the right."""
     # axes to the right of the page: level towards the lamp; the viewer is at the piece's left
     seen = np.stack([place.level[2], place.level[1], -place.level[0]])
     piece = project_outlines(mounted.solids, seen)

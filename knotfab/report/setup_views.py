@@ -85,8 +85,7 @@ def plan_sheet(mounted: Mounted, places: Sequence[Placement], views: Sequence[Vi
 
 
 def _wall_from_above(place: Placement, above: Array, beside: float = BESIDE_MM) -> Array:
-    """Return a wall from above, `beside` mm past its frame, at the height of the frame's middle,
-    (n, 2)."""
+    """Return a wall from above, `beside` mm past its frame, at its middle's height, (n, 2)."""
     reach = place.frame_mm[0] / 2 + beside
     across = np.linspace(-reach, reach, 2 if place.round is None else BENDS)
     if place.round is None:
@@ -138,8 +137,7 @@ BAR = "0.9"
 def lamps_sheet(
     mounted: Mounted, places: Sequence[Placement], views: Sequence[View], table: Table | None
 ) -> Figure:
-    """Draw one page of A4: screen, piece, lamps and frame from above, and in words where lamps
-    stand.
+    """Draw one page of A4: screen, piece, lamps and frame from above, and where lamps stand.
 
     Args:
         places, views: of the lamps, in the scene's order. table: the frame, if there is one.
@@ -246,8 +244,7 @@ def _tell_height(value: float) -> str:
 
 
 def _bar_outline(bar: Bar) -> Array:
-    """Return a bar's corners on the page (4, 2): to the right and, as it lies before the wall,
-    down."""
+    """Return a bar's corners on the page (4, 2): right and, before the wall, down."""
     aside = 0.5 * bar.width_mm * np.array([-bar.along[1], bar.along[0]])
     end = bar.start + bar.length_mm * bar.along
     return np.stack([bar.start + aside, end + aside, end - aside, bar.start - aside]) * [1.0, -1.0]

@@ -1,5 +1,4 @@
-"""Words and strokes of a mount's drawing: how to hang or stand the piece, and what it costs to be
-off."""
+"""Words and strokes of a mount's drawing: how to set a piece up, and what being off costs."""
 
 from __future__ import annotations
 
@@ -246,8 +245,7 @@ WORDS = "words"  # the name, in an SVG, of parts beside the drawing that are tol
 
 
 def fill(axes: Axes, polygons: Sequence[Array], color: str, above: float | None = None) -> None:
-    """Fill polygons and their holes as one path, of which nothing below the height `above` is
-    drawn."""
+    """Fill polygons and their holes as one path; nothing below the height `above` is drawn."""
     from matplotlib.patches import PathPatch, Rectangle
     from matplotlib.path import Path as Outline
 
@@ -260,8 +258,7 @@ def fill(axes: Axes, polygons: Sequence[Array], color: str, above: float | None 
 
 
 def cross(axes: Axes, at: Array, reach: float, width: float) -> None:
-    """Draw a cross at a point (2,) of the page, `reach` mm to each side, in strokes `width` points
-    wide."""
+    """Draw a cross at a point (2,), `reach` mm to each side, in strokes `width` points wide."""
     for arm in (np.array([reach, 0.0]), np.array([0.0, reach])):
         axes.plot(*np.stack([at - arm, at + arm]).T, color=INK, lw=width)
 

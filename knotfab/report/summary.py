@@ -62,8 +62,7 @@ def tell_result(report: Report, verbose: bool = False) -> list[str]:
 
 
 def tell_views(report: Report, verbose: bool = False) -> list[str]:
-    """Say how alike each view's shadow and picture are, and how legible; a sequence has one
-    line."""
+    """Say how alike each view's shadow and picture are, and how legible it is."""
     views, mount = report.views, report.print.mount
     standing = mount is not None and mount.kind == "stand"
     # a part that the desk hides below the frame is no fault of the picture
@@ -172,8 +171,7 @@ def mark_of(check: Check) -> str:
 
 
 def tally_checks(checks: Iterable[Check]) -> str:
-    """Count the checks by outcome, and name those that did not pass: "35 passed, 1 skipped:
-    slicer"."""
+    """Count checks by outcome, and name those not passed: "35 passed, 1 skipped: slicer"."""
     names: dict[str, list[str]] = {}
     for check in checks:
         names.setdefault(mark_of(check), []).append(check.name)

@@ -145,8 +145,7 @@ def find_supports(bodies: Sequence[Mesh], rules: Rules) -> Array:
 
 
 def _thin(points: Array, step_mm: float) -> Array:
-    """Keep every k-th point of a curve, so that they are about `step_mm` apart, but at least
-    eight."""
+    """Keep every k-th point of a curve, about `step_mm` apart, but at least eight."""
     edges = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)
     stride = round(step_mm / max(float(edges.mean()), 1e-9))
     return points[:: max(1, min(stride, len(points) // 8))]
@@ -157,8 +156,7 @@ def _base64(array: NDArray[Any]) -> str:
 
 
 def _find_mount(knots: Knots, bodies: Sequence[Mesh], matrix: Array) -> list[Mesh]:
-    """Find the faces of bodies (file coordinates) that stand out of the tubes of `knots`
-    (scene)."""
+    """Find faces of bodies (file coordinates) that stand out of the tubes (scene)."""
     step = 0.1 * knots.radius_mm
     fine = [sample_evenly(knot.points, step, at_most=True) for knot in knots.knots]
     middles = cKDTree(np.concatenate(fine))

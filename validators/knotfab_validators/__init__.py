@@ -32,8 +32,7 @@ def __getattr__(name: str) -> Any:
 
 
 class _Package(ModuleType):
-    """The package as a module whose name `validate` stays the function when the module is
-    imported."""
+    """A package whose name `validate` stays the function when that module is imported."""
 
     def __setattr__(self, name: str, value: object) -> None:
         if name == "validate" and isinstance(value, ModuleType):

@@ -339,9 +339,7 @@ def _check_printability(
 
 
 def _turn_upright(scene: Scene | None) -> Array | None:
-    """Return the rotation (3, 3) that puts a stand upright (the scene's y up); None if it is printed
-    upright.
-    """
+    """Return the rotation (3, 3) that puts a stand upright; None if it is printed so."""
     if scene is None or scene.pose is None:
         return None
     turn = Y_UP @ np.array(scene.pose.matrix, dtype=np.float64)[:3, :3]

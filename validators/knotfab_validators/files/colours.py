@@ -130,9 +130,7 @@ def _between_others(largest: Mask, others: NDArray[Any]) -> Mask:
 
 
 def not_reached(barrier: Mask) -> Mask:
-    """Mark pixels that cannot be reached from the frame, moving from side to side, without crossing the
-    barrier.
-    """
+    """Mark pixels that cannot be reached from the frame, side by side, across the barrier."""
     from scipy import ndimage
 
     labels, _ = ndimage.label(np.pad(~barrier, 1, constant_values=True))
@@ -224,9 +222,7 @@ def bend_silhouette(mask: Mask, bend: Bend) -> Bent:
 
 
 def _stretch(dx: Array, dy: Array) -> float:
-    """Return the largest factor by which a displacement stretches or shrinks a length; infinite where it
-    folds.
-    """
+    """Return the largest factor of stretch or shrinking; infinite where the picture folds."""
     (xy, xx), (yy, yx) = np.gradient(dx), np.gradient(dy)
     jacobian = np.stack([1 + xx, xy, yx, 1 + yy], axis=-1).reshape(-1, 2, 2)
     if np.linalg.det(jacobian).min() <= 0:

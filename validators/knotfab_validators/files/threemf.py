@@ -257,8 +257,7 @@ class _Steering:
 
 
 def _read_steering(blocks: Iterable[bytes], name: str) -> _Steering:
-    """Read from one of the `SETTINGS` which bodies only steer the slicer: modifiers, support blockers and
-    the like.
+    """Read from `SETTINGS` which bodies only steer the slicer, such as support blockers.
 
     Raises:
         BadFile: a body is negative, so that a slicer prints another shape than the file holds.

@@ -368,12 +368,11 @@ class Rows:
 
 
 def cut_rows(text: bytes) -> tuple[bytes, dict[int, Rows]]:
-    """Cut the rows that numpy can read out of the text; return the text, and the rows by the offset of their
-    tag.
+    """Cut the rows that numpy can read out of the text; with them, by the offset of their tag.
 
-    Rows are `<vertex x="1.5" y="-2" z="0" />` within <vertices>, and `<triangle v1="0" v2="1" v3="2"/>`
-    within <triangles>: plain decimals, no other attributes. If anything else stands between two such tags,
-    all rows between them stay in the text.
+    Rows are `<vertex x="1.5" y="-2" z="0" />` within <vertices>, and `<triangle v1="0" v2="1"
+    v3="2"/>` within <triangles>: plain decimals, no other attributes. If anything else stands
+    between two such tags, all rows between them stay in the text.
     """
     kept: list[bytes] = []
     found: dict[int, Rows] = {}

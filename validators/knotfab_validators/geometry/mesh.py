@@ -133,9 +133,7 @@ def _number_equal(rows: NDArray[np.uint64]) -> tuple[Ints, Ints]:
 
 
 def bound_triangles(a: Array, b: Array, c: Array) -> tuple[Array, Array]:
-    """Return the least and the greatest coordinates (m, k) of triangles with corners a, b and c, each (m,
-    k).
-    """
+    """Return least and greatest coordinates (m, k) of triangles with corners a, b, c, (m, k)."""
     # much faster than a minimum of numpy along so short an axis
     return np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
 
@@ -205,11 +203,11 @@ def surface_distance(points: Array, mesh: Mesh) -> Array:
 
 
 def winding_numbers(points: Array, mesh: Mesh, *, exact: bool = True) -> Array:
-    """Return the generalised winding numbers (n,) at points (n, 3): 1 in the matter of a closed mesh, 0
-    outside.
+    """Return generalised winding numbers (n,) at points (n, 3): 1 in matter, 0 outside.
 
-    Exact ones sum the solid angles of all faces. The others have an error of about a thousandth, and more
-    near the surface (Barill et al., "Fast winding numbers for soups and clouds", ACM TOG 37(4), 2018).
+    Exact ones sum the solid angles of all faces. The others have an error of about a thousandth,
+    and more near the surface (Barill et al., "Fast winding numbers for soups and clouds", ACM TOG
+    37(4), 2018).
     """
     from igl import fast_winding_number, winding_number
 

@@ -55,9 +55,7 @@ class PlanarDiagram:
         )
 
     def linking_numbers(self) -> dict[tuple[int, int], int]:
-        """Return the linking number of each pair of components, half the sum of signs (Gauss), if it is not
-        0.
-        """
+        """Return each pair's linking number, half the sum of signs (Gauss), if not 0."""
         twice: dict[tuple[int, int], int] = {}
         for (a, b, _, _), sign in zip(self.crossings, self.signs, strict=True):
             i, j = sorted((self.component[a], self.component[b]))
@@ -223,9 +221,7 @@ class _Untangling:
         return found
 
     def pull_apart(self) -> bool:
-        """Apply Reidemeister's second move wherever possible: one strand lies above the other at both
-        corners.
-        """
+        """Apply Reidemeister's second move wherever one strand lies above the other."""
         found = False
         for i in list(self.quads):
             while i in self.quads and self._pull_apart_at(i):

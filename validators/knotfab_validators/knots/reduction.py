@@ -345,9 +345,7 @@ def _middle_between(ring: Ring, i: int, j: int) -> Array:
 
 
 def _find_closest(ring: Ring, reach: float) -> tuple[float, int, int]:
-    """Return the distance and the indices of the closest edges without a common vertex; infinity beyond
-    `reach`.
-    """
+    """Return distance and indices of the closest edges not adjacent; inf beyond `reach`."""
     p, q = ring.at, ring.at[ring.after]
     best = float("inf"), 0, 0
     low, high = np.minimum(p, q) - reach, np.maximum(p, q) + reach

@@ -26,19 +26,18 @@ def check_mesh(
     bodies: int | None = None,
     genus: Sequence[int] | None = None,
 ) -> list[Check]:
-    """Make all checks of the surface, in the order of `names.MESH`; those that a failure makes void are
-    skipped.
+    """Make all checks of the surface, in the order of `names.MESH`; void ones are skipped.
 
     Args:
         mesh: the part.
         curves: the centre lines, if the part is nothing but the tubes about them: then the volume
             must be that of Pappus within 0.5 %, and every body's positive. A part that is more than
-            its tubes, or has no known ones, may have cavities (bodies turned inwards that lie in the
-            matter of another); its bodies must not lie in each other's matter.
+            its tubes, or has no known ones, may have cavities (bodies turned inwards that lie in
+            the matter of another); its bodies must not lie in each other's matter.
         bodies: how many there must be. Left out: one for each curve; without curves any number.
-        genus: genus of each body, in any order. Left out: 1 for the tube of a closed curve and 0 for that
-            of an open one; without curves any. Where nothing is expected, `mesh_bodies` and
-            `mesh_genus` are there to inform: they pass, and are not required.
+        genus: genus of each body, in any order. Left out: 1 for the tube of a closed curve and 0
+            for that of an open one; without curves any. Where nothing is expected, `mesh_bodies`
+            and `mesh_genus` are there to inform: they pass, and are not required.
     """
     if not mesh.usable:
         why = "coordinates that are not finite" if len(mesh.faces) else "no faces"
@@ -154,8 +153,7 @@ def _check_genus(found: Surface, wanted: Sequence[int] | None, where: Array) -> 
 def _check_volume(
     mesh: Mesh, found: Surface, curves: Curves | None, largest: Ints, crossing: bool
 ) -> Check:
-    """Check that every body encloses matter from outside or, unless the part is a plain tube, a cavity
-    from inside.
+    """Check that bodies enclose matter or, unless the part is a plain tube, cavities.
 
     Bodies that cross each other are partly in each other's matter, which another check reports.
     """

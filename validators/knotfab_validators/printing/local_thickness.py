@@ -188,9 +188,7 @@ class Probe:
         return cKDTree(self.vertices[self.faces].mean(axis=1))
 
     def _cast(self, point: Array, face: Ints, side: float) -> tuple[Facing, Array]:
-        """Cast rays from `point` along the normals; return what they meet, and the cosine of the two
-        planes.
-        """
+        """Cast rays along the normals; return what they meet, and the cosine of the planes."""
         direction = side * self.normals[face]
         start = np.ascontiguousarray(point + START_MM * direction)
         other, _, _ = self.tree.intersect_ray_first(
@@ -265,9 +263,7 @@ class Probe:
         return true
 
     def _ring(self, face: Ints) -> tuple[Ints, Ints]:
-        """Return all faces that share a corner with `face` (k,) and itself: the index into `face`, and
-        the face.
-        """
+        """Return all faces at a corner of `face` (k,): the index into `face`, and the face."""
         if self._around is None:
             self._around = corner_faces(self.mesh)
         faces, first = self._around
@@ -280,9 +276,7 @@ class Probe:
 def _sample_lattice(
     corner: Array, edges: Array, height: Array, usable: Mask, spacing: float
 ) -> tuple[Array, Ints]:
-    """Place points (n, 3) on the usable faces, in rows along the longest edge; return the face of each
-    too.
-    """
+    """Place points (n, 3) on the usable faces, in rows along the longest edge; with faces."""
     face = np.flatnonzero(usable)
     longest = edges[face].argmax(axis=1)
     a, b, c = (corner[face, (longest + k) % 3] for k in range(3))

@@ -149,9 +149,7 @@ def _check_whole(part: Mesh, plates: Sequence[Plate]) -> list[Check]:
 
 
 def _pick_worst(found: Sequence[Check], plates: Sequence[Plate]) -> Check:
-    """Return the check of the plate that fails, or is nearest to failing, with its places moved to the
-    part.
-    """
+    """Return the check of the plate that fails or nearly does, its places moved to the part."""
 
     def badness(number: int) -> tuple[int, float]:
         check = found[number]

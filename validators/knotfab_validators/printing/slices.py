@@ -88,9 +88,8 @@ def _cross(
     sign: Array,
     write: bool,
 ) -> None:
-    """Count the places where rows enter (+1) and leave (-1) the part in `at[1:]`, or write them from `at`
-    on.
-    """
+    """Count in `at[1:]` where rows enter (+1) and leave (-1) the part, or write them from `at`
+    on."""
     ends = np.empty((2, 2))
     for face in range(len(faces)):
         z0, z1, z2 = (

@@ -116,8 +116,7 @@ def cut_before(homogeneous: Array, faces: Ints, limit: float) -> tuple[Array, In
 def shadow_lines(
     vertices: Array, faces: Ints, geometry: ViewGeometry, table: EdgeTable | None = None
 ) -> Linework:
-    """Return the silhouette edges of a mesh as oriented lines, in pixels of the flat receiver of
-    `geometry`.
+    """Return a mesh's silhouette edges as oriented lines, in pixels of the flat receiver.
 
     Every face is turned to positive area in the picture, and an edge that two faces traverse in
     opposite directions cancels. What is left (silhouette edges, and free edges of an open mesh)
@@ -179,8 +178,7 @@ def shadow_mask(lines: Linework, geometry: ViewGeometry) -> Mask:
 
 
 def shadow_polygon(lines: Linework, geometry: ViewGeometry | None = None) -> Any:
-    """Return the shadow as a shapely (multi)polygon, in pixels of `geometry`, whose receiver may be
-    curved.
+    """Return the shadow as a shapely polygon, in pixels of `geometry`, curved or not.
 
     The lines are noded and polygonised. Faces of that arrangement with a nonzero winding number at
     an inner point are the shadow.

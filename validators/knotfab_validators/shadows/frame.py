@@ -57,17 +57,14 @@ class WorkingFrame:
 
 
 def working_frame(width: int, height: int, longer: int = LONGER_SIDE) -> WorkingFrame:
-    """Return the working frame of a picture of `width` x `height` pixels, with `longer` px on its longer
-    side.
-    """
+    """Return the working frame of a picture (px), with `longer` px on its longer side."""
     scale = longer / max(width, height)
     w, h = max(1, round(width * scale)), max(1, round(height * scale))
     return WorkingFrame(w, h, max(1, round(w / 4)), max(1, round(h / 4)))
 
 
 def padded_mask(mask: Mask, frame: WorkingFrame) -> Mask:
-    """Resample the mask (H, W) to the padded working frame: True where it covers at least half of a
-    pixel.
+    """Resample the mask (H, W) to the padded working frame, True where half of a pixel is.
 
     Sampling at the centres instead would shift a picture of twice the resolution by half of its own
     pixels. The padding is False.

@@ -38,8 +38,7 @@ class SoftShadow:
 
 
 def blur_px(vertices: Array, geometry: ViewGeometry, size_mm: float) -> float:
-    """Return the widest blur on the receiver, px, that a ball of `size_mm` causes at any of vertices (n,
-    3).
+    """Return the widest blur on the receiver, px, by a ball of `size_mm` at any of vertices (n, 3).
 
     For an edge at height h above the receiver, at distance D from a lamp of height H, the rays
     through it that touch the ball form a cone. It cuts the receiver in an ellipse d h D / ((H - h)²
@@ -112,11 +111,11 @@ def measure_penumbra(
 
 
 def check_half_light(ious: Mapping[str, float], iou_floor: float | None) -> Check:
-    """Check `half_light`: the half-light shadow must meet the same IoU as the shadow of the lamp's
-    centre.
+    """Check `half_light`: half-light must keep the IoU that is asked of the sharp shadow.
 
     Args:
-        ious: by the view's name, IoU of the picture with the places where half of the lamp is hidden.
+        ious: by the view's name, IoU of the picture with the places where half of the lamp is
+            hidden.
         iou_floor: the least IoU; None: nothing is required.
     """
     name = min(ious, key=lambda view: ious[view])
@@ -169,8 +168,7 @@ def is_flat(lamp: SceneLamp) -> bool:
 
 
 def lamp_points(lamp: SceneLamp, blur_px: float, tolerance_px: float) -> Array:
-    """Return offsets (n, 2), right and up from the lamp's centre, mm, each for an equal share of its
-    light.
+    """Return offsets from the lamp's centre, right and up, mm, for equal shares of light (n, 2).
 
     A disc, and a ball (which looks like one), are sampled on rings, a rectangle on a grid. Each LED
     of an array casts its own shadow and is sampled; in a large array by one point each, varied so
@@ -239,9 +237,7 @@ class Light:
         return np.asarray(self.colours.sum(axis=0) + self.other)
 
     def mix(self, lit: Array) -> Array:
-        """Return the colours (H, W, 3), white being 1, where shares `lit` (n, H, W) of the lamps are
-        visible.
-        """
+        """Return the colours (H, W, 3), white being 1, where shares `lit` (n, H, W) are visible."""
         shape = self.falloff.shape[1:]
         return self._mix(lit.reshape(len(lit), -1), slice(None)).reshape(*shape, 3)
 
@@ -268,8 +264,7 @@ class Light:
 def light_of(
     lamps: list[tuple[SceneLamp, Array, ViewGeometry]], room: Room, size: tuple[int, int]
 ) -> Light:
-    """Compute the light of coloured lamps (colour (3,) and view each) on the pixels (H, W) of their
-    frame.
+    """Compute coloured lamps' light, of colour (3,) and view each, on their frame's pixels (H, W).
 
     Grey walls of a room reflect each lamp's light as an integrating sphere does: q / (A (1 - q)).
     """
@@ -287,8 +282,7 @@ def light_of(
 
 
 def share_of_light(lamp: SceneLamp, geometry: ViewGeometry) -> Array:
-    """Return the light (H W,), per mm², of a lamp of intensity 1 on each pixel: the cosine at the screen
-    over d².
+    """Return the light (H W,), per mm², of a lamp of intensity 1: the screen's cosine over d².
 
     A flat lamp, which faces along the view's axis, dims with the cosine of its own angle.
     """
@@ -323,9 +317,7 @@ def to_lab(srgb: Bytes) -> Array:
 
 
 def colour_error(seen: Bytes, wanted: Bytes) -> Array:
-    """Return the differences ΔE (n,) (CIEDE2000) of 8-bit sRGB colours (n, 3); equal pairs are computed
-    once.
-    """
+    """Return differences ΔE (n,) (CIEDE2000) of 8-bit sRGB colours (n, 3); equal pairs once."""
     from skimage.color import deltaE_ciede2000
 
     weights = 256 ** np.arange(6, dtype=np.int64)

@@ -113,19 +113,20 @@ def measure_misplacement(
     turns: bool = True,
     within: Mask | None = None,
 ) -> Misplacement:
-    """Measure the IoU after moving lamp (or eye), piece and wall, each one way, as is and after the best
-    fit.
+    """Measure the IoU after each move of lamp (or eye), piece and wall, as is and fitted.
 
-    As it is, the picture stays where it is on the wall, so that a shadow which merely moves counts as lost
-    too. By its likeness the picture is shifted, scaled and turned as the shadow of `points` was, which is
-    how a person sees it; the better one of both counts.
+    As it is, the picture stays where it is on the wall, so that a shadow which merely moves counts
+    as lost too. By its likeness the picture is shifted, scaled and turned as the shadow of `points`
+    was, which is how a person sees it; the better one of both counts.
 
     Args:
-        renderer: renderer of the part, in the coordinates of `geometry`. points: (n, 3) mm, the centre lines.
+        renderer: renderer of the part, in the coordinates of `geometry`. points: (n, 3) mm, the
+            centre lines.
         middle: (3,) mm, what the piece turns about.
         target: (H, W), the picture's silhouette on the grid of `geometry`.
         turns: whether the piece can turn against the wall: not one that is mounted on it.
-        within: (H, W) of it, where shadow counts: a stand's shows below the frame. None: everywhere.
+        within: (H, W) of it, where shadow counts: a stand's shows below the frame. None:
+            everywhere.
         parting: what `parting_px` says.
     """
 
@@ -199,12 +200,11 @@ def shows_layers(effects: Switches, shift_px: float, tolerance_px: float = 0.25)
 def _contours(
     vertices: Array, faces: Ints, first: Ints, begin: int, stop: int, layer_mm: float
 ) -> tuple[Array, Array, Ints]:
-    """Cut faces into slices: starts and ends (k, 3) of edges, matter on the left from above, and layers
-    (k,).
+    """Cut faces into slices: edges (k, 3) from and to, matter at their left, and layers (k,).
 
-    A slice is cut in the middle of its layer. Of a face that turns anticlockwise about its outward normal the
-    slice runs from the side that leads down through it to the one that leads up. Both faces at a side cut it
-    at the same point, to the last bit.
+    A slice is cut in the middle of its layer. Of a face that turns anticlockwise about its outward
+    normal the slice runs from the side that leads down through it to the one that leads up. Both
+    faces at a side cut it at the same point, to the last bit.
 
     Args:
         first: for each vertex the layer in whose middle, or below which, it lies. begin, stop: the
@@ -238,12 +238,12 @@ def _contours(
 
 
 def layered_mask(mesh: Mesh, geometry: ViewGeometry, layer_mm: float) -> Mask:
-    """Draw the shadow of a closed mesh's slices (height, width), each extruded by half a layer either
-    way.
+    """Draw the shadow of a closed mesh's slices, each half a layer thick either way.
 
-    A ray that meets a slice enters by that of its faces which is turned to the light, or by a wall that is.
-    The sum of all of these, each turned to positive area in the picture, is not zero exactly there; the
-    boundary of a face is its contour. Slices that reach the receiver, or lie behind it, throw no shadow.
+    A ray that meets a slice enters by that of its faces which is turned to the light, or by a wall
+    that is. The sum of all of these, each turned to positive area in the picture, is not zero
+    exactly there; the boundary of a face is its contour. Slices that reach the receiver, or lie
+    behind it, throw no shadow.
 
     Args:
         mesh: in print pose, z up. geometry: the view in the same coordinates.

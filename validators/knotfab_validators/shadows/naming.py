@@ -86,9 +86,7 @@ def read_foreign() -> Array:
 
 
 def shrink_to_box(mask: Mask) -> Array | None:
-    """Return how much of each pixel of its bounding box, (SIDE, SIDE), a mask (h, w) covers; None if
-    empty.
-    """
+    """Return the cover of each pixel of a mask's bounding box, (SIDE, SIDE); None if empty."""
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     if not len(rows):
         return None
@@ -106,9 +104,7 @@ def shrink_to_box(mask: Mask) -> Array | None:
 
 @compiled
 def fit_picture(picture: Array, look: Array) -> float:
-    """Return the largest IoU of two pictures (n, n) under a nearly identical affine map, by a seeded
-    search.
-    """
+    """Return the largest IoU of two pictures (n, n) under a nearly identical affine map."""
     map_ = np.array([1.0, 0.0, 0.0, 0.0, 1.0, 0.0])
     best, scale = _overlap(picture, look, map_), 1.0
     state = np.uint64(0x9E3779B97F4A7C15)

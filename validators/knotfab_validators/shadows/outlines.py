@@ -74,9 +74,7 @@ def _outlines(mask: Mask) -> list[Array]:
 
 
 def _distance_to_outline(mask: Mask) -> Array:
-    """Return the distance (H, W) of each pixel centre to the mask's outline, px; the diagonal if there is
-    none.
-    """
+    """Return each pixel's distance to the outline, px (H, W); the diagonal without one."""
     if not mask.any() or mask.all():
         return np.full(mask.shape, float(np.hypot(*mask.shape)))
     # the outline lies half a pixel before the nearest centre on the other side

@@ -71,9 +71,7 @@ class Renderer(ABC):
         return shadow.reshape(geometry.height, geometry.width)
 
     def _places(self, geometry: ViewGeometry) -> tuple[Array, Array]:
-        """Return the receiver's points under all pixels, and its normals; cached, since lamps may share
-        them.
-        """
+        """Return the receiver's points under all pixels, and its normals; cached for all lamps."""
         wall = geometry.cylinder
         assert wall is not None
         lattice = (

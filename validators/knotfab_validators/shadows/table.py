@@ -91,9 +91,7 @@ def _check_places(frame: Mesh, scene: Scene) -> Check:
 
 
 def _find_top(frame: Mesh, up: Array) -> float:
-    """Find the height of the frame's top: where most of the surface looks up, since all ridges are
-    narrow.
-    """
+    """Find the height of the frame's top: where most of the surface looks up."""
     a, b, c = np.moveaxis(frame.vertices[frame.faces], 1, 0)
     twice = np.cross(b - a, c - a) @ up
     level = (twice > 0) & (np.abs((b - a) @ up) + np.abs((c - a) @ up) < 1e-3)

@@ -91,10 +91,10 @@ def find_changes(shadow: Mask, target: Mask, reach_px: float) -> list[Change]:
 def crop_to_ink(
     shadow: Mask, target: Mask, edge_px: float
 ) -> tuple[Mask, Mask, tuple[int, int]] | None:
-    """Crop both masks to their ink with an edge of background; return their corner too, or None without
-    ink.
+    """Crop both masks to their ink and an edge; with their corner, or None without ink.
 
-    The edge, a little wider than `edge_px`, makes the outside one region and cuts no dilation by as much.
+    The edge, a little wider than `edge_px`, makes the outside one region and cuts no dilation by as
+    much.
     """
     rows, columns = np.nonzero(shadow | target)
     if not len(rows):
@@ -140,8 +140,7 @@ def count_repeated(gaps: Sequence[Change], target: Mask) -> int:
 
 
 def count_touching(target: Mask, reach_px: float) -> int:
-    """Count the places where pieces of a picture barely touch or barely miss, as squares at their
-    corners.
+    """Count where pieces of a picture barely touch or miss, as squares at their corners.
 
     No tube can draw such a place: it either runs through or leaves it open. Pieces are those of the
     picture opened by `reach_px`. A place is where two are within that distance of what parts them,

@@ -91,9 +91,7 @@ def tube_field(
     geometry: ViewGeometry,
     closed: Sequence[bool] | None = None,
 ) -> TubeField:
-    """Build the exact tube of polygons [(n, 3), ...], mm, as seen in `geometry`; by default all are
-    closed.
-    """
+    """Build the exact tube of polygons [(n, 3), ...], mm, closed by default, in `geometry`."""
     edges = edges_of(polygons, closed)
     start, end = edges.start - geometry.light, edges.end - geometry.light
     pictures = _picture_balls(start, end, radius, geometry)
@@ -132,8 +130,7 @@ def _picture_balls(start: Array, end: Array, radius: float, geometry: ViewGeomet
 
 @compiled
 def _trace_hulls(points: Array) -> tuple[Array, Array]:
-    """Return the edges, from and to (k, 2), of the convex hulls of n point lists (n, m, 2), all one way
-    round.
+    """Return edges (k, 2), from and to, of the convex hulls of n point lists (n, m, 2).
 
     The method is Andrew's monotone chain ("Another efficient algorithm for convex hulls in two
     dimensions", 1979).

@@ -187,9 +187,7 @@ def _share_of_frame(mask: Mask, frame: WorkingFrame) -> float:
 def _see_aside(
     caster: ShadowCaster, vertices: Array, faces: Ints, geometry: ViewGeometry
 ) -> dict[str, list[Mask]]:
-    """Return `see_aside` for matter before the receiver only: a plate on the wall is no part of the
-    piece.
-    """
+    """Do as `see_aside`, without what lies on the wall, which is no part of the piece."""
     _, w = geometry.project(vertices)
     before = (w < geometry.w_of_receiver)[faces].any(axis=1)
     if before.all():

@@ -43,9 +43,7 @@ class Cylinder:
         return off @ np.cross(self.along, normal), off @ self.along, off @ normal
 
     def roll(self, flat: Array, normal: Array) -> tuple[Array, Array]:
-        """Roll points (n, 3) of the flat receiver onto the cylinder; return them and the unit normals (n,
-        3).
-        """
+        """Roll points (n, 3) of the flat receiver onto the cylinder; with unit normals (n, 3)."""
         arc, high, _ = self._parts(flat, normal)
         right, turn = np.cross(self.along, normal), arc / self.radius
         sine, cosine = np.sin(turn)[:, None], np.cos(turn)[:, None]
@@ -54,8 +52,7 @@ class Cylinder:
         return middle - self.radius * normals, normals
 
     def unroll(self, light: Array, flat: Array, normal: Array) -> Array:
-        """Return where rays from the light (3,) through points (n, 3) of the flat receiver land, unrolled
-        (n, 3).
+        """Return where rays through points (n, 3) of the flat receiver land, unrolled.
 
         A ray that passes beside a column lands where it is nearest to it: at its edge.
         """
@@ -221,15 +218,11 @@ class ViewGeometry:
         return self.bend(h[:, :2] / w[:, None]), w
 
     def lift(self, points: Array) -> Array:
-        """Project points (n, 3) to (u w, v w, w) (n, 3) on the flat receiver; straight lines stay
-        straight.
-        """
+        """Project points (n, 3) to (u w, v w, w) on the flat receiver; lines stay straight."""
         return _lift(np.ascontiguousarray(points, dtype=np.float64), self.projection)
 
     def bend(self, pixels: Array) -> Array:
-        """Return where rays through pixels (n, 2) of the flat receiver meet the curved one, in its
-        pixels.
-        """
+        """Return where rays through pixels (n, 2) of the flat receiver meet the curved one."""
         if self.cylinder is None:
             return pixels
         places = self.cylinder.unroll(self.light, self.flat.on_receiver(pixels), self.normal)
