@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.signal import find_peaks
 from scipy.spatial import cKDTree
 
 from knotfab.base.arrays import Array, Indices, Mask
@@ -97,8 +96,18 @@ def _extremes(height: Array) -> Indices:
     """Return the places of the peaks that stand out of a ring of heights."""
     first = int(height.argmin())
     turned = np.append(np.roll(height, -first), height[first])
-    found, _ = find_peaks(turned, prominence=_PROMINENT_MM)
-    return np.asarray((found + first) % len(height), dtype=np.int64)
+    tops = 1 + np.flatnonzero((turned[:-2] < turned[1:-1]) & (turned[1:-1] >= turned[2:]))
+    found = [top for top in tops.tolist() if _prominence(turned, top) >= _PROMINENT_MM]
+    return np.array([(top + first) % len(height) for top in found], dtype=np.int64)
+
+
+def _prominence(height: Array, top: int) -> float:
+    """Return how far a peak stands above the higher of the two saddles to higher ground."""
+    saddles = []
+    for side in (height[:top][::-1], height[top + 1 :]):
+        higher = np.flatnonzero(side > height[top])
+        saddles.append(side[: higher[0] if len(higher) else None].min())
+    return float(height[top] - max(saddles))
 
 
 def plan_bars(

@@ -311,6 +311,8 @@ def read_targets(
             f"{len(sources)} pictures are given for {len(views)} views",
             "Give one picture for each [[views]] of the scene, in their order",
         )
+    from scipy import ndimage  # noqa: F401 (in the copy that reads it would be loaded, and lost)
+
     return run_limited(
         lambda: tuple(
             read_target(source, view, base=base, font=font, glance=glance)
