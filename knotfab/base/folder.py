@@ -49,8 +49,10 @@ class OutputFolder:
     a hidden folder inside DIR; `commit` or `reject` then moves everything at once. Leaving without
     either, by an error or Ctrl-C, removes all traces: what was in DIR stays as it was.
 
-        with OutputFolder("out") as out: out.write("knots.json", text)
-            mesh.export(out.file("part.stl")) out.commit()
+        with OutputFolder("out") as out:
+            out.write("knots.json", text)
+            mesh.export(out.file("part.stl"))
+            out.commit()
 
     Raises:
         InputError: DIR is a file or may not be written.

@@ -92,7 +92,8 @@ class Crash(Exception):
 class Workers:
     """`jobs` processes that answer requests by a module's `answer` (`serve.py`); a free one gets the next.
 
-        with Workers("knotfab_fixtures.service") as workers: future = workers.ask({"module": …})
+        with Workers("knotfab_fixtures.service") as workers:
+            future = workers.ask({"module": …})
 
     A process that ended is replaced when it is asked again. All end when the context is left, and when this
     process ends, whatever ended it: their standard input closes.

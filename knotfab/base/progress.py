@@ -65,8 +65,9 @@ class Progress:
 
     Use it as a context manager, so that the terminal is left clean whatever happens:
 
-        with Progress("auto") as progress: with progress.stage("search"): progress.update(0.4,
-            iou=0.93)
+        with Progress("auto") as progress:
+            with progress.stage("search"):
+                progress.update(0.4, iou=0.93)
 
     Args:
         events: where a line of JSON goes for each thing that happens (docs/studio.md lists them).

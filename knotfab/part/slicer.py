@@ -42,7 +42,9 @@ MOST_QUOTED = 400  # characters quoted of its output
 class SlicerQueue:
     """`slice_part` of file after file, on threads of their own, while others search and verify.
 
-        with SlicerQueue() as queue: sliced = queue.submit(folder / "part.3mf", scene) ...
+        with SlicerQueue() as queue:
+            sliced = queue.submit(folder / "part.3mf", scene)
+            ...
             sliced.result()
 
     Leaving the context ends the program if it still runs, and removes its temporary files.

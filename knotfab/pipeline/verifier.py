@@ -105,8 +105,10 @@ class Files:
 class Verifier:
     """Verifies written files in child processes, which load VTK while their parent still searches.
 
-        with Verifier(skip) as verifier: answer = verifier.submit(files) ... verdict =
-            answer.result()
+        with Verifier(skip) as verifier:
+            answer = verifier.submit(files)
+            ...
+            verdict = answer.result()
 
     Args:
         skip: the checks to leave out, for every piece.

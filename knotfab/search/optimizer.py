@@ -54,7 +54,10 @@ class CertifiedFlow(_Light):
     """Move the vertices of closed polylines down a loss, and never one strand through another.
 
         optimizer = CertifiedFlow(points, rings, radius, FlowSettings(iterations=200))
-        for _ in range(200): optimizer.zero_grad() loss = objective(points) loss.backward()
+        for _ in range(200):
+            optimizer.zero_grad()
+            loss = objective(points)
+            loss.backward()
             optimizer.step()
 
     A step follows the H1 gradient with momentum, evens out the edges, and is clamped. Each step taken is

@@ -15,7 +15,8 @@ from knotfab_formats.errors import InputError
 class TorchTerm(Term):
     """A term of the objective: a torch function from vertices [N, 3], mm, to a scalar.
 
-        def low(points): return 0.01 * points[:, 1].relu().square().mean()
+        def low(points):
+            return 0.01 * points[:, 1].relu().square().mean()
 
         search(problem, start, radius, settings, terms=(TorchTerm(low),))
 
