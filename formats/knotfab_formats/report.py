@@ -241,7 +241,8 @@ class Report:
     """All that a build measured.
 
     `status` follows from the checks, `verdict` is that of the worst view; the limits stand among `effects`
-    too; `timings` are seconds by stage, and their `total`; `notes` are sentences that a reader must not miss.
+    too; `timings` are seconds by stage, and their `total`; `notes` are sentences that a reader must not miss,
+    `warnings` those without which the verdict would deceive: they stand before it.
     """
 
     schema: int = 1
@@ -257,6 +258,7 @@ class Report:
     settings: Settings
     colours: Colours | None = None
     notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
     binding: tuple[Price, ...] | None = None
     bending_plan: BendingPlan | None = None
     slicer: SlicerFigures | None = None

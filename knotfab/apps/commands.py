@@ -127,6 +127,7 @@ def batch(
     cluster
         The address of a Dask scheduler, such as tcp://10.0.0.5:8786, whose workers build instead.
     """
+    from knotfab.apps.batch.run import POOR
     from knotfab.apps.batch.run import batch as run
     from knotfab.pipeline.prepare import check_options, require_same_picture
 
@@ -134,8 +135,10 @@ def batch(
     records = run(pictures, options, jobs, cluster, require_same_picture)
     failed = sum(record["exit_code"] != 0 for record in records)
     if not options.quiet:
+        poor = sum(record["exit_code"] == 0 and record["verdict"] in POOR for record in records)
+        but = f", {poor} of them coarse or worse" if poor else ""
         print(
-            f"{len(records) - failed} of {len(records)} passed: see {options.out or ALL_OUT}/index.html"
+            f"{len(records) - failed} of {len(records)} passed{but}: see {options.out or ALL_OUT}/index.html"
         )
     return 1 if failed else 0
 

@@ -93,6 +93,8 @@ def print_summary(outcome: Outcome, verbose: bool = False) -> None:
     report, console = outcome.found, Console(highlight=False, soft_wrap=True)
     status = "[green]pass[/]" if outcome.exit_code == 0 else "[red]fail[/]"
     folder, seconds = escape(str(outcome.folder)), report.timings["total"]
+    for warning in report.warnings:
+        console.print(f"[yellow]warning:[/] {escape(warning)}.")
     console.print(f"{status}{_format_verdict(report)}  {folder}  in {seconds:.0f} s")
     for reason in () if report.verdict is None else report.verdict.reasons:
         console.print(f"  {escape(reason)}")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -18,10 +17,10 @@ from knotfab.base.errors import SceneError
 from knotfab.base.limited import run_limited
 from knotfab.design.candidates import PICTURE
 from knotfab.design.frames import frame_view, widen_targets
-from knotfab.design.likeness import opened_share
 from knotfab.design.sentence import describe, with_noun
 from knotfab.design.survey import Survey, find_refusal, survey_views
 from knotfab.picture import raster
+from knotfab.picture.doubt import is_guessed, rate_mask, write_options
 from knotfab.picture.raster import encode_image
 from knotfab.picture.read import SECONDS, Target, read_bytes, read_target
 from knotfab.picture.silhouette import fit_size, holes_of, mask_iou, pieces_of, sample_mask
@@ -33,18 +32,6 @@ from knotfab_formats.views import View
 
 MOST = 6  # number of readings to show
 _ALIKE = 0.93  # IoU from which two silhouettes count as one choice
-_USUAL_SHARE = 0.014  # usual tube radius over the frame's longer side
-_OPTIONS = {
-    "ink": "--ink",
-    "speck_px": "--specks",
-    "smooth_px": "--smooth",
-    "keep_largest": "--keep-largest",
-    "subject_px": "--subject",
-}
-_LINES = (
-    0.6  # drawn share assumed for lines, of which a usual tube draws nothing and a thin one all
-)
-_LEAST_INK, _MOST_INK = 0.04, 0.7  # ink of a likely reading, as a share of the frame
 _PANEL, _TEXT, _GAP, _COLUMNS = 300, 68, 14, 3  # layout of the sheet: three in px, and the columns
 _PAPER, _INK, _RED = (250, 248, 244), (60, 58, 56), (190, 30, 30)
 
@@ -65,15 +52,7 @@ class TriedReading:
     @property
     def options(self) -> str:
         """The options of `knotfab build` for this reading, quoted for a shell; "" if none are needed."""
-        named = (
-            (
-                _OPTIONS[key],
-                f"{v:g}" if isinstance(v, float) else str(v).strip("()").replace(" ", ""),
-            )
-            for key, v in self.keys.items()
-            if key in _OPTIONS
-        )
-        return shlex.join(word for pair in named for word in pair)
+        return write_options(self.keys)
 
     def thumbnail(self, longest_px: int = _PANEL) -> bytes:
         """Draw the silhouette, dark on light, as a PNG of at most `longest_px` on a side."""
@@ -98,18 +77,8 @@ def is_unclear(found: Survey) -> bool:
     if len(found.views) != 1 or found.frames:
         return False
     (seen,) = found.views
-    told = " ".join(seen.target.notes)
-    guessed = any(
-        word in told
-        for word in (
-            "--ink flood",
-            "darkest spot",
-            "a sheet of paper",
-            "checkerboard",
-            "squared paper",
-        )
-    )
     refused = found.refusal is not None and found.refusal.what == PICTURE
+    guessed = is_guessed(seen.target.notes) or seen.target.doubt is not None
     return refused or guessed or seen.pieces + seen.holes >= 24
 
 
@@ -165,13 +134,16 @@ def _try_readings(
 ) -> tuple[TriedReading, ...]:
     view = scene.views[0]
     px = _tube_px(source, scene, base, font)
+    plain = _try({}, source, scene, base, font)
+    doubt = None if plain is None else plain.target.doubt
+    other = None if doubt is None else _try(dict(doubt.keys), source, scene, base, font)
     found: list[TriedReading] = []
     for way in _ways(source, base, view):
         tried = []
         # a cut-out needs no cleaning
         for level, cleaning in enumerate(({},) if "subject_px" in way else _cleanings(px)):
             keys = {**way, **cleaning}
-            one = _try(keys, source, scene, base, font)
+            one = _try(keys, source, scene, base, font) if keys else plain
             if one is None:
                 break
             # milder cleaning is preferred: each degree costs a tenth of the score
@@ -180,6 +152,8 @@ def _try_readings(
     if not found:
         raise InputError(str(source), "no reading of it holds a shape", "Draw it as dark on white.")
     found.sort(key=lambda one: (one.refusal is not None, -one.score))
+    if plain is not None and other is not None:  # what is unsure comes first
+        found = [plain, other, *found]
     kept: list[TriedReading] = []
     for one in found:
         if not any(_alike(one.target.mask, other.target.mask) for other in kept):
@@ -204,7 +178,7 @@ def _try(
         return None
     except SceneError as error:
         refusal = error
-    score = _score(target.mask, bool(changed.views[0].lines))
+    score = rate_mask(target.mask, bool(changed.views[0].lines))
     return TriedReading(keys, target, score, None if refusal is None else refusal.why)
 
 
@@ -282,16 +256,6 @@ def _colours(image: Image.Image, most: int = 3) -> list[str]:
     colours = [tuple(palette[3 * n : 3 * n + 3]) for _, n in counts if isinstance(n, int)]
     vivid = [c for c in colours if max(c) - min(c) >= 60]
     return ["#{:02x}{:02x}{:02x}".format(*c) for c in vivid[:most]]
-
-
-def _score(mask: Mask, lines: bool = False) -> float:
-    """Rate from 0 to 1 how much a mask looks like one silhouette: compact, in few parts, off the edge."""
-    share = float(mask.mean())
-    edge = float(np.concatenate([mask[0], mask[-1], mask[:, 0], mask[:, -1]]).mean())
-    parts = len(pieces_of(mask)[1]) + len(holes_of(mask)[1])
-    likely = min(share / _LEAST_INK, 1.0) * min((1.0 - share) / (1.0 - _MOST_INK), 1.0)
-    kept = _LINES if lines else opened_share(mask, _USUAL_SHARE * max(mask.shape))
-    return kept * likely * (1.0 - 0.8 * edge) / (1.0 + 0.2 * float(np.log2(max(parts, 1))))
 
 
 def _alike(one: Mask, other: Mask) -> bool:

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 
 from knotfab.design.candidates import PICTURE
 from knotfab.design.survey import Survey, ViewSurvey
+from knotfab.picture.doubt import write_options
 from knotfab.picture.opening import Loss
+from knotfab.picture.read import Target
 
 
 def describe(found: Survey, exact: bool = False) -> list[str]:
@@ -15,7 +18,7 @@ def describe(found: Survey, exact: bool = False) -> list[str]:
     Args:
         exact: whether to include the figures of the rule by which each picture was read.
     """
-    lines = []
+    lines = [f"{doubt}." for doubt in tell_doubts([seen.target for seen in found.views])]
     if found.frames:
         lines.append(
             f"{found.frames} frames; the hardest to draw is {found.views[0].target.shown}."
@@ -30,6 +33,18 @@ def describe(found: Survey, exact: bool = False) -> list[str]:
     error = found.refusal
     why = error.why if error.what == PICTURE else f"{error.what}: {error.why}"
     return [*lines, f"  A build would refuse this: {why}. {error.remedy}"]
+
+
+def tell_doubts(targets: Sequence[Target]) -> list[str]:
+    """Say of which pictures another reading is as likely as the one taken, and how to get it.
+
+    Of pictures with the same option, as the frames of a sequence, the first stands for all.
+    """
+    found: dict[str, str] = {}
+    for one in targets:
+        if one.doubt is not None:
+            found.setdefault(write_options(one.doubt.keys), f"{one.shown}: {one.doubt.sentence}")
+    return list(found.values())
 
 
 def _describe_silhouette(seen: ViewSurvey, exact: bool) -> str:

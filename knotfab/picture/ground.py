@@ -94,14 +94,14 @@ def _sheet(rgb: Colours, opaque: Mask) -> tuple[Colours, str] | None:
 
 def _has_four_corners(sheet: Mask) -> bool:
     rows, columns = sheet.nonzero()
-    hull = shapely.convex_hull(shapely.MultiPoint(_ends(sheet)))
+    hull = shapely.convex_hull(shapely.MultiPoint(find_ends(sheet)))
     if not isinstance(hull, shapely.Polygon) or len(rows) < 0.95 * hull.area:
         return False
     longer = float(np.ptp(rows) + np.ptp(columns)) / 2
     return len(hull.simplify(0.03 * longer).exterior.coords) - 1 in (4, 5)
 
 
-def _ends(mask: Mask) -> Array:
+def find_ends(mask: Mask) -> Array:
     """Return the first and the last set px of each row, (n, 2)."""
     rows = np.flatnonzero(mask.any(axis=1))
     first = mask[rows].argmax(axis=1)
@@ -260,7 +260,7 @@ def _pale_threshold(rgb: NDArray[np.uint8], border: NDArray[np.uint8], usual: fl
     every = -(-max(rgb.shape[:2]) // 1500)
     few = rgb[::every, ::every]
     middle = np.median(border, axis=0)
-    if (_away(border, middle) <= _ALIKE).mean() < _MAJORITY:
+    if not is_of_one_colour(border, _MAJORITY):
         return 0.0
     away = _away(few, middle)
     most = float(away.max())
@@ -277,6 +277,11 @@ def _away(colours: NDArray[np.uint8], colour: Array | NDArray[np.uint8]) -> NDAr
     """Return the distances of colours (..., 3) from one, in levels, (...)."""
     apart = colours.astype(np.float32) - np.asarray(colour, np.float32)
     return np.asarray(np.sqrt(np.einsum("...k,...k->...", apart, apart)))
+
+
+def is_of_one_colour(colours: NDArray[np.uint8], share: float) -> bool:
+    """Return whether this share of colours (n, 3) lies about their median."""
+    return bool((_away(colours, np.median(colours, axis=0)) <= _ALIKE).mean() >= share)
 
 
 def frame_px(rgb: NDArray[np.uint8]) -> int:

@@ -22,6 +22,7 @@ from knotfab.base.notebook import InNotebook
 from knotfab.picture import raster, text
 from knotfab.picture.bending import Bending
 from knotfab.picture.colours import even_out
+from knotfab.picture.doubt import Doubt, find_doubt, is_guessed
 from knotfab.picture.ground import guess_reading, plain_ground
 from knotfab.picture.raster import encode_image
 from knotfab.picture.silhouette import pieces_of, smooth
@@ -68,6 +69,7 @@ class Target(InNotebook):
 
     `subject_png` is the mask of a subject that was cut out, white on black, and `colours_png` the
     picture in colours from which the first lamp's mask was taken, both in the picture's size.
+    `doubt` is another reading that may be meant, if it shows something else.
     """
 
     name: str
@@ -92,6 +94,7 @@ class Target(InNotebook):
     speck_px: int = 0
     subject_png: bytes | None = None
     colours_png: bytes | None = None
+    doubt: Doubt | None = None
     title: str = ""
 
     @property
@@ -327,10 +330,12 @@ def _take_target(
     data: bytes, what: str, name: str, suffix: str, reading: Reading, glance: bool, folder: Path
 ) -> Target:
     image, kind = raster.decode(data, what)
+    came = image
     frames = raster.count_frames(data) if kind in MOVING else 1
     if kind not in raster.KEPT:
         data, kind = encode_image(raster.to_plain(image)), "PNG"
         image, kind = raster.decode(data, what)
+        came = image
     asked, subject = reading, None
     notes: tuple[str, ...] = ()
     if reading.ink == "auto" and getattr(reading, "tone", "off") == "off" and not reading.cut_out:
@@ -338,9 +343,10 @@ def _take_target(
         if plain is not None:
             image, notes = plain[0], (plain[1],)
             data, kind = encode_image(image), "PNG"
+            came = came if is_guessed(notes) else image
         even = None if plain is not None else even_out(image)
         if even is not None:
-            image, data, kind = even, encode_image(even), "PNG"
+            came, image, data, kind = even, even, encode_image(even), "PNG"
             notes = ("the light on it is uneven, and is taken out of it (--ink dark leaves it)",)
     if reading.cut_out:  # from here on the mask takes the picture's place
         image = Image.fromarray(take_subject(image, reading, folder, what)).convert("L")
@@ -383,6 +389,7 @@ def _take_target(
         ink=ink,
         threshold=threshold,
         subject_png=subject,
+        doubt=find_doubt(came, mask, box, asked, notes),
     )
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from knotfab.base.apps import load_app
 from knotfab.base.folder import OutputFolder
 from knotfab.base.progress import Progress
+from knotfab.design.sentence import tell_doubts
 from knotfab.part.files import read_back_strict
 from knotfab.part.slicer_process import NotSliced, Sliced, sum_slicings
 from knotfab.pipeline.piece import WrittenPiece, files_for_slicer
@@ -207,6 +208,7 @@ def finish_build(
         timings=timings,
         next_step=plan_next_step(report, timings),
         notes=(*report.notes, *advise_widening(report.verdict, pieces[0].scene)),
+        warnings=tuple(tell_doubts([target for piece in pieces for target in piece.targets])),
     )
     write_report_json(folder.file("report.json"), report)
     names = [path.name for path in folder.work.iterdir()]

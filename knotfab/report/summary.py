@@ -33,7 +33,7 @@ _FEW = 4  # checks that are named
 
 
 def conclude(report: Report, verbose: bool = False) -> list[str]:
-    """Say how good the piece is: failed checks, losses that a person sees, important notes.
+    """Say how good the piece is: warnings, failed checks, losses that a person sees, important notes.
 
     Args:
         verbose: whether to add the IoU.
@@ -44,7 +44,7 @@ def conclude(report: Report, verbose: bool = False) -> list[str]:
     told = () if verdict is None else verdict.reasons
     reasons = [r for r in told if not any(one.startswith(r) for one in lost)]
     said = [*tell_unmet(report.checks), *reasons, *tell_result(report, verbose)]
-    return [*said, *lost, *report.notes, *step]
+    return [*report.warnings, *said, *lost, *report.notes, *step]
 
 
 def tell_unmet(checks: Sequence[Check]) -> list[str]:

@@ -28,6 +28,12 @@ def outcome(word: str | None, code: int = 0, **sections: Any) -> Outcome:
     return Outcome(code, report, Path("out"))
 
 
+def test_a_warning_stands_before_the_verdict(capsys: pytest.CaptureFixture[str]) -> None:
+    print_summary(outcome("good", warnings=["front: unsure; --ink light takes it"]))
+    first, second, *_ = capsys.readouterr().out.splitlines()
+    assert first == "warning: front: unsure; --ink light takes it." and second.startswith("pass")
+
+
 @pytest.mark.parametrize("word", ["faithful", "good", "coarse", "not recognisable", None])
 def test_the_first_line_says_what_the_shadow_is_like(
     word: str | None, capsys: pytest.CaptureFixture[str]

@@ -32,6 +32,7 @@ from knotfab.pipeline.options import ALL_OUT, BuildOptions
 from knotfab.report.page import make_environment
 from knotfab_formats.errors import InputError, spelled
 
+POOR = ("coarse", "not recognisable")  # words of a verdict that no green "passed" may hide
 _Builder = Callable[[Sequence[Task], Path], Iterator[tuple[Task, Record]]]
 
 
@@ -240,6 +241,9 @@ class _Tally:
             rest = (time.perf_counter() - self.begun) / self.done * left
         iou = "" if record["iou"] is None else f" IoU {record['iou']:.3f},"
         text = f"{self.done}/{self.missing} {record['name']}{iou} {record['seconds']:.0f} s"
+        if record.get("verdict") in POOR:
+            text += f", {record['verdict']}"
+        text += "".join(f"; warning: {one}" for one in record.get("warnings", ()))
         if record["exit_code"] != 0:
             text += f": {record['error']}"
         if not left:
@@ -262,9 +266,17 @@ def _card(record: Record, folder: Path) -> dict[str, Any]:
         place = place / REJECTED
     built = record["exit_code"] in (0, 1) and record.get("reported", True)
     shown = sorted(place.glob("compare-*.png"))[:3] if built else []
+    word, warnings = record["verdict"], record.get("warnings", ())
+    passed, poor = record["exit_code"] == 0, word in POOR
+    ended = "passed" if passed else "failed"
+    if word:
+        ended += f", but {word}" if passed and poor else f", {word}"
     report = place / "report.html"
     return {
         **record,
+        "warnings": warnings,
+        "colour": "fail" if not passed else "warn" if poor or warnings else "pass",
+        "ended": ended,
         "pictures": [quote(path.relative_to(folder).as_posix()) for path in shown],
         "report": quote(report.relative_to(folder).as_posix())
         if built and report.is_file()

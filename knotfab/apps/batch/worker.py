@@ -24,7 +24,7 @@ from knotfab.picture.read import TEXT_PREFIX, is_picture, name_picture
 from knotfab.pipeline.options import BuildOptions
 from knotfab_formats.errors import InputError, shown, spelled
 
-Record = dict[str, Any]  # name, picture, key, exit_code, seconds, iou, verdict, reported, error
+Record = dict[str, Any]  # keys as docs/contract.md lists them
 _ENDINGS = (0, 1, 2, 3, 130)  # exit codes of the contract; with any other the build was killed
 
 
@@ -96,6 +96,7 @@ def record_of(
         "seconds": round(seconds, 2),
         "iou": min((v["iou"] for v in views if v.get("iou") is not None), default=None),
         "verdict": ((report or {}).get("verdict") or {}).get("word"),
+        "warnings": list((report or {}).get("warnings") or ()),
         "reported": report is not None,  # otherwise a report in the folder is an earlier build's
         "error": error,
         "key": task.key,

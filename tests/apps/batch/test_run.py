@@ -25,7 +25,7 @@ from played_builds import PYTHON, count, draw, write_player
 
 from knotfab.apps.batch import cluster as worker_side
 from knotfab.apps.batch import worker
-from knotfab.apps.batch.run import batch
+from knotfab.apps.batch.run import batch, render_index
 from knotfab.apps.batch.worker import list_tasks, pack_task
 from knotfab.base.pool import Workers
 from knotfab.base.progress import Progress
@@ -45,6 +45,23 @@ def played(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def options(tmp_path: Path, **more: object) -> BuildOptions:
     return BuildOptions(out=tmp_path / "out", quiet=True, **more)  # type: ignore[arg-type]
+
+
+ENDS = {
+    "faithful": ((0, "faithful", []), ("pass", "passed, faithful")),
+    "coarse": ((0, "coarse", []), ("warn", "passed, but coarse")),
+    "unsure": ((0, "good", ["a: unsure; --ink light"]), ("warn", "passed, good")),
+    "failed": ((1, "coarse", []), ("fail", "failed, coarse")),
+}
+
+
+@pytest.mark.parametrize("kind", ENDS)
+def test_the_page_hides_nothing_behind_passed(kind: str, tmp_path: Path) -> None:
+    (code, word, warnings), (colour, ended) = ENDS[kind]
+    record = {"name": "a", "exit_code": code, "seconds": 1.0, "iou": 0.8, "error": ""}
+    page = render_index([{**record, "verdict": word, "warnings": warnings}], tmp_path)
+    assert f'<span class="{colour}">{ended}</span>' in page
+    assert all(f'<p class="warn">{warning}.' in page for warning in warnings)
 
 
 def test_one_that_fails_does_not_stop_the_others(played: Path, tmp_path: Path) -> None:
