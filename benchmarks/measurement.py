@@ -154,19 +154,25 @@ def build_apart(
     return Built(code, wall_s, watch.children_s, peak, report, said)
 
 
-def build_once(picture: Path | str, out: Path, *options: str) -> dict[str, Any]:
-    """Build into `out` without --print and slicer, where that is not done yet: code, seconds, what was said.
+def build_once(
+    picture: Path | str, out: Path, *options: str, printing: bool = False
+) -> dict[str, Any]:
+    """Build into `out`, where that is not done yet: code, seconds, what was said.
 
     And the report, and the folder in which the files are.
+
+    Args:
+        printing: with --print, and sliced.
     """
     kept = out.with_name(f"{out.name}.json")
     if not kept.is_file():
-        built = build_apart(picture, out, *options, "--skip", "slicer", printing=False)
+        unsliced = () if printing else ("--skip", "slicer")
+        built = build_apart(picture, out, *options, *unsliced, printing=printing)
         said = " ".join(built.said.split())[:300]
         kept.write_text(json.dumps({"code": built.code, "cpu_s": built.cpu_s, "said": said}))
     found = json.loads(kept.read_text())
     there = out if found["code"] == 0 else out / "rejected"
-    return {**found, "report": read_report(out), "folder": there}
+    return {**found, "report": read_report(there), "folder": there}
 
 
 def build_warm(picture: Path | str, out: Path, **options: Any) -> Built:

@@ -19,6 +19,7 @@ from knotfab_formats.scene import ResolvedScene
 # usual seconds after a search: always, of a printed piece, of a mounted one, and per vertex
 _AFTER_S, _AFTER_PRINTED_S, _AFTER_MOUNT_S, _AFTER_VERTEX_S = 1.2, 3.0, 8.0, 0.55e-3
 _WIRE_SHARE = 0.6  # share of a time budget for planning a wire's bends
+_FIRST_SHARE = 0.5  # share of a time budget for a build that may have to be repeated another way
 
 
 @dataclass(frozen=True)
@@ -27,7 +28,9 @@ class Request:
 
     `pictures`: one for each view of the scene, each a file, an SVG or `text:…`; of a sequence its frames:
     a folder of numbered pictures, an animation, or several pictures in order. Where they are relative,
-    they lie in `base`, the working folder by default.
+    they lie in `base`, the working folder by default. `otherwise`: the scene to build where this one, which
+    needs no supports, cannot print so. `why_supported`: why a build that was free to do without
+    (`supports = "auto"`) has the slicer's supports.
     """
 
     scene: ResolvedScene
@@ -44,6 +47,8 @@ class Request:
     sequence: bool = False  # the pictures are frames of one moving knot
     targets: tuple[Target, ...] = ()  # the pictures, where they have been read already
     preview: tuple[str, ...] = ()  # lines of the preview, before the build
+    otherwise: ResolvedScene | None = None
+    why_supported: str = ""
 
     def is_mounted(self, knots: int) -> bool:
         """Return whether a piece of this many knots is printed with a mount."""
@@ -59,9 +64,8 @@ class Request:
         if self.scene.material.process == "wire":
             after += _WIRE_SHARE * self.time_budget_s
         began = time.perf_counter() - spent_s
-        return Budget(
-            began + self.time_budget_s, after, _AFTER_VERTEX_S * len(self.scene.views), began
-        )
+        left = self.time_budget_s * (1.0 if self.otherwise is None else _FIRST_SHARE)
+        return Budget(began + left, after, _AFTER_VERTEX_S * len(self.scene.views), began)
 
 
 @dataclass(frozen=True, repr=False)

@@ -105,6 +105,7 @@ class Progress:
         self._began = time.perf_counter() if began is None else began
         self._due["standing"] = time.perf_counter() + _KEPT_S
         self._usual: dict[str, float] = {}
+        self._before: dict[str, float] = {}  # timings when the stages to come were announced
         self._stages: list[tuple[str, float]] = []  # stages that run, the outer before the inner
         self._fraction: float | None = None
         self._late = False  # the stage that runs takes longer than usual
@@ -147,7 +148,7 @@ class Progress:
 
     def plan(self, usual: Mapping[str, float]) -> None:
         """Announce the stages to come and their usual times, s, from which the time left is estimated."""
-        self._usual = dict(usual)
+        self._usual, self._before = dict(usual), dict(self.timings)
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
@@ -338,7 +339,8 @@ class Progress:
         name, begun = self._stages[0]
         ran, usual = time.perf_counter() - begun, dict(self._usual)
         expected = usual.pop(name, 0.0)
-        known = {n: s for n, s in self.timings.items() if n in usual}
+        since = {n: s - self._before.get(n, 0.0) for n, s in self.timings.items()}
+        known = {n: s for n, s in since.items() if n in usual and s > 0}
         took = _DOUBT_S + sum(known.values())
         slower = took / (_DOUBT_S + sum(usual[n] for n in known))
         ahead = slower * sum(s for n, s in usual.items() if n not in known)
@@ -347,7 +349,7 @@ class Progress:
         if single and self._fraction and self._fraction > 0.02:
             left = ran * (1.0 - self._fraction) / self._fraction
         elif self._usual:
-            spent = self.timings.get(name, 0.0) + ran
+            spent = since.get(name, 0.0) + ran
             # a share of a stage's usual time is still to come, however long it has run
             left = max(slower * expected - spent, 0.1 * slower * expected)
             # a stage this long after its usual time takes longer than usual

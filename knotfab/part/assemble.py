@@ -102,7 +102,8 @@ def part_of(
         if scene.piece.supports == "none" and printing:
             hidden = _hide_behind(masks[0], cameras[0], pose.matrix)
             modulus = scene.material.young_modulus_mpa
-            pose, bodies, standing = stand(pose, bodies, modulus, hidden)
+            in_plate = mounted.scene.mount.on_feet
+            pose, bodies, standing = stand(pose, bodies, modulus, hidden, in_plate)
             bodies = [*bodies, *(bar.make_body() for bar in standing.bars)]
     return Part(bodies, pose, mounted, plates, standing)
 

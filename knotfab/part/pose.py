@@ -126,6 +126,15 @@ def choose_pose(
     raise _too_large(sizes, room, fixed, frame_mm, fixed_mm is not None)
 
 
+def fits_upright(
+    outline: Array, height_mm: float, build_volume_mm: tuple[float, float, float]
+) -> bool:
+    """Tell whether what has this outline (n, 2), mm, and height fits a printer without being laid down."""
+    ends = [np.column_stack([outline, np.full(len(outline), z)]) for z in (0.0, height_mm)]
+    room = np.asarray(build_volume_mm, dtype=np.float64)
+    return _find_turn(np.concatenate(ends), room, (np.eye(3),))[0] is not None
+
+
 def _weigh(
     knots: Knots,
     tubes: Sequence[Mesh],

@@ -32,9 +32,13 @@ class Standing:
 
 
 def stand(
-    pose: PrintPose, bodies: list[Mesh], young_modulus_mpa: float, hidden: Callable[[Array], bool]
+    pose: PrintPose,
+    bodies: list[Mesh],
+    young_modulus_mpa: float,
+    hidden: Callable[[Array], bool],
+    in_plate: bool = False,
 ) -> tuple[PrintPose, list[Mesh], Standing]:
-    """Cut the feet of a piece level and lay it on them, and plan its bars.
+    """Cut the feet of a piece level and lay it on them, unless they end in a plate, and plan its bars.
 
     Args:
         pose: with the light's axis up. bodies: in its coordinates. hidden: as for `plan_bars`.
@@ -43,7 +47,7 @@ def stand(
         The pose and the bodies, cut, without the bars, which are in the pose's coordinates.
     """
     knots = pose.knots
-    cut = CUT_RADII * knots.radius_mm
+    cut = 0.0 if in_plate else CUT_RADII * knots.radius_mm
     legs = find_legs([knot.points for knot in knots.knots])
     planned, lacking = plan_bars(legs, knots.radius_mm, young_modulus_mpa, hidden)
     down = np.array([0.0, 0.0, -cut])
@@ -51,7 +55,7 @@ def stand(
     assert max((bar.gap_mm for bar in bars), default=0.0) < MOST_BRIDGE_MM
     shift = np.eye(4)
     shift[:3, 3] = down
-    cuts = [_cut_level(body, cut) for body in bodies]
+    cuts = [_cut_level(body, cut) if cut else body for body in bodies]
     laid = replace(
         pose,
         matrix=pose.matrix @ np.linalg.inv(shift),

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from knotfab.base.errors import SceneError
 from knotfab.base.folder import OutputFolder
 from knotfab.base.progress import Progress
 from knotfab.geometry.tube import join_meshes
@@ -20,17 +22,25 @@ if TYPE_CHECKING:
 
 
 def run_build(request: Request, progress: Progress | None = None) -> Outcome:
-    """Build what was asked: a piece, or a sequence of them.
+    """Build what was asked: a piece, or a sequence of them; the other way where the first one fails.
 
     Raises:
         KnotfabError: with the exit code of its kind; nothing is left half-written.
     """
+    progress, run = progress or Progress("quiet"), build
+    if request.sequence:
+        from knotfab.pipeline.film import build_sequence as run
     with recording():
-        if request.sequence:
-            from knotfab.pipeline.film import build_sequence
-
-            return build_sequence(request, progress)
-        return build(request, progress)
+        try:
+            return run(request, progress)
+        except SceneError as error:
+            if request.otherwise is None:
+                raise
+            why = f"{error.what}: {error.why}"
+        progress.say(f"Built again with the slicer's supports, for without them {why}")
+        return run(
+            replace(request, scene=request.otherwise, otherwise=None, why_supported=why), progress
+        )
 
 
 def build(request: Request, progress: Progress | None = None) -> Outcome:

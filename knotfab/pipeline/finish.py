@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from knotfab.base.apps import load_app
+from knotfab.base.errors import SceneError
 from knotfab.base.folder import OutputFolder
 from knotfab.base.progress import Progress
 from knotfab.design.sentence import tell_doubts
@@ -63,7 +64,7 @@ from knotfab.report.viewer import HistoryFrame, viewer_data
 from knotfab.request import Outcome, Request
 from knotfab.scene.camera import cameras_of
 from knotfab_formats.report import Report
-from knotfab_formats.verdict import Verdict, View, exit_code
+from knotfab_formats.verdict import Check, Verdict, View, exit_code
 
 _TOLD_S = 0.5  # interval between progress messages on the slicer
 _AFTER_BENDS_S = 5.0  # from the end of fitting a wire to the end of the build
@@ -72,9 +73,14 @@ _AFTER_BENDS_S = 5.0  # from the end of fitting a wire to the end of the build
 def report_piece(
     piece: WrittenPiece, folder: OutputFolder, request: Request, progress: Progress
 ) -> Report:
-    """Wait for the verdict and the slicer, write bending plan and drawings, and make the report."""
+    """Wait for the verdict and the slicer, write bending plan and drawings, and make the report.
+
+    Raises:
+        SceneError: a required check failed, and the request has another way.
+    """
     made, part = piece.made, piece.part
     if part is None:
+        _prefer_other_way(request, piece.verdict.checks)
         return _report_unbuilt(piece, request)
     mounted, printing = part.mounted, request.printing
     cameras = cameras_of(piece.scene.views, piece.targets)
@@ -87,6 +93,9 @@ def report_piece(
     with progress.stage("verify"):
         said = _read_back(folder, piece)
         verdict = piece.verdict
+        own = (check_3mf(said), check_certificate(made), check_limits(made), mounted.check_sag())
+        checks = [*verdict.checks, *(check for check in own if check is not None)]
+    _prefer_other_way(request, checks)
     sliced = _wait_for_slicer(piece, progress)
     plan = _plan_bends(folder, piece, request, progress)
     if sheets is not None:
@@ -94,9 +103,8 @@ def report_piece(
             costs = [view.misplacement for view in verdict.views] or [None for _ in cameras]
             drawings = [*write_setup(folder.work, sheets, costs, piece.suffix), *drawings]
     with progress.stage("report"):
-        own = (check_3mf(said), check_certificate(made), check_limits(made), mounted.check_sag())
-        checks = [*verdict.checks, *(check for check in own if check is not None)]
         checks += [] if sliced is None else [check_slicing(sliced)]
+        _prefer_other_way(request, checks)
         checks += [] if plan is None else plan.checks
         views = _list_views(piece, printing, verdict)
         _draw_bendings(piece, folder)
@@ -116,6 +124,18 @@ def report_piece(
         notes = _list_notes(piece, request, views, sliced, plan, (turned, laid))
         found = verdict, checks, views, print_, notes, sliced, plan
         return report_of(request, made, piece.knots, *found)
+
+
+def _prefer_other_way(request: Request, checks: Sequence[Check]) -> None:
+    """End the first of two ways to build where a required check failed.
+
+    Raises:
+        SceneError: naming the checks, with figures and place of the first.
+    """
+    failed = [check for check in checks if check.required and check.status == "fail"]
+    if request.otherwise is not None and failed:
+        names = ", ".join(check.name for check in failed)
+        raise SceneError(f"{names} failed", failed[0].detail, "Use --supports slicer")
 
 
 def _report_unbuilt(piece: WrittenPiece, request: Request) -> Report:

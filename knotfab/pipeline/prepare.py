@@ -22,6 +22,7 @@ from knotfab.design.frames import (
 from knotfab.design.walls import flatten_targets
 from knotfab.picture.frames import count_knots, name_sequence, read_frames
 from knotfab.picture.read import TEXT_PREFIX, Target, plain_name, read_targets
+from knotfab.pipeline.choose_supports import choose_supports
 from knotfab.pipeline.options import ALL_OUT, BuildOptions
 from knotfab.pipeline.read_lamps import read_lamps
 from knotfab.pipeline.read_options import read_also, read_scene, read_seconds, read_skips
@@ -64,6 +65,9 @@ def prepare_build(
     budget = None if options.time_budget is None else read_seconds(options.time_budget)
     call = _read_call(pictures, options, progress)
     printing = _is_printed(options, call.scene)
+    scene, otherwise, why = choose_supports(call.scene, call.targets, printing)
+    told = (f"It gets the slicer's supports: {why}.",) if why else ()
+    call = replace(call, scene=scene, lines=(*call.lines, *told))
     if "gcode" in also and (not printing or "slicer" in skipped):
         remedy = "Add --print." if not printing else "Leave out --skip slicer."
         raise InputError("--also gcode", "nothing is sliced in this build", remedy)
@@ -109,6 +113,8 @@ def prepare_build(
         sequence=options.sequence,
         targets=call.targets,
         preview=(*describe(found, exact=options.verbose), *call.lines),
+        otherwise=otherwise,
+        why_supported=why,
     )
 
 

@@ -71,13 +71,7 @@ def require_several(scene: ResolvedScene) -> None:
             "picture of another",
             'Leave it out, or write "auto"; [region] size_mm bounds the piece',
         )
-    if scene.piece.supports == "none":
-        raise InputError(
-            "a piece without supports (--supports none)",
-            "strands stand on the bed in arches along one light's axis, and the picture of another light "
-            "fixes their height",
-            "Leave it out, or give one picture",
-        )
+    require_supports(scene)
     require_mount(scene)
 
 
@@ -85,10 +79,18 @@ def require_supports(scene: ResolvedScene) -> None:
     """Refuse `supports = "none"` where a piece could not stand without them, or never needs them.
 
     Raises:
-        InputError: of a material or printer of another process, a flat piece, or a view yet to be found.
+        InputError: `why_supported`.
     """
-    if scene.piece.supports != "none":
-        return
+    if scene.piece.supports == "none" and (why := why_supported(scene)) is not None:
+        raise InputError("a piece without supports (--supports none)", *why)
+
+
+def why_supported(scene: ResolvedScene) -> tuple[str, str] | None:
+    """Say why no piece of this scene can print without supports, and the remedy; None if one may.
+
+    That is so of a material or printer of another process, a flat piece, several views, a view yet to be
+    found, and a mount that holds the piece off the bed.
+    """
     process = next(
         (p for p in (scene.material.process, scene.printer.process) if p != "filament"), None
     )
@@ -97,14 +99,42 @@ def require_supports(scene: ResolvedScene) -> None:
         "powder": "powder carries a piece wherever it lies, and no supports are printed",
         "wire": "wire is bent, and nothing is printed",
     }.get(process or "")
-    remedy = "Leave it out"
-    if scene.piece.depth == 0:
-        why = "a flat piece has no depth for the arches in which its strands would stand"
-        remedy = "Leave out --depth flat, or --supports none: what is flat lies on the bed with few supports"
-    elif scene.settings.free_view:
-        why = "arches stand along the light's axis, and a free view (--free) has yet to find it"
+    leave = "Leave it out"
     if why is not None:
-        raise InputError("a piece without supports (--supports none)", why, remedy)
+        return why, leave
+    if scene.piece.depth == 0:
+        return (
+            "a flat piece has no depth for the arches in which its strands would stand",
+            "Leave out --depth flat, or --supports none: what is flat lies on the bed with few supports",
+        )
+    if len(scene.views) > 1:
+        return (
+            "strands stand on the bed in arches along one light's axis, and the picture of another light "
+            "fixes their height",
+            "Leave it out, or give one picture",
+        )
+    if scene.settings.free_view:
+        return (
+            "arches stand along the light's axis, and a free view (--free) has yet to find it",
+            leave,
+        )
+    if scene.mount.asked and not scene.mount.on_feet:
+        held = {"wall": "pegs hold", "stand": "a stand holds"}.get(
+            scene.mount.kind, "an eyelet holds"
+        )
+        return (
+            f"{held} it off the bed, and its strands would begin in mid-air",
+            "Use --plate outline, in which it stands by its own feet, or --mount none",
+        )
+    return None
+
+
+def stand_alone(scene: ResolvedScene, knots: int) -> ResolvedScene:
+    """Return the scene of a piece that prints without supports: loose knots stand in a plate by default."""
+    mount = scene.mount
+    if scene.hangs(knots) and not mount.on_feet:
+        mount = mount.but(plate="outline")
+    return scene.but(piece=scene.piece.but(supports="none"), mount=mount)
 
 
 def require_start(scene: ResolvedScene) -> None:

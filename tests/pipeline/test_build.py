@@ -260,6 +260,30 @@ def test_skip_knows_every_check_of_a_report(good: Good) -> None:
     assert set(checks_of(good.folder)) - own == set(CHECKS) - sometimes - set(UPRIGHT)
 
 
+def test_what_does_not_print_without_supports_is_built_again_with_them(
+    good: Good, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The strands of the good piece are no arches; its folder then holds what the slicer's way gives."""
+    ways: list[str] = []
+
+    def design(scene: Any, *_: Any) -> Design:
+        ways.append(scene.piece.supports)
+        piece = good.design.scene.piece.but(supports=ways[-1])
+        return replace(good.design, scene=good.design.scene.but(piece=piece))
+
+    monkeypatch.setattr(designing, "design_knots", design)
+    out = tmp_path / "out"
+    call = ["build", "text:♥", "--tube-radius", str(RADIUS), "--accuracy", "draft"]
+    done = knotfab(*call, "--print", "--skip", "slicer", "--supports", "auto", "--out", out)
+    assert done.code == 0 and ways == ["none", "slicer"]
+    assert "Built again with the slicer's supports" in done.err and "islands" in done.err
+    assert not (out / "rejected").exists()
+    for name in ("part.stl", "part.3mf", "knots.json"):
+        assert (out / name).read_bytes() == (good.folder / name).read_bytes()
+    timings = json.loads((out / "report.json").read_text())["timings"]
+    assert timings["total"] >= sum(v for k, v in timings.items() if k != "total") - 0.01
+
+
 # --- validate and shadow, on what it wrote ---
 
 

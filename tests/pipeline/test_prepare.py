@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -66,6 +67,45 @@ def test_what_is_not_there_is_told_with_what_would_be_right(square: Path, tmp_pa
     with pytest.raises(InputError) as told:
         prepare()
     assert str(told.value).startswith("no picture is given. Name one")
+
+
+# options with which no piece can print without supports, and the physical reason
+SUPPORTED: list[tuple[dict[str, Any], str]] = [
+    ({"size": 600}, "light's axis up, .* and the printer holds 250 × 210 × 220 mm"),
+    ({"depth": "flat"}, "a flat piece has no depth"),
+    ({"mount": "stand"}, "a stand holds it off the bed"),
+    ({"mount": "wall"}, "pegs hold it off the bed"),
+    ({"free": "view"}, "has yet to find it"),
+    ({"lamps": "switch"}, "picture of another light fixes their height"),
+]
+
+
+@pytest.mark.parametrize(("options", "why"), SUPPORTED)
+def test_what_cannot_print_without_supports(
+    options: dict[str, Any], why: str, square: Path
+) -> None:
+    """Asked for, it is refused; free to choose, the slicer's way is taken at once, and told."""
+    pictures = ["walk/1.png", "walk/2.png"] if "lamps" in options else [square]
+    with pytest.raises(InputError, match=f"without supports .*{why}"):
+        prepare(*pictures, supports="none", print=True, **options)
+    request = prepare(*pictures, supports="auto", print=True, **options)
+    assert request.scene.piece.supports == "slicer" and request.otherwise is None
+    assert re.search(why, request.why_supported)
+    assert request.preview[-1] == f"It gets the slicer's supports: {request.why_supported}."
+
+
+def test_a_piece_that_may_do_without_supports_is_designed_so_first(square: Path) -> None:
+    request = prepare(square, supports="auto", print=True)
+    assert request.otherwise is not None and not request.why_supported
+    ways = request.scene.piece.supports, request.otherwise.piece.supports
+    assert ways == ("none", "slicer") and request.scene.mount.plate == "pegs"
+    # two loose knots stand in a plate
+    request = prepare("text:i", supports="auto", print=True)
+    assert request.otherwise is not None
+    assert (request.scene.mount.plate, request.otherwise.mount.plate) == ("outline", "pegs")
+    for options in ({}, {"print": True, "printer": "sls"}, {"print": True, "printer": "form-3"}):
+        request = prepare(square, supports="auto", **options)
+        assert request.otherwise is None and not request.why_supported
 
 
 def test_gcode_is_kept_only_where_something_is_sliced(square: Path) -> None:

@@ -1,0 +1,65 @@
+"""Choose before a search whether a piece is designed to print without supports."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from knotfab.base.arrays import Array
+from knotfab.design.frames import frame_view
+from knotfab.picture.read import Target
+from knotfab.scene.require import stand_alone, why_supported
+from knotfab_formats.errors import InputError
+from knotfab_formats.scene import ResolvedScene
+
+
+def choose_supports(
+    scene: ResolvedScene, targets: Sequence[Target], printing: bool
+) -> tuple[ResolvedScene, ResolvedScene | None, str]:
+    """Choose the scene to build first, the one to build where that fails, and why there is no choice.
+
+    Raises:
+        InputError: `supports = "none"` on a bed too small for it.
+    """
+    asked = scene.piece.supports
+    filament = scene.printer.process == scene.material.process == "filament"
+    if asked == "slicer" or not printing or (asked == "auto" and not filament):
+        return scene, None, ""
+    supported = scene.but(piece=scene.piece.but(supports="slicer"))
+    refusal = why_supported(scene) or why_too_large(scene, targets)
+    if refusal is None:
+        alone = stand_alone(scene, scene.count_knots(targets[0].pieces))
+        return alone, supported if asked == "auto" else None, ""
+    if asked == "none":
+        raise InputError("a piece without supports (--supports none)", *refusal)
+    return supported, None, refusal[0]
+
+
+def why_too_large(scene: ResolvedScene, targets: Sequence[Target]) -> tuple[str, str] | None:
+    """Say why the bed is too small for a piece that stands with the light's axis up, and the remedy.
+
+    None where the pictures fit it at the middle of the piece; the strands' feet may reach farther.
+    """
+    # imported only now, so that most builds begin without waiting for it
+    from knotfab.part.pose import fits_upright
+
+    room, height = scene.printer.build_volume_mm, scene.piece.depth or 0.0
+    for target in targets:
+        outline = _trace_rows(target) / frame_view(scene.views[0], target).px_per_mm(target.width)
+        if not fits_upright(outline, height, room):
+            across, down = np.ptp(outline, axis=0)
+            return (
+                f"it stands on the bed with the light's axis up, {across:.0f} × {down:.0f} mm across, and "
+                f"the printer holds {' × '.join(f'{side:g}' for side in room)} mm",
+                "Make it smaller (--size), or use --supports slicer",
+            )
+    return None
+
+
+def _trace_rows(target: Target) -> Array:
+    """Return the ends (n, 2), px, of each row of a silhouette: column and row."""
+    rows = np.flatnonzero(target.mask.any(axis=1))
+    mask = target.mask[rows]
+    left, right = mask.argmax(axis=1), mask.shape[1] - mask[:, ::-1].argmax(axis=1)
+    return np.column_stack([np.concatenate([left, right]), np.tile(rows, 2)]).astype(np.float64)
