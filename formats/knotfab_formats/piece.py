@@ -75,6 +75,9 @@ class Piece(Table):
     """In mm, or auto (default): the thickest tube that draws the picture well."""
     knots: Count | Auto = option(None, "Piece --knots")
     """auto (default): one knot for each piece of the picture; N: its pieces bridged into so many."""
+    knots_asked: Annotated[bool, Strict()] = True
+    """false: a build chose the number of knots, and nobody asked for the bridges between pieces, which
+    count as losses."""
     depth: Length | Auto | Annotated[float, Word("flat", 0.0)] = option(None, "Piece --depth")
     """The piece's extent along the view: mm, auto (default: unreadable from elsewhere), or flat."""
     clearance_mm: Spread = 0.4
@@ -96,6 +99,11 @@ class Piece(Table):
     knot: StrictStr = option("unknot", "Piece --knot")
     """The knot type to tie: unknot (default), trefoil, "left trefoil", figure-eight, any of the table
     up to 8 crossings (5_2, 8_19), or a sum (3_1#4_1)."""
+
+    @property
+    def asks_for_bridges(self) -> bool:
+        """True if somebody said how many knots the pieces are to be bridged into."""
+        return self.knots is not None and self.knots_asked
 
 
 class Region(Table):

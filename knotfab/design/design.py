@@ -361,6 +361,7 @@ def _resolve(
     if len(problem.views) == 1:
         depth = 0.0 if problem.depth_mm is None else problem.depth_mm
     piece = {"tube_radius_mm": radius, "depth": depth, "knots": len(result.knots.knots)}
+    piece["knots_asked"] = scene.piece.asks_for_bridges
     bend = problem.limits(radius).bend_radius
     resolved = {
         "views": question.views,

@@ -216,7 +216,9 @@ class Chain:
                 if other is not target
             ]
             radius, choice = radius_for_all(question, others, settings, self._count)
-        piece = scene.piece.but(knots=self._count, tube_radius_mm=radius)
+        piece = scene.piece.but(
+            knots=self._count, knots_asked=scene.piece.asks_for_bridges, tube_radius_mm=radius
+        )
         view = scene.views[0].but(name=target.name)
         asked = scene.but(piece=piece, views=(view,))
         share = None

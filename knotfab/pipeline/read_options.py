@@ -119,6 +119,8 @@ def read_scene(options: PictureOptions) -> tuple[ResolvedScene, Path | None]:
     if views.keys() & {"subject_px", "keep_px", "drop_px"}:
         # the subject is cut out again, and fills the frame
         views = {"crop_px": None, **views, "subject_mask": ""}
+    if "knots" in given["piece"]:
+        given["piece"]["knots_asked"] = True
     update: dict[str, Any] = {
         table: getattr(scene, table).but(**keys)
         for table, keys in given.items()

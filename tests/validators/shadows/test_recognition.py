@@ -12,6 +12,7 @@ from PIL import Image, ImageDraw
 from reports import recognition, view_of_report
 from validator_parts import PlainView
 
+from knotfab_formats.piece import Piece
 from knotfab_formats.verdict import Recognition, View
 from knotfab_validators.arrays import Mask
 from knotfab_validators.check import BadFile
@@ -19,6 +20,7 @@ from knotfab_validators.files.colours import Bent
 from knotfab_validators.files.scene import parse_scene
 from knotfab_validators.shadows.compare import overlap
 from knotfab_validators.shadows.frame import padded_mask, working_frame
+from knotfab_validators.shadows.part_view import count_bridged
 from knotfab_validators.shadows.recognition import recognise
 from knotfab_validators.shadows.topology import count_repeated, find_changes
 from knotfab_validators.shadows.verdict_rules import (
@@ -378,6 +380,29 @@ def test_a_bridge_that_was_asked_for_is_no_loss() -> None:
     assert judge(bridged, draw(*apart)).lost
     found = judge(bridged, draw(*apart), bridged=1)
     assert not found.lost and found.word in ("faithful", "good")
+
+
+def test_a_wide_bridge_that_was_asked_for_costs_no_likeness() -> None:
+    apart = [(70, 420, 40), (440, 420, 40)]
+    bridged = draw(*apart, strokes=((70, 420, 440, 420, 28),))
+    assert judge(bridged, draw(*apart)).word not in ("faithful", "good")
+    found = judge(bridged, draw(*apart), bridged=1)
+    assert found.word in ("faithful", "good"), found.reasons
+
+
+REQUESTED = {  # keys of [piece], and gaps of three pieces that were to be bridged
+    "nobody asked": ({}, 0),
+    "one knot": ({"knots": 1}, 2),
+    "two knots": ({"knots": 2}, 1),
+    "a build's own count": ({"knots": 1, "knots_asked": False}, 0),
+    "more knots than pieces": ({"knots": 9}, 0),
+}
+
+
+@pytest.mark.parametrize("kind", REQUESTED)
+def test_only_what_was_asked_for_is_a_requested_bridge(kind: str) -> None:
+    keys, bridges = REQUESTED[kind]
+    assert count_bridged(Piece(**keys), draw((420, 420, 30), (430, 100, 30))) == bridges
 
 
 # The word that a bending allows: it lowers a verdict, never raises one, and says why.

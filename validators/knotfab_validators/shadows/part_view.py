@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from knotfab_formats.piece import Piece
 from knotfab_formats.verdict import Layers, Misplacement, Recognition, RoundWall
 from knotfab_formats.verdict import View as ViewFound
 from knotfab_validators.arrays import Array, Mask
@@ -196,7 +197,7 @@ def _recognise(part: PosedPart, seen: SeenView) -> Recognition | None:
             seen.geometry,
             outlined=found.of_tube,
             blur_px=_blur_px(part, seen),
-            bridged=_count_bridged(part.scene.piece.knots, found.target),
+            bridged=count_bridged(part.scene.piece, found.target),
         )
     return judged if seen.bent is None else judge_bending(judged, seen.bent)
 
@@ -209,11 +210,11 @@ def _blur_px(part: PosedPart, seen: SeenView) -> float:
     return lamp_size(seen.view) * max(tube_px * fine_mm / curves.radius_mm - 1.0, 0.0) / fine_mm
 
 
-def _count_bridged(knots: int | None, target: Mask) -> int:
-    """Count the gaps between pieces that must be bridged to draw them with this many knots."""
-    if knots is None:
+def count_bridged(piece: Piece, target: Mask) -> int:
+    """Count the gaps between pieces that must be bridged to draw as many knots as were asked for."""
+    if piece.knots is None or not piece.asks_for_bridges:
         return 0
-    return max(len(label_regions("piece", target, SPECK_PX)[1]) - knots, 0)
+    return max(len(label_regions("piece", target, SPECK_PX)[1]) - piece.knots, 0)
 
 
 def _soften(part: PosedPart, seen: SeenView) -> SoftShadow | None:

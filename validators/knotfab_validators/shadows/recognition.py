@@ -90,7 +90,7 @@ def recognise(
     rows = _Rows.of(find_rows(found.features, max(frame.width, frame.height), target), found)
     sizes = SPECK * found.reach, found.reach, blur_px / found.step, found.step * scale.mm
     specks = find_specks(found.own, found.wanted, *sizes)
-    facts = _measure_facts(found, rows, specks, scale, target, iou)
+    facts = _measure_facts(found, rows, specks, scale, target, iou / (1.0 - found.spared))
     word = next((w for w, rule in RULES.items() if not facts.against(rule)), UNKNOWN)
     better = RULES[WORDS[max(WORDS.index(word) - 1, 0)]]
     lost = [scale.record_row(row, inside) for row, inside in rows.hit]
@@ -122,7 +122,8 @@ class _Compared:
 
     `own` is the shadow whose outline is compared, and `there` the picture without what is lost or unseen.
     `radius_px` and `reach` are in the grid's pixels; the changes, the picture's pieces and holes (`features`)
-    and the tips that are cut off are in the masks'.
+    and the tips that are cut off are in the masks'. `spared` is the share of the union of both that bridges
+    spill which the scene requested.
     """
 
     step: int
@@ -134,6 +135,7 @@ class _Compared:
     changes: list[Change]
     features: list[Box]
     tips: list[Change]
+    spared: float
 
 
 def _compare_on_grid(
@@ -147,7 +149,13 @@ def _compare_on_grid(
     own = seen if outlined is None else outlined[::step, ::step]
     if bridged:  # requested bridges are no fault of the outline
         own = own & (depth_in(~wanted) <= 2 * radius)
-    found = _without_bridged(find_changes(seen, wanted, reach), bridged)
+    changes = find_changes(seen, wanted, reach)
+    asked = sorted((c for c in changes if c.kind == "gap"), key=lambda c: c.width_px)[:bridged]
+    found = [c for c in changes if not any(c is gap for gap in asked)]
+    spill = np.zeros_like(seen)
+    for gap in asked:  # the narrowest ones
+        left, top, right, bottom = gap.box
+        spill[top:bottom, left:right] = (seen & ~wanted)[top:bottom, left:right]
     misshapen = find_misshapen(own, wanted, reach, SHAPE, found)
     # lost pieces are counted already, and specks and slits that go unseen have no outline
     there = close_slits(without_specks(without_lost(wanted, found), reach), SLIT * reach)
@@ -161,6 +169,7 @@ def _compare_on_grid(
         changes=[_enlarged(change, step) for change in (*found, *misshapen)],
         features=[_enlarged_box(box, step) for box in list_pieces(wanted, reach)],
         tips=[_enlarged(tip, step) for tip in _find_tips(there, own, TIP * radius)],
+        spared=float(spill.sum() / (seen | wanted).sum()),
     )
 
 
@@ -226,12 +235,6 @@ def _measure_facts(
         astray=max((c.width_px for c in strays), default=0.0) / radius,
         fine=sum(_is_lost(c) and c.width_px < RULES["good"].lost_tubes * tube_px for c in torn),
     )
-
-
-def _without_bridged(changes: Sequence[Change], bridged: int) -> list[Change]:
-    """Leave out the `bridged` narrowest of the bridged gaps, which the scene requested."""
-    gaps = sorted((c for c in changes if c.kind == "gap"), key=lambda c: c.width_px)[:bridged]
-    return [c for c in changes if not any(c is gap for gap in gaps)]
 
 
 def _find_tips(there: Mask, own: Mask, least_px: float) -> list[Change]:
