@@ -10,7 +10,7 @@ DONE := $(VENV)/.installed
 TORCH_INDEX ?=
 TORCH := -q -c constraints.txt --no-deps $(if $(TORCH_INDEX),--index-url $(TORCH_INDEX)) torch==2.13.0
 
-.PHONY: demo lines test all-tests test-quick wheel-test docs gallery lint accuracy-table outside-suites feature-table mount-table effects-table traced-colours several-table lamps-table bending-table tied-knots paper-table paper-ablations validator-table verdict-table mutations frontier budgets worst-cases batch-throughput system slicer browser viewer pictures typed-pages clean studio-times
+.PHONY: demo lines test all-tests test-quick wheel-test docs gallery lint accuracy-table outside-suites feature-table mount-table supports-table effects-table traced-colours several-table lamps-table bending-table tied-knots paper-table paper-ablations validator-table verdict-table mutations frontier budgets worst-cases batch-throughput system slicer browser viewer pictures typed-pages clean studio-times
 
 $(DONE): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
@@ -122,6 +122,11 @@ lamps-table: system $(DONE)
 # what mounts on a wall and on a stand cost the same pictures (about 30 min)
 mount-table: system slicer $(DONE)
 	$(BIN)/python -m benchmarks.mount_table
+
+# the same pictures without supports and with the slicer's: grams, hours, likeness, checks (about 30 min on a free
+# machine; an interrupted run goes on where it was)
+supports-table: system slicer $(DONE)
+	$(BIN)/python -m benchmarks.supports_table --out out/supports
 
 # magnitudes of effects against brute force, soft shadows against Mitsuba 3 where it finds an LLVM (apt-get
 # install libllvm19, DRJIT_LIBLLVM_PATH)

@@ -82,7 +82,8 @@ def main(*names: str, accuracy: str = "standard", out: Path | None = None) -> No
             built = build_once(path, folder / f"{name}-{way}", *options, printing=True)
             row = row_of(built)
             if row is None:
-                print(f"{name:<10} {way:<8} {built['code']:>4}  {built['said']}", flush=True)
+                notes = (built["report"] or {}).get("notes", [built["said"]])
+                print(f"{name:<10} {way:<8} {built['code']:>4}  {' '.join(notes)}", flush=True)
                 continue
             pair[way] = row
             print(_line(name, way, built["code"], row, failed_checks(built["report"])), flush=True)

@@ -160,6 +160,53 @@ class SupportAccess:
 
 
 @dataclass(frozen=True, kw_only=True)
+class OtherWay:
+    """What a piece would take if it were held the other way while it prints.
+
+    An estimate from pieces that were built both ways: nothing is searched for it.
+    """
+
+    hours: float
+    grams: float
+    support_grams: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class SupportFigures:
+    """How a piece is held while it prints.
+
+    `asked`: auto, none or slicer; `way`: the one that was taken, none or slicer; `why`, in words. `hours` and
+    `grams`, with supports, are the slicer's. `other`: None where there is no other way, or nothing to tell.
+    """
+
+    asked: str
+    way: str
+    why: str
+    hours: float | None
+    grams: float | None
+    other: OtherWay | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class BarFigures:
+    """The bars to break away from a piece that prints without supports."""
+
+    count: int
+    grams: float
+    longest_mm: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class FeetFigures:
+    """The feet on which a piece without supports stands, as cut; `tip_deg`: it comes back from there."""
+
+    count: int
+    area_mm2: float
+    least_mm2: float
+    tip_deg: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
 class CouponFigures:
     """The small print to try a mount's fit on: the pin, and the holes with their numbers of dots."""
 
@@ -215,6 +262,9 @@ class Print:
     coupon: CouponFigures | None = None
     flatter: tuple[Flatter, ...] | None = None
     support_access: SupportAccess | None = None
+    supports: SupportFigures | None = None
+    bars: BarFigures | None = None
+    feet: FeetFigures | None = None
     parts: int | None = None
     zoetrope: ZoetropeFigures | None = None
 

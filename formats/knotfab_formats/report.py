@@ -10,6 +10,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from knotfab_formats.print_figures import (
+    BarFigures,
+    FeetFigures,
     Flatter,
     MountFigures,
     PlatesFigures,
@@ -227,6 +229,8 @@ class FrameView(View):
     plates: PlatesFigures | None = None
     flatter: tuple[Flatter, ...] | None = None
     support_access: SupportAccess | None = None
+    bars: BarFigures | None = None
+    feet: FeetFigures | None = None
     time_s: float | None = None
     filament_m: float | None = None
     filament_g: float | None = None

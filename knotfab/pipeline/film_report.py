@@ -15,6 +15,7 @@ from knotfab.pipeline.piece import WrittenPiece
 from knotfab.pipeline.verifier import Answer
 from knotfab.report.effects import limits_as_effects
 from knotfab.report.for_maker import report_slicing, tell_unsliced, with_slicing
+from knotfab.report.supports import sum_supports
 from knotfab.request import Request
 from knotfab_formats.piece import Printer
 from knotfab_formats.print_figures import MountFigures, Print, ZoetropeFigures
@@ -32,7 +33,14 @@ from knotfab_validators.check import at_least, at_most
 from knotfab_validators.shadows.verdict_rules import worst_verdict
 
 Line = TypeVar("Line", EffectLine, LimitLine)
-_OF_FRAME = ("pose", "plates", "flatter", "support_access")  # keys of `print` told by frame
+_OF_FRAME = (
+    "pose",
+    "plates",
+    "flatter",
+    "support_access",
+    "bars",
+    "feet",
+)  # keys of `print` told by frame
 _SUMMED = ("time_s", "filament_m", "filament_g", "support_g")  # keys of `print` summed over frames
 _FAR = 8.0  # tube radii of outline motion beyond which a frame in between is advised
 
@@ -217,6 +225,7 @@ def _sum_prints(reports: Sequence[Report], spun: Zoetrope | None) -> Print:
         ring = ZoetropeFigures(**told)
     drawings = tuple(name for one in prints for name in one.drawings or ())
     alone: dict[str, Any] = dict.fromkeys(_OF_FRAME)
+    alone["supports"] = sum_supports([one.supports for one in prints])
     return replace(first, **alone, **sums, parts=len(prints), drawings=drawings, zoetrope=ring)
 
 

@@ -60,6 +60,7 @@ from knotfab.report.report import (
     write_report_json,
 )
 from knotfab.report.setup import draw_sheets, write_setup
+from knotfab.report.supports import tell_supports
 from knotfab.report.viewer import HistoryFrame, viewer_data
 from knotfab.request import Outcome, Request
 from knotfab.scene.camera import cameras_of
@@ -121,6 +122,9 @@ def report_piece(
         print_ = with_slicing(print_, sliced) if filament else print_
         how = piece.flattening, piece.suffix
         print_, laid = report_posing(print_, part, *how, printing=printing, access=access)
+        if printing:
+            print_, told = tell_supports(print_, request, part, checks)
+            laid += [] if piece.suffix else told
         notes = _list_notes(piece, request, views, sliced, plan, (turned, laid))
         found = verdict, checks, views, print_, notes, sliced, plan
         return report_of(request, made, piece.knots, *found)

@@ -103,8 +103,8 @@ def test_a_piece_that_may_do_without_supports_is_designed_so_first(square: Path)
     request = prepare("text:i", supports="auto", print=True)
     assert request.otherwise is not None
     assert (request.scene.mount.plate, request.otherwise.mount.plate) == ("outline", "pegs")
-    for options in ({}, {"print": True, "printer": "sls"}, {"print": True, "printer": "form-3"}):
-        request = prepare(square, supports="auto", **options)
+    for printed, printer in ((False, "prusa-mk4"), (True, "sls"), (True, "form-3")):
+        request = prepare(square, supports="auto", print=printed, printer=printer)
         assert request.otherwise is None and not request.why_supported
 
 

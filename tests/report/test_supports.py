@@ -1,0 +1,112 @@
+"""What a report says of supports, feet and bars, and of the way that was not taken."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from arches import chain
+from reports import report_with
+
+from knotfab.geometry.legs import Bar
+from knotfab.part.standing import Standing
+from knotfab.report.supports import estimate_other, sum_supports, tell_supports
+from knotfab.request import Request
+from knotfab.scene.catalogue import resolve
+from knotfab.scene.load import parse_scene
+from knotfab_formats.print_figures import Print
+from knotfab_formats.scene import ResolvedScene
+from knotfab_formats.verdict import Check
+
+ACROSS = (104.0, 132.0)
+# of knight, cat and heart, 132 mm on the longer side, built and sliced both ways: grams and hours in arches;
+# the same with the slicer's supports, and grams of these
+BOTH = [
+    ((57.0, 7.98), (78.4, 9.83, 40.5)),
+    ((53.2, 7.51), (75.0, 9.55, 40.5)),
+    ((91.8, 11.15), (101.0, 12.24, 42.7)),
+]
+
+
+def scene(supports: str, more: str = "mount.kind = 'none'") -> ResolvedScene:
+    return resolve(parse_scene(f"piece.supports = '{supports}'\n{more}"))
+
+
+def sliced(grams: float, hours: float, supports: float = 0.0) -> Print:
+    found = {"time_s": 3600 * hours, "filament_g": grams, "support_g": supports}
+    return replace(report_with().print, bounding_box_mm=(*ACROSS, 90.0), plates=None, **found)
+
+
+@pytest.mark.parametrize(("alone", "supported"), BOTH)
+def test_the_other_way_is_guessed_within_a_tenth(alone: Any, supported: Any) -> None:
+    none, slicer = scene("none"), scene("slicer")
+    other = estimate_other(sliced(*alone), none, none)
+    assert other is not None
+    grams, hours, held = supported
+    assert (other.grams, other.hours) == pytest.approx((grams, hours), rel=0.1)
+    assert other.support_grams == pytest.approx(held, rel=0.1)
+    other = estimate_other(sliced(grams, hours, held), slicer, slicer)
+    assert other is not None and other.support_grams == 0
+    assert (other.grams, other.hours) == pytest.approx(alone, rel=0.1)
+
+
+@pytest.mark.parametrize("more", ["piece.depth = 'flat'", "mount.kind = 'wall'"])
+def test_where_there_is_no_other_way_none_is_told(more: str) -> None:
+    slicer = scene("slicer", more)
+    assert estimate_other(sliced(50.0, 5.0, 20.0), slicer, slicer) is None
+
+
+def standing_part(bars: int) -> Any:
+    mesh = chain(arches=4).mesh
+    along = np.array([1.0, 0.0, 0.0])
+    made = tuple(Bar(k * along, (k + 2.0) * along, 2.0) for k in range(bars))
+    bodies = [(mesh.vertices, mesh.faces), *(bar.make_body() for bar in made)]
+    mounted = SimpleNamespace(scene=scene("none"))
+    standing = Standing(0.8, 4, made, np.empty((0, 3)))
+    return SimpleNamespace(bodies=bodies, mounted=mounted, standing=standing)
+
+
+def request(asked: ResolvedScene, **more: Any) -> Request:
+    return Request(asked, ("a.png",), Path("out"), printing=True, **more)
+
+
+def test_feet_and_bars_are_measured_and_told_in_one_sentence() -> None:
+    tipping = Check("tipping", "pass", True, 42.0, 15.0, "deg", "")
+    print_, (said,) = tell_supports(
+        sliced(57.0, 7.98), request(scene("none")), standing_part(3), [tipping]
+    )
+    feet, bars = print_.feet, print_.bars
+    assert feet is not None and bars is not None
+    assert (feet.count, feet.tip_deg) == (4, 42.0)
+    assert feet.area_mm2 == pytest.approx(4 * feet.least_mm2, rel=0.05)
+    assert (bars.count, bars.longest_mm) == (3, 2.0)
+    # each is as long as its gap and what is sunk into the strands
+    assert 3 * 2.0 * 0.8 * 0.4 < bars.grams * 1e3 / 1.24 < 3 * 4.0 * 0.8 * 0.4
+    assert said.startswith("It prints with supports off, on 4 feet of") and "its 3 bars" in said
+    assert said.endswith("an estimate.") and said.count(". ") == 0
+    bare, _ = tell_supports(print_, request(scene("none")), standing_part(0), [])
+    assert bare.bars is None and bare.feet is not None and bare.feet.tip_deg is None
+
+
+def test_why_the_slicer_holds_it() -> None:
+    slicer, free = scene("slicer"), {"bodies": [], "standing": None}
+    part: Any = SimpleNamespace(**free, mounted=SimpleNamespace(scene=slicer))
+    print_ = sliced(78.4, 9.83, 40.5)
+    why = "legs failed: too slender"
+    told, (said,) = tell_supports(print_, request(slicer, why_supported=why), part, [])
+    assert told.supports is not None and said == f"It has the slicer's supports: {why}."
+    assert (told.supports.asked, told.supports.way, told.supports.other) == ("auto", "slicer", None)
+    told, (said,) = tell_supports(print_, request(slicer), part, [])
+    assert told.supports is not None and told.supports.why == "asked for"
+    assert said.startswith("Without supports (--supports none) it would take about 58 g")
+    # frames add up
+    both = sum_supports([told.supports, told.supports])
+    assert both is not None and both.grams == 2 * 78.4 and both.other is None
+    resin: Any = SimpleNamespace(
+        **free, mounted=SimpleNamespace(scene=resolve(parse_scene("[printer]\nname = 'form-3'")))
+    )
+    assert tell_supports(print_, request(slicer), resin, []) == (print_, [])
