@@ -50,9 +50,17 @@ class Request:
     otherwise: ResolvedScene | None = None
     why_supported: str = ""
 
+    @property
+    def chooses_holder(self) -> bool:
+        """Whether the build chooses what holds the piece; each frame of a sequence keeps to one rule."""
+        mount, process = self.scene.mount, self.scene.material.process
+        left_open = mount.kind == "auto" and not mount.asked and process != "wire"
+        return self.printing and left_open and not self.sequence
+
     def is_mounted(self, knots: int) -> bool:
         """Return whether a piece of this many knots is printed with a mount."""
-        return self.printing and (self.scene.mount.asked or self.scene.hangs(knots))
+        given = self.scene.mount.asked or self.scene.hangs(knots)
+        return self.printing and (given or self.chooses_holder)
 
     def budget(self, spent_s: float, mounted: bool) -> Budget | None:
         """Return what is left of the time budget after `spent_s`; None where there is none."""

@@ -233,8 +233,8 @@ class Mount(Table):
     kind: Literal["auto", "wall", "stand", "hang", "none"] = option("auto", "Print --mount")
     """What holds the piece: wall (pegs in the tube's own shadow, on a plate whose face is the wall, or
     in drilled holes), stand (a base below all pictures), hang (an eyelet for a thread), none, or auto
-    (default: wall for several loose pieces that are printed, else none). Wall, stand and hang imply
-    --print."""
+    (default: of those that pass every check the one of fewest hours and grams, if the piece is printed).
+    Wall, stand and hang imply --print."""
     foot: Literal["auto", "plate", "dowel"] = "auto"
     """On the wall; a dowel goes into a drilled hole."""
     plate: Literal["pegs", "outline", "full"] = option("pegs", "Print --plate")
@@ -259,6 +259,8 @@ class Mount(Table):
     """Written by a build: how many pegs (posts and struts) hold each knot."""
     thread_mm: Vector | Annotated[None, Word("none")] = None
     """Written by a build: where the thread carries a piece that hangs, in the scene."""
+    turns: Annotated[bool, Strict()] | None = None
+    """Written by a build that chose the mount: whether its search took the piece to be free to turn."""
 
     @property
     def asked(self) -> bool:

@@ -204,20 +204,29 @@ def guess_print(
         length = sum(float(arc_lengths(curve)[-1]) for curve in template.curves)
     length *= _LENGTH_FLAT if flat else _LENGTH
     tube, plate = np.pi * radius_mm**2 * length, 0.0
-    loose = scene.hangs(scene.count_knots(pieces))
-    hangs = (scene.piece.printed and loose) or scene.mount.kind == "wall"
-    if hangs and scene.mount.foot != "dowel":
+    on_wall = scene.mount.kind == "wall" or scene.mount.on_feet
+    if on_wall and scene.mount.foot != "dowel":
         margin = 2 * scene.mount.plate_margin_mm
         plate = (view.frame_width_mm + margin) * (view.frame_height_mm + margin)
         plate *= scene.mount.thickness_mm
     without = {"stand": "its stand", "hang": "its eyelet"}.get(scene.mount.kind, "")
-    if loose and not hangs:
-        without = "the wall mount that --print adds"
+    if scene.mount.kind == "auto" and not on_wall and scene.material.process != "wire":
+        without = "what holds it" if scene.piece.printed else "the holder that --print adds"
     mass = (tube + plate) * 1e-3 * scene.material.density_g_cm3
     if scene.material.process != "filament":
         return Guess(float(mass), None, without)
     room = 2.0 * view.reach_mm
     depth = 0.0 if flat else scene.piece.depth or min(room, DEPTH_RATIO * max(size_mm))
-    hours = _HOURS * _OF_RADIUS_MM / radius_mm * tube
-    hours += _HOURS_PLATE * plate + _HOURS_AROUND * sum(areas_mm2) / len(areas_mm2) * depth
-    return Guess(float(mass), float(hours * 1e-3), without)
+    around = _HOURS_AROUND * 1e-3 * sum(areas_mm2) / len(areas_mm2) * depth
+    hours = hours_of_tube(tube, radius_mm) + hours_of_plate(plate) + around
+    return Guess(float(mass), float(hours), without)
+
+
+def hours_of_tube(volume_mm3: float, radius_mm: float) -> float:
+    """Guess how long a tube takes to print, without its supports."""
+    return 1e-3 * volume_mm3 * _HOURS * _OF_RADIUS_MM / radius_mm
+
+
+def hours_of_plate(volume_mm3: float) -> float:
+    """Guess how long a plate takes to print."""
+    return 1e-3 * volume_mm3 * _HOURS_PLATE

@@ -36,7 +36,8 @@ class World:
     @staticmethod
     def of(scene: ResolvedScene) -> World:
         """Return the world of a scene, taking its piece to be one knot."""
-        turns, loose = (not scene.hangs(knots) for knots in (1, 2))
+        found = scene.mount.turns
+        turns, loose = (not scene.hangs(n) if found is None else found for n in (1, 2))
         return World(scene.placing, scene.room, scene.material, scene.printer, turns, loose)
 
     def holding(self, knots: int) -> World:

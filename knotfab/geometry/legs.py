@@ -201,8 +201,8 @@ def _is_clear(bar: Bar, level: cKDTree, points: Array, ends: Mask, radius: float
     way = bar.end - bar.start
     length = float(np.linalg.norm(way))
     middle = 0.5 * (bar.start + bar.end)
-    near = np.array(level.query_ball_point(middle, 0.5 * length + radius), dtype=np.int64)
-    near = points[near[~ends[near]]]
+    reached = np.array(level.query_ball_point(middle, 0.5 * length + radius), dtype=np.int64)
+    near = points[reached[~ends[reached]]]
     along = (near - bar.start) @ way / length
     aside = np.linalg.norm(near - bar.start - along[:, None] * way / length, axis=1)
     between = (along > -0.5 * radius) & (along < length + 0.5 * radius)

@@ -72,3 +72,9 @@ def ask(fixture: Callable[_In, Any], *sizes: _In.args, **named: _In.kwargs) -> A
     if "error" in answer:
         raise ValueError(answer["error"])
     return answer["answer"]
+
+
+def rest_modeller() -> None:
+    """End the kept process until it is asked again: its memory is free meanwhile."""
+    if (modeller := _kept.get()) is not None:
+        modeller.interrupt()

@@ -441,12 +441,12 @@ def _resolve_mount(scene: SettledScene, knots: Knots, cameras: Sequence[Camera])
     if kind == "auto":
         kind = "wall" if scene.hangs(len(knots.knots)) else "none"
     if foot == "auto":
-        foot = _choose_foot(scene, knots, cameras[0]) if kind == "wall" else "plate"
+        foot = choose_foot(scene, knots, cameras[0]) if kind == "wall" else "plate"
     sag = scene.mount.max_sag_mm if kind == "none" else Stiffness.of(scene, knots).max_sag_mm
     return scene.but(mount=scene.mount.but(kind=kind, foot=foot, max_sag_mm=sag))
 
 
-def _choose_foot(scene: ResolvedScene, knots: Knots, camera: Camera) -> Literal["plate", "dowel"]:
+def choose_foot(scene: ResolvedScene, knots: Knots, camera: Camera) -> Literal["plate", "dowel"]:
     """Choose a plate if the printer holds one as large as frame and distance ask for."""
     asked = scene.mount
     across, along = (side + 2 * asked.plate_margin_mm for side in camera.frame_mm)

@@ -3,22 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
-from typing import TYPE_CHECKING
 
 from knotfab.base.errors import SceneError
 from knotfab.base.folder import OutputFolder
 from knotfab.base.progress import Progress
-from knotfab.geometry.tube import join_meshes
 from knotfab.hold.modeller import keep_modeller
 from knotfab.picture.read import read_targets
 from knotfab.pipeline.verifier import Verifier
 from knotfab.request import Outcome, Request, require_device
 from knotfab_formats.libraries import recording
-from knotfab_formats.scene import SettledScene
-
-if TYPE_CHECKING:
-    from knotfab.part.assemble import Part
 
 
 def run_build(request: Request, progress: Progress | None = None) -> Outcome:
@@ -67,24 +60,16 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
             # imported only now, while the validators load in their own processes
             from knotfab.design.design import design_knots
             from knotfab.part.slicer import SlicerQueue
-            from knotfab.part.slicer_profile import write_profile
-            from knotfab.pipeline.finish import finish_build, report_piece
-            from knotfab.pipeline.piece import write_piece
-            from knotfab.report.page import load_template
+            from knotfab.pipeline.finish import finish_build
+            from knotfab.pipeline.held import Workshop
 
             mounted = request.is_mounted(request.scene.count_knots(targets[0].pieces))
             left, device = request.budget(progress.total, mounted), request.device
-            with SlicerQueue() as slicer:
-                with keep_modeller(mounted or "step" in request.also):
-                    made = design_knots(request.scene, targets, device, progress, left)
-                    if request.printing:
-                        write_profile(folder.work, made.scene)
-                    piece = write_piece(made, targets, folder, request, verifier, slicer, progress)
-                if piece.part is not None:
-                    with progress.stage("verify"):  # while the validators measure
-                        _draw(piece.part, piece.scene, folder.file("part.png"))
-                        load_template()
-                report = report_piece(piece, folder, request, progress)
+            with SlicerQueue() as slicer, keep_modeller(mounted or "step" in request.also):
+                made = design_knots(request.scene, targets, device, progress, left)
+                shop = Workshop(targets, folder, verifier, slicer, progress)
+                finish = shop.finish_held if request.chooses_holder else shop.finish
+                piece, report = finish(request, made)
         title = " and ".join(target.shown for target in targets)
         return finish_build(folder, request, report, title, [piece], progress)
 
@@ -119,11 +104,3 @@ def _usual_seconds(request: Request) -> dict[str, float]:
         if "slicer" in request.skip:
             del usual["slicer"]
     return usual
-
-
-def _draw(part: Part, scene: SettledScene, path: Path) -> None:
-    from knotfab.render.part_picture import draw_part, place_eyes
-
-    vertices, faces = join_meshes(part.bodies)
-    seen = vertices @ part.pose.matrix[:3, :3].T + part.pose.matrix[:3, 3]
-    draw_part(seen, faces, path, place_eyes(scene.views))

@@ -80,6 +80,22 @@ class WrittenPiece:
         return {name: slicing.result() for name, slicing in self.slicings.items()}
 
 
+Settled = tuple[Design, Part, Flattening | None]
+
+
+def settle(
+    request: Request, made: Design, targets: Sequence[Target], progress: Progress, suffix: str = ""
+) -> Settled:
+    """Make the part of a design, which is searched again where its mount or supports need it.
+
+    Raises:
+        SceneError: no part can be made.
+    """
+    if len(targets) == 1 and not suffix:  # frames share one depth and one wall
+        return settle_part(request, targets[0], made, progress)
+    return made, part_of(made, request.printing, targets, progress), None
+
+
 def write_piece(
     made: Design,
     targets: Sequence[Target],
@@ -89,6 +105,7 @@ def write_piece(
     slicer: SlicerQueue,
     progress: Progress,
     suffix: str = "",
+    settled: Settled | None = None,
 ) -> WrittenPiece:
     """Write a design's part, knots, scene and pictures, and submit them to validators and slicer.
 
@@ -97,17 +114,15 @@ def write_piece(
     Args:
         targets: the pictures of all views.
         suffix: for the names of the files, for a frame of a sequence.
+        settled: the part, where it has been made already.
     """
-    targets, flattening = tuple(targets), None
+    targets = tuple(targets)
     if made.region_stl is not None and made.scene.region.file is not None:
         folder.write(made.scene.region.file, made.region_stl)
     if made.start_json is not None:
         folder.write(START_FILE, made.start_json)
     try:
-        if len(targets) == 1 and not suffix:  # frames share one depth and one wall
-            made, part, flattening = settle_part(request, targets[0], made, progress)
-        else:
-            part = part_of(made, request.printing, targets, progress)
+        made, part, flattening = settled or settle(request, made, targets, progress, suffix)
     except SceneError as error:
         why = str(error)
         scene = write_unbuilt(folder, made, targets, suffix)

@@ -1,0 +1,137 @@
+"""The holder of a printed piece: the cheapest by a guess comes first, and the next where a check fails."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from rings import EMPTY, VIEW, knots, ring
+
+from knotfab.effects.base import World
+from knotfab.part.holders import can_hold, guess_holders
+from knotfab.pipeline import held
+from knotfab.pipeline.held import Workshop
+from knotfab.request import Request
+from knotfab.scene.catalogue import resolve
+from knotfab_formats.scene import ResolvedScene, Scene
+from knotfab_formats.verdict import Check
+
+ONE, TWO = knots(ring(50.0)), knots(ring(50.0), ring(25.0, 10.0))
+BAD = Check("islands", "fail", True, 3.0, 0.0, "places", "begin in mid-air")
+
+
+def scene_of(**keys: object) -> ResolvedScene:
+    return resolve(Scene.model_validate({"views": [VIEW.model_dump()], **keys}))
+
+
+def made_of(scene: ResolvedScene, of: Any = ONE, feasible: bool = True) -> Any:
+    @dataclass(frozen=True)
+    class Made:
+        scene: ResolvedScene
+        knots: Any = of
+        result: Any = field(default_factory=lambda: SimpleNamespace(feasible=feasible))
+
+    return Made(scene)
+
+
+TARGET: Any = SimpleNamespace(mask=EMPTY, width=EMPTY.shape[1], height=EMPTY.shape[0])
+
+
+@pytest.mark.parametrize(
+    ("keys", "kinds"),
+    [
+        ({}, {"hang", "stand", "wall"}),
+        ({"views": [{}, {"azimuth_deg": 90.0}]}, {"hang", "stand"}),
+        ({"views": [{"wall_radius_mm": 400.0}]}, {"hang", "stand"}),
+        ({"views": [{"kind": "eye"}]}, {"hang", "stand"}),
+        ({"piece": {"supports": "none"}}, set()),
+        ({"material": {"name": "steel-wire-2mm"}}, set()),
+    ],
+)
+def test_what_a_scene_allows(keys: dict[str, Any], kinds: set[str]) -> None:
+    assert set(can_hold(scene_of(**keys))) == kinds
+
+
+def test_a_plate_is_guessed_to_cost_more_than_an_eyelet() -> None:
+    found = {one.kind: one for one in guess_holders(made_of(scene_of()), [TARGET])}
+    order = [one.hours for one in found.values()]
+    assert order == sorted(order) and found["hang"].grams < found["stand"].grams
+    margin, mount = 2 * Scene().mount.plate_margin_mm, Scene().mount
+    plate = np.prod([side + margin for side in VIEW.frame_mm]) * mount.thickness_mm * 1e-3
+    assert found["wall"].grams >= plate * scene_of().material.density_g_cm3
+    drilled = guess_holders(made_of(scene_of(mount={"foot": "dowel"})), [TARGET])
+    assert next(one for one in drilled if one.kind == "wall").grams < found["wall"].grams
+
+
+class Played(Workshop):
+    """A workshop that builds nothing: each kind of mount fails the checks that are told of it."""
+
+    def play(self, fails: Mapping[str, tuple[str, ...]], unheld: set[str]) -> Played:
+        self.__dict__.update(fails=fails, unheld=unheld, built=[])
+        return self
+
+    def _plan(self, request: Request, made: Any) -> Any:
+        kind = made.scene.mount.kind
+        return "nothing reaches it" if kind in self.__dict__["unheld"] else (made, None, None)
+
+    def finish(self, request: Request, made: Any, settled: Any = None, note: str = "") -> Any:
+        kind = made.scene.mount.kind
+        assert request.scene.mount == made.scene.mount
+        self.__dict__["built"].append(kind)
+        checks = [replace(BAD, name=name) for name in self.__dict__["fails"].get(kind, ())]
+        return note, SimpleNamespace(checks=checks)
+
+
+EACH = {"hang": ("level",), "stand": ("mount",), "wall": ("tube",)}
+CASES: list[tuple[dict[str, Any], set[str], dict[str, Any], list[str]]] = [
+    ({}, set(), {}, ["hang"]),
+    ({}, {"hang"}, {}, ["stand"]),
+    ({}, {"hang", "stand", "wall"}, {}, ["none"]),
+    ({"hang": ("level",)}, set(), {}, ["hang", "stand"]),
+    ({"hang": ("level",)}, {"stand"}, {}, ["hang", "wall"]),
+    (EACH, set(), {}, ["hang", "stand", "wall", "none"]),
+    ({"hang": ("bend",), "stand": ("bend",)}, set(), {}, ["hang", "stand"]),  # it is the knots' own
+    ({"hang": ("level",)}, set(), {"time_budget_s": 30.0}, ["hang"]),
+]
+
+
+@pytest.mark.parametrize(("fails", "unheld", "keys", "built"), CASES)
+def test_the_next_holder_is_tried_where_one_fails(
+    monkeypatch: pytest.MonkeyPatch,
+    fails: dict[str, tuple[str, ...]],
+    unheld: set[str],
+    keys: dict[str, Any],
+    built: list[str],
+) -> None:
+    monkeypatch.setattr(held, "discard_piece", lambda *_: None)
+    nothing: Any = None
+    shop = Played([TARGET], nothing, nothing, nothing, nothing).play(fails, unheld)
+    request = Request(scene_of(), (), Path(), printing=True, **keys)
+    assert request.chooses_holder
+    note, _ = shop.finish_held(request, made_of(request.scene))
+    assert shop.__dict__["built"] == built
+    assert ("No holder" if built[-1] == "none" else "Held by") in str(note)
+    for kind in unheld & {"hang"}:
+        assert "nothing reaches it" in str(note), kind
+
+
+@pytest.mark.parametrize("kind", ["wall", "stand", "hang", "none"])
+def test_a_mount_that_is_given_is_not_chosen(kind: str) -> None:
+    request = Request(scene_of(mount={"kind": kind}), (), Path(), printing=True)
+    assert not request.chooses_holder
+    assert not Request(scene_of(), (), Path()).chooses_holder  # not printed
+
+
+def test_the_scene_that_is_written_is_searched_as_the_one_left_open_was() -> None:
+    for of in (ONE, TWO):
+        count = len(of.knots)
+        request = Request(scene_of(), (), Path(), printing=True)
+        asked, made = held._with_mount(request, made_of(request.scene, of), "hang")
+        for scene in (asked.scene, made.scene):
+            taken, left_open = (World.of(one).holding(count) for one in (scene, request.scene))
+            assert taken.turns == left_open.turns == (of is ONE)
