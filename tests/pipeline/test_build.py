@@ -71,7 +71,8 @@ def good(tmp_path_factory: pytest.TempPathFactory) -> Good:
         patch.setattr(designing, "design_knots", design)
         call = ["build", "text:♥", "--tube-radius", str(RADIUS), "--accuracy", "draft"]
         # real slicing takes as long as all the rest: a sequence's build and tests/slicer have it
-        done = knotfab(*call, "--print", "--skip", "slicer", "--out", folder)
+        bare = "--print", "--mount", "none", "--skip", "slicer"
+        done = knotfab(*call, *bare, "--out", folder)
     assert done.code == 0, done
     return Good(folder, done, designs[0])
 
@@ -240,6 +241,26 @@ def test_the_resolved_scene_gives_the_same_part_quietly(good: Good, tmp_path: Pa
         assert (again / name).read_bytes() == (good.folder / name).read_bytes(), name
 
 
+def test_a_printed_piece_gets_the_cheapest_holder_and_the_scene_gives_it_again(
+    tmp_path: Path,
+) -> None:
+    out, again = tmp_path / "out", tmp_path / "again"
+    call = ["build", "text:♥", "--accuracy", "sketch", "--print", "--skip", "slicer", "--quiet"]
+    assert knotfab(*call, "--out", out).code == 0
+    report = json.loads((out / "report.json").read_text())
+    mount = tomllib.loads((out / "scene.toml").read_text())["mount"]
+    assert mount["kind"] == report["print"]["mount"]["kind"] == "hang" and mount["turns"] is True
+    (note,) = (note for note in report["notes"] if note.startswith("Held by an eyelet"))
+    assert (
+        re.search(r"more for a stand \(some [0-9.]+ g and [0-9.]+ h", note)
+        and "a wall mount" in note
+    )
+    assert checks_of(out)["level"]["status"] == checks_of(out)["sag"]["status"] == "pass"
+    call = ["build", "--scene", out / "scene.toml", "--print", *UNREAD, "--quiet"]
+    assert knotfab(*call, "--out", again).code == 0
+    assert (again / "part.stl").read_bytes() == (out / "part.stl").read_bytes()
+
+
 def test_skip_knows_every_check_of_a_report(good: Good) -> None:
     own = {"3mf", "isotopy", "limits"}  # the build's, not the validators'
     sometimes = {
@@ -274,7 +295,8 @@ def test_what_does_not_print_without_supports_is_built_again_with_them(
     monkeypatch.setattr(designing, "design_knots", design)
     out = tmp_path / "out"
     call = ["build", "text:♥", "--tube-radius", str(RADIUS), "--accuracy", "draft"]
-    done = knotfab(*call, "--print", "--skip", "slicer", "--supports", "auto", "--out", out)
+    way = "--print", "--mount", "none", "--skip", "slicer", "--supports", "auto"
+    done = knotfab(*call, *way, "--out", out)
     assert done.code == 0 and ways == ["none", "slicer"]
     assert "Built again with the slicer's supports" in done.err and "islands" in done.err
     assert not (out / "rejected").exists()
@@ -382,7 +404,7 @@ def test_a_failed_check_rejects_the_whole_and_keeps_the_earlier(
     out = tmp_path / "out"
     shutil.copytree(good.folder, out)
     before = contents(out)
-    call = ["build", "text:♥", "--out", out, "--print", *UNREAD, "--verbose"]
+    call = ["build", "text:♥", "--out", out, "--print", "--mount", "none", *UNREAD, "--verbose"]
     done = knotfab(*call)
     assert done.code == 1
     assert (
