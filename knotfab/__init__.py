@@ -43,7 +43,6 @@ if TYPE_CHECKING:
     from knotfab_formats.errors import InputError, KnotfabError
     from knotfab_formats.scene import ResolvedScene, Scene, SettledScene
 
-
 __version__ = apps.VERSION
 
 _MODULES = {

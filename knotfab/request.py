@@ -63,7 +63,7 @@ class Request:
         return self.printing and (given or self.chooses_holder)
 
     def budget(self, spent_s: float, mounted: bool) -> Budget | None:
-        """Return what is left of the time budget after `spent_s`; None where there is none."""
+        """Return what is left of the time budget after `spent_s`; None without a budget."""
         if self.time_budget_s is None:
             return None
         after = _AFTER_S

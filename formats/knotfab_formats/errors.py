@@ -63,7 +63,6 @@ class InputError(KnotfabError):
 
 # Convert records to JSON and back.
 
-
 T = TypeVar("T")
 _READERS: dict[type[Any], Any] = {}
 

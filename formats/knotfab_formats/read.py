@@ -53,7 +53,7 @@ def parse_toml(text: str, what: str) -> dict[str, Any]:
     """Parse a TOML text; a leading byte order mark is ignored.
 
     Raises:
-        InputError: it is none; with the number of the line.
+        InputError: it is not TOML; with the number of the line.
     """
     # tomllib's time grows with the square of a dotted key's length, quoted or not
     longest = max(part.count(".") for part in re.split(r"[,\n]", text))
@@ -100,10 +100,10 @@ def _remedy_of(line: str) -> str:
 
 
 def _share_walls(views: tuple[View, ...], what: str) -> tuple[View, ...]:
-    """Give each view that shines on another's wall the keys of that wall and frame.
+    """Copy to each view that shines on another's wall the keys of that wall and frame.
 
     Raises:
-        InputError: the wall is none of an earlier view, or the view says otherwise of it.
+        InputError: the wall belongs to no earlier view, or the view contradicts its keys.
     """
     walls: dict[str, View] = {}
     found = []
@@ -132,7 +132,6 @@ def _share_walls(views: tuple[View, ...], what: str) -> tuple[View, ...]:
 
 
 # The keys of scene.toml as a JSON schema for editors, and as docs/scene.toml with every default.
-
 
 _DIALECT = "https://json-schema.org/draft/2020-12/schema"
 _WIDTH = 118

@@ -77,7 +77,7 @@ class Scene(Table):
         """Every setting of the search: the accuracy's preset, overridden by the scene's own keys.
 
         Raises:
-            InputError: for a key that is none, or a value out of its bounds.
+            InputError: an unknown key, or a value out of its bounds.
         """
         return search_settings(self.accuracy.name, self.search)
 
@@ -88,7 +88,7 @@ class Scene(Table):
 
     @property
     def screen_ends(self) -> bool:
-        """True if what falls beside the frame is seen nowhere."""
+        """Whether shadows that fall beside the frame are invisible."""
         return self.share_wall and self.lamps.screen == "ends"
 
     def count_knots(self, pieces: int) -> int:

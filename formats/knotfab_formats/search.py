@@ -171,7 +171,7 @@ def search_settings(accuracy: str, overrides: dict[str, Any]) -> SearchSettings:
     """Return the preset of `accuracy`, overridden by the scene's own `[search]` keys.
 
     Raises:
-        InputError: for a key that is none, or a value out of its bounds.
+        InputError: an unknown key, or a value out of its bounds.
     """
     if accuracy not in PRESETS:
         remedy = f"Known: {', '.join(PRESETS)}"

@@ -364,7 +364,6 @@ class Verdict:
 
 # The names of all checks: those that a report lists, and that may be left out by name.
 
-
 MESH = (
     *("mesh_closed", "mesh_winding", "mesh_degenerate", "mesh_duplicate", "mesh_manifold"),
     *("mesh_bodies", "mesh_genus", "mesh_volume", "mesh_self_intersection"),

@@ -1,1 +1,1 @@
-"""The ground of every stage: errors, arrays, compiled loops, processes, progress, disks."""
+"""What every stage builds on: errors, arrays, compiled loops, processes, progress, disks."""

@@ -93,7 +93,7 @@ def read_file(
     Args:
         what: how an error names it. noun: what it is.
         most: bytes that it may have.
-        missing, too_large: remedies where there is none, or where it has more.
+        missing, too_large: the remedies for no file and for a larger one.
 
     Raises:
         InputError: there is none, it may not be read, it is no regular file, or too large.

@@ -136,7 +136,6 @@ def keep_traceback(error: Exception, verbose: bool = False) -> KnotfabError:
 
 # Numbers and lengths as people write them: `180`, `180mm`, `18 cm`, `7in`, `1,5`. Errors give mm.
 
-
 _UNITS_MM = {"": 1.0, "mm": 1.0, "cm": 10.0, "m": 1000.0}
 _UNITS_MM |= dict.fromkeys(("in", "inch", "inches", '"', "″"), 25.4)
 _PLAIN = r"[+-]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:e[+-]?\d+)?"
@@ -153,7 +152,7 @@ def read_number(what: str, text: str) -> float:
         what: names it in the message, such as `--threshold 0,3`.
 
     Raises:
-        InputError: it is none, or it may be read in two ways.
+        InputError: it is no number, or is ambiguous.
     """
     plain = text.strip()
     if not re.fullmatch(_PLAIN, plain, re.IGNORECASE):

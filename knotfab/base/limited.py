@@ -1,6 +1,8 @@
-"""Work on what a stranger made in a copy of this process with limits: it cannot hang, fill or end this one.
+"""Work on a stranger's file in a limited copy of this process, which cannot hang, fill or end this
+one.
 
-A copy costs some milliseconds, and loads nothing anew. Only Linux makes one; elsewhere the work is done here.
+A copy costs some milliseconds, and loads nothing anew. Only Linux makes one; elsewhere the work is
+done here.
 """
 
 from __future__ import annotations

@@ -117,14 +117,11 @@ def _is_sealed(hidden: Path) -> bool:
 
 def _sign(hidden: Path, text: str) -> str:
     """Return a signature of a text, which only this user can make, for this very folder."""
-    where = [os.path.realpath(hidden), hidden.stat().st_ino, text]
-    return hmac.new(_secret(), json.dumps(where).encode(), hashlib.sha256).hexdigest()
-
-
-def _secret() -> bytes:
     from platformdirs import user_state_path
 
-    return _kept_secret(own_folder("KNOTFAB_STATE", user_state_path) / "moves.key")
+    secret = _kept_secret(own_folder("KNOTFAB_STATE", user_state_path) / "moves.key")
+    where = [os.path.realpath(hidden), hidden.stat().st_ino, text]
+    return hmac.new(secret, json.dumps(where).encode(), hashlib.sha256).hexdigest()
 
 
 @functools.cache

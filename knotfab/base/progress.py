@@ -15,12 +15,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, Literal, TextIO
 
+from knotfab.base.terminal_bar import make_bar
+
 if TYPE_CHECKING:
     import rich.progress
     import rich.text
 
     from knotfab_formats.scene import ResolvedView
-
 
 Mode = Literal["auto", "quiet", "verbose"]
 Standing = Callable[[], Any]  # the Knots as a search has them; nothing here imports their type
@@ -73,8 +74,8 @@ class Progress:
         events: where a line of JSON goes for each thing that happens (docs/studio.md lists them).
         began: `time.perf_counter()` at the beginning of the time that `total` counts; now by default.
         draw: draws the knots below the bar, where a terminal has room for them; None: nothing does.
-        heard: called with each event, from whichever thread it comes about in, one at a time. What it raises
-            ends the build as any error does: the event after the one that failed raises it again.
+        heard: called with each event, one at a time, on the thread where it happens. An exception that
+            it raises ends the build: the next event raises it again.
     """
 
     def __init__(
@@ -124,7 +125,7 @@ class Progress:
 
     def __enter__(self) -> Progress:
         if self.draws:
-            self._bar = _bar(self._stream, self._remaining, lambda: self._picture)
+            self._bar = make_bar(self._stream, self._remaining, lambda: self._picture)
             self._bar.start()
         if self.mode == "verbose":
             _log.addHandler(self._shown)
@@ -386,45 +387,3 @@ def process_age() -> float:
 def _pack(points: Any) -> str:
     """Encode points (n, 3) as little-endian float32 in base64, a tenth of the size of JSON numbers."""
     return base64.b64encode(points.astype("<f4").tobytes()).decode("ascii")
-
-
-def _bar(
-    stream: TextIO, remaining: Callable[[], str], picture: Callable[[], str]
-) -> rich.progress.Progress:
-    from rich.console import Console, RenderableType
-    from rich.progress import (
-        BarColumn,
-        Progress,
-        ProgressColumn,
-        SpinnerColumn,
-        Task,
-        TextColumn,
-        TimeElapsedColumn,
-    )
-    from rich.text import Text
-
-    class Remaining(ProgressColumn):
-        max_refresh = 0.5
-
-        def render(self, task: Task) -> Text:
-            if task.total is None:  # several things run side by side
-                return TimeElapsedColumn().render(task)
-            return Text(remaining(), style="progress.remaining")
-
-    class Below(Progress):
-        """The bar, and a picture below it."""
-
-        def get_renderables(self) -> Iterator[RenderableType]:
-            yield from super().get_renderables()
-            if drawn := picture():
-                yield Text(drawn, no_wrap=True, overflow="crop")
-
-    return Below(
-        SpinnerColumn(),
-        TextColumn("{task.description}"),
-        BarColumn(bar_width=32),
-        Remaining(),
-        TextColumn("{task.fields[iou]}"),
-        console=Console(file=stream),
-        transient=True,
-    )

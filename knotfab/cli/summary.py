@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from knotfab_formats.report import KnotFigures, Report
     from knotfab_formats.verdict import Check
 
-
 _MARKS = {
     "info": "[dim]info[/]",
     "pass": "[green]pass[/]",
@@ -56,8 +55,9 @@ def print_checks(checks: Sequence[Check]) -> None:
     for check in checks:
         if check.status == "skipped" and not check.required:
             continue
+        told_only = check.status == "pass" and (check.limit is None or not check.required)
         table.add_row(
-            _MARKS["info" if _is_informative(check) else mark_of(check)],
+            _MARKS["info" if told_only else mark_of(check)],
             escape(check.name),
             escape(knot_in_words(_format_value(check.measured), "{1} ({0})")),
             escape(_format_value(check.limit)),
@@ -76,11 +76,6 @@ def print_checks(checks: Sequence[Check]) -> None:
     for why, names in reasons.items():
         line = f"  not run ({escape(why)}): {escape(', '.join(names))}"
         console.print(line, highlight=False, soft_wrap=True, style="dim")
-
-
-def _is_informative(check: Check) -> bool:
-    """Return whether a check passed that has no limit, or is not required."""
-    return check.status == "pass" and (check.limit is None or not check.required)
 
 
 def print_summary(outcome: Outcome, verbose: bool = False) -> None:

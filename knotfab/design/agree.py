@@ -95,7 +95,7 @@ def agree(
         return Agreement(scene, targets, bounds=bounds)
     require_apart(framed.views)
     lines: list[str] = []
-    most = _most_bent(scene)
+    most = MOST_BENT if scene.piece.bend is None else scene.piece.bend
     first = worst_of(bounds)
     if azimuths_open:
         moved = move_views(framed, targets, most > 0)
@@ -210,10 +210,6 @@ def require_apart(views: Sequence[View]) -> None:
                     "part has one silhouette and its mirror image, and their pictures differ",
                     "Give them azimuths (azimuth_deg) that are not equal or opposite",
                 )
-
-
-def _most_bent(scene: ResolvedScene) -> float:
-    return MOST_BENT if scene.piece.bend is None else scene.piece.bend
 
 
 def _bent(scene: ResolvedScene, targets: Sequence[Target]) -> tuple[Target, ...]:

@@ -180,9 +180,7 @@ def _free_views(
         return None, settings
     if len(question.problem.views) == 1:
         return start_pose(question.scene, question.problem, radius, settings, device)
-    from knotfab.search.directions import (
-        FreeDirections,  # torch, which nothing before a search needs
-    )
+    from knotfab.search.free_pose import FreeDirections  # loads torch
 
     return FreeDirections(question.problem.views, radius, settings), settings
 

@@ -41,7 +41,7 @@ _MEETING = (
 
 
 def spread_views(scene: ResolvedScene, pictures: Sequence[str]) -> ResolvedScene:
-    """Give each picture a view, named after it, at azimuths 180 / count degrees apart.
+    """Make a view for each picture, named after it, at azimuths 180 / count degrees apart.
 
     They share half a turn, for from behind a silhouette is only mirrored.
     """
@@ -118,7 +118,7 @@ def framed_alike(scene: ResolvedScene, targets: Sequence[Target]) -> ResolvedSce
 
 
 def size_frames(scene: ResolvedScene, targets: Sequence[Target]) -> ResolvedScene:
-    """Give the first of several equally sized frames that size, and fit the others to it.
+    """Set the first of several equally sized frames to that size, and fit the others to it.
 
     They are sized so that the silhouettes have the same height.
     """

@@ -65,7 +65,8 @@ def hull_bounds(
     for camera, mask in zip(cameras, masks, strict=True):
         # half a step, as it is seen where the frame stands
         cells = int(np.ceil(0.5 * step / min(np.linalg.norm(camera.du), np.linalg.norm(camera.dv))))
-        wide.append(_widen(mask, cells + round(wider * len(mask))))
+        reach = cells + round(wider * len(mask))
+        wide.append(np.asarray(_distance_from(mask.tobytes(), mask.shape) <= reach))
     return tuple(
         _bound(
             camera,
@@ -104,11 +105,6 @@ def contradictions(views: Sequence[View], bounds: Sequence[HullBound]) -> list[s
             line += ". Use pictures whose silhouettes fill the same heights, or other azimuths"
         lines.append(line)
     return lines
-
-
-def _widen(mask: Mask, cells: int) -> Mask:
-    """Dilate a mask by a disc of this radius, px."""
-    return np.asarray(_distance_from(mask.tobytes(), mask.shape) <= cells)
 
 
 @lru_cache(maxsize=16)  # moving views asks again for the same masks

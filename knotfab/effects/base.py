@@ -93,7 +93,7 @@ class Effect:
 class Decision:
     """The decision whether an effect is simulated, its reason, and its cost.
 
-    `forced`: whether it is on by the scene's own word; None: by its magnitude.
+    `forced`: whether the scene switches it on or off; None if its magnitude decides.
     """
 
     effect: Effect
@@ -184,8 +184,7 @@ def decide(effect: Effect, context: EffectContext, switches: Mapping[str, Switch
     return Decision(effect, effect.magnitude(context), threshold, switches.get(effect.name))
 
 
-# The shadows of strands, from which every effect's magnitude is computed, found once for all of
-# them.
+# The shadows of strands, from which the magnitudes of all effects are computed.
 
 
 @dataclass(frozen=True)
@@ -290,7 +289,7 @@ def _cast(places: Array, lamp: Array) -> Array:
 
 @compiled
 def _bend(flat: Array, on: Array, line: Array, radius: float) -> tuple[Array, Array, Array]:
-    """Give feet, axes and places unrolled of (n, 2) on a flat wall; a round one has them `on` from a line."""
+    """Return feet, axes and unrolled places of (n, 2) on a flat wall, or on a round one."""
     feet, axes = np.zeros((len(flat), 3)), np.zeros((len(flat), 3, 3))
     unrolled = flat.copy()
     for n in range(len(flat)):

@@ -170,13 +170,12 @@ def _filled(feet: Array, axes: Array, starts: Array, alongs: Array, radius: floa
 def _hidden(
     foot: Array, axes: Array, starts: Array, alongs: Array, radius: float, cells: int, least: float
 ) -> float:
-    """Return the cosine-weighted share of a uniform sky hidden by round strands about pieces (n, 3).
+    """Return the cosine-weighted share of a uniform sky that strands along pieces (n, 3) hide.
 
-    `least` where that is no more.
-
-    Seen from `foot`, a place of a wall whose right, up and normal are rows of `axes`. What each hides for
-    itself is summed, and multiplied by the share that is left of that sum where they hide each other, in
-    places of the disc under the sky (Nusselt's analogue), `cells` across.
+    If that is less than `least`, `least` is returned. The sky is seen from `foot`, a place of a
+    wall whose right, up and normal are rows of `axes`. The shares that the pieces hide are summed;
+    the sum is lowered by how much they hide each other, sampled on the disc under the sky
+    (Nusselt's analogue), `cells` across.
     """
     covered = np.zeros((cells, cells), dtype=np.bool_)
     wide, summed, found, every = 2.0 / cells, 0.0, 0, 0

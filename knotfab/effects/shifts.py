@@ -33,15 +33,16 @@ def sag_magnitude(context: EffectContext) -> float:
 def shifts_mm(shadows: Shadows, moves: Array, radius: float) -> Array:
     """Bound the shifts of shadows within `radius` of places (N, 3), mm, (m, N).
 
-    `moves` are (m, N, 3) in the scene, or (m, 1, 3) where all places move alike.
+    `moves` are (m, N, 3) in the scene, or (m, 1, 3) where all places move alike. By similar
+    triangles, the shadow of a point at height h under a lamp at height H that moves by u, u_n of it
+    towards the lamp, shifts by
 
-    A point at height h under a lamp at height H that moves by u, u_n of it towards the lamp, casts its shadow
+        H / (H - h - u_n) |u_t + u_n w|,   w = (x - l) / (H - h) along the wall.
 
-        H / (H - h - u_n) |u_t + u_n w|,   w = (x - l) / (H - h) along the wall,
-
-    aside: similar triangles. On the tube's surface h is larger by r, and w by r / (H - h - r) (1 + |w|), at
-    most. A round wall is taken for the plane that touches it where the point's shadow falls; where the
-    surface's falls, and is shifted to, that leans by as much as they lie aside over the wall's radius.
+    On the tube's surface h is larger by r, and w by at most r / (H - h - r) (1 + |w|). A round wall
+    is replaced by its tangent plane where the point's shadow falls. Where the surface's shadow
+    falls, and where it is shifted to, the wall leans from that plane by their distance along it
+    over its radius.
     """
     moves = moves @ shadows.wall.axes.T
     return _shifts(

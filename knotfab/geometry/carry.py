@@ -173,7 +173,6 @@ def _verdict(points: Array, step: Array, rings: Polylines) -> Certificate:
 
 # Certificates of isotopy: a straight-line motion of all vertices that provably crosses nothing.
 
-
 _ROUNDING = 1e-13  # a share of the coordinates by which double precision may be off
 
 

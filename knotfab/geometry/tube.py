@@ -24,7 +24,6 @@ from knotfab_formats.libraries import took_part
 if TYPE_CHECKING:
     from manifold3d import Manifold
 
-
 Faces = NDArray[np.int32]
 
 
@@ -265,7 +264,6 @@ def _transport(along: Array, mitre: Array) -> tuple[Array, float]:
 
 
 # Several closed surfaces as one mesh, and back again; meshes as solids that can be united.
-
 
 Mesh = tuple[Array, NDArray[np.int32]]
 """Vertices (n, 3) mm and faces (m, 3)."""

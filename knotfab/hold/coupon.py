@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from knotfab.geometry.tube import Mesh, as_manifold, as_mesh
-from knotfab.hold.modeller import model
-from knotfab.hold.mount import Mounted
+from knotfab.hold.modeller import model_fixture
+from knotfab.hold.mounted import Mounted
 from knotfab_fixtures.holders import fit_pin, fit_strip
 from knotfab_fixtures.solids import peg
 from knotfab_formats.print_figures import CouponFigures
@@ -39,12 +39,16 @@ class Coupon:
     def make_bodies(self) -> list[Mesh]:
         """Make the strip with its peg, and the loose pin, side by side on the bed."""
         room = self.peg_foot_mm + 2 * APART_MM
-        strip = as_manifold(model(fit_strip, self.holes_mm, _DOTS, self.thickness_mm, room_mm=room))
+        strip = as_manifold(
+            model_fixture(fit_strip, self.holes_mm, _DOTS, self.thickness_mm, room_mm=room)
+        )
         sizes = self.peg_length_mm, self.peg_top_mm / 2, self.peg_foot_mm / 2
-        cone = model(peg, *sizes, sink_mm=0.3)
+        cone = model_fixture(peg, *sizes, sink_mm=0.3)
         standing = as_manifold(cone).translate((room / 2, 0.0, self.thickness_mm))
         vertices, faces = as_mesh(strip + standing)
-        pin, pin_faces = model(fit_pin, self.pin_mm, self.depth_mm, 4.0)  # with a knob of 4 mm
+        pin, pin_faces = model_fixture(
+            fit_pin, self.pin_mm, self.depth_mm, 4.0
+        )  # with a knob of 4 mm
         above = vertices[:, 1].max() - pin[:, 1].min() + APART_MM
         pin = pin + [vertices[:, 0].mean(), above, 0.0]
         low = np.minimum(vertices.min(axis=0), pin.min(axis=0))

@@ -90,8 +90,8 @@ def plan_foot_plate(
             f"no valley of knot {bare + 1} of {len(tubes)} reaches the wall",
             "Use --plate pegs",
         )
-    outline, holes = _shape(knots, feet, camera, to_wall, settings)
-    moves = _sag(knots, feet, camera, stiffness)
+    outline, holes = _shape_plate(knots, feet, camera, to_wall, settings)
+    moves = _measure_sag(knots, feet, camera, stiffness)
     sag, at = worst_of(moves, knots.points)
     plate = FootPlate(outline, holes, tuple(int(n) for n in count))
     hidden = {angle: _hide_edge(knots, camera, to_wall, angle) for angle in ASIDE_DEG}
@@ -130,7 +130,7 @@ def _find_feet(tubes: list[Mesh], to_wall: Array, thickness_mm: float) -> list[_
     return found
 
 
-def _shape(
+def _shape_plate(
     knots: Knots, feet: list[_Foot], camera: Camera, to_wall: Array, settings: Mount
 ) -> tuple[Array, Array]:
     """Shape the plate: its outline (n, 2), and the middles of its screw holes (2, 2)."""
@@ -141,16 +141,16 @@ def _shape(
         across, up = camera.frame_mm
         body = shapely.box(-across / 2, -up / 2, across / 2, up / 2).union(within)
     else:
-        shadow = _shadow(knots, camera, to_wall)
+        shadow = _cast_tubes(knots, camera, to_wall)
         body = shadow.buffer(settings.plate_margin_mm + FILLET_MM).buffer(-FILLET_MM).union(within)
-    sheet = _fill(_join(body))
+    sheet = _fill_holes(_bridge_islands(body))
     holes, ears = _find_holes(sheet, settings.hole_diameter_mm)
-    sheet = _fill(sheet.union(ears)).simplify(WITHIN_MM)
+    sheet = _fill_holes(sheet.union(ears)).simplify(WITHIN_MM)
     outline = shapely.geometry.polygon.orient(sheet, 1.0)
     return np.array(outline.exterior.coords)[:-1], holes
 
 
-def _shadow(knots: Knots, camera: Camera, to_wall: Array) -> Geometry:
+def _cast_tubes(knots: Knots, camera: Camera, to_wall: Array) -> Geometry:
     """Cast the tubes on the wall, approximately."""
     import shapely
 
@@ -166,12 +166,12 @@ def _shadow(knots: Knots, camera: Camera, to_wall: Array) -> Geometry:
 def _hide_edge(knots: Knots, camera: Camera, to_wall: Array, angle_deg: float) -> float:
     """Measure the share of the shadow's edge that tubes hide from far viewers at either side.
 
-    From aside the wall looks narrower, and each strand stands displaced by its height times the
-    tangent of the angle.
+    Seen from the side the wall looks narrower, and each strand appears displaced by its height times
+    the tangent of the angle.
     """
     import shapely
 
-    edge = shapely.segmentize(_shadow(knots, camera, to_wall).boundary, 2.0)
+    edge = shapely.segmentize(_cast_tubes(knots, camera, to_wall).boundary, 2.0)
     lines = [np.array(part.coords) for part in shapely.get_parts(edge)]
     middles = np.concatenate([(line[1:] + line[:-1]) / 2 for line in lines])
     long = np.concatenate([np.linalg.norm(np.diff(line, axis=0), axis=1) for line in lines])
@@ -190,7 +190,7 @@ def _hide_edge(knots: Knots, camera: Camera, to_wall: Array, angle_deg: float) -
     return float(np.mean(hidden))
 
 
-def _join(body: Geometry) -> Polygon:
+def _bridge_islands(body: Geometry) -> Polygon:
     """Connect a sheet's islands by strips along the shortest ways between them."""
     import shapely
 
@@ -204,7 +204,7 @@ def _join(body: Geometry) -> Polygon:
     return sheet
 
 
-def _fill(sheet: Polygon) -> Polygon:
+def _fill_holes(sheet: Polygon) -> Polygon:
     """Fill the sheet's holes: they too are to be a screen for the shadow."""
     import shapely
 
@@ -235,7 +235,7 @@ def _find_holes(sheet: Polygon, wide_mm: float) -> tuple[Array, Geometry]:
     return holes, shapely.union_all([shapely.LineString(pair).buffer(wide) for pair in ends])
 
 
-def _sag(
+def _measure_sag(
     knots: Knots, feet: list[_Foot], camera: Camera, stiffness: Stiffness
 ) -> NDArray[np.float64]:
     """Compute how far each vertex moves where the vertex over each foot is held, (N, 3)."""

@@ -20,19 +20,27 @@ from knotfab.hold.beams import Stiffness, piece_frame, sag_moves, worst_of
 from knotfab.hold.planner import plan_members
 from knotfab.hold.plinth import Masses
 from knotfab.hold.shade import MountShadows, near_struts
-from knotfab.hold.solids import Fixture, along, strut
+from knotfab.hold.solids import Fixture, motion_along, strut
 from knotfab.hold.stand import (
     BRIDGES,
     FINE_RADII,
     LENGTH_WEIGHT,
     MOST_COSINE,
     VISIBLE_SHARES,
-    bridges,
     join_knots,
     least_shown,
+    list_bridges,
     masses_of,
 )
-from knotfab.hold.struts import GROUND, Candidates, Obstacles, Sites, join, nothing, sites_of
+from knotfab.hold.struts import (
+    GROUND,
+    Candidates,
+    Obstacles,
+    Sites,
+    join_members,
+    no_members,
+    sites_of,
+)
 from knotfab.knots import Knots
 from knotfab.scene.camera import Camera
 from knotfab_fixtures.holders import eyelet
@@ -70,7 +78,7 @@ class Eyelet:
 
     def outline(self, sides: int) -> Array:
         """Sample the wire's centre line, (sides, 3)."""
-        turn, angle = along(self.through, self.middle), 2 * np.pi * np.arange(sides) / sides
+        turn, angle = motion_along(self.through, self.middle), 2 * np.pi * np.arange(sides) / sides
         across = np.outer(np.cos(angle), turn[:, 0]) + np.outer(np.sin(angle), turn[:, 1])
         return np.asarray(self.middle + self.ring_mm * across)
 
@@ -136,42 +144,42 @@ def plan_hang(
     near = near_struts(sites, tube)
     unseen = shadows.hidden(near)
     seen = least_shown(near.of(~unseen), shadows, BRIDGES, len(sites.knot))
-    pool = join([near.of(unseen), seen, bridges(sites, shadows, tube, thin)])
+    pool = join_members([near.of(unseen), seen, list_bridges(sites, shadows, tube, thin)])
     visible = np.arange(len(pool)) >= unseen.sum()
     longest = int(np.argmax(sites.perimeter))
     joints, holds = join_knots(len(knots.knots), sites, pool, obstacles, shadows, root=longest)
     wire = max(thin, least_radius_mm)
     blank = Eyelet(np.zeros(3), cameras[0].level_axes[0], 0.5 * HOLE_MM + wire, wire)
-    middle, number = _centre(masses_of(knots, joints)), len(joints)
+    middle, number = _centre_of_mass(masses_of(knots, joints)), len(joints)
     best: HangMount | None = None
     fewest, firm = 1, stiffness
     for _ in range(_PLANS):
         way, dark = copy(obstacles), shadows.twin()
-        post, ring = _post(knots, sites, middle, blank, thin, way, dark)
-        posts = _more_posts(knots, sites, joints, post, ring, firm, way, dark, fewest)
-        way.add(join([posts, _around(ring)]))
-        dark.add(join([posts, _outline(ring)]))
-        given = join([joints, posts])
+        post, ring = _choose_post(knots, sites, middle, blank, thin, way, dark)
+        posts = _add_posts(knots, sites, joints, post, ring, firm, way, dark, fewest)
+        way.add(join_members([posts, _bound_ring(ring)]))
+        dark.add(join_members([posts, _ring_bars(ring)]))
+        given = join_members([joints, posts])
         members = plan_members(knots, sites, way, dark, pool, visible, given, firm).members
         own = np.arange(len(members))
         is_post = (own >= number) & (own < number + len(posts))
         for _ in range(_ROUNDS):
-            middle = _centre(masses_of(knots, members), ring.masses)
-            posts, ring = _aim(members.of(is_post), ring, middle)
+            middle = _centre_of_mass(masses_of(knots, members), ring.masses)
+            posts, ring = _centre_eyelet(members.of(is_post), ring, middle)
             parts = members.of(own < number), posts, members.of(own >= number + len(posts))
-            members = join(list(parts))
+            members = join_members(list(parts))
         apart = Obstacles(knots, sites, clearance_mm)
         apart.add(members.of(~is_post))
-        if not apart.clear(members.of(is_post)).all() or not _free(apart, ring)[0]:
+        if not apart.clear(members.of(is_post)).all() or not _has_room(apart, ring)[0]:
             continue  # planned anew, about what has now come out as the centre of mass
-        off = ring.thread - _centre(masses_of(knots, members), ring.masses)
+        off = ring.thread - _centre_of_mass(masses_of(knots, members), ring.masses)
         tilt = float(np.degrees(np.arctan2(np.hypot(off[0], off[2]), off[1])))
         moves = sag_moves(knots, sites, members, stiffness, step_radii=FINE_RADII)
-        moves = _swing(knots.points, moves, ring.thread)
+        moves = _let_swing(knots.points, moves, ring.thread)
         sag, at = worst_of(moves, knots.points)
         held = np.concatenate([holds, sites.knot[members.first[number:]]])
         if best is None or sag < best.sag_again_mm:
-            dark_share = shadows.darken(join([members, _outline(ring)]))
+            dark_share = shadows.darken(join_members([members, _ring_bars(ring)]))
             best = HangMount(members, held, ring, tilt, at, sag, dark_share, moves)
         if sag <= stiffness.max_sag_mm:
             break
@@ -183,7 +191,7 @@ def plan_hang(
     return best
 
 
-def _swing(points: Array, moves: Array, thread: Array) -> Array:
+def _let_swing(points: Array, moves: Array, thread: Array) -> Array:
     """Turn the moves (N, 3) of a piece clamped at its thread into those of one free to swing there.
 
     What sags to one side turns the piece until its centre of mass is below the thread again: by the
@@ -203,13 +211,13 @@ def _no_place() -> SceneError:
     )
 
 
-def _centre(*several: Masses) -> Array:
+def _centre_of_mass(*several: Masses) -> Array:
     """Return the common centre of mass, (3,)."""
     volume = np.concatenate([m.volume for m in several])
     return np.asarray(volume @ np.concatenate([m.center for m in several]) / volume.sum())
 
 
-def _around(ring: Eyelet) -> Candidates:
+def _bound_ring(ring: Eyelet) -> Candidates:
     """Return a member as thick as the whole ring is wide, of which struts keep clear."""
     reach = ring.ring_mm + ring.wire_mm
     beside = ring.through * ring.wire_mm
@@ -219,7 +227,7 @@ def _around(ring: Eyelet) -> Candidates:
     )
 
 
-def _outline(ring: Eyelet) -> Candidates:
+def _ring_bars(ring: Eyelet) -> Candidates:
     """Return bars along the ring, for its shadow."""
     across = np.cross(UP, ring.through)
     turn = np.linspace(0.0, 2 * np.pi, 9)[:, None]
@@ -228,7 +236,7 @@ def _outline(ring: Eyelet) -> Candidates:
     return Candidates(none, none, at[:-1], at[1:], np.full(8, ring.wire_mm))
 
 
-def _aim(posts: Candidates, ring: Eyelet, middle: Array) -> tuple[Candidates, Eyelet]:
+def _centre_eyelet(posts: Candidates, ring: Eyelet, middle: Array) -> tuple[Candidates, Eyelet]:
     """Move eyelet and posts so that the eyelet is straight above the centre of mass `middle`.
 
     All posts end where the first one meets the ring.
@@ -242,7 +250,7 @@ def _aim(posts: Candidates, ring: Eyelet, middle: Array) -> tuple[Candidates, Ey
     return replace(posts, end=np.tile(at - ring.ring_mm * axis, (len(posts), 1))), ring
 
 
-def _free(obstacles: Obstacles, *rings: Eyelet) -> Mask:
+def _has_room(obstacles: Obstacles, *rings: Eyelet) -> Mask:
     """Tell (n,) whether no strand is near the ring or in the thread's way above it."""
     tube, points = obstacles.tube, obstacles.points
     free = np.ones(len(rings), dtype=bool)
@@ -256,7 +264,7 @@ def _free(obstacles: Obstacles, *rings: Eyelet) -> Mask:
     return free
 
 
-def _post(
+def _choose_post(
     knots: Knots,
     sites: Sites,
     middle: Array,
@@ -274,8 +282,8 @@ def _post(
     reach = 2.0 * (ring.ring_mm + ring.wire_mm + knots.radius_mm)
     heights = np.linspace(middle[1] + _ABOVE * (high - low), high + reach, _HEIGHTS)
     rings = [replace(ring, middle=np.array([middle[0], y, middle[2]])) for y in heights]
-    parts, at = [nothing()], [np.empty(0, dtype=np.int64)]
-    for n in np.flatnonzero(_free(obstacles, *rings)):
+    parts, at = [no_members()], [np.empty(0, dtype=np.int64)]
+    for n in np.flatnonzero(_has_room(obstacles, *rings)):
         along = rings[n].middle - sites.point
         length = np.linalg.norm(along, axis=1)
         square = np.abs(np.einsum("ij,ij->i", along, sites.tangent)) <= MOST_COSINE * length
@@ -285,20 +293,20 @@ def _post(
         start, thick = sites.point[some], np.full(len(some), radius)
         parts.append(Candidates(some, ground, start, end, thick))
         at.append(np.full(len(some), n))
-    every, number = join(parts), np.concatenate(at)
+    every, number = join_members(parts), np.concatenate(at)
     if not len(every):
         raise _no_place()
-    shown = np.array([shadows.cost(_outline(one)).sum() for one in rings])
+    shown = np.array([shadows.cost(_ring_bars(one)).sum() for one in rings])
     cost = shadows.cost(every) + shown[number] + LENGTH_WEIGHT * every.length_mm
     order = np.argsort(cost, kind="stable")[:_TRIED]
     clear = obstacles.clear(every.of(order))
     if not clear.any():
         raise _no_place()
     best = int(order[clear.argmax()])
-    return _aim(every.of([best]), rings[number[best]], middle)
+    return _centre_eyelet(every.of([best]), rings[number[best]], middle)
 
 
-def _more_posts(
+def _add_posts(
     knots: Knots,
     sites: Sites,
     joints: Candidates,
@@ -332,8 +340,8 @@ def _more_posts(
     away = (pool.start - end) / pool.length_mm[:, None]
 
     def sag(posts: Candidates) -> float:
-        frame = piece_frame(knots, sites, join([joints, posts]), stiffness)
-        moves = _swing(sites.point, frame.displacements()[: len(sites.knot), :3], ring.thread)
+        frame = piece_frame(knots, sites, join_members([joints, posts]), stiffness)
+        moves = _let_swing(sites.point, frame.displacements()[: len(sites.knot), :3], ring.thread)
         return worst_of(moves, sites.point)[0]
 
     posts, least = post, sag(post)
@@ -349,12 +357,12 @@ def _more_posts(
                 spread.append(n)
             if len(spread) == _WEIGHED:
                 break
-        tried = [(sag(join([posts, open_ones.of([n])])), n) for n in spread]
+        tried = [(sag(join_members([posts, open_ones.of([n])])), n) for n in spread]
         # a further post must leave at most this share of the sag before
         if not tried or (len(posts) >= fewest and min(tried)[0] > 0.9 * least):
             break
         least, best = min(tried)
-        posts = join([posts, open_ones.of([best])])
+        posts = join_members([posts, open_ones.of([best])])
     return posts
 
 
@@ -385,5 +393,5 @@ def hang_fixtures(mount: HangMount) -> list[Fixture]:
     members, ring = mount.members, mount.eyelet
     ends = zip(members.start, members.end, members.radius, strict=True)
     bars = [strut(start, end, float(radius)) for start, end, radius in ends]
-    motion = along(ring.through, ring.middle)
+    motion = motion_along(ring.through, ring.middle)
     return [*bars, Fixture("eyelet", eyelet, (ring.ring_mm, ring.wire_mm), motion)]

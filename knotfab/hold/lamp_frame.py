@@ -12,8 +12,8 @@ import numpy as np
 
 from knotfab.base.arrays import Array
 from knotfab.geometry.tube import Mesh
-from knotfab.hold.modeller import model
-from knotfab.hold.mount import Mounted
+from knotfab.hold.modeller import model_fixture
+from knotfab.hold.mounted import Mounted
 from knotfab.hold.placement import Placement, placement_of
 from knotfab.scene.camera import camera_of
 from knotfab_fixtures.solids import BOSS_WALL_MM, HEAD_MM, TAIL_DEPTH_MM, table_bar
@@ -56,7 +56,7 @@ class Bar:
         named: dict[str, Any] = {
             key: getattr(self, key) for key in ("tail", "socket", "sockets", "holes", "ridges")
         }
-        return model(table_bar, self.length_mm, self.width_mm, THICK_MM, **named)
+        return model_fixture(table_bar, self.length_mm, self.width_mm, THICK_MM, **named)
 
 
 @dataclass(frozen=True)
@@ -136,7 +136,7 @@ class Table:
         return motion
 
 
-def frame_of(mounted: Mounted) -> tuple[Table | None, str]:
+def frame_or_reason(mounted: Mounted) -> tuple[Table | None, str]:
     """Return the frame, None if the scene asks for none; or why none can be made."""
     try:
         return plan_table(mounted), ""
@@ -159,7 +159,7 @@ def plan_table(mounted: Mounted) -> Table | None:
     level = places[0].level
     lamps = np.stack([level @ place.lamp for place in places])
     bed = (scene.printer.build_volume_mm[0], scene.printer.build_volume_mm[1])
-    top = _top(places, lamps)
+    top = _choose_top(places, lamps)
     bars = _Layout(places[0], lamps, top, max(bed) - 2 * EDGE_MM - TAIL_DEPTH_MM).bars()
     named = zip(scene.views, lamps, strict=True)
     return Table(
@@ -167,7 +167,7 @@ def plan_table(mounted: Mounted) -> Table | None:
     )
 
 
-def _top(places: Sequence[Placement], lamps: Array) -> float:
+def _choose_top(places: Sequence[Placement], lamps: Array) -> float:
     """Choose the height of the frame's top: below a stand, and below the picture."""
     first = places[0]
     edge = float(first.level[1] @ first.middle) - first.frame_mm[1] / 2
@@ -195,7 +195,7 @@ class _Layout:
         end = max(*(float(z) for z in self.lamps[:, 2]), 0.0) + WIDTH_MM / 2
         half = self.spine / 2
         ridges = [(z0, z1, -half, half, high) for z0, z1, high in self._across()]
-        spine = _cut(
+        spine = _cut_bar(
             Bar(
                 np.array([0.0, begin]),
                 np.array([0.0, 1.0]),
@@ -207,7 +207,7 @@ class _Layout:
             ),
             self.longest,
         )
-        return [*spine, *(piece for arm in arms for piece in _cut(arm, self.longest))]
+        return [*spine, *(piece for arm in arms for piece in _cut_bar(arm, self.longest))]
 
     def _arms(self) -> tuple[list[Bar], list[tuple[float, float, float, float]]]:
         """Lay out arms beside the spine, and its holes (right, out, diameter, boss).
@@ -306,7 +306,7 @@ def _spine_width(aside: Array) -> float:
             raise ValueError("lamps stand side by side all along the middle")
 
 
-def _cut(bar: Bar, longest: float) -> list[Bar]:
+def _cut_bar(bar: Bar, longest: float) -> list[Bar]:
     """Cut a bar into pieces that the bed holds, nowhere where something stands on it."""
     taken = [
         (x - wide / 2 - BOSS_WALL_MM, x + wide / 2 + BOSS_WALL_MM) for x, _, wide, _ in bar.holes

@@ -38,13 +38,13 @@ def keep_modeller(early: bool) -> Iterator[None]:
             _kept.reset(before)
 
 
-def model(fixture: Callable[_In, Mesh], *sizes: _In.args, **named: _In.kwargs) -> Mesh:
-    """Make the mesh of a fixture, a function of `knotfab_fixtures`, as `ask` does."""
-    vertices, faces = ask(fixture, *sizes, **named)
+def model_fixture(fixture: Callable[_In, Mesh], *sizes: _In.args, **named: _In.kwargs) -> Mesh:
+    """Make the mesh of a fixture, a function of `knotfab_fixtures`, as `call_fixture` does."""
+    vertices, faces = call_fixture(fixture, *sizes, **named)
     return np.array(vertices), np.array(faces, dtype=np.int32)
 
 
-def ask(fixture: Callable[_In, Any], *sizes: _In.args, **named: _In.kwargs) -> Any:
+def call_fixture(fixture: Callable[_In, Any], *sizes: _In.args, **named: _In.kwargs) -> Any:
     """Call a function of `knotfab_fixtures` in the kept process or here; its result as JSON.
 
     Raises:

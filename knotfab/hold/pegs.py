@@ -16,10 +16,10 @@ from knotfab.hold.struts import (
     Obstacles,
     Sites,
     Way,
-    join,
-    nothing,
+    join_members,
+    list_struts,
+    no_members,
     sites_of,
-    struts,
 )
 from knotfab.knots import Knots
 from knotfab.scene.camera import Camera
@@ -57,10 +57,10 @@ def hidden_braces(
     obstacles = Obstacles(knots, sites, clearance_mm)
     obstacles.add(replace(pegs, radius=root_radius_mm, end_radius=None))
     shadows = MountShadows(knots, (camera,), (target,))
-    pool = join(
+    pool = join_members(
         [
             hidden_struts(sites, shadows, knots.radius_mm),
-            _leaning(sites, shadows, camera, knots.radius_mm),
+            _list_leaning(sites, shadows, camera, knots.radius_mm),
         ]
     )
     pool = pool.of(shadows.behind_knots(pool))
@@ -96,16 +96,17 @@ def tie_to_held(
         one strut for each of them, which begins there.
 
     Raises:
-        ValueError: for a knot there is none; the message names it.
+        ValueError: a knot has no such strut; the message names it.
     """
     obstacles = Obstacles(knots, sites, clearance_mm)
     obstacles.add(replace(pegs, radius=root_radius_mm, end_radius=None))
     # tube radii: the longest strut on which a knot hangs
     shadows, reach = MountShadows(knots, (camera,), (target,)), 60.0 * knots.radius_mm
-    left, found = list(barred), nothing()
+    left, found = list(barred), no_members()
     while left:
         tie = next(
-            (t for k in left if len(t := _tie(k, left, sites, obstacles, shadows, reach))), None
+            (t for k in left if len(t := _tie_knot(k, left, sites, obstacles, shadows, reach))),
+            None,
         )
         if tie is None:
             raise ValueError(
@@ -114,11 +115,11 @@ def tie_to_held(
             )
         left.remove(int(sites.knot[tie.first[0]]))
         obstacles.add(tie)
-        found = join([found, tie])
+        found = join_members([found, tie])
     return found
 
 
-def _tie(
+def _tie_knot(
     knot: int,
     barred: list[int],
     sites: Sites,
@@ -132,14 +133,14 @@ def _tie(
     near = np.argwhere(gaps <= reach)
     pairs = np.column_stack([own[near[:, 0]], held[near[:, 1]]])
     tube = obstacles.tube
-    ways = struts(sites, pairs, tube, HIDDEN_SHARE * tube)
+    ways = list_struts(sites, pairs, tube, HIDDEN_SHARE * tube)
     ways = ways.of(shadows.hidden(ways))
     ways = ways.of(shadows.behind_knots(ways))
     ways = ways.of(np.argsort(ways.length_mm, kind="stable"))
     for n in range(len(ways)):
         if obstacles.clear(one := ways.of([n]))[0]:
             return one
-    return nothing()
+    return no_members()
 
 
 def sites_with(knots: Knots, rays: Rays, chosen: Indices) -> Sites:
@@ -156,10 +157,12 @@ def pegs_on(
         int(np.flatnonzero((sites.knot == rays.knot[i]) & (sites.vertex == rays.vertex[i]))[0])
         for i in chosen
     ]
-    return along(rays, chosen, top_radius_mm, foot_radius_mm, np.array(first))
+    return pegs_along(rays, chosen, top_radius_mm, foot_radius_mm, np.array(first))
 
 
-def _leaning(sites: Sites, shadows: MountShadows, camera: Camera, tube_mm: float) -> Candidates:
+def _list_leaning(
+    sites: Sites, shadows: MountShadows, camera: Camera, tube_mm: float
+) -> Candidates:
     """List pegs to the wall that lean so as to stay in the shadow of other sites."""
     normal = camera.receiver[:3]
     some = np.unique(np.linspace(0, len(sites.knot) - 1, STARTS).astype(np.int64))
@@ -179,7 +182,6 @@ def _leaning(sites: Sites, shadows: MountShadows, camera: Camera, tube_mm: float
 
 
 # Choose as few pegs as keep every knot from sagging: one for each, and those that `planner` adds.
-
 
 APART_RADII = 4.0  # between the middles of two feet, so that each keeps its fillet
 CANDIDATES = 192  # rays of one knot: in each stretch of its length the shortest free one
@@ -224,12 +226,12 @@ def choose_pegs(
         if not len(own):
             barred.append(k)
             continue
-        feet = Feet(APART_RADII * knots.radius_mm, along(rays, np.array(chosen, int), *radii))
-        clear = feet.clear(along(rays, own, *radii))
+        feet = Feet(APART_RADII * knots.radius_mm, pegs_along(rays, np.array(chosen, int), *radii))
+        clear = feet.clear(pegs_along(rays, own, *radii))
         one = Knots((knot,), knots.radius_mm)
-        own = _spread(one, rays, own[clear] if clear.any() else own)
+        own = _spread_rays(one, rays, own[clear] if clear.any() else own)
         sites = sites_of(one, JOINT_RADII, {0: rays.vertex[own]})
-        pegs = along(rays, own, *radii, np.searchsorted(sites.vertex, rays.vertex[own]))
+        pegs = pegs_along(rays, own, *radii, np.searchsorted(sites.vertex, rays.vertex[own]))
         feet.add(given := pegs.of([0]))
         none = np.zeros(len(pegs), dtype=bool)
         found = plan_members(
@@ -257,7 +259,7 @@ class Feet(Way):
         return np.asarray((gaps >= self.apart_mm).all(axis=1))
 
 
-def _spread(one: Knots, rays: Rays, own: Indices) -> Indices:
+def _spread_rays(one: Knots, rays: Rays, own: Indices) -> Indices:
     """Choose the shortest ray in each stretch of a knot; the first peg's comes first."""
     every = sites_of(one, JOINT_RADII, {0: rays.vertex[own]})
     arc = every.arc[np.searchsorted(every.vertex, rays.vertex[own])]
@@ -269,7 +271,7 @@ def _spread(one: Knots, rays: Rays, own: Indices) -> Indices:
     return np.concatenate([shortest[first : first + 1], np.delete(shortest, first)])
 
 
-def along(
+def pegs_along(
     rays: Rays, some: Indices, top: Array, foot: Array, sites: Indices | None = None
 ) -> Candidates:
     """Make pegs along rays, with radii (n,) at top and foot of each ray, from `sites` if given."""

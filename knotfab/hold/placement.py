@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from knotfab.base.arrays import Array
-from knotfab.hold.mount import Mounted
+from knotfab.hold.mounted import Mounted
 from knotfab.hold.plinth import Base
 from knotfab.hold.wall import hole_inset_mm
 from knotfab.scene.camera import Camera, CurvedWall
@@ -117,7 +117,7 @@ def placement_of(mounted: Mounted, camera: Camera, view: ResolvedView | None = N
             holes = (np.stack([p.foot for p in mounted.wall.pegs]) - middle) @ wall[:2].T
     base = None if mounted.stand is None else mounted.stand.base
     bent = None if view is None else CurvedWall.of(view)
-    places = _places(wall, middle, (width, height), plate, base)
+    places = _mark_places(wall, middle, (width, height), plate, base)
     if bent is not None and base is None:
         flat = np.stack(list(places.values())) - bent.foot
         places = dict(zip(places, bent.stand(flat @ wall[:2].T)[0], strict=True))
@@ -136,13 +136,13 @@ def placement_of(mounted: Mounted, camera: Camera, view: ResolvedView | None = N
             Mark(name, at, float(np.linalg.norm(camera.eye - at))) for name, at in places.items()
         ),
         holes,
-        None if base is None else _footing(base, level),
+        None if base is None else _bound_base(base, level),
         bent,
         outline,
     )
 
 
-def _footing(base: Base, level: Array) -> Footing:
+def _bound_base(base: Base, level: Array) -> Footing:
     """Bound a base in a view's level axes (3, 3)."""
     low, high = (f(base.corners @ level.T, axis=0) for f in (np.min, np.max))
     way = base.slope.axes @ level[2]
@@ -157,7 +157,7 @@ def _footing(base: Base, level: Array) -> Footing:
     return Footing(left, right, back, front, base.bottom, turned, sides[0], sides[1])
 
 
-def _places(
+def _mark_places(
     wall: Array,
     middle: Array,
     frame: tuple[float, float],

@@ -10,7 +10,7 @@ import numpy as np
 from knotfab.base.arrays import Array, Indices, Mask
 from knotfab.hold.beams import HeldFrame, Stiffness, piece_frame, springs_of
 from knotfab.hold.shade import MountShadows
-from knotfab.hold.struts import GROUND, Candidates, Sites, Way, join
+from knotfab.hold.struts import GROUND, Candidates, Sites, Way, join_members
 from knotfab.knots import Knots
 
 THICKER = 1.15  # factor of a visible member's radius when it is thickened
@@ -132,7 +132,7 @@ class _Plan:
             hidden = search.best(promise, ~self.visible, manner.tried)
             # some candidates that darken pixels are tried before one is added
             tried = np.append(hidden, search.best(promise, self.visible, 6))
-            every = join([self.candidates.of(tried), thicker])
+            every = join_members([self.candidates.of(tried), thicker])
             before = np.append(np.zeros(len(tried)), self.members.radius[old])
             price = np.append(self.cost[tried], dearer)
             gain = piece.gains(every, before, moved, manner)
@@ -162,7 +162,7 @@ class _Plan:
             self.taken = [*self.taken, number]
             self.search.blocked[number] = True
             self.way.add(one)
-            self.members = join([self.members, one])
+            self.members = join_members([self.members, one])
         else:
             self.members = self.members.with_radius(number, float(one.radius[0]))
             self.way.members = self.members

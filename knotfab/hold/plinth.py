@@ -180,7 +180,7 @@ def base_for(
             left, right = (left + right - least) / 2, (left + right + least) / 2
         if front - back < least:
             back, front = (back + front - least) / 2, (back + front + least) / 2
-        base = _measure(slope, left, right, back, front, weights.volume, piece, thickness_mm)
+        base = _measure_base(slope, left, right, back, front, weights.volume, piece, thickness_mm)
         need = base[1] * np.tan(np.deg2rad(tip_deg)) + CHAMFER_MM
         x, z = base[2]
         lacking = np.array([x[0] - left, right - x[1], z[0] - back, front - z[1]])
@@ -218,7 +218,7 @@ def base_for(
     return found
 
 
-def _measure(
+def _measure_base(
     slope: Slope,
     left: float,
     right: float,

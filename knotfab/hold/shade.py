@@ -20,10 +20,10 @@ from knotfab.hold.struts import (
     Candidates,
     Sites,
     beside_on_rings,
+    list_struts,
     off_segments,
     opens_slowly,
     sample_strands,
-    struts,
     tangents,
 )
 from knotfab.knots import Knots
@@ -222,7 +222,7 @@ def near_struts(sites: Sites, tube_mm: float) -> Candidates:
 
     # a hidden strut has at most 20 tube radii
     pairs = cKDTree(sites.point).query_pairs(20.0 * tube_mm, output_type="ndarray")
-    return struts(sites, pairs.astype(np.int64), tube_mm, HIDDEN_SHARE * tube_mm)
+    return list_struts(sites, pairs.astype(np.int64), tube_mm, HIDDEN_SHARE * tube_mm)
 
 
 def hidden_struts(sites: Sites, shadows: MountShadows, tube_mm: float) -> Candidates:
@@ -232,7 +232,6 @@ def hidden_struts(sites: Sites, shadows: MountShadows, tube_mm: float) -> Candid
 
 
 # Rays for pegs: from tube to wall along the light, in the tube's shadow, clear of all strands.
-
 
 LEAST_SINE = 0.6  # between tube and ray: a peg that leaves along its tube would graze it
 JOINT_RADII = 3.0  # tube radii of arc on each side of a peg's top that belong to its joint
@@ -287,11 +286,11 @@ def free_rays(knots: Knots, camera: Camera, peg_share: float, clearance_mm: floa
     unit = away / np.linalg.norm(away, axis=1)[:, None]
     sine = np.linalg.norm(np.cross(unit, tangent), axis=1)
     free = sine >= LEAST_SINE
-    free &= _clear(knots, light, knot, top, foot, peg_share, clearance_mm)
+    free &= _clear_rays(knots, light, knot, top, foot, peg_share, clearance_mm)
     return Rays(knot, vertex, top, foot, tangent, free, np.full(len(knot), peg_share))
 
 
-def _clear(
+def _clear_rays(
     knots: Knots,
     light: Array,
     knot: Indices,

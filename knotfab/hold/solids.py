@@ -11,7 +11,7 @@ import numpy as np
 from knotfab.base.arrays import Array
 from knotfab.base.errors import SceneError
 from knotfab.geometry.tube import Mesh, as_manifold, as_mesh
-from knotfab.hold.modeller import model
+from knotfab.hold.modeller import model_fixture
 from knotfab.hold.plinth import CHAMFER_MM, CORNER_MM, Base
 from knotfab.hold.stand import StandMount
 from knotfab.hold.struts import GROUND, ROOT_SHARE
@@ -40,7 +40,9 @@ class Fixture:
 
     def solid(self) -> Manifold:
         """Make the solid of facets, ready to be united."""
-        solid = as_manifold(model(self.of, *self.sizes, **self.named)).transform(self.motion)
+        solid = as_manifold(model_fixture(self.of, *self.sizes, **self.named)).transform(
+            self.motion
+        )
         return solid if self.above is None else solid.trim_by_plane(*self.above)
 
     def to_dict(self) -> dict[str, Any]:
@@ -55,7 +57,7 @@ class Fixture:
         }
 
 
-def along(axis: Array, point: Array, helper: Array | None = None) -> Array:
+def motion_along(axis: Array, point: Array, helper: Array | None = None) -> Array:
     """Return the motion (3, 4) that takes the origin to `point` and z to the unit vector `axis`.
 
     Args:
@@ -69,17 +71,18 @@ def along(axis: Array, point: Array, helper: Array | None = None) -> Array:
 
 def place_along(solid: Manifold, axis: Array, point: Array) -> Manifold:
     """Move a solid's origin to a point, and its z along an axis."""
-    return solid.transform(along(axis, point))
+    return solid.transform(motion_along(axis, point))
 
 
 def strut(start: Array, end: Array, radius_mm: float) -> Fixture:
     """Make a round bar between two points (3,) mm."""
     length = float(np.linalg.norm(start - end))
-    return Fixture("strut", peg, (length, radius_mm, radius_mm), along((start - end) / length, end))
+    return Fixture(
+        "strut", peg, (length, radius_mm, radius_mm), motion_along((start - end) / length, end)
+    )
 
 
 # The solids of a stand: tubes, posts, struts and base as one body.
-
 
 ROOT_HEIGHT_MM = 3.0  # a post widens to its root over so much
 OVERLAP_MM = 0.5  # a post goes so much deeper into the base than its root needs
@@ -129,11 +132,11 @@ def stand_fixtures(mount: StandMount) -> list[Fixture]:
         # a slanting root must not come out of the underside
         above = np.array([0.0, 1.0, 0.0]), mount.base.bottom + 1.0
         sizes = length, radius, radius
-        found.append(Fixture("post", peg, sizes, along(axis, foot), named, above))
-    return [*found, _base(mount.base)]
+        found.append(Fixture("post", peg, sizes, motion_along(axis, foot), named, above))
+    return [*found, _base_fixture(mount.base)]
 
 
-def _base(base: Base) -> Fixture:
+def _base_fixture(base: Base) -> Fixture:
     right, up, out = base.slope.axes
     middle = (base.left + base.right) / 2 * right + (base.back + base.front) / 2 * out
     motion = np.column_stack([right, -out, up, middle + base.bottom * up])

@@ -33,10 +33,10 @@ from knotfab.hold.struts import (
     Candidates,
     Obstacles,
     Sites,
-    join,
-    nothing,
+    join_members,
+    list_struts,
+    no_members,
     sites_of,
-    struts,
 )
 from knotfab.knots import Knots
 from knotfab.scene.camera import Camera, CurvedWall
@@ -135,17 +135,17 @@ def plan_stand(
     def shown(*radii: float) -> list[Candidates]:
         parts = []
         for radius in radii:
-            parts.append(_posts(sites, slope, cameras, shadows, radius))
-            parts.append(bridges(sites, shadows, tube, radius))
+            parts.append(_list_posts(sites, slope, cameras, shadows, radius))
+            parts.append(list_bridges(sites, shadows, tube, radius))
         return parts
 
-    pool = join([hidden, *shown(thin)])
+    pool = join_members([hidden, *shown(thin)])
     chosen, holds = join_knots(len(knots.knots), sites, pool, obstacles, shadows)
     # a member in the shadow of the chosen ones shows no more now
-    pool = join([hidden, *shown(thin, thick)])
-    more = _more_posts(chosen, pool, obstacles, shadows, APART_RADII * tube)
+    pool = join_members([hidden, *shown(thin, thick)])
+    more = _add_posts(chosen, pool, obstacles, shadows, APART_RADII * tube)
     holds = np.concatenate([holds, sites.knot[more.first]])
-    chosen = join([chosen, more])
+    chosen = join_members([chosen, more])
     visible = np.arange(len(pool)) >= len(hidden)
     braced = plan_members(knots, sites, obstacles, shadows, pool, visible, chosen, stiffness)
     members = braced.members
@@ -180,7 +180,7 @@ def _footprint(knots: Knots, cameras: Sequence[Camera], settings: StandSettings)
     low, high = own.min(axis=0) - 2 * CORNER_MM, own.max(axis=0) + 2 * CORNER_MM
     below = slope_below(cameras, (low[0], high[0], low[2], high[2]))
     least = float((below.height_mm + below.rise * own[:, 2]).min()) - DROP_MM
-    tubes = masses_of(knots, nothing())
+    tubes = masses_of(knots, no_members())
     middle = tubes.volume @ tubes.center @ axes.T / tubes.volume.sum()
     # posts and base, which are lower, only lower the middle of all mass
     tall = float(middle[1]) - least + settings.base_thickness_mm
@@ -189,7 +189,7 @@ def _footprint(knots: Knots, cameras: Sequence[Camera], settings: StandSettings)
     return float(low[0]), float(high[0]), float(low[2]), float(high[2])
 
 
-def _posts(
+def _list_posts(
     sites: Sites, slope: Slope, cameras: Sequence[Camera], shadows: MountShadows, radius: float
 ) -> Candidates:
     """List the posts from every site to the base, upright or leaning a little, that show least."""
@@ -216,7 +216,7 @@ def _posts(
                 )
             )
     # candidates that show least: half of all, half of each stretch
-    return least_shown(join(parts), shadows, 1600, len(sites.knot))
+    return least_shown(join_members(parts), shadows, 1600, len(sites.knot))
 
 
 def least_shown(every: Candidates, shadows: MountShadows, count: int, sites: int) -> Candidates:
@@ -232,17 +232,19 @@ def least_shown(every: Candidates, shadows: MountShadows, count: int, sites: int
     return every.of(order[kept])
 
 
-def bridges(sites: Sites, shadows: MountShadows, tube: float, radius: float) -> Candidates:
+def list_bridges(sites: Sites, shadows: MountShadows, tube: float, radius: float) -> Candidates:
     """List the struts between two knots, however visible, that show least."""
-    parts = [nothing()]
+    parts = [no_members()]
     for a in range(len(sites.perimeter)):
         for b in range(a):
             one, other = np.flatnonzero(sites.knot == a), np.flatnonzero(sites.knot == b)
             pairs = np.column_stack([np.repeat(one, len(other)), np.tile(other, len(one))])
             parts.append(
-                least_shown(struts(sites, pairs, tube, radius), shadows, BRIDGES, len(sites.knot))
+                least_shown(
+                    list_struts(sites, pairs, tube, radius), shadows, BRIDGES, len(sites.knot)
+                )
             )
-    return join(parts)
+    return join_members(parts)
 
 
 def join_knots(
@@ -303,7 +305,7 @@ def join_knots(
     return candidates.of(np.array(chosen, dtype=np.int64)), np.array(holds, dtype=np.int64)
 
 
-def _more_posts(
+def _add_posts(
     chosen: Candidates,
     pool: Candidates,
     obstacles: Obstacles,
@@ -311,9 +313,9 @@ def _more_posts(
     apart_mm: float,
 ) -> Candidates:
     """Add posts up to `LEAST_POSTS`, feet apart, where they show least and have room."""
-    more = nothing()
+    more = no_members()
     while True:
-        there = join([chosen, more])
+        there = join_members([chosen, more])
         feet = there.end[there.second == GROUND]
         if len(feet) >= LEAST_POSTS:
             return more
@@ -327,7 +329,7 @@ def _more_posts(
         one = some.of([int(clear.argmax())])
         obstacles.add(one)
         shadows.add(one)
-        more = join([more, one])
+        more = join_members([more, one])
 
 
 def masses_of(knots: Knots, members: Candidates) -> Masses:

@@ -129,12 +129,12 @@ class Candidates:
         return np.asarray(np.linalg.norm(self.end - self.start, axis=1))
 
 
-def nothing() -> Candidates:
+def no_members() -> Candidates:
     none = np.empty(0, dtype=np.int64)
     return Candidates(none, none, np.empty((0, 3)), np.empty((0, 3)), np.empty(0))
 
 
-def join(parts: list[Candidates]) -> Candidates:
+def join_members(parts: list[Candidates]) -> Candidates:
     """Concatenate members, in order."""
     return Candidates(
         np.concatenate([p.first for p in parts]),
@@ -148,7 +148,7 @@ def join(parts: list[Candidates]) -> Candidates:
     )
 
 
-def struts(sites: Sites, pairs: Indices, tube_mm: float, radius_mm: float) -> Candidates:
+def list_struts(sites: Sites, pairs: Indices, tube_mm: float, radius_mm: float) -> Candidates:
     """List members of one radius between pairs (m, 2) of sites that meet both tubes squarely."""
     a, b = pairs[:, 0], pairs[:, 1]
     gap = np.abs(sites.arc[a] - sites.arc[b])
@@ -185,7 +185,7 @@ class Way:
         self.members = members
 
     def add(self, some: Candidates) -> None:
-        self.members = join([self.members, some])
+        self.members = join_members([self.members, some])
 
     def clear(self, some: Candidates, but: int | None = None) -> Mask:
         """Tell (n,) whether members touch nothing; the member numbered `but` is not in the way."""
@@ -198,7 +198,7 @@ class Obstacles(Way):
     def __init__(self, knots: Knots, sites: Sites, clearance_mm: float) -> None:
         from scipy.spatial import cKDTree
 
-        super().__init__(nothing())
+        super().__init__(no_members())
         self.sites, self.clearance, self.tube = sites, clearance_mm, knots.radius_mm
         self.points, self.owner, self.arc, _ = sample_strands(knots)
         self.beside = beside_on_rings(np.bincount(self.owner))
@@ -268,7 +268,7 @@ def off_segments(points: Array, start: Array, unit: Array, length: Array) -> tup
 
 
 def beside_on_rings(counts: Indices) -> Indices:
-    """Return the samples before and after each one, (2, n), for rings of so many samples each."""
+    """Return the samples before and after each one, (2, n), for rings of these sample counts."""
     ring, place = number_runs(counts)
     first, around = np.arange(len(place)) - place, counts[ring]
     return np.stack([first + (place - 1) % around, first + (place + 1) % around])

@@ -15,8 +15,8 @@ from knotfab.hold.beams import Stiffness, sag_moves, worst_of
 from knotfab.hold.foot_plate import FootPlate, foot_plate_fixture
 from knotfab.hold.pegs import Pegs, choose_pegs, hidden_braces, pegs_on, sites_with, tie_to_held
 from knotfab.hold.shade import Rays, free_rays
-from knotfab.hold.solids import Fixture, along, strut
-from knotfab.hold.struts import GROUND, Candidates, Sites, join, nothing
+from knotfab.hold.solids import Fixture, motion_along, strut
+from knotfab.hold.struts import GROUND, Candidates, Sites, join_members, no_members
 from knotfab.knots import Knots
 from knotfab.scene.camera import Camera
 from knotfab_fixtures.solids import dowel, wall_plate
@@ -26,7 +26,6 @@ from knotfab_formats.piece import Mount
 
 if TYPE_CHECKING:
     from manifold3d import Manifold
-
 
 # shares of the tube's shadow that a peg fills: thick ones are stiff, thin ones pass between more strands
 PEG_SHARES = (0.95, 0.85, 0.75, 0.6)
@@ -99,7 +98,7 @@ class WallMount:
     sag_at: Array
     sag_again_mm: float
     settings: Mount
-    struts: Candidates = field(default_factory=nothing)
+    struts: Candidates = field(default_factory=no_members)
     strut_knots: NDArray[np.int64] = field(default_factory=lambda: np.empty((0, 2), dtype=np.int64))
     moves: Array = field(default_factory=lambda: np.empty((0, 3)))
     plate: FootPlate | None = None
@@ -143,7 +142,7 @@ def plan_wall(
         remedy += ', or a plate (mount.foot = "plate"), on which knots may hang from each other'
     for share in PEG_SHARES if thoroughly else PEG_SHARES[:1]:
         try:
-            found = _with_share(
+            found = _plan_with_share(
                 share, knots, camera, clearance_mm, stiffness, settings, target, thoroughly
             )
         except ValueError as error:  # a thinner one has no room either
@@ -160,7 +159,7 @@ def plan_wall(
     return best
 
 
-def _with_share(
+def _plan_with_share(
     share: float,
     knots: Knots,
     camera: Camera,
@@ -171,13 +170,13 @@ def _with_share(
     thoroughly: bool,
 ) -> WallMount:
     """Choose pegs that fill `share` of the tube's shadow; ValueError if a knot is not held."""
-    rays, chosen, top, foot = _choose(share, knots, camera, clearance_mm, stiffness)
+    rays, chosen, top, foot = _choose_rays(share, knots, camera, clearance_mm, stiffness)
     if settings.foot != "plate":
         _require_rays(chosen)
     if target is None:
         target = np.zeros((camera.height, camera.width), dtype=bool)
     wide = np.minimum(rays.share + ROOT_SHARE, MOST_SHARE)
-    root = wide * knots.radius_mm * _spread(rays, camera.eye)
+    root = wide * knots.radius_mm * _shadow_scale(rays, camera.eye)
     pegs = tuple(
         Peg(
             int(rays.knot[i]),
@@ -191,10 +190,10 @@ def _with_share(
     )
     sites = sites_with(knots, rays, chosen.rays)
     bare, roots = pegs_on(sites, rays, chosen.rays, top, foot), root[chosen.rays]
-    ties = nothing()
+    ties = no_members()
     if chosen.barred:
         ties = tie_to_held(knots, camera, target, clearance_mm, sites, bare, roots, chosen.barred)
-        bare, roots = join([bare, ties]), np.concatenate([roots, ties.radius])
+        bare, roots = join_members([bare, ties]), np.concatenate([roots, ties.radius])
     moves = sag_moves(knots, sites, bare, stiffness)
     again, at = worst_of(moves, knots.points)
     joined = _joined_knots(sites, ties)
@@ -203,7 +202,7 @@ def _with_share(
     if again <= stiffness.max_sag_mm or settings.foot != "plate" or hopeless:
         return mount
     braces = hidden_braces(knots, camera, target, clearance_mm, stiffness, sites, bare, roots)
-    moves = sag_moves(knots, sites, join([bare, braces]), stiffness)
+    moves = sag_moves(knots, sites, join_members([bare, braces]), stiffness)
     again, at = worst_of(moves, knots.points)
     leans = braces.second == GROUND
     leaning = tuple(
@@ -216,7 +215,7 @@ def _with_share(
             strict=True,
         )
     )
-    struts = join([ties, braces.of(~leans)])
+    struts = join_members([ties, braces.of(~leans)])
     return replace(
         mount,
         pegs=(*pegs, *leaning),
@@ -247,7 +246,7 @@ def sag_on_pegs(
     Raises:
         ValueError: a knot has no free ray to the wall, and nothing to hang on.
     """
-    chosen = _choose(PEG_SHARES[0], knots, camera, clearance_mm, stiffness)[1]
+    chosen = _choose_rays(PEG_SHARES[0], knots, camera, clearance_mm, stiffness)[1]
     if foot != "plate" or len(chosen.barred) == len(knots.knots):
         _require_rays(chosen)
     return chosen.sag_mm
@@ -258,7 +257,7 @@ def _require_rays(chosen: Pegs) -> None:
         raise ValueError(f"no light ray from knot {chosen.barred[0]} to the wall is free for a peg")
 
 
-def _choose(
+def _choose_rays(
     share: float, knots: Knots, camera: Camera, clearance_mm: float, stiffness: Stiffness
 ) -> tuple[Rays, Pegs, Array, Array]:
     """Choose pegs among the free rays; with the rays, and the radii (n,) of pegs at tube and wall.
@@ -276,11 +275,11 @@ def _choose(
         free, shares = np.where(own, thin.free, rays.free), np.where(own, thinner, rays.share)
         rays = replace(rays, free=free, share=shares)
     top = rays.share * knots.radius_mm
-    foot = top * _spread(rays, camera.eye)
+    foot = top * _shadow_scale(rays, camera.eye)
     return rays, choose_pegs(knots, rays, top, foot, stiffness), top, foot
 
 
-def _spread(rays: Rays, light: Array) -> Array:
+def _shadow_scale(rays: Rays, light: Array) -> Array:
     """Return how many times larger the tube's shadow is than the tube, at each ray, (n,)."""
     far, near = (np.linalg.norm(p - light, axis=1) for p in (rays.foot, rays.top))
     return np.asarray(far / near)
@@ -328,7 +327,7 @@ def _require_predicted(solid: Manifold, number: int, knots: int, mount: WallMoun
 
 
 def wall_fixtures(mount: WallMount, camera: Camera, knots: int) -> list[list[Fixture]]:
-    """List the fixtures of each of so many knots, and last the plate; in the scene."""
+    """List the fixtures of each of the knots, and last the plate; in the scene."""
     wall = np.column_stack(list(camera.wall_axes))
     groups: list[list[Fixture]] = [[] for _ in range(knots)]
     for peg in mount.pegs:
@@ -339,7 +338,11 @@ def wall_fixtures(mount: WallMount, camera: Camera, knots: int) -> list[list[Fix
         groups[int(knot)].append(bar)
     if mount.plate is not None:
         return [*groups, [foot_plate_fixture(mount.plate, camera, mount.settings)]]
-    return [*groups, [_plate(camera, wall, mount)]] if mount.settings.foot == "plate" else groups
+    return (
+        [*groups, [_plate_fixture(camera, wall, mount)]]
+        if mount.settings.foot == "plate"
+        else groups
+    )
 
 
 def _peg_fixtures(peg: Peg, wall: Array, settings: Mount) -> list[Fixture]:
@@ -357,14 +360,14 @@ def _peg_fixtures(peg: Peg, wall: Array, settings: Mount) -> list[Fixture]:
     # a slanting root must not come out of the plate's back
     buried = 0.75 * settings.thickness_mm if settings.foot == "plate" else 0.5 * deep
     above = wall[:, 2], float(wall[:, 2] @ peg.foot) - buried
-    cone = Fixture("peg", peg_mesh, sizes, along(axis, peg.foot, wall[:, 1]), named, above)
+    cone = Fixture("peg", peg_mesh, sizes, motion_along(axis, peg.foot, wall[:, 1]), named, above)
     if settings.foot == "plate":
         return [cone]
     motion = np.column_stack([wall, peg.foot])
     return [cone, Fixture("dowel", dowel, (peg.dowel_radius_mm, deep), motion)]
 
 
-def _plate(camera: Camera, wall: Array, mount: WallMount) -> Fixture:
+def _plate_fixture(camera: Camera, wall: Array, mount: WallMount) -> Fixture:
     """Make the plate, its face on the receiver plane, a margin wider than the frame."""
     s = mount.settings
     width, height = camera.frame_mm

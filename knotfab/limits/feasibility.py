@@ -99,7 +99,6 @@ def measure_feasibility(points: Array, rings: Polylines, limits: Limits) -> Feas
 
 # The guards of all limits.
 
-
 LIMITS: tuple[Limit, ...] = (CLEARANCE, BEND, REGION, LENGTH)
 
 

@@ -126,7 +126,6 @@ REGION = Limit("region", region_term, slack)
 
 # A closed mesh as the allowed region: signed distances with a gradient.
 
-
 _REMEDY = "Export it again as a closed solid (STL, millimetres), with its faces turned outwards."
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("spare", "<u2")])
 _MOST_BYTES = 2**30

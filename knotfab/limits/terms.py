@@ -137,7 +137,6 @@ class Guard:
 
 # Bend limit: no vertex bends tighter than the material, or the tube itself, allows.
 
-
 _BEND_OVERSHOOT = 1.06
 
 
@@ -154,7 +153,6 @@ BEND = Limit("bend", bend_term)
 
 
 # Clearance: strands keep two radii and a gap between their centre lines.
-
 
 _GAP_OVERSHOOT = 1.02  # aim a little wider than required, so the end is on the safe side
 
@@ -185,7 +183,6 @@ CLEARANCE = Limit("clearance", clearance_term)
 
 
 # Length budget: the centre lines together stay below what the material allows.
-
 
 _AIM = 0.99  # share of the budget, so the end is on the safe side
 

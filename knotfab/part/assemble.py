@@ -16,8 +16,9 @@ from knotfab.base.progress import Progress
 from knotfab.design.design import Design
 from knotfab.geometry.overhang import SUPPORT_LINE_NOZZLES, Rules
 from knotfab.geometry.tube import Mesh, sweep
-from knotfab.hold.lamp_frame import Table, frame_of
-from knotfab.hold.mount import Mounted, mount_piece
+from knotfab.hold.lamp_frame import Table, frame_or_reason
+from knotfab.hold.mount import mount_piece
+from knotfab.hold.mounted import Mounted
 from knotfab.knots import Knots
 from knotfab.part.plates import Plates, can_be_split, clean_body, lay_on_plates, list_printables
 from knotfab.part.pose import PrintPose, choose_pose
@@ -55,7 +56,7 @@ class Part(InNotebook):
     @cached_property
     def framing(self) -> tuple[Table | None, str]:
         """The frame that holds screen, piece and lamps, if any; or why there can be none."""
-        return frame_of(self.mounted)
+        return frame_or_reason(self.mounted)
 
 
 def part_of(

@@ -20,7 +20,6 @@ from knotfab_formats.libraries import took_part
 if TYPE_CHECKING:
     from manifold3d import Manifold
 
-
 PIN_RADII = 2.0  # tube radii by which a pin sticks out of the cut
 PIN_SHARE = 0.5  # a pin's radius over the tube's, where the bend leaves room for it
 LEAST_SHARE = 0.25
@@ -76,7 +75,7 @@ def find_cuts(
     Raises:
         SceneError: the tube is too thin for a pin, too bent, or a piece would need to be too short.
     """
-    places = _places(line, nozzle_mm)
+    places = _rate_places(line, nozzle_mm)
     if len(places) < 2:
         least = max(PIN_NOZZLES * nozzle_mm, LEAST_SHARE * line.radius)
         wall = CLEARANCE_MM + WALL_NOZZLES * nozzle_mm
@@ -94,7 +93,7 @@ def find_cuts(
     for first in at[:: max(1, len(at) // STARTS)]:
         # how far back from the last place that fits the best is sought
         for early in (1.0, 0.85, 0.7):
-            found = _greedy(span, at, worth, int(first), early)
+            found = _cut_greedily(span, at, worth, int(first), early)
             if found is None:
                 continue
             quality = -float(worth[np.searchsorted(at, np.sort(found))].min())
@@ -108,10 +107,11 @@ def find_cuts(
             "cut there are pieces that do not fit either",
             "Use a larger printer or a smaller frame",
         )
-    return [_cut_line(line, vertex, places[vertex]) for vertex in sorted(best[2])]
+    along, pin = _tangents(line.points), PIN_RADII * line.radius
+    return [Cut(v, line.points[v], along[v], *places[v][:2], pin) for v in sorted(best[2])]
 
 
-def _places(line: Line, nozzle: float) -> dict[int, tuple[int, float, float]]:
+def _rate_places(line: Line, nozzle: float) -> dict[int, tuple[int, float, float]]:
     """Find the vertices that may be cut: side of the pin, its radius, and how good the place is."""
     p, r = line.points, line.radius
     edge = np.linalg.norm(np.roll(p, -1, axis=0) - p, axis=1)
@@ -155,11 +155,6 @@ def _tangents(points: Array) -> Array:
     return np.asarray(along / np.linalg.norm(along, axis=1)[:, None])
 
 
-def _cut_line(line: Line, vertex: int, place: tuple[int, float, float]) -> Cut:
-    along = _tangents(line.points)[vertex]
-    return Cut(vertex, line.points[vertex], along, place[0], place[1], PIN_RADII * line.radius)
-
-
 class _Spans:
     """How far a curve can be followed from a vertex before it no longer fits the printer."""
 
@@ -193,7 +188,9 @@ class _Spans:
         return self.known[first]
 
 
-def _greedy(span: _Spans, at: Indices, worth: Array, first: int, early: float) -> list[int] | None:
+def _cut_greedily(
+    span: _Spans, at: Indices, worth: Array, first: int, early: float
+) -> list[int] | None:
     """Choose cuts from `first` all round; None if a piece does not reach the next place."""
     n, cuts, here, gone = span.count, [first], first, 0
     while True:
@@ -216,7 +213,6 @@ def _greedy(span: _Spans, at: Indices, worth: Array, first: int, early: float) -
 
 
 # Cut a body where its tube is cut, and give the pieces pins and holes that hold them together.
-
 
 KERF_MM = 0.01  # the matter that is lost at a cut
 DEEPER_MM = 0.3  # a hole is deeper than its pin is long, by this
@@ -274,7 +270,7 @@ def cut_body(
         before, after = (number - 1) % len(cuts), number
         pinned, holed = (before, after) if cut.side > 0 else (after, before)
         outward = cut.along * cut.side
-        pin, hole = _connector(cut, radius)
+        pin, hole = _make_connector(cut, radius)
         found[pinned] = found[pinned] + place_along(pin, outward, cut.point)
         found[holed] = found[holed] - place_along(hole, outward, cut.point)
     pieces = []
@@ -292,7 +288,7 @@ def cut_body(
     return pieces
 
 
-def _connector(cut: Cut, radius: float) -> tuple[Manifold, Manifold]:
+def _make_connector(cut: Cut, radius: float) -> tuple[Manifold, Manifold]:
     """Make the pin and the hole along z, with the cut at z = 0."""
     from manifold3d import CrossSection
 

@@ -53,7 +53,7 @@ def write_3mf(path: Path, bodies: Sequence[Mesh], about: About = About()) -> Non
     _require_positive(bodies)
     model, wrapper = _new_model(about)
     whole = _add_mesh(wrapper, model, join_meshes(bodies), about.title, 1)
-    _write(path, model, whole, [about.title])
+    _write_model(path, model, whole, [about.title])
 
 
 def write_coloured_3mf(
@@ -83,7 +83,7 @@ def write_coloured_3mf(
         component.SetUUID(_uuid(f"component/{number}/{name}"))
     whole.SetName(about.title)
     whole.SetUUID(_uuid("whole/" + "/".join(names)))
-    _write(path, model, whole, names)
+    _write_model(path, model, whole, names)
 
 
 def _require_positive(bodies: Sequence[Mesh]) -> None:
@@ -128,7 +128,7 @@ def _add_mesh(wrapper: Any, model: Any, mesh: Mesh, name: str, number: int) -> A
     return body
 
 
-def _write(path: Path, model: Any, whole: Any, names: Sequence[str]) -> None:
+def _write_model(path: Path, model: Any, whole: Any, names: Sequence[str]) -> None:
     """Write `whole` as the only item, where it is.
 
     Every UUID follows from the names, and lib3mf keeps the archive's dates constant, so the file is
@@ -182,7 +182,7 @@ def read_shells(path: Path) -> list[Mesh]:
         objects = model.GetMeshObjects()
         shells: list[Mesh] = []
         while objects.MoveNext():
-            shells += split_shells(_geometry(wrapper, objects.GetCurrentMeshObject()))
+            shells += split_shells(_read_geometry(wrapper, objects.GetCurrentMeshObject()))
     except lib3mf.ELib3MFException as error:
         raise ValueError(f"{path.name} is not a 3MF file, or is damaged: {error}") from error
     if not shells:
@@ -227,7 +227,7 @@ def _set_geometry(
     )
 
 
-def _geometry(wrapper: Any, body: Any) -> Mesh:
+def _read_geometry(wrapper: Any, body: Any) -> Mesh:
     """Read vertices (n, 3) and faces (m, 3) into arrays at once, for the same reason."""
     import lib3mf
 
@@ -291,7 +291,6 @@ def write_stl(path: Path, bodies: Sequence[Mesh]) -> None:
 
 
 # Closed lines in a plane as SVG and DXF, in mm: for cutters, plotters and drawing programs.
-
 
 Layers = Mapping[str, Sequence[Array]]
 """By the name of each layer its closed lines (n, 2), mm right and up from the frame's middle."""

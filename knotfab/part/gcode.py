@@ -72,7 +72,7 @@ def read_gcode(path: Path) -> Gcode:
     made = _VERSION.search(content[:1000])
     if made is None:
         raise BadGcode("the G-code does not say which program made it")
-    moves, support, other, z = _moves(content)
+    moves, support, other, z = _read_moves(content)
     if not np.isfinite(moves).all() or not np.isfinite(z).all():
         raise BadGcode("the G-code has positions that are not finite numbers")
     tail = content[-100_000:]  # the figures stand before the settings, which close the file
@@ -87,7 +87,7 @@ def read_gcode(path: Path) -> Gcode:
     return Gcode(
         program=made[1].decode("ascii", "replace"),
         version=made[2].decode("ascii", "replace"),
-        time_s=_duration(tail),
+        time_s=_parse_duration(tail),
         filament_mm=_figure(tail, "mm"),
         filament_cm3=_figure(tail, "cm3"),
         filament_g=_figure(tail, "g"),
@@ -113,7 +113,7 @@ def points_along(start: Array, end: Array, spacing: float) -> Array:
     return points
 
 
-def _moves(content: bytes) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_], Array]:
+def _read_moves(content: bytes) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_], Array]:
     """Read each move's x, y and fed filament (negative: none), (n, 3); whether it is support;
     whether it is neither support nor part; its height."""
     pieces = _MARK.split(content)
@@ -142,7 +142,7 @@ def _moves(content: bytes) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_],
     return moves, kind_of == 1, kind_of == 2, np.repeat(heights, counts)
 
 
-def _duration(tail: bytes) -> float:
+def _parse_duration(tail: bytes) -> float:
     """Parse a duration such as "1d 2h 3m 4s" into seconds."""
     found = _TIME.search(tail)
     if found is None:
@@ -163,7 +163,6 @@ def _figure(tail: bytes, unit: str) -> float:
 
 # Compare PrusaSlicer's reading of the file with the mesh: it does none of this itself.
 
-
 SPACING_MM = 1.0  # between points that stand for a printed line
 SAMPLES = 20_000  # points of the surface, over all bodies
 # filament over the solid volume: bridges are laid thick, gaps filled generously
@@ -173,7 +172,7 @@ BOX_MM = 1 / 64  # by which both boxes may differ
 VOLUME_SHARE = 1 / 1024  # by which both volumes may differ
 
 
-def judge(
+def make_check(
     name: str, passed: bool, measured: float, limit: float, unit: str, detail: str
 ) -> SlicerCheck:
     """Make one check of the slicing."""
@@ -199,7 +198,7 @@ def compare_info(said: str, bodies: Sequence[Mesh]) -> tuple[int, SlicerCheck]:
         closed = all(o["manifold"] == "yes" for o in found)
     except (KeyError, ValueError):  # nothing listed, or not in these words
         text = "PrusaSlicer does not say what it read from the file"
-        return len(found), judge("reading", False, float("nan"), BOX_MM, "mm", text)
+        return len(found), make_check("reading", False, float("nan"), BOX_MM, "mm", text)
     off = float(np.abs(np.array(corners) - [low, high]).max())
     share = abs(read - volume) / volume
     passed = len(found) == 1 and off <= BOX_MM and share <= VOLUME_SHARE and closed
@@ -211,7 +210,7 @@ def compare_info(said: str, bodies: Sequence[Mesh]) -> tuple[int, SlicerCheck]:
             f"PrusaSlicer reads {len(found)} object(s), {read / 1000:.3f} cm3{what}, {off:.3g} mm from "
             f"the size and place of the one of {volume / 1000:.3f} cm3 in the file"
         )
-    return len(found), judge("reading", passed, off, BOX_MM, "mm", detail)
+    return len(found), make_check("reading", passed, off, BOX_MM, "mm", detail)
 
 
 def compare_gcode(
@@ -229,15 +228,15 @@ def compare_gcode(
     width, layer = line_width(scene), scene.printer.layer_height_mm
     low, high = box_of(bodies)
     return [
-        _bed(gcode, scene, width),
-        _place(gcode, low + shift, high + shift, width, layer),
-        _surface(gcode, bodies, shift, 2 * width + layer),
-        _filament(gcode, bodies),
-        _layers(gcode, bodies, float(low[2]), layer),
+        _check_bed(gcode, scene, width),
+        _check_place(gcode, low + shift, high + shift, width, layer),
+        _check_surface(gcode, bodies, shift, 2 * width + layer),
+        _check_filament(gcode, bodies),
+        _check_layers(gcode, bodies, float(low[2]), layer),
     ]
 
 
-def _bed(gcode: Gcode, scene: ResolvedScene, width: float) -> SlicerCheck:
+def _check_bed(gcode: Gcode, scene: ResolvedScene, width: float) -> SlicerCheck:
     room = np.array(scene.printer.build_volume_mm)
     half = np.array([width / 2, width / 2, 0.0])
     over = float(max((half - gcode.low)[:2].max(), (gcode.high + half - room).max()))
@@ -247,10 +246,10 @@ def _bed(gcode: Gcode, scene: ResolvedScene, width: float) -> SlicerCheck:
         if over <= 0
         else f"what is printed, {what}, reaches {over:.2f} mm out of the build volume"
     )
-    return judge("bed", over <= 0, over, 0.0, "mm", detail)
+    return make_check("bed", over <= 0, over, 0.0, "mm", detail)
 
 
-def _place(gcode: Gcode, low: Array, high: Array, width: float, layer: float) -> SlicerCheck:
+def _check_place(gcode: Gcode, low: Array, high: Array, width: float, layer: float) -> SlicerCheck:
     ends = np.concatenate([gcode.start, gcode.end])
     half = np.array([width / 2, width / 2, 0.0])
     first = ends.min(axis=0) - half - [0.0, 0.0, layer]
@@ -263,10 +262,10 @@ def _place(gcode: Gcode, low: Array, high: Array, width: float, layer: float) ->
         if share <= 1
         else f"the printed part begins or ends {off.max():.2f} mm from where the mesh does"
     )
-    return judge("place", share <= 1, share, 1.0, "lines or layers", detail)
+    return make_check("place", share <= 1, share, 1.0, "lines or layers", detail)
 
 
-def _surface(gcode: Gcode, bodies: Sequence[Mesh], shift: Array, limit: float) -> SlicerCheck:
+def _check_surface(gcode: Gcode, bodies: Sequence[Mesh], shift: Array, limit: float) -> SlicerCheck:
     from scipy.spatial import cKDTree
 
     tree = cKDTree(points_along(gcode.start, gcode.end, SPACING_MM))
@@ -274,7 +273,7 @@ def _surface(gcode: Gcode, bodies: Sequence[Mesh], shift: Array, limit: float) -
     worst, where, shell = 0.0, np.zeros(3), 1
     for number, body in enumerate(bodies, start=1):
         wanted = max(200, SAMPLES * len(body[0]) // total)  # points of each body
-        sample = _sample(body, wanted) + shift
+        sample = _sample_surface(body, wanted) + shift
         away, _ = tree.query(sample)
         if away.max() > worst:
             worst, where, shell = float(away.max()), sample[away.argmax()] - shift, number
@@ -284,10 +283,10 @@ def _surface(gcode: Gcode, bodies: Sequence[Mesh], shift: Array, limit: float) -
         if worst <= limit
         else f"shell {shell} is not printed at ({place}): the nearest line is {worst:.2f} mm away"
     )
-    return judge("surface", worst <= limit, worst, limit, "mm", detail)
+    return make_check("surface", worst <= limit, worst, limit, "mm", detail)
 
 
-def _sample(body: Mesh, wanted: int) -> Array:
+def _sample_surface(body: Mesh, wanted: int) -> Array:
     """Sample the surface at corners and middles of faces, evenly taken from the lists, (k, 3)."""
     vertices, faces = body
     corners = vertices[:: max(1, 2 * len(vertices) // wanted)]
@@ -296,7 +295,7 @@ def _sample(body: Mesh, wanted: int) -> Array:
     return points
 
 
-def _filament(gcode: Gcode, bodies: Sequence[Mesh]) -> SlicerCheck:
+def _check_filament(gcode: Gcode, bodies: Sequence[Mesh]) -> SlicerCheck:
     volume = _volume_mm3(bodies) / 1000
     laid = gcode.filament_cm3 * (1 - gcode.support_share)
     share = laid / volume
@@ -304,17 +303,17 @@ def _filament(gcode: Gcode, bodies: Sequence[Mesh]) -> SlicerCheck:
     detail = f"{laid:.2f} cm3 of filament for {volume:.2f} cm3 of part, supports left out"
     if not passed:
         detail += f": between {INFILL_PERCENT} % and {MOST_FILAMENT:.0%} is plausible"
-    return judge("filament", passed, share, MOST_FILAMENT, "of the mesh's volume", detail)
+    return make_check("filament", passed, share, MOST_FILAMENT, "of the mesh's volume", detail)
 
 
-def _layers(gcode: Gcode, bodies: Sequence[Mesh], bottom: float, layer: float) -> SlicerCheck:
+def _check_layers(gcode: Gcode, bodies: Sequence[Mesh], bottom: float, layer: float) -> SlicerCheck:
     """Check that there are as many layers as the bodies are cut by at a layer's middle height."""
     tops = [(v[:, 2].min() - bottom, v[:, 2].max() - bottom) for v, _ in bodies]
     middles = (np.arange(ceil(max(high for _, high in tops) / layer) + 1) + 0.5) * layer
     wanted = sum(any(low <= z < high for low, high in tops) for z in middles)
     off = abs(gcode.layers - wanted)
     detail = f"{gcode.layers} layers of the part, where its height at {layer:g} mm makes {wanted}"
-    return judge("layers", off <= LAYERS_OFF, float(off), LAYERS_OFF, "layers", detail)
+    return make_check("layers", off <= LAYERS_OFF, float(off), LAYERS_OFF, "layers", detail)
 
 
 def _volume_mm3(bodies: Sequence[Mesh]) -> float:

@@ -78,8 +78,8 @@ def propose_turns(strands: Strands) -> list[Array]:
     All but the scene's axes are tied to the piece, so that it does not matter how it was turned
     before.
     """
-    own = _principal(strands)
-    up = [*own, *(-own), *_hull_faces(strands.middle), *(_sphere(SPHERE) @ own)]
+    own = _principal_axes(strands)
+    up = [*own, *(-own), *_hull_faces(strands.middle), *(_spread_directions(SPHERE) @ own)]
     turns = list(AXES)
     taken = np.array([t[2] for t in AXES])
     for direction in up:
@@ -119,7 +119,7 @@ def keeps_limits(found: Estimate, rules: Rules) -> bool:
 def spread_turns(count: int) -> Array:
     """Return rotations of the axes, and of directions all round, onto the vertical."""
     right = np.array([1.0, 0.0, 0.0])
-    return np.stack([*AXES[:3], *(_turn_to(up, right) for up in _sphere(count))])
+    return np.stack([*AXES[:3], *(_turn_to(up, right) for up in _spread_directions(count))])
 
 
 def _order(pose: Ranked, rules: Rules) -> tuple[bool, float]:
@@ -127,7 +127,7 @@ def _order(pose: Ranked, rules: Rules) -> tuple[bool, float]:
     return not within, round(pose.minutes if within else pose.estimate.support_cm3, 6)
 
 
-def _principal(strands: Strands) -> Array:
+def _principal_axes(strands: Strands) -> Array:
     """Return the directions of most, middle and least extent as rows (3, 3), right-handed.
 
     Each of the first two points to the side of the longer tail, so that they turn with the piece.
@@ -153,7 +153,7 @@ def _hull_faces(points: Array) -> Array:
     return np.asarray(-hull.equations[largest, :3])
 
 
-def _sphere(count: int) -> Array:
+def _spread_directions(count: int) -> Array:
     """Spread directions evenly over the sphere, on a spiral of golden angles, (count, 3)."""
     k = np.arange(count)
     z = 1.0 - (2 * k + 1) / count
@@ -172,9 +172,7 @@ def _turn_to(up: Array, right: Array) -> Array:
     return np.stack([across, np.cross(up, across), up])
 
 
-# Estimate what a flatter piece would take to print, and how flat it must be to keep the printer's
-# limit.
-
+# What a flatter piece would take to print, and how flat it must be to keep the printer's limit.
 
 STEPS = 5  # halvings, to a thirty-second of the depth
 AIM = 0.95  # a share of the limit: the search that follows lays the strands anew

@@ -15,7 +15,7 @@ from knotfab.base.arrays import Array, Indices
 from knotfab.base.errors import SceneError
 from knotfab.geometry.overhang import Rules
 from knotfab.geometry.tube import Mesh, as_manifold, as_mesh, box_of, face_normals
-from knotfab.hold.mount import Mounted
+from knotfab.hold.mounted import Mounted
 from knotfab.knots import Knot, Knots
 from knotfab.part.cut import CLEARANCE_MM, Line, cut_body, find_cuts
 from knotfab.part.pose import PrintPose, choose_pose
@@ -23,7 +23,7 @@ from knotfab.scene.camera import Camera
 from knotfab_formats.print_figures import PlateFile, PlatesFigures, PoseFigures
 
 if TYPE_CHECKING:
-    from manifold3d import Manifold
+    pass
 
 
 APART_MM = 5.0  # between pieces on one plate
@@ -145,7 +145,7 @@ def lay_on_plates(
         counts.append(len(cuts))
         pins += cuts
     to_part: Array = np.linalg.inv(part_pose.matrix).astype(np.float64)
-    return Plates(_pack(posed, clear, to_part), counts, pins, poses)
+    return Plates(_pack_plates(posed, clear, to_part), counts, pins, poses)
 
 
 def _cut_to_fit(
@@ -177,7 +177,7 @@ def _cut_to_fit(
     raise why
 
 
-def _pack(
+def _pack_plates(
     posed: Sequence[_PosedBody], room: tuple[float, float, float], to_part: Array
 ) -> list[PrintPlate]:
     """Pack bodies in rows, the deepest first, on as few plates as that takes."""
@@ -239,7 +239,7 @@ def list_printables(
     found = []
     for number, (body, name) in enumerate(zip(mounted.bodies, mounted.names, strict=True)):
         points = knots.knots[number].points
-        barred, beside, beside_of = _pegs(mounted, number, points, knots.radius_mm)
+        barred, beside, beside_of = _find_pegs(mounted, number, points, knots.radius_mm)
         shown = np.min(
             [
                 measure_hiding(points, knots.radius_mm, c, m)
@@ -265,7 +265,7 @@ def measure_hiding(
     return (value / (FULLY_RADII * radius_mm)).clip(max=1.0)
 
 
-def _pegs(
+def _find_pegs(
     mounted: Mounted, knot: int, points: Array, radius: float
 ) -> tuple[NDArray[np.bool_], Array, Indices]:
     """Find vertices next to a peg, the points that bound the knot's pegs, and their vertices."""
@@ -313,15 +313,11 @@ def clean_body(body: Mesh) -> Mesh:
     solid = as_manifold(body)
     rounded = body
     for tolerance in TOLERANCES_MM:
-        rounded = _round_solid(solid.simplify(tolerance))
+        vertices, faces = as_mesh(solid.simplify(tolerance))
+        rounded = vertices.astype(np.float32).astype(np.float64), faces
         if _is_clean(rounded):
             break
     return rounded
-
-
-def _round_solid(solid: Manifold) -> Mesh:
-    vertices, faces = as_mesh(solid)
-    return vertices.astype(np.float32).astype(np.float64), faces
 
 
 def _is_clean(body: Mesh) -> bool:

@@ -107,7 +107,7 @@ def choose_pose(
     Raises:
         SceneError: no such pose fits; names the sizes and the largest frame that would.
     """
-    points = _corners(np.concatenate([vertices for vertices, _ in tubes]))
+    points = _hull_corners(np.concatenate([vertices for vertices, _ in tubes]))
     room = np.asarray(build_volume_mm, dtype=np.float64)
     sides = ORIENTATIONS if upright is None else (upright,)
     if rules is not None and upright is None:
@@ -115,7 +115,7 @@ def choose_pose(
         turns = propose_turns(strands)
         if not rules.powder:
             order = rank_turns(strands, turns, rules)
-            return _weigh(knots, tubes, points, room, order, rules, frame_mm)
+            return _choose_weighed(knots, tubes, points, room, order, rules, frame_mm)
         for turn, size in _compact_turns(points, turns):
             if _fits(size, room):
                 return lay_on_bed(knots, tubes, turn)
@@ -123,7 +123,7 @@ def choose_pose(
     if found is not None:
         return lay_on_bed(knots, tubes, found)
     fixed = np.full(3, 2 * knots.radius_mm) if fixed_mm is None else np.asarray(fixed_mm)
-    raise _too_large(sizes, room, fixed, frame_mm, fixed_mm is not None)
+    raise _explain_too_large(sizes, room, fixed, frame_mm, fixed_mm is not None)
 
 
 def fits_upright(
@@ -135,7 +135,7 @@ def fits_upright(
     return _find_turn(np.concatenate(ends), room, (np.eye(3),))[0] is not None
 
 
-def _weigh(
+def _choose_weighed(
     knots: Knots,
     tubes: Sequence[Mesh],
     points: Array,
@@ -149,11 +149,11 @@ def _weigh(
     `points` are the corners of the hull.
     """
     beside = np.array([2 * rules.margin_mm, 2 * rules.margin_mm, 0.0])
-    fitting, sizes = _fitting(points, room - beside, order)
+    fitting, sizes = _find_fitting(points, room - beside, order)
     if not fitting and rules.margin_mm > 0:
-        fitting, sizes = _fitting(points, room, order)
+        fitting, sizes = _find_fitting(points, room, order)
     if not fitting:
-        raise _too_large(sizes, room, np.full(3, 2 * knots.radius_mm), frame)
+        raise _explain_too_large(sizes, room, np.full(3, 2 * knots.radius_mm), frame)
     upright = [p for p in order if any(p.turn is axis for axis in ORIENTATIONS)]
     lowest = min(upright, key=lambda p: round(p.estimate.height_mm, 6))
     chosen, turn = fitting[0]
@@ -169,7 +169,7 @@ def _weigh(
     return lay_on_bed(knots, tubes, turn, account)
 
 
-def _fitting(
+def _find_fitting(
     points: Array, room: Array, order: Sequence[Ranked]
 ) -> tuple[list[tuple[Ranked, Array]], list[Array]]:
     """Find the first poses that fit, with their rotations, and the sizes of those that do not."""
@@ -257,7 +257,7 @@ def _compact_turns(points: Array, sides: Sequence[Array]) -> list[tuple[Array, A
 
 def _sweep_about(points: Array) -> tuple[Array, Array, Array]:
     """Return angles about the vertical, rad, and the footprint's width and depth at each."""
-    flat = _corners(points[:, :2])
+    flat = _hull_corners(points[:, :2])
     angle = np.deg2rad(np.arange(0.0, 180.0, 0.25))
     c, s = np.cos(angle), np.sin(angle)
     width = np.ptp(flat[:, :1] * c - flat[:, 1:] * s, axis=0)
@@ -287,7 +287,7 @@ def _oblique_turns(
         yield _turn_about(angle[best]) @ upright, size
 
 
-def _too_large(
+def _explain_too_large(
     sizes: list[Array],
     room: Array,
     fixed: Array,
@@ -330,7 +330,7 @@ def _by(size: Array) -> str:
     return " x ".join(f"{side:.1f}" for side in size)
 
 
-def _corners(points: Array) -> Array:
+def _hull_corners(points: Array) -> Array:
     """Return the corners of the points' convex hull; all points if they are flat."""
     try:
         return np.asarray(points[ConvexHull(points).vertices])

@@ -1,4 +1,4 @@
-"""Write the files of a piece, or of knots of which no piece can be made."""
+"""Write the files of a piece, or of knots from which none can be made."""
 
 from __future__ import annotations
 
@@ -178,9 +178,7 @@ def write_glb(
     path.write_bytes(bytes(scene.export(file_type="glb")))
 
 
-# The words of a piece's files about the piece: its title, how to light it, and a small picture of
-# it.
-
+# What files say of the piece: its title, how to light it, and a small picture.
 
 THUMBNAIL_PX = 300  # side of the picture in part.3mf
 GCODE_PX = 480  # G-code has smaller copies of this picture

@@ -23,7 +23,6 @@ from knotfab_formats.libraries import took_part
 if TYPE_CHECKING:
     from manifold3d import Manifold
 
-
 _SIDES = 12  # sides of a tube, which is scaled down
 _GAP_RADII = 1.5  # tube radii between neighbouring frames
 _MARGIN_RADII = 2.0  # how far the ring goes beyond the frames
@@ -97,7 +96,7 @@ def build_zoetrope(
     reach = 1.05 * radius  # the corners of a tube of few sides stand out
     low, high = every.min(0) - reach, every.max(0) + reach
     beside = float(max(-low[0], high[0])) + 0.5 * _GAP_RADII * radius
-    middle = _distance(len(frames), beside, float(low[2]), radius)
+    middle = _plane_distance(len(frames), beside, float(low[2]), radius)
     outer = hypot(middle + float(high[2]), beside) + _MARGIN_RADII * radius
     inner = max(middle + float(low[2]) - _MARGIN_RADII * radius, 0.0)
     scale = min(
@@ -105,10 +104,10 @@ def build_zoetrope(
         0.5 * min(build_volume_mm[:2]) / outer,
         (build_volume_mm[2] - _THICK_MM) / float(high[1] - low[1]),
     )
-    ring = _ring(outer * scale, inner * scale).scale((1 / scale,) * 3)
+    ring = _make_ring(outer * scale, inner * scale).scale((1 / scale,) * 3)
     solids, posts = [ring], []
     for number, knots in enumerate(frames):
-        body, count = _standing(knots, float(low[1]))
+        body, count = _stand_frame(knots, float(low[1]))
         posts.append(count)
         # axes of the scene: x right, y up, z outwards; frame 0 faces +x, the next ones counter-clockwise
         solids.append(
@@ -139,7 +138,7 @@ def build_zoetrope(
     )
 
 
-def _distance(count: int, beside: float, nearest: float, radius: float) -> float:
+def _plane_distance(count: int, beside: float, nearest: float, radius: float) -> float:
     """Choose how far from the axis the frames' planes are, so that each keeps to its own sector."""
     least = 3.0 * radius - nearest
     if count < 3:
@@ -147,7 +146,7 @@ def _distance(count: int, beside: float, nearest: float, radius: float) -> float
     return max(least, beside / tan(pi / count) - nearest)
 
 
-def _ring(outer: float, inner: float) -> Manifold:
+def _make_ring(outer: float, inner: float) -> Manifold:
     """Make the ring with its hub and spokes, in mm as printed, its top at z = 0."""
     from manifold3d import Manifold
 
@@ -166,13 +165,13 @@ def _ring(outer: float, inner: float) -> Manifold:
     return ring.translate((0.0, 0.0, -_THICK_MM))
 
 
-def _standing(knots: Knots, ground: float) -> tuple[Manifold, int]:
+def _stand_frame(knots: Knots, ground: float) -> tuple[Manifold, int]:
     """Stand a frame's tube on posts down to the height `ground`, y up; with the number of posts."""
     from manifold3d import Manifold
 
     knot, radius = knots.knots[0], knots.radius_mm
     points = knot.points - np.array([0.0, ground, 0.0])
-    body = _tube(Knot(points), radius)
+    body = _sweep_frame(Knot(points), radius)
     extent = np.ptp(points, axis=0)
     chosen = find_footholds(points, float(max(extent[0], extent[2])), float(extent[1]))
     for i in chosen:
@@ -183,7 +182,7 @@ def _standing(knots: Knots, ground: float) -> tuple[Manifold, int]:
     return body, len(chosen)
 
 
-def _tube(knot: Knot, radius: float) -> Manifold:
+def _sweep_frame(knot: Knot, radius: float) -> Manifold:
     """Sweep the tube, with fewer rings if it bends little: scaled down, they are fine enough."""
     count = len(knot.points)
     most = max(1, int(0.55 * radius * count / knot.length_mm))  # tube radii between rings

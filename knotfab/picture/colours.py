@@ -147,7 +147,6 @@ def _part_sharply(colours: Colours, part: Mask, main: Mask) -> bool:
 
 # Drawings on paper photographed under uneven light: the light is divided out.
 
-
 _SIDE = 600  # px of the longer side at which the light is estimated
 # shares of that side, wider than strokes and narrower than shadows; each is tried
 _CLOSED = (0.36, 0.22, 0.14)

@@ -17,7 +17,6 @@ from knotfab_formats.errors import InputError
 if TYPE_CHECKING:
     from matplotlib.ft2font import FT2Font
 
-
 # All of them come with matplotlib.
 _SUPPLIED = (
     "DejaVuSans",
@@ -100,7 +99,7 @@ def _draws(path: str, character: str) -> bool:
 
 
 def _named_font(asked: str) -> str:
-    """Return the file of a font given by name or file; raises InputError where there is none."""
+    """Return the file of a font given by name or file; raises InputError if it is missing."""
     what = f"--font {asked}"
     path = at_home(asked)
     if path.suffix.lower() in (".ttf", ".otf", ".ttc", ".otc", ".pfb", ".woff") or os.path.isfile(

@@ -188,7 +188,6 @@ def _squares(rgb: Colours, opaque: Mask) -> tuple[Colours, str] | None:
 
 # Guessing from its border how to read an opaque picture: thin frames, borders of several colours.
 
-
 _ALIKE, _APART = 24.0, 96.0  # levels, Euclidean in RGB: within one colour, and between two
 _THIN = 0.015  # the thickest frame, as a share of the shorter side
 _EVEN = 0.75  # the share of each side of a frame's inside that has the colour of the paper

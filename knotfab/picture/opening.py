@@ -127,7 +127,6 @@ def find_losses(polygon: MultiPolygon, opened: Polygon | MultiPolygon, radius: f
 
 # Widening thin strokes of a silhouette until a tube can draw them.
 
-
 _MOST = 0.5  # the share of a line drawing's middle lines that are thinner than the tube
 _SOLID = 0.2  # the largest share of its area that is twice as thick
 

@@ -330,7 +330,6 @@ def check_shape(mask: Mask, what: str) -> None:
 
 # Pictures for pages as file bytes and data URIs, and digests of the pages' scripts.
 
-
 _LONGER_PX = 512  # longer side of a picture on a page
 
 

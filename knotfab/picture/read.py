@@ -38,9 +38,7 @@ PICTURE_SUFFIXES = frozenset(chain(*raster.SUFFIXES.values(), _DRAWN))
 PLAIN = Reading()
 _MISSING = "Check the path, or write text:… for a word or a glyph."
 MOVING = ("GIF", "WEBP", "PNG", "AVIF")  # formats that can hold an animation
-
-# the longest name; file systems hold names with prefixes and suffixes
-_MOST_SIGNS, _MOST_BYTES = 60, 180
+_MOST_SIGNS, _MOST_BYTES = 60, 180  # of a name: file systems hold it with prefixes and suffixes
 SECONDS = 60  # processor time in which a picture is read
 _MOST_TRIED = 100  # frames of an animation searched for the first with a shape
 _CRUMB = 0.01  # share of the ink below which a part is no piece of its own
@@ -51,25 +49,24 @@ class Target(InNotebook):
     """A picture and its silhouette.
 
     `mask` (height, width) is True where the shape is that is drawn, row 0 at the top; `rule` says
-    how it was read. `original` is the silhouette that a shadow is compared with, if that is
-    another. If strokes were widened, the shadow is scored by `widened`, the original with these
-    strokes. `line` (n, 2) is the one closed line, px, that draws a picture in greys.
+    how it was read. A shadow is compared with `original`, if that is another, and scored by
+    `widened`, the original with widened strokes, if any were. `line` (n, 2), px, is the one closed
+    line of a drawing in greys.
 
-    `crop_px` is the part of the picture that was read (left, top, width, height). `png_bytes` is
-    the file to copy beside scene.toml, with `suffix`: the original for a pixel picture, the
-    canonical PNG for SVG and text; read again in the same way it gives the same mask. `name` is a
-    `plain_name`, `title` the name as it was given, if it can be shown.
+    `crop_px` is what was read of the picture (left, top, width, height). `png_bytes`, with
+    `suffix`, is the file to copy beside scene.toml: the original of a pixel picture, the canonical
+    PNG of SVG and text; read in the same way it gives the same mask. `name` is a `plain_name`,
+    `title` the name as given.
 
-    For a round wall the masks are as they would be on a flat one, once `flattened_s`, the seconds
-    that took, is set; `drawing` is then what is drawn on the round one. `bending` says how the
-    picture was bent, or mirrored; `mask` and `widened` are then as bent. `notes` are sentences on
-    what was left out or guessed. `ink` and `threshold` are those used, `speck_px` is the size of
-    specks. `shrunk` is how many px of the picture make one of the masks, across, after a glance at
-    a large picture.
+    For a round wall the masks are as on a flat one, once `flattened_s`, the seconds that took, is
+    set; `drawing` is then what is drawn on the round one. `bending` says how `mask` and `widened`
+    were bent or mirrored. `notes` tell what was left out or guessed; `ink`, `threshold` and the
+    size of specks, `speck_px`, are those used. After a glance `shrunk` px of the picture make one
+    of the masks, across.
 
-    `subject_png` is the mask of a subject that was cut out, white on black, and `colours_png` the
-    picture in colours from which the first lamp's mask was taken, both in the picture's size.
-    `doubt` is another reading that may be meant, if it shows something else.
+    `subject_png` is the mask of a subject that was cut out, `colours_png` the picture in colours
+    from which the first lamp's mask was taken, both in the picture's size. `doubt` is another
+    reading that may be meant, if it shows something else.
     """
 
     name: str
@@ -129,7 +126,6 @@ class Target(InNotebook):
 
     @property
     def file_name(self) -> str:
-        """`name` with the suffix of its bytes."""
         return self.name + self.suffix
 
 
@@ -150,15 +146,11 @@ def plain_name(raw: str, fallback: str) -> str:
     return plain or fallback
 
 
-def _name_text(content: str) -> str:
-    code = "-".join(f"{ord(c):x}" for c in content[:4])
-    return plain_name(content, f"text-{code}" if code else "text")
-
-
 def name_picture(source: str) -> str:
     """Return the name that a picture's target will have (`plain_name`)."""
     if source.startswith(TEXT_PREFIX):
-        return _name_text(source.removeprefix(TEXT_PREFIX))
+        content = source.removeprefix(TEXT_PREFIX)
+        return plain_name(content, "-".join(["text", *(f"{ord(c):x}" for c in content[:4])]))
     return plain_name(Path(source).stem, "picture")
 
 
@@ -225,9 +217,8 @@ def _read_target(
     if isinstance(source, str) and source.startswith(TEXT_PREFIX):
         content = source.removeprefix(TEXT_PREFIX)
         drawn = text.render_text(content, font)
-        target = _take_target(
-            drawn, what, name_picture(source), "", reading, glance, base or Path()
-        )
+        name = name_picture(source)
+        target = _take_target(drawn, what, name, "", reading, glance, base or Path())
         return replace(target, is_text=True, title=_titled(content.strip()))
     data, path = _read_file(source, base)
     suffix = path.suffix.lower()
@@ -374,16 +365,9 @@ def _take_target(
     kept = suffix if suffix in usual else usual[0]
     ink = reading.ink if reading.ink != asked.ink else None
     threshold = reading.threshold if reading.threshold != asked.threshold else None
+    found = name, mask, data, width, height, kept, rule, box, original
     return Target(
-        name,
-        mask,
-        data,
-        width,
-        height,
-        kept,
-        rule,
-        box,
-        original,
+        *found,
         shrunk=shrunk,
         notes=notes,
         ink=ink,

@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from shapely import MultiPolygon, Polygon
     from shapely.geometry.base import BaseGeometry
 
-
 LONGER_SIDE = 1024  # px of the longer side when pictures are compared and traced
 _SPECK = 2.0  # px²: smaller pieces and holes are dropped from polygons
 _REACH = 0.5  # px: how far smoothing may move the outline; half of it where coverage is known
@@ -221,7 +220,6 @@ def _polygons(shape: object) -> MultiPolygon:
 
 
 # Masks as sets of pixels: pieces (8-connected), holes (4-connected) and outlines.
-
 
 _MANY, _HARDLY = 6, 0.015  # the fewest specks of dust, and their largest share of the ink
 _HALF = 0.5 - 1e-5  # with room for single precision

@@ -14,7 +14,6 @@ from knotfab_formats.libraries import took_part
 if TYPE_CHECKING:
     import networkx as nx
 
-
 Line = Array
 """(n, 2) points of one stroke between two places where strokes end or meet."""
 

@@ -65,7 +65,8 @@ def take_subject(image: Image.Image, reading: Reading, folder: Path, what: str) 
         folder: what the name of the mask's file is relative to.
 
     Raises:
-        InputError: the rectangle or a disc lies outside, the cut finds nothing or all, or the file is none.
+        InputError: the rectangle or a disc lies outside, the cut finds nothing or all, or the file is
+            no mask.
     """
     if not reading.subject_mask:
         assert reading.subject_px is not None

@@ -136,7 +136,10 @@ def _shape_text(text: str, font: str | None) -> tuple[str, tuple[str, ...], _Box
         find_font(c, fonts, _name(text)) for c in drawn if unicodedata.category(c) not in _UNDRAWN
     ]
     # a joined word is of one font: the font that has most of its characters, the first of equals
-    order = sorted(dict.fromkeys(files), key=lambda f: -sum(_has(f, c) for c in drawn))
+    order = sorted(
+        dict.fromkeys(files),
+        key=lambda f: -sum(load_font(f).get_char_index(ord(c)) > 0 for c in drawn),
+    )
     families = ", ".join(f"'{load_font(f).family_name}'" for f in order)
     first = next((d for c in drawn if (d := unicodedata.bidirectional(c)) in ("L", "R", "AL")), "L")
     said = drawn if first == "L" else f"{_RIGHT_TO_LEFT}{drawn}{_END}"
@@ -160,10 +163,6 @@ def _shape_text(text: str, font: str | None) -> tuple[str, tuple[str, ...], _Box
         tuple(order),
         (box[0] + step, box[1] + step, box[2] - 2 * step, box[3] - 2 * step),
     )
-
-
-def _has(path: str, character: str) -> bool:
-    return bool(load_font(path).get_char_index(ord(character)))
 
 
 def _frame(body: str, box: _Box, longer: int) -> str:

@@ -29,7 +29,7 @@ from knotfab.part.slicer_profile import write_profile
 from knotfab.part.write import THUMBNAIL_PX
 from knotfab.part.zoetrope import Zoetrope, build_zoetrope
 from knotfab.picture.frames import count_knots, read_frames, tell_apart
-from knotfab.picture.read import Target, read_target
+from knotfab.picture.read import read_target
 from knotfab.pipeline.film_report import (
     Ring,
     check_closing,
@@ -99,7 +99,8 @@ def build_sequence(request: Request, progress: Progress | None = None) -> Outcom
             def write(frame: SequenceFrame) -> WrittenPiece:
                 target = targets[frame.number]
                 work = folder, request, verifier, slicer, progress
-                return write_piece(frame.made, [target], *work, frame_suffix(target))
+                suffix = "-" + target.name.removeprefix("frame-")
+                return write_piece(frame.made, [target], *work, suffix)
 
             for frame in chain.frames():
                 found[frame.number] = frame, write(frame)
@@ -205,11 +206,6 @@ def _measure_motions(folder: OutputFolder, pieces: Sequence[WrittenPiece]) -> li
         )
         for k, n in enumerate(following)
     ]
-
-
-def frame_suffix(target: Target) -> str:
-    """Return the suffix of a frame's files, such as "-01"."""
-    return "-" + target.name.removeprefix("frame-")
 
 
 def write_scene(folder: OutputFolder, asked: ResolvedScene, first: ResolvedScene) -> Path:

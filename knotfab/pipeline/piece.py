@@ -17,7 +17,7 @@ from knotfab.base.folder import OutputFolder
 from knotfab.base.progress import Progress
 from knotfab.design.design import START_FILE, Design
 from knotfab.geometry.tube import sweep
-from knotfab.hold.modeller import ask
+from knotfab.hold.modeller import call_fixture
 from knotfab.hold.placement import placement_of
 from knotfab.knots import Knots
 from knotfab.part.assemble import Part, enlarge_knots, part_of
@@ -213,7 +213,7 @@ def _write_step(folder: OutputFolder, part: Part, camera: Camera, suffix: str) -
     """Write centre lines, tubes and mount as STEP. Returns a sentence for each tube that cannot be smooth."""
     knots = part.pose.knots
     lines = {f"knot {n}": k.points for n, k in enumerate(knots.knots, start=1)}
-    ask(
+    call_fixture(
         write_centre_lines,
         str(folder.file(f"centre-lines{suffix}.step")),
         {name: points.tolist() for name, points in lines.items()},
@@ -228,7 +228,7 @@ def _write_step(folder: OutputFolder, part: Part, camera: Camera, suffix: str) -
         for name, points in lines.items()
     }
     path = str(folder.file(f"part{suffix}.step"))
-    failed = ask(write_solids, path, tubes, fixtures, to_part)
+    failed = call_fixture(write_solids, path, tubes, fixtures, to_part)
     if not failed:
         return ()
     told = []
@@ -248,7 +248,7 @@ def _write_step(folder: OutputFolder, part: Part, camera: Camera, suffix: str) -
             "too tightly for a smooth one."
         )
     if tubes or fixtures:
-        ask(write_solids, path, tubes, fixtures, to_part)
+        call_fixture(write_solids, path, tubes, fixtures, to_part)
     return tuple(told)
 
 

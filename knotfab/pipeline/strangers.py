@@ -28,7 +28,6 @@ from knotfab_formats.verdict import Verdict
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-
 MOST_BYTES = 2_000_000_000  # of a part
 MOST_CORNERS = 10_000  # of one face: the time to triangulate it grows with their square
 COMMAS = "its numbers have decimal commas, such as 1,5: export it with decimal points"

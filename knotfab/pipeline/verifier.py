@@ -82,7 +82,7 @@ class _Validators:
 
 
 def _answer(workers: Workers, request: dict[str, Any]) -> dict[str, Any]:
-    """Have a request answered, again where somebody killed the process that did."""
+    """Have a request answered, and ask once more if the answering process was killed."""
     try:
         return workers.answer(request)
     except Crash as crash:

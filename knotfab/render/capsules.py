@@ -73,8 +73,7 @@ def capsule_distance(
     return torch.where(ahead, (radius - miss) * (focal_px / torch.where(ahead, depth, 1.0)), BEHIND)
 
 
-# Cut segments before they reach the light's plane: matter at the light or behind it casts no
-# shadow.
+# Segments are cut before the light's plane: matter at the light or behind it casts no shadow.
 
 
 def cut_before_light(

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.patches import Rectangle
 
-
 Box = tuple[float, float, float, float]  # left, bottom, right, top
 
 OVERLAP_MM = 10.0  # neighbouring pages share this
@@ -232,7 +231,6 @@ def draw_tile(paper: Paper, tile: Tile) -> tuple[Figure, Axes, Array, Rectangle]
 
 
 # Dimensions, scales and outlines: what a technical drawing is made of, in mm of the page.
-
 
 _STEPS = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)
 _LINE = 0.35  # points

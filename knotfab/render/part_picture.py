@@ -211,7 +211,6 @@ def draw_faces(
 
 # A GIF from pictures that were written before: the verified shadows of a sequence, or a film.
 
-
 _LONGER_PX = 384  # longer side of the pictures
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from knotfab.base.arrays import Array
-from knotfab.hold.mount import Mounted
+from knotfab.hold.mounted import Mounted
 from knotfab.hold.placement import Placement, placement_of
 from knotfab.render.pages import (
     PAPERS,
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from matplotlib.patches import Rectangle
-
 
 SPARE_DEPTH_MM = 1.0  # a hole is so much deeper than its dowel
 LISTED = 40  # holes on the page of words
@@ -121,9 +120,7 @@ def _draw_holes(place: Placement, across: Array, axes: Axes, off: Array, window:
     axes.text(left + 16.0, top - 13.0, "up", size=8, color="#c00")
 
 
-# Four marks about the frame, by which a photograph of the shadow is set straight: cards to be cut
-# out.
-
+# Four cards to cut out, whose marks set a photograph of the shadow straight.
 
 CARD_MM = 30.0
 # a dot, a light ring and a dark one: of the disc that the dark ring bounds, 4/9 lie in it and 1/9 are dot

@@ -1,4 +1,4 @@
-"""Tell of effects and limits: a line each, and a warning where a scene's own word hides one."""
+"""Report effects and limits, one line each, and warn if the scene switches an effect off."""
 
 from __future__ import annotations
 
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from knotfab.picture.read import Target
     from knotfab.problem import SearchResult
     from knotfab_formats.scene import ResolvedScene, SettledScene
-
 
 _GAIN = 0.01  # a gain of brightness error from which on a nearer wall is worth a word
 

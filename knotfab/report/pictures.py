@@ -16,7 +16,7 @@ from knotfab.design.hull import HullBound
 from knotfab.design.sentence import with_noun
 from knotfab.design.survey import Survey, ViewSurvey
 from knotfab.geometry.polylines import polylines_of
-from knotfab.hold.mount import Mounted
+from knotfab.hold.mounted import Mounted
 from knotfab.knots import Knots
 from knotfab.picture.fonts import supplied_folder
 from knotfab.picture.opening import Loss
@@ -70,7 +70,6 @@ def find_pictures(folder: Path) -> list[Picture]:
 
 
 # A piece of several views that turns under one fixed lamp: at which angles it shows its pictures.
-
 
 TURN_FILE = "turn.gif"
 STEP_DEG, PIXELS = 5.0, 240
@@ -150,9 +149,7 @@ def _write_turn(
     write_gif(path, frames, [HOLD_MS if angle in shown else FRAME_MS for angle in turns])
 
 
-# One picture of a survey: the silhouette, and what the tube of a build and thicker ones lose, in
-# red.
-
+# A survey as one picture: each silhouette, and in red what the build's tube and thicker ones lose.
 
 _PANEL = 360  # px
 _TEXT = 34  # px of the caption above each
@@ -177,7 +174,7 @@ def draw_survey(found: Survey) -> bytes:
 
 
 def draw_agreement(target: Target, bound: HullBound) -> bytes:
-    """Draw a PNG of a picture as it came, as it was bent, and what all leave of it."""
+    """Draw a PNG of a picture as it came, as it was bent, and what all views leave of it."""
     return _lay_out([_agreement(target, bound, _PANEL)])
 
 

@@ -162,8 +162,7 @@ def _with_supports(
     return replace(print_, flatter=flatter, support_access=access), notes
 
 
-# Find whether a tool reaches the supports of a piece to take them out: straight ways in from
-# outside.
+# Whether a straight tool reaches the supports from outside, to take them out.
 
 
 # A straight round tool has this diameter: a finger, the jaws of a cutter, the nose of pliers, a hook.

@@ -276,9 +276,7 @@ def tell_plate(plate: PlateFigures | None, scene: ResolvedScene) -> list[str]:
     ]
 
 
-# Tell where a build's time went, and what the next better setting would buy and cost on this
-# piece.
-
+# Where a build's time went, and what the next better accuracy would buy and cost.
 
 _MEASURED = Path(__file__).with_name("next_step.json")
 _SHARE = 0.07  # a shorter stage, as a share of the whole, is not worth a word

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from knotfab.base.arrays import Array
-from knotfab.hold.lamp_frame import frame_of
-from knotfab.hold.mount import Mounted
+from knotfab.hold.lamp_frame import frame_or_reason
+from knotfab.hold.mounted import Mounted
 from knotfab.hold.placement import Placement, placement_of
 from knotfab.hold.wall import mark_depth_mm
 from knotfab.render.pages import (
@@ -55,7 +55,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-
 SIDE: Box = (14.0, 176.0, 196.0, 268.0)  # the place on the page of each view's drawing
 FRONT: Box = (20.0, 62.0, 108.0, 152.0)
 WORDS_X, WORDS_Y, WORDS_WIDE = 118.0, 160.0, 58  # column of words: left, top, characters
@@ -88,7 +87,7 @@ def draw_sheets(mounted: Mounted, scene: SettledScene, cameras: Sequence[Camera]
     pages = [_draw_sheet(mounted, *view, alone=len(cameras) == 1) for view in each]
     plan = None
     if scene.share_wall:
-        plan = lamps_sheet(mounted, places, scene.views, frame_of(mounted)[0])
+        plan = lamps_sheet(mounted, places, scene.views, frame_or_reason(mounted)[0])
     elif len(pages) > 1 or any(place.round is not None for place in places):
         plan = plan_sheet(mounted, places, scene.views)
     plate = places[0].plate_mm is not None

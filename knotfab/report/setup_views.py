@@ -10,7 +10,7 @@ import numpy as np
 
 from knotfab.base.arrays import Array
 from knotfab.hold.lamp_frame import ROD_MM, Bar, Table
-from knotfab.hold.mount import Mounted
+from knotfab.hold.mounted import Mounted
 from knotfab.hold.placement import Placement
 from knotfab.render.pages import (
     PAPERS,
@@ -40,7 +40,6 @@ from knotfab_formats.views import View
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
 
 ZONE: Box = (22.0, 40.0, 188.0, 250.0)  # the drawing's place on the page
 BENDS = 41  # points along a round wall
@@ -126,7 +125,6 @@ def _draw_view(
 
 
 # The drawing from above of several lamps before one screen, with the frame that holds all of it.
-
 
 FRAME_ZONE: Box = (26.0, 92.0, 184.0, 262.0)  # the drawing's place on the page
 FRAME_BESIDE_MM = 14.0  # distance on the page from the drawing to its dimensions

@@ -10,7 +10,7 @@ import numpy as np
 
 from knotfab.base.arrays import Array
 from knotfab.geometry.polylines import arc_lengths
-from knotfab.hold.mount import Mounted
+from knotfab.hold.mounted import Mounted
 from knotfab.hold.placement import Placement
 from knotfab.hold.wall import mark_depth_mm
 from knotfab.render.pages import length
@@ -19,7 +19,6 @@ from knotfab_formats.views import View
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
 
 LAMP_MM = 10.0  # the misplacement for which the loss is told
 HEAR_MM = 0.05  # an offset of less is none
@@ -238,7 +237,6 @@ def _tell_loss(loss: float) -> str:
 
 
 # Strokes of a mount's drawings: the piece, lamps, walls and notes, in mm of the page.
-
 
 INK, PIECE, LIGHT, FAINT = "black", "#8a8478", "#e0a400", "0.6"
 WORDS = "words"  # the name, in an SVG, of parts beside the drawing that are told with it

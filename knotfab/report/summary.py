@@ -184,7 +184,7 @@ def tally_checks(checks: Iterable[Check]) -> str:
 
 
 def verdict_without_part(why: str) -> Verdict:
-    """Make the verdict on a piece of which no part could be made: failed, because of `why`."""
+    """Make the verdict on a piece that could not be made into a part: failed, because of `why`."""
     return Verdict(
         status="fail",
         exit_code=1,

@@ -160,7 +160,6 @@ def least_apart(views: Sequence[View]) -> float:
 
 # A wall that is a cylinder, and the flat wall that touches it.
 
-
 _SLANTED_DEG = 80.0  # light at a steeper angle from the normal hardly brightens a wall
 _ACROSS = 65  # sample places over half of a frame's width
 

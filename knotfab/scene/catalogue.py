@@ -26,7 +26,7 @@ def printers() -> dict[str, Printer]:
     """Return all printers with a data file, by name.
 
     Raises:
-        InputError: a person's own file is none.
+        InputError: a person's own file is no such file.
     """
     return {name: load_named(Printer, name) for name in known_names("printer")}
 
@@ -131,7 +131,6 @@ def resolve(scene: Scene) -> ResolvedScene:
 
 
 # Printers and materials as TOML files, bundled or a person's own, checked key by key.
-
 
 Kind = Literal["printer", "material"]
 Named = TypeVar("Named", Printer, Material)
@@ -258,12 +257,9 @@ def load_file(model: type[Named], path: Path) -> Named:
     lacking = [k for k in model.model_fields if k not in table and k not in USUAL | {"name"}]
     if lacking:
         example = _list_supplied(kind)["prusa-mk4" if kind == "printer" else "pla"]
-        lines = ", ".join(f"{key} = {_toml(example[key])}" for key in lacking)
+        shown_as = {k: f'"{v}"' if isinstance(v, str) else str(v) for k, v in example.items()}
+        lines = ", ".join(f"{key} = {shown_as[key]}" for key in lacking)
         raise InputError(
             what, f"it lacks {', '.join(lacking)}", f"Add what it lacks, such as {lines}."
         )
     return model(**{**checked.model_dump(), "name": path.stem})
-
-
-def _toml(value: Any) -> str:
-    return f'"{value}"' if isinstance(value, str) else str(value)

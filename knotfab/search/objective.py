@@ -146,7 +146,7 @@ class Pose(Protocol):
         """Return into the bounds, which may depend on the points (N, 3)."""
 
     def show(self, objective: Objective, problem: Problem) -> None:
-        """Give the objective the images of its views from the present pose."""
+        """Show the objective the images of its views from the present pose."""
 
     def descend(
         self,

@@ -2,9 +2,9 @@
 
 Moving points along the rays leaves the shadow of a simple curve simple, so the lifted curve is still an
 unknot by inspection. Random smooth profiles are drawn, and the best are varied: those that make the picture
-least legible from aside and need little support in print. If the lamp is wide, strands that draw the outline
-are lowered towards the wall; if careless placing matters, the depth may be reduced. Strands that hide each
-other and are still too near are parted along the rays at the end.
+least legible from the side and need little support in print. If the lamp is wide, strands that draw the
+outline are lowered towards the wall; if careless placing matters, the depth may be reduced. Strands that
+hide each other and are still too near are parted along the rays at the end.
 """
 
 from __future__ import annotations
@@ -232,7 +232,7 @@ class _Judge:
         """Find the depth from `least_mm` to the profile's own, mm, at which its total cost is least.
 
         The cost of careless placing grows with the depth and hardly depends on the profile's shape. IoU lost
-        by it counts like IoU read from aside, and is added to the other costs.
+        by it counts like IoU read from the side, and is added to the other costs.
         """
         most, found = self.extent_mm, []
         extents = np.linspace(max(least_mm / most, 1 / _EXTENTS), 1.0, _EXTENTS) * most

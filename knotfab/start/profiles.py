@@ -159,9 +159,10 @@ class Arches:
         return np.asarray(np.interp(at, step * np.arange(points), smooth, period=length))
 
     def split(self, curve: int, share: float, first: float) -> Arches:
-        """Return another in which the arch at this share of a curve is two, of `first` and what is left.
+        """Return a copy in which the arch at this share of a curve is split in two, `first` and the
+        rest.
 
-        Both are as steep as it was, and all others stay where they are.
+        Both are as steep as it was, and all other arches stay where they are.
         """
         chain = self.chains[curve]
         if not len(chain):

@@ -8,30 +8,19 @@ import numpy as np
 import pytest
 from rings import RADIUS, knots, one, ring
 
-from knotfab.hold.beams import (
-    DOWN,
-    GRAVITY_M_S2,
-    PIECES,
-    POISSON,
-    Beams,
-    Stiffness,
-    frame_of,
-    piece_beams,
-    round_beams,
-    sag_moves,
-    worst_of,
-)
+from knotfab.hold.beams import DOWN, PIECES, Stiffness, piece_beams, sag_moves, worst_of
 from knotfab.hold.pegs import choose_pegs, pegs_on, sites_with
 from knotfab.hold.shade import free_rays
+from knotfab.hold.space_frame import GRAVITY_M_S2, POISSON, Beams, assemble_frame, round_beams
 from knotfab.hold.struts import (
     GROUND,
     ROOT_SHARE,
     Candidates,
     Obstacles,
-    join,
-    nothing,
+    join_members,
+    list_struts,
+    no_members,
     sites_of,
-    struts,
 )
 from knotfab.knots import Knot, Knots
 from knotfab.scene.camera import camera_of
@@ -44,7 +33,7 @@ I = np.pi / 4 * R**4  # noqa: E741
 
 def deflect(beams: Beams, fixed: np.ndarray, down: np.ndarray = DOWN) -> np.ndarray:
     """(n, 3) displacement of the joints, mm, under the beams' own weight."""
-    return frame_of(beams, fixed, E, RHO, down).displacements()[:, :3]
+    return assemble_frame(beams, fixed, E, RHO, down).displacements()[:, :3]
 
 
 def line(length: float, pieces: int, direction: tuple[float, float, float] = (1, 0, 0)):
@@ -167,12 +156,12 @@ def test_two_knots_on_their_pegs_with_a_strut_and_a_leaning_peg() -> None:
     pegs = choose_pegs(knots, rays, thick, foot, stiffness).rays
     sites = sites_with(knots, rays, pegs)
     pairs = np.array([[int(np.flatnonzero(sites.knot == 1)[0]), 0]])
-    strut = struts(sites, pairs, 2.0, 1.5)
+    strut = list_struts(sites, pairs, 2.0, 1.5)
     top, ground = sites.point[[5]], np.array([GROUND])
     leaning = Candidates(
         np.array([5]), ground, top, top + [10.0, 40.0, -100.0 - top[0, 2]], np.array([1.5])
     )
-    members = join([pegs_on(sites, rays, pegs, thick, foot), strut, leaning])
+    members = join_members([pegs_on(sites, rays, pegs, thick, foot), strut, leaning])
     assert len(members) == len(pegs) + 2
     beams, fixed = piece_beams(knots.radius_mm, sites, members, PIECES)
     assert len(fixed) == len(pegs) + 1
@@ -262,7 +251,7 @@ def test_struts_meet_their_tubes_squarely() -> None:
     sites = sites_of(own)
     n = len(sites.knot)
     pairs = np.column_stack([np.repeat(np.arange(n), n), np.tile(np.arange(n), n)])
-    found = struts(sites, pairs, RADIUS, 1.5)
+    found = list_struts(sites, pairs, RADIUS, 1.5)
     along = (found.end - found.start) / found.length_mm[:, None]
     for end in (found.first, found.second):
         cosine = np.abs((along * sites.tangent[end]).sum(axis=1))
@@ -271,7 +260,9 @@ def test_struts_meet_their_tubes_squarely() -> None:
 
 
 def test_members_can_be_thickened_and_joined() -> None:
-    two = join([nothing(), one([0, 0, 0], [3, 4, 0], 1.0), one([0, 0, 0], [0, 0, 2], 1.9)])
+    two = join_members(
+        [no_members(), one([0, 0, 0], [3, 4, 0], 1.0), one([0, 0, 0], [0, 0, 2], 1.9)]
+    )
     assert two.length_mm == pytest.approx([5.0, 2.0])
     assert two.thicken(1.2, 1.95).radius == pytest.approx([1.2, 1.95])
     assert two.thicken(1.2, 1.5).radius == pytest.approx([1.2, 1.9])  # never thinner

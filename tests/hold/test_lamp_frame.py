@@ -18,9 +18,9 @@ from shown_pieces import lit_scene
 from knotfab.base.errors import MachineError
 from knotfab.hold import modeller
 from knotfab.hold.coupon import PLAYS_MM, Coupon, plan_coupon
-from knotfab.hold.lamp_frame import Table, frame_of, plan_table
-from knotfab.hold.modeller import keep_modeller, model
-from knotfab.hold.struts import Candidates, nothing
+from knotfab.hold.lamp_frame import Table, frame_or_reason, plan_table
+from knotfab.hold.modeller import keep_modeller, model_fixture
+from knotfab.hold.struts import Candidates, no_members
 from knotfab_fixtures.holders import DOT_MM, fit_pin, fit_strip
 from knotfab_fixtures.solids import HEAD_MM, TAIL_DEPTH_MM, peg, table_bar
 from knotfab_formats.piece import Mount
@@ -83,7 +83,7 @@ def test_lamps_near_the_middle_widen_the_spine() -> None:
             for view, right in zip(scene.views, rights, strict=True)
         ]
         asked = scene.model_copy(update={"views": tuple(views[:count])})
-        return frame_of(SimpleNamespace(scene=asked, wall=None, stand=None, hang=None))  # type: ignore[arg-type]
+        return frame_or_reason(SimpleNamespace(scene=asked, wall=None, stand=None, hang=None))  # type: ignore[arg-type]
 
     found, why = framed((22.0, 35.0, 48.0))
     assert found is None and "side by side" in why
@@ -221,7 +221,7 @@ def test_it_follows_its_mount() -> None:
     none, starts = np.zeros(2, dtype=np.int64), np.zeros((2, 3))
     ends = np.array([[12.0, 0.0, 0.0], [0.0, 8.0, 0.0]])
     members = Candidates(none, none, starts, ends, np.array([0.9, 1.5]))
-    assert plan_coupon(mounted("stand", stand=SimpleNamespace(members=nothing()))) is None
+    assert plan_coupon(mounted("stand", stand=SimpleNamespace(members=no_members()))) is None
     stand = plan_coupon(mounted("stand", stand=SimpleNamespace(members=members)))
     assert stand is not None
     assert (stand.pin_mm, stand.peg_top_mm, stand.peg_length_mm) == (3.0, 1.8, 12.0)
@@ -241,8 +241,8 @@ def test_a_process_of_its_own_makes_the_same_solids() -> None:
     with keep_modeller(early=False):
         before = _children()
         for there, expected in (
-            (model(peg, 40.0, 1.3, 2.1, root_radius_mm=3.0, sink_mm=np.float64(0.1)), here),
-            (model(fit_strip, (4.0, 4.1), (0, 1), 3.0, room_mm=9.0), holes),
+            (model_fixture(peg, 40.0, 1.3, 2.1, root_radius_mm=3.0, sink_mm=np.float64(0.1)), here),
+            (model_fixture(fit_strip, (4.0, 4.1), (0, 1), 3.0, room_mm=9.0), holes),
         ):
             for array, same in zip(there, expected, strict=True):
                 assert array.dtype == same.dtype
@@ -250,16 +250,16 @@ def test_a_process_of_its_own_makes_the_same_solids() -> None:
         started = _children() - before
         assert len(started) == 1  # one for both
         with pytest.raises(ValueError, match="every size of a peg"):
-            model(peg, -1.0, 1.3, 2.1)
+            model_fixture(peg, -1.0, 1.3, 2.1)
     assert not _children() & started
 
 
 @pytest.mark.slow
 def test_the_maker_loads_no_modeller() -> None:
     script = (
-        "import sys\nfrom knotfab.hold.modeller import keep_modeller, model\n"
+        "import sys\nfrom knotfab.hold.modeller import keep_modeller, model_fixture\n"
         "from knotfab_fixtures.solids import peg\n"
-        "with keep_modeller(True): model(peg, 9.0, 1.0, 1.0)\n"
+        "with keep_modeller(True): model_fixture(peg, 9.0, 1.0, 1.0)\n"
         "print([name for name in ('cadquery', 'OCP') if name in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
@@ -267,7 +267,7 @@ def test_the_maker_loads_no_modeller() -> None:
 
 
 def test_without_one_it_is_modelled_here() -> None:
-    here = model(lambda size: (size * np.eye(3), np.array([[0, 1, 2]])), 2.0)
+    here = model_fixture(lambda size: (size * np.eye(3), np.array([[0, 1, 2]])), 2.0)
     np.testing.assert_array_equal(here[0], 2 * np.eye(3))
 
 
@@ -277,7 +277,7 @@ def test_a_process_that_ends_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
         keep_modeller(early=True),
         pytest.raises(MachineError, match=r"exit code 1: .*no_such_modeller") as told,
     ):
-        model(peg, 9.0, 1.0, 1.0)
+        model_fixture(peg, 9.0, 1.0, 1.0)
     assert "--mount none" in str(told.value)
 
 

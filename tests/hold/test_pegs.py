@@ -12,7 +12,7 @@ from rings import PLA, RADIUS, camera, knots, ring
 from knotfab.hold.beams import HeldFrame, Stiffness, piece_frame, sag_moves, springs_of, worst_of
 from knotfab.hold.pegs import choose_pegs, pegs_on, sites_with
 from knotfab.hold.shade import Rays, free_rays
-from knotfab.hold.struts import Candidates, join
+from knotfab.hold.struts import Candidates, join_members
 
 ONE = knots(ring(50.0))
 
@@ -55,7 +55,7 @@ def test_members_held_on_a_solved_frame_are_members_of_a_frame_solved_anew(taper
     far = len(sites.knot) // 2
     ends = sites.point[[0]], sites.point[[far]]
     strut = Candidates(np.array([0]), np.array([far]), *ends, top[:1])
-    members = join([pegs if tapers else replace(pegs, end_radius=None), strut])
+    members = join_members([pegs if tapers else replace(pegs, end_radius=None), strut])
     given, rest = members.of([0]), members.of(np.arange(1, len(members)))
     held = HeldFrame(piece_frame(ONE, sites, given, PLA))
     n = len(sites.knot)
@@ -63,11 +63,11 @@ def test_members_held_on_a_solved_frame_are_members_of_a_frame_solved_anew(taper
         some, one = rest.of(np.arange(number)), rest.of([number])
         held.hold(some, *springs_of(some, np.zeros(number), PLA))
         more = held.displacements_with_each(one, *springs_of(one, np.zeros(1), PLA))[0, :n]
-        anew = piece_frame(ONE, sites, join([given, some, one]), PLA).displacements()[:n]
+        anew = piece_frame(ONE, sites, join_members([given, some, one]), PLA).displacements()[:n]
         assert more == pytest.approx(anew, abs=1e-7 * np.abs(anew).max())
         force = np.random.default_rng(number).normal(size=(held.joints, 6))
         force[n:] = 0
-        other = piece_frame(ONE, sites, join([given, some]), PLA)
+        other = piece_frame(ONE, sites, join_members([given, some]), PLA)
         load = np.zeros((other.joints, 6))
         load[:n] = force[:n]
         want = other.response(load)[:n]

@@ -20,7 +20,7 @@ from knotfab.hold.plinth import slope_below
 from knotfab.hold.shade import MountShadows
 from knotfab.hold.solids import stand_bodies, strut
 from knotfab.hold.stand import StandMount, plan_stand
-from knotfab.hold.struts import join
+from knotfab.hold.struts import join_members
 from knotfab.part.assemble import _choose_poses
 from knotfab.report.setup import draw_sheets, write_setup
 from knotfab.report.setup_words import steps_of
@@ -135,7 +135,7 @@ def test_a_post_through_a_picture_is_measured_in_that_view() -> None:
     """The validators, on a part with one bar more than its stand has."""
     mount = plan()
     bar = one([0, -30, 35], [0, 45, 35], 1.5, ground=True)
-    stray = replace(mount, members=join([mount.members, bar]))
+    stray = replace(mount, members=join_members([mount.members, bar]))
     with pytest.raises(SceneError, match="bodies"):  # the bar touches nothing
         stand_bodies([sweep(ONE.points, RADIUS, 24)], stray)
     solid = strut(bar.start[0], bar.end[0], 1.5).solid().to_mesh64()

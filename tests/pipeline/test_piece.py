@@ -22,8 +22,8 @@ import knotfab
 from knotfab.base.folder import OutputFolder
 from knotfab.geometry.tube import mesh_volume, sweep
 from knotfab.hold.hang import Eyelet, HangMount
-from knotfab.hold.mount import Mounted
-from knotfab.hold.struts import join
+from knotfab.hold.mounted import Mounted
+from knotfab.hold.struts import join_members
 from knotfab.knots import Knot, Knots
 from knotfab.part.write import make_pose
 from knotfab.pipeline import piece as also_file
@@ -54,7 +54,7 @@ def made_by_hand(kind: str, also: set[str], out: Path, **view: float) -> Made:
     bar = one([0, -50, 20], [5, -50, -20], 1.5)
     if mounted.stand is not None:
         post = one([0, -50, 0], [1, -57, 3], 1.5, ground=True)
-        stand = replace(mounted.stand, members=join([post, bar]))
+        stand = replace(mounted.stand, members=join_members([post, bar]))
         mounted = replace(mounted, stand=stand)
     if kind == "hang":
         eyelet = Eyelet(np.array([0.0, 60.0, 3.0]), np.array([0.6, 0.0, 0.8]), 6.0, 1.5)

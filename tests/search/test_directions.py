@@ -12,7 +12,7 @@ from shapely import MultiPolygon, box
 from knotfab.geometry.polylines import polylines_of
 from knotfab.problem import Problem, TargetView
 from knotfab.scene.camera import least_apart
-from knotfab.search.directions import MOST_TURN_DEG, FreeDirections
+from knotfab.search.free_pose import MOST_TURN_DEG, FreeDirections
 from knotfab.search.objective import Objective, Weights
 from knotfab_formats.scene import ResolvedView, SettledRegion
 from knotfab_formats.search import SearchSettings

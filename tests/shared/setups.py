@@ -5,10 +5,10 @@ from typing import Literal
 import numpy as np
 
 from knotfab.geometry.tube import sweep
-from knotfab.hold.mount import Mounted
+from knotfab.hold.mounted import Mounted
 from knotfab.hold.plinth import Base, slope_below
 from knotfab.hold.stand import StandMount
-from knotfab.hold.struts import nothing
+from knotfab.hold.struts import no_members
 from knotfab.hold.wall import Peg, WallMount
 from knotfab.scene.camera import Camera, camera_of
 from knotfab_formats.piece import Mount
@@ -44,7 +44,7 @@ def setup(kind: Kind, margin_mm: float = 8.0, **view: float) -> tuple[Mounted, S
     if kind == "stand":
         base = Base(slope_below([camera]), -30.0, 32.0, -20.0, 25.0, -75.0, 9.0, 20.0, 15.0)
         none = np.empty(0, dtype=np.int64)
-        stand = StandMount(nothing(), none, base, 0.1, np.zeros(3), 0.1, np.zeros(1))
+        stand = StandMount(no_members(), none, base, 0.1, np.zeros(3), 0.1, np.zeros(1))
         return Mounted(bodies, ["piece"], scene, None, None, stand), scene, camera
     normal = camera.receiver[:3]
     pegs = []

@@ -18,7 +18,6 @@ Mask = NDArray[np.bool_]
 
 # Loops compiled by numba: once on a machine, and cached on disk where a place is writable.
 
-
 _In = ParamSpec("_In")
 _Out = TypeVar("_Out")
 _ROOM_BYTES = (

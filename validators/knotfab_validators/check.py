@@ -135,7 +135,6 @@ def time_stage(seconds: dict[str, float], stage: str) -> Iterator[None]:
 
 # The error with which every reader refuses a file, and the limits on what a file may hold.
 
-
 MOST_TRIANGLES = 20_000_000
 """The triangles that one file may have: more would not fit the memory of the machines meant for checks."""
 

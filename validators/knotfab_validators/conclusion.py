@@ -120,9 +120,7 @@ def _in_letters(number: int) -> str:
     return NUMBERS[number] if number < len(NUMBERS) else str(number)
 
 
-# A picture of failures: the part from three sides with the places marked, and the sentences
-# beside it.
-
+# A picture of failures: the part from three sides, places marked, sentences beside it.
 
 PANEL_PX = 420
 GAP_PX = 14

@@ -33,10 +33,8 @@ from knotfab_validators.tube.thickness import check_bend, check_length, check_th
 from knotfab_validators.tube.tube_fit import check_cut, check_tube, measure_proud
 
 if TYPE_CHECKING:
-    from knotfab_formats.bounds import Matrix
     from knotfab_formats.piece import Mount
     from knotfab_validators.files.scene import Scene
-
 
 PLATE_HOLES = 2  # screw holes in a plate
 Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # rotates y up into z up
@@ -123,7 +121,8 @@ def _check_surface(
         checks += [skip_check(name, "not given the scene") for name in ("region", "build_volume")]
     else:
         with time_stage(seconds, "region"):
-            checks.append(check_region(scene.region, _pose(scene), curves, mesh, scene.surface))
+            pose = None if scene.pose is None else scene.pose.matrix
+            checks.append(check_region(scene.region, pose, curves, mesh, scene.surface))
             if not plates:
                 checks.append(_check_build_volume(printed, scene))
     if printed is not None and scene is not None and plates:
@@ -234,10 +233,6 @@ def _check_gap(
         strands = _keep_strands(mesh, curves) if _is_mounted(scene) else mesh
         gap = check_clearance(strands, curves or found, required)
     return gap if found is None else replace(gap, required=False)
-
-
-def _pose(scene: Scene) -> Matrix | None:
-    return None if scene.pose is None else scene.pose.matrix
 
 
 def _is_mounted(scene: Scene | None) -> bool:

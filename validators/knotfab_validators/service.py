@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from knotfab_validators.shadows.view import ViewGeometry
     from knotfab_validators.validate import Piece
 
-
 GEOMETRY = ("igl", "pymeshlab", "scipy.spatial", "scipy.sparse.csgraph")
 
 

@@ -32,7 +32,6 @@ from knotfab_validators.shadows.part_shadows import skip_shadow_checks, verify_s
 if TYPE_CHECKING:
     from knotfab_validators.files.scene import Scene
 
-
 FilePath = str | PathLike[str]
 Half = Literal["geometry", "shadows"]
 
@@ -118,7 +117,11 @@ def read_piece(
     with time_stage(seconds, "read"):
         printed = read_mesh(part_path, unit, notes) if part_path else None
         lines = read_knots(Path(knots)) if knots is not None else None
-        setting = _read_scene(scene_path) if scene_path else None
+        setting = None
+        if scene_path:
+            from knotfab_validators.files.scene import read_scene  # needed for this alone
+
+            setting = read_scene(scene_path)
         laid: list[list[Plate]] = [[], []]
         if scene_path and setting and printed:
             laid = [read(scene_path.parent, setting) for read in (read_plates, read_table)]
@@ -154,12 +157,11 @@ def measure_piece(
     if only != "geometry":
         shadows, views, colours = _check_shadows(piece, skip, pictures_dir, seconds)
         checks += shadows
-    checks = [
-        _in_file(c, piece.left)
-        if c.name not in skip
-        else _leave_out(c, UNASKED if c.name not in asked else "")
-        for c in checks
-    ]
+    for k, check in enumerate(checks):
+        if check.name in skip:
+            checks[k] = _leave_out(check, UNASKED if check.name not in asked else "")
+        elif piece.left != 1.0 and check.name not in AS_PRINTED:
+            checks[k] = rescale(check, 1 / piece.left)  # places in the file
     return Found(checks, views, seconds, colours)
 
 
@@ -223,13 +225,6 @@ def _check_table(piece: Piece, skip: Collection[str], seconds: dict[str, float])
         return check_table(piece.table, piece.setting)
 
 
-def _read_scene(path: Path) -> Scene:
-    """Read a scene file; the reader is imported only for this."""
-    from knotfab_validators.files.scene import read_scene
-
-    return read_scene(path)
-
-
 def _check_shadows(
     piece: Piece, skip: Collection[str], pictures_dir: FilePath | None, seconds: dict[str, float]
 ) -> tuple[list[Check], list[View], Colours | None]:
@@ -255,13 +250,6 @@ def _shrink(
     if mesh is not None:
         mesh = Mesh(share * mesh.vertices, mesh.faces)
     return mesh, None if curves is None else curves.scaled(share)
-
-
-def _in_file(check: Check, left: float) -> Check:
-    """Return a check with its places in the file, whose lengths the material shrinks to `left`."""
-    if left == 1.0 or check.name in AS_PRINTED:
-        return check
-    return rescale(check, 1 / left)
 
 
 def _leave_out(check: Check, why: str) -> Check:

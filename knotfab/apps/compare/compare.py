@@ -109,7 +109,8 @@ def compare_photo(
     if corners is not None:
         at = read_corners(corners, image.shape[1], image.shape[0])
     elif (marks := find_marks(grey)) is not None:
-        cards = card_middles(view.frame_mm, _plate_margin(scene))
+        margin = scene.mount.plate_margin_mm if _has_plate(scene) else 0.0
+        cards = card_middles(view.frame_mm, margin)
         at = map_points(homography(cards, marks), _frame_corners(view))
     else:
         at = _find_frame_by_plate(image, scene, view, str(photo))
@@ -301,10 +302,6 @@ def _margin_px(scene: Scene, view: ResolvedView, width: int) -> tuple[int, int]:
 def _has_plate(scene: Scene) -> bool:
     held = scene.mount
     return held.kind == "wall" and held.foot != "dowel" and not held.on_feet
-
-
-def _plate_margin(scene: Scene) -> float:
-    return scene.mount.plate_margin_mm if _has_plate(scene) else 0.0
 
 
 def read_photo(path: Path) -> Array:

@@ -221,7 +221,7 @@ class Builds:
 
 
 def number(base: str, taken: Iterable[str], joint: str) -> str:
-    """Return `base`, with a number from 2 on if it is taken, in whatever case."""
+    """Return `base`, with a number from 2 on if it is taken, regardless of case."""
     held, name, count = {one.casefold() for one in taken}, base, 2
     while name.casefold() in held:
         name, count = f"{base}{joint}{count}", count + 1

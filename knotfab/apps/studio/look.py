@@ -17,7 +17,6 @@ from knotfab.pipeline.prepare import list_readings, survey_pictures
 if TYPE_CHECKING:
     from PIL import Image
 
-
 _FILLED = {  # the field that each key of a reading fills
     "ink": "ink",
     "speck_px": "specks",

@@ -111,7 +111,7 @@ def thumbnail(folder: Path, name: str) -> Path:
 
 
 def _keep(data: bytes, plain: str, suffix: str, folder: Path) -> Path:
-    """Write a picture to `folder`, numbered if its name is taken in whatever case, and return its path."""
+    """Write a picture to `folder`, numbered if its name is taken regardless of case, and return its path."""
     name, number = plain, 2
     while held := [p for p in folder.glob("[!.]*.*") if p.stem.casefold() == name.casefold()]:
         if all(p.suffix == suffix and p.is_file() and p.read_bytes() == data for p in held):

@@ -13,7 +13,6 @@ from knotfab.base.arrays import Array, Indices
 if TYPE_CHECKING:
     from scipy import sparse
 
-
 LARGEST_TURN = np.deg2rad(175.0)  # fillets of sharper corners are computed as of this one
 
 

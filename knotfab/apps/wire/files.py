@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.patches import Rectangle
 
-
 BENDERS = {"lra": "lra.csv", "grbl": "grbl.gcode"}  # files in the folder benders, by name
 _MOST_BYTES = 100_000
 _SECONDS = 10  # processor time in which a template is filled in

@@ -24,7 +24,6 @@ from knotfab_formats.verdict import Check
 if TYPE_CHECKING:
     from knotfab_validators.shadows.view import ViewGeometry
 
-
 _TOUCH_MM = 0.01  # by which touching strands may seem to overlap
 _SHORT_MM = 0.01  # rounding of the shortest straight
 

@@ -25,7 +25,6 @@ from knotfab.base.arrays import Array, Indices, Mask
 if TYPE_CHECKING:
     from knotfab_validators.shadows.view import ViewGeometry
 
-
 DEPTH_FACTOR = 2.0  # times the tolerance that is allowed along the rays of a single view
 _GAP_MM = 0.05  # gap that the fit keeps between strands, for the rounding of the plan
 _STRAIGHT_MARGIN_MM = 0.05  # extra length of straights, for the same reason

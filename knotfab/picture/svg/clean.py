@@ -161,7 +161,8 @@ def _prune(parent: Element, notes: dict[str, None]) -> None:
             _prune(child, notes)
             before = child
             continue
-        if ours and name in _LEFT_OUT and not (name == "flowRoot" and not _has_text(child)):
+        empty = name == "flowRoot" and not "".join(child.itertext()).strip()
+        if ours and name in _LEFT_OUT and not empty:
             notes[_LEFT_OUT[name]] = None
         if child.tail:
             if before is None:
@@ -169,10 +170,6 @@ def _prune(parent: Element, notes: dict[str, None]) -> None:
             else:
                 before.tail = (before.tail or "") + child.tail
         parent.remove(child)
-
-
-def _has_text(element: Element) -> bool:
-    return bool("".join(element.itertext()).strip())
 
 
 def _embed(link: str, what: str, draw: Callable[[bytes, str], bytes]) -> str:

@@ -14,7 +14,7 @@ from knotfab_validators.check import MOST_TRIANGLES, BadFile
 from knotfab_validators.files import threemf_model
 from knotfab_validators.files.scene import read_knots, read_scene
 from knotfab_validators.files.threemf import DEEPEST, corners_3mf
-from knotfab_validators.files.threemf_model import Rows, cut_rows
+from knotfab_validators.files.threemf_rows import Rows, cut_rows
 from tests.corpus.cube_files import CORE, MESH, as_3mf, cube_obj, model, seeds
 from tests.corpus.examine import examine, read_mesh
 from tests.corpus.fuzzed import fuzz_file

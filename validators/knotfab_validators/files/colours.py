@@ -15,7 +15,6 @@ from knotfab_validators.arrays import Array, Mask
 if TYPE_CHECKING:
     from knotfab_formats.views import View
 
-
 LEVELS = 8  # levels of a channel in one bin: 32 bins
 ALIKE = 12  # the largest distance, bins, of a colour from the one that its cluster is named after
 SIDE = 256 // LEVELS
@@ -200,7 +199,7 @@ def bend_of(view: View) -> Bend | None:
 
 
 def bend_silhouette(mask: Mask, bend: Bend) -> Bent:
-    """Mirror and bend the silhouette as its view has it."""
+    """Mirror and bend the silhouette as its view asks."""
     height, width = mask.shape
     if bend.mirrored:
         mask = np.fliplr(mask)

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from knotfab_formats.piece import Plate as Listed
     from knotfab_formats.scene import Scene
 
-
 ROUNDING_MM = 1e-4  # a hundredth of what any printer resolves
 MOST_BYTES = 2_000_000_000
 UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}
@@ -164,7 +163,6 @@ def _read(folder: Path, listed: tuple[Listed, ...]) -> list[Plate]:
 
 
 # The triangles of an STL file, binary or text.
-
 
 FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("spare", "<u2")])
 VERTEX = rb"vertex\s+(\S+)\s+(\S+)\s+(\S+)\s+"

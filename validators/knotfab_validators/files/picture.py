@@ -25,7 +25,6 @@ from knotfab_validators.files.colours import (
 if TYPE_CHECKING:
     from knotfab_formats.views import Reading
 
-
 FOUR = ndimage.generate_binary_structure(2, 1)  # pixels that share a side are joined
 EIGHT = ndimage.generate_binary_structure(2, 2)  # pixels that touch at a corner are joined too
 
@@ -288,8 +287,7 @@ def _squares(values: NDArray[Any], colour: Array) -> NDArray[np.floating[Any]]:
     return total
 
 
-# A silhouette with its thin strokes widened, as a scene's `thicken_mm` asks for it
-# (docs/silhouette.md).
+# Thin strokes are widened as a scene's `thicken_mm` asks (docs/silhouette.md).
 
 
 def widen_strokes(mask: Mask, width_px: float) -> Mask:

@@ -178,7 +178,6 @@ def read_region_mesh(path: Path, where: str) -> Mesh:
 
 # Read knots.json: centre lines as polygons, validated before anything is measured on them.
 
-
 UNIT = 1e-6  # tolerance of a unit vector's length
 MOST_KNOTS_BYTES = 24_000_000  # some 400,000 points; Python holds `[],` in thirty times its bytes
 

@@ -226,7 +226,6 @@ def _contiguous(*arrays: NDArray[Any]) -> tuple[NDArray[Any], ...]:
 
 # A tube swept around until it meets itself, but not sewn there: its two rims are joined.
 
-
 NEAR = 0.25  # largest distance between the rims' centres, as a share of their radius
 ALIKE = 0.2  # largest difference between the rims' radii, as a share of either
 

@@ -83,7 +83,6 @@ def _length(v: Array) -> Array:
 
 # Compiled loops over triangles and segments, whose points are tuples of three numbers.
 
-
 Triple = tuple[float, float, float]
 
 
@@ -114,7 +113,7 @@ def _step(p: Triple, far: float, along: Triple) -> Triple:
 
 @compiled
 def _from_segment(p: Triple, a: Triple, b: Triple) -> float:
-    """Return the distance of p from the segment ab, as `point_segment` has it."""
+    """Return the distance of p from the segment ab, as `point_segment` does."""
     span = _minus(b, a)
     square = _dot(span, span)
     along = _dot(_minus(p, a), span) / (square if square > 0.0 else 1.0)
@@ -124,7 +123,7 @@ def _from_segment(p: Triple, a: Triple, b: Triple) -> float:
 
 @compiled
 def _nearest_parameters(u: Triple, v: Triple, w: Triple) -> tuple[float, float]:
-    """Find s and t in [0, 1] where s u and w + t v are nearest, as `nearest_on_two` has it."""
+    """Find s and t in [0, 1] where s u and w + t v are nearest, as `nearest_on_two` does."""
     uu, vv, uv, uw, vw = _dot(u, u), _dot(v, v), _dot(u, v), _dot(u, w), _dot(v, w)
     det = uu * vv - uv * uv
     s = min(max((uw * vv - vw * uv) / det, 0.0), 1.0) if det > 0.0 else 0.0

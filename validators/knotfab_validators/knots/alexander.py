@@ -121,7 +121,8 @@ def _determinants(matrices: Ints, p: int) -> Ints:
         work[each, pivot] = work[:, k]
         work[:, k] = rows
         result = np.where(swapped, p - result, result) * rows[:, k] % p
-        inverse = _invert(rows[:, k], p)
+        pivots = rows[:, k].tolist()
+        inverse = np.array([pow(v, -1, p) if v else 0 for v in pivots], dtype=np.int64)
         factor = work[:, k + 1 :, k] * inverse[:, None] % p
         busy = np.flatnonzero(factor.any(axis=0))
         if len(busy):
@@ -131,11 +132,6 @@ def _determinants(matrices: Ints, p: int) -> Ints:
             change = factor[:, busy, None] * rows[:, None, columns] % p
             work[block] = (work[block] - change) % p
     return result % p
-
-
-def _invert(values: Ints, p: int) -> Ints:
-    """Return 1 / v modulo p; 0 for 0."""
-    return np.array([pow(int(v), -1, p) if v else 0 for v in values], dtype=np.int64)
 
 
 def _interpolate(values: list[int], p: int) -> list[int]:
@@ -194,7 +190,6 @@ def _is_prime(n: int) -> bool:
 
 # The Jones polynomial of a diagram, exactly: the Kauffman bracket, crossing by crossing.
 
-
 MOST_STATES = 2000  # ways of joining the open arcs; more would take many seconds
 STARTS = 8  # starting crossings that are tried for a good order
 
@@ -247,7 +242,8 @@ def _bracket(diagram: PlanarDiagram) -> Laurent | None:
                 joined = list(kept)
                 loops = _connect(smoothing, outside, joined, place)
                 key = tuple(joined)
-                sums[key] = sums.get(key, 0) + _times(weight, factors[loops])
+                times = sum(sign * (weight << shift) for sign, shift in factors[loops])
+                sums[key] = sums.get(key, 0) + times
         states, frontier = sums, after
         if len(states) > MOST_STATES:
             return None
@@ -311,10 +307,6 @@ def _loop_factors(bits: int) -> tuple[tuple[tuple[int, int], ...], ...]:
         ((-1, 3 * bits), (-1, bits)),
         ((1, 4 * bits), (1, 2 * bits), (1, 2 * bits), (1, 0)),
     )
-
-
-def _times(value: int, terms: tuple[tuple[int, int], ...]) -> int:
-    return sum(sign * (value << shift) for sign, shift in terms)
 
 
 def _digits(value: int, bits: int) -> Laurent:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import combinations
 from typing import Literal
@@ -153,17 +153,13 @@ def _why_proved(found: Invariants) -> str:
         return "knot Floer homology of rank 1"
     if genus == 1 and found.floer.fibred:
         return "knot Floer homology: genus 1 and fibred"
-    if genus == 2 and total == 5 and abs(found.signature) == 4 and _is_cinquefoil(found):
+    cinquefoil = any(knot.name.endswith("handed 5_1") for knot in candidates(found))
+    if genus == 2 and total == 5 and abs(found.signature) == 4 and cinquefoil:
         return "knot Floer homology of T(2,5)"
     return ""
 
 
-def _is_cinquefoil(found: Invariants) -> bool:
-    return any(knot.name.endswith("handed 5_1") for knot in candidates(found))
-
-
 # The linking of closed polygons: by linking numbers, by polynomials, or proved to be none.
-
 
 MOST_COUNTED = 200_000  # crossings up to which linking numbers are counted
 SHAKES = 20  # rounds of random isotopies if nothing proves a link
@@ -243,7 +239,9 @@ def _by_polynomials(polygons: Mapping[int, Array]) -> Linking:
     if len(diagram.pieces()) == len(polygons):
         return Linking("apart")
     if len(diagram.pieces()) > 1:
-        return _worst([_by_polynomials({k: polygons[k] for k in p}) for p in diagram.pieces()])
+        found = [_by_polynomials({k: polygons[k] for k in p}) for p in diagram.pieces()]
+        order = ("linked", "unknown", "consistent", "apart")
+        return min(found, key=lambda linking: order.index(linking.state))
     count = len(diagram.crossings)
     if count > MOST_CROSSINGS:
         if colouring_number(diagram):
@@ -261,11 +259,6 @@ def _by_polynomials(polygons: Mapping[int, Array]) -> Linking:
         reason = f"its Jones polynomial is {whole.text(half=True)}, not {product.text(half=True)}"
         return Linking("linked", reason=reason, group=group)
     return Linking("consistent", group=group)
-
-
-def _worst(found: Sequence[Linking]) -> Linking:
-    order = ("linked", "unknown", "consistent", "apart")
-    return min(found, key=lambda linking: order.index(linking.state))
 
 
 def _jones_apart(polygons: Mapping[int, Array]) -> Laurent | None:

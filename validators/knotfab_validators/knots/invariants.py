@@ -196,7 +196,6 @@ def invariants(diagram: PlanarDiagram) -> Invariants:
 
 # Signature and determinant of a knot's diagram, from its checkerboard colouring.
 
-
 Corner = tuple[int, int]  # (crossing, side): the face between that side and the next
 
 

@@ -121,14 +121,10 @@ def knot_checks(curves: Curves, asked: str | None = None) -> tuple[Check, Check]
     invariant is consistent with it. `at` is where the linked ones are nearest.
     """
     found = knot_types(curves)
-    return _check_type(curves, found, asked), _check_linking(curves, found)
-
-
-def _check_type(curves: Curves, found: KnotTypes, asked: str | None) -> Check:
     own = _check_own_types(curves, found)
-    if asked is None or own.status == "fail" or not any(curves.closed):
-        return own
-    return _compare_with_scene(own, found.knots, asked_knot(asked))
+    if asked is not None and own.status != "fail" and any(curves.closed):
+        own = _compare_with_scene(own, found.knots, asked_knot(asked))
+    return own, _check_linking(curves, found)
 
 
 def _compare_with_scene(own: Check, knots: Sequence[KnotFinding], asked: Promise) -> Check:
@@ -164,13 +160,13 @@ def _check_own_types(curves: Curves, found: KnotTypes) -> Check:
     left_out = _name_left_out(curves)
     if not any(curves.closed):
         return skip_check(name, "an open curve has no knot type")
-    limit = _word_limit(curves)
+    kinds = [k for k, closed in zip(curves.types, curves.closed, strict=True) if closed]
+    limit = ", ".join(dict.fromkeys(k for k in kinds if promised_knot(k).given)) or None
     if found.touching is not None:
         detail = "the polygons touch themselves or each other" + left_out
         return Check(name, "fail", True, "no knot", limit, "", detail, (found.touching,))
     if found.tangled:
-        promised = [k for k, closed in zip(curves.types, curves.closed, strict=True) if closed]
-        required = any(promised_knot(k).unknot for k in promised)
+        required = any(promised_knot(k).unknot for k in kinds)
         return Check(
             name, "skipped", required, None, limit, "", "not found: too tangled" + left_out
         )
@@ -237,11 +233,6 @@ def _name_left_out(curves: Curves) -> str:
     if not open_curves:
         return ""
     return f"; open curves have no type and are left out: {', '.join(open_curves)}"
-
-
-def _word_limit(curves: Curves) -> str | None:
-    kinds = [k for k, closed in zip(curves.types, curves.closed, strict=True) if closed]
-    return ", ".join(dict.fromkeys(k for k in kinds if promised_knot(k).given)) or None
 
 
 def _crosses_nowhere(polygons: Sequence[Array]) -> bool:

@@ -187,7 +187,6 @@ def _axes_across(towards: Array) -> Array:
 
 # Representations of a knot's group in PSL(2, p) distinguish knots and hands that polynomials do not.
 
-
 PRIMES = (7, 11)  # primes that distinguish all knots of the table whose other invariants are equal
 MOST_GUESSES = 3  # arcs whose colours are guessed, beside the first
 

@@ -86,7 +86,7 @@ def reduce_polygons(
         polygons: (n >= 3, 3) each, in general position (see `general_position`): where signs
             cannot be told the triangle counts as met, so degenerate input only stays longer.
         seed: seed of the order in which vertices are tried. shakes: when nothing can go any more, move
-            the vertices about (by isotopies also) and try again, so many times.
+            the vertices about (by isotopies also) and try again, this many times.
     """
     rng = np.random.default_rng(seed)
     ring = ring_of(polygons)

@@ -287,7 +287,6 @@ def _skip_all(names: tuple[str, ...], why: str) -> list[Check]:
 
 # Faces that meet where they must not, by libigl's exact predicates and, as a second opinion, pymeshlab.
 
-
 MOST_COUNTED = 5_000_000  # crossings beyond which finding the first one is enough
 TURNS = Rotation.from_euler(
     "xyz", [(1, 2, 3), (2, 3, 1), (3, 1, 2), (4, 5, 6)]

@@ -158,7 +158,6 @@ def _key(layer: Ints, ix: Ints, iy: Ints, across: int) -> Ints:
 
 # Vertical columns through a part: where each one enters and leaves the material.
 
-
 CELL_MM = 0.5
 MOST_TESTS = 20_000_000  # pairs of face and row, and of face and column
 HAIR = 1e-3  # cells by which a face is widened when rows look for it, and edges count as level
@@ -314,7 +313,6 @@ def _stretches(column: Ints, z: Array, facing: Ints, face: Ints) -> tuple[Ints, 
 
 
 # Downward tips that begin in mid-air, where a printer would have nothing to start on.
-
 
 UPWARD = 0.05  # z of a normal from which a face counts as looking up
 ISLAND_LEVEL_MM = 1e-6  # corners joined by an edge this level count as one place

@@ -26,7 +26,6 @@ from knotfab_validators.tube.region import check_build_volume
 if TYPE_CHECKING:
     from knotfab_formats.piece import Printer
 
-
 APART_MM = 0.05  # between the part's surface and that of its pieces, placed as the scene says
 VOLUME_SHARE = 0.02  # share of the part's volume that clearances at its connectors may take
 

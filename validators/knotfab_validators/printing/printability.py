@@ -34,7 +34,6 @@ from knotfab_validators.printing.upright import Upright, check_upright
 if TYPE_CHECKING:
     from knotfab_formats.piece import Printer
 
-
 MOST_MM = 10_000.0  # a larger part would leave no fine grid; no printer is larger
 FEATURE_TOLERANCE_MM = 1e-4  # the rounding of a wall in single precision, far from the origin
 GAP_TOLERANCE = 0.08  # a share of the nozzle; see `printability_checks`
@@ -130,7 +129,9 @@ def _measure(
     near = NEAR_MM if use.gap is None else max(NEAR_MM, 1.5 * use.gap)
     with time_stage(seconds, "gap"):
         gap = probe.gap(near)
-    checks = [_check_feature(wall, use), _check_gap(gap, use, proud)]
+    what = "thinnest wall, between sides that are parallel within 30°"
+    checks = [_check_width("feature", wall, what, use.wall, use, FEATURE_TOLERANCE_MM)]
+    checks.append(_check_gap(gap, use, proud))
     if use.powder and not stands:
         return checks + [skip_check(name, POWDER) for name in CARRIED]
     if use.upright is not None:
@@ -167,11 +168,6 @@ def _settings(printer: Printer | None) -> _Settings:
         bridge=printer.max_bridge_mm,
         support_cm3=printer.max_support_cm3,
     )
-
-
-def _check_feature(wall: LocalThickness, use: _Settings) -> Check:
-    what = "thinnest wall, between sides that are parallel within 30°"
-    return _check_width("feature", wall, what, use.wall, use, FEATURE_TOLERANCE_MM)
 
 
 def _check_gap(

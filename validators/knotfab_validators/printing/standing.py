@@ -122,7 +122,6 @@ def _find_container(
 
 # Check that a part that hangs by its eyelet hangs level.
 
-
 MOST_TILT_DEG = 1.0
 PROBE_MM = 0.4  # matter is looked for this far above the thread, and a hole this far below
 
@@ -154,7 +153,6 @@ def check_level(mesh: Mesh, thread: Array, up: Array) -> Check:
 
 
 # Undersides that need support: their area, and the support under them.
-
 
 ANGLE_TOLERANCE = 1e-5  # the rounding of a normal's z in single precision
 BED_MM = 1e-3  # tolerance of the first layer's height

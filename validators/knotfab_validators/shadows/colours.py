@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from knotfab_formats.views import View
     from knotfab_validators.files.scene import Scene
 
-
 # px of a frame of 1024: pixels this near to a border of colours count as along an outline
 OUTLINE_PX = 2.0
 ALIKE = 1.0  # ΔE below which nobody distinguishes colours

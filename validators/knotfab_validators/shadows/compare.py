@@ -18,7 +18,6 @@ from knotfab_validators.shadows.view import ViewGeometry
 if TYPE_CHECKING:
     from knotfab_formats.views import Switches
 
-
 ANGLES_DEG = (15, 30, 45, 60)
 
 

@@ -15,7 +15,6 @@ from knotfab_validators.arrays import Mask
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-
 LONGER_SIDE = 1024
 """Pixels on the longer side of the frame at which shadow and picture are compared."""
 
@@ -91,7 +90,6 @@ def _overlaps(pixels: int, wanted: int) -> csr_array:
 
 
 # Pictures of a verified shadow: the shadow alone, and beside its target with their difference.
-
 
 PANEL_PX = 512  # longer side of a panel
 GAP_PX = 16

@@ -20,7 +20,6 @@ from knotfab_validators.shadows.view import ViewGeometry
 if TYPE_CHECKING:
     from knotfab_formats.views import Room, Switches
 
-
 BLUR_TOLERANCES = 4.0  # in tolerances: a lamp that blurs the outline less counts as a point
 
 
@@ -213,7 +212,6 @@ def _disc(rings: tuple[int, ...]) -> Array:
 
 
 # The light of several coloured lamps on one screen, and the colours that an eye sees in it.
-
 
 Bytes = NDArray[np.uint8]
 FROM_DISC, FROM_BALL = np.pi, 4 * np.pi  # flux of a lamp of intensity 1

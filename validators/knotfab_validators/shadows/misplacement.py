@@ -19,7 +19,6 @@ from knotfab_validators.shadows.view import ViewGeometry
 if TYPE_CHECKING:
     from knotfab_formats.views import Placing, Switches
 
-
 PARTING_TOLERANCES = 4.0  # in tolerances: a shadow whose parts stay this close has merely moved
 
 
@@ -172,7 +171,6 @@ def measure_misplacement(
 
 
 # The shadow of a part as printed: a stack of slices, each as thick as a layer.
-
 
 BLOCK = 64  # layers processed together
 LAYER_TOLERANCES = 2.0  # in tolerances: smaller steps of an outline are ignored

@@ -33,7 +33,6 @@ if TYPE_CHECKING:
     from knotfab_formats.views import View
     from knotfab_validators.files.scene import Scene
 
-
 SKIP_RENDER = "shadow-render"
 
 
@@ -220,13 +219,14 @@ def _check_shadow(
         return skip_check("shadow", no_rendering, required=True)
     name = min(views, key=lambda n: views[n].judged.iou)
     by = "rendered" if no_rendering is None else "exact polygons alone"
+    how = changed.get(name)
     return at_least(
         "shadow",
         views[name].judged.iou,
         iou_floor,
         "",
         f"IoU of the file's shadow and the picture, view {name} ({by})"
-        + _say_changed(views[name], changed.get(name))
+        + (f", {how}; with the picture as it is {views[name].whole.iou:.4f}" if how else "")
         + (", without what its mount darkens" if mount in ("stand", "hang") else "")
         + ("" if iou_floor is not None else "; no floor is asked"),
         required=iou_floor is not None,
@@ -284,10 +284,6 @@ def _check_wrong_outline(views: Mapping[str, VerifiedView]) -> Check:
         + (place if wrong.length_px else ""),
         required=False,
     )
-
-
-def _say_changed(view: VerifiedView, how: str | None) -> str:
-    return f", {how}; with the picture as it is {view.whole.iou:.4f}" if how else ""
 
 
 def _check_intrusion(views: Mapping[str, VerifiedView], mount: str, bars: bool) -> Check:

@@ -41,7 +41,6 @@ if TYPE_CHECKING:
     from knotfab_formats.views import View
     from knotfab_validators.files.scene import Scene
 
-
 MISPLACED_PX = 512  # px of the frame's longer side: enough to distinguish losses of a few per cent
 SPECK_PX = 4.0  # half the length of a piece too small to need a knot
 

@@ -97,7 +97,6 @@ def _compare(of: Feature, has: Mask, wants: Mask, reach: float) -> Iterator[Shap
 
 # Visible specks and slits of light in a shadow, under the lamp that the scene has.
 
-
 SEEN = 0.15  # share of the wall's full light that makes a speck visible at its brightest
 LEAST_MM2 = 0.25  # the smallest speck: half a millimetre square
 
@@ -150,7 +149,6 @@ def find_specks(
 
 
 # Rows of small pieces, which a person reads as text.
-
 
 LEAST = 3  # pieces in a row
 TALLEST = 1 / 16  # share of the frame's longer side: larger letters count as drawings

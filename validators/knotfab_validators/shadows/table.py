@@ -20,7 +20,6 @@ from knotfab_validators.tube.region import check_build_volume
 if TYPE_CHECKING:
     from knotfab_validators.files.scene import Scene
 
-
 OFF_MM = 0.5  # tolerance of the places of a lamp's hole and of the screen's slot
 MOST_DARK = 0.001
 PX = 256  # px of the picture's frame, each way, when its shaded share is measured

@@ -215,7 +215,7 @@ def _regions(labels: Ints, count: int, reach: float) -> list[tuple[int, Box]]:
 def label_regions(kind: Kind, regions: Mask, reach: float) -> tuple[Ints, list[tuple[int, Box]]]:
     """Label all regions, and list those longer than 2 `reach` with their boxes.
 
-    Of the background, which holes and leaks are in, without the region that the frame's corner lies in.
+    Holes and leaks are regions of the background; the one in the frame's corner is not listed.
     """
     light = kind in ("hole", "leak")
     labels, count = _label(regions, _FOUR if light else _EIGHT)

@@ -155,13 +155,16 @@ def verify_view(
     error = outline_error(field, shapely.get_coordinates(polygon), whole_exact, own)
     # w is the distance from the light, over the receiver's
     middle = float(np.median(fine.project(np.concatenate(polygons))[1]))
+    seen, _ = fine.project(vertices)
+    nearest = int(((seen - np.array(error.where)) ** 2).sum(axis=1).argmin())
+    intruding = shadow & ~field.mask & ~wanted
     return replace(
         result,
         tube=overlap(field.mask & screen, wanted) if mounted else whole,
         outline=error,
         outline_px=error.largest_mm / fine.pixel_mm,
-        outline_vertex=_casting(vertices, fine, error.where),
-        intrusion=_share_of_frame(shadow & ~field.mask & ~wanted, frame) if mounted else 0.0,
+        outline_vertex=nearest,
+        intrusion=float(intruding[frame.mask].mean()) if mounted else 0.0,
         tube_px=radius / middle / fine.pixel_mm,
     )
 
@@ -179,11 +182,6 @@ def _beside_stand(view: VerifiedView, tube: Mask) -> VerifiedView:
     )
 
 
-def _share_of_frame(mask: Mask, frame: WorkingFrame) -> float:
-    """Return the share of the picture's frame that a mask (H, W) on the padded frame covers."""
-    return float(mask[frame.mask].mean())
-
-
 def _see_aside(
     caster: ShadowCaster, vertices: Array, faces: Ints, geometry: ViewGeometry
 ) -> dict[str, list[Mask]]:
@@ -194,12 +192,6 @@ def _see_aside(
         return see_aside(caster, vertices, geometry)
     left = faces[before]
     return see_aside(ShadowCaster(vertices, left), vertices[np.unique(left)], geometry)
-
-
-def _casting(vertices: Array, geometry: ViewGeometry, pixel: tuple[float, float]) -> int:
-    """Return the index of the vertex seen nearest to a pixel."""
-    seen, _ = geometry.project(vertices)
-    return int(((seen - np.array(pixel)) ** 2).sum(axis=1).argmin())
 
 
 def count_stray(rendered: Mask, exact: Mask, polygon: Any) -> int:

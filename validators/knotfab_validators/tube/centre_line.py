@@ -106,7 +106,8 @@ def find_centre_line(mesh: Mesh) -> CentreLine | None:
     count += -count % THIN
     for function in circle_functions(mesh):
         ring, points, weight = _cut_rings(mesh, function, count)
-        line = _centroids(ring, points, weight, count)
+        total = np.maximum(np.bincount(ring, weight, count), 1e-300)
+        line = np.stack([np.bincount(ring, weight * x, count) / total for x in points.T], axis=1)
         probes = line[:: max(1, count // 24)]  # points of a line that must lie in the tube
         if np.abs(winding_numbers(probes, mesh)).mean() > 0.75:
             break
@@ -201,11 +202,6 @@ def _cut_rings(mesh: Mesh, function: CircleFunction, count: int) -> tuple[Ints, 
     points = np.concatenate([one, 0.5 * (one + other), other])
     weight = np.concatenate([length / 6, length * 4 / 6, length / 6])
     return np.tile(level % count, 3), points, weight
-
-
-def _centroids(ring: Ints, points: Array, weight: Array, count: int) -> Array:
-    total = np.maximum(np.bincount(ring, weight, count), 1e-300)
-    return np.stack([np.bincount(ring, weight * x, count) / total for x in points.T], axis=1)
 
 
 def _mean_radii(far: Array, at: Ints, weight: Array, line: Array, wave: float) -> Array:

@@ -318,7 +318,6 @@ def _one_of_each(mesh: Mesh, some: Ints, bad: Mask) -> Array:
 
 # Separate a part's vertices into the tube's and the mount's.
 
-
 OFF = 1.06  # radii from the centre lines: facets and mitred rings stand out by less
 REACH = 2.0  # radii from the centre lines: a mount reaches farther, a swollen tube does not
 PROUD = 1.02  # radii from the centre lines: no facet of the tube stands out farther

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from knotfab_formats.bounds import Matrix
     from knotfab_formats.piece import Region
 
-
 BED_TOLERANCE_MM = 1e-3
 REGION_TOLERANCE_MM = 1e-6  # rounding between scene and part coordinates
 SAMPLE_MM = 1.0  # largest spacing of the points measured on a part's faces

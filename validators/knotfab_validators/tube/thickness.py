@@ -202,7 +202,6 @@ def check_length(curves: Curves, max_mm: float | None) -> Check:
 
 # Places of centre lines that face each other, told from neighbours along one strand.
 
-
 MOST_SAMPLES = 200_000  # the limit on absurdly long curves
 MOST_MOVES = 20_000_000  # moves of pairs in all steps; 11 m of a thin tube take 4 million, in 4 s
 MOST_PAIRS = 20_000_000
