@@ -20,6 +20,7 @@ from knotfab_formats.bounds import (
     MOST_MM,
     Angle,
     Auto,
+    Coordinate,
     Count,
     Density,
     Extent,
@@ -289,6 +290,9 @@ class About(Table):
     """The terms under which others may use it, for part.3mf, such as "CC BY 4.0"; none by default."""
 
 
+Ridge = tuple[Coordinate, Coordinate, Coordinate, Coordinate, Length]
+
+
 class Plate(Table):
     """Bodies that are printed at once: their file, by default plate-N.3mf in the plates' order.
 
@@ -297,6 +301,35 @@ class Plate(Table):
 
     file: str = ""
     matrices: Annotated[tuple[Matrix, ...], Field(min_length=1)]
+
+
+class FrameBar(Table):
+    """A bar of the frame that holds the lamps, in its own coordinates: along x from 0, its middle at y = 0,
+    from z = 0 up; lengths in mm.
+
+    A `tail`, a dovetail, goes on beyond its end; a `socket` takes one at its beginning, and `sockets` in its
+    sides: where along x, and 1 in the side of +y or -1 in the other. `holes` go through: x, y, diameter, and
+    how high above the bar the wall around them reaches. `ridges` stand on it: from x, to x, from y, to y,
+    height. `matrix`: the rigid motion that takes the bar to the scene.
+    """
+
+    length_mm: Length
+    width_mm: Length
+    thickness_mm: Length
+    tail: Annotated[bool, Strict()] = False
+    socket: Annotated[bool, Strict()] = False
+    sockets: Annotated[tuple[tuple[Coordinate, Literal[1, -1]], ...], Field(max_length=100)] = ()
+    holes: Annotated[
+        tuple[tuple[Coordinate, Coordinate, Length, Spread], ...], Field(max_length=100)
+    ] = ()
+    ridges: Annotated[tuple[Ridge, ...], Field(max_length=100)] = ()
+    matrix: Matrix
+
+
+class FramePlate(Plate):
+    """Bars of the frame that are printed at once; `matrices` take them to the scene."""
+
+    bars: tuple[FrameBar, ...] = ()
 
 
 class Pose(Table):

@@ -381,7 +381,7 @@ GROWN = ("reach", "legs", "feet", "feet_level", "tipping", "voids")
 UPRIGHT = ("cut", "bars", *GROWN)
 HELD = ("level",)  # a part that hangs on a thread
 PLATES = ("plate_mesh", "plates", "plates_volume")
-TABLE = ("table_mesh", "table", "table_shadow")  # the frame that holds several lamps
+TABLE = ("table_mesh", "table_bars", "table", "table_shadow")  # the frame that holds several lamps
 # checks that do not concern a piece that is not to be printed
 PRINTER = ("build_volume", *PRINTING, *UPRIGHT, *PLATES, *TABLE)
 SHADOWS = (

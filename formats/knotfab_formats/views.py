@@ -25,7 +25,7 @@ from knotfab_formats.bounds import (
     Word,
     option,
 )
-from knotfab_formats.piece import Color, Plate, Table
+from knotfab_formats.piece import Color, FramePlate, Table
 
 
 def _few_bytes(name: str) -> str:
@@ -287,6 +287,6 @@ class Lamps(Table):
     """A lamp stands no farther above or below the axis."""
     colours: Annotated[int, Strict(), Field(ge=0, le=64)] = 0
     """The most flat colours that the picture is cut into; 0: all that the lamps mix."""
-    table: tuple[Plate, ...] = ()
-    """The frame that holds screen, piece and lamps, written by a build: the file of each of its bars, and
-    the rigid motions that take it to the scene."""
+    table: tuple[FramePlate, ...] = ()
+    """The frame that holds screen, piece and lamps, written by a build: the files of its bars, their sizes,
+    and the rigid motions that take them to the scene."""

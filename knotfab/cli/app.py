@@ -52,7 +52,7 @@ def main(arguments: list[str] | None = None, began: float | None = None) -> None
     why = why_unsaid()
     if why is not None:
         print(f"knotfab: {why}", file=sys.stderr)
-    if code == 130 and arguments is None:
+    if code and arguments is None:
         atexit.register(_leave, code)
     gc.freeze()  # a last collection would take a second, and the process ends anyway
     sys.exit(code or (0 if why is None else 3))
@@ -61,10 +61,14 @@ def main(arguments: list[str] | None = None, began: float | None = None) -> None
 def _leave(code: int) -> None:
     """End the process with `code`, once all else has tidied up.
 
-    An interrupt that falls into a library's start (torch's) would make Python end by SIGINT instead.
+    An interrupt that falls into a library's start (torch's) would make Python end by SIGINT instead, and
+    nanobind would print below an error's sentence what its frames still hold.
     """
     atexit.unregister(_leave)
     atexit._run_exitfuncs()
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(OSError, ValueError):
+            stream.flush()
     os._exit(code)
 
 

@@ -17,6 +17,7 @@ from knotfab.hold.mounted import Mounted
 from knotfab.hold.placement import Placement, placement_of
 from knotfab.scene.camera import camera_of
 from knotfab_fixtures.solids import BOSS_WALL_MM, HEAD_MM, TAIL_DEPTH_MM, table_bar
+from knotfab_formats.piece import FrameBar
 
 WIDTH_MM, THICK_MM = 32.0, 5.0  # a bar's
 WIDEST_MM = 120.0  # the spine is no wider, where lamps stand near its middle
@@ -58,14 +59,31 @@ class Bar:
         }
         return model_fixture(table_bar, self.length_mm, self.width_mm, THICK_MM, **named)
 
+    def record(self, to_scene: Array) -> FrameBar:
+        """Record the piece for scene.toml, by which its file is measured."""
+        numbers = {key: np.array(getattr(self, key)).tolist() for key in ("holes", "ridges")}
+        return FrameBar.model_validate(
+            {
+                "length_mm": float(self.length_mm),
+                "width_mm": float(self.width_mm),
+                "thickness_mm": THICK_MM,
+                "tail": self.tail,
+                "socket": self.socket,
+                "sockets": [(float(x), 1 if side > 0 else -1) for x, side in self.sockets],
+                "matrix": to_scene.tolist(),
+                **numbers,
+            }
+        )
+
 
 @dataclass(frozen=True)
 class Sheet:
-    """Bodies that are printed at once, and the motions (4, 4) that take each to the scene."""
+    """Bodies that are printed at once, the motions (4, 4) that take each to the scene, and its sizes."""
 
     name: str
     bodies: list[Mesh]
     to_scene: list[Array]
+    bars: list[FrameBar]
 
 
 @dataclass(frozen=True)
@@ -110,7 +128,7 @@ class Table:
         return [self._lay(f"table-{n}.3mf", bed, turned) for n, bed in beds]
 
     def _lay(self, name: str, bed: Sequence[tuple[Bar, float, float]], turned: bool) -> Sheet:
-        bodies, motions = [], []
+        bodies, motions, bars = [], [], []
         turn = (
             np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]) if turned else np.eye(3)
         )
@@ -123,8 +141,10 @@ class Table:
             bodies.append((vertices @ turn.T + off, faces))
             own = np.eye(4)
             own[:3, :3], own[:3, 3] = turn, off
-            motions.append(self._into_scene(bar) @ np.linalg.inv(own))
-        return Sheet(name, bodies, motions)
+            into = self._into_scene(bar)
+            motions.append(into @ np.linalg.inv(own))
+            bars.append(bar.record(into))
+        return Sheet(name, bodies, motions, bars)
 
     def _into_scene(self, bar: Bar) -> Array:
         """Return the motion (4, 4) from a bar as it is made, its z up, to the scene."""

@@ -24,7 +24,7 @@ from knotfab.render.pages import length
 from knotfab.render.part_picture import draw_part, place_eyes
 from knotfab.scene.load import dump_scene
 from knotfab_formats.libraries import took_part
-from knotfab_formats.piece import Plate, Pose
+from knotfab_formats.piece import FramePlate, Plate, Pose
 from knotfab_formats.scene import ResolvedView, SettledScene
 
 Row = tuple[float, float, float, float]
@@ -51,7 +51,11 @@ def pose_scene(part: Part, suffix: str = "") -> SettledScene:
     table, _ = part.framing
     sheets = () if table is None else table.sheets
     frame = tuple(
-        Plate(file=sheet.name, matrices=tuple(_rows(motion) for motion in sheet.to_scene))
+        FramePlate(
+            file=sheet.name,
+            matrices=tuple(_rows(motion) for motion in sheet.to_scene),
+            bars=tuple(sheet.bars),
+        )
         for sheet in sheets
     )
     lamps = scene.lamps.but(table=frame)

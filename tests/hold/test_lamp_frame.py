@@ -23,7 +23,7 @@ from knotfab.hold.modeller import keep_modeller, model_fixture
 from knotfab.hold.struts import Candidates, no_members
 from knotfab_fixtures.holders import DOT_MM, fit_pin, fit_strip
 from knotfab_fixtures.solids import HEAD_MM, TAIL_DEPTH_MM, peg, table_bar
-from knotfab_formats.piece import Mount
+from knotfab_formats.piece import FramePlate, Mount
 from knotfab_formats.scene import Scene
 from knotfab_validators.files.mesh import Plate
 from knotfab_validators.files.scene import parse_scene
@@ -109,6 +109,11 @@ def test_a_bar_is_watertight_and_refuses_invalid_sizes() -> None:
 @pytest.mark.slow
 def test_the_frame_is_checked_as_it_was_written() -> None:
     table, scene = table_of()
+    listed = tuple(
+        FramePlate(file=s.name, matrices=[m.tolist() for m in s.to_scene], bars=tuple(s.bars))
+        for s in table.sheets
+    )
+    scene = scene.model_copy(update={"lamps": scene.lamps.but(table=listed)})
     asked = parse_scene(scene.model_dump(by_alias=True, mode="json"))
     plates = []
     for sheet in table.sheets:
@@ -121,6 +126,7 @@ def test_the_frame_is_checked_as_it_was_written() -> None:
     judged = check_table(plates, asked)
     assert [(c.name, c.status, c.required) for c in judged] == [
         ("table_mesh", "pass", True),
+        ("table_bars", "pass", True),
         ("table", "pass", True),
         ("table_shadow", "pass", True),
     ]
@@ -131,16 +137,16 @@ def test_the_frame_is_checked_as_it_was_written() -> None:
         other = scene.model_copy(update={"views": tuple(views)}).model_dump(
             by_alias=True, mode="json"
         )
-        assert check_table(plates, parse_scene(other))[1].status == "fail"
+        assert check_table(plates, parse_scene(other))[2].status == "fail"
     moved = plates[0].to_part.copy()
     moved[:, :3, 3] += 2.0
     raised = plates[0].to_part.copy()
     raised[:, 1, 3] += 60.0
-    dark = check_table([replace(p, to_part=raised) for p in plates[:1]], asked)[2]
+    dark = check_table([replace(p, to_part=raised) for p in plates[:1]], asked)[3]
     assert dark.status == "fail" and dark.required
-    assert check_table([replace(plates[0], to_part=moved), *plates[1:]], asked)[1].status == "fail"
+    assert check_table([replace(plates[0], to_part=moved), *plates[1:]], asked)[2].status == "fail"
     fewer = replace(plates[0], to_part=plates[0].to_part[1:])
-    assert check_table([fewer, *plates[1:]], asked)[1].status == "fail"
+    assert check_table([fewer, *plates[1:]], asked)[-1].status == "fail"
     mesh = plates[0].mesh
     torn = replace(plates[0], mesh=Mesh(mesh.vertices, mesh.faces[1:]))
     assert check_table([torn, *plates[1:]], asked)[0].status == "fail"

@@ -275,6 +275,7 @@ def test_skip_knows_every_check_of_a_report(good: Good) -> None:
         "colours",
         "lamp_colours",
         "table_mesh",
+        "table_bars",
         "table",
         "table_shadow",
     }

@@ -17,7 +17,10 @@ from knotfab_validators.mesh.same_surface import (
     compare_surfaces,
     find_3mf,
 )
-from tests.corpus.files import encode
+from tests.corpus.case import make_part
+from tests.corpus.curves import circle
+from tests.corpus.files import encode, write
+from tests.corpus.forged_3mf import Change, forge_3mf, forged_3mf
 from tests.corpus.parts import Body
 
 VERTICES, FACES = tube(trefoil(150) + 60.0, 3.0, 16)
@@ -91,3 +94,20 @@ def test_nothing_is_looked_for_beside_other_files(tmp_path: Path) -> None:
     part.write_bytes(encode(Body(VERTICES, FACES), "3mf"))
     assert check_same_3mf(read_mesh(part), part).status == "skipped"
     assert find_3mf(tmp_path / "other.stl") == []
+
+
+RING = make_part(circle(20.0, 24), sides=8)
+
+
+@pytest.mark.parametrize(("name", "change"), list(forged_3mf()))
+def test_a_3mf_that_some_slicers_read_otherwise_is_told(
+    name: str, change: Change, tmp_path: Path
+) -> None:
+    part = write(RING, tmp_path).part
+    assert part is not None and RING.body is not None
+    beside = tmp_path / "part.3mf"
+    beside.write_bytes(encode(RING.body, "3mf"))
+    assert check_same_3mf(read_mesh(part), part).status == "pass"
+    beside.write_bytes(forge_3mf(beside.read_bytes(), change))
+    found = check_same_3mf(read_mesh(part), part)
+    assert (found.status, found.required) == ("fail", True), name

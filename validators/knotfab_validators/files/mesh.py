@@ -31,7 +31,9 @@ MOST_BYTES = 2_000_000_000
 UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}
 
 
-def read_mesh(path: Path, unit: str = "mm", notes: list[str] | None = None) -> Mesh:
+def read_mesh(
+    path: Path, unit: str = "mm", notes: list[str] | None = None, *, strict: bool = False
+) -> Mesh:
     """Read all bodies of a file as one mesh. The content tells the format; the name decides where it cannot.
 
     A 3MF's objects are placed as its build items say, and converted to mm. The other formats carry no unit:
@@ -39,6 +41,7 @@ def read_mesh(path: Path, unit: str = "mm", notes: list[str] | None = None) -> M
 
     Args:
         notes: gets a sentence about each thing that was passed over.
+        strict: refuse a 3MF that slicers read in different ways.
 
     Raises:
         BadFile: the file cannot be read, holds no triangles, or has coordinates that are not finite or
@@ -47,7 +50,7 @@ def read_mesh(path: Path, unit: str = "mm", notes: list[str] | None = None) -> M
     """
     content = read_bytes(path, MOST_BYTES).removeprefix(codecs.BOM_UTF8)
     told: list[str] = []
-    corners = _corners(content, path, told)
+    corners = _corners(content, path, told, strict)
     if unit != "mm" and is_3mf(content):
         told.append(f"{path.name}: a 3MF says its own unit; the one given is not used")
     elif unit != "mm":
@@ -78,12 +81,12 @@ def read_mesh(path: Path, unit: str = "mm", notes: list[str] | None = None) -> M
     return mesh
 
 
-def _corners(content: bytes, path: Path, notes: list[str]) -> Corners:
+def _corners(content: bytes, path: Path, notes: list[str], strict: bool) -> Corners:
     name = path.name
     if not content:
         raise BadFile(f"{name}: is empty")
     if is_3mf(content):
-        return corners_3mf(content, name, notes)
+        return corners_3mf(content, name, notes, strict=strict)
     if content.startswith(np.lib.format.MAGIC_PREFIX):
         return _corners_plain(content, name)
     kind = path.suffix.lower().removeprefix(".")

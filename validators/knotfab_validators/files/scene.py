@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path, PurePath
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from pydantic import PrivateAttr
@@ -110,7 +110,10 @@ def parse_scene(
     if scene.pose is not None:
         update["pose"] = _rigid(scene.pose, name, scene.material.shrinks_to)
     if scene.lamps.table:
-        table = _placed(scene.lamps.table, f"{name}: [lamps] table", "table")
+        where = f"{name}: [lamps] table"
+        table = _placed(scene.lamps.table, where, "table")
+        for bar in (bar for plate in table for bar in plate.bars):
+            _motion(bar.matrix, f"{where}: the matrix of a bar")
         update["lamps"] = scene.lamps.but(table=table)
     scene = scene.but(**update)
     if folder is not None and region.file is not None:
@@ -125,7 +128,10 @@ def _rigid(pose: Pose, name: str, shrinks_to: float) -> Pose:
     return Pose.model_construct(matrix=matrix, plates=plates)
 
 
-def _placed(plates: tuple[Plate, ...], where: str, stem: str) -> tuple[Plate, ...]:
+_Listed = TypeVar("_Listed", bound=Plate)
+
+
+def _placed(plates: tuple[_Listed, ...], where: str, stem: str) -> tuple[_Listed, ...]:
     """Return the plates with rigid motions, and with file names beside the scene."""
     found = []
     for number, plate in enumerate(plates, start=1):
@@ -133,7 +139,7 @@ def _placed(plates: tuple[Plate, ...], where: str, stem: str) -> tuple[Plate, ..
         if PurePath(file).name != file:
             raise BadFile(f"{where}: {short(file)} is not the name of a file beside the scene")
         motions = tuple(_motion(one, f"{where}: a matrix") for one in plate.matrices)
-        found.append(Plate.model_construct(file=file, matrices=motions))
+        found.append(plate.but(file=file, matrices=motions))
     return tuple(found)
 
 

@@ -47,11 +47,16 @@ def is_3mf(content: bytes) -> bool:
     return content[:4] == b"PK\x03\x04"
 
 
-def corners_3mf(content: bytes, name: str, notes: list[str] | None = None) -> Corners:
+def corners_3mf(
+    content: bytes, name: str, notes: list[str] | None = None, *, strict: bool = False
+) -> Corners:
     """Return the corners (m, 3, 3), mm, of all faces that the build items print, in the file's order.
 
     Support objects, items that are not printable and the modifiers of a slicer's project are left out;
     `notes` gets a sentence that says so.
+
+    `strict` refuses what slicers read in different ways: all that is left out, G-code beside the model, and
+    XML that some of them take for more or for less than the standard does.
 
     Nothing is unpacked to disk, and the triangles that items and components place are counted before any
     is made. A transform that mirrors, which the standard forbids, turns its body inside out.
@@ -64,6 +69,8 @@ def corners_3mf(content: bytes, name: str, notes: list[str] | None = None) -> Co
         with _open(content, name) as archive:
             package = _Package(archive, len(content), name)
             found = package.corners()
+            if strict and (doubts := package.tell_doubts()):
+                raise BadFile(f"{name}: {doubts}, and slicers differ about that: export it anew")
             if package.left_out and notes is not None:
                 notes.append(f"{name}: {package.tell_left_out()}")
             return found
@@ -147,6 +154,15 @@ class _Package:
                     f"{self.name}: has a model that its build does not place, {short(entry)}, and some "
                     "slicers would print it: take it out"
                 )
+
+    def tell_doubts(self) -> str:
+        """Say what some slicers would print in another way; "" if all print the same."""
+        found = [self.tell_left_out()] if self.left_out else []
+        found += [f"has {what}" for model in self.models.values() for what in model.doubts]
+        found += [
+            f"has G-code, {short(e)}" for e in self.entries if e.endswith((".gcode", ".bgcode"))
+        ]
+        return "; ".join(found)
 
     def tell_left_out(self) -> str:
         """Say which objects of the file are not printed."""

@@ -57,6 +57,10 @@ TRIANGLES, TRIANGLE = f"{CORE} triangles", f"{CORE} triangle"
 COMPONENTS, COMPONENT = f"{CORE} components", f"{CORE} component"
 METADATA = f"{CORE} metadata"
 BUILD, ITEM = f"{CORE} build", f"{CORE} item"
+GROUP, OWN_METADATA = f"{CORE} metadatagroup", f"{CORE} metadata"
+# local names that PrusaSlicer reads in any namespace; those of vertices are also the slice extension's
+READ_ANYHOW = {"model", "object", "mesh", "triangles", "triangle", "component", "build", "item"}
+CURA_KINDS = ("infill_mesh", "cutting_mesh", "anti_overhang_mesh", "support_mesh")
 INSIDE = {  # the parents in which each element has a meaning
     RESOURCES: MODEL,
     OBJECT: RESOURCES,
@@ -111,11 +115,15 @@ class Shape:
 
 @dataclass
 class Model:
-    """One model part: its objects by number, its build items, and its unit in mm."""
+    """One model part: its objects by number, its build items, and its unit in mm.
+
+    `doubts` are words for what some slicers read in another way than the standard has it.
+    """
 
     unit_mm: float = 1.0
     shapes: dict[int, Shape] = field(default_factory=dict)
     items: list[Placed] = field(default_factory=list)
+    doubts: list[str] = field(default_factory=list)
 
 
 def read_model(blocks: Iterable[bytes], name: str) -> Model:
@@ -250,6 +258,12 @@ class _Reader:
 
     def declare(self, prefix: str, uri: str) -> None:
         self.spaces[prefix] = uri
+        if uri == CORE and prefix:
+            self._doubt("a prefix before its elements")
+
+    def _doubt(self, what: str) -> None:
+        if what not in self.model.doubts:
+            self.model.doubts.append(what)
 
     def end(self, tag: str) -> None:
         self.way.pop()
@@ -274,6 +288,16 @@ class _Reader:
                 raise self._wrong("vertex", "numbers", given)
         elif INSIDE.get(tag, "") == way[-1]:
             self._rare(tag, given)
+        elif way[-1] in (VERTICES, TRIANGLES):
+            self._doubt("elements among its vertices or triangles that are none")
+        elif tag == OWN_METADATA and way[-1] == GROUP:
+            name = given.get("name", "").lower()
+            if name.endswith(CURA_KINDS):
+                self._doubt(f"{short(name)}, by which Cura prints an object in another way")
+        elif tag.rpartition(" ")[2] in READ_ANYHOW and (
+            tag.rpartition(" ")[0] != CORE or tag != MODEL
+        ):
+            self._doubt(f"the element {short(tag.rpartition(' ')[2])} where it has no meaning")
         if self.rows and tag in (VERTICES, TRIANGLES):
             self._take_rows(tag)
         way.append(tag)
@@ -309,6 +333,11 @@ class _Reader:
                     f"{self.name}: object {number} is of the type {short(kind)}, not known to 3MF"
                 )
             self.shape = self.model.shapes[number] = Shape(kind=kind)
+            self.within: set[str] = set()
+        elif tag in (MESH, VERTICES, TRIANGLES, COMPONENTS):
+            if tag in self.within or {MESH, COMPONENTS} <= {tag, *self.within}:
+                self._doubt("an object of two meshes, or of a mesh and components")
+            self.within.add(tag)
         elif tag == COMPONENT:
             self.shape.components.append(self._read_placement(given, "a component"))
         elif tag == METADATA:

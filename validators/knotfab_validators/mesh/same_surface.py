@@ -52,8 +52,9 @@ def check_same_3mf(mesh: Mesh, part: Path) -> Check:
     """Check `same_3mf`: every 3MF beside the part is the same surface, faces with their sides.
 
     `measured` is the largest distance of a vertex from the other file's nearest, mm; words where the faces
-    differ between the same vertices, or where a file cannot be read. Skipped where there are none. Required
-    of files that a build writes: a stranger's 3MF of the same name may be another part.
+    differ between the same vertices, or where a file cannot be read, or is not read alike by all slicers.
+    Skipped where there are none. Required of files that a build writes: a stranger's 3MF of the same name
+    may be another part.
 
     Args:
         mesh: what the file `part` holds.
@@ -66,7 +67,7 @@ def check_same_3mf(mesh: Mesh, part: Path) -> Check:
     worst, name, own = 0.0, beside[0].name, is_own(part)
     for path in beside:
         try:
-            other = read_mesh(path)
+            other = read_mesh(path, strict=own)
         except BadFile as error:
             return Check(NAME, "fail", own, "not read", LIMIT_MM, "mm", str(error))
         found = compare_surfaces(mesh, other)

@@ -14,6 +14,7 @@ from knotfab_validators.files.mesh import Plate
 from knotfab_validators.geometry.mesh import Mesh, winding_numbers
 from knotfab_validators.mesh.surface_checks import check_mesh
 from knotfab_validators.shadows.exact_shadow import ShadowCaster
+from knotfab_validators.shadows.table_bars import check_table_bars
 from knotfab_validators.shadows.view import ViewGeometry, view_geometry
 from knotfab_validators.tube.region import check_build_volume
 
@@ -29,9 +30,10 @@ BELOW_MM = 0.6  # depth below the frame's top at which its holes are looked for
 
 
 def check_table(plates: Sequence[Plate], scene: Scene) -> list[Check]:
-    """Check the frame's files: `table_mesh`, `table` and `table_shadow`, all required.
+    """Check the frame's files: `table_mesh`, `table_bars`, `table` and `table_shadow`, all required.
 
     - `table_mesh`: how many of the surface's checks any plate fails, and how many do not fit the bed.
+    - `table_bars`: whether matter fills every bar as the scene has it (`check_table_bars`).
     - `table`: with every body moved as the scene says, how far the hole that is right below each lamp lies
       beside it, and how far the front of the screen's slot lies from the wall: at most `OFF_MM`.
     - `table_shadow`: what of the picture lies in its shadow, under any lamp: at most `MOST_DARK`.
@@ -52,7 +54,8 @@ def check_table(plates: Sequence[Plate], scene: Scene) -> list[Check]:
         why = f"{wrong[0]} holds other bodies than the scene has places for"
         return [surface, Check("table", "fail", True, "unknown", OFF_MM, "mm", why)]
     frame = _assemble(plates)
-    return [surface, _check_places(frame, scene), _check_shadow(frame, scene)]
+    filled = check_table_bars(plates, scene)
+    return [surface, filled, _check_places(frame, scene), _check_shadow(frame, scene)]
 
 
 def _assemble(plates: Sequence[Plate]) -> Mesh:

@@ -49,7 +49,11 @@ class Solid:
 
     @property
     def middle(self) -> Array:
-        return np.asarray((self.corners.min(axis=0) + self.corners.max(axis=0)) / 2)
+        """A point (3,) well inside, and in no opening."""
+        centre = (self.corners.min(axis=0) + self.corners.max(axis=0)) / 2
+        tried = np.concatenate([centre + t * (self.corners - centre) for t in (0.0, 0.5, 0.8)])
+        deep = np.min([self.hull.depth(tried), *(-o.depth(tried) for o in self.openings)], axis=0)
+        return np.asarray(tried[int(deep.argmax())])
 
     @property
     def allowed_mm(self) -> float:
@@ -78,7 +82,7 @@ def hull_of(corners: Array) -> HalfSpaces:
 def find_hollow(mesh: Mesh, solid: Solid) -> tuple[float, Array] | None:
     """Find the deepest face in a solid below `allowed_mm`: its depth, mm, and its place (3,).
 
-    If no face lies in the solid and its centre is not in matter, all of it is missing: the depth is
+    If no face lies in the solid and its `middle` is not in matter, all of it is missing: the depth is
     infinite.
     """
     hull, allowed = solid.hull, solid.allowed_mm

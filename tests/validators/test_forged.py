@@ -1,0 +1,34 @@
+"""Honest pieces on every holder pass, and some of those in `benchmarks.forgery_table` are rejected."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from tempfile import mkdtemp
+
+import pytest
+
+from tests.corpus.forged import Forged, forged, judge, judge_forged
+from tests.corpus.forging import Held
+from tests.corpus.held import HOLDERS, write_held
+
+EVERY = 8  # of the forgeries, so many are left to the table for each that is tried here
+
+
+@cache
+def held(holder: str) -> Held:
+    folder = Path(mkdtemp()) / "held"
+    write_held(holder, folder)
+    return Held.read(folder)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("holder", HOLDERS)
+def test_an_honest_piece_passes(holder: str) -> None:
+    assert judge(held(holder).folder, quick=False) == ()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", forged()[::EVERY], ids=lambda c: f"{c.holder}: {c.name}")
+def test_a_forged_piece_is_rejected(case: Forged, tmp_path: Path) -> None:
+    assert judge_forged(case, held(case.holder), tmp_path / "forged")
