@@ -13,13 +13,7 @@ from knotfab_validators.check import places, spot
 from knotfab_validators.files.mesh import Plate
 from knotfab_validators.geometry.mesh import Mesh, connect
 from knotfab_validators.shadows.view import view_geometry
-from knotfab_validators.tube.solid_matter import (
-    Solid,
-    find_hollow,
-    hull_of,
-    prism,
-    round_outline,
-)
+from knotfab_validators.tube.solid_matter import Solid, find_hollow, hull_of, prism, round_outline
 
 if TYPE_CHECKING:
     from knotfab_formats.piece import FrameBar
