@@ -187,6 +187,28 @@ def test_the_leg_of_a_stand_bridges_what_it_crosses() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    ("foot", "thick", "word"),
+    [
+        (400, 8, "good"),  # it crosses
+        (123, 8, "faithful"),  # hardly leaves
+        (470, 8, "good"),
+    ],
+)
+def test_a_leg_between_two_columns_is_counted(foot: int, thick: int, word: str) -> None:
+    gate = np.zeros((SIZE, SIZE), dtype=np.bool_)
+    gate[40:120, 40:440], gate[40:420, 40:120], gate[40:420, 360:440] = True, True, True
+    legs = gate.copy()
+    legs[100:foot, 240 : 240 + thick] = True
+    found = judge(legs, gate, gate)
+    assert found.word == word and found.bridged_gaps == 0
+    assert any("leg of the mount" in reason for reason in found.reasons) == (word == "good")
+    beside = gate.copy()
+    beside[420:470, 70:80] = True  # below the picture's foot
+    assert judge(beside, gate, gate).word == "faithful"
+
+
+@pytest.mark.slow
 def test_small_letters_that_are_lost_are_text_in_its_place() -> None:
     found = judge(draw(LARGE), draw(LARGE, *LETTERS))
     assert found.word == "coarse" and found.lost_pieces == len(LETTERS)

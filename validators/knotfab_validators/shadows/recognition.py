@@ -80,8 +80,9 @@ def recognise(
         iou: IoU of the two.
         radius_px: half the width of the tube's shadow, in the masks' pixels.
         frame: frame of the masks. geometry: the view, on the picture's own pixels.
-        outlined: (H, W), the shadow whose outline is compared, without the legs on which the piece stands:
-            these may break the topology, but are no fault of the outline. None: `shadow`.
+        outlined: (H, W), the shadow whose outline is compared, without the legs on which the piece stands or
+            hangs: these may break the topology or cross the picture, but are no fault of the outline. None:
+            `shadow`.
         blur_px: the width of the lamp's penumbra on the wall.
         bridged: how many gaps, the narrowest ones, were to be bridged and are no loss.
     """
@@ -120,7 +121,8 @@ def recognise(
 class _Compared:
     """A shadow beside its picture, on a grid whose pixels are `step` pixels of the masks wide.
 
-    `own` is the shadow whose outline is compared, and `there` the picture without what is lost or unseen.
+    `own` is the shadow whose outline is compared, `there` the picture without what is lost or unseen, and
+    `legs` what legs darken beside both, between the picture's top and foot.
     `radius_px` and `reach` are in the grid's pixels; the changes, the picture's pieces and holes (`features`)
     and the tips that are cut off are in the masks'. `spared` is the share of the union of both that bridges
     spill which the scene requested.
@@ -130,6 +132,7 @@ class _Compared:
     radius_px: float
     reach: float
     own: Mask
+    legs: Mask
     wanted: Mask
     there: Mask
     changes: list[Change]
@@ -147,6 +150,7 @@ def _compare_on_grid(
     reach = REACH * radius
     seen, wanted = shadow[::step, ::step], target[::step, ::step]
     own = seen if outlined is None else outlined[::step, ::step]
+    legs = seen & ~own & _between_rows(wanted)
     if bridged:  # requested bridges are no fault of the outline
         own = own & (depth_in(~wanted) <= 2 * radius)
     changes = find_changes(seen, wanted, reach)
@@ -164,6 +168,7 @@ def _compare_on_grid(
         radius_px=radius,
         reach=reach,
         own=own,
+        legs=legs,
         wanted=wanted,
         there=there,
         changes=[_enlarged(change, step) for change in (*found, *misshapen)],
@@ -233,8 +238,15 @@ def _measure_facts(
         speck_share=specks.area_mm2 / (area * pixel_mm**2),
         hurt=_count_hurt(own, wanted, found.reach) / area,
         astray=max((c.width_px for c in strays), default=0.0) / radius,
+        leg=float(depth_in(~wanted)[found.legs].max(initial=0.0)) / radius,
         fine=sum(_is_lost(c) and c.width_px < RULES["good"].lost_tubes * tube_px for c in torn),
     )
+
+
+def _between_rows(mask: Mask) -> Mask:
+    """Return the rows (H, 1) from the first to the last that a mask darkens."""
+    dark = mask.any(axis=1, keepdims=True)
+    return np.logical_or.accumulate(dark) & np.logical_or.accumulate(dark[::-1])[::-1]
 
 
 def _find_tips(there: Mask, own: Mask, least_px: float) -> list[Change]:

@@ -35,6 +35,7 @@ class Rule:
       and a stray outline alone do not deny the word.
     - `lost_share`: share of the picture's area in lost features wider than `lost_tubes`.
     - `astray_radii`: how far a strand or gap may lead off, radii.
+    - `leg_radii`: how far a leg of the mount may, between the picture's top and foot.
     """
 
     iou: float
@@ -53,12 +54,14 @@ class Rule:
     hurt: float = 0.0
     lost_share: float = 0.0
     astray_radii: float = inf
+    leg_radii: float = inf
 
 
 # A shadow gets the first word whose rule holds; docs/verdict.md gives the reasons.
 RULES = {
     "faithful": Rule(
-        0.975, 0.6, 0.1, False, 0.0, 0.0, 0, False, 0.9, inf, False, 12, 0.002, astray_radii=4.0
+        0.975, 0.6, 0.1, False, 0.0, 0.0, 0, False, 0.9, inf, False, 12, 0.002, astray_radii=4.0,
+        leg_radii=1.0,
     ),
     "good": Rule(
         0.85, 1.5, inf, True, 0.5, 0.1, 2, False, 0.75, 0.05, False, 150, 0.02,
@@ -109,6 +112,7 @@ class Facts:
     speck_share: float = 0.0
     hurt: float = 0.0
     astray: float = 0.0
+    leg: float = 0.0
     fine: int = 0  # changes that are lost pieces or holes far thinner than the tube
 
     @property
@@ -149,6 +153,9 @@ class Facts:
             ),
             f"a strand or gap leads off by {in_mm(self.astray)}, above {in_mm(rule.astray_radii)}": (
                 self.astray > rule.astray_radii
+            ),
+            f"a leg of the mount crosses the picture, up to {in_mm(self.leg)} off what is dark": (
+                self.leg > rule.leg_radii
             ),
             name_losses("tip", self.tips): self.tips > rule.cut * self.features,
             f"{say_number(self.specks, 'speck')} of light within the shadow": self.specks_seen(
