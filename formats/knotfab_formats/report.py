@@ -262,7 +262,7 @@ class Report:
     settings: Settings
     colours: Colours | None = None
     notes: tuple[str, ...] = ()
-    warnings: tuple[str, ...] = ()
+    warnings: tuple[str, ...] | None = None
     binding: tuple[Price, ...] | None = None
     bending_plan: BendingPlan | None = None
     slicer: SlicerFigures | None = None

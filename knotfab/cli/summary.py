@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotfab.base.arrays import Mask
-from knotfab.report.summary import last_line, mark_of, tell_result
+from knotfab.report.summary import last_line, mark_of, tell_result, tell_word
 from knotfab_formats.scene import ResolvedView
 
 if TYPE_CHECKING:
@@ -88,7 +88,7 @@ def print_summary(outcome: Outcome, verbose: bool = False) -> None:
     report, console = outcome.found, Console(highlight=False, soft_wrap=True)
     status = "[green]pass[/]" if outcome.exit_code == 0 else "[red]fail[/]"
     folder, seconds = escape(str(outcome.folder)), report.timings["total"]
-    for warning in report.warnings:
+    for warning in report.warnings or ():
         console.print(f"[yellow]warning:[/] {escape(warning)}.")
     console.print(f"{status}{_format_verdict(report)}  {folder}  in {seconds:.0f} s")
     for reason in () if report.verdict is None else report.verdict.reasons:
@@ -126,7 +126,7 @@ def _format_verdict(report: Report) -> str:
         return ""
     word = report.verdict.word
     warning = "" if _WORDS[word] == "green" else "warning: "
-    return f"  [{_WORDS[word]}]{warning}{word}[/]"
+    return f"  [{_WORDS[word]}]{warning}{tell_word(report)}[/]"
 
 
 def print_catalogue(

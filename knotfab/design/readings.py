@@ -23,7 +23,14 @@ from knotfab.picture import raster
 from knotfab.picture.doubt import is_guessed, rate_mask, write_options
 from knotfab.picture.raster import encode_image
 from knotfab.picture.read import SECONDS, Target, read_bytes, read_target
-from knotfab.picture.silhouette import fit_size, holes_of, mask_iou, pieces_of, sample_mask
+from knotfab.picture.silhouette import (
+    fill_holes,
+    fit_size,
+    holes_of,
+    mask_iou,
+    pieces_of,
+    sample_mask,
+)
 from knotfab.picture.subject import middle_boxes
 from knotfab_formats.bounds import as_written
 from knotfab_formats.errors import InputError, shown
@@ -32,6 +39,8 @@ from knotfab_formats.views import View
 
 MOST = 6  # number of readings to show
 _ALIKE = 0.93  # IoU from which two silhouettes count as one choice
+# the score of a cut-out without features, as a share of its whole score, and what each adds to it
+_BLOB, _FEATURE = 0.4, 0.1
 _PANEL, _TEXT, _GAP, _COLUMNS = 300, 68, 14, 3  # layout of the sheet: three in px, and the columns
 _PAPER, _INK, _RED = (250, 248, 244), (60, 58, 56), (190, 30, 30)
 
@@ -179,6 +188,10 @@ def _try(
     except SceneError as error:
         refusal = error
     score = rate_mask(target.mask, bool(changed.views[0].lines))
+    if changed.views[0].cut_out:  # one without features inside it is a blob
+        filled = fill_holes(target.mask, target.mask.size)
+        features = len(holes_of(target.mask)[1])
+        score = rate_mask(filled) * min(1.0, _BLOB + _FEATURE * features)
     return TriedReading(keys, target, score, None if refusal is None else refusal.why)
 
 

@@ -41,6 +41,11 @@ _ALIKE = (0.05 * 255) ** 2  # variance of brightness below which the outline fol
 _ROUND = 0.004  # smoothing radius, as a share of the rectangle's longer side
 # shares of the largest piece: smaller pieces are left out, smaller holes filled
 _CRUMB, _HOLE = 0.05, 0.03
+# features, as shares of the subject's longer side: the blur that they stand out of, their own blur, the
+# least distance from the outline, half the least width, and the least area
+_AROUND, _FINE, _INSIDE, _THIN, _SMALL = 0.06, 0.004, 0.02, 0.006, 4e-4
+_STANDS_OUT = 28.0  # levels
+_MOST_FEATURES = 12
 _FULL = 0.995  # a cut that fills this share of the rectangle has found nothing apart
 _SIDES = ((0, 1), (1, 0), (1, 1), (1, -1))  # steps to half of a pixel's eight neighbours
 
@@ -88,7 +93,8 @@ def take_subject(image: Image.Image, reading: Reading, folder: Path, what: str) 
 def cut_subject(
     image: Image.Image, box: Box, keep: Sequence[Disc], drop: Sequence[Disc], what: str
 ) -> Mask:
-    """Cut out the subject in a rectangle: smooth, without crumbs, reproducible, (H, W).
+    """Cut out the subject in a rectangle: smooth, without crumbs, reproducible, (H, W). What stands out
+    within it, such as eyes, becomes holes.
 
     Mixtures of Gaussians tell the subject's colours from those of its surroundings, which are known
     outside the rectangle. The outline is a minimal cut of the grid's graph. Both are repeated until they
@@ -290,7 +296,52 @@ def _finish(mask: Mask, part: Image.Image, kept: Mask, dropped: Mask, round_px: 
     filled = fill_holes(mask, _HOLE * areas.max())
     holes, _ = holes_of(mask)
     asked = np.isin(holes, np.unique(holes[dropped & (holes > 0)])) & (holes > 0)
-    return sample_mask((filled & ~asked & ~dropped) | (kept & ~dropped), *part.size)
+    whole = filled & ~asked & ~dropped
+    grey = np.asarray(part.convert("L").resize(size, Image.Resampling.BOX))
+    features = pieces_of(_find_features(whole, grey))[0]
+    whole &= (features == 0) | np.isin(features, np.unique(features[kept]))  # --keep fills one
+    labels, areas = pieces_of(whole | (kept & ~dropped))
+    stays = areas >= _CRUMB * areas.max(initial=0)
+    stays[np.unique(labels[kept & ~dropped]) - 1] = True
+    return sample_mask(np.concatenate([[False], stays])[labels], *part.size)
+
+
+def _find_features(mask: Mask, grey: NDArray[np.uint8]) -> Mask:
+    """Find the features within a subject that a drawing shows as holes, such as eyes, a nose, stripes.
+
+    They are all darker than what is around them, or all lighter: whichever stands out more.
+    """
+    from scipy.ndimage import distance_transform_edt, gaussian_filter
+
+    if not mask.any():
+        return mask
+    longer = 1 + max(int(np.ptp(np.flatnonzero(mask.any(axis)))) for axis in (0, 1))
+    size = fit_size(
+        mask.shape[1], mask.shape[0], min(_CUT_PX * max(mask.shape) // longer, max(mask.shape))
+    )
+    few = sample_mask(mask, *size)
+    scale = size[0] / mask.shape[1]
+    levels = np.asarray(Image.fromarray(grey).resize(size, Image.Resampling.BOX), dtype=np.float32)
+    weight, side = few.astype(np.float32), longer * scale
+
+    def blur(share: float) -> Levels:
+        covered = np.maximum(gaussian_filter(weight, share * side), 1e-3)
+        return np.asarray(gaussian_filter(levels * weight, share * side) / covered)
+
+    above = blur(_FINE) - blur(_AROUND)
+    inside = distance_transform_edt(np.pad(few, 1))[1:-1, 1:-1] > _INSIDE * side
+    best, strength = np.zeros_like(few), 0.0
+    for difference in (above, -above):
+        found = inside & (difference > _STANDS_OUT)
+        core = distance_transform_edt(found) > _THIN * side
+        found &= distance_transform_edt(~core) <= _THIN * side
+        labels, areas = pieces_of(found)
+        largest = np.argsort(-areas, kind="stable")[:_MOST_FEATURES]
+        found = np.isin(labels, 1 + largest[areas[largest] >= _SMALL * side**2])
+        if (total := float(difference[found].sum())) > strength:
+            best, strength = found, total
+    found = Image.fromarray(255 * best.astype(np.uint8))
+    return np.asarray(found.resize(mask.shape[::-1], Image.Resampling.BICUBIC)) >= 128
 
 
 def _follow_edges(mask: Mask, grey: Image.Image, scale: float) -> Mask:

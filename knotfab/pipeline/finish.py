@@ -232,7 +232,7 @@ def finish_build(
         timings=timings,
         next_step=plan_next_step(report, timings),
         notes=(*report.notes, *advise_widening(report.verdict, pieces[0].scene)),
-        warnings=tuple(tell_doubts([target for piece in pieces for target in piece.targets])),
+        warnings=tuple(tell_doubts([t for piece in pieces for t in piece.targets])) or None,
     )
     write_report_json(folder.file("report.json"), report)
     names = [path.name for path in folder.work.iterdir()]

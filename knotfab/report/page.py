@@ -12,7 +12,7 @@ from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 from markupsafe import Markup
-from PIL import Image
+from PIL import Image, ImageOps
 
 from knotfab.picture.raster import data_uri, hash_script, image_uri
 from knotfab.report.summary import mark_of, tally_checks, tell_colours, tell_share
@@ -34,7 +34,15 @@ VERDICTS = {
         "A person would hardly know the picture by its shadow.",
     ),
 }
+_OF_A_CUT_OUT = {
+    "faithful": ("Faithful to the cut-out.", "The shadow is what was cut out of the photograph."),
+    "good": (
+        "A good likeness of the cut-out.",
+        "The shadow is what was cut out of the photograph, which shows more of its subject.",
+    ),
+}
 _NOTHING = "Nobody would miss anything of the picture in its shadow."
+_PHOTOGRAPH_PX = 640  # longer side of a photograph beside its cut-out
 _QUALITY = 85  # the quality of WebP, of 100
 MEDIA = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".gif": "image/gif"}
 
@@ -42,6 +50,8 @@ MEDIA = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".gif
 def _verdicts(report: Report) -> dict[str, tuple[str, str]]:
     """Choose the words of each verdict; "faithful" says more if nothing at all is lost."""
     verdict, made = report.verdict, report.settings
+    if any(view.subject_edges is not None for view in report.views):
+        return {**VERDICTS, **_OF_A_CUT_OUT}
     # accuracies that leave a shadow as clean as this says
     clean = made.accuracy in ("standard", "fine") and not made.time_budget_s
     if not clean or (verdict and (verdict.lost or verdict.specks or verdict.cut_tips)):
@@ -51,7 +61,8 @@ def _verdicts(report: Report) -> dict[str, tuple[str, str]]:
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture to embed. `role` places it: "compare", "bent", "alone", "shadow" with the view named `view`,
+    """A picture to embed. `role` places it: "compare", "bent", "alone", "shadow", "photograph" with the view
+    named `view`,
     "part" with the views of the part from several sides, "turn" before these, "moving" at the top."""
 
     path: Path
@@ -62,6 +73,11 @@ class Picture:
     @property
     def data_uri(self) -> str:
         """The file as a data URI; a large one that does not move as WebP, so that the page stays small."""
+        if self.role == "photograph":
+            with Image.open(self.path) as opened:
+                upright = ImageOps.exif_transpose(opened).convert("RGB")
+            upright.thumbnail((_PHOTOGRAPH_PX, _PHOTOGRAPH_PX))
+            return image_uri(upright, "webp", quality=_QUALITY, method=2)
         data = self.path.read_bytes()
         # a picture of more bytes is embedded as WebP
         if len(data) > 100_000 and self.path.suffix != ".gif":

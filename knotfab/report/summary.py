@@ -44,7 +44,7 @@ def conclude(report: Report, verbose: bool = False) -> list[str]:
     told = () if verdict is None else verdict.reasons
     reasons = [r for r in told if not any(one.startswith(r) for one in lost)]
     said = [*tell_unmet(report.checks), *reasons, *tell_result(report, verbose)]
-    return [*report.warnings, *said, *lost, *report.notes, *step]
+    return [*(report.warnings or ()), *said, *lost, *report.notes, *step]
 
 
 def tell_unmet(checks: Sequence[Check]) -> list[str]:
@@ -61,12 +61,26 @@ def tell_result(report: Report, verbose: bool = False) -> list[str]:
     return [*seen, tell_piece(report)]
 
 
+def told_iou(iou: float, iou_frame: float | None, standing: bool) -> float:
+    """Return the IoU that is told of a view; what a stand darkens below the frame does not count."""
+    return iou_frame if standing and iou_frame is not None else iou
+
+
+def tell_word(report: Report) -> str:
+    """Return the verdict's word, and what it is said of where a subject was cut out; "" without one."""
+    if report.verdict is None:
+        return ""
+    word = report.verdict.word
+    cut = any(view.subject_edges is not None for view in report.views)
+    return f"{word} to the cut-out" if cut and word == "faithful" else word
+
+
 def tell_views(report: Report, verbose: bool = False) -> list[str]:
     """Say how alike each view's shadow and picture are, and how legible it is."""
     views, mount = report.views, report.print.mount
     standing = mount is not None and mount.kind == "stand"
     # a part that the desk hides below the frame is no fault of the picture
-    ious = [view.iou_frame if standing else view.iou for view in views]
+    ious = [told_iou(view.iou, view.iou_frame, standing) for view in views]
     alike = [tell_share(iou) for iou in ious]
     if report.print.parts is not None and not verbose:
         worst = min(range(len(views)), key=lambda k: views[k].iou)
@@ -75,6 +89,9 @@ def tell_views(report: Report, verbose: bool = False) -> list[str]:
     lines = []
     for view, iou, share in zip(views, ious, alike, strict=True):
         said = f"{share} alike" + (" in the frame" if standing else "")
+        if view.subject_edges is not None:
+            said += " to the cut-out, which draws "
+            said += f"{view.subject_edges:.0%} of the edges of the photograph's subject"
         drawn = iou if view.iou_drawn is None else view.iou_drawn
         if view.bending is not None:
             said += f", {tell_share(drawn)} with it as bent"
@@ -148,7 +165,7 @@ def last_line(report: Report) -> str:
     """Say verdict, hours, grams and supports, as far as they are known."""
     piece, said = report.print, list[str]()
     if report.verdict is not None:
-        said.append(report.verdict.word)
+        said.append(tell_word(report))
     if piece.time_s is not None:
         said.append(f"{piece.time_s / 3600:.1f} h")
     mass = piece.filament_g or piece.mass_g

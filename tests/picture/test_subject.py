@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import skimage.data
 from PIL import Image, ImageDraw
+from reports import recognition
 from scipy.ndimage import label
 
 from knotfab.base.arrays import Mask
@@ -22,7 +23,7 @@ from knotfab.design.readings import advise
 from knotfab.part.write import _write_scene
 from knotfab.picture.lamps import mixtures_of, on_one_canvas, separate, to_oklab
 from knotfab.picture.read import Target, read_target
-from knotfab.picture.silhouette import mask_iou, pieces_of
+from knotfab.picture.silhouette import fill_holes, holes_of, mask_iou, pieces_of
 from knotfab.pipeline.options import BuildOptions
 from knotfab.pipeline.prepare import preview_pictures, survey_pictures
 from knotfab.pipeline.read_options import read_scene
@@ -31,6 +32,8 @@ from knotfab_formats.errors import InputError, KnotfabError
 from knotfab_formats.views import Reading, View
 from knotfab_validators.files.picture import PictureError, read_silhouette
 from knotfab_validators.files.scene import read_scene as read_built
+from knotfab_validators.shadows.photograph import edges_drawn
+from knotfab_validators.shadows.verdict_rules import judge_cut_out
 
 # a rectangle, discs that belong, discs that do not, and the outline by hand
 Stroke = tuple[int, int, int]
@@ -62,6 +65,7 @@ PHOTOGRAPHS: dict[str, tuple[tuple[int, ...], tuple[Stroke, ...], tuple[Stroke, 
         "310,345 310,180 311,178 311,145 314,137 318,129 "
     ),
 }  # fmt: skip
+FEATURES = {"chelsea": 5, "astronaut": 4, "coffee": 4, "rocket": 0}  # that a person sees, at least
 SIDE = 150
 X, Y = np.meshgrid(np.arange(SIDE), np.arange(SIDE))
 BALL = (X - 80) ** 2 + (Y - 70) ** 2 <= 30**2
@@ -94,13 +98,51 @@ def test_a_cut_is_what_a_hand_draws(tmp_path: Path, name: str) -> None:
     ImageDraw.Draw(hand).polygon(points, fill=1)
     reading = Reading.model_validate({"subject_px": box, "keep_px": keep, "drop_px": drop})
     found = read_target(tmp_path / "a.png", reading)
-    assert mask_iou(found.mask, np.asarray(hand)) >= 0.93
+    whole = fill_holes(found.mask, found.mask.size)
+    assert mask_iou(whole, fill_holes(np.asarray(hand), hand.width * hand.height)) >= 0.93
+    darkness = 1.0 - np.asarray(image.convert("L")) / 255.0
+    before, after = (edges_drawn(darkness, mask) for mask in (whole, found.mask))
+    assert before is not None and after is not None and after >= before
+    features = len(holes_of(found.mask)[1])
+    assert features >= FEATURES[name] and (after > 0.5 or not features)
     assert len(keep) + len(drop) <= 3
     assert all(disc(found.mask, *one).all() for one in keep)
     assert not any(disc(found.mask, *one).any() for one in drop)
     areas = pieces_of(found.mask)[1]
     assert areas.min() >= 0.04 * areas.max()  # no crumbs
     assert read_target(tmp_path / "a.png", reading).subject_png == found.subject_png
+
+
+@pytest.mark.parametrize(
+    ("word", "share", "then"),
+    [
+        ("faithful", 0.9, "faithful"),
+        ("faithful", 0.7, "good"),
+        ("faithful", 0.3, "coarse"),
+        ("good", 0.3, "coarse"),
+        ("coarse", 0.9, "coarse"),
+        ("not recognisable", 0.9, "not recognisable"),
+    ],
+)
+def test_no_cut_out_is_better_than_what_it_shows(word: str, share: float, then: str) -> None:
+    before = recognition(word=word)
+    after = judge_cut_out(before, share)
+    assert after.word == then
+    assert any("photograph's subject" in reason for reason in after.reasons) == (share < 0.8)
+
+
+@pytest.mark.parametrize("features", [False, True])
+def test_only_what_stands_out_becomes_a_hole(features: bool, tmp_path: Path) -> None:
+    pixels = np.array(Image.open(photograph(tmp_path)))
+    if features:
+        for x, y in ((70, 62), (90, 62), (80, 80)):
+            pixels[(X - x) ** 2 + (Y - y) ** 2 <= 5**2] = (60, 20, 10)
+    Image.fromarray(pixels).save(tmp_path / "face.png")
+    box = (40, 30, 80, 80)
+    mask = read_target(tmp_path / "face.png", Reading(subject_px=box)).mask
+    assert len(holes_of(mask)[1]) == (3 if features else 0)
+    kept = Reading.model_validate({"subject_px": box, "keep_px": [(70, 62, 7)]})
+    assert len(holes_of(read_target(tmp_path / "face.png", kept).mask)[1]) == (2 if features else 0)
 
 
 def test_a_part_of_the_background_is_not_the_subject(tmp_path: Path) -> None:

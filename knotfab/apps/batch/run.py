@@ -30,6 +30,7 @@ from knotfab.base.pool import Workers, count_jobs
 from knotfab.base.progress import Progress
 from knotfab.pipeline.options import ALL_OUT, BuildOptions
 from knotfab.report.page import make_environment
+from knotfab.report.summary import tell_share
 from knotfab_formats.errors import InputError, spelled
 
 POOR = ("coarse", "not recognisable")  # words of a verdict that no green "passed" may hide
@@ -239,8 +240,9 @@ class _Tally:
             rest = median(self.seconds) * -(-left // self.jobs)
         else:
             rest = (time.perf_counter() - self.begun) / self.done * left
-        iou = "" if record["iou"] is None else f" IoU {record['iou']:.3f},"
-        text = f"{self.done}/{self.missing} {record['name']}{iou} {record['seconds']:.0f} s"
+        share = _alike(record)
+        alike = f" {share}," if share else ""
+        text = f"{self.done}/{self.missing} {record['name']}{alike} {record['seconds']:.0f} s"
         if record.get("verdict") in POOR:
             text += f", {record['verdict']}"
         text += "".join(f"; warning: {one}" for one in record.get("warnings", ()))
@@ -260,6 +262,12 @@ def render_index(records: Sequence[Record], folder: Path) -> str:
     return page
 
 
+def _alike(record: Record) -> str:
+    """Say how alike a record's shadow and picture are, as its report does; "" if it has none."""
+    share = record.get("alike", record["iou"])
+    return "" if share is None else f"{tell_share(share)} alike"
+
+
 def _card(record: Record, folder: Path) -> dict[str, Any]:
     place = folder / record["name"]
     if record["exit_code"] == 1:
@@ -275,6 +283,7 @@ def _card(record: Record, folder: Path) -> dict[str, Any]:
     return {
         **record,
         "warnings": warnings,
+        "alike": _alike(record),
         "colour": "fail" if not passed else "warn" if poor or warnings else "pass",
         "ended": ended,
         "pictures": [quote(path.relative_to(folder).as_posix()) for path in shown],

@@ -22,6 +22,7 @@ from knotfab.base.moves import REJECTED
 from knotfab.base.pool import ONE_THREAD, Crash, Workers, count_jobs
 from knotfab.picture.read import TEXT_PREFIX, is_picture, name_picture
 from knotfab.pipeline.options import BuildOptions
+from knotfab.report.summary import told_iou
 from knotfab_formats.errors import InputError, shown, spelled
 
 Record = dict[str, Any]  # keys as docs/contract.md lists them
@@ -89,6 +90,12 @@ def record_of(
 ) -> Record:
     """Return the record of a picture for batch.json: how its build ended, and figures of its report."""
     views = [] if report is None else report["views"]
+    mount = ((report or {}).get("print") or {}).get("mount") or {}
+    alike = [
+        told_iou(v["iou"], v.get("iou_frame"), mount.get("kind") == "stand")
+        for v in views
+        if v.get("iou") is not None
+    ]
     return {
         "name": task.name,
         "picture": spelled(task.picture),
@@ -96,6 +103,7 @@ def record_of(
         "seconds": round(seconds, 2),
         "iou": min((v["iou"] for v in views if v.get("iou") is not None), default=None),
         "verdict": ((report or {}).get("verdict") or {}).get("word"),
+        "alike": min(alike, default=None),
         "warnings": list((report or {}).get("warnings") or ()),
         "reported": report is not None,  # otherwise a report in the folder is an earlier build's
         "error": error,

@@ -16,6 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from knotfab.apps.studio.pictures import StudioPicture
 from knotfab.base.disk import write_whole
 from knotfab.base.moves import REJECTED, mend
+from knotfab.report.summary import tell_share, told_iou
 from knotfab_formats.errors import InputError
 
 BUILDS = "builds"
@@ -52,12 +53,18 @@ class _Verdict(BaseModel):
 
 class _View(BaseModel):
     iou: Annotated[float, Field(allow_inf_nan=False)] | None = None
+    iou_frame: Annotated[float, Field(allow_inf_nan=False)] | None = None
+
+
+class _Mount(BaseModel):
+    kind: str = ""
 
 
 class _Print(BaseModel):
     time_s: Annotated[float, Field(allow_inf_nan=False)] | None = None
     filament_g: Annotated[float, Field(allow_inf_nan=False)] | None = None
     mass_g: Annotated[float, Field(allow_inf_nan=False)] | None = None
+    mount: _Mount | None = None
     bounding_box_mm: list[Annotated[float, Field(allow_inf_nan=False)]] | None = None
 
 
@@ -238,13 +245,16 @@ def describe_folder(folder: Path, rejected: bool) -> dict[str, Any]:
         found = _read_report(report, report.stat().st_mtime_ns)
     except OSError:
         found = None
+    views = found.views if found else []
+    seen = [(view.iou, view.iou_frame) for view in views if view.iou is not None]
     verdict, piece = (found and found.verdict) or _Verdict(), (found and found.print) or _Print()
+    standing = piece.mount is not None and piece.mount.kind == "stand"
     return {
         "where": folder.name + (f"/{REJECTED}" if rejected else ""),
         "readable": found is not None,
         "verdict": verdict.word,
         "reasons": verdict.reasons,
-        "ious": [view.iou for view in found.views] if found else [],
+        "alike": [tell_share(told_iou(*ious, standing)) for ious in seen],
         "hours": None if piece.time_s is None else piece.time_s / 3600,
         "mass_g": piece.filament_g or piece.mass_g,
         "size_mm": piece.bounding_box_mm,

@@ -69,6 +69,7 @@ def test_one_that_fails_does_not_stop_the_others(played: Path, tmp_path: Path) -
     records = batch([str(pictures)], options(tmp_path), jobs=2)
     assert [r["name"] for r in records] == ["a", "b", "c", "d", "e"]
     assert [r["exit_code"] for r in records] == [0, 2, 1, 128 + signal.SIGKILL, 0]
+    assert [r["alike"] for r in records] == [r["iou"] for r in records]  # on no stand
     assert [r["iou"] for r in records] == [0.95, None, 0.95, None, 0.95]
     assert records[1]["error"].endswith("no picture. Draw one.")
     assert "killed" in records[3]["error"]

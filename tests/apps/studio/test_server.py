@@ -262,7 +262,11 @@ def test_a_build_leaves_its_folder_and_no_other_file_can_be_read(
 ) -> None:
     ask(client, "/api/settings", width=150, mount="wall")
     result = build(client, "pass")["build"]["result"]
-    assert (result["where"], result["verdict"], result["ious"]) == ("pass", "good", [0.97, 0.95])
+    assert (result["where"], result["verdict"], result["alike"]) == (
+        "pass",
+        "good",
+        ["97.0%", "95.0%"],
+    )
     call = (runs / "text:pass.runs").read_text()
     assert "--width=150" in call and "--mount=wall" in call and "--print" in call
     assert client.get("/files/pass/part.3mf").text == "a part"

@@ -30,10 +30,11 @@ from knotfab_validators.shadows.misplacement import (
     parting_px,
     shows_layers,
 )
+from knotfab_validators.shadows.photograph import edges_drawn
 from knotfab_validators.shadows.recognition import recognise
 from knotfab_validators.shadows.render import SilhouetteRenderer
 from knotfab_validators.shadows.topology import label_regions
-from knotfab_validators.shadows.verdict_rules import judge_bending
+from knotfab_validators.shadows.verdict_rules import judge_bending, judge_cut_out
 from knotfab_validators.shadows.verify_view import VerifiedView, verify_view
 from knotfab_validators.shadows.view import ViewGeometry, view_geometry
 
@@ -78,6 +79,7 @@ class SeenView:
     the part
     draws of it, widened and `bent`; None if that is the same. If the centre lines are known, a picture in
     greys has a `tone`, any other one a `verdict`. `soft` is the shadow of a lamp whose width shows.
+    `subject_edges` is the share of a photograph's subject that its cut-out draws (`edges_drawn`).
     """
 
     view: View
@@ -90,6 +92,7 @@ class SeenView:
     tone: Tone | None = None
     verdict: Recognition | None = None
     soft: SoftShadow | None = None
+    subject_edges: float | None = None
 
     @property
     def fine(self) -> ViewGeometry:
@@ -164,7 +167,10 @@ def see_view(
             ends=scene.screen_ends,
             bars=scene.piece.supports == "none",
         )
-    seen = SeenView(view, geometry, wall, target, drawn, bent, found)
+    edges = None
+    if view.subject_mask and not (toned or view.invert):
+        edges = edges_drawn(read_greys(folder / view.picture, view), target)
+    seen = SeenView(view, geometry, wall, target, drawn, bent, found, subject_edges=edges)
     seen = replace(seen, tone=_measure_tone(part, seen), verdict=_recognise(part, seen))
     return replace(seen, soft=_soften(part, seen))
 
@@ -198,7 +204,8 @@ def _recognise(part: PosedPart, seen: SeenView) -> Recognition | None:
             blur_px=_blur_px(part, seen),
             bridged=count_bridged(part.scene.piece, found.target),
         )
-    return judged if seen.bent is None else judge_bending(judged, seen.bent)
+    judged = judged if seen.bent is None else judge_bending(judged, seen.bent)
+    return judged if seen.subject_edges is None else judge_cut_out(judged, seen.subject_edges)
 
 
 def _blur_px(part: PosedPart, seen: SeenView) -> float:
@@ -264,6 +271,7 @@ def tell_view(part: PosedPart, seen: SeenView) -> ViewFound:
         iou_drawn=seen.iou_drawn,
         bending=None if seen.bent is None else seen.bent.figures,
         verdict=seen.verdict,
+        subject_edges=seen.subject_edges,
         tone_error=None if seen.tone is None else seen.tone.error,
         misplacement=_misplace(part, seen),
         penumbra=None if seen.soft is None else seen.soft.found,

@@ -70,8 +70,9 @@ export function brief(built) {
   const parts = [];
   if (built.where.endsWith("/rejected")) parts.push("a check failed");
   if (built.verdict) parts.push(built.verdict);
-  const ious = built.ious.filter((v) => v !== null).map((v) => v.toFixed(3));
-  if (ious.length) parts.push(`IoU ${ious.length > 4 ? `${[...ious].sort()[0]} to ${[...ious].sort().at(-1)}` : ious.join(", ")}`);
+  const alike = built.alike;
+  const most = [...alike].sort((a, b) => parseFloat(a) - parseFloat(b));
+  if (alike.length) parts.push(`${alike.length > 4 ? `${most[0]} to ${most.at(-1)}` : alike.join(", ")} alike`);
   if (built.hours) parts.push(`${built.hours.toFixed(1)} h`);
   if (built.mass_g) parts.push(`${Math.round(built.mass_g)} g`);
   if (built.size_mm) parts.push(`${built.size_mm.map((v) => Math.round(v)).join(" × ")} mm`);
