@@ -14,7 +14,13 @@ from knotfab.design.budget import Budget, cut_settings, resolve_iterations, scal
 from knotfab.design.hull import HullBound
 from knotfab.design.question import Question, ask
 from knotfab.design.radius import RadiusChoice, choose_radius
-from knotfab.design.retries import is_better, price_limits, search_sparser, start_without_bumps
+from knotfab.design.retries import (
+    is_better,
+    price_limits,
+    search_sparser,
+    start_with_more_legs,
+    start_without_bumps,
+)
 from knotfab.design.settings import (
     outline_px,
     place_directions,
@@ -45,6 +51,7 @@ from knotfab_formats.scene import (
 from knotfab_formats.search import SearchSettings
 
 START_FILE = "start.json"
+_BRACINGS = 3  # searches at most for legs that all have a neighbour
 
 
 @dataclass(frozen=True, repr=False)
@@ -125,6 +132,15 @@ def design_knots(
             else:
                 add_work(again, result)
                 start, result, history = parted, again, past
+        for _ in range(_BRACINGS if pace is None else 0):
+            braced = start_with_more_legs(problem, result, start)
+            if braced is None:
+                break
+            again, past = _watch(walk, braced, progress)
+            if result.feasible and not again.feasible:
+                break
+            add_work(again, result)
+            start, result, history = braced, again, past
         unmet = None if result.feasible else result
         if unmet is not None:
             result = search_sparser(problem, radius, knots, settings, device) or unmet

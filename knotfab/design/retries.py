@@ -1,4 +1,4 @@
-"""Search again where a result falls short: without a limit, with sparser strands, or without bumps.
+"""Search again where a result falls short: without a limit, sparser, without bumps, or with more legs.
 
 The searches without a limit price it: they tell how much IoU it costs.
 """
@@ -12,10 +12,13 @@ from typing import Any
 import numpy as np
 import shapely
 
+from knotfab.base.arrays import Array
 from knotfab.base.errors import SceneError
+from knotfab.geometry.legs import find_legs, peaks_of, plan_bars
+from knotfab.geometry.polylines import arc_lengths
 from knotfab.problem import Problem, SearchResult, Start, TargetView
 from knotfab.search.search import search
-from knotfab.start.depth import lower
+from knotfab.start.depth import lift, lower
 from knotfab.start.filling import Template
 from knotfab.start.start import make_start
 from knotfab_formats.report import Price
@@ -275,3 +278,63 @@ def _farthest_outside(result: SearchResult, target: TargetView) -> float:
     seen = lower(points, target.view.light_distance_mm)
     shapely.prepare(target.polygon)
     return float(shapely.distance(target.polygon, shapely.points(seen)).max())
+
+
+# Legs: where a strand without supports ends up too far from all others for a bar.
+
+_LEAST_ARCH_RADII = 2.5  # the lowest peak of an arch that is split, in tube radii
+
+
+def start_with_more_legs(problem: Problem, result: SearchResult, start: Start) -> Start | None:
+    """Make a start in which arches are two where the search left a leg with no neighbour to brace it.
+
+    Strands move along the light's rays, so what is simple seen from the light stays so. None where every
+    leg is braced, or where a knot is tied in: its strands must keep their order.
+    """
+    if not problem.arched or set(start.types) != {"unknot"}:
+        return None
+    target, radius = problem.views[0], result.knots.radius_mm
+    light = target.view.light_distance_mm
+    shapely.prepare(target.polygon)
+
+    def hidden(points: Array) -> bool:
+        return bool(shapely.contains_xy(target.polygon, *lower(points, light).T).all())
+
+    found = [knot.points @ target.axes.T for knot in result.knots.knots]
+    legs = find_legs(found)
+    _, lacking = plan_bars(legs, radius, problem.young_modulus_mpa, hidden)
+    curves = [curve @ target.axes.T for curve in start.curves]
+    floor = min(float(curve[:, 2].min()) for curve in curves)
+    split = set[tuple[int, int]]()
+    for place in lacking:
+        leg = min(legs, key=lambda one: float(np.linalg.norm(one.points - place, axis=1).min()))
+        then, now = found[leg.curve], curves[leg.curve]
+        peak = int(np.linalg.norm(then - leg.points[-1], axis=1).argmin())
+        share = arc_lengths(then)[peak] / arc_lengths(then)[-1]
+        arc = arc_lengths(now)[:-1] / arc_lengths(now)[-1]
+        halved = _halve_arch(now[:, 2] - floor, int(np.abs(arc - share).argmin()), radius)
+        if (
+            halved is not None and (leg.curve, peak) not in split
+        ):  # both legs of an arch may lack one
+            curves[leg.curve] = lift(lower(now, light), halved + floor, light)
+            split.add((leg.curve, peak))
+    if not split:
+        return None
+    return replace(start, curves=tuple(curve @ target.axes for curve in curves))
+
+
+def _halve_arch(height: Array, at: int, radius: float) -> Array | None:
+    """Replace an arch in a ring of heights (n,) by two, half as high and wide; None if it is low."""
+    count, valleys = len(height), np.sort(peaks_of(-height))
+    if not len(valleys):
+        return None
+    end = int(np.searchsorted(valleys, at, side="right"))
+    first, last = int(valleys[end - 1]), int(valleys[end % len(valleys)])
+    places = np.arange(first, first + (last - first - 1) % count + 2) % count
+    arch = height[places]
+    if 0.5 * arch.max() < _LEAST_ARCH_RADII * radius:
+        return None
+    base, u = np.linspace(arch[0], arch[-1], len(arch)), np.linspace(0.0, 1.0, len(arch))
+    halved = height.copy()
+    halved[places] = base + 0.5 * np.interp(2.0 * u % 1.0, u, arch - base)
+    return halved

@@ -27,6 +27,7 @@ _TRIED = 8  # points at the same height
 _ASLANT = (
     0.75  # cosine of the least angle between a bar and its strand: its end meets no surface sooner
 )
+_FINE_MM, _EVERY = 0.05, 10  # points along a bar, and each that is looked at for the shadow
 _BACK = 3  # points, from one place to the next
 _OWN_RADII = 5.0  # so near along its leg, a point is part of the strand that a bar ends in
 
@@ -80,7 +81,7 @@ def find_legs(curves: list[Array]) -> list[Leg]:
     for number, curve in enumerate(curves):
         points = sample_evenly(curve, _STEP_MM)
         height, count = points[:, 2], len(points)
-        valleys, peaks = _extremes(-height), set(_extremes(height).tolist())
+        valleys, peaks = peaks_of(-height), set(peaks_of(height).tolist())
         for valley in valleys.tolist():
             for way in (1, -1):
                 steps = [valley]
@@ -92,8 +93,8 @@ def find_legs(curves: list[Array]) -> list[Leg]:
     return legs
 
 
-def _extremes(height: Array) -> Indices:
-    """Return the places of the peaks that stand out of a ring of heights."""
+def peaks_of(height: Array) -> Indices:
+    """Return the places of the peaks that stand out by a millimetre of a ring of heights (n,), mm."""
     first = int(height.argmin())
     turned = np.append(np.roll(height, -first), height[first])
     tops = 1 + np.flatnonzero((turned[:-2] < turned[1:-1]) & (turned[1:-1] >= turned[2:]))
@@ -148,17 +149,18 @@ def plan_bars(
             if away[k] < 1.9 * radius:
                 continue
             there = points[near[k]] * np.array([1.0, 1.0, 0.0]) + here * np.array([0.0, 0.0, 1.0])
-            across = (there - here) / np.linalg.norm(there - here)
-            aslant = np.abs(ways[[n, near[k]]] @ across)
-            if aslant.max() > _ASLANT:
-                continue
-            one, other = radius / np.sqrt(1 - aslant**2)
-            gap = float(np.linalg.norm(there - here) - one - other)
-            if gap > longest:
+            length = float(np.linalg.norm(there - here))
+            if length - 2 * radius > longest:
                 break
-            found = Bar(here + one * across, there - other * across, gap)
-            line = here + np.linspace(0.0, 1.0, 9)[:, None] * (there - here)
-            if gap < _LEAST_MM or not hidden(line):
+            if np.abs(ways[[n, near[k]]] @ (there - here)).max() > _ASLANT * length:
+                continue
+            line = np.linspace(here, there, int(length / _FINE_MM) + 2)
+            air = np.flatnonzero(level.query(line)[0] > radius)
+            if not len(air) or np.ptp(air) >= len(air):
+                continue
+            start, end = line[air[0]], line[air[-1]]
+            found = Bar(start, end, float(np.linalg.norm(end - start)))
+            if not _LEAST_MM <= found.gap_mm <= longest or not hidden(line[::_EVERY]):
                 continue
             # a strand that leans towards the other is near the bar, and in nobody's way
             ends = n, near[k]

@@ -1,0 +1,72 @@
+"""Arches that are halved where the search left a leg with nothing to brace it."""
+
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from shapely import Point
+
+from knotfab.base.arrays import Array
+from knotfab.design.retries import start_with_more_legs
+from knotfab.geometry.legs import find_legs, plan_bars
+from knotfab.problem import Start
+from knotfab.start.depth import lower
+
+RADIUS, LIGHT, PLA = 1.66, 600.0, 2300.0
+
+
+@dataclass
+class Knot:
+    points: Array
+
+
+def ring(arches: int, height: float, around: float = 30.0) -> Array:
+    """A circle of arches, seen from the light as a circle."""
+    s = np.linspace(0.0, arches, 200 * arches, endpoint=False)
+    z = height * (1.0 - np.abs(2.0 * (s % 1.0) - 1.0)) - 40.0
+    flat = around * np.column_stack(
+        [np.cos(s * 2 * np.pi / arches), np.sin(s * 2 * np.pi / arches)]
+    )
+    return np.column_stack([flat * (1.0 - z / LIGHT)[:, None], z])
+
+
+def ask(curve: Array, *, arched: bool = True, types: tuple[str, ...] = ("unknot",)) -> Start | None:
+    view = SimpleNamespace(light_distance_mm=LIGHT)
+    target = SimpleNamespace(view=view, axes=np.eye(3), polygon=Point(0, 0).buffer(150))
+    problem: Any = SimpleNamespace(arched=arched, views=(target,), young_modulus_mpa=PLA)
+    result: Any = SimpleNamespace(knots=SimpleNamespace(knots=[Knot(curve)], radius_mm=RADIUS))
+    return start_with_more_legs(problem, result, Start((curve,), "a circle", types))
+
+
+def test_halved_arches_keep_the_shadow_the_slopes_and_the_floor() -> None:
+    before = ring(3, 80.0)
+    start = ask(before)
+    assert start is not None
+    after = start.curves[0]
+    np.testing.assert_allclose(lower(after, LIGHT), lower(before, LIGHT), atol=1e-9)
+    assert after[:, 2].min() == pytest.approx(before[:, 2].min())
+    assert after[:, 2].max() == pytest.approx(0.0, abs=1.0)  # half of 80 mm above a floor at -40
+    assert len(find_legs([after])) == 2 * len(find_legs([before]))
+    slope = [np.abs(np.diff(c[:, 2])).max() for c in (before, after)]
+    assert slope[1] == pytest.approx(slope[0], rel=0.02)
+
+
+def test_halving_goes_on_until_no_leg_lacks_a_neighbour() -> None:
+    curve = ring(3, 80.0)
+    for _ in range(3):
+        start = ask(curve)
+        if start is None:
+            break
+        curve = start.curves[0]
+    assert start is None and not len(plan_bars(find_legs([curve]), RADIUS, PLA)[1])
+
+
+@pytest.mark.parametrize(
+    ("height", "more"),
+    [(30.0, {}), (80.0, {"arched": False}), (80.0, {"types": ("3_1",)})],
+    ids=["short legs", "no arches", "a knot is tied in"],
+)
+def test_other_starts_stay_as_they_are(height: float, more: dict[str, Any]) -> None:
+    assert ask(ring(3, height), **more) is None
