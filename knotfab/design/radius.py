@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -13,10 +14,12 @@ from knotfab.base.errors import SceneError
 from knotfab.design.budget import Budget
 from knotfab.design.candidates import drawing_radius, line_radius, range_of, too_fine, usual_radii
 from knotfab.design.question import Question
+from knotfab.design.small import SmallParts, missed_alone, weigh_small
 from knotfab.geometry.polylines import arc_lengths
 from knotfab.knots import Knot, Knots
+from knotfab.picture.missed import Small, find_missed, find_small
 from knotfab.picture.silhouette import trace_polygon
-from knotfab.problem import Report, Start, TargetView, Watch
+from knotfab.problem import Report, Start, Watch
 from knotfab.scene.require import require_radius
 from knotfab.start.filling import Template, enlarge_loops, fill, simple_curves, template_iou
 from knotfab.start.start import make_start, make_template
@@ -25,7 +28,9 @@ from knotfab_formats.search import SearchSettings
 _NOTHING = 0.5  # IoU below which nothing of the picture is drawn
 # IoU of a start for several views that needs no thinner tube: the search brings it some six times nearer
 _ENOUGH = 0.86
+_WORSE = 0.03  # IoU that the start of a thinner tube may lack, which the search regains
 _THINNER = 0.75  # ratio of the next radius to the thinnest so far
+_SPECK = 0.5  # side of the largest square that nobody misses, in radii of the thinnest tube
 _WORKERS = 2  # radii tried in parallel; the result does not depend on it
 _LONGER = (
     1.4  # length of knots with depth over their template's; measured on examples: 1.42 to 1.46
@@ -53,6 +58,7 @@ class RadiusChoice:
     start: Start | None = None
     # by radius, for one view
     templates: Mapping[float, Template] = field(default_factory=dict)
+    small: SmallParts | None = None  # None where no small part is lost
 
 
 @dataclass
@@ -67,6 +73,7 @@ class _Trials:
     failures: dict[float, SceneError] = field(default_factory=dict)
     scores: dict[float, float] = field(default_factory=dict)
     begun: dict[float, float] = field(default_factory=dict)
+    drawn: dict[float, list[Template]] = field(default_factory=dict)  # with loops that close
     watch: Watch | None = None
 
     @property
@@ -87,27 +94,58 @@ class _Trials:
     def _score(self, radius: float) -> float:
         if not self.filled:
             return self.question.opening(radius)
-        if not self.one_view:
-            return min(self._fill(radius, view) for view in self.question.problem.views)
-        polygon = self.question.problem.polygons[0]
-        template = self.templates[radius] = make_template(
-            self.question.problem.views[0], radius, self.knots
+        drawn = self.drawn[radius] = self._fill(radius)
+        if not all(simple_curves(list(template.curves)) for template in drawn):
+            return -np.inf
+        return min(
+            template_iou(template, view.polygon)
+            for template, view in zip(drawn, self.question.problem.views, strict=True)
         )
-        if self.watch is not None:
-            self.watch(lambda: _flat_knots(template), False)
-        if not simple_curves(list(template.curves)):
-            return -np.inf
-        bend = self.question.problem.limits(radius).bend_radius
-        flat = self.question.scene.piece.depth == 0
-        return template_iou(enlarge_loops(template, bend, flat), polygon)
 
-    def _fill(self, radius: float, view: TargetView) -> float:
-        """Return the IoU of the filling of one of several masks; -inf if its curves cross."""
-        template = fill(view.polygon, radius)
-        if not simple_curves(list(template.curves)):
-            return -np.inf
+    def _fill(self, radius: float) -> list[Template]:
+        """Return the filling of each mask, with loops as large as a tube can close."""
+        views = self.question.problem.views
+        if self.one_view:
+            template = self.templates[radius] = make_template(views[0], radius, self.knots)
+            if self.watch is not None:
+                self.watch(lambda: _flat_knots(template), False)
+            found = [template]
+        else:
+            found = [fill(view.polygon, radius) for view in views]
         bend = self.question.problem.limits(radius).bend_radius
-        return template_iou(enlarge_loops(template, bend, False), view.polygon)
+        flat = self.one_view and self.question.scene.piece.depth == 0
+        return [enlarge_loops(template, bend, flat) for template in found]
+
+    @cached_property
+    def small(self) -> list[list[Small]]:
+        """The small parts of each picture that count."""
+        least = (_SPECK * self.question.scene.printer.min_tube_radius_mm) ** 2
+        return [find_small(polygon, least) for polygon in self.question.problem.polygons]
+
+    def missed(self, radius: float) -> list[tuple[int, Small]]:
+        """Return the small parts that a tube of this radius loses, each with the number of its view."""
+        problem, found = self.question.problem, list[tuple[int, Small]]()
+        bend = problem.limits(radius).bend_radius
+        if self.filled and any(self.small) and radius not in self.drawn:
+            self.drawn[radius] = self._fill(radius)
+        for n, (small, polygon) in enumerate(zip(self.small, problem.polygons, strict=True)):
+            if not small:
+                continue
+            if self.filled:
+                lost = find_missed(small, polygon, self.drawn[radius][n].tube, radius)
+            else:
+                lost = missed_alone(small, polygon, radius, bend)
+            found += [(n, one) for one in lost]
+        return found
+
+    def weigh(self, usual: float) -> SmallParts | None:
+        """Weigh the small parts that the usual radius loses."""
+        problem = self.question.problem
+        if problem.views[0].lines:
+            return None
+        thinnest = self.question.scene.printer.min_tube_radius_mm
+        bend = problem.limits(thinnest).bend_radius
+        return weigh_small(self.missed, usual, thinnest, bend, problem.polygons)
 
     def vertices(self, radius: float) -> int:
         """Estimate the number of vertices that knots of this radius will have, from the template."""
@@ -186,12 +224,26 @@ def choose_radius(
         _require_picture(question, scores)
         if budget is not None and trials.one_view and "radius_give" not in question.scene.search:
             give = budget.thicker(give, lambda less: trials.vertices(_thickest(scores, less)))
-        found = _begin_one(trials, scores, give, placed)
+        well = max(scores.values()) - give
+        # the thickest that draws the picture well comes first, then the others, best first
+        order = sorted(scores, key=lambda r: (min(scores[r], well), r), reverse=True)
+        small = trials.weigh(order[0])
+        if small is not None and small.taken and small.keeping_mm is not None:
+            scores[small.keeping_mm] = trials.score(small.keeping_mm)
+            order.insert(0, small.keeping_mm)
+        found = _begin_one(trials, order, placed)
+        chosen = _thickest(found, give)
     else:
         found = _begin_many(trials, scores, radii, report)
+        chosen = _thickest(found, give)
+        small = trials.weigh(chosen)
+        if small is not None and small.taken and small.keeping_mm is not None:
+            scores[small.keeping_mm] = trials.score(small.keeping_mm)
+            found[small.keeping_mm] = trials.begin(small.keeping_mm)
+            if found[small.keeping_mm] > found[chosen] - _WORSE:
+                chosen = small.keeping_mm
     if max(found.values()) == 0 and trials.failures:
         raise next(iter(trials.failures.values()))
-    chosen = _thickest(found, give)
     drawn = {} if trials.filled else found
     return RadiusChoice(
         chosen,
@@ -199,6 +251,7 @@ def choose_radius(
         trials.templates.get(chosen),
         trials.starts.get(chosen),
         trials.templates,
+        small,
     )
 
 
@@ -217,17 +270,13 @@ def _candidates(trials: _Trials) -> tuple[list[float], list[float]]:
     return usual_radii(alike, printer.min_tube_radius_mm, settings.radius_candidates, least)
 
 
-def _begin_one(
-    trials: _Trials, scores: Mapping[float, float], give: float, placed: bool
-) -> dict[float, float]:
-    """Try starts for one view until one succeeds; return 1 or 0 by radius.
+def _begin_one(trials: _Trials, order: Sequence[float], placed: bool) -> dict[float, float]:
+    """Try starts in this order of radii until one succeeds; return 1 or 0 by radius.
 
-    The largest radius that draws the picture well comes first, then the others, best first. Without `placed`
-    the first one is taken to succeed.
+    Without `placed` the first one is taken to succeed.
     """
     found: dict[float, float] = {}
-    well = max(scores.values()) - give
-    for radius in sorted(scores, key=lambda r: (min(scores[r], well), r), reverse=True):
+    for radius in order:
         found[radius] = trials.begin(radius) if placed else 1.0
         if found[radius]:
             break

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Sequence
 
 from knotfab.design.candidates import PICTURE
+from knotfab.design.small import Found
 from knotfab.design.survey import Survey, ViewSurvey
 from knotfab.picture.doubt import write_options
+from knotfab.picture.missed import is_row
 from knotfab.picture.opening import Loss
 from knotfab.picture.read import Target
 
@@ -29,7 +32,7 @@ def describe(found: Survey, exact: bool = False) -> list[str]:
         lines.append(_describe_losses(seen, found))
     lines += [f"  {line[0].upper()}{line[1:]}." for line in found.agreed]
     if found.refusal is None:
-        return [*lines, _describe_piece(found)]
+        return [*lines, *_describe_small(found), _describe_piece(found)]
     error = found.refusal
     why = error.why if error.what == PICTURE else f"{error.what}: {error.why}"
     return [*lines, f"  A build would refuse this: {why}. {error.remedy}"]
@@ -92,6 +95,68 @@ def _describe_loss(loss: Loss, seen: ViewSurvey) -> str:
         f"{loss.extent * scale:.1f} mm ({loss.extent * px:.0f} px) long and "
         f"{loss.thickness * scale:.1f} mm ({loss.thickness * px:.0f} px) thick at ({x:.0f}, {y:.0f}) px"
     )
+
+
+def _describe_small(found: Survey) -> list[str]:
+    """Tell what keeps the small parts of the pictures, at what price; no line where the usual tube does."""
+    small = found.small
+    if small is None:
+        return []
+    lines, kept, usual = [], small.keeping_mm, small.usual_mm
+    if kept is not None:
+        beyond = [one for _, one in small.beyond]
+        which, them = _name_small([s for s in small.lost if s[1] not in beyond], found)
+        hours = _hours_more(found)
+        if found.radius_mm == kept:
+            printed = f", and print {hours} faster" if hours else ""
+            lines.append(
+                f"  It is this thin to keep {which}: one {2 * usual:.1f} mm thick (--tube-radius "
+                f"{usual:.2f}) would lose {them}, search {small.slower:.1f} times as fast{printed}."
+            )
+        else:
+            printed = f", and prints {hours} longer" if hours else ""
+            lines.append(
+                f"  It loses {which}: one {2 * kept:.1f} mm thick (--tube-radius {kept:.2f}) keeps {them}, "
+                f"searches {small.slower:.1f} times as long{printed}."
+            )
+    if small.larger is not None:
+        which, them = _name_small(small.beyond, found)
+        side = math.ceil(found.views[small.beyond[0][0]].view.longer_mm * small.larger / 10) * 10
+        if side <= 1000:  # larger pictures are not practical advice
+            lines.append(
+                f"  No printable tube draws {which} at this size; --size {side} keeps {them}."
+            )
+    return lines
+
+
+def _name_small(parts: Found, found: Survey) -> tuple[str, str]:
+    """Name small parts by picture; and the pronoun for them."""
+    named = []
+    for number, seen in enumerate(found.views):
+        own = [one for n, one in parts if n == number]
+        pieces = [one.shape for one in own if one.kind == "piece"]
+        holes = [one.shape for one in own if one.kind == "hole"]
+        words = []
+        if pieces:
+            noun = "letter" if seen.target.is_text or is_row(pieces) else "small piece"
+            words.append(with_noun(len(pieces), noun))
+        if holes:
+            words.append(with_noun(len(holes), "small hole"))
+        if words:
+            wide = max(one.extent for one in own) * seen.view.magnification
+            named.append(f"{' and '.join(words)} of {seen.target.shown} (up to {wide:.1f} mm)")
+    return ", ".join(named), "it" if len(parts) == 1 else "them"
+
+
+def _hours_more(found: Survey) -> str:
+    """Tell by how many hours the thinner tube prints longer; "" where a guess sees no difference."""
+    first, second = found.guess, found.otherwise
+    if second is None or not first.hours or not second.hours:
+        return ""
+    more = first.hours - second.hours
+    if found.small is not None and found.radius_mm != found.small.keeping_mm:
+        more = -more
+    return _round(more, "h") if more >= 0.05 * first.hours else ""
 
 
 def _describe_piece(found: Survey) -> str:

@@ -25,6 +25,7 @@ from knotfab.design.likeness import (
 from knotfab.design.question import Question, ask
 from knotfab.design.radius import choose_radius
 from knotfab.design.settings import suit_settings
+from knotfab.design.small import SmallParts
 from knotfab.knots import read_start
 from knotfab.picture.lamps import Separation
 from knotfab.picture.opening import Loss, find_losses, open_by, opening_iou, run_together
@@ -103,6 +104,12 @@ class Survey:
     guess: Guess
     frames: int = 0  # length of a sequence, whose hardest frame is in `views`
     refusal: SceneError | None = None
+    small: SmallParts | None = (
+        None  # small parts that the usual tube loses; None where it loses none
+    )
+    otherwise: Guess | None = (
+        None  # of the print with the radius that `small` has and a build does not take
+    )
     chosen: bool = True  # whether the radius is known; a search by the clock chooses its own
     bounds: tuple[HullBound, ...] = ()  # the visual hull's, for several pictures
     agreed: tuple[str, ...] = ()  # the changes that made the pictures agree, a sentence each
@@ -127,24 +134,36 @@ def survey(
     refusal = find_refusal(views, scene, sequence)
     radius = scene.thinnest_mm
     templates: dict[float, Template] = {}
+    small: SmallParts | None = None
     if choose and refusal is None:
         try:
-            question, radius, templates = _choose_tube(scene, targets)
+            question, radius, templates, small = _choose_tube(scene, targets)
             views = _add_losses(views, question, radius, templates)
         except SceneError as error:
             refusal = None if sequence else error  # another frame may come first
     first = views[0]
-    printed = guess_print(
-        scene,
-        first.view,
-        [seen.area_mm2 for seen in views],
-        first.piece_mm,
-        radius,
-        first.pieces,
-        templates.get(radius),
+
+    def guess(radius_mm: float) -> Guess:
+        return guess_print(
+            scene,
+            first.view,
+            [seen.area_mm2 for seen in views],
+            first.piece_mm,
+            radius_mm,
+            first.pieces,
+            templates.get(radius_mm),
+        )
+
+    other = (
+        None
+        if small is None
+        else small.keeping_mm
+        if radius != small.keeping_mm
+        else small.usual_mm
     )
+    otherwise = None if other is None else guess(other)
     known = choose or scene.piece.tube_radius_mm is not None
-    return Survey(views, radius, printed, frames, refusal, known)
+    return Survey(views, radius, guess(radius), frames, refusal, small, otherwise, known)
 
 
 def survey_views(scene: ResolvedScene, targets: Sequence[Target]) -> tuple[ViewSurvey, ...]:
@@ -177,8 +196,8 @@ def survey_views(scene: ResolvedScene, targets: Sequence[Target]) -> tuple[ViewS
 
 def _choose_tube(
     scene: ResolvedScene, targets: Sequence[Target]
-) -> tuple[Question, float, dict[float, Template]]:
-    """Return a build's question, its radius (mm) and, for one view, the templates that were tried.
+) -> tuple[Question, float, dict[float, Template], SmallParts | None]:
+    """Return a build's question and radius (mm), one view's templates that were tried, and the small parts.
 
     Raises:
         SceneError: no tube draws the pictures.
@@ -191,10 +210,11 @@ def _choose_tube(
         radius = read_start(Path(settings.start)).radius_mm
     if radius is None:
         choice = choose_radius(question, settings, knots, placed=not one)
-        return question, choice.radius_mm, dict(choice.templates)
+        return question, choice.radius_mm, dict(choice.templates), choice.small
     if not one:
-        return question, radius, {}
-    return question, radius, {radius: make_template(question.problem.views[0], radius, knots)}
+        return question, radius, {}, None
+    template = make_template(question.problem.views[0], radius, knots)
+    return question, radius, {radius: template}, None
 
 
 def _add_losses(

@@ -31,12 +31,12 @@ def opening_iou(polygon: MultiPolygon, radius: float) -> float:
     return polygon_iou(opened, polygon)
 
 
-def longer_side(shape: Polygon | LinearRing) -> float:
+def longer_side(shape: Polygon | MultiPolygon | LinearRing) -> float:
     """Return the longer side of a shape's narrowest bounding rectangle."""
     return float(max(np.linalg.norm(side) for side in _rectangle(shape)[1]))
 
 
-def _rectangle(shape: Polygon | LinearRing) -> tuple[Array, Array]:
+def _rectangle(shape: Polygon | MultiPolygon | LinearRing) -> tuple[Array, Array]:
     """Return the centre (2,) and the sides (2, 2) of a shape's narrowest bounding rectangle."""
     corners = np.asarray(shapely.minimum_rotated_rectangle(shape).exterior.coords)[:4]
     return corners.mean(axis=0), np.diff(corners[:3], axis=0)

@@ -14,6 +14,7 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 from knotfab.base.arrays import Array, Indices
 from knotfab.base.errors import SceneError
 from knotfab.geometry.polylines import polylines_of
+from knotfab.picture.silhouette import pieces_of
 from knotfab.problem import Problem, Start, TargetView
 from knotfab.render.image import ViewImage
 from knotfab.start.grow import Growth, grow_curves
@@ -58,6 +59,7 @@ def start_between_views(
     limits = problem.limits(radius)
     pitch = 1.001 * max(limits.separation, 2.0 * spacing * radius)
     sights, worth = sights_of(problem.views, radius)
+    parts = label_parts(sights)
     reach = _REACH * max(float(np.abs(p.bounds).max()) for p in problem.polygons)
     images = [v.image_at(radius, _SEEN_PX) for v in problem.views]
     how = Growth(seed=settings.seed)
@@ -70,17 +72,19 @@ def start_between_views(
         start = Start(rounded, why, types, facing=None)
         return replace(start, ious=_compare(images, start, radius))
 
-    best: tuple[float, Lattice] | None = None
+    best: tuple[tuple[int, float], Lattice] | None = None
     for axes, shift in _lattices(problem.views):
         lattice = lattice_in(sights, axes, shift, pitch, reach, limits, _SPILL)
-        seeds = seed_curves(lattice, worth, None, knot)
+        seeds = seed_curves(lattice, worth, parts, None, knot)
         drawn = min(grow(lattice, seeds, brief).ious) if seeds else 0.0
-        if best is None or drawn > best[0]:
-            best = drawn, lattice
+        # a small part of a picture that one lattice misses, such as an eye, another has room for
+        kept = count_parts(lattice, worth, parts)
+        if best is None or (kept, drawn) > best[0]:
+            best = (kept, drawn), lattice
     assert best is not None
-    lattice = join_pieces(best[1], sights, worth, radius, knots)
-    seeds = seed_curves(lattice, worth, knots, knot)
-    if not seeds and knot is not None and seed_curves(lattice, worth, knots):
+    lattice = join_pieces(best[1], sights, worth, parts, radius, knots)
+    seeds = seed_curves(lattice, worth, parts, knots, knot)
+    if not seeds and knot is not None and seed_curves(lattice, worth, parts, knots):
         raise SceneError(
             f"the knot {problem.knot}",
             f"what the pictures leave has no place for it in a tube {2 * radius:g} mm thick",
@@ -137,6 +141,7 @@ def _round_corners(curve: Array) -> Array:
 # The pieces of the lattice: one curve for each, and bridges between them.
 
 _LEAST = 2.0  # worth, in edges, that a piece must draw alone to get a curve
+_MOST = 0.5  # or the share of a picture's piece
 _STEP = 0.02  # price of a bridge over a square within the hull; 1 is one seen wholly outside
 _NECK = (
     0.5  # how far a bridge's middle may be seen outside, in tube radii, to count as within the hull
@@ -149,8 +154,22 @@ def edge_worth(lattice: Lattice, worth: Array) -> float:
     return total / max(1, round(float(worth[worth > 0].sum())))
 
 
-def _pieces(lattice: Lattice, worth: Array) -> list[Indices]:
-    """Return the squares (k, 4) of each piece that draws something beyond larger pieces, largest first."""
+def label_parts(sights: Sequence[Sight]) -> Indices:
+    """Number the pieces of all pictures, by cell, from 1; 0 beside them."""
+    labels, count = [], 0
+    for sight in sights:
+        own, _ = pieces_of(sight.drawn if sight.drawn is not None else sight.depth > 0)
+        labels.append(np.where(own > 0, own + count, 0).ravel())
+        count = max(count, int(labels[-1].max(initial=0)))
+    return np.concatenate(labels).astype(np.int64)
+
+
+def _pieces(lattice: Lattice, worth: Array, parts: Indices) -> tuple[list[Indices], int]:
+    """Return the squares (k, 4) of each piece of the hull that draws something beyond larger ones.
+
+    The largest comes first. Something is as much as some edges draw, or most of a picture's piece, such as
+    an eye. The second value is the number of pictures' pieces that are drawn for the most part.
+    """
     squares = lattice.squares(lattice.open)
     # curves grow from square to square over shared edges
     one, two = np.repeat(squares[:, 0], 3), squares[:, 1:].ravel()
@@ -159,13 +178,25 @@ def _pieces(lattice: Lattice, worth: Array) -> list[Indices]:
     names, sizes = np.unique(piece, return_counts=True)
     left, found = worth.copy(), []
     least = _LEAST * edge_worth(lattice, worth)
+    bare = np.bincount(
+        parts
+    )  # cells of each piece of a picture, and those that nothing draws so far
+    most = (1.0 - _MOST) * bare
     for name in names[np.argsort(-sizes, kind="stable")]:
         mine = squares[piece == name]
         drawn = lattice.drawn_by(np.unique(mine))
-        if left[drawn].sum() > least:
-            left[drawn] = 0.0
+        new = drawn[left[drawn] > 0]
+        after = bare - np.bincount(parts[new], minlength=len(bare))
+        whole = ((bare > most) & (after <= most))[1:].any()
+        if whole or left[drawn].sum() > least:
+            left[drawn], bare = 0.0, after
             found.append(mine)
-    return found
+    return found, int((bare <= most)[1:].sum())
+
+
+def count_parts(lattice: Lattice, worth: Array, parts: Indices) -> int:
+    """Count the pieces of pictures that curves on this lattice can draw for the most part."""
+    return _pieces(lattice, worth, parts)[1]
 
 
 def _corners(lattice: Lattice, squares: Indices) -> Indices:
@@ -175,7 +206,12 @@ def _corners(lattice: Lattice, squares: Indices) -> Indices:
 
 
 def join_pieces(
-    lattice: Lattice, sights: Sequence[Sight], worth: Array, radius: float, knots: int | None
+    lattice: Lattice,
+    sights: Sequence[Sight],
+    worth: Array,
+    parts: Indices,
+    radius: float,
+    knots: int | None,
 ) -> Lattice:
     """Open edges of the lattice that join pieces, over squares that spill least.
 
@@ -184,7 +220,7 @@ def join_pieces(
         knots: None joins only pieces that are one in the visual hull, with necks too narrow for the lattice;
             a number then also bridges gaps until that many pieces are left.
     """
-    pieces = _pieces(lattice, worth)
+    pieces, _ = _pieces(lattice, worth, parts)
     if len(pieces) < 2:
         return lattice
     groups = [np.unique(p) for p in pieces]
@@ -235,7 +271,7 @@ def join_pieces(
 
 
 def seed_curves(
-    lattice: Lattice, worth: Array, knots: int | None, knot: Indices | None = None
+    lattice: Lattice, worth: Array, parts: Indices, knots: int | None, knot: Indices | None = None
 ) -> list[Indices]:
     """Choose the disjoint seeds, as nodes, that curves grow from: unit squares (4,), or first a knot (n,).
 
@@ -245,7 +281,7 @@ def seed_curves(
         knots: None for one a piece; a larger number splits pieces.
         knot: a lattice knot (n, 3) that takes the place of the first square.
     """
-    pieces = _pieces(lattice, worth)
+    pieces, _ = _pieces(lattice, worth, parts)
     if not pieces:
         return []
     corners = [_corners(lattice, p) for p in pieces]

@@ -61,6 +61,57 @@ def said_of(found: Survey) -> str:
     return line
 
 
+def face(path: Path, eye: float) -> Path:
+    """A head with a pale face, in which two eyes of this radius stand, 720 px wide."""
+    image = Image.new("L", (720, 720), 255)
+    draw = ImageDraw.Draw(image)
+    for x, y, r, ink in [
+        (360, 360, 280, 0),
+        (360, 400, 190, 255),
+        (290, 350, eye, 0),
+        (430, 350, eye, 0),
+        (360, 450, 45, 0),
+    ]:
+        draw.ellipse((x - r, y - r, x + r, y + r), fill=ink)
+    image.save(path)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("eye", "taken", "told"),
+    [
+        (30, False, None),
+        (
+            10,
+            True,
+            r"to keep 2 small pieces of eyes \(up to 5\.\d mm\): .* would lose them, search 2",
+        ),
+        (3, False, r"No printable tube draws 2 small pieces .*; --size [3-5]\d0 keeps them"),
+    ],
+)
+def test_eyes_are_kept_by_a_thinner_tube_or_said_to_be_lost(
+    eye: float, taken: bool, told: str | None, tmp_path: Path
+) -> None:
+    found = look(face(tmp_path / "eyes.png", eye))
+    assert (found.small is None) == (told is None)
+    assert found.small is None or (found.radius_mm == found.small.keeping_mm) == taken
+    lines = [line for line in describe(found) if "small piece" in line]
+    assert len(lines) == (told is not None) and all(re.search(str(told), line) for line in lines)
+
+
+def test_eyes_beside_another_picture_are_kept(tmp_path: Path) -> None:
+    block = Image.new("L", (720, 720), 255)
+    ImageDraw.Draw(block).rectangle((160, 80, 560, 640), fill=0)
+    block.save(tmp_path / "block.png")
+    views = (View(name="eyes"), View(name="block", azimuth_deg=90))
+    scene = resolve(Scene(views=views, accuracy=Accuracy(name="sketch")))
+    targets = [read_target(face(tmp_path / "eyes.png", 10)), read_target(tmp_path / "block.png")]
+    found = survey(scene, targets)
+    assert found.small is not None and found.small.taken
+    assert found.radius_mm == found.small.keeping_mm < found.small.usual_mm
+    assert 3.0 * found.radius_mm <= 2.0 * 10 / found.views[0].px_per_mm
+
+
 def test_what_is_thin_is_lost_at_its_place(tmp_path: Path) -> None:
     found = look(lines(tmp_path / "a.png", width=3, body=True))
     (seen,) = found.views

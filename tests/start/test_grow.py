@@ -10,13 +10,13 @@ from questions import ask_views
 from scipy.spatial import cKDTree
 from shapely import MultiPolygon, Point, box
 
-from knotfab.base.arrays import Array
+from knotfab.base.arrays import Array, Indices
 from knotfab.base.errors import SceneError
 from knotfab.problem import Problem, Start
 from knotfab.start.grow import Growth, _corners, _plan, _run, grow_curves
 from knotfab.start.lattice import NUDGED, Lattice, draw_edges, lattice_in, sights_of
 from knotfab.start.start import make_start
-from knotfab.start.views import edge_worth, join_pieces, lattice_knot, seed_curves
+from knotfab.start.views import edge_worth, join_pieces, label_parts, lattice_knot, seed_curves
 from knotfab_formats.knots import parse_knot_name
 from knotfab_formats.search import SearchSettings
 from knotfab_validators.geometry.curves import Curves
@@ -29,6 +29,7 @@ RING = MultiPolygon([Point(0, 0).buffer(40.0).difference(Point(0, 0).buffer(16.0
 APART = MultiPolygon([box(-30, -40, 30, -9), box(-30, 9, 30, 40)])
 NECK = MultiPolygon([box(-30, -40, 30, -9).union(box(-2, -10, 2, 10)).union(box(-30, 9, 30, 40))])
 DOTS = MultiPolygon([Point(x, y).buffer(12.0) for x in (-22, 22) for y in (-22, 22)])
+EYE = box(-2.4, -3, 2.4, 11.6)  # so narrow that it is worth less than two edges
 HOW = SearchSettings()
 
 
@@ -40,6 +41,11 @@ def lattice_of(problem: Problem) -> tuple[Lattice, Array]:
     return lattice_in(sights, np.eye(3), np.zeros(3), pitch, 60.0, limits, 0.5), worth
 
 
+def blank(worth: Array) -> Indices:
+    """Cells that belong to no piece of a picture."""
+    return np.zeros(len(worth), dtype=np.int64)
+
+
 def curves_of(start: Start) -> Curves:
     """The curves as the validators read them."""
     return Curves(start.curves, start.types, (True,) * len(start.curves), RADIUS)
@@ -48,7 +54,9 @@ def curves_of(start: Start) -> Curves:
 def test_a_grown_curve_is_a_simple_lattice_polygon() -> None:
     lattice, worth = lattice_of(ask_views([RING, SQUARE], 0.0, 90.0))
     unit = edge_worth(lattice, worth)
-    (curve,) = grow_curves(lattice, worth, unit, seed_curves(lattice, worth, None), Growth())
+    (curve,) = grow_curves(
+        lattice, worth, unit, seed_curves(lattice, worth, blank(worth), None), Growth()
+    )
     assert len(curve) > 100 and len(np.unique(curve)) == len(curve)  # no node twice: a pitch apart
     steps = np.abs(np.roll(curve, -1) - curve)
     assert np.isin(steps, lattice.strides).all()
@@ -65,7 +73,9 @@ def test_moved_nodes_keep_strands_half_a_pitch_apart() -> None:
     away = np.linalg.norm(away - np.median(away, axis=0), axis=1)
     assert 0.1 < away.max() <= NUDGED + 1e-9
     unit = edge_worth(lattice, worth)
-    (curve,) = grow_curves(lattice, worth, unit, seed_curves(lattice, worth, None), Growth())
+    (curve,) = grow_curves(
+        lattice, worth, unit, seed_curves(lattice, worth, blank(worth), None), Growth()
+    )
     points, ahead = lattice.nodes[curve], lattice.nodes[np.roll(curve, -1)]
     along = np.linspace(0.0, 1.0, 9)[:, None, None]
     near = cKDTree((points + along * (ahead - points)).reshape(-1, 3))
@@ -73,6 +83,19 @@ def test_moved_nodes_keep_strands_half_a_pitch_apart() -> None:
         np.sort(near.query_pairs(0.5 * lattice.pitch, output_type="ndarray") % len(curve)), axis=0
     ).T
     assert (np.minimum(two - one, len(curve) + one - two) <= 1).all()
+
+
+def test_an_eye_gets_a_curve_however_little_it_draws() -> None:
+    """It is most of a picture's piece, though two edges elsewhere draw more."""
+    face = MultiPolygon([Point(0, 0).buffer(40.0).difference(box(-20, -20, 20, 20)), EYE])
+    problem = ask_views([face, SQUARE], 0.0, 90.0)
+    lattice, worth = lattice_of(problem)
+    sights, _ = sights_of(problem.views, RADIUS)
+    few, more = (
+        seed_curves(lattice, worth, parts, None) for parts in (blank(worth), label_parts(sights))
+    )
+    middle = [lattice.nodes[seed].mean(0) @ problem.views[0].axes[:2].T for seed in more]
+    assert len(more) == len(few) + 1 and sum(EYE.contains(Point(at)) for at in middle) == 1
 
 
 def test_squares_that_share_a_node_are_two_pieces_until_joined() -> None:
@@ -92,18 +115,20 @@ def test_squares_that_share_a_node_are_two_pieces_until_joined() -> None:
     sights, _ = sights_of(ask_views([SQUARE, SQUARE], 0.0, 90.0).views, RADIUS)
     parted = draw_edges(lattice, opened, sights, RADIUS)
     even = np.ones_like(worth)
-    (alone,) = seed_curves(parted, even, None)  # the other has no square without the shared node
+    (alone,) = seed_curves(
+        parted, even, blank(even), None
+    )  # the other has no square without the shared node
     with pytest.raises(ValueError, match="begin at one node"):
         grow_curves(parted, even, 1.0, [alone, np.append(alone[1:], node)], Growth())
-    joined = join_pieces(parted, sights, even, RADIUS, None)
-    (seed,) = seed_curves(joined, even, None)
+    joined = join_pieces(parted, sights, even, blank(even), RADIUS, None)
+    (seed,) = seed_curves(joined, even, blank(even), None)
     (curve,) = grow_curves(joined, even, 1.0, [seed], Growth())
     assert {*np.unique(lattice.ends(first))} | {*np.unique(lattice.ends(other))} <= {*curve}
 
 
 def test_each_move_sweeps_a_square_that_no_curve_meets() -> None:
     lattice, worth = lattice_of(ask_views([SQUARE, SQUARE], 0.0, 90.0))
-    seeds = seed_curves(lattice, worth, 2)
+    seeds = seed_curves(lattice, worth, blank(worth), 2)
     count = len(lattice.nodes)
     curve, place = np.zeros(count, np.int64), np.full(count, -1)
     after, before = np.full(count, -1), np.full(count, -1)
@@ -176,13 +201,13 @@ def test_pieces_are_bridged_where_it_shows_least() -> None:
     problem = ask_views([APART, NECK], 0.0, 90.0)
     sights, worth = sights_of(problem.views, RADIUS)
     lattice, _ = lattice_of(problem)
-    joined = join_pieces(lattice, sights, worth, RADIUS, 1)
+    joined = join_pieces(lattice, sights, worth, blank(worth), RADIUS, 1)
     bridge = lattice.nodes[
         np.unique(np.concatenate(lattice.ends(np.flatnonzero(joined.open & ~lattice.open))))
     ]
     aside = bridge @ problem.views[1].axes[0]
     assert len(bridge) >= 4 and np.abs(aside[np.abs(bridge[:, 1]) < 4.0]).max() < 2.0 * RADIUS
-    assert len(seed_curves(joined, worth, 1)) == 1
+    assert len(seed_curves(joined, worth, blank(worth), 1)) == 1
 
 
 @pytest.mark.parametrize(
