@@ -106,10 +106,9 @@ class Workshop:
 def _with_mount(request: Request, made: Design, kind: str) -> tuple[Request, Design]:
     """Return request and design with the mount given; the search went by what was left open."""
     turns = not request.scene.hangs(len(made.knots.knots))
-    asked, own = (
-        scene.but(mount=scene.mount.but(kind=kind, turns=turns))
-        for scene in (request.scene, made.scene)
-    )
+    given = {"kind": kind, "turns": turns}
+    asked = request.scene.but(mount=request.scene.mount.but(**given))
+    own = made.scene.but(mount=made.scene.mount.but(**given))
     return replace(request, scene=asked), replace(made, scene=own)
 
 

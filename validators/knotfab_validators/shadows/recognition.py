@@ -245,8 +245,11 @@ def _measure_facts(
 
 def _between_rows(mask: Mask) -> Mask:
     """Return the rows (H, 1) from the first to the last that a mask darkens."""
-    dark = mask.any(axis=1, keepdims=True)
-    return np.logical_or.accumulate(dark) & np.logical_or.accumulate(dark[::-1])[::-1]
+    rows = np.flatnonzero(mask.any(axis=1))
+    between = np.zeros((len(mask), 1), dtype=np.bool_)
+    if len(rows):
+        between[rows[0] : rows[-1] + 1] = True
+    return between
 
 
 def _find_tips(there: Mask, own: Mask, least_px: float) -> list[Change]:
