@@ -325,26 +325,37 @@ def write_files(part: Part, targets: Sequence[Target], folder: str | Path) -> Pa
 
 
 def validate_part(
-    part: str | Path | None, knots: str | Path | None = None, scene: str | Path | None = None
+    part: str | Path | None,
+    knots: str | Path | None = None,
+    scene: str | Path | None = None,
+    unit: str = "mm",
 ) -> dict[str, Any]:
     """Check written files with independent code; a folder stands for the files in it.
+
+    Args:
+        unit: unit of a part whose file knows none: "mm", "cm", "m" or "in".
 
     Returns:
         {"status", "checks", "views"}, as `knotfab validate --json` prints it.
 
     Raises:
-        InputError: a file cannot be read.
+        InputError: a file cannot be read, or there is no such unit.
     """
     from knotfab.pipeline.strangers import plain_arrays
+    from knotfab_validators.files.mesh import UNITS_MM
     from knotfab_validators.validate import validate
 
+    if unit not in UNITS_MM:
+        raise InputError(
+            f"unit={unit!r}", "there is no such unit", f"Give one of {', '.join(UNITS_MM)}."
+        )
     given = None if part is None else Path(part)
     if given is not None and given.is_dir():
         knots, scene = knots or given / "knots.json", scene or given / "scene.toml"
         given = given / "part.stl"
     try:
         with plain_arrays(given) as read:
-            return validate(read, knots, scene).to_dict()
+            return validate(read, knots, scene, unit=unit).to_dict()
     except ValueError as error:
         name, _, reason = str(error).partition(": ")
         raise InputError(name, reason.rstrip("."), "Correct that file, or name another.") from error

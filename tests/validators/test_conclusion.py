@@ -51,6 +51,26 @@ def test_a_tube_is_told_with_its_radius_its_knot_and_its_size() -> None:
     )
 
 
+MEASURED = {
+    "no knot": (", no knot;", 1.0, []),
+    "not a knot of the table (determinant 35)": (", not a knot of the table (", 1.0, []),
+    "unknot, proved": (", each an unknot, linked with each other;", 1.0, ["linked"]),
+    "left-handed 3_1, proved": ("Is the file in another unit?", 1e-3, []),
+}
+
+
+@pytest.mark.parametrize("measured", MEASURED)
+def test_the_headline_hides_nothing(measured: str) -> None:
+    words, scale, linked = MEASURED[measured]
+    curves, checks = KNOTS, [replace(KIND, measured=measured)]
+    if linked:
+        curves = replace(KNOTS, polygons=(CURVE,) * 2, types=("", ""), closed=(True, True))
+        checks.append(Check("linking", "fail", True, 1.0, 0.0, "", ""))
+    mesh = Mesh(TUBE.vertices * scale, TUBE.faces)
+    said = conclude(checks, mesh, curves)
+    assert words in said and " a no" not in said
+
+
 def test_what_failed_is_named_where_it_is_asked_for() -> None:
     checks = [
         at_least("tube", 1.0, 2.0, "mm", ""),

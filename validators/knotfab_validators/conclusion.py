@@ -68,8 +68,12 @@ def conclude(checks: Sequence[Check], mesh: Mesh | None, curves: Curves | None) 
     if kind is not None and kind.status != "skipped" and isinstance(kind.measured, str):
         found = knot_in_words(re.sub(r", (proved|consistent)", "", kind.measured))
         several = curves is not None and len(curves.polygons) > 1
-        article = "" if "," in found else "an " if found[0] in "aeiou" else "a "
+        named_so = "," not in found and not found.startswith(("no ", "not "))
+        article = "" if not named_so else "an " if found[0] in "aeiou" else "a "
         said.append(f"{'each ' if several and article else ''}{article}{found}")
+    linking = named.get("linking")
+    if linking is not None and linking.status == "fail" and linking.measured != "touching":
+        said.append("linked with each other")
     unmet = [c for c in checks if c.required and c.status != "pass"]
     failed = [c.name for c in unmet if c.status == "fail"]
     missing = [c.name for c in unmet if c.status == "skipped"]
@@ -83,6 +87,8 @@ def conclude(checks: Sequence[Check], mesh: Mesh | None, curves: Curves | None) 
     size = (
         "" if mesh is None else " " + " × ".join(f"{side:.3g}" for side in size_of(mesh)) + " mm."
     )
+    if mesh is not None and ask_unit(mesh, "") is not None:
+        size += " Is the file in another unit?"
     return f"{', '.join(said)}; {'; '.join(told)}.{size}"
 
 

@@ -284,8 +284,18 @@ def _check_knots(
         checks = _check_curves(curves, scene)
     with time_stage(seconds, "knot type"):
         kinds = knot_checks(curves, scene.promised if scene is not None else None)
-    # a part is built of unlinked unknots; curves alone are asked for their thickness
-    return checks + [kind if mesh is not None else replace(kind, required=False) for kind in kinds]
+    # a part is built of unlinked unknots; curves alone are asked for their thickness, and keep what
+    # their own file promises
+    return checks + [
+        kind
+        if mesh is not None or (curves.stated and _breaks_promise(kind))
+        else replace(kind, required=False)
+        for kind in kinds
+    ]
+
+
+def _breaks_promise(check: Check) -> bool:
+    return check.name == "knot_type" and check.status == "fail" and check.limit is not None
 
 
 def _check_build_volume(mesh: Mesh | None, scene: Scene) -> Check:

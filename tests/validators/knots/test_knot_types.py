@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -35,6 +37,7 @@ from knotfab_validators.knots.names import (
     prime_names,
 )
 from knotfab_validators.knots.reduction import general_position, may_pierce, reduce_polygons
+from knotfab_validators.validate import validate
 
 SMALL = [name for name in prime_names() if int(name.split("_")[0]) <= 8]
 LARGE = ["9_35", "9_42", "10_48", "10_132", "10_139", "10_161", "10_165"]
@@ -414,6 +417,28 @@ def test_a_promise_that_is_not_understood_is_skipped() -> None:
     found = found_of(torus_knot(2, 3), "12n_242")
     assert found.status == "skipped" and not found.required
     assert "left-handed 3_1, proved" in found.detail and "not understood" in found.detail
+
+
+PROMISES = {  # what knots.json promises of a trefoil: status, and whether curves alone must keep it
+    "unknot": ("fail", True),
+    "trefoyl": ("fail", True),
+    "left-handed 3_1": ("pass", False),
+    "12n_242": ("skipped", False),
+    "unknown": ("pass", False),
+    "": ("fail", False),  # taken for an unknot, but nobody promised it
+}
+
+
+@pytest.mark.parametrize("promise", PROMISES)
+def test_curves_alone_keep_what_their_file_promises(promise: str, tmp_path: Path) -> None:
+    status, required = PROMISES[promise]
+    knot = {"closed": True, "type": promise, "points": torus_knot(2, 3).tolist()}
+    held = {"schema": 1, "unit": "mm", "knots": [knot]}
+    (tmp_path / "knots.json").write_text(json.dumps(held))
+    verdict = validate(None, tmp_path / "knots.json")
+    (kind,) = (check for check in verdict.checks if check.name == "knot_type")
+    assert (kind.status, kind.required) == (status, required)
+    assert verdict.exit_code == (1 if required else 0)
 
 
 def test_nothing_promised() -> None:

@@ -232,6 +232,7 @@ def parse_knots(data: Any, name: str = "knots.json") -> Curves:
         cut_mm=0.0 if said.feet is None else said.feet.cut_mm,
         rods=tuple(_rod(rod, f"{name}: rods: number {i}") for i, rod in enumerate(said.rods)),
         hulls=tuple(_hull(hull, f"{name}: hulls: number {i}") for i, hull in enumerate(said.hulls)),
+        stated=all(knot.type for knot in said.knots if knot.closed),
     )
 
 

@@ -81,7 +81,8 @@ class Curves:
     for an open curve); `radius_mm` is None where the file gives none. Of the mount, `members` lead
     from strands, `rods` are its other round bars, `hulls` the names and corners (n, 3) of its
     convex solids, and `plate` the one in which the piece stands. `bars` are broken away after
-    printing; `cut_mm` is how much of the lowest foot is cut off.
+    printing; `cut_mm` is how much of the lowest foot is cut off. `stated`: the file itself gives each
+    closed curve's type.
     """
 
     polygons: tuple[Array, ...]
@@ -94,6 +95,7 @@ class Curves:
     cut_mm: float = 0.0
     rods: tuple[Member, ...] = ()
     hulls: tuple[tuple[str, Array], ...] = ()
+    stated: bool = True
 
     @cached_property
     def edges(self) -> CurveEdges:

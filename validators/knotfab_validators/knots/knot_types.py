@@ -173,10 +173,11 @@ def _check_own_types(curves: Curves, found: KnotTypes) -> Check:
     refuted = [knot for knot in found.knots if knot.verdict == "refuted"]
     unknown = [knot for knot in found.knots if knot.verdict == "unknown"]
     trouble = [knot for knot in found.knots if knot.identity.trouble]
-    status: Status = "fail" if refuted or trouble else "skipped" if unknown else "pass"
+    misspelt = [knot for knot in unknown if knot.promise.misspelt]
+    status: Status = "fail" if refuted or trouble or misspelt else "skipped" if unknown else "pass"
     required = status != "skipped" or any(knot.promise.unknot for knot in unknown)
     several = len(found.knots) > 1
-    shown = refuted or trouble or unknown or found.knots
+    shown = refuted or trouble or misspelt or unknown or found.knots
     detail = "; ".join(_word_detail(knot, several) for knot in shown) + left_out
     at = [place for knot in refuted or trouble for place in knot.identity.places]
     measured = ", ".join(dict.fromkeys(knot.sentence for knot in refuted or trouble or found.knots))
@@ -310,6 +311,8 @@ def _word_detail(knot: KnotFinding, several: bool) -> str:
     text = where + (found.trouble or _word_finding(knot))
     if not knot.promise.meant and knot.promise.given:
         text += f"; the promised type {knot.promise.text!r} is not understood"
+        if knot.promise.misspelt:
+            text += ": write a name such as unknot, trefoil, 5_2 or 3_1#4_1, or leave it out"
     if found.reason:
         text += f" ({found.reason})"
     if found.invariants is not None and found.crossings:

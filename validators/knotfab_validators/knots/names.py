@@ -196,6 +196,12 @@ class Promise:
         return self.text.strip().lower() not in OPEN
 
     @property
+    def misspelt(self) -> bool:
+        """True if what was promised names no knot at all, in this table or a larger one."""
+        larger = re.fullmatch(r"m?\d+[an]?_\{?\d+\}?", self.text.strip().lower()) is not None
+        return self.given and not self.meant and not larger
+
+    @property
     def unknot(self) -> bool:
         """True if the unknot was promised."""
         return any(not knot.factors and not knot.title for knot in self.meant)
