@@ -39,18 +39,16 @@ from knotfab.start.profiles import (
 
 AnyProfile = Profile | Relief | Arches
 
-_ASIDE = {
-    45.0: 0.75,
-    30.0: 0.25,
-}  # weight by angle from which a profile is viewed, degrees, largest first
+# weight by angle from which a profile is viewed, degrees, largest first
+_ASIDE = {45.0: 0.75, 30.0: 0.25}
 _SURELY = 0.9  # share of the least support so far that every profile is assumed to need
 _DRAWN = 6  # one candidate in six is drawn at random, the others are variations of the best
 _KEPT = 4  # number of profiles that are varied in turn
 _RODS = 600  # rods by which supports are estimated
 _EXTENTS = 20  # extents at which a profile is judged where placing is careless
 _NOISE = 0.025  # legibility differs by as much from draw to draw of profiles: less is no reason
-# arches are split so often at most, one after the other, at these shares
-_SPLITS = 40
+# arches that lack a neighbour are split so often at most, at one of these shares
+_SPLITS = 8
 _SPLIT_SHARES = 0.5, 0.3, 0.7
 _FREE_LEG = 0.03  # weight of a leg that sways, against legibility
 _TURNS = 3  # turns to the bed, in which supports are weighed: the best of the first profiles
@@ -126,6 +124,9 @@ class _Judge:
         self.samples = tuple(sample_evenly(c, step) for c in self.curves)
         self.arcs = [arc_lengths(s) for s in self.samples]
         self.pairs = _overlapping(self.samples, self.radius)
+        every = np.concatenate(self.curves)
+        low = every.min(0) - self.radius
+        self.frame = low, every.max(0) + self.radius - low  # corner and size of `target`, mm
         self.tops = np.array([min(self.extent_mm, highest_mm(c)) for c in self.curves])
         self.drawing = [] if self.sharpening is None else self.sharpening.drawing(self.samples)
         self.beside = None  # heights that the lanes add to the samples, mm
@@ -191,23 +192,24 @@ class _Judge:
         return _fit(self.sharpening.lower(fitted, drawing), self.extent_mm)
 
     def brace(self, arches: Arches, modulus_mpa: float) -> Arches:
-        """Split arches until a neighbour can hold every leg, each where that hides the picture best."""
-
+        """Split arches until a neighbour can hold every leg, as hides the picture best."""
         share = np.concatenate([arc[:-1] / arc[-1] for arc in self.arcs])
         of = np.repeat(np.arange(len(self.samples)), [len(s) for s in self.samples])
         now = self._free_legs(arches, modulus_mpa)
         for _ in range(_SPLITS):
-            tree = cKDTree(np.concatenate(self.place(now.arches)))
-            for place in now.lacking:
-                nearest = int(tree.query(place)[1])
-                curve, at = int(of[nearest]), float(share[nearest])
-                tried = [now.arches.split(curve, at, first) for first in _SPLIT_SHARES]
-                found = [self._free_legs(a, modulus_mpa) for a in tried if a is not now.arches]
-                if found:
-                    break
-            else:
+            if not len(now.lacking):
                 break
-            now = min(found, key=lambda one: one.cost)
+            nearest = cKDTree(np.concatenate(self.place(now.arches))).query(now.lacking)[1]
+            tried = []
+            for first in _SPLIT_SHARES:
+                split = now.arches
+                for curve in np.unique(of[nearest]).tolist():
+                    split = split.split(curve, share[nearest[of[nearest] == curve]], first)
+                if split is not now.arches:
+                    tried.append(self._free_legs(split, modulus_mpa))
+            if not tried:
+                break
+            now = min(tried, key=lambda one: one.cost)
         return now.arches
 
     def _free_legs(self, arches: Arches, modulus_mpa: float) -> _Braced:
@@ -218,9 +220,8 @@ class _Judge:
     def hides(self, points: Array) -> bool:
         """Tell whether the shadow of points (n, 3) falls on the picture, to a cell of `target`."""
         flat = lower(points, self.light_distance)
-        every = np.concatenate(self.curves)
-        low, high = every.min(0) - self.radius, every.max(0) + self.radius
-        cell = np.floor((flat - low) / (high - low) * len(self.target)).astype(int)
+        low, size = self.frame
+        cell = np.floor((flat - low) / size * len(self.target)).astype(int)
         inside = ((cell >= 0) & (cell < len(self.target))).all()
         return bool(inside and self.target[len(self.target) - 1 - cell[:, 1], cell[:, 0]].all())
 

@@ -158,24 +158,29 @@ class Arches:
         at = (arc[:-1] + begin * length) % length
         return np.asarray(np.interp(at, step * np.arange(points), smooth, period=length))
 
-    def split(self, curve: int, share: float, first: float) -> Arches:
-        """Return a copy in which the arch at this share of a curve is split in two, `first` and the
-        rest.
+    def split(self, curve: int, shares: Array, first: float) -> Arches:
+        """Return another in which the arches at these shares of a curve are two, of `first` and what is left.
 
-        Both are as steep as it was, and all other arches stay where they are.
+        Both are as steep as it was, and all others stay where they are.
         """
         chain = self.chains[curve]
         if not len(chain):
             return self
         ends = np.cumsum((chain[:, :1] / chain[:, 1:]).sum(1))
         count = min(int(np.searchsorted(ends, self.lengths[curve])) + 1, len(chain))
-        at = int(np.searchsorted(ends, (share + self.begins[curve]) % 1.0 * ends[count - 1]))
-        peaks = chain[at, 0] * np.array([first, 1.0 - first])
-        if peaks.min() < _LYING_RADII * self.radius_mm:
+        at = np.searchsorted(ends, (shares + self.begins[curve]) % 1.0 * ends[count - 1])
+        low = min(first, 1.0 - first) * chain[:, 0] < _LYING_RADII * self.radius_mm
+        rows = list[Array]()
+        for number, row in enumerate(chain):
+            if number in at and not low[number]:
+                rows += [row * [first, 1.0, 1.0], row * [1.0 - first, 1.0, 1.0]]
+            else:
+                rows.append(row)
+        if len(rows) == len(chain):
             return self
-        two = np.column_stack([peaks, np.repeat(chain[at : at + 1, 1:], 2, axis=0)])
-        other = np.concatenate([chain[:at], two, chain[at + 1 :]])
-        return replace(self, chains=(*self.chains[:curve], other, *self.chains[curve + 1 :]))
+        return replace(
+            self, chains=(*self.chains[:curve], np.array(rows), *self.chains[curve + 1 :])
+        )
 
     def varied(self, rng: np.random.Generator, change: float) -> Arches:
         """Return a variation in which about half the arches change, by `change` times their spread."""

@@ -347,12 +347,12 @@ def test_an_arch_is_split_in_two_and_all_others_stay(first: float) -> None:
     arches = draw_arches(rng, arcs, np.array([80.0]), 1.5)
     (before,) = arches.heights(arcs)
     peak = int(before.argmax())
-    other = arches.split(0, float(arcs[0][peak] / 600.0), first)
+    other = arches.split(0, np.array([arcs[0][peak] / 600.0]), first)
     (after,) = other.heights(arcs)
     changed = np.flatnonzero(np.abs(after - before) > 1e-6)
     assert 0 < np.ptp(changed) < 700 and changed.min() < peak < changed.max()
     higher = max(first, 1.0 - first)
     assert after[changed].max() == pytest.approx(higher * before[peak], rel=0.1)
-    assert arches.split(0, 0.5, 0.01) is arches  # no arch so low stands
+    assert arches.split(0, np.array([0.5]), 0.01) is arches  # no arch so low stands
     nothing = draw_arches(rng, [np.linspace(0.0, 9.0, 50)], np.array([80.0]), 1.5)
-    assert nothing.split(0, 0.5, 0.5) is nothing
+    assert nothing.split(0, np.array([0.5]), 0.5) is nothing
