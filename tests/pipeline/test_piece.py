@@ -237,7 +237,7 @@ def test_a_piece_with_such_a_tube_says_so(
             asked.append(dict(rest[0]))
         return ["knot 2"] if len(asked) == 1 else []
 
-    monkeypatch.setattr(also_file, "ask", refuse_first)
+    monkeypatch.setattr(also_file, "call_fixture", refuse_first)
     monkeypatch.setattr(also_file, "_MOST_FACETS", most)
     (said,) = made_by_hand("none", {"step"}, tmp_path).told
     if most == 100:
