@@ -161,6 +161,8 @@ def too_fine(
 # Fitted to builds of the project's own pictures; docs/silhouette.md compares the guesses with the slicer's.
 # length of a tube over that of its flat start, or over area / width: with depth, and flat
 _LENGTH, _LENGTH_FLAT = 1.45, 1.12
+# length of strands that print without supports over that of those with (docs/prints.md)
+ARCHES = 1.42
 # printing time of a tube of this radius, h/cm³; it is inversely proportional to the radius
 _HOURS, _OF_RADIUS_MM = 0.158, 1.77
 _HOURS_PLATE = 0.06  # of a plate, h/cm³
@@ -169,14 +171,16 @@ _HOURS_AROUND = 0.007  # of the room between the strands, which supports fill in
 
 @dataclass(frozen=True)
 class Guess:
-    """A guess of the part's mass and of the printing time with supports, None for other processes.
+    """A guess of the part's mass and of the printing time, None for other processes.
 
-    `without` names what the guess leaves out because it is planned with the knots: a stand or an eyelet.
+    The time is that with supports, unless the strands stand `alone`. `without` names what the guess leaves
+    out because it is planned with the knots: a stand or an eyelet.
     """
 
     mass_g: float
     hours: float | None
     without: str = ""
+    alone: bool = False
 
 
 def guess_print(
@@ -198,11 +202,11 @@ def guess_print(
         pieces: pieces of the picture, each drawn by a knot if the scene gives no number of knots.
         template: flat curves that the search starts from, if they are known.
     """
-    flat = scene.piece.depth == 0
+    flat, alone = scene.piece.depth == 0, scene.piece.supports == "none"
     length = sum(areas_mm2) / (2 * radius_mm)
     if template is not None:
         length = sum(float(arc_lengths(curve)[-1]) for curve in template.curves)
-    length *= _LENGTH_FLAT if flat else _LENGTH
+    length *= _LENGTH_FLAT if flat else _LENGTH * (ARCHES if alone else 1.0)
     tube, plate = np.pi * radius_mm**2 * length, 0.0
     on_wall = scene.mount.kind == "wall" or scene.mount.on_feet
     if on_wall and scene.mount.foot != "dowel":
@@ -210,16 +214,16 @@ def guess_print(
         plate = (view.frame_width_mm + margin) * (view.frame_height_mm + margin)
         plate *= scene.mount.thickness_mm
     without = {"stand": "its stand", "hang": "its eyelet"}.get(scene.mount.kind, "")
-    if scene.mount.kind == "auto" and not on_wall and scene.material.process != "wire":
+    if scene.mount.kind == "auto" and not (on_wall or alone or scene.material.process == "wire"):
         without = "what holds it" if scene.piece.printed else "the holder that --print adds"
     mass = (tube + plate) * 1e-3 * scene.material.density_g_cm3
     if scene.material.process != "filament":
         return Guess(float(mass), None, without)
     room = 2.0 * view.reach_mm
     depth = 0.0 if flat else scene.piece.depth or min(room, DEPTH_RATIO * max(size_mm))
-    around = _HOURS_AROUND * 1e-3 * sum(areas_mm2) / len(areas_mm2) * depth
+    around = 0.0 if alone else _HOURS_AROUND * 1e-3 * sum(areas_mm2) / len(areas_mm2) * depth
     hours = hours_of_tube(tube, radius_mm) + hours_of_plate(plate) + around
-    return Guess(float(mass), float(hours), without)
+    return Guess(float(mass), float(hours), without, alone)
 
 
 def hours_of_tube(volume_mm3: float, radius_mm: float) -> float:

@@ -170,7 +170,8 @@ def _describe_piece(found: Survey) -> str:
     each = " a frame" if found.frames else ""
     text += f"; a guess: {_round(guess.mass_g, 'g')}"
     if guess.hours is not None:
-        text += f" and {_round(guess.hours, 'h')} with its supports"
+        held = "without supports" if guess.alone else "with its supports"
+        text += f" and {_round(guess.hours, 'h')} {held}"
     if guess.without:
         text += f"{',' if guess.hours is not None else ''} without {guess.without}"
     return text + each + "."

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from knotfab.design.candidates import DEPTH_RATIO
+from knotfab.design.candidates import ARCHES, DEPTH_RATIO
 from knotfab.geometry.tube import face_normals, keep_faces, mesh_volume, split_shells
 from knotfab.request import Request
 from knotfab.scene.require import why_supported
@@ -19,11 +19,10 @@ from knotfab_formats.verdict import Check
 if TYPE_CHECKING:
     from knotfab.part.assemble import Part
 
-# Measured on pieces that were built both ways; `make supports-table` prints these ratios again.
-ARCHES = 1.54  # filament of strands in arches over that of the same picture's strands with supports
-PER_GRAM = 1.08  # hours per gram of arches over hours per gram of strands and supports
+# Measured, as ARCHES is, on pieces that were built both ways; docs/prints.md has the ratios.
+PER_GRAM = 1.05  # hours per gram of arches over hours per gram of strands and supports
 # share of the room about a piece that supports fill: the picture's longer side squared, times the depth
-ROOM = 0.022
+ROOM = 0.0187
 _BED_MM = 1e-6  # what is no higher lies on the bed
 
 
