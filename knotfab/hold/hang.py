@@ -16,7 +16,7 @@ import numpy as np
 from knotfab.base.arrays import Array, Indices, Mask
 from knotfab.base.errors import SceneError
 from knotfab.geometry.tube import Mesh, as_manifold, as_mesh
-from knotfab.hold.beams import Stiffness, piece_frame, sag_moves, worst_of
+from knotfab.hold.beams import HeldFrame, Stiffness, piece_frame, sag_moves, springs_of, worst_of
 from knotfab.hold.planner import plan_members
 from knotfab.hold.plinth import Masses
 from knotfab.hold.shade import MountShadows, near_struts
@@ -339,12 +339,18 @@ def _add_posts(
     pool = pool.of(obstacles.clear(pool))
     away = (pool.start - end) / pool.length_mm[:, None]
 
-    def sag(posts: Candidates) -> float:
-        frame = piece_frame(knots, sites, join_members([joints, posts]), stiffness)
-        moves = _let_swing(sites.point, frame.displacements()[: len(sites.knot), :3], ring.thread)
+    held = HeldFrame(piece_frame(knots, sites, join_members([joints, post]), stiffness))
+
+    def springs(some: Candidates) -> tuple[Array, Array]:
+        return springs_of(some, np.zeros(len(some)), stiffness)
+
+    def sag(moved: Array) -> float:
+        moves = _let_swing(sites.point, moved[: len(sites.knot), :3], ring.thread)
         return worst_of(moves, sites.point)[0]
 
-    posts, least = post, sag(post)
+    posts, more = post, post.of([])
+    held.hold(more, *springs(more))
+    least = sag(held.displacements())
     while len(posts) < MOST_POSTS and least > stiffness.max_sag_mm:
         there = (posts.start - end) / posts.length_mm[:, None]
         parted = (away @ there.T).max(axis=1) <= 0.7  # cosine between posts that meet
@@ -357,12 +363,15 @@ def _add_posts(
                 spread.append(n)
             if len(spread) == _WEIGHED:
                 break
-        tried = [(sag(join_members([posts, open_ones.of([n])])), n) for n in spread]
+        tried = open_ones.of(spread)
+        sags = [sag(moved) for moved in held.displacements_with_each(tried, *springs(tried))]
         # a further post must leave at most this share of the sag before
-        if not tried or (len(posts) >= fewest and min(tried)[0] > 0.9 * least):
+        if not sags or (len(posts) >= fewest and min(sags) > 0.9 * least):
             break
-        least, best = min(tried)
-        posts = join_members([posts, open_ones.of([best])])
+        least = min(sags)
+        one = tried.of([sags.index(least)])
+        posts, more = join_members([posts, one]), join_members([more, one])
+        held.hold(more, *springs(more))
     return posts
 
 
