@@ -86,7 +86,7 @@ class SearchSettings(Table):
     iou_slack: float = Field(0.05, ge=1e-4, lt=1)
     """The required IoU is the bound less this."""
     free_view: bool = False
-    """Pose, distances and tube radius of the one view are unknowns too, or the azimuths of several;
+    """Pose, distances and tube radius of the one view are unknowns too, or the directions of several;
     [[views]] then holds what was found."""
     free_light_mm: float = Field(0.0, ge=0, le=MOST_MM)
     """Where the search began; 0: as the scene has it."""
@@ -94,6 +94,8 @@ class SearchSettings(Table):
     """As free_light_mm."""
     free_azimuths_deg: str = ""
     """Several views start at these, with spaces between; "": as the scene has them."""
+    free_elevations_deg: str = ""
+    """As free_azimuths_deg; "": elevations stay."""
     free_radius_mm: float = Field(0.0, ge=0, le=MOST_MM)
     """As free_light_mm; 0: a radius that the scene gives stays."""
 

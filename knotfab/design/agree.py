@@ -33,7 +33,7 @@ from knotfab.picture.bending import (
     write_points,
 )
 from knotfab.picture.read import Target
-from knotfab.scene.camera import cameras_of, view_axes, walls_of
+from knotfab.scene.camera import NEAREST_DEG, cameras_of, least_apart, walls_of
 from knotfab_formats.errors import InputError
 from knotfab_formats.scene import ResolvedScene
 from knotfab_formats.views import View
@@ -198,12 +198,11 @@ def require_apart(views: Sequence[View]) -> None:
     """Require lines of sight that differ: along one line a part has one silhouette or its mirror image.
 
     Raises:
-        InputError: two lines of sight are closer than 3 degrees.
+        InputError: two lines of sight are closer than `NEAREST_DEG`.
     """
     for n, one in enumerate(views):
         for other in views[:n]:
-            cosine = abs(float(view_axes(one)[2] @ view_axes(other)[2]))
-            if cosine > np.cos(np.deg2rad(3.0)):
+            if least_apart([one, other]) < NEAREST_DEG:
                 raise InputError(
                     f"views {other.name} and {one.name}",
                     f"they look along one line ({other.azimuth_deg:g}° and {one.azimuth_deg:g}°), where a "

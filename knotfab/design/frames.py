@@ -18,6 +18,7 @@ from knotfab.picture.opening import is_thin, thicken
 from knotfab.picture.raster import check_shape
 from knotfab.picture.read import Target, name_picture
 from knotfab.picture.silhouette import count_dust, drop_specks
+from knotfab.scene.camera import NEAREST_DEG, least_apart
 from knotfab_formats.bounds import why_out_of_bounds
 from knotfab_formats.errors import InputError
 from knotfab_formats.scene import ResolvedScene, ResolvedView
@@ -52,6 +53,56 @@ def spread_views(scene: ResolvedScene, pictures: Sequence[str]) -> ResolvedScene
         for n, name in enumerate(names)
     )
     return scene.but(views=views)
+
+
+_DIRECTIONS = {
+    "front": (0.0, 0.0),
+    "right": (90.0, 0.0),
+    "side": (90.0, 0.0),
+    "back": (180.0, 0.0),
+    "left": (270.0, 0.0),
+    "top": (0.0, 90.0),
+    "bottom": (0.0, -90.0),
+}
+
+
+def direct_views(scene: ResolvedScene, directions: str) -> ResolvedScene:
+    """Place the views' lights at these directions, a word or AZIMUTH:ELEVATION each.
+
+    Raises:
+        InputError: one cannot be read, there are not as many as views, or two are along one line.
+    """
+    option, words = f"--directions {directions}", directions.replace(" ", "").split(",")
+    if len(words) != len(scene.views):
+        raise InputError(
+            option,
+            f"it has {len(words)}, and there are {len(scene.views)} pictures",
+            "Give one for each, in their order, such as front,side",
+        )
+    views = []
+    for view, word in zip(scene.views, words, strict=True):
+        try:
+            azimuth, elevation = _DIRECTIONS.get(word.lower()) or map(float, word.split(":"))
+            if not (abs(azimuth) <= 360 and abs(elevation) <= 90):
+                raise ValueError
+            views.append(view.but(azimuth_deg=azimuth, elevation_deg=elevation))
+        except ValueError:
+            raise InputError(
+                option,
+                f"{word!r} is no direction",
+                f"Write {', '.join(_DIRECTIONS)}, or AZIMUTH:ELEVATION in degrees, from -90 to 90 above the "
+                "horizontal, such as 30:45",
+            ) from None
+    for n, word in enumerate(words):
+        for view, other in zip(views[:n], words[:n], strict=False):
+            if least_apart([view, views[n]]) < NEAREST_DEG:
+                raise InputError(
+                    option,
+                    f"{other} and {word} look along one line, where a part has one silhouette and its mirror "
+                    "image",
+                    "Give directions that are neither equal nor opposite",
+                )
+    return scene.but(views=tuple(views))
 
 
 def name_views(pictures: Sequence[str]) -> list[str]:

@@ -116,29 +116,47 @@ def place_start(
 def place_directions(
     scene: ResolvedScene, settings: SearchSettings
 ) -> tuple[ResolvedScene, SearchSettings]:
-    """Enter in scene and settings the azimuths that a search for several free views starts from.
+    """Enter in scene and settings the directions that a search for several free views starts from.
+
+    Elevations are free unless the piece turns under one lamp.
 
     Raises:
-        InputError: the number of azimuths in the settings differs from that of the views.
+        InputError: the number of angles in the settings differs from that of the views.
     """
     views = scene.views
+    keys = {"free_azimuths_deg": "azimuth_deg", "free_elevations_deg": "elevation_deg"}
     if settings.free_azimuths_deg:
-        words = settings.free_azimuths_deg.split()
-        try:
-            starts = [float(word) for word in words]
-        except ValueError:
-            starts = []
-        if len(starts) != len(views):
-            raise InputError(
-                f"scene key [search] free_azimuths_deg = {settings.free_azimuths_deg!r}",
-                f"it is to hold a number for each of the {len(views)} views, with spaces between them",
-                "Leave it out: the search then starts where the views are",
-            )
-        pairs = zip(views, starts, strict=True)
-        views = tuple(v.but(azimuth_deg=a) for v, a in pairs)
+        for key, angle in keys.items():
+            if getattr(settings, key):
+                starts = _angles(key, getattr(settings, key), len(views))
+                pairs = zip(views, starts, strict=True)
+                views = tuple(v.but(**{angle: a}) for v, a in pairs)
         return scene.but(views=views), settings
-    starts_deg = " ".join(f"{view.azimuth_deg!r}" for view in views)
-    return scene, settings.but(free_azimuths_deg=starts_deg)
+    if scene.mount.kind in ("stand", "hang"):
+        del keys["free_elevations_deg"]
+    starts_deg = {
+        key: " ".join(f"{getattr(view, angle)!r}" for view in views) for key, angle in keys.items()
+    }
+    return scene, settings.but(**starts_deg)
+
+
+def _angles(key: str, text: str, count: int) -> list[float]:
+    """Read the angles that a key holds, one a view.
+
+    Raises:
+        InputError: there are not so many.
+    """
+    try:
+        angles = [float(word) for word in text.split()]
+    except ValueError:
+        angles = []
+    if len(angles) != count:
+        raise InputError(
+            f"scene key [search] {key} = {text!r}",
+            f"it is to hold a number for each of the {count} views, with spaces between them",
+            "Leave it out: the search then starts where the views are",
+        )
+    return angles
 
 
 def start_pose(

@@ -15,7 +15,8 @@ from knotfab.start.filling import enlarge_loops, fill
 _SURE = 1.15  # room that strands need which serve several pictures, over that of one
 _FINER = 0.86  # ratio of neighbouring radii that are tried
 _HELPS = 0.5  # share of the lost parts that a thinner tube must keep, or it helps little
-_SLOWER = 1.4  # a search takes as long as radius ** -_SLOWER, measured from 2.2 to 0.8 mm
+# a search takes as long as radius to minus this, for one view and for several, measured from 2.2 to 0.8 mm
+_SLOWER = (1.4, 2.0)
 _CHEAP = 5.0  # a search may take so many times as long unasked
 _SMALLEST = 0.1  # least radius over the thinnest for which a larger picture is looked for
 
@@ -36,11 +37,16 @@ class SmallParts:
     keeping_mm: float | None = None
     beyond: Found = ()
     larger: float | None = None
+    several: bool = False  # whether there are several pictures
 
     @property
     def slower(self) -> float:
         """How many times as long the search takes that keeps them."""
-        return 1.0 if self.keeping_mm is None else (self.usual_mm / self.keeping_mm) ** _SLOWER
+        return (
+            1.0
+            if self.keeping_mm is None
+            else (self.usual_mm / self.keeping_mm) ** _SLOWER[self.several]
+        )
 
     @property
     def taken(self) -> bool:
@@ -76,7 +82,8 @@ def weigh_small(
             break
     if len(beyond) > (1.0 - _HELPS) * len(lost):
         return SmallParts(usual, lost, None, lost, _enlargement(lost, polygons, thinnest, bend))
-    return SmallParts(usual, lost, keeping, beyond, _enlargement(beyond, polygons, thinnest, bend))
+    larger = _enlargement(beyond, polygons, thinnest, bend)
+    return SmallParts(usual, lost, keeping, beyond, larger, len(polygons) > 1)
 
 
 def _enlargement(

@@ -156,6 +156,10 @@ class PictureOptions:
     lamps: Annotated[str | None, Parameter(group=_PICTURE)] = None
     """Several lamps before one screen: rgb, or names such as warm+white, mix one picture's colours; switch:
     each lamp shows its own picture, one at a time."""
+    directions: Annotated[str | None, Parameter(group=_PICTURE)] = None
+    """Where each of several pictures is seen from, in their order: front, back, left, right (or side), top,
+    bottom, or AZIMUTH:ELEVATION in degrees, as in front,side,30:45; by default spread about the vertical
+    axis."""
     font: Annotated[str | None, Parameter(group=_PICTURE)] = None
     """The font of text:…: a family's name, such as "DejaVu Serif", or a font file."""
 

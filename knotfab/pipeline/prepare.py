@@ -12,6 +12,7 @@ from knotfab.base.apps import load_app
 from knotfab.base.progress import Progress
 from knotfab.design.budget import require_budget
 from knotfab.design.frames import (
+    direct_views,
     frame_view,
     framed_alike,
     size_frames,
@@ -217,6 +218,12 @@ def _read_call(
     lines: tuple[str, ...] = ()
     agreed: Agreement | None = None
     if options.lamps is not None or scene.share_wall:
+        if options.directions is not None:
+            raise InputError(
+                f"--directions {options.directions}",
+                "lamps before one screen have places by themselves",
+                "Leave it out",
+            )
         lit = read_lamps(scene, sources, options, base, progress, named=not pictures)
         return _Call(
             lit.scene, sources, base, lit.targets, lit.name, parted=lit.parted, told=lit.told
@@ -224,14 +231,23 @@ def _read_call(
     if options.sequence:
         require_sequence(scene)
     elif len(sources) > len(scene.views) == 1:
-        scene, open_ = spread_views(scene, sources), True
+        scene, open_ = spread_views(scene, sources), options.directions is None
+    if options.directions is not None:
+        if options.sequence or len(scene.views) < 2:
+            raise InputError(
+                f"--directions {options.directions}",
+                "it is for several pictures of one part",
+                "Leave it out, or name a picture for each direction",
+            )
+        scene = direct_views(scene, options.directions)
     if len(scene.views) > 1:
         require_several(scene)
         if scene.settings.free_view:
             from knotfab.design.settings import place_directions
 
             # directions start where an earlier build's did, or else anywhere
-            open_ = open_ or not scene.search.get("free_azimuths_deg")
+            given = options.directions or scene.search.get("free_azimuths_deg")
+            open_ = open_ or not given
             scene = place_directions(scene, scene.settings)[0]
     require_supports(scene)
     require_tube(scene)

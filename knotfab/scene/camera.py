@@ -151,6 +151,9 @@ def view_axes(view: View | Region) -> Array:
     return np.stack([right, across, back])
 
 
+NEAREST_DEG = 3.0  # nearer lines of sight count as one
+
+
 def least_apart(views: Sequence[View]) -> float:
     """Return the least angle between two lines of sight, degrees; opposite directions count as one."""
     axes = np.array([view_axes(v)[2] for v in views])

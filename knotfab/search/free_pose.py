@@ -4,10 +4,10 @@ Of one view that is its rotation, light and wall distances, and the tube's radiu
 future work (section 7). The certified flow moves the vertices, and Adam the view's numbers, by the same
 objective; bounds keep the light in front of the piece and the wall behind it.
 
-Of several views it is their azimuths. Neural Shadow Art (Wang and Deng 2024) turns lights and screens along
-with its volume by back-propagation. A view that turns about the vertical sees the same as if the knots turned
-the other way. So the derivative of its image term by the azimuth is a torque of the gradient by the vertices,
-which the flow computes anyway.
+Of several views it is their azimuths and elevations. Neural Shadow Art (Wang and Deng 2024) turns lights and
+screens along with its volume by back-propagation. A view that turns sees the same as if the knots turned the
+other way. So the derivative of its image term by an angle is a torque of the gradient by the vertices, which
+the flow computes anyway.
 """
 
 from __future__ import annotations
@@ -28,13 +28,14 @@ from knotfab.render.capsules import posed_frame, turn_matrix
 from knotfab.render.device import known, squared_error
 from knotfab.render.image import CUTOFF, frame_at
 from knotfab.render.silhouette import Frame, Sheet
-from knotfab.scene.camera import least_apart
+from knotfab.scene.camera import least_apart, view_axes
 from knotfab.search.flow import SETTLE
 from knotfab.search.objective import Objective
 from knotfab.search.optimizer import Adam, one_thread
 from knotfab_formats.errors import InputError
 from knotfab_formats.scene import LIGHT_SHARE, WALL_SHARE
 from knotfab_formats.search import SearchSettings
+from knotfab_formats.views import View
 
 Name = Literal["azimuth", "elevation", "roll", "light", "wall", "radius"]
 
@@ -48,7 +49,7 @@ _CHANGE = 1e-4  # relative change of the radius for the finite difference of the
 MOST_TURN_DEG = 12.0  # largest turn of a view from where it starts, to each side
 NEAREST = 0.7  # least angle between lines of sight, over the least one at the start
 _EVERY = 4  # iterations of the flow per step of the directions
-_AZIMUTH_RATE = 0.5  # first step of an azimuth, degrees
+_DIRECTION_RATE = 0.5  # first step of an azimuth or elevation, degrees
 _KEPT, _SQUARES = 0.8, 0.95  # Adam's betas
 
 
@@ -262,16 +263,20 @@ class FreePose:
 
 
 class FreeDirections:
-    """The azimuths of all views but the first, degrees, which Adam moves to reduce the pictures' errors."""
+    """The directions of all views but the first, which Adam moves to reduce the pictures' errors.
+
+    `places_deg` (n, 2) are azimuths and elevations. Elevations stay where the settings give no starts.
+    """
 
     def __init__(
         self, views: Sequence[TargetView], radius: float, settings: SearchSettings
     ) -> None:
         self.radius_mm = radius
-        self.first_deg = np.array([v.view.azimuth_deg for v in views])
-        self.azimuth_deg = self.first_deg.copy()
+        self.first_deg = np.array([(v.view.azimuth_deg, v.view.elevation_deg) for v in views])
+        self.places_deg = self.first_deg.copy()
         self._settings, self._asked = settings, 0
-        self._turned = torch.zeros(len(views), dtype=torch.float64, requires_grad=True)
+        self._free = np.array([1.0, 1.0 if settings.free_elevations_deg else 0.0])
+        self._turned = torch.zeros(self.first_deg.shape, dtype=torch.float64, requires_grad=True)
         self._adam = Adam([self._turned], betas=(_KEPT, _SQUARES))
         self._apart = NEAREST * least_apart([v.view for v in views])
 
@@ -297,36 +302,41 @@ class FreeDirections:
         self._asked += 1
         if self._asked % _EVERY:
             return
-        slopes = np.zeros(len(self.azimuth_deg))
+        slopes = np.zeros(self.places_deg.shape)
         for number in range(1, len(slopes)):
-            slopes[number] = self.slope(objective, number, points, progress)
+            view = self._views(problem)[number].view
+            slopes[number] = self._free * self.slope(objective, number, view, points, progress)
         self._turned.grad = torch.from_numpy(slopes)
-        self._adam.step(_AZIMUTH_RATE * _LAST**progress)
+        self._adam.step(_DIRECTION_RATE * _LAST**progress)
         moved = self.first_deg + self._turned.detach().numpy()
         moved = np.clip(moved, self.first_deg - MOST_TURN_DEG, self.first_deg + MOST_TURN_DEG)
-        before, self.azimuth_deg = self.azimuth_deg, moved
+        moved[:, 1] = np.clip(moved[:, 1], -90.0, 90.0)
+        before, self.places_deg = self.places_deg, moved
         if least_apart([v.view for v in self._views(problem)]) >= self._apart:
             self.show(objective, problem)
         else:
-            self.azimuth_deg = before
+            self.places_deg = before
         with torch.no_grad():
-            self._turned.copy_(torch.from_numpy(self.azimuth_deg - self.first_deg))
+            self._turned.copy_(torch.from_numpy(self.places_deg - self.first_deg))
 
-    def slope(self, objective: Objective, number: int, points: Array, progress: float) -> float:
-        """Return the derivative of a view's image term by its azimuth, per degree."""
+    def slope(
+        self, objective: Objective, number: int, view: View, points: Array, progress: float
+    ) -> Array:
+        """Return the derivatives of a view's image term by its azimuth and elevation, per degree, (2,)."""
         tau = objective.tau_px(number, progress)
         pull = objective.image_term(number, points, tau)[1]
-        # a rotation about y moves a point by (z, 0, -x); turning the view does the opposite
-        torque = float((pull[:, 2] * points[:, 0] - pull[:, 0] * points[:, 2]).sum())
-        return float(np.radians(torque))
+        torque = np.cross(points, pull).sum(axis=0)
+        # turning a view about the vertical, or raising it, turns the knots the other way for it
+        by = -torque[1], torque @ view_axes(view)[0]
+        return np.radians(np.array(by))
 
     def settle(self, problem: Problem, points: Array) -> tuple[Problem, Array, ViewNumbers | None]:
         """Turn the problem's views to the directions found, rounded as in a scene file."""
-        self.azimuth_deg = np.round(self.azimuth_deg, 3)
+        self.places_deg = np.round(self.places_deg, 3)
         return replace(problem, views=self._views(problem)), points, None
 
     def _views(self, problem: Problem) -> tuple[TargetView, ...]:
         return tuple(
-            replace(v, view=v.view.but(azimuth_deg=float(a)))
-            for v, a in zip(problem.views, self.azimuth_deg, strict=True)
+            replace(v, view=v.view.but(azimuth_deg=float(a), elevation_deg=float(e)))
+            for v, (a, e) in zip(problem.views, self.places_deg, strict=True)
         )

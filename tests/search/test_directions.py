@@ -47,34 +47,44 @@ def question(seen: tuple[TargetView, ...]) -> tuple[Problem, Objective]:
 def test_the_slope_is_that_of_finite_differences() -> None:
     problem, objective = question(views(0.0, 70.0))
     directions = FreeDirections(problem.views, RADIUS, SETTINGS)
-    step, found = 1e-3, []
-    for way in (1.0, -1.0):
-        directions.azimuth_deg = np.array([0.0, 70.0 + way * step])
-        directions.show(objective, problem)
-        found.append(objective.image_term(1, POINTS, objective.tau_px(1, 0.0))[0])
-    directions.azimuth_deg = directions.first_deg
+    at = np.array([[0.0, 0.0], [70.0, 25.0]])
+    step, slopes = 1e-3, []
+    for turn in np.eye(2):
+        found = []
+        for way in (1.0, -1.0):
+            directions.places_deg = at + [[0.0, 0.0], way * step * turn]
+            directions.show(objective, problem)
+            found.append(objective.image_term(1, POINTS, objective.tau_px(1, 0.0))[0])
+        slopes.append((found[0] - found[1]) / (2 * step))
+    directions.places_deg = at
     directions.show(objective, problem)
-    slope = directions.slope(objective, 1, POINTS, 0.0)
-    assert slope == pytest.approx((found[0] - found[1]) / (2 * step), rel=2e-3)
+    view = problem.views[1].view.but(azimuth_deg=70.0, elevation_deg=25.0)
+    slope = directions.slope(objective, 1, view, POINTS, 0.0)
+    assert slope == pytest.approx(slopes, rel=2e-3)
 
 
-def test_a_view_turns_to_where_the_knots_draw_its_picture() -> None:
+@pytest.mark.parametrize(("starts", "away"), [("", (64.0, 0.0)), ("0.0 0.0", (66.0, 7.0))])
+def test_a_view_turns_to_where_the_knots_draw_its_picture(
+    starts: str, away: tuple[float, float]
+) -> None:
+    settings = SETTINGS.but(free_elevations_deg=starts)
     seen = tuple(v.image_at(RADIUS, 96).seen(POINTS, RINGS, RADIUS) for v in views(0.0, 70.0))
     drawn = tuple(
         replace(v, mask=mask[6:-6, 6:-6]) for v, mask in zip(views(0.0, 70.0), seen, strict=True)
     )
-    away = tuple(
-        replace(v, view=v.view.model_copy(update={"azimuth_deg": a}))
-        for v, a in zip(drawn, (0.0, 64.0), strict=True)
+    turned = tuple(
+        replace(v, view=v.view.but(azimuth_deg=a, elevation_deg=e))
+        for v, (a, e) in zip(drawn, ((0.0, 0.0), away), strict=True)
     )
-    problem, objective = question(away)
-    directions = FreeDirections(problem.views, RADIUS, SETTINGS)
+    problem, objective = question(turned)
+    directions = FreeDirections(problem.views, RADIUS, settings)
     for n in range(240):
         directions.descend(objective, problem, POINTS, None, n / 240)  # type: ignore[arg-type]
     settled, points, numbers = directions.settle(problem, POINTS)
     assert points is POINTS and numbers is None
     assert settled.views[0].view.azimuth_deg == 0.0
     assert settled.views[1].view.azimuth_deg == pytest.approx(70.0, abs=0.5)
+    assert settled.views[1].view.elevation_deg == pytest.approx(0.0, abs=0.5)
 
 
 def test_directions_keep_their_bounds() -> None:
@@ -83,6 +93,6 @@ def test_directions_keep_their_bounds() -> None:
     least = least_apart([v.view for v in problem.views])
     for _ in range(80):
         directions.descend(objective, problem, POINTS, None, 0.0)  # type: ignore[arg-type]
-    assert (np.abs(directions.azimuth_deg - directions.first_deg) <= MOST_TURN_DEG).all()
+    assert (np.abs(directions.places_deg - directions.first_deg) <= MOST_TURN_DEG).all()
     settled, _, _ = directions.settle(problem, POINTS)
     assert least_apart([v.view for v in settled.views]) >= 0.69 * least
