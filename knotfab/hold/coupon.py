@@ -8,7 +8,7 @@ import numpy as np
 
 from knotfab.geometry.tube import Mesh, as_manifold, as_mesh
 from knotfab.hold.modeller import model_fixture
-from knotfab.hold.mounted import Mounted
+from knotfab.hold.mount import Mounted
 from knotfab_fixtures.holders import fit_pin, fit_strip
 from knotfab_fixtures.solids import peg
 from knotfab_formats.print_figures import CouponFigures

@@ -15,12 +15,12 @@ import numpy as np
 
 from knotfab.base.arrays import Array, Indices, Mask
 from knotfab.base.errors import SceneError
-from knotfab.geometry.tube import Mesh, as_manifold, as_mesh
+from knotfab.geometry.tube import Mesh
 from knotfab.hold.beams import HeldFrame, Stiffness, piece_frame, sag_moves, springs_of, worst_of
 from knotfab.hold.planner import plan_members
 from knotfab.hold.plinth import Masses
 from knotfab.hold.shade import MountShadows, near_struts
-from knotfab.hold.solids import Fixture, motion_along, strut
+from knotfab.hold.solids import Fixture, motion_along, strut, unite
 from knotfab.hold.stand import (
     BRIDGES,
     FINE_RADII,
@@ -44,7 +44,6 @@ from knotfab.hold.struts import (
 from knotfab.knots import Knots
 from knotfab.scene.camera import Camera
 from knotfab_fixtures.holders import eyelet
-from knotfab_formats.libraries import took_part
 
 MOST_TILT_DEG = 1.0  # the piece may hang askew by this
 HOLE_MM = 3.0  # across the eyelet's hole
@@ -376,25 +375,9 @@ def _add_posts(
 
 
 def hang_bodies(tubes: list[Mesh], mount: HangMount) -> list[Mesh]:
-    """Unite tubes, struts, post and eyelet to one watertight body, in scene coordinates.
-
-    Raises:
-        SceneError: the union is not what the members predict: something else touches.
-    """
-    from manifold3d import Manifold, OpType
-
-    solids = [as_manifold(tube) for tube in tubes]
-    took_part("manifold3d", "joined tubes and mount")
-    solids += [fixture.solid() for fixture in hang_fixtures(mount)]
-    solid = Manifold.batch_boolean(solids, OpType.Add)
-    parts, genus = len(solid.decompose()), len(mount.members) + 1  # the eyelet's hole
-    if parts != 1 or solid.genus() != genus:
-        raise SceneError(
-            "the hanger",
-            f"the part came out as {parts} bodies of genus {solid.genus()}, not one of {genus}",
-            "Use --mount none, or report this scene",
-        )
-    return [as_mesh(solid)]
+    """Unite tubes, struts, post and eyelet to one watertight body, in scene coordinates."""
+    handles = len(mount.members) + 1  # the eyelet's hole
+    return unite(tubes, hang_fixtures(mount), handles, "the hanger")
 
 
 def hang_fixtures(mount: HangMount) -> list[Fixture]:

@@ -13,7 +13,7 @@ import numpy as np
 from knotfab.base.arrays import Array
 from knotfab.geometry.tube import Mesh
 from knotfab.hold.modeller import model_fixture
-from knotfab.hold.mounted import Mounted
+from knotfab.hold.mount import Mounted
 from knotfab.hold.placement import Placement, placement_of
 from knotfab.scene.camera import camera_of
 from knotfab_fixtures.solids import BOSS_WALL_MM, HEAD_MM, TAIL_DEPTH_MM, table_bar

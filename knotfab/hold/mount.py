@@ -3,25 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from knotfab.base.arrays import Mask
-from knotfab.geometry.tube import Mesh
+from knotfab.base.arrays import Array, Mask
+from knotfab.geometry.tube import Mesh, as_manifold, as_mesh
 from knotfab.hold.beams import Stiffness
-from knotfab.hold.foot_plate import plan_foot_plate
-from knotfab.hold.hang import hang_bodies, plan_hang
-from knotfab.hold.mounted import Mounted
-from knotfab.hold.solids import stand_bodies
-from knotfab.hold.stand import StandSettings, plan_stand
-from knotfab.hold.wall import WallMount, plan_wall, wall_bodies
+from knotfab.hold.foot_plate import ears_mm, plan_foot_plate
+from knotfab.hold.hang import MOST_TILT_DEG, HangMount, hang_bodies, hang_fixtures, plan_hang
+from knotfab.hold.solids import Fixture, stand_bodies, stand_fixtures
+from knotfab.hold.stand import StandMount, StandSettings, plan_stand
+from knotfab.hold.wall import WallMount, plan_wall, wall_bodies, wall_fixtures
 from knotfab.knots import Knots
-from knotfab.scene.camera import Camera, CurvedWall
+from knotfab.scene.camera import Camera, CurvedWall, camera_of
 from knotfab.scene.require import require_mount
+from knotfab_formats.print_figures import MountFigures, PlateFigures
 from knotfab_formats.scene import ResolvedScene, SettledScene
+from knotfab_formats.verdict import Check
+from knotfab_validators.check import at_most
+
+if TYPE_CHECKING:
+    from manifold3d import Manifold
 
 BASE_DOWN = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # scene to bed
+EYELET_RODS = 24  # straight rods that knots.json has for an eyelet's ring
 
 
 def mount_piece(
@@ -51,99 +59,42 @@ def mount_piece(
     """
     require_mount(scene)
     scene = _resolve_mount(scene, knots, cameras)
-    asked = scene.mount
+    asked, every = scene.mount, range(len(tubes))
     if asked.kind == "none":
         return Mounted(tubes, _name_knots(len(tubes)), scene, None, None)
-    if asked.kind in ("stand", "hang"):
-        if len(targets) != len(cameras):
-            raise ValueError("a stand or an eyelet is placed by the silhouettes of all views")
-        hold = _on_a_stand if asked.kind == "stand" else _on_a_thread
-        return hold(scene, knots, tubes, cameras, targets)
-    mount = (
-        _stand_on_wall(scene, knots, tubes, cameras[0])
-        if asked.on_feet
-        else plan_wall(
-            knots,
-            cameras[0],
-            scene.piece.clearance_mm,
-            Stiffness.of(scene, knots),
-            asked,
-            targets[0] if targets else None,
-            thoroughly=thoroughly,
-        )
-    )
-    count = [
-        sum(peg.knot == k for peg in mount.pegs) + int((mount.strut_knots[:, 0] == k).sum())
-        for k in range(len(tubes))
-    ]
-    if mount.plate is not None:
-        count = list(mount.plate.feet)
+    stiffness, clearance_mm = Stiffness.of(scene, knots), scene.piece.clearance_mm
+    least_mm, ends = scene.printer.min_tube_radius_mm, scene.screen_ends
+    if asked.kind in ("stand", "hang") and len(targets) != len(cameras):
+        raise ValueError("a stand or an eyelet is placed by the silhouettes of all views")
+    if asked.kind == "stand":
+        settings = StandSettings(asked.base_thickness_mm, asked.min_tip_deg, least_mm)
+        walls = [wall for view in scene.views if (wall := CurvedWall.of(view)) is not None]
+        stand = plan_stand(knots, cameras, targets, clearance_mm, stiffness, settings, walls, ends)
+        count = tuple(int((stand.holds == k).sum()) for k in every)
+        scene, bodies = scene.but(mount=asked.but(pegs=count)), stand_bodies(tubes, stand)
+        return Mounted(bodies, ["piece on its stand"], scene, BASE_DOWN, None, stand)
+    if asked.kind == "hang":
+        hang = plan_hang(knots, cameras, targets, clearance_mm, stiffness, least_mm, ends)
+        bodies, (x, y, z) = hang_bodies(tubes, hang), hang.eyelet.thread.tolist()
+        count = tuple(int((hang.holds == k).sum()) for k in every)
+        scene = scene.but(mount=asked.but(pegs=count, thread_mm=(x, y, z)))
+        return Mounted(bodies, ["piece with its eyelet"], scene, None, None, hang=hang)
+    if asked.on_feet:
+        found = plan_foot_plate(knots, tubes, cameras[0], stiffness, asked)
+        sag, at, moves, plate = found.sag_mm, found.sag_at, found.moves, found.plate
+        aside = found.hidden_aside
+        mount = WallMount((), sag, at, sag, asked, moves=moves, plate=plate, hidden_aside=aside)
+        count = tuple(plate.feet)
+    else:
+        how = clearance_mm, stiffness, asked, targets[0] if targets else None
+        mount = plan_wall(knots, cameras[0], *how, thoroughly=thoroughly)
+        struts = [int((mount.strut_knots[:, 0] == k).sum()) for k in every]
+        count = tuple(sum(peg.knot == k for peg in mount.pegs) + struts[k] for k in every)
     bodies = wall_bodies(tubes, mount, cameras[0])
-    return Mounted(
-        bodies,
-        ["piece with wall plate"] if asked.foot == "plate" else _name_knots(len(bodies)),
-        scene.but(mount=asked.but(pegs=tuple(count))),
-        cameras[0].wall_axes,  # the wall on the bed, its front up
-        mount,
-    )
-
-
-def _stand_on_wall(
-    scene: SettledScene, knots: Knots, tubes: list[Mesh], camera: Camera
-) -> WallMount:
-    found = plan_foot_plate(knots, tubes, camera, Stiffness.of(scene, knots), scene.mount)
-    sag, at = found.sag_mm, found.sag_at
-    hidden = found.hidden_aside
-    return WallMount(
-        (), sag, at, sag, scene.mount, moves=found.moves, plate=found.plate, hidden_aside=hidden
-    )
-
-
-def _on_a_stand(
-    scene: SettledScene,
-    knots: Knots,
-    tubes: list[Mesh],
-    cameras: Sequence[Camera],
-    targets: Sequence[Mask],
-) -> Mounted:
-    asked = scene.mount
-    stand = plan_stand(
-        knots,
-        cameras,
-        targets,
-        scene.piece.clearance_mm,
-        Stiffness.of(scene, knots),
-        StandSettings(asked.base_thickness_mm, asked.min_tip_deg, scene.printer.min_tube_radius_mm),
-        [wall for view in scene.views if (wall := CurvedWall.of(view)) is not None],
-        scene.screen_ends,
-    )
-    bodies = stand_bodies(tubes, stand)
-    count = [int((stand.holds == k).sum()) for k in range(len(tubes))]
-    scene = scene.but(mount=asked.but(pegs=tuple(count)))
-    return Mounted(bodies, ["piece on its stand"], scene, BASE_DOWN, None, stand)
-
-
-def _on_a_thread(
-    scene: SettledScene,
-    knots: Knots,
-    tubes: list[Mesh],
-    cameras: Sequence[Camera],
-    targets: Sequence[Mask],
-) -> Mounted:
-    hang = plan_hang(
-        knots,
-        cameras,
-        targets,
-        scene.piece.clearance_mm,
-        Stiffness.of(scene, knots),
-        scene.printer.min_tube_radius_mm,
-        scene.screen_ends,
-    )
-    bodies = hang_bodies(tubes, hang)
-    count = tuple(int((hang.holds == k).sum()) for k in range(len(tubes)))
-    x, y, z = hang.eyelet.thread.tolist()
-    scene = scene.but(mount=scene.mount.but(pegs=count, thread_mm=(x, y, z)))
-    return Mounted(bodies, ["piece with its eyelet"], scene, None, None, hang=hang)
+    names = ["piece with wall plate"] if asked.foot == "plate" else _name_knots(len(bodies))
+    scene = scene.but(mount=asked.but(pegs=count))
+    # the wall on the bed, its front up
+    return Mounted(bodies, names, scene, cameras[0].wall_axes, mount)
 
 
 def _name_knots(count: int) -> list[str]:
@@ -172,3 +123,256 @@ def choose_foot(scene: ResolvedScene, knots: Knots, camera: Camera) -> Literal["
     width, depth, height = scene.printer.build_volume_mm
     fits = max(across, along) <= max(width, depth) and min(across, along) <= min(width, depth)
     return "plate" if fits and high + asked.thickness_mm <= height else "dowel"
+
+
+@dataclass(frozen=True)
+class Mounted:
+    """The bodies to print, in scene coordinates.
+
+    `scene` has the mount resolved (its foot, the pegs of each knot). `upright` is the rotation (3,
+    3) from scene to bed in which the mount prints best, None where any will do.
+    """
+
+    bodies: list[Mesh]
+    names: list[str]
+    scene: SettledScene
+    upright: Array | None
+    wall: WallMount | None
+    stand: StandMount | None = None
+    hang: HangMount | None = None
+
+    @property
+    def holder(self) -> WallMount | StandMount | HangMount | None:
+        """The mount that holds the piece, if any."""
+        return self.wall or self.stand or self.hang
+
+    @cached_property
+    def solids(self) -> list[Manifold]:
+        """The bodies as solids, for drawings of them."""
+        return [as_manifold(body) for body in self.bodies]
+
+    def fixtures(self, camera: Camera) -> list[Fixture]:
+        """List the mount's solids, in scene coordinates; `camera` is the first view's."""
+        if self.wall is not None:
+            groups = wall_fixtures(self.wall, camera, max(len(self.scene.mount.pegs), 1))
+            return [fixture for group in groups for fixture in group]
+        if self.stand is not None:
+            return stand_fixtures(self.stand)
+        return [] if self.hang is None else hang_fixtures(self.hang)
+
+    @property
+    def moves(self) -> Array | None:
+        """How far each vertex sags under the piece's weight, mm (N, 3); None without a mount."""
+        return None if self.holder is None else self.holder.moves
+
+    def members(self, to_part: Array) -> list[dict[str, Any]]:
+        """List members for knots.json; `to_part` is a (4, 4) similarity from the scene.
+
+        Each goes `from` a centre line `to` the mount's foot or another centre line. `radius_mm` are
+        those of its ends, `foot` is the unit normal of the plate, wall or base that it stands on,
+        if it does.
+        """
+        turn, shift = to_part[:3, :3], to_part[:3, 3]
+        scale = float(np.cbrt(np.linalg.det(turn)))
+        found: list[tuple[Array, Array, tuple[float, float], Array | None]] = []
+        if self.wall is not None and self.upright is not None:
+            out, struts = self.upright[2], self.wall.struts
+            found += [
+                (p.top, p.foot, (p.top_radius_mm, p.foot_radius_mm), out) for p in self.wall.pegs
+            ]
+        elif self.stand is not None:
+            out, struts = self.stand.base.slope.normal, self.stand.struts
+            posts = self.stand.posts
+            ends = zip(posts.start, posts.end, posts.radius, strict=True)
+            found += [(start, end, (r, r), out) for start, end, r in ends]
+        elif self.hang is not None:
+            struts = self.hang.members  # its posts end in the eyelet's bars
+        else:
+            return []
+        ends = zip(struts.start, struts.end, struts.radius, strict=True)
+        found += [(start, end, (r, r), None) for start, end, r in ends]
+        return [
+            {
+                "from": (turn @ start + shift).tolist(),
+                "to": (turn @ end + shift).tolist(),
+                "radius_mm": [scale * float(r) for r in radius],
+                **({} if foot is None else {"foot": (turn @ foot / scale).tolist()}),
+            }
+            for start, end, radius, foot in found
+        ]
+
+    def makeup(self, to_part: Array) -> dict[str, list[dict[str, Any]]]:
+        """Describe the mount for knots.json; `to_part` is a (4, 4) similarity from the scene.
+
+        That is `members`, the `rods` of an eyelet, and the `hulls` of a base or dowels; a plate
+        follows from the scene.
+        """
+        turn, shift = to_part[:3, :3], to_part[:3, 3]
+        scale = float(np.cbrt(np.linalg.det(turn)))
+        rods: list[dict[str, Any]] = []
+        if self.hang is not None:
+            eyelet = self.hang.eyelet
+            ring = eyelet.outline(EYELET_RODS) @ turn.T + shift
+            rods = [
+                {"from": a.tolist(), "to": b.tolist(), "radius_mm": scale * eyelet.wire_mm}
+                for a, b in zip(ring, np.roll(ring, -1, axis=0), strict=True)
+            ]
+        solids: list[Fixture] = []
+        if self.wall is not None:
+            solids = [f for peg in self.wall.pegs for f in self.wall.dowels(peg, self.upright)]
+        elif self.stand is not None:
+            solids = [f for f in stand_fixtures(self.stand) if f.kind == "base"]
+        hulls = [
+            {"name": f.kind, "corners": (as_mesh(f.solid().hull())[0] @ turn.T + shift).tolist()}
+            for f in solids
+        ]
+        return {"members": self.members(to_part), "rods": rods, "hulls": hulls}
+
+    def slab(self, to_part: Array) -> dict[str, Any] | None:
+        """Describe, as `members` does, the plate in which the piece stands; None without one.
+
+        `outline` are the corners of its face, whose unit normal is `out`, and `holes` the middles
+        of the screw holes there, `hole_mm` wide.
+        """
+        if self.wall is None or self.wall.plate is None or self.upright is None:
+            return None
+        turn, shift = to_part[:3, :3], to_part[:3, 3]
+        scale = float(np.cbrt(np.linalg.det(turn)))
+        plate, view = self.wall.plate, self.scene.views[0]
+        middle = camera_of(view, 1, 1).middle
+
+        def place(flat: Array) -> list[list[float]]:
+            found = (middle + flat @ self.upright[:2]) @ turn.T + shift  # type: ignore[index]
+            return [[float(x) for x in row] for row in found]
+
+        return {
+            "outline": place(plate.outline),
+            "holes": place(plate.holes),
+            "hole_mm": scale * self.wall.settings.hole_diameter_mm,
+            "thickness_mm": scale * self.wall.settings.thickness_mm,
+            "out": (turn @ self.upright[2] / scale).tolist(),
+        }
+
+    def plate_figures(self, shrinks_to: float) -> PlateFigures | None:
+        """Report the plate in which the piece stands; it is printed larger by the shrinkage."""
+        if self.wall is None or self.wall.plate is None:
+            return None
+        import shapely
+
+        outline, mount = self.wall.plate.outline, self.wall.settings
+        printer, material = self.scene.printer, self.scene.material
+        high = mount.thickness_mm / shrinks_to
+        layers = int(np.ceil(high / printer.layer_height_mm - 1e-6))
+        area = shapely.Polygon(outline).area - np.pi / 2 * mount.hole_diameter_mm**2
+        return PlateFigures(
+            thickness_mm=mount.thickness_mm,
+            change_at_mm=round(layers * printer.layer_height_mm, 4),
+            change_layer=layers + 1,
+            mass_g=float(area * mount.thickness_mm * 1e-3 * material.density_g_cm3),
+            hidden_aside={str(a): round(s, 3) for a, s in self.wall.hidden_aside.items()},
+            outline=tuple((round(float(x), 2), round(float(y), 2)) for x, y in outline),
+        )
+
+    @property
+    def must_be_upright(self) -> bool:
+        """Whether only `upright` will do: a stand too tall for the printer may lie down."""
+        return self.wall is not None
+
+    @property
+    def fixed_mm(self) -> tuple[float, float, float] | None:
+        """What of the extents, as `upright` lays the part, does not scale with the frame.
+
+        Margin and thickness of a plate, a dowel's length, and the distance from the wall; None if
+        it is the tube's thickness alone.
+        """
+        if self.wall is None:
+            return None
+        s, view = self.wall.settings, self.scene.views[0]
+        off = view.wall_distance_mm * float(np.cos(np.deg2rad(view.wall_tilt_deg)))
+        if self.wall.plate is not None:
+            beyond = 2 * s.plate_margin_mm if s.plate == "outline" else 0.0
+            return beyond + ears_mm(s), beyond, off + s.thickness_mm
+        if s.foot == "plate":
+            return 2 * s.plate_margin_mm, 2 * s.plate_margin_mm, off + s.thickness_mm
+        across = 2 * max(peg.root_radius_mm for peg in self.wall.pegs)
+        return across, across, off + s.dowel_depth_mm
+
+    @property
+    def figures(self) -> MountFigures:
+        """The mount's entry in the report."""
+        mount, asked = self.holder, self.scene.mount
+        if mount is None:
+            return MountFigures(kind="none")
+        own: dict[str, Any] = {"sag_mm": mount.sag_again_mm, "max_sag_mm": asked.max_sag_mm}
+        if isinstance(mount, WallMount) and mount.plate is not None:
+            kind, feet = mount.settings.plate, mount.plate.feet
+            return MountFigures(kind="wall", foot="plate", plate=kind, feet_of_knots=feet, **own)
+        if isinstance(mount, WallMount):
+            lengths = [peg.length_mm for peg in mount.pegs]
+            thick = [peg.top_radius_mm for peg in mount.pegs]
+            joined, knots = mount.strut_knots.tolist(), range(len(asked.pegs))
+            return MountFigures(
+                kind="wall",
+                foot=mount.settings.foot,
+                pegs=len(mount.pegs),
+                struts=len(mount.struts),
+                pegs_of_knots=tuple(sum(peg.knot == k for peg in mount.pegs) for k in knots),
+                knots_joined=tuple(sorted({(a, b) for a, b in joined if a != b})),
+                peg_length_mm=(min(lengths), max(lengths)),
+                peg_diameter_mm=2 * max(thick),
+                thinnest_peg_mm=2 * min(thick),
+                **own,
+            )
+        radius = mount.members.radius
+        own["struts"], own["members_of_knots"] = len(mount.struts), asked.pegs
+        own["member_diameter_mm"] = 2 * float(radius.min()), 2 * float(radius.max())
+        own["predicted_intrusion"] = float(mount.predicted_intrusion.max())
+        if isinstance(mount, StandMount):
+            width, depth, front, back = mount.base.size_mm
+            return MountFigures(
+                kind="stand",
+                posts=len(mount.posts),
+                base_mm=(width, depth, front),
+                base_back_mm=back,
+                margin_mm=mount.base.margin_mm,
+                tip_deg=mount.base.tip_deg,
+                **own,
+            )
+        x, y, z = mount.eyelet.thread.tolist()
+        return MountFigures(
+            kind="hang",
+            thread_mm=(x, y, z),
+            hole_mm=2 * (mount.eyelet.ring_mm - mount.eyelet.wire_mm),
+            tilt_deg=mount.tilt_deg,
+            max_tilt_deg=MOST_TILT_DEG,
+            **own,
+        )
+
+    def check_sag(self) -> Check | None:
+        """Check `sag`: how far the piece moves under its own weight, as a frame."""
+        mount = self.holder
+        if mount is None:
+            return None
+        sag, limit = mount.sag_again_mm, self.scene.mount.max_sag_mm
+        assert limit is not None  # since it has a mount
+        x, y, z = mount.sag_at
+        if isinstance(mount, WallMount) and mount.plate is not None:
+            on, less = f"{sum(mount.plate.feet)} feet in its plate", "less depth (--depth)"
+        elif isinstance(mount, WallMount):
+            on = f"{len(mount.pegs)} pegs and {len(mount.struts)} struts"
+            less = "less depth (--depth) or a nearer wall (--wall-distance)"
+        elif isinstance(mount, StandMount):
+            on, less = f"{len(mount.posts)} posts and {len(mount.struts)} struts", "less depth"
+        else:
+            on, less = f"an eyelet and {len(mount.struts)} struts", "less depth"
+        remedy = ""
+        if sag > limit:
+            remedy = (
+                f", and no free member would help more: use a stiffer material, a thicker tube, {less}, "
+                f"or set mount.max_sag_mm to {np.ceil(100 * sag) / 100:g} (in scene.toml, with --scene)"
+            )
+        detail = (
+            f"largest displacement under the piece's own weight on {on}, "
+            f"at ({x:.1f}, {y:.1f}, {z:.1f}) mm of the scene{remedy}"
+        )
+        return at_most("sag", sag, limit, "mm", detail)

@@ -33,12 +33,11 @@ MOST_COSINE = 0.75  # between a leaning peg and its tube
 def hidden_braces(
     knots: Knots,
     camera: Camera,
-    target: Mask,
-    clearance_mm: float,
     stiffness: Stiffness,
     sites: Sites,
+    obstacles: Obstacles,
+    shadows: MountShadows,
     pegs: Candidates,
-    root_radius_mm: Array,
 ) -> Candidates:
     """Find the members that keep a piece from sagging on its pegs.
 
@@ -48,15 +47,11 @@ def hidden_braces(
     peg along a ray, and draws nothing that the knots do not.
 
     Args:
-        target: (H, W) the picture's silhouette. sites: that the pegs stand on (`sites_with`).
-        root_radius_mm: (n,) of the pegs at the wall, with their fillets.
+        sites: that the pegs stand on (`sites_with`). obstacles: with the pegs.
 
     Returns:
         members of one radius: struts, and leaning pegs (their second site is `GROUND`).
     """
-    obstacles = Obstacles(knots, sites, clearance_mm)
-    obstacles.add(replace(pegs, radius=root_radius_mm, end_radius=None))
-    shadows = MountShadows(knots, (camera,), (target,))
     pool = join_members(
         [
             hidden_struts(sites, shadows, knots.radius_mm),
@@ -74,14 +69,7 @@ def hidden_braces(
 
 
 def tie_to_held(
-    knots: Knots,
-    camera: Camera,
-    target: Mask,
-    clearance_mm: float,
-    sites: Sites,
-    pegs: Candidates,
-    root_radius_mm: Array,
-    barred: tuple[int, ...],
+    knots: Knots, sites: Sites, obstacles: Obstacles, shadows: MountShadows, barred: tuple[int, ...]
 ) -> Candidates:
     """Tie each knot without a peg to one that is held, by the shortest strut that is hidden.
 
@@ -89,8 +77,8 @@ def tie_to_held(
     from one to the other, as a peg would to the wall.
 
     Args:
-        target: (H, W) the picture's silhouette. sites: that the pegs stand on (`sites_with`).
-        root_radius_mm: (n,) of the pegs, with their fillets. barred: the knots without one.
+        sites: that the pegs stand on (`sites_with`). obstacles: with the pegs; the struts are added.
+        barred: the knots without a peg.
 
     Returns:
         one strut for each of them, which begins there.
@@ -98,10 +86,7 @@ def tie_to_held(
     Raises:
         ValueError: a knot has no such strut; the message names it.
     """
-    obstacles = Obstacles(knots, sites, clearance_mm)
-    obstacles.add(replace(pegs, radius=root_radius_mm, end_radius=None))
-    # tube radii: the longest strut on which a knot hangs
-    shadows, reach = MountShadows(knots, (camera,), (target,)), 60.0 * knots.radius_mm
+    reach = 60.0 * knots.radius_mm  # the longest strut on which a knot hangs
     left, found = list(barred), no_members()
     while left:
         tie = next(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from knotfab.base.arrays import Array
-from knotfab.hold.mounted import Mounted
+from knotfab.hold.mount import Mounted
 from knotfab.hold.plinth import Base
 from knotfab.hold.wall import hole_inset_mm
 from knotfab.scene.camera import Camera, CurvedWall

@@ -82,6 +82,28 @@ def strut(start: Array, end: Array, radius_mm: float) -> Fixture:
     )
 
 
+def unite(tubes: list[Mesh], fixtures: list[Fixture], genus: int, what: str) -> list[Mesh]:
+    """Unite tubes and fixtures to one watertight body with `genus` handles.
+
+    Raises:
+        SceneError: it has others, since something else touches; `what` names the mount.
+    """
+    from manifold3d import Manifold, OpType
+
+    solids = [as_manifold(tube) for tube in tubes]
+    took_part("manifold3d", "joined tubes and mount")
+    solids += [fixture.solid() for fixture in fixtures]
+    solid = Manifold.batch_boolean(solids, OpType.Add)
+    parts = len(solid.decompose())
+    if parts != 1 or solid.genus() != genus:
+        raise SceneError(
+            what,
+            f"the part came out as {parts} bodies of genus {solid.genus()}, not one of {genus}",
+            "Use --mount none, or report this scene",
+        )
+    return [as_mesh(solid)]
+
+
 # The solids of a stand: tubes, posts, struts and base as one body.
 
 ROOT_HEIGHT_MM = 3.0  # a post widens to its root over so much
@@ -89,25 +111,8 @@ OVERLAP_MM = 0.5  # a post goes so much deeper into the base than its root needs
 
 
 def stand_bodies(tubes: list[Mesh], mount: StandMount) -> list[Mesh]:
-    """Unite tubes, posts, struts and base to one watertight body, in scene coordinates.
-
-    Raises:
-        SceneError: the union is not what the members predict: something else touches.
-    """
-    from manifold3d import Manifold, OpType
-
-    solids = [as_manifold(tube) for tube in tubes]
-    took_part("manifold3d", "joined tubes and mount")
-    solids += [fixture.solid() for fixture in stand_fixtures(mount)]
-    solid = Manifold.batch_boolean(solids, OpType.Add)
-    parts, genus = len(solid.decompose()), len(mount.members)
-    if parts != 1 or solid.genus() != genus:
-        raise SceneError(
-            "the stand",
-            f"the part came out as {parts} bodies of genus {solid.genus()}, not one of {genus}",
-            "Use --mount none, or report this scene",
-        )
-    return [as_mesh(solid)]
+    """Unite tubes, posts, struts and base to one watertight body, in scene coordinates."""
+    return unite(tubes, stand_fixtures(mount), len(mount.members), "the stand")
 
 
 def stand_fixtures(mount: StandMount) -> list[Fixture]:

@@ -14,9 +14,9 @@ from knotfab.geometry.tube import Mesh, as_manifold, as_mesh
 from knotfab.hold.beams import Stiffness, sag_moves, worst_of
 from knotfab.hold.foot_plate import FootPlate, foot_plate_fixture
 from knotfab.hold.pegs import Pegs, choose_pegs, hidden_braces, pegs_on, sites_with, tie_to_held
-from knotfab.hold.shade import Rays, free_rays
+from knotfab.hold.shade import MountShadows, Rays, free_rays
 from knotfab.hold.solids import Fixture, motion_along, strut
-from knotfab.hold.struts import GROUND, Candidates, Sites, join_members, no_members
+from knotfab.hold.struts import GROUND, Candidates, Obstacles, Sites, join_members, no_members
 from knotfab.knots import Knots
 from knotfab.scene.camera import Camera
 from knotfab_fixtures.solids import dowel, wall_plate
@@ -177,23 +177,16 @@ def _plan_with_share(
         target = np.zeros((camera.height, camera.width), dtype=bool)
     wide = np.minimum(rays.share + ROOT_SHARE, MOST_SHARE)
     root = wide * knots.radius_mm * _shadow_scale(rays, camera.eye)
-    pegs = tuple(
-        Peg(
-            int(rays.knot[i]),
-            rays.top[i],
-            rays.foot[i],
-            float(top[i]),
-            float(foot[i]),
-            float(root[i]),
-        )
-        for i in chosen.rays
-    )
+    radii = np.stack([top, foot, root], axis=1).tolist()
+    pegs = tuple(Peg(int(rays.knot[i]), rays.top[i], rays.foot[i], *radii[i]) for i in chosen.rays)
     sites = sites_with(knots, rays, chosen.rays)
     bare, roots = pegs_on(sites, rays, chosen.rays, top, foot), root[chosen.rays]
-    ties = no_members()
+    ties, obstacles = no_members(), Obstacles(knots, sites, clearance_mm)
+    obstacles.add(replace(bare, radius=roots, end_radius=None))
     if chosen.barred:
-        ties = tie_to_held(knots, camera, target, clearance_mm, sites, bare, roots, chosen.barred)
-        bare, roots = join_members([bare, ties]), np.concatenate([roots, ties.radius])
+        shadows = MountShadows(knots, (camera,), (target,))
+        ties = tie_to_held(knots, sites, obstacles, shadows, chosen.barred)
+        bare = join_members([bare, ties])
     moves = sag_moves(knots, sites, bare, stiffness)
     again, at = worst_of(moves, knots.points)
     joined = _joined_knots(sites, ties)
@@ -201,19 +194,15 @@ def _plan_with_share(
     hopeless = not thoroughly and again > HOPELESS * stiffness.max_sag_mm
     if again <= stiffness.max_sag_mm or settings.foot != "plate" or hopeless:
         return mount
-    braces = hidden_braces(knots, camera, target, clearance_mm, stiffness, sites, bare, roots)
+    shadows = MountShadows(knots, (camera,), (target,))
+    braces = hidden_braces(knots, camera, stiffness, sites, obstacles, shadows, bare)
     moves = sag_moves(knots, sites, join_members([bare, braces]), stiffness)
     again, at = worst_of(moves, knots.points)
     leans = braces.second == GROUND
+    lean = braces.of(leans)
     leaning = tuple(
-        Peg(int(sites.knot[first]), start, end, float(r), float(r), float(r))
-        for first, start, end, r in zip(
-            braces.first[leans],
-            braces.start[leans],
-            braces.end[leans],
-            braces.radius[leans],
-            strict=True,
-        )
+        Peg(int(sites.knot[first]), start, end, *[float(r)] * 3)
+        for first, start, end, r in zip(lean.first, lean.start, lean.end, lean.radius, strict=True)
     )
     struts = join_members([ties, braces.of(~leans)])
     return replace(
@@ -295,9 +284,8 @@ def wall_bodies(tubes: list[Mesh], mount: WallMount, camera: Camera) -> list[Mes
     """
     from manifold3d import Manifold, OpType
 
-    solids = [
-        as_manifold(tube) for tube in tubes
-    ]  # first: the order of making is seen in the last digits
+    # tubes come first: the order of making is seen in the last digits
+    solids = [as_manifold(tube) for tube in tubes]
     own = [[f.solid() for f in group] for group in wall_fixtures(mount, camera, len(tubes))]
     groups = [[tube, *group] for tube, group in zip(solids, own, strict=False)]
     if mount.settings.foot == "plate":

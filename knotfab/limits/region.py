@@ -158,7 +158,7 @@ class RegionMesh:
         """Return the nearest surface points (k, 3), and 1 outside or -1 inside, (k,)."""
         p = np.ascontiguousarray(points, dtype=np.float64)
         _, face, foot = self.tree.squared_distance(self.vertices, self.faces, p)
-        share = _shares(self.vertices[self.faces[face]], foot)
+        share = _barycentric(self.vertices[self.faces[face]], foot)
         corner, few = share.argmax(axis=1), np.asarray(share < _ON_RIM)
         row, side = np.arange(len(p)), share.argmin(axis=1)
         normal = np.where(
@@ -190,7 +190,7 @@ def region_mesh(file: str, center_mm: tuple[float, float, float]) -> RegionMesh:
     import igl
 
     what = f"the region's mesh {Path(file).name}"
-    vertices, number = np.unique(_corners(Path(file), what), axis=0, return_inverse=True)
+    vertices, number = np.unique(_read_corners(Path(file), what), axis=0, return_inverse=True)
     faces = number.reshape(-1, 3).astype(np.int64)
     _require_closed(vertices, faces, what)
     vertices = np.ascontiguousarray(vertices + np.array(center_mm))
@@ -203,13 +203,13 @@ def region_mesh(file: str, center_mm: tuple[float, float, float]) -> RegionMesh:
     twin = order[np.searchsorted(key, back, sorter=order)] // 3
     across = np.roll((normals.repeat(3, axis=0) + normals[twin]).reshape(-1, 3, 3), -1, axis=1)
     corners = np.zeros_like(vertices)
-    angle = _angles(vertices[faces])
+    angle = _corner_angles(vertices[faces])
     for i in range(3):
         np.add.at(corners, faces[:, i], angle[:, i, None] * normals)
     return RegionMesh(vertices, faces, normals, across, corners, tree)
 
 
-def _corners(path: Path, what: str) -> Array:
+def _read_corners(path: Path, what: str) -> Array:
     """Read the corners of an STL file's triangles, binary or ASCII, (3m, 3)."""
     content = read_file(path, what, "closed STL", _MOST_BYTES, missing="Check [region] file.")
     count = int.from_bytes(content[80:84], "little")
@@ -241,7 +241,7 @@ def _require_closed(vertices: Array, faces: Indices, what: str) -> None:
         raise InputError(what, "it is turned inside out", _REMEDY)
 
 
-def _shares(corner: Array, point: Array) -> Array:
+def _barycentric(corner: Array, point: Array) -> Array:
     """Return barycentric coordinates (k, 3) of points (k, 3) in their triangles."""
     area = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     square = np.maximum(np.einsum("ij,ij->i", area, area), 1e-300)
@@ -250,7 +250,7 @@ def _shares(corner: Array, point: Array) -> Array:
     return np.stack([np.einsum("ij,ij->i", p, area) / square for p in parts], axis=1)
 
 
-def _angles(corner: Array) -> Array:
+def _corner_angles(corner: Array) -> Array:
     """Return the corner angles of triangles (m, 3, 3), (m, 3)."""
     ahead = unit(np.roll(corner, -1, axis=1) - corner)
     behind = unit(np.roll(corner, 1, axis=1) - corner)

@@ -17,8 +17,7 @@ from knotfab.design.design import Design
 from knotfab.geometry.overhang import SUPPORT_LINE_NOZZLES, Rules
 from knotfab.geometry.tube import Mesh, sweep
 from knotfab.hold.lamp_frame import Table, frame_or_reason
-from knotfab.hold.mount import mount_piece
-from knotfab.hold.mounted import Mounted
+from knotfab.hold.mount import Mounted, mount_piece
 from knotfab.knots import Knots
 from knotfab.part.plates import Plates, can_be_split, clean_body, lay_on_plates, list_printables
 from knotfab.part.pose import PrintPose, choose_pose

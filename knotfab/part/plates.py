@@ -15,7 +15,7 @@ from knotfab.base.arrays import Array, Indices
 from knotfab.base.errors import SceneError
 from knotfab.geometry.overhang import Rules
 from knotfab.geometry.tube import Mesh, as_manifold, as_mesh, box_of, face_normals
-from knotfab.hold.mounted import Mounted
+from knotfab.hold.mount import Mounted
 from knotfab.knots import Knot, Knots
 from knotfab.part.cut import CLEARANCE_MM, Line, cut_body, find_cuts
 from knotfab.part.pose import PrintPose, choose_pose

@@ -99,7 +99,7 @@ def enclosed_parts(colours: Colours, inside: Mask) -> tuple[Mask, Clusters | Non
     kinds = found.label(colours)
     main = inside & (kinds == 0)
     if len(found.colours) > 2:
-        main &= ~_seams(main, inside, kinds)
+        main &= ~_mark_seams(main, inside, kinds)
     parts, areas = pieces_of((holes_of(main)[0] > 0) & inside)
     if not len(areas):
         return none, found
@@ -113,7 +113,7 @@ def enclosed_parts(colours: Colours, inside: Mask) -> tuple[Mask, Clusters | Non
     return kept, found
 
 
-def _seams(main: Mask, inside: Mask, kinds: NDArray[np.uint8]) -> Mask:
+def _mark_seams(main: Mask, inside: Mask, kinds: NDArray[np.uint8]) -> Mask:
     """Mark pixels that only look like the main colour: seams where two other colours mix.
 
     A seam is nowhere 3 px thick, lies alone or has 6 px, and no other colour makes up more than
@@ -179,7 +179,7 @@ def even_out(image: Image.Image) -> Image.Image | None:
         return None
     grey = few.mean(axis=2)
     for closed in _CLOSED:
-        light = _light(grey, closed)
+        light = _estimate_light(grey, closed)
         if light is not None and _is_drawing(grey, light):
             size = (rgb.shape[1], rgb.shape[0])
             full = Image.fromarray(light.astype(np.float32)).resize(size, Image.Resampling.BICUBIC)
@@ -188,7 +188,7 @@ def even_out(image: Image.Image) -> Image.Image | None:
     return None
 
 
-def _light(grey: Array, closed: float) -> Array | None:
+def _estimate_light(grey: Array, closed: float) -> Array | None:
     """Estimate the paper's brightness, also under the ink, (h, w); None where there is no paper."""
     from scipy import ndimage
 

@@ -75,7 +75,7 @@ def find_font(character: str, fonts: tuple[str, ...], what: str) -> str:
         if load_font(path).get_char_index(ord(character)):
             return path
     for path in _system_fonts(f":charset={ord(character):x}"):
-        if _draws(path, character):
+        if _has_outline(path, character):
             return path
     known = unicodedata.name(character, "a control or unassigned character").lower()
     raise InputError(
@@ -86,7 +86,7 @@ def find_font(character: str, fonts: tuple[str, ...], what: str) -> str:
     )
 
 
-def _draws(path: str, character: str) -> bool:
+def _has_outline(path: str, character: str) -> bool:
     """Return whether a font is readable and has an outline for a character, not only a bitmap."""
     try:
         font = load_font(path)

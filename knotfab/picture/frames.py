@@ -87,7 +87,7 @@ def _read_frames(
         path = path if base is None else base / path
         require_within(path, what)
         if path.is_dir() or "*" in path.name:
-            files = sorted(_files(path, what), key=_by_number)
+            files = sorted(_list_files(path, what), key=_by_number)
             _count(what, len(files))
             found = [read_target(p, reading) for p in files]
         else:
@@ -143,7 +143,7 @@ def tell_apart(targets: Sequence[Target], knots: int) -> str | None:
     )
 
 
-def _files(path: Path, what: str) -> list[Path]:
+def _list_files(path: Path, what: str) -> list[Path]:
     """Return the pictures of a folder, or the files that match a pattern."""
     try:
         if path.is_dir():

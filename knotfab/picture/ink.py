@@ -46,7 +46,7 @@ def find_ink(image: Image.Image, reading: Reading, what: str) -> tuple[Mask, str
     least = reading.threshold if reading.ink in ("auto", "alpha") else 0.5
     clear = None if alpha is None or alpha.min() == 255 else alpha < 255 * least
     if alpha is not None and clear is not None and clear.all():
-        raise _faint(alpha, what)
+        raise _explain_faint(alpha, what)
     share = f"{reading.threshold:g} of the largest difference"
     if clear is not None and (reading.ink == "alpha" or takes_alpha(colours, alpha, reading)):
         return _take_opaque(colours, ~clear, reading)
@@ -56,13 +56,13 @@ def find_ink(image: Image.Image, reading: Reading, what: str) -> tuple[Mask, str
         )
     if reading.ink == "auto":
         middle = np.median(take_border(colours), axis=0)
-        mask = _differ(colours, middle, reading.threshold, what, clear)
+        mask = _mark_different(colours, middle, reading.threshold, what, clear)
         rule = f"{_tell_shape(middle, colours, mask)} [what differs from the border's colour, "
         rule += f"{_name(middle, colours)}, by more than {share}]"
         return mask, rule + _tell_colours(colours, mask)
     opaque = np.ones(colours.shape[:2], dtype=bool) if clear is None else ~clear
     if reading.ink == "flood":
-        return opaque & ~_flood(colours, reading.threshold, what), (
+        return opaque & ~_flood_border(colours, reading.threshold, what), (
             f"what the colours of the border do not reach [each taking in {share}]"
         )
     if reading.ink in ("dark", "light"):
@@ -71,7 +71,7 @@ def find_ink(image: Image.Image, reading: Reading, what: str) -> tuple[Mask, str
     if colours.ndim == 2:  # greys are colours too: black is not green for want of red
         most = 255.0 if colours.dtype == np.uint8 else np.iinfo(np.uint16).max
         colours = np.stack([colours * (255.0 / most)] * 3, axis=-1)
-    away = _squares(colours, wanted)
+    away = _square_distances(colours, wanted)
     near = away < reading.threshold**2 * away[opaque].max()
     if clear is not None and away[opaque].max() == 0:
         near = opaque
@@ -120,7 +120,7 @@ def takes_alpha(colours: Levels, alpha: NDArray[np.uint8] | None, reading: Readi
     return bool((seen.max(axis=0).astype(np.int64) - seen.min(axis=0)).max() <= _NOISE)
 
 
-def _faint(alpha: NDArray[np.uint8], what: str) -> InputError:
+def _explain_faint(alpha: NDArray[np.uint8], what: str) -> InputError:
     """Make the error for a picture without opaque pixels, with a remedy."""
     from scipy import ndimage
 
@@ -196,7 +196,7 @@ def _by_rows(colours: Levels, measure: Callable[[NDArray[Any]], NDArray[Any]]) -
     return np.concatenate(parts)
 
 
-def _squares(colours: Levels, middle: Array) -> NDArray[Any]:
+def _square_distances(colours: Levels, middle: Array) -> NDArray[Any]:
     """Return the squared Euclidean differences from one colour, (H, W)."""
 
     def measure(part: NDArray[Any]) -> NDArray[Any]:
@@ -206,11 +206,11 @@ def _squares(colours: Levels, middle: Array) -> NDArray[Any]:
     return _by_rows(colours, measure)
 
 
-def _differ(
+def _mark_different(
     colours: Levels, middle: Array, threshold: float, what: str, clear: Mask | None
 ) -> Mask:
     """Mark opaque pixels that differ from a colour by a share of the largest difference."""
-    squared = _squares(colours, middle)
+    squared = _square_distances(colours, middle)
     if clear is not None:
         squared[clear] = 0
     largest = float(squared.max())
@@ -226,13 +226,13 @@ def _differ(
     return np.asarray(squared > threshold**2 * largest)
 
 
-def _flood(colours: Levels, threshold: float, what: str) -> Mask:
+def _flood_border(colours: Levels, threshold: float, what: str) -> Mask:
     """Mark the background: pixels near a colour of the border and connected to it."""
     if colours.dtype != np.uint8:
         colours = (colours >> 8).astype(np.uint8)
     rgb = np.stack([colours] * 3, axis=-1) if colours.ndim == 2 else colours
     kinds = cluster_colours(take_border(rgb).astype(np.uint8, copy=False)).colours
-    away = np.stack([_squares(rgb, kind.astype(np.float64)) for kind in kinds]).min(0)
+    away = np.stack([_square_distances(rgb, kind.astype(np.float64)) for kind in kinds]).min(0)
     if away.max() == 0:
         raise _one_colour(what)
     near = away <= threshold**2 * away.max()

@@ -138,15 +138,15 @@ def separate(
         )
     shown = mixtures_of(colours, ambient)
     palette = to_oklab(shown)
-    labels: Labels = _nearest(lab, palette, np.arange(len(palette), dtype=np.int64))
+    labels: Labels = _nearest_colour(lab, palette, np.arange(len(palette), dtype=np.int64))
     labels = _without_seams(srgb, labels)
     if most:
         counts = np.bincount(labels.ravel(), minlength=len(palette))
         kept = np.sort(np.argsort(-counts, kind="stable")[: max(most, 2)]).astype(np.int64)
-        labels = _without_seams(srgb, _nearest(lab, palette, kept))
-    if (_spread(srgb) > _GRAIN).mean() > _PHOTOGRAPH:
+        labels = _without_seams(srgb, _nearest_colour(lab, palette, kept))
+    if (_local_range(srgb) > _GRAIN).mean() > _PHOTOGRAPH:
         # a share of the longer side: about half as wide as the shadow of a thin strand
-        labels = _voted(labels, 0.006 * max(labels.shape))
+        labels = _vote_around(labels, 0.006 * max(labels.shape))
     labels = _without_specks(labels, (_SPECK * max(labels.shape)) ** 2)
     labels = _without_slivers(labels, _SLIVER * max(labels.shape))
     masks = np.stack([(labels >> k & 1).astype(bool) for k in range(len(colours))])
@@ -160,9 +160,9 @@ def separate(
     seen = shown[labels]
     off = np.linalg.norm(lab - palette[labels], axis=-1)
     taken = np.bincount(labels.ravel(), minlength=len(palette)) / labels.size
-    shares = {_bits(k, len(colours)): float(c) for k, c in enumerate(taken) if c > 0}
+    shares = {_hidden_lamps(k, len(colours)): float(c) for k, c in enumerate(taken) if c > 0}
     return Separation(
-        masks, seen, shares, float(off.mean()), _tell(srgb, off, seen), encode_image(image)
+        masks, seen, shares, float(off.mean()), _tell_lost(srgb, off, seen), encode_image(image)
     )
 
 
@@ -224,11 +224,11 @@ def _flatten(image: Image.Image) -> Image.Image:
     return flat
 
 
-def _bits(label_: int, count: int) -> tuple[int, ...]:
+def _hidden_lamps(label_: int, count: int) -> tuple[int, ...]:
     return tuple(k for k in range(count) if label_ >> k & 1)
 
 
-def _nearest(lab: Array, palette: Array, kept: Labels) -> Labels:
+def _nearest_colour(lab: Array, palette: Array, kept: Labels) -> Labels:
     """Return each pixel's nearest row of the palette among `kept`, (H, W); look-alikes count as one."""
     apart = [
         k
@@ -261,7 +261,7 @@ def _distance(lab: Array, mixture: Array) -> Array:
 
 def _without_seams(srgb: Array, labels: Labels) -> Labels:
     """Relabel pixels whose colour lies between two flat neighbours as the nearer of them."""
-    rows, columns = np.nonzero(_spread(srgb) > _FLAT)
+    rows, columns = np.nonzero(_local_range(srgb) > _FLAT)
     found = labels.copy()
     height, width = labels.shape
     for reach in (2, 3, 4):  # px, to either side of a pixel
@@ -290,13 +290,13 @@ def _without_seams(srgb: Array, labels: Labels) -> Labels:
     return found
 
 
-def _spread(srgb: Array) -> Array:
+def _local_range(srgb: Array) -> Array:
     """Return the range of the pixels about each, in the channel where it is largest, (H, W)."""
     channels = [maximum_filter(c, 3) - minimum_filter(c, 3) for c in np.moveaxis(srgb, -1, 0)]
     return np.asarray(np.max(channels, axis=0))
 
 
-def _voted(labels: Labels, reach_px: float) -> Labels:
+def _vote_around(labels: Labels, reach_px: float) -> Labels:
     """Replace each label by the majority around it, which drops detail finer than the tube."""
     names = np.unique(labels)
     votes = [gaussian_filter((labels == k).astype(np.float32), reach_px) for k in names]
@@ -340,7 +340,7 @@ def _without_slivers(labels: Labels, reach_px: float) -> Labels:
     return np.asarray(labels[rows, columns])
 
 
-def _tell(srgb: Array, off: Array, seen: Array) -> tuple[str, ...]:
+def _tell_lost(srgb: Array, off: Array, seen: Array) -> tuple[str, ...]:
     """Name the colours that cannot be mixed and how they will look, the largest areas first."""
     far = off > _TOLD[0]
     if far.mean() < _TOLD[1]:
@@ -353,13 +353,15 @@ def _tell(srgb: Array, off: Array, seen: Array) -> tuple[str, ...]:
         at = far & (keys == key)
         if at.mean() < 0.5 * _TOLD[1]:
             break
-        told.append(f"{_hex(srgb[at])} as {_hex(seen[at])} ({100 * at.mean():.0f} %)")
+        told.append(
+            f"{_name_median(srgb[at])} as {_name_median(seen[at])} ({100 * at.mean():.0f} %)"
+        )
     if not told:  # only blurred outlines
         return ()
     share = f"{100 * far.mean():.0f} % of the picture has colours that these lamps cannot mix"
     return (f"{share}: {', '.join(told)}",)
 
 
-def _hex(pixels: Array) -> str:
+def _name_median(pixels: Array) -> str:
     """Write the median of colours (n, 3) as #rrggbb."""
     return "#{:02x}{:02x}{:02x}".format(*np.rint(255 * np.median(pixels, axis=0)).astype(int))

@@ -131,7 +131,7 @@ _MOST = 0.5  # the share of a line drawing's middle lines that are thinner than 
 _SOLID = 0.2  # the largest share of its area that is twice as thick
 
 
-def _inside(mask: Mask) -> Array:
+def _depth_inside(mask: Mask) -> Array:
     """Return each pixel's distance from the background, px, (H, W)."""
     from scipy import ndimage
 
@@ -149,12 +149,12 @@ def draw_discs(middles: Mask, radius: float) -> Mask:
     return np.asarray(ndimage.distance_transform_edt(~middles) <= radius)
 
 
-def _opened(inside: Array, radius: float) -> Mask:
+def _draw_fitting(inside: Array, radius: float) -> Mask:
     """Draw the discs of a radius that fit inside a mask."""
     return draw_discs(inside >= radius, radius)
 
 
-def _ridge(mask: Mask, inside: Array) -> Mask:
+def _medial_axis(mask: Mask, inside: Array) -> Mask:
     """Return the medial axis: pixels with no neighbour further inside."""
     from scipy import ndimage
 
@@ -170,17 +170,19 @@ def is_thin(mask: Mask, width_px: float) -> bool:
     # a thick picture is told at once: where a fifth at most is solid, the area is bounded by the edge
     if 2.0 * mask.sum() > 2.0 / (1.0 - _SOLID) * width_px * outline_px(mask):
         return False
-    inside = _inside(mask)
-    thin = inside[_ridge(mask, inside)] < 0.5 * width_px
+    inside = _depth_inside(mask)
+    thin = inside[_medial_axis(mask, inside)] < 0.5 * width_px
     if thin.mean() <= _MOST:
         return False
-    return bool((mask & _opened(inside, width_px)).sum() / mask.sum() < _SOLID)
+    return bool((mask & _draw_fitting(inside, width_px)).sum() / mask.sum() < _SOLID)
 
 
 def run_together(mask: Mask, widened: Mask, width_px: float) -> float:
     """Return the share of widened strokes that merged into something thicker than one stroke."""
     radius = 0.75 * width_px
-    blobs = _opened(_inside(widened), radius) & ~_opened(_inside(mask), radius)
+    blobs = _draw_fitting(_depth_inside(widened), radius) & ~_draw_fitting(
+        _depth_inside(mask), radius
+    )
     return float(blobs.sum() / widened.sum())
 
 
@@ -197,8 +199,8 @@ def thicken(mask: Mask, width_px: float) -> Mask:
     from scipy import ndimage
 
     radius = 0.5 * width_px
-    inside = _inside(mask)
-    opened = _opened(inside, radius)
+    inside = _depth_inside(mask)
+    opened = _draw_fitting(inside, radius)
     thin = mask & ~opened
     labels, areas = pieces_of(thin)
     if not len(areas):
@@ -207,5 +209,5 @@ def thicken(mask: Mask, width_px: float) -> Mask:
     # corners that the disc rounds are no strokes: they end within its radius
     long = ndimage.maximum(reach, labels, np.arange(len(areas) + 1)) > radius
     strokes = np.asarray(long)[labels] & thin
-    middle = strokes & _ridge(mask, inside)
+    middle = strokes & _medial_axis(mask, inside)
     return mask | draw_discs(middle, radius)

@@ -24,7 +24,7 @@ _SPACING = 0.5  # px between samples while smoothing
 _LEVEL = 0.499
 
 
-def _overlaps(source: int, wanted: int, low: float, high: float) -> scipy.sparse.csr_array:
+def _box_weights(source: int, wanted: int, low: float, high: float) -> scipy.sparse.csr_array:
     """Return box weights: the coverage of source pixels by even target pixels, (wanted, source).
 
     Rows sum to 1 where low to high lies in the source, to less where a target pixel stands out of it.
@@ -62,8 +62,8 @@ def resample_mask(
     left, top, right, bottom = window or (0.0, 0.0, float(columns), float(rows))
     if window is None and (rows, columns) == (height, width):
         return mask.astype(np.float32)
-    across = _overlaps(columns, width, left, right).T.tocsr()
-    down = _overlaps(rows, height, top, bottom)
+    across = _box_weights(columns, width, left, right).T.tocsr()
+    down = _box_weights(rows, height, top, bottom)
     narrow = np.empty((rows, width), dtype=np.float32)
     step = max(1, 2**24 // columns)  # bounds the float copy of a large mask
     for first in range(0, rows, step):
@@ -137,7 +137,7 @@ def _restore_area(ring: Array, area: float, reach: float) -> Array:
     return ring
 
 
-def _trace(coverage: NDArray[np.float32]) -> list[list[Array]]:
+def _trace_rings(coverage: NDArray[np.float32]) -> list[list[Array]]:
     """Trace the outlines at half coverage: each piece's outer ring and holes, no point repeated."""
     import contourpy
 
@@ -173,7 +173,7 @@ def trace_polygon(mask: Mask, smooth_px: float = 1.5) -> MultiPolygon:
     took_part("shapely", "outlined the picture")
     coverage = resample_mask(mask, w, h)
     binary = (w, h) == (width, height)
-    traced = _trace(coverage)
+    traced = _trace_rings(coverage)
     # a picture with more is noise, and smoothing it would only take time
     if sum(map(len, traced)) > 3000:
         smooth_px = 0.0

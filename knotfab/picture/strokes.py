@@ -49,8 +49,8 @@ def trace_strokes(mask: Mask, width_px: float) -> list[Line]:
     fine = np.pad(sample_mask(mask, columns, rows), 1)
     fine = fill_holes(fine, _HOLE * _RADIUS_PX**2)
     skeleton = np.asarray(skeletonize(fine))  # type: ignore[no-untyped-call]
-    graph = _chains(*_cut_ends(*_link_pixels(skeleton), distance_transform_edt(fine)))
-    _tidy(graph)
+    graph = _build_chains(*_cut_ends(*_link_pixels(skeleton), distance_transform_edt(fine)))
+    _tidy_graph(graph)
     scale = np.array([width / columns, height / rows])
     return [(line - 0.5) * scale - 0.5 for line in _lines(graph)]
 
@@ -92,7 +92,7 @@ def _degrees(links: Indices, count: int) -> Indices:
     return np.bincount(links.ravel(), minlength=count)
 
 
-def _chains(pixels: Indices, links: Indices) -> nx.MultiGraph:
+def _build_chains(pixels: Indices, links: Indices) -> nx.MultiGraph:
     """Build the graph with ends and junctions as nodes, and pixel chains between them as edges."""
     import networkx as nx
     from scipy.sparse import csr_array
@@ -131,7 +131,7 @@ def _add_line(graph: nx.MultiGraph, one: Any, other: Any, points: Line) -> None:
     graph.add_edge(one, other, points=points, length=_length(points))
 
 
-def _tidy(graph: nx.MultiGraph) -> None:
+def _tidy_graph(graph: nx.MultiGraph) -> None:
     """Drop spurs, merge close junctions, and join lines at nodes of degree two."""
     while True:
         degree = dict(graph.degree)
@@ -156,14 +156,14 @@ def _tidy(graph: nx.MultiGraph) -> None:
             graph.remove_nodes_from([n for n in (one, other) if graph.degree(n) == 0])
         elif inner:
             _, one, other, key = min(inner)
-            _contract(graph, one, other, key)
+            _contract_edge(graph, one, other, key)
         else:
             break
         for node in (one, other):
             _join_through(graph, node)
 
 
-def _contract(graph: nx.MultiGraph, one: Any, other: Any, key: int) -> None:
+def _contract_edge(graph: nx.MultiGraph, one: Any, other: Any, key: int) -> None:
     """Contract an edge to a node at its midpoint; of a loop only the edge goes."""
     graph.remove_edge(one, other, key)
     if one == other:

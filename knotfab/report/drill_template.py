@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from knotfab.base.arrays import Array
-from knotfab.hold.mounted import Mounted
+from knotfab.hold.mount import Mounted
 from knotfab.hold.placement import Placement, placement_of
 from knotfab.render.pages import (
     PAPERS,

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from knotfab.hold.mounted import Mounted
+from knotfab.hold.mount import Mounted
 from knotfab.hold.placement import placement_of
 from knotfab.part.slicer_process import NotSliced, Sliced
 from knotfab.picture.raster import image_uri

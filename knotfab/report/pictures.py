@@ -16,7 +16,7 @@ from knotfab.design.hull import HullBound
 from knotfab.design.sentence import with_noun
 from knotfab.design.survey import Survey, ViewSurvey
 from knotfab.geometry.polylines import polylines_of
-from knotfab.hold.mounted import Mounted
+from knotfab.hold.mount import Mounted
 from knotfab.knots import Knots
 from knotfab.picture.fonts import supplied_folder
 from knotfab.picture.opening import Loss

@@ -12,7 +12,7 @@ import numpy as np
 
 from knotfab.base.arrays import Array
 from knotfab.hold.lamp_frame import frame_or_reason
-from knotfab.hold.mounted import Mounted
+from knotfab.hold.mount import Mounted
 from knotfab.hold.placement import Placement, placement_of
 from knotfab.hold.wall import mark_depth_mm
 from knotfab.render.pages import (

@@ -10,7 +10,7 @@ import numpy as np
 
 from knotfab.base.arrays import Array
 from knotfab.hold.lamp_frame import ROD_MM, Bar, Table
-from knotfab.hold.mounted import Mounted
+from knotfab.hold.mount import Mounted
 from knotfab.hold.placement import Placement
 from knotfab.render.pages import (
     PAPERS,

@@ -10,7 +10,7 @@ import numpy as np
 
 from knotfab.base.arrays import Array
 from knotfab.geometry.polylines import arc_lengths
-from knotfab.hold.mounted import Mounted
+from knotfab.hold.mount import Mounted
 from knotfab.hold.placement import Placement
 from knotfab.hold.wall import mark_depth_mm
 from knotfab.render.pages import length

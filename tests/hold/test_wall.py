@@ -10,7 +10,7 @@ from setups import setup
 from knotfab.base.errors import SceneError
 from knotfab.geometry.tube import mesh_volume, sweep
 from knotfab.hold.beams import Stiffness
-from knotfab.hold.mounted import Mounted
+from knotfab.hold.mount import Mounted
 from knotfab.hold.wall import Peg, plan_wall, sag_on_pegs, wall_bodies
 from knotfab.knots import Knots
 from knotfab.part.plates import clean_body

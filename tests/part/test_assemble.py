@@ -12,7 +12,7 @@ from rings import knots, ring
 
 from knotfab.base.errors import SceneError
 from knotfab.geometry.tube import mesh_volume, sweep
-from knotfab.hold.mounted import Mounted
+from knotfab.hold.mount import Mounted
 from knotfab.knots import Knot, Knots
 from knotfab.part.assemble import Part, _choose_poses
 from knotfab.part.write import pose_scene

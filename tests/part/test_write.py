@@ -17,7 +17,7 @@ from rings import ring
 
 from knotfab.base.folder import OutputFolder
 from knotfab.geometry.tube import sweep
-from knotfab.hold.mounted import Mounted
+from knotfab.hold.mount import Mounted
 from knotfab.knots import Knot, Knots
 from knotfab.part.assemble import enlarge_knots, shrink_of
 from knotfab.part.write import make_pose, write_model, write_part, write_unbuilt

@@ -22,7 +22,7 @@ import knotfab
 from knotfab.base.folder import OutputFolder
 from knotfab.geometry.tube import mesh_volume, sweep
 from knotfab.hold.hang import Eyelet, HangMount
-from knotfab.hold.mounted import Mounted
+from knotfab.hold.mount import Mounted
 from knotfab.hold.struts import join_members
 from knotfab.knots import Knot, Knots
 from knotfab.part.write import make_pose

@@ -5,7 +5,7 @@ from typing import Literal
 import numpy as np
 
 from knotfab.geometry.tube import sweep
-from knotfab.hold.mounted import Mounted
+from knotfab.hold.mount import Mounted
 from knotfab.hold.plinth import Base, slope_below
 from knotfab.hold.stand import StandMount
 from knotfab.hold.struts import no_members

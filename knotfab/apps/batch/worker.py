@@ -235,7 +235,7 @@ def list_tasks(
     """
     sources = list(pictures)
     if not options.sequence:  # where each is a folder of frames, or an animation
-        sources = [source for named in pictures for source in _expand(named, leave_out)]
+        sources = [source for named in pictures for source in _expand_folder(named, leave_out)]
     if not sources:
         raise InputError(
             "", "no picture is given", "Name some, as in: knotfab batch logos/ --out built"
@@ -262,7 +262,7 @@ def list_tasks(
     return list(tasks.values())
 
 
-def _expand(named: str, leave_out: Callable[[str], None]) -> list[str]:
+def _expand_folder(named: str, leave_out: Callable[[str], None]) -> list[str]:
     """Return the pictures in a folder, or the picture itself, by paths that cannot be taken for options."""
     if named.startswith(TEXT_PREFIX):
         return [named]

@@ -140,7 +140,7 @@ def compare_photo(
         float((wanted & ~shadow).sum() / area),
         float((shadow & ~wanted).sum() / area),
         lamp,
-        _draw(wanted, shadow),
+        _draw_differences(wanted, shadow),
         _format_corners(at),
         _find_orders(at, _best_iou(iou, lamp), look_roughly),
     )
@@ -369,7 +369,7 @@ def _read_knots(path: Path, scene: Scene) -> Knots | None:
     return found
 
 
-def _draw(wanted: Mask, shadow: Mask) -> bytes:
+def _draw_differences(wanted: Mask, shadow: Mask) -> bytes:
     """Draw both in grey, the picture alone in blue, the shadow alone in red."""
     sheet = np.full((*wanted.shape, 3), _PAPER, dtype=np.uint8)
     sheet[wanted & shadow] = _BOTH

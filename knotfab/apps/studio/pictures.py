@@ -74,7 +74,7 @@ def _keep_picture(data: bytes, what: str, folder: Path) -> StudioPicture:
         image, kind = raster.decode(data, what)  # says what it is not
         suffix = raster.SUFFIXES[kind][0]
         frames = raster.count_frames(data) if kind in MOVING else 1
-    path = _keep(data, name_picture(what), suffix, folder)
+    path = _save_picture(data, name_picture(what), suffix, folder)
     title = Path(what).stem
     _keep_thumbnail(image, path)
     return StudioPicture(
@@ -98,7 +98,7 @@ def keep_text(content: str, folder: Path, font: str | None = None) -> StudioPict
         raise InputError("the text", f"it has {len(content)} characters", "Give 1 to 40.")
     source = TEXT_PREFIX + content
     image, _ = raster.decode(text.render_text(content, font), source)
-    path = _keep(content.encode(), name_picture(source), ".txt", folder)
+    path = _save_picture(content.encode(), name_picture(source), ".txt", folder)
     _keep_thumbnail(image, path)
     size = {"width": image.width, "height": image.height}
     title = "".join(c for c in content if c.isprintable())
@@ -110,7 +110,7 @@ def thumbnail(folder: Path, name: str) -> Path:
     return folder / ".shown" / f"{name}.png"
 
 
-def _keep(data: bytes, plain: str, suffix: str, folder: Path) -> Path:
+def _save_picture(data: bytes, plain: str, suffix: str, folder: Path) -> Path:
     """Write a picture to `folder`, numbered if its name is taken regardless of case, and return its path."""
     name, number = plain, 2
     while held := [p for p in folder.glob("[!.]*.*") if p.stem.casefold() == name.casefold()]:

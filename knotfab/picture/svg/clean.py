@@ -64,8 +64,8 @@ def clean(
     Raises:
         InputError: an element refers to something outside the file, or embeds what cannot be read.
     """
-    _choose(root)
-    _prune(root, notes)
+    _choose_switches(root)
+    _prune_hidden(root, notes)
     for parent in list(root.iter()):
         for child in [c for c in parent if not _is_for_all(c)]:
             parent.remove(child)
@@ -92,7 +92,7 @@ def clean(
             if not link.startswith("#") and link:
                 if name not in ("image", "feImage") or not link.lower().startswith("data:"):
                     refuse_outside(link, name, what)
-                link = _embed(link, f"{what}, the picture embedded in <{name}>", draw)
+                link = _embed_picture(link, f"{what}, the picture embedded in <{name}>", draw)
             element.set(_HREFS[1], link)
 
 
@@ -122,13 +122,13 @@ def refuse_symbols(root: Element, what: str) -> None:
         )
 
 
-def _choose(parent: Element) -> None:
+def _choose_switches(parent: Element) -> None:
     """Replace each <switch> by the child that is drawn: the first for English or for any language.
 
     An HTML child is chosen only if it is the sole one, since editors add SVG that draws without it.
     """
     for child in parent:
-        _choose(child)
+        _choose_switches(child)
         if local_name(child) != "switch":
             continue
         fit = [c for c in child if isinstance(c.tag, str) and _is_for_all(c)]
@@ -149,7 +149,7 @@ def _is_for_all(element: Element) -> bool:
     )
 
 
-def _prune(parent: Element, notes: dict[str, None]) -> None:
+def _prune_hidden(parent: Element, notes: dict[str, None]) -> None:
     """Remove elements that are not SVG or not drawn; the order of the rest, and text between, stays."""
     before: Element | None = None
     for child in list(parent):
@@ -158,7 +158,7 @@ def _prune(parent: Element, notes: dict[str, None]) -> None:
             child.tag = f"{{{SVG}}}style"
         ours = isinstance(child.tag, str) and child.tag.startswith(f"{{{SVG}}}")
         if ours and name not in _LEFT_OUT and name not in _UNSEEN:
-            _prune(child, notes)
+            _prune_hidden(child, notes)
             before = child
             continue
         empty = name == "flowRoot" and not "".join(child.itertext()).strip()
@@ -172,7 +172,7 @@ def _prune(parent: Element, notes: dict[str, None]) -> None:
         parent.remove(child)
 
 
-def _embed(link: str, what: str, draw: Callable[[bytes, str], bytes]) -> str:
+def _embed_picture(link: str, what: str, draw: Callable[[bytes, str], bytes]) -> str:
     """Return an embedded picture of any kind as the data URI of a PNG."""
     head, _, body = link.partition(",")
     try:

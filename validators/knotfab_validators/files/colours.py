@@ -50,7 +50,7 @@ def common_colours(pixels: NDArray[np.uint8]) -> tuple[NDArray[Any], NDArray[Any
         if counts[alike].sum() * 200 >= len(pixels):  # a cluster holds at least 1/200 of the pixels
             first.append(bins[k])
     named = np.array(first or [bins[order[0]]])
-    return named, np.bincount(_nearest(bins, named), counts, len(named))
+    return named, np.bincount(_nearest_named(bins, named), counts, len(named))
 
 
 def middle_of_bin(place: NDArray[Any]) -> NDArray[np.float64]:
@@ -73,7 +73,7 @@ def enclosed_by_largest(pixels: NDArray[np.uint8], opaque: Mask) -> Mask:
     if len(named) == 1:
         return found
     largest = opaque.copy()
-    nearest = _nearest((pixels[opaque] // LEVELS).astype(np.int64), named)
+    nearest = _nearest_named((pixels[opaque] // LEVELS).astype(np.int64), named)
     commonest = int(np.argmax(sizes))
     largest[opaque] = nearest == commonest
     if len(named) > 2:
@@ -136,7 +136,7 @@ def not_reached(barrier: Mask) -> Mask:
     return np.asarray(labels != labels[0, 0])[1:-1, 1:-1]
 
 
-def _nearest(bins: NDArray[Any], named: NDArray[Any]) -> NDArray[Any]:
+def _nearest_named(bins: NDArray[Any], named: NDArray[Any]) -> NDArray[Any]:
     """Return, for each of `bins` (n, 3), the index of the nearest in `named` (k, 3)."""
     best = np.full(len(bins), np.iinfo(np.int64).max)
     chosen = np.zeros(len(bins), dtype=np.int64)
@@ -217,10 +217,10 @@ def bend_silhouette(mask: Mask, bend: Bend) -> Bent:
     bent = inside >= 0.5
     moved = np.hypot(dx, dy)[bent] / height if bent.any() else np.zeros(1)
     rms, most = float(np.sqrt(np.mean(moved**2))), float(moved.max())
-    return Bent(bent, rms, most, _stretch(dx, dy), bend.mirrored)
+    return Bent(bent, rms, most, _largest_stretch(dx, dy), bend.mirrored)
 
 
-def _stretch(dx: Array, dy: Array) -> float:
+def _largest_stretch(dx: Array, dy: Array) -> float:
     """Return the largest factor of stretch or shrinking; infinite where the picture folds."""
     (xy, xx), (yy, yx) = np.gradient(dx), np.gradient(dy)
     jacobian = np.stack([1 + xx, xy, yx, 1 + yy], axis=-1).reshape(-1, 2, 2)

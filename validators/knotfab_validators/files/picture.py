@@ -71,7 +71,7 @@ def read_silhouette(path: str | PathLike[str], reading: Reading | None = None) -
         mask = _without_small(mask, reading.speck_px, EIGHT)
         mask = ~_without_small(~mask, reading.speck_px, FOUR, frame_counts=True)
     if reading.keep_largest:
-        mask = _largest(mask, reading.keep_largest)
+        mask = _keep_largest(mask, reading.keep_largest)
     return mask
 
 
@@ -188,21 +188,21 @@ def _select_ink(image: Image.Image, reading: Reading) -> Mask:
     there = np.ones(values.shape[:2], dtype=bool) if alpha is None else alpha >= CRISP
     share = reading.threshold**2
     if reading.ink in ("auto", "alpha"):
-        border = _outermost(values)
-        return _far(values, [np.median(border.astype(np.float64), axis=0)], share, stray)
+        border = _border_colours(values)
+        return _mark_far(values, [np.median(border.astype(np.float64), axis=0)], share, stray)
     if reading.ink == "flood":
         if values.dtype != np.uint8:
             values = (values >> 8).astype(np.uint8)
         rgb = np.broadcast_to(values, (*values.shape[:2], 3))
-        colours = [middle_of_bin(bin) for bin in common_colours(_outermost(rgb))[0]]
-        return there & not_reached(_far(rgb, colours, share))
+        colours = [middle_of_bin(bin) for bin in common_colours(_border_colours(rgb))[0]]
+        return there & not_reached(_mark_far(rgb, colours, share))
     if reading.ink in ("dark", "light"):
         return _by_brightness(values, there, reading)
     code = int(reading.ink.removeprefix("#"), 16)
     colour = np.array([code >> 16, code >> 8 & 255, code & 255], dtype=np.float64)
     if values.shape[2] == 1:
         values = np.repeat(values / (1 if values.dtype == np.uint8 else 257), 3, axis=2)
-    away = np.concatenate([_squares(values[rows], colour) for rows in _blocks(values)])
+    away = np.concatenate([_squares(values[rows], colour) for rows in _row_blocks(values)])
     largest = away[there].max()
     return np.asarray(there & ((away < share * largest) | (largest == 0)))
 
@@ -218,18 +218,18 @@ def _is_stray(values: NDArray[Any], alpha: NDArray[np.uint8], reading: Reading) 
     return bool((seen.max(axis=0) - seen.min(axis=0)).max() > 8)
 
 
-def _outermost(values: NDArray[Any]) -> NDArray[Any]:
+def _border_colours(values: NDArray[Any]) -> NDArray[Any]:
     """Return the distinct pixel values along the frame, (n, channels)."""
     return np.concatenate([values[0], values[-1], values[1:-1, 0], values[1:-1, -1]])
 
 
-def _far(
+def _mark_far(
     values: NDArray[Any], colours: list[Array], share: float, never: Mask | None = None
 ) -> Mask:
     """Mark pixels whose squared distance from the nearest of `colours` exceeds a share of the largest one."""
     rows = [
         np.min([_squares(values[block], colour) for colour in colours], axis=0)
-        for block in _blocks(values)
+        for block in _row_blocks(values)
     ]
     away = np.concatenate(rows)
     if never is not None:
@@ -263,7 +263,7 @@ def _without_small(mask: Mask, least: int, joined: Mask, frame_counts: bool = Fa
     return np.asarray(stays[parts])[1:-1, 1:-1]
 
 
-def _largest(mask: Mask, count: int) -> Mask:
+def _keep_largest(mask: Mask, count: int) -> Mask:
     """Keep the `count` largest components; of equals those that come first, row by row."""
     parts, found = ndimage.label(mask, EIGHT)
     sizes = np.bincount(parts.ravel(), minlength=found + 1)[1:]
@@ -271,7 +271,7 @@ def _largest(mask: Mask, count: int) -> Mask:
     return np.isin(parts, by_size[:count])
 
 
-def _blocks(values: NDArray[Any]) -> list[slice]:
+def _row_blocks(values: NDArray[Any]) -> list[slice]:
     """Split the rows into blocks, to bound the memory: a picture may have 8000 x 8000 pixels."""
     step = max(1, ROWS_AT_ONCE // values.shape[1])
     return [slice(i, i + step) for i in range(0, len(values), step)]
@@ -301,9 +301,9 @@ def widen_strokes(mask: Mask, width_px: float) -> Mask:
     half = width_px / 2
     depth: Array = ndimage.distance_transform_edt(np.pad(mask, 1))[1:-1, 1:-1] - 0.5
     depth[~mask] = 0.0
-    covered = _within(depth >= half, half)
+    covered = _mark_within(depth >= half, half)
     strokes, found = ndimage.label(mask & ~covered, np.ones((3, 3)))
-    beyond = ~_within(covered, half)
+    beyond = ~_mark_within(covered, half)
     middle = np.zeros_like(mask)
     for number, box in enumerate(ndimage.find_objects(strokes, found), start=1):
         stroke = strokes[box] == number
@@ -313,10 +313,10 @@ def widen_strokes(mask: Mask, width_px: float) -> Mask:
         further = ndimage.grey_dilation(depth[wide], size=(3, 3))
         line = (strokes[wide] == number) & (depth[wide] > further - 0.7)  # px
         middle[wide] |= line
-    return np.asarray(mask | _within(middle, half))
+    return np.asarray(mask | _mark_within(middle, half))
 
 
-def _within(mask: Mask, reach: float) -> Mask:
+def _mark_within(mask: Mask, reach: float) -> Mask:
     """Mark pixels whose centre is at most `reach` from one of the mask."""
     from scipy import ndimage
 

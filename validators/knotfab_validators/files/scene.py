@@ -108,12 +108,12 @@ def parse_scene(
     if scene.mount.kind == "auto":
         update["mount"] = scene.mount.but(kind="none")
     if scene.pose is not None:
-        update["pose"] = _rigid(scene.pose, name, scene.material.shrinks_to)
+        update["pose"] = _read_pose(scene.pose, name, scene.material.shrinks_to)
     if scene.lamps.table:
         where = f"{name}: [lamps] table"
-        table = _placed(scene.lamps.table, where, "table")
+        table = _read_plates(scene.lamps.table, where, "table")
         for bar in (bar for plate in table for bar in plate.bars):
-            _motion(bar.matrix, f"{where}: the matrix of a bar")
+            _require_motion(bar.matrix, f"{where}: the matrix of a bar")
         update["lamps"] = scene.lamps.but(table=table)
     scene = scene.but(**update)
     if folder is not None and region.file is not None:
@@ -121,29 +121,29 @@ def parse_scene(
     return scene
 
 
-def _rigid(pose: Pose, name: str, shrinks_to: float) -> Pose:
+def _read_pose(pose: Pose, name: str, shrinks_to: float) -> Pose:
     """Take the shrinkage out of the pose, and name the files of its plates."""
-    plates = _placed(pose.plates, f"{name}: [pose] plates", "plate")
-    matrix = _motion(pose.matrix, f"{name}: [pose] matrix", shrinks_to)
+    plates = _read_plates(pose.plates, f"{name}: [pose] plates", "plate")
+    matrix = _require_motion(pose.matrix, f"{name}: [pose] matrix", shrinks_to)
     return Pose.model_construct(matrix=matrix, plates=plates)
 
 
 _Listed = TypeVar("_Listed", bound=Plate)
 
 
-def _placed(plates: tuple[_Listed, ...], where: str, stem: str) -> tuple[_Listed, ...]:
+def _read_plates(plates: tuple[_Listed, ...], where: str, stem: str) -> tuple[_Listed, ...]:
     """Return the plates with rigid motions, and with file names beside the scene."""
     found = []
     for number, plate in enumerate(plates, start=1):
         file = plate.file or f"{stem}-{number}.3mf"
         if PurePath(file).name != file:
             raise BadFile(f"{where}: {short(file)} is not the name of a file beside the scene")
-        motions = tuple(_motion(one, f"{where}: a matrix") for one in plate.matrices)
+        motions = tuple(_require_motion(one, f"{where}: a matrix") for one in plate.matrices)
         found.append(plate.but(file=file, matrices=motions))
     return tuple(found)
 
 
-def _motion(rows: Matrix, what: str, scale: float = 1.0) -> Matrix:
+def _require_motion(rows: Matrix, what: str, scale: float = 1.0) -> Matrix:
     """Check that 4 x 4 rows are a rigid motion times `scale`, and return that motion."""
     matrix = np.array(rows, dtype=np.float64)
     matrix[:3, :3] /= scale
@@ -225,13 +225,15 @@ def parse_knots(data: Any, name: str = "knots.json") -> Curves:
         members=tuple(
             _member(m, f"{name}: members: number {i}") for i, m in enumerate(said.members)
         ),
-        plate=None if said.plate is None else _slab(said.plate, f"{name}: plate"),
+        plate=None if said.plate is None else _read_slab(said.plate, f"{name}: plate"),
         bars=tuple(
             Bar(np.array(b.start), np.array(b.end), b.width_mm, b.height_mm) for b in said.bars
         ),
         cut_mm=0.0 if said.feet is None else said.feet.cut_mm,
-        rods=tuple(_rod(rod, f"{name}: rods: number {i}") for i, rod in enumerate(said.rods)),
-        hulls=tuple(_hull(hull, f"{name}: hulls: number {i}") for i, hull in enumerate(said.hulls)),
+        rods=tuple(_read_rod(rod, f"{name}: rods: number {i}") for i, rod in enumerate(said.rods)),
+        hulls=tuple(
+            _read_hull(hull, f"{name}: hulls: number {i}") for i, hull in enumerate(said.hulls)
+        ),
         stated=all(knot.type for knot in said.knots if knot.closed),
     )
 
@@ -273,21 +275,21 @@ def _member(said: Any, where: str) -> Member:
     return Member(start, end, said.radius_mm, foot)
 
 
-def _rod(said: Any, where: str) -> Member:
+def _read_rod(said: Any, where: str) -> Member:
     start, end = np.array(said.start), np.array(said.end)
     if not np.linalg.norm(end - start) > 0:
         raise BadFile(f"{where} begins where it ends")
     return Member(start, end, (said.radius_mm, said.radius_mm))
 
 
-def _hull(said: Any, where: str) -> tuple[str, Array]:
+def _read_hull(said: Any, where: str) -> tuple[str, Array]:
     corners = np.array(said.corners, dtype=np.float64)
     if np.linalg.matrix_rank(corners - corners[0], tol=1e-6) < 3:
         raise BadFile(f"{where}: its corners enclose nothing")
     return short(said.name), corners
 
 
-def _slab(said: Any, where: str) -> Slab:
+def _read_slab(said: Any, where: str) -> Slab:
     outline, out = np.array(said.outline), np.array(said.out)
     if abs(float(np.linalg.norm(out)) - 1) > UNIT:
         raise BadFile(f"{where} out must be a vector of length 1")

@@ -227,7 +227,7 @@ def _bracket(diagram: PlanarDiagram) -> Laurent | None:
     factors = _loop_factors(bits)
     states: dict[tuple[int, ...], int] = {(): 1}
     frontier: tuple[int, ...] = ()
-    for i in _order(diagram):
+    for i in _order_crossings(diagram):
         quad = diagram.crossings[i]
         inside = [arc for arc in frontier if arc not in quad]
         new = [arc for arc in quad if arc not in frontier and quad.count(arc) == 1]
@@ -236,11 +236,11 @@ def _bracket(diagram: PlanarDiagram) -> Laurent | None:
         sums: dict[tuple[int, ...], int] = {}
         for joins, value in states.items():
             mate = dict(zip(frontier, joins, strict=True))
-            outside = [_outside(quad, side, mate) for side in range(4)]
+            outside = [_follow_strand(quad, side, mate) for side in range(4)]
             kept = [mate.get(arc, arc) for arc in after]
             for smoothing, weight in ((A_SMOOTHING, value << bits), (B_SMOOTHING, value)):
                 joined = list(kept)
-                loops = _connect(smoothing, outside, joined, place)
+                loops = _join_arcs(smoothing, outside, joined, place)
                 key = tuple(joined)
                 times = sum(sign * (weight << shift) for sign, shift in factors[loops])
                 sums[key] = sums.get(key, 0) + times
@@ -253,7 +253,7 @@ def _bracket(diagram: PlanarDiagram) -> Laurent | None:
     return _digits(total, bits)
 
 
-def _outside(quad: tuple[int, ...], side: int, mate: dict[int, int]) -> tuple[bool, int]:
+def _follow_strand(quad: tuple[int, ...], side: int, mate: dict[int, int]) -> tuple[bool, int]:
     """Follow a strand that leaves a crossing by a side to its end.
 
     Returns (True, the crossing's side) or (False, an open arc).
@@ -267,7 +267,7 @@ def _outside(quad: tuple[int, ...], side: int, mate: dict[int, int]) -> tuple[bo
     return False, arc
 
 
-def _connect(
+def _join_arcs(
     smoothing: tuple[int, ...],
     outside: list[tuple[bool, int]],
     joined: list[int],
@@ -332,7 +332,7 @@ def _over_loop(polynomial: Laurent) -> Laurent:
     return laurent(polynomial.lowest, quotient)
 
 
-def _order(diagram: PlanarDiagram) -> list[int]:
+def _order_crossings(diagram: PlanarDiagram) -> list[int]:
     """Order the crossings greedily so that few arcs are open at any time, from several starts."""
     count = len(diagram.crossings)
     best: tuple[int, list[int]] | None = None

@@ -110,7 +110,7 @@ def _in_order(crossings: _Crossings) -> Ints | None:
 
 def _crossings(ring: Ring, towards: Array) -> _Crossings | None:
     """Find where edges cross as seen along a direction; None if it is uncertain."""
-    i, j = _pairs(ring, towards)
+    i, j = _pair_edges(ring, towards)
     p, r = ring.at[i], ring.at[j]
     u, v, w = ring.at[ring.after[i]] - p, ring.at[ring.after[j]] - r, r - p
     eye = np.broadcast_to(towards, p.shape)
@@ -147,7 +147,7 @@ def _signs(u: Array, v: Array, w: Array) -> NDArray[np.int8]:
     return certain_sign(u, v, w)
 
 
-def _pairs(ring: Ring, towards: Array) -> tuple[Ints, Ints]:
+def _pair_edges(ring: Ring, towards: Array) -> tuple[Ints, Ints]:
     """Return pairs of edges i < j that may cross: not adjacent, with overlapping boxes in the projection."""
     flat = ring.at @ _axes_across(towards)
     end = flat[ring.after]
@@ -169,7 +169,7 @@ def _pairs(ring: Ring, towards: Array) -> tuple[Ints, Ints]:
 def _count_crossings(ring: Ring, towards: Array) -> int:
     """Count the crossings seen along a direction, up to rounding."""
     flat = ring.at @ _axes_across(towards)
-    i, j = _pairs(ring, towards)
+    i, j = _pair_edges(ring, towards)
     p, q, r, s = flat[i], flat[ring.after[i]], flat[j], flat[ring.after[j]]
 
     def side(a: Array, b: Array, c: Array) -> Array:
@@ -201,7 +201,7 @@ def cusp_counts(knot: PlanarDiagram, prime: int) -> tuple[int, ...] | None:
     None where the diagram asks for too many guesses.
     """
     arcs, relations = _wirtinger(knot)
-    guessed = _guesses(max(arcs) + 1, relations, arcs[0])
+    guessed = _fewest_guesses(max(arcs) + 1, relations, arcs[0])
     if guessed is None:
         return None
     vectors = np.array(
@@ -211,7 +211,7 @@ def cusp_counts(knot: PlanarDiagram, prime: int) -> tuple[int, ...] | None:
     tries = tries.reshape(-1, len(guessed))
     colours = {arc: vectors[tries[:, k]] for k, arc in enumerate(guessed)}
     colours[arcs[0]] = np.broadcast_to([1, 0], (len(tries), 2))
-    for below, after, above, sign in _order(set(colours), relations):
+    for below, after, above, sign in _order_relations(set(colours), relations):
         if after not in colours:
             colours[after] = _turn(colours[below], colours[above], sign, prime)
         else:
@@ -237,19 +237,21 @@ def _wirtinger(knot: PlanarDiagram) -> tuple[list[int], list[Relation]]:
     return strand, relations
 
 
-def _guesses(count: int, relations: Sequence[Relation], first: int) -> tuple[int, ...] | None:
+def _fewest_guesses(
+    count: int, relations: Sequence[Relation], first: int
+) -> tuple[int, ...] | None:
     """Return the fewest strands whose colours, with the first one's, determine all `count` colours."""
     others = [arc for arc in range(count) if arc != first]
     for size in range(MOST_GUESSES + 1):
         for guessed in combinations(others, size):
             known = {first, *guessed}
-            _order(known, relations)
+            _order_relations(known, relations)
             if len(known) == count:
                 return guessed
     return None
 
 
-def _order(known: set[int], relations: Sequence[Relation]) -> list[Relation]:
+def _order_relations(known: set[int], relations: Sequence[Relation]) -> list[Relation]:
     """Order the relations so that each gives one more colour; these are added to `known`."""
     order: list[Relation] = []
     grown = True

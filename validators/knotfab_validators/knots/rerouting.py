@@ -52,19 +52,21 @@ def reroute(knot: PlanarDiagram, enough: int = 0, seed: int = 0) -> PlanarDiagra
 
 def summands(knot: PlanarDiagram) -> list[PlanarDiagram]:
     """Split a knot's diagram into summands, by circles that meet it in only two arcs."""
-    passages = _passages(knot)
-    left, right = _sides(knot)
+    passages = _list_passages(knot)
+    left, right = _faces_beside(knot)
     between: dict[tuple[int, int], int] = {}
     for arc in range(len(passages)):
         other = between.setdefault((left[arc], right[arc]), arc)
         if other != arc:
             inside = passages[other + 1 : arc + 1]
             outside = passages[arc + 1 :] + passages[: other + 1]
-            return [part for run in (inside, outside) for part in summands(_close(run, knot))]
+            return [
+                part for run in (inside, outside) for part in summands(_close_summand(run, knot))
+            ]
     return [knot]
 
 
-def _close(passages: list[Passage], knot: PlanarDiagram) -> PlanarDiagram:
+def _close_summand(passages: list[Passage], knot: PlanarDiagram) -> PlanarDiagram:
     """Return the diagram of a summand from its passages, which include both of each of its crossings."""
     kept = {i: n for n, i in enumerate(dict.fromkeys(p.crossing for p in passages))}
     run = [Passage(kept[p.crossing], p.above) for p in passages]
@@ -83,8 +85,8 @@ class _Walk:
         again = True
         while again:
             again = False
-            for run in _runs(knot):
-                laid = self._lay(knot, run, fewer=True)
+            for run in _longest_runs(knot):
+                laid = self._lay_run(knot, run, fewer=True)
                 if laid is not None:
                     knot, again = simplify(laid), True
                     break
@@ -92,18 +94,18 @@ class _Walk:
 
     def aside(self, knot: PlanarDiagram) -> PlanarDiagram:
         """Return the diagram with part of a random run laid along another way that is no longer."""
-        run = self.chance.choice(list(_runs(knot)))
+        run = self.chance.choice(list(_longest_runs(knot)))
         begin = self.chance.randrange(len(run.crossings))
         end = self.chance.randrange(begin, len(run.crossings)) + 1
         part = _Run(run.arcs[begin : end + 1], run.crossings[begin:end], run.above)
-        return simplify(self._lay(knot, part) or knot)
+        return simplify(self._lay_run(knot, part) or knot)
 
-    def _lay(self, knot: PlanarDiagram, run: _Run, fewer: bool = False) -> PlanarDiagram | None:
+    def _lay_run(self, knot: PlanarDiagram, run: _Run, fewer: bool = False) -> PlanarDiagram | None:
         self.left -= len(knot.crossings)
-        return None if self.left < 0 else _lay(knot, run, self.chance, fewer)
+        return None if self.left < 0 else _lay_run(knot, run, self.chance, fewer)
 
 
-def _passages(knot: PlanarDiagram) -> list[Passage]:
+def _list_passages(knot: PlanarDiagram) -> list[Passage]:
     """Return the passages in order; passage k lies between arcs k - 1 and k."""
     found = [Passage(-1, False)] * len(knot.component)
     for i, (quad, sign) in enumerate(zip(knot.crossings, knot.signs, strict=True)):
@@ -112,9 +114,9 @@ def _passages(knot: PlanarDiagram) -> list[Passage]:
     return found
 
 
-def _runs(knot: PlanarDiagram) -> Iterator[_Run]:
+def _longest_runs(knot: PlanarDiagram) -> Iterator[_Run]:
     """Yield the longest runs of a knot's diagram, from one change between above and below to the next."""
-    passages = _passages(knot)
+    passages = _list_passages(knot)
     count = len(passages)
     turns = [k for k in range(count) if passages[k].above != passages[k - 1].above]
     for first, after in zip(turns, [*turns[1:], turns[0] + count] if turns else [], strict=True):
@@ -123,12 +125,12 @@ def _runs(knot: PlanarDiagram) -> Iterator[_Run]:
         yield _Run(arcs, tuple(passages[k].crossing for k in members), passages[first].above)
 
 
-def _lay(
+def _lay_run(
     knot: PlanarDiagram, run: _Run, chance: random.Random, fewer: bool = False
 ) -> PlanarDiagram | None:
     """Lay a run along a shortest way; None if there is no other way (or, with `fewer`, no shorter one)."""
-    left, right = _sides(knot)
-    way = _way(left, right, run, chance)
+    left, right = _faces_beside(knot)
+    way = _shortest_way(left, right, run, chance)
     if way is None or len(way) > len(run.crossings) - fewer:
         return None
     gone = set(run.crossings)
@@ -143,7 +145,7 @@ def _lay(
         # at a right-handed crossing, the upper strand turns counter-clockwise onto the lower one
         signs.append(1 if to_right == run.above else -1)
     after: list[Passage] = []
-    for k, passage in enumerate(_passages(knot)):
+    for k, passage in enumerate(_list_passages(knot)):
         if passage.crossing not in gone:
             after.append(Passage(number[passage.crossing], passage.above))
         if k == run.arcs[0]:
@@ -153,7 +155,7 @@ def _lay(
     return from_passages({knot.components[0]: after}, signs)
 
 
-def _sides(knot: PlanarDiagram) -> tuple[list[int], list[int]]:
+def _faces_beside(knot: PlanarDiagram) -> tuple[list[int], list[int]]:
     """Return the faces at the left and at the right of each arc."""
     face = faces(knot)
     left, right = ([0] * len(knot.component) for _ in range(2))
@@ -164,7 +166,7 @@ def _sides(knot: PlanarDiagram) -> tuple[list[int], list[int]]:
     return left, right
 
 
-def _way(
+def _shortest_way(
     left: list[int], right: list[int], run: _Run, chance: random.Random
 ) -> list[tuple[int, bool]] | None:
     """Return the arcs on a shortest way between the run's ends, and which are crossed

@@ -83,13 +83,13 @@ def measure_colours(
     names = [lamp.view.name for lamp in lamps]
     hidden = np.stack([lamp.hidden[frame.window] for lamp in lamps]).astype(np.float64)
     masks = np.stack([lamp.mask[frame.window] for lamp in lamps])
-    codes = _codes(masks)
-    light = _light(lamps, scene, frame)
+    codes = _encode_masks(masks)
+    light = _light_on_frame(lamps, scene, frame)
     shown = to_srgb(light.mix(1 - hidden))
     table = to_srgb(replace(light, other=0 * light.other).flat(np.arange(2 ** len(lamps))))
     wanted = table[codes]
     seen = _seen_codes(hidden, light)
-    alike = _alike(table)
+    alike = _mark_alike(table)
     right = alike[seen, codes]
     border = np.zeros(codes.shape, dtype=bool)
     for axis in (0, 1):
@@ -97,7 +97,7 @@ def measure_colours(
         border |= np.pad(near, [(0, 1) if k == axis else (0, 0) for k in (0, 1)])
         border |= np.pad(near, [(1, 0) if k == axis else (0, 0) for k in (0, 1)])
     along = depth_in(~border) <= OUTLINE_PX if border.any() else border
-    half = _codes(hidden >= 0.5)
+    half = _encode_masks(hidden >= 0.5)
     kept = alike[half, codes]
     drawn = (codes > 0) | (half > 0)
     error = colour_error(shown.reshape(-1, 3), wanted.reshape(-1, 3)).reshape(codes.shape)
@@ -111,14 +111,14 @@ def measure_colours(
     found = Colours(
         lamps=tuple(_tell_lamp(lamp, frame) for lamp in lamps),
         share=float(right.mean()),
-        share_inside=_mean(right, ~along),
-        share_along=_mean(right, along),
+        share_inside=_mean_over(right, ~along),
+        share_along=_mean_over(right, along),
         along=float(along.mean()),
         share_half_light=float(kept.mean()),
-        share_drawn=_mean(kept, drawn),
+        share_drawn=_mean_over(kept, drawn),
         delta_e=float(error.mean()),
-        delta_e_inside=_mean(error, ~along),
-        delta_e_along=_mean(error, along),
+        delta_e_inside=_mean_over(error, ~along),
+        delta_e_along=_mean_over(error, along),
         delta_e_lit=float(_lit_error(light).mean()),
         ambient=scene.room.ambient,
         misregistration=_misregistration(lamps, caster, points, frame),
@@ -174,7 +174,7 @@ def write_colours(folder: Path, colours: MixedPicture) -> None:
     sheet.save(folder / "compare-colours.png")
 
 
-def _light(lamps: Sequence[LampShadow], scene: Scene, frame: WorkingFrame) -> Light:
+def _light_on_frame(lamps: Sequence[LampShadow], scene: Scene, frame: WorkingFrame) -> Light:
     """Compute the lamps' light on the pixels of the frame, without its padding."""
     inside = WorkingFrame(frame.width, frame.height, 0, 0)
     views = [
@@ -184,7 +184,7 @@ def _light(lamps: Sequence[LampShadow], scene: Scene, frame: WorkingFrame) -> Li
     return light_of(list(views), scene.room, (frame.height, frame.width))
 
 
-def _codes(hidden: Mask) -> Ints:
+def _encode_masks(hidden: Mask) -> Ints:
     """Encode n masks (n, H, W) as bits: mask k adds 2^k where it holds, (H, W)."""
     return np.asarray(np.tensordot(2 ** np.arange(len(hidden)), hidden.astype(np.int64), axes=1))
 
@@ -194,7 +194,7 @@ def _seen_codes(hidden: Array, light: Light) -> Ints:
 
     Under the same light: in the middle of a penumbra the colour decides, not the share of the lamp.
     """
-    codes = _codes(hidden >= 0.5)
+    codes = _encode_masks(hidden >= 0.5)
     soft = np.asarray(((hidden > 0) & (hidden < 1)).any(axis=0))
     if not soft.any():
         return codes
@@ -210,14 +210,14 @@ def _seen_codes(hidden: Array, light: Light) -> Ints:
     return codes
 
 
-def _alike(table: Bytes) -> Mask:
+def _mark_alike(table: Bytes) -> Mask:
     """Mark pairs (m, m) of colours (m, 3), sRGB, that nobody distinguishes."""
     count = len(table)
     one, other = np.repeat(table, count, axis=0), np.tile(table, (count, 1))
     return np.asarray(colour_error(one, other).reshape(count, count) < ALIKE)
 
 
-def _mean(values: Array | Mask, where: Mask) -> float:
+def _mean_over(values: Array | Mask, where: Mask) -> float:
     """Average values over a mask; over an empty one, marks give 1 and errors 0."""
     if not where.any():
         return 1.0 if values.dtype == bool else 0.0
@@ -283,7 +283,7 @@ def _misregistration(
 ) -> Misregistration:
     """Measure the loss if the lamps stand beside their places."""
     coarse = working_frame(frame.width, frame.height, 512)
-    codes = _codes(np.stack([_reduce_mask(lamp.mask, frame, coarse) for lamp in lamps]))
+    codes = _encode_masks(np.stack([_reduce_mask(lamp.mask, frame, coarse) for lamp in lamps]))
     allowed, still, worst = [], [], []
     for lamp in lamps:
         seen = lamp.geometry.resample(coarse)
@@ -302,8 +302,8 @@ def _misregistration(
     return Misregistration(
         lamp_mm=min(allowed, default=None),
         moved_mm=MOVED_MM,
-        share=float((_codes(np.stack(worst)) == codes).mean()),
-        unmoved=float((_codes(np.stack(still)) == codes).mean()),
+        share=float((_encode_masks(np.stack(worst)) == codes).mean()),
+        unmoved=float((_encode_masks(np.stack(still)) == codes).mean()),
     )
 
 

@@ -69,14 +69,14 @@ def padded_mask(mask: Mask, frame: WorkingFrame) -> Mask:
     pixels. The padding is False.
     """
     height, width = mask.shape
-    across = mask.astype(np.int32) @ _overlaps(width, frame.width).T
-    covered = _overlaps(height, frame.height) @ across.astype(np.int64)
+    across = mask.astype(np.int32) @ _overlap_weights(width, frame.width).T
+    covered = _overlap_weights(height, frame.height) @ across.astype(np.int64)
     return np.pad(
         2 * covered >= height * width, ((frame.pad_y, frame.pad_y), (frame.pad_x, frame.pad_x))
     )
 
 
-def _overlaps(pixels: int, wanted: int) -> csr_array:
+def _overlap_weights(pixels: int, wanted: int) -> csr_array:
     """Return how much of each of `pixels` each of `wanted` covers, times `wanted`: (wanted, pixels).
 
     Integer weights keep ties exact; each row sums to `pixels`.

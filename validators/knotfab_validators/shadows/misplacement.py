@@ -195,7 +195,7 @@ def shows_layers(effects: Switches, shift_px: float, tolerance_px: float = 0.25)
 
 
 @compiled
-def _contours(
+def _cut_contours(
     vertices: Array, faces: Ints, first: Ints, begin: int, stop: int, layer_mm: float
 ) -> tuple[Array, Array, Ints]:
     """Cut faces into slices: edges (k, 3) from and to, matter at their left, and layers (k,).
@@ -250,7 +250,7 @@ def layered_mask(mesh: Mesh, geometry: ViewGeometry, layer_mm: float) -> Mask:
     first = np.ceil(mesh.vertices[:, 2] / layer_mm - 0.5).astype(np.int64)
     vertices, faces = np.ascontiguousarray(mesh.vertices), np.ascontiguousarray(mesh.faces)
     slices = (
-        _contours(vertices, faces, first, begin, begin + BLOCK, layer_mm)
+        _cut_contours(vertices, faces, first, begin, begin + BLOCK, layer_mm)
         for begin in range(int(first.min()), int(first.max()), BLOCK)
     )
     lines = (_slice_lines(*found, geometry, layer_mm) for found in slices)

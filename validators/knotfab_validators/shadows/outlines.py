@@ -52,7 +52,7 @@ def find_wrong_stretch(shadow: Mask, target: Mask, wrong_px: float = WRONG_PX) -
     quantile = 0.0
     for walked, asked in ((one, other), (other, one)):
         distance = _distance_to_outline(asked)
-        lines = [(line, _sample(distance, line)) for line in _outlines(walked)]
+        lines = [(line, _sample_outline(distance, line)) for line in _outlines(walked)]
         if lines:
             every = np.concatenate([off for _, off in lines])
             quantile = max(quantile, float(np.quantile(every, 0.95)))
@@ -81,7 +81,7 @@ def _distance_to_outline(mask: Mask) -> Array:
     return np.asarray(np.where(mask, depth_in(mask), depth_in(~mask)) - 0.5)
 
 
-def _sample(field: Array, points: Array) -> Array:
+def _sample_outline(field: Array, points: Array) -> Array:
     """Sample the field at points (n, 2) of (u, v): the smaller of the two neighbouring pixels' values."""
     u, v = points.T
     low = field[np.floor(v).astype(int), np.floor(u).astype(int)]

@@ -76,14 +76,14 @@ def find_changes(shadow: Mask, target: Mask, reach_px: float) -> list[Change]:
     closed, opened = _shrink(dark, reach_px) | seen, ~_shrink(light, reach_px) & seen
     joined, thinned = _shrink(ink, reach_px) | wanted, ~_shrink(paper, reach_px) & wanted
     found = [
-        *_lost("piece", wanted, dark, reach_px),
-        *_lost("hole", ~wanted, light, reach_px),
+        *_find_lost("piece", wanted, dark, reach_px),
+        *_find_lost("hole", ~wanted, light, reach_px),
         *_only_seen("stray", opened, wanted, ink, reach_px),
         *_only_seen("leak", ~closed, ~wanted, paper, reach_px),
-        *_joined("gap", joined, opened, ~wanted, reach_px),
-        *_joined("gap", ~opened, ~joined, ~wanted, reach_px),
-        *_joined("stroke", closed, thinned, wanted, reach_px),
-        *_joined("stroke", ~thinned, ~closed, wanted, reach_px),
+        *_find_joined("gap", joined, opened, ~wanted, reach_px),
+        *_find_joined("gap", ~opened, ~joined, ~wanted, reach_px),
+        *_find_joined("stroke", closed, thinned, wanted, reach_px),
+        *_find_joined("stroke", ~thinned, ~closed, wanted, reach_px),
     ]
     return [shift_change(change, *corner) for change in found]
 
@@ -223,7 +223,7 @@ def label_regions(kind: Kind, regions: Mask, reach: float) -> tuple[Ints, list[t
     return labels, [(n, box) for n, box in found if not (light and n == labels[0, 0])]
 
 
-def _lost(kind: Kind, regions: Mask, kept: Mask, reach: float) -> Iterator[Change]:
+def _find_lost(kind: Kind, regions: Mask, kept: Mask, reach: float) -> Iterator[Change]:
     """Yield the pieces (or holes) in `regions` of which less than `COVERED` is in `kept`."""
     labels, found = label_regions(kind, regions, reach)
     for number, (left, top, right, bottom) in found:
@@ -241,7 +241,7 @@ def _only_seen(
     areas = np.bincount(labels.ravel(), minlength=count + 1)
     specks = np.ones(count + 1, dtype=bool)
     specks[[n for n, _ in _regions(labels, count, reach)]] = False
-    for change in _lost(kind, regions, kept, reach):
+    for change in _find_lost(kind, regions, kept, reach):
         left, top, right, bottom = change.box
         here = labels[top:bottom, left:right][regions[top:bottom, left:right]]
         shared = np.bincount(here, minlength=count + 1)
@@ -250,7 +250,9 @@ def _only_seen(
             yield change
 
 
-def _joined(kind: Kind, parts: Mask, wholes: Mask, matter: Mask, reach: float) -> Iterator[Change]:
+def _find_joined(
+    kind: Kind, parts: Mask, wholes: Mask, matter: Mask, reach: float
+) -> Iterator[Change]:
     """Yield a change for each join of regions of `parts` within one region of `wholes`.
 
     Joins are those of a minimum spanning tree: the narrowest places, in `wholes`, between regions of
@@ -282,10 +284,10 @@ def _joined(kind: Kind, parts: Mask, wholes: Mask, matter: Mask, reach: float) -
         return
     depth = depth_in(matter)
     for number, inside in several.items():
-        yield from _narrowest(kind, part, inside, whole == number, depth, pieces)
+        yield from _find_narrowest(kind, part, inside, whole == number, depth, pieces)
 
 
-def _narrowest(
+def _find_narrowest(
     kind: Kind, part: Ints, inside: set[int], room: Mask, across: Array, pieces: bool
 ) -> Iterator[Change]:
     """Yield the narrowest places of the n - 1 joins between the regions `inside`."""
