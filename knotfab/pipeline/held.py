@@ -27,6 +27,8 @@ from knotfab_formats.report import Report
 from knotfab_formats.scene import SettledScene
 from knotfab_formats.verdict import list_unmet
 
+_SEEN_SHARE = 0.0005  # of the frame: what a holder darkens beyond that is told
+
 
 @dataclass(frozen=True)
 class Workshop:
@@ -75,9 +77,9 @@ class Workshop:
             if isinstance(settled, str):
                 refused.append(f"{WORDS[guess.kind]} ({settled})")
                 continue
-            piece, report = self.finish(
-                asked, settled[0], settled, _tell_choice(guess, guesses, refused)
-            )
+            shows = settled[1].mounted.figures.predicted_intrusion or 0.0
+            said = _tell_choice(guess, guesses, refused, shows)
+            piece, report = self.finish(asked, settled[0], settled, said)
             unmet = {check.name for check in list_unmet(report.checks) if check.status == "fail"}
             once = request.time_budget_s is not None or not made.result.feasible
             if not unmet or once or unmet == failed:
@@ -112,11 +114,18 @@ def _with_mount(request: Request, made: Design, kind: str) -> tuple[Request, Des
     return replace(request, scene=asked), replace(made, scene=own)
 
 
-def _tell_choice(guess: Guess, guesses: Sequence[Guess], refused: Sequence[str]) -> str:
-    """Say which holder was chosen and what it costs, which cost more, and why others are none."""
+def _tell_choice(
+    guess: Guess, guesses: Sequence[Guess], refused: Sequence[str], shows: float
+) -> str:
+    """Say which holder was chosen and what it costs, which cost more, and why others are none.
+
+    Args:
+        shows: the share of the picture's frame that it darkens.
+    """
     others = [f"more for {one}" for one in guesses[guesses.index(guess) + 1 :]]
     others += [f"not {one}" for one in refused]
-    return f"Held by {'; '.join([str(guess), *others])}. --mount none leaves it out."
+    dark = "" if shows < _SEEN_SHARE else f" It darkens {100 * shows:.1f}% of the picture's frame."
+    return f"Held by {'; '.join([str(guess), *others])}.{dark} --mount none leaves it out."
 
 
 def _draw(part: Part, scene: SettledScene, path: Path) -> None:

@@ -18,6 +18,7 @@ from knotfab.pipeline import held
 from knotfab.pipeline.held import Workshop
 from knotfab.request import Request
 from knotfab.scene.catalogue import resolve
+from knotfab_formats.print_figures import MountFigures
 from knotfab_formats.scene import ResolvedScene, Scene
 from knotfab_formats.verdict import Check
 
@@ -77,7 +78,9 @@ class Played(Workshop):
 
     def _plan(self, request: Request, made: Any) -> Any:
         kind = made.scene.mount.kind
-        return "nothing reaches it" if kind in self.__dict__["unheld"] else (made, None, None)
+        figures = MountFigures(kind=kind, predicted_intrusion=0.008)
+        part = SimpleNamespace(mounted=SimpleNamespace(figures=figures))
+        return "nothing reaches it" if kind in self.__dict__["unheld"] else (made, part, None)
 
     def finish(self, request: Request, made: Any, settled: Any = None, note: str = "") -> Any:
         kind = made.scene.mount.kind
@@ -115,7 +118,8 @@ def test_the_next_holder_is_tried_where_one_fails(
     assert request.chooses_holder
     note, _ = shop.finish_held(request, made_of(request.scene))
     assert shop.__dict__["built"] == built
-    assert ("No holder" if built[-1] == "none" else "Held by") in str(note)
+    wanted = ["No holder"] if built[-1] == "none" else ["Held by", "It darkens 0.8% of"]
+    assert all(words in str(note) for words in wanted)
     for kind in unheld & {"hang"}:
         assert "nothing reaches it" in str(note), kind
 
