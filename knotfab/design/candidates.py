@@ -162,7 +162,7 @@ def too_fine(
 # length of a tube over that of its flat start, or over area / width: with depth, and flat
 _LENGTH, _LENGTH_FLAT = 1.45, 1.12
 # length of strands that print without supports over that of those with (docs/prints.md)
-ARCHES = 1.42
+ARCHES = 1.46
 # printing time of a tube of this radius, h/cm³; it is inversely proportional to the radius
 _HOURS, _OF_RADIUS_MM = 0.158, 1.77
 _HOURS_PLATE = 0.06  # of a plate, h/cm³

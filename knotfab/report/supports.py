@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from knotfab.part.assemble import Part
 
 # Measured, as ARCHES is, on pieces that were built both ways; docs/prints.md has the ratios.
-PER_GRAM = 1.05  # hours per gram of arches over hours per gram of strands and supports
+PER_GRAM = 1.08  # hours per gram of arches over hours per gram of strands and supports
 # share of the room about a piece that supports fill: the picture's longer side squared, times the depth
-ROOM = 0.0187
+ROOM = 0.02
 _BED_MM = 1e-6  # what is no higher lies on the bed
 
 
