@@ -37,6 +37,7 @@ from knotfab_formats.errors import InputError, shown
 from knotfab_formats.scene import ResolvedScene
 from knotfab_formats.views import View
 
+_SIDE = 480  # px of the longer side at which readings are tried
 MOST = 6  # number of readings to show
 _ALIKE = 0.93  # IoU from which two silhouettes count as one choice
 # the score of a cut-out without features, as a share of its whole score, and what each adds to it
@@ -180,7 +181,7 @@ def _try(
     """Return the reading with these keys, None if it holds no shape."""
     changed = scene.but(views=(scene.views[0].but(**keys),))
     try:
-        target = read_target(source, changed.views[0], base=base, font=font, glance=True)
+        target = read_target(source, changed.views[0], base=base, font=font, glance=_SIDE)
         changed, (target,) = widen_targets(changed, (target,))
         refusal = find_refusal(survey_views(changed, (target,)), changed)
     except InputError:
@@ -223,7 +224,7 @@ def _tube_px(
     for ink in ("auto", "dark", "light"):
         reading = scene.views[0].but(ink=ink)
         try:
-            target = read_target(source, reading, base=base, font=font, glance=True)
+            target = read_target(source, reading, base=base, font=font, glance=_SIDE)
         except InputError:
             continue
         view = frame_view(scene.views[0], target)

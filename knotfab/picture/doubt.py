@@ -15,7 +15,7 @@ from PIL import Image
 from knotfab.base.arrays import Mask
 from knotfab.picture.ground import find_ends, is_of_one_colour
 from knotfab.picture.ink import split_channels, take_border, takes_alpha
-from knotfab.picture.raster import silhouette
+from knotfab.picture.raster import shrink, silhouette
 from knotfab.picture.silhouette import (
     fill_holes,
     fit_size,
@@ -93,7 +93,12 @@ def write_options(keys: Mapping[str, Any]) -> str:
 
 
 def find_doubt(
-    image: Image.Image, mask: Mask, crop: Box | None, reading: Reading, notes: Sequence[str]
+    image: Image.Image,
+    mask: Mask,
+    crop: Box | None,
+    reading: Reading,
+    notes: Sequence[str],
+    size: tuple[int, int],
 ) -> Doubt | None:
     """Find the likeliest other reading if it shows something else than the one taken, and neither is sure.
 
@@ -101,8 +106,9 @@ def find_doubt(
     itself.
 
     Args:
-        image: as decoded, upright. mask: the silhouette taken, at any size, of the picture's part `crop`.
-        reading: what was asked for. notes: those of the reading taken.
+        image: as decoded, upright, perhaps shrunk. mask: the silhouette taken, at any size, of the picture's
+            part `crop`. reading: what was asked for. notes: those of the reading taken. size: the picture's
+            width and height.
     """
     plain = Reading()
     said = any(getattr(reading, key) != getattr(plain, key) for key in (*OPTIONS, "invert"))
@@ -111,8 +117,8 @@ def find_doubt(
     if crop is not None:  # a frame was left out
         mask = _within(mask, crop, (image.height, image.width))
     guessed = is_guessed(notes)
-    every = -(-max(image.size) // _SIDE)
-    small = image.reduce(every) if every > 1 and image.mode not in ("I;16", "P", "1") else image
+    every = 1 if image.mode.startswith(("I", "F")) else -(-max(image.size) // _SIDE)
+    small = shrink(image, every) if every > 1 else image
     mask = np.asarray(Image.fromarray(mask).resize(small.size, Image.Resampling.NEAREST))
     if not mask.any():
         return None
@@ -127,7 +133,7 @@ def find_doubt(
             continue
         if crop is not None:
             other = _within(other, crop, mask.shape)
-            keys = {"crop_px": _enlarge(crop, every, image.size)}
+            keys = {"crop_px": _enlarge(crop, -(-size[0] // small.width), size)}
         shared = mask_iou(mask, other)
         if shared < _SHARED:
             found.append((rate_mask(other) * (2.0 if crop else 1.0), shared, keys))

@@ -8,7 +8,7 @@ import io
 import re
 import warnings
 from collections.abc import Iterator
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any
 
 import numpy as np
@@ -23,7 +23,7 @@ from knotfab_formats.views import Box, Reading
 
 SMALLEST_SIDE = 16
 LARGEST_SIDE = 8000
-_GLANCE = 1280  # px of a longer side for a glance at a picture; a verdict takes 1024
+GLANCE = 1280  # px of a longer side for a glance at a picture; a verdict takes 1024
 _LEAST = 200  # least px of a shorter side at a glance
 MARGIN = 0.06  # margin about a drawing, as a share of the frame's longer side
 
@@ -178,10 +178,19 @@ def decode(
     return upright, kind
 
 
-def shrink_factor(image: Image.Image) -> int:
-    """Return the factor by which a picture may shrink for a glance."""
+@lru_cache(maxsize=1)  # many readings of one picture are tried
+def glimpse(data: bytes, what: str, longest: int) -> tuple[Image.Image, str, tuple[int, int], int]:
+    """Decode a picture, its longer side shrunk to about `longest` px where it is larger (0: never).
+
+    Returns:
+        The picture, its kind, and the width and height that it came in; so many of its px are one, across.
+    """
+    image, kind = decode(data, what)
     deep = image.mode.startswith(("I", "F"))  # Pillow does not reduce these modes
-    return 1 if deep else min(-(-max(image.size) // _GLANCE), max(1, min(image.size) // _LEAST))
+    factor = 1
+    if longest and not deep:
+        factor = min(-(-max(image.size) // longest), max(1, min(image.size) // _LEAST))
+    return (shrink(image, factor) if factor > 1 else image), kind, image.size, factor
 
 
 def shrink(image: Image.Image, factor: int) -> Image.Image:
@@ -267,6 +276,7 @@ def silhouette(
             "; of that the largest piece" if count == 1 else f"; of that the {count} largest pieces"
         )
     if box is not None:
+        box = (box[0] * shrunk, box[1] * shrunk, box[2] * shrunk, box[3] * shrunk)
         rule += "; in the picture from ({}, {}), {} x {} px".format(*box)
     check_shape(mask, what)
     return mask, rule, box

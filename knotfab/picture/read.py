@@ -189,7 +189,7 @@ def read_target(
     *,
     base: Path | None = None,
     font: str | None = None,
-    glance: bool = False,
+    glance: int = 0,
 ) -> Target:
     """Read a picture and take its silhouette.
 
@@ -200,7 +200,7 @@ def read_target(
         base: folder that a relative path starts from (that of the scene file); the current one if
             left out.
         font: font of `text:`, a family's name or a font file.
-        glance: whether a large picture may be read shrunk.
+        glance: px to which a large picture's longer side may be shrunk at once; 0: none.
 
     Raises:
         InputError: the picture cannot be read, or holds no shape that can be drawn.
@@ -211,7 +211,7 @@ def read_target(
 
 
 def _read_target(
-    source: str | Path, reading: Reading, base: Path | None, font: str | None, glance: bool
+    source: str | Path, reading: Reading, base: Path | None, font: str | None, glance: int
 ) -> Target:
     what = shown(source)
     if isinstance(source, str) and source.startswith(TEXT_PREFIX):
@@ -288,7 +288,7 @@ def read_targets(
     *,
     base: Path | None = None,
     font: str | None = None,
-    glance: bool = False,
+    glance: int = 0,
 ) -> tuple[Target, ...]:
     """Read the pictures of all views, in their order.
 
@@ -318,10 +318,14 @@ def read_targets(
 
 
 def _take_target(
-    data: bytes, what: str, name: str, suffix: str, reading: Reading, glance: bool, folder: Path
+    data: bytes, what: str, name: str, suffix: str, reading: Reading, glance: int, folder: Path
 ) -> Target:
-    image, kind = raster.decode(data, what)
-    came = image
+    cut_anew = reading.subject_px is not None and not reading.subject_mask
+    glance *= (reading.crop_px is False and not reading.cut_out) or (
+        reading.crop_px is None and cut_anew
+    )
+    image, kind, size, shrunk = raster.glimpse(data, what, glance)
+    came, whole = image, data
     frames = raster.count_frames(data) if kind in MOVING else 1
     if kind not in raster.KEPT:
         data, kind = encode_image(raster.to_plain(image)), "PNG"
@@ -340,19 +344,20 @@ def _take_target(
             came, image, data, kind = even, even, encode_image(even), "PNG"
             notes = ("the light on it is uneven, and is taken out of it (--ink dark leaves it)",)
     if reading.cut_out:  # from here on the mask takes the picture's place
-        image = Image.fromarray(take_subject(image, reading, folder, what)).convert("L")
+        image = Image.fromarray(take_subject(image, reading, folder, what, shrunk)).convert("L")
         subject = encode_image(image.convert("1"))
     try:
         reading, told = (reading, ()) if subject else guess_reading(image, reading, what)
         notes = (*notes, *told)
-        shrunk = raster.shrink_factor(image) if glance and reading.crop_px is False else 1
-        if shrunk > 1:
-            image = raster.shrink(image, shrunk)
+        if (
+            shrunk > 1 and asked.crop_px is False and reading.crop_px is not False
+        ):  # a thin frame, to be told in its own px
+            return _take_target(whole, what, name, suffix, asked, 0, folder)
         mask, rule, box = raster.silhouette(image, what, reading, shrunk)
     except InputError:
         if frames == 1 or subject:
             raise
-        return _first_drawn(data, what, name, asked, glance, frames, folder)
+        return _first_drawn(whole, what, name, asked, glance, frames, folder)
     if frames > 1:
         rule = f"the first of its {frames} frames (--sequence takes them all): {rule}"
     original = None
@@ -373,12 +378,12 @@ def _take_target(
         ink=ink,
         threshold=threshold,
         subject_png=subject,
-        doubt=find_doubt(came, mask, box, asked, notes),
+        doubt=find_doubt(came, mask, box, asked, notes, size),
     )
 
 
 def _first_drawn(
-    data: bytes, what: str, name: str, reading: Reading, glance: bool, frames: int, folder: Path
+    data: bytes, what: str, name: str, reading: Reading, glance: int, frames: int, folder: Path
 ) -> Target:
     """Return an animation's first frame that holds a shape, if its very first one holds none."""
     refused = None

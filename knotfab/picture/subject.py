@@ -63,11 +63,14 @@ def middle_boxes(width: int, height: int) -> list[Box]:
     ]
 
 
-def take_subject(image: Image.Image, reading: Reading, folder: Path, what: str) -> Mask:
+def take_subject(
+    image: Image.Image, reading: Reading, folder: Path, what: str, shrunk: int = 1
+) -> Mask:
     """Return the subject of an upright picture, from its mask's file or by a new cut, (H, W).
 
     Args:
-        folder: what the name of the mask's file is relative to.
+        folder: what the name of the mask's file is relative to. shrunk: so many px of the picture, across,
+            are one of `image`; `reading` is in px of the picture.
 
     Raises:
         InputError: the rectangle or a disc lies outside, the cut finds nothing or all, or the file is
@@ -75,7 +78,12 @@ def take_subject(image: Image.Image, reading: Reading, folder: Path, what: str) 
     """
     if not reading.subject_mask:
         assert reading.subject_px is not None
-        return cut_subject(image, reading.subject_px, reading.keep_px, reading.drop_px, what)
+        left, top, width, height = (c // shrunk for c in reading.subject_px)
+        keep, drop = (
+            [(u // shrunk, v // shrunk, max(1, r // shrunk)) for u, v, r in discs]
+            for discs in (reading.keep_px, reading.drop_px)
+        )
+        return cut_subject(image, (left, top, width, height), keep, drop, what)
     path, remedy = folder / reading.subject_mask, "Leave subject_mask out, to cut it anew."
     what = f"the mask {reading.subject_mask}"
     read_file(path, what, "mask", 2**28, missing=remedy, too_large=remedy)

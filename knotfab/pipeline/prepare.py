@@ -22,6 +22,7 @@ from knotfab.design.frames import (
 )
 from knotfab.design.walls import flatten_targets
 from knotfab.picture.frames import count_knots, name_sequence, read_frames
+from knotfab.picture.raster import GLANCE
 from knotfab.picture.read import TEXT_PREFIX, Target, plain_name, read_targets
 from knotfab.pipeline.choose_supports import choose_supports
 from knotfab.pipeline.options import ALL_OUT, BuildOptions
@@ -152,7 +153,7 @@ def survey_pictures(pictures: Sequence[str], options: BuildOptions) -> Survey:
     Raises:
         InputError: as for `prepare_build`.
     """
-    return _survey(_read_call(pictures, options, Progress("quiet"), glance=True), options)
+    return _survey(_read_call(pictures, options, Progress("quiet"), glance=GLANCE), options)
 
 
 def preview_pictures(
@@ -186,7 +187,7 @@ def list_readings(pictures: Sequence[str], options: BuildOptions) -> tuple[Tried
         return ()
     base = None if pictures else folder
     if options.size is not None:
-        target = read_targets(sources, scene.views, base=base, glance=True)[0]
+        target = read_targets(sources, scene.views, base=base, glance=GLANCE)[0]
         scene = size_longer(scene, target, options.size)
     return try_readings(sources[0], scene, base=base)
 
@@ -207,9 +208,9 @@ class _Call:
 
 
 def _read_call(
-    pictures: Sequence[str], options: BuildOptions, progress: Progress, glance: bool = False
+    pictures: Sequence[str], options: BuildOptions, progress: Progress, glance: int = 0
 ) -> _Call:
-    """Read scene and pictures of a call; with `glance` large pictures are shrunk."""
+    """Read scene and pictures of a call; `glance` as for `read_target`."""
     scene, folder = read_scene(options)
     sources = _list_sources(pictures, scene, options.scene)
     _check_font(options.font, sources)

@@ -23,6 +23,7 @@ from knotfab.design.readings import list_figures
 from knotfab.design.sentence import describe
 from knotfab.design.survey import Survey, require_drawable, survey
 from knotfab.picture.opening import opening_iou
+from knotfab.picture.raster import GLANCE
 from knotfab.picture.read import read_target
 from knotfab.picture.silhouette import trace_polygon
 from knotfab.pipeline.options import BuildOptions
@@ -293,7 +294,7 @@ def test_a_glance_at_a_large_picture_says_the_same(tmp_path: Path) -> None:
     """It is read shrunk, and its px are those of the picture."""
     image = Image.open(lines(tmp_path / "a.png", width=3, body=True))
     image.resize((3 * SIDE, 3 * SIDE)).convert("P").save(tmp_path / "large.png")
-    found = [read_target(tmp_path / "large.png", glance=glance) for glance in (False, True)]
+    found = [read_target(tmp_path / "large.png", glance=glance) for glance in (0, GLANCE)]
     assert [t.mask.shape[0] * t.shrunk for t in found] == [3 * SIDE] * 2
     assert found[1].shrunk == 2
     whole, glanced = (
@@ -315,7 +316,7 @@ def test_a_glance_tells_places_and_rules_in_the_pictures_own_px(tmp_path: Path) 
     Image.fromarray(~dots).convert("L").save(tmp_path / "large.png")
     reading = Reading(speck_px=40, smooth_px=3.0)
     whole, glanced = (
-        read_target(tmp_path / "large.png", reading, glance=glance) for glance in (False, True)
+        read_target(tmp_path / "large.png", reading, glance=glance) for glance in (0, GLANCE)
     )
     assert glanced.shrunk == 4 and glanced.rule == whole.rule
     assert "less than 40 px" in whole.rule and "smoothed by 3 px" in whole.rule

@@ -170,6 +170,15 @@ def test_the_rectangle_is_in_the_upright_uncropped_picture(tmp_path: Path) -> No
     assert own.mask.size < upright.mask.size and own.mask.sum() == upright.mask.sum()
 
 
+def test_a_glance_cuts_out_the_same(tmp_path: Path) -> None:
+    Image.open(photograph(tmp_path)).resize((900, 900)).save(tmp_path / "large.png")
+    reading = Reading.model_validate({"subject_px": (240, 180, 480, 480), "crop_px": "auto"})
+    whole, seen = (read_target(tmp_path / "large.png", reading, glance=px) for px in (0, 300))
+    assert (whole.shrunk, seen.shrunk) == (1, 3)
+    assert 9 * seen.mask.sum() == pytest.approx(whole.mask.sum(), rel=0.05)
+    assert seen.crop_px == pytest.approx(whole.crop_px, abs=9)
+
+
 def write(folder: Path, path: Path, **keys: Any) -> Path:
     """The scene that a build writes of a picture."""
     view = View(**keys)
