@@ -1,10 +1,11 @@
-"""Give the validators thousands of broken files: each must end in a verdict or a sentence, soon and small.
+"""Give all readers thousands of broken files: each must end in a result or a sentence, soon and small.
 
-    python -m benchmarks.fuzz_files [--count 10000] [--seed 0]
+    python -m benchmarks.fuzz_files [--count 10000] [--strangers 600] [--seed 0]
 
-The files made by hand come first, then `count` good ones changed at random. Each is validated in a
-worker process, so that a crash, a hang (over 5 s) or a hunger for memory (over 1 GB) takes only that
-worker. Ends with 1 if there was any; the offending files are kept in fuzz-failures/.
+The files made by hand come first, then `count` of the validators' and `strangers` of the maker's (pictures,
+drawings, scenes, starts, templates, reports), which are good ones changed at random. Each is validated in a
+worker process, so that a crash, a hang (over 5 s; 60 s) or a hunger for memory (over 1 GB; 2 GB)
+takes only that worker. Ends with 1 if there was any; the offending files are kept in fuzz-failures/.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import sys
 import tempfile
 import time
 from collections import Counter
+from itertools import chain
 from multiprocessing.connection import Connection
 from pathlib import Path
 
@@ -21,9 +23,10 @@ from benchmarks.measurement import run_study
 from tests.corpus.examine import Outcome, examine
 from tests.corpus.fuzzed import fuzz_file
 from tests.corpus.hostile import Hostile, handmade
+from tests.corpus.strangers import fuzz_stranger
 
-SLOW_S = 5.0
-MOST_MB = 1000.0
+SLOW_S, MOST_MB = 5.0, 1000.0
+SLOW_STRANGER_S, MOST_STRANGER_MB = 60.0, 2000.0  # of pictures and what else the maker reads
 WORKERS = 2
 FILES_PER_WORKER = 500
 
@@ -59,6 +62,8 @@ class _Worker:
             self.end()
             self.begin()
         self.file, self.started = file, time.perf_counter()
+        self.slow_s = SLOW_STRANGER_S if file.reader else SLOW_S
+        self.most_mb = MOST_STRANGER_MB if file.reader else MOST_MB
         self.pipe.send(file)
 
     def outcome(self) -> Outcome | None:
@@ -68,9 +73,9 @@ class _Worker:
             if self.pipe.poll(0.0):
                 found: Outcome = self.pipe.recv()
                 self.done, self.fresh = self.done + 1, False
-                if found.seconds > SLOW_S:
+                if found.seconds > self.slow_s:
                     return Outcome("slow", found.said, found.seconds, found.peak_mb)
-                if found.peak_mb > MOST_MB:
+                if found.peak_mb > self.most_mb:
                     self.done = FILES_PER_WORKER
                     return Outcome("hungry", found.said, found.seconds, found.peak_mb)
                 return found
@@ -79,16 +84,23 @@ class _Worker:
             self.end()
             self.begin()
             return Outcome("crashed", f"the process ended with {code}", waited, 0.0)
-        if waited > (4 if self.fresh else 2) * SLOW_S:  # a fresh one loads its libraries first
+        if waited > (4 if self.fresh else 2) * self.slow_s:  # a fresh one loads its libraries first
             self.end()
             self.begin()
             return Outcome("slow", "still at work", waited, 0.0)
         return None
 
 
-def run_all(count: int, seed: int, show: bool = True) -> list[tuple[Hostile, Outcome]]:
-    """Examine the files made by hand and `count` fuzzed ones, on two workers."""
-    queue = iter([*handmade(), *(fuzz_file(seed * 1_000_003 + i) for i in range(count))])
+def run_all(
+    count: int, seed: int, show: bool = True, strangers: int = 0
+) -> list[tuple[Hostile, Outcome]]:
+    """Examine the files made by hand and fuzzed ones, `count` and `strangers`, on two workers."""
+    first = seed * 1_000_003
+    queue = chain(
+        handmade() if count else (),
+        (fuzz_file(first + i) for i in range(count)),
+        (fuzz_stranger(first + i) for i in range(strangers)),
+    )
     workers = [_Worker() for _ in range(WORKERS)]
     results: list[tuple[Hostile, Outcome]] = []
     try:
@@ -118,9 +130,9 @@ def _next(worker: _Worker, queue: object) -> bool:
     return file is not None
 
 
-def main(*, count: int = 10000, seed: int = 0) -> int:
+def main(*, count: int = 10000, strangers: int = 600, seed: int = 0) -> int:
     start = time.perf_counter()
-    results = run_all(count, seed)
+    results = run_all(count, seed, strangers=strangers)
     kinds = Counter(outcome.kind for _, outcome in results)
     bad = [(f, o) for f, o in results if o.kind in ("crashed", "slow", "hungry")]
     bad += [(f, o) for f, o in results if f.says and (o.kind != "refused" or f.says not in o.said)]

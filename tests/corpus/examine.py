@@ -57,7 +57,9 @@ class Outcome:
 
 
 def examine(file: Hostile, folder: Path) -> Outcome:
-    """Validate one file here and now: everything that can be measured on it."""
+    """Read one file here and now; the validators measure everything that can be measured on it."""
+    if file.reader:
+        return _examine_stranger(file, folder)
     files: dict[str, Path | None] = {"part": None, "knots": None, "scene": None}
     if file.among:
         for other in ("part.obj", "knots.json", "scene.toml", "front.png"):
@@ -82,6 +84,27 @@ def examine(file: Hostile, folder: Path) -> Outcome:
         kind, said = "crashed", f"{type(error).__name__}: {error}"
     seconds = time.perf_counter() - start
     return Outcome(kind, said, seconds, _peak_mb())
+
+
+def _examine_stranger(file: Hostile, folder: Path) -> Outcome:
+    from tests.corpus.strangers import read_stranger
+
+    _forget_peak()
+    start = time.perf_counter()
+    try:
+        read_stranger(file, folder)
+        kind, said = "pass", ""
+    except InputError as error:
+        kind, said = "refused", str(error)
+        if "\n" in said or "Traceback" in said or len(said) > 900 or "mistake" in said:
+            kind, said = "crashed", f"no clear sentence: {said[:300]}"
+    except Exception as error:  # a command would print a traceback
+        kind, said = "crashed", f"{type(error).__name__}: {error}"
+    return Outcome(kind, said, time.perf_counter() - start, max(_peak_mb(), _peak_of_copies()))
+
+
+def _peak_of_copies() -> float:
+    return resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024
 
 
 def _forget_peak() -> None:

@@ -175,7 +175,10 @@ def of_arches() -> Iterator[tuple[str, Forge]]:
         held.cut(box([x, y, 0.0], (14.0, 14.0, 2 * deep)))
 
     def all_feet(held: Held) -> None:
-        held.solid = held.solid.trim_by_plane((0.0, 0.0, 1.0), 0.8).translate((0.0, 0.0, -0.8))
+        held.bodies = [
+            body.trim_by_plane((0.0, 0.0, 1.0), 0.8).translate((0.0, 0.0, -0.8))
+            for body in held.bodies
+        ]
         for knot in held.knots["knots"]:
             knot["points"] = (np.array(knot["points"]) - [0, 0, 0.8]).tolist()
         for one in held.knots["bars"]:

@@ -49,10 +49,11 @@ def of_wall_plate() -> Iterator[tuple[str, Forge]]:
 
     def trim(held: Held, normal: Array, share: float) -> None:
         low, high = span_of(held)
-        plate = held.solid.trim_by_plane((0.0, 0.0, -1.0), -float(foot(held)[2]))
-        rest = held.solid.trim_by_plane((0.0, 0.0, 1.0), float(foot(held)[2]))
+        (whole,) = held.bodies
+        plate = whole.trim_by_plane((0.0, 0.0, -1.0), -float(foot(held)[2]))
+        rest = whole.trim_by_plane((0.0, 0.0, 1.0), float(foot(held)[2]))
         at = float(np.where(normal > 0, low, high) @ normal + share)
-        held.solid = plate.trim_by_plane(tuple(normal), at) + rest
+        held.bodies = [plate.trim_by_plane(tuple(normal), at) + rest]
 
     def screw(held: Held) -> None:
         _, low, high = sides(held)

@@ -35,12 +35,12 @@ Forge = Callable[["Held"], object]
 class Held:
     """A piece in hand: its solid in part coordinates, and what its files say.
 
-    `solid` is written as part.stl and part.3mf alike, so that they agree; the bodies of `frame`, in their
-    order, as table-1.3mf.
+    Its `bodies` are written as part.stl and part.3mf alike, so that they agree; those of `frame` as
+    table-1.3mf.
     """
 
     folder: Path
-    solid: Manifold
+    bodies: list[Manifold]
     knots: dict[str, Any]
     scene: dict[str, Any]
     frame: list[Manifold]
@@ -50,7 +50,7 @@ class Held:
         frame = folder / "table-1.3mf"
         return cls(
             folder,
-            Manifold.batch_boolean(solids_of(folder / "part.stl"), OpType.Add),
+            solids_of(folder / "part.stl"),
             json.loads((folder / "knots.json").read_text()),
             tomllib.loads((folder / "scene.toml").read_text()),
             solids_of(frame) if frame.is_file() else [],
@@ -58,14 +58,14 @@ class Held:
 
     def copy(self) -> Held:
         said = copy.deepcopy(self.knots), copy.deepcopy(self.scene)
-        return Held(self.folder, self.solid, *said, list(self.frame))
+        return Held(self.folder, list(self.bodies), *said, list(self.frame))
 
     def write(self, folder: Path) -> None:
         """Write all files into a folder, which is emptied first."""
         shutil.rmtree(folder, ignore_errors=True)
         shutil.copytree(self.folder, folder)
         for form in ("stl", "3mf"):
-            (folder / f"part.{form}").write_bytes(encode(body_of([self.solid]), form))
+            (folder / f"part.{form}").write_bytes(encode(body_of(self.bodies), form))
         if self.frame:
             (folder / "table-1.3mf").write_bytes(encode(body_of(self.frame), "3mf"))
         (folder / "knots.json").write_text(json.dumps(self.knots))
@@ -73,13 +73,21 @@ class Held:
 
     def cut(self, *tools: Manifold) -> Held:
         for tool in tools:
-            self.solid -= tool
+            cut = [body - tool if _meet(body, tool) else body for body in self.bodies]
+            self.bodies = [body for body in cut if not body.is_empty()]
         return self
 
     def add(self, *tools: Manifold) -> Held:
+        """Add matter, united with every body that it meets."""
         for tool in tools:
-            self.solid += tool
+            met = [body for body in self.bodies if _meet(body, tool)]
+            rest = [body for body in self.bodies if not _meet(body, tool)]
+            self.bodies = [Manifold.batch_boolean([tool, *met], OpType.Add), *rest]
         return self
+
+
+def _meet(one: Manifold, other: Manifold) -> bool:
+    return not (one ^ other).is_empty()
 
 
 def solids_of(path: Path) -> list[Manifold]:
@@ -191,5 +199,5 @@ def hull_of(one: Any) -> Manifold:
 
 
 def span_of(held: Held) -> tuple[Array, Array]:
-    box_ = np.array(held.solid.bounding_box())
-    return box_[:3], box_[3:]
+    boxes = np.array([body.bounding_box() for body in held.bodies])
+    return boxes[:, :3].min(axis=0), boxes[:, 3:].max(axis=0)

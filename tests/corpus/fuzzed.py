@@ -62,7 +62,7 @@ def fuzz_file(seed: int) -> Hostile:
     among = seed % 8 == 0
     files = {n: c for n, c in company().items() if n != "front.png"} if among else seeds()
     name = rng.choice(sorted(files))
-    change = _renumber if among else _change
+    alter = _renumber if among else change
     content = bytearray(files[name])
     if name.endswith("3mf") and (
         among or rng.random() < 0.7
@@ -75,10 +75,10 @@ def fuzz_file(seed: int) -> Hostile:
         assert isinstance(before, bytes)
         changed = bytearray(before)
         for _ in range(rng.randint(1, 4)):
-            change(changed, rng)
+            alter(changed, rng)
         return Hostile(name, archive({**entries, inner: bytes(changed)}), None, among)
     for _ in range(rng.randint(1, 4)):
-        change(content, rng)
+        alter(content, rng)
     return Hostile(name, bytes(content), None, among)
 
 
@@ -97,7 +97,7 @@ def _renumber(content: bytearray, rng: random.Random) -> None:
         content[:] = b"\n".join(lines)
 
 
-def _change(content: bytearray, rng: random.Random) -> None:
+def change(content: bytearray, rng: random.Random) -> None:
     """Flip, cut, insert, swap, double, or put another number for one."""
     if not content:
         return

@@ -29,13 +29,15 @@ class Hostile:
     """A file's name (its ending chooses the reader) and content, and a word of the refusal.
 
     `says` is None where any verdict or refusal will do, as long as there is one. `among`: it is one of
-    a part, its knots and its scene, and is to be given with the two others, which are good.
+    a part, its knots and its scene, and is to be given with the two others, which are good. `reader`: that
+    of `strangers.READERS` which reads it; "" stands for the validators.
     """
 
     name: str
     content: bytes
     says: str | None
     among: bool = False
+    reader: str = ""
 
 
 def _deep(levels: int) -> bytes:
