@@ -176,15 +176,15 @@ def of_arches() -> Iterator[tuple[str, Forge]]:
 
     def all_feet(held: Held) -> None:
         held.bodies = [
-            body.trim_by_plane((0.0, 0.0, 1.0), 0.8).translate((0.0, 0.0, -0.8))
+            body.trim_by_plane((0.0, 0.0, 1.0), 1.5).translate((0.0, 0.0, -1.5))
             for body in held.bodies
         ]
         for knot in held.knots["knots"]:
-            knot["points"] = (np.array(knot["points"]) - [0, 0, 0.8]).tolist()
+            knot["points"] = (np.array(knot["points"]) - [0, 0, 1.5]).tolist()
         for one in held.knots["bars"]:
             for key in ("from", "to"):
-                one[key][2] -= 0.8
-        held.knots["feet"]["cut_mm"] += 0.8
+                one[key][2] -= 1.5
+        held.knots["feet"]["cut_mm"] += 1.5
 
     def joined(held: Held) -> None:
         low, high = span_of(held)

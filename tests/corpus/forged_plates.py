@@ -155,7 +155,9 @@ def of_foot_plate() -> Iterator[tuple[str, Forge]]:
 
     def smaller(held: Held, listed: bool) -> None:
         outline, middle, thick = slab(held)
-        edge = float(np.quantile(outline[:, 1], 0.98)) - 6.0
+        points = np.concatenate([k["points"] for k in held.knots["knots"]])
+        foot = points[points[:, 2] < middle[2] + 2.0, 1].max()  # of the highest foot in the picture
+        edge = float(foot) - 1.0
         held.cut(box([middle[0], edge + 50.0, middle[2] - thick / 2], (999.0, 100.0, thick + 0.02)))
         if listed:
             outline[:, 1] = np.minimum(outline[:, 1], edge)

@@ -21,10 +21,15 @@ MARK_MM, ARROW_MM = (
 def asked_of_mount(scene: Scene) -> Asked | str:
     """Return what the scene requires of its mount, in the part's coordinates, or why that is unknown."""
     mount, back = scene.mount, None
-    if mount.on_feet:
-        return Asked(on_feet=True)
     if scene.pose is not None:
         back = np.linalg.inv(np.array(scene.pose.matrix, dtype=np.float64))
+    if mount.on_feet:
+        frame = np.empty((0, 3))
+        if mount.plate == "full" and back is not None and scene.views[0].frame_width_mm is not None:
+            seen = view_geometry(scene.views[0], 2, 2)
+            ends = [seen.middle + a * seen.du + b * seen.dv for a in (-1, 1) for b in (-1, 1)]
+            frame = np.array(ends) @ back[:3, :3].T + back[:3, 3]
+        return Asked(on_feet=True, frame=frame)
     if mount.kind == "stand":
         return Asked(mount.pegs, hulls=("base", THINNEST * mount.base_thickness_mm))
     if mount.kind == "wall" and mount.foot == "dowel":

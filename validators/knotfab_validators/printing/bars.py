@@ -9,12 +9,13 @@ import numpy as np
 
 from knotfab_formats.upright import MOST_BAR_MM2
 from knotfab_formats.verdict import Check
-from knotfab_validators.arrays import Mask
+from knotfab_validators.arrays import Array, Mask
 from knotfab_validators.check import at_most, spot
 from knotfab_validators.geometry.curves import Bar
 from knotfab_validators.geometry.mesh import Mesh, body_volumes, number_bodies
 from knotfab_validators.geometry.surface import survey
 from knotfab_validators.printing.slices import Slices, find_pieces
+from knotfab_validators.tube.solid_matter import Solid, find_hollow
 
 SIZE_MM = 0.05  # tolerance of a bar's width and height
 SAME_MM = 0.5  # largest distance between the centres of a bar and of its listing
@@ -49,8 +50,9 @@ def part_bars(mesh: Mesh) -> Parted:
 def check_bars(strands: Slices, bars: Mesh | None, listed: Sequence[Bar], reach: float) -> Check:
     """Check `bars`: the bars in the file are exactly those listed, and each joins two strands.
 
-    A bar's axis begins in one strand, leaves it, and ends in another; it meets nothing between. It may be as
-    wide as it likes on the bed, where it is a strip that is peeled off; elsewhere it is to be broken away.
+    A bar is a full box. Its axis begins in one strand, leaves it, and ends in another; it meets nothing
+    between. It may be as wide as it likes on the bed, where it is a strip that is peeled off; elsewhere it
+    is to be broken away.
 
     Args:
         strands: the sections of the part without its bars.
@@ -70,10 +72,28 @@ def check_bars(strands: Slices, bars: Mesh | None, listed: Sequence[Bar], reach:
             why = "is too thick to be broken away"
         if why:
             bad.append((middle, why))
+    bad += [(at, "has a neck, slit or hollow") for at in _find_necks(bars)]
     bad += [((listed[k].start + listed[k].end) / 2, "is listed and not there") for k in open_list]
     first = f"; the one at {spot(bad[0][0])} {bad[0][1]}" if bad else ""
     detail = f"wrong of {len(found)} in the file and {len(listed)} in knots.json{first}"
     return at_most("bars", len(bad), 0, "bars", detail, at=[place for place, _ in bad])
+
+
+def _find_necks(bars: Mesh | None) -> list[Array]:
+    """Find a place (3,) in each bar that matter does not fill between its outermost corners."""
+    if bars is None:
+        return []
+    label, count = number_bodies(bars)
+    found = []
+    for number in range(count):
+        own = Mesh(bars.vertices, bars.faces[label[bars.faces[:, 0]] == number])
+        try:
+            hollow = find_hollow(own, Solid("bar", bars.vertices[label == number]))
+        except ValueError:  # it is flat, which `_is_listed` tells
+            continue
+        if hollow is not None:
+            found.append(hollow[1])
+    return found
 
 
 def _keep(mesh: Mesh, faces: Mask) -> Mesh:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from knotfab_validators.arrays import Array, Ints, Mask
 from knotfab_validators.check import at_most, places, skip_check, spot
 from knotfab_validators.geometry.curves import Curves, Member, cut_edges, point_segment
 from knotfab_validators.geometry.mesh import Mesh, bound_triangles, connect, winding_numbers
-from knotfab_validators.tube.plate import check_plate, inside_plate
+from knotfab_validators.tube.plate import check_plate, inside_plate, list_feet
 from knotfab_validators.tube.solid_matter import Solid, clip, find_hollow
 from knotfab_validators.tube.tube_fit import LIMIT
 
@@ -32,7 +32,8 @@ class Asked:
     `pegs`: how many members there are, by knots; empty: not said. `solids`: what must be filled as the
     scene alone has it (a wall plate). `hulls`: the name of the solids that knots.json must have, such as
     "base", and how thick each must be below every foot at least. `thread`: where an eyelet carries
-    the piece (3,). `on_feet`: whether it stands in a plate by its own valleys.
+    the piece (3,). `on_feet`: whether it stands in a plate by its own valleys; `frame` (n, 3): corners over
+    which that plate must extend.
     """
 
     pegs: tuple[int, ...] = ()
@@ -40,6 +41,7 @@ class Asked:
     hulls: tuple[str, float] | None = None
     thread: Array | None = None
     on_feet: bool = False
+    frame: Array = field(default_factory=lambda: np.empty((0, 3)))
 
 
 NOTHING_ASKED = Asked()
@@ -72,7 +74,8 @@ def check_mount(mesh: Mesh, curves: Curves, asked: Asked = NOTHING_ASKED) -> Che
         detail = "knots.json names no plate, and by the scene the piece stands in one"
         return Check(NAME, "fail", True, "missing", None, "", detail)
     if curves.plate is not None:
-        return check_plate(mesh, curves.plate)
+        feet = list_feet(curves.polygons, curves.plate, radius)
+        return check_plate(mesh, curves.plate, np.concatenate([asked.frame, feet]))
     lacking = _find_lacking(curves, asked)
     if lacking is not None:
         detail = f"{lacking}: build the part anew to have its mount measured"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,11 +20,14 @@ NAME = "mount"
 PROUD_MM = 0.035  # how far a corner may stand out of the plate
 LIMIT_MM = 0.06  # how far inside the plate's surface a face may lie
 SPACING_MM = 8.0  # between places where matter is looked for
+FOOT = 0.8  # radii above a plate's face: a centre line that is lower has its foot in the plate
 SPLIT = 3  # sample points along each side of a face's part in the plate
 
 
-def check_plate(mesh: Mesh, plate: Slab) -> Check:
+def check_plate(mesh: Mesh, plate: Slab, reach: Array) -> Check:
     """Check `mount` of a piece in a plate: no face lies inside the plate, and matter is all over it.
+
+    `reach` (n, 3) are points over which it must extend: the frame's corners, and the piece's feet.
 
     The union of the plate with feet that stand in it has no inner faces. A void, a slit between a
     foot and the plate, an unlisted hole or a thinner plate has some.
@@ -31,6 +35,13 @@ def check_plate(mesh: Mesh, plate: Slab) -> Check:
     turn = _axes(plate.out)
     flat = plate.outline @ turn.T
     solid = _shape(plate, turn)
+    sheet = shapely.Polygon(flat[:, :2]).buffer(PROUD_MM)
+    beside = ~shapely.contains_xy(sheet, (reach @ turn.T)[:, 0], (reach @ turn.T)[:, 1])
+    if beside.any():
+        detail = (
+            f"the plate does not extend to the frame or under a foot, at {spot(reach[beside][0])}"
+        )
+        return Check(NAME, "fail", True, "misfit", None, "", detail, places(reach[beside]))
     local = mesh.vertices @ turn.T - (0.0, 0.0, float(flat[0, 2]))
     low, high = LIMIT_MM - plate.thickness_mm, -LIMIT_MM
     worst, at = 0.0, plate.outline[0]
@@ -66,6 +77,12 @@ def inside_plate(points: Array, plate: Slab) -> Mask:
     within = (height < PROUD_MM) & (height > -plate.thickness_mm - PROUD_MM)
     within &= shapely.contains_xy(solid, local[:, 0], local[:, 1])
     return np.asarray(within)
+
+
+def list_feet(polygons: Sequence[Array], plate: Slab, radius: float) -> Array:
+    """List the points (n, 3) of centre lines that lie so near to a plate's face that it must be there."""
+    points = np.concatenate(polygons)
+    return np.asarray(points[(points - plate.outline[0]) @ plate.out < FOOT * radius])
 
 
 def _axes(out: Array) -> Array:
