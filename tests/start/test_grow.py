@@ -15,8 +15,9 @@ from knotfab.base.errors import SceneError
 from knotfab.problem import Problem, Start
 from knotfab.start.grow import Growth, _corners, _plan, _run, grow_curves
 from knotfab.start.lattice import NUDGED, Lattice, draw_edges, lattice_in, sights_of
+from knotfab.start.lattice_knots import lattice_knot
 from knotfab.start.start import make_start
-from knotfab.start.views import edge_worth, join_pieces, label_parts, lattice_knot, seed_curves
+from knotfab.start.views import edge_worth, join_pieces, label_parts, seed_curves
 from knotfab_formats.knots import parse_knot_name
 from knotfab_formats.search import SearchSettings
 from knotfab_validators.geometry.curves import Curves
