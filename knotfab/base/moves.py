@@ -70,7 +70,7 @@ def mend(folder: Path) -> None:
 
 
 def mend_locked(folder: Path) -> None:
-    """Do the same where the caller has locked `folder`."""
+    """Do as `mend`; the caller has locked `folder`."""
     for hidden in sorted(folder.glob(f"{HIDDEN}*")):
         with contextlib.suppress(OSError):  # another's who still lives, or nobody's to change
             if not stat.S_ISDIR(hidden.lstat().st_mode):

@@ -81,7 +81,7 @@ def tangents(points: Array) -> Array:
 
 @dataclass(frozen=True)
 class Candidates:
-    """Round members that are or might be.
+    """Round members, placed or only considered.
 
     `first`, `second` (n,) are the sites of their ends (`GROUND` for a post's foot), `start`, `end`
     (n, 3) where those are, `radius` (n,) mm; `end_radius` (n,) at the end of members that taper.

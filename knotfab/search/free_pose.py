@@ -328,7 +328,7 @@ class FreeDirections:
         torque = np.cross(points, pull).sum(axis=0)
         # turning a view about the vertical, or raising it, turns the knots the other way for it
         by = -torque[1], torque @ view_axes(view)[0]
-        return np.radians(np.array(by))
+        return np.asarray(np.radians(by), dtype=np.float64)
 
     def settle(self, problem: Problem, points: Array) -> tuple[Problem, Array, ViewNumbers | None]:
         """Turn the problem's views to the directions found, rounded as in a scene file."""
