@@ -66,6 +66,7 @@ from knotfab.request import Outcome, Request
 from knotfab.scene.camera import cameras_of
 from knotfab_formats.report import Report
 from knotfab_formats.verdict import Check, Verdict, View, exit_code
+from knotfab_validators.conclusion import tell_lowered
 
 _TOLD_S = 0.5  # interval between progress messages on the slicer
 _AFTER_BENDS_S = 5.0  # from the end of fitting a wire to the end of the build
@@ -232,7 +233,11 @@ def finish_build(
         timings=timings,
         next_step=plan_next_step(report, timings),
         notes=(*report.notes, *advise_widening(report.verdict, pieces[0].scene)),
-        warnings=tuple(tell_doubts([t for piece in pieces for t in piece.targets])) or None,
+        warnings=(
+            *tell_doubts([t for piece in pieces for t in piece.targets]),
+            *tell_lowered(report.checks),
+        )
+        or None,
     )
     write_report_json(folder.file("report.json"), report)
     names = [path.name for path in folder.work.iterdir()]

@@ -71,6 +71,25 @@ def test_the_headline_hides_nothing(measured: str) -> None:
     assert words in said and " a no" not in said
 
 
+LOWERED = {  # name, status, required, limit; what is said of it
+    "a floor that asks nothing": (("shadow", "pass", True, 0.01), "no more than an IoU of 0.01"),
+    "a usual floor": (("shadow", "pass", True, 0.95), ""),
+    "no floor": (("shadow", "pass", False, None), ""),
+    "accepted and known": (("recognisable", "pass", False, None), "accepts any shadow"),
+    "accepted, unknown": (("recognisable", "fail", False, None), "this one is not recognisable"),
+    "asked for": (("recognisable", "pass", True, None), ""),
+    "without knots": (("recognisable", "skipped", False, None), ""),
+}
+
+
+@pytest.mark.parametrize("kind", LOWERED)
+def test_a_scene_that_asks_for_little_is_told(kind: str) -> None:
+    (name, status, required, limit), words = LOWERED[kind]
+    check = Check(name, status, required, 0.5, limit, "", "")  # type: ignore[arg-type]
+    said = conclude([check], None, KNOTS)
+    assert words in said and ("the scene" in said) == bool(words)
+
+
 def test_what_failed_is_named_where_it_is_asked_for() -> None:
     checks = [
         at_least("tube", 1.0, 2.0, "mm", ""),

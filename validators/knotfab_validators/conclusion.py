@@ -22,6 +22,7 @@ SMALL_MM, LARGE_MM = (
     2000.0,
 )  # a part with a longest side below or above these is asked for its unit
 WORDS = {"3_1": "trefoil", "4_1": "figure-eight knot"}  # common names of knots
+LEAST_IOU = 0.5  # that a shadow needs to be coarse (docs/verdict.md)
 NUMBERS = ("No", "One", "Two", "Three", "Four", "Five", "Six", "Seven", "Eight", "Nine")
 
 
@@ -84,12 +85,25 @@ def conclude(checks: Sequence[Check], mesh: Mesh | None, curves: Curves | None) 
         told.append(f"{_count(len(missing), 'required check')} could not run: {', '.join(missing)}")
     if not told:
         told = ["every required check passed"]
+    told += tell_lowered(checks)
     size = (
         "" if mesh is None else " " + " × ".join(f"{side:.3g}" for side in size_of(mesh)) + " mm."
     )
     if mesh is not None and ask_unit(mesh, "") is not None:
         size += " Is the file in another unit?"
     return f"{', '.join(said)}; {'; '.join(told)}.{size}"
+
+
+def tell_lowered(checks: Sequence[Check]) -> list[str]:
+    """Say what the scene asks less of the shadow than a person would, a clause each."""
+    said = []
+    for check in checks:
+        if check.name == "shadow" and isinstance(check.limit, float) and check.limit < LEAST_IOU:
+            said.append(f"the scene asks of the shadow no more than an IoU of {check.limit:g}")
+        if check.name == "recognisable" and check.status != "skipped" and not check.required:
+            known = ", and this one is not recognisable" if check.status == "fail" else ""
+            said.append(f"the scene accepts any shadow{known}")
+    return said
 
 
 def _count(number: int, what: str) -> str:
