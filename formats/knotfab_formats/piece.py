@@ -85,9 +85,10 @@ class Piece(Table):
     """Strands keep this gap between them."""
     printed: Annotated[bool, Strict()] = False
     """true: posed and checked for the printer, with its mount (--print)."""
-    supports: Literal["auto", "none", "slicer"] = option("slicer", "Print --supports")
+    supports: Literal["auto", "none", "slicer"] = option("auto", "Print --supports")
     """none: strands stand on the bed in steep arches, so that the piece prints with supports off;
-    slicer (default): they run as they look best, and the slicer supports them; auto: none where it can."""
+    slicer: they run as they look best, and the slicer supports them; auto (default): none where every
+    check passes."""
     bend: Bend | Auto | Annotated[float, Word("off", 0.0)] = option(None, "Piece --bend")
     """Bend several pictures until they agree: auto (default), off, or the most that a point may move,
     as a share of the picture's height, such as 0.05."""

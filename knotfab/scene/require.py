@@ -130,9 +130,14 @@ def why_supported(scene: ResolvedScene) -> tuple[str, str] | None:
 
 
 def stand_alone(scene: ResolvedScene, knots: int) -> ResolvedScene:
-    """Return the scene of a piece that prints without supports: loose knots stand in a plate by default."""
-    mount = scene.mount
-    if scene.hangs(knots) and not mount.on_feet:
+    """Return the scene of a piece that prints without supports: on a flat wall it stands in a plate.
+
+    Where the scene says how far the wall is, only loose knots do.
+    """
+    mount, view = scene.mount, scene.views[0]
+    near = view.kind == "shadow" and "wall_distance_mm" not in view.model_fields_set
+    plain = not view.wall_tilt_deg and mount.foot != "dowel"
+    if plain and not mount.on_feet and scene.hangs(max(knots, 2) if near else knots):
         mount = mount.but(plate="outline")
     return scene.but(piece=scene.piece.but(supports="none"), mount=mount)
 

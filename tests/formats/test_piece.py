@@ -158,8 +158,8 @@ def test_the_schema_shows_the_bounds_of_every_number() -> None:
     found = list(numbers(schema, schema, "scene"))
     assert len(found) > 100
     for at, kind in found:
-        assert {"maximum", "exclusiveMaximum"} & set(kind), at
-        assert {"minimum", "exclusiveMinimum"} & set(kind), at
+        assert {"maximum", "exclusiveMaximum", "enum"} & set(kind), at
+        assert {"minimum", "exclusiveMinimum", "enum"} & set(kind), at
 
 
 ODD = ("1e308", "-1e308", "1e-320", "nan", "inf", "9" * 400, "true", '"7"', "-1")

@@ -98,11 +98,16 @@ def test_a_piece_that_may_do_without_supports_is_designed_so_first(square: Path)
     request = prepare(square, supports="auto", print=True)
     assert request.otherwise is not None and not request.why_supported
     ways = request.scene.piece.supports, request.otherwise.piece.supports
-    assert ways == ("none", "slicer") and request.scene.mount.plate == "pegs"
-    # two loose knots stand in a plate
-    request = prepare("text:i", supports="auto", print=True)
-    assert request.otherwise is not None
-    assert (request.scene.mount.plate, request.otherwise.mount.plate) == ("outline", "pegs")
+    assert ways == ("none", "slicer")
+    for picture, more, plate in (
+        (square, {}, "outline"),
+        (square, {"wall_distance": "120"}, "pegs"),
+        (square, {"mount": "none"}, "pegs"),
+        ("text:i", {"wall_distance": "120"}, "outline"),  # two loose knots
+    ):
+        request = prepare(picture, print=True, **more)
+        assert request.otherwise is not None
+        assert (request.scene.mount.plate, request.otherwise.mount.plate) == (plate, "pegs")
     for printed, printer in ((False, "prusa-mk4"), (True, "sls"), (True, "form-3")):
         request = prepare(square, supports="auto", print=printed, printer=printer)
         assert request.otherwise is None and not request.why_supported
