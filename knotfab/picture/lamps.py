@@ -28,6 +28,7 @@ from knotfab.picture.raster import crop_image, encode_image
 from knotfab.picture.read import Target, name_picture, read_image
 from knotfab.picture.silhouette import resample_mask
 from knotfab_formats.errors import InputError, shown
+from knotfab_formats.libraries import took_part
 from knotfab_formats.scene import ResolvedScene
 
 _LIGHTNESS, _CHROMA = 0.5, 0.35  # weights relative to hue, for a strong colour
@@ -39,6 +40,7 @@ _FLAT = 0.05  # sRGB difference between neighbours below which a pixel lies in a
 _SPECK = 0.008
 # a picture is a photograph where this share of its pixels differs by the grain (sRGB) from its neighbours
 _GRAIN, _PHOTOGRAPH = 0.02, 0.35
+_FLATTENED = 0.1  # weight of total variation: grain of sigma 6 of 255 goes, and edges stay
 # a share of the longer side: areas of twice this width are slivers beside thicker ones
 _SLIVER = 0.0045
 # a loss is told where a colour is so far off in OKLab, on this share of the picture
@@ -118,18 +120,30 @@ def separate(
     what: str,
     ambient: float = 0.0,
     most: int = 0,
+    smooth_px: float = 0.0,
+    speck_px: int = 0,
 ) -> Separation:
     """Separate a picture, which errors call `what`, into masks of lamps of linear colours (n, 3).
 
+    A photograph's grain is smoothed before, so that each pixel of it is not an area of its own.
+
     Args:
         most: how many mixtures to use, those that take most of the picture; 0: all.
+        smooth_px: detail finer than this joins its surroundings, px of the picture; 0: as it needs.
+        speck_px: spots of fewer px of the picture join theirs; 0: those that no strand draws.
 
     Raises:
         InputError: the picture is grey, or a lamp is hidden nowhere.
     """
+    longer = max(image.size)
     image = _flatten(image)
+    shrunk = longer / max(image.size)
     srgb = np.asarray(image, dtype=np.float64) / 255
     lab = to_oklab(srgb)
+    plain, photograph = srgb, bool((_local_range(srgb) > _GRAIN).mean() > _PHOTOGRAPH)
+    if photograph:
+        plain = _without_grain(srgb)
+    near = lab if plain is srgb else to_oklab(plain)
     if (np.hypot(lab[..., 1], lab[..., 2]) > _GREY).mean() < _COLOURED:
         raise InputError(
             what,
@@ -138,16 +152,18 @@ def separate(
         )
     shown = mixtures_of(colours, ambient)
     palette = to_oklab(shown)
-    labels: Labels = _nearest_colour(lab, palette, np.arange(len(palette), dtype=np.int64))
-    labels = _without_seams(srgb, labels)
+    labels: Labels = _nearest_colour(near, palette, np.arange(len(palette), dtype=np.int64))
+    labels = _without_seams(plain, labels)
     if most:
         counts = np.bincount(labels.ravel(), minlength=len(palette))
         kept = np.sort(np.argsort(-counts, kind="stable")[: max(most, 2)]).astype(np.int64)
-        labels = _without_seams(srgb, _nearest_colour(lab, palette, kept))
-    if (_local_range(srgb) > _GRAIN).mean() > _PHOTOGRAPH:
-        # a share of the longer side: about half as wide as the shadow of a thin strand
-        labels = _vote_around(labels, 0.006 * max(labels.shape))
-    labels = _without_specks(labels, (_SPECK * max(labels.shape)) ** 2)
+        labels = _without_seams(plain, _nearest_colour(near, palette, kept))
+    # a share of the longer side: about half as wide as the shadow of a thin strand
+    reach = smooth_px / shrunk or (0.006 * max(labels.shape) if photograph else 0.0)
+    if reach:
+        labels = _vote_around(labels, reach)
+    least = speck_px / shrunk**2 or (_SPECK * max(labels.shape)) ** 2
+    labels = _without_specks(labels, least)
     labels = _without_slivers(labels, _SLIVER * max(labels.shape))
     masks = np.stack([(labels >> k & 1).astype(bool) for k in range(len(colours))])
     for name, mask in zip(names, masks, strict=True):
@@ -180,7 +196,17 @@ def read_masks(
     names = [view.name for view in scene.views]
     colours = np.array([view.lamp_colour for view in scene.views])
     image, _ = crop_image(read_image(source, base=base), shown(source), scene.views[0])
-    found = separate(image, names, colours, shown(source), scene.room.ambient, scene.lamps.colours)
+    reading = scene.views[0]
+    found = separate(
+        image,
+        names,
+        colours,
+        shown(source),
+        scene.room.ambient,
+        scene.lamps.colours,
+        reading.smooth_px,
+        reading.speck_px,
+    )
     plain = name_picture(source)
     targets = list[Target]()
     for name, mask in zip(names, found.masks, strict=True):
@@ -288,6 +314,15 @@ def _without_seams(srgb: Array, labels: Labels) -> Labels:
         found[rows[settled], columns[settled]] = name[settled]
         rows, columns = rows[~settled], columns[~settled]
     return found
+
+
+def _without_grain(srgb: Array) -> Array:
+    """Smooth the picture and keep its edges, by total variation (Chambolle 2004)."""
+    from skimage.restoration import denoise_tv_chambolle
+
+    smoothed = denoise_tv_chambolle(srgb, weight=_FLATTENED, channel_axis=-1)  # type: ignore[no-untyped-call]
+    took_part("scikit-image", "smoothed the photograph's grain")
+    return np.asarray(np.clip(smoothed, 0.0, 1.0))
 
 
 def _local_range(srgb: Array) -> Array:

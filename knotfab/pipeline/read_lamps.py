@@ -115,13 +115,15 @@ def read_lamps(
 
 
 def _require_colours(scene: ResolvedScene) -> None:
-    """Refuse options that read a silhouette, except a crop: lamps that mix show all colours.
+    """Refuse options that read a silhouette, except those of detail: lamps that mix show all colours.
 
     Raises:
         InputError: naming the option.
     """
     for key, usual in Reading():
-        if key != "crop_px" and any(getattr(view, key) != usual for view in scene.views):
+        if key not in ("crop_px", "smooth_px", "speck_px") and any(
+            getattr(view, key) != usual for view in scene.views
+        ):
             _, name = option_of(Reading, key) or ("", "--subject")
             why = "lamps that mix show all colours of their picture, each as it is"
             raise InputError(name, why, "Change the picture beforehand, or leave it out.")
