@@ -290,8 +290,12 @@ def sweep_tube(
 
     Raises:
         SceneError: it bends tighter than a tube of this radius can.
+        InputError: the radius is not above 0.
     """
     from knotfab.geometry.tube import sweep
+
+    if not radius > 0:
+        raise InputError(f"radius={radius:g}", "a tube has a radius above 0", "Give one, in mm.")
 
     return sweep(knot.points, radius, sides)
 

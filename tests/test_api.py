@@ -15,6 +15,7 @@ from reports import report_with
 import knotfab
 from examples.api_page import PAGE, api_page
 from knotfab.pipeline.options import BuildOptions, options_from
+from knotfab_formats.errors import InputError
 
 PUBLIC = [
     *("Design", "Event", "InputError", "Knot", "KnotfabError", "Knots", "MachineError", "Outcome", "Part"),
@@ -114,3 +115,10 @@ def test_what_a_callable_raises_ends_a_build_and_leaves_nothing(tmp_path: Path) 
         assert isinstance(raised.value, type(error()))
         assert [event.stage for event in heard][-1] == "question" and heard[0].stage == "picture"
         assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("radius", [0.0, -1.0, float("nan")])
+def test_a_tube_has_a_radius(radius: float) -> None:
+    ring = knotfab.Knot(np.array([[10.0, 0, 0], [0, 10, 0], [-10, 0, 0]]), "unknot")
+    with pytest.raises(InputError, match="above 0"):
+        knotfab.sweep_tube(ring, radius)
