@@ -87,7 +87,8 @@ def main(
         rows.append(row)
         print(
             f"{name:<10} {built.code:>4}  {row['iou']:.4f}  {row['outline']:6.3f}  "
-            f"{radius:7.2f}  {row['depth']:.3f}  {row['leg30']:.3f}  {row['leg']:.3f}  {'' if plain is None else f'{plain:.3f}':>6}  "
+            f"{radius:7.2f}  {row['depth']:.3f}  {row['leg30']:.3f}  {row['leg']:.3f}  "
+            f"{'' if plain is None else f'{plain:.3f}':>6}  "
             f"{row['bend']:.3f}  {row['turns']:5.0f}  {len(failed):>6}  "
             f"{row['seconds']:7.1f}  {row['peak']:7.0f}  {' '.join(failed)}",
             flush=True,
