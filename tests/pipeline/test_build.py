@@ -71,7 +71,7 @@ def good(tmp_path_factory: pytest.TempPathFactory) -> Good:
         patch.setattr(designing, "design_knots", design)
         call = ["build", "text:♥", "--tube-radius", str(RADIUS), "--accuracy", "draft"]
         # real slicing takes as long as all the rest: a sequence's build and tests/slicer have it
-        bare = "--print", "--mount", "none", "--skip", "slicer"
+        bare = "--print", "--mount", "none", "--supports", "slicer", "--skip", "slicer"
         done = knotfab(*call, *bare, "--out", folder)
     assert done.code == 0, done
     return Good(folder, done, designs[0])
@@ -246,7 +246,7 @@ def test_a_printed_piece_gets_the_cheapest_holder_and_the_scene_gives_it_again(
 ) -> None:
     out, again = tmp_path / "out", tmp_path / "again"
     call = ["build", "text:♥", "--accuracy", "sketch", "--print", "--skip", "slicer", "--quiet"]
-    assert knotfab(*call, "--out", out).code == 0
+    assert knotfab(*call, "--supports", "slicer", "--out", out).code == 0
     report = json.loads((out / "report.json").read_text())
     mount = tomllib.loads((out / "scene.toml").read_text())["mount"]
     assert mount["kind"] == report["print"]["mount"]["kind"] == "hang" and mount["turns"] is True

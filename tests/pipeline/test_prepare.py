@@ -99,13 +99,13 @@ def test_a_piece_that_may_do_without_supports_is_designed_so_first(square: Path)
     assert request.otherwise is not None and not request.why_supported
     ways = request.scene.piece.supports, request.otherwise.piece.supports
     assert ways == ("none", "slicer")
-    for picture, more, plate in (
+    for drawn, more, plate in (
         (square, {}, "outline"),
         (square, {"wall_distance": "120"}, "pegs"),
         (square, {"mount": "none"}, "pegs"),
         ("text:i", {"wall_distance": "120"}, "outline"),  # two loose knots
     ):
-        request = prepare(picture, print=True, **more)
+        request = prepare(drawn, print=True, **more)
         assert request.otherwise is not None
         assert (request.scene.mount.plate, request.otherwise.mount.plate) == (plate, "pegs")
     for printed, printer in ((False, "prusa-mk4"), (True, "sls"), (True, "form-3")):
