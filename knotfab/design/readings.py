@@ -37,7 +37,7 @@ from knotfab_formats.errors import InputError, shown
 from knotfab_formats.scene import ResolvedScene
 from knotfab_formats.views import View
 
-_SIDE = 480  # px of the longer side at which readings are tried
+_SIDE = 800  # px of the longer side at which readings are tried
 MOST = 6  # number of readings to show
 _ALIKE = 0.93  # IoU from which two silhouettes count as one choice
 # the score of a cut-out without features, as a share of its whole score, and what each adds to it
