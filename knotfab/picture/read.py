@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import hashlib
 import re
 import unicodedata
@@ -305,7 +306,8 @@ def read_targets(
             f"{len(sources)} pictures are given for {len(views)} views",
             "Give one picture for each [[views]] of the scene, in their order",
         )
-    from scipy import ndimage  # noqa: F401 (in the copy that reads it would be loaded, and lost)
+    if any(os.path.isfile(os.path.join(base or "", source)) for source in sources):
+        from scipy import ndimage  # noqa: F401 (the copy that reads would load it, and lose it)
 
     return run_limited(
         lambda: tuple(
