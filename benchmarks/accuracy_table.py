@@ -18,6 +18,7 @@ from benchmarks.measurement import (
     build_warm,
     failed_checks,
     make_folder,
+    mean_bend,
     run_study,
     save_pictures,
 )
@@ -63,7 +64,6 @@ def main(
         radius = 100 * report["settings"]["tube_radius_mm"] / (180.0 * view["width"] / frame)
         failed = failed_checks(report)
         knots = report["knots"]
-        length = sum(k["length_mm"] for k in knots)
         plain = None
         if flat:
             other = build(path, f"{name}-flat", depth="flat").report
@@ -75,7 +75,7 @@ def main(
             "depth": report["print"]["depth_ratio"],
             "leg30": view["legibility"]["30"],
             "leg": view["legibility"]["45"],
-            "bend": sum(k["mean_curvature_radii"] * k["length_mm"] for k in knots) / length,
+            "bend": mean_bend(report),
             "turns": sum(k["turns"] for k in knots),
             "failed": len(failed),
             "seconds": built.wall_s,

@@ -223,6 +223,13 @@ def failed_checks(report: Mapping[str, Any]) -> list[str]:
     return [check["name"] for check in report["checks"] if check["status"] == "fail"]
 
 
+def mean_bend(report: Mapping[str, Any]) -> float:
+    """Return the mean of curvature × radius over the length of all knots."""
+    knots = report["knots"]
+    length = sum(k["length_mm"] for k in knots)
+    return float(sum(k["mean_curvature_radii"] * k["length_mm"] for k in knots) / length)
+
+
 def paint_comparison(seen: NDArray[np.bool_], wanted: NDArray[np.bool_]) -> NDArray[np.uint8]:
     """Return (H, W, 3) a shadow over its target: black where both are, red too much, blue missing."""
     picture = np.full((*wanted.shape, 3), 255, dtype=np.uint8)

@@ -13,7 +13,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from benchmarks.measurement import build_once, failed_checks, make_folder, run_study, save_pictures
+from benchmarks.measurement import (
+    build_once,
+    failed_checks,
+    make_folder,
+    mean_bend,
+    run_study,
+    save_pictures,
+)
 from examples.pictures import pictures
 
 WAYS = ("none", "slicer")
@@ -25,14 +32,13 @@ def row_of(built: Mapping[str, Any]) -> dict[str, float] | None:
     report = built["report"]
     if report is None or "filament_g" not in report["print"]:
         return None
-    view, knots, printed = report["views"][0], report["knots"], report["print"]
-    length = sum(k["length_mm"] for k in knots)
+    view, printed = report["views"][0], report["print"]
     return {
         "grams": printed["filament_g"],
         "supports": printed["support_g"],
         "hours": printed["time_s"] / 3600,
         "iou": view["iou"],
-        "bend": sum(k["mean_curvature_radii"] * k["length_mm"] for k in knots) / length,
+        "bend": mean_bend(report),
         "z": view["recognition"]["45"]["z"],
         "cpu": built["cpu_s"],
         "passed": float(built["code"] == 0),

@@ -33,7 +33,7 @@ from knotfab.picture.bending import (
     write_points,
 )
 from knotfab.picture.read import Target
-from knotfab.scene.camera import NEAREST_DEG, cameras_of, least_apart, walls_of
+from knotfab.scene.camera import cameras_of, find_aligned, walls_of
 from knotfab_formats.errors import InputError
 from knotfab_formats.scene import ResolvedScene
 from knotfab_formats.views import View
@@ -200,15 +200,14 @@ def require_apart(views: Sequence[View]) -> None:
     Raises:
         InputError: two lines of sight are closer than `NEAREST_DEG`.
     """
-    for n, one in enumerate(views):
-        for other in views[:n]:
-            if least_apart([one, other]) < NEAREST_DEG:
-                raise InputError(
-                    f"views {other.name} and {one.name}",
-                    f"they look along one line ({other.azimuth_deg:g}° and {one.azimuth_deg:g}°), where a "
-                    "part has one silhouette and its mirror image, and their pictures differ",
-                    "Give them azimuths (azimuth_deg) that are not equal or opposite",
-                )
+    if (pair := find_aligned(views)) is not None:
+        other, one = (views[n] for n in pair)
+        raise InputError(
+            f"views {other.name} and {one.name}",
+            f"they look along one line ({other.azimuth_deg:g}° and {one.azimuth_deg:g}°), where a "
+            "part has one silhouette and its mirror image, and their pictures differ",
+            "Give them azimuths (azimuth_deg) that are not equal or opposite",
+        )
 
 
 def _bent(scene: ResolvedScene, targets: Sequence[Target]) -> tuple[Target, ...]:

@@ -18,7 +18,7 @@ from knotfab.picture.opening import is_thin, thicken
 from knotfab.picture.raster import check_shape
 from knotfab.picture.read import Target, name_picture
 from knotfab.picture.silhouette import count_dust, drop_specks
-from knotfab.scene.camera import NEAREST_DEG, least_apart
+from knotfab.scene.camera import find_aligned
 from knotfab_formats.bounds import why_out_of_bounds
 from knotfab_formats.errors import InputError
 from knotfab_formats.scene import ResolvedScene, ResolvedView
@@ -93,15 +93,13 @@ def direct_views(scene: ResolvedScene, directions: str) -> ResolvedScene:
                 f"Write {', '.join(_DIRECTIONS)}, or AZIMUTH:ELEVATION in degrees, from -90 to 90 above the "
                 "horizontal, such as 30:45",
             ) from None
-    for n, word in enumerate(words):
-        for view, other in zip(views[:n], words[:n], strict=False):
-            if least_apart([view, views[n]]) < NEAREST_DEG:
-                raise InputError(
-                    option,
-                    f"{other} and {word} look along one line, where a part has one silhouette and its mirror "
-                    "image",
-                    "Give directions that are neither equal nor opposite",
-                )
+    if (pair := find_aligned(views)) is not None:
+        other, word = (words[n] for n in pair)
+        raise InputError(
+            option,
+            f"{other} and {word} look along one line, where a part has one silhouette and its mirror image",
+            "Give directions that are neither equal nor opposite",
+        )
     return scene.but(views=tuple(views))
 
 

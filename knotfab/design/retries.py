@@ -310,9 +310,9 @@ def start_with_more_legs(problem: Problem, result: SearchResult, start: Start) -
         leg = min(legs, key=lambda one: float(np.linalg.norm(one.points - place, axis=1).min()))
         then, now = found[leg.curve], curves[leg.curve]
         peak = int(np.linalg.norm(then - leg.points[-1], axis=1).argmin())
-        share = arc_lengths(then)[peak] / arc_lengths(then)[-1]
-        arc = arc_lengths(now)[:-1] / arc_lengths(now)[-1]
-        halved = _halve_arch(now[:, 2] - floor, int(np.abs(arc - share).argmin()), radius)
+        before, after = arc_lengths(then), arc_lengths(now)
+        at = int(np.abs(after[:-1] / after[-1] - before[peak] / before[-1]).argmin())
+        halved = _halve_arch(now[:, 2] - floor, at, radius)
         if (
             halved is not None and (leg.curve, peak) not in split
         ):  # both legs of an arch may lack one

@@ -42,11 +42,8 @@ class SmallParts:
     @property
     def slower(self) -> float:
         """How many times as long the search takes that keeps them."""
-        return (
-            1.0
-            if self.keeping_mm is None
-            else (self.usual_mm / self.keeping_mm) ** _SLOWER[self.several]
-        )
+        kept = self.keeping_mm or self.usual_mm
+        return float((self.usual_mm / kept) ** _SLOWER[self.several])
 
     @property
     def taken(self) -> bool:

@@ -104,11 +104,9 @@ class Survey:
     guess: Guess
     frames: int = 0  # length of a sequence, whose hardest frame is in `views`
     refusal: SceneError | None = None
-    small: SmallParts | None = (
-        None  # small parts that the usual tube loses; None where it loses none
-    )
+    small: SmallParts | None = None  # None where the usual tube loses no small part
     otherwise: Guess | None = (
-        None  # of the print with the radius that `small` has and a build does not take
+        None  # for the tube, of the two that `small` weighs, that is not taken
     )
     chosen: bool = True  # whether the radius is known; a search by the clock chooses its own
     bounds: tuple[HullBound, ...] = ()  # the visual hull's, for several pictures
@@ -154,14 +152,9 @@ def survey(
             templates.get(radius_mm),
         )
 
-    other = (
-        None
-        if small is None
-        else small.keeping_mm
-        if radius != small.keeping_mm
-        else small.usual_mm
-    )
-    otherwise = None if other is None else guess(other)
+    otherwise = None
+    if small is not None and small.keeping_mm is not None:
+        otherwise = guess(small.usual_mm if radius == small.keeping_mm else small.keeping_mm)
     known = choose or scene.piece.tube_radius_mm is not None
     return Survey(views, radius, guess(radius), frames, refusal, small, otherwise, known)
 

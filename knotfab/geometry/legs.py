@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from knotfab.base.arrays import Array, Indices, Mask
+from knotfab.base.arrays import Array, Indices
 from knotfab.geometry.polylines import sample_evenly
 from knotfab.geometry.tube import Mesh
 from knotfab_formats.upright import longest_free_leg_mm
@@ -24,9 +24,8 @@ _WAITS_MM = 1.0  # a longer bar waits until its leg has stood free for 95 % of w
 _LEAST_MM = 0.3  # what is nearer is joined as it prints, or by no bar that could be broken
 _SOON = 0.6  # share of the longest free leg
 _TRIED = 8  # points at the same height
-_ASLANT = (
-    0.75  # cosine of the least angle between a bar and its strand: its end meets no surface sooner
-)
+# cosine of the least angle between a bar and its strand: its end meets no surface sooner
+_ASLANT = 0.75
 _FINE_MM, _EVERY = 0.05, 10  # points along a bar, and each that is looked at for the shadow
 _BACK = 3  # points, from one place to the next
 _OWN_RADII = 5.0  # so near along its leg, a point is part of the strand that a bar ends in
@@ -162,12 +161,13 @@ def plan_bars(
             found = Bar(start, end, float(np.linalg.norm(end - start)))
             if not _LEAST_MM <= found.gap_mm <= longest or not hidden(line[::_EVERY]):
                 continue
+            reach = 0.5 * found.gap_mm + radius
+            beside = np.array(level.query_ball_point(0.5 * (start + end), reach), dtype=np.int64)
             # a strand that leans towards the other is near the bar, and in nobody's way
-            ends = n, near[k]
-            theirs = [
-                (own == own[e]) & (np.abs(along - along[e]) < _OWN_RADII * radius) for e in ends
-            ]
-            if _is_clear(found, level, points, theirs[0] | theirs[1], radius):
+            for e in (n, near[k]):
+                theirs = np.abs(along[beside] - along[e]) < _OWN_RADII * radius
+                beside = beside[(own[beside] != own[e]) | ~theirs]
+            if _is_clear(found, points[beside], radius):
                 return found, int(near[k])
         return None
 
@@ -198,13 +198,9 @@ def plan_bars(
     return bars, np.array(lacking).reshape(-1, 3)
 
 
-def _is_clear(bar: Bar, level: cKDTree, points: Array, ends: Mask, radius: float) -> bool:
-    """Tell whether no strand lies between a bar's ends, but for the points near its `ends` (n,)."""
-    way = bar.end - bar.start
-    length = float(np.linalg.norm(way))
-    middle = 0.5 * (bar.start + bar.end)
-    reached = np.array(level.query_ball_point(middle, 0.5 * length + radius), dtype=np.int64)
-    near = points[reached[~ends[reached]]]
+def _is_clear(bar: Bar, near: Array, radius: float) -> bool:
+    """Tell whether none of the other strands' points (n, 3) near a bar lies between its ends."""
+    way, length = bar.end - bar.start, bar.gap_mm
     along = (near - bar.start) @ way / length
     aside = np.linalg.norm(near - bar.start - along[:, None] * way / length, axis=1)
     between = (along > -0.5 * radius) & (along < length + 0.5 * radius)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,10 +20,6 @@ from knotfab.part.cut import CLEARANCE_MM, Line, cut_body, find_cuts
 from knotfab.part.pose import PrintPose, choose_pose
 from knotfab.scene.camera import Camera
 from knotfab_formats.print_figures import PlateFile, PlatesFigures, PoseFigures
-
-if TYPE_CHECKING:
-    pass
-
 
 APART_MM = 5.0  # between pieces on one plate
 

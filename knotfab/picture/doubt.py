@@ -47,12 +47,10 @@ _MARGIN = 8  # px about what is drawn on a sheet
 _SQUARE = 0.88  # share of its smallest rectangle that a sheet with round corners covers
 _CONVEX = 0.95  # share of its hull that a sheet covers
 _DIFFERS = 150  # levels, summed over the channels, by which a drawing differs from its paper
-_LIGHTER = (
-    300  # levels, summed over the channels, by which paper is lighter than what is drawn on it
-)
-_LINES = (
-    0.6  # drawn share assumed for lines, of which a usual tube draws nothing and a thin one all
-)
+# levels, summed over the channels, by which paper is lighter than what is drawn on it
+_LIGHTER = 300
+# drawn share assumed for lines, of which a usual tube draws nothing and a thin one all
+_LINES = 0.6
 _USUAL_SHARE = 0.014  # usual tube radius over the frame's longer side
 _LEAST_INK, _MOST_INK = 0.04, 0.7  # ink of a likely reading, as a share of the frame
 

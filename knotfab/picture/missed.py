@@ -17,14 +17,12 @@ from shapely import MultiPolygon, Polygon
 from knotfab.picture.opening import longer_side
 
 _SMALL = 0.1  # largest share of the silhouette's area; what is larger a good IoU of the whole keeps
-_ALIKE = (
-    0.7  # least IoU of a piece or hole with what is drawn of it, or it is lost or another shape
-)
+# least IoU of a piece or hole with what is drawn of it, or it is lost or another shape
+_ALIKE = 0.7
 _NEAR = 2.0  # radii about a piece or hole within which what is drawn too much changes its shape
 _ROW = 3  # least number of pieces of a row
-_LIKE_HEIGHTS = (
-    1.7  # largest ratio of heights within a row of letters; capitals and small ones differ so
-)
+# largest ratio of heights within a row of letters; capitals and small ones differ so
+_LIKE_HEIGHTS = 1.7
 _APART = 1.2  # largest distance of a row's neighbours, over their height
 
 

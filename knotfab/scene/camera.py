@@ -161,6 +161,15 @@ def least_apart(views: Sequence[View]) -> float:
     return float(np.rad2deg(np.arccos(np.clip(cosine.max(), 0.0, 1.0))))
 
 
+def find_aligned(views: Sequence[View]) -> tuple[int, int] | None:
+    """Find the first two views along one line, where a part has one silhouette and its mirror image."""
+    for n, one in enumerate(views):
+        for m, other in enumerate(views[:n]):
+            if least_apart([one, other]) < NEAREST_DEG:
+                return m, n
+    return None
+
+
 # A wall that is a cylinder, and the flat wall that touches it.
 
 _SLANTED_DEG = 80.0  # light at a steeper angle from the normal hardly brightens a wall

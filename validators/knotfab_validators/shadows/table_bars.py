@@ -68,7 +68,9 @@ def _find_fault(mesh: Mesh, bar: FrameBar) -> tuple[str, float | str, Array] | N
     ends = [(np.zeros(2), np.array([1.0, 0.0]))] if bar.socket else []
     ends += [(np.array([x, side * half]), np.array([0.0, -side])) for x, side in bar.sockets]
     sockets = [_prism(_tail(*end, PLAY_MM), 0.0, thick) for end in ends]
-    drilled = [_prism(_round(x, y, wide / 2), 0.0, thick + boss) for x, y, wide, boss in bar.holes]
+    drilled = [
+        _prism(round_outline((x, y), wide / 2), 0.0, thick + boss) for x, y, wide, boss in bar.holes
+    ]
     holes = tuple(hull_of(corners) for corners in drilled)
     openings = (*holes, *(hull_of(corners) for corners in sockets))
     solids = [Solid("its body", _box(0, bar.length_mm, -half, half, 0, thick), openings)]
@@ -80,7 +82,7 @@ def _find_fault(mesh: Mesh, bar: FrameBar) -> tuple[str, float | str, Array] | N
         solids.append(Solid("a ridge", _box(x0, x1, y0, y1, thick, thick + high), holes))
     for x, y, wide, boss in bar.holes:
         if boss > 0:
-            around = _prism(_round(x, y, wide / 2 + WALL_MM), thick, thick + boss)
+            around = _prism(round_outline((x, y), wide / 2 + WALL_MM), thick, thick + boss)
             solids.append(Solid("the wall around a hole", around, holes))
     for solid in solids:
         hollow = find_hollow(mesh, solid)
@@ -92,10 +94,6 @@ def _find_fault(mesh: Mesh, bar: FrameBar) -> tuple[str, float | str, Array] | N
         if open_ is None or not np.isinf(open_[0]):
             return f"there is matter in {name}", "plugged", corners.mean(axis=0)
     return None
-
-
-def _round(x: float, y: float, radius: float) -> Array:
-    return round_outline((x, y), radius)
 
 
 def _box(*sides: float) -> Array:
