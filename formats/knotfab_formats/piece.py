@@ -230,11 +230,12 @@ class Sequence(Table):
 
 
 class Mount(Table):
-    """The mount; a build writes `pegs`, how many hold each knot, and `thread_mm`, in the scene."""
+    """The mount; a build writes `pegs`, how many hold each knot, and `thread_mm` and `second_thread_mm`,
+    in the scene."""
 
     kind: Literal["auto", "wall", "stand", "hang", "none"] = option("auto", "Print --mount")
     """What holds the piece: wall (pegs in the tube's own shadow, on a plate whose face is the wall, or
-    in drilled holes), stand (a base below all pictures), hang (an eyelet for a thread), none, or auto
+    in drilled holes), stand (a base below all pictures), hang (eyelets for threads), none, or auto
     (default: of those that pass every check the one of fewest hours and grams, if the piece is printed).
     Wall, stand and hang imply --print."""
     foot: Literal["auto", "plate", "dowel"] = "auto"
@@ -261,6 +262,8 @@ class Mount(Table):
     """Written by a build: how many pegs (posts and struts) hold each knot."""
     thread_mm: Vector | Annotated[None, Word("none")] = None
     """Written by a build: where the thread carries a piece that hangs, in the scene."""
+    second_thread_mm: Vector | Annotated[None, Word("none")] = None
+    """Likewise, where a second one carries it, which keeps it from turning."""
     turns: Annotated[bool, Strict()] | None = None
     """Written by a build that chose the mount: whether its search took the piece to be free to turn."""
 

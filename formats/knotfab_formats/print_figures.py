@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from math import hypot
 from typing import Any
 
 from knotfab_formats.verdict import Status
@@ -17,7 +18,7 @@ Extent = tuple[float, float, float]
 
 @dataclass(frozen=True, kw_only=True)
 class MountFigures:
-    """The holder of the piece: a wall mount, a stand, an eyelet, or nothing."""
+    """The holder of the piece: a wall mount, a stand, eyelets, or nothing."""
 
     kind: str
     foot: str | None = None
@@ -38,12 +39,20 @@ class MountFigures:
     margin_mm: float | None = None
     tip_deg: float | None = None
     thread_mm: Extent | None = None
+    second_thread_mm: Extent | None = None
     hole_mm: float | None = None
     tilt_deg: float | None = None
     max_tilt_deg: float | None = None
     predicted_intrusion: float | None = None
     sag_mm: float | None = None
     max_sag_mm: float | None = None
+
+    @property
+    def threads_apart_mm(self) -> float | None:
+        """How far apart two threads are, as seen from above; None where there are no two."""
+        if self.thread_mm is None or self.second_thread_mm is None:
+            return None
+        return hypot(*(self.thread_mm[k] - self.second_thread_mm[k] for k in (0, 2)))
 
 
 @dataclass(frozen=True, kw_only=True)

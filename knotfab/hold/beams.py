@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from knotfab.base.arrays import Array, Indices
+from knotfab.base.arrays import Array, Indices, Mask
 from knotfab.effects.shifts import allow_sag_mm
 from knotfab.hold.space_frame import (
     Beams,
@@ -22,6 +22,7 @@ from knotfab_formats.scene import SettledScene
 
 JOINT_RADII = 2.0  # distance of the joints along a tube, in tube radii
 PIECES = 4  # pieces of a tapering member, each taken as round
+_MEET_MM = 1e-3  # ends of members that are no farther apart meet
 DOWN = np.array([0.0, -1.0, 0.0])
 
 
@@ -98,6 +99,7 @@ def sag_moves(
     members: Candidates,
     stiffness: Stiffness,
     step_radii: float = JOINT_RADII,
+    pinned: bool = False,
 ) -> Array:
     """Compute how far each vertex moves on the members, mm (N, 3), by a frame of its own.
 
@@ -106,7 +108,8 @@ def sag_moves(
     between joints by the vertices' numbers.
 
     Args:
-        sites: that the members join.
+        sites: that the members join. pinned: whether those that end at the ground meet there at two
+            points, which threads hold (`hold_by_threads`); else nothing moves or turns there.
     """
     met = np.concatenate([members.first, members.second])
     met = met[met != GROUND]
@@ -118,7 +121,10 @@ def sag_moves(
     there = np.append(place, GROUND)  # the last of them stands for the ground
     moved = replace(members, first=there[members.first], second=there[members.second])
     beams, fixed = piece_beams(knots.radius_mm, fine, moved, PIECES)
-    frame = assemble_frame(beams, fixed, stiffness.young_mpa, stiffness.density_g_cm3, DOWN)
+    held = None
+    if pinned:
+        beams, held = hold_by_threads(beams, fixed)
+    frame = assemble_frame(beams, fixed, stiffness.young_mpa, stiffness.density_g_cm3, DOWN, held)
     moves = frame.displacements()[: len(fine.knot), :3]
     found = []
     for k, knot in enumerate(knots.knots):
@@ -126,6 +132,30 @@ def sag_moves(
         each = (np.interp(range(count), fine.vertex[own], m, period=count) for m in moves[own].T)
         found.append(np.column_stack(list(each)))
     return np.concatenate(found)
+
+
+def hold_by_threads(beams: Beams, feet: Indices) -> tuple[Beams, Mask]:
+    """Join the feet that meet at two points, and hold those as far as it takes to hold the piece.
+
+    Threads pull up alone. Six unknowns held, as many as a rigid body has, take no other force: a
+    piece whose centre of mass is between and below the threads is in balance. Returned is which unknowns
+    are held, (6 n,).
+    """
+    first = beams.joints[feet[0]]
+    second = np.linalg.norm(beams.joints[feet] - first, axis=1) > _MEET_MM
+    ends = beams.ends.copy()
+    two = feet[0], feet[int(second.argmax())]
+    for foot, there in zip(feet, second, strict=True):
+        ends[ends == foot] = two[int(there)]
+    held = np.zeros((len(beams.joints), 6), dtype=bool)
+    held[feet] = True  # of those that were joined to another nothing is left
+    along = beams.joints[two[1]] - beams.joints[two[0]]
+    x, z = (0, 2) if abs(along[0]) >= abs(along[2]) else (2, 0)
+    # the first does not move, nor turn about the line of both; the second does not move across it
+    held[two[0]], held[two[1]] = False, False
+    held[two[0], [0, 1, 2, 3 + x]] = True
+    held[two[1], [1, z]] = True
+    return replace(beams, ends=ends), held.ravel()
 
 
 def worst_of(moves: Array, points: Array) -> tuple[float, Array]:

@@ -1,8 +1,9 @@
-"""A hanger: an eyelet above the centre of mass, so that the piece hangs level on one thread.
+"""A hanger: eyelets by which threads carry the piece, so that it hangs level.
 
 Matter in the visual hull of all pictures, or above every frame, changes no picture (Mitra & Pauly
-2009): the eyelet stands where it darkens least. A thread lets the piece turn, so that one of
-several views shows its pictures in turn under a single lamp.
+2009): an eyelet stands where it darkens least. One view hangs by two eyelets, as far to one side of
+its centre of mass as to the other: two threads keep it from turning. Several views have one straight
+above it, on whose thread the piece turns and shows its pictures one after the other.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -17,6 +19,18 @@ from knotfab.base.arrays import Array, Indices, Mask
 from knotfab.base.errors import SceneError
 from knotfab.geometry.tube import Mesh
 from knotfab.hold.beams import HeldFrame, Stiffness, piece_frame, sag_moves, springs_of, worst_of
+from knotfab.hold.eyelet import (
+    UP,
+    Eyelet,
+    centre_eyelet,
+    choose_post,
+    draw_thread,
+    has_room,
+    keep_free,
+    list_posts,
+    no_place,
+    ring_bars,
+)
 from knotfab.hold.planner import plan_members
 from knotfab.hold.plinth import Masses
 from knotfab.hold.shade import MountShadows, near_struts
@@ -25,7 +39,6 @@ from knotfab.hold.stand import (
     BRIDGES,
     FINE_RADII,
     LENGTH_WEIGHT,
-    MOST_COSINE,
     VISIBLE_SHARES,
     join_knots,
     least_shown,
@@ -47,59 +60,29 @@ from knotfab_fixtures.holders import eyelet
 
 MOST_TILT_DEG = 1.0  # the piece may hang askew by this
 HOLE_MM = 3.0  # across the eyelet's hole
-THREAD_MM = 1.0  # across the thread's way, with some room
-UP = np.array([0.0, 1.0, 0.0])
-_HEIGHTS = 24  # heights of the eyelet that are tried
-_ABOVE = 0.15  # a share of the piece's height: the least from its centre of mass to the eyelet
-_TRIED = 400  # posts, from the one that shows least on
-MOST_POSTS = 4  # posts from strands to the eyelet
+SPANS = (0.7, 0.55, 0.4, 0.3)  # shares of the piece's width between two threads that are tried
+LEAST_SPAN_MM = 15.0  # threads that are nearer to each other hardly keep a piece from turning
+MOST_POSTS = 4  # posts from strands to an eyelet
 # between the ends of further posts that are weighed, and how many are
 _SPREAD_RADII, _WEIGHED = 6.0, 12
 _PLANS = (
     4  # each about the centre of mass of the one before, with a post more where that sags too much
 )
-_ROUNDS = 4  # rounds of moving the eyelet above the centre of mass, to which post and eyelet add
-
-
-@dataclass(frozen=True)
-class Eyelet:
-    """A ring of round wire, mm: its middle (3,), and the unit vector (3,) through its hole."""
-
-    middle: Array
-    through: Array
-    ring_mm: float  # radius of the wire's centre line
-    wire_mm: float  # radius of the wire
-
-    @property
-    def thread(self) -> Array:
-        """Where the thread carries the piece: the top of the hole, (3,)."""
-        return np.asarray(self.middle + (self.ring_mm - self.wire_mm) * UP)
-
-    def outline(self, sides: int) -> Array:
-        """Sample the wire's centre line, (sides, 3)."""
-        turn, angle = motion_along(self.through, self.middle), 2 * np.pi * np.arange(sides) / sides
-        across = np.outer(np.cos(angle), turn[:, 0]) + np.outer(np.sin(angle), turn[:, 1])
-        return np.asarray(self.middle + self.ring_mm * across)
-
-    @property
-    def masses(self) -> Masses:
-        """The ring's volume and centre of mass."""
-        volume = 2 * np.pi**2 * self.ring_mm * self.wire_mm**2
-        return Masses(np.array([volume]), self.middle[None])
+_ROUNDS = 4  # rounds of moving the eyelets by the centre of mass, to which posts and eyelets add
 
 
 @dataclass(frozen=True)
 class HangMount:
     """A hanger, in the scene.
 
-    `members` are struts and posts, which lead to the eyelet (their `second` is `GROUND`); `holds`
+    `members` are struts and posts, which lead to the eyelets (their `second` is `GROUND`); `holds`
     (n,) names the knot that each was added for. `tilt_deg` is how far askew the piece hangs. Other
     fields are as in `StandMount`.
     """
 
     members: Candidates
     holds: Indices
-    eyelet: Eyelet
+    eyelets: tuple[Eyelet, ...]
     tilt_deg: float
     sag_at: Array
     sag_again_mm: float
@@ -109,6 +92,11 @@ class HangMount:
     @property
     def struts(self) -> Candidates:
         return self.members.of(self.members.second != GROUND)
+
+    @property
+    def threads(self) -> Array:
+        """Where threads carry the piece, (1 or 2, 3)."""
+        return np.array([ring.thread for ring in self.eyelets])
 
 
 def plan_hang(
@@ -120,11 +108,10 @@ def plan_hang(
     least_radius_mm: float,
     ends: bool = False,
 ) -> HangMount:
-    """Choose struts, posts and an eyelet for knots in scene coordinates (gravity: -y).
+    """Choose struts, posts and eyelets for knots in scene coordinates (gravity: -y).
 
-    The knots are joined to one piece. The eyelet goes above its centre of mass, where post and ring
-    show least; struts are added until nothing sags (`plan_members`); then the eyelet is moved above
-    the new centre of mass. If it meets something there, or the piece still sags, this is repeated.
+    The knots are joined to one piece. Two eyelets are tried for a single view, the pair that shows
+    least first, and one where no two hold it.
 
     Args:
         cameras, targets: each view's camera, and its picture's silhouette (H, W) over the whole
@@ -147,67 +134,248 @@ def plan_hang(
     visible = np.arange(len(pool)) >= unseen.sum()
     longest = int(np.argmax(sites.perimeter))
     joints, holds = join_knots(len(knots.knots), sites, pool, obstacles, shadows, root=longest)
-    wire = max(thin, least_radius_mm)
-    blank = Eyelet(np.zeros(3), cameras[0].level_axes[0], 0.5 * HOLE_MM + wire, wire)
-    middle, number = _centre_of_mass(masses_of(knots, joints)), len(joints)
-    best: HangMount | None = None
-    fewest, firm = 1, stiffness
-    for _ in range(_PLANS):
-        way, dark = copy(obstacles), shadows.twin()
-        post, ring = _choose_post(knots, sites, middle, blank, thin, way, dark)
-        posts = _add_posts(knots, sites, joints, post, ring, firm, way, dark, fewest)
-        way.add(join_members([posts, _bound_ring(ring)]))
-        dark.add(join_members([posts, _ring_bars(ring)]))
-        given = join_members([joints, posts])
-        members = plan_members(knots, sites, way, dark, pool, visible, given, firm).members
-        own = np.arange(len(members))
-        is_post = (own >= number) & (own < number + len(posts))
-        for _ in range(_ROUNDS):
-            middle = _centre_of_mass(masses_of(knots, members), ring.masses)
-            posts, ring = _centre_eyelet(members.of(is_post), ring, middle)
-            parts = members.of(own < number), posts, members.of(own >= number + len(posts))
-            members = join_members(list(parts))
-        apart = Obstacles(knots, sites, clearance_mm)
-        apart.add(members.of(~is_post))
-        if not apart.clear(members.of(is_post)).all() or not _has_room(apart, ring)[0]:
-            continue  # planned anew, about what has now come out as the centre of mass
-        off = ring.thread - _centre_of_mass(masses_of(knots, members), ring.masses)
-        tilt = float(np.degrees(np.arctan2(np.hypot(off[0], off[2]), off[1])))
-        moves = sag_moves(knots, sites, members, stiffness, step_radii=FINE_RADII)
-        moves = _let_swing(knots.points, moves, ring.thread)
-        sag, at = worst_of(moves, knots.points)
-        held = np.concatenate([holds, sites.knot[members.first[number:]]])
-        if best is None or sag < best.sag_again_mm:
-            dark_share = shadows.darken(join_members([members, _ring_bars(ring)]))
-            best = HangMount(members, held, ring, tilt, at, sag, dark_share, moves)
-        if sag <= stiffness.max_sag_mm:
-            break
-        # on its thread, by a finer frame, it sags more than the plan that is clamped says
-        fewest = min(len(posts) + 1, MOST_POSTS)
-        firm = replace(firm, max_sag_mm=firm.max_sag_mm * stiffness.max_sag_mm / sag)
-    if best is None:
-        raise _no_place()
-    return best
+    wire, across = max(thin, least_radius_mm), cameras[0].level_axes[0]
+    blank = Eyelet(np.zeros(3), across, 0.5 * HOLE_MM + wire, wire)
+    work = _Hanger(
+        knots, sites, joints, holds, obstacles, shadows, pool, visible, stiffness, thin, blank
+    )
+    found = []
+    for offsets in work.list_pairs(across) if len(cameras) == 1 else []:
+        try:
+            found.append(work.plan(offsets))
+        except SceneError:
+            continue
+        if found[-1].sag_again_mm <= stiffness.max_sag_mm:
+            return found[-1]
+    try:
+        single = work.plan(np.zeros((1, 3)))
+        if single.sag_again_mm <= stiffness.max_sag_mm or not found:
+            return single
+    except SceneError:
+        if not found:
+            raise
+    return min(found, key=lambda one: one.sag_again_mm)
 
 
-def _let_swing(points: Array, moves: Array, thread: Array) -> Array:
-    """Turn the moves (N, 3) of a piece clamped at its thread into those of one free to swing there.
+@dataclass(frozen=True)
+class _Hanger:
+    """What all ways to hang a piece start from: its knots joined to one, and what may stiffen it."""
+
+    knots: Knots
+    sites: Sites
+    joints: Candidates
+    holds: Indices
+    obstacles: Obstacles
+    shadows: MountShadows
+    pool: Candidates
+    visible: Mask
+    stiffness: Stiffness
+    thin: float
+    blank: Eyelet
+
+    @property
+    def middle(self) -> Array:
+        return _centre_of_mass(masses_of(self.knots, self.joints))
+
+    def list_pairs(self, across: Array) -> list[Array]:
+        """List where two eyelets have room, (2, 3) beside the centre of mass: what shows least first."""
+        width, found = float(np.ptp(self.knots.points @ across)), list[tuple[float, Array]]()
+        for share in SPANS:
+            if share * width < LEAST_SPAN_MM:
+                break
+            offsets = 0.5 * share * width * np.array([-across, across])
+            try:
+                posts, rings = self.choose(self.middle, offsets)
+            except SceneError:
+                continue
+            bars = join_members([*posts, *map(ring_bars, rings)])
+            found.append((float(self.shadows.darken(bars).sum()), offsets))
+        return [offsets for _, offsets in sorted(found, key=lambda one: one[0])]
+
+    def choose(self, middle: Array, offsets: Array) -> tuple[list[Candidates], list[Eyelet]]:
+        """Choose an eyelet and its first post for each offset (k, 3) from the centre of mass.
+
+        Raises:
+            SceneError: one has no place.
+        """
+        way, dark = copy(self.obstacles), self.shadows.twin()
+        posts, rings = list[Candidates](), list[Eyelet]()
+        for offset in offsets:
+            at = middle + offset
+            post, ring = choose_post(self.knots, self.sites, at, self.blank, self.thin, way, dark)
+            posts, rings = [*posts, post], [*rings, ring]
+            way.add(join_members([post, keep_free(ring)]))
+            dark.add(join_members([post, ring_bars(ring)]))
+        return posts, rings
+
+    def plan(self, offsets: Array) -> HangMount:
+        """Plan with an eyelet at each offset (k, 3) from above the centre of mass.
+
+        Each goes where post and ring show least; struts are added until nothing sags
+        (`plan_members`); then the eyelets are moved by the new centre of mass. If one meets something
+        there, or the piece still sags, this is repeated.
+
+        Raises:
+            SceneError: an eyelet has no place.
+        """
+        knots, sites, number = self.knots, self.sites, len(self.joints)
+        limit = self.stiffness.max_sag_mm
+        best: HangMount | None = None
+        middle, fewest, firm = self.middle, 1, self.stiffness
+        for _ in range(_PLANS):
+            first, rings = self.choose(middle, offsets)
+            posts = self._add_posts(first, rings, firm, fewest)
+            way, dark = copy(self.obstacles), self.shadows.twin()
+            way.add(join_members([*posts, *map(keep_free, rings)]))
+            dark.add(join_members([*posts, *map(ring_bars, rings)]))
+            given, settings = join_members([self.joints, *posts]), (self.pool, self.visible)
+            members = plan_members(knots, sites, way, dark, *settings, given, firm).members
+            struts = members.of(np.r_[:number, len(given) : len(members)])
+            # those that were thickened are found where they were given
+            ends = number + np.cumsum([0, *map(len, posts)])
+            posts = [members.of(np.arange(a, b)) for a, b in pairwise(ends)]
+            for _ in range(_ROUNDS):
+                masses = masses_of(knots, join_members([struts, *posts]))
+                middle = _centre_of_mass(masses, *(ring.masses for ring in rings))
+                moved = [
+                    centre_eyelet(post, ring, middle + by)
+                    for post, ring, by in zip(posts, rings, offsets, strict=True)
+                ]
+                posts, rings = [post for post, _ in moved], [ring for _, ring in moved]
+            if not self._is_clear(struts, posts, rings):
+                continue  # planned anew, about what has now come out as the centre of mass
+            members = join_members([struts, *posts])
+            middle = _centre_of_mass(masses_of(knots, members), *(r.masses for r in rings))
+            threads = np.array([ring.thread for ring in rings])
+            moves = sag_moves(
+                knots, sites, members, self.stiffness, FINE_RADII, pinned=len(rings) > 1
+            )
+            moves = let_swing(knots.points, moves, threads)
+            sag, at = worst_of(moves, knots.points)
+            held = np.concatenate([self.holds, sites.knot[members.first[number:]]])
+            if best is None or sag < best.sag_again_mm:
+                bars = join_members([members, *map(ring_bars, rings)])
+                tilt, dark_share = _tilt_deg(threads, middle), self.shadows.darken(bars)
+                best = HangMount(members, held, tuple(rings), tilt, at, sag, dark_share, moves)
+            if sag <= limit:
+                break
+            # on its threads, by a finer frame, it sags more than the plan that is clamped says
+            fewest = min(max(map(len, posts)) + 1, MOST_POSTS)
+            firm = replace(firm, max_sag_mm=firm.max_sag_mm * limit / sag)
+        if best is None:
+            raise no_place()
+        return best
+
+    def _is_clear(self, struts: Candidates, posts: list[Candidates], rings: list[Eyelet]) -> bool:
+        """Tell whether posts, rings and threads still meet nothing where they were moved to."""
+        for k, ring in enumerate(rings):
+            apart = copy(self.obstacles)
+            apart.members = join_members(
+                [struts, *posts[:k], *posts[k + 1 :], *map(keep_free, rings[:k] + rings[k + 1 :])]
+            )
+            clear = apart.clear(join_members([posts[k], draw_thread(ring)])).all()
+            if not clear or not has_room(apart, ring)[0]:
+                return False
+        return True
+
+    def _add_posts(
+        self, first: list[Candidates], rings: list[Eyelet], stiffness: Stiffness, fewest: int
+    ) -> list[Candidates]:
+        """Add posts from elsewhere to where the first of an eyelet meets its ring, as long as they help.
+
+        A single strand that carries all the weight yields under it. At least `fewest` posts are
+        returned for one of the eyelets, if they have room.
+        """
+        sites, tube = self.sites, self.knots.radius_mm
+        pools = []
+        for k, (post, ring) in enumerate(zip(first, rings, strict=True)):
+            way = copy(self.obstacles)
+            others = [*first[:k], *first[k + 1 :], *map(keep_free, rings[:k] + rings[k + 1 :])]
+            way.add(join_members([no_members(), *others]))
+            pool = list_posts(sites, post, ring.ring_mm + ring.wire_mm + tube)
+            pools.append(pool.of(way.clear(pool)))
+        pool = join_members(pools)
+        owner = np.repeat(np.arange(len(rings)), [len(one) for one in pools])
+        away = (pool.start - pool.end) / pool.length_mm[:, None]
+        threads = np.array([ring.thread for ring in rings])
+        frame = piece_frame(self.knots, sites, join_members([self.joints, *first]), stiffness)
+        held = HeldFrame(frame)
+
+        def springs(some: Candidates) -> tuple[Array, Array]:
+            return springs_of(some, np.zeros(len(some)), stiffness)
+
+        def sag(moved: Array) -> float:
+            moves = let_swing(sites.point, moved[: len(sites.knot), :3], threads)
+            return worst_of(moves, sites.point)[0]
+
+        posts, more = list(first), no_members()
+        held.hold(more, *springs(more))
+        least = sag(held.displacements())
+        while least > stiffness.max_sag_mm:
+            parted = np.zeros(len(pool), dtype=bool)
+            for k, own in enumerate(posts):
+                there = (own.start - own.end) / own.length_mm[:, None]
+                # cosine between posts that meet
+                apart = (away @ there.T).max(axis=1) <= 0.7
+                parted |= (owner == k) & apart & (len(own) < MOST_POSTS)
+            numbers = np.flatnonzero(parted)
+            spread = self._spread(pool.of(numbers))
+            tried = pool.of(numbers[spread])
+            sags = [sag(moved) for moved in held.displacements_with_each(tried, *springs(tried))]
+            enough = max(map(len, posts)) >= fewest
+            # a further post must leave at most this share of the sag before
+            if not sags or (enough and min(sags) > 0.9 * least):
+                break
+            least = min(sags)
+            pick = sags.index(least)
+            k, one = int(owner[numbers[spread[pick]]]), tried.of([pick])
+            posts[k], more = join_members([posts[k], one]), join_members([more, one])
+            held.hold(more, *springs(more))
+        return posts
+
+    def _spread(self, some: Candidates) -> list[int]:
+        """Pick posts that show little and begin well apart."""
+        cost = self.shadows.cost(some) + LENGTH_WEIGHT * some.length_mm
+        spread: list[int] = []
+        for n in np.argsort(cost, kind="stable").tolist():
+            off = np.linalg.norm(some.start[spread] - some.start[n], axis=1)
+            if (off >= _SPREAD_RADII * self.knots.radius_mm).all():
+                spread.append(n)
+            if len(spread) == _WEIGHED:
+                break
+        return spread
+
+
+def let_swing(points: Array, moves: Array, threads: Array) -> Array:
+    """Turn the moves (N, 3) of a piece held at its threads (1 or 2, 3) into those of one free to swing.
 
     What sags to one side turns the piece until its centre of mass is below the thread again: by the
-    two small angles about level axes that take the mean of the moves back to the plumb line.
+    two small angles about level axes that take the mean of the moves back to the plumb line. Below two
+    threads it swings about the line through both alone.
     """
-    lever = points - thread
+    lever = points - threads.mean(axis=0)
     drop, aside = -float(lever[:, 1].mean()), moves.mean(axis=0)
     turn = np.array([aside[2], 0.0, -aside[0]]) / drop
+    if len(threads) > 1:
+        line = _level_line(threads)
+        turn = (turn @ line) * line
     return np.asarray(moves + np.cross(turn, lever))
 
 
-def _no_place() -> SceneError:
-    return SceneError(
-        "the hanger",
-        "no eyelet has room straight above the centre of mass, with a post to a strand beside it",
-        "Use --mount stand or none, or a thinner tube (--tube-radius)",
-    )
+def _level_line(threads: Array) -> Array:
+    """Return the level unit vector (3,) from the first of two threads to the second."""
+    line = (threads[1] - threads[0]) * (1 - UP)
+    return np.asarray(line / np.linalg.norm(line))
+
+
+def _tilt_deg(threads: Array, middle: Array) -> float:
+    """Measure how far askew a piece hangs whose centre of mass is `middle` (3,)."""
+    off = threads.mean(axis=0) - middle
+    level = off * (1 - UP)
+    if len(threads) > 1:
+        line = _level_line(threads)
+        level = level - (level @ line) * line
+    return float(np.degrees(np.arctan2(np.linalg.norm(level), off[1])))
 
 
 def _centre_of_mass(*several: Masses) -> Array:
@@ -216,174 +384,21 @@ def _centre_of_mass(*several: Masses) -> Array:
     return np.asarray(volume @ np.concatenate([m.center for m in several]) / volume.sum())
 
 
-def _bound_ring(ring: Eyelet) -> Candidates:
-    """Return a member as thick as the whole ring is wide, of which struts keep clear."""
-    reach = ring.ring_mm + ring.wire_mm
-    beside = ring.through * ring.wire_mm
-    none = np.array([GROUND])
-    return Candidates(
-        none, none, (ring.middle - beside)[None], (ring.middle + beside)[None], np.array([reach])
-    )
-
-
-def _ring_bars(ring: Eyelet) -> Candidates:
-    """Return bars along the ring, for its shadow."""
-    across = np.cross(UP, ring.through)
-    turn = np.linspace(0.0, 2 * np.pi, 9)[:, None]
-    at = ring.middle + ring.ring_mm * (np.cos(turn) * UP + np.sin(turn) * across)
-    none = np.full(8, GROUND)
-    return Candidates(none, none, at[:-1], at[1:], np.full(8, ring.wire_mm))
-
-
-def _centre_eyelet(posts: Candidates, ring: Eyelet, middle: Array) -> tuple[Candidates, Eyelet]:
-    """Move eyelet and posts so that the eyelet is straight above the centre of mass `middle`.
-
-    All posts end where the first one meets the ring.
-    """
-    at = np.array([middle[0], ring.middle[1], middle[2]])
-    axis = (at - posts.start[0]) / np.linalg.norm(at - posts.start[0])
-    level = np.cross(axis, UP)
-    # the post must lie in the ring's plane; a post that stands upright does so in any
-    through = level / np.linalg.norm(level) if np.linalg.norm(level) > 0.05 else ring.through
-    ring = replace(ring, middle=at, through=through)
-    return replace(posts, end=np.tile(at - ring.ring_mm * axis, (len(posts), 1))), ring
-
-
-def _has_room(obstacles: Obstacles, *rings: Eyelet) -> Mask:
-    """Tell (n,) whether no strand is near the ring or in the thread's way above it."""
-    tube, points = obstacles.tube, obstacles.points
-    free = np.ones(len(rings), dtype=bool)
-    for n, ring in enumerate(rings):
-        off = points - ring.middle
-        near = np.linalg.norm(off, axis=1)
-        level = np.hypot(off[:, 0], off[:, 2])
-        reach = tube + obstacles.clearance + obstacles.slack
-        free[n] = near.min() >= reach + ring.ring_mm + ring.wire_mm
-        free[n] &= not ((level < reach + 0.5 * THREAD_MM) & (off[:, 1] > 0)).any()
-    return free
-
-
-def _choose_post(
-    knots: Knots,
-    sites: Sites,
-    middle: Array,
-    ring: Eyelet,
-    radius: float,
-    obstacles: Obstacles,
-    shadows: MountShadows,
-) -> tuple[Candidates, Eyelet]:
-    """Choose the post and the eyelet above `middle` (3,) that show least.
-
-    Raises:
-        SceneError: there is none.
-    """
-    low, high = float(knots.points[:, 1].min()), float(knots.points[:, 1].max())
-    reach = 2.0 * (ring.ring_mm + ring.wire_mm + knots.radius_mm)
-    heights = np.linspace(middle[1] + _ABOVE * (high - low), high + reach, _HEIGHTS)
-    rings = [replace(ring, middle=np.array([middle[0], y, middle[2]])) for y in heights]
-    parts, at = [no_members()], [np.empty(0, dtype=np.int64)]
-    for n in np.flatnonzero(_has_room(obstacles, *rings)):
-        along = rings[n].middle - sites.point
-        length = np.linalg.norm(along, axis=1)
-        square = np.abs(np.einsum("ij,ij->i", along, sites.tangent)) <= MOST_COSINE * length
-        some = np.flatnonzero(square & (length >= ring.ring_mm + ring.wire_mm + knots.radius_mm))
-        end = rings[n].middle - ring.ring_mm * along[some] / length[some, None]
-        ground = np.full(len(some), GROUND)
-        start, thick = sites.point[some], np.full(len(some), radius)
-        parts.append(Candidates(some, ground, start, end, thick))
-        at.append(np.full(len(some), n))
-    every, number = join_members(parts), np.concatenate(at)
-    if not len(every):
-        raise _no_place()
-    shown = np.array([shadows.cost(_ring_bars(one)).sum() for one in rings])
-    cost = shadows.cost(every) + shown[number] + LENGTH_WEIGHT * every.length_mm
-    order = np.argsort(cost, kind="stable")[:_TRIED]
-    clear = obstacles.clear(every.of(order))
-    if not clear.any():
-        raise _no_place()
-    best = int(order[clear.argmax()])
-    return _centre_eyelet(every.of([best]), rings[number[best]], middle)
-
-
-def _add_posts(
-    knots: Knots,
-    sites: Sites,
-    joints: Candidates,
-    post: Candidates,
-    ring: Eyelet,
-    stiffness: Stiffness,
-    obstacles: Obstacles,
-    shadows: MountShadows,
-    fewest: int,
-) -> Candidates:
-    """Add posts from elsewhere to where the first meets the ring, as long as they help.
-
-    A single strand that carries all the weight yields under it. At least `fewest` posts are
-    returned, if they have room.
-    """
-    end, tube = post.end[0], knots.radius_mm
-    along = end - sites.point
-    length = np.maximum(np.linalg.norm(along, axis=1), 1e-9)
-    # a share of a further post's length, by which it may come down to the eyelet
-    from_below = along[:, 1] >= -0.3 * length
-    square = np.abs(np.einsum("ij,ij->i", along, sites.tangent)) <= MOST_COSINE * length
-    some = np.flatnonzero(from_below & square & (length >= ring.ring_mm + ring.wire_mm + tube))
-    pool = Candidates(
-        some,
-        np.full(len(some), GROUND),
-        sites.point[some],
-        np.tile(end, (len(some), 1)),
-        np.full(len(some), post.radius[0]),
-    )
-    pool = pool.of(obstacles.clear(pool))
-    away = (pool.start - end) / pool.length_mm[:, None]
-
-    held = HeldFrame(piece_frame(knots, sites, join_members([joints, post]), stiffness))
-
-    def springs(some: Candidates) -> tuple[Array, Array]:
-        return springs_of(some, np.zeros(len(some)), stiffness)
-
-    def sag(moved: Array) -> float:
-        moves = _let_swing(sites.point, moved[: len(sites.knot), :3], ring.thread)
-        return worst_of(moves, sites.point)[0]
-
-    posts, more = post, post.of([])
-    held.hold(more, *springs(more))
-    least = sag(held.displacements())
-    while len(posts) < MOST_POSTS and least > stiffness.max_sag_mm:
-        there = (posts.start - end) / posts.length_mm[:, None]
-        parted = (away @ there.T).max(axis=1) <= 0.7  # cosine between posts that meet
-        open_ones = pool.of(parted)
-        cost = shadows.cost(open_ones) + LENGTH_WEIGHT * open_ones.length_mm
-        spread: list[int] = []
-        for n in np.argsort(cost, kind="stable").tolist():
-            off = np.linalg.norm(open_ones.start[spread] - open_ones.start[n], axis=1)
-            if (off >= _SPREAD_RADII * tube).all():
-                spread.append(n)
-            if len(spread) == _WEIGHED:
-                break
-        tried = open_ones.of(spread)
-        sags = [sag(moved) for moved in held.displacements_with_each(tried, *springs(tried))]
-        # a further post must leave at most this share of the sag before
-        if not sags or (len(posts) >= fewest and min(sags) > 0.9 * least):
-            break
-        least = min(sags)
-        one = tried.of([sags.index(least)])
-        posts, more = join_members([posts, one]), join_members([more, one])
-        held.hold(more, *springs(more))
-    return posts
-
-
 def hang_bodies(tubes: list[Mesh], mount: HangMount) -> list[Mesh]:
-    """Unite tubes, struts, post and eyelet to one watertight body, in scene coordinates."""
-    handles = len(mount.members) + 1  # the eyelet's hole
+    """Unite tubes, struts, posts and eyelets to one watertight body, in scene coordinates."""
+    handles = (
+        len(mount.members) + 1
+    )  # of an eyelet's own; a second one's hole makes up for its body
     return unite(tubes, hang_fixtures(mount), handles, "the hanger")
 
 
 def hang_fixtures(mount: HangMount) -> list[Fixture]:
-    """List struts, posts and eyelet as fixtures, in scene coordinates."""
-    members, ring = mount.members, mount.eyelet
+    """List struts, posts and eyelets as fixtures, in scene coordinates."""
+    members = mount.members
     ends = zip(members.start, members.end, members.radius, strict=True)
     bars = [strut(start, end, float(radius)) for start, end, radius in ends]
-    motion = motion_along(ring.through, ring.middle)
-    return [*bars, Fixture("eyelet", eyelet, (ring.ring_mm, ring.wire_mm), motion)]
+    rings = [
+        Fixture("eyelet", eyelet, (r.ring_mm, r.wire_mm), motion_along(r.through, r.middle))
+        for r in mount.eyelets
+    ]
+    return [*bars, *rings]

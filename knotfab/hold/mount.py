@@ -75,10 +75,12 @@ def mount_piece(
         return Mounted(bodies, ["piece on its stand"], scene, BASE_DOWN, None, stand)
     if asked.kind == "hang":
         hang = plan_hang(knots, cameras, targets, clearance_mm, stiffness, least_mm, ends)
-        bodies, (x, y, z) = hang_bodies(tubes, hang), hang.eyelet.thread.tolist()
+        bodies, (first, *second) = hang_bodies(tubes, hang), map(tuple, hang.threads.tolist())
         count = tuple(int((hang.holds == k).sum()) for k in every)
-        scene = scene.but(mount=asked.but(pegs=count, thread_mm=(x, y, z)))
-        return Mounted(bodies, ["piece with its eyelet"], scene, None, None, hang=hang)
+        places = {"thread_mm": first, "second_thread_mm": second[0] if second else None}
+        scene = scene.but(mount=asked.but(pegs=count, **places))
+        name = "piece with its eyelets" if second else "piece with its eyelet"
+        return Mounted(bodies, [name], scene, None, None, hang=hang)
     if asked.on_feet:
         found = plan_foot_plate(knots, tubes, cameras[0], stiffness, asked)
         sag, at, moves, plate = found.sag_mm, found.sag_at, found.moves, found.plate
@@ -204,17 +206,19 @@ class Mounted:
     def makeup(self, to_part: Array) -> dict[str, list[dict[str, Any]]]:
         """Describe the mount for knots.json; `to_part` is a (4, 4) similarity from the scene.
 
-        That is `members`, the `rods` of an eyelet, and the `hulls` of a base or dowels; a plate
+        That is `members`, the `rods` of the eyelets, and the `hulls` of a base or dowels; a plate
         follows from the scene.
         """
         turn, shift = to_part[:3, :3], to_part[:3, 3]
         scale = float(np.cbrt(np.linalg.det(turn)))
         rods: list[dict[str, Any]] = []
         if self.hang is not None:
-            eyelet = self.hang.eyelet
-            ring = eyelet.outline(EYELET_RODS) @ turn.T + shift
+            rings = [
+                (e.wire_mm, e.outline(EYELET_RODS) @ turn.T + shift) for e in self.hang.eyelets
+            ]
             rods = [
-                {"from": a.tolist(), "to": b.tolist(), "radius_mm": scale * eyelet.wire_mm}
+                {"from": a.tolist(), "to": b.tolist(), "radius_mm": scale * wire}
+                for wire, ring in rings
                 for a, b in zip(ring, np.roll(ring, -1, axis=0), strict=True)
             ]
         solids: list[Fixture] = []
@@ -338,11 +342,12 @@ class Mounted:
                 tip_deg=mount.base.tip_deg,
                 **own,
             )
-        x, y, z = mount.eyelet.thread.tolist()
+        ring = mount.eyelets[0]
         return MountFigures(
             kind="hang",
-            thread_mm=(x, y, z),
-            hole_mm=2 * (mount.eyelet.ring_mm - mount.eyelet.wire_mm),
+            thread_mm=asked.thread_mm,
+            second_thread_mm=asked.second_thread_mm,
+            hole_mm=2 * (ring.ring_mm - ring.wire_mm),
             tilt_deg=mount.tilt_deg,
             max_tilt_deg=MOST_TILT_DEG,
             **own,
@@ -364,7 +369,8 @@ class Mounted:
         elif isinstance(mount, StandMount):
             on, less = f"{len(mount.posts)} posts and {len(mount.struts)} struts", "less depth"
         else:
-            on, less = f"an eyelet and {len(mount.struts)} struts", "less depth"
+            on = "two eyelets" if len(mount.eyelets) > 1 else "an eyelet"
+            on, less = f"{on} and {len(mount.struts)} struts", "less depth"
         remedy = ""
         if sag > limit:
             remedy = (

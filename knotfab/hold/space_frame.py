@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from knotfab.base.arrays import Array, Indices
+from knotfab.base.arrays import Array, Indices, Mask
 
 GRAVITY_M_S2 = 9.81
 POISSON = 0.35  # Poisson's ratio of filament plastics; it enters through the twist alone
@@ -73,7 +73,12 @@ class SpaceFrame:
 
 
 def assemble_frame(
-    beams: Beams, fixed: Indices, young_mpa: float, density_g_cm3: float, down: Array
+    beams: Beams,
+    fixed: Indices,
+    young_mpa: float,
+    density_g_cm3: float,
+    down: Array,
+    held: Mask | None = None,
 ) -> SpaceFrame:
     """Assemble and factor the frame of these beams, loaded by their own weight.
 
@@ -82,7 +87,8 @@ def assemble_frame(
     displacements of slender beams, however long they are. Shear is left out.
 
     Args:
-        fixed: joints that neither move nor turn. down: (3,) unit vector of gravity.
+        fixed: joints that neither move nor turn. down: (3,) unit vector of gravity. held: (6 n,) which
+            unknowns are held, in place of all of the fixed joints.
 
     Raises:
         ValueError: something is not held (the stiffness is singular), or a beam has no length.
@@ -99,8 +105,9 @@ def assemble_frame(
     np.add.at(force, freedom.ravel(), load.ravel())
     rows, columns = np.repeat(freedom, 12, axis=1).ravel(), np.tile(freedom, (1, 12)).ravel()
     values = stiffness_of(beams, young_mpa).ravel()
-    held = np.zeros(6 * n, dtype=bool)
-    held[(6 * np.asarray(fixed, dtype=np.int64)[:, None] + np.arange(6)).ravel()] = True
+    if held is None:
+        held = np.zeros(6 * n, dtype=bool)
+        held[(6 * np.asarray(fixed, dtype=np.int64)[:, None] + np.arange(6)).ravel()] = True
     if not held.any():
         raise ValueError("nothing is held")
     matrix = coo_matrix((values, (rows, columns)), shape=(6 * n, 6 * n)).tocsc()

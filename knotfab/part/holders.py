@@ -21,11 +21,7 @@ from knotfab.scene.camera import Camera, camera_of
 from knotfab_formats.scene import ResolvedScene
 
 Kind = Literal["wall", "stand", "hang"]
-WORDS: dict[Kind, str] = {
-    "wall": "a wall mount",
-    "stand": "a stand",
-    "hang": "an eyelet for a thread",
-}
+WORDS: dict[Kind, str] = {"wall": "a wall mount", "stand": "a stand", "hang": "eyelets for threads"}
 _RODS = 2000  # rods that stand for the strands
 # Usual members, as built for the project's own pictures: how many, how long as a share of the piece's
 # height (a peg's of its way to the wall), and how thick as a share of the tube.

@@ -182,7 +182,12 @@ def _list_notes(
     turned, laid = found
     flat_wall = piece.scene.views[0].wall_radius_mm is None
     return [
-        *tell_mount(len(piece.knots.knots), part.mounted.figures, len(targets) == 1 and flat_wall),
+        *tell_mount(
+            len(piece.knots.knots),
+            part.mounted.figures,
+            len(targets) == 1 and flat_wall,
+            len(targets),
+        ),
         *tell_plate(
             part.mounted.plate_figures(piece.scene.material.shrinks_to), part.mounted.scene
         ),

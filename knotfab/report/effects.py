@@ -205,12 +205,18 @@ def tell_contrast(views: Sequence[View]) -> list[str]:
     return said
 
 
-def tell_move(move: WorstMove, off: Misplacement, kind: str) -> str:
-    """Describe a misplacement, as "the lamp 5 mm to the side"; `kind` is the view's."""
-    from knotfab.report.setup_words import LAMP_WAYS, TURN_WAYS
+def tell_move(
+    move: WorstMove, off: Misplacement, kind: str, threads_apart_mm: float | None = None
+) -> str:
+    """Describe a misplacement, as "the lamp 5 mm to the side"; `kind` is the view's.
+
+    Args:
+        threads_apart_mm: of two threads that the piece hangs on.
+    """
+    from knotfab.report.setup_words import LAMP_WAYS, TURN_WAYS, tell_turn
 
     if move.of == "turn":
-        return f"the piece turned by {off.turn_deg:g}° {TURN_WAYS[move.way]}"
+        return tell_turn(move.way, off.turn_deg, threads_apart_mm)
     if move.of == "tilt":
         return f"the wall tilted by {off.tilt_deg:g}° {TURN_WAYS[move.way]}"
     what = "eye" if kind == "eye" else "lamp"

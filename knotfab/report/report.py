@@ -242,11 +242,11 @@ def tell_plan(plan: WirePlan | None) -> list[str]:
     ]
 
 
-def tell_mount(knots: int, mount: MountFigures, hangs: bool) -> list[str]:
+def tell_mount(knots: int, mount: MountFigures, hangs: bool, views: int) -> list[str]:
     """Say what a reader must not miss about a mount, or about a piece without one.
 
     Args:
-        knots: their number. hangs: whether a wall mount could hold the piece.
+        knots, views: their numbers. hangs: whether a wall mount could hold the piece.
     """
     loose = f"Its {knots} knots are loose pieces; the file keeps them in place."
     if mount.kind == "none":
@@ -257,6 +257,11 @@ def tell_mount(knots: int, mount: MountFigures, hangs: bool) -> list[str]:
     if mount.foot == "dowel":
         each = " Each knot has its own." if knots > 1 else ""
         return [f"Its {mount.pegs} pegs go into holes drilled in the wall.{each}"]
+    if mount.kind == "hang" and views == 1 and mount.second_thread_mm is None:
+        return [
+            "It hangs on one thread and can turn, since two eyelets have no room above it, or would let it "
+            "sag too much: hold it still until you see its picture."
+        ]
     return []
 
 

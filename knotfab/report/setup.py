@@ -66,7 +66,8 @@ SHADOW = "0.82"
 class Sheets:
     """The pages on setting a piece up, one for each view, still without the costs of misplacement.
 
-    `plan` shows everything from above, `marks` has the cards for a photograph.
+    `plan` shows everything from above, `marks` has the cards for a photograph. `threads_apart_mm`: of the two
+    that the piece hangs on.
     """
 
     pages: list[Figure]
@@ -74,6 +75,7 @@ class Sheets:
     marks: Figure
     views: tuple[View, ...]
     on_wall: bool
+    threads_apart_mm: float | None = None
 
 
 def draw_sheets(mounted: Mounted, scene: SettledScene, cameras: Sequence[Camera]) -> Sheets:
@@ -92,7 +94,8 @@ def draw_sheets(mounted: Mounted, scene: SettledScene, cameras: Sequence[Camera]
         plan = plan_sheet(mounted, places, scene.views)
     plate = places[0].plate_mm is not None
     marks = draw_marks_page(PAPERS["a4"], plate)
-    return Sheets(pages, plan, marks, scene.views, mounted.wall is not None)
+    apart = None if mounted.hang is None else mounted.figures.threads_apart_mm
+    return Sheets(pages, plan, marks, scene.views, mounted.wall is not None, apart)
 
 
 def write_setup(
@@ -111,7 +114,10 @@ def write_setup(
     from matplotlib import rc_context
 
     for page, view, found in zip(sheets.pages, sheets.views, misplacements, strict=True):
-        _write_costs(page.axes[0], LEFT, costs_of(found, view, on_wall=sheets.on_wall))
+        told = costs_of(
+            found, view, on_wall=sheets.on_wall, threads_apart_mm=sheets.threads_apart_mm
+        )
+        _write_costs(page.axes[0], LEFT, told)
     pages = [*([] if sheets.plan is None else [sheets.plan]), *sheets.pages]
     names = [f"setup{suffix}.pdf", f"setup{suffix}.svg"]
     write_pages(folder / names[0], "Setting up", [*pages, sheets.marks])

@@ -84,12 +84,7 @@ def steps_of(mounted: Mounted, place: Placement, view: View) -> list[str]:
     else:
         thread = ""
         if mounted.hang is not None:
-            across, up, out = ((mounted.hang.eyelet.thread - place.middle) @ place.wall.T).tolist()
-            thread = (
-                "Tie it to a thread by its eyelet: the thread carries it "
-                f"{_tell_side(up, 'above')} and {_tell_side(across, 'right of')} the frame's middle, "
-                f"{length(out)} mm off the wall. "
-            )
+            thread = f"{_tell_threads((mounted.hang.threads - place.middle) @ place.wall.T)} "
         steps = [
             "Mark the corners of the frame on the wall.",
             f"{thread}Hang the piece before the frame as the views show: {_tell_reach(mounted, place)}.",
@@ -113,6 +108,22 @@ def steps_of(mounted: Mounted, place: Placement, view: View) -> list[str]:
         )
     what = "the middle of each edge" if "edge" in place.marks[0].name else "the corners"
     return [*steps, f"Check with a tape from {what}: the {lamp} is {each}."]
+
+
+def _tell_threads(places: Array) -> str:
+    """Say where threads carry a piece; places (1 or 2, 3) are right of, above, and before the middle."""
+    told = [
+        f"{_tell_side(up, 'above')} and {_tell_side(across, 'right of')} the frame's middle, "
+        f"{length(out)} mm off the wall"
+        for across, up, out in places.tolist()
+    ]
+    if len(told) == 1:
+        return f"Tie it to a thread by its eyelet: the thread carries it {told[0]}."
+    apart = length(float(np.linalg.norm((places[1] - places[0])[[0, 2]])))
+    return (
+        f"Tie a thread to each of its two eyelets, so that it cannot turn: one carries it {told[0]}, the "
+        f"other {told[1]}. Both go straight up, {apart} mm apart."
+    )
 
 
 def _name_marks(place: Placement, lamp_mm: float) -> str:
@@ -204,13 +215,28 @@ def _lamp_shape(view: View) -> str:
     return f"a spot of {length(view.light_diameter_mm)} mm"
 
 
-def costs_of(misplacement: Misplacement | None, view: View, *, on_wall: bool) -> list[str]:
+def tell_turn(way: str, turn_deg: float, threads_apart_mm: float | None = None) -> str:
+    """Say how a piece is turned about an axis of the view; on two threads by what turns it there."""
+    if threads_apart_mm is None or way == "right":
+        return f"the piece turned by {turn_deg:g}° {TURN_WAYS[way]}"
+    off = length(threads_apart_mm * sin(radians(turn_deg)))
+    return f"one thread {off} mm {'nearer the wall' if way == 'up' else 'longer'} than the other"
+
+
+def costs_of(
+    misplacement: Misplacement | None,
+    view: View,
+    *,
+    on_wall: bool,
+    threads_apart_mm: float | None = None,
+) -> list[str]:
     """Say what is lost when lamp or piece are off their places, one line each.
 
     A piece fixed to its wall turns with it, as if the lamp moved about both.
 
     Args:
         misplacement: None where nobody measured it. on_wall: whether the piece is fixed to the wall.
+        threads_apart_mm: of two threads that it hangs on, which keep it from turning by itself.
     """
     if misplacement is None:
         return ["Not measured: too little to see, or nothing rendered."]
@@ -227,9 +253,10 @@ def costs_of(misplacement: Misplacement | None, view: View, *, on_wall: bool) ->
             f"Wall and piece turned by 1° left or right: {_tell_loss(reach * lamp['right'])}",
             f"Wall and piece leaning by 1° forward or back: {_tell_loss(reach * lamp['up'])}",
         ]
-    return lines + [
-        f"Piece turned by 1° {way}: {_tell_loss(turn[key])}" for key, way in TURN_WAYS.items()
-    ]
+    for key in TURN_WAYS:
+        told = tell_turn(key, 1.0, threads_apart_mm).removeprefix("the ")
+        lines.append(f"{told[0].upper()}{told[1:]}: {_tell_loss(turn[key])}")
+    return lines
 
 
 def _tell_loss(loss: float) -> str:

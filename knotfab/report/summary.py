@@ -79,6 +79,7 @@ def tell_views(report: Report, verbose: bool = False) -> list[str]:
     """Say how alike each view's shadow and picture are, and how legible it is."""
     views, mount = report.views, report.print.mount
     standing = mount is not None and mount.kind == "stand"
+    apart = None if mount is None else mount.threads_apart_mm
     # a part that the desk hides below the frame is no fault of the picture
     ious = [told_iou(view.iou, view.iou_frame, standing) for view in views]
     alike = [tell_share(iou) for iou in ious]
@@ -99,7 +100,8 @@ def tell_views(report: Report, verbose: bool = False) -> list[str]:
             said += f" (at most {tell_share(view.bound)} without spill)"
         read = view.legibility.get("45")
         if (off := view.misplacement) is not None and off.worst is not None:
-            said += f"; {off.worst.fitted:.0%} with {tell_move(off.worst, off, view.kind)}"
+            moved = tell_move(off.worst, off, view.kind, apart)
+            said += f"; {off.worst.fitted:.0%} with {moved}"
         said += "" if read is None else f"; from 45° aside {read:.0%} readable"
         name = f"{view.name}: " if len(views) > 1 else ""
         lines.append(name + said + (f"; IoU {iou:.4f}" if verbose else ""))

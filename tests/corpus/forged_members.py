@@ -163,7 +163,8 @@ def of_dowels() -> Iterator[tuple[str, Forge]]:
 
 def of_eyelet() -> Iterator[tuple[str, Forge]]:
     def rods(held: Held) -> list[Bar]:
-        return [bar_of(held, "rods", k) for k in range(len(held.knots["rods"]))]
+        """The rods of the first eyelet; the second has as many."""
+        return [bar_of(held, "rods", k) for k in range(len(held.knots["rods"]) // 2)]
 
     def cut(held: Held, number: int, tool: Callable[[Bar], Any]) -> None:
         held.cut(tool(rods(held)[number]))
@@ -177,8 +178,21 @@ def of_eyelet() -> Iterator[tuple[str, Forge]]:
         along = np.linalg.svd(ring - ring.mean(axis=0))[2][2]
         held.add(disc(ring.mean(axis=0), along, 4.0, 1.0))
 
-    def thread(held: Held) -> None:
-        held.scene["mount"]["thread_mm"][0] += 3.0
+    def thread(held: Held, which: str = "thread_mm") -> None:
+        held.scene["mount"][which][0] += 3.0
+
+    def turns(held: Held) -> None:
+        held.scene["mount"]["second_thread_mm"] = "none"
+
+    def alone(held: Held) -> None:
+        turns(held)
+        for bar in (bar_of(held, "rods", k) for k in range(len(rods(held)), 2 * len(rods(held)))):
+            held.cut(rod(bar.start, bar.end, ALMOST * bar.radius))
+        held.knots["rods"] = held.knots["rods"][: len(rods(held))]
+
+    def second_slit(held: Held) -> None:
+        bar = bar_of(held, "rods", len(rods(held)) + 3)
+        held.cut(disc(bar.at(0.5), bar.along, 3.0, 0.1))
 
     def smaller(held: Held) -> None:
         ring = np.array([bar.start for bar in rods(held)])
@@ -186,7 +200,7 @@ def of_eyelet() -> Iterator[tuple[str, Forge]]:
         wire = rods(held)[0].radius
         for bar in rods(held):
             held.cut(rod(bar.start, bar.end, ALMOST * wire))
-        for one in held.knots["rods"]:
+        for one in held.knots["rods"][: len(rods(held))]:
             for key in ("from", "to"):
                 one[key] = (middle + 0.6 * (np.array(one[key]) - middle)).tolist()
         held.add(*(rod(bar.start, bar.end, wire) for bar in rods(held)))
@@ -201,4 +215,8 @@ def of_eyelet() -> Iterator[tuple[str, Forge]]:
     yield "ring half missing", half
     yield "ring plugged", plug
     yield "thread elsewhere", thread
+    yield "second thread elsewhere", partial(thread, which="second_thread_mm")
+    yield "second thread left out of the scene", turns
+    yield "second eyelet sawn off in all files", alone
+    yield "second ring slit", second_slit
     yield "ring smaller in all files", smaller

@@ -10,8 +10,17 @@ import trimesh
 from rings import EMPTY, PLA, RADIUS, camera, knots, ring
 
 from knotfab.base.errors import SceneError
-from knotfab.geometry.tube import sweep
-from knotfab.hold.hang import MOST_POSTS, HangMount, _let_swing, hang_bodies, plan_hang
+from knotfab.geometry.tube import as_manifold, as_mesh, sweep
+from knotfab.hold.beams import hold_by_threads
+from knotfab.hold.hang import (
+    LEAST_SPAN_MM,
+    MOST_POSTS,
+    HangMount,
+    hang_bodies,
+    let_swing,
+    plan_hang,
+)
+from knotfab.hold.space_frame import assemble_frame, round_beams
 from knotfab.hold.struts import GROUND
 from knotfab_fixtures.holders import eyelet
 from knotfab_validators.geometry.mesh import Mesh
@@ -26,54 +35,112 @@ TWO = knots(*(k.points for k in ONE.knots), ring(12.0, 5.0, 80, 4.0) + [20.0, 0.
 
 
 @cache
-def plan(two: bool) -> HangMount:
-    return plan_hang(TWO if two else ONE, [camera()], [EMPTY], 0.4, PLA, 0.8)
+def plan(two: bool, threads: int) -> HangMount:
+    """One view hangs on two threads, several on one."""
+    views = [camera(), camera(azimuth_deg=90.0)][: 3 - threads]
+    return plan_hang(TWO if two else ONE, views, [EMPTY] * len(views), 0.4, PLA, 0.8)
 
 
 @cache
-def part(two: bool) -> Mesh:
+def part(two: bool, threads: int) -> Mesh:
     tubes = [sweep(k.points, RADIUS, 24) for k in (TWO if two else ONE).knots]
-    (body,) = hang_bodies(tubes, plan(two))  # it checks the genus
+    (body,) = hang_bodies(tubes, plan(two, threads))  # it checks the genus
     return Mesh(*body)
 
 
+@pytest.mark.parametrize("threads", [1, 2])
 @pytest.mark.parametrize("two", [False, True])
-def test_the_part_hangs_level_as_another_library_weighs_it(two: bool) -> None:
-    mount, mesh = plan(two), part(two)
+def test_the_part_hangs_level_as_another_library_weighs_it(two: bool, threads: int) -> None:
+    mount, mesh = plan(two, threads), part(two, threads)
     assert set(mount.holds) == set(range(2 if two else 1)) and len(mount.holds) == len(
         mount.members
     )
-    assert 1 <= (mount.members.second == GROUND).sum() <= MOST_POSTS
+    assert len(mount.threads) == len(mount.eyelets) == threads
+    assert threads <= (mount.members.second == GROUND).sum() <= MOST_POSTS * threads
     other = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
-    off = mount.eyelet.thread - other.center_mass
-    assert off[1] > 5.0 and np.degrees(np.arctan2(np.hypot(off[0], off[2]), off[1])) < 1.0
-    found = check_level(mesh, mount.eyelet.thread, UP)
+    off = mount.threads - other.center_mass
+    assert (off[:, 1] > 5.0).all()
+    mean = off.mean(axis=0)  # the view is from the front: both threads stand at its sides
+    assert np.degrees(np.arctan2(np.hypot(mean[0], mean[2]), mean[1])) < 1.0
+    if threads == 2:
+        right = np.array([1.0, 0.0, 0.0])
+        assert np.ptp(mount.threads @ right) >= LEAST_SPAN_MM and np.ptp(mount.threads[:, 2]) < 0.1
+    found = check_level(mesh, mount.threads, UP)
     assert found.status == "pass" and found.measured < 1.0
 
 
-def test_a_thread_elsewhere_is_rejected() -> None:
-    mount, mesh = plan(True), part(True)
+@pytest.mark.parametrize("threads", [1, 2])
+def test_a_thread_elsewhere_is_rejected(threads: int) -> None:
+    mount, mesh = plan(True, threads), part(True, threads)
     for aside in (5.0 * UP, -3.0 * UP, np.array([8.0, 0.0, 0.0])):
-        found = check_level(mesh, mount.eyelet.thread + aside, UP)
-        assert (found.status, found.required) == ("fail", True)
+        for k in range(threads):
+            moved = mount.threads.copy()
+            moved[k] += aside
+            found = check_level(mesh, moved, UP)
+            assert (found.status, found.required) == ("fail", True)
+
+
+def test_a_slack_thread_is_told() -> None:
+    heavy, other = sweep(
+        ring(30.0, wave=0.0), 8.0, 24
+    )  # far to one side, so that it is all the weight
+    line = sweep(ring(40.0, wave=0.0), RADIUS, 24)
+    solid = as_manifold(line) + as_manifold((heavy + [60.0, 0.0, 0.0], other))
+    top = np.array([[np.sin(t), np.cos(t), 0.0] for t in (-0.6, 0.6)]) * (40.0 - RADIUS)
+    told = check_level(Mesh(*as_mesh(solid)), top, UP)
+    assert told.status == "fail" and "of the weight" in told.detail
 
 
 def test_a_weight_at_one_side_hangs_askew() -> None:
     vertices, faces = sweep(ring(30.0, wave=0.0), RADIUS, 24)  # upright, in the plane of x and y
     top = (30.0 - RADIUS) * UP
-    assert check_level(Mesh(vertices, faces), top, UP).measured == pytest.approx(0.0, abs=0.01)
+    assert check_level(Mesh(vertices, faces), top[None], UP).measured == pytest.approx(
+        0.0, abs=0.01
+    )
     turn = np.radians(4.0)
     askew = (30.0 - RADIUS) * np.array([np.sin(turn), np.cos(turn), 0.0])
-    found = check_level(Mesh(vertices, faces), askew, UP)
+    found = check_level(Mesh(vertices, faces), askew[None], UP)
     assert found.status == "fail" and found.measured == pytest.approx(4.0, abs=0.05)
 
 
-def test_a_rigid_turn_about_the_thread_is_no_sag() -> None:
-    points, thread = ONE.points, np.array([0.0, 60.0, 0.0])
-    turned = np.cross([1e-3, 0.0, -2e-3], points - thread)
-    assert np.abs(_let_swing(points, turned, thread)).max() < 1e-12
-    down = np.tile([0.0, -0.1, 0.0], (len(points), 1))
-    assert _let_swing(points, down, thread) == pytest.approx(down)
+def test_a_rigid_turn_about_the_threads_is_no_sag() -> None:
+    points, down = ONE.points, np.array([0.0, -0.1, 0.0])
+    one, two = np.array([[0.0, 60.0, 0.0]]), np.array([[-30.0, 60.0, 0.0], [30.0, 60.0, 0.0]])
+    for threads, turn in ((one, [1e-3, 0.0, -2e-3]), (two, [1e-3, 0.0, 0.0])):
+        turned = np.cross(turn, points - threads.mean(axis=0))
+        assert np.abs(let_swing(points, turned, threads)).max() < 1e-12
+        drop = np.tile(down, (len(points), 1))
+        assert let_swing(points, drop, threads) == pytest.approx(drop)
+    aside = np.tile([0.1, 0.0, 0.0], (len(points), 1))  # two threads keep it from turning so
+    assert let_swing(points, aside, two) == pytest.approx(aside)
+
+
+def test_a_bar_on_two_threads_sags_as_one_on_two_supports_whatever_its_direction() -> None:
+    span, radius, n = 100.0, 1.0, 21
+    along = np.array([[x, 0.0, 0.0] for x in np.linspace(0.0, span, n)])
+    feet = along[[0, -1]] + 5.0 * UP
+    for turn in (0.0, 0.4, 1.2):
+        way = np.array(
+            [[np.cos(turn), 0, np.sin(turn)], [0, 1, 0], [-np.sin(turn), 0, np.cos(turn)]]
+        )
+        joints = np.concatenate([along, feet, feet]) @ way.T  # two posts meet at each foot
+        ends = [
+            *([k, k + 1] for k in range(n - 1)),
+            [0, n],
+            [n - 1, n + 1],
+            [1, n + 2],
+            [n - 2, n + 3],
+        ]
+        thick = np.append(np.full(n - 1, radius), np.full(4, 1e-2 * radius))
+        thick[-4:-2] = 5 * radius
+        beams = round_beams(joints, np.array(ends), thick)
+        feet_at = np.arange(n, n + 4)
+        own, held = hold_by_threads(beams, feet_at)
+        frame = assemble_frame(own, feet_at, PLA.young_mpa, PLA.density_g_cm3, -UP, held)
+        weight = np.pi * radius**2 * PLA.density_g_cm3 * 1e-6 * 9.81
+        wanted = 5 / 384 * weight * span**4 / (PLA.young_mpa * np.pi / 4 * radius**4)
+        moves = frame.displacements()[:n]
+        assert moves[0, 1] - moves[n // 2, 1] == pytest.approx(wanted, rel=0.02)
 
 
 def test_a_strand_above_the_centre_leaves_no_way_for_a_thread() -> None:
@@ -83,7 +150,7 @@ def test_a_strand_above_the_centre_leaves_no_way_for_a_thread() -> None:
     mount = plan_hang(
         knots(ONE.knots[0].points, np.vstack([roof, back])), [camera()], [EMPTY], 0.4, PLA, 0.8
     )
-    assert mount.eyelet.thread[1] > 75.0
+    assert (mount.threads[:, 1] > 75.0).all()
     with pytest.raises(SceneError, match="hanger"):  # nothing is ever so far from all strands
         plan_hang(ONE, [camera()], [EMPTY], 90.0, PLA, 0.8)
 

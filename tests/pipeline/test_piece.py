@@ -21,7 +21,8 @@ from svgelements import Path as SvgPath
 import knotfab
 from knotfab.base.folder import OutputFolder
 from knotfab.geometry.tube import mesh_volume, sweep
-from knotfab.hold.hang import Eyelet, HangMount
+from knotfab.hold.eyelet import Eyelet
+from knotfab.hold.hang import HangMount
 from knotfab.hold.mount import Mounted
 from knotfab.hold.struts import join_members
 from knotfab.knots import Knot, Knots
@@ -59,7 +60,7 @@ def made_by_hand(kind: str, also: set[str], out: Path, **view: float) -> Made:
     if kind == "hang":
         eyelet = Eyelet(np.array([0.0, 60.0, 3.0]), np.array([0.6, 0.0, 0.8]), 6.0, 1.5)
         none = np.empty(0, dtype=np.int64)
-        hang = HangMount(bar, none, eyelet, 0.0, np.zeros(3), 0.1, np.zeros(1))
+        hang = HangMount(bar, none, (eyelet,), 0.0, np.zeros(3), 0.1, np.zeros(1))
         mounted = replace(mounted, hang=hang)
     t = np.linspace(0, 2 * np.pi, 200, endpoint=False)
     ring = np.stack([50 * np.cos(t), 50 * np.sin(t), 5 * np.sin(2 * t)], axis=1)

@@ -115,6 +115,8 @@ def test_a_move_is_told_in_words() -> None:
 
     assert told("lamp", "up") == "the lamp 5 mm up or down"
     assert told("lamp", "right", "eye") == "the eye 5 mm to the side"
+    hung = tell_move(WorstMove(0.9, 0.95, "turn", "up"), off, "shadow", 80.0)
+    assert hung == "one thread 2.1 mm nearer the wall than the other"
     assert told("turn", "axis") == "the piece turned by 1.5° like a wheel"
 
 

@@ -215,6 +215,10 @@ def test_costs_are_those_of_the_report() -> None:
     assert lines[3] == "Piece turned by 1° left or right: about 0.25 IoU"
     assert lines[4] == "Piece turned by 1° forward or back: about 0.50 IoU"
     assert len(lines) == 6
+    hung = costs_of(OFF, view, on_wall=False, threads_apart_mm=80.0)
+    assert hung[:3] == lines[:3] and hung[4] == lines[4]  # two threads let it lean, and no more
+    assert hung[3] == "One thread 1.4 mm nearer the wall than the other: about 0.25 IoU"
+    assert hung[5].startswith("One thread 1.4 mm longer than the other: ")
     fixed = costs_of(OFF, view, on_wall=True)
     # the lamp moves by 600 mm sin 1° = 10.47 mm
     assert fixed[3:] == [

@@ -39,12 +39,17 @@ def asked_of_mount(scene: Scene) -> Asked | str:
     if mount.kind == "hang":
         if mount.thread_mm is None:
             return "the scene does not say where the thread is"
-        place = back @ np.array([*mount.thread_mm, 1.0])
-        return Asked(mount.pegs, thread=np.asarray(place[:3]))
+        return Asked(mount.pegs, threads=threads_of(mount, back))
     view = scene.views[0]
     if view.frame_width_mm is None or view.frame_height_mm is None:
         return "the scene does not say how large its frame is, which its plate follows"
     return Asked(mount.pegs, solids=(_plate_of(mount, view_geometry(view, 2, 2), back),))
+
+
+def threads_of(mount: Mount, back: Array) -> Array:
+    """Return where threads carry a hung piece (1 or 2, 3); `back` (4, 4) leads from scene to part."""
+    places = [place for place in (mount.thread_mm, mount.second_thread_mm) if place is not None]
+    return np.asarray(np.array(places) @ back[:3, :3].T + back[:3, 3])
 
 
 def _plate_of(mount: Mount, view: ViewGeometry, back: Array) -> Solid:

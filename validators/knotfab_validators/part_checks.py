@@ -11,7 +11,7 @@ import numpy as np
 
 from knotfab_formats.verdict import HELD, KNOTS, MESH, PRINTING, UPRIGHT, Check
 from knotfab_validators.arrays import Array
-from knotfab_validators.asked_mount import asked_of_mount
+from knotfab_validators.asked_mount import asked_of_mount, threads_of
 from knotfab_validators.check import skip_check, time_stage
 from knotfab_validators.files.mesh import Plate
 from knotfab_validators.geometry.curves import Curves
@@ -261,7 +261,7 @@ def _predict_topology(
         return None, None
     if mount.kind == "wall" and mount.foot == "dowel":
         return len(curves.polygons), [1] * len(curves.polygons)
-    holes = {"wall": PLATE_HOLES, "hang": 1}.get(mount.kind, 0)  # an eyelet has one
+    holes = {"wall": PLATE_HOLES, "hang": 1}.get(mount.kind, 0)  # a second eyelet is a body more
     return 1, [(sum(mount.pegs) or len(curves.members)) + holes]
 
 
@@ -269,10 +269,9 @@ def _check_level(mesh: Mesh, scene: Scene) -> Check:
     if scene.mount.thread_mm is None or scene.pose is None:
         return skip_check("level", "the scene does not say where the thread is", required=True)
     pose = np.array(scene.pose.matrix, dtype=np.float64)
-    place = np.array([*scene.mount.thread_mm, 1.0])
-    thread: Array = np.linalg.solve(pose, place)[:3].astype(np.float64)
+    threads = threads_of(scene.mount, np.asarray(np.linalg.inv(pose), dtype=np.float64))
     up = pose[1, :3] / np.linalg.norm(pose[1, :3])  # the scene's y in the part's coordinates
-    return check_level(mesh, thread, up)
+    return check_level(mesh, threads, up)
 
 
 def _check_knots(

@@ -70,7 +70,8 @@ def plan_fix(found: Comparison, folder: Path, view_name: str | None = None) -> F
     aside = camera.wall_axes @ (stands - distance * axis)
     moved_to = {"light_distance_mm": distance}
     views = tuple(one.but(**moved_to) if one.name == view.name else one for one in scene.views)
-    fixed = scene.but(views=views, pose=None, mount=scene.mount.but(pegs=(), thread_mm=None))
+    mount = scene.mount.but(pegs=(), thread_mm=None, second_thread_mm=None)
+    fixed = scene.but(views=views, pose=None, mount=mount)
     path = folder / FIXED
     write_whole(path, dump_scene(fixed).encode("utf-8"))
     moved = mask_iou(cast_shadow(knots, camera, camera.eye) > 0.5, wanted)

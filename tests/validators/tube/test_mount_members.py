@@ -189,7 +189,7 @@ def test_a_plate_that_is_not_full_is_told(cut: Manifold) -> None:
         (replace(CURVES, members=()), Asked(COUNT), "names no members"),
         (replace(CURVES, members=()), Asked(), "names no members"),
         (CURVES, Asked(COUNT, hulls=("base", 3.0)), "names no base"),
-        (CURVES, Asked(COUNT, thread=UP), "names no rods"),
+        (CURVES, Asked(COUNT, threads=UP[None]), "names no rods"),
         (
             replace(CURVES, hulls=(("base", PLATE.corners),)),
             Asked(COUNT, hulls=("base", 4.0)),

@@ -120,35 +120,49 @@ def _find_container(
     return next(around, None)
 
 
-# Check that a part that hangs by its eyelet hangs level.
+# Check that a part that hangs by its eyelets hangs level.
 
 MOST_TILT_DEG = 1.0
-PROBE_MM = 0.4  # matter is looked for this far above the thread, and a hole this far below
+PROBE_MM = 0.4  # matter is looked for this far above a thread, and a hole this far below
+LEAST_LOAD = 0.1  # share of the weight on either of two threads: one that is slack holds nothing
 
 
-def check_level(mesh: Mesh, thread: Array, up: Array) -> Check:
+def check_level(mesh: Mesh, threads: Array, up: Array) -> Check:
     """Check `level`: the tilt at which the part hangs, from its centre of mass at uniform density.
 
+    Below two threads it swings about the line through both, and its centre of mass must be between them.
+
     Args:
-        thread: (3,) where the thread carries the part; up: the unit vector (3,) that is to be upright,
-            both in the part's coordinates.
+        threads: (1 or 2, 3) where threads carry the part; up: the unit vector (3,) that is to be
+            upright, both in the part's coordinates.
     """
+
+    def failed(why: str) -> Check:
+        return Check("level", "fail", True, float("nan"), MOST_TILT_DEG, "deg", why)
+
     parts = bodies(mesh)
     if len(parts) != 1:
-        why = f"{len(parts)} bodies do not hang on one thread"
-        return Check("level", "fail", True, float("nan"), MOST_TILT_DEG, "deg", why)
-    above, below = winding_numbers(thread + PROBE_MM * np.outer([1.0, -1.0], up), mesh)
-    if above < 0.5 or below > 0.5:
-        missing = "no matter above" if above < 0.5 else "no hole below"
-        why = f"there is {missing} the place of the thread: no eyelet carries the part"
-        return Check("level", "fail", True, float("nan"), MOST_TILT_DEG, "deg", why)
-    off = thread - parts[0].center
+        return failed(f"{len(parts)} bodies do not hang together on threads")
+    for thread in threads:
+        above, below = winding_numbers(thread + PROBE_MM * np.outer([1.0, -1.0], up), mesh)
+        if above < 0.5 or below > 0.5:
+            missing = "no matter above" if above < 0.5 else "no hole below"
+            return failed(f"there is {missing} the place of a thread: no eyelet carries the part")
+    hung, where = threads[0], "beside its line"
+    if len(threads) > 1:
+        line = threads[1] - threads[0]
+        level = line - (line @ up) * up
+        share = float((parts[0].center - threads[0]) @ level / max(level @ level, 1e-12))
+        if not LEAST_LOAD <= share <= 1 - LEAST_LOAD:
+            return failed(
+                f"one of two threads would carry {max(share, 1 - share):.0%} of the weight"
+            )
+        hung, where = threads[0] + share * line, "beside the plane of both"
+    off = hung - parts[0].center
     high = float(off @ up)
     aside = float(np.linalg.norm(off - high * up))
     tilt = float(np.degrees(np.arctan2(aside, high)))
-    detail = (
-        f"the centre of mass hangs {high:.1f} mm below the thread, {aside:.2f} mm beside its line"
-    )
+    detail = f"the centre of mass hangs {high:.1f} mm below the thread, {aside:.2f} mm {where}"
     return at_most("level", tilt, MOST_TILT_DEG, "deg", detail)
 
 

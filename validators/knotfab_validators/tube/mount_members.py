@@ -31,15 +31,15 @@ class Asked:
 
     `pegs`: how many members there are, by knots; empty: not said. `solids`: what must be filled as the
     scene alone has it (a wall plate). `hulls`: the name of the solids that knots.json must have, such as
-    "base", and how thick each must be below every foot at least. `thread`: where an eyelet carries
-    the piece (3,). `on_feet`: whether it stands in a plate by its own valleys; `frame` (n, 3): corners over
-    which that plate must extend.
+    "base", and how thick each must be below every foot at least. `threads`: where eyelets carry
+    the piece, (1 or 2, 3). `on_feet`: whether it stands in a plate by its own valleys; `frame` (n, 3):
+    corners over which that plate must extend.
     """
 
     pegs: tuple[int, ...] = ()
     solids: tuple[Solid, ...] = ()
     hulls: tuple[str, float] | None = None
-    thread: Array | None = None
+    threads: Array | None = None
     on_feet: bool = False
     frame: Array = field(default_factory=lambda: np.empty((0, 3)))
 
@@ -103,8 +103,8 @@ def _find_lacking(curves: Curves, asked: Asked) -> str | None:
     """Say what of a mount knots.json leaves out."""
     if not curves.members:
         return "knots.json names no members of the mount"
-    if asked.thread is not None and not curves.rods:
-        return "knots.json names no rods of the eyelet"
+    if asked.threads is not None and not curves.rods:
+        return "knots.json names no rods of an eyelet"
     if asked.hulls is not None and not any(name == asked.hulls[0] for name, _ in curves.hulls):
         return f"knots.json names no {asked.hulls[0]} among its hulls"
     return None
@@ -126,16 +126,25 @@ def _find_unfit(curves: Curves, solids: Sequence[Solid], asked: Asked) -> tuple[
                     f"the {name} is {way:.3g} mm thick below member {number}, not {least:.3g} mm"
                 )
                 return detail, member.end
-    if asked.thread is not None:
-        ends = np.array([bar.end for bar in curves.rods])
-        starts = np.array([bar.start for bar in curves.rods])
-        gaps = np.linalg.norm(ends - np.roll(starts, -1, axis=0), axis=1)
-        if gaps.max() > INTO_FOOT_MM:
-            return "the rods of the eyelet close no ring", ends[int(gaps.argmax())]
-        wire = min(curves.rods[0].radius_mm)
-        off = abs(point_segment(np.tile(asked.thread, (len(ends), 1)), starts, ends).min() - wire)
+    return None if asked.threads is None else _find_unfit_eyelet(curves.rods, asked.threads)
+
+
+def _find_unfit_eyelet(rods: Sequence[Member], threads: Array) -> tuple[str, Array] | None:
+    """Say which of the threads (k, 3) has no eyelet, a ring of rods one after another, of its own."""
+    starts, ends = np.array([bar.start for bar in rods]), np.array([bar.end for bar in rods])
+    after = np.linalg.norm(ends[:-1] - starts[1:], axis=1) > INTO_FOOT_MM
+    rings = np.split(np.arange(len(rods)), 1 + np.flatnonzero(after))
+    for ring in rings:
+        if len(ring) < 3 or np.linalg.norm(ends[ring[-1]] - starts[ring[0]]) > INTO_FOOT_MM:
+            return "the rods of an eyelet close no ring", ends[ring[-1]]
+    if len(rings) != len(threads):
+        return f"there are {len(rings)} eyelets, and by the scene {len(threads)}", ends[0]
+    for thread, ring in zip(threads, rings, strict=True):
+        at = np.tile(thread, (len(ring), 1))
+        wire = min(rods[ring[0]].radius_mm)
+        off = abs(point_segment(at, starts[ring], ends[ring]).min() - wire)
         if off > INTO_FOOT_MM:
-            return f"the eyelet's wire is {off:.3g} mm off the thread's place", asked.thread
+            return f"an eyelet's wire is {off:.3g} mm off its thread's place", thread
     return None
 
 

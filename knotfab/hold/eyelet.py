@@ -1,0 +1,172 @@
+"""An eyelet: the ring by which a thread carries a piece, where it has room, and what it keeps free."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from knotfab.base.arrays import Array, Mask
+from knotfab.base.errors import SceneError
+from knotfab.hold.plinth import Masses
+from knotfab.hold.shade import MountShadows
+from knotfab.hold.solids import motion_along
+from knotfab.hold.stand import LENGTH_WEIGHT, MOST_COSINE
+from knotfab.hold.struts import GROUND, Candidates, Obstacles, Sites, join_members, no_members
+from knotfab.knots import Knots
+
+_HEIGHTS = 24  # heights of the eyelet that are tried
+_ABOVE = 0.15  # a share of the piece's height: the least from its centre of mass to the eyelet
+_TRIED = 400  # posts, from the one that shows least on
+THREAD_MM = 1.0  # across the thread's way, with some room
+_FAR_MM = 1e4  # above every piece
+UP = np.array([0.0, 1.0, 0.0])
+
+
+@dataclass(frozen=True)
+class Eyelet:
+    """A ring of round wire, mm: its middle (3,), and the unit vector (3,) through its hole."""
+
+    middle: Array
+    through: Array
+    ring_mm: float  # radius of the wire's centre line
+    wire_mm: float  # radius of the wire
+
+    @property
+    def thread(self) -> Array:
+        """Where the thread carries the piece: the top of the hole, (3,)."""
+        return np.asarray(self.middle + (self.ring_mm - self.wire_mm) * UP)
+
+    def outline(self, sides: int) -> Array:
+        """Sample the wire's centre line, (sides, 3)."""
+        turn, angle = motion_along(self.through, self.middle), 2 * np.pi * np.arange(sides) / sides
+        across = np.outer(np.cos(angle), turn[:, 0]) + np.outer(np.sin(angle), turn[:, 1])
+        return np.asarray(self.middle + self.ring_mm * across)
+
+    @property
+    def masses(self) -> Masses:
+        """The ring's volume and centre of mass."""
+        volume = 2 * np.pi**2 * self.ring_mm * self.wire_mm**2
+        return Masses(np.array([volume]), self.middle[None])
+
+
+def bound_ring(ring: Eyelet) -> Candidates:
+    """Return a member as thick as the whole ring is wide, of which struts keep clear."""
+    reach = ring.ring_mm + ring.wire_mm
+    beside = ring.through * ring.wire_mm
+    none = np.array([GROUND])
+    return Candidates(
+        none, none, (ring.middle - beside)[None], (ring.middle + beside)[None], np.array([reach])
+    )
+
+
+def draw_thread(ring: Eyelet) -> Candidates:
+    """Return the thread above a ring as a bar, of which members keep clear."""
+    none, start = np.array([GROUND]), ring.thread[None]
+    return Candidates(none, none, start, start + _FAR_MM * UP, np.array([0.5 * THREAD_MM]))
+
+
+def ring_bars(ring: Eyelet) -> Candidates:
+    """Return bars along the ring, for its shadow."""
+    across = np.cross(UP, ring.through)
+    turn = np.linspace(0.0, 2 * np.pi, 9)[:, None]
+    at = ring.middle + ring.ring_mm * (np.cos(turn) * UP + np.sin(turn) * across)
+    none = np.full(8, GROUND)
+    return Candidates(none, none, at[:-1], at[1:], np.full(8, ring.wire_mm))
+
+
+def centre_eyelet(posts: Candidates, ring: Eyelet, middle: Array) -> tuple[Candidates, Eyelet]:
+    """Move eyelet and posts so that the eyelet is straight above the centre of mass `middle`.
+
+    All posts end where the first one meets the ring.
+    """
+    at = np.array([middle[0], ring.middle[1], middle[2]])
+    axis = (at - posts.start[0]) / np.linalg.norm(at - posts.start[0])
+    level = np.cross(axis, UP)
+    # the post must lie in the ring's plane; a post that stands upright does so in any
+    through = level / np.linalg.norm(level) if np.linalg.norm(level) > 0.05 else ring.through
+    ring = replace(ring, middle=at, through=through)
+    return replace(posts, end=np.tile(at - ring.ring_mm * axis, (len(posts), 1))), ring
+
+
+def has_room(obstacles: Obstacles, *rings: Eyelet) -> Mask:
+    """Tell (n,) whether no strand is near the ring or in the thread's way above it."""
+    tube, points = obstacles.tube, obstacles.points
+    free = np.ones(len(rings), dtype=bool)
+    for n, ring in enumerate(rings):
+        off = points - ring.middle
+        near = np.linalg.norm(off, axis=1)
+        level = np.hypot(off[:, 0], off[:, 2])
+        reach = tube + obstacles.clearance + obstacles.slack
+        free[n] = near.min() >= reach + ring.ring_mm + ring.wire_mm
+        free[n] &= not ((level < reach + 0.5 * THREAD_MM) & (off[:, 1] > 0)).any()
+    return free
+
+
+def choose_post(
+    knots: Knots,
+    sites: Sites,
+    middle: Array,
+    ring: Eyelet,
+    radius: float,
+    obstacles: Obstacles,
+    shadows: MountShadows,
+) -> tuple[Candidates, Eyelet]:
+    """Choose the post and the eyelet above `middle` (3,) that show least.
+
+    Raises:
+        SceneError: there is none.
+    """
+    low, high = float(knots.points[:, 1].min()), float(knots.points[:, 1].max())
+    reach = 2.0 * (ring.ring_mm + ring.wire_mm + knots.radius_mm)
+    heights = np.linspace(middle[1] + _ABOVE * (high - low), high + reach, _HEIGHTS)
+    rings = [replace(ring, middle=np.array([middle[0], y, middle[2]])) for y in heights]
+    parts, at = [no_members()], [np.empty(0, dtype=np.int64)]
+    free = has_room(obstacles, *rings)
+    free &= obstacles.clear(join_members([draw_thread(one) for one in rings]))
+    for n in np.flatnonzero(free):
+        along = rings[n].middle - sites.point
+        length = np.linalg.norm(along, axis=1)
+        square = np.abs(np.einsum("ij,ij->i", along, sites.tangent)) <= MOST_COSINE * length
+        some = np.flatnonzero(square & (length >= ring.ring_mm + ring.wire_mm + knots.radius_mm))
+        end = rings[n].middle - ring.ring_mm * along[some] / length[some, None]
+        ground = np.full(len(some), GROUND)
+        start, thick = sites.point[some], np.full(len(some), radius)
+        parts.append(Candidates(some, ground, start, end, thick))
+        at.append(np.full(len(some), n))
+    every, number = join_members(parts), np.concatenate(at)
+    if not len(every):
+        raise no_place()
+    shown = np.array([shadows.cost(ring_bars(one)).sum() for one in rings])
+    cost = shadows.cost(every) + shown[number] + LENGTH_WEIGHT * every.length_mm
+    order = np.argsort(cost, kind="stable")[:_TRIED]
+    clear = obstacles.clear(every.of(order))
+    if not clear.any():
+        raise no_place()
+    best = int(order[clear.argmax()])
+    return centre_eyelet(every.of([best]), rings[number[best]], middle)
+
+
+def list_posts(sites: Sites, post: Candidates, least_mm: float) -> Candidates:
+    """List further posts to the end of an eyelet's first `post`, of at least this length."""
+    along = post.end[0] - sites.point
+    length = np.maximum(np.linalg.norm(along, axis=1), 1e-9)
+    # a share of a further post's length, by which it may come down to the eyelet
+    from_below = along[:, 1] >= -0.3 * length
+    square = np.abs(np.einsum("ij,ij->i", along, sites.tangent)) <= MOST_COSINE * length
+    some = np.flatnonzero(from_below & square & (length >= least_mm))
+    end, ground = np.tile(post.end, (len(some), 1)), np.full(len(some), GROUND)
+    return Candidates(some, ground, sites.point[some], end, np.full(len(some), post.radius[0]))
+
+
+def keep_free(ring: Eyelet) -> Candidates:
+    """Return what other members keep clear of: the ring and its thread."""
+    return join_members([bound_ring(ring), draw_thread(ring)])
+
+
+def no_place() -> SceneError:
+    return SceneError(
+        "the hanger",
+        "no eyelet has room straight above the centre of mass, with a post to a strand beside it",
+        "Use --mount stand or none, or a thinner tube (--tube-radius)",
+    )
