@@ -119,8 +119,8 @@ several-table: system $(DONE)
 lamps-table: system $(DONE)
 	$(BIN)/python -m benchmarks.coloured_lamps --out out/lamps
 
-# what mounts on a wall and on a stand cost the same pictures (about 30 min)
-mount-table: system slicer $(DONE)
+# which holder the same pictures get, at which accuracy, and what it costs them (about an hour)
+mount-table: system $(DONE)
 	$(BIN)/python -m benchmarks.mount_table
 
 # the same pictures without supports and with the slicer's: grams, hours, likeness, checks (about 30 min on a free

@@ -1,117 +1,118 @@
-"""Build the project's own pictures on a wall and on a stand, and print what the mounts cost them.
+"""Build the project's own pictures on holders, and print which holds, what it costs, and what fails.
 
-`python -m benchmarks.mount_table [--only wall|stand] [--skip-slicer] [--out DIR] [NAME ...]`: exit
-code, IoU of the knots alone and what the mount takes off it in the frame, intrusion, sag, pegs or posts
-with their struts, the angle that a stand can be tipped by, seconds of the mount stage, and what the
-slicer warns of (of that unexplained). With --out, pictures that are done are not built again. A NAME
-such as heart+teapot is one piece of two views, which only a stand holds.
+`python -m benchmarks.mount_table [NAME ...] [--only auto|wall|stand|hang ...] [--accuracy NAME ...]
+[--slicer] [--out DIR]`. Without a NAME: what a default `--print` chooses (auto) for all pictures at draft and
+standard, for three of them at sketch and fine, and the knight on each holder at draft, standard and fine.
+With NAMEs, those on each holder at each accuracy. A row: exit code, the holder, the word, IoU of the knots
+alone and what the holder takes off it in the frame, intrusion, sag, its pegs, posts or feet with their
+struts, the angle that a stand can be tipped by, CPU seconds, and what failed. With --out, pictures that are
+done are not built again. A NAME such as heart+teapot is one piece of two views. --slicer asks the slicer too.
 """
 
 from __future__ import annotations
 
-import statistics
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 from benchmarks.measurement import build_apart, make_folder, read_report, run_study
 from examples.pictures import pictures
 
-
-def row_of(report: dict[str, Any]) -> dict[str, float]:
-    """Return the figures of one build, from its report.json."""
-    checks = {c["name"]: c for c in report["checks"]}
-    views, mount = report["views"], report["print"]["mount"]
-    members = mount.get("struts", 0) + mount["pegs" if mount["kind"] == "wall" else "posts"]
-    row = {
-        # the view that fares worst
-        "iou_tube": min(view["iou_tube"] for view in views),
-        # in the frame: below it a stand may show
-        "drop": max(view["iou_tube"] - view["iou_frame"] for view in views),
-        "intrusion": checks["intrusion"]["measured"],
-        "sag": checks["sag"]["measured"],
-        "members": members,
-        "seconds": report["timings"]["mount"],
-        "failed": sum(c["status"] == "fail" for c in report["checks"]),
-    }
-    if "tip_deg" in mount:
-        row["tip"] = mount["tip_deg"]
-    if "slicer" in report:
-        warnings = report["slicer"]["warnings"]
-        row["warnings"] = len(warnings)
-        row["unexplained"] = sum(not w["explanation"] for w in warnings)
-    return row
+Kind = Literal["auto", "wall", "stand", "hang"]
+HOLDERS: tuple[Kind, ...] = ("wall", "stand", "hang")
+THREE = ("knight", "heart", "teapot")
+HEAD = (
+    f"{'picture':<10} {'accuracy':<8} {'asked':<5} code  {'holder':<13} {'word':<16} IoU     drop     "
+    "intr. %     sag  members    tip  CPU s  failed"
+)
 
 
-def _line(name: str, kind: str, code: int, row: dict[str, float]) -> str:
-    tip = f"{row['tip']:5.1f}" if "tip" in row else "    -"
-    slicer = f"{row['warnings']:.0f}/{row['unexplained']:.0f}" if "warnings" in row else "-"
-    return (
-        f"{name:<10} {kind:<6} {code:>4}  {row['iou_tube']:.4f}  {row['drop']:+.4f}  "
-        f"{100 * row['intrusion']:8.4f}  {row['sag']:6.3f}  {row['members']:>7.0f}  {tip}  "
-        f"{row['seconds']:7.1f}  {slicer:>8}  {row['failed']:>6.0f}"
-    )
+@dataclass(frozen=True)
+class Row:
+    """The figures of one build, from its report.json."""
 
+    holder: str
+    word: str
+    iou_tube: float  # of the view that fares worst
+    drop: float  # in the frame: below it a stand may show
+    intrusion: float
+    sag_mm: float | None
+    members: int
+    tip_deg: float | None
+    failed: tuple[str, ...]
 
-def _summary(kind: str, rows: Sequence[dict[str, float]]) -> str:
-    def worst(key: str) -> float:
-        return max(abs(row[key]) for row in rows)
-
-    text = (
-        f"{kind}: {len(rows)} pictures, intrusion at most {100 * worst('intrusion'):.4f} % of the frame, "
-        f"IoU changed by at most {worst('drop'):.4f}, sag at most {worst('sag'):.3f} mm, mount stage "
-        f"median {statistics.median(row['seconds'] for row in rows):.1f} s, "
-        f"worst {worst('seconds'):.1f} s, failed checks {sum(row['failed'] for row in rows):.0f}"
-    )
-    if all("tip" in row for row in rows):
-        text += f", tips over at no less than {min(row['tip'] for row in rows):.1f} degrees"
-    if any("warnings" in row for row in rows):
-        text += (
-            f", slicer warnings {sum(row.get('warnings', 0) for row in rows):.0f}, "
-            f"of them unexplained {sum(row.get('unexplained', 0) for row in rows):.0f}"
+    @staticmethod
+    def of(report: dict[str, Any]) -> Row:
+        checks = {c["name"]: c for c in report["checks"]}
+        views, mount = report["views"], report["print"].get("mount", {"kind": "none"})
+        feet = sum(mount.get("feet_of_knots", ()))
+        return Row(
+            "-".join(filter(None, [mount["kind"], mount.get("plate") or mount.get("foot")])),
+            (report.get("verdict") or {}).get("word", "-"),
+            min(view["iou_tube"] for view in views),
+            max(view["iou_tube"] - view["iou_frame"] for view in views),
+            checks["intrusion"]["measured"] if "intrusion" in checks else 0.0,
+            mount.get("sag_mm"),
+            feet + mount.get("struts", 0) + mount.get("pegs", mount.get("posts", 0)),
+            mount.get("tip_deg"),
+            tuple(c["name"] for c in report["checks"] if c["status"] == "fail"),
         )
-    return text
+
+    def __str__(self) -> str:
+        sag, tip = ("-" if x is None else f"{x:.3g}" for x in (self.sag_mm, self.tip_deg))
+        return (
+            f"{self.holder:<13} {self.word:<16} {self.iou_tube:.4f}  {self.drop:+.4f}  "
+            f"{100 * self.intrusion:7.4f}  {sag:>6}  {self.members:>7}  {tip:>5}"
+        )
+
+
+def list_usual() -> Iterator[tuple[str, Kind, str]]:
+    """List what is built where no NAME is given: picture, mount, accuracy."""
+    for accuracy in ("draft", "standard"):
+        yield from ((name, "auto", accuracy) for name in pictures())
+    for accuracy in ("sketch", "fine"):
+        yield from ((name, "auto", accuracy) for name in THREE)
+    for kind in HOLDERS:
+        yield from ((THREE[0], kind, accuracy) for accuracy in ("draft", "standard", "fine"))
 
 
 def main(
     *names: str,
-    only: Literal["wall", "stand"] | None = None,
-    skip_slicer: bool = False,
+    only: Sequence[Kind] = (),
+    accuracy: Sequence[str] = (),
+    slicer: bool = False,
     out: Path | None = None,
-) -> None:
-    """Print the table and its summaries."""
-    folder = make_folder(out, "mounts")
-    options = ["--skip", "slicer"] if skip_slicer else []
-    drawn = pictures()
-    for kind in [only] if only else ["wall", "stand"]:
-        rows = []
-        print(
-            "picture    mount  code  IoU     drop     intr. %      sag  members    tip  "
-            "seconds  warnings  failed"
-        )
-        for name in names or drawn:
-            parts = name.split("+")
-            if len(parts) > 1 and kind == "wall":
-                continue
-            place = folder / f"{name}-{kind}"
-            report, error = read_report(place), ""
-            if report is None:
-                paths = [folder / f"{part}.png" for part in parts]
-                for part, path in zip(parts, paths, strict=True):
-                    drawn[part].save(path)
-                more = [str(path) for path in paths[1:]]
-                built = build_apart(paths[0], place, *more, "--mount", kind, *options)
-                report, code, error = built.report, built.code, built.said
-            else:
-                code = 0 if report["status"] == "pass" else 1
-            if report is None or "mount" not in report["print"]:
-                print(f"{name:<10} {kind:<6} {code:>4}  {error}", flush=True)
-                continue
-            rows.append(row_of(report))
-            failed = [c["name"] for c in report["checks"] if c["status"] == "fail"]
-            print(_line(name, kind, code, rows[-1]), *failed, flush=True)
-        if rows:
-            print(_summary(kind, rows), "\n", flush=True)
+) -> int:
+    """Print the table and how many builds have no holder that passes; 1 where there are any."""
+    folder, drawn = make_folder(out, "mounts"), pictures()
+    options = [] if slicer else ["--skip", "slicer"]
+    asked = list_usual()
+    if names:
+        every = ((accuracy or ("standard",)), (only or HOLDERS), names)
+        asked = ((n, k, a) for a in every[0] for k in every[1] for n in every[2])
+    wanted = [one for one in asked if one[1] in (only or one) and one[2] in (accuracy or one)]
+    bad = []
+    print(HEAD)
+    for name, kind, how in wanted:
+        place = folder / f"{name}-{kind}-{how}"
+        report, said, cpu = read_report(place), "", ""
+        code = 0 if report is not None and report["status"] == "pass" else 1
+        if report is None:
+            paths = [folder / f"{part}.png" for part in name.split("+")]
+            for path in paths:
+                drawn[path.stem].save(path)
+            mount = [] if kind == "auto" else ["--mount", kind]
+            more = [*map(str, paths[1:]), *mount, "--accuracy", how, *options]
+            built = build_apart(paths[0], place, *more)
+            report, code, said, cpu = built.report, built.code, built.said, f"{built.cpu_s:.0f}"
+        row = None if report is None else Row.of(report)
+        told = said if row is None else f"{row}  {cpu:>5}  {' '.join(row.failed)}"
+        print(f"{name:<10} {how:<8} {kind:<5} {code:>4}  {told}", flush=True)
+        if code or row is None or row.holder == "none":
+            bad.append(f"{name} {kind} {how}")
+    print(f"{len(wanted)} builds; without a holder that passes: {', '.join(bad) or 'none'}")
+    return int(bool(bad))
 
 
 if __name__ == "__main__":

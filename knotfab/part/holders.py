@@ -29,13 +29,29 @@ _POSTS = {"hang": (3, 0.25), "stand": (4, 0.3), "wall": (7, 1.0)}
 _MEMBER_SHARE = 0.7
 
 
+_MODEST = (
+    1 / 3
+)  # of what a piece takes on a holder: how much more another one may take to be no dear one
+
+
 @dataclass(frozen=True)
 class Guess:
-    """What a holder adds to the bare piece, its supports included; `hours` are NaN but for filament."""
+    """What a holder adds to the bare piece, its supports included; `hours` are NaN but for filament.
+
+    `bare_grams` and `bare_hours` are the piece's own.
+    """
 
     kind: Kind
     grams: float
     hours: float
+    bare_grams: float
+    bare_hours: float
+
+    def is_dear_beside(self, other: Guess) -> bool:
+        """Tell whether it takes much more than another one, piece included."""
+        if np.isnan(self.hours):
+            return self.grams - other.grams > _MODEST * (self.bare_grams + other.grams)
+        return self.hours - other.hours > _MODEST * (self.bare_hours + other.hours)
 
     def __str__(self) -> str:
         hours = "" if np.isnan(self.hours) else f" and {max(self.hours, 0.0):.1f} h"
@@ -94,7 +110,11 @@ def _price(
     grams = scene.material.density_g_cm3 * (supports_cm3 + 1e-3 * (member_mm3 + solid_mm3))
     hours = (estimate_print_minutes(posed) - estimate_print_minutes(bare)) / 60
     hours += hours_of_tube(member_mm3, radius) + hours_of_plate(solid_mm3)
-    return Guess(kind, float(grams), float(hours) if filament else float("nan"))
+    bare_grams = float(scene.material.density_g_cm3 * bare.filament_cm3)
+    bare_hours = float(estimate_print_minutes(bare) / 60)
+    return Guess(
+        kind, float(grams), float(hours) if filament else float("nan"), bare_grams, bare_hours
+    )
 
 
 def _members_mm3(kind: Kind, points: Array, made: Design, camera: Camera) -> float:

@@ -27,6 +27,7 @@ from knotfab_formats.report import Report
 from knotfab_formats.scene import SettledScene
 from knotfab_formats.verdict import list_unmet
 
+_BEST_FIRST = "faithful", "good", "coarse", "not recognisable"
 _SEEN_SHARE = 0.0005  # of the frame: what a holder darkens beyond that is told
 
 
@@ -66,7 +67,8 @@ class Workshop:
 
         Holders are planned in the order of a guess of their hours and grams, and only one that can be
         planned is built and verified. The next is tried where a check fails: not under a time budget, nor
-        where the knots break a limit, nor where it failed the same checks as the one before.
+        where the knots break a limit, nor where it failed the same checks as the one before. One that spoils
+        the word gives way to one that does not and is not dear (`_keep_word`).
         """
         refused: list[str] = []
         failed: set[str] = set()
@@ -77,13 +79,20 @@ class Workshop:
             if isinstance(settled, str):
                 refused.append(f"{WORDS[guess.kind]} ({settled})")
                 continue
-            shows = settled[1].mounted.figures.predicted_intrusion or 0.0
+            shows = _shows(settled)
             said = _tell_choice(guess, guesses, refused, shows)
             piece, report = self.finish(asked, settled[0], settled, said)
-            unmet = {check.name for check in list_unmet(report.checks) if check.status == "fail"}
+            unmet = _list_failed(report)
             once = request.time_budget_s is not None or not made.result.feasible
-            if not unmet or once or unmet == failed:
+            if once or (unmet and unmet == failed):
                 return piece, report
+            if not unmet:
+                later = guesses[guesses.index(guess) + 1 :] if shows >= _SEEN_SHARE else []
+                paler = [one for one in later if not one.is_dear_beside(guess)]
+                if not _rank_word(report) or not paler:
+                    return piece, report
+                first = asked, settled[0], settled, said
+                return self._keep_word(request, made, (piece, report), first, paler)
             failed = unmet
             refused.append(f"{WORDS[guess.kind]} (failed: {', '.join(sorted(unmet))})")
             discard_piece(piece, self.folder)
@@ -92,6 +101,34 @@ class Workshop:
         if made.scene.piece.supports == "none":
             why = "members between strands need supports; --plate outline needs none"
         return self.finish(asked, design, note=f"No holder was found: {why}.")
+
+    def _keep_word(
+        self,
+        request: Request,
+        made: Design,
+        done: tuple[WrittenPiece, Report],
+        first: tuple[Request, Design, Settled, str],
+        others: Sequence[Guess],
+    ) -> tuple[WrittenPiece, Report]:
+        """Finish a piece on the first of other holders that is not seen, if its word is better there.
+
+        Args:
+            done: the piece as it is on its holder. first: what it was finished from.
+        """
+        for guess in others:
+            asked, design = _with_mount(request, made, guess.kind)
+            settled = self._plan(asked, design)
+            shows = 1.0 if isinstance(settled, str) else _shows(settled)
+            if isinstance(settled, str) or shows >= _SEEN_SHARE:
+                continue
+            discard_piece(done[0], self.folder)
+            why = f"Held by {guess}, since the shadow suffers on what takes less. --mount none leaves it out."
+            other = self.finish(asked, settled[0], settled, why)
+            if not _list_failed(other[1]) and _rank_word(other[1]) < _rank_word(done[1]):
+                return other
+            discard_piece(other[0], self.folder)
+            return self.finish(*first)
+        return done
 
     def _plan(self, request: Request, made: Design) -> Settled | str:
         """Plan the piece on the mount that is asked for, or say why it does not hold."""
@@ -103,6 +140,20 @@ class Workshop:
         if sag is not None and sag.status == "fail":
             return f"it sags {sag.measured:.2g} mm"
         return settled
+
+
+def _shows(settled: Settled) -> float:
+    """Return the share of the picture's frame that a holder darkens, as its plan has it."""
+    return settled[1].mounted.figures.predicted_intrusion or 0.0
+
+
+def _list_failed(report: Report) -> set[str]:
+    return {check.name for check in list_unmet(report.checks) if check.status == "fail"}
+
+
+def _rank_word(report: Report) -> int:
+    """Return how far a report's word is from the best one; 0 where there is none."""
+    return 0 if report.verdict is None else _BEST_FIRST.index(report.verdict.word)
 
 
 def _with_mount(request: Request, made: Design, kind: str) -> tuple[Request, Design]:

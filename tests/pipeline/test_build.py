@@ -250,7 +250,7 @@ def test_a_printed_piece_gets_the_cheapest_holder_and_the_scene_gives_it_again(
     report = json.loads((out / "report.json").read_text())
     mount = tomllib.loads((out / "scene.toml").read_text())["mount"]
     assert mount["kind"] == report["print"]["mount"]["kind"] == "hang" and mount["turns"] is True
-    (note,) = (note for note in report["notes"] if note.startswith("Held by an eyelet"))
+    (note,) = (note for note in report["notes"] if note.startswith("Held by eyelets"))
     assert (
         re.search(r"more for a stand \(some [0-9.]+ g and [0-9.]+ h", note)
         and "a wall mount" in note

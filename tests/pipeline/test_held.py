@@ -13,7 +13,7 @@ import pytest
 from rings import EMPTY, VIEW, knots, ring
 
 from knotfab.effects.base import World
-from knotfab.part.holders import can_hold, guess_holders
+from knotfab.part.holders import Guess, can_hold, guess_holders
 from knotfab.pipeline import held
 from knotfab.pipeline.held import Workshop
 from knotfab.request import Request
@@ -72,13 +72,16 @@ def test_a_plate_is_guessed_to_cost_more_than_an_eyelet() -> None:
 class Played(Workshop):
     """A workshop that builds nothing: each kind of mount fails the checks that are told of it."""
 
-    def play(self, fails: Mapping[str, tuple[str, ...]], unheld: set[str]) -> Played:
-        self.__dict__.update(fails=fails, unheld=unheld, built=[])
+    def play(
+        self, fails: Mapping[str, tuple[str, ...]], unheld: set[str], words: Mapping[str, str]
+    ) -> Played:
+        self.__dict__.update(fails=fails, unheld=unheld, words=words, built=[])
         return self
 
     def _plan(self, request: Request, made: Any) -> Any:
         kind = made.scene.mount.kind
-        figures = MountFigures(kind=kind, predicted_intrusion=0.008)
+        dark = 0.008 if kind == "hang" else 0.0
+        figures = MountFigures(kind=kind, predicted_intrusion=dark)
         part = SimpleNamespace(mounted=SimpleNamespace(figures=figures))
         return "nothing reaches it" if kind in self.__dict__["unheld"] else (made, part, None)
 
@@ -87,7 +90,9 @@ class Played(Workshop):
         assert request.scene.mount == made.scene.mount
         self.__dict__["built"].append(kind)
         checks = [replace(BAD, name=name) for name in self.__dict__["fails"].get(kind, ())]
-        return note, SimpleNamespace(checks=checks)
+        word = self.__dict__["words"].get(kind, "faithful")
+        piece = SimpleNamespace(made=made, scene=made.scene, note=note)
+        return piece, SimpleNamespace(checks=checks, verdict=SimpleNamespace(word=word))
 
 
 EACH = {"hang": ("level",), "stand": ("mount",), "wall": ("tube",)}
@@ -113,15 +118,48 @@ def test_the_next_holder_is_tried_where_one_fails(
 ) -> None:
     monkeypatch.setattr(held, "discard_piece", lambda *_: None)
     nothing: Any = None
-    shop = Played([TARGET], nothing, nothing, nothing, nothing).play(fails, unheld)
+    shop = Played([TARGET], nothing, nothing, nothing, nothing).play(fails, unheld, {})
     request = Request(scene_of(), (), Path(), printing=True, **keys)
     assert request.chooses_holder
-    note, _ = shop.finish_held(request, made_of(request.scene))
+    piece, _ = shop.finish_held(request, made_of(request.scene))
+    note = piece.note
     assert shop.__dict__["built"] == built
-    wanted = ["No holder"] if built[-1] == "none" else ["Held by", "It darkens 0.8% of"]
+    wanted = ["No holder"] if built[-1] == "none" else ["Held by"]
+    wanted += ["It darkens 0.8% of"] if built == ["hang"] else []
     assert all(words in str(note) for words in wanted)
     for kind in unheld & {"hang"}:
         assert "nothing reaches it" in str(note), kind
+
+
+@pytest.mark.parametrize(
+    ("words", "dear", "built"),
+    [
+        ({}, set(), ["hang"]),
+        ({"hang": "good"}, set(), ["hang", "stand"]),
+        ({"hang": "good", "stand": "good"}, set(), ["hang", "stand", "hang"]),
+        ({"hang": "good"}, {"stand"}, ["hang", "wall"]),
+        ({"hang": "good"}, {"stand", "wall"}, ["hang"]),
+    ],
+)
+def test_a_holder_that_spoils_the_word_gives_way_to_one_that_is_not_dear(
+    monkeypatch: pytest.MonkeyPatch, words: dict[str, str], dear: set[str], built: list[str]
+) -> None:
+    monkeypatch.setattr(held, "discard_piece", lambda *_: None)
+    monkeypatch.setattr(Guess, "is_dear_beside", lambda self, _: self.kind in dear)
+    nothing: Any = None
+    shop = Played([TARGET], nothing, nothing, nothing, nothing).play({}, set(), words)
+    request = Request(scene_of(), (), Path(), printing=True)
+    shop.finish_held(request, made_of(request.scene))
+    assert shop.__dict__["built"] == built
+
+
+def test_a_third_more_than_the_whole_piece_takes_is_dear() -> None:
+    light = Guess("hang", 2.0, 1.0, 40.0, 5.0)
+    assert not Guess("stand", 60.0, 2.9, 40.0, 5.0).is_dear_beside(light)  # hours decide
+    assert Guess("stand", 2.0, 3.1, 40.0, 5.0).is_dear_beside(light)
+    resin = replace(light, hours=float("nan"))
+    assert not replace(resin, grams=15.0).is_dear_beside(resin)
+    assert replace(resin, grams=17.0).is_dear_beside(resin)
 
 
 @pytest.mark.parametrize("kind", ["wall", "stand", "hang", "none"])
