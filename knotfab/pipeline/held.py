@@ -88,8 +88,10 @@ class Workshop:
                 return piece, report
             if not unmet:
                 later = guesses[guesses.index(guess) + 1 :] if shows >= _SEEN_SHARE else []
-                paler = [one for one in later if not one.is_dear_beside(guess)]
-                if not _rank_word(report) or not paler:
+                rank = _rank_word(report)
+                # no price is too high for a piece that is coarse
+                paler = [one for one in later if rank > 1 or not one.is_dear_beside(guess)]
+                if not rank or not paler:
                     return piece, report
                 first = asked, settled[0], settled, said
                 return self._keep_word(request, made, (piece, report), first, paler)

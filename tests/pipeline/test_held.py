@@ -139,6 +139,7 @@ def test_the_next_holder_is_tried_where_one_fails(
         ({"hang": "good", "stand": "good"}, set(), ["hang", "stand", "hang"]),
         ({"hang": "good"}, {"stand"}, ["hang", "wall"]),
         ({"hang": "good"}, {"stand", "wall"}, ["hang"]),
+        ({"hang": "coarse"}, {"stand", "wall"}, ["hang", "stand"]),
     ],
 )
 def test_a_holder_that_spoils_the_word_gives_way_to_one_that_is_not_dear(
