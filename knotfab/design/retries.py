@@ -12,18 +12,20 @@ from typing import Any
 import numpy as np
 import shapely
 
-from knotfab.base.arrays import Array
+from knotfab.base.arrays import Array, Indices
 from knotfab.base.errors import SceneError
-from knotfab.geometry.legs import find_legs, peaks_of, plan_bars
+from knotfab.geometry.legs import Leg, find_legs, peaks_of, plan_bars
 from knotfab.geometry.polylines import arc_lengths
 from knotfab.problem import Problem, SearchResult, Start, TargetView
 from knotfab.search.search import search
+from knotfab.search.upright import FLANK_DEG
 from knotfab.start.depth import lift, lower
 from knotfab.start.filling import Template
 from knotfab.start.start import make_start
 from knotfab_formats.report import Price
 from knotfab_formats.scene import SettledRegion
 from knotfab_formats.search import SearchSettings
+from knotfab_formats.upright import LEAST_FLANK_DEG, MOST_BRIDGE_MM
 
 SHORT: dict[str, Any] = {
     "method": "flow",
@@ -280,16 +282,18 @@ def _farthest_outside(result: SearchResult, target: TargetView) -> float:
     return float(shapely.distance(target.polygon, shapely.points(seen)).max())
 
 
-# Legs: where a strand without supports ends up too far from all others for a bar.
+# Legs: where a strand without supports ends up too far from all others for a bar, or too flat.
 
-_LEAST_ARCH_RADII = 2.5  # the lowest peak of an arch that is split, in tube radii
+_LEAST_ARCH_RADII = 2.5  # the lowest peak of an arch that is split or added, in tube radii
+_FLATTEST_DEG = LEAST_FLANK_DEG + 3.0  # of a leg on average, for some of it is flatter
 
 
 def start_with_more_legs(problem: Problem, result: SearchResult, start: Start) -> Start | None:
-    """Make a start in which arches are two where the search left a leg with no neighbour to brace it.
+    """Make a start of more arches where the search left a leg with no neighbour to brace it, or too flat.
 
-    Strands move along the light's rays, so what is simple seen from the light stays so. None where every
-    leg is braced, or where a knot is tied in: its strands must keep their order.
+    An arch with a leg of the first kind becomes two. A flat leg, whose strand has grown too long for its
+    height, gets a low arch before it. Strands move along the light's rays, so what is simple seen from the
+    light stays so. None where no leg is amiss, or where a knot is tied in: its strands must keep their order.
     """
     if not problem.arched or set(start.types) != {"unknot"}:
         return None
@@ -303,22 +307,42 @@ def start_with_more_legs(problem: Problem, result: SearchResult, start: Start) -
     found = [knot.points @ target.axes.T for knot in result.knots.knots]
     legs = find_legs(found)
     _, lacking = plan_bars(legs, radius, problem.young_modulus_mpa, hidden)
-    curves = [curve @ target.axes.T for curve in start.curves]
+    begun = [curve @ target.axes.T for curve in start.curves]
+    curves = list(begun)
     floor = min(float(curve[:, 2].min()) for curve in curves)
-    split = set[tuple[int, int]]()
-    for place in lacking:
-        leg = min(legs, key=lambda one: float(np.linalg.norm(one.points - place, axis=1).min()))
-        then, now = found[leg.curve], curves[leg.curve]
-        peak = int(np.linalg.norm(then - leg.points[-1], axis=1).argmin())
+
+    def place(leg: Leg, end: int) -> int:
+        """Find the vertex of the start that has become an end of a leg, 0 in the valley or -1 on the peak."""
+        then, now = found[leg.curve], begun[leg.curve]
+        vertex = int(np.linalg.norm(then - leg.points[end], axis=1).argmin())
         before, after = arc_lengths(then), arc_lengths(now)
-        at = int(np.abs(after[:-1] / after[-1] - before[peak] / before[-1]).argmin())
-        halved = _halve_arch(now[:, 2] - floor, at, radius)
-        if (
-            halved is not None and (leg.curve, peak) not in split
-        ):  # both legs of an arch may lack one
-            curves[leg.curve] = lift(lower(now, light), halved + floor, light)
-            split.add((leg.curve, peak))
-    if not split:
+        return int(np.abs(after[:-1] / after[-1] - before[vertex] / before[-1]).argmin())
+
+    changed = set[tuple[int, int]]()
+
+    def change(leg: Leg, at: int, height: Array | None) -> None:
+        if height is not None:
+            plan = lower(curves[leg.curve], light)
+            curves[leg.curve] = lift(plan, height + floor, light)
+            changed.add((leg.curve, at))
+
+    for spot in lacking:
+        leg = min(legs, key=lambda one: float(np.linalg.norm(one.points - spot, axis=1).min()))
+        at = place(leg, -1)
+        if (leg.curve, at) not in changed:  # both legs of an arch may lack one
+            change(leg, at, _halve_arch(curves[leg.curve][:, 2] - floor, at, radius))
+    for leg in legs:
+        at = place(leg, -1)
+        rise = float(np.ptp(leg.points[:, 2]))
+        along = float(np.linalg.norm(np.diff(leg.points[:, :2], axis=0), axis=1).sum())
+        if rise < along * np.tan(np.radians(_FLATTEST_DEG)) and rise > MOST_BRIDGE_MM:
+            share = 0.5 * (along * np.tan(np.radians(FLANK_DEG)) / rise - 1.0)
+            change(
+                leg,
+                at,
+                _add_arch(curves[leg.curve][:, 2] - floor, place(leg, 0), at, share, radius),
+            )
+    if not changed:
         return None
     return replace(start, curves=tuple(curve @ target.axes for curve in curves))
 
@@ -338,3 +362,35 @@ def _halve_arch(height: Array, at: int, radius: float) -> Array | None:
     halved = height.copy()
     halved[places] = base + 0.5 * np.interp(2.0 * u % 1.0, u, arch - base)
     return halved
+
+
+def _add_arch(height: Array, valley: int, peak: int, share: float, radius: float) -> Array | None:
+    """Put an arch of a share of a leg's height before it, in a ring of heights (n,); None if it is low.
+
+    All three flanks become equally steep. The leg is that between the ring's valley and peak nearest to the
+    given places.
+    """
+    count = len(height)
+
+    def nearest(places: Indices, to: int) -> int:
+        away = np.abs(places - to)
+        return int(places[np.minimum(away, count - away).argmin()])
+
+    if not len(peaks_of(height)):
+        return None
+    low, high = nearest(peaks_of(-height), valley), nearest(peaks_of(height), peak)
+    ahead = (high - low) % count
+    way = 1 if ahead <= count - ahead else -1
+    places = (low + way * np.arange((way * (high - low)) % count + 1)) % count
+    leg = height[places]
+    if share * (leg[-1] - leg[0]) < _LEAST_ARCH_RADII * radius:
+        return None
+    u, wide = np.linspace(0.0, 1.0, len(leg)), share / (2.0 * share + 1.0)
+    shape = np.interp(
+        np.where(u < 2 * wide, 1.0 - np.abs(u / wide - 1.0), (u - 2 * wide) / (1.0 - 2 * wide)),
+        u,
+        leg - leg[0],
+    )
+    more = height.copy()
+    more[places] = leg[0] + np.where(u < 2 * wide, share, 1.0) * shape
+    return more

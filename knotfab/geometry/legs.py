@@ -157,6 +157,9 @@ def plan_bars(
             air = np.flatnonzero(level.query(line)[0] > radius)
             if not len(air) or np.ptp(air) >= len(air):
                 continue
+            # just below a peak its two legs have met at the bar's top
+            if level.query(line[air] + [0.0, 0.0, 0.5 * BAR_MM[1]])[0].max() <= radius:
+                continue
             start, end = line[air[0]], line[air[-1]]
             found = Bar(start, end, float(np.linalg.norm(end - start)))
             if not _LEAST_MM <= found.gap_mm <= longest or not hidden(line[::_EVERY]):

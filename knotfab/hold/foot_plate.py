@@ -238,14 +238,20 @@ def _find_holes(sheet: Polygon, wide_mm: float) -> tuple[Array, Geometry]:
 def _measure_sag(
     knots: Knots, feet: list[_Foot], camera: Camera, stiffness: Stiffness
 ) -> NDArray[np.float64]:
-    """Compute how far each vertex moves where the vertex over each foot is held, (N, 3)."""
+    """Compute how far each vertex moves where those over each foot are held, (N, 3).
+
+    A foot that lies in the plate is held at both ends, where it is half as deep as at its lowest.
+    """
     wall = camera.wall_axes
     held: dict[int, list[int]] = {k: [] for k in range(len(knots.knots))}
     for foot in feet:
         local = (knots.knots[foot.knot].points - camera.middle) @ wall.T
         away = np.linalg.norm(local[:, :2] - foot.middle, axis=1)
         near = np.flatnonzero(away <= max(foot.reach_mm, float(away.min())))
-        held[foot.knot].append(int(near[local[near, 2].argmin()]))
+        depth = local[near, 2] - knots.radius_mm
+        deep = near[depth <= 0.5 * depth.min()] if depth.min() < 0 else near
+        step = np.diff(deep, prepend=-2, append=deep[-1] + 2) > 1
+        held[foot.knot] += [int(near[depth.argmin()]), *deep[step[:-1] | step[1:]].tolist()]
     also = {k: np.unique(vertices).astype(np.int64) for k, vertices in held.items()}
     sites = sites_of(knots, JOINT_RADII, also)
     first = np.concatenate(

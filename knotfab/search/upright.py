@@ -11,6 +11,7 @@ from knotfab.limits.terms import Felt, State
 from knotfab.search.objective import Term, Weights
 
 FLANK_DEG = 50.0  # angle from the bed below which edges cost
+_FLAT = 3.0  # cost of a level edge one tube radius long, over 0.6
 _VALLEY = 1.0  # cost of a valley one tube radius above the floor
 _PEAK = 0.3  # cost of a vertex one tube radius above the top
 
@@ -38,9 +39,9 @@ class Upright(Term):
         # rises from 0 on the floor to 1 a tube radius above it
         free = np.clip((height + 0.5 * rise - self.floor_mm) / radius, 0.0, 1.0)
         share, grows = free * free * (3.0 - 2.0 * free), 6.0 * free * (1.0 - free) / radius
-        flat = length * lack**2 / radius
+        flat = _FLAT * length * lack**2 / radius
         steeper = np.where(rise < 0, -1.0, 1.0) * (1.0 - (rise / length) ** 2)
-        turn = share / radius * (rise / length * lack**2 - 2.0 * lack * steeper)
+        turn = _FLAT * share / radius * (rise / length * lack**2 - 2.0 * lack * steeper)
         lift = 0.5 * grows * flat
         pull = turn[rings.previous] - turn + lift + lift[rings.previous]
 

@@ -1,4 +1,4 @@
-"""Arches that are halved where the search left a leg with nothing to brace it."""
+"""Arches that are halved where a leg has nothing to brace it, or added where it has become too flat."""
 
 from dataclasses import dataclass
 from types import SimpleNamespace
@@ -61,6 +61,24 @@ def test_halving_goes_on_until_no_leg_lacks_a_neighbour() -> None:
             break
         curve = start.curves[0]
     assert start is None and not len(plan_bars(find_legs([curve]), RADIUS, PLA)[1])
+
+
+@pytest.mark.parametrize("arches", [2, 3])
+@pytest.mark.parametrize("flank_deg", [25.0, 32.0, 37.0])
+def test_a_flat_leg_gets_an_arch_so_that_all_are_steep(arches: int, flank_deg: float) -> None:
+    height = np.pi * 9.0 * np.tan(np.radians(flank_deg))
+    before = ring(arches, height, 9.0 * arches)
+    start = ask(before)
+    assert start is not None
+    after = start.curves[0]
+    np.testing.assert_allclose(lower(after, LIGHT), lower(before, LIGHT), atol=1e-9)
+    assert [after[:, 2].min(), after[:, 2].max()] == pytest.approx(
+        [before[:, 2].min(), before[:, 2].max()], abs=0.5
+    )
+    assert len(find_legs([after])) == 3 * len(find_legs([before]))
+    for leg in find_legs([after]):
+        away = np.linalg.norm(np.diff(leg.points[:, :2], axis=0), axis=1).sum()
+        assert np.degrees(np.arctan2(np.ptp(leg.points[:, 2]), away)) > 45.0
 
 
 @pytest.mark.parametrize(

@@ -76,6 +76,19 @@ def test_a_leg_that_leans_towards_the_bar_is_in_nobodys_way(lean: float, between
     assert all((bar.gap_mm < 3.0) == between for bar in bars)
 
 
+@pytest.mark.parametrize("height", [0.77, 0.8, 0.83, 0.86, 0.89])
+def test_a_bar_is_below_the_roof_of_its_arch(height: float) -> None:
+    """Just below a rounded peak its two legs have met at the top of a bar that is free at its middle."""
+    curve = ring((height * MOST,) * 3, 44.0)
+    window = np.hanning(round(8.0 / (np.pi * 44.0 / 2400)))
+    wide = np.take(curve[:, 2], np.arange(-len(window), len(curve) + len(window)), mode="wrap")
+    smooth = np.convolve(wide, window / window.sum(), "same")
+    curve[:, 2] = smooth[len(window) : -len(window)]
+    bars, _ = plan_bars(find_legs([curve]), RADIUS, PLA)
+    roof = curve[:, 2].max() - RADIUS
+    assert all(bar.start[2] + 0.5 * BAR_MM[1] < roof for bar in bars)
+
+
 def test_a_bar_is_the_box_that_it_is_listed_as() -> None:
     one = ring((1.6 * MOST,) * 3, 60.0)
     other = one * [1.2, 1.2, 1.0]

@@ -65,6 +65,17 @@ def test_the_plate_is_one_sheet_about_all_feet_and_fused_with_them(kind: str) ->
     assert all(0 < share < 1 for share in found.hidden_aside.values())
 
 
+def test_a_foot_that_lies_in_the_plate_is_held_at_both_ends() -> None:
+    knot = crown(0, 1)
+    rise = np.maximum(0.0, knot.points[:, 2] - knot.points[:, 2].min() - 4.0)
+    lying = knot.points.copy()
+    lying[:, 2] = lying[:, 2].min() + 3 * rise
+    found, _, _ = plan(Knots((replace(knot, points=lying),), RADIUS))
+    moved = np.linalg.norm(found.moves, axis=1)
+    assert found.plate.feet == (1,)
+    assert moved[np.flatnonzero(np.diff(rise == 0.0))].max() < 0.01 * moved.max()
+
+
 def test_a_piece_that_lies_on_the_wall_hides_the_edge_on_the_side_that_it_is_seen_from() -> None:
     flat = replace_height(crown(0, 3), 0.01)
     hidden = plan(Knots((flat,), RADIUS))[0].hidden_aside

@@ -33,6 +33,7 @@ from knotfab_validators.tube.tube_fit import check_cut, check_tube
 
 TALL = {"arches": 4, "height": 75.0, "flank_deg": 80.5}
 CUT = 0.5 * 1.66
+RISEN = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # y up
 
 
 def near_feet() -> Mesh:
@@ -196,6 +197,16 @@ def test_a_ledge_is_as_long_as_it_is(out_mm: float) -> None:
         reach = judge(turned(ledge, degrees, 0.0))["reach"]
         assert reach.measured == pytest.approx(out_mm, abs=0.11)
         assert (reach.status == "fail") == (out_mm > MOST_REACH_MM)
+
+
+@pytest.mark.parametrize("degrees", [0.0, 22.5, 47.4, 67.6])
+def test_a_narrow_bar_between_round_legs_is_a_bridge_however_it_lies(degrees: float) -> None:
+    """Its sides end farther out on the legs than its middle, and the legs lean aslant."""
+    turn = 2 * np.pi * np.arange(24) / 24
+    leg = move(prism(np.column_stack([np.cos(turn + 0.8), 0.8 * np.sin(turn)]), 12), RISEN)
+    bar = box_bar(np.array([0.0, 0.0, 10.2]), np.array([10.2, 0.0, 10.2]), 0.3)
+    checks = judge(turned(together(leg, move(leg, shift=[10.2, 0, 0]), bar), degrees, 0.0))
+    assert checks["reach"].status == "pass" and float(checks["bridge"].measured) > 7.0
 
 
 def check_tied(part: Part) -> Check:

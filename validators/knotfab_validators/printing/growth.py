@@ -144,7 +144,11 @@ class OverAir:
 
 
 def find_over_air(cut: Slices, held: Mask) -> OverAir:
-    """Find what reaches over air, except the pieces that nothing holds, which are islands."""
+    """Find what reaches over air, except the pieces that nothing holds, which are islands.
+
+    A bridge passes within `LINE_MM` of the farthest place: a narrow bar's sides are farther out than its
+    middle, and a line along one side may miss what the bar lies on.
+    """
     bucket, x, away = _reach(cut.first, cut.left, cut.right, cut.piece, held, cut.rows, cut.row)
     if not len(x):
         return OverAir(np.empty(0), np.empty(0), np.empty((0, 3)))
@@ -155,7 +159,7 @@ def find_over_air(cut: Slices, held: Mask) -> OverAir:
     for k in range(count):
         own = order[ends[k] : ends[k + 1]]
         reach[k], chosen[k] = away[own[0]], own[0]
-        far = own[away[own] >= reach[k] - cut.row]
+        far = own[away[own] >= reach[k] - LINE_MM]
         for i in far[:: max(len(far) // TRIED, 1)]:
             found = _span(cut.first, cut.left, cut.right, cut.rows, cut.row, int(bucket[i]), x[i])
             span[k] = min(span[k], found)
