@@ -259,7 +259,8 @@ class Mount(Table):
     """A piece that sags more than this under its own weight is rejected; auto: what moves its shadow too
     little to be seen, by the tube, the place and the size of the lamp."""
     pegs: tuple[Count, ...] = ()
-    """Written by a build: how many pegs (posts and struts) hold each knot."""
+    """Written by a build: how many pegs (posts and struts) hold each knot; of a piece that stands in
+    its plate, how many feet of each knot close a loop, none where it lies there whole."""
     thread_mm: Vector | Annotated[None, Word("none")] = None
     """Written by a build: where the thread carries a piece that hangs, in the scene."""
     second_thread_mm: Vector | Annotated[None, Word("none")] = None

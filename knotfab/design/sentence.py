@@ -138,7 +138,8 @@ def _name_small(parts: Found, found: Survey) -> tuple[str, str]:
         holes = [one.shape for one in own if one.kind == "hole"]
         words = []
         if pieces:
-            noun = "letter" if seen.target.is_text or is_row(pieces) else "small piece"
+            spelt = seen.target.is_text and any(sign.isalnum() for sign in seen.target.shown)
+            noun = "letter" if spelt or is_row(pieces) else "small piece"
             words.append(with_noun(len(pieces), noun))
         if holes:
             words.append(with_noun(len(holes), "small hole"))

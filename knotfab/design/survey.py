@@ -136,6 +136,10 @@ def survey(
     if choose and refusal is None:
         try:
             question, radius, templates, small = _choose_tube(scene, targets)
+            # a plate for feet moves the wall to the piece, and so frames it larger
+            views = tuple(
+                replace(seen, view=view) for seen, view in zip(views, question.views, strict=True)
+            )
             views = _add_losses(views, question, radius, templates)
         except SceneError as error:
             refusal = None if sequence else error  # another frame may come first

@@ -38,12 +38,14 @@ class FootPlate:
     """A plate whose face is the wall.
 
     `outline` (n, 2), anticlockwise, and `holes` (2, 2), the middles of the screw holes, are mm
-    right and up from the frame's middle. `feet` counts the valleys of each knot that stand in it.
+    right and up from the frame's middle. `feet` counts the valleys of each knot that stand in it, and
+    `handles` what these add to the body's: a ring that lies in the plate whole adds none.
     """
 
     outline: Array
     holes: Array
     feet: tuple[int, ...]
+    handles: tuple[int, ...]
 
 
 @dataclass(frozen=True)
@@ -67,6 +69,7 @@ class _Foot:
     knot: int
     middle: Array
     reach_mm: float
+    genus: int  # 1: a ring, whole
 
 
 def plan_foot_plate(
@@ -82,7 +85,8 @@ def plan_foot_plate(
     """
     to_wall = np.column_stack([camera.wall_axes, -camera.wall_axes @ camera.middle])
     feet = _find_feet(tubes, to_wall, settings.thickness_mm)
-    count = np.bincount([foot.knot for foot in feet], minlength=len(tubes))
+    knot_of = np.array([foot.knot for foot in feet], dtype=np.int64)
+    count = np.bincount(knot_of, minlength=len(tubes))
     if not count.all():
         bare = int(count.argmin())
         raise SceneError(
@@ -93,7 +97,10 @@ def plan_foot_plate(
     outline, holes = _shape_plate(knots, feet, camera, to_wall, settings)
     moves = _measure_sag(knots, feet, camera, stiffness)
     sag, at = worst_of(moves, knots.points)
-    plate = FootPlate(outline, holes, tuple(int(n) for n in count))
+    # a body is joined to another over patches: its Euler characteristic is the sum less that of the patches
+    handles = np.bincount(knot_of, [1 - foot.genus for foot in feet], len(tubes))
+    numbers = (tuple(int(n) for n in each) for each in (count, handles))
+    plate = FootPlate(outline, holes, *numbers)
     hidden = {angle: _hide_edge(knots, camera, to_wall, angle) for angle in ASIDE_DEG}
     return StandingPiece(plate, sag, at, moves, hidden)
 
@@ -126,7 +133,7 @@ def _find_feet(tubes: list[Mesh], to_wall: Array, thickness_mm: float) -> list[_
                     "Use a thicker one (mount.plate_thickness_mm), or report this scene",
                 )
             middle = np.array([x0 + x1, y0 + y1]) / 2
-            found.append(_Foot(number, middle, float(np.hypot(x1 - x0, y1 - y0)) / 2))
+            found.append(_Foot(number, middle, float(np.hypot(x1 - x0, y1 - y0)) / 2, foot.genus()))
     return found
 
 

@@ -86,7 +86,7 @@ def mount_piece(
         sag, at, moves, plate = found.sag_mm, found.sag_at, found.moves, found.plate
         aside = found.hidden_aside
         mount = WallMount((), sag, at, sag, asked, moves=moves, plate=plate, hidden_aside=aside)
-        count = tuple(plate.feet)
+        count = plate.handles
     else:
         how = clearance_mm, stiffness, asked, targets[0] if targets else None
         mount = plan_wall(knots, cameras[0], *how, thoroughly=thoroughly)

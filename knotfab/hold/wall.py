@@ -302,8 +302,8 @@ def wall_bodies(tubes: list[Mesh], mount: WallMount, camera: Camera) -> list[Mes
 def _require_predicted(solid: Manifold, number: int, knots: int, mount: WallMount) -> None:
     """Require one body with a handle for each knot, closed loop of members, and hole."""
     plate = mount.settings.foot == "plate"
-    feet = 0 if mount.plate is None else sum(mount.plate.feet)
-    genus = feet + len(mount.pegs) + len(mount.struts) + 2 if plate else 1
+    handles = 0 if mount.plate is None else sum(mount.plate.handles)
+    genus = handles + len(mount.pegs) + len(mount.struts) + 2 if plate else 1
     parts = len(solid.decompose())
     if parts != 1 or solid.genus() != genus:
         what = "the part" if plate else f"knot {number} of {knots}"

@@ -137,6 +137,15 @@ def test_what_a_build_draws_is_not_marked(tmp_path: Path, width: int) -> None:
     assert seen.piece_mm == pytest.approx((675 / seen.px_per_mm, 680 / seen.px_per_mm), rel=0.02)
 
 
+def test_a_plate_moves_the_wall_to_the_piece_and_loses_nothing(tmp_path: Path) -> None:
+    path = lines(tmp_path / "a.png", width=60, body=True)
+    plate = Scene.model_validate({"piece": {"supports": "none"}, "mount": {"plate": "outline"}})
+    pegs, feet = look(path), look(path, plate)
+    assert not feet.views[0].losses[feet.radius_mm]
+    assert feet.views[0].view.wall_distance_mm < pegs.views[0].view.wall_distance_mm
+    assert feet.views[0].piece_mm > pegs.views[0].piece_mm
+
+
 def test_a_radius_that_is_given_is_the_one_that_is_judged(tmp_path: Path) -> None:
     path = lines(tmp_path / "a.png", width=24, body=True)
     found = look(path, Scene(piece=Piece(tube_radius_mm=6.0)))

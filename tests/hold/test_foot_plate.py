@@ -37,21 +37,33 @@ def plan(
     return plan_foot_plate(knots, tubes, camera, STIFF, asked), tubes, asked
 
 
+def lying(x: float, y: float) -> Knot:
+    """A ring that lies in the wall's face, such as an eye."""
+    knot = crown(x, 3, y=y)
+    points = knot.points.copy()
+    points[:, 2] = points[:, 2].min()
+    return replace(knot, points=points)
+
+
 TWO = Knots((crown(-30, 3), crown(30, 4, y=10)), RADIUS)
+EYES = Knots((*TWO.knots, lying(0, -30), lying(0, 40)), RADIUS)
 
 
 @pytest.mark.parametrize("kind", ["outline", "full"])
-def test_the_plate_is_one_sheet_about_all_feet_and_fused_with_them(kind: str) -> None:
-    found, tubes, asked = plan(TWO, plate=kind)
-    assert found.plate.feet == (3, 4)
+@pytest.mark.parametrize(("knots", "feet"), [(TWO, (3, 4)), (EYES, (3, 4, 1, 1))])
+def test_the_plate_is_one_sheet_about_all_feet_and_fused_with_them(
+    knots: Knots, feet: tuple[int, ...], kind: str
+) -> None:
+    found, tubes, asked = plan(knots, plate=kind)
+    assert found.plate.feet == feet
     sheet = shapely.Polygon(found.plate.outline)
     assert sheet.is_valid and sheet.exterior.is_ccw
-    for knot in TWO.knots:
+    for knot in knots.knots:
         low = knot.points[knot.points[:, 2] < -WALL + RADIUS, :2]
         assert sheet.contains(shapely.MultiPoint(low))
     if kind == "full":
         assert sheet.contains(shapely.box(-60, -45, 60, 45).buffer(-1e-6))
-    else:
+    elif knots is TWO:
         assert sheet.area < 0.5 * 120 * 90
     for hole in found.plate.holes:
         assert sheet.exterior.distance(shapely.Point(hole)) >= 2 + 0.8 * RIM_MM / 2
@@ -77,16 +89,8 @@ def test_a_foot_that_lies_in_the_plate_is_held_at_both_ends() -> None:
 
 
 def test_a_piece_that_lies_on_the_wall_hides_the_edge_on_the_side_that_it_is_seen_from() -> None:
-    flat = replace_height(crown(0, 3), 0.01)
-    hidden = plan(Knots((flat,), RADIUS))[0].hidden_aside
+    hidden = plan(Knots((lying(0, 0),), RADIUS))[0].hidden_aside
     assert hidden[30] == pytest.approx(0.5, abs=0.06) and hidden[45] == pytest.approx(0.5, abs=0.06)
-
-
-def replace_height(knot: Knot, share: float) -> Knot:
-    points = knot.points.copy()
-    low = points[:, 2].min()
-    points[:, 2] = low + share * (points[:, 2] - low)
-    return replace(knot, points=points)
 
 
 @pytest.mark.parametrize(
