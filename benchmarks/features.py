@@ -219,8 +219,8 @@ ROWS: tuple[Row, ...] = (
         "contract.md#files-in-dir",
         lambda f: len(f.files("plate-*.3mf")) > f.pieces and f.check("plates") == ["pass"],
         "[printer]\nname = 'prusa-mk4'\nbuild_volume_mm = [70.0, 60.0, 60.0]\n",
-        # whether each can be printed is measured as that of any part
-        (("print", True), ("skip", ("slicer", "shadow-render", *PRINTING))),
+        # whether each can be printed is measured as that of any part, and holders have rows of their own
+        (("print", True), ("mount", "none"), ("skip", ("slicer", "shadow-render", *PRINTING))),
     ),
     Row(
         "wire plan",

@@ -33,6 +33,7 @@ from knotfab_formats.bounds import (
     Turn,
     Vector,
     Volume,
+    Whole,
     Word,
     as_written,
     option,
@@ -258,7 +259,7 @@ class Mount(Table):
     max_sag_mm: Length | Auto = None
     """A piece that sags more than this under its own weight is rejected; auto: what moves its shadow too
     little to be seen, by the tube, the place and the size of the lamp."""
-    pegs: tuple[Count, ...] = ()
+    pegs: tuple[Whole, ...] = ()
     """Written by a build: how many pegs (posts and struts) hold each knot; of a piece that stands in
     its plate, how many feet of each knot close a loop, none where it lies there whole."""
     thread_mm: Vector | Annotated[None, Word("none")] = None
