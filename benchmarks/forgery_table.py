@@ -1,4 +1,4 @@
-"""Forged and honest pieces on every holder, validated: who is rejected, and by which checks.
+"""Forged and honest pieces on every holder, and frames, validated: who is rejected, and by which checks.
 
 `python -m benchmarks.forgery_table [--only HOLDER]`
 """
@@ -14,6 +14,13 @@ from benchmarks.measurement import run_study
 from knotfab_formats.verdict import SHADOWS
 from tests.corpus.examine import validate_file
 from tests.corpus.forged import forged, judge_forged
+from tests.corpus.forged_sequence import (
+    forge_frame,
+    forged_sequence,
+    judge_frame,
+    plain_frame,
+    sequence_folder,
+)
 from tests.corpus.forging import Held
 from tests.corpus.held import HOLDERS, write_held
 from tests.corpus.honest import VARIATIONS, write_variation
@@ -28,6 +35,11 @@ def main(*, only: str = "") -> int:
     def tell(holder: str, name: str, failed: Sequence[str], passed: str = "") -> None:
         print(f"{holder:15} {name:42} {' '.join(failed) or passed}", flush=True)
 
+    def count_told(holder: str, name: str, found: Sequence[str]) -> None:
+        count[holder] += 1
+        told[holder] += bool(found)
+        tell(holder, name, found, "PASSED")
+
     with tempfile.TemporaryDirectory() as root:
         for holder in (h for h in HOLDERS if only in h):
             write_held(holder, Path(root) / holder)
@@ -39,10 +51,21 @@ def main(*, only: str = "") -> int:
                 honest.append(not failed)
                 tell(holder, name, failed)
             for case in (c for c in forged() if c.holder == holder):
-                found = judge_forged(case, held, Path(root) / "forged")
-                count[holder] += 1
-                told[holder] += bool(found)
-                tell(holder, case.name, found, "PASSED")
+                count_told(holder, case.name, judge_forged(case, held, Path(root) / "forged"))
+        if only in "sequence":
+            for number in (1, 2, 3):
+                honest.append(not (failed := judge_frame(sequence_folder(), number)))
+                tell("sequence", f"frame {number}", failed)
+            frame = plain_frame(2, Path(root) / "frame")
+            for name in VARIATIONS:
+                files = write_variation(name, frame, Path(root) / "varied")
+                checks = validate_file(*files, skip={"shadow-render"}).checks
+                failed = [c.name for c in checks if c.required and c.status == "fail"]
+                honest.append(not failed)
+                tell("sequence", name, failed)
+            for name, forge in forged_sequence():
+                found = judge_frame(forge_frame(forge, Path(root) / "forged"))
+                count_told("sequence", name, found)
     for holder in count:
         print(f"{holder}: {told[holder]}/{count[holder]} forgeries told")
     alarms = len(honest) - sum(honest)

@@ -1,10 +1,11 @@
-"""The pictures that README and the tutorial name, written where they are named: beside this file.
+"""The pictures that README and the tutorial name: they stand beside this file.
 
-`python -m examples.readme_pictures`
+`python -m examples.readme_pictures [FOLDER]` (examples-pictures by default)
 """
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 from PIL import Image, ImageDraw, ImageOps
@@ -13,7 +14,6 @@ from benchmarks.brought.drawings import leaf, mug, peak, star
 from examples.pictures import pictures
 from examples.walk_cycle import walk_cycle
 
-HERE = Path(__file__).parent
 PX = 512  # longer side
 LOGO = """<svg xmlns="http://www.w3.org/2000/svg" width="80mm" height="60mm" viewBox="0 0 80 60">
   <path d="M4 50 L24 12 L36 34 L44 22 L62 50 Z"/>
@@ -55,5 +55,7 @@ def write_pictures(folder: Path) -> list[Path]:
 
 
 if __name__ == "__main__":
-    for path in write_pictures(HERE):
+    place = Path(*sys.argv[1:2] or ["examples-pictures"])
+    place.mkdir(parents=True, exist_ok=True)
+    for path in write_pictures(place):
         print(path)

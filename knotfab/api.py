@@ -155,7 +155,12 @@ def read_picture(source: Source, *, font: str | None = None, **reading: Any) -> 
         why = error.why.replace("[[views]] number 1 ", "")
         raise InputError(error.what, why, error.remedy) from error
     with TemporaryDirectory() as folder:
-        return read_target(_file_of(source, Path(folder) / "picture.png"), how, font=font)
+        path = Path(folder) / "picture.png"
+        try:
+            return read_target(_file_of(source, path), how, font=font)
+        except InputError as error:
+            what = error.what.replace(str(path), "the picture")
+            raise InputError(what, error.why, error.remedy) from error
 
 
 def _file_of(source: Source, path: Path) -> str:

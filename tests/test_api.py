@@ -78,6 +78,8 @@ def test_pil_images_and_arrays_are_pictures_others_refused(tmp_path: Path) -> No
     for picture in (square, grey, Image.fromarray(grey), np.stack([grey] * 3, axis=-1)):
         np.testing.assert_array_equal(knotfab.read_picture(picture).mask, square)
     np.testing.assert_array_equal(knotfab.read_picture(tmp_path / "square.png").mask, square)
+    with pytest.raises(knotfab.InputError, match=r"^the picture: it is all one colour"):
+        knotfab.read_picture(np.zeros_like(grey))
     for none in (7, np.zeros((2, 2, 2, 2)), object(), [1]):
         with pytest.raises(knotfab.InputError, match=r"the picture: a .* Give a path"):
             knotfab.read_picture(none)

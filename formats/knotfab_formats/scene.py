@@ -95,12 +95,17 @@ class Scene(Table):
         """Return how many knots a picture of `pieces` pieces becomes."""
         return self.piece.knots or pieces
 
+    @property
+    def is_one_shadow(self) -> bool:
+        """Whether there is one view, a shadow on a flat wall."""
+        first, *others = self.views
+        return not others and first.wall_radius_mm is None and first.kind == "shadow"
+
     def hangs(self, knots: int) -> bool:
         """Tell whether the piece gets a wall mount; if open, several knots of one view on a flat wall do."""
         if self.mount.kind != "auto" or self.mount.on_feet:
             return self.mount.kind == "wall" or self.mount.on_feet
-        one_flat = len(self.views) == 1 and self.views[0].wall_radius_mm is None
-        return knots > 1 and one_flat and self.material.process != "wire"
+        return knots > 1 and self.is_one_shadow and self.material.process != "wire"
 
 
 class ResolvedPrinter(Printer):

@@ -372,6 +372,7 @@ MESH = (
 FILES = ("same_3mf",)  # the printed file is the verified one
 # checks of the part as a tube, where it is measured
 TUBE = ("centre_line", "tube", "mount", "clearance", "region", "build_volume")
+# measured together: their work is saved only where all of them are left out
 KNOTS = ("thickness", "bend", "length", "knot_type", "linking")
 PRINTING = (
     *("feature", "gap", "overhang", "support_volume"),

@@ -24,6 +24,8 @@ LIBRARIES = (  # distribution, import name
     ("scipy", "scipy"),
     ("shapely", "shapely"),
     ("manifold3d", "manifold3d"),
+    ("trimesh", "trimesh"),
+    ("pymeshlab", "pymeshlab"),
     ("libigl", "igl"),
     ("lib3mf", "lib3mf"),
     ("cadquery", "cadquery"),
@@ -33,6 +35,8 @@ LIBRARIES = (  # distribution, import name
 EXTRAS = (  # the extra, its use, import names
     ("studio", "studio and --watch", ("starlette", "uvicorn", "websockets")),
     ("dask", "batches on a cluster", ("distributed",)),
+    ("mcp", "the MCP server", ("mcp", "anyio", "docstring_parser")),
+    ("photo", "cutting a subject out of a photograph", ("maxflow",)),
 )
 GLYPH_FONTS = ("DejaVuSans.ttf", "DejaVuSans-Bold.ttf")
 RENDER_REMEDY = "apt-get install libegl1 libgl1"

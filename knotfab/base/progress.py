@@ -140,8 +140,13 @@ class Progress:
         if self._bar is not None:
             self._bar.stop()
             self._bar = None
-        if self._standing is not None and self._raised is None:
-            self.tell("standing", start=self._standing().dump_start())
+        self._tell_standing()
+
+    def _tell_standing(self) -> None:
+        """Send the last knots from which a search may resume, once."""
+        knots, self._standing = self._standing, None
+        if knots is not None and self._raised is None:
+            self.tell("standing", start=knots().dump_start())
 
     def listen(self, events: IO[str]) -> None:
         """Write the events to one more stream."""
@@ -257,7 +262,9 @@ class Progress:
         return free if free[0] >= _LEAST_COLUMNS and free[1] >= _LEAST_ROWS else None
 
     def tell(self, event: str, **data: Any) -> None:
-        """Send an event to all listeners. A closed stream is dropped without an error."""
+        """Send an event to all listeners, "end" as the last. A closed stream is dropped without an error."""
+        if event == "end":
+            self._tell_standing()
         if self._heard is not None:
             self._call(self._heard, event, data)
         if not self._events:

@@ -263,15 +263,15 @@ knotfab shadow cat/part.stl --scene cat/scene.toml --out shadow.png
 ```
 """
 )
-def shadow(part: Path, /, *, scene: Path, out: Place, view: str | None = None) -> int:
+def shadow(part: Path, /, *, scene: Path | None = None, out: Place, view: str | None = None) -> int:
     """Render the shadow that a part casts in a scene, as a picture.
 
     Parameters
     ----------
     part
-        An STL or 3MF in print coordinates.
+        An STL or 3MF in print coordinates, or the folder of a build.
     scene
-        The scene.toml of the part, with its [pose].
+        The scene.toml of the part, with its [pose]; by default that of the folder.
     out
         The PNG to write.
     view

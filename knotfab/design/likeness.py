@@ -73,12 +73,6 @@ def estimate_likeness(mask: Mask, radius_px: float, unions: int = 7) -> Likeness
     return best
 
 
-def opened_share(mask: Mask, radius_px: float) -> float:
-    """Return the share of a silhouette that its opening by a disc keeps."""
-    seen, scale = _resample(mask, radius_px)
-    return float((next(_unions_of_discs(seen, radius_px * scale)) & seen).sum() / seen.sum())
-
-
 def compare_lines(asked: Mask, widened: Mask, radius_px: float) -> Likeness:
     """Compare a line drawing's pieces and holes before and after its strokes are widened.
 

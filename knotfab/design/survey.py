@@ -15,13 +15,7 @@ from knotfab.base.errors import SceneError
 from knotfab.design.candidates import Guess, drawing_radius, guess_print, line_radius, too_fine
 from knotfab.design.frames import frame_view, framed_alike
 from knotfab.design.hull import HullBound
-from knotfab.design.likeness import (
-    Likeness,
-    compare_lines,
-    estimate_likeness,
-    opened_share,
-    recognisable_radius,
-)
+from knotfab.design.likeness import Likeness, compare_lines, estimate_likeness, recognisable_radius
 from knotfab.design.question import Question, ask
 from knotfab.design.radius import choose_radius
 from knotfab.design.settings import suit_settings
@@ -30,13 +24,12 @@ from knotfab.knots import read_start
 from knotfab.picture.lamps import Separation
 from knotfab.picture.opening import Loss, find_losses, open_by, opening_iou, run_together
 from knotfab.picture.read import Target
-from knotfab.picture.silhouette import holes_of, pieces_of, trace_polygon
+from knotfab.picture.silhouette import holes_of, opened_share, pieces_of, trace_polygon
 from knotfab.scene.camera import camera_of
 from knotfab.start.filling import Template
 from knotfab.start.start import make_template
 from knotfab_formats.scene import ResolvedScene, ResolvedView
 
-_USUAL_SHARE = 0.014  # usual tube radius over the frame's longer side
 _SHOWN = 3  # thicker tubes to show beside the chosen one
 _SPECK = 0.5  # side of the largest square that nobody misses, in radii of the thinnest tube
 _SPARE = 0.3  # tolerance of a simplified outline, px
@@ -275,7 +268,7 @@ def _trace(mask: Mask) -> MultiPolygon:
 def _hardest(targets: Sequence[Target]) -> Target:
     """Return the frame whose opening by a usual tube is worst."""
     few = targets[:: -(-len(targets) // 24)]
-    return min(few, key=lambda t: opened_share(t.mask, _USUAL_SHARE * max(t.mask.shape)))
+    return min(few, key=lambda t: opened_share(t.mask))
 
 
 def require_drawable(found: Survey) -> None:

@@ -65,11 +65,9 @@ def can_hold(scene: ResolvedScene) -> list[Kind]:
     """
     if scene.material.process == "wire" or scene.piece.supports == "none":
         return []
-    first, *others = scene.views
-    flat = not others and first.wall_radius_mm is None and first.kind == "shadow"
     # where lamps share a screen, they stand as the holder lets them, which was settled before
     kinds: list[Kind] = ["hang"] if scene.share_wall else ["hang", "stand"]
-    return [*kinds, "wall"] if flat else kinds
+    return [*kinds, "wall"] if scene.is_one_shadow else kinds
 
 
 def guess_holders(made: Design, targets: Sequence[Target]) -> list[Guess]:

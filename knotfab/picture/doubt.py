@@ -18,12 +18,11 @@ from knotfab.picture.ink import split_channels, take_border, takes_alpha
 from knotfab.picture.raster import shrink, silhouette
 from knotfab.picture.silhouette import (
     fill_holes,
-    fit_size,
     holes_of,
     keep_largest,
     mask_iou,
+    opened_share,
     pieces_of,
-    sample_mask,
 )
 from knotfab_formats.errors import InputError
 from knotfab_formats.views import Box, Reading
@@ -51,7 +50,6 @@ _DIFFERS = 150  # levels, summed over the channels, by which a drawing differs f
 _LIGHTER = 300
 # drawn share assumed for lines, of which a usual tube draws nothing and a thin one all
 _LINES = 0.6
-_USUAL_SHARE = 0.014  # usual tube radius over the frame's longer side
 _LEAST_INK, _MOST_INK = 0.04, 0.7  # ink of a likely reading, as a share of the frame
 
 
@@ -210,19 +208,5 @@ def rate_mask(mask: Mask, lines: bool = False) -> float:
     edge = float(np.concatenate([mask[0], mask[-1], mask[:, 0], mask[:, -1]]).mean())
     parts = len(pieces_of(mask)[1]) + len(holes_of(mask)[1])
     likely = min(share / _LEAST_INK, 1.0) * min((1.0 - share) / (1.0 - _MOST_INK), 1.0)
-    kept = _LINES if lines else _opened_share(mask)
+    kept = _LINES if lines else opened_share(mask)
     return kept * likely * (1.0 - 0.8 * edge) / (1.0 + 0.2 * float(np.log2(max(parts, 1))))
-
-
-def _opened_share(mask: Mask) -> float:
-    """Return the share of a mask that its opening by a usual tube keeps."""
-    from scipy.ndimage import distance_transform_edt
-
-    size = fit_size(mask.shape[1], mask.shape[0], min(_SIDE, max(mask.shape)))
-    small = sample_mask(mask, *size)
-    radius = _USUAL_SHARE * max(size)
-    kept = distance_transform_edt(np.pad(small, 1, mode="edge"))[1:-1, 1:-1] >= radius
-    if not kept.any():
-        return 0.0
-    opened = distance_transform_edt(~kept) < radius
-    return float((opened & small).sum() / small.sum())

@@ -41,7 +41,8 @@ _MISSING = "Check the path, or write text:… for a word or a glyph."
 MOVING = ("GIF", "WEBP", "PNG", "AVIF")  # formats that can hold an animation
 _MOST_SIGNS, _MOST_BYTES = 60, 180  # of a name: file systems hold it with prefixes and suffixes
 SECONDS = 60  # processor time in which a picture is read
-_MOST_TRIED = 100  # frames of an animation searched for the first with a shape
+# frames of an animation, and px of all of them, searched for the first with a shape: some 8 CPU s
+_MOST_TRIED, _MOST_TRIED_PX = 100, 4e8
 _CRUMB = 0.01  # share of the ink below which a part is no piece of its own
 
 
@@ -359,7 +360,7 @@ def _take_target(
     except InputError:
         if frames == 1 or subject:
             raise
-        return _first_drawn(whole, what, name, asked, glance, frames, folder)
+        return _first_drawn(whole, what, name, asked, glance, frames, size, folder)
     if frames > 1:
         rule = f"the first of its {frames} frames (--sequence takes them all): {rule}"
     original = None
@@ -385,12 +386,20 @@ def _take_target(
 
 
 def _first_drawn(
-    data: bytes, what: str, name: str, reading: Reading, glance: int, frames: int, folder: Path
+    data: bytes,
+    what: str,
+    name: str,
+    reading: Reading,
+    glance: int,
+    frames: int,
+    size: tuple[int, int],
+    folder: Path,
 ) -> Target:
     """Return an animation's first frame that holds a shape, if its very first one holds none."""
     refused = None
-    for number, frame in enumerate(raster.take_frames(data, _MOST_TRIED), start=1):
-        if (np.ptp(np.asarray(frame), axis=(0, 1)) == 0).all():
+    most = min(_MOST_TRIED, max(2, int(_MOST_TRIED_PX / (size[0] * size[1]))))
+    for number, frame in enumerate(raster.take_frames(data, most), start=1):
+        if not np.ptp(np.reshape(frame.getextrema(), (-1, 2)), axis=1).any():
             continue  # of one colour
         try:
             found = _take_target(encode_image(frame), what, name, "", reading, glance, folder)
@@ -399,9 +408,7 @@ def _first_drawn(
         else:
             rule = f"frame {number} of its {frames}, the first with a shape: {found.rule}"
             return replace(found, rule=rule)
-    tried = (
-        f"none of its first {_MOST_TRIED} frames" if frames > _MOST_TRIED else "none of its frames"
-    )
+    tried = f"none of its first {most} frames" if frames > most else "none of its frames"
     raise refused or InputError(
         what, f"{tried} holds a shape", "Export the animation again, as GIF or PNG."
     )

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from shapely import MultiPolygon, Polygon
     from shapely.geometry.base import BaseGeometry
 
+USUAL_SHARE = 0.014  # usual tube radius over the frame's longer side
 LONGER_SIDE = 1024  # px of the longer side when pictures are compared and traced
 _SPECK = 2.0  # px²: smaller pieces and holes are dropped from polygons
 _REACH = 0.5  # px: how far smoothing may move the outline; half of it where coverage is known
@@ -240,6 +241,24 @@ def outline_px(mask: Mask) -> int:
 def sample_mask(mask: Mask, width: int, height: int) -> Mask:
     """Resample a mask to (height, width): set where it covers half of a pixel or more."""
     return resample_mask(mask, width, height) >= _HALF
+
+
+def opened_share(mask: Mask, radius: float = USUAL_SHARE, longer_px: int = 320) -> float:
+    """Return the share of a mask that its opening by a tube keeps, by default by a usual one.
+
+    Args:
+        radius: as a share of the mask's longer side. longer_px: of the copy on which it is measured.
+    """
+    from scipy.ndimage import distance_transform_edt
+
+    size = fit_size(mask.shape[1], mask.shape[0], min(longer_px, max(mask.shape)))
+    small = sample_mask(mask, *size)
+    reach = radius * max(size)
+    kept = distance_transform_edt(np.pad(small, 1, mode="edge"))[1:-1, 1:-1] >= reach
+    if not kept.any():
+        return 0.0
+    opened = distance_transform_edt(~kept) < reach
+    return float((opened & small).sum() / small.sum())
 
 
 def pieces_of(mask: Mask) -> tuple[NDArray[np.int32], NDArray[np.int64]]:

@@ -184,4 +184,4 @@ def _tell_choice(
 def _draw(part: Part, scene: SettledScene, path: Path) -> None:
     vertices, faces = join_meshes(part.bodies)
     seen = vertices @ part.pose.matrix[:3, :3].T + part.pose.matrix[:3, 3]
-    draw_part(seen, faces, path, place_eyes(scene.views))
+    draw_part(seen, faces, path, place_eyes(scene.views), color=scene.material.color)

@@ -21,7 +21,13 @@ import numpy as np
 from knotfab.base.disk import read_file, require_within, temporary_folder
 from knotfab.base.errors import MachineError
 from knotfab.base.pool import Crash, Workers
-from knotfab.pipeline.verifier import Files, Verifier, explain_unreadable, load_early
+from knotfab.pipeline.verifier import (
+    Files,
+    Verifier,
+    explain_unreadable,
+    files_to_validate,
+    load_early,
+)
 from knotfab_formats.errors import InputError, shown
 from knotfab_formats.verdict import Verdict
 
@@ -241,9 +247,8 @@ def _read_obj(content: bytes, tidy: Path) -> NDArray[np.float64]:
     cut = plain.triangulate()
     whole = np.bincount(cut["ring"], minlength=len(rings)) == sides - 2
     fans = [(rings[k][0], b, c) for k in np.flatnonzero(~whole) for b, c in pairwise(rings[k][1:])]
-    faces = np.concatenate(
-        [cut.regular_faces[whole[cut["ring"]]], np.array(fans, dtype=np.int64).reshape(-1, 3)]
-    )
+    kept = cut.regular_faces.reshape(-1, 3)[whole[cut["ring"]]]
+    faces = np.concatenate([kept, np.array(fans, dtype=np.int64).reshape(-1, 3)])
     return np.asarray(points[faces])
 
 
@@ -264,8 +269,10 @@ def _listed(words: set[bytes]) -> str:
     return ", ".join(shown(word.decode("latin-1")[:40]) for word in sorted(words)[:3])
 
 
-def render_shadow(part: Path, scene: Path, out: Path, view_name: str | None = None) -> None:
+def render_shadow(part: Path, scene: Path | None, out: Path, view_name: str | None = None) -> None:
     """Render the shadow that `part` casts in a view of `scene` (the first by default) to the PNG `out`.
+
+    A folder stands for the part and scene of its build.
 
     Raises:
         InputError: a file cannot be read, there is no such view, or `out` cannot be written.
@@ -281,6 +288,12 @@ def render_shadow(part: Path, scene: Path, out: Path, view_name: str | None = No
 
     if out.suffix.lower() != ".png":
         raise InputError(f"--out {out}", "the shadow is written as PNG", "Name a file in .png.")
+    files = files_to_validate(part, None, scene)
+    if files.part is None or files.scene is None:
+        raise InputError(
+            part.name, "its scene is not given, by which it is lit", "Name the scene.toml too."
+        )
+    part, scene = files.part, files.scene
     for path in (part, scene):
         require_within(path)
     staged = out.with_name(f".{out.stem}-new.png")

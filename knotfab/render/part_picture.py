@@ -15,13 +15,15 @@ from knotfab.base.arrays import Array
 from knotfab.base.compiled import compiled
 from knotfab.geometry.tube import face_normals, unit
 from knotfab.scene.camera import camera_of
+from knotfab_formats.piece import Material
 from knotfab_formats.scene import ResolvedView
 
 ANGLES_DEG = (0.0, 30.0, 60.0, 90.0)  # turns about the vertical, one panel each
 PANEL_PX = 360  # side of a panel
 OVERSAMPLING = 2
 PAPER = (250, 248, 244)  # sRGB
-TUBE = (0.82, 0.46, 0.31)  # sRGB, in 0 to 1
+TUBE = (0.82, 0.46, 0.31)  # sRGB, in 0 to 1, of a material of the usual colour
+USUAL_COLOR = str(Material.model_fields["color"].default)
 AMBIENT, DIFFUSE, SPECULAR, SHINE = 0.34, 0.8, 0.22, 18  # the tube's (Phong)
 # A key light comes from the upper left, a weak one from the lower right: (direction, strength).
 LAMPS = (((-0.5, 0.8, 1.2), 0.9), ((0.9, -0.4, 0.6), 0.25))
@@ -36,6 +38,7 @@ def draw_part(
     path: Path | IO[bytes],
     eyes: Array,
     panel_px: int = PANEL_PX,
+    color: str = USUAL_COLOR,
 ) -> None:
     """Draw the part as a row of panels, one for each eye, all at one scale.
 
@@ -44,10 +47,12 @@ def draw_part(
         faces: (m, 3).
         path: the PNG to write, `panel_px` high.
         eyes: (k, 3) mm, from where it is seen; of lights, for example, by `place_eyes`.
+        color: the material's, as #rrggbb; the usual one is drawn as `TUBE`.
     """
     from PIL import Image
 
-    panels = _render(vertices, faces, eyes, panel_px * OVERSAMPLING)
+    paint = np.array(TUBE if color == USUAL_COLOR else [v / 255 for v in bytes.fromhex(color[1:])])
+    panels = _render(vertices, faces, eyes, panel_px * OVERSAMPLING, paint)
     strip = Image.fromarray(np.concatenate(panels, axis=1))
     size = (panel_px * len(panels), panel_px)
     strip.resize(size, Image.Resampling.BOX).save(path, "PNG", compress_level=6)
@@ -84,7 +89,7 @@ def _level(eyes: Array) -> Array:
 
 
 def _render(
-    vertices: Array, faces: NDArray[np.integer[Any]], eyes: Array, pixels: int
+    vertices: Array, faces: NDArray[np.integer[Any]], eyes: Array, pixels: int, paint: Array
 ) -> list[NDArray[np.uint8]]:
     """Render the part from each eye, (pixels, pixels, 3) each."""
 
@@ -116,11 +121,11 @@ def _render(
             [0.5 * pixels + below * seen[:, 0], 0.5 * pixels - below * seen[:, 1], below]
         )
         found, normal = draw_faces(places, turned, of_corners, pixels)
-        panels.append(_shade(found, normal))
+        panels.append(_shade(found, normal, paint))
     return panels
 
 
-def _shade(found: NDArray[np.bool_], normal: Array) -> NDArray[np.uint8]:
+def _shade(found: NDArray[np.bool_], normal: Array, paint: Array) -> NDArray[np.uint8]:
     """Shade covered pixels `found` (h, w) by normals in the eye's axes (Phong), (h, w, 3)."""
     n = normal[found]
     n = n / np.maximum(np.linalg.norm(n, axis=1), 1e-12)[:, None]
@@ -131,7 +136,7 @@ def _shade(found: NDArray[np.bool_], normal: Array) -> NDArray[np.uint8]:
         lit += strength * np.maximum(facing, 0.0)
         mirrored = 2 * facing * n[:, 2] - lamp[2]  # the mirrored ray's share towards the eye
         shine += strength * np.where(facing > 0, np.maximum(mirrored, 0.0) ** SHINE, 0.0)
-    colour = (AMBIENT + DIFFUSE * lit)[:, None] * np.array(TUBE) + (SPECULAR * shine)[:, None]
+    colour = (AMBIENT + DIFFUSE * lit)[:, None] * paint + (SPECULAR * shine)[:, None]
     panel = np.full((*found.shape, 3), PAPER, dtype=np.uint8)
     panel[found] = np.rint(255 * np.clip(colour, 0.0, 1.0)).astype(np.uint8)
     return panel

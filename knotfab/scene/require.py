@@ -135,7 +135,7 @@ def stand_alone(scene: ResolvedScene, knots: int) -> ResolvedScene:
     Where the scene says how far the wall is, only loose knots do.
     """
     mount, view = scene.mount, scene.views[0]
-    near = view.kind == "shadow" and "wall_distance_mm" not in view.model_fields_set
+    near = scene.is_one_shadow and "wall_distance_mm" not in view.model_fields_set
     plain = not view.wall_tilt_deg and mount.foot != "dowel"
     if plain and not mount.on_feet and scene.hangs(max(knots, 2) if near else knots):
         mount = mount.but(plate="outline")

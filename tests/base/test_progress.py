@@ -102,6 +102,15 @@ def ring(x: float) -> Knots:
     return Knots((Knot(np.stack([x * np.cos(t), x * np.sin(t), 0 * t], axis=1)),), 1.5)
 
 
+def test_the_end_is_told_last() -> None:
+    events = io.StringIO()
+    with Progress("quiet", io.StringIO(), events) as progress:
+        progress.show(lambda: ring(10.0), certified=True)
+        progress.tell("end", exit_code=0)
+    told = [json.loads(line)["event"] for line in events.getvalue().splitlines()]
+    assert told[-2:] == ["standing", "end"]
+
+
 def test_events_say_all_that_happens_and_few_frames() -> None:
     events, made = io.StringIO(), []
     with Progress("quiet", io.StringIO(), events) as progress, progress.stage("search"):

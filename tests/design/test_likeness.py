@@ -15,16 +15,12 @@ from benchmarks.hard.pictures import hard_pictures
 from knotfab.base.arrays import Mask
 from knotfab.base.errors import SceneError
 from knotfab.design import survey as survey_module
-from knotfab.design.likeness import (
-    compare_lines,
-    estimate_likeness,
-    opened_share,
-    recognisable_radius,
-)
+from knotfab.design.likeness import compare_lines, estimate_likeness, recognisable_radius
 from knotfab.design.readings import MOST, draw_readings, is_unclear, list_figures, try_readings
 from knotfab.design.sentence import describe
 from knotfab.design.survey import require_drawable, survey
 from knotfab.picture.read import read_target
+from knotfab.picture.silhouette import opened_share
 from knotfab.pipeline.options import BuildOptions
 from knotfab.pipeline.prepare import list_readings, survey_pictures
 from knotfab.scene.catalogue import resolve
@@ -65,7 +61,7 @@ def test_a_finer_tube_that_is_named_draws_it() -> None:
     radius = recognisable_radius(mask, 5.0)
     assert radius is not None and radius < 2.0
     again = estimate_likeness(mask, radius)
-    assert again is None or (again.recognisable and opened_share(mask, radius) > 0.9)
+    assert again is None or (again.recognisable and opened_share(mask, radius / 96, 1024) > 0.9)
 
 
 @given(seed=st.integers(0, 999), count=st.integers(1, 30), radius=st.floats(5.0, 9.0))
@@ -77,7 +73,7 @@ def test_a_union_of_discs_is_never_refused(seed: int, count: int, radius: float)
     mask = ndimage.distance_transform_edt(~middles) <= radius
     found = estimate_likeness(mask, 0.8 * radius)
     assert found is None or found.recognisable
-    assert opened_share(mask, 0.8 * radius) > 0.6  # there are few pixels
+    assert opened_share(mask, 0.8 * radius / 200) > 0.6  # there are few pixels
 
 
 def strokes(side: int, width: int) -> Mask:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageCms
 
 from knotfab.base import limited
+from knotfab.picture import read
 from knotfab.picture.read import Target, name_picture, read_bytes, read_target
 from knotfab_formats.errors import InputError
 from knotfab_formats.views import Reading, View
@@ -119,6 +120,8 @@ def test_16_bit_colour_and_alpha(tmp_path: Path) -> None:
 
     colours = drawn([65535, 60000, 50000], [0, 20000, 40000], np.uint16)
     assert (read_target(write("rgb.png", 2, colours)).mask == SHAPE).all()
+    with pytest.raises(InputError, match=r"16-bit colours differ by less.*Stretch its levels"):
+        read_target(write("deep.png", 2, drawn([40] * 3, [167] * 3, np.uint16)))  # k62
     alpha = drawn([0, 0, 0, 32767], [0, 0, 0, 32768], np.uint16)
     assert (read_target(write("rgba.png", 6, alpha)).mask == SHAPE).all()
     grey_alpha = drawn([500, 0], [500, 65535], np.uint16)
@@ -150,6 +153,16 @@ def test_gif_gives_its_first_frame(tmp_path: Path) -> None:
     found = read_target(path)
     assert (found.mask == SHAPE).all()
     assert found.rule.startswith("the first of its 2 frames (--sequence takes them all)")
+
+
+def test_few_of_many_blank_frames_are_tried(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    blank = [Image.new("RGB", (W, H), (k, k, k)) for k in range(40)]
+    path = save(tmp_path / "film.gif", blank[0], save_all=True, append_images=blank[1:])
+    monkeypatch.setattr(read, "_MOST_TRIED_PX", 5 * W * H)
+    with pytest.raises(InputError, match="none of its first 5 frames holds a shape"):
+        read_target(path)
 
 
 @pytest.mark.parametrize("blank", ["white", "clear"])

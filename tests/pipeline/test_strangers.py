@@ -67,6 +67,13 @@ def test_polygons_become_fans(tmp_path: Path) -> None:
         assert enclosed_volume(read_mesh(tmp_path / name)) == pytest.approx(8000.0)
 
 
+def test_a_polygon_that_crosses_itself_is_a_fan(tmp_path: Path) -> None:
+    points = np.random.default_rng(0).random((90, 2))
+    lines = [f"v {x} {y} 0" for x, y in points] + ["f " + " ".join(map(str, range(1, 91)))]
+    (tmp_path / "tangle.obj").write_text("\n".join(lines))
+    assert len(read_mesh(tmp_path / "tangle.obj").faces) == 88
+
+
 @pytest.mark.parametrize("order", ["<", ">"])
 def test_ply_with_more_than_is_asked_for(order: str, tmp_path: Path) -> None:
     """Colours, another element before the faces, and doubles; faces of different sizes are refused."""

@@ -341,6 +341,14 @@ def test_part_from_several_sides(tmp_path: Path) -> None:
     assert heights[0] == pytest.approx(heights[1], abs=2)  # one scale
 
 
+def test_a_part_is_drawn_in_its_materials_colour(tmp_path: Path) -> None:
+    eye = turn_eye((0.0, 0.0, 500.0), (0.0,))
+    draw_part(*ring(), tmp_path / "part.png", eye, 60, color="#1060d0")
+    image = np.asarray(Image.open(tmp_path / "part.png").convert("RGB")).astype(int)
+    drawn = image[np.abs(image - image[0, 0]).sum(axis=2) > 200]
+    assert len(drawn) and (drawn[:, 2] > drawn[:, 0] + 20).all()
+
+
 def sections(page: Page) -> list[str]:
     return [
         s

@@ -9,6 +9,13 @@ from tempfile import mkdtemp
 import pytest
 
 from tests.corpus.forged import Forged, forged, judge, judge_forged
+from tests.corpus.forged_sequence import (
+    Forge,
+    forge_frame,
+    forged_sequence,
+    judge_frame,
+    sequence_folder,
+)
 from tests.corpus.forging import Held
 from tests.corpus.held import HOLDERS, write_held
 
@@ -32,3 +39,15 @@ def test_an_honest_piece_passes(holder: str) -> None:
 @pytest.mark.parametrize("case", forged()[::EVERY], ids=lambda c: f"{c.holder}: {c.name}")
 def test_a_forged_piece_is_rejected(case: Forged, tmp_path: Path) -> None:
     assert judge_forged(case, held(case.holder), tmp_path / "forged")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [1, 2, 3])
+def test_an_honest_frame_passes(number: int) -> None:
+    assert judge_frame(sequence_folder(), number) == ()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "forge"), list(forged_sequence())[::3])
+def test_a_forged_frame_is_rejected(name: str, forge: Forge, tmp_path: Path) -> None:
+    assert judge_frame(forge_frame(forge, tmp_path / "forged")), name

@@ -114,8 +114,8 @@ def shadow(given: Given, hear: Hear, known: Collection[str]) -> Answer:
     out, view = _png(given), given.pop("view", None)
     part, scene = _place(given, "part"), _place(given, "scene")
     _refuse_others(given, known)
-    if part is None or scene is None:
-        raise InputError("shadow", "part or scene is missing", "Name both files.")
+    if part is None:
+        raise InputError("shadow", "part is missing", "Name a part and its scene, or their folder.")
     with TemporaryDirectory() as folder:
         path = Path(folder) / "shadow.png"
         render_shadow(part, scene, path, view)

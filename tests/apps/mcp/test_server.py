@@ -179,7 +179,7 @@ def test_a_wrong_call_is_told_as_the_command_line_tells_it(folder: Path) -> None
         ("validate", {}, "there is nothing to validate"),
         ("validate", {"part": "egg.png", "unit": "ft"}, "unit ft"),
         ("validate", {"part": "egg.png", "scale": 2}, "the option scale"),
-        ("shadow", {"part": "egg.png"}, "Name both files"),
+        ("shadow", {"part": "egg.png"}, "Name the scene.toml too"),
         ("sing", {}, "Known: preview, build"),
     ):
         assert words in _refused(_call(folder, tool, **given)), words

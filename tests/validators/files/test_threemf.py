@@ -15,6 +15,7 @@ from knotfab_validators.files import threemf_model
 from knotfab_validators.files.scene import read_knots, read_scene
 from knotfab_validators.files.threemf import DEEPEST, corners_3mf
 from knotfab_validators.files.threemf_rows import Rows, cut_rows
+from knotfab_validators.geometry.mesh import enclosed_volume
 from tests.corpus.cube_files import CORE, MESH, as_3mf, cube_obj, model, seeds
 from tests.corpus.examine import examine, read_mesh
 from tests.corpus.fuzzed import fuzz_file
@@ -309,6 +310,12 @@ def test_a_3mf_has_its_units_transforms_and_components(tmp_path: Path) -> None:
     path.write_bytes(as_3mf(twice))
     read = read_mesh(path)
     assert len(read.faces) == 24 and read.vertices.max(axis=0) == pytest.approx([70, 20, 27])
+    notes: list[str] = []
+    path.write_bytes(
+        as_3mf(model(cube, '<item objectid="1" transform="-1 0 0 0 1 0 0 0 1 0 0 0"/>'))
+    )
+    assert enclosed_volume(read_mesh(path, notes=notes)) == pytest.approx(8000.0)
+    assert len(notes) == 1 and "mirrored an object" in notes[0]  # k56
     for unit, mm in (("inch", 25.4), ("centimeter", 10.0)):
         path.write_bytes(as_3mf(twice.replace("millimeter", unit)))
         assert read_mesh(path).vertices.max(axis=0) == pytest.approx(mm * np.array([70, 20, 27]))

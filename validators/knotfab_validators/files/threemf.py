@@ -59,7 +59,7 @@ def corners_3mf(
     XML that some of them take for more or for less than the standard does.
 
     Nothing is unpacked to disk, and the triangles that items and components place are counted before any
-    is made. A transform that mirrors, which the standard forbids, turns its body inside out.
+    is made. The faces of what a transform mirrors, which the standard forbids, are turned back.
 
     Raises:
         BadFile: the archive is damaged, unpacks to far more than a mesh would, or is no 3MF; the
@@ -73,6 +73,10 @@ def corners_3mf(
                 raise BadFile(f"{name}: {doubts}, and slicers differ about that: export it anew")
             if package.left_out and notes is not None:
                 notes.append(f"{name}: {package.tell_left_out()}")
+            if package.mirrored and notes is not None:
+                notes.append(
+                    f"{name}: mirrored an object, as its build asks for, faces turned back"
+                )
             return found
     except (zipfile.BadZipFile, zlib.error, OSError, RuntimeError, EOFError,
             NotImplementedError, ValueError) as error:  # fmt: skip
@@ -108,6 +112,7 @@ class _Package:
         self.unpacked = 0
         self.cost: dict[tuple[str, int], tuple[int, int]] = {}
         self.left_out: list[str] = []
+        self.mirrored = False  # whether an item or a component is
         self.steering = _Steering()
         self._require_plausible(sum(entry.file_size for entry in archive.filelist))
 
@@ -244,8 +249,9 @@ class _Package:
             for first, last in self.steering.triangles.get(item.number, []):
                 faces[first : last + 1] = -1
             placed = moved[faces[faces[:, 0] >= 0]]
-            # a mirror turns faces inside out; slicers turn them back
-            parts.append(placed[:, ::-1] if np.linalg.det(matrix[:3, :3]) < 0 else placed)
+            mirrors = bool(np.linalg.det(matrix[:3, :3]) < 0)
+            self.mirrored |= mirrors  # its faces are inside out; slicers turn them back
+            parts.append(placed[:, ::-1] if mirrors else placed)
         for component in shape.components:
             if (item.number, component.number) in self.steering.components:
                 continue
