@@ -23,7 +23,7 @@ from knotfab.design.walls import flatten_targets
 from knotfab.effects.base import World
 from knotfab.picture.opening import opening_iou
 from knotfab.picture.read import Target
-from knotfab.picture.silhouette import trace_polygon
+from knotfab.picture.silhouette import polygon_iou, trace_polygon
 from knotfab.picture.strokes import trace_strokes
 from knotfab.problem import Problem, Start, TargetView
 from knotfab.scene.camera import camera_of, cameras_of, walls_of
@@ -63,12 +63,15 @@ class Question(InNotebook):
     def most_iou(self, radius: float) -> float:
         """Return an upper bound on the IoU of a tube of this radius (mm) in its worst view.
 
-        It is approximate for pictures that are drawn smoothed or along their lines.
+        It is approximate for pictures that are drawn smoothed, along their lines, or bridged.
         """
         most = min(self.opening(radius), *(b.iou for b in self.bounds), 1.0) * self.likeness
-        view = self.problem.views[0]
+        view, knots = self.problem.views[0], self.scene.piece.knots
         if view.lines:  # the search may draw a little more than tubes along the lines
-            most = min(most, template_iou(make_template(view, radius), view.polygon))
+            most = min(most, template_iou(make_template(view, radius, knots), view.polygon))
+        elif len(self.problem.views) == 1 and knots and knots < len(view.polygon.geoms):
+            bridged = shapely.make_valid(make_template(view, radius, knots).tube)
+            most = min(most, polygon_iou(view.polygon.union(bridged), view.polygon))
         return most
 
     def roomy(self) -> SettledRegion:

@@ -173,6 +173,20 @@ def test_a_tube_that_cannot_close_in_a_dot_is_not_taken_for_it(tmp_path: Path) -
     assert thick and max(thick) < 0.6
 
 
+def test_bridges_that_are_asked_for_cost_no_likeness(tmp_path: Path) -> None:
+    """Two discs 40 mm apart on the wall: what joins them is at least a strip as wide as the tube."""
+    disc = np.hypot(*np.mgrid[-100:100, -100:100]) < 60
+    path = tmp_path / "discs.png"
+    Image.fromarray(~np.hstack([disc, disc])).save(path)
+    two = ask(resolve(Scene()), [read_target(path)])
+    one = ask(resolve(Scene.model_validate({"piece": {"knots": 1}})), [read_target(path)])
+    (polygon,), radius = two.problem.polygons, 1.0
+    first, second = polygon.geoms
+    strip = 2 * radius * first.distance(second)
+    assert two.most_iou(radius) > 0.99
+    assert 1 - 3 * strip / polygon.area < one.most_iou(radius) < 1 - strip / (polygon.area + strip)
+
+
 def test_of_worse_radii_the_better_comes_first(
     question: Question, monkeypatch: pytest.MonkeyPatch
 ) -> None:
