@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 PICTURE = "the picture"  # the subject of errors that another reading of the picture may avoid
 DEPTH_RATIO = 0.66  # depth over width; the contract asks for 0.6, and the flow may lose a little
+# inner corners of a plate's outline are rounded by so much: narrow slits are weak and slow
+FILLET_MM = 8.0
 _NOZZLES = (0.3, 0.25, 0.2, 0.15, 0.1)  # diameters on the market, mm
 _UNEVEN = 0.4  # variation of a drawn line's width, px
 _DRAWN = 0.9  # IoU of the opening from which a picture of lines counts as drawn
@@ -191,6 +193,7 @@ def guess_print(
     radius_mm: float,
     pieces: int = 1,
     template: Template | None = None,
+    outlined_mm2: float = np.inf,
 ) -> Guess:
     """Guess mass and printing time from a picture's area, by factors fitted to builds.
 
@@ -201,6 +204,7 @@ def guess_print(
         areas_mm2: areas of the silhouettes. size_mm: width and height of the first one.
         pieces: pieces of the picture, each drawn by a knot if the scene gives no number of knots.
         template: flat curves that the search starts from, if they are known.
+        outlined_mm2: area of a plate of the picture's outline, if that is the mount's.
     """
     flat, alone = scene.piece.depth == 0, scene.piece.supports == "none"
     length = sum(areas_mm2) / (2 * radius_mm)
@@ -212,7 +216,7 @@ def guess_print(
     if on_wall and scene.mount.foot != "dowel":
         margin = 2 * scene.mount.plate_margin_mm
         plate = (view.frame_width_mm + margin) * (view.frame_height_mm + margin)
-        plate *= scene.mount.thickness_mm
+        plate = min(plate, outlined_mm2) * scene.mount.thickness_mm
     without = {"stand": "its stand", "hang": "its eyelet"}.get(scene.mount.kind, "")
     if scene.mount.kind == "auto" and not (on_wall or alone or scene.material.process == "wire"):
         without = "what holds it" if scene.piece.printed else "the holder that --print adds"

@@ -12,7 +12,14 @@ from shapely import MultiPolygon, Polygon
 
 from knotfab.base.arrays import Array, Mask
 from knotfab.base.errors import SceneError
-from knotfab.design.candidates import Guess, drawing_radius, guess_print, line_radius, too_fine
+from knotfab.design.candidates import (
+    FILLET_MM,
+    Guess,
+    drawing_radius,
+    guess_print,
+    line_radius,
+    too_fine,
+)
 from knotfab.design.frames import frame_view, framed_alike
 from knotfab.design.hull import HullBound
 from knotfab.design.likeness import Likeness, compare_lines, estimate_likeness, recognisable_radius
@@ -28,6 +35,7 @@ from knotfab.picture.silhouette import holes_of, opened_share, pieces_of, trace_
 from knotfab.scene.camera import camera_of
 from knotfab.start.filling import Template
 from knotfab.start.start import make_template
+from knotfab_formats.piece import Mount
 from knotfab_formats.scene import ResolvedScene, ResolvedView
 
 _SHOWN = 3  # thicker tubes to show beside the chosen one
@@ -147,6 +155,7 @@ def survey(
             radius_mm,
             first.pieces,
             templates.get(radius_mm),
+            _outline_mm2(first, scene.mount),
         )
 
     otherwise = None
@@ -257,6 +266,17 @@ def _without_specks(polygon: MultiPolygon, least: float) -> MultiPolygon:
     ]
     plain = (MultiPolygon(kept) if kept else polygon).buffer(0)
     return plain if isinstance(plain, MultiPolygon) else MultiPolygon([plain])
+
+
+def _outline_mm2(seen: ViewSurvey, mount: Mount) -> float:
+    """Return the area of a plate of the picture's outline, holes filled; infinite for another plate."""
+    if mount.plate != "outline":
+        return np.inf
+    px = 1.0 / seen.wall_mm_per_px
+    sheet = seen.polygon.simplify(px).buffer((mount.plate_margin_mm + FILLET_MM) * px)
+    islands = shapely.get_parts(sheet.buffer(-FILLET_MM * px))
+    filled = shapely.union_all([Polygon(island.exterior) for island in islands])
+    return float(filled.area) / px**2
 
 
 def _trace(mask: Mask) -> MultiPolygon:

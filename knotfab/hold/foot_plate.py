@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from knotfab.base.arrays import Array
 from knotfab.base.errors import SceneError
+from knotfab.design.candidates import FILLET_MM
 from knotfab.geometry.tube import Mesh, as_manifold
 from knotfab.hold.beams import JOINT_RADII, Stiffness, sag_moves, worst_of
 from knotfab.hold.solids import Fixture
@@ -22,9 +23,6 @@ from knotfab_formats.piece import Mount
 if TYPE_CHECKING:
     from shapely import Geometry, Polygon
 
-FILLET_MM = (
-    8.0  # inner corners of an outline are rounded by so much: narrow slits are weak and slow
-)
 STRIP_MM = 12.0  # wide are strips that join islands
 RIM_MM = 4.0  # about a screw's hole
 OFF_MM = 1.0  # a screw's hole keeps so far off the plate's own outline

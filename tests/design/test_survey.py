@@ -375,6 +375,17 @@ def test_no_guess_is_absurd(width: float, said: str) -> None:
     assert said in describe(survey(scene, [read_target("text:o")]))[-1]
 
 
+def test_a_plate_of_the_outline_is_guessed_as_such() -> None:
+    target, guesses = read_target("text:L"), {}
+    for plate in ("full", "outline"):
+        mount = {"kind": "wall", "foot": "plate", "plate": plate}
+        scene = resolve(Scene.model_validate({"mount": mount, "piece": {"tube_radius_mm": 2.0}}))
+        guesses[plate] = survey(scene, [target]).guess
+    full, outline = guesses["full"], guesses["outline"]
+    assert full.hours and outline.hours and outline.hours < 0.9 * full.hours
+    assert 0.3 * full.mass_g < outline.mass_g < 0.8 * full.mass_g
+
+
 @pytest.mark.slow
 def test_the_guess_adds_up_several_pictures_and_says_what_it_leaves_out() -> None:
     stands = Scene.model_validate(
