@@ -255,7 +255,7 @@ def compare(
         plan = plan_fix(found, folder, view)
     _print_comparison(found, out, json, plan)
     if plan is None or not build:
-        return 0
+        return 1 if found.alike is False else 0
     from knotfab.cli.commands import build as build_part
     from knotfab.pipeline.options import BuildOptions
 
@@ -277,8 +277,8 @@ def _print_comparison(
         fix = {} if plan is None else {"fix": plan.to_dict()}
         print(codec.dumps({**found.to_dict(), "picture": str(picture), **fix}))
         return
-    lost = f"{found.missing:.1%} of the picture is missing, {found.spilled:.1%} spilled"
-    print(f"{tell_share(found.iou)} alike: {lost}.")
+    lost = f": {found.missing:.1%} of the picture is missing, {found.spilled:.1%} spilled"
+    print(f"{tell_share(found.iou)} alike{'' if found.alike is False else lost}.")
     if advice := advise(found):
         print(f"  {advice}")
     for line in () if plan is None else tell_fix(plan, found):

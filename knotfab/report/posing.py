@@ -179,7 +179,7 @@ SPACING_MM = 1.0
 def tell_access(access: SupportAccess) -> str:
     """Say in one sentence how the supports come off."""
     by_hand, cut = access.reached["finger"], access.reached["cutter"]
-    text = f"Supports: {by_hand:.0%} come off by hand, {cut:.0%} with a cutter"
+    text = f"Supports: {by_hand:.0%} come off by hand, {cut - by_hand:.0%} more with a cutter"
     if access.worst is None or access.worst_tool == "finger":
         return text + "."
     x, y, z = access.worst

@@ -82,12 +82,13 @@ def steps_of(mounted: Mounted, place: Placement, view: View) -> list[str]:
             f"Put the middle of the {lamp} {off} the wall, square to it, opposite {opposite}.",
         ]
     else:
-        thread = ""
+        thread, verb = "", "Hold"
         if mounted.hang is not None:
+            verb = "Hang"
             thread = f"{_tell_threads((mounted.hang.threads - place.middle) @ place.wall.T)} "
         steps = [
             "Mark the corners of the frame on the wall.",
-            f"{thread}Hang the piece before the frame as the views show: {_tell_reach(mounted, place)}.",
+            f"{thread}{verb} the piece before the frame as the views show: {_tell_reach(mounted, place)}.",
             f"Put the middle of the {lamp} {off} the wall, square to it, opposite {opposite}.",
         ]
     distances = [mark.lamp_mm for mark in place.marks]
