@@ -17,9 +17,10 @@ _WAVELENGTHS = (0.65, 0.85, 1.1)  # shortest wave of a profile, over the width o
 _RELIEF = 1.0, 1.4, 2.0  # shortest wave of a relief, likewise
 _RELIEF_WAVES = 4
 _CHANGED = 0.5  # share of its waves that a variation changes
-# arches: least and most angle of a flank from the bed, and the lowest peak over the highest
+# arches: least and most angle of a flank from the bed, and the lowest peak over the highest: lower ones make
+# the picture plainer from aside
 _FLANKS_DEG = 49.0, 54.0
-_LOWEST_PEAK = 0.55
+_LOWEST_PEAK = 0.85
 _FEET = 3  # of a curve, at least: it stands on them
 _ROUNDED_RADII = 2.1  # width of what rounds a peak and a valley, in tube radii
 _LYING_RADII = 2.5  # what has no room for arches as high lies on the floor instead
