@@ -12,6 +12,8 @@ from knotfab_validators.check import BadFile
 from knotfab_validators.geometry.mesh import Mesh, enclosed_volume
 from tests.corpus.cube_files import MESH, RELATIONS, as_3mf, cube_obj, cube_stl, cube_text, model
 from tests.corpus.examine import read_mesh
+from tests.corpus.files import encode
+from tests.corpus.parts import Body
 
 CUBE = 8000.0  # mm³
 PRUSA = "Metadata/Slic3r_PE_model.config"
@@ -180,3 +182,12 @@ def test_corners_that_rounding_parted_are_joined(tmp_path: Path) -> None:
 def test_loose_text_stl_is_read(tmp_path: Path, change: Any, words: str) -> None:
     found, said = volume(tmp_path, "a.stl", change(cube_text()))
     assert found == pytest.approx(CUBE) and words in said
+
+
+@pytest.mark.parametrize("size_mm", [1e-3, 1e-6])
+def test_a_cloud_of_tiny_triangles_is_read_as_it_is(size_mm: float, tmp_path: Path) -> None:
+    """Each corner is as near to every other as rounding would leave it: joining them would never end."""
+    corners = size_mm * np.random.default_rng(0).random((20_000, 3, 3))
+    faces = np.arange(60_000).reshape(-1, 3)
+    (tmp_path / "cloud.stl").write_bytes(encode(Body(corners.reshape(-1, 3), faces), "stl"))
+    assert len(read_mesh(tmp_path / "cloud.stl").faces) > 19_000

@@ -51,6 +51,11 @@ def merge_equal(corners: Corners) -> Mesh:
     return Mesh(flat[first], index.reshape(-1, 3))
 
 
+# corners, itself among them, that a rounded one has near it on average at most: faces that are all so small
+# would make pairs without end
+MOST_NEAR = 40
+
+
 def join_rounded(mesh: Mesh, within: float) -> tuple[Mesh, float]:
     """Merge vertices on open edges that are at most `within` mm apart, as rounding by a writer leaves them.
 
@@ -65,10 +70,12 @@ def join_rounded(mesh: Mesh, within: float) -> tuple[Mesh, float]:
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
 
-    pairs = cKDTree(mesh.vertices[ends]).query_pairs(within, output_type="ndarray")
+    tree, count = cKDTree(mesh.vertices[ends]), len(ends)
+    if tree.count_neighbors(tree, within) > MOST_NEAR * count:
+        return mesh, 0.0
+    pairs = tree.query_pairs(within, output_type="ndarray")
     if not len(pairs):
         return mesh, 0.0
-    count = len(ends)
     graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
     _, group = connected_components(graph, directed=False)
     first = np.full(group.max() + 1, len(mesh.vertices), dtype=np.int64)
@@ -78,7 +85,7 @@ def join_rounded(mesh: Mesh, within: float) -> tuple[Mesh, float]:
     faces = new[mesh.faces]
     whole = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
     joined = faces[whole]
-    if len(_open_edges(joined)):
+    if not len(joined) or len(_open_edges(joined)):
         return mesh, 0.0
     gap = float(np.linalg.norm(np.subtract(*mesh.vertices[ends[pairs.T]]), axis=1).max())
     kept, index = np.unique(joined, return_inverse=True)
