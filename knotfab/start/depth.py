@@ -32,6 +32,7 @@ from knotfab.start.profiles import (
     draw_arches,
     draw_profile,
     draw_relief,
+    fold_of,
     highest_mm,
     legibility_from,
     turns_aside,
@@ -128,6 +129,7 @@ class _Judge:
         low = every.min(0) - self.radius
         self.frame = low, every.max(0) + self.radius - low  # corner and size of `target`, mm
         self.tops = np.array([min(self.extent_mm, highest_mm(c)) for c in self.curves])
+        self.folds = [fold_of(s, self.radius) for s in self.samples]
         self.drawing = [] if self.sharpening is None else self.sharpening.drawing(self.samples)
         self.beside = None  # heights that the lanes add to the samples, mm
         if self.lanes is not None:
@@ -142,7 +144,7 @@ class _Judge:
         if self.lanes is not None:
             return draw_relief(rng, number, across_mm)
         if self.arched:
-            return draw_arches(rng, self.arcs, self.tops, self.radius)
+            return draw_arches(rng, self.arcs, self.tops, self.radius, self.folds)
         return draw_profile(rng, number, across_mm, self.arcs)
 
     def heights(

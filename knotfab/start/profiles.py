@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -11,6 +12,7 @@ from scipy.special import erf
 
 from knotfab.base.arrays import Array, Mask
 from knotfab.base.compiled import compiled
+from knotfab.geometry.polylines import arc_lengths
 from knotfab_formats.upright import LEAST_TIP_DEG
 
 _WAVELENGTHS = (0.65, 0.85, 1.1)  # shortest wave of a profile, over the width of the piece
@@ -24,6 +26,7 @@ _LOWEST_PEAK = 0.85
 _FEET = 3  # of a curve, at least: it stands on them
 _ROUNDED_RADII = 2.1  # width of what rounds a peak and a valley, in tube radii
 _LYING_RADII = 2.5  # what has no room for arches as high lies on the floor instead
+_NARROW_RADII = 2.2  # a loop as wide has sides that hide each other: it stands on its edge
 # of the distance from a curve's middle to a side of its hull: so near is a side of its feet's hull
 _FEET_SHARE = 0.6
 _GRID = 128  # side of the grid on which legibility is estimated, to 0.02
@@ -116,8 +119,9 @@ class Relief:
 class Arches:
     """A depth profile of arches: for each curve a chain (k, 3) of peaks, mm, and slopes of both flanks.
 
-    A curve that lies on the floor has an empty chain. Each chain begins at the share `begins` of its curve's
-    length; `tops` bounds its peaks, mm. `lengths` are the curves', mm.
+    A curve that lies on the floor has an empty chain, and a ring that stands on its edge a single arch. Each
+    chain begins at the share `begins` of its curve's length; `tops` bounds its peaks, mm. `lengths` are the
+    curves', mm.
     """
 
     chains: tuple[Array, ...]
@@ -135,6 +139,9 @@ class Arches:
         if not len(chain):
             return np.zeros(len(arc) - 1)
         length = float(arc[-1])
+        at = (arc[:-1] + begin * length) % length
+        if len(chain) == 1:
+            return np.asarray(0.5 * chain[0, 0] * (1.0 - np.cos(2.0 * np.pi / length * at)))
         flanks = chain[:, :1] / chain[:, 1:]
         ends = np.cumsum(flanks.sum(1))
         # round the number of arches up and scale them down, which keeps their slopes
@@ -156,7 +163,6 @@ class Arches:
         valleys = np.round(corners[::2] / step).astype(int) % points
         raised = np.interp(step * np.arange(points), corners[::2], smooth[valleys])
         smooth = np.maximum(smooth - raised, 0.0)
-        at = (arc[:-1] + begin * length) % length
         return np.asarray(np.interp(at, step * np.arange(points), smooth, period=length))
 
     def split(self, curve: int, shares: Array, first: float) -> Arches:
@@ -193,6 +199,7 @@ class Arches:
             slopes = np.clip(chain[:, 1:] * np.exp(0.3 * step[:, 1:]), low, high)
             chains.append(np.hstack([peaks, slopes]))
         moved = self.begins + 0.15 * change * rng.normal(size=len(self.begins))
+        moved = np.where([len(chain) == 1 for chain in chains], self.begins, moved)
         return replace(self, chains=tuple(chains), begins=moved % 1.0)
 
 
@@ -202,25 +209,49 @@ def _slopes() -> tuple[float, float]:
 
 
 def draw_arches(
-    rng: np.random.Generator, arcs: list[Array], tops: Array, radius_mm: float
+    rng: np.random.Generator,
+    arcs: list[Array],
+    tops: Array,
+    radius_mm: float,
+    folds: Sequence[float | None],
 ) -> Arches:
     """Draw random arches for curves of these arc lengths (n + 1,), with peaks up to `tops`, mm.
 
-    A curve too short for three feet gets lower arches, and a very short one lies on the floor.
+    A curve too short for three feet gets lower arches. A very short one lies on the floor, or stands on its
+    edge if it is narrow: `folds` is what `fold_of` finds.
     """
     low, high = _slopes()
     wide = 2.0 / (0.5 * (low + high))  # length of an arch over its height
-    tops = np.minimum(tops, [float(arc[-1]) / (_FEET * wide) for arc in arcs])
+    lengths = np.array([float(arc[-1]) for arc in arcs])
+    tops = np.minimum(tops, lengths / (_FEET * wide))
     chains = []
-    for arc, top in zip(arcs, tops.tolist(), strict=True):
-        count = 0
+    for number, fold in enumerate(folds):
+        count, top = 0, float(tops[number])
         if top >= _LYING_RADII * radius_mm:
-            count = int(np.ceil(float(arc[-1]) * high / (2 * _LOWEST_PEAK * top))) + 1
+            count = int(np.ceil(lengths[number] * high / (2 * _LOWEST_PEAK * top))) + 1
+        elif fold is not None:
+            count = 1
+            tops[number] = top = max(0.5 * lengths[number], _LYING_RADII * radius_mm)
         peaks = rng.uniform(_LOWEST_PEAK, 1.0, (count, 1)) * top
         angles = np.radians(rng.uniform(*_FLANKS_DEG, (count, 2)))
         chains.append(np.hstack([peaks, np.tan(angles)]))
-    lengths = tuple(float(arc[-1]) for arc in arcs)
-    return Arches(tuple(chains), rng.uniform(size=len(arcs)), tops, radius_mm, lengths)
+    begins = rng.uniform(size=len(arcs))
+    for number, fold in enumerate(folds):
+        if fold is not None and len(chains[number]) == 1:
+            # both ends are half as high, so that one side passes above the other
+            begins[number] = (0.25 - fold) % 1.0
+    return Arches(tuple(chains), begins, tops, radius_mm, tuple(lengths.tolist()))
+
+
+def fold_of(curve: Array, radius_mm: float) -> float | None:
+    """Find where a closed curve (n, 2) turns back, as a share of its length; None if it is no narrow loop."""
+    arc, (x, y) = arc_lengths(curve), curve.T
+    area = 0.5 * abs(float(x @ np.roll(y, -1) - y @ np.roll(x, -1)))
+    if 4.0 * area >= _NARROW_RADII * radius_mm * arc[-1]:
+        return None
+    centred = curve - curve.mean(0)
+    axis = np.linalg.eigh(centred.T @ centred)[1][:, -1]
+    return float(arc[int((centred @ axis).argmax())] / arc[-1])
 
 
 def highest_mm(curve: Array) -> float:

@@ -28,6 +28,7 @@ from knotfab.start.profiles import (
     draw_arches,
     draw_profile,
     draw_relief,
+    fold_of,
     legibility,
     legibility_from,
     stretch_mask,
@@ -326,7 +327,7 @@ def test_arches_stand_on_feet_with_steep_flanks_and_no_peak_above_the_top(
     rng, radius = np.random.default_rng(3), 1.5
     arcs = [np.linspace(0.0, length, 2001)]
     for number in range(20):
-        arches = draw_arches(rng, arcs, np.array([top]), radius)
+        arches = draw_arches(rng, arcs, np.array([top]), radius, [None])
         if number % 2:
             arches = arches.varied(rng, 0.5)
         (height,) = arches.heights(arcs)
@@ -341,10 +342,31 @@ def test_arches_stand_on_feet_with_steep_flanks_and_no_peak_above_the_top(
             assert flat <= 2.0 * feet[1] * 2.2 * radius
 
 
+@pytest.mark.parametrize("narrow_mm", [0.0, 0.5, 1.5])
+@pytest.mark.parametrize("turn", [0.0, 0.7, 2.0])
+def test_a_narrow_loop_stands_on_its_edge_one_side_over_the_other(
+    narrow_mm: float, turn: float
+) -> None:
+    """A dot's ring, 4 mm long: where its two sides hide each other they are a tube apart."""
+    rng, radius, t = np.random.default_rng(1), 1.0, np.linspace(0.0, 2 * np.pi, 80, endpoint=False)
+    sides = np.column_stack([2.0 * np.cos(t + 1.0), 0.5 * narrow_mm * np.sin(t + 1.0)])
+    way = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+    curve = sides @ way + 30.0
+    arcs = [arc_lengths(curve)]
+    for number in range(10):
+        arches = draw_arches(rng, arcs, np.array([0.0]), radius, [fold_of(curve, radius)])
+        (height,) = (arches.varied(rng, 0.5) if number % 2 else arches).heights(arcs)
+        assert height.min() == pytest.approx(0.0, abs=0.01)
+        middle = np.abs(sides[:, 0]) < 0.3
+        above = height[middle & (height > height.mean())]
+        assert above.min() - height[middle & (height < height.mean())].max() > 1.9 * radius
+    assert fold_of(np.column_stack([2.0 * np.cos(t), 2.0 * np.sin(t)]), radius) is None
+
+
 @pytest.mark.parametrize("first", [0.5, 0.3, 0.7])
 def test_an_arch_is_split_in_two_and_all_others_stay(first: float) -> None:
     rng, arcs = np.random.default_rng(5), [np.linspace(0.0, 600.0, 3001)]
-    arches = draw_arches(rng, arcs, np.array([80.0]), 1.5)
+    arches = draw_arches(rng, arcs, np.array([80.0]), 1.5, [None])
     (before,) = arches.heights(arcs)
     peak = int(before.argmax())
     other = arches.split(0, np.array([arcs[0][peak] / 600.0]), first)
@@ -354,5 +376,5 @@ def test_an_arch_is_split_in_two_and_all_others_stay(first: float) -> None:
     higher = max(first, 1.0 - first)
     assert after[changed].max() == pytest.approx(higher * before[peak], rel=0.1)
     assert arches.split(0, np.array([0.5]), 0.01) is arches  # no arch so low stands
-    nothing = draw_arches(rng, [np.linspace(0.0, 9.0, 50)], np.array([80.0]), 1.5)
+    nothing = draw_arches(rng, [np.linspace(0.0, 9.0, 50)], np.array([80.0]), 1.5, [None])
     assert nothing.split(0, np.array([0.5]), 0.5) is nothing
