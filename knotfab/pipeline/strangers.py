@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 import re
 import warnings
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from itertools import pairwise
@@ -149,10 +149,13 @@ def _read_ply(content: bytes) -> NDArray[np.float64]:
         raise _refuse("its PLY header has no end")
     if b"tristrips" in elements:
         raise _refuse("it has strips of triangles, which are not read")
+    ascii_lines: list[bytes] = []
     if b"\nformat ascii" in head:
         lines = [line for line in body.splitlines() if line.strip()]
         if len(lines) != sum(elements.values()):
             raise _refuse("it is cut off, or goes on after what its header promises")
+        listed = re.search(rb"^element[ \t]+face.*\n[ \t]*property[ \t]+list", head, re.MULTILINE)
+        ascii_lines = lines if listed else []
         content = b"\n".join([head + b"end_header", *lines, b""])
     elif (mixed := _read_mixed(head, body)) is not None:
         return mixed
@@ -169,6 +172,18 @@ def _read_ply(content: bytes) -> NDArray[np.float64]:
             ) from None
     points, faces = mesh.vertices, getattr(mesh, "faces", np.empty((0, 3), dtype=np.int64))
     _require_vertices(faces.ravel(), points)
+    if ascii_lines and [*elements][:2] == [b"vertex", b"face"]:
+        rows = ascii_lines[elements[b"vertex"] :][: elements[b"face"]]
+        try:
+            rings = [[int(w) for w in row.split()[1 : 1 + int(row.split()[0])]] for row in rows]
+        except ValueError:  # a number with a point: as trimesh has it
+            rings = []
+        if any(
+            len(ring) > 3 for ring in rings
+        ):  # trimesh makes fans of them, wrong where they are concave
+            return _triangulate(
+                np.asarray(points, dtype=np.float64), [r for r in rings if len(r) > 2]
+            )
     return np.asarray(points[faces], dtype=np.float64)
 
 
@@ -197,7 +212,7 @@ def _read_mixed(head: bytes, body: bytes) -> NDArray[np.float64] | None:
         return None
     vertices = np.frombuffer(body, row, count)
     points = np.stack([vertices[axis].astype(np.float64) for axis in "xyz"], axis=1)
-    triangles: list[tuple[int, int, int]] = []
+    rings: list[list[int]] = []
     for _ in range(faces):
         sides = int(np.frombuffer(body, size, 1, at)[0]) if at + size.itemsize <= len(body) else -1
         at += size.itemsize
@@ -205,12 +220,14 @@ def _read_mixed(head: bytes, body: bytes) -> NDArray[np.float64] | None:
             return None
         ring = np.frombuffer(body, index, sides, at).tolist()
         at += sides * index.itemsize
-        triangles += [(ring[0], b, c) for b, c in pairwise(ring[1:])]
+        rings += [ring] if sides > 2 else []
     if body[at:].strip(b"\r\n \0"):
         return None
-    chosen = np.array(triangles, dtype=np.int64).reshape(-1, 3)
-    _require_vertices(chosen.ravel(), points)
-    return np.asarray(points[chosen])
+    if all(len(ring) == 3 for ring in rings):
+        chosen = np.array(rings, dtype=np.int64).reshape(-1, 3)
+        _require_vertices(chosen.ravel(), points)
+        return np.asarray(points[chosen])
+    return _triangulate(points, rings)
 
 
 def _read_obj(content: bytes, tidy: Path) -> NDArray[np.float64]:
@@ -241,12 +258,25 @@ def _read_obj(content: bytes, tidy: Path) -> NDArray[np.float64]:
     sides = np.array([len(ring) for ring in rings], dtype=np.int64)
     if sides.max(initial=0) > MOST_CORNERS:
         raise _refuse(f"it has a face of {sides.max()} corners, more than {MOST_CORNERS}")
+    return _triangulate(points, rings)
+
+
+def _triangulate(points: NDArray[np.float64], rings: Sequence[Any]) -> NDArray[np.float64]:
+    """Cut polygons into triangles (n, 3, 3); those that cross themselves become fans."""
+    import pyvista
+
+    sides = np.array([len(ring) for ring in rings], dtype=np.int64)
     _require_vertices(np.concatenate(rings), points)
-    plain = pyvista.PolyData(points, faces=mesh.faces)
+    listed = np.concatenate([np.append(len(ring), ring) for ring in rings])
+    plain = pyvista.PolyData(points, faces=listed)
     plain.cell_data["ring"] = np.arange(len(rings))
     cut = plain.triangulate()
     whole = np.bincount(cut["ring"], minlength=len(rings)) == sides - 2
-    fans = [(rings[k][0], b, c) for k in np.flatnonzero(~whole) for b, c in pairwise(rings[k][1:])]
+    fans = [
+        (rings[k][0], b, c)
+        for k in np.flatnonzero(~whole).tolist()
+        for b, c in pairwise(rings[k][1:])
+    ]
     kept = cut.regular_faces.reshape(-1, 3)[whole[cut["ring"]]]
     faces = np.concatenate([kept, np.array(fans, dtype=np.int64).reshape(-1, 3)])
     return np.asarray(points[faces])

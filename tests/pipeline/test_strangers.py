@@ -67,6 +67,32 @@ def test_polygons_become_fans(tmp_path: Path) -> None:
         assert enclosed_volume(read_mesh(tmp_path / name)) == pytest.approx(8000.0)
 
 
+@pytest.mark.parametrize("binary", [False, True])
+def test_concave_polygons_of_a_ply_are_cut_too(binary: bool, tmp_path: Path) -> None:
+    """An L-shaped prism of 700 mm², 10 mm high, each face one polygon that begins at a bad corner (k18)."""
+    plan = [(10, 10), (10, 40), (0, 40), (0, 0), (40, 0), (40, 10)]
+    points = [(x, y, z) for z in (0, 10) for x, y in plan[1:] + plan[:1]]
+    rings = [[5, 4, 3, 2, 1, 0], [6, 7, 8, 9, 10, 11]]
+    rings += [[i, (i + 1) % 6, (i + 1) % 6 + 6, i + 6] for i in range(6)]
+    kind = "binary_little_endian" if binary else "ascii"
+    head = f"ply\nformat {kind} 1.0\nelement vertex 12\nproperty float x\nproperty float y\n"
+    head += "property float z\nelement face 8\nproperty list uchar int vertex_indices\nend_header\n"
+    rows = [" ".join(map(str, p)) for p in points] + [
+        f"{len(r)} {' '.join(map(str, r))}" for r in rings
+    ]
+    body = "\n".join(rows).encode()
+    if binary:
+        body = b"".join(struct.pack("<3f", *p) for p in points)
+        body += b"".join(struct.pack(f"<B{len(r)}i", len(r), *r) for r in rings)
+    (tmp_path / "l.ply").write_bytes(head.encode() + body)
+    found = read_mesh(tmp_path / "l.ply")
+    caps = [f for f in found.faces if np.ptp(found.vertices[f][:, 2]) == 0]
+    areas = [
+        np.linalg.norm(np.cross(*(found.vertices[f][1:] - found.vertices[f][0]))) / 2 for f in caps
+    ]
+    assert enclosed_volume(found) == pytest.approx(7000.0) and sum(areas) == pytest.approx(1400.0)
+
+
 def test_a_polygon_that_crosses_itself_is_a_fan(tmp_path: Path) -> None:
     points = np.random.default_rng(0).random((90, 2))
     lines = [f"v {x} {y} 0" for x, y in points] + ["f " + " ".join(map(str, range(1, 91)))]
