@@ -105,7 +105,8 @@ class Scene(Table):
         """Tell whether the piece gets a wall mount; if open, several knots of one view on a flat wall do."""
         if self.mount.kind != "auto" or self.mount.on_feet:
             return self.mount.kind == "wall" or self.mount.on_feet
-        return knots > 1 and self.is_one_shadow and self.material.process != "wire"
+        one_flat = len(self.views) == 1 and self.views[0].wall_radius_mm is None
+        return knots > 1 and one_flat and self.material.process != "wire"
 
 
 class ResolvedPrinter(Printer):
