@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import tempfile
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 from benchmarks.measurement import run_study
@@ -40,16 +40,18 @@ def main(*, only: str = "") -> int:
         told[holder] += bool(found)
         tell(holder, name, found, "PASSED")
 
+    def vary(holder: str, folder: Path, into: Path, skip: Collection[str]) -> None:
+        for name in VARIATIONS:
+            checks = validate_file(*write_variation(name, folder, into), skip=skip).checks
+            failed = [c.name for c in checks if c.required and c.status == "fail"]
+            honest.append(not failed)
+            tell(holder, name, failed)
+
     with tempfile.TemporaryDirectory() as root:
         for holder in (h for h in HOLDERS if only in h):
             write_held(holder, Path(root) / holder)
             held = Held.read(Path(root) / holder)
-            for name in VARIATIONS:
-                files = write_variation(name, held.folder, Path(root) / "varied")
-                checks = validate_file(*files, skip=SHADOWS).checks
-                failed = [c.name for c in checks if c.required and c.status == "fail"]
-                honest.append(not failed)
-                tell(holder, name, failed)
+            vary(holder, held.folder, Path(root) / "varied", SHADOWS)
             for case in (c for c in forged() if c.holder == holder):
                 count_told(holder, case.name, judge_forged(case, held, Path(root) / "forged"))
         if only in "sequence":
@@ -57,12 +59,7 @@ def main(*, only: str = "") -> int:
                 honest.append(not (failed := judge_frame(sequence_folder(), number)))
                 tell("sequence", f"frame {number}", failed)
             frame = plain_frame(2, Path(root) / "frame")
-            for name in VARIATIONS:
-                files = write_variation(name, frame, Path(root) / "varied")
-                checks = validate_file(*files, skip={"shadow-render"}).checks
-                failed = [c.name for c in checks if c.required and c.status == "fail"]
-                honest.append(not failed)
-                tell("sequence", name, failed)
+            vary("sequence", frame, Path(root) / "varied", {"shadow-render"})
             for name, forge in forged_sequence():
                 found = judge_frame(forge_frame(forge, Path(root) / "forged"))
                 count_told("sequence", name, found)

@@ -27,7 +27,7 @@ from tests.corpus.strangers import fuzz_stranger
 
 SLOW_S = 60.0  # by the clock, of a machine that may be busy
 MOST_MB = 1000.0
-MOST_STRANGER_MB = 2000.0  # of pictures and what else the maker reads
+MOST_STRANGER_MB = 2000.0  # for pictures and whatever else the maker reads
 WORKERS = 2
 FILES_PER_WORKER = 500
 

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any, Literal
 
@@ -34,7 +35,7 @@ class Row:
 
     holder: str
     word: str
-    iou_tube: float  # of the view that fares worst
+    iou_tube: float  # in the worst view
     drop: float  # in the frame: below it a stand may show
     intrusion: float
     sag_mm: float | None
@@ -87,11 +88,12 @@ def main(
     """Print the table and how many builds have no holder that passes; 1 where there are any."""
     folder, drawn = make_folder(out, "mounts"), pictures()
     options = [] if slicer else ["--skip", "slicer"]
-    asked = list_usual()
     if names:
-        every = ((accuracy or ("standard",)), (only or HOLDERS), names)
-        asked = ((n, k, a) for a in every[0] for k in every[1] for n in every[2])
-    wanted = [one for one in asked if one[1] in (only or one) and one[2] in (accuracy or one)]
+        every = product(accuracy or ("standard",), only or HOLDERS, names)
+        wanted = [(name, kind, how) for how, kind, name in every]
+    else:
+        usual = list_usual()
+        wanted = [one for one in usual if one[1] in (only or one) and one[2] in (accuracy or one)]
     bad = []
     print(HEAD)
     for name, kind, how in wanted:

@@ -66,6 +66,10 @@ class Loss:
     sentence: str
 
 
+# the words that a shadow may deserve, best first
+WORDS = ("faithful", "good", "coarse", "not recognisable")
+
+
 @dataclass(frozen=True, kw_only=True)
 class Recognition:
     """The verdict on a picture's shadow: a word, the reasons why it is no better one, and the losses.

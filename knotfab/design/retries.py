@@ -21,6 +21,7 @@ from knotfab.search.search import search
 from knotfab.search.upright import FLANK_DEG
 from knotfab.start.depth import lift, lower
 from knotfab.start.filling import Template
+from knotfab.start.profiles import LOWEST_ARCH_RADII
 from knotfab.start.start import make_start
 from knotfab_formats.report import Price
 from knotfab_formats.scene import SettledRegion
@@ -284,8 +285,7 @@ def _farthest_outside(result: SearchResult, target: TargetView) -> float:
 
 # Legs: where a strand without supports ends up too far from all others for a bar, or too flat.
 
-_LEAST_ARCH_RADII = 2.5  # the lowest peak of an arch that is split or added, in tube radii
-_FLATTEST_DEG = LEAST_FLANK_DEG + 3.0  # of a leg on average, for some of it is flatter
+_FLATTEST_DEG = LEAST_FLANK_DEG + 3.0  # least mean slope of a leg, parts of which are flatter
 
 
 def start_with_more_legs(problem: Problem, result: SearchResult, start: Start) -> Start | None:
@@ -356,7 +356,7 @@ def _halve_arch(height: Array, at: int, radius: float) -> Array | None:
     first, last = int(valleys[end - 1]), int(valleys[end % len(valleys)])
     places = np.arange(first, first + (last - first - 1) % count + 2) % count
     arch = height[places]
-    if 0.5 * arch.max() < _LEAST_ARCH_RADII * radius:
+    if 0.5 * arch.max() < LOWEST_ARCH_RADII * radius:
         return None
     base, u = np.linspace(arch[0], arch[-1], len(arch)), np.linspace(0.0, 1.0, len(arch))
     halved = height.copy()
@@ -383,7 +383,7 @@ def _add_arch(height: Array, valley: int, peak: int, share: float, radius: float
     way = 1 if ahead <= count - ahead else -1
     places = (low + way * np.arange((way * (high - low)) % count + 1)) % count
     leg = height[places]
-    if share * (leg[-1] - leg[0]) < _LEAST_ARCH_RADII * radius:
+    if share * (leg[-1] - leg[0]) < LOWEST_ARCH_RADII * radius:
         return None
     u, wide = np.linspace(0.0, 1.0, len(leg)), share / (2.0 * share + 1.0)
     shape = np.interp(

@@ -106,9 +106,7 @@ class Survey:
     frames: int = 0  # length of a sequence, whose hardest frame is in `views`
     refusal: SceneError | None = None
     small: SmallParts | None = None  # None where the usual tube loses no small part
-    otherwise: Guess | None = (
-        None  # for the tube, of the two that `small` weighs, that is not taken
-    )
+    otherwise: Guess | None = None  # for the other tube that `small` weighs, which is not taken
     chosen: bool = True  # whether the radius is known; a search by the clock chooses its own
     bounds: tuple[HullBound, ...] = ()  # the visual hull's, for several pictures
     agreed: tuple[str, ...] = ()  # the changes that made the pictures agree, a sentence each

@@ -148,7 +148,7 @@ def hold_by_threads(beams: Beams, feet: Indices) -> tuple[Beams, Mask]:
     for foot, there in zip(feet, second, strict=True):
         ends[ends == foot] = two[int(there)]
     held = np.zeros((len(beams.joints), 6), dtype=bool)
-    held[feet] = True  # of those that were joined to another nothing is left
+    held[feet] = True  # those that were joined to another have no beams left
     along = beams.joints[two[1]] - beams.joints[two[0]]
     x, z = (0, 2) if abs(along[0]) >= abs(along[2]) else (2, 0)
     # the first does not move, nor turn about the line of both; the second does not move across it

@@ -96,9 +96,8 @@ def plan_foot_plate(
     moves = _measure_sag(knots, feet, camera, stiffness)
     sag, at = worst_of(moves, knots.points)
     # a body is joined to another over patches: its Euler characteristic is the sum less that of the patches
-    handles = np.bincount(knot_of, [1 - foot.genus for foot in feet], len(tubes))
-    numbers = (tuple(int(n) for n in each) for each in (count, handles))
-    plate = FootPlate(outline, holes, *numbers)
+    handles = np.bincount(knot_of, [1 - foot.genus for foot in feet], len(tubes)).astype(int)
+    plate = FootPlate(outline, holes, tuple(count.tolist()), tuple(handles.tolist()))
     hidden = {angle: _hide_edge(knots, camera, to_wall, angle) for angle in ASIDE_DEG}
     return StandingPiece(plate, sag, at, moves, hidden)
 

@@ -386,9 +386,8 @@ def _centre_of_mass(*several: Masses) -> Array:
 
 def hang_bodies(tubes: list[Mesh], mount: HangMount) -> list[Mesh]:
     """Unite tubes, struts, posts and eyelets to one watertight body, in scene coordinates."""
-    handles = (
-        len(mount.members) + 1
-    )  # of an eyelet's own; a second one's hole makes up for its body
+    # an eyelet has a hole of its own; a second one is a body more, which its hole makes up for
+    handles = len(mount.members) + 1
     return unite(tubes, hang_fixtures(mount), handles, "the hanger")
 
 

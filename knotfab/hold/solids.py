@@ -83,25 +83,29 @@ def strut(start: Array, end: Array, radius_mm: float) -> Fixture:
 
 
 def unite(tubes: list[Mesh], fixtures: list[Fixture], genus: int, what: str) -> list[Mesh]:
-    """Unite tubes and fixtures to one watertight body with `genus` handles.
+    """Unite tubes and fixtures to one watertight body with `genus` handles; as `fuse` does."""
+    solids = [as_manifold(tube) for tube in tubes] + [fixture.solid() for fixture in fixtures]
+    return [fuse(solids, genus, what)]
+
+
+def fuse(solids: list[Manifold], genus: int, what: str, part: str = "the part") -> Mesh:
+    """Fuse solids to one watertight body with `genus` handles.
 
     Raises:
         SceneError: it has others, since something else touches; `what` names the mount.
     """
     from manifold3d import Manifold, OpType
 
-    solids = [as_manifold(tube) for tube in tubes]
     took_part("manifold3d", "joined tubes and mount")
-    solids += [fixture.solid() for fixture in fixtures]
     solid = Manifold.batch_boolean(solids, OpType.Add)
     parts = len(solid.decompose())
     if parts != 1 or solid.genus() != genus:
         raise SceneError(
             what,
-            f"the part came out as {parts} bodies of genus {solid.genus()}, not one of {genus}",
+            f"{part} came out as {parts} bodies of genus {solid.genus()}, not one of {genus}",
             "Use --mount none, or report this scene",
         )
-    return [as_mesh(solid)]
+    return as_mesh(solid)
 
 
 # The solids of a stand: tubes, posts, struts and base as one body.

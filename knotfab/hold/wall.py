@@ -3,29 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from knotfab.base.arrays import Array, Mask
 from knotfab.base.errors import SceneError
-from knotfab.geometry.tube import Mesh, as_manifold, as_mesh
+from knotfab.geometry.tube import Mesh, as_manifold
 from knotfab.hold.beams import Stiffness, sag_moves, worst_of
 from knotfab.hold.foot_plate import FootPlate, foot_plate_fixture
 from knotfab.hold.pegs import Pegs, choose_pegs, hidden_braces, pegs_on, sites_with, tie_to_held
 from knotfab.hold.shade import MountShadows, Rays, free_rays
-from knotfab.hold.solids import Fixture, motion_along, strut
+from knotfab.hold.solids import Fixture, fuse, motion_along, strut
 from knotfab.hold.struts import GROUND, Candidates, Obstacles, Sites, join_members, no_members
 from knotfab.knots import Knots
 from knotfab.scene.camera import Camera
 from knotfab_fixtures.solids import dowel, wall_plate
 from knotfab_fixtures.solids import peg as peg_mesh
-from knotfab_formats.libraries import took_part
 from knotfab_formats.piece import Mount
-
-if TYPE_CHECKING:
-    from manifold3d import Manifold
 
 # shares of the tube's shadow that a peg fills: thick ones are stiff, thin ones pass between more strands
 PEG_SHARES = (0.95, 0.85, 0.75, 0.6)
@@ -282,36 +278,17 @@ def wall_bodies(tubes: list[Mesh], mount: WallMount, camera: Camera) -> list[Mes
     Raises:
         SceneError: the union is not what the pegs predict: something else touches.
     """
-    from manifold3d import Manifold, OpType
-
     # tubes come first: the order of making is seen in the last digits
     solids = [as_manifold(tube) for tube in tubes]
     own = [[f.solid() for f in group] for group in wall_fixtures(mount, camera, len(tubes))]
     groups = [[tube, *group] for tube, group in zip(solids, own, strict=False)]
-    if mount.settings.foot == "plate":
-        groups = [[solid for group in groups for solid in group] + own[-1]]
-    took_part("manifold3d", "joined tubes and mount")
-    bodies = []
-    for number, group in enumerate(groups):
-        solid = Manifold.batch_boolean(group, OpType.Add)
-        _require_predicted(solid, number, len(tubes), mount)
-        bodies.append(as_mesh(solid))
-    return bodies
-
-
-def _require_predicted(solid: Manifold, number: int, knots: int, mount: WallMount) -> None:
-    """Require one body with a handle for each knot, closed loop of members, and hole."""
-    plate = mount.settings.foot == "plate"
+    name, count = "the wall mount", len(tubes)
+    if mount.settings.foot != "plate":
+        return [fuse(one, 1, name, f"knot {k} of {count}") for k, one in enumerate(groups)]
+    # a handle for each knot, closed loop of members, and hole
     handles = 0 if mount.plate is None else sum(mount.plate.handles)
-    genus = handles + len(mount.pegs) + len(mount.struts) + 2 if plate else 1
-    parts = len(solid.decompose())
-    if parts != 1 or solid.genus() != genus:
-        what = "the part" if plate else f"knot {number} of {knots}"
-        raise SceneError(
-            "the wall mount",
-            f"{what} came out as {parts} bodies of genus {solid.genus()}, not one of {genus}",
-            "Use --mount none, or report this scene",
-        )
+    genus = handles + len(mount.pegs) + len(mount.struts) + 2
+    return [fuse([solid for one in groups for solid in one] + own[-1], genus, name)]
 
 
 def wall_fixtures(mount: WallMount, camera: Camera, knots: int) -> list[list[Fixture]]:

@@ -29,9 +29,8 @@ _POSTS = {"hang": (3, 0.25), "stand": (4, 0.3), "wall": (7, 1.0)}
 _MEMBER_SHARE = 0.7
 
 
-_MODEST = (
-    1 / 3
-)  # of what a piece takes on a holder: how much more another one may take to be no dear one
+# share of what a piece takes on a holder; another holder that adds more is dear
+_MODEST = 1 / 3
 
 
 @dataclass(frozen=True)

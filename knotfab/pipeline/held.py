@@ -25,9 +25,9 @@ from knotfab.report.page import load_template
 from knotfab.request import Request
 from knotfab_formats.report import Report
 from knotfab_formats.scene import SettledScene
+from knotfab_formats.verdict import WORDS as BEST_FIRST
 from knotfab_formats.verdict import list_unmet
 
-_BEST_FIRST = "faithful", "good", "coarse", "not recognisable"
 _SEEN_SHARE = 0.0005  # of the frame: what a holder darkens beyond that is told
 
 
@@ -155,7 +155,7 @@ def _list_failed(report: Report) -> set[str]:
 
 def _rank_word(report: Report) -> int:
     """Return how far a report's word is from the best one; 0 where there is none."""
-    return 0 if report.verdict is None else _BEST_FIRST.index(report.verdict.word)
+    return 0 if report.verdict is None else BEST_FIRST.index(report.verdict.word)
 
 
 def _with_mount(request: Request, made: Design, kind: str) -> tuple[Request, Design]:

@@ -178,9 +178,8 @@ def _read_ply(content: bytes) -> NDArray[np.float64]:
             rings = [[int(w) for w in row.split()[1 : 1 + int(row.split()[0])]] for row in rows]
         except ValueError:  # a number with a point: as trimesh has it
             rings = []
-        if any(
-            len(ring) > 3 for ring in rings
-        ):  # trimesh makes fans of them, wrong where they are concave
+        # trimesh makes fans of polygons, which are wrong where these are concave
+        if any(len(ring) > 3 for ring in rings):
             return _triangulate(
                 np.asarray(points, dtype=np.float64), [r for r in rings if len(r) > 2]
             )

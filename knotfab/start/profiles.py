@@ -25,7 +25,7 @@ _FLANKS_DEG = 49.0, 54.0
 _LOWEST_PEAK = 0.85
 _FEET = 3  # of a curve, at least: it stands on them
 _ROUNDED_RADII = 2.1  # width of what rounds a peak and a valley, in tube radii
-_LYING_RADII = 2.5  # what has no room for arches as high lies on the floor instead
+LOWEST_ARCH_RADII = 2.5  # what has no room for arches as high lies on the floor instead
 _NARROW_RADII = 2.2  # a loop as wide has sides that hide each other: it stands on its edge
 # of the distance from a curve's middle to a side of its hull: so near is a side of its feet's hull
 _FEET_SHARE = 0.6
@@ -176,7 +176,7 @@ class Arches:
         ends = np.cumsum((chain[:, :1] / chain[:, 1:]).sum(1))
         count = min(int(np.searchsorted(ends, self.lengths[curve])) + 1, len(chain))
         at = np.searchsorted(ends, (shares + self.begins[curve]) % 1.0 * ends[count - 1])
-        low = min(first, 1.0 - first) * chain[:, 0] < _LYING_RADII * self.radius_mm
+        low = min(first, 1.0 - first) * chain[:, 0] < LOWEST_ARCH_RADII * self.radius_mm
         rows = list[Array]()
         for number, row in enumerate(chain):
             if number in at and not low[number]:
@@ -227,11 +227,11 @@ def draw_arches(
     chains = []
     for number, fold in enumerate(folds):
         count, top = 0, float(tops[number])
-        if top >= _LYING_RADII * radius_mm:
+        if top >= LOWEST_ARCH_RADII * radius_mm:
             count = int(np.ceil(lengths[number] * high / (2 * _LOWEST_PEAK * top))) + 1
         elif fold is not None:
             count = 1
-            tops[number] = top = max(0.5 * lengths[number], _LYING_RADII * radius_mm)
+            tops[number] = top = max(0.5 * lengths[number], LOWEST_ARCH_RADII * radius_mm)
         peaks = rng.uniform(_LOWEST_PEAK, 1.0, (count, 1)) * top
         angles = np.radians(rng.uniform(*_FLANKS_DEG, (count, 2)))
         chains.append(np.hstack([peaks, np.tan(angles)]))

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from knotfab_formats.verdict import Loss, Recognition
+from knotfab_formats.verdict import WORDS, Loss, Recognition
 from knotfab_validators.arrays import Mask
 from knotfab_validators.shadows.frame import WorkingFrame
 from knotfab_validators.shadows.outlines import depth_in, find_wrong_stretch
@@ -36,7 +36,6 @@ from knotfab_validators.shadows.verdict_rules import (
     LOSSES,
     RULES,
     UNKNOWN,
-    WORDS,
     Facts,
     name_losses,
     say_number,

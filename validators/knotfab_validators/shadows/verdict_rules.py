@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from math import inf
 from typing import TYPE_CHECKING
 
-from knotfab_formats.verdict import Check, Recognition, Status, View
+from knotfab_formats.verdict import WORDS, Check, Recognition, Status, View
 from knotfab_validators.check import skip_check
 
 if TYPE_CHECKING:
@@ -71,8 +71,7 @@ RULES = {
         0.5, 4.0, inf, True, 0.8, 0.5, 3, True, 0.0, inf, True, hurt=0.22, lost_share=0.1
     ),
 }  # fmt: skip
-UNKNOWN = "not recognisable"
-WORDS = (*RULES, UNKNOWN)  # best first
+*_, UNKNOWN = WORDS
 LOST_FEW = 0.02  # share of all pieces and holes that may be lost: one window of fifty
 # shares of all pieces and holes, and of the area, that may not both be exceeded
 LOST_PIECES, LOST_SHARE = 0.4, 0.03
