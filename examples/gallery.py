@@ -35,19 +35,19 @@ class Piece:
     name: str
     title: str
     sources: tuple[str, ...]
-    options: str
+    options: str = ""
 
 
 PIECES = (
-    Piece("floral-heart", "Floral heart, on the wall", ("text:❦",), "--mount wall"),
-    Piece("cat", "A cat on the wall", ("cat",), "--mount wall"),
-    Piece("knight", "A knight on a desk", ("knight",), "--mount stand"),
-    Piece("queen", "A queen on a desk", ("text:♛",), "--mount stand"),
-    Piece("teapot", "A teapot on a desk", ("teapot",), "--mount stand"),
-    Piece("flower", "A flower of open petals", ("text:❀",), "--mount wall"),
-    Piece("anchor", "An anchor on a desk", ("anchor",), "--mount stand"),
-    Piece("yin-yang", "Yin and yang", ("text:☯",), "--mount wall"),
-    Piece("trefoil-heart", "A trefoil, a heart", ("heart",), "--knot trefoil --mount stand"),
+    Piece("floral-heart", "Floral heart", ("text:❦",)),
+    Piece("cat", "A cat", ("cat",)),
+    Piece("knight", "A knight", ("knight",)),
+    Piece("queen", "A queen", ("text:♛",)),
+    Piece("teapot", "A teapot", ("teapot",)),
+    Piece("flower", "A flower of open petals", ("text:❀",)),
+    Piece("anchor", "An anchor", ("anchor",)),
+    Piece("yin-yang", "Yin and yang", ("text:☯",)),
+    Piece("trefoil-heart", "A trefoil, a heart", ("heart",), "--knot trefoil"),
     Piece("king-and-knight", "King and knight, at right angles", ("text:♚", "knight"), "--mount stand"),
 )  # fmt: skip
 
@@ -83,7 +83,7 @@ def _build(piece: Piece, drawn: Path, out: Path) -> None:
     }
     if "size" in given:
         given["size"] = float(given["size"])
-    outcome = knotfab.build(_files(piece, drawn), out, skip="slicer", **given)
+    outcome = knotfab.build(_files(piece, drawn), out, print_=True, skip="slicer", **given)
     if outcome.exit_code:
         print(f"  exit code {outcome.exit_code}: see {outcome.folder}", flush=True)
 
@@ -106,22 +106,25 @@ def _page(work: Path, pictures_to: Path) -> Iterable[str]:
     yield (
         "# Ten pieces worth hanging\n\n"
         "`make gallery` builds them and draws this page: shadows of the written files, then the piece from\n"
-        "its lights and about the vertical. Hours and grams are PrusaSlicer's, with supports, for the\n"
-        "default printer (Prusa MK4, PLA). Glyphs are those of DejaVu Sans; the other pictures are drawn by\n"
-        "`examples/pictures.py`, which writes them as files: `python examples/pictures.py FOLDER`.\n"
+        "its lights and about the vertical. Those of one picture stand in a plate of its outline, and print\n"
+        "with supports off; two pictures fix every depth, so the pair takes supports. Hours and grams are\n"
+        "PrusaSlicer's for the default printer (Prusa MK4, PLA). Glyphs are those of DejaVu Sans; the other\n"
+        "pictures are drawn by `examples/pictures.py`, which writes them as files:\n"
+        "`python examples/pictures.py FOLDER`.\n"
     )
     for piece in PIECES:
         folder = work / piece.name
-        call = " ".join(s if s.startswith("text:") else f"{s}.png" for s in piece.sources)
+        sources = [s if s.startswith("text:") else f"{s}.png" for s in piece.sources]
+        call = " ".join(["knotfab build", *sources, "--print", *piece.options.split()])
         if not (folder / "report.json").is_file():
-            yield f"\n## {piece.title}\n\n`knotfab build {call} {piece.options}`\n"
+            yield f"\n## {piece.title}\n\n`{call}`\n"
             continue
         report = json.loads((folder / "report.json").read_text("utf-8"))
         name = f"{piece.name}.webp"
         _draw(folder, report).save(pictures_to / name, quality=80, method=6)
         alt = f"{piece.title}: its shadow, and the piece from four sides"
         yield f"\n## {piece.title}\n\n![{alt}](gallery/{name})\n\n"
-        yield f"`knotfab build {call} {piece.options}`: {_facts(report, folder / SLICED)}.\n"
+        yield f"`{call}`: {_facts(report, folder / SLICED)}.\n"
 
 
 def _facts(report: dict[str, Any], sliced: Path) -> str:

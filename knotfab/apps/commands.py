@@ -292,6 +292,7 @@ def _print_comparison(
 knotfab tradeoff cat.png
 knotfab tradeoff cat.png --accuracy draft --repeats 3 --out cat-tradeoff
 knotfab tradeoff logos/*.png --time-limit 1h         give the same call again to go on
+knotfab tradeoff cat.png --print                     hours and grams of each way to print it
 ```
 """)
 def tradeoff(
@@ -305,6 +306,7 @@ def tradeoff(
     combinations: Whole = 16,
     time_limit: str | None = None,
     device: Literal["cpu", "cuda"] = "cpu",
+    print_: Annotated[Flag, Parameter(name="--print")] = False,
     quiet: Flag = False,
 ) -> int:
     """Measure what accuracy costs in time on this machine: settings one by one, then combinations.
@@ -332,6 +334,9 @@ def tradeoff(
         End after this time with what is measured: 30 (seconds), 10m or 1h.
     device
         Where the search runs.
+    print_
+        Measure what printing costs instead: whole builds with and without supports, on plates, at other
+        depths, radii and accuracies, in PrusaSlicer's hours and grams.
     quiet
         Say nothing but errors.
     """
@@ -351,6 +356,18 @@ def tradeoff(
     chosen, _ = read_scene(options)
     for picture in pictures:  # so that a file that is no picture is reported at once
         read_target(picture, chosen.views[0])
+    if print_:
+        if (repeats, jobs, device) != (1, 1, "cpu"):
+            words = "it builds each way once, one after another, on the CPU"
+            raise InputError("--print", words, "Leave out --repeats, --jobs and --device")
+        from knotfab.apps.tradeoff.prints import print_ways, weigh_prints
+
+        given = {key: value for key, value in asked.items() if value is not None}
+        with Progress("quiet" if quiet else "auto") as progress:
+            ways = weigh_prints(pictures, out, given, progress, limit_s)
+        if not quiet:
+            print_ways(ways, out)
+        return 0
     from knotfab.apps.tradeoff.run import print_tradeoff
     from knotfab.apps.tradeoff.run import tradeoff as run
 

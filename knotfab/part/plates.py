@@ -308,10 +308,15 @@ def clean_body(body: Mesh) -> Mesh:
     solid = as_manifold(body)
     rounded = body
     for tolerance in TOLERANCES_MM:
-        vertices, faces = as_mesh(solid.simplify(tolerance))
-        rounded = vertices.astype(np.float32).astype(np.float64), faces
-        if _is_clean(rounded):
-            break
+        for _ in (
+            "as it is",
+            "rounded",
+        ):  # the second time finds the slivers that rounding turned over
+            vertices, faces = as_mesh(solid.simplify(tolerance))
+            rounded = vertices.astype(np.float32).astype(np.float64), faces
+            if _is_clean(rounded):
+                return rounded
+            solid = as_manifold(rounded)
     return rounded
 
 

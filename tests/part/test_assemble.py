@@ -7,14 +7,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+from manifold3d import Manifold
 from reports import report_with
 from rings import knots, ring
 
 from knotfab.base.errors import SceneError
-from knotfab.geometry.tube import mesh_volume, sweep
+from knotfab.geometry.tube import as_manifold, as_mesh, mesh_volume, sweep
 from knotfab.hold.mount import Mounted
 from knotfab.knots import Knot, Knots
 from knotfab.part.assemble import Part, _choose_poses
+from knotfab.part.plates import clean_body
 from knotfab.part.write import pose_scene
 from knotfab.part.zoetrope import build_zoetrope, find_footholds
 from knotfab.report.posing import report_posing
@@ -22,10 +24,27 @@ from knotfab.scene.camera import camera_of
 from knotfab.scene.catalogue import resolve
 from knotfab_formats.piece import Material, Printer
 from knotfab_formats.scene import ResolvedView, Scene
+from knotfab_validators.geometry.mesh import Mesh
+from knotfab_validators.mesh.surface_checks import self_intersections
 
 VIEW = ResolvedView(frame_width_mm=120.0, frame_height_mm=120.0)
 CAMERA = camera_of(VIEW, 60, 60)
 MASK = np.ones((60, 60), dtype=bool)
+
+
+@pytest.mark.parametrize("seed", [0, 171])
+def test_a_body_is_rounded_without_crossings(seed: int) -> None:
+    """Rounding turns slivers over where a strand leaves a plate, in the second at every tolerance."""
+    random = np.random.default_rng(seed)
+    plate = Manifold.cube((40.0, 40.0, 1.6)).translate((60.0, 60.0, 0.0))
+    a = np.linspace(0.0, 2.0 * np.pi, 40, endpoint=False)
+    x, y = (80.0 + s * f(a) + random.normal(0.0, 0.02, 40) for s, f in ((10, np.cos), (6, np.sin)))
+    z = 1.6 + random.uniform(-0.5, 0.5) + 8.0 * np.sin(a + random.uniform(0.0, 6.0))
+    solid = plate + as_manifold(sweep(np.column_stack([x, y, z]), 2.05, 32))
+    vertices, faces = clean_body(as_mesh(solid))
+    assert (vertices == vertices.astype(np.float32)).all()
+    assert not len(self_intersections(Mesh(vertices, faces.astype(np.int64))))
+    assert mesh_volume(vertices, faces) == pytest.approx(solid.volume(), rel=1e-4)
 
 
 def posed(shrinkage: float, room: float = 250.0) -> Part:

@@ -44,6 +44,22 @@ class WantedRun:
 Runner = Callable[[Iterator[WantedRun]], Iterator[tuple[WantedRun, Run]]]
 
 
+def make_writable(out: Path) -> None:
+    """Make the folder of the results.
+
+    Raises:
+        InputError: it cannot be made or written.
+    """
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(
+            f"--out {out}", f"it cannot be made: {error.strerror}", "Name a folder"
+        ) from error
+    if not os.access(out, os.W_OK):
+        raise InputError(f"--out {out}", "it may not be written", "Name another folder")
+
+
 class Journal:
     """The finished runs by key, in a file with one line of JSON each; lines cut off are ignored.
 

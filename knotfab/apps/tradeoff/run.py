@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -20,6 +19,7 @@ from knotfab.apps.tradeoff.bench import (
     WantedRun,
     explore,
     list_rungs,
+    make_writable,
     run_all,
 )
 from knotfab.apps.tradeoff.measure import Study
@@ -140,14 +140,7 @@ def measure_tradeoff(
     progress = progress or Progress("quiet")
     if not studies:
         raise InputError("tradeoff", "no picture is named", "Name one or several")
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(
-            f"--out {out}", f"it cannot be made: {error.strerror}", "Name a folder"
-        ) from error
-    if not os.access(out, os.W_OK):
-        raise InputError(f"--out {out}", "it may not be written", "Name another folder")
+    make_writable(out)
     settings = scene.settings
     asked = list(chosen) if chosen is not None else list_points(settings)
     if all(point.settings != settings for point in asked):

@@ -335,7 +335,7 @@ REACH = 2.0  # radii from the centre lines: a mount reaches farther, a swollen t
 PROUD = 1.02  # radii from the centre lines: no facet of the tube stands out farther
 BESIDE_MATTER = 3.0  # radii along a knot: a face that spans more leads from one strand to another
 SPACING = 0.125  # radii between samples of the centre lines
-ALONG = 1.2  # largest length of the strand between the ends of a face's side, over that side
+ALONG = 1.05  # largest length of the strand between the ends of a face's side, over that side
 
 
 def tube_vertices(vertices: Array, faces: Ints, polygons: Sequence[Array], radius: float) -> Mask:
@@ -383,20 +383,21 @@ def strand_faces(
     from scipy.spatial import cKDTree
 
     samples = [_sample(polygon, radius) for polygon in polygons]
-    count = np.array([len(s) for s in samples])
-    first = np.concatenate([[0], np.cumsum(count)])
+    steps = [np.linalg.norm(np.roll(s, -1, axis=0) - s, axis=1) / radius for s in samples]
+    along = np.concatenate([np.cumsum(step) - step for step in steps])
+    around = np.array([step.sum() for step in steps])
+    first = np.concatenate([[0], np.cumsum([len(s) for s in samples])])
     tree = cKDTree(np.concatenate(samples))
     distance, nearest = tree.query(vertices, distance_upper_bound=REACH * radius)
     close = (distance <= proud * radius)[faces].all(axis=1)
     place = np.minimum(nearest, first[-1] - 1)[faces]
     knot = np.searchsorted(first, place, side="right") - 1
     result: Mask = close & (knot == knot[:, :1]).all(axis=1)
-    apart = np.abs(place - place[:, [1, 2, 0]])
-    apart = np.minimum(apart, count[knot] - apart)
+    apart = np.abs(along[place] - along[place[:, [1, 2, 0]]])
+    apart = np.minimum(apart, around[knot] - apart)
     # a long face along a straight strand spans as much of it as its corners are apart
     side = np.linalg.norm(vertices[faces] - vertices[faces[:, [1, 2, 0]]], axis=2) / radius
-    # samples are at most SPACING apart, which bounds the length that n of them span
-    result &= (apart <= np.maximum(beside, ALONG * side) / SPACING).all(axis=1)
+    result &= (apart <= np.maximum(beside, ALONG * side)).all(axis=1)
     return result
 
 
