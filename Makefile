@@ -190,7 +190,7 @@ budgets: system $(DONE)
 worst-cases: $(DONE)
 	KNOTFAB_EXAMPLES=2000 $(BIN)/python -m pytest --timeout 3600 tests/benchmarks/hard/test_values.py -k no_search
 
-# a studio that reads a picture without end: how soon it answers others, and ends after Ctrl-C (half a minute)
+# a studio that reads a picture without end, or builds: how soon it answers others, and ends after Ctrl-C (a minute)
 studio-times: $(DONE)
 	$(BIN)/python -m benchmarks.studio_times
 

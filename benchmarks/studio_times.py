@@ -1,4 +1,4 @@
-"""Times of a studio that reads a picture without end: until it answers others, and until Ctrl-C ends it.
+"""Times of a studio that reads a picture without end, or builds: to answer another, and to end on Ctrl-C.
 
 python -m benchmarks.studio_times
 """
@@ -6,6 +6,7 @@ python -m benchmarks.studio_times
 from __future__ import annotations
 
 import gzip
+import json
 import re
 import signal
 import subprocess
@@ -29,8 +30,8 @@ NESTED = (
 
 
 @contextmanager
-def _reading(picture: bytes) -> Iterator[tuple[subprocess.Popen[str], OpenerDirector, str]]:
-    """Yield a studio that reads a picture, its page, and its address."""
+def open_studio() -> Iterator[tuple[subprocess.Popen[str], OpenerDirector, str]]:
+    """Yield a studio in a folder of its own, a page that it knows, and its address."""
     with tempfile.TemporaryDirectory() as folder:
         call = [sys.executable, "-m", "knotfab", "studio", "--no-open", "--out", folder]
         with subprocess.Popen(call, stdout=subprocess.PIPE, text=True) as studio:
@@ -40,23 +41,44 @@ def _reading(picture: bytes) -> Iterator[tuple[subprocess.Popen[str], OpenerDire
             page = build_opener(HTTPCookieProcessor(CookieJar()))
             page.addheaders = [("Origin", found[1])]
             page.open(found[0]).read()
-
-            def drop() -> None:
-                with suppress(URLError, OSError):
-                    page.open(Request(f"{found[1]}/api/pictures?name=it.svg", picture))
-
-            threading.Thread(target=drop, daemon=True).start()
-            time.sleep(3.0)
             try:
                 yield studio, page, found[1]
             finally:
                 studio.kill()
 
 
+def drop(page: OpenerDirector, address: str, picture: bytes) -> None:
+    """Hand a picture in that is never read, and wait until the studio is at it."""
+
+    def hand_in() -> None:
+        with suppress(URLError, OSError):
+            page.open(Request(f"{address}/api/pictures?name=it.svg", picture))
+
+    threading.Thread(target=hand_in, daemon=True).start()
+    time.sleep(3.0)
+
+
+def begin_build(page: OpenerDirector, address: str) -> None:
+    """Let the studio build a letter finely, and wait until its search runs."""
+    for path, body in (
+        ("text", {"text": "A"}),
+        ("choose", {"names": ["A"]}),
+        ("settings", {"accuracy": "fine"}),
+        ("build", {}),
+    ):
+        page.open(Request(f"{address}/api/{path}", json.dumps(body).encode())).read()
+    while b'"search"' not in page.open(f"{address}/api/state").read():
+        time.sleep(0.1)
+
+
 def main() -> None:
     worst = dict.fromkeys(AIMS_S, 0.0)
-    for picture in (ENDLESS, NESTED):
-        with _reading(picture) as (studio, page, address):
+    for picture in (ENDLESS, NESTED, None):
+        with open_studio() as (studio, page, address):
+            if picture is None:
+                begin_build(page, address)
+            else:
+                drop(page, address, picture)
             for _ in range(ROUNDS):
                 began = time.perf_counter()
                 page.open(f"{address}/api/state").read()

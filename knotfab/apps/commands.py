@@ -67,14 +67,17 @@ def preview(
         Print the figures as JSON.
     """
     from knotfab.base.disk import write_whole
-    from knotfab.design.readings import draw_readings
+    from knotfab.base.progress import Progress
     from knotfab.pipeline.prepare import preview_pictures
-    from knotfab.report.pictures import draw_survey
 
     if out.suffix.lower() != ".png":
         raise InputError(f"--out {out}", "a preview is a PNG", "Name a file in .png.")
     asked = BuildOptions(**vars(options), sequence=sequence)
-    found, readings = preview_pictures(pictures, asked)
+    with Progress("auto") as progress:
+        found, readings = preview_pictures(pictures, asked, progress)
+    from knotfab.design.readings import draw_readings
+    from knotfab.report.pictures import draw_survey
+
     write_whole(out, draw_survey(found))
     sheet = out.with_name(f"{out.stem}-readings.png")
     if readings:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from textwrap import wrap
 from typing import Any
@@ -12,17 +13,16 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from knotfab.base.arrays import Mask
-from knotfab.base.disk import at_home
 from knotfab.base.errors import SceneError
 from knotfab.base.limited import run_limited
 from knotfab.design.candidates import PICTURE
 from knotfab.design.frames import frame_view, widen_targets
 from knotfab.design.sentence import describe, with_noun
-from knotfab.design.survey import Survey, find_refusal, survey_views
-from knotfab.picture import raster
+from knotfab.design.survey import Survey, ViewSurvey, find_refusal, find_unlike, survey_views
+from knotfab.picture.colours import common_colours, is_grainy, is_photo
 from knotfab.picture.doubt import is_guessed, rate_mask, write_options
 from knotfab.picture.raster import encode_image
-from knotfab.picture.read import SECONDS, Target, read_bytes, read_target
+from knotfab.picture.read import Target, read_target
 from knotfab.picture.silhouette import (
     fill_holes,
     fit_size,
@@ -31,15 +31,18 @@ from knotfab.picture.silhouette import (
     pieces_of,
     sample_mask,
 )
+from knotfab.picture.source import SECONDS, Glimpse, glimpse, look_at
 from knotfab.picture.subject import middle_boxes
 from knotfab_formats.bounds import as_written
 from knotfab_formats.errors import InputError, shown
 from knotfab_formats.scene import ResolvedScene
 from knotfab_formats.views import View
 
-_SIDE = 800  # px of the longer side at which readings are tried
+# px of the longer side at which readings are tried; the grain of a large photograph tells nothing
+_SIDE, _PHOTO_SIDE = 800, 400
 MOST = 6  # number of readings to show
 _ALIKE = 0.93  # IoU from which two silhouettes count as one choice
+_GRAINS = 200  # pieces and holes of a photograph above which a reading is passed over
 # the score of a cut-out without features, as a share of its whole score, and what each adds to it
 _BLOB, _FEATURE = 0.4, 0.1
 _PANEL, _TEXT, _GAP, _COLUMNS = 300, 68, 14, 3  # layout of the sheet: three in px, and the columns
@@ -104,8 +107,8 @@ def advise(found: Survey, readings: Sequence[TriedReading]) -> Survey:
     if better:
         shown = f"knotfab preview shows {with_noun(len(readings), 'reading')}"
         remedy = f"Read it otherwise ({better[0]}; {shown}). {remedy}"
-    image, _ = raster.decode(seen.target.png_bytes, seen.target.name)
-    if seen.view.tone == "off" and not seen.view.cut_out and _is_photo(image):
+    image = glimpse(seen.target.png_bytes, seen.target.name).image
+    if seen.view.tone == "off" and not seen.view.cut_out and is_photo(image):
         example = f", such as {cut[0]}, which a build would take" if cut else ""
         remedy = (
             "Cut one thing out of the photograph: --subject LEFT,TOP,WIDTH,HEIGHT, a rectangle about it "
@@ -131,6 +134,7 @@ def try_readings(
     Raises:
         InputError: the picture cannot be read in any of these ways.
     """
+    look_at(source, base)
     return run_limited(
         lambda: _try_readings(source, scene, base, font),
         shown(source),
@@ -142,58 +146,95 @@ def try_readings(
 def _try_readings(
     source: str | Path, scene: ResolvedScene, base: Path | None, font: str | None
 ) -> tuple[TriedReading, ...]:
-    view = scene.views[0]
-    px = _tube_px(source, scene, base, font)
-    plain = _try({}, source, scene, base, font)
+    view, seen = scene.views[0], look_at(source, base)
+    grainy = seen is not None and seen.shrunk > 1 and is_grainy(seen.image)
+    side = _PHOTO_SIDE if grainy else _SIDE
+
+    def attempt(keys: dict[str, Any]) -> _Attempt | None:
+        """Read the picture with these keys; None if that holds no shape."""
+        changed = scene.but(views=(scene.views[0].but(**keys),))
+        try:
+            target = read_target(source, changed.views[0], base=base, font=font, glance=side)
+            return _Attempt(keys, *widen_targets(changed, (target,)), None, grainy)
+        except SceneError as error:
+            return _Attempt(keys, changed, (target,), error)
+        except InputError:
+            return None
+
+    px = _tube_px(source, scene, base, font, side)
+    plain = attempt({})
     doubt = None if plain is None else plain.target.doubt
-    other = None if doubt is None else _try(dict(doubt.keys), source, scene, base, font)
-    found: list[TriedReading] = []
-    for way in _ways(source, base, view):
-        tried = []
+    other = None if doubt is None else attempt(dict(doubt.keys))
+    found: list[_Attempt] = []
+    for way in _ways(seen, view):
+        tried: list[tuple[float, int, _Attempt]] = []
         # a cut-out needs no cleaning
         for level, cleaning in enumerate(({},) if "subject_px" in way else _cleanings(px)):
             keys = {**way, **cleaning}
-            one = _try(keys, source, scene, base, font) if keys else plain
+            one = attempt(keys) if keys else plain
             if one is None:
                 break
             # milder cleaning is preferred: each degree costs a tenth of the score
-            tried.append((one.refusal is not None, -one.score * 0.9**level, level, one))
-        found += [min(tried)[-1]] if tried else []
+            tried.append((-one.score * 0.9**level, level, one))
+        tried.sort()
+        found += [one for *_, one in tried if not one.refused][:1] or [one for *_, one in tried[:1]]
     if not found:
         raise InputError(str(source), "no reading of it holds a shape", "Draw it as dark on white.")
-    found.sort(key=lambda one: (one.refusal is not None, -one.score))
+    found.sort(key=lambda one: (one.refused, -one.score))
     if plain is not None and other is not None:  # what is unsure comes first
         found = [plain, other, *found]
-    kept: list[TriedReading] = []
+    kept: list[_Attempt] = []
     for one in found:
         if not any(_alike(one.target.mask, other.target.mask) for other in kept):
             kept.append(one)
-    return tuple(kept[:MOST])
+    return tuple(one.told() for one in kept[:MOST])
 
 
-def _try(
-    keys: dict[str, Any],
-    source: str | Path,
-    scene: ResolvedScene,
-    base: Path | None,
-    font: str | None,
-) -> TriedReading | None:
-    """Return the reading with these keys, None if it holds no shape."""
-    changed = scene.but(views=(scene.views[0].but(**keys),))
-    try:
-        target = read_target(source, changed.views[0], base=base, font=font, glance=_SIDE)
-        changed, (target,) = widen_targets(changed, (target,))
-        refusal = find_refusal(survey_views(changed, (target,)), changed)
-    except InputError:
-        return None
-    except SceneError as error:
-        refusal = error
-    score = rate_mask(target.mask, bool(changed.views[0].lines))
-    if changed.views[0].cut_out:  # one without features inside it is a blob
-        filled = fill_holes(target.mask, target.mask.size)
-        features = len(holes_of(target.mask)[1])
-        score = rate_mask(filled) * min(1.0, _BLOB + _FEATURE * features)
-    return TriedReading(keys, target, score, None if refusal is None else refusal.why)
+@dataclass(frozen=True)
+class _Attempt:
+    """A reading that is tried. Whether a build refuses it, and why, takes long, and is found where needed."""
+
+    keys: dict[str, Any]
+    scene: ResolvedScene
+    targets: tuple[Target, ...]
+    error: SceneError | None = None
+    grainy: bool = False
+
+    @property
+    def target(self) -> Target:
+        return self.targets[0]
+
+    @cached_property
+    def score(self) -> float:
+        mask, view = self.target.mask, self.scene.views[0]
+        if not view.cut_out:
+            return rate_mask(mask, bool(view.lines))
+        features = len(holes_of(mask)[1])  # a cut-out without any is a blob
+        return rate_mask(fill_holes(mask, mask.size)) * min(1.0, _BLOB + _FEATURE * features)
+
+    @cached_property
+    def _views(self) -> tuple[ViewSurvey, ...]:
+        return survey_views(self.scene, self.targets)
+
+    @cached_property
+    def _grains(self) -> int:
+        mask = self.target.mask
+        count = len(pieces_of(mask)[1]) + len(holes_of(mask)[1]) if self.grainy else 0
+        return count if count > _GRAINS else 0
+
+    @cached_property
+    def refused(self) -> bool:
+        if self._grains or self.error or find_unlike(self._views, self.scene):
+            return True
+        return find_refusal(self._views, self.scene) is not None
+
+    def told(self) -> TriedReading:
+        why = None
+        if self._grains:
+            why = f"it has {self._grains} pieces and holes, most of them the grain of a photograph"
+        elif error := self.error or find_refusal(self._views, self.scene):
+            why = error.why
+        return TriedReading(self.keys, self.target, self.score, why)
 
 
 def _cleanings(tube_px: float) -> Iterator[dict[str, Any]]:
@@ -218,13 +259,13 @@ def _round_up(value: float) -> int:
 
 
 def _tube_px(
-    source: str | Path, scene: ResolvedScene, base: Path | None, font: str | None
+    source: str | Path, scene: ResolvedScene, base: Path | None, font: str | None, side: int
 ) -> float:
     """Return the width of the thinnest tube's shadow, in px of the picture."""
     for ink in ("auto", "dark", "light"):
         reading = scene.views[0].but(ink=ink)
         try:
-            target = read_target(source, reading, base=base, font=font, glance=_SIDE)
+            target = read_target(source, reading, base=base, font=font, glance=side)
         except InputError:
             continue
         view = frame_view(scene.views[0], target)
@@ -233,43 +274,19 @@ def _tube_px(
     return 10.0
 
 
-def _ways(source: str | Path, base: Path | None, view: View) -> list[dict[str, Any]]:
+def _ways(seen: Glimpse | None, view: View) -> list[dict[str, Any]]:
     """List keys that say what counts as ink: first as the scene has it, then the alternatives."""
     if view.cut_out:
         return [{}]
-    path = at_home(source) if base is None else base / source
-    try:
-        image, _ = raster.decode(read_bytes(path, str(source)), str(source))
-    except InputError:  # a vector picture
-        image = Image.new("1", (1, 1))
-    inks = ["auto", "dark", "light", "flood", *_colours(image)]
+    image = Image.new("1", (1, 1)) if seen is None else seen.image  # of a vector picture nothing
+    inks = ["auto", "dark", "light", "flood", *common_colours(image)]
     ways: list[dict[str, Any]] = [{}, *({"ink": ink} for ink in inks if ink != view.ink)]
-    if not _is_photo(image):
+    if not is_photo(image):
         return ways
     frame = {"crop_px": None} if view.crop_px is False else {}
-    return ways + [{"subject_px": box, **frame} for box in middle_boxes(*image.size)]
-
-
-def _is_photo(image: Image.Image) -> bool:
-    """Return whether an opaque picture has as many colours as a photograph."""
-    if image.has_transparency_data:
-        return False
-    small = image.convert("RGB")
-    small.thumbnail((96, 96))
-    # at four bits a channel
-    return len(np.unique(np.asarray(small).reshape(-1, 3) >> 4, axis=0)) >= 100
-
-
-def _colours(image: Image.Image, most: int = 3) -> list[str]:
-    """Return the commonest vivid colours of a pixel picture, as #rrggbb."""
-    small = image.convert("RGB")
-    small.thumbnail((96, 96))
-    few = small.quantize(8, Image.Quantize.MEDIANCUT)
-    counts = sorted(few.getcolors() or [], reverse=True)
-    palette = few.getpalette() or []
-    colours = [tuple(palette[3 * n : 3 * n + 3]) for _, n in counts if isinstance(n, int)]
-    vivid = [c for c in colours if max(c) - min(c) >= 60]
-    return ["#{:02x}{:02x}{:02x}".format(*c) for c in vivid[:most]]
+    return ways + [
+        {"subject_px": box, **frame} for box in middle_boxes(*(seen.size if seen else image.size))
+    ]
 
 
 def _alike(one: Mask, other: Mask) -> bool:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 import shapely
 from shapely import MultiPolygon, Polygon
 
-from knotfab.base.arrays import Array, Mask
+from knotfab.base.arrays import Array
 from knotfab.base.errors import SceneError
 from knotfab.design.candidates import (
     FILLET_MM,
@@ -58,13 +59,18 @@ class ViewSurvey:
 
     view: ResolvedView
     target: Target
-    polygon: MultiPolygon
     pieces: int
     holes: int
     losses: Mapping[float, list[Loss]] = field(default_factory=dict)
     whole_mm: float | None = None
     together: float = 0.0
     likeness: Likeness | None = None
+
+    @cached_property
+    def polygon(self) -> MultiPolygon:
+        """The silhouette, simplified as a preview can afford."""
+        shape = trace_polygon(self.target.mask).simplify(_SPARE)
+        return shape if isinstance(shape, MultiPolygon) else MultiPolygon([shape])
 
     @property
     def recognisable(self) -> bool:
@@ -181,7 +187,6 @@ def survey_views(scene: ResolvedScene, targets: Sequence[Target]) -> tuple[ViewS
             ViewSurvey(
                 framed,
                 target,
-                _trace(target.mask),
                 len(pieces_of(target.mask)[1]),
                 len(holes_of(target.mask)[1]),
                 together=run_together(target.asked, target.judged, wide) if lines else 0.0,
@@ -277,12 +282,6 @@ def _outline_mm2(seen: ViewSurvey, mount: Mount) -> float:
     return float(filled.area) / px**2
 
 
-def _trace(mask: Mask) -> MultiPolygon:
-    """Trace the silhouette in px, simplified as a preview can afford."""
-    shape = trace_polygon(mask).simplify(_SPARE)
-    return shape if isinstance(shape, MultiPolygon) else MultiPolygon([shape])
-
-
 def _hardest(targets: Sequence[Target]) -> Target:
     """Return the frame whose opening by a usual tube is worst."""
     few = targets[:: -(-len(targets) // 24)]
@@ -303,10 +302,8 @@ def find_refusal(
     Refused is a picture that no tube shows recognisably, unless the scene accepts that, and one of strokes
     much thinner than the tube. A tube draws such strokes too thick, at an IoU of the ratio of the widths.
     """
-    if "unrecognisable" not in scene.accuracy.accept:
-        for one in views:
-            if not one.recognisable:
-                return _unlike(one, scene)
+    if (unlike := find_unlike(views, scene)) is not None:
+        return _unlike(unlike, scene)
     if len(views) > 1 or sequence or scene.piece.tube_radius_mm is not None:
         return None
     printer, (seen,) = scene.printer, views
@@ -325,7 +322,8 @@ def find_refusal(
             f"{2 * line_radius(seen.view):g} mm, {seen.together:.0%} of them run together",
             otherwise="",
         )
-    if opening_iou(seen.polygon, radius) >= _HOPELESS:
+    # wider than two tubes: the opening keeps half of it or more
+    if seen.likeness is None or opening_iou(seen.polygon, radius) >= _HOPELESS:
         return None
     drawn = drawing_radius(seen.polygon, radius)
     spilled = 0.0 if drawn is None else drawn / radius
@@ -338,6 +336,13 @@ def find_refusal(
         printer,
         f"it is too fine for any printable tube: {printer.name} prints none under {2 * thinnest:g} mm",
     )
+
+
+def find_unlike(views: Sequence[ViewSurvey], scene: ResolvedScene) -> ViewSurvey | None:
+    """Return the first picture that no tube shows recognisably, unless the scene accepts that."""
+    if "unrecognisable" in scene.accuracy.accept:
+        return None
+    return next((one for one in views if not one.recognisable), None)
 
 
 def _unlike(seen: ViewSurvey, scene: ResolvedScene) -> SceneError:

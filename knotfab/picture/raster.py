@@ -5,10 +5,11 @@ from __future__ import annotations
 import base64
 import hashlib
 import io
+import math
 import re
 import warnings
 from collections.abc import Iterator
-from functools import cache, lru_cache
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -137,6 +138,17 @@ def decode(
         InputError: unknown format, damaged data, or a size outside what is allowed (checked before any
             pixel is decoded).
     """
+    return decode_shrunk(data, what, 0, smallest, largest)[:2]
+
+
+def decode_shrunk(
+    data: bytes, what: str, longest: int, smallest: int = SMALLEST_SIDE, largest: int = LARGEST_SIDE
+) -> tuple[Image.Image, str, tuple[int, int], int]:
+    """Decode as `decode` does, and shrink the longer side to about `longest` px (0: not) on the way.
+
+    Returns:
+        The picture, its kind, and the width and height that it came in; so many of its px are one, across.
+    """
     with warnings.catch_warnings():
         # Pillow warns of large pictures and odd metadata; sizes are checked here instead.
         warnings.simplefilter("ignore")
@@ -154,7 +166,10 @@ def decode(
         except Exception as error:  # Pillow's plug-ins raise many kinds on damaged headers
             raise _unreadable(data, what) from error
         _check_size(what, *image.size, smallest, largest)
-        kind = str(image.format)
+        kind, size = str(image.format), image.size
+        factor = shrunk_by(size, longest) if longest else 1
+        few = math.gcd(factor, 8)  # a JPEG decoded at an eighth, a fourth or half costs less
+        drafted = few > 1 and image.draft(None, (size[0] // few, size[1] // few)) is not None
         try:
             image.load()
             upright = ImageOps.exif_transpose(image)
@@ -175,22 +190,17 @@ def decode(
             )
     if kind in ("BMP", "ICO") and upright.mode == "RGBA" and not upright.getchannel("A").getbbox():
         upright = upright.convert("RGB")  # an alpha of zero everywhere means that there is none
-    return upright, kind
+    if upright.mode.startswith(("I", "F")):
+        factor = 1  # Pillow does not reduce these modes
+    further = factor // few if drafted else factor
+    turned = (upright.width < upright.height) != (size[0] < size[1])
+    size = size[::-1] if turned else size
+    return shrink(upright, further) if further > 1 else upright, kind, size, factor
 
 
-@lru_cache(maxsize=1)  # many readings of one picture are tried
-def glimpse(data: bytes, what: str, longest: int) -> tuple[Image.Image, str, tuple[int, int], int]:
-    """Decode a picture, its longer side shrunk to about `longest` px where it is larger (0: never).
-
-    Returns:
-        The picture, its kind, and the width and height that it came in; so many of its px are one, across.
-    """
-    image, kind = decode(data, what)
-    deep = image.mode.startswith(("I", "F"))  # Pillow does not reduce these modes
-    factor = 1
-    if longest and not deep:
-        factor = min(-(-max(image.size) // longest), max(1, min(image.size) // _LEAST))
-    return (shrink(image, factor) if factor > 1 else image), kind, image.size, factor
+def shrunk_by(size: tuple[int, int], longest: int) -> int:
+    """Return by how much a picture is shrunk so that its longer side has about `longest` px."""
+    return min(-(-max(size) // longest), max(1, min(size) // _LEAST))
 
 
 def shrink(image: Image.Image, factor: int) -> Image.Image:

@@ -11,36 +11,40 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain
 from pathlib import Path
-from urllib.parse import unquote
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from knotfab.base.disk import at_home, read_file
 from knotfab.base.limited import run_limited
 from knotfab.base.notebook import InNotebook
 from knotfab.picture import raster, text
 from knotfab.picture.bending import Bending
-from knotfab.picture.colours import even_out
 from knotfab.picture.doubt import Doubt, find_doubt, is_guessed
-from knotfab.picture.ground import guess_reading, plain_ground
+from knotfab.picture.ground import guess_reading
 from knotfab.picture.raster import encode_image
 from knotfab.picture.silhouette import pieces_of, smooth
+from knotfab.picture.source import (
+    SECONDS,
+    TEXT_PREFIX,
+    bare_glimpse,
+    bare_picture,
+    glimpse,
+    glimpse_further,
+    look_at,
+    read_source,
+)
 from knotfab.picture.subject import take_subject
 from knotfab.picture.svg.render import render_svg
 from knotfab.picture.svg.xml import looks_like_svg
 from knotfab_formats.errors import InputError, shown
 from knotfab_formats.views import Box, Reading
 
-TEXT_PREFIX = "text:"
 _DRAWN = (".svg", ".svgz")
 PICTURE_SUFFIXES = frozenset(chain(*raster.SUFFIXES.values(), _DRAWN))
 PLAIN = Reading()
-_MISSING = "Check the path, or write text:… for a word or a glyph."
 MOVING = ("GIF", "WEBP", "PNG", "AVIF")  # formats that can hold an animation
 _MOST_SIGNS, _MOST_BYTES = 60, 180  # of a name: file systems hold it with prefixes and suffixes
-SECONDS = 60  # processor time in which a picture is read
 # frames of an animation, and px of all of them, searched for the first with a shape: some 8 CPU s
 _MOST_TRIED, _MOST_TRIED_PX = 100, 4e8
 _CRUMB = 0.01  # share of the ink below which a part is no piece of its own
@@ -161,30 +165,6 @@ def is_picture(path: Path, suffixes: Collection[str] = PICTURE_SUFFIXES) -> bool
     return path.suffix.lower() in suffixes and not path.name.startswith(".")
 
 
-def read_bytes(
-    path: Path, what: str, largest: int = raster.LARGEST_SIDE, missing: str = _MISSING
-) -> bytes:
-    """Read a picture's file, at most `largest` px on a side; errors call it `what`.
-
-    Args:
-        missing: the remedy where there is no such file.
-
-    Raises:
-        InputError: there is none, it may not be read, it is empty, or too much for a picture.
-    """
-    data = read_file(
-        path,
-        what,
-        "picture file",
-        9 * largest**2,  # a pixel of 16-bit RGBA, and the file's other data
-        missing=missing,
-        too_large=f"Scale the picture down to at most {largest} pixels on a side.",
-    )
-    if not data:
-        raise InputError(what, "the file is empty", "Copy or export it again.")
-    return data
-
-
 def read_target(
     source: str | Path,
     reading: Reading = PLAIN,
@@ -222,7 +202,7 @@ def _read_target(
         name = name_picture(source)
         target = _take_target(drawn, what, name, "", reading, glance, base or Path())
         return replace(target, is_text=True, title=_titled(content.strip()))
-    data, path = _read_file(source, base)
+    data, path = read_source(source, base)
     suffix = path.suffix.lower()
     name = plain_name(path.stem, "picture")
     if not raster.looks_like_raster(data) and (suffix in _DRAWN or looks_like_svg(data)):
@@ -244,25 +224,6 @@ def _titled(given: str) -> str:
     return given if given.isprintable() and len(given) <= _MOST_SIGNS else ""
 
 
-def _read_file(source: str | Path, base: Path | None) -> tuple[bytes, Path]:
-    """Read a picture's file; return its bytes and path. Arguments as `read_target` takes them."""
-    what = shown(source)
-    if re.match(r"(?i)file://", str(source)):
-        source = unquote(re.sub(r"(?i)^file://(?:localhost)?(?=/)", "", str(source)))
-    elif (quoted := str(source).strip()) and quoted[0] in "'\"‘“" and quoted[-1] in "'\"’”":
-        bare = quoted[1:-1]
-        raise InputError(what, "its path has quotes about it", f"Leave them out: {bare}")
-    path = at_home(source)
-    if base is not None:
-        path = base / path
-    if re.match(r"(?i:https?|ftp):/", str(source)):
-        raise InputError(
-            what, "it is an address on the web", "Download the picture, and name the file."
-        )
-    missing = _MISSING if base is None else "Lay it beside the scene that names it."
-    return read_bytes(path, what, missing=missing), path
-
-
 def read_image(source: str | Path, *, base: Path | None = None) -> Image.Image:
     """Read a picture in its colours; arguments as `read_target` takes them.
 
@@ -277,7 +238,7 @@ def _read_image(source: str | Path, base: Path | None) -> Image.Image:
     if isinstance(source, str) and source.startswith(TEXT_PREFIX):
         data = text.render_text(source.removeprefix(TEXT_PREFIX))
     else:
-        data, path = _read_file(source, base)
+        data, path = read_source(source, base)
         drawn = path.suffix.lower() in _DRAWN or looks_like_svg(data)
         if not raster.looks_like_raster(data) and drawn:
             data, _ = render_svg(data, what)
@@ -309,7 +270,8 @@ def read_targets(
         )
     if any(os.path.isfile(os.path.join(base or "", source)) for source in sources):
         from scipy import ndimage  # noqa: F401 (the copy that reads would load it, and lose it)
-
+    if glance and len(sources) == 1:
+        look_at(sources[0], base)
     return run_limited(
         lambda: tuple(
             read_target(source, view, base=base, font=font, glance=glance)
@@ -327,25 +289,28 @@ def _take_target(
     glance *= (reading.crop_px is False and not reading.cut_out) or (
         reading.crop_px is None and cut_anew
     )
-    image, kind, size, shrunk = raster.glimpse(data, what, glance)
-    came, whole = image, data
+    seen = glimpse_further(glimpse(data, what), glance) if glance else None
+    image, kind = (seen.image, seen.kind) if seen else raster.decode(data, what)
+    size, shrunk = (seen.size, seen.shrunk) if seen else (image.size, 1)
+    whole = data
     frames = raster.count_frames(data) if kind in MOVING else 1
     if kind not in raster.KEPT:
-        data, kind = encode_image(raster.to_plain(image)), "PNG"
-        image, kind = raster.decode(data, what)
-        came = image
-    asked, subject = reading, None
+        image, kind = raster.to_plain(image), "PNG"
+        if shrunk == 1:
+            data = encode_image(image)
+            image, kind = raster.decode(data, what)
+    came, asked, subject = image, reading, None
     notes: tuple[str, ...] = ()
     if reading.ink == "auto" and getattr(reading, "tone", "off") == "off" and not reading.cut_out:
-        plain = None if reading.crop_px else plain_ground(image)
-        if plain is not None:
-            image, notes = plain[0], (plain[1],)
+        whole_one = not reading.crop_px
+        if seen and image is seen.image:
+            bare = bare_glimpse(seen, whole_one)
+        else:
+            bare = bare_picture(image, whole_one)
+        if bare is not None:
+            image, notes = bare[0], (bare[1],)
             data, kind = encode_image(image), "PNG"
             came = came if is_guessed(notes) else image
-        even = None if plain is not None else even_out(image)
-        if even is not None:
-            came, image, data, kind = even, even, encode_image(even), "PNG"
-            notes = ("the light on it is uneven, and is taken out of it (--ink dark leaves it)",)
     if reading.cut_out:  # from here on the mask takes the picture's place
         image = Image.fromarray(take_subject(image, reading, folder, what, shrunk)).convert("L")
         subject = encode_image(image.convert("1"))

@@ -23,7 +23,8 @@ from knotfab.design.frames import (
 from knotfab.design.walls import flatten_targets
 from knotfab.picture.frames import count_knots, name_sequence, read_frames
 from knotfab.picture.raster import GLANCE
-from knotfab.picture.read import TEXT_PREFIX, Target, plain_name, read_targets
+from knotfab.picture.read import Target, plain_name, read_targets
+from knotfab.picture.source import TEXT_PREFIX
 from knotfab.pipeline.choose_supports import choose_supports
 from knotfab.pipeline.options import ALL_OUT, BuildOptions
 from knotfab.pipeline.read_lamps import read_lamps
@@ -147,24 +148,31 @@ def check_options(options: BuildOptions) -> None:
     read_scene(options)
 
 
-def survey_pictures(pictures: Sequence[str], options: BuildOptions) -> Survey:
+def survey_pictures(
+    pictures: Sequence[str], options: BuildOptions, progress: Progress | None = None
+) -> Survey:
     """Survey the pictures of a call: what a tube can make of them.
 
     Raises:
         InputError: as for `prepare_build`.
     """
-    return _survey(_read_call(pictures, options, Progress("quiet"), glance=GLANCE), options)
+    progress = progress or Progress("quiet")
+    call = _read_call(pictures, options, progress, glance=GLANCE)
+    with progress.stage("preview"):
+        return _survey(call, options)
 
 
 def preview_pictures(
-    pictures: Sequence[str], options: BuildOptions
+    pictures: Sequence[str], options: BuildOptions, progress: Progress | None = None
 ) -> tuple[Survey, tuple[TriedReading, ...]]:
     """Survey pictures, and try other ways to read an unclear one."""
+    progress = progress or Progress("quiet")
+    found = survey_pictures(pictures, options, progress)
     from knotfab.design.readings import advise, is_unclear
 
-    found = survey_pictures(pictures, options)
-    readings = list_readings(pictures, options) if is_unclear(found) else ()
-    return advise(found, readings), readings
+    with progress.stage("readings"):
+        readings = list_readings(pictures, options) if is_unclear(found) else ()
+        return advise(found, readings), readings
 
 
 def list_readings(pictures: Sequence[str], options: BuildOptions) -> tuple[TriedReading, ...]:

@@ -19,8 +19,9 @@ from knotfab.design.likeness import compare_lines, estimate_likeness, recognisab
 from knotfab.design.readings import MOST, draw_readings, is_unclear, list_figures, try_readings
 from knotfab.design.sentence import describe
 from knotfab.design.survey import require_drawable, survey
+from knotfab.picture.opening import opening_iou
 from knotfab.picture.read import read_target
-from knotfab.picture.silhouette import opened_share
+from knotfab.picture.silhouette import opened_share, trace_polygon
 from knotfab.pipeline.options import BuildOptions
 from knotfab.pipeline.prepare import list_readings, survey_pictures
 from knotfab.scene.catalogue import resolve
@@ -74,6 +75,16 @@ def test_a_union_of_discs_is_never_refused(seed: int, count: int, radius: float)
     found = estimate_likeness(mask, 0.8 * radius)
     assert found is None or found.recognisable
     assert opened_share(mask, 0.8 * radius / 200) > 0.6  # there are few pixels
+
+
+@given(seed=st.integers(0, 999), cell=st.integers(1, 12), cut=st.floats(-1.0, 1.0))
+@settings(deadline=None, max_examples=30)
+def test_what_is_wider_than_two_tubes_is_half_drawn(seed: int, cell: int, cut: float) -> None:
+    """A build need not open its polygon to know that."""
+    levels = np.random.default_rng(seed).normal(size=(96, 128))
+    mask = np.asarray(ndimage.gaussian_filter(levels, cell) * cell > 0.3 * cut)
+    if mask.any() and estimate_likeness(mask, 2.0) is None:
+        assert opening_iou(trace_polygon(mask), 2.0) > 0.5
 
 
 def strokes(side: int, width: int) -> Mask:

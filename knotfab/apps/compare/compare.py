@@ -26,8 +26,9 @@ from knotfab.base.disk import write_whole
 from knotfab.base.limited import run_limited
 from knotfab.knots import Knot, Knots, read_knots
 from knotfab.picture.raster import decode, encode_image
-from knotfab.picture.read import SECONDS, read_bytes, read_target
+from knotfab.picture.read import read_target
 from knotfab.picture.silhouette import mask_iou, sample_mask
+from knotfab.picture.source import SECONDS, read_bytes
 from knotfab.report.drill_template import CARD_MM, card_middles
 from knotfab.scene.camera import Camera, camera_of
 from knotfab.scene.load import load_scene

@@ -6,6 +6,7 @@ import base64
 import io
 import json
 import re
+import signal
 import subprocess
 import sys
 from collections.abc import Awaitable, Callable
@@ -261,6 +262,35 @@ def test_a_build_that_is_cancelled_ends_and_leaves_nothing(folder: Path) -> None
         assert not found.is_error
 
     _ask(folder, use)
+    assert not (folder / "knotfab-out").exists()
+
+
+@pytest.mark.build
+@pytest.mark.skipif(sys.platform == "win32", reason="there is no such signal")
+def test_a_signal_ends_it_in_a_build_which_leaves_nothing(folder: Path) -> None:
+    who = {
+        "protocolVersion": "2025-06-18",
+        "capabilities": {},
+        "clientInfo": {"name": "a", "version": "1"},
+    }
+    asked = {"pictures": ["egg.png"], "accuracy": "fine"}
+    calls: list[dict[str, Any]] = [
+        {"id": 0, "method": "initialize", "params": who},
+        {"method": "notifications/initialized"},
+        {"id": 1, "method": "tools/call", "params": {"name": "build", "arguments": asked}},
+    ]
+    calls[2]["params"]["_meta"] = {"progressToken": 1}
+    command = [sys.executable, "-m", "knotfab", "mcp"]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe, cwd=folder) as server:
+        assert server.stdin and server.stdout and server.stderr
+        for call in calls:
+            server.stdin.write(json.dumps({"jsonrpc": "2.0", **call}).encode() + b"\n")
+        server.stdin.flush()
+        while b"search" not in server.stdout.readline():
+            assert server.poll() is None
+        server.send_signal(signal.SIGTERM)
+        assert server.wait(60) == 130 and b"interrupted" in server.stderr.read()
     assert not (folder / "knotfab-out").exists()
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import asyncio
 import io
 import json
+import signal
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -15,6 +17,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from benchmarks.studio_times import begin_build, open_studio
 from knotfab.apps.studio import look
 from knotfab.apps.studio.fields import in_page_words, read_field
 from knotfab.pipeline.options import BuildOptions
@@ -96,6 +99,19 @@ def test_it_ends_with_its_build_where_nobody_looks(
             time.sleep(0.05)
     assert said[0].removeprefix("Watch it at ") == (tmp_path / "address").read_text().strip()
     assert child.wait(30) == 0
+
+
+@pytest.mark.build
+@pytest.mark.skipif(sys.platform == "win32", reason="the signal is that of other systems")
+def test_ctrl_c_ends_a_studio_and_its_build() -> None:
+    """`make studio-times` prints how soon."""
+    with open_studio() as (studio, page, address):
+        begin_build(page, address)
+        found = subprocess.run(["pgrep", "-P", str(studio.pid)], capture_output=True, text=True)
+        children = [int(line) for line in found.stdout.split()]
+        studio.send_signal(signal.SIGINT)
+        assert studio.wait(60) == 0 and children
+        assert not any(Path(f"/proc/{child}").exists() for child in children)
 
 
 # What the page makes of readings of a picture.

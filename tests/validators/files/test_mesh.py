@@ -46,6 +46,15 @@ def test_bytes_behind_the_last_triangle_are_passed_over_and_told(
     assert found == pytest.approx(CUBE) and f"{behind} byte" in notes
 
 
+def test_an_empty_count_is_passed_over_and_told(tmp_path: Path) -> None:
+    """Some programs never fill it in; slicers go by the file's length."""
+    content = b"cube".ljust(80) + b"\0" * 4 + cube_stl()[84:]
+    found, notes = volume(tmp_path, "a.stl", content)
+    assert found == pytest.approx(CUBE) and "counts no triangles" in notes
+    with pytest.raises(BadFile, match="not an STL"):
+        read(tmp_path, "a.stl", content[:-1])
+
+
 @pytest.mark.parametrize(
     "content", [cube_stl() + b"\0" * 100, cube_stl()[:-1], b"solid\0" + b"x" * 90]
 )

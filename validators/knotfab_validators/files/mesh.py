@@ -193,10 +193,15 @@ def _is_text(content: bytes) -> bool:
 
 
 def _length(content: bytes) -> int:
-    """Return the length that a binary STL with this header must have; -1 without a header."""
-    return (
-        84 + FACET.itemsize * int.from_bytes(content[80:84], "little") if len(content) >= 84 else -1
-    )
+    """Return the length that a binary STL with this header must have; -1 without a header.
+
+    Some programs never fill the count in: where it is 0, whole triangles that follow count, as in slicers.
+    """
+    if len(content) < 84:
+        return -1
+    count = int.from_bytes(content[80:84], "little")
+    uncounted = count == 0 and (len(content) - 84) % FACET.itemsize == 0
+    return len(content) if uncounted else 84 + FACET.itemsize * count
 
 
 def corners_stl(content: bytes, name: str, notes: list[str] | None = None) -> Corners:
@@ -211,6 +216,8 @@ def corners_stl(content: bytes, name: str, notes: list[str] | None = None) -> Co
     """
     if len(content) == _length(content):
         corners: Corners = np.frombuffer(content, dtype=FACET, offset=84)["corners"]
+        if notes is not None and len(corners) and not any(content[80:84]):
+            notes.append(f"{name}: its header counts no triangles; all {len(corners)} are read")
         return corners
     if _is_text(content):
         return _corners_text(content, name, notes)

@@ -1,0 +1,127 @@
+"""The file that a picture is read from, and a glimpse of it: decoded once for many readings, and shrunk."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+from urllib.parse import unquote
+
+from PIL import Image
+
+from knotfab.base.disk import at_home, read_file
+from knotfab.base.limited import run_limited
+from knotfab.picture import raster
+from knotfab.picture.colours import even_out
+from knotfab.picture.ground import plain_ground
+from knotfab_formats.errors import InputError, shown
+
+TEXT_PREFIX = "text:"
+SECONDS = 60  # processor time in which a picture is read
+_MISSING = "Check the path, or write text:… for a word or a glyph."
+_last: dict[bytes, Glimpse] = {}
+
+
+@dataclass(frozen=True, eq=False)
+class Glimpse:
+    """A picture, perhaps shrunk: `shrunk` px of the file make one of `image`, across."""
+
+    image: Image.Image
+    kind: str
+    size: tuple[int, int]  # width and height of the whole picture, upright
+    shrunk: int
+
+
+def glimpse(data: bytes, what: str) -> Glimpse:
+    """Decode a picture, its longer side shrunk to about `raster.GLANCE` px where it is larger.
+
+    The last one is kept, and copies of this process have it.
+    """
+    found = _last.get(data)
+    if found is None:
+        seen = run_limited(
+            lambda: raster.decode_shrunk(data, what, raster.GLANCE), what, seconds=SECONDS
+        )
+        found = Glimpse(*seen)
+        _last.clear()
+        _last[data] = found
+    return found
+
+
+@lru_cache(maxsize=2)
+def glimpse_further(seen: Glimpse, longest: int) -> Glimpse:
+    """Shrink the longer side of a picture further, to about `longest` px."""
+    factor = (
+        1 if seen.image.mode.startswith(("I", "F")) else raster.shrunk_by(seen.image.size, longest)
+    )
+    if factor == 1:
+        return seen
+    return replace(seen, image=raster.shrink(seen.image, factor), shrunk=factor * seen.shrunk)
+
+
+@lru_cache(maxsize=2)
+def bare_glimpse(seen: Glimpse, whole: bool) -> tuple[Image.Image, str] | None:
+    """Return a glimpse without its ground or uneven light, as `bare_picture` does."""
+    return bare_picture(seen.image, whole)
+
+
+def bare_picture(image: Image.Image, whole: bool) -> tuple[Image.Image, str] | None:
+    """Return a picture without its ground (of a `whole` one) or its uneven light, with a note."""
+    plain = plain_ground(image) if whole else None
+    if plain is not None:
+        return plain
+    even = even_out(image)
+    note = "the light on it is uneven, and is taken out of it (--ink dark leaves it)"
+    return None if even is None else (even, note)
+
+
+def read_bytes(
+    path: Path, what: str, largest: int = raster.LARGEST_SIDE, missing: str = _MISSING
+) -> bytes:
+    """Read a picture's file, at most `largest` px on a side; errors call it `what`.
+
+    Args:
+        missing: the remedy where there is no such file.
+
+    Raises:
+        InputError: there is none, it may not be read, it is empty, or too much for a picture.
+    """
+    data = read_file(
+        path,
+        what,
+        "picture file",
+        9 * largest**2,  # a pixel of 16-bit RGBA, and the file's other data
+        missing=missing,
+        too_large=f"Scale the picture down to at most {largest} pixels on a side.",
+    )
+    if not data:
+        raise InputError(what, "the file is empty", "Copy or export it again.")
+    return data
+
+
+def read_source(source: str | Path, base: Path | None) -> tuple[bytes, Path]:
+    """Read a picture's file; return its bytes and path. Arguments as `read_target` takes them."""
+    what = shown(source)
+    if re.match(r"(?i)file://", str(source)):
+        source = unquote(re.sub(r"(?i)^file://(?:localhost)?(?=/)", "", str(source)))
+    elif (quoted := str(source).strip()) and quoted[0] in "'\"‘“" and quoted[-1] in "'\"’”":
+        bare = quoted[1:-1]
+        raise InputError(what, "its path has quotes about it", f"Leave them out: {bare}")
+    path = at_home(source)
+    if base is not None:
+        path = base / path
+    if re.match(r"(?i:https?|ftp):/", str(source)):
+        raise InputError(
+            what, "it is an address on the web", "Download the picture, and name the file."
+        )
+    missing = _MISSING if base is None else "Lay it beside the scene that names it."
+    return read_bytes(path, what, missing=missing), path
+
+
+def look_at(source: str | Path, base: Path | None) -> Glimpse | None:
+    """Glimpse a pixel picture, which copies of this process then need not decode; None for others."""
+    if str(source).startswith(TEXT_PREFIX):
+        return None
+    data, _ = read_source(source, base)
+    return glimpse(data, shown(source)) if raster.looks_like_raster(data) else None
