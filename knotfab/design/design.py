@@ -22,12 +22,14 @@ from knotfab.design.retries import (
     start_without_bumps,
 )
 from knotfab.design.settings import (
+    fix_view,
     outline_px,
     place_directions,
     place_start,
     refine_mesh,
     start_pose,
     suit_settings,
+    without_arches,
 )
 from knotfab.knots import Knots, read_start
 from knotfab.limits.feasibility import Feasibility
@@ -97,6 +99,11 @@ def design_knots(
         SceneError: the scene cannot be met; InputError: the scene or a picture is wrong.
     """
     progress = progress or Progress("quiet")
+    if scene.settings.free_view and scene.piece.supports == "none":
+        # arches stand along the light's axis, so an ordinary search finds that first
+        half = budget and replace(budget, ends=budget.ends - 0.5 * budget.view_s(1))
+        found = design_knots(without_arches(scene), targets, device, progress, half)
+        scene = fix_view(scene, found.scene.views[0], found.knots.radius_mm)
     scene, settings = _plan(scene, len(targets), budget)
     with progress.stage("question"):
         question = ask(scene, targets, progress)

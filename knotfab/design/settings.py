@@ -13,7 +13,7 @@ from knotfab.geometry.tube import sides_for
 from knotfab.problem import Problem, ViewNumbers
 from knotfab_formats.errors import InputError
 from knotfab_formats.piece import Accuracy
-from knotfab_formats.scene import VERIFIED_PX, ResolvedScene
+from knotfab_formats.scene import VERIFIED_PX, ResolvedScene, ResolvedView
 from knotfab_formats.search import SearchSettings
 
 # factor on the preset's grace, and what grace penalises, except for filled areas of one picture
@@ -181,3 +181,24 @@ def start_pose(
     if not given:
         settings = settings.but(free_radius_mm=radius)
     return pose, settings
+
+
+def without_arches(scene: ResolvedScene) -> ResolvedScene:
+    """Let a piece's strands run as they look best, with nothing that holds it."""
+    piece = scene.piece.but(supports="slicer")
+    return scene.but(piece=piece, mount=scene.mount.but(kind="none"))
+
+
+def fix_view(scene: ResolvedScene, found: ResolvedView, radius_mm: float) -> ResolvedScene:
+    """Enter the view that a search has found, which is free no more.
+
+    In a plate the wall stays where the piece ends.
+    """
+    keys = {"light_distance_mm": found.light_distance_mm}
+    if not scene.mount.on_feet:
+        keys["wall_distance_mm"] = found.wall_distance_mm
+    return scene.but(
+        views=(scene.views[0].but(**keys),),
+        piece=scene.piece.but(tube_radius_mm=radius_mm),
+        search={**scene.search, "free_view": False},
+    )

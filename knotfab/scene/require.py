@@ -88,8 +88,8 @@ def require_supports(scene: ResolvedScene) -> None:
 def why_supported(scene: ResolvedScene) -> tuple[str, str] | None:
     """Say why no piece of this scene can print without supports, and the remedy; None if one may.
 
-    That is so of a material or printer of another process, a flat piece, several views, a view yet to be
-    found, and a mount that holds the piece off the bed.
+    That is so of a material or printer of another process, a flat piece, several views, and a mount that
+    holds the piece off the bed.
     """
     process = next(
         (p for p in (scene.material.process, scene.printer.process) if p != "filament"), None
@@ -112,11 +112,6 @@ def why_supported(scene: ResolvedScene) -> tuple[str, str] | None:
             "strands stand on the bed in arches along one light's axis, and the picture of another light "
             "fixes their height",
             "Leave it out, or give one picture",
-        )
-    if scene.settings.free_view:
-        return (
-            "arches stand along the light's axis, and a free view (--free) has yet to find it",
-            leave,
         )
     if scene.mount.asked and not scene.mount.on_feet:
         held = {"wall": "pegs hold", "stand": "a stand holds"}.get(

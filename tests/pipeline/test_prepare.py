@@ -75,7 +75,6 @@ SUPPORTED: list[tuple[dict[str, Any], str]] = [
     ({"depth": "flat"}, "a flat piece has no depth"),
     ({"mount": "stand"}, "a stand holds it off the bed"),
     ({"mount": "wall"}, "pegs hold it off the bed"),
-    ({"free": "view"}, "has yet to find it"),
     ({"lamps": "switch"}, "picture of another light fixes their height"),
 ]
 

@@ -7,6 +7,7 @@ import sys
 import textwrap
 import time
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from questions import ask_heart, start_and_search
 
 from knotfab.design.budget import Budget
 from knotfab.design.design import design_knots
-from knotfab.design.settings import place_start
+from knotfab.design.settings import place_start, without_arches
 from knotfab.geometry.measures import find_neighbours
 from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.picture.read import read_target
@@ -32,7 +33,7 @@ from knotfab.search.optimizer import Adam
 from knotfab.search.state import SearchState, begin_search
 from knotfab.start.start import make_start
 from knotfab_formats.errors import InputError
-from knotfab_formats.piece import Piece
+from knotfab_formats.piece import Mount, Piece
 from knotfab_formats.scene import ResolvedView, Scene
 from knotfab_formats.search import PRESETS
 from tests.corpus.curves import torus_knot
@@ -305,6 +306,26 @@ def test_the_scene_of_a_free_view_gives_the_same_knots() -> None:
     again = design_knots(first.scene, [target], device="cpu")
     np.testing.assert_array_equal(first.knots.points, again.knots.points)
     assert again.scene == first.scene
+
+
+@pytest.mark.build
+@pytest.mark.parametrize("plate", ["pegs", "outline"])
+def test_arches_stand_along_the_axis_of_a_view_found_before(plate: Any) -> None:
+    """In a plate the wall stays where the piece ends; the scene has the view, and gives the same knots."""
+    target = read_target("text:\u2665")
+    scene = resolve(
+        Scene(search=TINY, piece=Piece(supports="none"), mount=Mount(kind="auto", plate=plate))
+    )
+    made = design_knots(scene, [target], device="cpu")
+    (view,), (ordinary,) = (
+        made.scene.views,
+        design_knots(without_arches(scene), [target]).scene.views,
+    )
+    assert view.light_distance_mm == ordinary.light_distance_mm != 500.0
+    assert (view.wall_distance_mm == ordinary.wall_distance_mm) == (plate == "pegs")
+    assert not made.scene.settings.free_view
+    again = design_knots(made.scene, [target], device="cpu")
+    np.testing.assert_array_equal(made.knots.points, again.knots.points)
 
 
 @pytest.mark.slow
