@@ -47,6 +47,7 @@ class Request:
     sequence: bool = False  # the pictures are frames of one moving knot
     targets: tuple[Target, ...] = ()  # the pictures, where they have been read already
     preview: tuple[str, ...] = ()  # lines of the preview, before the build
+    previewed_radius_mm: float | None = None  # the tube that they tell, if they tell one
     otherwise: ResolvedScene | None = None
     why_supported: str = ""
 

@@ -68,6 +68,7 @@ from knotfab_formats.report import Report
 from knotfab_formats.verdict import Check, Verdict, View, exit_code
 from knotfab_validators.conclusion import tell_lowered
 
+_SAME_TUBE = 0.05  # relative difference of radii that nobody sees
 _TOLD_S = 0.5  # interval between progress messages on the slicer
 _AFTER_BENDS_S = 5.0  # from the end of fitting a wire to the end of the build
 
@@ -219,6 +220,17 @@ def _list_views(piece: WrittenPiece, printing: bool, verdict: Verdict) -> list[V
     return list_views(verdict.views, made, piece.targets, list_contrasts(made), sags)
 
 
+def tell_other_tube(previewed_mm: float | None, built_mm: float) -> list[str]:
+    """Say that the piece has another tube than the preview told, by more than a person would not see."""
+    if previewed_mm is None or abs(built_mm / previewed_mm - 1.0) <= _SAME_TUBE:
+        return []
+    return [
+        f"the tube is {2 * built_mm:.1f} mm thick, and not {2 * previewed_mm:.1f} mm as the preview said: it "
+        "was built again, so that it can be held and printed "
+        f"(--tube-radius {previewed_mm:.2f} keeps to the first)"
+    ]
+
+
 def finish_build(
     folder: OutputFolder,
     request: Request,
@@ -241,6 +253,7 @@ def finish_build(
         warnings=(
             *tell_doubts([t for piece in pieces for t in piece.targets]),
             *tell_lowered(report.checks),
+            *tell_other_tube(request.previewed_radius_mm, pieces[0].made.knots.radius_mm),
         )
         or None,
     )

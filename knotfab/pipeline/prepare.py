@@ -116,9 +116,16 @@ def prepare_build(
         sequence=options.sequence,
         targets=call.targets,
         preview=(*describe(found, exact=options.verbose), *call.lines),
+        previewed_radius_mm=_promised_radius(found, call.scene),
         otherwise=otherwise,
         why_supported=why,
     )
+
+
+def _promised_radius(found: Survey, scene: ResolvedScene) -> float | None:
+    """Return the radius that a build takes unless it has to build again; None where a search finds it."""
+    one = len(found.views) == 1 and not found.frames and not scene.settings.free_view
+    return found.radius_mm if found.chosen and one and found.refusal is None else None
 
 
 def require_same_picture(folder: Path, picture: str, options: BuildOptions) -> None:

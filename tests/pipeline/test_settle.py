@@ -19,6 +19,7 @@ from knotfab.design.frames import frame_view
 from knotfab.hold.wall import NotHeldError
 from knotfab.knots import Knot, Knots
 from knotfab.picture.read import Target, read_target
+from knotfab.pipeline.finish import tell_other_tube
 from knotfab.pipeline.settle import Place, settle_part, tell_depth
 from knotfab.request import Request
 from knotfab.scene.catalogue import resolve
@@ -274,3 +275,21 @@ def test_a_wall_that_is_given_stays_where_it_is(
     maker, said = run(target, "[[views]]\nwall_distance_mm = 100.0", 0.0, monkeypatch)
     assert {scene.views[0].wall_distance_mm for scene in maker.asked} == {100.0}
     assert said.to_mm < said.from_mm
+
+
+@pytest.mark.parametrize(
+    ("previewed", "built", "told"),
+    [
+        (None, 1.8, False),
+        (0.8, 0.8, False),
+        (0.8, 0.83, False),
+        (0.8, 1.85, True),
+        (1.85, 0.8, True),
+    ],
+)
+def test_another_tube_than_the_preview_told_is_a_warning(
+    previewed: float | None, built: float, told: bool
+) -> None:
+    said = tell_other_tube(previewed, built)
+    assert bool(said) == told
+    assert not told or f"--tube-radius {previewed:.2f}" in said[0]
