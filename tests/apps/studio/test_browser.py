@@ -149,6 +149,8 @@ def test_from_an_empty_page_to_a_built_part_by_mouse_alone(page: Any, tmp_path: 
     assert page.is_checked("input[value=wall]") and page.is_visible("#go-on")
     page.set_viewport_size({"width": 390, "height": 800})
     assert page.evaluate("document.documentElement.scrollWidth") <= 390
+    panel, stage = (page.locator(part).bounding_box() for part in ("#panel", "#stage"))
+    assert stage["y"] < panel["y"]  # the preview above the settings
     page.focus("#tab-file")  # and by keyboard
     page.keyboard.press("ArrowRight")
     assert page.is_visible("#text")

@@ -1,6 +1,7 @@
 /* Pictures: where they come from, the tray, and which of them make the piece. */
 import { attempt, byId, call, element, post } from "./api.js";
 import { Sheet } from "./sheet.js";
+import { showWork } from "./survey.js";
 
 const LARGEST_MB = 32;
 const GLYPHS = ["♞", "☺", "♥", "✈", "⚓", "♫", "★", "☂"];
@@ -57,7 +58,9 @@ function move(from, to) {
 function upload(blob, name) {
   if (blob.size > LARGEST_MB * 2 ** 20)
     return attempt("picture-error", Promise.reject(new Error(`${name} has more than ${LARGEST_MB} MB, too much for a picture. Scale it down; about 1000 pixels on a side are enough.`)));
-  return attempt("picture-error", call(`/api/pictures?name=${encodeURIComponent(name)}`, blob, "application/octet-stream").then(() => select("tab-preview")));
+  select("tab-preview");
+  showWork(`Reading ${name} …`);
+  return attempt("picture-error", call(`/api/pictures?name=${encodeURIComponent(name)}`, blob, "application/octet-stream").finally(() => showWork("")));
 }
 
 /* Frames come in the order of the numbers in their names: 2 before 10. */
