@@ -12,7 +12,16 @@ from knotfab.hold.plinth import Masses
 from knotfab.hold.shade import MountShadows
 from knotfab.hold.solids import motion_along
 from knotfab.hold.stand import LENGTH_WEIGHT, MOST_COSINE
-from knotfab.hold.struts import GROUND, Candidates, Obstacles, Sites, join_members, no_members
+from knotfab.hold.struts import (
+    GROUND,
+    Candidates,
+    Obstacles,
+    Sites,
+    join_members,
+    no_members,
+    off_segments,
+    opens_slowly,
+)
 from knotfab.knots import Knots
 
 _HEIGHTS = 24  # heights of the eyelet that are tried
@@ -20,6 +29,7 @@ _ABOVE = 0.15  # a share of the piece's height: the least from its centre of mas
 _TRIED = 400  # posts, from the one that shows least on
 THREAD_MM = 1.0  # across the thread's way, with some room
 _FAR_MM = 1e4  # above every piece
+_SIDES = 48  # places along a ring at which it is told how far a post is
 UP = np.array([0.0, 1.0, 0.0])
 
 
@@ -157,6 +167,23 @@ def list_posts(sites: Sites, post: Candidates, least_mm: float) -> Candidates:
     some = np.flatnonzero(from_below & square & (length >= least_mm))
     end, ground = np.tile(post.end, (len(some), 1)), np.full(len(some), GROUND)
     return Candidates(some, ground, sites.point[some], end, np.full(len(some), post.radius[0]))
+
+
+def leave_no_gap(posts: Candidates, ring: Eyelet, clearance_mm: float) -> Mask:
+    """Tell (n,) whether posts that end on a ring part from it so fast that printing closes no gap."""
+    at, half = ring.outline(_SIDES), np.arange(_SIDES // 2 + 1)
+    joint = int(np.linalg.norm(at - posts.end[0], axis=1).argmin())
+    i, j = np.divmod(np.arange(len(posts) * _SIDES), _SIDES)
+    unit = (posts.end - posts.start) / posts.length_mm[:, None]
+    off = off_segments(at[j], posts.start[i], unit[i], posts.length_mm[i])[1].reshape(-1, _SIDES)
+    contact, step = posts.radius[:, None] + ring.wire_mm, np.linalg.norm(at[1] - at[0])
+    free = np.ones(len(posts), dtype=bool)
+    for way in (1, -1):
+        walk = off[:, (joint + way * half) % _SIDES]
+        here, there = walk[:, :-1], walk[:, 1:]
+        slow = opens_slowly(here, there, step, contact, clearance_mm)
+        free &= ~(slow & (here < contact + clearance_mm)).any(axis=1)
+    return free
 
 
 def keep_free(ring: Eyelet) -> Candidates:

@@ -27,6 +27,7 @@ from knotfab.hold.eyelet import (
     draw_thread,
     has_room,
     keep_free,
+    leave_no_gap,
     list_posts,
     no_place,
     ring_bars,
@@ -65,9 +66,8 @@ LEAST_SPAN_MM = 15.0  # threads that are nearer to each other hardly keep a piec
 MOST_POSTS = 4  # posts from strands to an eyelet
 # between the ends of further posts that are weighed, and how many are
 _SPREAD_RADII, _WEIGHED = 6.0, 12
-_PLANS = (
-    4  # each about the centre of mass of the one before, with a post more where that sags too much
-)
+# each about the centre of mass of the one before, with a post more where that sags too much
+_PLANS = 4
 _ROUNDS = 4  # rounds of moving the eyelets by the centre of mass, to which posts and eyelets add
 
 
@@ -114,8 +114,7 @@ def plan_hang(
     least first, and one where no two hold it.
 
     Args:
-        cameras, targets: each view's camera, and its picture's silhouette (H, W) over the whole
-            frame.
+        cameras, targets: each view's camera, and its picture's silhouette (H, W) over all the frame.
         least_radius_mm: of a member that the printer can make.
         ends: whether screens end at their frames, beside which no shadow is seen.
 
@@ -200,8 +199,7 @@ class _Hanger:
         """
         way, dark = copy(self.obstacles), self.shadows.twin()
         posts, rings = list[Candidates](), list[Eyelet]()
-        for offset in offsets:
-            at = middle + offset
+        for at in middle + offsets:
             post, ring = choose_post(self.knots, self.sites, at, self.blank, self.thin, way, dark)
             posts, rings = [*posts, post], [*rings, ring]
             way.add(join_members([post, keep_free(ring)]))
@@ -246,10 +244,8 @@ class _Hanger:
                 continue  # planned anew, about what has now come out as the centre of mass
             members = join_members([struts, *posts])
             middle = _centre_of_mass(masses_of(knots, members), *(r.masses for r in rings))
-            threads = np.array([ring.thread for ring in rings])
-            moves = sag_moves(
-                knots, sites, members, self.stiffness, FINE_RADII, pinned=len(rings) > 1
-            )
+            threads, pinned = np.array([ring.thread for ring in rings]), len(rings) > 1
+            moves = sag_moves(knots, sites, members, self.stiffness, FINE_RADII, pinned=pinned)
             moves = let_swing(knots.points, moves, threads)
             sag, at = worst_of(moves, knots.points)
             held = np.concatenate([self.holds, sites.knot[members.first[number:]]])
@@ -274,7 +270,8 @@ class _Hanger:
                 [struts, *posts[:k], *posts[k + 1 :], *map(keep_free, rings[:k] + rings[k + 1 :])]
             )
             clear = apart.clear(join_members([posts[k], draw_thread(ring)])).all()
-            if not clear or not has_room(apart, ring)[0]:
+            clear &= leave_no_gap(posts[k], ring, apart.clearance).all()
+            if not (clear and has_room(apart, ring)[0]):
                 return False
         return True
 
@@ -293,7 +290,8 @@ class _Hanger:
             others = [*first[:k], *first[k + 1 :], *map(keep_free, rings[:k] + rings[k + 1 :])]
             way.add(join_members([no_members(), *others]))
             pool = list_posts(sites, post, ring.ring_mm + ring.wire_mm + tube)
-            pools.append(pool.of(way.clear(pool)))
+            free = way.clear(pool) & leave_no_gap(pool, ring, way.clearance)
+            pools.append(pool.of(free))
         pool = join_members(pools)
         owner = np.repeat(np.arange(len(rings)), [len(one) for one in pools])
         away = (pool.start - pool.end) / pool.length_mm[:, None]
@@ -387,8 +385,7 @@ def _centre_of_mass(*several: Masses) -> Array:
 def hang_bodies(tubes: list[Mesh], mount: HangMount) -> list[Mesh]:
     """Unite tubes, struts, posts and eyelets to one watertight body, in scene coordinates."""
     # an eyelet has a hole of its own; a second one is a body more, which its hole makes up for
-    handles = len(mount.members) + 1
-    return unite(tubes, hang_fixtures(mount), handles, "the hanger")
+    return unite(tubes, hang_fixtures(mount), len(mount.members) + 1, "the hanger")
 
 
 def hang_fixtures(mount: HangMount) -> list[Fixture]:

@@ -12,6 +12,7 @@ from rings import EMPTY, PLA, RADIUS, camera, knots, ring
 from knotfab.base.errors import SceneError
 from knotfab.geometry.tube import as_manifold, as_mesh, sweep
 from knotfab.hold.beams import hold_by_threads
+from knotfab.hold.eyelet import Eyelet, leave_no_gap
 from knotfab.hold.hang import (
     LEAST_SPAN_MM,
     MOST_POSTS,
@@ -21,7 +22,7 @@ from knotfab.hold.hang import (
     plan_hang,
 )
 from knotfab.hold.space_frame import assemble_frame, round_beams
-from knotfab.hold.struts import GROUND
+from knotfab.hold.struts import GROUND, Candidates
 from knotfab_fixtures.holders import eyelet
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.printing.standing import check_level
@@ -153,6 +154,26 @@ def test_a_strand_above_the_centre_leaves_no_way_for_a_thread() -> None:
     assert (mount.threads[:, 1] > 75.0).all()
     with pytest.raises(SceneError, match="hanger"):  # nothing is ever so far from all strands
         plan_hang(ONE, [camera()], [EMPTY], 90.0, PLA, 0.8)
+
+
+@pytest.mark.parametrize(
+    ("comes_from", "clear"),
+    {
+        "its middle's far side": ((0.0, -30.0, 0.0), True),
+        "beside it": ((0.0, -20.0, 20.0), True),
+        "through its hole": ((0.0, 30.0, 0.0), False),
+        "along it": ((30.0, -4.0, 0.0), True),
+        "over its face": ((0.0, 25.0, 8.0), False),
+    }.values(),
+)
+def test_a_post_that_parts_slowly_from_its_ring_is_refused(
+    comes_from: tuple[float, ...], clear: bool
+) -> None:
+    ring = Eyelet(np.zeros(3), np.array([0.0, 0.0, 1.0]), 2.5, 1.0)
+    start, end = np.array([comes_from]), np.array([[0.0, -2.5, 0.0]])
+    ground = np.array([GROUND])
+    post = Candidates(ground, ground, start, end, np.array([1.0]))
+    assert leave_no_gap(post, ring, 0.4).tolist() == [clear]
 
 
 @pytest.mark.parametrize("sizes", [(2.0, 0.8), (3.5, 1.2)])
