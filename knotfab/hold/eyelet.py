@@ -176,7 +176,7 @@ def leave_no_gap(posts: Candidates, ring: Eyelet, clearance_mm: float) -> Mask:
     i, j = np.divmod(np.arange(len(posts) * _SIDES), _SIDES)
     unit = (posts.end - posts.start) / posts.length_mm[:, None]
     off = off_segments(at[j], posts.start[i], unit[i], posts.length_mm[i])[1].reshape(-1, _SIDES)
-    contact, step = posts.radius[:, None] + ring.wire_mm, np.linalg.norm(at[1] - at[0])
+    contact, step = posts.radius[:, None] + ring.wire_mm, np.linalg.norm(at[1:2] - at[:1], axis=1)
     free = np.ones(len(posts), dtype=bool)
     for way in (1, -1):
         walk = off[:, (joint + way * half) % _SIDES]
