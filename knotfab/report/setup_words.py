@@ -261,7 +261,11 @@ def costs_of(
 
 
 def _tell_loss(loss: float) -> str:
-    return f"about {min(loss, 1.0):.2f} IoU" if loss >= 0.005 else "less than 0.01 IoU"
+    return (
+        f"about {min(max(loss, 0.01), 1.0):.0%} less alike"
+        if loss >= 0.005
+        else "less than 1% less alike"
+    )
 
 
 # Strokes of a mount's drawings: the piece, lamps, walls and notes, in mm of the page.

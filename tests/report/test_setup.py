@@ -72,7 +72,7 @@ def test_pages_of_a4_and_the_same_bytes_again(kind: Kind, tmp_path: Path) -> Non
 def test_figures_are_on_the_page(kind: Kind, tmp_path: Path) -> None:
     said = drawn(kind, tmp_path, light_distance_mm=480.0, wall_distance_mm=90.0)
     assert {"480", "90", "570", "frame 160", "frame 120", "Setting up"} <= set(said)
-    assert any("0.14 IoU" in line for line in said)
+    assert any("14% less alike" in line for line in said)
     if kind == "plate":
         assert {"plate 176", "plate 136", "screw holes 166", "88", "68"} <= set(said)
     else:
@@ -210,27 +210,27 @@ def test_costs_are_those_of_the_report() -> None:
     _, scene, _ = setup("none")
     view = scene.views[0]
     lines = costs_of(OFF, view, on_wall=False)
-    assert lines[0] == "Lamp 10 mm to the side: about 0.14 IoU (the shadow moves 2 mm)"
-    assert lines[2] == "Lamp 10 mm nearer or farther: less than 0.01 IoU"
-    assert lines[3] == "Piece turned by 1° left or right: about 0.25 IoU"
-    assert lines[4] == "Piece turned by 1° forward or back: about 0.50 IoU"
+    assert lines[0] == "Lamp 10 mm to the side: about 14% less alike (the shadow moves 2 mm)"
+    assert lines[2] == "Lamp 10 mm nearer or farther: less than 1% less alike"
+    assert lines[3] == "Piece turned by 1° left or right: about 25% less alike"
+    assert lines[4] == "Piece turned by 1° forward or back: about 50% less alike"
     assert len(lines) == 6
     hung = costs_of(OFF, view, on_wall=False, threads_apart_mm=80.0)
     assert hung[:3] == lines[:3] and hung[4] == lines[4]  # two threads let it lean, and no more
-    assert hung[3] == "One thread 1.4 mm nearer the wall than the other: about 0.25 IoU"
+    assert hung[3] == "One thread 1.4 mm nearer the wall than the other: about 25% less alike"
     assert hung[5].startswith("One thread 1.4 mm longer than the other: ")
     fixed = costs_of(OFF, view, on_wall=True)
     # the lamp moves by 600 mm sin 1° = 10.47 mm
     assert fixed[3:] == [
-        "Wall and piece turned by 1° left or right: about 0.15 IoU",
-        "Wall and piece leaning by 1° forward or back: about 0.09 IoU",
+        "Wall and piece turned by 1° left or right: about 15% less alike",
+        "Wall and piece leaning by 1° forward or back: about 9% less alike",
     ]
     assert costs_of(None, view, on_wall=True) == [
         "Not measured: too little to see, or nothing rendered."
     ]
     least = replace(OFF, lamp_iou_per_mm={"right": 0.0005, "up": 0.00049, "towards": 5.0})
     told = costs_of(least, view, on_wall=False)
-    assert "about 0.01" in told[0] and "less than" in told[1] and "about 1.00" in told[2]
+    assert "about 1%" in told[0] and "less than" in told[1] and "about 100%" in told[2]
 
 
 def test_the_lamps_size_is_told_with_its_blur() -> None:
