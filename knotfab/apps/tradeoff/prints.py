@@ -160,26 +160,36 @@ def _weigh(label: str, reports: Sequence[dict[str, Any]]) -> Way:
 
 
 def draw_prints(ways: Sequence[Way]) -> bytes:
-    """Draw 1 - IoU against hours as a PNG, each way by name with its grams and seconds, and the front."""
+    """Draw 1 - IoU against hours as a PNG: the front, and each way by its number in the list beside it."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(8.6, 5.4), dpi=130, layout="constrained")
+    figure = Figure(figsize=(10.4, 5.4), dpi=130, layout="constrained")
     axes = figure.add_subplot()
     best = front_of(ways)
-    for way in ways:
-        if way.failed:
-            continue
-        on = way in best
-        axes.scatter(way.hours, way.error, s=1.5 * way.grams, color="#c55a11" if on else "#9a9a9a")
-        told = f"{way.label}\n{way.grams:.0f} g, built in {way.seconds:.0f} s"
-        at = (way.hours, way.error)
-        axes.annotate(told, at, xytext=(8, 4), textcoords="offset points", fontsize=7.5)
+    drawn = sorted((way for way in ways if not way.failed), key=lambda way: way.hours)
+    for number, way in enumerate(drawn, start=1):
+        at, told = (way.hours, way.error), f"{way.grams:.0f} g, built in {way.seconds:.0f} s"
+        axes.scatter(
+            *at,
+            s=1.5 * way.grams,
+            color="#c55a11" if way in best else "#9a9a9a",
+            label=f"{number}  {way.label}: {told}",
+        )
+        axes.annotate(str(number), at, fontsize=7.5, ha="center", va="center")
+    if drawn:
+        axes.legend(
+            loc="upper left",
+            bbox_to_anchor=(1.0, 1.0),
+            frameon=False,
+            fontsize=7.5,
+            markerscale=0.5,
+        )
     axes.step(
         [w.hours for w in best], [w.error for w in best], where="post", color="#555555", zorder=0
     )
     axes.set(xlabel="hours to print", ylabel="1 − IoU", yscale="log")
     axes.set_title("What each way to print costs (a mark's area: grams)", fontsize=10)
-    axes.margins(x=0.2, y=0.2)
+    axes.margins(0.1)
     axes.grid(True, which="both", linewidth=0.3, color="#cccccc")
     written = io.BytesIO()
     figure.savefig(written, format="png")
