@@ -307,16 +307,13 @@ def clean_body(body: Mesh) -> Mesh:
     """
     solid = as_manifold(body)
     rounded = body
-    for tolerance in TOLERANCES_MM:
-        for _ in (
-            "as it is",
-            "rounded",
-        ):  # the second time finds the slivers that rounding turned over
-            vertices, faces = as_mesh(solid.simplify(tolerance))
-            rounded = vertices.astype(np.float32).astype(np.float64), faces
-            if _is_clean(rounded):
-                return rounded
-            solid = as_manifold(rounded)
+    # the second time, what is rounded already: that finds the slivers that rounding turned over
+    for tolerance in np.repeat(TOLERANCES_MM, 2):
+        vertices, faces = as_mesh(solid.simplify(tolerance))
+        rounded = vertices.astype(np.float32).astype(np.float64), faces
+        if _is_clean(rounded):
+            break
+        solid = as_manifold(rounded)
     return rounded
 
 

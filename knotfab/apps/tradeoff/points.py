@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import statistics
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import ceil, inf, log
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -19,6 +19,7 @@ COMBINED = "combined"
 _TRIED = 4000  # random combinations whose cost and error are predicted
 _LEFT = 0.5  # share of knobs that a combination leaves unchanged
 
+Costed = TypeVar("Costed")
 Effect = tuple[float, float]  # log of the ratio to the middle, of seconds and of the error
 
 
@@ -278,10 +279,17 @@ def frontier(measured: Sequence[Measured], middle: Measured | None = None) -> li
         measured: all on the same pictures.
         middle: leave out points that do not keep its grace and legibility.
     """
-    best: list[Measured] = []
     sound = [m for m in measured if (m.feasible if middle is None else m.keeps(middle))]
-    for one in sorted(sound, key=lambda m: (m.seconds, m.error)):
-        if not best or one.error < best[-1].error:
+    return list_unbeaten(sound, lambda m: (m.seconds, m.error))
+
+
+def list_unbeaten(
+    points: Iterable[Costed], costs: Callable[[Costed], tuple[float, float]]
+) -> list[Costed]:
+    """List the points that no other beats in both costs, cheapest in the first cost first."""
+    best: list[Costed] = []
+    for one in sorted(points, key=costs):
+        if not best or costs(one)[1] < costs(best[-1])[1]:
             best.append(one)
     return best
 

@@ -13,11 +13,13 @@ from typing import Any
 
 from knotfab.api import build
 from knotfab.apps.tradeoff.bench import make_writable
+from knotfab.apps.tradeoff.points import list_unbeaten
 from knotfab.base.apps import VERSION
 from knotfab.base.disk import write_whole
 from knotfab.base.errors import MachineError, SceneError
 from knotfab.base.progress import Progress
 from knotfab.part.slicer_process import REMEDY, find_slicer
+from knotfab.picture.read import plain_name
 from knotfab_formats.errors import InputError
 
 Options = dict[str, Any]
@@ -55,11 +57,7 @@ class Way:
 
 def front_of(ways: Iterable[Way]) -> list[Way]:
     """List the ways that no other beats in both hours and likeness, fewest hours first."""
-    best: list[Way] = []
-    for way in sorted((w for w in ways if not w.failed), key=lambda w: (w.hours, w.error)):
-        if not best or way.error < best[-1].error:
-            best.append(way)
-    return best
+    return list_unbeaten((w for w in ways if not w.failed), lambda w: (w.hours, w.error))
 
 
 def weigh_prints(
@@ -89,7 +87,8 @@ def weigh_prints(
         with progress.stage("measure"):
             while todo and (limit_s is None or time.monotonic() - began < limit_s):
                 label, options = todo.pop(0)
-                folders = [out / "prints" / _slug(label) / f"{n + 1}" for n in range(len(pictures))]
+                place = out / "prints" / plain_name(label, "way")
+                folders = [place / f"{n + 1}" for n in range(len(pictures))]
                 reports = []
                 for picture, folder in zip(pictures, folders, strict=True):
                     try:
@@ -119,10 +118,6 @@ def _write(out: Path, pictures: Sequence[str], found: Sequence[Way]) -> None:
 def _build(picture: str, folder: Path, options: Options) -> dict[str, Any]:
     outcome = build(picture, folder, print_=True, **options)
     return dict(outcome.report)
-
-
-def _slug(label: str) -> str:
-    return "".join(c if c.isalnum() else "-" for c in label)
 
 
 def _list_shares(reports: Sequence[dict[str, Any]]) -> list[tuple[str, Options]]:
