@@ -1,6 +1,6 @@
 # Two commands set everything up on a fresh Debian or Ubuntu with python3 and make:
 #   make demo    the main job on a picture of the project's own
-#   make test    all tests, linters and the type checker; make test-quick: those of a minute
+#   make test    tests, linters and the type checker; make test-quick: tests of a minute; make all-tests: studies too
 PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
@@ -10,7 +10,7 @@ DONE := $(VENV)/.installed
 TORCH_INDEX ?=
 TORCH := -q -c constraints.txt --no-deps $(if $(TORCH_INDEX),--index-url $(TORCH_INDEX)) torch==2.13.0
 
-.PHONY: demo lines test all-tests test-quick wheel-test docs gallery lint accuracy-table outside-suites feature-table mount-table supports-table effects-table traced-colours several-table lamps-table bending-table tied-knots paper-table paper-ablations validator-table verdict-table mutations frontier budgets worst-cases batch-throughput system slicer browser viewer pictures typed-pages clean studio-times
+.PHONY: demo lines test tests all-tests test-quick wheel-test docs gallery lint accuracy-table outside-suites feature-table mount-table supports-table effects-table traced-colours several-table lamps-table bending-table tied-knots paper-table paper-ablations validator-table verdict-table mutations frontier budgets worst-cases batch-throughput system slicer browser viewer pictures typed-pages clean studio-times
 
 $(DONE): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
@@ -65,14 +65,18 @@ PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadgroup --no-l
 
 # linters and tests side by side: a type checker keeps one core alone
 test: system slicer browser $(DONE)
-	@$(MAKE) --no-print-directory -j 2 lint all-tests
+	@$(MAKE) --no-print-directory -j 2 lint tests
 
-all-tests: $(DONE)
+tests: $(DONE)
+	$(PYTEST) -m "not study"
+
+# whole walks too, for whose every case a cheaper one stands in `make test`
+all-tests: system slicer browser $(DONE)
 	$(PYTEST)
 
 # in the middle of a change: without whole builds and what else takes seconds
 test-quick: $(DONE)
-	$(PYTEST) -m "not build and not slow"
+	$(PYTEST) -m "not build and not slow and not study"
 
 # the pages of docs/ as a site that can be searched, in out/site; a broken link or a page outside the menu ends it
 docs: $(DONE)

@@ -133,36 +133,6 @@ def test_the_folders_are_no_packages(folder: str) -> None:
     assert not (Path(__file__).parents[1] / folder / "__init__.py").exists()
 
 
-@pytest.mark.build
-def test_the_core_builds_the_knight_without_the_apps(tmp_path: Path) -> None:
-    code = """
-import sys
-class Gone:
-    def find_spec(self, name, path=None, target=None):
-        if name.startswith("knotfab.apps"):
-            raise ModuleNotFoundError(name)
-sys.meta_path.insert(0, Gone())
-from knotfab.cli.app import main
-main(sys.argv[1:])
-"""
-    call = [
-        "build",
-        "examples/knight.png",
-        "--accuracy",
-        "sketch",
-        "--out",
-        str(tmp_path / "knight"),
-    ]
-    root = Path(__file__).parents[1]
-    done = subprocess.run(
-        [sys.executable, "-c", code, *call], cwd=root, capture_output=True, text=True, timeout=120
-    )
-    assert done.returncode == 0, done.stderr
-    assert (tmp_path / "knight" / "part.stl").is_file()
-    gone = subprocess.run([sys.executable, "-c", code, "batch"], capture_output=True, text=True)
-    assert gone.returncode == 2 and "batch" in gone.stderr
-
-
 # What packages and examples may import.
 
 

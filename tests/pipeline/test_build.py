@@ -549,6 +549,12 @@ def test_two_pieces_bridged_into_one_of_a_given_depth(
     along = np.array(knot["points"]) @ matrix[2, :3]
     assert 30 < np.ptp(along) < 44
     assert scene["piece"]["depth"] == 40.0 and scene["piece"]["knots"] == 1
+    # who did what: a stage left out, a mount or a kind of picture that is not there is not told
+    settings = json.loads((out / "report.json").read_text())["settings"]
+    left = {"cadquery", "matplotlib", "pyvista", "resvg-py", "knot_floer_homology"}
+    assert not left & (set(settings["parts"]) | set(settings["versions"]))
+    assert settings["parts"]["manifold3d"] == "swept the tubes"
+    assert settings["parts"]["trimesh"] == "wrote part.glb"
 
 
 def test_a_very_wide_picture_turned_inside_out(tmp_path: Path, quick: list[str | Path]) -> None:
