@@ -178,13 +178,13 @@ class MountShadow:
         along = b - a
         length = np.linalg.norm(along, axis=1)
         normal = np.column_stack([-along[:, 1], along[:, 0]]) / np.maximum(length, 1e-9)[:, None]
-        light = np.zeros(len(some))
+        light, aside = np.zeros(len(some)), np.array(across)[:, None]
         for t in (np.arange(samples) + 0.5) / samples:
             # evenly in the picture, not in space: both ends are nearly equally far from the light
             middle, half = a + t * along, half_a + t * (half_b - half_a)
-            for s in across:
-                there = middle + (s * half)[:, None] * normal
-                light += ~self.dark[self._cell(there)] * half
+            there = middle + (aside * half)[:, :, None] * normal
+            for dark in self.dark[self._cell(there)]:
+                light += ~dark * half
         cost: Array = light * 2 * length / (samples * len(across))
         return cost
 
@@ -205,7 +205,9 @@ class MountShadow:
     def _cell(self, uv: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         height, width = self.before.shape
         whole = np.rint(uv).astype(np.int64) + 1
-        return np.clip(whole[..., 1], 0, height - 1), np.clip(whole[..., 0], 0, width - 1)
+        # np.clip asks for the limits of its type at each call, which takes longer than small arrays do
+        row, column = np.maximum(whole[..., 1], 0), np.maximum(whole[..., 0], 0)
+        return np.minimum(row, height - 1), np.minimum(column, width - 1)
 
     def _cast(self, some: Candidates) -> Mask:
         """Draw the pixels that members cover; the margins stay light."""
