@@ -11,6 +11,8 @@ from typing import Any
 
 import pytest
 
+from knotfab.base.pool import Workers
+from knotfab.hold import modeller
 from knotfab.pipeline import verifier
 
 # compiled code is kept: workers and the many children would compile all sources anew
@@ -43,6 +45,25 @@ def _keep_validators() -> Iterator[None]:
         patch.setattr(verifier, "_surroundings", dict)
         yield
         verifier._end_idle()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _keep_modeller() -> Iterator[None]:
+    """One modeller serves all builds of this process, which load OpenCascade once."""
+    with Workers(modeller._MODULE, early=False) as kept, pytest.MonkeyPatch.context() as patch:
+
+        @contextmanager
+        def keep(early: bool) -> Iterator[None]:
+            before = modeller._kept.set(kept)
+            try:
+                yield
+            finally:
+                modeller._kept.reset(before)
+
+        for name in ("build", "film"):
+            patch.setattr(f"knotfab.pipeline.{name}.keep_modeller", keep)
+        patch.setattr("knotfab.pipeline.held.rest_modeller", lambda: None)
+        yield
 
 
 def _validators_asked(jobs: int) -> tuple[object, ...]:

@@ -61,11 +61,21 @@ ELSEWHERE = {
     "view found in the search": "tests/search/test_free_pose.py",
 }
 assert all(Path(__file__).parents[2].joinpath(place).exists() for place in ELSEWHERE.values())
-QUICKEST = [Cell(row, row.quickest) for row in ROWS if row.name not in ELSEWHERE]
+# as dear as a minute of other tests, whose parts tests/part/test_plates.py and tests/start/test_tie.py have
+STUDIES = {"plates", "knot of a given type"}
+QUICKEST = [
+    pytest.param(
+        Cell(row, row.quickest),
+        id=row.name,
+        marks=[pytest.mark.study] if row.name in STUDIES else [],
+    )
+    for row in ROWS
+    if row.name not in ELSEWHERE
+]
 
 
 @pytest.mark.build
-@pytest.mark.parametrize("cell", QUICKEST, ids=lambda c: c.row.name)
+@pytest.mark.parametrize("cell", QUICKEST)
 def test_the_quickest_build_of_each_row(cell: Cell, tmp_path: Path) -> None:
     good, said = build_cell(cell, tmp_path)
     assert good, said

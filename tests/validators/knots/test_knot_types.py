@@ -22,6 +22,7 @@ from knot_curves import (
     torus_knot,
     zigzag,
 )
+from tables import some
 
 from knotfab_formats.verdict import Check
 from knotfab_validators.geometry.curves import Curves
@@ -173,7 +174,7 @@ def test_rejects_polygons_that_touch() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", SMALL + LARGE)
+@pytest.mark.parametrize("name", some(SMALL + LARGE, 4))
 def test_knots_of_the_table_are_recognised_with_their_hands(name: str) -> None:
     (polygon,) = braid(braid_word(name))
     even = is_amphichiral(name)
