@@ -21,6 +21,7 @@ from knotfab.design.sentence import describe, with_noun
 from knotfab.design.survey import Survey, ViewSurvey, find_refusal, find_unlike, survey_views
 from knotfab.picture.colours import common_colours, is_grainy, is_photo
 from knotfab.picture.doubt import is_guessed, rate_mask, write_options
+from knotfab.picture.ink import WHITE_TOO
 from knotfab.picture.raster import encode_image
 from knotfab.picture.read import Target, read_target
 from knotfab.picture.silhouette import (
@@ -85,14 +86,15 @@ class TriedReading:
 def is_unclear(found: Survey) -> bool:
     """Return whether a picture may be meant otherwise than it was read.
 
-    That is so if a build refuses it, if it has many pieces and holes, or if the reading was a guess.
+    That is so if a build refuses it, if it has many pieces and holes, if white is drawn beside other
+    colours, or if the reading was a guess.
     """
     if len(found.views) != 1 or found.frames:
         return False
     (seen,) = found.views
     refused = found.refusal is not None and found.refusal.what == PICTURE
     guessed = is_guessed(seen.target.notes) or seen.target.doubt is not None
-    return refused or guessed or seen.pieces + seen.holes >= 24
+    return refused or guessed or WHITE_TOO in seen.target.rule or seen.pieces + seen.holes >= 24
 
 
 def advise(found: Survey, readings: Sequence[TriedReading]) -> Survey:

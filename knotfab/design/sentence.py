@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 from knotfab.design.candidates import PICTURE
 from knotfab.design.small import Found
-from knotfab.design.survey import Survey, ViewSurvey
+from knotfab.design.survey import SPILL, Survey, ViewSurvey
 from knotfab.picture.doubt import write_options
 from knotfab.picture.missed import is_row
 from knotfab.picture.opening import Loss
@@ -78,8 +78,10 @@ def _describe_losses(seen: ViewSurvey, found: Survey) -> str:
         return f"  A build takes a tube {thick}."
     lost = sorted(seen.losses[found.radius_mm], key=lambda loss: -loss.extent)
     text = f"  A build takes a tube {thick}, which "
+    spill = seen.spills.get(found.radius_mm, 0.0)
+    beside = f", and {spill:.0%} as much beside it" if spill >= SPILL else ""
     if not lost:
-        return f"{text}draws all of it."
+        return f"{text}draws all of it{beside}."
     text += f"loses {with_noun(len(lost), 'part')} of it; the longest is {_describe_loss(lost[0], seen)}."
     if seen.whole_mm is not None and seen.whole_mm < found.radius_mm:
         radius = seen.whole_mm

@@ -39,6 +39,7 @@ from knotfab.start.start import make_template
 from knotfab_formats.piece import Mount
 from knotfab_formats.scene import ResolvedScene, ResolvedView
 
+SPILL = 0.05  # of a picture's area: what is drawn beside it, from which it counts
 _SHOWN = 3  # thicker tubes to show beside the chosen one
 _SPECK = 0.5  # side of the largest square that nobody misses, in radii of the thinnest tube
 _SPARE = 0.3  # tolerance of a simplified outline, px
@@ -51,8 +52,9 @@ _FEW = 200  # pieces and holes up to which polygons are opened, and not pixels
 class ViewSurvey:
     """One picture's silhouette, in px, and what tubes lose of it. Radii are in mm of the piece.
 
-    `losses`: what is lost with the chosen radius and with thicker ones, in px of the picture. `whole_mm`: the
-    thickest radius tried that loses nothing, None if there is none. `together`: the share of strokes that run
+    `losses`: what is lost with the chosen radius and with thicker ones, in px of the picture; `spills`: what
+    they draw beside it, as a share of it. `whole_mm`: the thickest radius tried that neither loses nor spills
+    anything that counts, None if there is none. `together`: the share of strokes that run
     together when drawn by a tube; 0 if areas are filled. `likeness`: the best that the thinnest tube could
     draw, None if most of the picture is wider than two tubes.
     """
@@ -62,6 +64,7 @@ class ViewSurvey:
     pieces: int
     holes: int
     losses: Mapping[float, list[Loss]] = field(default_factory=dict)
+    spills: Mapping[float, float] = field(default_factory=dict)
     whole_mm: float | None = None
     together: float = 0.0
     likeness: Likeness | None = None
@@ -235,16 +238,18 @@ def _add_losses(
         tried = [radius, *thicker[:: -(-len(thicker) // _SHOWN) or 1]]
         if seen.view.lines:
             tried = []
-        losses = {}
+        losses, spills = {}, {}
         for r in [*tried, min(templates, default=radius)]:
             drawn = _drawn_by(templates[r], seen) if templates else open_by(plain, r * px)
             try:
                 losses[r] = find_losses(plain, drawn, r * px)
+                spills[r] = float(drawn.difference(plain).area / plain.area)
             except shapely.GEOSException:
                 continue  # skip an estimate that fails
-        whole = max((r for r, lost in losses.items() if not lost), default=None)
+        clean = (r for r, lost in losses.items() if not lost and spills.get(r, 1.0) < SPILL)
         shown = {r: losses[r] for r in tried if r in losses}
-        found.append(replace(seen, losses=shown, whole_mm=whole))
+        whole = max(clean, default=None)
+        found.append(replace(seen, losses=shown, spills=spills, whole_mm=whole))
     return tuple(found)
 
 

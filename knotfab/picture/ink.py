@@ -23,6 +23,7 @@ _ROWS = 512  # rows compared at once, to bound the memory
 _LUMA = (299, 587, 114)  # ITU-R BT.601, in thousandths
 # levels (of 255) by which blank paper varies after JPEG compression
 _NOISE = 8.0
+WHITE_TOO = ", and the white is drawn as dark as the rest"  # what lies on white paper unseen
 # upper bounds of hues, degrees, and their names
 _HUES: tuple[tuple[int, str], ...] = (
     *((15, "red"), (45, "orange"), (68, "yellow"), (165, "green"), (195, "turquoise")),
@@ -147,13 +148,14 @@ def _take_opaque(colours: Levels, opaque: Mask, reading: Reading) -> tuple[Mask,
         rule += ", without the parts of other colours inside it "
         rule += f"[that {name_colour(clusters.colours[0])}, the largest colour, encloses]"
     mask = opaque & ~holes
-    return mask, rule + _tell_colours(colours, mask)
+    return mask, rule + _tell_colours(colours, mask, clear=True)
 
 
-def _tell_colours(colours: Levels, mask: Mask) -> str:
+def _tell_colours(colours: Levels, mask: Mask, clear: bool = False) -> str:
     """Name the colours where ink has several, since a person may want only one of them.
 
-    Colours of soft edges, nowhere 3 px thick, do not count.
+    Colours of soft edges, nowhere 3 px thick, do not count. White beside a larger colour, on a `clear`
+    ground, is often meant as paper.
     """
     from scipy import ndimage
 
@@ -168,11 +170,14 @@ def _tell_colours(colours: Levels, mask: Mask) -> str:
     told = [k for k in told if ndimage.binary_erosion(mask & (kinds == k), np.ones((3, 3))).any()]
     if len(told) < 2:
         return ""
+    names = [(_word_of(found.colours[k]), name_colour(found.colours[k])) for k in told[:4]]
     words = [
-        f"{_word_of(found.colours[k])} {name_colour(found.colours[k])} ({found.shares[k]:.0%})"
-        for k in told[:4]
+        f"{word} ({name}, {found.shares[k]:.0%})"
+        for k, (word, name) in zip(told, names, strict=False)
     ]
-    return f"; of several colours, {', '.join(words)}: --ink COLOUR takes one of them alone"
+    (most, name), white = names[0], clear and "white" in [word for word, _ in names[1:]]
+    taken = f'--ink "{name}" draws the {most} alone'
+    return f"; its colours are {', '.join(words[:-1])} and {words[-1]}{WHITE_TOO if white else ''}: {taken}"
 
 
 def take_border(colours: Levels) -> Levels:

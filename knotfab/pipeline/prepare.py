@@ -31,6 +31,7 @@ from knotfab.pipeline.read_lamps import read_lamps
 from knotfab.pipeline.read_options import read_also, read_scene, read_seconds, read_skips
 from knotfab.request import Request
 from knotfab.scene.require import (
+    require_mount,
     require_sequence,
     require_several,
     require_start,
@@ -265,6 +266,7 @@ def _read_call(
             given = options.directions or scene.search.get("free_azimuths_deg")
             open_ = open_ or not given
             scene = place_directions(scene, scene.settings)[0]
+    require_mount(scene)
     require_supports(scene)
     require_tube(scene)
     if scene.material.process == "wire":

@@ -14,7 +14,7 @@ from shapely import MultiPolygon, Polygon
 from knotfab.base.arrays import Array, Mask
 from knotfab.design.hull import HullBound
 from knotfab.design.sentence import with_noun
-from knotfab.design.survey import Survey, ViewSurvey
+from knotfab.design.survey import SPILL, Survey, ViewSurvey
 from knotfab.geometry.polylines import polylines_of
 from knotfab.hold.mount import Mounted
 from knotfab.knots import Knots
@@ -290,7 +290,9 @@ def _caption(seen: ViewSurvey, radius: float | None, lost: list[Loss]) -> str:
         return f"{name}, {wide:.0f} x {high:.0f} mm, {parts}"
     which = "a build's tube" if radius == next(iter(seen.losses)) else "a tube"
     if not lost:
-        return f"{which}, {2 * radius:.1f} mm thick: nothing is lost"
+        spill = seen.spills.get(radius, 0.0)
+        beside = f", {spill:.0%} is spilled" if spill >= SPILL else ""
+        return f"{which}, {2 * radius:.1f} mm thick: nothing is lost{beside}"
     longest = max(loss.extent for loss in lost) * seen.wall_mm_per_px
     return f"{which}, {2 * radius:.1f} mm thick: {with_noun(len(lost), 'loss')}, up to {longest:.0f} mm"
 

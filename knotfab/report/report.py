@@ -40,6 +40,9 @@ from knotfab_formats.verdict import Check, Verdict, View, exit_code
 from knotfab_validators.check import at_most
 from knotfab_validators.shadows.verdict_rules import worst_verdict
 
+# What hands still bend: the straight that pliers hold, mm; the sharpest bend, degrees; and how many bends.
+_HELD_MM, _BENT_DEG, _BENDS = 6.0, 120.0, 100
+
 
 def check_3mf(warnings: list[str]) -> Check:
     """Check `3mf`: what lib3mf's strict reader says of the files for the slicer."""
@@ -238,7 +241,20 @@ def tell_plan(plan: WirePlan | None) -> list[str]:
     return [
         f"{plan.figures.length_mm / 1000:.2f} m of wire, {plan.figures.mass_g:.0f} g, in "
         f"{plan.figures.bends} bends: see bends*.csv and the templates.",
+        *_tell_hand(plan.figures),
         *([cut] if plan.cut else ()),
+    ]
+
+
+def _tell_hand(plan: BendingPlan) -> list[str]:
+    """Say that no hand bends a wire as planned, if none does."""
+    short = min(wire.shortest_straight_mm for wire in plan.knots)
+    sharp = max(wire.largest_bend_deg for wire in plan.knots)
+    if short >= _HELD_MM and sharp <= _BENT_DEG and plan.bends <= _BENDS:
+        return []
+    return [
+        f"Its shortest straight is {short:.1f} mm and its sharpest bend {sharp:.0f}°: a machine bends that, "
+        "and hardly a hand; a smaller --size, or a picture of lines, takes fewer and wider bends."
     ]
 
 

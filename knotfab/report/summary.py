@@ -93,6 +93,9 @@ def tell_views(report: Report, verbose: bool = False) -> list[str]:
         if view.subject_edges is not None:
             said += " to the cut-out, which draws "
             said += f"{view.subject_edges:.0%} of the edges of the photograph's subject"
+        if view.tone_error is not None:
+            said += " to the line that draws its greys, which from afar are "
+            said += f"{view.tone_error:.0%} off{_tell_even_grey(report)}"
         drawn = iou if view.iou_drawn is None else view.iou_drawn
         if view.bending is not None:
             said += f", {tell_share(drawn)} with it as bent"
@@ -106,6 +109,12 @@ def tell_views(report: Report, verbose: bool = False) -> list[str]:
         name = f"{view.name}: " if len(views) > 1 else ""
         lines.append(name + said + (f"; IoU {iou:.4f}" if verbose else ""))
     return lines
+
+
+def _tell_even_grey(report: Report) -> str:
+    """Say how far off one even grey would be, which the check's limit is half of."""
+    limits = [c.limit for c in report.checks if c.name == "tone" and isinstance(c.limit, float)]
+    return "".join(f" (one even grey: {2 * limit:.0%})" for limit in limits)
 
 
 def tell_colours(report: Report) -> list[str]:

@@ -16,8 +16,15 @@ def require_mount(scene: ResolvedScene) -> None:
     """Refuse an impossible mount before any work is done.
 
     Raises:
-        InputError: a wall mount of a piece with several views, or on a wall that is not flat.
+        InputError: a mount of a wire, and a wall mount of a piece with several views or on a round wall.
     """
+    if scene.material.process == "wire" and scene.mount.asked:
+        asked, plate = scene.mount.kind, scene.mount.plate
+        raise InputError(
+            f"a mount of a wire ({f'--plate {plate}' if asked == 'auto' else f'--mount {asked}'})",
+            "wire is bent, and a mount is printed in one with its piece",
+            "Leave it out, and hang the wire by a thread",
+        )
     if scene.mount.kind == "wall" and any(v.wall_radius_mm is not None for v in scene.views):
         raise InputError(
             "a wall mount (--mount wall)",

@@ -137,6 +137,23 @@ def test_what_a_build_draws_is_not_marked(tmp_path: Path, width: int) -> None:
     assert seen.piece_mm == pytest.approx((675 / seen.px_per_mm, 680 / seen.px_per_mm), rel=0.02)
 
 
+def test_a_tube_that_fills_the_gaps_is_not_said_to_draw_a_picture(tmp_path: Path) -> None:
+    """A coil as of strokes: a tube as thick as stroke and gap leaves nothing out, half as much is spill."""
+    turn = np.linspace(0, 8 * np.pi, 2000)
+    x, y = SIDE / 2 + (60 + 11 * turn) * np.array([np.cos(turn), np.sin(turn)])
+    coil = Image.new("L", (SIDE, SIDE), 255)
+    for at in zip(x, y, strict=True):
+        ImageDraw.Draw(coil).circle(at, 17, fill=0)
+    coil.save(tmp_path / "coil.png")
+    found = look(tmp_path / "coil.png")
+    (seen,) = found.views
+    spilling = [radius for radius, share in seen.spills.items() if share > 0.3]
+    assert any(not seen.losses[radius] for radius in spilling)
+    assert seen.whole_mm is not None and seen.whole_mm < min(spilling)
+    given = said_of(look(tmp_path / "coil.png", Scene(piece=Piece(tube_radius_mm=min(spilling)))))
+    assert "% as much beside it" in given
+
+
 def test_a_plate_moves_the_wall_to_the_piece_and_loses_nothing(tmp_path: Path) -> None:
     path = lines(tmp_path / "a.png", width=60, body=True)
     plate = Scene.model_validate({"piece": {"supports": "none"}, "mount": {"plate": "outline"}})

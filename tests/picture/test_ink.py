@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from PIL import Image, ImageDraw, ImageFilter
 
 from knotfab.base.arrays import Mask
+from knotfab.picture.ink import WHITE_TOO
 from knotfab.picture.read import Target, read_target
 from knotfab.picture.silhouette import drop_specks, holes_of, keep_largest, pieces_of
 from knotfab_formats.errors import InputError
@@ -271,7 +272,18 @@ def test_what_is_opaque_and_of_several_colours_is_said_to_be(tmp_path: Path) -> 
     face[(np.abs(np.abs(x) - 35) < 12) & (np.abs(y + 20) < 12), :3] = 0
     Image.fromarray(face.astype(np.uint8)).save(tmp_path / "face.png")
     rule = read_target(tmp_path / "face.png").rule
-    assert "--ink COLOUR takes one of them alone" in rule
+    assert '; its colours are orange (#e46400, 54%) and red (#cc0000, 46%): --ink "#e46400"' in rule
+    assert "draws the orange alone" in rule and WHITE_TOO not in rule
+
+
+def test_white_in_a_drawing_without_a_ground_is_said_to_be_drawn(tmp_path: Path) -> None:
+    """A white bolt that comes out of its cloud: no colour encloses it, and on white paper nobody sees it."""
+    cloudy = disc(45, 50, 25)
+    cloud = painted(CLEAR, (cloudy, (*RED, 255)), (TICK, (*WHITE, 255)))
+    target = read(tmp_path, cloud)
+    assert (target.mask == (cloudy | TICK)).all() and f"{WHITE_TOO}: --ink " in target.rule
+    bare = read(tmp_path, cloud, ink="#d61e28")
+    assert not (bare.mask & TICK).any() and WHITE_TOO not in bare.rule
 
 
 STRAY = {"a pixel": (slice(0, 1), slice(0, 1)), "a row": (slice(-1, None), slice(None))}

@@ -193,6 +193,10 @@ def test_a_plan_out_of_time_says_so_and_one_that_cannot_be_bent_is_refused(tmp_p
     knots, scene, picture = ring_scene(tmp_path, 1)
     plan = write_bending_plan(tmp_path, knots, scene, [picture], ends=0.0)
     assert plan.cut == "--time-budget" and any(plan.cut in note for note in tell_plan(plan))
+    for straight, bend, said in ((30.0, 90.0, False), (2.0, 90.0, True), (30.0, 142.0, True)):
+        wire = replace(KNOT, shortest_straight_mm=straight, largest_bend_deg=bend)
+        told = tell_plan(replace(plan, figures=replace(plan.figures, knots=(wire,))))
+        assert any("hardly a hand" in note for note in told) == said
     wide = scene.model_copy(update={"material": STEEL.model_copy(update={"tool_radius_mm": 40.0})})
     with pytest.raises(SceneError, match=r"bends overlap.*tool_radius_mm"):
         write_bending_plan(tmp_path, knots, wide, [picture])
