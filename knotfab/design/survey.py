@@ -52,11 +52,12 @@ _FEW = 200  # pieces and holes up to which polygons are opened, and not pixels
 class ViewSurvey:
     """One picture's silhouette, in px, and what tubes lose of it. Radii are in mm of the piece.
 
-    `losses`: what is lost with the chosen radius and with thicker ones, in px of the picture; `spills`: what
-    they draw beside it, as a share of it. `whole_mm`: the thickest radius tried that neither loses nor spills
-    anything that counts, None if there is none. `together`: the share of strokes that run
-    together when drawn by a tube; 0 if areas are filled. `likeness`: the best that the thinnest tube could
-    draw, None if most of the picture is wider than two tubes.
+    `pieces` and `holes` are counted without specks that nobody misses. `losses`: what is lost with the chosen
+    radius and with thicker ones, in px of the picture; `spills`: what they draw beside it, as a share of it.
+    `whole_mm`: the thickest radius tried that neither loses nor spills anything that counts, None if there is
+    none. `together`: the share of strokes that run together when drawn by a tube; 0 if areas are filled.
+    `likeness`: the best that the thinnest tube could draw, None if most of the picture is wider than two
+    tubes.
     """
 
     view: ResolvedView
@@ -186,12 +187,14 @@ def survey_views(scene: ResolvedScene, targets: Sequence[Target]) -> tuple[ViewS
         else:
             likeness = estimate_likeness(target.mask, radius * px)
         wide = 2.0 * radius * px
+        least = (_SPECK * scene.printer.min_tube_radius_mm * px) ** 2
+        pieces, holes = (areas(target.mask)[1] for areas in (pieces_of, holes_of))
         found.append(
             ViewSurvey(
                 framed,
                 target,
-                len(pieces_of(target.mask)[1]),
-                len(holes_of(target.mask)[1]),
+                int((pieces >= min(least, pieces.max())).sum()),
+                int((holes >= least).sum()),
                 together=run_together(target.asked, target.judged, wide) if lines else 0.0,
                 likeness=likeness,
             )

@@ -137,6 +137,17 @@ def test_what_a_build_draws_is_not_marked(tmp_path: Path, width: int) -> None:
     assert seen.piece_mm == pytest.approx((675 / seen.px_per_mm, 680 / seen.px_per_mm), rel=0.02)
 
 
+def test_specks_that_nobody_misses_are_not_counted(tmp_path: Path) -> None:
+    """Strokes without soft edges leave single pixels out where they meet."""
+    ring = Image.new("L", (SIDE // 2, SIDE // 2), 255)
+    ImageDraw.Draw(ring).rectangle((60, 60, 300, 300), outline=0, width=40)
+    for at, level in (((80, 80), 255), ((280, 90), 255), ((20, 20), 0)):
+        ring.putpixel(at, level)
+    ring.save(tmp_path / "ring.png")
+    (seen,) = look(tmp_path / "ring.png").views
+    assert (seen.pieces, seen.holes) == (1, 1)
+
+
 def test_a_tube_that_fills_the_gaps_is_not_said_to_draw_a_picture(tmp_path: Path) -> None:
     """A coil as of strokes: a tube as thick as stroke and gap leaves nothing out, half as much is spill."""
     turn = np.linspace(0, 8 * np.pi, 2000)
