@@ -30,7 +30,7 @@ from knotfab.report.drill_template import card_middles, draw_marks_page
 from knotfab.scene.camera import Camera, camera_of
 from knotfab.scene.load import dump_scene, load_scene
 from knotfab_formats.errors import InputError
-from knotfab_formats.piece import Accuracy, Mount
+from knotfab_formats.piece import Accuracy, Mount, Piece
 from knotfab_formats.scene import ResolvedView, Scene
 
 VIEW = ResolvedView(
@@ -47,6 +47,10 @@ KNOTS = Knots(
 CORNERS = 0.75 * np.array([[210.0, 140.0], [1010.0, 190.0], [960.0, 800.0], [260.0, 720.0]])
 FARTHER = CORNERS.mean(axis=0) + 0.72 * (CORNERS - CORNERS.mean(axis=0))
 SIZE = (900, 675)
+QUICK = {
+    "coarse_px": 96, "fine_px": 160, "coarse_iterations": 25, "fine_iterations": 20,
+    "settle_iterations": 20, "depth_candidates": 4,
+}  # fmt: skip
 
 
 @cache
@@ -169,7 +173,8 @@ def test_a_part_is_built_for_the_lamp_as_it_stands(folder: Path, tmp_path: Path)
     """What is foretold of it is what its own shadow brings, thrown by the lamp that stood there."""
     moved, place = (-12.0, -10.0, 150.0), shutil.copytree(folder, tmp_path / "ring")
     scene = load_scene(place / "scene.toml")
-    keys = {"mount": Mount(kind="none"), "accuracy": Accuracy(name="sketch")}
+    keys = {"mount": Mount(kind="none"), "accuracy": Accuracy(name="sketch"), "search": QUICK}
+    keys["piece"] = Piece(tube_radius_mm=4.0)
     (place / "scene.toml").write_text(dump_scene(scene.model_copy(update=keys)))
     photo = photograph(tmp_path / "photo.png", moved)
     out = ("--out", tmp_path / "out.png", "--build", "--json")

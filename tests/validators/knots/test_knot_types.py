@@ -312,7 +312,7 @@ def move_randomly(polygon: Array, rounds: int, seed: int) -> Array:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", some(range(4), 2))
 def test_unknots_tangled_by_random_moves_are_proved(seed: int) -> None:
     tangled = move_randomly(ring(60, 2.0), 40, seed)
     assert found_of(tangled, "unknot").measured == "unknot, proved"
