@@ -1,9 +1,9 @@
 """Print the project's own pictures without supports and with the slicer's, and compare what it takes.
 
-`python -m benchmarks.supports_table [--accuracy NAME] [--out DIR] [NAME ...]`: filament and, of it, supports,
-hours, IoU, mean curvature × radius, how legible the piece is from 45 degrees (z), CPU seconds, and what
-failed. Both ways bare (--mount none), with the same settings else. Pictures that are done are not built
-again.
+`python -m benchmarks.supports_table [--mount none|wall] [--accuracy NAME] [--out DIR] [NAME ...]`: filament
+and, of it, supports, hours, IoU, mean curvature × radius, how legible the piece is from 45 degrees (z), CPU
+seconds, and what failed. With the same settings else: both ways bare (`none`), or on a plate of the outline
+beside the wall mount of pegs (`wall`). Pictures that are done are not built again.
 """
 
 from __future__ import annotations
@@ -24,6 +24,8 @@ from benchmarks.measurement import (
 from examples.pictures import pictures
 
 WAYS = ("none", "slicer")
+# what stands between wall and piece, for a way with a wall mount
+_PLATES = {"none": "outline", "slicer": "pegs"}
 _HEAD = "picture    supports code  total g  supp. g      h     IoU   bend   z 45   CPU s  failed"
 
 
@@ -76,7 +78,9 @@ def summarize(pairs: list[dict[str, dict[str, float]]]) -> list[str]:
     ]
 
 
-def main(*names: str, accuracy: str = "standard", out: Path | None = None) -> None:
+def main(
+    *names: str, mount: str = "none", accuracy: str = "standard", out: Path | None = None
+) -> None:
     """Print the table and its summary."""
     folder = make_folder(out, "supports")
     print(_HEAD)
@@ -84,8 +88,10 @@ def main(*names: str, accuracy: str = "standard", out: Path | None = None) -> No
     for name, path in save_pictures(pictures(), folder, names).items():
         pair = {}
         for way in WAYS:
-            options = "--mount", "none", "--supports", way, "--accuracy", accuracy
-            built = build_once(path, folder / f"{name}-{way}", *options, printing=True)
+            options = ["--mount", mount, "--supports", way, "--accuracy", accuracy]
+            if mount == "wall":
+                options += ["--plate", _PLATES[way]]
+            built = build_once(path, folder / f"{name}-{mount}-{way}", *options, printing=True)
             row = row_of(built)
             if row is None:
                 notes = (built["report"] or {}).get("notes", [built["said"]])

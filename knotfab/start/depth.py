@@ -23,17 +23,15 @@ from knotfab.geometry.legs import find_legs, plan_bars
 from knotfab.geometry.overhang import Rules, strands_along, support_cm3
 from knotfab.geometry.polylines import arc_lengths, pair_nearby, sample_evenly, split_alike
 from knotfab.problem import DepthChoice
+from knotfab.start.arches import Arches, draw_arches, fold_of, highest_mm
+from knotfab.start.doubled import find_doubled
 from knotfab.start.lanes import part_sides
 from knotfab.start.profiles import (
-    Arches,
     Profile,
     Relief,
     about_middle,
-    draw_arches,
     draw_profile,
     draw_relief,
-    fold_of,
-    highest_mm,
     legibility_from,
     turns_aside,
 )
@@ -130,6 +128,7 @@ class _Judge:
         self.frame = low, every.max(0) + self.radius - low  # corner and size of `target`, mm
         self.tops = np.array([min(self.extent_mm, highest_mm(c)) for c in self.curves])
         self.folds = [fold_of(s, self.radius) for s in self.samples]
+        self.doubled = find_doubled(self.samples, self.pairs, self.radius) if self.arched else []
         self.drawing = [] if self.sharpening is None else self.sharpening.drawing(self.samples)
         self.beside = None  # heights that the lanes add to the samples, mm
         if self.lanes is not None:
@@ -144,7 +143,7 @@ class _Judge:
         if self.lanes is not None:
             return draw_relief(rng, number, across_mm)
         if self.arched:
-            return draw_arches(rng, self.arcs, self.tops, self.radius, self.folds)
+            return draw_arches(rng, self.arcs, self.tops, self.radius, self.folds, self.doubled)
         return draw_profile(rng, number, across_mm, self.arcs)
 
     def heights(

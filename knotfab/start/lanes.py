@@ -185,7 +185,7 @@ def part_sides(
         return np.zeros_like(depths)
     # take each pair in both orders, for the order of indices changes where a curve begins
     a, b = np.concatenate([one, other]), np.concatenate([other, one])
-    stretch = _number_stretches(a, b, [len(s) for s in samples])
+    stretch = number_stretches(a, b, [len(s) for s in samples])
     swap = np.bincount(stretch, depths[a] - depths[b])[stretch[: len(one)]] < 0
     above, below = np.where(swap, other, one), np.where(swap, one, other)
     apart = np.full(len(one), _ROOM * separation)
@@ -202,7 +202,7 @@ def part_sides(
     return moved - depths
 
 
-def _number_stretches(one: Indices, other: Indices, sizes: list[int]) -> Indices:
+def number_stretches(one: Indices, other: Indices, sizes: list[int]) -> Indices:
     """Return for each ordered pair of samples the number of the stretch that it belongs to, (m,)."""
     count = sum(sizes)
     ends = np.cumsum(sizes)

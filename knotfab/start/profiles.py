@@ -2,33 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy.spatial import ConvexHull, QhullError
 from scipy.special import erf
 
 from knotfab.base.arrays import Array, Mask
 from knotfab.base.compiled import compiled
-from knotfab.geometry.polylines import arc_lengths
-from knotfab_formats.upright import LEAST_TIP_DEG
 
 _WAVELENGTHS = (0.65, 0.85, 1.1)  # shortest wave of a profile, over the width of the piece
 _RELIEF = 1.0, 1.4, 2.0  # shortest wave of a relief, likewise
 _RELIEF_WAVES = 4
 _CHANGED = 0.5  # share of its waves that a variation changes
-# arches: least and most angle of a flank from the bed, and the lowest peak over the highest: lower ones make
-# the picture plainer from aside
-_FLANKS_DEG = 49.0, 54.0
-_LOWEST_PEAK = 0.85
-_FEET = 3  # of a curve, at least: it stands on them
-_ROUNDED_RADII = 2.1  # width of what rounds a peak and a valley, in tube radii
-LOWEST_ARCH_RADII = 2.5  # what has no room for arches as high lies on the floor instead
-_NARROW_RADII = 2.2  # a loop as wide has sides that hide each other: it stands on its edge
-# of the distance from a curve's middle to a side of its hull: so near is a side of its feet's hull
-_FEET_SHARE = 0.6
 _GRID = 128  # side of the grid on which legibility is estimated, to 0.02
 _BLOCK = 256  # points whose waves are summed at once: they stay in the processor's nearest cache
 
@@ -113,161 +99,6 @@ class Relief:
         """Return a variation with the same wave vectors, each wave with a share `change` of new noise."""
         step = rng.normal(size=self.waves.shape)
         return Relief(self.vectors, np.sqrt(1.0 - change**2) * self.waves + change * step)
-
-
-@dataclass(frozen=True)
-class Arches:
-    """A depth profile of arches: for each curve a chain (k, 3) of peaks, mm, and slopes of both flanks.
-
-    A curve that lies on the floor has an empty chain, and a ring that stands on its edge a single arch. Each
-    chain begins at the share `begins` of its curve's length; `tops` bounds its peaks, mm. `lengths` are the
-    curves', mm.
-    """
-
-    chains: tuple[Array, ...]
-    begins: Array
-    tops: Array
-    radius_mm: float
-    lengths: tuple[float, ...]
-
-    def heights(self, arcs: list[Array]) -> list[Array]:
-        """Return heights above the floor, mm, at each curve's arc lengths (n + 1,), the last its length."""
-        given = zip(self.chains, self.begins.tolist(), arcs, strict=True)
-        return [self._heights_of(*one) for one in given]
-
-    def _heights_of(self, chain: Array, begin: float, arc: Array) -> Array:
-        if not len(chain):
-            return np.zeros(len(arc) - 1)
-        length = float(arc[-1])
-        at = (arc[:-1] + begin * length) % length
-        if len(chain) == 1:
-            return np.asarray(0.5 * chain[0, 0] * (1.0 - np.cos(2.0 * np.pi / length * at)))
-        flanks = chain[:, :1] / chain[:, 1:]
-        ends = np.cumsum(flanks.sum(1))
-        # round the number of arches up and scale them down, which keeps their slopes
-        count = min(int(np.searchsorted(ends, length)) + 1, len(chain))
-        share = length / ends[count - 1]
-        corners = share * np.concatenate([[0.0], np.cumsum(flanks[:count].ravel())])
-        peaks = np.zeros(2 * count + 1)
-        peaks[1::2] = share * chain[:count, 0]
-        points = max(8, int(np.ceil(length / (0.3 * self.radius_mm))))
-        step = length / points
-        rough = np.interp(step * np.arange(points), corners, peaks)
-        window = np.hanning(2 * max(1, round(0.5 * _ROUNDED_RADII * self.radius_mm / step)) + 3)[
-            1:-1
-        ]
-        beyond = len(window) // 2
-        wrapped = np.take(rough, np.arange(-beyond, points + beyond), mode="wrap")
-        smooth = np.convolve(wrapped, window / window.sum(), "valid")
-        # lower the rounded valleys to the floor again
-        valleys = np.round(corners[::2] / step).astype(int) % points
-        raised = np.interp(step * np.arange(points), corners[::2], smooth[valleys])
-        smooth = np.maximum(smooth - raised, 0.0)
-        return np.asarray(np.interp(at, step * np.arange(points), smooth, period=length))
-
-    def split(self, curve: int, shares: Array, first: float) -> Arches:
-        """Return another in which the arches at these shares of a curve are two, of `first` and what is left.
-
-        Both are as steep as it was, and all others stay where they are.
-        """
-        chain = self.chains[curve]
-        if not len(chain):
-            return self
-        ends = np.cumsum((chain[:, :1] / chain[:, 1:]).sum(1))
-        count = min(int(np.searchsorted(ends, self.lengths[curve])) + 1, len(chain))
-        at = np.searchsorted(ends, (shares + self.begins[curve]) % 1.0 * ends[count - 1])
-        low = min(first, 1.0 - first) * chain[:, 0] < LOWEST_ARCH_RADII * self.radius_mm
-        rows = list[Array]()
-        for number, row in enumerate(chain):
-            if number in at and not low[number]:
-                rows += [row * [first, 1.0, 1.0], row * [1.0 - first, 1.0, 1.0]]
-            else:
-                rows.append(row)
-        if len(rows) == len(chain):
-            return self
-        return replace(
-            self, chains=(*self.chains[:curve], np.array(rows), *self.chains[curve + 1 :])
-        )
-
-    def varied(self, rng: np.random.Generator, change: float) -> Arches:
-        """Return a variation in which about half the arches change, by `change` times their spread."""
-        low, high = _slopes()
-        chains = []
-        for chain, top in zip(self.chains, self.tops.tolist(), strict=True):
-            step = change * rng.normal(size=chain.shape) * (rng.random((len(chain), 1)) < _CHANGED)
-            peaks = np.clip(chain[:, :1] + 0.5 * top * step[:, :1], _LOWEST_PEAK * top, top)
-            slopes = np.clip(chain[:, 1:] * np.exp(0.3 * step[:, 1:]), low, high)
-            chains.append(np.hstack([peaks, slopes]))
-        moved = self.begins + 0.15 * change * rng.normal(size=len(self.begins))
-        moved = np.where([len(chain) == 1 for chain in chains], self.begins, moved)
-        return replace(self, chains=tuple(chains), begins=moved % 1.0)
-
-
-def _slopes() -> tuple[float, float]:
-    low, high = np.tan(np.radians(_FLANKS_DEG)).tolist()
-    return low, high
-
-
-def draw_arches(
-    rng: np.random.Generator,
-    arcs: list[Array],
-    tops: Array,
-    radius_mm: float,
-    folds: Sequence[float | None],
-) -> Arches:
-    """Draw random arches for curves of these arc lengths (n + 1,), with peaks up to `tops`, mm.
-
-    A curve too short for three feet gets lower arches. A very short one lies on the floor, or stands on its
-    edge if it is narrow: `folds` is what `fold_of` finds.
-    """
-    low, high = _slopes()
-    wide = 2.0 / (0.5 * (low + high))  # length of an arch over its height
-    lengths = np.array([float(arc[-1]) for arc in arcs])
-    tops = np.minimum(tops, lengths / (_FEET * wide))
-    chains = []
-    for number, fold in enumerate(folds):
-        count, top = 0, float(tops[number])
-        if top >= LOWEST_ARCH_RADII * radius_mm:
-            count = int(np.ceil(lengths[number] * high / (2 * _LOWEST_PEAK * top))) + 1
-        elif fold is not None:
-            count = 1
-            tops[number] = top = max(0.5 * lengths[number], LOWEST_ARCH_RADII * radius_mm)
-        peaks = rng.uniform(_LOWEST_PEAK, 1.0, (count, 1)) * top
-        angles = np.radians(rng.uniform(*_FLANKS_DEG, (count, 2)))
-        chains.append(np.hstack([peaks, np.tan(angles)]))
-    begins = rng.uniform(size=len(arcs))
-    for number, fold in enumerate(folds):
-        if fold is not None and len(chains[number]) == 1:
-            # both ends are half as high, so that one side passes above the other
-            begins[number] = (0.25 - fold) % 1.0
-    return Arches(tuple(chains), begins, tops, radius_mm, tuple(lengths.tolist()))
-
-
-def fold_of(curve: Array, radius_mm: float) -> float | None:
-    """Find where a closed curve (n, 2) turns back, as a share of its length; None if it is no narrow loop."""
-    arc, (x, y) = arc_lengths(curve), curve.T
-    area = 0.5 * abs(float(x @ np.roll(y, -1) - y @ np.roll(x, -1)))
-    if 4.0 * area >= _NARROW_RADII * radius_mm * arc[-1]:
-        return None
-    centred = curve - curve.mean(0)
-    axis = np.linalg.eigh(centred.T @ centred)[1][:, -1]
-    return float(arc[int((centred @ axis).argmax())] / arc[-1])
-
-
-def highest_mm(curve: Array) -> float:
-    """Return the highest peak of a closed curve (n, 2), mm, that stands alone and is not to topple.
-
-    Its middle is about 0.4 of that high, and feet are anywhere along the curve.
-    """
-    edge = np.roll(curve, -1, axis=0) - curve
-    length = np.linalg.norm(edge, axis=1)
-    middle = length @ (curve + 0.5 * edge) / length.sum()
-    try:
-        sides = ConvexHull(curve).equations
-    except QhullError:
-        return 0.0
-    inside = float(-(sides[:, :2] @ middle + sides[:, 2]).max())
-    return _FEET_SHARE * inside / (0.4 * float(np.tan(np.radians(LEAST_TIP_DEG))))
 
 
 def draw_relief(rng: np.random.Generator, number: int, across_mm: float) -> Relief:

@@ -18,6 +18,7 @@ from knotfab.part.orient import AXES
 from knotfab.picture.silhouette import mask_iou
 from knotfab.problem import DepthChoice, Problem, Start
 from knotfab.scene.camera import camera_of
+from knotfab.start.arches import draw_arches, fold_of
 from knotfab.start.depth import _Judge, choose_depth, lift
 from knotfab.start.filling import Template, fill
 from knotfab.start.lanes import part_sides
@@ -25,10 +26,8 @@ from knotfab.start.lift import lift_template
 from knotfab.start.profiles import (
     _cover,
     about_middle,
-    draw_arches,
     draw_profile,
     draw_relief,
-    fold_of,
     legibility,
     legibility_from,
     stretch_mask,
