@@ -1,16 +1,20 @@
 """Build the project's own pictures on holders, and print which holds, what it costs, and what fails.
 
 `python -m benchmarks.mount_table [NAME ...] [--only auto|wall|stand|hang ...] [--accuracy NAME ...]
-[--slicer] [--out DIR]`. Without a NAME: what a default `--print` chooses (auto) for all pictures at draft and
-standard, for three of them at sketch and fine, and the knight on each holder at draft, standard and fine.
-With NAMEs, those on each holder at each accuracy. A row: exit code, the holder, the word, IoU of the knots
-alone and what the holder takes off it in the frame, intrusion, sag, its pegs, posts or feet with their
-struts, the angle that a stand can be tipped by, CPU seconds, and what failed. With --out, pictures that are
-done are not built again. A NAME such as heart+teapot is one piece of two views. --slicer asks the slicer too.
+[--slicer] [--promised] [--out DIR]`. Without a NAME: what a default `--print` chooses (auto) for all
+pictures at draft and standard, for three of them at sketch and fine, and the knight on each holder at draft,
+standard and fine. With NAMEs, those on each holder at each accuracy. A row: exit code, the holder, the word,
+IoU of the knots alone and what the holder takes off it in the frame, intrusion, sag, its pegs, posts or feet
+with their struts, the angle that a stand can be tipped by, CPU seconds, and what failed. With --out,
+pictures that are done are not built again. A NAME such as heart+teapot is one piece of two views. --slicer
+asks the slicer too. --promised prints below each row what the lines before the build say of radius, grams,
+hours and mount, beside what was built, marked ! where the radius or the mount is another, or the rest is off
+by more than a fifth.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
@@ -68,6 +72,33 @@ class Row:
         )
 
 
+def tell_promise(picture: str, kind: Kind, how: str, report: dict[str, Any], holder: str) -> None:
+    """Print what the lines before a build promise beside its report."""
+    from knotfab.base.progress import Progress
+    from knotfab.pipeline.options import BuildOptions
+    from knotfab.pipeline.prepare import prepare_build
+
+    asked = BuildOptions(print_=True, accuracy=how, mount=kind, force=True)
+    request = prepare_build((picture,), asked, "", Progress("quiet"))
+    said = re.search(r"a guess: ([\d.]+) g(?: and ([\d.]+) h)?", " ".join(request.preview))
+    grams, hours = (float(x) if x else None for x in (said.groups() if said else (None, None)))
+    mount, printed = request.scene.mount, report["print"]
+    place = "wall" if mount.on_feet else mount.kind
+    sliced = None if printed.get("time_s") is None else printed["time_s"] / 3600
+    pairs = {
+        "radius": (request.previewed_radius_mm, report["settings"]["tube_radius_mm"], 0.005),
+        "g": (grams, printed["mass_g"], 0.2),
+        "h": (hours, sliced, 0.2),
+    }
+    words = [
+        f"{what} {told:.3g} for {made:.3g}{' !' if abs(told / made - 1) > most else ''}"
+        for what, (told, made, most) in pairs.items()
+        if told and made
+    ]
+    kept = holder.startswith(place) or place == "auto"
+    print(f"  promised: {', '.join(words)}, {place} for {holder}{'' if kept else ' !'}", flush=True)
+
+
 def list_usual() -> Iterator[tuple[str, Kind, str]]:
     """List what is built where no NAME is given: picture, mount, accuracy."""
     for accuracy in ("draft", "standard"):
@@ -83,6 +114,7 @@ def main(
     only: Sequence[Kind] = (),
     accuracy: Sequence[str] = (),
     slicer: bool = False,
+    promised: bool = False,
     out: Path | None = None,
 ) -> int:
     """Print the table and how many builds have no holder that passes; 1 where there are any."""
@@ -111,6 +143,8 @@ def main(
         row = None if report is None else Row.of(report)
         told = said if row is None else f"{row}  {cpu:>5}  {' '.join(row.failed)}"
         print(f"{name:<10} {how:<8} {kind:<5} {code:>4}  {told}", flush=True)
+        if promised and report is not None and row is not None:
+            tell_promise(str(folder / f"{name}.png"), kind, how, report, row.holder)
         if code or row is None or row.holder == "none":
             bad.append(f"{name} {kind} {how}")
     print(f"{len(wanted)} builds; without a holder that passes: {', '.join(bad) or 'none'}")
