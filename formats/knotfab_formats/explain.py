@@ -161,6 +161,10 @@ def _wrong_value(
     path: tuple[int | str, ...], errors: list[Any], raw: Mapping[str, Any], what: str
 ) -> InputError:
     value = _look_up(path, raw)
+    if path == ("views",) and errors[0]["type"] == "too_long":
+        most = errors[0]["ctx"]["max_length"]
+        why = f"it has {len(value)} views, and half a turn leaves something of at most {most} pictures"
+        return InputError(what, why, "Leave some [[views]] out.")
     if path in (("views",), ("views", 0)) and not isinstance(value, dict):
         return InputError(
             what, "it has no view in [[views]]", "Write one or more [[views]] tables."

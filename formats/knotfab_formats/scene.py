@@ -36,7 +36,7 @@ from knotfab_formats.views import Lamps, Placing, Room, Switches, View
 LIGHT_SHARE, WALL_SHARE = 0.25, 0.9
 # px on the longer side of a frame at which shadows are verified and magnitudes reported
 VERIFIED_PX = 1024
-MOST_VIEWS = 240  # as many as a sequence has frames
+MOST_VIEWS = 12  # of one part; with more, half a turn leaves nothing of each picture
 
 
 class Scene(Table):

@@ -41,7 +41,6 @@ from knotfab_formats.views import View
 AGREED = 0.995  # pictures whose bounds (IoU) reach this agree: nothing is moved or bent
 MOST_BENT = 0.12  # default limit on a point's displacement, as a share of the picture's height
 _HOPELESS = 0.5  # bound (IoU) below which no search begins
-_MOST_VIEWS = 12  # with more views the hull keeps nothing of each picture
 _SCALED = 12  # attempts to scale a bending back until the picture keeps its pieces and holes
 _SLACK = 0.0008  # error (IoU) of a bound that is measured coarsely
 _SAID = 0.001  # shortfall of a bound (IoU) that is not worth a message
@@ -71,18 +70,12 @@ def agree(
         azimuths_open: whether the views may be moved because nobody gave their azimuths.
 
     Raises:
-        InputError: two views look along one line, or there are too many views.
+        InputError: two views look along one line.
         SceneError: the other pictures leave nothing of one picture.
     """
     targets = tuple(targets)
     if len(targets) < 2:
         return Agreement(scene, targets)
-    if len(targets) > _MOST_VIEWS:
-        raise InputError(
-            f"{len(targets)} pictures for one part",
-            f"half a turn is all that they have, and more than {_MOST_VIEWS} leave each other nothing",
-            "Give fewer, or add --sequence for one part each",
-        )
     if scene.share_wall:
         return Agreement(scene, targets)  # masks of one picture must register with one another
     if any(v.wall_radius_mm is not None for v in scene.views):

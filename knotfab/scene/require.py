@@ -9,7 +9,7 @@ from knotfab.knots import read_start
 from knotfab_formats.errors import InputError
 from knotfab_formats.knots import parse_knot_name
 from knotfab_formats.piece import Printer
-from knotfab_formats.scene import ResolvedScene
+from knotfab_formats.scene import MOST_VIEWS, ResolvedScene
 
 
 def require_mount(scene: ResolvedScene) -> None:
@@ -66,11 +66,17 @@ def require_walls(scene: ResolvedScene) -> None:
 
 
 def require_several(scene: ResolvedScene) -> None:
-    """Refuse settings that several views exclude for a physical reason.
+    """Refuse settings that several views exclude for a physical reason, and too many views.
 
     Raises:
         InputError: naming the key and what to do.
     """
+    if len(scene.views) > MOST_VIEWS:
+        raise InputError(
+            f"{len(scene.views)} pictures for one part",
+            f"half a turn is all that they have, and more than {MOST_VIEWS} leave each other nothing",
+            "Give fewer, or add --sequence for one part each",
+        )
     if scene.piece.depth is not None:
         raise InputError(
             "scene key piece.depth",

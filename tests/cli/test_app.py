@@ -48,6 +48,9 @@ BAD_SCENES = {
     "[piece\n": "not valid TOML",
     "[search]\niterations = 10\n": "there is no such setting",
     "schema = 2\n": "must be 1",
+    "\n".join(
+        f'[[views]]\nname = "v{k}"\nazimuth_deg = {13 * k}' for k in range(13)
+    ): "has 13 views",
 }
 BAD_CALLS = [
     (["--bogus"], "Unknown option"),

@@ -37,6 +37,7 @@ from knotfab.report.pictures import draw_agreement
 from knotfab.scene.camera import cameras_of
 from knotfab.scene.catalogue import asked_for, resolve
 from knotfab.scene.load import dump_scene, parse_scene
+from knotfab.scene.require import require_several
 from knotfab_formats.errors import InputError
 from knotfab_formats.piece import Material, Printer
 from knotfab_formats.scene import Scene
@@ -217,7 +218,7 @@ def test_views_along_one_line_and_too_many_are_refused() -> None:
         with pytest.raises(InputError, match="look along one line"):
             agree(alike, (EGG, PARTED))
     with pytest.raises(InputError, match="14 pictures"):
-        agree(spread_views(Scene(), "abcdefghijklmn"[:14]), (EGG,) * 14)
+        require_several(resolve(spread_views(Scene(), "abcdefghijklmn"[:14])))
 
 
 def test_a_mirrored_picture_is_said_and_is_never_text() -> None:
