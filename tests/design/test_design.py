@@ -54,7 +54,7 @@ FEW = {
         # strands as the picture's own filling has them bend more than that
         (
             {
-                "piece": {"tube_radius_mm": 7.0},
+                "piece": {"tube_radius_mm": 9.0},
                 "placing": {"lamp_mm": 80.0, "turn_deg": 8.0},
                 "material": {"min_bend_radius_mm": 45.0},
             },
@@ -69,7 +69,7 @@ def test_the_scene_of_a_build_repeats_it(
     scene: dict[str, Any], flatter: bool, sparser: bool
 ) -> None:
     target = read_target("text:8")
-    piece = {"tube_radius_mm": 3.0, **scene.pop("piece", {})}
+    piece = {"tube_radius_mm": 5.0, **scene.pop("piece", {})}
     given = {"schema": 1, "views": [{"picture": "8.png"}], "search": FEW, "piece": piece, **scene}
     made = design_knots(resolve(Scene.model_validate(given)), [target])
     assert (made.unmet is not None) == sparser
