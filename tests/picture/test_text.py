@@ -23,14 +23,17 @@ from knotfab_formats.views import Reading
 from tests.picture.test_read import again
 
 
-@pytest.mark.usefixtures("large")
 @pytest.mark.slow
-@pytest.mark.parametrize("text", ["♞", "abc", "∮", "-"])
-def test_text_hugs_the_ink(tmp_path: Path, text: str) -> None:
+@pytest.mark.parametrize(("text", "side"), [("♞", 2048), ("abc", 512), ("∮", 512), ("-", 512)])
+def test_text_hugs_the_ink(
+    tmp_path: Path, text: str, side: int, request: pytest.FixtureRequest
+) -> None:
+    if side == 2048:
+        request.getfixturevalue("large")
     target = read_target(f"text:{text}")
     rows, columns = target.mask.any(axis=1).nonzero()[0], target.mask.any(axis=0).nonzero()[0]
-    assert max(target.width, target.height) == 2048
-    margin = 0.06 * 2048
+    assert max(target.width, target.height) == side
+    margin = 0.06 * side
     gaps = [columns[0], target.width - 1 - columns[-1], rows[0], target.height - 1 - rows[-1]]
     assert gaps == pytest.approx([margin] * 4, abs=1.5)
     assert target.suffix == ".png"

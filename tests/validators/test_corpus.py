@@ -351,7 +351,9 @@ def list_others(meant: str) -> list[str]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("case", list(of_each_check(BROKEN)), ids=lambda case: f"{case.meant}: {case.name}")
+@pytest.mark.parametrize(
+    "case", list(of_each_check(BROKEN)), ids=lambda case: f"{case.meant}: {case.name}"
+)
 def test_a_broken_part_is_rejected_where_it_is_broken(case: Broken, tmp_path: Path) -> None:
     row = judge_case(case, tmp_path, list_others(case.meant))
     assert row.right, row.said
