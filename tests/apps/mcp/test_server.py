@@ -227,7 +227,7 @@ def test_a_build_reports_progress_and_is_validated(folder: Path) -> None:
         seen.append((done, total, words))
 
     async def use(client: Client) -> list[CallToolResult]:
-        given = {"pictures": ["egg.png"], "accuracy": "sketch", "out": "egg"}
+        given = {"pictures": ["egg.png"], "accuracy": "sketch", "tube_radius": 6, "out": "egg"}
         built = await client.call_tool("build", given, progress_callback=hear)
         checked = await client.call_tool("validate", {"part": "egg"})
         cast = {"part": "egg/part.stl", "scene": "egg/scene.toml"}
