@@ -433,6 +433,7 @@ def test_a_failed_check_rejects_the_whole_and_keeps_the_earlier(
     ]
 
 
+@pytest.mark.study  # that nothing renders, and that it may go on, tests/validators/test_validate.py says too
 def test_without_rendering_the_build_says_so_and_may_go_on(
     designed: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from knot_curves import random_markov
+from tables import some
 from validator_parts import Array, circle, tangle, trefoil
 
 from knotfab_validators.knots.alexander import colouring_number
@@ -223,9 +224,10 @@ def test_unknots_come_down_to_nothing() -> None:
 
 
 @pytest.mark.slow
-def test_no_diagram_has_fewer_crossings_than_its_knot() -> None:
-    assert len(reroute(closed_braid([1] * 11)).crossings) == 11
-    assert len(reroute(closed_braid([1, 2] * 7)).crossings) == 14  # T(3,7)
+@pytest.mark.parametrize(("p", "q"), some([(2, 11), (3, 7)], 2))
+def test_no_diagram_has_fewer_crossings_than_its_knot(p: int, q: int) -> None:
+    """A torus knot, drawn as the closed braid that no diagram has fewer crossings than."""
+    assert len(reroute(closed_braid([*range(1, p)] * q)).crossings) == (p - 1) * q
 
 
 @pytest.mark.slow
