@@ -231,6 +231,27 @@ def test_bars_join_what_is_listed_and_nothing_else() -> None:
     assert check_tied(replace(part, mesh=together(part.mesh, long))).measured == 1
 
 
+@pytest.mark.parametrize("aslant", [0.0, 0.4, -0.4, 0.8, 1.2])
+@pytest.mark.parametrize("gap_mm", [0.35, 0.5, 4.0])
+def test_a_bar_may_be_as_short_as_two_rows_of_the_sections(gap_mm: float, aslant: float) -> None:
+    """Two posts of aslant sections beside each other, nearly along y, or a third one between them."""
+    turn = 2 * np.pi * np.arange(48) / 48
+    section = 0.8 * np.column_stack([1.5 * np.cos(turn + aslant), np.sin(turn)])
+    post = move(prism(section, 12), RISEN)
+    way = np.array([0.15, 0.988, 0.0])
+    half = float(np.linalg.norm(section, axis=1)[np.abs(section @ [0.988, 0.15]).argmin()])
+    for shift in (0.0, 0.04, 0.08, 0.12):
+        start = np.array([0.0, shift, 5.2])
+        end = start + (2 * half + gap_mm) * way
+        bar, listed = box_bar(start, end, half - 0.4), [Bar(start, end, 0.8, 0.4)]
+        posts = [move(post, shift=at * [1, 1, 0]) for at in (start, end, 0.5 * (start + end))]
+        for count, status in ((2, "pass"), (3, "fail")):
+            if gap_mm > 2.0 or count == 2:
+                layers = slice_layers(together(*posts[:count]), LAYER)
+                check = check_bars(layers, bar, listed, 0.8)
+                assert check.status == status, check.detail
+
+
 @pytest.mark.parametrize(("z", "status"), [(0.2, "pass"), (6.2, "fail")])
 def test_only_on_the_bed_a_bar_may_be_wide(z: float, status: str) -> None:
     part = chain(height=30.0)

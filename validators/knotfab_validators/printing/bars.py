@@ -147,7 +147,8 @@ def _misses(strands: Slices, bar: Bar) -> str:
     rows = (points[:, 1] - strands.south) / strands.row
     rows = rows.clip(1, strands.rows - 2) + layer * strands.rows
     lines = strands.first, strands.left, strands.right, strands.piece
-    piece = find_pieces(*lines, 1e-9, np.ascontiguousarray(points[:, 0]), rows)
+    # the next rows would fill a narrow gap between two strands
+    piece = find_pieces(*lines, 1e-9, np.ascontiguousarray(points[:, 0]), rows, 0)
     inside = np.flatnonzero(piece >= 0)
     outside = np.flatnonzero(piece < 0)
     if not len(inside) or not len(outside):

@@ -252,16 +252,23 @@ def bound_pieces(cut: Slices) -> Array:
 
 @compiled
 def find_pieces(
-    first: Ints, left: Array, right: Array, piece: Ints, reach: float, x: Array, row: Array
+    first: Ints,
+    left: Array,
+    right: Array,
+    piece: Ints,
+    reach: float,
+    x: Array,
+    row: Array,
+    beside: int = 1,
 ) -> Ints:
     """Return the piece (n,) nearest to x in a row of all layers, whose number may be fractional.
 
-    It is -1 if none is within `reach` there or in the two neighbouring rows.
+    It is -1 if none is within `reach` there or in so many rows `beside` it.
     """
     found = np.full(len(x), -1)
     for i in range(len(x)):
         best, middle = reach, int(np.rint(row[i]))
-        for j in range(middle - 1, middle + 2):
+        for j in range(middle - beside, middle + beside + 1):
             for a in range(first[j], first[j + 1]):
                 off = max(left[a] - x[i], x[i] - right[a], 0.0)
                 if off < best:
