@@ -28,7 +28,8 @@ from pydantic import (
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 MOST_MM, LEAST_MM = 1e5, 1e-3  # the shadow on a tower; a thousandth of a hair
-MOST_COORDINATE_MM = 1e7  # coordinates, and a tube's length
+MOST_COORDINATE_MM = 1e5  # a part's coordinates: 100 m; farther ones make its checks take minutes
+_LONGEST_MM = 1e7  # a tube
 _FAR_MM = 1e9  # a lamp that stands for the sun, and the radius of an almost flat wall
 _MOST_WHOLE = 10**9
 
@@ -76,7 +77,7 @@ Number = Annotated[float, Strict()]
 Length = Annotated[float, Strict(), Field(ge=LEAST_MM, le=MOST_MM)]
 Spread = Annotated[float, Strict(), Field(ge=0, le=MOST_MM)]  # a length that may be 0
 LampDistance = Annotated[float, Strict(), Field(ge=LEAST_MM, le=_FAR_MM)]
-TubeLength = Annotated[float, Strict(), Field(ge=1, le=MOST_COORDINATE_MM)]
+TubeLength = Annotated[float, Strict(), Field(ge=1, le=_LONGEST_MM)]
 Coordinate = Annotated[float, Strict(), Field(ge=-MOST_COORDINATE_MM, le=MOST_COORDINATE_MM)]
 Shift = Annotated[float, Strict(), Field(ge=-MOST_MM, le=MOST_MM)]
 WallRadius = Annotated[

@@ -275,7 +275,7 @@ def _make_by_hand() -> Iterator[Hostile]:
     yield Hostile("long.json", _knots(f"[[{10**400},0,0],[1,0,0],[1,1,0]]"), "points")
     yield Hostile("nan.json", _knots("[[NaN,0,0],[1,0,0],[1,1,0]]"), "not finite")
     yield Hostile("inf.json", _knots("[[Infinity,0,0],[1,0,0],[1,1,0]]"), "not finite")
-    yield Hostile("far.json", _knots("[[1e9,0,0],[1,0,0],[1,1,0]]"), "beyond")
+    yield Hostile("far.json", _knots("[[1e7,0,0],[1,0,0],[1,1,0]]"), "beyond")
     yield Hostile("text.json", _knots('[["1","2","3"],["1","0","0"],["1","1","0"]]'), "numbers")
     yield Hostile("truth.json", _knots("[[true,false,true],[true,true,true]]"), "numbers")
     yield Hostile("truths.json", _knots("[[true,0,0],[9,0,0],[9,9,0]]"), "numbers")
