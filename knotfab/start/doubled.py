@@ -30,6 +30,7 @@ _CUT, _RAISED = 5.0, 1.2
 _TOGETHER = 2.0  # places that hide each other are no further apart
 # least and most angle of the flanks from the bed: flatter ones reach along longer strokes
 _FLANKS_DEG = 43.0, 51.5
+_HIGHEST = 50.0  # higher ones, as long as they are, sag where the piece hangs on a wall
 
 
 class Nested(NamedTuple):
@@ -63,6 +64,7 @@ class Doubled:
         changes where a further foot is needed.
         """
         low, high = np.tan(np.radians(_FLANKS_DEG)).tolist()
+        top_mm = min(top_mm, _HIGHEST * radius_mm)
         beside = 0.5 * _APART * radius_mm / float(np.sin(np.arctan(low)))
         most, whole = 2.0 * top_mm / low - 2.0 * beside, float(np.ptp(self.ends))
         count = int(np.ceil(whole / most))
