@@ -10,7 +10,7 @@ from urllib.parse import unquote
 
 from PIL import Image
 
-from knotfab.base.disk import at_home, read_file
+from knotfab.base.disk import at_home, read_file, require_within
 from knotfab.base.limited import run_limited
 from knotfab.picture import raster
 from knotfab.picture.colours import even_out
@@ -20,7 +20,9 @@ from knotfab_formats.errors import InputError, shown
 TEXT_PREFIX = "text:"
 SECONDS = 60  # processor time in which a picture is read
 _MISSING = "Check the path, or write text:… for a word or a glyph."
+_LARGE = 1 << 20  # bytes from which a file is kept for the next reading of it
 _last: dict[bytes, Glimpse] = {}
+_last_file: dict[tuple[int, ...], bytes] = {}  # the last large one
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,17 +89,34 @@ def read_bytes(
     Raises:
         InputError: there is none, it may not be read, it is empty, or too much for a picture.
     """
+    require_within(path, what)
+    most = 9 * largest**2  # a pixel of 16-bit RGBA, and the file's other data
+    kept = _stamp(path)
+    if kept is not None and _LARGE <= kept[2] <= most and kept in _last_file:
+        return _last_file[kept]
     data = read_file(
         path,
         what,
         "picture file",
-        9 * largest**2,  # a pixel of 16-bit RGBA, and the file's other data
+        most,
         missing=missing,
         too_large=f"Scale the picture down to at most {largest} pixels on a side.",
     )
     if not data:
         raise InputError(what, "the file is empty", "Copy or export it again.")
+    if kept is not None and len(data) >= _LARGE:
+        _last_file.clear()
+        _last_file[kept] = data
     return data
+
+
+def _stamp(path: Path) -> tuple[int, ...] | None:
+    """Return what tells a file, as it is, from any other and from itself changed; None without a file."""
+    try:
+        one = path.stat()
+    except (OSError, ValueError):
+        return None
+    return one.st_dev, one.st_ino, one.st_size, one.st_mtime_ns, one.st_ctime_ns
 
 
 def read_source(source: str | Path, base: Path | None) -> tuple[bytes, Path]:

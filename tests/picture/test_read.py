@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageCms
 
 from knotfab.base import limited
+from knotfab.base.disk import confined
 from knotfab.design.readings import try_readings
 from knotfab.picture import raster, read
 from knotfab.picture.read import Target, name_picture, read_target, read_targets
@@ -526,5 +527,11 @@ def test_a_large_photograph_is_decoded_once_and_shrunk(
     assert log.read_text() == "once "
     assert target.shrunk == 2 and target.mask.shape == (1000, 750)
     monkeypatch.undo()
+    first = read_bytes(tmp_path / "photo.jpg", "photo")
+    assert read_bytes(tmp_path / "photo.jpg", "photo") is first
+    with confined([tmp_path / "elsewhere"]), pytest.raises(InputError, match="outside the folders"):
+        read_bytes(tmp_path / "photo.jpg", "photo")
+    (tmp_path / "photo.jpg").write_bytes(first + b"\0")
+    assert read_bytes(tmp_path / "photo.jpg", "photo") == first + b"\0"
     few = read_target(tmp_path / "photo.jpg").mask[::2, ::2]
     assert mask_iou(few, target.mask) > 0.98
