@@ -14,6 +14,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from knotfab.base.arrays import Array, Indices
 from knotfab.geometry.polylines import arc_lengths
@@ -28,6 +29,7 @@ _TIP = 6.0  # a strand turns at a stroke's tip if it does so before it has gone 
 # and no light falls between them
 _CUT, _RAISED = 5.0, 1.2
 _TOGETHER = 2.0  # places that hide each other are no further apart
+_BESIDE = 3.0  # from the middle between them: a third strand so near is beside them
 # least and most angle of the flanks from the bed: flatter ones reach along longer strokes
 _FLANKS_DEG = 43.0, 51.5
 _HIGHEST = 50.0  # higher ones, as long as they are, sag where the piece hangs on a wall
@@ -111,6 +113,7 @@ def find_doubled(
     numbers = number_stretches(*pairs, sizes)
     found, tips = list[Doubled](), list[Array]()
     taken = [np.zeros(size, dtype=bool) for size in sizes]
+    every = cKDTree(np.concatenate(samples))
     for number in np.argsort(-np.bincount(numbers), kind="stable").tolist():
         both = [side[numbers == number] for side in pairs]
         curves = [int(np.searchsorted(starts, side[0], "right")) - 1 for side in both]
@@ -118,6 +121,7 @@ def find_doubled(
             _Side(samples[curve], side - starts[curve])
             for curve, side in zip(curves, both, strict=True)
         )
+        own = [starts[curve] + side.run for curve, side in zip(curves, (one, other), strict=True)]
         marks = [(taken[curve], side.run) for curve, side in zip(curves, (one, other), strict=True)]
         if min(one.along, other.along) < _SHORTEST * radius_mm or any(
             t[run].any() for t, run in marks
@@ -126,8 +130,14 @@ def find_doubled(
         slope, intercept = np.polyfit(one.places, other.places, 1).tolist()
 
         apart = partial(_apart, one, other, intercept, slope)
-        if apart(np.linspace(0.1, 0.9, 9) * one.along).max() > _TOGETHER * radius_mm:
-            continue  # one is longer between corners, or there are more than two
+        within = np.linspace(0.1, 0.9, 9) * one.along
+        if apart(within).max() > _TOGETHER * radius_mm:
+            continue  # one is longer between corners
+        middle = 0.5 * (one.at(within) + other.at(intercept + slope * within))
+        near = every.query_ball_point(middle, _BESIDE * radius_mm)
+        third = [len(np.setdiff1d(places, np.concatenate(own))) > 0 for places in near]
+        if np.mean(third) > 0.5:
+            continue  # what steps aside is hidden
         for mark, run in marks:
             mark[run] = True
         ends, feet = [0.0, one.along], list[float | None]([None, None])

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from shapely import LineString, Point, Polygon, union_all
+from shapely import LineString, MultiPolygon, Point, Polygon, union_all
 
 from knotfab.base.arrays import Array
 from knotfab.geometry.polylines import arc_lengths, sample_evenly
 from knotfab.start.arches import Arches, draw_arches
 from knotfab.start.depth import _overlapping
 from knotfab.start.doubled import Doubled, find_doubled
+from knotfab.start.filling import fill
 
 RADIUS = 1.7
 TOP_MM = 85.0
@@ -106,3 +107,12 @@ def test_a_picture_without_thin_strokes_has_none() -> None:
     (stroke,) = find(draw_body(STRAIGHT))
     assert find(draw_body(LineString([(0, 0), (55, 0)]))) == []  # too short to matter
     assert stroke.ends[1] - stroke.ends[0] == pytest.approx(100.0, abs=10.0)
+
+
+@pytest.mark.parametrize(("wide", "strokes"), [(3.0, 1), (5.2, 0), (7.0, 0)])
+def test_a_stroke_of_three_strands_hides_what_steps_aside(wide: float, strokes: int) -> None:
+    bar = STRAIGHT.buffer(0.5 * wide * RADIUS, cap_style="flat")
+    shape = MultiPolygon([union_all([Point(0, 0).buffer(40.0), bar])])
+    curves = [sample_evenly(c, 0.8 * RADIUS) for c in fill(shape, RADIUS).curves]
+    long = [d for d in find(curves) if d.ends[1] - d.ends[0] > 60.0]
+    assert len(long) == strokes
