@@ -143,6 +143,7 @@ def _type_of(model: type[BaseModel], key: str) -> Any:
 @dataclass(frozen=True, kw_only=True)
 @_with_keys("views")
 @_with_keys("piece", only=("tube_radius",))
+@_with_keys("accuracy", only=("accuracy",))
 class PictureOptions:
     """Options for reading a picture and surveying it; None leaves a value to the scene.
 
