@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -69,10 +68,10 @@ class Doubled:
         top_mm = min(top_mm, _HIGHEST * radius_mm)
         beside = 0.5 * _APART * radius_mm / float(np.sin(np.arctan(low)))
         most, whole = 2.0 * top_mm / low - 2.0 * beside, float(np.ptp(self.ends))
-        count = int(np.ceil(whole / most))
         turned = [tip is not None for tip in self.tips]
-        if all(turned) and count == 1:
-            return []  # it would stand on two feet
+        if most < 4.0 * beside or (all(turned) and whole <= most):
+            return []  # there is no room, or it would stand on two feet
+        count = int(np.ceil(whole / most))
         # as far as they reach from the stroke's tip, so that they cross near the body that it leaves
         rest = max(whole - (count - 1) * most, 4.0 * beside) if count > 1 else whole
         steps = np.append(np.full(count - 1, (whole - rest) / max(count - 1, 1)), rest)
@@ -112,7 +111,7 @@ def find_doubled(
     starts = np.cumsum(sizes) - sizes
     numbers = number_stretches(*pairs, sizes)
     found, tips = list[Doubled](), list[Array]()
-    taken = [np.zeros(size, dtype=bool) for size in sizes]
+    taken = np.zeros(sum(sizes), dtype=bool)
     every = cKDTree(np.concatenate(samples))
     for number in np.argsort(-np.bincount(numbers), kind="stable").tolist():
         both = [side[numbers == number] for side in pairs]
@@ -121,31 +120,21 @@ def find_doubled(
             _Side(samples[curve], side - starts[curve])
             for curve, side in zip(curves, both, strict=True)
         )
-        own = [starts[curve] + side.run for curve, side in zip(curves, (one, other), strict=True)]
-        marks = [(taken[curve], side.run) for curve, side in zip(curves, (one, other), strict=True)]
-        if min(one.along, other.along) < _SHORTEST * radius_mm or any(
-            t[run].any() for t, run in marks
-        ):
+        own = np.concatenate([starts[curves[0]] + one.run, starts[curves[1]] + other.run])
+        if min(one.along, other.along) < _SHORTEST * radius_mm or taken[own].any():
             continue
-        slope, intercept = np.polyfit(one.places, other.places, 1).tolist()
-
-        apart = partial(_apart, one, other, intercept, slope)
+        two = _Two(one, other, *np.polyfit(one.places, other.places, 1).tolist())
         within = np.linspace(0.1, 0.9, 9) * one.along
-        if apart(within).max() > _TOGETHER * radius_mm:
+        if two.apart(within).max() > _TOGETHER * radius_mm:
             continue  # one is longer between corners
-        middle = 0.5 * (one.at(within) + other.at(intercept + slope * within))
-        near = every.query_ball_point(middle, _BESIDE * radius_mm)
-        third = [len(np.setdiff1d(places, np.concatenate(own))) > 0 for places in near]
-        if np.mean(third) > 0.5:
-            continue  # what steps aside is hidden
-        for mark, run in marks:
-            mark[run] = True
+        near = every.query_ball_point(two.middle(within), _BESIDE * radius_mm)
+        if np.mean([len(np.setdiff1d(places, own)) > 0 for places in near]) > 0.5:
+            continue  # a third strand hides what steps aside
+        taken[own] = True
         ends, feet = [0.0, one.along], list[float | None]([None, None])
         for side, sign in ((0, -1), (1, 1)):
-            # both strands are at one place where the stroke's tip is
-            ahead = sign * (other.begin + intercept - one.begin + (slope - 1.0) * ends[side])
-            beyond = ahead % one.length / (1.0 - slope)
-            if curves[0] == curves[1] and slope < 0.0 and beyond < _TIP * radius_mm:
+            beyond = two.tip_beyond(ends[side], sign)
+            if curves[0] == curves[1] and two.slope < 0.0 and beyond < _TIP * radius_mm:
                 ends[side] += sign * beyond
                 tip = one.at(np.array(ends[side]))
                 cut = any(np.hypot(*(tip - known)) < _CUT * radius_mm for known in tips)
@@ -153,13 +142,13 @@ def find_doubled(
                 tips.append(tip)
             else:
                 ways = sign * radius_mm * np.arange(0.0, _FREE, 0.5)
-                free = apart(ends[side] + ways) > _CLEAR * radius_mm
+                free = two.apart(ends[side] + ways) > _CLEAR * radius_mm
                 ends[side] += float(ways[free.argmax()])
         found.append(
             Doubled(
                 (curves[0], curves[1]),
                 one.begin,
-                (other.begin + intercept, slope),
+                (other.begin + two.intercept, two.slope),
                 (ends[0], ends[1]),
                 (feet[0], feet[1]),
             )
@@ -178,9 +167,7 @@ class _Side:
         first = int(known[(widest + 1) % len(known)])
         self.run = (first + np.arange(len(curve) - int(gaps[widest]) + 1)) % len(curve)
         self.length, self.begin = float(self.arc[-1]), float(self.arc[first])
-        self.places = (
-            self.arc[samples] - self.begin
-        ) % self.length  # of the samples, mm along the run
+        self.places = (self.arc[samples] - self.begin) % self.length  # mm along the run
         self.along = float((self.arc[self.run[-1]] - self.begin) % self.length)
 
     def at(self, x_mm: Array) -> Array:
@@ -189,6 +176,25 @@ class _Side:
         return np.stack([np.interp(arc, self.arc, column) for column in self.closed.T], axis=-1)
 
 
-def _apart(one: _Side, other: _Side, intercept: float, slope: float, x_mm: Array) -> Array:
-    """Return how far places along one side are from what they hide, mm."""
-    return np.asarray(np.hypot(*(one.at(x_mm) - other.at(intercept + slope * x_mm)).T))
+class _Two(NamedTuple):
+    """Both sides, and the place on the other that one at x hides: `slope` * x + `intercept`, mm along it."""
+
+    one: _Side
+    other: _Side
+    slope: float
+    intercept: float
+
+    def apart(self, x_mm: Array) -> Array:
+        """Return how far places along the first side are from what they hide, mm."""
+        return np.asarray(np.hypot(*(self.one.at(x_mm) - self._hidden(x_mm)).T))
+
+    def middle(self, x_mm: Array) -> Array:
+        return 0.5 * (self.one.at(x_mm) + self._hidden(x_mm))
+
+    def tip_beyond(self, x_mm: float, sign: int) -> float:
+        """Return how far beyond a place both sides meet, if they are of one curve: there is the tip, mm."""
+        apart = self.other.begin + self.intercept - self.one.begin + (self.slope - 1.0) * x_mm
+        return sign * apart % self.one.length / (1.0 - self.slope)
+
+    def _hidden(self, x_mm: Array) -> Array:
+        return self.other.at(self.intercept + self.slope * x_mm)

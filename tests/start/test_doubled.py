@@ -116,3 +116,17 @@ def test_a_stroke_of_three_strands_hides_what_steps_aside(wide: float, strokes: 
     curves = [sample_evenly(c, 0.8 * RADIUS) for c in fill(shape, RADIUS).curves]
     long = [d for d in find(curves) if d.ends[1] - d.ends[0] > 60.0]
     assert len(long) == strokes
+
+
+@pytest.mark.parametrize("top_mm", [0.0, 2.0, 5.0, 20.0, TOP_MM])
+@pytest.mark.parametrize("length", [30.0, 60.0, 150.0])
+def test_a_stroke_alone_stands_on_three_feet_or_lies(length: float, top_mm: float) -> None:
+    ribbon = LineString([(0, 0), (length, 0)]).buffer(0.5 * RADIUS)
+    samples = [sample_evenly(np.asarray(ribbon.exterior.coords)[:-1], 0.8 * RADIUS)]
+    rng, (arc,) = np.random.default_rng(2), [arc_lengths(s) for s in samples]
+    for _ in range(10):
+        given = rng, [arc], np.array([top_mm]), RADIUS, [None]
+        arches = draw_arches(*given, find(samples))
+        (height,) = arches.heights([arc])
+        feet = ((height < 0.2) & (np.roll(height, 1) >= 0.2)).sum()
+        assert not height.any() or (feet >= 3 and height.max() <= top_mm)
