@@ -187,7 +187,9 @@ def _of_animation(path: Path, what: str, reading: Reading) -> list[Target]:
                 for number, frame in enumerate(ImageSequence.Iterator(image), start=1):
                     files.append(Path(folder) / f"{number}.png")
                     frame.convert("RGBA").save(files[-1], compress_level=1)
-        except (OSError, SyntaxError, ValueError, EOFError) as error:
+        except InputError:
+            raise
+        except Exception as error:  # Pillow's plug-ins raise many kinds on damaged frames
             raise InputError(
                 what,
                 "its frames cannot be read (damaged, or no picture that moves)",

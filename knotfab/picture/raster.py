@@ -213,7 +213,10 @@ def shrink(image: Image.Image, factor: int) -> Image.Image:
 def count_frames(data: bytes) -> int:
     """Return the number of frames that `decode` can read; 1 for a still picture."""
     with Image.open(io.BytesIO(data), formats=_formats()) as image:
-        return int(getattr(image, "n_frames", 1))
+        try:
+            return int(getattr(image, "n_frames", 1))
+        except Exception:  # as in `take_frames`
+            return 1
 
 
 def take_frames(data: bytes, most: int) -> Iterator[Image.Image]:
@@ -223,7 +226,7 @@ def take_frames(data: bytes, most: int) -> Iterator[Image.Image]:
             try:
                 image.seek(number)
                 frame = image.convert("RGBA")
-            except (EOFError, OSError, ValueError):
+            except Exception:  # Pillow's plug-ins raise many kinds on damaged frames
                 return
             yield frame
 

@@ -13,6 +13,7 @@ from shapely import MultiPolygon, Point, Polygon, affinity
 from knotfab.apps.batch.worker import list_tasks
 from knotfab.base.arrays import Mask
 from knotfab.picture.frames import MOST_FRAMES, count_knots, read_frames, tell_apart
+from knotfab.picture.read import read_target
 from knotfab.picture.silhouette import resample_mask, sample_mask, trace_polygon
 from knotfab.pipeline.options import BuildOptions
 from knotfab.render.part_picture import write_gif, write_shadows_gif
@@ -233,6 +234,17 @@ def test_an_animation_gives_all_its_frames(tmp_path: Path) -> None:
     found = read_frames([str(path)])
     assert [_left(t.mask) for t in found] == [4, 20, 36]
     assert all(t.suffix == ".png" for t in found)
+
+
+def test_a_frame_that_claims_a_huge_size_is_told_in_a_sentence(tmp_path: Path) -> None:
+    path = tmp_path / "walk.gif"
+    write_gif(path, [_bar(4), _bar(20), _bar(36)], 80)
+    data = path.read_bytes()
+    size = data.rindex(b"\x21\xf9\x04") + 13  # of the last frame
+    path.write_bytes(data[:size] + b"\xff\xff\xff\xff" + data[size + 4 :])
+    with pytest.raises(InputError, match="frames cannot be read"):
+        read_frames([str(path)])
+    assert _left(read_target(path).mask) == 4  # the first of them
 
 
 def test_frames_invert(tmp_path: Path) -> None:
