@@ -150,6 +150,11 @@ def _misses(strands: Slices, bar: Bar) -> str:
     # the next rows would fill a narrow gap between two strands
     piece = find_pieces(*lines, 1e-9, np.ascontiguousarray(points[:, 0]), rows, 0)
     inside = np.flatnonzero(piece >= 0)
+    # along a surface aslant to the rows it leaves a strand and comes back, by up to a row
+    for at, last in zip(inside[1:].tolist(), inside.tolist(), strict=False):
+        if (at - last) * STEP_MM <= strands.row + STEP_MM and piece[at] == piece[last]:
+            piece[last:at] = piece[at]
+    inside = np.flatnonzero(piece >= 0)
     outside = np.flatnonzero(piece < 0)
     if not len(inside) or not len(outside):
         return "joins nothing" if not len(inside) else "lies in a strand"

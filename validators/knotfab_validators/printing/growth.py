@@ -15,7 +15,8 @@ LINE_MM = 0.3  # what reaches over air no farther is ignored: most of a line's w
 CAP_MM = 6.0  # distances over air are measured up to this, which exceeds half of any bridge
 SPAN_MM = 40.0  # the longest bridge that is looked for
 DIRECTIONS = 36  # directions over half a turn in which a bridge is looked for
-TRIED = 12  # places tested in one stretch
+BESIDE_MM = 0.6  # from a bridge's line: matter so near it hangs on it; half of what may reach out
+TRIED = 24  # places tested in one stretch
 
 
 @dataclass(frozen=True)
@@ -146,7 +147,7 @@ class OverAir:
 def find_over_air(cut: Slices, held: Mask) -> OverAir:
     """Find what reaches over air, except the pieces that nothing holds, which are islands.
 
-    A bridge passes within `LINE_MM` of the farthest place: a narrow bar's sides are farther out than its
+    A bridge passes within `BESIDE_MM` of the farthest place: a narrow bar's sides are farther out than its
     middle, and a line along one side may miss what the bar lies on.
     """
     bucket, x, away = _reach(cut.first, cut.left, cut.right, cut.piece, held, cut.rows, cut.row)
@@ -159,8 +160,9 @@ def find_over_air(cut: Slices, held: Mask) -> OverAir:
     for k in range(count):
         own = order[ends[k] : ends[k + 1]]
         reach[k], chosen[k] = away[own[0]], own[0]
-        far = own[away[own] >= reach[k] - LINE_MM]
-        for i in far[:: max(len(far) // TRIED, 1)]:
+        aside = np.hypot(x[own] - x[own[0]], cut.row * (bucket[own] - bucket[own[0]]))
+        near = own[aside <= BESIDE_MM]
+        for i in near[:: max(len(near) // TRIED, 1)]:
             found = _span(cut.first, cut.left, cut.right, cut.rows, cut.row, int(bucket[i]), x[i])
             span[k] = min(span[k], found)
     y = cut.south + cut.row * (bucket[chosen] % cut.rows)
