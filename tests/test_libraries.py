@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
+from quick_scene import ask_quick
 
 ROOT = Path(__file__).resolve().parents[1]
 PROCESSES = {
@@ -35,20 +36,6 @@ def hear(event, given):
         with open(os.path.join(os.environ["TRACED"], where), "a") as file:
             file.write(name + "\\n")
 sys.addaudithook(hear)
-"""
-
-QUICK = """
-schema = 1
-[accuracy]
-name = "draft"
-iou_floor = 0.9
-[search]
-coarse_px = 96
-fine_px = 160
-coarse_iterations = 25
-fine_iterations = 20
-settle_iterations = 20
-depth_candidates = 4
 """
 
 
@@ -92,7 +79,7 @@ def test_a_build_without_the_apps_loads_and_tells_what_is_on_the_page(tmp_path: 
     traced = tmp_path / "traced"
     traced.mkdir()
     (tmp_path / "sitecustomize.py").write_text(TRACE)
-    (tmp_path / "quick.toml").write_text(QUICK)
+    (tmp_path / "quick.toml").write_text(ask_quick(iou_floor=0.9))
     paths = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", str(ROOT))])
     env = {**os.environ, "PYTHONPATH": paths, "TRACED": str(traced)}
     knotfab = [sys.executable, "-m", "knotfab"]

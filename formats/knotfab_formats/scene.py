@@ -36,7 +36,7 @@ from knotfab_formats.views import Lamps, Placing, Room, Switches, View
 LIGHT_SHARE, WALL_SHARE = 0.25, 0.9
 # px on the longer side of a frame at which shadows are verified and magnitudes reported
 VERIFIED_PX = 1024
-MOST_VIEWS = 12  # of one part; with more, half a turn leaves nothing of each picture
+MOST_VIEWS = 12  # half a turn leaves nothing of the pictures of a part that has more
 
 
 class Scene(Table):

@@ -39,7 +39,7 @@ from knotfab.start.start import make_template
 from knotfab_formats.piece import Mount
 from knotfab_formats.scene import ResolvedScene, ResolvedView
 
-SPILL = 0.05  # of a picture's area: what is drawn beside it, from which it counts
+SPILL = 0.05  # what is drawn beside a picture counts from this share of its area on
 _SHOWN = 3  # thicker tubes to show beside the chosen one
 _SPECK = 0.5  # side of the largest square that nobody misses, in radii of the thinnest tube
 _SPARE = 0.3  # tolerance of a simplified outline, px

@@ -17,7 +17,14 @@ from scipy.interpolate import CubicSpline
 from knotfab.base.arrays import Array
 from knotfab.geometry import kernels
 from knotfab.geometry.measures import Neighbours, find_neighbours
-from knotfab.geometry.polylines import Polylines, arc_lengths, dot, number_runs, polylines_of
+from knotfab.geometry.polylines import (
+    Polylines,
+    arc_lengths,
+    dot,
+    number_runs,
+    points_at,
+    polylines_of,
+)
 
 Parameters = tuple[Array, ...]  # increasing, one array a curve, in [0, period)
 Path = Callable[[Array, float], Array]  # (points, share of the way) -> points
@@ -219,8 +226,7 @@ _LEAST = 24
 
 def _at(points: Array, parameter: Array, where: Array) -> Array:
     """Interpolate the closed polyline with vertices at `parameter` [n + 1] at `where`."""
-    closed = np.concatenate([points, points[:1]])
-    return np.stack([np.interp(where, parameter, closed[:, k]) for k in range(3)], axis=1)
+    return points_at(np.concatenate([points, points[:1]]), parameter, where)
 
 
 def resample(

@@ -11,7 +11,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from knotfab.base.arrays import Array, Indices
 from knotfab.base.compiled import compiled
-from knotfab.geometry.polylines import arc_lengths
+from knotfab.geometry.polylines import arc_lengths, points_at
 
 FINEST_RADII = 0.8  # tube radii between two samples of a centre line
 STRIPS = (-0.8, -0.4, 0.0, 0.4, 0.8)  # across the underside, in halves of its width
@@ -96,7 +96,7 @@ def strands_along(
     for curve, arc in zip(whole, arcs, strict=True):
         count = max(8, int(np.ceil(arc[-1] / pitch)))
         at = np.linspace(0.0, arc[-1], count + 1)
-        ends.append(np.column_stack([np.interp(at, arc, curve[:, k]) for k in range(3)]))
+        ends.append(points_at(curve, arc, at))
         counts.append(count)
     middle = np.concatenate([(p[1:] + p[:-1]) / 2 for p in ends])
     step = np.concatenate([np.diff(p, axis=0) for p in ends])

@@ -81,6 +81,11 @@ def arc_lengths(points: Array, *, closed: bool = True) -> Array:
     return np.concatenate([[0.0], np.cumsum(edges)])
 
 
+def points_at(line: Array, arc: Array, at: Array) -> Array:
+    """Return the points (..., k) at lengths along a polyline (n, k) whose vertices are at `arc` (n,)."""
+    return np.stack([np.interp(at, arc, column) for column in line.T], axis=-1)
+
+
 def sample_evenly(points: Array, step: float, *, at_most: bool = False, fewest: int = 8) -> Array:
     """Return points at equal distances along a closed polyline, from its first vertex on.
 
@@ -97,8 +102,7 @@ def sample_evenly(points: Array, step: float, *, at_most: bool = False, fewest: 
     pieces = arc[-1] / step
     count = max(fewest, int(np.ceil(pieces)) if at_most else round(pieces))
     at = np.arange(count) * (arc[-1] / count)
-    closed = np.concatenate([points, points[:1]])
-    return np.stack([np.interp(at, arc, column) for column in closed.T], axis=1)
+    return points_at(np.concatenate([points, points[:1]]), arc, at)
 
 
 def number_runs(counts: Indices) -> tuple[Indices, Indices]:

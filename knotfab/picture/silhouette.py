@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotfab.base.arrays import Array, Mask
+from knotfab.geometry.polylines import points_at
 from knotfab_formats.libraries import took_part
 
 if TYPE_CHECKING:
@@ -108,7 +109,7 @@ def _smooth(ring: Array, length: float, reach: float) -> Array:
     arc = np.concatenate([[0.0], np.cumsum(steps)])
     n = fft.next_fast_len(max(16, int(arc[-1] / _SPACING)), real=True)
     at = np.arange(n) * (arc[-1] / n)
-    points = np.stack([np.interp(at, arc, closed[:, i]) for i in (0, 1)], axis=1)
+    points = points_at(closed, arc, at)
     omega = 2.0 * np.pi * fft.rfftfreq(n, arc[-1] / n)[:, None]
 
     def damped(values: Array, scale: float) -> Array:

@@ -89,10 +89,10 @@ def read_bytes(
     Raises:
         InputError: there is none, it may not be read, it is empty, or too much for a picture.
     """
-    require_within(path, what)
     most = 9 * largest**2  # a pixel of 16-bit RGBA, and the file's other data
+    require_within(path, what)
     kept = _stamp(path)
-    if kept is not None and _LARGE <= kept[2] <= most and kept in _last_file:
+    if kept is not None and kept in _last_file and len(_last_file[kept]) <= most:
         return _last_file[kept]
     data = read_file(
         path,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from knotfab.base.arrays import Array, Indices, Mask
-from knotfab.geometry.polylines import arc_lengths
+from knotfab.geometry.polylines import arc_lengths, points_at
 from knotfab.picture.silhouette import fill_holes, sample_mask
 from knotfab_formats.libraries import took_part
 
@@ -223,7 +223,7 @@ def _smooth(points: Line, closed: bool) -> Line:
     arc = arc_lengths(points, closed=False)
     count = max(3, round(arc[-1]) + 1)
     at = np.linspace(0.0, arc[-1], count)
-    even = np.stack([np.interp(at, arc, c) for c in points.T], axis=1)
+    even = points_at(points, arc, at)
     sigma = _SMOOTH * _RADIUS_PX
     if closed:
         ring = gaussian_filter1d(even[:-1], sigma, axis=0, mode="wrap")

@@ -17,11 +17,11 @@ from knotfab_formats.upright import LEAST_TIP_DEG
 # picture plainer from aside
 _FLANKS_DEG = 49.0, 54.0
 _LOWEST_PEAK = 0.85
-_FEET = 3  # of a curve, at least: it stands on them
+_FEET = 3  # fewest feet on which a curve stands
 _ROUNDED_RADII = 2.1  # width of what rounds a peak and a valley, in tube radii
 LOWEST_ARCH_RADII = 2.5  # what has no room for arches as high lies on the floor instead
 _NARROW_RADII = 2.2  # a loop as wide has sides that hide each other: it stands on its edge
-# of the distance from a curve's middle to a side of its hull: so near is a side of its feet's hull
+# how near its middle a side of a curve's feet comes, over how near a side of its whole hull does
 _FEET_SHARE = 0.6
 _TOUCHING_MM = 1e-6  # gap between spans that follow each other
 _CHANGED = 0.5  # share of its arches that a variation changes

@@ -16,22 +16,23 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from knotfab.base.arrays import Array, Indices
-from knotfab.geometry.polylines import arc_lengths
+from knotfab.geometry.polylines import arc_lengths, points_at
 from knotfab.start.lanes import number_stretches
 
 # lengths in tube radii
-_SHORTEST = 12.0  # stretch along which strands hide each other for which they are nested
+_SHORTEST = 12.0  # strands that hide each other along less than that are not nested
 _APART = 2.7  # distance between nested strands, across their flanks
-_CLEAR, _FREE = 2.4, 20.0  # at open ends they cross where they are so far apart, if that is so near
-_TIP = 6.0  # a strand turns at a stroke's tip if it does so before it has gone on so far
-# tips so near each other are of one stroke that was cut: one has its foot further off, so that it is higher
-# and no light falls between them
+# at a stroke's open end they cross where they are `_CLEAR` apart, if that is within `_FREE`
+_CLEAR, _FREE = 2.4, 20.0
+_TIP = 6.0  # longest way on from the stretch's end to a turn at the stroke's tip
+# two tips within `_CUT` are of one stroke that was cut. The foot of one is `_RAISED` further off, so that
+# this tip is higher, and no light falls between them
 _CUT, _RAISED = 5.0, 1.2
-_TOGETHER = 2.0  # places that hide each other are no further apart
-_BESIDE = 3.0  # from the middle between them: a third strand so near is beside them
+_TOGETHER = 2.0  # largest distance between places that hide each other
+_BESIDE = 3.0  # a third strand within that of the middle between two runs beside them
 # least and most angle of the flanks from the bed: flatter ones reach along longer strokes
 _FLANKS_DEG = 43.0, 51.5
-_HIGHEST = 50.0  # higher ones, as long as they are, sag where the piece hangs on a wall
+_HIGHEST = 50.0  # higher arches are so long that they sag where the piece hangs on a wall
 
 
 class Nested(NamedTuple):
@@ -173,7 +174,7 @@ class _Side:
     def at(self, x_mm: Array) -> Array:
         """Return the points (..., 2) so far along the run, mm."""
         arc = (self.begin + x_mm) % self.length
-        return np.stack([np.interp(arc, self.arc, column) for column in self.closed.T], axis=-1)
+        return points_at(self.closed, self.arc, arc)
 
 
 class _Two(NamedTuple):

@@ -24,7 +24,7 @@ from shapely import MultiPoint, MultiPolygon
 
 from knotfab.base.arrays import Array, Mask
 from knotfab.base.errors import SceneError
-from knotfab.geometry.polylines import arc_lengths
+from knotfab.geometry.polylines import arc_lengths, points_at
 from knotfab.start.depth import lower
 from knotfab_formats.errors import InputError
 from knotfab_formats.knots import BRAIDS, NO_SUCH_KNOT, Factor
@@ -329,7 +329,7 @@ def _round_corners(corners: Array, step: float) -> Array:
     arc = arc_lengths(line, closed=False)
     count = max(4, round(arc[-1] / step))
     at = np.linspace(0.0, arc[-1], count + 1)
-    return np.stack([np.interp(at, arc, line[:, k]) for k in range(3)], axis=1)
+    return points_at(line, arc, at)
 
 
 @cache

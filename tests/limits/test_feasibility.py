@@ -15,6 +15,7 @@ import region_meshes
 from command import knotfab
 from numpy.typing import NDArray
 from questions import ask_heart, start_and_search
+from quick_scene import ask_quick
 from region_meshes import box_mesh
 from slopes import state_at
 
@@ -297,11 +298,8 @@ def test_a_build_stays_inside_and_its_scene_names_the_copied_mesh(tmp_path: Path
     write_stl(tmp_path / "room.stl", [prism(*outline, (90.0, -90.0), (90.0, 0.0), half=60.0)])
     scene = tmp_path / "mine.toml"
     scene.write_text(
+        f"{ask_quick(iou_floor=0.5, max_outline_error_px=1.0)}"
         '[region]\nkind = "mesh"\nfile = "room.stl"\n[piece]\ntube_radius_mm = 2.5\n'
-        '[accuracy]\nname = "draft"\niou_floor = 0.5\nmax_outline_error_px = 1.0\n'
-        "[search]\ncoarse_px = 96\nfine_px = 160\n"
-        "coarse_iterations = 25\nfine_iterations = 20\nsettle_iterations = 20\n"
-        "depth_candidates = 8\n"
     )
     out = tmp_path / "out"
     call = ("build", "--skip", "shadow-render")

@@ -240,7 +240,7 @@ def test_a_frame_that_claims_a_huge_size_is_told_in_a_sentence(tmp_path: Path) -
     path = tmp_path / "walk.gif"
     write_gif(path, [_bar(4), _bar(20), _bar(36)], 80)
     data = path.read_bytes()
-    size = data.rindex(b"\x21\xf9\x04") + 13  # of the last frame
+    size = data.rindex(b"\x21\xf9\x04") + 13  # where the last frame has its size
     path.write_bytes(data[:size] + b"\xff\xff\xff\xff" + data[size + 4 :])
     with pytest.raises(InputError, match="frames cannot be read"):
         read_frames([str(path)])

@@ -16,6 +16,7 @@ import pytest
 from command import Done, knotfab, picture, small_disk
 from numpy.typing import NDArray
 from PIL import Image
+from quick_scene import QUICK
 
 import knotfab.design.design as designing
 import knotfab.pipeline.piece as piece
@@ -30,18 +31,6 @@ FILES = {
     "part.stl", "part.3mf", "part.glb", "knots.json", "scene.toml", "report.json", "report.html",
     "shadow-front.png", "compare-front.png", "picture-front.png",
 }  # fmt: skip
-QUICK = """
-schema = 1
-[accuracy]
-name = "draft"
-[search]
-coarse_px = 96
-fine_px = 160
-coarse_iterations = 25
-fine_iterations = 20
-settle_iterations = 20
-depth_candidates = 8
-"""
 # groups that are left out whole are not measured: for builds of which only the shadow tells
 UNREAD = [f"--skip={name}" for name in ("slicer", *KNOTS, *MESH, "tube", "clearance", *PRINTING)]
 RADIUS = 6.0  # mm: thick, so that a build is short
@@ -542,9 +531,11 @@ def test_two_pieces_of_a_drawing_become_two_flat_knots(
 
 
 def test_two_pieces_bridged_into_one_of_a_given_depth(
-    tmp_path: Path, quick: list[str | Path]
+    tmp_path: Path, quick: list[str | Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The picture is light on dark, in 16 bits of grey."""
+    modelled: list[object] = []
+    monkeypatch.setattr("knotfab.hold.modeller.call_fixture", lambda *a, **_: modelled.append(a))
     png = tmp_path / "deep.png"
     Image.fromarray(np.where(two_pieces(), 60000, 300).astype(np.uint16)).save(png)
     out = tmp_path / "out"
@@ -558,7 +549,8 @@ def test_two_pieces_bridged_into_one_of_a_given_depth(
     along = np.array(knot["points"]) @ matrix[2, :3]
     assert 30 < np.ptp(along) < 44
     assert scene["piece"]["depth"] == 40.0 and scene["piece"]["knots"] == 1
-    # who did what: a stage left out, a mount or a kind of picture that is not there is not told
+    # who did what: a stage left out, a mount or a kind of picture that is not there is not told, nor asked for
+    assert not modelled
     settings = json.loads((out / "report.json").read_text())["settings"]
     left = {"cadquery", "matplotlib", "pyvista", "resvg-py", "knot_floer_homology"}
     assert not left & (set(settings["parts"]) | set(settings["versions"]))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -149,9 +150,8 @@ def _misses(strands: Slices, bar: Bar) -> str:
     lines = strands.first, strands.left, strands.right, strands.piece
     # the next rows would fill a narrow gap between two strands
     piece = find_pieces(*lines, 1e-9, np.ascontiguousarray(points[:, 0]), rows, 0)
-    inside = np.flatnonzero(piece >= 0)
     # along a surface aslant to the rows it leaves a strand and comes back, by up to a row
-    for at, last in zip(inside[1:].tolist(), inside.tolist(), strict=False):
+    for last, at in pairwise(np.flatnonzero(piece >= 0).tolist()):
         if (at - last) * STEP_MM <= strands.row + STEP_MM and piece[at] == piece[last]:
             piece[last:at] = piece[at]
     inside = np.flatnonzero(piece >= 0)
