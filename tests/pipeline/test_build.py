@@ -549,7 +549,7 @@ def test_two_pieces_bridged_into_one_of_a_given_depth(
     along = np.array(knot["points"]) @ matrix[2, :3]
     assert 30 < np.ptp(along) < 44
     assert scene["piece"]["depth"] == 40.0 and scene["piece"]["knots"] == 1
-    # who did what: a stage left out, a mount or a kind of picture that is not there is not told, nor asked for
+    # who did what: neither told nor asked is a stage left out, or a mount that is not there
     assert not modelled
     settings = json.loads((out / "report.json").read_text())["settings"]
     left = {"cadquery", "matplotlib", "pyvista", "resvg-py", "knot_floer_homology"}
