@@ -86,7 +86,7 @@ def search_paper(
     _check(views)
     curves = [circle()] if templates is None else list(templates)
     if network is None:
-        from knotfab.apps.paper.network import CouplingNetwork
+        from knotfab.apps.paper.network_search import CouplingNetwork
 
         network = CouplingNetwork(settings.depth, settings.width, settings.seed)
     watch = Stopwatch()

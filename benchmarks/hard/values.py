@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 from torch.func import functional_call
 
-from knotfab.apps.paper.network import Coupling, CouplingNetwork, Rigid, rotation
+from knotfab.apps.paper.network_search import Coupling, CouplingNetwork, Rigid, rotation
 from knotfab.base.arrays import Array
 from knotfab.limits.region import outside
 from knotfab.render.device import known

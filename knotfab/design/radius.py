@@ -17,7 +17,7 @@ from knotfab.design.question import Question
 from knotfab.design.small import SmallParts, missed_alone, weigh_small
 from knotfab.geometry.polylines import arc_lengths
 from knotfab.knots import Knot, Knots
-from knotfab.picture.missed import Small, find_missed, find_small
+from knotfab.picture.opening import Small, find_missed, find_small
 from knotfab.picture.silhouette import trace_polygon
 from knotfab.problem import Report, Start, Watch
 from knotfab.scene.require import require_radius

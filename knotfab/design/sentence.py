@@ -10,8 +10,7 @@ from knotfab.design.candidates import PICTURE
 from knotfab.design.small import Found
 from knotfab.design.survey import SPILL, Survey, ViewSurvey
 from knotfab.picture.doubt import write_options
-from knotfab.picture.missed import is_row
-from knotfab.picture.opening import Loss
+from knotfab.picture.opening import Loss, is_row
 from knotfab.picture.read import Target
 
 

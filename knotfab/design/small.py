@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from shapely import MultiPolygon
 
-from knotfab.picture.missed import Small, find_missed
-from knotfab.picture.opening import open_by
+from knotfab.picture.opening import Small, find_missed, open_by
 from knotfab.start.filling import enlarge_loops, fill
 
 _SURE = 1.15  # room that strands need which serve several pictures, over that of one

@@ -11,7 +11,7 @@ from knotfab.design.frames import name_views, size_longer, widen_targets
 from knotfab.picture.read import Target, name_picture, plain_name, read_targets
 from knotfab.picture.source import read_bytes
 from knotfab.pipeline.options import BuildOptions
-from knotfab.scene.lamps import COLOURS_FILE, require_lamps, with_lamps, with_small_lamps
+from knotfab.scene.load import COLOURS_FILE, require_lamps, with_lamps, with_small_lamps
 from knotfab.scene.require import require_several, require_start, require_tube
 from knotfab_formats.bounds import option_of
 from knotfab_formats.errors import InputError

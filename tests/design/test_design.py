@@ -28,8 +28,7 @@ from knotfab.design.settings import GRACE
 from knotfab.picture.read import Target, read_target
 from knotfab.scene.camera import cameras_of
 from knotfab.scene.catalogue import resolve
-from knotfab.scene.lamps import with_lamps
-from knotfab.scene.load import dump_scene, parse_scene
+from knotfab.scene.load import dump_scene, parse_scene, with_lamps
 from knotfab.start.start import make_start
 from knotfab_formats.knots import parse_knot_name
 from knotfab_formats.scene import Scene

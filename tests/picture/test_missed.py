@@ -6,7 +6,7 @@ import pytest
 from shapely import MultiPolygon, Point, Polygon, box, unary_union
 from shapely.affinity import scale, translate
 
-from knotfab.picture.missed import find_missed, find_small, is_row
+from knotfab.picture.opening import find_missed, find_small, is_row
 
 EYE = Point(30, 0).buffer(4.0)
 HOLE = Point(-30, 0).buffer(4.0)

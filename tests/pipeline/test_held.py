@@ -13,9 +13,8 @@ import pytest
 from rings import EMPTY, VIEW, knots, ring
 
 from knotfab.effects.base import World
-from knotfab.part.holders import Guess, can_hold, guess_holders
 from knotfab.pipeline import held
-from knotfab.pipeline.held import Workshop
+from knotfab.pipeline.held import Guess, Workshop, can_hold, guess_holders
 from knotfab.request import Request
 from knotfab.scene.catalogue import resolve
 from knotfab_formats.print_figures import MountFigures

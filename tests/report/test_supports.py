@@ -13,7 +13,7 @@ from arches import chain
 from reports import report_with
 
 from knotfab.geometry.legs import Bar
-from knotfab.part.standing import Standing
+from knotfab.part.assemble import Standing
 from knotfab.report.supports import estimate_other, sum_supports, tell_supports
 from knotfab.request import Request
 from knotfab.scene.catalogue import resolve

@@ -19,8 +19,12 @@ from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.geometry.surface import TooMuchWork
 from knotfab_validators.knots.knot_types import knot_checks
 from knotfab_validators.mesh.surface_checks import check_mesh
-from knotfab_validators.printing.bars import check_bars, part_bars
-from knotfab_validators.printing.plates import check_plates, check_plates_printable
+from knotfab_validators.printing.plates import (
+    check_bars,
+    check_plates,
+    check_plates_printable,
+    part_bars,
+)
 from knotfab_validators.printing.printability import printability_checks
 from knotfab_validators.printing.slices import slice_layers
 from knotfab_validators.printing.standing import check_level

@@ -1,4 +1,4 @@
-"""Serve the studio, or the page of `knotfab build --watch`, to this machine alone."""
+"""Serve the studio, or the page of `knotfab build --watch`, to this machine alone, by routes and a socket."""
 
 from __future__ import annotations
 
@@ -12,17 +12,36 @@ import socket
 import sys
 import threading
 import webbrowser
-from collections.abc import Callable, Coroutine
+from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine
+from functools import cache, partial
+from inspect import isawaitable, signature
 from pathlib import Path
 from types import FrameType
-from typing import TextIO
+from typing import Any, Literal, TextIO, get_type_hints
 
 import uvicorn
+from pydantic import BaseModel, ConfigDict, ValidationError, create_model
+from starlette.applications import Starlette
+from starlette.exceptions import HTTPException
+from starlette.middleware import Middleware
+from starlette.requests import ClientDisconnect, Request
+from starlette.responses import JSONResponse, PlainTextResponse, Response
+from starlette.routing import Route, WebSocketRoute
+from starlette.websockets import WebSocket, WebSocketDisconnect
 
+from knotfab.apps.studio import pages
 from knotfab.apps.studio.broadcast import Broadcast, Event
-from knotfab.apps.studio.server import make_app
+from knotfab.apps.studio.pages import RequestGuard
+from knotfab.apps.studio.pictures import (
+    LARGEST_BYTES,
+    TooLargeError,
+    keep_picture,
+    keep_text,
+    too_large,
+)
 from knotfab.apps.studio.session import Studio
 from knotfab.base.disk import at_home
+from knotfab.base.errors import explain_error, keep_traceback
 from knotfab.base.folder import OutputFolder
 from knotfab.base.limited import end_copies
 from knotfab_formats.errors import InputError
@@ -176,6 +195,192 @@ def watch(out: Path, events: TextIO, grace_s: int = _GRACE_S) -> None:
         open_in_browser(address)
 
     serve(studio, 0, announce, lambda: studio.follow(events, grace_s))
+
+
+_LARGEST_JSON = 64 * 2**10  # bytes of a call
+# up to this size a refused body is read to its end, since otherwise the browser ignores the reply
+_DRAINED_BYTES = 2 * 2**30
+Answer = Callable[[Request], Awaitable[Response]]
+
+
+def make_app(studio: Broadcast, token: str, hosts: tuple[str, ...]) -> Starlette:
+    """Make the application.
+
+    Args:
+        token: must be in the first address that a browser opens.
+        hosts: the allowed Host headers, with the port.
+    """
+    shown: dict[str, Answer] = {
+        "/": pages.show_page,
+        "/static/{name}": pages.show_static,
+        "/api/state": _show_state,
+        "/files/{where:path}/{name}": pages.show_file,
+    }
+    changing: dict[str, Answer] = {}
+    if isinstance(studio, Studio):
+        shown |= {
+            "/api/choices": pages.show_choices,
+            "/pictures/{name}.png": pages.show_picture,
+            "/preview/{panel:int}.png": pages.show_panel,
+        }
+        changing = {f"/api/{name}": partial(_call, name) for name in CALLS}
+        changing["/api/pictures"] = _add_picture
+    app = Starlette(
+        routes=[
+            *(Route(path, _answered(answer), methods=["GET"]) for path, answer in shown.items()),
+            *(
+                Route(path, _answered(answer), methods=["POST"])
+                for path, answer in changing.items()
+            ),
+            WebSocketRoute("/live", _follow),
+        ],
+        middleware=[Middleware(RequestGuard, token=token, hosts=hosts)],
+        exception_handlers={HTTPException: _explain_http},
+        lifespan=_live,
+    )
+    app.state.studio = studio
+    return app
+
+
+@contextlib.asynccontextmanager
+async def _live(app: Starlette) -> AsyncIterator[None]:
+    await app.state.studio.open()
+    try:
+        yield
+    finally:
+        await app.state.studio.close()
+
+
+def _answered(answer: Answer) -> Answer:
+    """Wrap a handler so that every error becomes a sentence for the page."""
+
+    async def answered(request: Request) -> Response:
+        try:
+            return await answer(request)
+        except Exception as error:
+            told = explain_error(error) or keep_traceback(error)
+            code = 413 if isinstance(told, TooLargeError) else 500 if told.exit_code == 3 else 422
+            return JSONResponse({"sentence": str(told).strip()}, code)
+
+    return answered
+
+
+async def _show_state(request: Request) -> Response:
+    return JSONResponse(request.app.state.studio.describe())
+
+
+async def _add_picture(request: Request) -> Response:
+    studio: Studio = request.app.state.studio
+    name = request.query_params.get("name", "picture")
+    data = await _read_body(request, LARGEST_BYTES, name)
+    async with studio.adding:
+        kept = await asyncio.to_thread(keep_picture, data, name, studio.picture_folder)
+        studio.add_picture(kept)
+    return JSONResponse({"name": kept.name})
+
+
+async def _call(name: str, request: Request) -> Response:
+    act = CALLS[name]
+    body = await _read_body(request, _LARGEST_JSON, "the call")
+    try:
+        asked = _body_of(act).model_validate_json(body or b"{}")
+    except ValidationError as error:
+        found = error.errors(include_url=False, include_context=False, include_input=False)[0]
+        where = ".".join(str(part)[:40] for part in found["loc"])
+        why = found["msg"].replace("\n", " ")
+        why = f"{where}: {why[:1].lower()}{why[1:]}" if where else why[:1].lower() + why[1:]
+        raise InputError("the call", why, "Load the page again.") from error
+    studio, given = request.app.state.studio, dict(asked)
+    done = act(studio, given) if act is Studio.set else act(studio, **given)
+    return JSONResponse(await done if isawaitable(done) else {})
+
+
+async def _read_body(request: Request, largest: int, what: str) -> bytes:
+    """Read a request's body.
+
+    Raises:
+        InputError: it is larger than `largest`, or was cut off.
+    """
+    what = what[:80]
+    told = request.headers.get("content-length", "")
+    if told.isdecimal() and (len(told) > 12 or int(told) > _DRAINED_BYTES):
+        raise too_large(what, largest)
+    parts, size = [], 0
+    try:
+        async for part in request.stream():
+            size += len(part)
+            if size <= largest:
+                parts.append(part)
+            elif size > _DRAINED_BYTES:
+                break
+    except ClientDisconnect as error:
+        raise InputError(what, "it broke off on its way", "Hand it in again.") from error
+    if size > largest:
+        raise too_large(what, largest)
+    return b"".join(parts)
+
+
+async def _follow(socket: WebSocket) -> None:
+    """Send a tab all messages until it is closed; what it sends is ignored."""
+    studio: Broadcast = socket.app.state.studio
+    await socket.accept()
+    listener = studio.listen()
+
+    async def send() -> None:
+        while True:
+            for text in await listener.next():
+                await socket.send_text(text)
+
+    sending = asyncio.create_task(send())
+    try:
+        while (await socket.receive())["type"] != "websocket.disconnect":
+            pass
+    finally:
+        studio.listeners.discard(listener)
+        sending.cancel()
+        with contextlib.suppress(asyncio.CancelledError, WebSocketDisconnect, RuntimeError):
+            await sending
+
+
+async def _explain_http(_: Request, error: Exception) -> Response:
+    code = error.status_code if isinstance(error, HTTPException) else 400
+    return PlainTextResponse("The studio has nothing at this address.", code)
+
+
+async def _add_text(studio: Studio, text: str) -> dict[str, Any]:
+    async with studio.adding:
+        font = str(studio.settings.values.get("font", "")) or None
+        kept = await asyncio.to_thread(keep_text, text, studio.picture_folder, font)
+        studio.add_picture(kept)
+    return {"name": kept.name}
+
+
+# what the page may call below /api/; the keys of a call's body are the parameters
+CALLS: dict[str, Callable[..., Any]] = {
+    "text": _add_text,
+    "choose": Studio.choose,
+    "settings": Studio.set,
+    "cut": Studio.cut,
+    "build": Studio.press,
+    "stop": Studio.stop,
+    "open": Studio.open_build,
+    "rename": Studio.rename,
+    "delete": Studio.delete,
+    "remove": Studio.remove_picture,
+}
+
+
+@cache
+def _body_of(act: Callable[..., Any]) -> type[BaseModel]:
+    """Make the model of a call's JSON body from the parameters of what it does."""
+    hints, fields = get_type_hints(act), dict[str, Any]()
+    for name, parameter in [*signature(act).parameters.items()][1:]:
+        default = ... if parameter.default is parameter.empty else parameter.default
+        fields[name] = hints[name], default
+    extra: Literal["allow", "forbid"] = "forbid"
+    if act is Studio.set:  # its body is the settings themselves
+        fields, extra = {}, "allow"
+    return create_model(act.__name__, __config__=ConfigDict(extra=extra, strict=True), **fields)
 
 
 if __name__ == "__main__":

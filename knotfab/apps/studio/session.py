@@ -14,8 +14,7 @@ from knotfab.apps.batch.worker import list_arguments
 from knotfab.apps.studio.broadcast import Broadcast, Event, LiveBuild
 from knotfab.apps.studio.builds import Builds, Kind, Record, child_of, folder_after, title_after
 from knotfab.apps.studio.fields import DEFAULTS, FIELDS, Settings, Value, in_page_words
-from knotfab.apps.studio.look import draw_cut, list_ways, preview
-from knotfab.apps.studio.pictures import StudioPicture, thumbnail
+from knotfab.apps.studio.pictures import StudioPicture, draw_cut, list_ways, preview, thumbnail
 from knotfab.base.disk import write_whole
 from knotfab.base.errors import explain_error, keep_traceback
 from knotfab.base.pool import Workers

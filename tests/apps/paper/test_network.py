@@ -10,7 +10,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from knotfab.apps.paper.network import Coupling, CouplingNetwork, Perceptron, Rigid, rotation
+from knotfab.apps.paper.network_search import Coupling, CouplingNetwork, Perceptron, Rigid, rotation
 
 DTYPES = (torch.float64, torch.float32)
 ORDERS = tuple(itertools.permutations(range(3)))

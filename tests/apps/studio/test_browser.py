@@ -22,7 +22,7 @@ pytest.importorskip("playwright", reason="pip install playwright")
 import uvicorn
 from playwright.sync_api import expect, sync_playwright
 
-from knotfab.apps.studio.server import make_app
+from knotfab.apps.studio.run import make_app
 from knotfab.apps.studio.session import Studio
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")

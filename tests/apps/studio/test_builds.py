@@ -20,7 +20,7 @@ from starlette.testclient import TestClient
 from knotfab.apps.studio import session
 from knotfab.apps.studio.builds import Builds, Record, describe_folder, number
 from knotfab.apps.studio.fields import FIELDS, in_page_words
-from knotfab.apps.studio.server import make_app
+from knotfab.apps.studio.run import make_app
 from knotfab.apps.studio.session import Studio
 
 HOST, TOKEN = "127.0.0.1:8000", "the-token-of-the-address"

@@ -18,7 +18,7 @@ import pytest
 from PIL import Image
 
 from benchmarks.studio_times import begin_build, open_studio
-from knotfab.apps.studio import look
+from knotfab.apps.studio import pictures
 from knotfab.apps.studio.fields import in_page_words, read_field
 from knotfab.pipeline.options import BuildOptions
 from knotfab_formats.errors import InputError
@@ -26,8 +26,7 @@ from knotfab_formats.errors import InputError
 pytest.importorskip("starlette", reason="the studio needs starlette: pip install 'knotfab[studio]'")
 from starlette.testclient import TestClient
 
-from knotfab.apps.studio.run import WatchedBuild
-from knotfab.apps.studio.server import make_app
+from knotfab.apps.studio.run import WatchedBuild, make_app
 from knotfab.cli.commands import open_page
 
 HOST, TOKEN = "127.0.0.1:8000", "the-token-of-the-address"
@@ -119,8 +118,8 @@ def test_ctrl_c_ends_a_studio_and_its_build() -> None:
 
 def test_a_subject_that_is_offered_fills_its_field(monkeypatch: pytest.MonkeyPatch) -> None:
     one: Any = SimpleNamespace(keys={"subject_px": (1, 2, 30, 40)}, refusal=None, thumbnail=bytes)
-    monkeypatch.setattr(look, "list_readings", lambda *_: [one])
-    (way,), _ = look.list_ways(["photo.jpg"], BuildOptions(), {})
+    monkeypatch.setattr(pictures, "list_readings", lambda *_: [one])
+    (way,), _ = pictures.list_ways(["photo.jpg"], BuildOptions(), {})
     assert read_field("subject", way["settings"]["subject"]) == "1,2,30,40"
     told = "Cut it out: --subject LEFT,TOP,WIDTH,HEIGHT, a rectangle about it, and --drop X,Y,R."
     wanted = "Cut it out: “Subject”, a rectangle about it, and “Does not belong”."
@@ -137,7 +136,7 @@ def test_the_cut_over_a_photograph_is_in_its_own_px(tmp_path: Path) -> None:
     )
     Image.fromarray(photo.clip(0, 255).astype(np.uint8)).save(tmp_path / "ball.png")
     asked = BuildOptions(subject="500,100,800,800", drop=("900,500,60",))
-    drawn = look.draw_cut(str(tmp_path / "ball.png"), asked)
+    drawn = pictures.draw_cut(str(tmp_path / "ball.png"), asked)
     sheet = np.asarray(Image.open(io.BytesIO(drawn)))
     assert sheet.shape == (683, 1024, 4)
     clear = sheet[..., 3] == 0
@@ -147,7 +146,7 @@ def test_the_cut_over_a_photograph_is_in_its_own_px(tmp_path: Path) -> None:
     assert clear[(off > 75) & (off < 290)].all()
     assert not clear[(off < 50) | (off > 310)].any()
     with pytest.raises(InputError, match="no rectangle of at least"):
-        look.draw_cut(str(tmp_path / "ball.png"), BuildOptions(subject="1400,0,400,400"))
+        pictures.draw_cut(str(tmp_path / "ball.png"), BuildOptions(subject="1400,0,400,400"))
 
 
 def test_a_reading_that_the_page_has_no_field_for_is_not_offered(
@@ -157,7 +156,7 @@ def test_a_reading_that_the_page_has_no_field_for_is_not_offered(
         return SimpleNamespace(keys=keys, refusal=None, thumbnail=lambda: b"picture")
 
     found = [reading(ink="dark", speck_px=9), reading(keep_px=((1, 2, 3),))]
-    monkeypatch.setattr(look, "list_readings", lambda *_: found)
-    ways, thumbnails = look.list_ways(["photo.jpg"], BuildOptions(), {"smooth": "2"})
+    monkeypatch.setattr(pictures, "list_readings", lambda *_: found)
+    ways, thumbnails = pictures.list_ways(["photo.jpg"], BuildOptions(), {"smooth": "2"})
     assert len(ways) == len(thumbnails) == 1
     assert ways[0]["settings"]["ink"] == "dark" and ways[0]["settings"]["specks"] == 9

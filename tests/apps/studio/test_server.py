@@ -28,9 +28,9 @@ from starlette.requests import Request
 from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 
-from knotfab.apps.studio import broadcast, look, server, session
+from knotfab.apps.studio import broadcast, pictures, run, session
 from knotfab.apps.studio.pictures import LARGEST_BYTES
-from knotfab.apps.studio.server import CALLS, make_app
+from knotfab.apps.studio.run import CALLS, make_app
 from knotfab.apps.studio.session import Studio
 from knotfab.knots import read_start
 from knotfab.pipeline.options import options_from
@@ -236,7 +236,7 @@ def test_an_upload_that_breaks_off_is_a_sentence() -> None:
 
     with pytest.raises(InputError, match="it broke off"):
         asyncio.run(
-            server._read_body(Request({"type": "http", "headers": []}, receive), 10, "cat.png")
+            run._read_body(Request({"type": "http", "headers": []}, receive), 10, "cat.png")
         )
 
 
@@ -244,9 +244,9 @@ def test_an_upload_that_breaks_off_is_a_sentence() -> None:
 @pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="a terminal that closes sends no signal")
 def test_the_studio_ends_with_its_terminal(tmp_path: Path) -> None:
     code = (
-        "import functools, pathlib, signal, sys; from knotfab.apps.studio import run;"
+        "import pathlib, signal, sys; from knotfab.apps.studio import run;"
         "signal.signal(signal.SIGHUP, signal.SIG_DFL);"  # whatever the tests were begun with
-        "run.Studio = functools.partial(run.Studio, warm=False);"
+        "run.Studio.__init__.__defaults__ = (False,);"  # no worker is started early
         "run.run_studio(0, False, pathlib.Path(sys.argv[1]))"
     )
     command = [sys.executable, "-c", code, str(tmp_path)]
@@ -443,7 +443,7 @@ def test_a_slow_tab_gets_the_latest_frame_alone() -> None:
 
 @pytest.mark.slow
 def test_a_preview_says_what_is_lost_and_draws_it() -> None:
-    figures, panels = look.preview(["text:I"], options_from({"width": 150}))
+    figures, panels = pictures.preview(["text:I"], options_from({"width": 150}))
     assert figures["views"][0]["frame_mm"][0] == 150 and json.dumps(figures)
     assert len(figures["panels"]) == len(panels) > 1 and "150 x" in figures["panels"][0]
     assert {max(Image.open(io.BytesIO(png)).size) for png in panels} == {720}

@@ -27,7 +27,7 @@ from benchmarks.hard.values import (
     round_trip_share,
 )
 from benchmarks.hard.worst import HUNTS, KEPT
-from knotfab.apps.paper.network import Coupling
+from knotfab.apps.paper.network_search import Coupling
 from paper.losses import mobius_loss
 
 pytestmark = pytest.mark.slow
