@@ -21,7 +21,6 @@ from knotfab.design.sentence import describe, with_noun
 from knotfab.design.survey import Survey, ViewSurvey, find_refusal, find_unlike, survey_views
 from knotfab.picture.colours import common_colours, is_grainy, is_photo
 from knotfab.picture.doubt import is_guessed, rate_mask, write_options
-from knotfab.picture.ink import WHITE_TOO
 from knotfab.picture.raster import encode_image
 from knotfab.picture.read import Target, read_target
 from knotfab.picture.silhouette import (
@@ -94,7 +93,7 @@ def is_unclear(found: Survey) -> bool:
     (seen,) = found.views
     refused = found.refusal is not None and found.refusal.what == PICTURE
     guessed = is_guessed(seen.target.notes) or seen.target.doubt is not None
-    return refused or guessed or WHITE_TOO in seen.target.rule or seen.pieces + seen.holes >= 24
+    return refused or guessed or seen.target.draws_white or seen.pieces + seen.holes >= 24
 
 
 def advise(found: Survey, readings: Sequence[TriedReading]) -> Survey:

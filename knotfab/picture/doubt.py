@@ -124,7 +124,7 @@ def find_doubt(
     found = []
     for keys in _other_ways(small, box):
         try:
-            other, _, crop = silhouette(small, "", reading.but(**keys))
+            (other, *_), crop = silhouette(small, "", reading.but(**keys))
         except InputError:
             continue
         if crop is not None:

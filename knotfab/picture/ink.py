@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from colorsys import rgb_to_hsv
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,7 @@ _ROWS = 512  # rows compared at once, to bound the memory
 _LUMA = (299, 587, 114)  # ITU-R BT.601, in thousandths
 # levels (of 255) by which blank paper varies after JPEG compression
 _NOISE = 8.0
-WHITE_TOO = ", and the white is drawn as dark as the rest"  # what lies on white paper unseen
+_WHITE_TOO = ", and the white is drawn as dark as the rest"  # what lies on white paper unseen
 # upper bounds of hues, degrees, and their names
 _HUES: tuple[tuple[int, str], ...] = (
     *((15, "red"), (45, "orange"), (68, "yellow"), (165, "green"), (195, "turquoise")),
@@ -31,8 +31,17 @@ _HUES: tuple[tuple[int, str], ...] = (
 )
 
 
-def find_ink(image: Image.Image, reading: Reading, what: str) -> tuple[Mask, str]:
-    """Find the pixels of a decoded picture that are ink, and the rule in words, its figures in brackets.
+class Ink(NamedTuple):
+    """The pixels of a picture that are ink, and the rule in words, its figures in brackets."""
+
+    mask: Mask
+    rule: str
+    # whether what is white is drawn beside a larger colour; it may be meant as paper
+    draws_white: bool = False
+
+
+def find_ink(image: Image.Image, reading: Reading, what: str) -> Ink:
+    """Find the pixels of a decoded picture that are ink.
 
     Args:
         image: upright, and cropped already; where a subject is cut out, its mask. what: how an error names
@@ -42,7 +51,7 @@ def find_ink(image: Image.Image, reading: Reading, what: str) -> tuple[Mask, str
         InputError: the picture is transparent everywhere, or all one colour.
     """
     if reading.cut_out:
-        return np.asarray(image) >= 128, "what was cut out [--subject]"
+        return Ink(np.asarray(image) >= 128, "what was cut out [--subject]")
     colours, alpha = split_channels(image)
     least = reading.threshold if reading.ink in ("auto", "alpha") else 0.5
     clear = None if alpha is None or alpha.min() == 255 else alpha < 255 * least
@@ -60,14 +69,13 @@ def find_ink(image: Image.Image, reading: Reading, what: str) -> tuple[Mask, str
         mask = _mark_different(colours, middle, reading.threshold, what, clear)
         rule = f"{_tell_shape(middle, colours, mask)} [what differs from the border's colour, "
         rule += f"{_name(middle, colours)}, by more than {share}]"
-        return mask, rule + _tell_colours(colours, mask)
+        return Ink(mask, rule + _tell_colours(colours, mask)[0])
     opaque = np.ones(colours.shape[:2], dtype=bool) if clear is None else ~clear
     if reading.ink == "flood":
-        return opaque & ~_flood_border(colours, reading.threshold, what), (
-            f"what the colours of the border do not reach [each taking in {share}]"
-        )
+        inside = opaque & ~_flood_border(colours, reading.threshold, what)
+        return Ink(inside, f"what the colours of the border do not reach [each taking in {share}]")
     if reading.ink in ("dark", "light"):
-        return _split_brightness(colours, opaque, reading, what)
+        return Ink(*_split_brightness(colours, opaque, reading, what))
     wanted = np.array(ImageColor.getrgb(reading.ink), dtype=np.float64)
     if colours.ndim == 2:  # greys are colours too: black is not green for want of red
         most = 255.0 if colours.dtype == np.uint8 else np.iinfo(np.uint16).max
@@ -86,7 +94,7 @@ def find_ink(image: Image.Image, reading: Reading, what: str) -> tuple[Mask, str
         np.median(colours[near & opaque], axis=0)
     )  # may differ from the one asked for
     exact = f"[what differs from {reading.ink} by less than {share}]"
-    return near & opaque, f"what is {called} {exact}"
+    return Ink(near & opaque, f"what is {called} {exact}")
 
 
 def split_channels(image: Image.Image) -> tuple[Levels, NDArray[np.uint8] | None]:
@@ -138,38 +146,39 @@ def _explain_faint(alpha: NDArray[np.uint8], what: str) -> InputError:
     return InputError(what, why, f"Add --threshold {peak / 2:.2g}, or make the drawing opaque.")
 
 
-def _take_opaque(colours: Levels, opaque: Mask, reading: Reading) -> tuple[Mask, str]:
+def _take_opaque(colours: Levels, opaque: Mask, reading: Reading) -> Ink:
     """Mark the opaque pixels, without enclosed parts in another colour than the main one."""
     rule = f"what is opaque [alpha at least {reading.threshold:g}]"
     if reading.ink == "alpha" or colours.ndim == 2:
-        return opaque, rule
+        return Ink(opaque, rule)
     holes, clusters = enclosed_parts(colours.astype(np.uint8, copy=False), opaque)
     if clusters is not None and holes.any():
         rule += ", without the parts of other colours inside it "
         rule += f"[that {name_colour(clusters.colours[0])}, the largest colour, encloses]"
     mask = opaque & ~holes
-    return mask, rule + _tell_colours(colours, mask, clear=True)
+    told, draws_white = _tell_colours(colours, mask, clear=True)
+    return Ink(mask, rule + told, draws_white)
 
 
-def _tell_colours(colours: Levels, mask: Mask, clear: bool = False) -> str:
+def _tell_colours(colours: Levels, mask: Mask, clear: bool = False) -> tuple[str, bool]:
     """Name the colours where ink has several, since a person may want only one of them.
 
-    Colours of soft edges, nowhere 3 px thick, do not count. White beside a larger colour, on a `clear`
-    ground, is often meant as paper.
+    Colours of soft edges, nowhere 3 px thick, do not count. Also returns whether there is white beside a
+    larger colour on a `clear` ground.
     """
     from scipy import ndimage
 
     if colours.ndim == 2 or colours.dtype != np.uint8 or not mask.any():
-        return ""
+        return "", False
     found = cluster_colours(colours[mask].astype(np.uint8, copy=False))
     # share of the ink of a colour that is told
     told = [k for k, share in enumerate(found.shares) if share >= 0.02]
     if len(told) < 2:
-        return ""
+        return "", False
     kinds = found.label(colours)
     told = [k for k in told if ndimage.binary_erosion(mask & (kinds == k), np.ones((3, 3))).any()]
     if len(told) < 2:
-        return ""
+        return "", False
     names = [(_word_of(found.colours[k]), name_colour(found.colours[k])) for k in told[:4]]
     words = [
         f"{word} ({name}, {found.shares[k]:.0%})"
@@ -177,7 +186,8 @@ def _tell_colours(colours: Levels, mask: Mask, clear: bool = False) -> str:
     ]
     (most, name), white = names[0], clear and "white" in [word for word, _ in names[1:]]
     taken = f'--ink "{name}" draws the {most} alone'
-    return f"; its colours are {', '.join(words[:-1])} and {words[-1]}{WHITE_TOO if white else ''}: {taken}"
+    too = _WHITE_TOO if white else ""
+    return f"; its colours are {', '.join(words[:-1])} and {words[-1]}{too}: {taken}", white
 
 
 def take_border(colours: Levels) -> Levels:

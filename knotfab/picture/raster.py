@@ -16,7 +16,7 @@ import numpy as np
 from PIL import Image, ImageOps
 
 from knotfab.base.arrays import Mask
-from knotfab.picture.ink import find_ink
+from knotfab.picture.ink import Ink, find_ink
 from knotfab.picture.silhouette import drop_specks, fit_size, keep_largest, pieces_of
 from knotfab_formats.errors import InputError
 from knotfab_formats.libraries import took_part
@@ -255,7 +255,7 @@ def to_plain(image: Image.Image) -> Image.Image:
 
 def silhouette(
     image: Image.Image, what: str, reading: Reading, shrunk: int = 1
-) -> tuple[Mask, str, Box | None]:
+) -> tuple[Ink, Box | None]:
     """Return the silhouette of a decoded picture, by the rules of docs/silhouette.md.
 
     The picture is cropped; then ink is found, and inverted if asked; then the largest pieces are
@@ -268,15 +268,14 @@ def silhouette(
             picture.
 
     Returns:
-        (H, W) bool of the cropped picture, row 0 at the top, True where the shape is; the rule in
-            words;
+        Its mask (H, W) of the cropped picture, row 0 at the top, True where the shape is;
         and the crop in px (left, top, width, height), None where there is none.
 
     Raises:
         InputError: no shape, nothing but specks, or a shape that fills the whole frame.
     """
     image, box = crop_image(image, what, reading)
-    mask, rule = find_ink(image, reading, what)
+    mask, rule, draws_white = find_ink(image, reading, what)
     if reading.invert:
         mask, rule = ~mask, f"all but {rule}"
     if reading.speck_px:
@@ -292,7 +291,7 @@ def silhouette(
         box = (box[0] * shrunk, box[1] * shrunk, box[2] * shrunk, box[3] * shrunk)
         rule += "; in the picture from ({}, {}), {} x {} px".format(*box)
     check_shape(mask, what)
-    return mask, rule, box
+    return Ink(mask, rule, draws_white), box
 
 
 def own_box(mask: Mask) -> Box:
@@ -311,7 +310,7 @@ def crop_image(image: Image.Image, what: str, reading: Reading) -> tuple[Image.I
     """Crop a picture to the part that is read; return it with its box in px."""
     box = reading.crop_px
     if box is None:
-        whole, *_ = silhouette(image, what, reading.but(crop_px=False))
+        (whole, *_), _ = silhouette(image, what, reading.but(crop_px=False))
         box = own_box(whole)
     return (image, None) if not box else (_crop(image, box, what), box)
 

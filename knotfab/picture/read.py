@@ -90,6 +90,7 @@ class Target(InNotebook):
     flattened_s: float | None = None
     shrunk: int = 1
     bending: Bending | None = None
+    draws_white: bool = False  # whether it draws white, beside a larger colour, on a clear ground
     is_text: bool = False  # whether it is text, which must not be mirrored
     notes: tuple[str, ...] = ()
     ink: str | None = None
@@ -321,7 +322,7 @@ def _take_target(
             shrunk > 1 and asked.crop_px is False and reading.crop_px is not False
         ):  # a thin frame, to be told in its own px
             return _take_target(whole, what, name, suffix, asked, 0, folder)
-        mask, rule, box = raster.silhouette(image, what, reading, shrunk)
+        (mask, rule, draws_white), box = raster.silhouette(image, what, reading, shrunk)
     except InputError:
         if frames == 1 or subject:
             raise
@@ -341,6 +342,7 @@ def _take_target(
     found = name, mask, data, width, height, kept, rule, box, original
     return Target(
         *found,
+        draws_white=draws_white,
         shrunk=shrunk,
         notes=notes,
         ink=ink,

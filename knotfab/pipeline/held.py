@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Literal
 
 import numpy as np
@@ -102,8 +103,7 @@ class Workshop:
                 paler = [one for one in later if rank > 1 or not one.is_dear_beside(guess)]
                 if not rank or not paler:
                     return piece, report
-                first = asked, settled[0], settled, said
-                return self._keep_word(request, made, (piece, report), first, paler)
+                return self._keep_word(request, made, (piece, report), paler)
             failed = unmet
             refused.append(f"{WORDS[guess.kind]} (failed: {', '.join(sorted(unmet))})")
             discard_piece(piece, self.folder)
@@ -118,27 +118,25 @@ class Workshop:
         request: Request,
         made: Design,
         done: tuple[WrittenPiece, Report],
-        first: tuple[Request, Design, Settled, str],
         others: Sequence[Guess],
     ) -> tuple[WrittenPiece, Report]:
-        """Finish a piece on the first of other holders that is not seen, if its word is better there.
-
-        Args:
-            done: the piece as it is on its holder. first: what it was finished from.
-        """
+        """Finish a piece on the first other holder that is not seen; keep it there if its word is better."""
         for guess in others:
             asked, design = _with_mount(request, made, guess.kind)
             settled = self._plan(asked, design)
             shows = 1.0 if isinstance(settled, str) else _shows(settled)
             if isinstance(settled, str) or shows >= _SEEN_SHARE:
                 continue
-            discard_piece(done[0], self.folder)
             why = f"Held by {guess}, since the shadow suffers on what takes less. --mount none leaves it out."
-            other = self.finish(asked, settled[0], settled, why)
-            if not _list_failed(other[1]) and _rank_word(other[1]) < _rank_word(done[1]):
-                return other
-            discard_piece(other[0], self.folder)
-            return self.finish(*first)
+            with TemporaryDirectory(dir=self.folder.work.parent) as aside:
+                discard_piece(done[0], self.folder, Path(aside))
+                other = self.finish(asked, settled[0], settled, why)
+                if not _list_failed(other[1]) and _rank_word(other[1]) < _rank_word(done[1]):
+                    return other
+                discard_piece(other[0], self.folder)
+                for path in Path(aside).iterdir():
+                    path.rename(self.folder.file(path.name))
+            break
         return done
 
     def _plan(self, request: Request, made: Design) -> Settled | str:

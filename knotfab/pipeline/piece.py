@@ -151,13 +151,13 @@ def write_piece(
     )
 
 
-def discard_piece(piece: WrittenPiece, folder: OutputFolder) -> None:
-    """Remove all files of a frame that is to be written again, once no slicer reads them any more."""
+def discard_piece(piece: WrittenPiece, folder: OutputFolder, aside: Path | None = None) -> None:
+    """Remove all files of a piece, or move them `aside`, once no slicer reads them any more."""
     wait([slicing for slicing in piece.slicings.values() if not slicing.cancel()])
     own = re.compile(rf"[a-z-]+{piece.suffix}(-\d+)?\.\w+")  # such as "plate-03-1.3mf" for "-03"
     for path in list(folder.work.iterdir()):
         if own.fullmatch(path.name):
-            path.unlink()
+            path.unlink() if aside is None else path.rename(aside / path.name)
 
 
 def files_for_slicer(folder: OutputFolder, part: Part, suffix: str) -> list[Path]:

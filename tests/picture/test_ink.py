@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from PIL import Image, ImageDraw, ImageFilter
 
 from knotfab.base.arrays import Mask
-from knotfab.picture.ink import WHITE_TOO
 from knotfab.picture.read import Target, read_target
 from knotfab.picture.silhouette import drop_specks, holes_of, keep_largest, pieces_of
 from knotfab_formats.errors import InputError
@@ -271,9 +270,10 @@ def test_what_is_opaque_and_of_several_colours_is_said_to_be(tmp_path: Path) -> 
     face = np.stack([255 - 50 * out, 230 * (1 - out), 0 * out, 255.0 * (out < 1)], axis=-1)
     face[(np.abs(np.abs(x) - 35) < 12) & (np.abs(y + 20) < 12), :3] = 0
     Image.fromarray(face.astype(np.uint8)).save(tmp_path / "face.png")
-    rule = read_target(tmp_path / "face.png").rule
+    target = read_target(tmp_path / "face.png")
+    rule = target.rule
     assert '; its colours are orange (#e46400, 54%) and red (#cc0000, 46%): --ink "#e46400"' in rule
-    assert "draws the orange alone" in rule and WHITE_TOO not in rule
+    assert "draws the orange alone" in rule and not target.draws_white and "white" not in rule
 
 
 def test_white_in_a_drawing_without_a_ground_is_said_to_be_drawn(tmp_path: Path) -> None:
@@ -281,9 +281,10 @@ def test_white_in_a_drawing_without_a_ground_is_said_to_be_drawn(tmp_path: Path)
     cloudy = disc(45, 50, 25)
     cloud = painted(CLEAR, (cloudy, (*RED, 255)), (TICK, (*WHITE, 255)))
     target = read(tmp_path, cloud)
-    assert (target.mask == (cloudy | TICK)).all() and f"{WHITE_TOO}: --ink " in target.rule
+    assert (target.mask == (cloudy | TICK)).all() and target.draws_white
+    assert ", and the white is drawn as dark as the rest: --ink " in target.rule
     bare = read(tmp_path, cloud, ink="#d61e28")
-    assert not (bare.mask & TICK).any() and WHITE_TOO not in bare.rule
+    assert not (bare.mask & TICK).any() and not bare.draws_white
 
 
 STRAY = {"a pixel": (slice(0, 1), slice(0, 1)), "a row": (slice(-1, None), slice(None))}

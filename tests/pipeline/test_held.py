@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from types import SimpleNamespace
+from types import MappingProxyType, SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from rings import EMPTY, VIEW, knots, ring
 
+from knotfab.base.folder import OutputFolder
 from knotfab.effects.base import World
 from knotfab.pipeline import held
 from knotfab.pipeline.held import Guess, Workshop, can_hold, guess_holders
@@ -72,7 +73,7 @@ class Played(Workshop):
     """A workshop that builds nothing: each kind of mount fails the checks that are told of it."""
 
     def play(
-        self, fails: Mapping[str, tuple[str, ...]], unheld: set[str], words: Mapping[str, str]
+        self, fails: Mapping[str, tuple[str, ...]], unheld: Set[str], words: Mapping[str, str]
     ) -> Played:
         self.__dict__.update(fails=fails, unheld=unheld, words=words, built=[])
         return self
@@ -90,8 +91,26 @@ class Played(Workshop):
         self.__dict__["built"].append(kind)
         checks = [replace(BAD, name=name) for name in self.__dict__["fails"].get(kind, ())]
         word = self.__dict__["words"].get(kind, "faithful")
-        piece = SimpleNamespace(made=made, scene=made.scene, note=note)
+        piece = SimpleNamespace(made=made, scene=made.scene, note=note, suffix="", slicings={})
+        self.folder.write("part.stl", kind)
         return piece, SimpleNamespace(checks=checks, verdict=SimpleNamespace(word=word))
+
+
+def finish_held(
+    place: Path,
+    request: Request,
+    fails: Mapping[str, tuple[str, ...]] = MappingProxyType({}),
+    unheld: Set[str] = frozenset(),
+    words: Mapping[str, str] = MappingProxyType({}),
+) -> tuple[Played, str, str]:
+    """The workshop when it is done, the mount of the part that lies in its folder, and the piece's note."""
+    nothing: Any = None
+    with OutputFolder(place / "out") as folder:
+        shop = Played([TARGET], folder, nothing, nothing, nothing).play(fails, unheld, words)
+        piece, _ = shop.finish_held(request, made_of(request.scene))
+        (file,) = folder.work.iterdir()
+        assert piece.scene.mount.kind == file.read_text()
+        return shop, file.read_text(), str(piece.note)
 
 
 EACH = {"hang": ("level",), "stand": ("mount",), "wall": ("tube",)}
@@ -109,48 +128,47 @@ CASES: list[tuple[dict[str, Any], set[str], dict[str, Any], list[str]]] = [
 
 @pytest.mark.parametrize(("fails", "unheld", "keys", "built"), CASES)
 def test_the_next_holder_is_tried_where_one_fails(
-    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
     fails: dict[str, tuple[str, ...]],
     unheld: set[str],
     keys: dict[str, Any],
     built: list[str],
 ) -> None:
-    monkeypatch.setattr(held, "discard_piece", lambda *_: None)
-    nothing: Any = None
-    shop = Played([TARGET], nothing, nothing, nothing, nothing).play(fails, unheld, {})
     request = Request(scene_of(), (), Path(), printing=True, **keys)
     assert request.chooses_holder
-    piece, _ = shop.finish_held(request, made_of(request.scene))
-    note = piece.note
-    assert shop.__dict__["built"] == built
+    shop, kept, note = finish_held(tmp_path, request, fails, unheld)
+    assert shop.__dict__["built"] == built and kept == built[-1]
     wanted = ["No holder"] if built[-1] == "none" else ["Held by"]
     wanted += ["It darkens 0.8% of"] if built == ["hang"] else []
-    assert all(words in str(note) for words in wanted)
+    assert all(words in note for words in wanted)
     for kind in unheld & {"hang"}:
-        assert "nothing reaches it" in str(note), kind
+        assert "nothing reaches it" in note, kind
 
 
 @pytest.mark.parametrize(
-    ("words", "dear", "built"),
+    ("words", "dear", "built", "kept"),
     [
-        ({}, set(), ["hang"]),
-        ({"hang": "good"}, set(), ["hang", "stand"]),
-        ({"hang": "good", "stand": "good"}, set(), ["hang", "stand", "hang"]),
-        ({"hang": "good"}, {"stand"}, ["hang", "wall"]),
-        ({"hang": "good"}, {"stand", "wall"}, ["hang"]),
-        ({"hang": "coarse"}, {"stand", "wall"}, ["hang", "stand"]),
+        ({}, set(), ["hang"], "hang"),
+        ({"hang": "good"}, set(), ["hang", "stand"], "stand"),
+        ({"hang": "good", "stand": "good"}, set(), ["hang", "stand"], "hang"),  # no second time
+        ({"hang": "good"}, {"stand"}, ["hang", "wall"], "wall"),
+        ({"hang": "good"}, {"stand", "wall"}, ["hang"], "hang"),
+        ({"hang": "coarse"}, {"stand", "wall"}, ["hang", "stand"], "stand"),
     ],
 )
 def test_a_holder_that_spoils_the_word_gives_way_to_one_that_is_not_dear(
-    monkeypatch: pytest.MonkeyPatch, words: dict[str, str], dear: set[str], built: list[str]
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    words: dict[str, str],
+    dear: set[str],
+    built: list[str],
+    kept: str,
 ) -> None:
-    monkeypatch.setattr(held, "discard_piece", lambda *_: None)
     monkeypatch.setattr(Guess, "is_dear_beside", lambda self, _: self.kind in dear)
-    nothing: Any = None
-    shop = Played([TARGET], nothing, nothing, nothing, nothing).play({}, set(), words)
-    request = Request(scene_of(), (), Path(), printing=True)
-    shop.finish_held(request, made_of(request.scene))
-    assert shop.__dict__["built"] == built
+    shop, last, _ = finish_held(
+        tmp_path, Request(scene_of(), (), Path(), printing=True), words=words
+    )
+    assert shop.__dict__["built"] == built and last == kept
 
 
 def test_a_third_more_than_the_whole_piece_takes_is_dear() -> None:
