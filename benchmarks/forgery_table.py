@@ -12,8 +12,7 @@ from pathlib import Path
 
 from benchmarks.measurement import run_study
 from knotfab_formats.verdict import SHADOWS
-from tests.corpus.examine import validate_file
-from tests.corpus.forged import forged, judge_forged
+from tests.corpus.forged import VARIATIONS, forged, judge_forged, write_variation
 from tests.corpus.forged_sequence import (
     forge_frame,
     forged_sequence,
@@ -21,9 +20,8 @@ from tests.corpus.forged_sequence import (
     plain_frame,
     sequence_folder,
 )
-from tests.corpus.forging import Held
-from tests.corpus.held import HOLDERS, write_held
-from tests.corpus.honest import VARIATIONS, write_variation
+from tests.corpus.forging import HOLDERS, Held, write_held
+from tests.corpus.judge import validate_file
 
 
 def main(*, only: str = "") -> int:

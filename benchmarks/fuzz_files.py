@@ -20,9 +20,9 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 
 from benchmarks.measurement import run_study
-from tests.corpus.examine import Outcome, examine
 from tests.corpus.fuzzed import fuzz_file
 from tests.corpus.hostile import Hostile, handmade
+from tests.corpus.judge import Outcome, examine
 from tests.corpus.strangers import fuzz_stranger
 
 SLOW_S = 60.0  # by the clock, of a machine that may be busy

@@ -12,8 +12,7 @@ import numpy as np
 
 from knotfab_validators.arrays import Array
 from knotfab_validators.tube.thickness import thickness
-from tests.corpus.curves import circle
-from tests.corpus.thicknesses import racetrack, thickness_rows, tilt, torus_curve
+from tests.corpus.curves import circle, racetrack, thickness_rows, tilt, torus_curve
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
-from quick_scene import ask_quick
+from questions import ask_quick
 
 ROOT = Path(__file__).resolve().parents[1]
 PROCESSES = {

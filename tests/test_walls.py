@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import json
 import subprocess
 import sys
@@ -10,7 +11,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command import picture, square
-from imports import imports_of
 
 HEAVY = ("torch", "vtk", "vtkmodules", "pyvista", "scipy", "matplotlib", "cadquery", "OCP")
 # modules that may be loaded by a call that reads a picture, or draws text
@@ -137,6 +137,26 @@ def test_the_folders_are_no_packages(folder: str) -> None:
 
 
 ROOT = Path(__file__).parents[1]
+
+
+def imports_of(source: str) -> set[str]:
+    """Every absolute name that a file imports, wherever in it the import stands."""
+    found = set()
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
+            found |= {node.module} | {f"{node.module}.{alias.name}" for alias in node.names}
+        elif (
+            isinstance(node, ast.Call)
+            and isinstance(node.func, ast.Name | ast.Attribute)
+            and (getattr(node.func, "id", None) or getattr(node.func, "attr", None))
+            in ("import_module", "__import__")
+            and node.args
+            and isinstance(node.args[0], ast.Constant)
+        ):
+            found.add(str(node.args[0].value))
+    return found
 
 
 def imported(folder: str) -> set[str]:

@@ -29,8 +29,7 @@ from knotfab_validators import validate
 
 from .curves import Array, torus_knot
 from .files import encode
-from .forging import ball, body_of, collar, rod, solids_of
-from .held import RADIUS_MM, SIDES
+from .forging import RADIUS_MM, SIDES, ball, body_of, collar, rod, solids_of
 from .parts import Body
 
 Forge = Callable[[Path], object]

@@ -10,9 +10,8 @@ from functools import cache
 from pathlib import Path
 
 from .case import make_part, with_scene
-from .cube_files import archive, seeds
 from .curves import circle
-from .files import write
+from .files import archive, seeds, write
 from .hostile import Hostile
 
 NUMBER = re.compile(rb"-?\d+\.?\d*(?:e[+-]?\d+)?")

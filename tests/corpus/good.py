@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from .broken_print import arch, funnel, gallows, island, plain, slab, slot, table
 from .case import Good, change_scene, make_part, make_tied_part, with_picture, with_scene
 from .curves import (
     Array,
@@ -21,10 +22,8 @@ from .curves import (
     torus_knot,
     wavy,
 )
-from .damage import RING, cut_and_cap
 from .files import Part, encode
-from .parts import Body, ball, blocks, box, drum, join, tube
-from .print_parts import arch, funnel, gallows, island, plain, slab, slot, table
+from .parts import RING, Body, ball, blocks, box, cut_and_cap, drum, join, tube
 
 APART = np.array([80.0, 0.0, 0.0])
 

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 
-from .cube_files import (
+from .files import (
     MESH,
     RELATIONS,
     archive,

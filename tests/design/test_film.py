@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,22 +13,43 @@ import numpy as np
 import pytest
 from command import knotfab, picture, refuse, square
 from PIL import Image, ImageDraw
-from quick_sequences import QUICK, discs, in_order
 
 from knotfab.base.folder import OutputFolder
 from knotfab.design import film as chain
 from knotfab.design import kept
-from knotfab.design.film import Chain, list_ties, pick_first
+from knotfab.design.film import Chain, SequenceFrame, list_ties, pick_first
 from knotfab.design.film_search import Tie
 from knotfab.design.kept import KeptFrames, keep_for
 from knotfab.design.question import Question, ask
 from knotfab.design.radius import RadiusChoice
 from knotfab.picture.frames import read_frames
+from knotfab.picture.read import Target
 from knotfab.request import Request
 from knotfab.scene.catalogue import resolve
 from knotfab_formats.piece import Material, Piece, Sequence
 from knotfab_formats.scene import Scene
 from knotfab_formats.search import PRESETS, SearchSettings
+
+# searched in a second, on small pictures
+QUICK = {
+    "coarse_px": 64, "fine_px": 64, "coarse_iterations": 12, "fine_iterations": 8, "settle_iterations": 8,
+    "depth_candidates": 2,
+}  # fmt: skip
+
+
+def discs(folder: Path, sizes: Iterable[int]) -> tuple[Target, ...]:
+    """A disc in the middle, of so many pixels' radius in each frame."""
+    names = []
+    for number, size in enumerate(sizes):
+        image = Image.new("L", (128, 128), 255)
+        ImageDraw.Draw(image).ellipse((64 - size, 64 - size, 64 + size, 64 + size), fill=0)
+        names.append(str(folder / f"{number}.png"))
+        image.save(names[-1])
+    return read_frames(names)
+
+
+def in_order(frames: Chain) -> list[SequenceFrame]:
+    return sorted(frames.frames(), key=lambda frame: frame.number)
 
 
 def test_the_frame_with_the_most_ink_is_searched_first(tmp_path: Path) -> None:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import shapely
+from oracles import assert_slope, state_at
 from shapely import MultiPolygon, affinity
-from slopes import assert_slope, state_at
 
 from knotfab.base.arrays import Array
 from knotfab.design import film_motion as module

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from lit_designs import design_under, view
+from questions import design_under, view
 from reports import verdict_of, view_of_report
 
 from knotfab.effects import contrast

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from lit_designs import design_under
-from lit_designs import view as lit_view
+from questions import design_under
+from questions import view as lit_view
 
 from knotfab.base.arrays import Array
 from knotfab.effects.base import EffectContext, Shadows, World

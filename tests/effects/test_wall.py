@@ -6,9 +6,9 @@ import io
 from dataclasses import replace
 from typing import Any
 
-import lit_designs
 import numpy as np
 import pytest
+import questions
 import shapely
 from PIL import Image
 
@@ -28,7 +28,7 @@ PLACES = np.random.default_rng(0).uniform(-80, 80, (50, 2))
 
 
 def view(radius: float | None, **keys: Any) -> ResolvedView:
-    return lit_designs.view(wall_radius_mm=radius, **keys)
+    return questions.view(wall_radius_mm=radius, **keys)
 
 
 def wall_of(seen: ResolvedView) -> CurvedWall:

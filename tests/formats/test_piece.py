@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from knot_judge import judge_type
+from knot_curves import judge_type
 
 import knotfab
 from knotfab.geometry.measures import bend_radii, strand_gap

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from rings import RADIUS, knots, one, ring
+from pieces import RADIUS, knots, one, ring
 
 from knotfab.hold.beams import DOWN, PIECES, Stiffness, piece_beams, sag_moves, worst_of
 from knotfab.hold.pegs import choose_pegs, pegs_on, sites_with

@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 import trimesh
-from rings import EMPTY, PLA, RADIUS, camera, knots, ring
+from pieces import EMPTY, PLA, RADIUS, camera, knots, ring
 
 from knotfab.base.errors import SceneError
 from knotfab.geometry.tube import as_manifold, as_mesh, sweep

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
-from shown_pieces import lit_scene
+from pieces import lit_scene
 
 from knotfab.base.errors import MachineError
 from knotfab.hold import modeller

@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from rings import EMPTY, RADIUS, VIEW, camera, knots, ring
-from setups import setup
+from pieces import EMPTY, RADIUS, VIEW, camera, knots, ring, setup
 
 from knotfab.base.errors import SceneError
 from knotfab.effects.shifts import allow_sag_mm

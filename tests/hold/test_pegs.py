@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from rings import PLA, RADIUS, camera, knots, ring
+from pieces import PLA, RADIUS, camera, knots, ring
 
 from knotfab.hold.beams import HeldFrame, Stiffness, piece_frame, sag_moves, springs_of, worst_of
 from knotfab.hold.pegs import choose_pegs, pegs_on, sites_with

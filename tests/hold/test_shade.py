@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from rings import EMPTY, RADIUS, camera, knots, one, ring
+from pieces import EMPTY, RADIUS, camera, knots, one, ring
 
 from knotfab.hold.shade import MountShadow, free_rays
 

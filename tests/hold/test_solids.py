@@ -9,8 +9,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from rings import EMPTY, RADIUS, VIEW, camera, one
-from setups import OFF, setup
+from pieces import EMPTY, OFF, RADIUS, VIEW, camera, one, setup
 
 from knotfab.base.errors import SceneError
 from knotfab.geometry.tube import sweep

@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from rings import EMPTY, RADIUS, VIEW, camera, knots, ring
+from pieces import EMPTY, RADIUS, VIEW, camera, knots, ring
 
 from knotfab.base.errors import SceneError
 from knotfab.geometry.measures import segment_distance

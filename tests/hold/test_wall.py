@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from rings import DOWEL, PLA, PLATE, RADIUS, camera, knots, ring
-from setups import setup
+from pieces import DOWEL, PLA, PLATE, RADIUS, camera, knots, ring, setup
 
 from knotfab.base.errors import SceneError
 from knotfab.geometry.tube import mesh_volume, sweep

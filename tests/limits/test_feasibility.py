@@ -11,13 +11,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-import region_meshes
+import validator_parts
 from command import knotfab
 from numpy.typing import NDArray
-from questions import ask_heart, start_and_search
-from quick_scene import ask_quick
-from region_meshes import box_mesh
-from slopes import state_at
+from oracles import state_at
+from questions import ask_heart, ask_quick, start_and_search
+from validator_parts import box_mesh
 
 from knotfab.base.arrays import Array
 from knotfab.limits import feasibility as guards
@@ -186,7 +185,7 @@ Mesh = tuple[Array, NDArray[np.int32]]
 
 
 def prism(*outline: tuple[float, float], half: float) -> Mesh:
-    mesh = region_meshes.prism(*outline, low=-half, high=half)
+    mesh = validator_parts.prism(*outline, low=-half, high=half)
     return mesh.vertices, mesh.faces.astype(np.int32)
 
 

@@ -9,7 +9,7 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 import torch
-from knot_judge import judge_type, linking_numbers
+from knot_curves import judge_type, linking_numbers
 from torch import Tensor
 
 from knotfab.geometry.polylines import polylines_of_sizes

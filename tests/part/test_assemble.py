@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 from manifold3d import Manifold
+from pieces import knots, ring
 from reports import report_with
-from rings import knots, ring
 
 from knotfab.base.errors import SceneError
 from knotfab.geometry.tube import as_manifold, as_mesh, mesh_volume, sweep

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pieces import ring
 from PIL import Image
-from rings import ring
 
 from knotfab.base.folder import OutputFolder
 from knotfab.geometry.tube import sweep

@@ -16,7 +16,7 @@ import pytest
 from command import Done, knotfab, picture, small_disk
 from numpy.typing import NDArray
 from PIL import Image
-from quick_scene import QUICK
+from questions import QUICK
 
 import knotfab.design.design as designing
 import knotfab.pipeline.piece as piece

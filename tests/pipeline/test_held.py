@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rings import EMPTY, VIEW, knots, ring
+from pieces import EMPTY, VIEW, knots, ring
 
 from knotfab.base.folder import OutputFolder
 from knotfab.effects.base import World

@@ -11,9 +11,8 @@ import ezdxf
 import numpy as np
 import pytest
 from command import picture
-from rings import one
+from pieces import one, setup
 from scipy.spatial import cKDTree
-from setups import setup
 from shapely.geometry import LinearRing, MultiPoint, Polygon
 from svgelements import SVG, Group
 from svgelements import Path as SvgPath

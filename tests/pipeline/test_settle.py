@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rings import ring
+from pieces import ring
 
 import knotfab.pipeline.settle as settling
 from knotfab.base.errors import SceneError

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rings import PLA, PLATE, VIEW, camera, knots, ring
+from pieces import PLA, PLATE, VIEW, camera, knots, ring
 from shapely import MultiPolygon, box
 
 from knotfab.base.arrays import Array

@@ -11,8 +11,8 @@ import pytest
 from knotfab import InputError, validate_part
 from knotfab_validators.check import BadFile
 from knotfab_validators.geometry.mesh import enclosed_volume
-from tests.corpus.cube_files import cube_obj, cube_ply
-from tests.corpus.examine import read_mesh
+from tests.corpus.files import cube_obj, cube_ply
+from tests.corpus.judge import read_mesh
 
 
 def prism(corners: list[tuple[float, float]]) -> bytes:

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from dense_rays import render_dense
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from oracles import render_dense
 from tables import some
 
 from benchmarks.hard.measure import (

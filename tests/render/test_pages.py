@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pdf_pages import page_contents, page_sizes, segments
-from rings import ring
+from pages import page_contents, page_sizes, segments
+from pieces import ring
 from solids import blocks
 from validator_parts import circle, tube
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import torch
 from numpy.testing import assert_allclose
-from slopes import assert_slope
+from oracles import assert_slope
 from torch import Tensor
 
 from knotfab.base.arrays import Array

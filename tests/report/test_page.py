@@ -13,7 +13,7 @@ from urllib.parse import quote
 
 import numpy as np
 import pytest
-from browser import open_browser
+from pages import open_browser
 from PIL import Image
 from reports import VERDICT, check_of, report_with
 

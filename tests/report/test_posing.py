@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pieces import ring
 from reports import report_with
-from rings import ring
 from solids import box, move, together
 
 from knotfab.geometry.overhang import Rules

@@ -9,8 +9,8 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from pieces import knots, ring
 from reports import report_with, verdict_of
-from rings import knots, ring
 
 from knotfab.part.assemble import enlarge_knots
 from knotfab.problem import CertificateLog

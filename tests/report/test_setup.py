@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pdf_pages import POINT, page_contents, page_sizes
+from pages import POINT, page_contents, page_sizes
+from pieces import OFF, Kind, setup
 from reports import report_with
-from setups import OFF, Kind, setup
 
 from knotfab.hold.placement import placement_of
 from knotfab.hold.wall import DRILLS_MM, PLAY_MM

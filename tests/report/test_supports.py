@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from arches import chain
 from reports import report_with
+from solids import chain
 
 from knotfab.geometry.legs import Bar
 from knotfab.part.assemble import Standing

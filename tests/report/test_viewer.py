@@ -14,10 +14,9 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
+from pieces import RADIUS, bodies_of, post, ring, scene_of, view_of, wavy_knots
 from PIL import Image
 from reports import LOSS, VERDICT, report_with
-from rings import RADIUS, ring
-from shown_pieces import bodies_of, post, scene_of, view_of, wavy_knots
 
 import knotfab
 from knotfab.geometry.overhang import Rules

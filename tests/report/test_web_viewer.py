@@ -8,22 +8,24 @@ from typing import Any
 
 import numpy as np
 import pytest
-from browser import open_browser
-from PIL import Image, ImageDraw
-from reports import LOSS, VERDICT, report_with
-from rings import RADIUS, ring
-from setups import OFF, setup
-from shown_pieces import (
+from pages import open_browser
+from pieces import (
+    OFF,
+    RADIUS,
     VIEWS,
     bodies_of,
     geometry_at,
     lit_scene,
     post,
+    ring,
     scene_of,
+    setup,
     validated_shadow,
     view_of,
     wavy_knots,
 )
+from PIL import Image, ImageDraw
+from reports import LOSS, VERDICT, report_with
 
 from knotfab.report.for_maker import draw_setup, list_files, tell_setup
 from knotfab.report.page import VIEWER, Picture, write_report_html

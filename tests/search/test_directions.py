@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from rings import ring
+from pieces import ring
 from shapely import MultiPolygon, box
 
 from knotfab.geometry.polylines import polylines_of

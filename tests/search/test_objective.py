@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from oracles import assert_slope, state_at
 from questions import ask_views
 from shapely import MultiPolygon, Point, box
-from slopes import assert_slope, state_at
 
 from knotfab.base.arrays import Array
 from knotfab.geometry.measures import Neighbours, find_neighbours, measure_curvature

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapely
+from oracles import state_at
 from PIL import Image
 from questions import ask_views, draw_mask, see_from, start_and_search
 from shapely import MultiPolygon, Point, box
-from slopes import state_at
 
 from knotfab.base.arrays import Array
 from knotfab.base.errors import SceneError

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from oracles import assert_slope, state_at
 from questions import ask_views, start_and_search
 from shapely import MultiPolygon, Point, box
-from slopes import assert_slope, state_at
 from torch import Tensor
 
 from knotfab.base.arrays import Array

@@ -1,4 +1,4 @@
-"""Knots and links in space for the tests of knot types, made from formulas and from braids."""
+"""Knots and links in space by formulas and braids, their diagrams, and what the validators say of them."""
 
 from collections.abc import Sequence
 
@@ -6,6 +6,10 @@ import numpy as np
 
 from knotfab_validators.arrays import Array
 from knotfab_validators.geometry.curves import Curves
+from knotfab_validators.knots.knot_types import knot_types
+from knotfab_validators.knots.planar_diagram import Laurent, PlanarDiagram
+from knotfab_validators.knots.projection import diagram_of
+from knotfab_validators.knots.reduction import general_position
 
 
 def curves(*polygons: Array, types: tuple[str, ...] | None = None) -> Curves:
@@ -120,3 +124,41 @@ def _relate(word: list[int], rng: np.random.Generator) -> list[int]:
         if word[k + 2 : k + 3] == [a] and abs(abs(a) - abs(b)) == 1 and a * b > 0:
             return [*word[:k], b, a, b, *word[k + 3 :]]
     return word
+
+
+TREFOIL = (1, 1, 1)
+
+
+WORDS = [
+    *[
+        tuple(np.random.default_rng(s).choice([-3, -2, -1, 1, 2, 3], 14).tolist())
+        for s in range(24)
+    ],
+    TREFOIL,
+    (1, 1, 1, -2, -1, -1, -1, -2),
+]
+
+
+def diagram(*polygons: Array) -> PlanarDiagram:
+    placed = general_position(polygons)
+    assert placed is not None
+    found = diagram_of(placed, most=2000)
+    assert found is not None
+    return found
+
+
+def powers(value: Laurent | None) -> dict[int, int]:
+    assert value is not None
+    return {value.lowest + k: c for k, c in enumerate(value.coefficients) if c}
+
+
+def judge_type(*curves: Array, promise: str = "") -> tuple[str, str]:
+    """What the independent check says of the first curve alone or in its link: sentence, verdict."""
+    types = knot_types(Curves(curves, (promise,) * len(curves), (True,) * len(curves), 1.0))
+    return types.knots[0].sentence, types.knots[0].verdict
+
+
+def linking_numbers(*curves: Array) -> list[int]:
+    """The linking number of every two curves."""
+    types = knot_types(Curves(curves, ("",) * len(curves), (True,) * len(curves), 1.0))
+    return [n for _, _, n in types.linking.numbers]

@@ -1,7 +1,8 @@
-"""What searches are asked in tests: a heart in one view, and plain silhouettes seen from several sides."""
+"""What searches are asked in tests: a heart, silhouettes from several sides, quick scenes, lit designs."""
 
 from collections.abc import Sequence
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -9,13 +10,18 @@ import shapely
 from numpy.typing import NDArray
 from shapely import MultiPolygon
 
+from knotfab.base.arrays import Array
 from knotfab.design.question import ask
+from knotfab.effects.base import EffectContext, World
+from knotfab.effects.survey import survey
+from knotfab.knots import Knot, Knots
 from knotfab.picture.read import read_target
 from knotfab.problem import Problem, SearchResult, Start, TargetView
 from knotfab.scene.catalogue import resolve
 from knotfab.search.flow import plan_of
 from knotfab.search.search import search
 from knotfab.start.start import make_start
+from knotfab_formats.piece import Mount
 from knotfab_formats.scene import ResolvedView, Scene, SettledRegion
 from knotfab_formats.search import SearchSettings
 
@@ -73,3 +79,48 @@ def start_and_search(
         plan = replace(plan, repairs=repairs)
     start = start or make_start(problem, radius, settings)
     return search(problem, start, radius, settings, plan=plan, device="cpu", **more)
+
+
+QUICK = """
+schema = 1
+[accuracy]
+name = "draft"
+[search]
+coarse_px = 96
+fine_px = 160
+coarse_iterations = 25
+fine_iterations = 20
+settle_iterations = 20
+depth_candidates = 8
+"""
+
+
+def ask_quick(**accuracy: float) -> str:
+    """The same, with more asked of its accuracy."""
+    more = "".join(f"{key} = {value}\n" for key, value in accuracy.items())
+    return QUICK.replace("[search]", f"{more}[search]")
+
+
+def view(**keys: Any) -> ResolvedView:
+    frame = {"frame_width_mm": 180.0, "frame_height_mm": 180.0}
+    return ResolvedView.model_validate({**frame, **keys})
+
+
+def design_under(world: World, points: Array) -> Any:
+    """A design of a tube of 2 mm radius about points (n, 3), with a tolerance of a quarter of a pixel."""
+    scene = SimpleNamespace(
+        views=(view(),),
+        placing=world.placing,
+        room=world.room,
+        material=world.material,
+        printer=world.printer,
+        mount=Mount(),
+        hangs=lambda knots: False,
+    )
+    effects = survey(EffectContext((view(),), points, 2.0, 0.25, world), {})
+    return SimpleNamespace(
+        result=SimpleNamespace(effects=effects),
+        settings=SimpleNamespace(tolerance_px=0.25, mesh_sides=24),
+        scene=scene,
+        knots=Knots((Knot(points),), 2.0),
+    )

@@ -1,11 +1,17 @@
-"""Curves, tubes and scenes made on the spot for the tests of the validators."""
+"""Curves, tubes, regions and scenes made on the spot for the tests of the validators."""
 
 from dataclasses import dataclass
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
-from knotfab_validators.arrays import Array
+from knotfab_formats.verdict import MESH, Check
+from knotfab_validators.arrays import Array, Ints
+from knotfab_validators.geometry.curves import Curves
+from knotfab_validators.geometry.mesh import Mesh
+from knotfab_validators.shadows.render import why_no_rendering
+from knotfab_validators.shadows.view import ViewGeometry, view_geometry
 
 
 @dataclass(frozen=True)
@@ -89,3 +95,60 @@ def hairpin(bend: float, leg: float = 20.0, n: int = 24) -> Array:
     lower = np.column_stack([x, -bend + 0 * x, 0 * x])
     upper = np.column_stack([x[::-1], bend + 0 * x, 0 * x])
     return np.concatenate([lower, turn, upper, there])
+
+
+RADIUS, SIDES = 4.0, 48
+CIRCLE = circle(120)
+
+
+def ring(**changes: Array | Ints) -> Mesh:
+    vertices, faces = tube(CIRCLE, RADIUS, SIDES)
+    return Mesh(**{"vertices": vertices, "faces": faces, **changes})  # type: ignore[arg-type]
+
+
+def two(first: Mesh, second: Mesh) -> Mesh:
+    return Mesh(
+        np.concatenate([first.vertices, second.vertices]),
+        np.concatenate([first.faces, second.faces + len(first.vertices)]),
+    )
+
+
+def curves(*polygons: Array, radius: float | None = RADIUS) -> Curves:
+    n = len(polygons)
+    return Curves(polygons, ("unknot",) * n, (True,) * n, radius)
+
+
+def by_name(checks: list[Check]) -> dict[str, Check]:
+    assert tuple(c.name for c in checks) == MESH
+    return {c.name: c for c in checks}
+
+
+CURVE = circle(360, 40.0)  # in the plane z = 0
+KNOT = Curves((CURVE,), ("unknot",), (True,), 3.0)
+
+
+def prism(*outline: tuple[float, float], low: float = -30.0, high: float = 30.0) -> Mesh:
+    """What stands over a polygon that is a star about its first corner, from z `low` to `high`."""
+    n = len(outline)
+    flat = np.array(outline)
+    vertices = np.vstack([np.c_[flat, np.full(n, low)], np.c_[flat, np.full(n, high)]])
+    i = np.arange(n)
+    j = (i + 1) % n
+    caps = np.array([[0, k, k + 1] for k in range(1, n - 1)])
+    sides = np.concatenate([np.c_[i, j, j + n], np.c_[i, j + n, i + n]])
+    return Mesh(vertices, np.concatenate([caps[:, ::-1], caps + n, sides]))
+
+
+def box_mesh(size: tuple[float, float, float]) -> Mesh:
+    x, y, z = (s / 2 for s in size)
+    return prism((-x, -y), (x, -y), (x, y), (-x, y), low=-z, high=z)
+
+
+needs_rendering = pytest.mark.skipif(
+    why_no_rendering() is not None, reason=f"no rendering here: {why_no_rendering()}"
+)
+PIXELS = 240  # pixels of a frame of 120 mm, on a wall 100 mm behind; the light is 500 mm before the piece
+
+
+def geometry() -> ViewGeometry:
+    return view_geometry(PlainView(frame_width_mm=120.0, frame_height_mm=120.0), PIXELS, PIXELS)

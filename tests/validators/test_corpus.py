@@ -30,13 +30,13 @@ from knotfab_validators.tube.region import check_build_volume, check_region
 from knotfab_validators.tube.thickness import check_bend, check_length, check_thickness
 from knotfab_validators.tube.tube_fit import check_tube
 from tests.corpus.broken import broken, broken_parts
+from tests.corpus.broken_print import arch, slab, slot
 from tests.corpus.case import READ, Broken, Good, make_part, with_scene
 from tests.corpus.curves import circle
 from tests.corpus.files import write
 from tests.corpus.good import good
 from tests.corpus.judge import judge_case
 from tests.corpus.parts import Body, blocks, box, join, tube
-from tests.corpus.print_parts import arch, slab, slot
 
 
 def _number(check: Check) -> float:

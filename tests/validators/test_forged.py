@@ -17,8 +17,7 @@ from tests.corpus.forged_sequence import (
     judge_frame,
     sequence_folder,
 )
-from tests.corpus.forging import Held
-from tests.corpus.held import HOLDERS, write_held
+from tests.corpus.forging import HOLDERS, Held, write_held
 
 EVERY = 8  # of the forgeries, so many are left to the table for each that is tried here
 

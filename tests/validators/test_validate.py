@@ -10,8 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
-from small_views import needs_rendering
-from validator_parts import Array, PlainView, trefoil, tube
+from validator_parts import Array, PlainView, needs_rendering, trefoil, tube
 
 from knotfab_formats.errors import plain, read_as
 from knotfab_formats.verdict import KNOTS, Verdict

@@ -21,7 +21,7 @@ import psutil
 import pytest
 from command import knotfab, small_disk
 from PIL import Image
-from played_builds import PYTHON, count, draw, write_player
+from played_runs import PYTHON, count, draw, write_player
 
 from knotfab.apps.batch import cluster as worker_side
 from knotfab.apps.batch import worker

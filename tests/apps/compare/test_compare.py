@@ -14,8 +14,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from browser import open_browser
 from command import knotfab
+from pages import open_browser
 from PIL import Image, ImageDraw
 from scipy import ndimage
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import shapely
 import torch
-from dense_rays import render_dense as render_rays
+from oracles import render_dense as render_rays
 from tables import some
 from torch import Tensor
 

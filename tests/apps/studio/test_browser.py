@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 from PIL import Image
-from played_builds import write_player
+from played_runs import write_player
 
 pytest.importorskip("starlette", reason="the studio needs starlette: pip install 'knotfab[studio]'")
 pytest.importorskip("playwright", reason="pip install playwright")

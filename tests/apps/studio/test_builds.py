@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 from command import killed_build, picture, square
-from played_builds import write_player
+from played_runs import write_player
 
 pytest.importorskip("starlette", reason="the studio needs starlette: pip install 'knotfab[studio]'")
 from starlette.testclient import TestClient

@@ -21,7 +21,7 @@ import numpy as np
 import pytest
 from command import picture, square
 from PIL import Image
-from played_builds import write_player
+from played_runs import write_player
 
 pytest.importorskip("starlette", reason="the studio needs starlette: pip install 'knotfab[studio]'")
 from starlette.requests import Request

@@ -8,8 +8,8 @@ from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
-from browser import open_browser
-from fake_runs import FakeRunner, FakeStudy
+from pages import open_browser
+from played_runs import FakeRunner, FakeStudy
 
 from knotfab.apps.tradeoff.run import Tradeoff, measure_tradeoff
 from knotfab_formats.scene import Scene

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fake_runs import beaten_by, make_measured, make_run
+from played_runs import beaten_by, make_measured, make_run
 
 from knotfab.apps.tradeoff.points import (
     COMBINED,

@@ -9,8 +9,8 @@ from typing import cast
 import numpy as np
 import pytest
 from command import knotfab
-from fake_runs import FakeRunner, FakeStudy
 from PIL import Image, ImageDraw
+from played_runs import FakeRunner, FakeStudy
 from shapely import MultiPolygon
 
 from knotfab.apps.tradeoff.bench import WantedRun, list_rungs, run_all

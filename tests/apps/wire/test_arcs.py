@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rings import ring
+from pieces import ring
 
 from knotfab.apps.wire.arcs import (
     Bend,

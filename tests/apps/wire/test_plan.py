@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pdf_pages import POINT, page_contents, page_sizes, segments
+from pages import POINT, page_contents, page_sizes, segments
 from PIL import Image
 
 from knotfab.apps.wire.arcs import list_bends, round_corners

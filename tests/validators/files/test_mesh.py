@@ -10,9 +10,8 @@ import pytest
 
 from knotfab_validators.check import BadFile
 from knotfab_validators.geometry.mesh import Mesh, enclosed_volume
-from tests.corpus.cube_files import MESH, RELATIONS, as_3mf, cube_obj, cube_stl, cube_text, model
-from tests.corpus.examine import read_mesh
-from tests.corpus.files import encode
+from tests.corpus.files import MESH, RELATIONS, as_3mf, cube_obj, cube_stl, cube_text, encode, model
+from tests.corpus.judge import read_mesh
 from tests.corpus.parts import Body
 
 CUBE = 8000.0  # mm³

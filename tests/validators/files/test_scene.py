@@ -8,10 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pieces import RADIUS, bodies_of, ring, view_of
 from PIL import Image, ImageDraw
-from region_meshes import KNOT, box_mesh
-from rings import RADIUS, ring
-from shown_pieces import bodies_of, view_of
+from validator_parts import KNOT, box_mesh
 
 from knotfab.knots import Knot, Knots
 from knotfab_formats.views import Reading

@@ -16,10 +16,10 @@ from knotfab_validators.files.scene import read_knots, read_scene
 from knotfab_validators.files.threemf import DEEPEST, corners_3mf
 from knotfab_validators.files.threemf_rows import Rows, cut_rows
 from knotfab_validators.geometry.mesh import enclosed_volume
-from tests.corpus.cube_files import CORE, MESH, as_3mf, cube_obj, model, seeds
-from tests.corpus.examine import examine, read_mesh
+from tests.corpus.files import CORE, MESH, as_3mf, cube_obj, model, seeds
 from tests.corpus.fuzzed import fuzz_file
 from tests.corpus.hostile import handmade
+from tests.corpus.judge import examine, read_mesh
 
 TURNED = "0.8 0.6 0 -0.6 0.8 0 0 0 1 3 -4 5"
 STRETCHED = "2 0 0 0.5 1 0 0 0.25 1.5 7 8 -9"

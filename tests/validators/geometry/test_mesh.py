@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from damaged_rings import ring, two
 from solids import box, inward, together
-from validator_parts import Array
+from validator_parts import Array, ring, two
 
 from knotfab_validators.geometry.curves import (
     Curves,

@@ -7,12 +7,15 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from diagrams import TREFOIL, WORDS, diagram, powers
 from knot_curves import (
+    TREFOIL,
     WHITEHEAD,
+    WORDS,
     braid,
+    diagram,
     figure_eight,
     mirror,
+    powers,
     random_markov,
     ring,
     rotate,

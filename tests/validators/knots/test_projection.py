@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from diagrams import diagram
-from knot_curves import Array
+from knot_curves import Array, diagram
 
 from knotfab_validators.knots.projection import diagram_of, seen_from
 

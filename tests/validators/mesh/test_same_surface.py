@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import io
+import re
+import zipfile
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -19,12 +22,11 @@ from knotfab_validators.mesh.same_surface import (
 )
 from tests.corpus.case import make_part
 from tests.corpus.curves import circle
-from tests.corpus.files import encode, write
-from tests.corpus.forged_3mf import Change, forge_3mf, forged_3mf
+from tests.corpus.files import MESH, RELATIONS, encode, model, write
 from tests.corpus.parts import Body
 
 VERTICES, FACES = tube(trefoil(150) + 60.0, 3.0, 16)
-MESH = Mesh(VERTICES, FACES)
+SURFACE = Mesh(VERTICES, FACES)
 
 
 def reordered() -> Mesh:
@@ -35,19 +37,19 @@ def reordered() -> Mesh:
     return Mesh(VERTICES[order], np.take_along_axis(faces, turned, axis=1))
 
 
-@pytest.mark.parametrize("other", [MESH, reordered()])
+@pytest.mark.parametrize("other", [SURFACE, reordered()])
 def test_order_and_rounding_make_no_difference(other: Mesh) -> None:
     rounded = Mesh(other.vertices.astype(np.float32).astype(np.float64), other.faces)
-    found = compare_surfaces(MESH, rounded)
+    found = compare_surfaces(SURFACE, rounded)
     assert found.faces == 0 and found.away_mm < 1e-5
 
 
 @pytest.mark.parametrize("factor", [0.9, 1.1])
-@pytest.mark.parametrize("other", [MESH, reordered()])
+@pytest.mark.parametrize("other", [SURFACE, reordered()])
 def test_one_vertex_may_be_off_by_a_thousandth(other: Mesh, factor: float) -> None:
     vertices = other.vertices.copy()
     vertices[77, 2] += factor * LIMIT_MM
-    found = compare_surfaces(MESH, Mesh(vertices, other.faces))
+    found = compare_surfaces(SURFACE, Mesh(vertices, other.faces))
     assert found.faces == 0 and found.away_mm == pytest.approx(factor * LIMIT_MM, rel=1e-6)
     assert len(found.at) == (factor > 1)
     if factor > 1:
@@ -65,7 +67,7 @@ CHANGES: dict[str, tuple[Callable[[], Mesh], int]] = {
 @pytest.mark.parametrize("name", CHANGES)
 def test_other_faces_between_the_same_vertices_are_counted(name: str) -> None:
     make, count = CHANGES[name]
-    assert compare_surfaces(MESH, make()).faces == count
+    assert compare_surfaces(SURFACE, make()).faces == count
 
 
 def test_the_check_reads_what_lies_beside(tmp_path: Path) -> None:
@@ -96,6 +98,160 @@ def test_nothing_is_looked_for_beside_other_files(tmp_path: Path) -> None:
     assert find_3mf(tmp_path / "other.stl") == []
 
 
+START = "3D/3dmodel.model"
+CUBE = f'<object id="77" type="model">{MESH}</object>'
+SLICER = (
+    '<config><object id="{}"><volume firstid="{}" lastid="{}">'
+    '<metadata type="volume" key="{}" value="{}"/></volume></object></config>'
+)
+BAMBU = '<config><object id="{}"><part id="1" subtype="{}"/></object></config>'
+
+
+def forge_3mf(content: bytes, change: Change) -> bytes:
+    """Change the entries of an archive, whose names are then written as they are."""
+    with zipfile.ZipFile(io.BytesIO(content)) as file:
+        entries = {name: file.read(name) for name in file.namelist()}
+    change(entries)
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as file:
+        for name, data in entries.items():
+            info = zipfile.ZipInfo()
+            info.filename, info.compress_type = name, zipfile.ZIP_DEFLATED
+            file.writestr(info, data)
+    return packed.getvalue()
+
+
+def forged_3mf() -> Iterator[tuple[str, Change]]:
+    """List the changes by name; each must be refused, or fail `same_3mf`."""
+    other = model(CUBE, '<item objectid="77"/>').encode()
+    for name in (
+        "3D/zzz.model",
+        "3D\\zzz.model",
+        "3D/ZZZ.MODEL",
+        "zzz.Model",
+        "Metadata/a.b.model",
+    ):
+        yield f"a second model {name}", _put(name, other)
+    for name in (
+        *("Metadata/Slic3r_PE_model.config", "Metadata\\Slic3r_PE_model.config"),
+        *("metadata/SLIC3R_PE_MODEL.CONFIG", "Metadata/./Slic3r_PE_model.config"),
+        "Metadata/SuperSlicer_model.config",
+    ):
+        yield (
+            f"a negative volume by {name}",
+            _configure(name, SLICER, "volume_type", "NegativeVolume"),
+        )
+        yield f"a modifier by {name}", _configure(name, SLICER, "volume_type", "ParameterModifier")
+    prusa = "Metadata/Slic3r_PE_model.config"
+    yield "an old modifier", _configure(prusa, SLICER, "modifier", "1")
+    bambu = "Metadata/model_settings.config"
+    yield "a negative part of Bambu Studio", _put(bambu, BAMBU.format(1, "negative_part").encode())
+    yield "G-code of Bambu Studio", _put("Metadata/plate_1.gcode", b"G28\n")
+    yield "an extra body that one slicer leaves out", _extra_body
+    built = rb"<build([^>]*)>"
+    more = rb'<build\1><item objectid="77"/>'
+    hidden = more.replace(b"/>", b' printable="0"/>')
+    yield "an item that is not printable", _edit((built, hidden), cube="model")
+    yield "a support object", _edit((built, more), cube="support")
+    yield "a second item", _edit((built, more), cube="model")
+    yield "the same object twice", _edit((rb"(<item [^>]*/>)", rb"\1\1"))
+    for name, matrix in {
+        "moved": b"1 0 0 0 1 0 0 0 1 0 0 0.5",
+        "scaled": b"1.01 0 0 0 1.01 0 0 0 1.01 0 0 0",
+        "mirrored": b"-1 0 0 0 1 0 0 0 1 100 0 0",
+    }.items():
+        yield f"an item {name}", _edit((rb"<item ", b'<item transform="' + matrix + b'" '))
+    for unit in (b"inch", b"centimeter"):
+        yield f"in {unit.decode()}", _edit((b"millimeter", unit))
+    own = rb' xmlns="urn:own" '
+    yield "an item of no namespace", _edit((built, more.replace(b" ", own, 1)), cube="model")
+    cube = CUBE.encode().replace(b" ", own, 1)
+    yield "an object that only some read", _edit((rb"</resources>", cube + rb"</resources>"))
+    end = rb"</vertices>"
+    yield (
+        "a vertex that only some read",
+        _edit((end, b"<vertex" + own + b'x="0" y="0" z="0"/>' + end)),
+    )
+    end = rb"</triangles>"
+    face = b"<triangle" + own + b'v1="0" v2="1" v3="2"/>'
+    yield "a triangle that only some read", _edit((end, face + end))
+    yield "a prefix before an element", _prefix
+    end = rb"</mesh>"
+    yield "two meshes in an object", _edit((end, end + MESH.encode()))
+    inner = rb'<components><component objectid="77"/></components>'
+    yield "a mesh with components", _edit((end, end + inner), cube="model")
+    for kind in ("infill_mesh", "cutting_mesh", "anti_overhang_mesh"):
+        said = f'<metadatagroup><metadata name="cura:{kind}">True</metadata></metadatagroup><mesh>'
+        yield f"Cura's {kind}", _edit((rb"<mesh>", said.encode()))
+    yield "another model to start from", _start_elsewhere
+    again = RELATIONS[RELATIONS.index("<Relationship ") :].replace("rel0", "rel1").encode()
+    twice = RELATIONS.encode().replace(b"</Relationships>", again)
+    yield "two models to start from", _put("_rels/.rels", twice)
+    yield "a triangle fewer", _edit((rb"<triangle [^>]*/>\s*</triangles>", rb"</triangles>"))
+    yield "a vertex moved", _edit((rb'<vertex x="-?\d', rb"\g<0>1"))
+
+
+def _put(name: str, content: bytes) -> Change:
+    return lambda entries: entries.__setitem__(name, content)
+
+
+def _number(entries: Mapping[str, bytes]) -> int:
+    found = re.search(rb'<object id="(\d+)"', entries[START])
+    assert found is not None
+    return int(found[1])
+
+
+def _configure(name: str, text: str, key: str, value: str) -> Change:
+    def change(entries: Entries) -> None:
+        entries[name] = text.format(_number(entries), 0, 5, key, value).encode()
+
+    return change
+
+
+def _edit(change: tuple[bytes, bytes], *, cube: str = "") -> Change:
+    """Replace the first place of a pattern in the model; `cube`: add one of this type, the object 77."""
+
+    def edit(entries: Entries) -> None:
+        before = entries[START]
+        changed = re.sub(*change, before, count=1)
+        assert changed != before
+        if cube:
+            extra = CUBE.replace('type="model"', f'type="{cube}"').encode()
+            changed = re.sub(rb"(<resources[^>]*>)", lambda m: m[1] + extra, changed, count=1)
+        entries[START] = changed
+
+    return edit
+
+
+def _extra_body(entries: Entries) -> None:
+    """A cube among the part's own triangles, which a setting of one slicer alone leaves out."""
+    mesh = entries[START]
+    at = mesh.index(b"</vertices>")
+    points, faces = mesh[:at].count(b"<vertex "), mesh.count(b"<triangle ")
+    shifted = re.sub(
+        r'v(\d)="(\d+)"', lambda m: f'v{m[1]}="{int(m[2]) + points}"', MESH.split("<triangles>")[1]
+    )
+    cube = MESH.split("</vertices>")[0].removeprefix("<mesh><vertices>").encode()
+    mesh = mesh[:at] + cube + mesh[at:]
+    end = mesh.index(b"</triangles>")
+    entries[START] = mesh[:end] + shifted.removesuffix("</triangles></mesh>").encode() + mesh[end:]
+    said = SLICER.format(_number(entries), faces, faces + 11, "volume_type", "ParameterModifier")
+    entries["Metadata/SuperSlicer_model.config"] = said.encode()
+
+
+def _prefix(entries: Entries) -> None:
+    """Bind the core's namespace to a prefix too, and write one element with it."""
+    text = entries[START]
+    core = b"http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
+    text = text.replace(b"<model ", b'<model xmlns:c="' + core + b'" ', 1)
+    entries[START] = text.replace(b"<item ", b"<c:item ", 1)
+
+
+def _start_elsewhere(entries: Entries) -> None:
+    entries["3D/other.model"] = model(CUBE, '<item objectid="77"/>').encode()
+    entries["_rels/.rels"] = RELATIONS.replace("3dmodel.model", "other.model").encode()
+
+
 RING = make_part(circle(20.0, 24), sides=8)
 
 
@@ -111,3 +267,7 @@ def test_a_3mf_that_some_slicers_read_otherwise_is_told(
     beside.write_bytes(forge_3mf(beside.read_bytes(), change))
     found = check_same_3mf(read_mesh(part), part)
     assert (found.status, found.required) == ("fail", True), name
+
+
+Entries = dict[str, bytes]
+Change = Callable[[Entries], object]

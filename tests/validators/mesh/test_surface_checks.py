@@ -4,8 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from damaged_rings import CIRCLE, RADIUS, SIDES, by_name, curves, ring, two
-from validator_parts import Array, circle, trefoil, tube
+from validator_parts import (
+    CIRCLE,
+    RADIUS,
+    SIDES,
+    Array,
+    by_name,
+    circle,
+    curves,
+    ring,
+    trefoil,
+    tube,
+    two,
+)
 
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh, merge_equal

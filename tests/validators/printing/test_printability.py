@@ -7,9 +7,21 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from printed_solids import BARE, PRINTER, run
 from scipy.spatial.transform import Rotation
-from solids import blocks, box, bridge, inward, move, prism, quarter, table, together
+from solids import (
+    BARE,
+    PRINTER,
+    blocks,
+    box,
+    bridge,
+    inward,
+    move,
+    prism,
+    quarter,
+    run,
+    table,
+    together,
+)
 from validator_parts import circle, tube
 
 from knotfab_formats.piece import Printer

@@ -4,9 +4,22 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from printed_solids import BARE, PRINTER, leaning, run
 from scipy.spatial.transform import Rotation
-from solids import blocks, box, bridge, cone, inward, move, prism, table, together
+from solids import (
+    BARE,
+    PRINTER,
+    blocks,
+    box,
+    bridge,
+    cone,
+    inward,
+    leaning,
+    move,
+    prism,
+    run,
+    table,
+    together,
+)
 from validator_parts import trefoil, tube
 
 from knotfab_validators.geometry.mesh import Mesh

@@ -7,8 +7,25 @@ from typing import Any
 
 import numpy as np
 import pytest
-from arches import LAYER, PLA, Part, box_bar, braced, chain, failed, judge, on_plate
-from solids import blocks, box, bridge, cone, move, prism, table, together
+from solids import (
+    LAYER,
+    PLA,
+    Part,
+    blocks,
+    box,
+    box_bar,
+    braced,
+    bridge,
+    chain,
+    cone,
+    failed,
+    judge,
+    move,
+    on_plate,
+    prism,
+    table,
+    together,
+)
 from validator_parts import PlainView
 
 from knotfab_formats.upright import (

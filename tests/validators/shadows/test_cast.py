@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from small_views import needs_rendering
-from validator_parts import PlainView, tangle, trefoil, tube
+from validator_parts import PlainView, needs_rendering, tangle, trefoil, tube
 
 from knotfab_validators.arrays import Array, Mask
 from knotfab_validators.shadows.exact_shadow import (

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 import shapely
 from scipy import ndimage
-from small_views import needs_rendering
-from validator_parts import Array, PlainView, circle, tangle, trefoil, tube
+from validator_parts import Array, PlainView, circle, needs_rendering, tangle, trefoil, tube
 
 from knotfab_validators.shadows.exact_shadow import (
     Linework,

@@ -7,9 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from region_meshes import box_mesh
-from small_views import PIXELS, geometry, needs_rendering
-from validator_parts import PlainView
+from validator_parts import PIXELS, PlainView, box_mesh, geometry, needs_rendering
 
 from knotfab_formats.verdict import Move
 from knotfab_formats.views import Placing, Switches

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from region_meshes import CURVE, box_mesh
-from validator_parts import PlainView, tube
+from validator_parts import CURVE, PlainView, box_mesh, tube
 
 from knotfab_formats.views import Switches
 from knotfab_validators.geometry.mesh import Mesh

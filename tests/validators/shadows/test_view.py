@@ -8,9 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
-from region_meshes import box_mesh
-from small_views import needs_rendering
-from validator_parts import Array, PlainView, circle, tangle, tube
+from validator_parts import Array, PlainView, box_mesh, circle, needs_rendering, tangle, tube
 
 from knotfab_formats.views import Switches
 from knotfab_validators.check import BadFile

@@ -7,8 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from knot_curves import figure_eight, ring, rotate, torus_knot
-from polygon_kinds import KINDS, Polygons, place
-from thickness_oracle import enumerate_chords
+from thickness_oracle import KINDS, Polygons, enumerate_chords, place
 from validator_parts import tube
 
 from knotfab_validators.geometry.curves import Curves

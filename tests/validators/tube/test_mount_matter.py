@@ -7,7 +7,7 @@ from functools import cache
 import manifold3d
 import numpy as np
 import pytest
-from rings import EMPTY, RADIUS, VIEW, camera
+from pieces import EMPTY, RADIUS, VIEW, camera
 
 from knotfab.geometry.tube import sweep
 from knotfab.hold.solids import stand_bodies

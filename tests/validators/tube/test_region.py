@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from region_meshes import CURVE, KNOT, box_mesh, prism
-from validator_parts import tube
+from validator_parts import CURVE, KNOT, box_mesh, prism, tube
 
 from knotfab_formats.bounds import Matrix
 from knotfab_formats.piece import Region

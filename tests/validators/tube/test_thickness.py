@@ -22,7 +22,7 @@ from knotfab_validators.tube.thickness import (
     strand_pairs,
     thickness,
 )
-from tests.corpus.thicknesses import ThicknessRow, thickness_rows
+from tests.corpus.curves import ThicknessRow, thickness_rows
 
 
 def ngon(n: int, radius: float = 1.0, axes: tuple[int, int] = (0, 1)) -> Array:
