@@ -1,7 +1,12 @@
-"""What is printed larger, because it shrinks: tubes, centre lines, plates, and the pose back."""
+"""The part: what is printed larger, because it shrinks; one object for the slicer, with names and colours."""
 
 from __future__ import annotations
 
+import io
+import json
+import re
+import zipfile
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -9,21 +14,26 @@ import numpy as np
 import pytest
 from manifold3d import Manifold
 from pieces import knots, ring
+from PIL import Image
 from reports import report_with
 
 from knotfab.base.errors import SceneError
+from knotfab.base.folder import OutputFolder
 from knotfab.geometry.tube import as_manifold, as_mesh, mesh_volume, sweep
 from knotfab.hold.mount import Mounted
 from knotfab.knots import Knot, Knots
-from knotfab.part.assemble import Part, _choose_poses
+from knotfab.part.assemble import Part, _choose_poses, enlarge_knots, shrink_of
 from knotfab.part.plates import clean_body
-from knotfab.part.write import pose_scene
+from knotfab.part.write import make_pose, pose_scene, write_model, write_part, write_unbuilt
 from knotfab.part.zoetrope import build_zoetrope, find_footholds
+from knotfab.picture.read import Target
 from knotfab.report.posing import report_posing
 from knotfab.scene.camera import camera_of
 from knotfab.scene.catalogue import resolve
-from knotfab_formats.piece import Material, Printer
+from knotfab.scene.load import load_scene
+from knotfab_formats.piece import About, Material, Printer
 from knotfab_formats.scene import ResolvedView, Scene
+from knotfab_validators.files.scene import read_scene
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.mesh.surface_checks import self_intersections
 
@@ -190,3 +200,94 @@ def test_loose_knots_do_not_stand_on_a_ring() -> None:
     circle = Knot(20.0 * np.stack([np.cos(t), np.sin(t), 0 * t], axis=1))
     with pytest.raises(SceneError, match="2 loose knots"):
         build_zoetrope([Knots((circle, Knot(circle.points + [0.0, 60.0, 0.0])), 2.0)] * 3, ROOM)
+
+
+PICTURED = ResolvedView(frame_width_mm=120.0, frame_height_mm=120.0, picture="picture-front.png")
+
+
+def rings(count: int) -> Any:
+    """A part of which only the mesh is written: loose rings one above the other."""
+    own = ring(20.0, n=40, wave=0.0) + [25.0, 25.0, 3.0]
+    knots = tuple(Knot(own + np.array([0.0, 0.0, 10.0 * k])) for k in range(count))
+    return SimpleNamespace(
+        bodies=[sweep(knot.points, 2.0, 12) for knot in knots],
+        pose=SimpleNamespace(knots=Knots(knots, 2.0), matrix=np.eye(4)),
+        mounted=Mounted([], [f"knot {k + 1}" for k in range(count)], Scene(), None, None),
+        plates=None,
+        framing=(None, ""),
+        standing=None,
+        names=[f"knot {k + 1}" for k in range(count)],
+    )
+
+
+def model_of(path: Path) -> str:
+    with zipfile.ZipFile(path) as archive:
+        return archive.read("3D/3dmodel.model").decode()
+
+
+def written(tmp_path: Path, count: int, colours: bool, suffix: str) -> Path:
+    target = Target("heart", np.ones((4, 4), dtype=bool), b"picture", 4, 4, ".png")
+    about = About(title="Heart & co", licence="CC0") if suffix else About()
+    keys: Any = {"views": (PICTURED,), "pose": make_pose(np.eye(4)), "about": about}
+    scene: Any = resolve(Scene(**keys))
+    with OutputFolder(tmp_path / "out") as folder:
+        write_part(folder, rings(count), scene, [target], colours, suffix)
+        write_model(folder, rings(count), scene, suffix)
+        folder.commit()
+    return tmp_path / "out"
+
+
+@pytest.mark.parametrize("suffix", ["", "-01"])
+def test_the_files_of_a_piece(tmp_path: Path, suffix: str) -> None:
+    out = written(tmp_path, 3, False, suffix)
+    names = {f"part{suffix}.{kind}" for kind in ("stl", "3mf", "glb")}
+    names |= {f"knots{suffix}.json", f"scene{suffix}.toml"}
+    assert {p.name for p in out.iterdir()} == {*names, "picture-front.png"}
+    assert (out / "picture-front.png").read_bytes() == b"picture"
+    assert load_scene(out / f"scene{suffix}.toml").pose == make_pose(np.eye(4))
+    model = model_of(out / f"part{suffix}.3mf")
+    assert model.count("<object ") == model.count("<item ") == 1
+    assert model.count("<triangle ") == 3 * 2 * 40 * 12
+    assert f'name="{"Heart &amp; co" if suffix else "heart"}"' in model
+    told = dict(re.findall('<metadata name="([A-Za-z]+)"[^>]*>([^<]*)<', model))
+    assert told["Designer"] == "knotfab" and ("LicenseTerms" in told) == bool(suffix)
+    assert told["Description"] == (
+        "3 knots of a tube 4 mm thick whose shadow is heart: 120 × 120 mm on the wall 100 mm behind, "
+        "by a lamp 5 mm wide, 500 mm from its middle."
+    )
+    with zipfile.ZipFile(out / f"part{suffix}.3mf") as archive:
+        (png,) = (archive.read(n) for n in archive.namelist() if n.endswith(".png"))
+    assert Image.open(io.BytesIO(png)).size == (300, 300)
+
+
+def test_colours_are_written_beside_where_they_are_asked_for(tmp_path: Path) -> None:
+    """Every body has its name, and each of up to eight a colour of its own."""
+    out = written(tmp_path, 8, True, "")
+    assert model_of(out / "part.3mf").count("<object ") == 1
+    model = model_of(out / "part-colours.3mf")
+    assert model.count("<item ") == 1 and model.count("<component ") == 8
+    assert re.findall('name="(knot [0-9])"', model) == [f"knot {k}" for k in range(1, 9)]
+    colours = re.findall('<base [^>]*displaycolor="(#[0-9A-Fa-f]+)"', model)
+    assert len(colours) == len(set(colours)) == 8
+    assert colours[0].lower().startswith(Scene().material.color)
+
+
+@pytest.mark.parametrize("percent", [0.0, 3.0, 12.5])
+def test_knots_without_a_part_are_as_large_as_their_pose_says(
+    tmp_path: Path, percent: float
+) -> None:
+    keys: Any = {"views": (PICTURED,), "material": Material(shrinkage_percent=percent)}
+    own = Knots((Knot(20 * np.random.default_rng(0).normal(size=(30, 3))),), 2.0)
+    made: Any = SimpleNamespace(scene=resolve(Scene(**keys)), knots=own)
+    target = Target("heart", np.ones((4, 4), dtype=bool), b"picture", 4, 4, ".png")
+    with OutputFolder(tmp_path / "out") as folder:
+        write_unbuilt(folder, made, [target])
+        folder.commit()
+    pose = read_scene(tmp_path / "out" / "scene.toml").pose  # rigid, less what shrinks
+    assert pose is not None and np.array(pose.matrix) == pytest.approx(np.eye(4))
+    told = json.loads((tmp_path / "out" / "knots.json").read_text())
+    left = 1 - percent / 100
+    assert left * np.array(told["knots"][0]["points"]) == pytest.approx(own.points)
+    assert left * told["radius_mm"] == pytest.approx(2.0)
+    alike = enlarge_knots(made).moved(shrink_of(made.scene))
+    assert alike.knots[0].length_mm == pytest.approx(own.knots[0].length_mm)

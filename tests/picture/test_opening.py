@@ -1,4 +1,4 @@
-"""What a tube cannot draw of a silhouette: openings of shapes whose openings are known."""
+"""What a tube cannot draw of a silhouette: openings that are known, and small parts lost, filled or bent."""
 
 from __future__ import annotations
 
@@ -9,13 +9,16 @@ from hypothesis import strategies as st
 from PIL import Image, ImageDraw
 from scipy import ndimage
 from shapely import LinearRing, MultiPolygon, Point, Polygon, box, unary_union
-from shapely.affinity import rotate
+from shapely.affinity import rotate, scale, translate
 
 from knotfab.base.arrays import Mask
 from knotfab.design.frames import widen_targets
 from knotfab.picture.opening import (
     Loss,
     find_losses,
+    find_missed,
+    find_small,
+    is_row,
     is_thin,
     least_ring,
     open_by,
@@ -223,3 +226,45 @@ def test_a_drawing_of_lines_is_one_whose_lines_are_thinner(width: int, body: boo
     for asked in (3.0, 6.0, 12.0):
         # the square's area is more than a fifth, and its middle lines are less than half
         assert is_thin(shape, asked) == (width < asked - 0.5 and not body)
+
+
+EYE = Point(30, 0).buffer(4.0)
+HOLE = Point(-30, 0).buffer(4.0)
+HEAD = Point(0, 0).buffer(60.0)
+
+
+# a pale ring about the eye, and a hole
+FACE = shape(HEAD.difference(Point(30, 0).buffer(12.0)).difference(HOLE), EYE)
+
+
+@pytest.mark.parametrize(
+    ("drawn", "kinds"),
+    [
+        (FACE, []),
+        (FACE.buffer(-0.3), []),  # thinner all around, and as it was
+        (FACE.difference(EYE), ["piece"]),
+        (shape(FACE, HOLE), ["hole"]),
+        (shape(FACE, scale(EYE, 2.2, 1.0)), ["piece"]),  # the ring of a tube too thick for it
+        (shape(FACE.difference(EYE), HOLE), ["hole", "piece"]),
+        (FACE.difference(box(-60, 20, 60, 60)), []),  # no small part
+    ],
+)
+def test_a_small_part_is_missed_where_it_is_lost_or_another_shape(
+    drawn: MultiPolygon, kinds: list[str]
+) -> None:
+    small = find_small(FACE, 1.0)
+    assert sorted(one.kind for one in small) == ["hole", "hole", "piece"]
+    assert sorted(one.kind for one in find_missed(small, FACE, drawn, 1.5)) == kinds
+
+
+def test_specks_are_no_parts_and_neither_is_what_is_large() -> None:
+    assert [one.kind for one in find_small(FACE, 60.0)] == ["hole"]
+    assert [one.kind for one in find_small(shape(HEAD, translate(HEAD, 200)), 1.0)] == []
+
+
+def test_letters_stand_in_a_row() -> None:
+    letters = [translate(box(0, 0, 6, 10 + k % 2 * 4), 9 * k) for k in range(5)]
+    assert is_row(letters) and is_row(letters[::-1])
+    assert not is_row(letters[:2])
+    assert not is_row([*letters, translate(letters[0], 0, 30)])
+    assert not is_row([translate(one, 30 * k) for k, one in enumerate(letters)])
